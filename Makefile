@@ -1,0 +1,32 @@
+# Two commands on a fresh machine: `make report` and `make test`.
+PYTHON ?= python3
+BIN := .venv/bin
+
+.PHONY: report test check nightly smoke clean
+
+report: .venv/installed
+	@mkdir -p reports/runs
+	@run="reports/runs/accuracy-$$(date +%Y%m%d-%H%M%S)"; \
+	$(BIN)/simval sweep accuracy --out "$$run" && $(BIN)/simval report "$$run"
+
+test: check
+	$(BIN)/python -m pytest -m "not slow and not wheel"
+
+check: .venv/installed
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	find simval -name '*.py' | xargs $(BIN)/numpydoc lint
+	$(BIN)/lint-imports
+
+nightly: check
+	HYPOTHESIS_PROFILE=nightly $(BIN)/python -m pytest
+
+# made when missing, re-used when not; remade only when the dependencies change
+.venv/installed: pyproject.toml
+	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test]'
+	touch $@
+
+clean:
+	rm -rf .venv dist build .mypy_cache .ruff_cache .pytest_cache

@@ -1,0 +1,1 @@
+"""A validation harness for inertial calibration and attitude estimation."""

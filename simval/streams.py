@@ -1,0 +1,49 @@
+"""Random streams: one independent generator per cell and block of work.
+
+A stream is fixed by the run's seed, the cell's canonical name and the number of
+the block, and by nothing else: not by the cell's place in the grid, nor by the
+worker that computes it. Adding a value to a sweep leaves every other number alone.
+Block sizes are part of the promise, so each study keeps its own as a constant.
+"""
+
+import hashlib
+
+import numpy as np
+
+
+def cell_key(name: str) -> tuple[int, ...]:
+    """Spawn key of a cell: its canonical name's SHA-256 as eight 32-bit words.
+
+    Parameters
+    ----------
+    name : str
+        Canonical name of the cell (study and sorted parameters).
+
+    Returns
+    -------
+    tuple of int
+        Eight words, each below 2**32.
+    """
+    digest = hashlib.sha256(name.encode()).digest()
+    return tuple(int.from_bytes(digest[i : i + 4], "big") for i in range(0, 32, 4))
+
+
+def stream(seed: int, key: tuple[int, ...], block: int) -> np.random.Generator:
+    """Generator of one block of one cell.
+
+    Parameters
+    ----------
+    seed : int
+        The run's seed, 0 or more.
+    key : tuple of int
+        From `cell_key`.
+    block : int
+        Number of the block, 0 or more.
+
+    Returns
+    -------
+    numpy.random.Generator
+        SFC64, a quarter faster than PCG64 for normals.
+    """
+    sequence = np.random.SeedSequence(seed, spawn_key=(*key, block))
+    return np.random.Generator(np.random.SFC64(sequence))
