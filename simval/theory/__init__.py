@@ -1,0 +1,1 @@
+"""Predictions: what the errors must be. Imports nothing that it predicts."""
