@@ -15,7 +15,7 @@ from simval.arrays import Array, frozen
 class Moments:
     """Bias and covariance of a p-vector of errors.
 
-    Parameters
+    Attributes
     ----------
     bias : Array
         Mean error, (p,).

@@ -7,6 +7,7 @@ Block sizes are part of the promise, so each study keeps its own as a constant.
 """
 
 import hashlib
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -47,3 +48,34 @@ def stream(seed: int, key: tuple[int, ...], block: int) -> np.random.Generator:
     """
     sequence = np.random.SeedSequence(seed, spawn_key=(*key, block))
     return np.random.Generator(np.random.SFC64(sequence))
+
+
+@dataclass(frozen=True, slots=True)
+class Streams:
+    """The streams of one cell, a generator for each block of its work.
+
+    Attributes
+    ----------
+    seed : int
+        The run's seed, 0 or more.
+    key : tuple of int
+        From `cell_key`.
+    """
+
+    seed: int
+    key: tuple[int, ...]
+
+    def block(self, number: int) -> np.random.Generator:
+        """Generator of one block, made anew at each call.
+
+        Parameters
+        ----------
+        number : int
+            Number of the block, 0 or more.
+
+        Returns
+        -------
+        numpy.random.Generator
+            The block's own stream.
+        """
+        return stream(self.seed, self.key, number)

@@ -1,0 +1,51 @@
+"""The named experiments: what simval can be asked, one file each. Read this first.
+
+A study wires the layers below it into one experiment:
+
+    scene -> readings -> algorithm -> errors -> moments, beside theory's prediction
+
+It is a module with two names:
+
+- ``Parameters``: a pydantic model (subclass of `StudyParameters`) of one cell's
+  parameters, scalars only, each with its unit in the description and a default;
+- ``run(parameters, streams) -> Outcome``: a pure function of these parameters and
+  of the cell's random streams (``streams.block(i)`` is the generator of block i).
+  It returns rows (`simval.results.Row`) and artifacts for the report.
+
+To add a study, write the module and add its line to `STUDIES`; suites, the command
+line and the report take it by its name. A study never draws, prints or judges.
+"""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from simval.errors import InputError
+from simval.studies.study import Study, StudyParameters
+
+__all__ = ["STUDIES", "Study", "StudyParameters", "find_study"]
+
+STUDIES: Mapping[str, Study] = MappingProxyType({})
+
+
+def find_study(name: str) -> Study:
+    """Find a study by its name.
+
+    Parameters
+    ----------
+    name : str
+        A key of `STUDIES`.
+
+    Returns
+    -------
+    Study
+        The study.
+
+    Raises
+    ------
+    InputError
+        If there is no such study; the message lists those there are.
+    """
+    if name not in STUDIES:
+        msg = f"there is no study `{name}`; the studies are {', '.join(STUDIES)}"
+        raise InputError(msg)
+    return STUDIES[name]

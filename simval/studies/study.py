@@ -1,0 +1,92 @@
+"""What a study is: a name, its parameters, and a pure function of a cell."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict
+
+from simval.results import Outcome
+from simval.streams import Streams, cell_key
+
+
+class StudyParameters(BaseModel):
+    """Base of every study's parameters: frozen, no unknown keys, finite numbers."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """A named experiment.
+
+    Attributes
+    ----------
+    name : str
+        As suites and the command line call it.
+    title : str
+        One line for people.
+    parameters : type of StudyParameters
+        Model of one cell's parameters.
+    run : callable
+        ``run(parameters, streams) -> Outcome``, pure.
+    """
+
+    name: str
+    title: str
+    parameters: type[StudyParameters]
+    run: Callable[[Any, Streams], Outcome]
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One unit of work of a sweep: a study at one set of parameters and one seed.
+
+    Attributes
+    ----------
+    study : str
+        Name of the study.
+    parameters : StudyParameters
+        Its parameters.
+    seed : int
+        The run's seed.
+    """
+
+    study: str
+    parameters: StudyParameters
+    seed: int
+
+    @property
+    def key_name(self) -> str:
+        """Canonical name without the seed: study and sorted parameters."""
+        values = sorted(self.parameters.model_dump().items())
+        inside = ",".join(f"{key}={canonical(value)}" for key, value in values)
+        return f"{self.study}({inside})"
+
+    @property
+    def name(self) -> str:
+        """Unique name in a run: the canonical name and the seed."""
+        return f"{self.key_name}@{self.seed}"
+
+    @property
+    def streams(self) -> Streams:
+        """The cell's random streams, fixed by its name and seed alone."""
+        return Streams(self.seed, cell_key(self.key_name))
+
+
+def canonical(value: Any) -> str:
+    """One spelling for each parameter value, as used in cell names.
+
+    Parameters
+    ----------
+    value : bool, int, float or str
+        The value.
+
+    Returns
+    -------
+    str
+        ``true`` or ``false``, the shortest exact decimal of a number, or the text.
+    """
+    if isinstance(value, bool):
+        return str(value).lower()
+    return repr(value) if isinstance(value, float) else str(value)
