@@ -1,0 +1,204 @@
+"""Static detector: against a plain loop, IMU-TK's own intervals, and known rests."""
+
+import json
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from simval.errors import InputError, RefusedError
+from simval.logs import read_log
+from simval.statics import (
+    first_samples,
+    initial_rest,
+    interval_counts,
+    interval_means,
+    intervals_below,
+    static_intervals,
+    variance_magnitude,
+)
+
+DATA = Path(__file__).parents[1].parent / "shared" / "data"
+
+
+def plain_variance(samples, window):
+    """Eq. (D1) as it reads: one call of numpy's two-pass variance per window."""
+    half = window // 2
+    result = np.full(len(samples), np.inf)
+    for k in range(half, len(samples) - half):
+        part = samples[k - half : k + half + 1]
+        result[k] = np.linalg.norm(part.var(axis=0, ddof=1))
+    return result
+
+
+@given(
+    n=st.integers(5, 60),
+    half=st.integers(1, 12),
+    offset=st.sampled_from([0.0, 1.0, 3e4, -1e9]),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_windowed_variance_is_the_plain_one(n, half, offset, seed):
+    window = min(2 * half + 1, n - 1 + n % 2)
+    samples = np.random.default_rng(seed).standard_normal((n, 3)) + offset
+    # the samples carry offset * eps of rounding; centred sums of up to 60 terms of
+    # size one then add 60 eps each, and the two-pass oracle as much
+    tolerance = 8 * np.finfo(float).eps * (abs(offset) + 2 * 60) * np.sqrt(3)
+    np.testing.assert_allclose(
+        variance_magnitude(samples, window),
+        plain_variance(samples, window),
+        rtol=tolerance,
+        atol=tolerance,
+    )
+
+
+def test_a_late_rest_in_a_long_log_of_large_counts_keeps_its_digits():
+    rng = np.random.default_rng(1)
+    samples = 3e6 * rng.standard_normal((100_000, 3)) + 1e7
+    samples[-301:] = 1e7 + 1e-3 * rng.standard_normal((301, 3))
+    expected = np.linalg.norm(samples[-200:-99].var(axis=0, ddof=1))
+    got = variance_magnitude(samples)[-150]
+    # readings of 1e7 resolve 1e7 eps = 2e-9, 2e-6 of the deviations of 1e-3; plain
+    # cumulative sums of squares (1e18 in all) would leave an error of 1e18 eps / 101
+    assert abs(got / expected - 1.0) < 1e-5
+
+
+def tumble(rng, poses=6, rest=300, move=100, noise=0.02, scale=1.0, offset=0.0):
+    """Rests of `rest` samples between moves, its truth, and the true directions."""
+    directions = rng.standard_normal((poses, 3))
+    directions *= 9.81 / np.linalg.norm(directions, axis=1, keepdims=True)
+    rows, still = [np.repeat(directions[:1], rest, 0)], [np.ones(rest, bool)]
+    for before, after in pairwise(directions):
+        blend = np.linspace(0.0, 1.0, move)[:, None]
+        rows += [(1 - blend) * before + blend * after, np.repeat(after[None], rest, 0)]
+        still += [np.zeros(move, bool), np.ones(rest, bool)]
+    truth = np.concatenate(rows)
+    noisy = truth + noise * rng.standard_normal(truth.shape)
+    return scale * noisy + offset, np.concatenate(still), directions
+
+
+@pytest.mark.parametrize(("scale", "offset"), [(1.0, 0.0), (400.0, 32768.0)])
+def test_every_rest_is_found_in_any_unit(scale, offset):
+    samples, still, directions = tumble(
+        np.random.default_rng(3), scale=scale, offset=offset
+    )
+    rest = initial_rest(samples)
+    assert rest.found
+    # its end: the first ramp leaves the floor within a window of sample 300
+    assert 200 <= rest.stop <= 300
+    intervals = static_intervals(samples, 4.0 * rest.variance, trim=10)
+    assert len(intervals) == 6
+    flags = np.zeros(len(samples), bool)
+    for start, stop in intervals:
+        flags[start:stop] = True
+    assert not np.any(flags & ~still)
+    # a mean of 180 or more samples: 0.02 / sqrt(180) per axis, 6 sigma of 18 values
+    means = (interval_means(samples, intervals) - offset) / scale
+    assert np.abs(means - directions).max() < 6 * 0.02 / np.sqrt(180)
+    assert interval_counts(intervals).min() >= 180
+
+
+def test_the_threshold_matters():
+    """Power: a threshold below the noise finds nothing, one above the motion all."""
+    samples, _, _ = tumble(np.random.default_rng(3))
+    rest = initial_rest(samples, count=250)
+    assert len(static_intervals(samples, 0.3 * rest.variance)) == 0
+    assert len(static_intervals(samples, 1e9 * rest.variance)) == 1
+
+
+def test_trimming_and_the_minimum_length():
+    spread = np.full(50, 9.0)
+    spread[5:15] = 1.0
+    spread[20:45] = 1.0
+    np.testing.assert_array_equal(
+        intervals_below(spread, 2.0, minimum=10), [[5, 15], [20, 45]]
+    )
+    np.testing.assert_array_equal(intervals_below(spread, 2.0, minimum=11), [[20, 45]])
+    np.testing.assert_array_equal(
+        intervals_below(spread, 2.0, minimum=6, trim=2), [[7, 13], [22, 43]]
+    )
+    none = intervals_below(spread, 2.0, minimum=26)
+    assert none.shape == (0, 2)
+    assert interval_means(np.zeros((50, 3)), none).shape == (0, 3)
+
+
+def test_an_interval_at_the_limit_is_not_static():
+    """Eq. (D1) is strict, and a NaN is never static."""
+    spread = np.array([1.0, 2.0, np.nan, 1.0])
+    np.testing.assert_array_equal(
+        intervals_below(spread, 2.0, minimum=1), [[0, 1], [3, 4]]
+    )
+
+
+def test_first_samples_are_the_first():
+    samples = np.arange(60.0).reshape(20, 3)
+    got = first_samples(samples, np.array([[2, 7], [10, 15]]), 5)
+    np.testing.assert_array_equal(got, np.stack([samples[2:7], samples[10:15]]))
+    with pytest.raises(InputError, match="`count` is 6"):
+        first_samples(samples, np.array([[2, 7], [10, 15]]), 6)
+
+
+def test_bad_arguments_are_refused():
+    samples = np.random.default_rng(0).standard_normal((200, 3))
+    bad = samples.copy()
+    bad[7, 1] = np.nan
+    with pytest.raises(InputError, match=r"non-finite.*\(7, 1\)"):
+        variance_magnitude(bad)
+    with pytest.raises(InputError, match="`window` is 100"):
+        variance_magnitude(samples, 100)
+    with pytest.raises(InputError, match="at least one window"):
+        variance_magnitude(samples[:100])
+    with pytest.raises(InputError, match="between one window"):
+        initial_rest(samples, count=201)
+    with pytest.raises(InputError, match="`threshold`"):
+        static_intervals(samples, float("nan"))
+    with pytest.raises(InputError, match="`trim` -1"):
+        intervals_below(np.zeros(5), 1.0, trim=-1)
+
+
+def test_logs_without_a_usable_rest_are_refused():
+    rng = np.random.default_rng(4)
+    swept = np.cumsum(rng.standard_normal((3000, 3)), axis=0)  # moves all the time
+    with pytest.raises(RefusedError, match="no 1000 samples in a row"):
+        initial_rest(swept, minimum=1000)
+    stuck = np.full((500, 3), 7.0)
+    with pytest.raises(RefusedError, match="does not vary"):
+        initial_rest(stuck, count=500)
+    with pytest.raises(RefusedError, match="no initial rest found"):
+        initial_rest(stuck)
+
+
+@pytest.fixture(scope="module")
+def xsens():
+    if not DATA.is_dir():
+        pytest.skip(f"the real recordings are not there: {DATA}")
+    log = read_log(DATA / "xsens" / "xsens_acc.mat")
+    reference = json.loads((DATA / "xsens" / "reference_results.json").read_text())
+    return log, reference
+
+
+def test_imu_tk_intervals_are_reproduced_on_its_own_recording(xsens):
+    log, reference = xsens
+    rest = initial_rest(log.accelerometer, log.rows_within(reference["init_static_s"]))
+    intervals = static_intervals(log.accelerometer, 6.0 * rest.variance)
+    inclusive = intervals - np.array([0, 1])  # the reference names the last sample
+    np.testing.assert_array_equal(
+        inclusive, reference["intervals_start_end_index_inclusive"]
+    )
+    # the counts that IMU-TK's own program printed for the other multipliers
+    counts = [
+        len(static_intervals(log.accelerometer, m * rest.variance))
+        for m in range(2, 11)
+    ]
+    assert counts == [42, 40, 39, 38, 38, 38, 38, 38, 38]
+
+
+def test_the_initial_rest_is_found_on_real_recordings(xsens):
+    log, _ = xsens
+    rest = initial_rest(log.accelerometer)
+    seconds = log.time[rest.stop] - log.time[rest.start]
+    # the recording's authors state 50 s at least; the first move comes at 52.4 s
+    assert 49.0 < seconds < 52.4
+    assert len(static_intervals(log.accelerometer, 6.0 * rest.variance)) == 38
