@@ -13,7 +13,9 @@ from simval.streams import Streams, cell_key
 class StudyParameters(BaseModel):
     """Base of every study's parameters: frozen, no unknown keys, finite numbers."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,104 @@
+"""The command line: thin, one file for each command, loaded when it is used.
+
+Exit codes: 0 pass, 1 the gate failed, 2 usage, configuration or unreadable input,
+3 inconclusive, refused or nothing measured, 4 a cell crashed, 70 a bug of ours,
+130 interrupted.
+"""
+
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+
+import click
+
+from simval.errors import SimvalError
+
+COMMANDS = (
+    ("sweep", "Run a suite of studies into a run folder."),
+    ("report", "Write a run as one self-contained HTML file."),
+    ("gate", "Judge a run against theory and the baseline; exit code for CI."),
+    ("calibrate", "Calibrate an accelerometer from a recorded log."),
+    ("scene", "Simulate a tumble and write the recording or a picture."),
+    ("list", "Show the suites, studies, cells and scenes there are."),
+)
+
+
+class LazyGroup(click.Group):
+    """A group whose commands are imported only when they are called."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names of all commands, in the order of the table."""
+        return [name for name, _ in COMMANDS]
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import the module of a command and return its command object."""
+        if cmd_name not in self.list_commands(ctx):
+            return None
+        module = importlib.import_module(f"simval.cli.{cmd_name.replace('-', '_')}")
+        command: click.Command = module.command
+        return command
+
+    def format_commands(
+        self, ctx: click.Context, formatter: click.HelpFormatter
+    ) -> None:
+        """List the commands without importing any."""
+        with formatter.section("Commands"):
+            formatter.write_dl(COMMANDS)
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="simval")
+def group() -> None:
+    """Validate inertial calibration and attitude estimation.
+
+    How wrong are my calibration and my attitude estimate, is that as wrong as theory
+    says they must be, and did today's change make them worse?
+    """
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run one command and return its exit code.
+
+    Parameters
+    ----------
+    arguments : sequence of str
+        The words after the program's name.
+
+    Returns
+    -------
+    int
+        Exit code; every error that is ours to explain has been printed.
+    """
+    try:
+        code = group.main(
+            args=list(arguments), prog_name="simval", standalone_mode=False
+        )
+    except click.ClickException as error:
+        error.show()
+        return 2
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("interrupted", err=True)
+        return 130
+    except SimvalError as error:
+        click.echo(f"error: {error}", err=True)
+        return error.exit_code
+    except BrokenPipeError:  # the reader of our output has gone
+        sys.stderr.close()
+        return 0
+    return code if isinstance(code, int) else 0
+
+
+def main() -> None:
+    """Entry point of the program."""
+    # One thread in the linear algebra: the matrices are small, cells are what runs
+    # in parallel, and the bits must not depend on the number of cores.
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    try:
+        code = run(sys.argv[1:])
+    except Exception as error:
+        sys.excepthook(type(error), error, error.__traceback__)
+        click.echo("this is a bug of simval; please report it", err=True)
+        code = 70
+    sys.exit(code)

@@ -1,0 +1,82 @@
+"""`simval sweep`."""
+
+import os
+import sys
+from contextlib import nullcontext
+from datetime import datetime
+from pathlib import Path
+
+import click
+
+from simval.cli.progress import Bar, Lines
+from simval.sweep import Suite, load_suite, run_suite
+from simval.sweep.run import RUNS
+from simval.sweep.runner import Progress, Silence
+
+
+@click.command(name="sweep")
+@click.argument("suite", default="accuracy")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder of the run.")
+@click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    default=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1,
+    show_default="the processors there are",
+    help="Processes that compute cells.",
+)
+@click.option("--seed", type=click.IntRange(min=0), help="Replaces the suite's seed.")
+@click.option(
+    "--set",
+    "overrides",
+    multiple=True,
+    metavar="STUDY.KEY=V1[,V2...]",
+    help="Replaces a value of the suite; may be repeated.",
+)
+@click.option("--resume", is_flag=True, help="Go on with an interrupted run.")
+@click.option("--dry-run", is_flag=True, help="List the cells and stop.")
+@click.option("--quiet", is_flag=True, help="Print the folder only.")
+def command(
+    suite: str,
+    out: Path | None,
+    workers: int,
+    seed: int | None,
+    overrides: tuple[str, ...],
+    resume: bool,
+    dry_run: bool,
+    quiet: bool,
+) -> int:
+    """Run SUITE: smoke, accuracy, or the path of a TOML file.
+
+    The last line printed is the folder of the run. Exit code 0 when every cell was
+    computed, 4 when one crashed; the numbers are judged by `simval gate`.
+    """
+    loaded = load_suite(suite, overrides, seed)
+    if dry_run:
+        for cell in loaded.cells:
+            click.echo(cell.name)
+        click.echo(f"{len(loaded.cells)} cells")
+        return 0
+    folder = out or _fresh(loaded)
+    progress: Progress = Silence()
+    if not quiet:
+        progress = Bar() if sys.stderr.isatty() else Lines()
+    with progress if isinstance(progress, Bar) else nullcontext():
+        run = run_suite(
+            loaded, folder, workers=workers, resume=resume, progress=progress
+        )
+    failed = [result for result in run.cells if result.status == "failed"]
+    for result in failed:
+        last = result.error.strip().splitlines()[-1]
+        click.echo(f"failed: {result.name}: {last}", err=True)
+    if failed:
+        click.echo(
+            f"{len(failed)} of {len(run.cells)} cells failed; the tracebacks are in "
+            f"{folder}/run.sqlite and in the report",
+            err=True,
+        )
+    click.echo(str(folder))
+    return 4 if failed else 0
+
+
+def _fresh(suite: Suite) -> Path:
+    return RUNS / f"{suite.name}-{datetime.now():%Y%m%d-%H%M%S}"

@@ -1,0 +1,131 @@
+"""What the numbers of a run depend on, and what they do not.
+
+The manifest holds the first: suite, seeds, versions, commit, model files, processor
+kernels. Times, host and dates are kept apart, outside every comparison.
+"""
+
+import hashlib
+import platform
+import subprocess
+from collections.abc import Mapping
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simval.scene import models_folder
+from simval.sweep.suite import Suite
+
+PACKAGES = ("simval", "numpy", "scipy", "mujoco-core", "pydantic")
+
+
+def manifest(suite: Suite) -> dict[str, Any]:
+    """Everything that the numbers of a suite depend on.
+
+    Parameters
+    ----------
+    suite : Suite
+        The suite that is to be run.
+
+    Returns
+    -------
+    dict
+        Ready for JSON: suite, grid, versions, git, models, machine.
+    """
+    return {
+        "suite": suite.name,
+        "title": suite.title,
+        "grid": suite.grid,
+        "cells": len(suite.cells),
+        "versions": versions(),
+        "git": git_state(),
+        "models": model_hashes(),
+        "machine": {
+            "system": platform.system(),
+            "processor": platform.machine(),
+            "kernels": _kernels(),
+        },
+    }
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that the numbers depend on.
+
+    Returns
+    -------
+    dict
+        Name to version.
+    """
+    found = {name: metadata.version(name) for name in PACKAGES}
+    return {"python": platform.python_version(), **found}
+
+
+def git_state() -> dict[str, Any]:
+    """Commit of the checkout that the package runs from, if it is one.
+
+    Returns
+    -------
+    dict
+        ``commit`` and ``dirty``; both None outside a checkout.
+    """
+    root = Path(__file__).resolve().parents[2]
+    if not (root / ".git").exists():
+        return {"commit": None, "dirty": None}
+    commit = _git(root, "rev-parse", "HEAD")
+    status = _git(root, "status", "--porcelain", "--untracked-files=no")
+    return {"commit": commit, "dirty": None if status is None else bool(status)}
+
+
+def model_hashes() -> dict[str, str]:
+    """SHA-256 of each model file.
+
+    Returns
+    -------
+    dict
+        File name to digest.
+    """
+    files = sorted(models_folder().glob("*.xml"))
+    return {f.name: hashlib.sha256(f.read_bytes()).hexdigest() for f in files}
+
+
+def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+    """Where two manifests differ, one line each.
+
+    Parameters
+    ----------
+    old, new : mapping
+        Manifests, or parts of them.
+
+    Returns
+    -------
+    list of str
+        ``key: old -> new`` with the path to the key; empty where they agree.
+    """
+    lines = []
+    for key in sorted({*old, *new}):
+        a, b = old.get(key), new.get(key)
+        if isinstance(a, Mapping) and isinstance(b, Mapping):
+            lines += [f"{key}.{line}" for line in differences(a, b)]
+        elif a != b:
+            lines.append(f"{key}: {a} -> {b}")
+    return lines
+
+
+def _kernels() -> list[str]:
+    config: Any = np.show_config(mode="dicts")
+    return list(config["SIMD Extensions"]["found"])
+
+
+def _git(root: Path, *words: str) -> str | None:
+    try:
+        done = subprocess.run(
+            ["git", "-C", str(root), *words],
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=10,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None  # git is absent, or this is no repository: nothing to record
+    return done.stdout.strip()

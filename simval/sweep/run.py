@@ -1,0 +1,207 @@
+"""A run folder, read back: cells, rows, manifest and timing.
+
+run.sqlite      cells and rows, written while the run goes on
+results.csv     the tidy long table: a row for each cell and statistic
+manifest.json   all that the numbers depend on
+timing.json     times, host and dates, outside every comparison
+artifacts/      what the studies leave for the report: npz, png
+"""
+
+import csv
+import io
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from simval.errors import InputError
+from simval.results import Row
+from simval.sweep import store
+
+RUNS = Path("reports") / "runs"
+ROW_COLUMNS = (
+    "statistic",
+    "predictor",
+    "value",
+    "standard_error",
+    "n",
+    "prediction",
+    "remainder",
+    "unit",
+    "check",
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CellResult:
+    """One cell of a run: what it was and what it left.
+
+    Attributes
+    ----------
+    name : str
+        Unique name in the run.
+    study : str
+        Name of the study.
+    seed : int
+        The run's seed.
+    parameters : mapping
+        The study's parameters.
+    status : str
+        ``done``, ``failed`` or ``pending``.
+    error : str
+        Why it failed.
+    seconds : float
+        CPU time, s.
+    rows : tuple of Row
+        Its statistics.
+    """
+
+    name: str
+    study: str
+    seed: int
+    parameters: Mapping[str, Any]
+    status: str
+    error: str
+    seconds: float
+    rows: tuple[Row, ...]
+
+    def row(self, statistic: str, predictor: str = "") -> Row | None:
+        """Find the row of a statistic.
+
+        Parameters
+        ----------
+        statistic : str
+            Its name.
+        predictor : str, default ""
+            The theory it is set beside.
+
+        Returns
+        -------
+        Row or None
+            None where the cell has no such row.
+        """
+        return next(
+            (
+                row
+                for row in self.rows
+                if row.statistic == statistic and row.predictor == predictor
+            ),
+            None,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Run:
+    """A run folder's content.
+
+    Attributes
+    ----------
+    folder : Path
+        Where it is.
+    cells : tuple of CellResult
+        In the order of the suite.
+    manifest : mapping
+        All that the numbers depend on.
+    timing : mapping
+        Times; empty while the run is unfinished.
+    """
+
+    folder: Path
+    cells: tuple[CellResult, ...]
+    manifest: Mapping[str, Any]
+    timing: Mapping[str, Any]
+
+    def of(self, study: str) -> tuple[CellResult, ...]:
+        """Finished cells of one study, in the order of the suite.
+
+        Parameters
+        ----------
+        study : str
+            Name of the study.
+
+        Returns
+        -------
+        tuple of CellResult
+            Those with status ``done``.
+        """
+        return tuple(c for c in self.cells if c.study == study and c.status == "done")
+
+
+def load_run(folder: str | Path) -> Run:
+    """Read a run folder.
+
+    Parameters
+    ----------
+    folder : str or Path
+        The folder, or ``latest`` for the newest under ``reports/runs``.
+
+    Returns
+    -------
+    Run
+        Its content.
+
+    Raises
+    ------
+    InputError
+        If it is no run folder, is damaged, or was written by a newer version.
+    """
+    path = _latest() if str(folder) == "latest" else Path(folder)
+    meta, cells, rows = store.read(path / "run.sqlite")
+    try:
+        manifest = json.loads(meta["manifest"])
+        timing_file = path / "timing.json"
+        timing = json.loads(timing_file.read_text()) if timing_file.is_file() else {}
+    except (KeyError, ValueError) as error:
+        msg = f"{path} is damaged: {error}; run the suite again"
+        raise InputError(msg) from None
+    results = tuple(
+        CellResult(
+            name=cell["cell"],
+            rows=tuple(cell_rows),
+            **{k: cell[k] for k in ("study", "seed", "status", "error", "seconds")},
+            parameters=cell["parameters"],
+        )
+        for cell, cell_rows in zip(cells, rows, strict=True)
+    )
+    return Run(folder=path, cells=results, manifest=manifest, timing=timing)
+
+
+def table(cells: Sequence[CellResult]) -> str:
+    """Tidy long table of the finished cells as CSV: sorted, floats exact.
+
+    Parameters
+    ----------
+    cells : sequence of CellResult
+        The cells of a run.
+
+    Returns
+    -------
+    str
+        CSV with a header; a column for each parameter that any cell has.
+    """
+    done = sorted((c for c in cells if c.status == "done"), key=lambda c: c.name)
+    keys = sorted({key for cell in done for key in cell.parameters})
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["cell", "study", "seed", *keys, *ROW_COLUMNS])
+    for cell in done:
+        values = [_exact(cell.parameters.get(key)) for key in keys]
+        for row in sorted(cell.rows, key=lambda r: (r.statistic, r.predictor)):
+            fields = [_exact(getattr(row, name)) for name in ROW_COLUMNS]
+            writer.writerow([cell.name, cell.study, cell.seed, *values, *fields])
+    return text.getvalue()
+
+
+def _exact(value: Any) -> Any:
+    if value is None:
+        return ""
+    return repr(value) if isinstance(value, float) else value
+
+
+def _latest() -> Path:
+    runs = sorted(RUNS.glob("*/run.sqlite"), key=lambda p: p.stat().st_mtime)
+    if not runs:
+        msg = f"there is no run under {RUNS}; make one with `simval sweep`"
+        raise InputError(msg)
+    return runs[-1].parent

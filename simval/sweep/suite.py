@@ -1,0 +1,277 @@
+"""Suite files: TOML in, validated, expanded to cells.
+
+    title = "What it asks"
+    seed = 1                        # or a list: the whole grid for each seed
+
+    [attitude]                      # a study by name
+    noise_std = [0.005, 0.01]       # a list is an axis of the grid
+    samples = 1_000_000             # a scalar is the same in every cell
+
+Each value is checked against the study's own parameters; what is left out takes the
+study's default. `--set attitude.noise_std=1e-3,1e-2` on the command line wins.
+"""
+
+import itertools
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
+from pydantic.fields import FieldInfo
+
+from simval.errors import InputError
+from simval.studies import STUDIES
+from simval.studies.study import Cell
+
+Model = TypeVar("Model", bound=BaseModel)
+NonEmpty = Field(min_length=1)
+Seed = Annotated[int, Field(ge=0, lt=2**63)]
+
+
+@dataclass(frozen=True, slots=True)
+class Suite:
+    """A validated suite: its cells in order, and the file it came from.
+
+    Attributes
+    ----------
+    name : str
+        Built-in name or the file's stem.
+    title : str
+        One line for people.
+    cells : tuple of Cell
+        The units of work, in the order of the file.
+    grid : mapping
+        The file's content after overrides, for the manifest.
+    """
+
+    name: str
+    title: str
+    cells: tuple[Cell, ...]
+    grid: Mapping[str, Any]
+
+
+def builtin_suites() -> tuple[str, ...]:
+    """Names of the suites that are shipped with the package.
+
+    Returns
+    -------
+    tuple of str
+        Sorted names.
+    """
+    folder = resources.files("simval.sweep") / "suites"
+    return tuple(
+        sorted(p.name[:-5] for p in folder.iterdir() if p.name[-5:] == ".toml")
+    )
+
+
+@cache
+def suite_model() -> type[BaseModel]:
+    """Pydantic model of a suite file: one optional table for each study.
+
+    Returns
+    -------
+    type of BaseModel
+        With a scalar or a non-empty list for each parameter of each study.
+    """
+    strict = ConfigDict(extra="forbid", frozen=True, strict=True)
+    tables: dict[str, Any] = {}
+    for name, study in STUDIES.items():
+        axes: dict[str, Any] = {}
+        for key, info in study.parameters.model_fields.items():
+            element: Any = _annotated(info)
+            either: Any = element | Annotated[list[element], NonEmpty]
+            axes[key] = (
+                either,
+                Field(default=info.default, description=info.description),
+            )
+        table = create_model(f"{name}_grid", __config__=strict, **axes)
+        tables[name] = (table | None, Field(default=None, description=study.title))
+    seeds = Seed | Annotated[list[Seed], NonEmpty]
+    return create_model(
+        "simval suite",
+        __config__=strict,
+        title=(str, Field(default="", description="One line for people.")),
+        seed=(seeds, Field(default=1, description="Seed, or one grid for each.")),
+        **tables,
+    )
+
+
+def suite_schema() -> dict[str, Any]:
+    """JSON Schema of a suite file, for editors and other programs.
+
+    Returns
+    -------
+    dict
+        The schema.
+    """
+    return suite_model().model_json_schema()
+
+
+def load_suite(
+    name: str, overrides: Iterable[str] = (), seed: int | None = None
+) -> Suite:
+    """Read a suite by built-in name or by path, apply overrides, expand the grid.
+
+    Parameters
+    ----------
+    name : str
+        A built-in name, or the path of a TOML file.
+    overrides : iterable of str
+        ``study.key=value[,value...]``, each replacing the file's entry.
+    seed : int, optional
+        Replaces the file's seed.
+
+    Returns
+    -------
+    Suite
+        Validated and expanded.
+
+    Raises
+    ------
+    InputError
+        If there is no such suite, or the file is not valid: the message gives the
+        path to the key, what was given and what is allowed.
+    """
+    stem, text = _read(name)
+    try:
+        content = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        msg = f"suite {name} is not valid TOML: {error}"
+        raise InputError(msg) from None
+    for override in overrides:
+        _override(content, override)
+    if seed is not None:
+        content["seed"] = seed
+    return expand(stem, content)
+
+
+def expand(name: str, content: Mapping[str, Any]) -> Suite:
+    """Validate the content of a suite and expand its grid to cells.
+
+    Parameters
+    ----------
+    name : str
+        Name of the suite.
+    content : mapping
+        As read from TOML.
+
+    Returns
+    -------
+    Suite
+        With its cells.
+
+    Raises
+    ------
+    InputError
+        If a key is unknown, a value has the wrong type or range, a list is empty,
+        two cells are the same, or there is no study at all.
+    """
+    model = _validated(name, suite_model(), content)
+    studies = [key for key in STUDIES if getattr(model, key) is not None]
+    if not studies:
+        msg = (
+            f"suite {name} names no study, so it would measure nothing; "
+            f"add a table for one of {', '.join(STUDIES)}"
+        )
+        raise InputError(msg)
+    seeds = _as_list(model.seed)  # type: ignore[attr-defined]
+    cells = tuple(
+        Cell(key, _validated(f"{name}, {key}", STUDIES[key].parameters, point), number)
+        for number in seeds
+        for key in studies
+        for point in _grid(getattr(model, key))
+    )
+    names = [cell.name for cell in cells]
+    if len(set(names)) < len(names):
+        twice = next(n for n in names if names.count(n) > 1)
+        msg = f"suite {name} has the cell {twice} twice; remove the repeated value"
+        raise InputError(msg)
+    grid = {"seed": seeds} | {key: getattr(model, key).model_dump() for key in studies}
+    return Suite(name, model.title, cells, grid)  # type: ignore[attr-defined]
+
+
+def _annotated(info: FieldInfo) -> Any:
+    """Type of a field with its constraints."""
+    annotation: Any = info.annotation
+    for constraint in info.metadata:
+        annotation = Annotated[annotation, constraint]
+    return annotation
+
+
+def _read(name: str) -> tuple[str, str]:
+    if name in builtin_suites():
+        file = resources.files("simval.sweep") / "suites" / f"{name}.toml"
+        return name, file.read_text(encoding="utf-8")
+    path = Path(name)
+    if not path.is_file():
+        msg = (
+            f"there is no suite `{name}`: the built-in ones are "
+            f"{', '.join(builtin_suites())}; anything else must be the path of a "
+            "TOML file"
+        )
+        raise InputError(msg)
+    try:
+        return path.stem, path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        msg = f"suite {name} cannot be read: {error}"
+        raise InputError(msg) from None
+
+
+def _override(content: dict[str, Any], override: str) -> None:
+    path, equals, text = override.partition("=")
+    study, dot, key = path.strip().partition(".")
+    if not (equals and dot and key and text.strip()):
+        msg = (
+            f"`--set {override}` is not of the form STUDY.KEY=VALUE[,VALUE...], "
+            "for example attitude.noise_std=1e-3,1e-2"
+        )
+        raise InputError(msg)
+    table = content.setdefault(study, {})
+    if not isinstance(table, dict):
+        msg = f"`--set {override}`: `{study}` is no study; use {', '.join(STUDIES)}"
+        raise InputError(msg)
+    values = [_literal(part.strip()) for part in text.split(",")]
+    table[key] = values if len(values) > 1 else values[0]
+
+
+def _literal(text: str) -> Any:
+    """Value of one word of the command line: a TOML literal, else the word itself."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+def _validated(where: str, model: type[Model], content: Mapping[str, Any]) -> Model:
+    try:
+        return model.model_validate(content)
+    except ValidationError as error:
+        lines = "; ".join(dict.fromkeys(_explain(e, model) for e in error.errors()))
+        msg = f"suite {where}: {lines}"
+        raise InputError(msg) from None
+
+
+def _explain(error: Any, model: type[BaseModel]) -> str:
+    words = [str(part) for part in error["loc"]]
+    names = [w for w in words if w.isidentifier() and w not in ("int", "float", "str")]
+    path = ".".join(names[:2]) or "the file"
+    if error["type"] == "extra_forbidden":
+        known: Sequence[str] = tuple(model.model_fields)
+        if len(words) > 1 and words[0] in STUDIES:
+            known = tuple(STUDIES[words[0]].parameters.model_fields)
+        return f"`{path}` is not a known key; known here: {', '.join(known)}"
+    return f"`{path}`: {error['msg']} (given {error['input']!r})"
+
+
+def _grid(table: BaseModel) -> Iterable[dict[str, Any]]:
+    axes = {key: _as_list(value) for key, value in table.model_dump().items()}
+    for values in itertools.product(*axes.values()):
+        yield dict(zip(axes, values, strict=True))
+
+
+def _as_list(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else [value]

@@ -1,0 +1,228 @@
+r"""Judging rows: pass, fail or inconclusive, at a stated false-alarm rate.
+
+Sampling rows are tested against an interval, not a point, because a truncated
+formula is allowed its remainder :math:`\delta`. With :math:`d` the difference and
+:math:`s` its standard error,
+
+.. math:: p = \Phi(-(|d| - \delta)/s) + \Phi(-(|d| + \delta)/s)  \tag{V1}
+
+is the greatest probability, over all expectations within the interval, of a
+difference at least this large. The p-values of a family (plain, control, nees) share
+the family's part of the false-alarm rate by Holm's rule, which holds under any
+dependence; the parts are weighted Bonferroni: 1/4, 1/2, 1/4, divided over the
+families that are present.
+
+Rows with no chance in them (exact, limit) are compared with their bound and cost no
+false alarms. A row that was not measured, or not measured well enough, is
+inconclusive; it never passes.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.special import ndtr
+
+from simval.results import Row
+
+Answer = Literal["pass", "fail", "inconclusive"]
+
+WEIGHTS = {"plain": 0.25, "control": 0.5, "nees": 0.25}
+"""Share of the false-alarm rate of each family of sampling checks."""
+
+MIN_SAMPLES = 100
+"""Below this a standard error is itself too uncertain for eq. (V1): the tail of
+Student's t with 99 degrees of freedom is 1.6 times the normal's at p = 1e-3."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """One judged row.
+
+    Attributes
+    ----------
+    cell : str
+        Name of the cell.
+    row : Row
+        What was judged.
+    answer : str
+        ``pass``, ``fail`` or ``inconclusive``.
+    p_value : float or None
+        Eq. (V1); None where no chance is involved.
+    limit : float
+        For a sampling row the p-value below which it fails (Holm's, in its family);
+        else the greatest difference allowed.
+    reason : str
+        Why it is not a pass; empty for one.
+    """
+
+    cell: str
+    row: Row
+    answer: Answer
+    p_value: float | None
+    limit: float
+    reason: str
+
+    @property
+    def sigmas(self) -> float:
+        """Distance from the prediction in standard errors, sign included."""
+        row = self.row
+        if row.prediction is None or not row.standard_error > 0.0:
+            return float("nan")
+        return (row.value - row.prediction) / row.standard_error
+
+
+def p_value(row: Row) -> float:
+    """Probability of eq. (V1) for a sampling row.
+
+    Parameters
+    ----------
+    row : Row
+        With a prediction and a standard error above 0.
+
+    Returns
+    -------
+    float
+        Between 0 and 1.
+    """
+    assert row.prediction is not None
+    distance = abs(row.value - row.prediction)
+    low = (distance - row.remainder) / row.standard_error
+    high = (distance + row.remainder) / row.standard_error
+    return float(ndtr(-low) + ndtr(-high))
+
+
+def judge(rows: Iterable[tuple[str, Row]], alpha: float = 1e-3) -> tuple[Verdict, ...]:
+    """Judge the rows of a run together.
+
+    Parameters
+    ----------
+    rows : iterable of (str, Row)
+        Name of the cell and the row; rows with check ``record`` are left out.
+    alpha : float, default 1e-3
+        False-alarm rate that all rows share.
+
+    Returns
+    -------
+    tuple of Verdict
+        In the order of the rows.
+    """
+    judged = [(cell, row) for cell, row in rows if row.check != "record"]
+    answers: dict[int, Verdict] = {}
+    sampled: dict[str, list[int]] = {}
+    for i, (cell, row) in enumerate(judged):
+        obstacle = _obstacle(row)
+        if obstacle:
+            answers[i] = _inconclusive(cell, row, obstacle)
+        elif row.check in WEIGHTS:
+            sampled.setdefault(row.check, []).append(i)
+        else:
+            answers[i] = _without_chance(cell, row)
+    whole = sum(WEIGHTS[family] for family in sampled)
+    for family, members in sampled.items():
+        values = np.array([p_value(judged[i][1]) for i in members])
+        limits = _holm(values, alpha * WEIGHTS[family] / whole)
+        for i, p, limit in zip(members, values, limits, strict=True):
+            answers[i] = _by_chance(*judged[i], float(p), float(limit))
+    return tuple(answers[i] for i in range(len(judged)))
+
+
+def overall(verdicts: Sequence[Verdict]) -> Answer:
+    """One answer for all: the worst of them.
+
+    Parameters
+    ----------
+    verdicts : sequence of Verdict
+        As from `judge`.
+
+    Returns
+    -------
+    str
+        ``fail`` if any failed, else ``inconclusive`` if any is, or there is none at
+        all: nothing measured never passes. Else ``pass``.
+    """
+    answers = {verdict.answer for verdict in verdicts}
+    if "fail" in answers:
+        return "fail"
+    return "pass" if answers == {"pass"} else "inconclusive"
+
+
+def _obstacle(row: Row) -> str:
+    numbers = (row.value, row.standard_error, row.remainder)
+    if row.prediction is None or not np.isfinite((*numbers, row.prediction)).all():
+        return "the value, its error, its prediction or its remainder is not finite"
+    if row.check in WEIGHTS and not row.standard_error > 0.0:
+        return "a sampled value without a standard error cannot be judged"
+    if row.check in WEIGHTS and not row.n >= MIN_SAMPLES:
+        return f"{row.n} samples; at least {MIN_SAMPLES} are needed to judge"
+    return ""
+
+
+def _inconclusive(cell: str, row: Row, reason: str) -> Verdict:
+    return Verdict(
+        cell=cell,
+        row=row,
+        answer="inconclusive",
+        p_value=None,
+        limit=float("nan"),
+        reason=reason,
+    )
+
+
+def _without_chance(cell: str, row: Row) -> Verdict:
+    assert row.prediction is not None
+    if row.check == "limit":
+        good, limit = row.value <= row.prediction, row.prediction
+        words = f"{row.value:.6g} is above the limit {row.prediction:.6g}"
+    else:
+        difference = abs(row.value - row.prediction)
+        good, limit = difference <= row.remainder, row.remainder
+        words = (
+            f"{row.value:.6g} is {difference:.3g} from {row.prediction:.6g}; "
+            f"{row.remainder:.3g} is allowed"
+        )
+    return Verdict(
+        cell=cell,
+        row=row,
+        answer="pass" if good else "fail",
+        p_value=None,
+        limit=limit,
+        reason="" if good else words,
+    )
+
+
+def _by_chance(cell: str, row: Row, p: float, limit: float) -> Verdict:
+    assert row.prediction is not None
+    good = p > limit
+    beyond = abs(row.value - row.prediction) - row.remainder
+    words = (
+        f"{row.value:.6g} against {row.prediction:.6g}: "
+        f"{beyond / row.standard_error:.1f} standard errors beyond the allowed "
+        f"remainder, p = {p:.2g}, limit {limit:.2g}"
+    )
+    return Verdict(
+        cell=cell,
+        row=row,
+        answer="pass" if good else "fail",
+        p_value=p,
+        limit=limit,
+        reason="" if good else words,
+    )
+
+
+def _holm(values: np.ndarray, alpha: float) -> np.ndarray:
+    """Limit of each p-value by Holm's step-down rule.
+
+    The k-th smallest of m is compared with alpha / (m - k + 1), and once one is kept
+    all larger ones are. So every member of a family gets the limit at which the
+    procedure stopped, or its own where it was rejected before.
+    """
+    m = len(values)
+    order = np.argsort(values, kind="stable")
+    steps = alpha / (m - np.arange(m))
+    kept = values[order] > steps
+    stop = int(np.argmax(kept)) if kept.any() else m - 1
+    limits = np.empty(m)
+    limits[order] = np.where(np.arange(m) < stop, steps, steps[stop])
+    return limits
