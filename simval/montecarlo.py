@@ -38,23 +38,34 @@ class Sums:
     ----------
     batches : int
         Number of batches.
+    batch : int
+        Samples in a batch.
+    size : int
+        Length p of an error.
     mean : Array
-        Mean of the batch means of the features, (m,).
+        Mean of the batch means of the features, (m,) with m = p (p + 3) / 2.
     scatter : Array
         Sum of the outer products of their deviations, (m, m).
     """
 
     batches: int
+    batch: int
+    size: int
     mean: Array
     scatter: Array
 
+    @property
+    def samples(self) -> int:
+        """Number of samples behind the sums."""
+        return self.batches * self.batch
+
     def merged(self, other: "Sums") -> "Sums":
-        """These sums and another's together (Chan, Golub and LeVeque's update).
+        """Join these sums with another's (Chan, Golub and LeVeque's update).
 
         Parameters
         ----------
         other : Sums
-            Sums of other batches.
+            Sums of other batches of the same size.
 
         Returns
         -------
@@ -66,6 +77,8 @@ class Sums:
         weight = self.batches * other.batches / total
         return Sums(
             batches=total,
+            batch=self.batch,
+            size=self.size,
             mean=self.mean + step * (other.batches / total),
             scatter=self.scatter + other.scatter + weight * np.outer(step, step),
         )
@@ -93,59 +106,14 @@ def sums_of(errors: Array, batch: int) -> Sums:
     means = np.concatenate([grouped.mean(axis=2), second[:, rows, columns]], axis=1)
     mean = means.mean(axis=0)
     deviation = means - mean
-    return Sums(batches=len(means), mean=mean, scatter=deviation.T @ deviation)
-
-
-def moments_of(sums: Sums, batch: int) -> Moments:
-    """Bias and covariance of the errors, with standard errors, from their sums.
-
-    Parameters
-    ----------
-    sums : Sums
-        Of two batches or more.
-    batch : int
-        Samples in a batch.
-
-    Returns
-    -------
-    Moments
-        With `samples` and both standard errors.
-
-    Raises
-    ------
-    InputError
-        If there are fewer than two batches, of which no standard error exists.
-    """
-    if not sums.batches >= 2:
-        msg = f"{sums.batches} batch of samples has no standard error; use 2 or more"
-        raise InputError(msg)
-    features = len(sums.mean)
-    p = round((np.sqrt(9 + 8 * features) - 3) / 2)  # features = p (p + 3) / 2
-    rows, columns = np.triu_indices(p)
-    bias = sums.mean[:p]
-    samples = sums.batches * batch
-    # C_ij = m_ij - b_i b_j, so dC_ij = dm_ij - b_j db_i - b_i db_j
-    slope = np.zeros((len(rows), features))
-    pairs = np.arange(len(rows))
-    slope[pairs, p + pairs] = 1.0
-    np.add.at(slope, (pairs, rows), -bias[columns])
-    np.add.at(slope, (pairs, columns), -bias[rows])
-    variance = sums.scatter / (sums.batches * (sums.batches - 1))
-    spread = np.einsum("kf,fg,kg->k", slope, variance, slope)
-    upper = (sums.mean[p:] - bias[rows] * bias[columns]) * samples / (samples - 1)
-    return Moments(
-        bias=bias,
-        covariance=_symmetric(upper, p),
-        samples=samples,
-        bias_error=np.sqrt(np.diagonal(variance)[:p]),
-        covariance_error=_symmetric(np.sqrt(np.maximum(spread, 0.0)), p),
-    )
+    scatter = deviation.T @ deviation
+    return Sums(batches=len(means), batch=batch, size=p, mean=mean, scatter=scatter)
 
 
 def simulate(
     sampler: Sampler, streams: Streams, *, samples: int, block: int, batch: int
-) -> Moments:
-    """Run seeded trials block by block and return the moments of their errors.
+) -> Sums:
+    """Run seeded trials block by block and return the sums of their errors.
 
     Parameters
     ----------
@@ -163,17 +131,17 @@ def simulate(
 
     Returns
     -------
-    Moments
-        Bias and covariance of the errors, with standard errors.
+    Sums
+        Of all trials; see `moments_of` and `mean_square`.
 
     Raises
     ------
     InputError
         If `batch` does not divide `block`, or an error of a trial is not finite.
     """
-    if block % batch or samples < 1:
+    if samples < 1 or block < 1 or batch < 1 or block % batch:
         msg = (
-            f"`samples`={samples}, `block`={block}, `batch`={batch}: samples must be "
+            f"`samples`={samples}, `block`={block}, `batch`={batch}: all must be "
             "positive and batch must divide block"
         )
         raise InputError(msg)
@@ -190,7 +158,84 @@ def simulate(
             raise InputError(msg)
         total = sums if total is None else total.merged(sums)
     assert total is not None  # samples >= 1
-    return moments_of(total, batch)
+    return total
+
+
+def moments_of(sums: Sums) -> Moments:
+    """Bias and covariance of the errors, with standard errors, from their sums.
+
+    Parameters
+    ----------
+    sums : Sums
+        Of two batches or more.
+
+    Returns
+    -------
+    Moments
+        With `samples` and both standard errors.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two batches, of which no standard error exists.
+    """
+    variance = _variance(sums)
+    p, samples = sums.size, sums.samples
+    rows, columns = np.triu_indices(p)
+    bias = sums.mean[:p]
+    # C_ij = m_ij - b_i b_j, so dC_ij = dm_ij - b_j db_i - b_i db_j
+    slope = np.zeros((len(rows), len(sums.mean)))
+    pairs = np.arange(len(rows))
+    slope[pairs, p + pairs] = 1.0
+    np.add.at(slope, (pairs, rows), -bias[columns])
+    np.add.at(slope, (pairs, columns), -bias[rows])
+    spread = np.einsum("kf,fg,kg->k", slope, variance, slope)
+    upper = (sums.mean[p:] - bias[rows] * bias[columns]) * samples / (samples - 1)
+    return Moments(
+        bias=bias,
+        covariance=_symmetric(upper, p),
+        samples=samples,
+        bias_error=np.sqrt(np.diagonal(variance)[:p]),
+        covariance_error=_symmetric(np.sqrt(np.maximum(spread, 0.0)), p),
+    )
+
+
+def mean_square(sums: Sums, weight: Array) -> tuple[float, float]:
+    """Mean of the weighted square ``e' W e`` and its standard error.
+
+    With the inverse of a predicted covariance as the weight this is the mean
+    normalised (estimation) error squared, NEES.
+
+    Parameters
+    ----------
+    sums : Sums
+        Of two batches or more.
+    weight : Array
+        Symmetric weight W, (p, p).
+
+    Returns
+    -------
+    value, standard_error : float
+        Both in the unit of the weighted square.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two batches.
+    """
+    rows, columns = np.triu_indices(sums.size)
+    twice = np.where(rows == columns, 1.0, 2.0)
+    direction = np.concatenate([np.zeros(sums.size), twice * weight[rows, columns]])
+    variance = float(direction @ _variance(sums) @ direction)
+    return float(direction @ sums.mean), float(np.sqrt(max(variance, 0.0)))
+
+
+def _variance(sums: Sums) -> Array:
+    """Covariance of the mean features, eq. (M1)."""
+    if not sums.batches >= 2:
+        msg = f"{sums.batches} batch of samples has no standard error; use 2 or more"
+        raise InputError(msg)
+    return sums.scatter / (sums.batches * (sums.batches - 1))
 
 
 def _symmetric(upper: Array, p: int) -> Array:
