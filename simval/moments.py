@@ -4,11 +4,13 @@
 number of samples and the standard errors. Comparing the two is `verdict`'s work.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from simval.arrays import Array, frozen
+
+_ERRORS = (("bias_error", "bias"), ("covariance_error", "covariance"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -23,25 +25,23 @@ class Moments:
         Covariance about the mean, (p, p).
     samples : int, default 0
         Number of samples behind it; 0 for a prediction.
-    bias_error : Array, optional
+    bias_error : Array, default zeros
         Standard error of each entry of `bias`, (p,); zero for a prediction.
-    covariance_error : Array, optional
+    covariance_error : Array, default zeros
         Standard error of each entry of `covariance`, (p, p); zero for a prediction.
     """
 
     bias: Array
     covariance: Array
     samples: int = 0
-    bias_error: Array | None = None
-    covariance_error: Array | None = None
+    bias_error: Array = field(default_factory=lambda: np.zeros(0))
+    covariance_error: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        zeros_b = np.zeros_like(self.bias)
-        zeros_c = np.zeros_like(self.covariance)
-        defaults = {"bias_error": zeros_b, "covariance_error": zeros_c}
-        for name in ("bias", "covariance", "bias_error", "covariance_error"):
+        for name, like in (("bias", ""), ("covariance", ""), *_ERRORS):
             value = getattr(self, name)
-            value = defaults[name] if value is None else value
+            if like and value.size == 0:
+                value = np.zeros_like(getattr(self, like))
             object.__setattr__(self, name, frozen(value))
 
     @property
