@@ -1,0 +1,166 @@
+"""What makes a pair of vector observations usable, sample by sample.
+
+The estimator needs vectors that are finite, not zero and not parallel, and body
+and reference vectors of the same length: it is homogeneous in each pair's common
+length, so unit vectors, m/s^2 and tesla all work, but not a mixture.
+"""
+
+from collections.abc import Sequence
+from enum import IntEnum
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simval.arrays import Array
+from simval.errors import GeometryError, InputError, SimvalError
+
+Codes = NDArray[np.int8]
+Mask = NDArray[np.bool_]
+
+# Below this sine of the angle between the two vectors the rotation about them has
+# lost half of its digits: rounding enters the attitude as eps / sine.
+MIN_SINE: Final = 1e-7
+# A fixed frame is refused below this share of the greatest possible norm: rounding
+# enters the direction of qbar as eps / |qbar|.
+MIN_NORM: Final = 1e-8
+# Squares and fourth powers of lengths inside this range neither over- nor underflow.
+LENGTHS: Final = (1e-50, 1e50)
+
+
+class Validity(IntEnum):
+    """Whether a sample can be used, and if not, why."""
+
+    VALID = 0
+    NOT_FINITE = 1
+    LENGTH = 2
+    LENGTHS_DISAGREE = 3
+    COLLINEAR = 4
+    SINGULAR = 5
+
+
+_MESSAGES: Final = {
+    Validity.NOT_FINITE: "a component is not finite; remove or repair that sample",
+    Validity.LENGTH: (
+        "a vector is zero or its length is outside 1e-50 to 1e50; "
+        "a direction is needed, so remove that sample or rescale"
+    ),
+    Validity.LENGTHS_DISAGREE: (
+        "a body vector and its reference vector differ in length by more than "
+        "`length_tolerance`; give both in the same unit, or normalise both"
+    ),
+    Validity.COLLINEAR: (
+        f"the two vectors are parallel (sine below {MIN_SINE:g}): rotation about "
+        "them is not observable, so choose a second direction farther from the first"
+    ),
+    Validity.SINGULAR: (
+        f"the chosen frame is singular there (|qbar| below {MIN_NORM:g}): use "
+        'frame="best" or "combined", which never are'
+    ),
+}
+
+
+def block_validity(vectors: Array, length_tolerance: float) -> Codes | None:
+    """Validity of each column of a block, or None where all are valid.
+
+    Parameters
+    ----------
+    vectors : Array
+        Components of b1, b2, r1, r2 by row, (12, n).
+    length_tolerance : float
+        Largest relative difference of the lengths of a body vector and its
+        reference vector.
+
+    Returns
+    -------
+    Array or None
+        Codes of `Validity`, (n,).
+    """
+    with np.errstate(over="ignore", invalid="ignore", under="ignore"):
+        square = (vectors * vectors).reshape(4, 3, -1)
+        lengths = square[:, 0] + square[:, 1]
+        lengths += square[:, 2]  # squared lengths of b1, b2, r1, r2, (4, n)
+        pairs = lengths.reshape(2, 2, -1)  # [body | reference, first | second]
+        in_range = (lengths.min() > LENGTHS[0] ** 2) & (lengths.max() < LENGTHS[1] ** 2)
+        limit = max(0.0, 1.0 - length_tolerance) ** 2
+        agree = np.minimum(*pairs) >= limit * np.maximum(*pairs)
+        apart = _not_parallel(vectors, pairs)
+    if in_range and agree.all() and apart.all():
+        return None
+    codes: Codes = np.zeros(vectors.shape[1], dtype=np.int8)
+    codes[~apart.all(axis=0)] = Validity.COLLINEAR
+    codes[~agree.all(axis=0)] = Validity.LENGTHS_DISAGREE
+    with np.errstate(invalid="ignore"):
+        inside = (lengths > LENGTHS[0] ** 2) & (lengths < LENGTHS[1] ** 2)
+    codes[~inside.all(axis=0)] = Validity.LENGTH
+    codes[~np.isfinite(vectors).all(axis=0)] = Validity.NOT_FINITE
+    return codes
+
+
+def _not_parallel(vectors: Array, pairs: Array) -> Mask:
+    # Whether the sines of both angles reach MIN_SINE, (2, n): body, reference
+    first, second = vectors.reshape(2, 2, 3, -1).swapaxes(0, 1)
+    product = first * second  # (2, 3, n)
+    dot = product[:, 0] + product[:, 1]
+    dot += product[:, 2]
+    dot *= dot
+    # Lagrange: |v1 x v2|^2 = |v1|^2 |v2|^2 - (v1.v2)^2; its rounding, 4e-16, is
+    # 4 % of MIN_SINE^2
+    far: Mask = dot <= (1.0 - MIN_SINE**2) * (pairs[:, 0] * pairs[:, 1])
+    return far
+
+
+def singular_columns(vectors: Array, squared: Array) -> Mask | None:
+    """Which columns of a fixed frame are singular, or None where none is.
+
+    Parameters
+    ----------
+    vectors : Array
+        Components of b1, b2, r1, r2 by row, valid, (12, n).
+    squared : Array
+        Squared norms of the un-normalised quaternions, (n,).
+
+    Returns
+    -------
+    Array or None
+        Booleans, (n,).
+    """
+    r1, r2 = vectors[6:9], vectors[9:12]
+    scale = (r1 * r1).sum(axis=0) * (r2 * r2).sum(axis=0)
+    with np.errstate(invalid="ignore"):
+        regular = squared >= MIN_NORM**2 * scale
+    mask: Mask = ~regular
+    return mask if mask.any() else None
+
+
+def refuse(codes: Codes, shape: Sequence[int]) -> None:
+    """Raise the error of the first sample that is not valid, if there is one.
+
+    Parameters
+    ----------
+    codes : Array
+        Codes of `Validity`, (n,).
+    shape : sequence of int
+        Shape of the batch, to name the sample by its index.
+
+    Raises
+    ------
+    InputError
+        If a component is not finite, a vector zero, or lengths disagree.
+    GeometryError
+        If the vectors are parallel or the fixed frame is singular.
+    """
+    bad = np.flatnonzero(codes)
+    if bad.size == 0:
+        return
+    code = Validity(int(codes[bad[0]]))
+    index = tuple(int(i) for i in np.unravel_index(bad[0], tuple(shape)))
+    where = f"sample {index}" if index else "the sample"
+    kind: type[SimvalError] = InputError
+    if code in (Validity.COLLINEAR, Validity.SINGULAR):
+        kind = GeometryError
+    msg = (
+        f"{bad.size} of {codes.size} sample(s) cannot be used; the first is {where}: "
+        f"{_MESSAGES[code]} (`estimate_attitude` gives a validity per sample instead)"
+    )
+    raise kind(msg)

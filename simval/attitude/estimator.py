@@ -1,0 +1,225 @@
+"""Batched two-vector quaternion estimator with its checks.
+
+Equations and conventions in `simval.attitude.kernel`; what is refused in
+`simval.attitude.checks`.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from simval.arrays import Array, shaped_array
+from simval.attitude import kernel
+from simval.attitude.checks import (
+    Codes,
+    Mask,
+    Validity,
+    block_validity,
+    refuse,
+    singular_columns,
+)
+from simval.errors import InputError
+
+SELECTIONS = ("best", "combined", *kernel.FRAMES)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AttitudeEstimate:
+    """Attitudes of a batch, with the validity of each sample.
+
+    Attributes
+    ----------
+    q : Array
+        Unit quaternions, reference to body, vector first, (..., 4); NaN where the
+        sample is not valid.
+    validity : Array
+        Codes of `Validity`, (...).
+    """
+
+    q: Array
+    validity: Codes
+
+    @property
+    def valid(self) -> Mask:
+        """Which samples are valid, (...)."""
+        mask: Mask = self.validity == Validity.VALID
+        return mask
+
+    def require_valid(self) -> Array:
+        """The attitudes, refused if one sample is not valid.
+
+        Returns
+        -------
+        Array
+            Unit quaternions, (..., 4).
+
+        Raises
+        ------
+        InputError, GeometryError
+            Naming the first sample that is not valid.
+        """
+        refuse(self.validity.reshape(-1), self.validity.shape)
+        return self.q
+
+
+def two_vector_quaternion(
+    b1: Any,
+    b2: Any,
+    r1: Any,
+    r2: Any,
+    frame: str = "best",
+    *,
+    length_tolerance: float = 0.5,
+) -> Array:
+    r"""Attitude from two vector observations in closed form, eq. (K1).
+
+    Parameters
+    ----------
+    b1, b2 : array_like
+        First and second vector in the body frame, (..., 3).
+    r1, r2 : array_like
+        The same vectors in the reference frame and the same unit, (..., 3); the
+        leading axes broadcast.
+    frame : {"best", "combined", "plain", "x", "y", "z"}, default "best"
+        ``best`` takes the greatest of the four columns of eq. (K2), ``combined``
+        all of them; neither is ever singular. The others are one column: ``plain``
+        is eq. (8) of the source, the rest a half turn of the reference frame.
+    length_tolerance : float, default 0.5
+        Largest relative difference of length between a body vector and its
+        reference vector; ``inf`` accepts any.
+
+    Returns
+    -------
+    Array
+        Unit quaternions, reference to body, vector first, (..., 4); the scalar is
+        not negative for ``best`` and ``combined``, the sign is the formula's own
+        in a fixed frame.
+
+    Raises
+    ------
+    InputError
+        If a shape is wrong, a component is not finite, a vector is zero, or the
+        lengths disagree.
+    GeometryError
+        If the vectors are parallel, or the fixed frame is singular.
+
+    Notes
+    -----
+    Exact without noise. With noise of standard deviation sigma the error is of
+    order sigma / |qbar|; `simval.theory.attitude_moments` predicts it.
+    """
+    estimate = estimate_attitude(
+        b1, b2, r1, r2, frame, length_tolerance=length_tolerance
+    )
+    return estimate.require_valid()
+
+
+def estimate_attitude(
+    b1: Any,
+    b2: Any,
+    r1: Any,
+    r2: Any,
+    frame: str = "best",
+    *,
+    length_tolerance: float = 0.5,
+) -> AttitudeEstimate:
+    """`two_vector_quaternion` with a validity per sample instead of an error.
+
+    Parameters
+    ----------
+    b1, b2 : array_like
+        First and second vector in the body frame, (..., 3).
+    r1, r2 : array_like
+        The same vectors in the reference frame and the same unit, (..., 3).
+    frame : {"best", "combined", "plain", "x", "y", "z"}, default "best"
+        As in `two_vector_quaternion`.
+    length_tolerance : float, default 0.5
+        As in `two_vector_quaternion`.
+
+    Returns
+    -------
+    AttitudeEstimate
+        Attitudes and validity; one bad sample leaves the others alone.
+
+    Raises
+    ------
+    InputError
+        If a shape or an option is wrong.
+    """
+    if frame not in SELECTIONS:
+        msg = f"`frame` is {frame!r}; it must be one of {', '.join(SELECTIONS)}"
+        raise InputError(msg)
+    if not length_tolerance >= 0.0:
+        msg = f"`length_tolerance` is {length_tolerance!r}; it must be 0 or more"
+        raise InputError(msg)
+    arrays, shape = _flat_batch(b1, b2, r1, r2)
+    count = arrays[0].shape[0]
+    q = np.empty((count, 4))
+    validity: Codes = np.zeros(count, dtype=np.int8)
+    block = np.empty((12, min(count, kernel.BLOCK)))
+    for start in range(0, count, kernel.BLOCK):
+        rows = slice(start, min(start + kernel.BLOCK, count))
+        vectors = block[:, : rows.stop - start]
+        for i, array in enumerate(arrays):
+            vectors[3 * i : 3 * i + 3] = array[rows].T
+        _estimate_block(vectors, frame, length_tolerance, q[rows], validity[rows])
+    return AttitudeEstimate(q=q.reshape(*shape, 4), validity=validity.reshape(shape))
+
+
+def _estimate_block(
+    vectors: Array, frame: str, length_tolerance: float, q: Array, validity: Codes
+) -> None:
+    # Fill q (n, 4) and validity (n,) for one block of columns
+    codes = block_validity(vectors, length_tolerance)
+    if codes is not None:  # a harmless sample in place of each bad one
+        validity[:] = codes
+        vectors[:, codes != 0] = _HARMLESS
+    if frame == "best":
+        raw = kernel.best_quaternion(kernel.column_matrix(vectors, symmetric=False))
+    elif frame == "combined":
+        raw = kernel.combined_quaternion(kernel.column_matrix(vectors, symmetric=True))
+    else:
+        raw = kernel.raw_quaternion(vectors, frame)
+    squared = kernel.squared_norm(raw)
+    if frame in kernel.FRAMES:
+        singular = singular_columns(vectors, squared)
+        if singular is not None:
+            validity[singular & (validity == 0)] = Validity.SINGULAR
+            squared[singular] = 1.0
+        scale = 1.0 / np.sqrt(squared)
+    else:
+        scale = np.copysign(1.0 / np.sqrt(squared), raw[3])
+    np.multiply(raw, scale, out=q.T)
+    if validity.any():
+        q[validity != 0] = np.nan
+
+
+# a turn of 120 degrees about (1, 1, 1), regular in every frame: all |qbar| are 1/2
+_HARMLESS = np.array([1.0, 0, 0, 0, 1, 0, 0, 1, 0, 0, 0, 1]).reshape(12, 1)
+
+
+def _flat_batch(*values: Any) -> tuple[list[Array], tuple[int, ...]]:
+    # Arrays of shape (n, 3) with a common batch, and the batch's shape
+    names = ("b1", "b2", "r1", "r2")
+    arrays = [
+        shaped_array(name, value, (3,))
+        for name, value in zip(names, values, strict=True)
+    ]
+    try:
+        shape = np.broadcast_shapes(*(array.shape for array in arrays))[:-1]
+    except ValueError:
+        shapes = ", ".join(str(array.shape) for array in arrays)
+        msg = (
+            f"b1, b2, r1, r2 have shapes {shapes}, whose leading axes do not match; "
+            "give one vector per sample, or one for all"
+        )
+        raise InputError(msg) from None
+    count = int(np.prod(shape))
+    flat = [
+        np.broadcast_to(a, (count, 3))
+        if a.ndim == 1
+        else np.broadcast_to(a, (*shape, 3)).reshape(count, 3)
+        for a in arrays
+    ]
+    return flat, shape

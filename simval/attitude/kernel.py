@@ -1,0 +1,220 @@
+r"""Closed-form two-vector quaternion on structure-of-arrays blocks, without checks.
+
+With :math:`s_i = (b_i + r_i)/2` and :math:`d_i = (b_i - r_i)/2`,
+
+.. math:: \bar q = [d_1 \times d_2;\ s_1^T d_2]  \tag{K1}
+
+(Peng and Choukroun, eqs. 8 to 10) is proportional to the attitude quaternion. A
+half turn of the reference frame about axis k, :math:`r \to R_k r`, followed by the
+composition :math:`[1_k; 0] * \bar q'` (G2), gives the columns x, y and z. Without
+noise the four columns are
+
+.. math:: M = q\, p^T,\quad p = [e \times n - s\, n;\ e^T n],\quad
+   n = r_1 \times r_2,  \tag{K2}
+
+in the order x, y, z, plain, so :math:`\sum_k |M_k|^2 = |n|^2` and the greatest
+column is never shorter than :math:`|n|/2`. Replacing the scalar
+:math:`s_1^T d_2` by the symmetric :math:`(s_1^T d_2 - s_2^T d_1)/2` leaves (K2)
+alone and halves that entry's noise.
+
+A block holds one sample per column: rows are the components of b1, b2, r1, r2.
+Blocks of `BLOCK` columns stay in the processor's cache.
+"""
+
+from typing import Final
+
+import numpy as np
+
+from simval.arrays import Array
+
+BLOCK: Final = 2048
+FRAMES: Final = ("x", "y", "z", "plain")  # the order of the columns in (K2)
+
+# for each frame, is component j of r kept (a half turn about k keeps only k)?
+_KEPT: Final = {
+    "x": (True, False, False),
+    "y": (False, True, False),
+    "z": (False, False, True),
+    "plain": (True, True, True),
+}
+# where component j of the vector part goes, with its sign, and where the scalar
+# goes: [1_k; 0] * [v; s] = [s 1_k + 1_k x v; -v_k]
+_PLACES: Final = {
+    "x": (((3, -1), (2, 1), (1, -1)), 0),
+    "y": (((2, -1), (3, -1), (0, 1)), 1),
+    "z": (((1, 1), (0, -1), (3, -1)), 2),
+    "plain": (((0, 1), (1, 1), (2, 1)), 3),
+}
+
+
+def raw_quaternion(vectors: Array, frame: str, out: Array | None = None) -> Array:
+    """Un-normalised quaternions of a fixed frame, eq. (K1) with its raw sign.
+
+    Parameters
+    ----------
+    vectors : Array
+        Components of b1, b2, r1, r2 by row, one sample per column, (4, 3, n) or
+        (12, n).
+    frame : {"plain", "x", "y", "z"}
+        Axis of the half turn of the reference frame, or none.
+    out : Array, optional
+        Where to write, (4, n).
+
+    Returns
+    -------
+    Array
+        Quaternions, vector first, not normalised, (4, n).
+    """
+    b1, b2, r1, r2 = vectors.reshape(4, 3, -1)
+    d1, d2, s1 = np.empty_like(b1), np.empty_like(b1), np.empty_like(b1)
+    for j, kept in enumerate(_KEPT[frame]):
+        minus, plus = (np.subtract, np.add) if kept else (np.add, np.subtract)
+        minus(b1[j], r1[j], out=d1[j])
+        minus(b2[j], r2[j], out=d2[j])
+        plus(b1[j], r1[j], out=s1[j])
+    d2 *= 0.25  # the halves of s1 or d1 and of d2
+    out = np.empty((4, b1.shape[1]), dtype=b1.dtype) if out is None else out
+    places, scalar = _PLACES[frame]
+    term = np.empty_like(b1[0])
+    for j, (row, sign) in enumerate(places):
+        k, m = (j + 1) % 3, (j + 2) % 3
+        if sign < 0:
+            k, m = m, k
+        np.multiply(d1[k], d2[m], out=out[row])
+        np.multiply(d1[m], d2[k], out=term)
+        out[row] -= term
+    np.multiply(s1[0], d2[0], out=out[scalar])
+    for j in (1, 2):
+        np.multiply(s1[j], d2[j], out=term)
+        out[scalar] += term
+    return out
+
+
+def column_matrix(vectors: Array, *, symmetric: bool) -> Array:
+    """The four columns M of eq. (K2), un-normalised, with noise.
+
+    Parameters
+    ----------
+    vectors : Array
+        Components of b1, b2, r1, r2 by row, one sample per column, (4, 3, n) or
+        (12, n).
+    symmetric : bool
+        Use the symmetric scalar part instead of the one of eq. (8).
+
+    Returns
+    -------
+    Array
+        M with the column's index first, then the quaternion's component,
+        (4, 4, n); columns in the order x, y, z, plain.
+    """
+    b1, b2, r1, r2 = vectors.reshape(4, 3, -1)
+    # [False]: differences d, [True]: sums s; the factor 1/4 is applied once
+    first = (0.25 * (b1 - r1), 0.25 * (b1 + r1))
+    second = (b2 - r2, b2 + r2)
+    out = np.empty((4, 4, b1.shape[1]), dtype=b1.dtype)
+    term = np.empty_like(b1[0])
+    scalars = first[1] * second[0]  # s1 d2 by component, for kept components
+    turned = first[0] * second[1]  # d1 s2, where the half turn swaps s and d
+    if symmetric:
+        scalars -= turned
+        scalars *= 0.5
+        np.negative(scalars, out=turned)
+    for column, frame in zip(out, FRAMES, strict=True):
+        kept = _KEPT[frame]
+        places, scalar = _PLACES[frame]
+        for j, (row, sign) in enumerate(places):
+            k, m = (j + 1) % 3, (j + 2) % 3
+            if sign < 0:
+                k, m = m, k
+            np.multiply(first[not kept[k]][k], second[not kept[m]][m], out=column[row])
+            np.multiply(first[not kept[m]][m], second[not kept[k]][k], out=term)
+            column[row] -= term
+        parts = [scalars[j] if kept[j] else turned[j] for j in range(3)]
+        np.add(parts[0], parts[1], out=column[scalar])
+        column[scalar] += parts[2]
+    return out
+
+
+def best_quaternion(columns: Array) -> Array:
+    """The greatest of the four columns, un-normalised, with its raw sign.
+
+    Parameters
+    ----------
+    columns : Array
+        From `column_matrix`, (4, 4, n).
+
+    Returns
+    -------
+    Array
+        Quaternions, not normalised, (4, n).
+    """
+    norms = [squared_norm(column) for column in columns]
+    best, greatest = columns[3].copy(), norms[3].copy()
+    for column, norm in zip(columns[:3], norms[:3], strict=True):
+        longer = norm > greatest
+        np.copyto(greatest, norm, where=longer)
+        np.copyto(best, column, where=longer)
+    return best
+
+
+def combined_quaternion(columns: Array) -> Array:
+    """One power step from the greatest column towards the top left singular vector.
+
+    Parameters
+    ----------
+    columns : Array
+        From `column_matrix` with the symmetric scalar, (4, 4, n).
+
+    Returns
+    -------
+    Array
+        :math:`M M^T c` for the greatest column c, not normalised, (4, n).
+    """
+    best = best_quaternion(columns)
+    total = np.zeros_like(best)
+    term = np.empty_like(best)
+    for column in columns:
+        np.multiply(column, best, out=term)
+        weight = term[0] + term[1]
+        weight += term[2]
+        weight += term[3]
+        np.multiply(column, weight, out=term)
+        total += term
+    return total
+
+
+def squared_norm(v: Array) -> Array:
+    """Sum of squares over the rows.
+
+    Parameters
+    ----------
+    v : Array
+        Components by row, (m, n).
+
+    Returns
+    -------
+    Array
+        Squared norms, (n,).
+    """
+    square = v * v
+    total = square[0] + square[1]
+    for row in square[2:]:
+        total += row
+    return total
+
+
+def normalize_columns(q: Array) -> Array:
+    """Divide each column by its length, in place.
+
+    Parameters
+    ----------
+    q : Array
+        Quaternions by column, none of them zero, (4, n).
+
+    Returns
+    -------
+    Array
+        The same array, (4, n).
+    """
+    q /= np.sqrt(squared_norm(q))
+    return q

@@ -1,0 +1,158 @@
+"""Predicted bias and covariance of the two-vector quaternion estimate.
+
+Signs: an error is truth minus estimate, and the truth has the sign of the noise-free
+estimate of the frame, which `AttitudeMoments.q_true` states. A frame is one fixed
+column of the estimator: noise may change which column is the greatest, and these
+predictions do not follow it.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+from simval.arrays import Array, frozen
+from simval.errors import InputError
+from simval.moments import Moments
+from simval.theory import orders
+from simval.theory.errors_exact import multiplicative_matrix
+from simval.theory.expansion import scaled_error_moments
+from simval.theory.oracle import exact_moments
+from simval.theory.two_vector import (
+    TwoVectorGeometry,
+    noise_covariances,
+    two_vector_geometry,
+)
+
+ORDERS = (2, "4-paper", 4, "exact")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AttitudeMoments(Moments):
+    """Bias and covariance of q - qhat, with the truth they refer to.
+
+    Attributes
+    ----------
+    bias : Array
+        Mean of truth minus estimate, (4,).
+    covariance : Array
+        Covariance about the mean, (4, 4).
+    samples : int, default 0
+        Number of samples behind it; 0 for a prediction.
+    bias_error : Array, optional
+        Standard error of `bias`, (4,).
+    covariance_error : Array, optional
+        Standard error of `covariance`, (4, 4).
+    q_true : Array
+        True quaternion, sign of the noise-free estimate, (4,).
+    frame : str
+        The column of the estimator.
+    norm : float
+        Length of the noise-free qbar: the smaller |qbar|/sigma, the sooner every
+        expansion fails.
+    """
+
+    q_true: Array
+    frame: str
+    norm: float
+
+    def __post_init__(self) -> None:
+        Moments.__post_init__(self)
+        object.__setattr__(self, "q_true", frozen(self.q_true))
+
+
+def attitude_moments(
+    q: Any,
+    r1: Any,
+    r2: Any,
+    noise_std: Any,
+    order: int | str = 2,
+    frame: str | None = None,
+) -> AttitudeMoments:
+    """Bias and covariance of the normalised additive error q - qhat.
+
+    Parameters
+    ----------
+    q : array_like
+        True quaternion, reference to body, vector first, (4,).
+    r1, r2 : array_like
+        True reference vectors, (3,); unit lengths are assumed, so normalised here.
+    noise_std : array_like
+        Noise of the unit vectors: one standard deviation per axis for all four, or
+        (4,) for b1, b2, r1, r2, or (4, 3, 3) covariances, each in its own frame.
+    order : {2, "4-paper", 4, "exact"}, default 2
+        Highest power of the noise kept; ``"4-paper"`` is the source's section 5,
+        which keeps part of the fourth order; ``"exact"`` keeps all, for isotropic
+        noise.
+    frame : {"plain", "x", "y", "z"}, optional
+        The estimator's fixed frame; default, the greatest column of the truth.
+
+    Returns
+    -------
+    AttitudeMoments
+        Prediction; no samples.
+
+    Raises
+    ------
+    InputError
+        If an argument has a wrong shape or value, or the noise is not isotropic
+        where it must be.
+    GeometryError
+        If the vectors are parallel, or the frame is singular at this attitude.
+
+    Notes
+    -----
+    Order 2 is source eqs. (52) and (63) without the squared bias; Gaussian noise,
+    independent from vector to vector, is assumed beyond it. See
+    `simval.theory.orders` and `simval.theory.oracle`.
+    """
+    if order not in ORDERS:
+        msg = f"`order` is {order!r}; it must be one of {ORDERS}"
+        raise InputError(msg)
+    geometry = two_vector_geometry(q, r1, r2, frame)
+    noise = noise_covariances(noise_std)
+    if order == "exact":
+        bias, covariance = exact_moments(geometry, noise)
+    else:
+        bias, covariance = _series_moments(geometry, noise, order)
+    back = geometry.back
+    return AttitudeMoments(
+        bias=back @ bias,
+        covariance=back @ covariance @ back.T,
+        q_true=geometry.q_true,
+        frame=geometry.frame,
+        norm=geometry.norm,
+    )
+
+
+def _series_moments(
+    geometry: TwoVectorGeometry, noise: Array, order: int | str
+) -> tuple[Array, Array]:
+    # Bias and covariance of one of the expansions, in the turned frame
+    moments = scaled_error_moments(geometry, noise)
+    q, P = moments.q, moments.P
+    if order == 4:
+        return (
+            orders.complete_fourth_bias(moments),
+            orders.complete_fourth_covariance(moments),
+        )
+    bias = orders.second_order_bias(q, P)
+    if order == "4-paper":
+        return bias, orders.paper_fourth_covariance(q, P)
+    return bias, orders.second_order_covariance(q, P)
+
+
+def multiplicative_moments(additive: AttitudeMoments) -> Moments:
+    """Mean and covariance of q^-1 * qhat from those of q - qhat, eqs. (53), (64).
+
+    Parameters
+    ----------
+    additive : AttitudeMoments
+        Moments of the additive error.
+
+    Returns
+    -------
+    Moments
+        Its `bias` is the mean of the multiplicative error less the identity
+        quaternion, (4,).
+    """
+    M = multiplicative_matrix(additive.q_true)
+    return Moments(bias=M @ additive.bias, covariance=M @ additive.covariance @ M.T)

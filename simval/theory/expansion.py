@@ -1,0 +1,137 @@
+r"""Gaussian moments of the scaled error x of the two-vector quaternion.
+
+With :math:`z_1 = (\Delta d_1, \Delta s_1)` and :math:`z_2 = \Delta d_2`, independent
+and Gaussian, eq. (39) of Peng and Choukroun divided by :math:`|\bar q^t|` is
+
+.. math:: x = x_1 + x_2,\quad x_1 = J_1 z_1 + J_2 z_2,\quad
+   (x_2)_a = z_1^T B_a z_2.  \tag{X1}
+
+All that the expansions to fourth order need of x are
+
+.. math:: P = E[x_1 x_1^T],\quad V = E[x_2 x_2^T],\quad
+   G_{abc} = E[(x_2)_a (x_1)_b (x_1)_c];  \tag{X2}
+
+the mean of x and every odd moment vanish.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.geometry import cross_matrix
+from simval.theory.two_vector import TwoVectorGeometry
+
+# eps[j, a, k] with (v x w)_a = sum eps[j, a, k] v_j w_k
+_LEVI_CIVITA = np.stack([cross_matrix(row) for row in np.eye(3)])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ScaledErrorMoments:
+    """Second moments of x and its cross moment of fourth order, eq. (X2).
+
+    Attributes
+    ----------
+    q : Array
+        True quaternion in the frame of x, (4,).
+    P : Array
+        Covariance of the linear part, (4, 4).
+    V : Array
+        Covariance of the bilinear part, (4, 4).
+    G : Array
+        Mean of the bilinear part times the linear part twice, (4, 4, 4).
+    """
+
+    q: Array
+    P: Array
+    V: Array
+    G: Array
+
+
+def linear_maps(geometry: TwoVectorGeometry) -> tuple[Array, Array]:
+    """Matrices J1 and J2 of eq. (X1), source eqs. (54) to (58).
+
+    Parameters
+    ----------
+    geometry : TwoVectorGeometry
+        The noise-free vectors.
+
+    Returns
+    -------
+    tuple of Array
+        J1 (4, 6) on (dd1, ds1) and J2 (4, 3) on dd2.
+    """
+    J1, J2 = np.zeros((4, 6)), np.zeros((4, 3))
+    J1[:3, :3] = cross_matrix(geometry.d2)
+    J1[3, 3:] = -geometry.d2
+    J2[:3] = -cross_matrix(geometry.d1)
+    J2[3] = -geometry.s1
+    return J1 / geometry.norm, J2 / geometry.norm
+
+
+def bilinear_map(geometry: TwoVectorGeometry) -> Array:
+    """Tensor B of eq. (X1), the last terms of source eq. (39).
+
+    Parameters
+    ----------
+    geometry : TwoVectorGeometry
+        The noise-free vectors.
+
+    Returns
+    -------
+    Array
+        B[a] is the 6 x 3 form of component a, (4, 6, 3).
+    """
+    B = np.zeros((4, 6, 3))
+    B[:3, :3] = -_LEVI_CIVITA.swapaxes(0, 1)
+    B[3, 3:] = -np.eye(3)
+    return B / geometry.norm
+
+
+def half_noise(geometry: TwoVectorGeometry, noise: Array) -> tuple[Array, Array]:
+    """Covariances of (dd1, ds1) and of dd2 in the turned frame.
+
+    Parameters
+    ----------
+    geometry : TwoVectorGeometry
+        Says how the reference vectors are turned.
+    noise : Array
+        Covariances of b1, b2, r1, r2 in the original frame, (4, 3, 3).
+
+    Returns
+    -------
+    tuple of Array
+        C1 (6, 6) and C2 (3, 3).
+    """
+    turn = geometry.turn[:, None] * geometry.turn
+    b1, b2, r1, r2 = noise[0], noise[1], turn * noise[2], turn * noise[3]
+    own, cross = (b1 + r1) / 4.0, (b1 - r1) / 4.0
+    return np.block([[own, cross], [cross, own]]), (b2 + r2) / 4.0
+
+
+def scaled_error_moments(
+    geometry: TwoVectorGeometry, noise: Array
+) -> ScaledErrorMoments:
+    """Moments P, V and G of eq. (X2).
+
+    Parameters
+    ----------
+    geometry : TwoVectorGeometry
+        The noise-free vectors.
+    noise : Array
+        Covariances of b1, b2, r1, r2 in the original frame, (4, 3, 3).
+
+    Returns
+    -------
+    ScaledErrorMoments
+        Exact for Gaussian noise that is independent from vector to vector; P and V
+        need no Gaussian distribution.
+    """
+    J1, J2 = linear_maps(geometry)
+    B = bilinear_map(geometry)
+    C1, C2 = half_noise(geometry, noise)
+    P = J1 @ C1 @ J1.T + J2 @ C2 @ J2.T
+    spread = C1 @ B @ C2  # (4, 6, 3)
+    V = spread.reshape(4, 18) @ B.reshape(4, 18).T
+    half = J1 @ spread @ J2.T
+    return ScaledErrorMoments(q=geometry.q, P=P, V=V, G=half + half.swapaxes(1, 2))

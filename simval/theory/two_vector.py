@@ -1,0 +1,227 @@
+r"""True geometry and noise of the two-vector problem, as its error theory needs them.
+
+Everything is written for the formula :math:`\bar q = [d_1 \times d_2; s_1^T d_2]`.
+A frame other than ``plain`` turns the reference vectors by a half turn about an
+axis, :math:`r \to R_k r`, estimates there, and maps back by the orthogonal matrix of
+:math:`q = [1_k; 0] * q'`; so its theory is that of ``plain`` for turned vectors and
+turned reference noise, mapped back.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from simval.arrays import Array, finite_array, frozen
+from simval.errors import GeometryError, InputError
+from simval.geometry import attitude_matrix, compose, conjugate, normalize
+
+# rounding enters a prediction as eps / |qbar|^k, k up to 4
+MIN_NORM: Final = 1e-3
+_TURNS: Final = {
+    "x": np.array([1.0, -1.0, -1.0]),
+    "y": np.array([-1.0, 1.0, -1.0]),
+    "z": np.array([-1.0, -1.0, 1.0]),
+    "plain": np.ones(3),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TwoVectorGeometry:
+    """Noise-free vectors of one frame and the way back to the original frame.
+
+    Attributes
+    ----------
+    frame : str
+        ``plain``, ``x``, ``y`` or ``z``.
+    q : Array
+        True quaternion in the turned frame with the sign of the noise-free
+        estimate, (4,).
+    d1, s1, d2 : Array
+        Half differences and half sum of the true vectors in that frame, (3,).
+    norm : float
+        Length of the noise-free qbar, 0 to 1.
+    back : Array
+        Orthogonal matrix that takes a quaternion of the turned frame to the
+        original one, (4, 4).
+    turn : Array
+        Signs of the half turn of the reference vectors, (3,).
+    """
+
+    frame: str
+    q: Array
+    d1: Array
+    s1: Array
+    d2: Array
+    norm: float
+    back: Array
+    turn: Array
+
+    def __post_init__(self) -> None:
+        for name in ("q", "d1", "s1", "d2", "back", "turn"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    @property
+    def q_true(self) -> Array:
+        """True quaternion in the original frame, sign of the noise-free estimate."""
+        return self.back @ self.q
+
+
+def column_norms(q: Array, r1: Array, r2: Array) -> Array:
+    r"""Signed lengths of the four noise-free columns x, y, z, plain.
+
+    Parameters
+    ----------
+    q : Array
+        True quaternions, vector first, (..., 4).
+    r1, r2 : Array
+        True reference vectors, (..., 3).
+
+    Returns
+    -------
+    Array
+        :math:`[e \times n - s n; e^T n]` with :math:`n = r_1 \times r_2`, (..., 4);
+        the sum of squares is :math:`|n|^2`.
+    """
+    n = np.cross(r1, r2)
+    e, s = q[..., :3], q[..., 3:]
+    plain = np.sum(e * n, axis=-1, keepdims=True)
+    return np.concatenate([np.cross(e, n) - s * n, plain], axis=-1)
+
+
+def two_vector_geometry(
+    q: Any, r1: Any, r2: Any, frame: str | None = None
+) -> TwoVectorGeometry:
+    """Geometry of one attitude in one frame.
+
+    Parameters
+    ----------
+    q : array_like
+        True quaternion, reference to body, vector first, (4,); normalised here.
+    r1, r2 : array_like
+        True reference vectors, (3,); normalised here.
+    frame : {"plain", "x", "y", "z"}, optional
+        Default: the frame whose noise-free column is the greatest.
+
+    Returns
+    -------
+    TwoVectorGeometry
+        The noise-free vectors.
+
+    Raises
+    ------
+    InputError
+        If a value is not finite or zero, a shape is wrong, or the frame unknown.
+    GeometryError
+        If the vectors are parallel, or the frame is singular at this attitude.
+    """
+    unit = []
+    for name, value, size in (("q", q, 4), ("r1", r1, 3), ("r2", r2, 3)):
+        array = finite_array(name, value, (size,))
+        if array.ndim != 1:
+            msg = f"`{name}` has shape {array.shape}; give one, of shape ({size},)"
+            raise InputError(msg)
+        unit.append(normalize(array))
+    q_unit, r1_unit, r2_unit = unit
+    norms = column_norms(q_unit, r1_unit, r2_unit)
+    names = list(_TURNS)
+    if frame is None:
+        frame = names[int(np.argmax(np.abs(norms)))]
+    if frame not in names:
+        msg = f"`frame` is {frame!r}; it must be None or one of {', '.join(names)}"
+        raise InputError(msg)
+    norm = float(abs(norms[names.index(frame)]))
+    if not norm >= MIN_NORM:
+        msg = (
+            f"|qbar| is {norm:.2e} in frame {frame!r}; theory needs {MIN_NORM:g} or "
+            "more, so choose frame=None, or vectors that are farther apart"
+        )
+        raise GeometryError(msg)
+    return _turned(frame, q_unit, r1_unit, r2_unit)
+
+
+def _turned(frame: str, q: Array, r1: Array, r2: Array) -> TwoVectorGeometry:
+    turn = _TURNS[frame]
+    matrix = attitude_matrix(q)
+    d1, s1 = (matrix @ r1 - turn * r1) / 2, (matrix @ r1 + turn * r1) / 2
+    d2 = (matrix @ r2 - turn * r2) / 2
+    half_turn = np.append((turn + 1.0) / 2.0, 0.0)  # [1_k; 0]
+    if frame == "plain":
+        half_turn = np.array([0.0, 0.0, 0.0, 1.0])
+    back = compose(half_turn, np.eye(4)).T
+    q_turned = compose(conjugate(half_turn), q)
+    qbar = np.append(np.cross(d1, d2), s1 @ d2)
+    return TwoVectorGeometry(
+        frame=frame,
+        q=q_turned * np.sign(q_turned @ qbar),
+        d1=d1,
+        s1=s1,
+        d2=d2,
+        norm=float(np.linalg.norm(qbar)),
+        back=back,
+        turn=turn,
+    )
+
+
+def noise_covariances(noise_std: Any) -> Array:
+    """Covariances of the noise on b1, b2, r1, r2 from any accepted form.
+
+    Parameters
+    ----------
+    noise_std : array_like
+        One standard deviation for all, or four, or four 3 x 3 covariances.
+
+    Returns
+    -------
+    Array
+        Covariances, (4, 3, 3).
+
+    Raises
+    ------
+    InputError
+        If the value has another shape, is negative, not finite, not symmetric or
+        not positive semidefinite.
+    """
+    value = finite_array("noise_std", noise_std, ())
+    if value.shape in ((), (4,)):
+        if not np.all(value >= 0.0):
+            msg = f"`noise_std` is {noise_std}; standard deviations must be 0 or more"
+            raise InputError(msg)
+        return np.broadcast_to(value, (4,))[:, None, None] ** 2 * np.eye(3)
+    if value.shape != (4, 3, 3):
+        msg = (
+            f"`noise_std` has shape {value.shape}; give one number, four, or four "
+            "3 x 3 covariances (4, 3, 3), in the order b1, b2, r1, r2"
+        )
+        raise InputError(msg)
+    scale = np.max(np.abs(value))
+    skew = np.max(np.abs(value - value.swapaxes(1, 2)))
+    lowest = float(np.min(np.linalg.eigvalsh(value)))
+    if not (skew <= 1e-12 * scale and lowest >= -1e-12 * scale):
+        msg = (
+            "`noise_std` holds a matrix that is not a covariance (asymmetry "
+            f"{skew:.2e}, lowest eigenvalue {lowest:.2e}); it must be symmetric and "
+            "positive semidefinite"
+        )
+        raise InputError(msg)
+    return value
+
+
+def tangent_covariances(b1: Array, b2: Array, r1: Array, r2: Array, std: Any) -> Array:
+    r"""Covariances of noise in the plane tangent to each unit vector.
+
+    Parameters
+    ----------
+    b1, b2, r1, r2 : Array
+        True unit vectors, (3,).
+    std : array_like
+        Standard deviation, one for all or four.
+
+    Returns
+    -------
+    Array
+        :math:`\sigma^2 (I - v v^T)` for each, (4, 3, 3).
+    """
+    vectors = np.stack([b1, b2, r1, r2])
+    planes = np.eye(3) - vectors[:, :, None] * vectors[:, None, :]
+    return np.broadcast_to(np.asarray(std), (4,))[:, None, None] ** 2 * planes

@@ -1,0 +1,150 @@
+"""The two-vector estimator: exactness, frames, bad input."""
+
+import numpy as np
+import pytest
+
+from simval.attitude import Validity, estimate_attitude, two_vector_quaternion
+from simval.attitude.kernel import raw_quaternion
+from simval.errors import GeometryError, InputError
+from simval.geometry import (
+    attitude_error,
+    attitude_matrix,
+    normalize,
+    random_quaternions,
+)
+from simval.theory import attitude_moments
+
+FRAMES = ("plain", "x", "y", "z")
+EPS = np.finfo(float).eps
+
+
+def problems(count, seed):
+    rng = np.random.default_rng(seed)
+    q = random_quaternions(count, rng)
+    r1, r2 = normalize(rng.standard_normal((2, count, 3)))
+    A = attitude_matrix(q)
+    b1, b2 = (np.einsum("nij,nj->ni", A, r) for r in (r1, r2))
+    return q, b1, b2, r1, r2
+
+
+@pytest.mark.parametrize("frame", ["best", "combined"])
+def test_exact_without_noise(frame):
+    q, *vectors = problems(5000, 1)
+    estimate = two_vector_quaternion(*vectors, frame)
+    sine = np.linalg.norm(np.cross(vectors[2], vectors[3]), axis=-1)
+    # inputs rounded to eps rotate the attitude by eps / sine; a dozen operations
+    assert np.max(attitude_error(q, estimate) * sine) < 20 * EPS
+    assert np.all(estimate[:, 3] >= 0.0)
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_fixed_frames_are_exact_where_regular(frame):
+    q, *vectors = problems(5000, 2)
+    raw = raw_quaternion(np.concatenate([v.T for v in vectors]), frame)
+    norm = np.linalg.norm(raw, axis=0)
+    estimate = estimate_attitude(*vectors, frame)
+    error = attitude_error(q, estimate.q)[estimate.valid]
+    assert np.max(error * norm[estimate.valid]) < 20 * EPS
+    assert estimate.valid.mean() > 0.99
+
+
+def test_greatest_column_bound():
+    _, *vectors = problems(5000, 3)
+    block = np.concatenate([v.T for v in vectors])
+    norms = [np.linalg.norm(raw_quaternion(block, f), axis=0) for f in FRAMES]
+    n = np.linalg.norm(np.cross(vectors[2], vectors[3]), axis=-1)
+    np.testing.assert_allclose(np.sum(np.square(norms), axis=0), n**2, atol=20 * EPS)
+    assert np.all(np.max(norms, axis=0) >= n / 2 - 20 * EPS)
+
+
+def test_batch_axes_broadcast():
+    q, b1, b2, r1, r2 = problems(6, 4)
+    shaped = two_vector_quaternion(
+        b1.reshape(2, 3, 3),
+        b2.reshape(2, 3, 3),
+        r1.reshape(2, 3, 3),
+        r2.reshape(2, 3, 3),
+    )
+    one = np.stack(
+        [two_vector_quaternion(*v) for v in zip(b1, b2, r1, r2, strict=True)]
+    )
+    np.testing.assert_array_equal(shaped.reshape(6, 4), one)
+    fixed = attitude_matrix(q) @ r1[0]
+    other = attitude_matrix(q) @ r2[0]
+    found = two_vector_quaternion(fixed, other, r1[0], r2[0])
+    assert np.max(attitude_error(q, found)) < 1e-14 / np.linalg.norm(
+        np.cross(r1[0], r2[0])
+    )
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_fixed_frame_moments_match_the_exact_oracle(frame):
+    rng = np.random.default_rng(20)
+    q = normalize(np.array([0.5, -0.4, 0.6, 0.45]))
+    r1, r2 = np.array([1.0, 0, 0]), normalize(np.array([0.2, 1.0, -0.4]))
+    sigma, count = 0.1, 200_000
+    A = attitude_matrix(q)
+    truth = np.concatenate([A @ r1, A @ r2, r1, r2])[:, None]
+    noise = sigma * rng.standard_normal((12, count))
+    raw = raw_quaternion(truth + noise, frame)
+    predicted = attitude_moments(q, r1, r2, sigma, "exact", frame)
+    error = predicted.q_true[:, None] - raw / np.linalg.norm(raw, axis=0)
+    mean = error.mean(axis=1)
+    deviation = error - mean[:, None]
+    products = deviation[:, None] * deviation
+    limit = 4.9  # 1e-6 two-sided, 14 comparisons: one false alarm in 7e4 seeds
+    z_mean = (mean - predicted.bias) / np.sqrt(error.var(axis=1) / count)
+    spread = np.sqrt(products.var(axis=2) / count)
+    z = (products.mean(axis=2) - predicted.covariance) / spread
+    assert np.max(np.abs(z_mean)) < limit
+    assert np.max(np.abs(z)) < limit
+    # power: the same data must reject the second-order prediction
+    second = attitude_moments(q, r1, r2, sigma, 2, frame)
+    z = (products.mean(axis=2) - second.covariance) / spread
+    assert np.max(np.abs(z)) > limit
+
+
+def test_bad_rows_are_named_and_lose_nothing_else():
+    _, b1, b2, r1, r2 = problems(5000, 5)
+    b1[7, 1] = np.nan
+    r2[4321] = 0.0
+    b2[100] *= 9.8
+    r2[2500], b2[2500] = -r1[2500], -b1[2500]
+    with pytest.raises(InputError, match=r"4 of 5000 .* sample \(7,\)"):
+        two_vector_quaternion(b1, b2, r1, r2)
+    estimate = estimate_attitude(b1, b2, r1, r2)
+    expected = {
+        7: Validity.NOT_FINITE,
+        4321: Validity.LENGTH,
+        100: Validity.LENGTHS_DISAGREE,
+        2500: Validity.COLLINEAR,
+    }
+    bad = np.flatnonzero(~estimate.valid)
+    assert {int(i): Validity(estimate.validity[i]) for i in bad} == expected
+    assert np.isnan(estimate.q[bad]).all()
+    good = estimate.valid
+    clean = two_vector_quaternion(b1[good], b2[good], r1[good], r2[good])
+    np.testing.assert_array_equal(estimate.q[good], clean)
+
+
+def test_refusals():
+    x, y, _ = np.eye(3)
+    with pytest.raises(GeometryError, match="parallel"):
+        two_vector_quaternion(x, x, y, y)
+    with pytest.raises(GeometryError, match="singular"):
+        two_vector_quaternion(x, y, x, y, frame="plain")
+    with pytest.raises(InputError, match="`frame`"):
+        two_vector_quaternion(x, y, x, y, frame="w")
+    with pytest.raises(InputError, match="shape"):
+        two_vector_quaternion(np.ones((2, 3)), y, np.ones((3, 3)), y)
+    with pytest.raises(InputError, match="`b1`"):
+        two_vector_quaternion(np.ones(4), y, x, y)
+    with pytest.raises(InputError, match="sample"):
+        two_vector_quaternion(x, y, x, np.full(3, np.inf))
+
+
+@pytest.mark.parametrize("scale", [1e-40, 9.81, 1e40])
+def test_common_lengths_cancel(scale):
+    x, y, z = np.eye(3)
+    found = two_vector_quaternion(scale * y, 3 * z, scale * x, 3 * y)
+    np.testing.assert_allclose(found, two_vector_quaternion(y, z, x, y), atol=4 * EPS)
