@@ -1,0 +1,18 @@
+"""Simulated recordings: MuJoCo scenes, and proof that their data is true."""
+
+from simval.scene.catalogue import find_scene, scenes
+from simval.scene.models import model_path, models_folder
+from simval.scene.recording import Recording
+from simval.scene.run import record
+from simval.scene.script import Scene, Script
+
+__all__ = [
+    "Recording",
+    "Scene",
+    "Script",
+    "find_scene",
+    "model_path",
+    "models_folder",
+    "record",
+    "scenes",
+]

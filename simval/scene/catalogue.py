@@ -1,0 +1,98 @@
+"""The scenes by name, and how a user's own joins them.
+
+A user's scene is an MJCF file and a Python file that holds one `Scene`::
+
+    from pathlib import Path
+    from simval.scene import Scene, Script
+
+    def drive(model, *, seconds=10.0):
+        rows = round(seconds / model.opt.timestep)
+        return Script(hold=[0] * rows, rest_force=1e-9, rest_rate=1e-9)
+
+    scene = Scene(name="mine", summary="a body on a shelf",
+                  model=Path(__file__).with_name("mine.xml"), drive=drive)
+
+and its name, for commands and suites, is the path of that file.
+"""
+
+import runpy
+from pathlib import Path
+
+from simval.errors import InputError
+from simval.scene.driven import drive_gimbal
+from simval.scene.models import model_path
+from simval.scene.script import Scene
+from simval.scene.thrown import drive_thrown
+
+CONTACT_FORCE = 20_000.0  # m/s^2; an impact of 2 m/s within one step of 0.1 ms
+
+
+def scenes() -> dict[str, Scene]:
+    """Every scene that comes with the package.
+
+    Returns
+    -------
+    dict of str to Scene
+        By name, the default first.
+    """
+    listed = (
+        Scene(
+            name="gimbal",
+            summary="servos turn the IMU through chosen poses; exact at rest",
+            model=model_path("gimbal"),
+            drive=drive_gimbal,
+        ),
+        Scene(
+            name="die",
+            summary="a fourteen-faced die is kicked up, tumbles and comes to rest",
+            model=model_path("die"),
+            drive=drive_thrown,
+            force_limit=CONTACT_FORCE,
+            rate_limit=500.0,
+        ),
+    )
+    return {scene.name: scene for scene in listed}
+
+
+def find_scene(name: str | Scene) -> Scene:
+    """Scene of a name, or of a user's file.
+
+    Parameters
+    ----------
+    name : str or Scene
+        A name out of `scenes`, or the path of a Python file that holds a `Scene`.
+
+    Returns
+    -------
+    Scene
+        The scene.
+
+    Raises
+    ------
+    InputError
+        If there is no such scene, or the file holds none.
+    """
+    if isinstance(name, Scene):
+        return name
+    listed = scenes()
+    if name in listed:
+        return listed[name]
+    if not name.endswith(".py"):
+        msg = (
+            f"there is no scene {name!r}; choose one of {', '.join(listed)}, or give "
+            "the path of a Python file that holds a Scene"
+        )
+        raise InputError(msg)
+    if not Path(name).is_file():
+        msg = f"the scene file {name} does not exist; give the path of a Python file"
+        raise InputError(msg)
+    try:
+        held = runpy.run_path(name)
+    except Exception as error:  # whatever a user's file may raise
+        msg = f"the scene file {name} fails with {type(error).__name__}: {error}"
+        raise InputError(msg) from error
+    found = [value for value in held.values() if isinstance(value, Scene)]
+    if len(found) != 1:
+        msg = f"the scene file {name} holds {len(found)} scenes; it must hold one"
+        raise InputError(msg)
+    return found[0]

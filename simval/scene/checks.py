@@ -1,0 +1,147 @@
+"""Checks of a simulated run: it passes all of them or its data is never returned.
+
+Each failure names the check, the first bad row and its time. None of them alone is
+enough: a diverged run can be finite throughout, an automatic reset leaves the clock
+almost regular, and a control that is not a number leaves a body in perfect rest.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from simval.arrays import Array
+from simval.errors import SimulationError
+
+CLOCK_TOLERANCE = 1e-6  # of a step: a sum of 1e7 steps is off by 1e7 eps = 2e-9 of one
+
+
+def check_run(
+    scene: str,
+    rows: Array,
+    warnings: NDArray[np.int64],
+    messages: Sequence[str],
+    timestep: float,
+    force_limit: float,
+    rate_limit: float,
+) -> None:
+    """Raise an error unless a run is what it claims to be.
+
+    Parameters
+    ----------
+    scene : str
+        Its name, for the message.
+    rows : Array
+        Specific force, angular rate, field, quaternion and clock, (n, 14).
+    warnings : NDArray[np.int64]
+        MuJoCo's counters of the run, (mjNWARNING, 2): last info and number.
+    messages : sequence of str
+        What MuJoCo said during the run.
+    timestep : float
+        Step of the integration, s.
+    force_limit : float
+        Greatest believable specific force, m/s^2.
+    rate_limit : float
+        Greatest believable angular rate, rad/s.
+
+    Raises
+    ------
+    SimulationError
+        Naming the scene, the check, the first bad row and its time.
+    """
+    clock = rows[:, 13]
+    expected = timestep * np.arange(len(rows))
+    regular = np.abs(clock - expected) <= CLOCK_TOLERANCE * timestep
+    count = warnings[:, 1]
+    if not np.all(count == 0):
+        kind = mujoco.mjtWarning(int(np.argmax(count != 0))).name[7:]
+        said = f' ("{messages[0]}")' if messages else ""
+        # the run stopped at the warning, and its rows repeat the last one from there
+        row = max(_first(~regular) - 1, 0)
+        advice = "its data is no simulation any more; use a smaller timestep or milder "
+        _fail(scene, f"MuJoCo's warning {kind}{said}", row, expected, advice + "inputs")
+    finite = np.isfinite(rows).all(axis=1)
+    if not finite.all():
+        advice = "the state is not a number; use a smaller timestep"
+        _fail(scene, "a value that is not finite", _first(~finite), expected, advice)
+    if not regular.all():
+        row = _first(~regular)
+        what = f"a clock of {clock[row]:.6g} s that is not regular"
+        _fail(scene, what, row, expected, "the state was reset or frozen there")
+    for name, unit, columns, limit in (
+        ("specific force", "m/s^2", rows[:, :3], force_limit),
+        ("angular rate", "rad/s", rows[:, 3:6], rate_limit),
+    ):
+        size = np.linalg.norm(columns, axis=1)
+        if not np.all(size <= limit):
+            row = _first(~(size <= limit))
+            what = f"{name} {size[row]:.4g} {unit} beyond the limit {limit:g} {unit}"
+            _fail(scene, what, row, expected, "the integration is not stable")
+
+
+def settled_rests(
+    scene: str,
+    rows: Array,
+    hold: NDArray[np.intp],
+    g: float,
+    rest_force: float,
+    rest_rate: float,
+    strict: bool,
+) -> tuple[NDArray[np.intp], tuple[int, ...]]:
+    """Rests that are at rest within the stated bounds, and the indices of the others.
+
+    Parameters
+    ----------
+    scene : str
+        Its name, for the message.
+    rows : Array
+        Specific force and angular rate in the first six columns, (n, 6 or more).
+    hold : NDArray[np.intp]
+        Planned rests, (n,).
+    g : float
+        Length of gravity, m/s^2.
+    rest_force : float
+        Bound on the deviation of the specific force's length from g, m/s^2.
+    rest_rate : float
+        Bound on the angular rate, rad/s.
+    strict : bool
+        Whether a planned rest that moves is an error.
+
+    Returns
+    -------
+    hold : NDArray[np.intp]
+        With -1 in place of the rests that moved, (n,).
+    unsettled : tuple of int
+        Their indices.
+
+    Raises
+    ------
+    SimulationError
+        If one moved and `strict`, or none is left of those planned.
+    """
+    deviation = np.abs(np.linalg.norm(rows[:, :3], axis=1) - g)
+    rate = np.linalg.norm(rows[:, 3:6], axis=1)
+    moving = (hold >= 0) & ~((deviation <= rest_force) & (rate <= rest_rate))
+    unsettled = tuple(int(k) for k in np.unique(hold[moving]))
+    planned = np.unique(hold[hold >= 0])
+    if unsettled and (strict or len(unsettled) == len(planned)):
+        row = _first(moving)
+        msg = (
+            f"scene {scene}: rest {hold[row]} moves at row {row}: the length of the "
+            f"specific force is off by {deviation[row]:.3g} m/s^2 (bound "
+            f"{rest_force:.3g}), the rate is {rate[row]:.3g} rad/s (bound "
+            f"{rest_rate:.3g}); let it settle longer"
+        )
+        raise SimulationError(msg)
+    return np.where(np.isin(hold, unsettled), -1, hold), unsettled
+
+
+def _first(flag: Any) -> int:
+    return int(np.argmax(flag))
+
+
+def _fail(scene: str, what: str, row: int, time: Array, advice: str) -> None:
+    msg = f"scene {scene}: {what}, first at row {row}, t = {time[row]:.4f} s; {advice}"
+    raise SimulationError(msg)

@@ -1,0 +1,112 @@
+"""Drivers of scenes in which a motor or a hand moves the body and lets it rest."""
+
+import mujoco
+import numpy as np
+
+from simval.arrays import Array, finite_array
+from simval.errors import InputError
+from simval.geometry import normalize
+from simval.poses import fibonacci_sphere
+from simval.scene.motion import steps, visit
+from simval.scene.script import Script
+
+GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
+
+
+def pose_directions(directions: object) -> Array:
+    """Unit directions of the specific force: given ones, or a number of them.
+
+    Parameters
+    ----------
+    directions : int or array_like
+        How many to spread over a Fibonacci sphere, or the vectors, (k, 3).
+
+    Returns
+    -------
+    Array
+        Unit vectors in sensor axes, (k, 3).
+
+    Raises
+    ------
+    InputError
+        If there is none, or a vector is zero.
+    """
+    if isinstance(directions, int | np.integer):
+        if directions < 1:
+            msg = f"`directions` is {directions}; one pose at least is needed"
+            raise InputError(msg)
+        return fibonacci_sphere(int(directions))
+    given = normalize(finite_array("directions", directions, (None, 3)))
+    if given.ndim != 2 or len(given) == 0:
+        msg = f"`directions` has shape {given.shape}; (k, 3) with k of 1 or more"
+        raise InputError(msg)
+    return given
+
+
+def gimbal_angles(directions: Array) -> Array:
+    r"""Yaw, pitch and roll that put a direction along the world's vertical.
+
+    With :math:`R_{wb} = R_z(\psi) R_y(\theta) R_x(\phi)` the vertical has the body
+    coordinates :math:`[-\sin\theta, \sin\phi\cos\theta, \cos\phi\cos\theta]`. Yaw is
+    free; it advances by the golden angle, so that the field is seen from all sides.
+
+    Parameters
+    ----------
+    directions : Array
+        Unit vectors in body axes, (k, 3).
+
+    Returns
+    -------
+    Array
+        Joint angles, rad, (k, 3); each roll within half a turn of the one before.
+    """
+    x, y, z = directions.T
+    pitch = np.arctan2(-x, np.hypot(y, z))
+    roll = np.unwrap(np.arctan2(y, z))
+    yaw = (GOLDEN_ANGLE * np.arange(len(x)) + np.pi) % (2.0 * np.pi) - np.pi
+    return np.stack([yaw, pitch, roll], axis=1)
+
+
+def drive_gimbal(
+    model: mujoco.MjModel,
+    *,
+    directions: object = 40,
+    first_hold: float = 1.0,
+    move_time: float = 1.0,
+    settle_time: float = 0.6,
+    hold_time: float = 1.0,
+) -> Script:
+    """Tumble the gimbal through poses, with a rest in each.
+
+    Parameters
+    ----------
+    model : mujoco.MjModel
+        The gimbal.
+    directions : int or array_like
+        Directions of the specific force in sensor axes, or how many of them.
+    first_hold : float
+        Length of the rest in the first pose, s.
+    move_time, settle_time, hold_time : float
+        Length of each minimum-jerk move, of settling after it, and of each rest, s.
+
+    Returns
+    -------
+    Script
+        Servo targets; it starts at rest in the first pose.
+    """
+    h = model.opt.timestep
+    angles = gimbal_angles(pose_directions(directions))
+    targets, rests = visit(
+        angles,
+        steps(first_hold, h, "first_hold"),
+        steps(move_time, h, "move_time"),
+        steps(settle_time, h, "settle_time"),
+        steps(hold_time, h, "hold_time"),
+    )
+    return Script(
+        hold=rests,
+        inputs={"ctrl": targets},
+        qpos=angles[0],
+        rest_force=1e-12,
+        rest_rate=1e-10,
+    )

@@ -1,0 +1,116 @@
+"""The physics: scripts in, checked rows out.
+
+All runs of one call are stepped together by MuJoCo's batch. Truth is taken from the
+sensors only: after a step, MuJoCo's sensor data still describe the state before it, and
+the clock sensor with them, so a row of sensor data is of one instant, while a row of
+sensor data beside a position would not be.
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from simval.arrays import Array
+from simval.errors import InputError
+from simval.scene.models import SENSORS
+from simval.scene.script import Script
+
+INPUTS = {
+    "ctrl": mujoco.mjtState.mjSTATE_CTRL,
+    "qfrc_applied": mujoco.mjtState.mjSTATE_QFRC_APPLIED,
+    "xfrc_applied": mujoco.mjtState.mjSTATE_XFRC_APPLIED,
+    "mocap_pos": mujoco.mjtState.mjSTATE_MOCAP_POS,
+    "mocap_quat": mujoco.mjtState.mjSTATE_MOCAP_QUAT,
+}
+
+
+def simulate(
+    model: mujoco.MjModel, scripts: Sequence[Script], threads: int = 1
+) -> tuple[Array, Array, list[str]]:
+    """Run scripts of one length together.
+
+    Parameters
+    ----------
+    model : mujoco.MjModel
+        Compiled and checked.
+    scripts : sequence of Script
+        One run each, all of one length and with the same inputs.
+    threads : int
+        Threads to use; the numbers do not depend on it.
+
+    Returns
+    -------
+    rows : Array
+        Accelerometer, gyro, magnetometer, attitude as MuJoCo has it (sensor to world,
+        scalar first) and clock, (runs, n, 14).
+    warnings : Array
+        MuJoCo's counters, (runs, mjNWARNING, 2).
+    messages : list of str
+        What MuJoCo said.
+    """
+    steps = len(scripts[0].hold)
+    spec, control = _controls(model, scripts)
+    with captured_messages() as messages:
+        batch = Batch(model, len(scripts), nthread=threads)
+        for name in ("qpos", "qvel"):
+            for row, script in zip(batch.bind(name), scripts, strict=True):
+                value = getattr(script, name)
+                if value is not None:
+                    row[:] = value
+        record = batch.rollout(steps, control, spec, record=("sensordata",))
+        warnings = np.array(batch.warning)
+    order = np.concatenate([_columns(model, name) for name in SENSORS])
+    rows = record["sensordata"]
+    if not np.array_equal(order, np.arange(rows.shape[2])):
+        rows = rows[:, :, order]
+    return rows, warnings, messages
+
+
+def _columns(model: mujoco.MjModel, sensor: str) -> np.ndarray:
+    k = model.sensor(sensor).id
+    return model.sensor_adr[k] + np.arange(model.sensor_dim[k])
+
+
+def _controls(
+    model: mujoco.MjModel, scripts: Sequence[Script]
+) -> tuple[int, Array | None]:
+    # inputs of all runs side by side in MuJoCo's order, (runs, n, width)
+    names = sorted(scripts[0].inputs, key=lambda name: int(INPUTS[name]))
+    if not names:
+        return int(INPUTS["ctrl"]), None
+    for script in scripts:
+        for name in names:
+            wanted = (len(script.hold), mujoco.mj_stateSize(model, INPUTS[name]))
+            if script.inputs[name].shape != wanted:
+                msg = (
+                    f"the driver's input `{name}` has shape "
+                    f"{script.inputs[name].shape}; the model needs {wanted}"
+                )
+                raise InputError(msg)
+    spec = sum(int(INPUTS[name]) for name in names)
+    stacked = [
+        np.concatenate([script.inputs[name] for name in names], axis=1)
+        for script in scripts
+    ]
+    return spec, np.stack(stacked)
+
+
+@contextmanager
+def captured_messages() -> Iterator[list[str]]:
+    """Collect MuJoCo's warnings instead of letting it write a log file.
+
+    Yields
+    ------
+    list of str
+        Filled while the context lasts.
+    """
+    messages: list[str] = []
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(messages.append)
+    try:
+        yield messages
+    finally:
+        mujoco.set_mju_user_warning(before)

@@ -1,0 +1,88 @@
+r"""Time courses that drivers are made of.
+
+A minimum-jerk move from 0 to 1 in the time 0 to 1 is
+
+.. math:: s(t) = 10 t^3 - 15 t^4 + 6 t^5,  \tag{M1}
+
+with zero velocity and acceleration at both ends (Flash and Hogan 1985).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simval.arrays import Array
+from simval.errors import InputError
+
+
+def minimum_jerk(t: Array) -> Array:
+    """Position of a minimum-jerk move, eq. (M1).
+
+    Parameters
+    ----------
+    t : Array
+        Time as a fraction of the move's, (...); outside 0 to 1 it rests at the ends.
+
+    Returns
+    -------
+    Array
+        Position as a fraction of the way, (...).
+    """
+    t = np.clip(t, 0.0, 1.0)
+    return t * t * t * (10.0 + t * (6.0 * t - 15.0))
+
+
+def steps(seconds: float, timestep: float, name: str) -> int:
+    """Whole number of steps of a duration.
+
+    Parameters
+    ----------
+    seconds : float
+        Duration, s, 0 or more.
+    timestep : float
+        Step of the integration, s.
+    name : str
+        The parameter's name, for the message.
+
+    Returns
+    -------
+    int
+        Nearest number of steps.
+
+    Raises
+    ------
+    InputError
+        If the duration is negative, not finite, or over a day.
+    """
+    if not 0.0 <= seconds <= 86_400.0:
+        msg = f"`{name}` is {seconds} s; it must be from 0 s to a day"
+        raise InputError(msg)
+    return round(seconds / timestep)
+
+
+def visit(
+    poses: Array, first: int, move: int, settle: int, hold: int
+) -> tuple[Array, NDArray[np.intp]]:
+    """Targets that visit poses one after the other, and the planned rests.
+
+    Parameters
+    ----------
+    poses : Array
+        Joint positions of each pose, (k, m).
+    first, move, settle, hold : int
+        Steps of the first rest, of each move, of settling after it, and of each rest.
+
+    Returns
+    -------
+    targets : Array
+        Position at each step, (n, m).
+    rests : NDArray[np.intp]
+        Pose that each step rests in, -1 for none, (n,).
+    """
+    poses = np.asarray(poses)
+    after = minimum_jerk(np.arange(1, move + settle + hold + 1) / max(move, 1))
+    ways = poses[:-1, None] + after[:, None] * np.diff(poses, axis=0)[:, None]
+    ways = ways.reshape(-1, poses.shape[1])
+    targets = np.concatenate([np.repeat(poses[:1], first, 0), ways])
+    block = np.full((len(poses) - 1, move + settle + hold), -1)
+    block[:, move + settle :] = np.arange(1, len(poses))[:, None]
+    return targets, np.concatenate([np.zeros(first, int), block.reshape(-1)])

@@ -1,0 +1,201 @@
+"""From a scene and its parameters to a checked recording."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from simval.arrays import Array
+from simval.errors import InputError
+from simval.scene.catalogue import find_scene
+from simval.scene.checks import check_run, settled_rests
+from simval.scene.engine import simulate
+from simval.scene.models import Physics, load_model
+from simval.scene.recording import Recording
+from simval.scene.script import Scene, Script
+
+
+def record(
+    scene: str | Scene = "gimbal",
+    *,
+    site_offset: object = None,
+    timestep: float | None = None,
+    integrator: str | None = None,
+    **parameters: Any,
+) -> Recording:
+    """Simulate a scene and return what an ideal sensor reads.
+
+    Parameters
+    ----------
+    scene : str or Scene
+        A scene's name, the path of a user's scene file, or a scene.
+    site_offset : array_like or None
+        Position of the sensor in its body's axes, m, (3,); None keeps the model's.
+    timestep : float or None
+        Step of the integration, s; None keeps the model's.
+    integrator : str or None
+        ``Euler``, ``RK4``, ``implicit`` or ``implicitfast``; None keeps the model's.
+    **parameters : Any
+        The scene's own, for the gimbal ``directions``, ``first_hold``, ``move_time``,
+        ``settle_time`` and ``hold_time``.
+
+    Returns
+    -------
+    Recording
+        Rows of one instant each, every check passed.
+
+    Raises
+    ------
+    InputError
+        If the scene, a parameter or the model file cannot be used.
+    SimulationError
+        If the run fails a check; the message names it, the first bad row and its time.
+    """
+    chosen = find_scene(scene)
+    setting = {
+        "site_offset": site_offset,
+        "timestep": timestep,
+        "integrator": integrator,
+    }
+    physics = load_model(chosen.model, site_offset, timestep, integrator)
+    script = write_script(chosen, physics, parameters)
+    rows, warnings, messages = simulate(physics.model, [script])
+    check_run(
+        chosen.name,
+        rows[0],
+        warnings[0],
+        messages,
+        physics.model.opt.timestep,
+        chosen.force_limit,
+        chosen.rate_limit,
+    )
+    provenance = describe(chosen, physics, {**setting, **parameters})
+    return _recording(chosen, physics, script, rows[0], provenance)
+
+
+def write_script(
+    scene: Scene, physics: Physics, parameters: Mapping[str, Any]
+) -> Script:
+    """Script of a scene for some parameters.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    physics : Physics
+        Its compiled model.
+    parameters : Mapping
+        Of the driver, by name; the others keep their defaults.
+
+    Returns
+    -------
+    Script
+        What to simulate.
+
+    Raises
+    ------
+    InputError
+        If the scene has no parameter of a name, or the run has no rows.
+    """
+    known = scene.parameters()
+    unknown = [name for name in parameters if name not in known]
+    if unknown:
+        msg = (
+            f"scene {scene.name} has no parameter `{unknown[0]}`; it has "
+            f"{', '.join(known) or 'none'}"
+        )
+        raise InputError(msg)
+    script = scene.drive(physics.model, **parameters)
+    if len(script.hold) < 2:
+        msg = f"scene {scene.name} lasts {len(script.hold)} steps; two at least needed"
+        raise InputError(msg)
+    return script
+
+
+def describe(
+    scene: Scene, physics: Physics, parameters: Mapping[str, Any]
+) -> dict[str, Any]:
+    """All that a recording's numbers depend on, as plain values.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    physics : Physics
+        Its compiled model.
+    parameters : Mapping
+        As given by the caller.
+
+    Returns
+    -------
+    dict
+        Scene, hash of the model file, MuJoCo's version, step, and every parameter,
+        defaults included.
+    """
+    given = {**scene.parameters(), **parameters}
+    plain = {
+        name: np.asarray(value).tolist() if isinstance(value, np.ndarray) else value
+        for name, value in sorted(given.items())
+    }
+    return {
+        "scene": scene.name,
+        "model_file": scene.model.name,
+        "model_sha256": physics.sha256,
+        "mujoco": mujoco.__version__,
+        "timestep": float(physics.model.opt.timestep),
+        "parameters": plain,
+    }
+
+
+def _recording(
+    scene: Scene,
+    physics: Physics,
+    script: Script,
+    rows: Array,
+    provenance: Mapping[str, Any],
+) -> Recording:
+    gravity = np.array(physics.model.opt.gravity)
+    hold, unsettled = settled_rests(
+        scene.name,
+        rows,
+        script.hold,
+        float(np.linalg.norm(gravity)),
+        script.rest_force,
+        script.rest_rate,
+        script.strict,
+    )
+    return Recording(
+        time=rows[:, 13],
+        specific_force=rows[:, :3],
+        angular_velocity=rows[:, 3:6],
+        magnetic_field=rows[:, 6:9],
+        attitude=attitude_from_mujoco(rows[:, 9:13]),
+        hold=hold,
+        unsettled=unsettled,
+        gravity=gravity,
+        magnetic=np.array(physics.model.opt.magnetic),
+        rest_force=script.rest_force,
+        rest_rate=script.rest_rate,
+        provenance=provenance,
+    )
+
+
+def attitude_from_mujoco(quaternion: Array) -> Array:
+    """MuJoCo's quaternions in the package's order: the one place that converts them.
+
+    MuJoCo's ``framequat`` of a site takes site to world, scalar first. Reordered scalar
+    last, the same four numbers are the package's quaternion of world to site, whose
+    matrix is the transpose.
+
+    Parameters
+    ----------
+    quaternion : Array
+        Scalar first, (..., 4).
+
+    Returns
+    -------
+    Array
+        Vector first, world to site, (..., 4).
+    """
+    return np.roll(np.asarray(quaternion), -1, axis=-1)

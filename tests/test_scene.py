@@ -1,0 +1,178 @@
+"""Recordings: what they claim, and that a sensor's truth is exact at rest."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from simval.errors import InputError, SimulationError
+from simval.geometry import attitude_matrix
+from simval.poses import cube_corners, cube_faces, fibonacci_sphere
+from simval.scene import record, scenes
+from simval.scene.driven import gimbal_angles
+from simval.scene.models import load_model, model_path
+from simval.scene.motion import minimum_jerk
+
+G = 9.80665
+QUICK = {"move_time": 0.5, "hold_time": 0.1, "first_hold": 0.1}
+
+
+@pytest.fixture(scope="module")
+def gimbal():
+    return record("gimbal")
+
+
+def test_a_rest_reads_g_along_the_chosen_direction(gimbal):
+    means = gimbal.hold_means()
+    assert means.shape == (40, 3)
+    # rest_force is the scene's own bound; 2 eps g for the mean's rounding
+    assert np.abs(np.linalg.norm(means, axis=1) - G).max() <= 1e-12
+    # the servo's gravity torque is zero on a balanced gimbal, so it reaches the
+    # chosen pose: 1e-12 relative of settling, 1e-14 of the angles' rounding
+    np.testing.assert_allclose(means / G, fibonacci_sphere(40), rtol=0.0, atol=1e-11)
+
+
+def test_every_row_that_is_called_a_rest_is_one(gimbal):
+    rest = gimbal.hold >= 0
+    force = np.linalg.norm(gimbal.specific_force[rest], axis=1)
+    assert np.abs(force - gimbal.g).max() <= gimbal.rest_force == 1e-12
+    rate = np.linalg.norm(gimbal.angular_velocity[rest], axis=1)
+    assert rate.max() <= gimbal.rest_rate == 1e-10
+    # power: the rows in between are far from rest
+    assert np.linalg.norm(gimbal.angular_velocity[~rest], axis=1).max() > 5.0
+
+
+def test_a_row_is_of_one_instant(gimbal):
+    """Field, attitude and rests agree row by row; one row later they would not."""
+    matrix = attitude_matrix(gimbal.attitude)
+    seen = np.einsum("nij,j->ni", matrix, gimbal.magnetic)
+    # unit quaternions: a few eps of the field's length
+    atol = 16 * np.finfo(float).eps * np.linalg.norm(gimbal.magnetic)
+    np.testing.assert_allclose(gimbal.magnetic_field, seen, rtol=0.0, atol=atol)
+    late = np.abs(gimbal.magnetic_field[1:] - seen[:-1]).max()
+    assert late > 1e6 * atol  # power: a pairing one step off is seen
+
+
+def test_gyro_is_the_rate_of_the_attitude(gimbal):
+    """Independent of MuJoCo's rate: a central difference of the attitude matrix."""
+    matrix = attitude_matrix(gimbal.attitude)
+    h = gimbal.time[1] - gimbal.time[0]
+    derivative = (matrix[2:] - matrix[:-2]) / (2 * h)
+    # A(q) takes world to sensor, so A' = -[w x] A and [w x] = -A' A^T
+    skew = -derivative @ np.swapaxes(matrix[1:-1], 1, 2)
+    rate = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
+    # remainder h^2/6 |A'''|: |A'''| <= w^3 + 3 w alpha + jerk, about 5e3 rad/s^3 in
+    # moves of half a turn per second; the trajectory itself is first order, h alpha/2
+    worst = np.abs(rate - gimbal.angular_velocity[1:-1]).max()
+    assert worst < h * 100.0
+    assert worst > 1e-6  # it is a difference, not the same number twice
+
+
+def test_clock_and_provenance(gimbal):
+    np.testing.assert_allclose(
+        gimbal.time, 0.002 * np.arange(len(gimbal.time)), rtol=0.0, atol=1e-9
+    )
+    assert gimbal.rate == pytest.approx(500.0, rel=1e-9)
+    assert gimbal.provenance["mujoco"] == mujoco.__version__
+    assert len(gimbal.provenance["model_sha256"]) == 64
+    assert gimbal.provenance["parameters"]["directions"] == 40
+    with pytest.raises(ValueError, match="read-only"):
+        gimbal.time[0] = 1.0
+
+
+def test_hold_means_of_other_rows(gimbal):
+    indices = gimbal.hold_indices()
+    np.testing.assert_array_equal(indices, np.arange(40))
+    rows = np.stack([gimbal.hold, 2.0 * gimbal.hold], axis=1)
+    np.testing.assert_array_equal(
+        gimbal.hold_means(rows), np.stack([indices, 2.0 * indices], axis=1)
+    )
+
+
+@pytest.mark.parametrize("directions", [cube_faces(), cube_corners(), [[0, 0, -3.0]]])
+def test_any_directions_are_reached(directions):
+    recording = record("gimbal", directions=directions, **QUICK)
+    wanted = np.asarray(directions) / np.linalg.norm(directions, axis=1, keepdims=True)
+    np.testing.assert_allclose(recording.hold_means() / G, wanted, rtol=0, atol=1e-11)
+
+
+def test_gimbal_angles_put_the_direction_along_the_vertical():
+    """Against MuJoCo's own kinematics."""
+    model = load_model(model_path("gimbal")).model
+    data = mujoco.MjData(model)
+    directions = fibonacci_sphere(25)
+    for direction, angles in zip(directions, gimbal_angles(directions), strict=True):
+        data.qpos[:] = angles
+        mujoco.mj_kinematics(model, data)
+        to_world = data.site("imu").xmat.reshape(3, 3)
+        np.testing.assert_allclose(to_world @ direction, [0, 0, 1], atol=1e-14)
+
+
+def test_minimum_jerk_starts_and_ends_at_rest():
+    t = np.linspace(0.0, 1.0, 10_001)
+    position = minimum_jerk(t)
+    assert (position[0], position[-1]) == (0.0, 1.0)
+    assert np.all(np.diff(position) >= 0.0)
+    first = np.gradient(position, t)
+    second = np.gradient(first, t)
+    # s' = 30 t^2 and s'' = 60 t near 0: one-sided differences over 1e-4
+    assert max(first[0], first[-1]) < 30 * 1e-8
+    assert max(abs(second[0]), abs(second[-1])) < 60 * 1e-4
+    assert first.max() == pytest.approx(1.875, abs=1e-6)
+
+
+def test_the_die_rests_on_its_faces():
+    recording = record("die", throws=25)
+    means = recording.hold_means() / G
+    assert recording.unsettled == ()
+    # truncated octahedron: 6 squares along the axes, 8 hexagons along the diagonals
+    faces = np.concatenate([cube_faces(), cube_corners()])
+    cosine = means @ faces.T
+    # a hexagon rests on balls that sink in equally, 1e-5 m of a face of 3e-2 m
+    assert np.arccos(np.clip(cosine.max(axis=1), -1, 1)).max() < 1e-3
+    assert len(np.unique(cosine.argmax(axis=1))) >= 7
+
+
+def test_a_rest_that_moves_is_refused_or_left_out():
+    with pytest.raises(
+        SimulationError, match=r"rest 1 moves at row \d+.*settle longer"
+    ):
+        record("gimbal", directions=3, settle_time=0.05)
+    recording = record("die", throws=12, settle_time=0.7, hold_time=0.3)
+    assert 0 < len(recording.unsettled) < 12
+    assert not np.isin(recording.hold, recording.unsettled).any()
+    with pytest.raises(SimulationError, match="rest 0 moves"):
+        record("die", throws=3, settle_time=0.1, hold_time=0.1)
+
+
+def test_the_same_bits_again():
+    first, second = (record("die", throws=3) for _ in range(2))
+    np.testing.assert_array_equal(first.specific_force, second.specific_force)
+    other = record("die", throws=3, seed=1)
+    assert np.any(first.specific_force != other.specific_force)
+
+
+def test_bad_requests_are_refused():
+    with pytest.raises(InputError, match="no scene 'gimbol'; choose one of gimbal"):
+        record("gimbol")
+    with pytest.raises(InputError, match="no parameter `poses`; it has directions"):
+        record("gimbal", poses=3)
+    with pytest.raises(InputError, match="`directions` is 0"):
+        record("gimbal", directions=0)
+    with pytest.raises(InputError, match="`directions` has 3 non-finite"):
+        record("gimbal", directions=np.full((1, 3), np.nan))
+    with pytest.raises(InputError, match="`hold_time` is nan"):
+        record("gimbal", hold_time=float("nan"))
+    with pytest.raises(InputError, match=r"`timestep` is -0.01"):
+        record("gimbal", timestep=-0.01)
+    with pytest.raises(InputError, match="`integrator` is 'discrete'"):
+        record("gimbal", integrator="discrete")
+    with pytest.raises(InputError, match=r"`site_offset` has shape \(2,\)"):
+        record("gimbal", site_offset=[0, 0])
+
+
+def test_every_scene_has_a_model_and_says_what_happens():
+    for name, scene in scenes().items():
+        assert scene.name == name
+        assert scene.model.is_file()
+        assert scene.summary
+        load_model(scene.model)
