@@ -2,12 +2,25 @@ r"""Pose sets: the directions in which gravity is seen.
 
 A direction is the unit vector of the specific force in sensor coordinates; a body
 at rest in a pose reads ``g`` times it.
+
+What a pose set can tell is judged on the Jacobian of :math:`|M(y-B)|^2/g^2` of an
+ideal sensor by its nine parameters, misalignments, relative scales and biases in
+units of g; one row for each direction u,
+
+.. math:: j(u) = 2\,[u_x u_y,\ u_x u_z,\ u_y u_z,\ u_x^2,\ u_y^2,\ u_z^2,\
+   -u_x,\ -u_y,\ -u_z].  \tag{P1}
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 
-from simval.arrays import Array
+from simval.arrays import Array, finite_array, frozen
 from simval.geometry import normalize
+
+PARAMETERS = 9
+_RANK_TOLERANCE = 1e-8  # relative; rounding leaves 1e-15, a pose 1 arcsecond off 5e-6
+_SAME_DIRECTION = np.radians(5.0)
 
 
 def fibonacci_sphere(count: int) -> Array:
@@ -84,3 +97,133 @@ def cube_corners() -> Array:
     """
     grid = np.array(np.meshgrid(*[[1.0, -1.0]] * 3)).reshape(3, 8).T
     return normalize(grid)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Observability:
+    """How well a pose set fixes the nine parameters of a calibration.
+
+    Parameters
+    ----------
+    rank : int
+        Rank of the Jacobian (P1), 0 to 9; a calibration needs 9.
+    condition : float
+        Its greatest singular value over its least; infinite below rank nine.
+    singular_values : Array
+        All nine, greatest first, (9,).
+    next_direction : Array
+        The direction whose addition lowers the total variance most, (3,).
+    """
+
+    rank: int
+    condition: float
+    singular_values: Array
+    next_direction: Array
+
+    def __post_init__(self) -> None:
+        for name in ("singular_values", "next_direction"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+
+def direction_jacobian(directions: Array) -> Array:
+    """Jacobian of the squared norm by the nine parameters, eq. (P1).
+
+    Parameters
+    ----------
+    directions : Array
+        Unit vectors, (..., n, 3).
+
+    Returns
+    -------
+    Array
+        Rows j(u), (..., n, 9).
+    """
+    u = np.asarray(directions)
+    products = u[..., [0, 0, 1]] * u[..., [1, 2, 2]]
+    return 2.0 * np.concatenate([products, u * u, -u], axis=-1)
+
+
+def observability(directions: Array) -> Observability:
+    """Judge a pose set before any data is taken.
+
+    Parameters
+    ----------
+    directions : Array
+        Directions of the specific force, (n, 3), of any length but zero.
+
+    Returns
+    -------
+    Observability
+        Rank, condition and the next direction that helps.
+
+    Raises
+    ------
+    InputError
+        If a direction is zero or not finite.
+    """
+    u = normalize(finite_array("directions", directions, (None, 3)))
+    jacobian = direction_jacobian(u)
+    padded = np.concatenate([jacobian, np.zeros((PARAMETERS, PARAMETERS))])
+    values = np.linalg.svd(padded, compute_uv=False)
+    rank = int(np.count_nonzero(values > _RANK_TOLERANCE * values[0]))
+    condition = values[0] / values[-1] if rank == PARAMETERS else np.inf
+    return Observability(
+        rank=rank,
+        condition=float(condition),
+        singular_values=values,
+        next_direction=best_next_direction(jacobian),
+    )
+
+
+def best_next_direction(jacobian: Array) -> Array:
+    """Direction whose addition lowers the sum of the nine variances most.
+
+    One more row j changes the inverse of N = J'J by the Sherman-Morrison formula,
+    so the trace falls by ``|N^-1 j|^2 / (1 + j' N^-1 j)``. A trace of the identity
+    is added to N, so that below rank nine the missing combinations lead.
+
+    Parameters
+    ----------
+    jacobian : Array
+        Rows of the poses there are, (n, 9).
+
+    Returns
+    -------
+    Array
+        Unit vector, (3,), out of faces, edges and corners of a cube and 600 others.
+    """
+    named = [cube_faces(), cube_edges(), cube_corners()]
+    candidates = np.concatenate([*named, fibonacci_sphere(600)])
+    rows = direction_jacobian(candidates)
+    normal = jacobian.T @ jacobian
+    normal += (1e-9 * np.trace(normal) + 1e-12) * np.eye(PARAMETERS)
+    moved = np.linalg.solve(normal, rows.T).T
+    gain = np.sum(moved * moved, axis=-1) / (1.0 + np.sum(moved * rows, axis=-1))
+    near_best = gain >= gain.max() * (1.0 - 1e-9)  # a tie goes to a named direction
+    return candidates[np.flatnonzero(near_best)[0]]
+
+
+def describe(directions: Array) -> str:
+    """Say in words what a pose set is, for a message.
+
+    Parameters
+    ----------
+    directions : Array
+        Unit vectors, (n, 3).
+
+    Returns
+    -------
+    str
+        The six faces of a cube where they are that; else the number of directions
+        that differ by more than 5 degrees.
+    """
+    distinct: list[Array] = []
+    for u in np.asarray(directions):
+        if all(float(u @ v) < np.cos(_SAME_DIRECTION) for v in distinct):
+            distinct.append(u)
+    cosines = np.abs(np.array(distinct) @ np.array(distinct).T)
+    facing = np.sum(cosines > np.cos(2.0 * _SAME_DIRECTION), axis=1)
+    across = np.sum(cosines < np.sin(2.0 * _SAME_DIRECTION), axis=1)
+    if len(distinct) == 6 and np.all(facing == 2) and np.all(across == 4):
+        return "the six faces of a cube"
+    return f"{len(distinct)} different direction(s)"

@@ -1,0 +1,341 @@
+r"""The three ways to write the matrix of a calibration, and the conversions.
+
+A calibration maps a raw reading to specific force, :math:`f = M (y - B)`. Norms
+alone fix :math:`M` up to a rotation, that is they fix :math:`A = M^T M`  (F1); each
+form picks one :math:`M` out of that family, with six parameters, and three more
+for :math:`B`:
+
+- ``triangular``: :math:`M = T\,\mathrm{diag}(K)`, :math:`T` unit lower triangular
+  with rows ``1``; ``S_yx 1``; ``-S_zx S_zy 1`` (the IMU-TK derivation);
+- ``upper``: the same with :math:`T` unit upper triangular, plain entries
+  ``T_xy T_xz T_yz`` (the published IMU-TK form);
+- ``symmetric``: :math:`M = M^T`, entries ``k11 k12 k13 k22 k23 k33`` (the
+  symmetric Gauss-Newton derivation).
+
+All functions accept leading batch axes. The diagonal of :math:`M` is taken
+positive: norms cannot tell the sign of an axis.
+"""
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.errors import InputError
+
+MODELS = ("triangular", "upper", "symmetric")
+
+_SCALE_BIAS = ("K_x", "K_y", "K_z", "B_x", "B_y", "B_z")
+_NAMES = {
+    "triangular": ("S_yx", "S_zx", "S_zy", *_SCALE_BIAS),
+    "upper": ("T_xy", "T_xz", "T_yz", *_SCALE_BIAS),
+    "symmetric": ("k11", "k12", "k13", "k22", "k23", "k33", "b_x", "b_y", "b_z"),
+}
+# row, column and sign of each off-diagonal parameter of T
+_OFF_DIAGONAL = {
+    "triangular": ((1, 0, 1.0), (2, 0, -1.0), (2, 1, 1.0)),
+    "upper": ((0, 1, 1.0), (0, 2, 1.0), (1, 2, 1.0)),
+}
+_SYMMETRIC = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+
+
+def check_model(model: str) -> str:
+    """Refuse a form that does not exist.
+
+    Parameters
+    ----------
+    model : str
+        Name of a form.
+
+    Returns
+    -------
+    str
+        The same name.
+
+    Raises
+    ------
+    InputError
+        If there is no such form.
+    """
+    if model not in MODELS:
+        msg = f"`model` is {model!r}; it must be one of {', '.join(MODELS)}"
+        raise InputError(msg)
+    return model
+
+
+def names(model: str) -> tuple[str, ...]:
+    """Names of the nine parameters in their order.
+
+    Parameters
+    ----------
+    model : str
+        Name of a form.
+
+    Returns
+    -------
+    tuple of str
+        Nine names.
+    """
+    return _NAMES[check_model(model)]
+
+
+def matrix(model: str, parameters: Array) -> Array:
+    """Matrix M of a form.
+
+    Parameters
+    ----------
+    model : str
+        Name of a form.
+    parameters : Array
+        Nine parameters, (..., 9); the last three are not used.
+
+    Returns
+    -------
+    Array
+        M, raw units to m/s^2, (..., 3, 3).
+    """
+    result = np.zeros((*parameters.shape[:-1], 3, 3), parameters.dtype)
+    if model == "symmetric":
+        for index, (row, column) in enumerate(_SYMMETRIC):
+            result[..., row, column] = parameters[..., index]
+            result[..., column, row] = parameters[..., index]
+        return result
+    for axis in range(3):
+        result[..., axis, axis] = parameters[..., 3 + axis]
+    for index, (row, column, sign) in enumerate(_OFF_DIAGONAL[model]):
+        value = sign * parameters[..., index] * parameters[..., 3 + column]
+        result[..., row, column] = value
+    return result
+
+
+def factors(model: str, parameters: Array) -> tuple[Array, Array, Array]:
+    """Factors T and K, and bias B, of a form.
+
+    Parameters
+    ----------
+    model : str
+        Name of a form.
+    parameters : Array
+        Nine parameters, (..., 9).
+
+    Returns
+    -------
+    T : Array
+        Misalignment, (..., 3, 3); the identity for the symmetric form.
+    K : Array
+        Scale, (..., 3); the full matrix, (..., 3, 3), for the symmetric form.
+    B : Array
+        Bias in raw units, (..., 3).
+    """
+    bias = parameters[..., 6:].copy()
+    misalignment = np.zeros((*parameters.shape[:-1], 3, 3)) + np.eye(3)
+    if model == "symmetric":
+        return misalignment, matrix(model, parameters), bias
+    for index, (row, column, sign) in enumerate(_OFF_DIAGONAL[model]):
+        misalignment[..., row, column] = sign * parameters[..., index]
+    return misalignment, parameters[..., 3:6].copy(), bias
+
+
+def matrix_derivatives(model: str, parameters: Array) -> Array:
+    """First derivatives of M by the six parameters that it depends on.
+
+    Parameters
+    ----------
+    model : str
+        Name of a form.
+    parameters : Array
+        Nine parameters, (..., 9).
+
+    Returns
+    -------
+    Array
+        Derivatives, (..., 6, 3, 3): the parameter, then row and column of M.
+    """
+    result = np.zeros((*parameters.shape[:-1], 6, 3, 3), parameters.dtype)
+    if model == "symmetric":
+        for index, (row, column) in enumerate(_SYMMETRIC):
+            result[..., index, row, column] = 1.0
+            result[..., index, column, row] = 1.0
+        return result
+    for axis in range(3):
+        result[..., 3 + axis, axis, axis] = 1.0
+    for index, (row, column, sign) in enumerate(_OFF_DIAGONAL[model]):
+        result[..., index, row, column] = sign * parameters[..., 3 + column]
+        result[..., 3 + column, row, column] = sign * parameters[..., index]
+    return result
+
+
+def matrix_second_derivatives(model: str) -> Array:
+    """Second derivatives of M, the same for every value of the parameters.
+
+    Parameters
+    ----------
+    model : str
+        Name of a form.
+
+    Returns
+    -------
+    Array
+        Derivatives, (6, 6, 3, 3); zero for the symmetric form, which is linear.
+    """
+    result = np.zeros((6, 6, 3, 3))
+    for index, (row, column, sign) in enumerate(_OFF_DIAGONAL.get(model, ())):
+        result[index, 3 + column, row, column] = sign
+        result[3 + column, index, row, column] = sign
+    return result
+
+
+def from_gram(model: str, gram: Array, bias: Array) -> Array:
+    """Parameters of the form whose M has the given M'M, eq. (F1).
+
+    The triangular forms are Cholesky factors (from the last axis up, or from the
+    first down), the symmetric one is the square root.
+
+    Parameters
+    ----------
+    model : str
+        Name of a form.
+    gram : Array
+        A = M'M, (..., 3, 3), symmetric.
+    bias : Array
+        B in raw units, (..., 3).
+
+    Returns
+    -------
+    Array
+        Nine parameters, (..., 9); NaN where `gram` is not positive definite.
+    """
+    result = np.empty((*gram.shape[:-2], 9))
+    result[..., 6:] = bias
+    if model == "symmetric":
+        root = _square_root(gram)
+        for index, (row, column) in enumerate(_SYMMETRIC):
+            result[..., index] = root[..., row, column]
+        return result
+    flip = slice(None, None, -1) if model == "triangular" else slice(None)
+    factor = _upper_factor(gram[..., flip, flip])[..., flip, flip]
+    for axis in range(3):
+        result[..., 3 + axis] = factor[..., axis, axis]
+    for index, (row, column, sign) in enumerate(_OFF_DIAGONAL[model]):
+        result[..., index] = sign * factor[..., row, column] / factor[..., column, column]
+    return result
+
+
+def _upper_factor(gram: Array) -> Array:
+    """Upper triangular R with R'R = gram and a positive diagonal; NaN if none."""
+    factor = np.zeros_like(gram)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        for i in range(3):
+            for j in range(i, 3):
+                rest = gram[..., i, j].copy()
+                for k in range(i):
+                    rest -= factor[..., k, i] * factor[..., k, j]
+                factor[..., i, j] = np.sqrt(rest) if i == j else rest / factor[..., i, i]
+    return factor
+
+
+def _square_root(gram: Array) -> Array:
+    """Symmetric positive definite square root; NaN where there is none."""
+    finite = np.isfinite(gram).all(axis=(-2, -1), keepdims=True)
+    values, vectors = np.linalg.eigh(np.where(finite, gram, np.eye(3)))
+    with np.errstate(invalid="ignore"):
+        roots = np.where(finite[..., 0], np.sqrt(values), np.nan)
+    return (vectors * roots[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+
+
+def gram_derivatives(model: str, parameters: Array) -> Array:
+    """Derivatives of A = M'M by the six parameters that it depends on.
+
+    Parameters
+    ----------
+    model : str
+        Name of a form.
+    parameters : Array
+        Nine parameters, (..., 9).
+
+    Returns
+    -------
+    Array
+        Derivatives, (..., 6, 3, 3), symmetric in the last two axes.
+    """
+    slopes = matrix_derivatives(model, parameters)
+    half = np.swapaxes(slopes, -1, -2) @ matrix(model, parameters)[..., None, :, :]
+    return half + np.swapaxes(half, -1, -2)
+
+
+def convert(
+    parameters: Array, covariance: Array | None, *, source: str, target: str
+) -> tuple[Array, Array | None]:
+    """Carry a calibration, and its covariance, from one form to another.
+
+    Exact: the ellipsoid A = M'M and the bias stay the same. The covariance is
+    carried by the exact Jacobian at these parameters.
+
+    Parameters
+    ----------
+    parameters : Array
+        Nine parameters of the source form, (..., 9).
+    covariance : Array or None
+        Their covariance, (..., 9, 9), or None.
+    source : str
+        Form of `parameters`.
+    target : str
+        Form wanted.
+
+    Returns
+    -------
+    parameters : Array
+        Nine parameters of the target form, (..., 9).
+    covariance : Array or None
+        Their covariance, (..., 9, 9); None where None was given.
+
+    Raises
+    ------
+    InputError
+        If a form does not exist.
+    """
+    check_model(source)
+    check_model(target)
+    parameters = np.asarray(parameters, dtype=np.float64)
+    m = matrix(source, parameters)
+    gram = np.swapaxes(m, -1, -2) @ m
+    result = from_gram(target, gram, parameters[..., 6:])
+    if covariance is None:
+        return result, None
+    jacobian = conversion_jacobian(parameters, result, source=source, target=target)
+    return result, jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
+
+
+def conversion_jacobian(
+    parameters: Array, result: Array, *, source: str, target: str
+) -> Array:
+    """Derivative of the target's parameters by the source's.
+
+    Both forms describe the same A, so ``dA_target d(target) = dA_source d(source)``,
+    six equations in the six distinct entries of A.
+
+    Parameters
+    ----------
+    parameters : Array
+        Nine parameters of the source form, (..., 9).
+    result : Array
+        The same calibration in the target form, (..., 9).
+    source : str
+        Form of `parameters`.
+    target : str
+        Form of `result`.
+
+    Returns
+    -------
+    Array
+        Jacobian, (..., 9, 9); the block of B is the identity.
+    """
+    rows, columns = np.array(_SYMMETRIC).T
+    # (..., entry of A, parameter)
+    from_source = np.swapaxes(
+        gram_derivatives(source, parameters)[..., rows, columns], -1, -2
+    )
+    from_target = np.swapaxes(
+        gram_derivatives(target, result)[..., rows, columns], -1, -2
+    )
+    jacobian = np.zeros((*parameters.shape[:-1], 9, 9)) + np.eye(9)
+    jacobian[..., :6, :6] = np.linalg.solve(from_target, from_source)
+    return jacobian
