@@ -103,7 +103,7 @@ def cube_corners() -> Array:
 class Observability:
     """How well a pose set fixes the nine parameters of a calibration.
 
-    Parameters
+    Attributes
     ----------
     rank : int
         Rank of the Jacobian (P1), 0 to 9; a calibration needs 9.

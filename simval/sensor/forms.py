@@ -215,12 +215,14 @@ def from_gram(model: str, gram: Array, bias: Array) -> Array:
     for axis in range(3):
         result[..., 3 + axis] = factor[..., axis, axis]
     for index, (row, column, sign) in enumerate(_OFF_DIAGONAL[model]):
-        result[..., index] = sign * factor[..., row, column] / factor[..., column, column]
+        result[..., index] = (
+            sign * factor[..., row, column] / factor[..., column, column]
+        )
     return result
 
 
 def _upper_factor(gram: Array) -> Array:
-    """Upper triangular R with R'R = gram and a positive diagonal; NaN if none."""
+    # Upper triangular R with R'R = gram and a positive diagonal; NaN if none.
     factor = np.zeros_like(gram)
     with np.errstate(invalid="ignore", divide="ignore"):
         for i in range(3):
@@ -228,13 +230,15 @@ def _upper_factor(gram: Array) -> Array:
                 rest = gram[..., i, j].copy()
                 for k in range(i):
                     rest -= factor[..., k, i] * factor[..., k, j]
-                factor[..., i, j] = np.sqrt(rest) if i == j else rest / factor[..., i, i]
+                factor[..., i, j] = (
+                    np.sqrt(rest) if i == j else rest / factor[..., i, i]
+                )
     return factor
 
 
 def _square_root(gram: Array) -> Array:
-    """Symmetric positive definite square root; NaN where there is none."""
-    finite = np.isfinite(gram).all(axis=(-2, -1), keepdims=True)
+    # Symmetric positive definite square root; NaN where there is none.
+    finite = np.asarray(np.isfinite(gram).all(axis=(-2, -1), keepdims=True))
     values, vectors = np.linalg.eigh(np.where(finite, gram, np.eye(3)))
     with np.errstate(invalid="ignore"):
         roots = np.where(finite[..., 0], np.sqrt(values), np.nan)

@@ -20,7 +20,7 @@ from simval.sensor import forms
 class AccelerometerModel:
     """A calibrated accelerometer, eq. (S1).
 
-    Parameters
+    Attributes
     ----------
     T : Array
         Misalignment, (3, 3).

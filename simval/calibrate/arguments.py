@@ -1,0 +1,180 @@
+"""Checks of the arguments of a calibration, once, at the public boundary."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from simval.arrays import Array, positive_number, shaped_array
+from simval.calibrate.residuals import LOSSES, RESIDUALS
+from simval.calibrate.solver import METHODS, Rules
+from simval.errors import GeometryError, InputError
+from simval.poses import PARAMETERS
+from simval.sensor import forms
+
+# Above it the moments, whose condition is the square, keep under eight digits, and
+# 1 mm/s^2 of noise becomes 1 m/s^2 of bias or more.
+CONDITION_LIMIT = 1e4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Options:
+    """What to fit and how; checked when it is made.
+
+    Attributes
+    ----------
+    model, method, residual, loss : str
+        Form, solver, residual and robust loss.
+    g : float
+        Gravity, m/s^2.
+    step : float
+        Fraction of each step taken.
+    tolerance : float
+        Limit of the stop rule.
+    max_iterations : int
+        Most steps for a trial.
+    full_scale : float or None
+        Greatest reading, raw units.
+    repeats : bool
+        Whether readings may repeat exactly.
+    condition_limit : float
+        Greatest condition of the poses.
+    """
+
+    model: str
+    method: str
+    residual: str
+    loss: str
+    g: float
+    step: float
+    tolerance: float
+    max_iterations: int
+    full_scale: float | None
+    repeats: bool
+    condition_limit: float
+
+    def __post_init__(self) -> None:
+        forms.check_model(self.model)
+        _one_of("method", self.method, METHODS)
+        _one_of("residual", self.residual, RESIDUALS)
+        _one_of("loss", self.loss, ("linear", *LOSSES))
+        if self.loss != "linear" and self.residual not in ("squared", "weighted"):
+            msg = (
+                f"`loss` is {self.loss!r} with residual {self.residual!r}; a robust "
+                "loss goes with the squared or the weighted residual"
+            )
+            raise InputError(msg)
+        if not 0.0 < self.step <= 1.0:
+            msg = f"`step` is {self.step!r}; it must be above 0 and at most 1"
+            raise InputError(msg)
+        if not self.max_iterations >= 1:
+            msg = f"`max_iterations` is {self.max_iterations!r}; one or more is needed"
+            raise InputError(msg)
+        units = {"g": "m/s^2", "tolerance": "", "condition_limit": ""}
+        if self.full_scale is not None:
+            units["full_scale"] = "raw units"
+        for name, unit in units.items():
+            number = positive_number(name, getattr(self, name), unit)
+            object.__setattr__(self, name, number)
+
+    @property
+    def rules(self) -> Rules:
+        """What governs the solver."""
+        return Rules(
+            method=self.method,
+            step=self.step,
+            tolerance=self.tolerance,
+            max_iterations=int(self.max_iterations),
+        )
+
+
+def _one_of(name: str, value: str, allowed: tuple[str, ...]) -> None:
+    if value not in allowed:
+        msg = f"`{name}` is {value!r}; it must be one of {', '.join(allowed)}"
+        raise InputError(msg)
+
+
+def checked_readings(poses: Any) -> Array:
+    """Return the readings as an array of nine poses or more.
+
+    Parameters
+    ----------
+    poses : array_like
+        What the caller gave.
+
+    Returns
+    -------
+    Array
+        Raw readings, (n, 3) or (trials, n, 3); a batch may have NaN in it.
+
+    Raises
+    ------
+    InputError
+        If the shape is wrong, or one set is not finite.
+    GeometryError
+        If there are fewer than nine poses.
+    """
+    readings = shaped_array("poses", poses, (None, 3))
+    if readings.ndim > 3 or readings.size == 0:
+        msg = f"`poses` has shape {readings.shape}; give (n, 3) or (trials, n, 3)"
+        raise InputError(msg)
+    count = readings.shape[-2]
+    if count < PARAMETERS:
+        msg = (
+            f"{count} pose(s) given; nine parameters need {PARAMETERS} or more in "
+            "different directions, and error bars need 10 or more: add poses"
+        )
+        raise GeometryError(msg)
+    if readings.ndim == 2 and not np.isfinite(readings).all():
+        pose, axis = (int(i) for i in np.argwhere(~np.isfinite(readings))[0])
+        msg = (
+            f"`poses` has {np.count_nonzero(~np.isfinite(readings))} non-finite "
+            f"value(s), the first ({readings[pose, axis]}) in pose {pose}, axis "
+            f"{'xyz'[axis]}; every reading must be finite, so remove that pose"
+        )
+        raise InputError(msg)
+    return readings
+
+
+def checked_noise(noise_std: Any, count: int, residual: str) -> Array | None:
+    """Return the noise of each pose.
+
+    Parameters
+    ----------
+    noise_std : float, array_like or None
+        What the caller gave, raw units.
+    count : int
+        Number of poses n.
+    residual : str
+        The residual; adjusted needs the noise.
+
+    Returns
+    -------
+    Array or None
+        Standard deviation of each axis of each pose mean, (n,).
+
+    Raises
+    ------
+    InputError
+        If it is negative, not finite, of a wrong shape, or missing.
+    """
+    if noise_std is None:
+        if residual == "adjusted":
+            msg = (
+                "`residual` is 'adjusted', which takes the known noise out of the "
+                "moments, but `noise_std` is not given; give the standard deviation "
+                "of a pose mean in raw units"
+            )
+            raise InputError(msg)
+        return None
+    sigma = shaped_array("noise_std", noise_std, ())
+    if sigma.shape not in ((), (count,)) or not np.all(sigma >= 0.0):
+        msg = (
+            f"`noise_std` has shape {sigma.shape} and least value {np.min(sigma):g}; "
+            f"give one number, or one for each of the {count} poses, 0 or more"
+        )
+        raise InputError(msg)
+    if not np.isfinite(sigma).all():
+        msg = "`noise_std` is infinite; it must be finite, in raw units"
+        raise InputError(msg)
+    return np.broadcast_to(sigma, (count,))

@@ -1,0 +1,152 @@
+"""Refusals: pose sets from which no honest calibration can come."""
+
+from typing import Any
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.calibrate.solver import STATUS_NAMES, Code
+from simval.errors import GeometryError, RefusedError
+from simval.poses import PARAMETERS, describe, observability
+
+
+def screen(poses: Array, *, full_scale: float | None, repeats: bool) -> Any:
+    """Code of each trial from its readings alone.
+
+    Parameters
+    ----------
+    poses : Array
+        Raw readings, (t, n, 3).
+    full_scale : float or None
+        Greatest reading of the sensor, raw units, either sign; None if not known.
+    repeats : bool
+        Whether readings may repeat exactly.
+
+    Returns
+    -------
+    Array of int
+        A `Code` for each trial, (t,); CONVERGED where nothing is wrong.
+    """
+    code = np.full(poses.shape[0], int(Code.CONVERGED))
+    finite = np.isfinite(poses).all(axis=(-2, -1))
+    if not repeats:
+        ordered = np.sort(poses[..., 0], axis=-1)
+        suspect = (ordered[:, 1:] == ordered[:, :-1]).any(axis=-1)
+        for row in np.flatnonzero(suspect & finite):
+            if repeated_poses(poses[row]).size:
+                code[row] = int(Code.DUPLICATES)
+    if full_scale is not None:
+        clipped = (np.abs(poses) >= full_scale).any(axis=(-2, -1))
+        code[clipped] = int(Code.SATURATED)
+    code[~finite] = int(Code.NON_FINITE)
+    return code
+
+
+def repeated_poses(poses: Array) -> Any:
+    """Indices of the readings that equal an earlier one in every bit.
+
+    Parameters
+    ----------
+    poses : Array
+        Raw readings, (n, 3).
+
+    Returns
+    -------
+    Array of int
+        Indices, in rising order.
+    """
+    _, first = np.unique(poses, axis=0, return_index=True)
+    return np.setdiff1d(np.arange(len(poses)), first)
+
+
+def refuse(code: int, poses: Array, *, full_scale: float | None, limit: float) -> None:
+    """Raise the error that says what is wrong with one pose set.
+
+    Parameters
+    ----------
+    code : int
+        A `Code` that means refused.
+    poses : Array
+        Raw readings, (n, 3).
+    full_scale : float or None
+        Greatest reading of the sensor, raw units.
+    limit : float
+        Limit of the condition number.
+
+    Raises
+    ------
+    RefusedError
+        Always; `GeometryError` where the poses leave something unobservable.
+    """
+    if code == Code.DUPLICATES:
+        index = int(repeated_poses(poses)[0])
+        same = int(np.flatnonzero((poses == poses[index]).all(axis=1))[0])
+        msg = (
+            f"poses {same} and {index} are identical in every bit; means of two holds "
+            "never are, so the same data was counted twice: remove one, or pass "
+            "`repeats=True` if these are single quantised samples"
+        )
+        raise RefusedError(msg)
+    if code == Code.SATURATED:
+        bound = float(np.inf if full_scale is None else full_scale)
+        pose, axis = np.argwhere(np.abs(poses) >= bound)[0]
+        msg = (
+            f"pose {pose} reads {poses[pose, axis]:g} on axis {'xyz'[axis]}, at or "
+            f"beyond full scale ({bound:g}); a saturated reading says nothing about "
+            "the force, so remove the pose or use a wider range"
+        )
+        raise RefusedError(msg)
+    raise GeometryError(_geometry_message(code, poses, limit))
+
+
+def _geometry_message(code: int, poses: Array, limit: float) -> str:
+    # Say what the poses leave open, and which pose would help.
+    offset = poses - (poses.max(axis=0) + poses.min(axis=0)) / 2.0
+    reach = np.abs(offset).max(axis=0)
+    offset = offset / np.where(reach > 0.0, reach, 1.0)
+    length = np.linalg.norm(offset, axis=-1)
+    directions = offset[length > 0.0] / length[length > 0.0, None]
+    if len(directions) == 0:
+        return (
+            f"all {len(poses)} poses read the same; a calibration needs {PARAMETERS} "
+            "or more different directions"
+        )
+    found = observability(directions)
+    helps = ", ".join(f"{x:.2f}" for x in found.next_direction)
+    what = describe(directions)
+    advice = (
+        f"add poses between them, first one with the specific force along ({helps}) "
+        "in sensor axes"
+    )
+    if code == Code.CONDITION:
+        return (
+            f"the {len(poses)} poses are ill-conditioned (limit {limit:g}): they cover "
+            f"too little of the sphere to separate bias from scale; {advice}"
+        )
+    if code == Code.NOT_ELLIPSOID:
+        return (
+            f"the best quadric through the {len(poses)} poses ({what}) is not an "
+            "ellipsoid: the readings are not all of the same gravity, or lie too close "
+            f"together; check for outliers and units, and {advice}"
+        )
+    within = " within their noise" if code == Code.NOISE_RANK else ""
+    return (
+        f"the {len(poses)} poses ({what}) have rank {min(found.rank, 8)} of "
+        f"{PARAMETERS}{within}, so some parameters cannot be told apart; {advice}"
+    )
+
+
+def status_text(code: Any) -> Any:
+    """Status of each trial in words.
+
+    Parameters
+    ----------
+    code : Array of int
+        Codes, (...).
+
+    Returns
+    -------
+    Array of str
+        Words, (...).
+    """
+    return STATUS_NAMES[code]

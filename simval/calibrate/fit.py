@@ -1,0 +1,296 @@
+r"""Calibrate an accelerometer from the norms of its readings at rest.
+
+The readings are moved to their mean and scaled to unit size, gravity becomes 1, the
+closed-form ellipsoid (`start`) gives the start and the solver the answer, which is
+scaled back. Trials are worked in blocks that fit the cache; a trial's numbers do not
+depend on its block.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.calibrate import checks, objective, quadric
+from simval.calibrate.arguments import (
+    CONDITION_LIMIT,
+    Options,
+    checked_noise,
+    checked_readings,
+)
+from simval.calibrate.residuals import SLOPES
+from simval.calibrate.result import FitResult
+from simval.calibrate.reweight import minimize_reweighted
+from simval.calibrate.solver import Code, Solution, minimize
+from simval.calibrate.start import fit_ellipsoid
+from simval.calibrate.uncertainty import Summary, summarize
+from simval.poses import PARAMETERS
+from simval.sensor import forms
+
+_BLOCK = 1 << 14  # poses worked at once: 1.3 MB of monomials
+# The Jacobian's least singular value must stand this far above what noise alone
+# would give it, sigma sqrt(8 n/3): below, a missing pose is hidden by noise.
+_NOISE_MARGIN = 4.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Block:
+    """Physical results of a block of trials; NaN where refused."""
+
+    code: Any
+    iterations: Any
+    parameters: Array
+    covariance: Array
+    cost: Array
+    condition: Array
+    rms: Array
+    chi2_per_dof: Array
+    gradient_norm: Array
+
+
+def calibrate(
+    poses: Any,
+    g: float = 9.80665,
+    model: str = "triangular",
+    method: str = "lm",
+    residual: str = "squared",
+    noise_std: Any = None,
+    *,
+    step: float = 1.0,
+    loss: str = "linear",
+    tolerance: float = 1e-12,
+    max_iterations: int = 200,
+    full_scale: float | None = None,
+    repeats: bool = False,
+    condition_limit: float = CONDITION_LIMIT,
+) -> FitResult:
+    """Fit scale, misalignment and bias to readings at rest, one set or a batch.
+
+    Parameters
+    ----------
+    poses : array_like
+        Mean reading of each pose, raw units, sensor axes, (n, 3), or (trials, n, 3).
+    g : float, default 9.80665
+        Local gravity, m/s^2.
+    model : {"triangular", "upper", "symmetric"}
+        Form of the parameters, see `simval.sensor.forms`.
+    method : {"lm", "gauss-newton", "newton"}
+        Solver, see `simval.calibrate.solver`.
+    residual : {"squared", "norm", "weighted", "sampson", "adjusted"}
+        Residual, see `simval.calibrate.residuals`; adjusted needs `noise_std`.
+    noise_std : float or array_like, optional
+        Standard deviation of each axis of a pose mean, raw units, one number or one
+        for each pose (n,). With it the covariance is that of a known sigma;
+        without, Type A, from the residuals.
+    step : float, default 1.0
+        Fraction of each step taken, above 0 and up to 1 (damped Gauss-Newton).
+    loss : {"linear", "huber", "soft_l1", "cauchy"}
+        Robust loss, for the squared and weighted residuals.
+    tolerance : float, default 1e-12
+        Relative stop rule, eq. (L1) of the solver.
+    max_iterations : int, default 200
+        Most steps for a trial.
+    full_scale : float, optional
+        Greatest reading of the sensor, raw units; poses at or beyond are refused.
+    repeats : bool, default False
+        Accept readings that repeat in every bit, as single quantised samples do.
+    condition_limit : float, default 1e4
+        Greatest condition number of the poses that is accepted.
+
+    Returns
+    -------
+    FitResult
+        Parameters, covariance and status.
+
+    Raises
+    ------
+    InputError
+        If an argument is not usable, or the readings of one set are not finite.
+    GeometryError
+        If the poses of one set leave a parameter unobservable. In a batch such a
+        trial has a status that says so, and NaN for its numbers.
+    RefusedError
+        If one set has duplicate or saturated poses.
+
+    Notes
+    -----
+    The squared residual is that of the three source derivations. Norms say nothing
+    of a rotation of the axes or of the sign of an axis, and a wrong `g` is a wrong
+    scale: K is proportional to `g`, T and B do not depend on it.
+    """
+    options = Options(
+        model=model, method=method, residual=residual, loss=loss, g=g, step=step,
+        tolerance=tolerance, max_iterations=max_iterations, full_scale=full_scale,
+        repeats=repeats, condition_limit=condition_limit,
+    )  # fmt: skip
+    readings = checked_readings(poses)
+    count = readings.shape[-2]
+    sigma = checked_noise(noise_std, count, residual)
+    batch = readings.reshape(-1, count, 3)
+    size = max(1, _BLOCK // count)
+    parts = [
+        _fit_block(batch[i : i + size], sigma, options)
+        for i in range(0, len(batch), size)
+    ]
+    block = _Block(
+        **{
+            f.name: np.concatenate([getattr(part, f.name) for part in parts])
+            for f in fields(_Block)
+        }
+    )
+    single = readings.ndim == 2
+    if single and block.code[0] >= Code.NON_FINITE:
+        checks.refuse(
+            int(block.code[0]),
+            batch[0],
+            full_scale=full_scale,
+            limit=condition_limit,
+        )
+    numbers = {f.name: getattr(block, f.name) for f in fields(_Block)}
+    if single:
+        numbers = {name: value[0] for name, value in numbers.items()}
+    code = numbers.pop("code")
+    dof = count - PARAMETERS
+    kind = "known sigma" if sigma is not None else ("type A" if dof else "none")
+    return FitResult(
+        model=model,
+        method=method,
+        residual=residual,
+        g=options.g,
+        covariance_kind=kind,
+        dof=dof,
+        status=checks.status_text(code),
+        **numbers,
+    )
+
+
+def _fit_block(poses: Array, sigma: Array | None, options: Options) -> _Block:
+    # Fit a block of trials, refused ones set aside.
+    code = checks.screen(poses, full_scale=options.full_scale, repeats=options.repeats)
+    block = _empty(code, len(poses))
+    keep = np.flatnonzero(code == Code.CONVERGED)
+    if keep.size == 0:
+        return block
+    centre = poses[keep].mean(axis=1)
+    z = poses[keep] - centre[:, None]
+    scale = np.sqrt((z * z).sum(axis=-1).mean(axis=-1))
+    z /= np.where(scale > 0.0, scale, 1.0)[:, None, None]
+    noise = None if sigma is None else sigma / scale[:, None]
+    ellipsoid = fit_ellipsoid(quadric.moment_matrix(z))
+    condition = _condition(ellipsoid.gram, ellipsoid.bias, z)
+    block.condition[keep] = condition
+    theta = forms.from_gram(options.model, ellipsoid.gram, ellipsoid.bias)
+    checked = np.full(len(z), int(Code.CONVERGED))
+    checked[~(condition <= options.condition_limit)] = int(Code.CONDITION)
+    usable = np.isfinite(theta).all(axis=-1) & np.asarray(ellipsoid.proper, dtype=bool)
+    checked[~usable] = int(Code.NOT_ELLIPSOID)
+    checked[~np.isfinite(ellipsoid.condition)] = int(Code.RANK)
+    block.code[keep] = checked
+    good = checked == Code.CONVERGED
+    keep, z, theta, centre = keep[good], z[good], theta[good], centre[good]
+    scale, condition = scale[good], condition[good]
+    noise = None if noise is None else noise[good]
+    if keep.size:
+        _solve(block, keep, z, theta, noise, (centre, scale, condition), options)
+    return block
+
+
+def _condition(gram: Array, bias: Array, z: Array) -> Array:
+    # Condition of the corrected directions, eq. (P1) of `poses`; inf if none.
+    m = forms.matrix("upper", forms.from_gram("upper", gram, bias))
+    usable = np.asarray(np.isfinite(m).all(axis=(-2, -1)))
+    u = (z - np.where(usable[:, None], bias, 0.0)[:, None]) @ np.swapaxes(
+        np.where(usable[:, None, None], m, np.eye(3)), -1, -2
+    )
+    order = [3, 4, 5, 0, 1, 2, 6, 7, 8]
+    signs = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0])
+    normal = quadric.moment_matrix(u)[:, order][:, :, order] * np.outer(signs, signs)
+    values = np.linalg.eigvalsh(normal)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        result = np.sqrt(values[:, -1] / np.maximum(values[:, 0], 0.0))
+    return np.where(usable, result, np.inf)
+
+
+def _solve(
+    block: _Block,
+    keep: Any,
+    z: Array,
+    theta: Array,
+    noise: Array | None,
+    frame: tuple[Array, Array, Array],
+    options: Options,
+) -> None:
+    # Iterate, summarise, and write the physical results into the block.
+    centre, scale, condition = frame
+    solution, weights = _iterate(z, theta, noise, options)
+    summary = summarize(
+        options.model, options.residual, solution.theta, z, sigma=noise, weights=weights
+    )
+    sizes = np.ones((len(z), 9))
+    per_raw = (options.g / scale)[:, None]
+    first = 0 if options.model == "symmetric" else 3
+    sizes[:, first:6] = per_raw
+    sizes[:, 6:] = scale[:, None]
+    block.code[keep] = _noise_rank(solution.code, summary, noise, condition, z.shape[1])
+    block.iterations[keep] = solution.iterations
+    block.parameters[keep] = solution.theta * sizes
+    block.parameters[keep, 6:] += centre
+    block.covariance[keep] = summary.covariance * sizes[:, :, None] * sizes[:, None, :]
+    unit = {"squared": options.g**4, "adjusted": options.g**4, "norm": options.g**2}
+    block.cost[keep] = summary.cost * unit.get(options.residual, scale**2)
+    block.rms[keep] = summary.rms * options.g
+    block.chi2_per_dof[keep] = summary.chi2_per_dof
+    block.gradient_norm[keep] = solution.gradient_norm
+    refused = keep[block.code[keep] >= Code.NON_FINITE]
+    for field in ("parameters", "covariance", "cost", "rms", "chi2_per_dof"):
+        getattr(block, field)[refused] = np.nan
+
+
+def _iterate(
+    z: Array, theta: Array, noise: Array | None, options: Options
+) -> tuple[Solution, Array | None]:
+    # Run the solver that the residual and the loss call for.
+    model, residual, rules = options.model, options.residual, options.rules
+    newton = rules.method == "newton"
+    slack = 64.0 * float(np.finfo(float).eps) * z.shape[1]
+    goal: Callable[[Array, Any], Any]
+    if options.loss != "linear" or residual == "weighted":
+        return minimize_reweighted(
+            model, residual, options.loss, z, theta, noise, rules, slack
+        )
+    if residual in SLOPES:
+        goal = objective.pose_objective(model, residual, z, newton=newton)
+    else:
+        moments = quadric.moment_matrix(z)
+        if residual == "adjusted" and noise is not None:
+            moments = quadric.unbiased_moment_matrix(z, noise)
+        goal = objective.moment_objective(model, moments, newton=newton)
+    return minimize(goal, theta, rules, slack), None
+
+
+def _noise_rank(
+    code: Any, summary: Summary, noise: Array | None, condition: Array, count: int
+) -> Any:
+    # Refuse a trial whose rank of nine is made of noise.
+    #
+    # The least singular value of the Jacobian is sqrt(trace / condition^2) or so; noise
+    # alone gives sigma sqrt(8 n / 3), and the greatest is about sqrt(8 n / 3).
+    spread = summary.distance_std if noise is None else noise.max(axis=-1)
+    hidden = condition * spread * _NOISE_MARGIN > 1.0
+    return np.where(hidden & (code == Code.CONVERGED), int(Code.NOISE_RANK), code)
+
+
+def _empty(code: Any, count: int) -> _Block:
+    return _Block(
+        code=code,
+        iterations=np.zeros(count, dtype=int),
+        parameters=np.full((count, 9), np.nan),
+        covariance=np.full((count, 9, 9), np.nan),
+        cost=np.full(count, np.nan),
+        condition=np.full(count, np.inf),
+        rms=np.full(count, np.nan),
+        chi2_per_dof=np.full(count, np.nan),
+        gradient_norm=np.full(count, np.nan),
+    )

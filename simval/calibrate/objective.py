@@ -1,0 +1,111 @@
+"""The costs to minimise, with their derivatives, for a batch of trials.
+
+A `Local` is put together from weighted moment matrices and the derivatives of the
+quadrics' ten coefficients, so no Jacobian of poses by parameters is ever formed.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.calibrate import quadric
+from simval.calibrate.residuals import SLOPES
+from simval.calibrate.solver import Local, Objective
+
+
+def moment_objective(model: str, moments: Array, *, newton: bool) -> Objective:
+    """Cost v'Gv/2 of the squared residual: no pass over the poses.
+
+    Parameters
+    ----------
+    model : str
+        Form of the parameters.
+    moments : Array
+        Moment matrix of each trial, weighted or corrected, (t, 10, 10).
+    newton : bool
+        Add the second derivatives of the residual to the Hessian.
+
+    Returns
+    -------
+    callable
+        Maps parameters and rows to a `Local`.
+    """
+
+    def objective(theta: Array, rows: Any) -> Local:
+        g = moments if rows.size == moments.shape[0] else moments[rows]
+        c = quadric.residual_quadric(model, theta)
+        dv = quadric.value_derivatives(c)
+        pull = np.matvec(g, c.values)
+        normal = np.swapaxes(dv, -1, -2) @ (g @ dv)
+        hessian = normal
+        if newton:
+            seconds = quadric.residual_seconds(model, theta)
+            hessian = normal + quadric.curvature(c, seconds, pull)
+        return Local(
+            cost=np.vecdot(c.values, pull) / 2.0,
+            gradient=np.vecmat(pull, dv),
+            normal=normal,
+            hessian=hessian,
+        )
+
+    return objective
+
+
+def pose_objective(model: str, residual: str, z: Array, *, newton: bool) -> Objective:
+    """Cost of a residual that needs a pass over the poses for each step.
+
+    Parameters
+    ----------
+    model : str
+        Form of the parameters.
+    residual : str
+        A key of `SLOPES`.
+    z : Array
+        Scaled readings, (t, n, 3).
+    newton : bool
+        Use the full Hessian.
+
+    Returns
+    -------
+    callable
+        Maps parameters and rows to a `Local`.
+    """
+
+    def objective(theta: Array, rows: Any) -> Local:
+        x = z if rows.size == z.shape[0] else z[rows]
+        c = quadric.residual_quadric(model, theta)
+        q = quadric.distance_quadric(c)
+        dc, dq = quadric.value_derivatives(c), quadric.value_derivatives(q)
+        values_c, values_q = quadric.evaluate(c, x), quadric.evaluate(q, x)
+        slopes = SLOPES[residual](values_c, values_q, newton=False)
+        pull_c = quadric.weighted_sum(x, slopes.c)
+        pull_q = quadric.weighted_sum(x, slopes.q)
+        normal = _curve(x, slopes, dc, dq)
+        hessian = normal
+        if newton:
+            bent = SLOPES[residual](values_c, values_q, newton=True)
+            seconds = quadric.residual_seconds(model, theta)
+            hessian = _curve(x, bent, dc, dq)
+            hessian += quadric.curvature(c, seconds, pull_c)
+            seconds = quadric.distance_seconds(c, seconds)
+            hessian += quadric.curvature(q, seconds, pull_q)
+        return Local(
+            cost=slopes.cost.sum(axis=-1),
+            gradient=np.vecmat(pull_c, dc) + np.vecmat(pull_q, dq),
+            normal=normal,
+            hessian=hessian,
+        )
+
+    return objective
+
+
+def _curve(x: Array, slopes: Any, dc: Array, dq: Array) -> Array:
+    # Curvature by the parameters from the curvature by (c, q).
+    left, other = np.swapaxes(dc, -1, -2), np.swapaxes(dq, -1, -2)
+    total = left @ quadric.moment_matrix(x, slopes.cc) @ dc
+    if np.any(slopes.qq):
+        cross = left @ quadric.moment_matrix(x, slopes.cq) @ dq
+        total += cross + np.swapaxes(cross, -1, -2)
+        total += other @ quadric.moment_matrix(x, slopes.qq) @ dq
+    return total

@@ -1,0 +1,356 @@
+r"""The residual as a quadric in the reading, and its derivatives.
+
+With :math:`A = M^T M` the residual of all three derivations is
+
+.. math:: c(y) = |M (y - b)|^2 - 1 = m(y)^T v(\theta)  \tag{Q1}
+
+in units where gravity is 1: :math:`m` are the ten monomials of the reading,
+:math:`v` ten coefficients. So every sum over poses of products of :math:`c` and
+its derivatives is a form in the moment matrix :math:`G = \sum_k w_k m_k m_k^T`
+(Q2): one pass over the data, then each iteration costs the same for any number of
+samples. The weighted-distance residual also needs :math:`q(y) = |M^T M (y - b)|^2`,
+the quadric of :math:`A^2`, without the constant.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.sensor import forms
+
+_CHUNK = 1 << 15  # samples of one pass; 2.6 MB of monomials
+_PAIRS = ((0, 1), (0, 2), (1, 2))
+_EXPONENTS = (
+    (2, 0, 0),
+    (0, 2, 0),
+    (0, 0, 2),
+    (1, 1, 0),
+    (1, 0, 1),
+    (0, 1, 1),
+    (1, 0, 0),
+    (0, 1, 0),
+    (0, 0, 1),
+    (0, 0, 0),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Quadric:
+    """A quadric's coefficients with their derivatives by the nine parameters.
+
+    Attributes
+    ----------
+    gram : Array
+        The quadratic part, (t, 3, 3).
+    slopes : Array
+        Its derivatives by the first six parameters, (t, 6, 3, 3).
+    bias : Array
+        The centre, (t, 3).
+    values : Array
+        The ten coefficients v, (t, 10).
+    """
+
+    gram: Array
+    slopes: Array
+    bias: Array
+    values: Array
+
+
+def monomials(z: Array) -> Array:
+    """The ten monomials xx yy zz xy xz yz x y z 1 of a reading.
+
+    Parameters
+    ----------
+    z : Array
+        Readings, (..., 3).
+
+    Returns
+    -------
+    Array
+        Monomials, (..., 10).
+    """
+    result = np.empty((*z.shape[:-1], 10))
+    np.multiply(z, z, out=result[..., :3])
+    for index, (i, j) in enumerate(_PAIRS):
+        np.multiply(z[..., i], z[..., j], out=result[..., 3 + index])
+    result[..., 6:9] = z
+    result[..., 9] = 1.0
+    return result
+
+
+def moment_matrix(z: Array, weights: Array | None = None) -> Array:
+    """Moment matrix G of the monomials, eq. (Q2).
+
+    Parameters
+    ----------
+    z : Array
+        Readings, (t, n, 3).
+    weights : Array, optional
+        Weight of each pose, (t, n); 1 if not given.
+
+    Returns
+    -------
+    Array
+        G, (t, 10, 10).
+    """
+    total = np.zeros((z.shape[0], 10, 10))
+    for start in range(0, z.shape[1], _CHUNK):
+        part = slice(start, start + _CHUNK)
+        m = monomials(z[:, part])
+        right = m if weights is None else m * weights[:, part, None]
+        total += np.swapaxes(m, -1, -2) @ right
+    return total
+
+
+def unbiased_moment_matrix(z: Array, noise_std: Array) -> Array:
+    """Moment matrix whose mean is that of the noise-free readings.
+
+    A power of a reading with Gaussian noise is replaced by the Hermite polynomial
+    whose mean is the power of the true value: x, x^2 - s^2, x^3 - 3 s^2 x,
+    x^4 - 6 s^2 x^2 + 3 s^4.
+
+    Parameters
+    ----------
+    z : Array
+        Readings, (t, n, 3).
+    noise_std : Array
+        Noise of each reading and axis s, in the unit of `z`, (t, n).
+
+    Returns
+    -------
+    Array
+        Corrected G, (t, 10, 10).
+    """
+    total = np.zeros((z.shape[0], 10, 10))
+    for start in range(0, z.shape[1], _CHUNK):
+        part = slice(start, start + _CHUNK)
+        x, s2 = z[:, part], noise_std[:, part, None] ** 2
+        square = x * x
+        powers = np.stack(
+            [
+                np.ones_like(x),
+                x,
+                square - s2,
+                x * (square - 3.0 * s2),
+                square * (square - 6.0 * s2) + 3.0 * s2 * s2,
+            ]
+        )
+        for i, first in enumerate(_EXPONENTS):
+            for j, second in enumerate(_EXPONENTS[: i + 1]):
+                a, b, c = np.add(first, second)
+                product = powers[a, ..., 0] * powers[b, ..., 1] * powers[c, ..., 2]
+                total[:, i, j] += product.sum(axis=-1)
+    lower = np.tril(total, -1)
+    return total + np.swapaxes(lower, -1, -2)
+
+
+def residual_quadric(model: str, theta: Array) -> Quadric:
+    """The quadric c of eq. (Q1).
+
+    Parameters
+    ----------
+    model : str
+        Form of the parameters.
+    theta : Array
+        Nine parameters, (t, 9).
+
+    Returns
+    -------
+    Quadric
+        Coefficients of c.
+    """
+    m = forms.matrix(model, theta)
+    gram = np.swapaxes(m, -1, -2) @ m
+    slopes = forms.gram_derivatives(model, theta)
+    return _quadric(gram, slopes, theta[:, 6:], constant=-1.0)
+
+
+def distance_quadric(residual: Quadric) -> Quadric:
+    """The quadric q = |M'M (y - b)|^2, a quarter of the squared gradient of c.
+
+    Parameters
+    ----------
+    residual : Quadric
+        The quadric c.
+
+    Returns
+    -------
+    Quadric
+        Coefficients of q.
+    """
+    half = residual.slopes @ residual.gram[:, None]
+    slopes = half + np.swapaxes(half, -1, -2)
+    gram = residual.gram @ residual.gram
+    return _quadric(gram, slopes, residual.bias, constant=0.0)
+
+
+def _quadric(gram: Array, slopes: Array, bias: Array, *, constant: float) -> Quadric:
+    linear = np.matvec(gram, bias)
+    values = np.empty((gram.shape[0], 10))
+    for axis in range(3):
+        values[:, axis] = gram[:, axis, axis]
+    for index, (i, j) in enumerate(_PAIRS):
+        values[:, 3 + index] = 2.0 * gram[:, i, j]
+    values[:, 6:9] = -2.0 * linear
+    values[:, 9] = np.vecdot(bias, linear) + constant
+    return Quadric(gram=gram, slopes=slopes, bias=bias, values=values)
+
+
+def evaluate(quadric: Quadric, z: Array) -> Array:
+    """Value of a quadric at each reading.
+
+    Parameters
+    ----------
+    quadric : Quadric
+        A quadric.
+    z : Array
+        Readings, (t, n, 3).
+
+    Returns
+    -------
+    Array
+        Values, (t, n).
+    """
+    result = np.empty(z.shape[:-1])
+    for start in range(0, z.shape[1], _CHUNK):
+        part = slice(start, start + _CHUNK)
+        result[:, part] = np.matvec(monomials(z[:, part]), quadric.values)
+    return result
+
+
+def weighted_sum(z: Array, weights: Array) -> Array:
+    """Weighted sum of the monomials over poses.
+
+    Parameters
+    ----------
+    z : Array
+        Readings, (t, n, 3).
+    weights : Array
+        Weight of each pose, (t, n).
+
+    Returns
+    -------
+    Array
+        Sum of w_k m_k, (t, 10).
+    """
+    total = np.zeros((z.shape[0], 10))
+    for start in range(0, z.shape[1], _CHUNK):
+        part = slice(start, start + _CHUNK)
+        total += np.vecmat(weights[:, part], monomials(z[:, part]))
+    return total
+
+
+def value_derivatives(quadric: Quadric) -> Array:
+    """Derivatives of the ten coefficients by the nine parameters.
+
+    Parameters
+    ----------
+    quadric : Quadric
+        A quadric.
+
+    Returns
+    -------
+    Array
+        dv/dtheta, (t, 10, 9).
+    """
+    result = np.zeros((quadric.gram.shape[0], 10, 9))
+    slopes, bias = quadric.slopes, quadric.bias
+    for axis in range(3):
+        result[:, axis, :6] = slopes[:, :, axis, axis]
+    for index, (i, j) in enumerate(_PAIRS):
+        result[:, 3 + index, :6] = 2.0 * slopes[:, :, i, j]
+    linear = np.matvec(slopes, bias[:, None])  # (t, 6, 3)
+    result[:, 6:9, :6] = -2.0 * np.swapaxes(linear, -1, -2)
+    result[:, 9, :6] = np.vecdot(linear, bias[:, None])
+    result[:, 6:9, 6:] = -2.0 * quadric.gram
+    result[:, 9, 6:] = 2.0 * np.matvec(quadric.gram, bias)
+    return result
+
+
+def curvature(quadric: Quadric, seconds: Array, weights: Array) -> Array:
+    r"""Weighted sum of the second derivatives of the ten coefficients.
+
+    With the weights folded into a symmetric matrix :math:`S` (quadratic part), a
+    vector :math:`l` and a constant :math:`s_0`, the sum :math:`s^T v` is
+
+    .. math:: \mathrm{tr}(A W) + \mathrm{const}, \quad
+       W = S - b l^T - l b^T + s_0 b b^T  \tag{Q3}
+
+    so the derivatives are tr(d2A W) by two parameters of A, -2 dA (l - s_0 b) by
+    one of them and b, and 2 s_0 A by b twice.
+
+    Parameters
+    ----------
+    quadric : Quadric
+        A quadric.
+    seconds : Array
+        Second derivatives of its quadratic part, (t, 6, 6, 3, 3).
+    weights : Array
+        Weight s of each coefficient, (t, 10).
+
+    Returns
+    -------
+    Array
+        Sum over i of s_i d2v_i, (t, 9, 9).
+    """
+    bias, linear, constant = quadric.bias, weights[:, 6:9], weights[:, 9]
+    w = np.zeros_like(quadric.gram)
+    for axis in range(3):
+        w[:, axis, axis] = weights[:, axis]
+    for index, (i, j) in enumerate(_PAIRS):
+        w[:, i, j] = w[:, j, i] = weights[:, 3 + index]
+    outer = bias[:, :, None] * linear[:, None, :]
+    w -= outer + np.swapaxes(outer, -1, -2)
+    w += constant[:, None, None] * bias[:, :, None] * bias[:, None, :]
+    rest = linear - constant[:, None] * bias
+    result = np.empty((bias.shape[0], 9, 9))
+    result[:, :6, :6] = (seconds * w[:, None, None]).sum(axis=(-2, -1))
+    mixed = -2.0 * np.matvec(quadric.slopes, rest[:, None])
+    result[:, :6, 6:] = mixed
+    result[:, 6:, :6] = np.swapaxes(mixed, -1, -2)
+    result[:, 6:, 6:] = 2.0 * constant[:, None, None] * quadric.gram
+    return result
+
+
+def residual_seconds(model: str, theta: Array) -> Array:
+    """Second derivatives of A = M'M by the first six parameters.
+
+    Parameters
+    ----------
+    model : str
+        Form of the parameters.
+    theta : Array
+        Nine parameters, (t, 9).
+
+    Returns
+    -------
+    Array
+        d2A, (t, 6, 6, 3, 3).
+    """
+    m = forms.matrix(model, theta)[:, None, None]
+    first = forms.matrix_derivatives(model, theta)
+    bent = np.swapaxes(forms.matrix_second_derivatives(model), -1, -2) @ m
+    crossed = np.swapaxes(first, -1, -2)[:, :, None] @ first[:, None]
+    half = bent + crossed
+    return half + np.swapaxes(half, -1, -2)
+
+
+def distance_seconds(residual: Quadric, seconds: Array) -> Array:
+    """Second derivatives of A^2 by the first six parameters.
+
+    Parameters
+    ----------
+    residual : Quadric
+        The quadric c, of A.
+    seconds : Array
+        Second derivatives of A, (t, 6, 6, 3, 3).
+
+    Returns
+    -------
+    Array
+        Second derivatives of A^2, (t, 6, 6, 3, 3).
+    """
+    half = seconds @ residual.gram[:, None, None]
+    half += residual.slopes[:, :, None] @ residual.slopes[:, None]
+    return half + np.swapaxes(half, -1, -2)

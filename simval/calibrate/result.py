@@ -1,0 +1,223 @@
+"""The result of a calibration."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from simval.arrays import Array, frozen
+from simval.errors import ConvergenceError, InputError
+from simval.sensor import AccelerometerModel, forms
+
+_ARRAYS = (
+    "parameters",
+    "covariance",
+    "cost",
+    "condition",
+    "rms",
+    "chi2_per_dof",
+    "gradient_norm",
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FitResult:
+    """Calibration of one pose set, or of a batch of trials.
+
+    Leading axes ``...`` are empty for one set and (trials,) for a batch; a trial
+    that was refused is NaN in every number.
+
+    Attributes
+    ----------
+    model : str
+        Form of the parameters: triangular, upper or symmetric.
+    method : str
+        Solver: lm, gauss-newton or newton.
+    residual : str
+        Residual: squared, norm, weighted, sampson or adjusted.
+    g : float
+        Gravity that the fit took, m/s^2.
+    parameters : Array
+        The nine parameters in the order of `names`, (..., 9).
+    covariance : Array
+        Their covariance, (..., 9, 9); NaN where there is none.
+    covariance_kind : str
+        ``known sigma``, ``type A`` (from the residuals), or ``none`` (nine poses).
+    dof : int
+        Degrees of freedom, poses less nine.
+    status : Array of str
+        ``converged``, ``max iterations``, ``stalled``, or ``refused: ...``, (...).
+    iterations : Array of int
+        Steps of the solver, (...).
+    cost : Array
+        Sum of squared residuals, (...): (m/s^2)^4 for squared and adjusted,
+        (m/s^2)^2 for norm, raw units squared for weighted and sampson.
+    condition : Array
+        Condition of the poses, eq. (P1) of `poses`, (...).
+    rms : Array
+        Root mean square of |T K (y - B)| - g, m/s^2, (...).
+    chi2_per_dof : Array
+        Sum of squared distances to the ellipsoid over sigma, by degree of freedom,
+        (...); NaN without sigma or without a degree of freedom.
+    gradient_norm : Array
+        Norm of the last gradient in the scaled units of the fit, (...).
+    """
+
+    model: str
+    method: str
+    residual: str
+    g: float
+    parameters: Array
+    covariance: Array
+    covariance_kind: str
+    dof: int
+    status: Any
+    iterations: Any
+    cost: Array
+    condition: Array
+    rms: Array
+    chi2_per_dof: Array
+    gradient_norm: Array
+
+    def __post_init__(self) -> None:
+        for name in _ARRAYS:
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the nine parameters."""
+        return forms.names(self.model)
+
+    @property
+    def T(self) -> Array:
+        """Misalignment, (..., 3, 3); the identity for the symmetric form."""
+        return forms.factors(self.model, self.parameters)[0]
+
+    @property
+    def K(self) -> Array:
+        """Scale, m/s^2 per raw unit, (..., 3); symmetric form: matrix (..., 3, 3)."""
+        return forms.factors(self.model, self.parameters)[1]
+
+    @property
+    def B(self) -> Array:
+        """Bias, raw units, (..., 3)."""
+        return self.parameters[..., 6:]
+
+    @property
+    def matrix(self) -> Array:
+        """M = T K, raw units to m/s^2, (..., 3, 3)."""
+        return forms.matrix(self.model, self.parameters)
+
+    @property
+    def converged(self) -> Any:
+        """Whether each trial converged, (...) of bool."""
+        return self.status == "converged"
+
+    @property
+    def sd(self) -> Array:
+        """Standard deviation of each parameter, (..., 9); NaN where there is none."""
+        variance = np.diagonal(self.covariance, axis1=-2, axis2=-1)
+        return np.sqrt(variance)
+
+    @property
+    def intervals(self) -> Array:
+        """Confidence intervals at 95 percent, (..., 9, 2)."""
+        return self.confidence_intervals(0.95)
+
+    def confidence_intervals(self, level: float) -> Array:
+        """Confidence interval of each parameter.
+
+        Normal quantiles with a known sigma; Student's t with `dof` degrees of
+        freedom where the scatter came from the residuals.
+
+        Parameters
+        ----------
+        level : float
+            Probability that an interval covers the truth, between 0 and 1.
+
+        Returns
+        -------
+        Array
+            Lower and upper limit, (..., 9, 2); NaN where there is no covariance.
+
+        Raises
+        ------
+        InputError
+            If `level` is not between 0 and 1.
+        """
+        if not 0.0 < level < 1.0:
+            msg = f"`level` is {level!r}; it must be a probability between 0 and 1"
+            raise InputError(msg)
+        tail = (1.0 - level) / 2.0
+        if self.covariance_kind == "type A":
+            quantile = stats.t.isf(tail, self.dof)
+        else:
+            quantile = stats.norm.isf(tail)
+        half = quantile * self.sd
+        return np.stack([self.parameters - half, self.parameters + half], axis=-1)
+
+    def to_form(self, model: str) -> "FitResult":
+        """Return the same calibration in another form, covariance carried along.
+
+        Parameters
+        ----------
+        model : str
+            Form wanted: triangular, upper or symmetric.
+
+        Returns
+        -------
+        FitResult
+            The same ellipsoid and bias.
+        """
+        parameters, covariance = forms.convert(
+            self.parameters, self.covariance, source=self.model, target=model
+        )
+        fields = {name: getattr(self, name) for name in self.__slots__}
+        fields |= {"model": model, "parameters": parameters, "covariance": covariance}
+        return FitResult(**fields)
+
+    def sensor(self) -> AccelerometerModel:
+        """Return the calibrated sensor of a single fit.
+
+        Returns
+        -------
+        AccelerometerModel
+            T, K and B, without noise.
+
+        Raises
+        ------
+        InputError
+            If this is a batch.
+        """
+        if self.parameters.ndim != 1:
+            msg = (
+                f"this is a batch of {self.parameters.shape[0]} trials; a sensor is "
+                "made from one of them: use AccelerometerModel.from_parameters"
+            )
+            raise InputError(msg)
+        return AccelerometerModel.from_parameters(self.parameters, model=self.model)
+
+    def require_converged(self) -> "FitResult":
+        """Return the fit if every trial converged.
+
+        Returns
+        -------
+        FitResult
+            This fit.
+
+        Raises
+        ------
+        ConvergenceError
+            If a trial did not converge: says which, and why.
+        """
+        bad = np.flatnonzero(~np.atleast_1d(self.converged))
+        if bad.size:
+            status = np.atleast_1d(self.status)[bad[0]]
+            msg = (
+                f"{bad.size} trial(s) did not converge, the first is trial {bad[0]} "
+                f"({status}) after {np.atleast_1d(self.iterations)[bad[0]]} "
+                "iterations; check its poses or allow more iterations"
+            )
+            raise ConvergenceError(msg)
+        return self

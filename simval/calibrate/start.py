@@ -1,0 +1,85 @@
+r"""The closed-form start: the ellipsoid through the poses, by linear least squares.
+
+In readings :math:`z` moved to their mean and scaled to unit size, every ellipsoid
+through the poses has its own equation :math:`z^T \tilde A z + \ell^T z = 1`  (E1),
+because the mean lies inside it. The nine coefficients are linear, so no starting
+values are needed, whatever the unit, the scale or the bias. Then
+:math:`b = -\tilde A^{-1} \ell / 2` and :math:`A = \tilde A / (1 + b^T \tilde A b)`.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.calibrate.positive import solve_positive
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Ellipsoid:
+    """An ellipsoid |M(z - b)| = 1 through the poses, and how well they fix it.
+
+    Attributes
+    ----------
+    gram : Array
+        A = M'M, (t, 3, 3); NaN where the poses do not fix an ellipsoid.
+    bias : Array
+        Its centre, (t, 3).
+    condition : Array
+        Condition number of the nine monomials of the poses, columns scaled to unit
+        length, (t,): the square root of the 1-norm condition of their Gram matrix;
+        infinite where the rank is below nine.
+    proper : Array
+        Whether the quadric is an ellipsoid, (t,) of bool.
+    """
+
+    gram: Array
+    bias: Array
+    condition: Array
+    proper: Any
+
+
+def fit_ellipsoid(moments: Array) -> Ellipsoid:
+    """Linear least squares of eq. (E1) from the moment matrices.
+
+    Parameters
+    ----------
+    moments : Array
+        Moment matrices of the centred, scaled poses, (t, 10, 10).
+
+    Returns
+    -------
+    Ellipsoid
+        The start of each trial.
+    """
+    normal = moments[:, :9, :9]
+    count = normal.shape[0]
+    right = np.empty((count, 9, 10))
+    right[:, :, 0] = moments[:, :9, 9]
+    right[:, :, 1:] = np.eye(9)
+    solution, pivot = solve_positive(normal, right)
+    p, inverse = solution[..., 0], solution[..., 1:]
+    condition = _condition(normal, inverse)
+    condition[~(pivot > 0.0)] = np.inf
+    gram = np.empty((count, 3, 3))
+    for axis in range(3):
+        gram[:, axis, axis] = p[:, axis]
+    for index, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
+        gram[:, i, j] = gram[:, j, i] = p[:, 3 + index] / 2.0
+    bias, lowest = solve_positive(gram, -p[:, 6:, None] / 2.0)
+    bias = bias[..., 0]
+    level = 1.0 + np.vecdot(bias, np.matvec(gram, bias))
+    gram /= level[:, None, None]
+    return Ellipsoid(
+        gram=gram, bias=bias, condition=condition, proper=(lowest > 0.0) & (level > 0.0)
+    )
+
+
+def _condition(normal: Array, inverse: Array) -> Array:
+    # Condition of the scaled columns behind a Gram matrix, (t,).
+    length = np.sqrt(np.diagonal(normal, axis1=-2, axis2=-1))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        forward = np.abs(normal / length[:, None]).sum(axis=-1) / length
+        back = np.abs(inverse * length[:, None]).sum(axis=-1) * length
+        return np.sqrt(forward.max(axis=-1) * back.max(axis=-1))

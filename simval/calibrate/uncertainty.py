@@ -1,0 +1,124 @@
+r"""Covariance and fit statistics at a solution, in the scaled units of the fit.
+
+The estimate solves :math:`\sum_k a_k c_k\, d_k = 0`, :math:`d = \partial c /
+\partial\theta`, up to terms of second order in the noise, with :math:`a = 1`
+(squared, norm, adjusted) or :math:`1/4q` (weighted, sampson), and
+:math:`\partial c/\partial y` has squared length :math:`4q`. So to first order
+
+.. math:: \mathrm{Cov} = N^{-1} \Big(\sum_k 4 q_k a_k^2 \sigma_k^2 d_k d_k^T\Big)
+   N^{-1}, \quad N = \sum_k a_k d_k d_k^T  \tag{U1}
+
+when sigma is known, and Type A, from the residuals,
+:math:`s^2 N^{-1}` with :math:`s^2 = \sum a_k c_k^2/(n-9)`  (U2). Where a robust loss
+has changed the weights, the middle of (U1) takes :math:`a_k^2 c_k^2 n/(n-9)`.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.calibrate import quadric
+from simval.calibrate.positive import solve_positive
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Summary:
+    """Statistics of a solution, scaled units.
+
+    Attributes
+    ----------
+    covariance : Array
+        Covariance of theta, (t, 9, 9); NaN where there is none.
+    cost : Array
+        Sum of squared residuals, (t,).
+    rms : Array
+        Root mean square of the norm less one, (t,).
+    chi2_per_dof : Array
+        Chi-square per degree of freedom, (t,); NaN without sigma.
+    distance_std : Array
+        Standard deviation of the distances, by degree of freedom, (t,).
+    """
+
+    covariance: Array
+    cost: Array
+    rms: Array
+    chi2_per_dof: Array
+    distance_std: Array
+
+
+def summarize(
+    model: str,
+    residual: str,
+    theta: Array,
+    z: Array,
+    *,
+    sigma: Array | None,
+    weights: Array | None,
+) -> Summary:
+    """Covariance and statistics of each trial at its solution.
+
+    Parameters
+    ----------
+    model : str
+        Form of the parameters.
+    residual : str
+        The residual that was minimised.
+    theta : Array
+        Parameters, (t, 9).
+    z : Array
+        Scaled readings, (t, n, 3).
+    sigma : Array or None
+        Noise of each pose, scaled, (t, n).
+    weights : Array or None
+        Weights of a robust loss, (t, n).
+
+    Returns
+    -------
+    Summary
+        Statistics of each trial.
+    """
+    quad_c = quadric.residual_quadric(model, theta)
+    c = quadric.evaluate(quad_c, z)
+    q = quadric.evaluate(quadric.distance_quadric(quad_c), z)
+    dv = quadric.value_derivatives(quad_c)
+    dof = z.shape[1] - 9
+    a = 0.25 / q if residual in ("weighted", "sampson") else None
+    if weights is not None:
+        a = weights if a is None else weights * a
+    normal = _contract(dv, quadric.moment_matrix(z, a))
+    inverse = solve_positive(normal, np.broadcast_to(np.eye(9), normal.shape))[0]
+    squares = c * c if a is None else a * c * c
+    total = squares.sum(axis=-1)
+    distance2 = 0.25 * c * c / q
+    chi2 = np.full(len(z), np.nan)
+    if sigma is not None:
+        middle = 4.0 * q * sigma**2
+        if dof > 0 and np.all(sigma > 0.0):
+            chi2 = (distance2 / sigma**2).sum(axis=-1) / dof
+    else:
+        middle = c * c * (z.shape[1] / max(dof, 1))
+    if sigma is not None or weights is not None:
+        if a is not None:
+            middle = a * a * middle
+        meat = _contract(dv, quadric.moment_matrix(z, middle))
+        covariance = inverse @ meat @ inverse
+    else:
+        covariance = inverse * (total / max(dof, 1))[:, None, None]
+    if dof == 0 and sigma is None:
+        covariance = np.full_like(covariance, np.nan)
+    norm = np.sqrt(np.maximum(1.0 + c, 0.0)) - 1.0
+    if residual == "norm":
+        total = (norm * norm).sum(axis=-1)
+    return Summary(
+        covariance=covariance,
+        cost=total,
+        rms=np.sqrt((norm * norm).mean(axis=-1)),
+        chi2_per_dof=chi2,
+        distance_std=np.sqrt(distance2.sum(axis=-1) / dof) if dof else chi2,
+    )
+
+
+def _contract(dv: Array, moments: Array) -> Array:
+    # Sum of w_k d_k d_k' from the moment matrix with those weights.
+    return np.swapaxes(dv, -1, -2) @ (moments @ dv)
