@@ -3,6 +3,7 @@
 from simval.scene.catalogue import find_scene, scenes
 from simval.scene.models import model_path, models_folder
 from simval.scene.recording import Recording
+from simval.scene.render import render, render_file
 from simval.scene.run import record
 from simval.scene.script import Scene, Script
 
@@ -14,5 +15,7 @@ __all__ = [
     "model_path",
     "models_folder",
     "record",
+    "render",
+    "render_file",
     "scenes",
 ]

@@ -19,7 +19,9 @@ import runpy
 from pathlib import Path
 
 from simval.errors import InputError
-from simval.scene.driven import drive_gimbal
+from simval.scene.driven import drive_gimbal, drive_shaker
+from simval.scene.free import drive_freefall, drive_pivot
+from simval.scene.hand import drive_handheld
 from simval.scene.models import model_path
 from simval.scene.script import Scene
 from simval.scene.thrown import drive_thrown
@@ -49,6 +51,40 @@ def scenes() -> dict[str, Scene]:
             drive=drive_thrown,
             force_limit=CONTACT_FORCE,
             rate_limit=500.0,
+        ),
+        Scene(
+            name="shaker",
+            summary="a die loose in a closed box that two servos tip",
+            model=model_path("shaker"),
+            drive=drive_shaker,
+            force_limit=CONTACT_FORCE,
+            rate_limit=500.0,
+        ),
+        Scene(
+            name="pivot",
+            summary="a slow free spin about a pivot, off-centre: never quite at rest",
+            model=model_path("pivot"),
+            drive=drive_pivot,
+        ),
+        Scene(
+            name="handheld",
+            summary="a trembling hand carries the IMU through chosen poses",
+            model=model_path("handheld"),
+            drive=drive_handheld,
+        ),
+        Scene(
+            name="cube",
+            summary="a thrown cube, six faces: a negative control, rank 6 of 9",
+            model=model_path("cube"),
+            drive=drive_thrown,
+            force_limit=CONTACT_FORCE,
+            rate_limit=500.0,
+        ),
+        Scene(
+            name="freefall",
+            summary="a spinning body that falls: a negative control, no gravity",
+            model=model_path("freefall"),
+            drive=drive_freefall,
         ),
     )
     return {scene.name: scene for scene in listed}

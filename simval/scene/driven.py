@@ -9,6 +9,7 @@ from simval.geometry import normalize
 from simval.poses import fibonacci_sphere
 from simval.scene.motion import steps, visit
 from simval.scene.script import Script
+from simval.streams import cell_key, stream
 
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
@@ -109,4 +110,50 @@ def drive_gimbal(
         qpos=angles[0],
         rest_force=1e-12,
         rest_rate=1e-10,
+    )
+
+
+def drive_shaker(
+    model: mujoco.MjModel,
+    *,
+    poses: int = 40,
+    move_time: float = 1.0,
+    settle_time: float = 2.0,
+    hold_time: float = 1.0,
+    seed: int = 0,
+) -> Script:
+    """Tip a closed box about two axes, again and again, with a die loose inside.
+
+    Parameters
+    ----------
+    model : mujoco.MjModel
+        The box on its two servos.
+    poses : int
+        Number of rests; the first follows the drop to the box's floor.
+    move_time, settle_time, hold_time : float
+        Length of each minimum-jerk move, of settling after it, and of each rest, s.
+    seed : int
+        Of the box's angles, drawn evenly from a whole turn.
+
+    Returns
+    -------
+    Script
+        Servo targets; a die that still slides when its rest begins is left out.
+    """
+    h = model.opt.timestep
+    rng = stream(seed, cell_key("shaker"), 0)
+    angles = rng.uniform(-np.pi, np.pi, (poses, model.nu))
+    angles[0] = 0.0
+    settle = steps(settle_time, h, "settle_time")
+    hold = steps(hold_time, h, "hold_time")
+    targets, rests = visit(
+        angles, settle + hold, steps(move_time, h, "move_time"), settle, hold
+    )
+    rests[:settle] = -1  # the die drops first
+    return Script(
+        hold=rests,
+        inputs={"ctrl": targets},
+        rest_force=1e-3,
+        rest_rate=1e-3,
+        strict=False,
     )

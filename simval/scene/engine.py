@@ -12,6 +12,7 @@ from contextlib import contextmanager
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
+from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.errors import InputError
@@ -51,27 +52,58 @@ def simulate(
     messages : list of str
         What MuJoCo said.
     """
-    steps = len(scripts[0].hold)
-    spec, control = _controls(model, scripts)
     with captured_messages() as messages:
-        batch = Batch(model, len(scripts), nthread=threads)
-        for name in ("qpos", "qvel"):
-            for row, script in zip(batch.bind(name), scripts, strict=True):
-                value = getattr(script, name)
-                if value is not None:
-                    row[:] = value
-        record = batch.rollout(steps, control, spec, record=("sensordata",))
+        batch, record = _rolled_out(model, scripts, "sensordata", threads)
         warnings = np.array(batch.warning)
     order = np.concatenate([_columns(model, name) for name in SENSORS])
-    rows = record["sensordata"]
-    if not np.array_equal(order, np.arange(rows.shape[2])):
-        rows = rows[:, :, order]
-    return rows, warnings, messages
+    if not np.array_equal(order, np.arange(record.shape[2])):
+        record = record[:, :, order]
+    return record, warnings, messages
 
 
-def _columns(model: mujoco.MjModel, sensor: str) -> np.ndarray:
+def positions(model: mujoco.MjModel, script: Script, rows: Array) -> Array:
+    """Generalised positions of a run at some rows, for pictures.
+
+    Parameters
+    ----------
+    model : mujoco.MjModel
+        Compiled and checked.
+    script : Script
+        The run.
+    rows : Array
+        Row numbers, (m,).
+
+    Returns
+    -------
+    Array
+        (m, nq). The record of a step is the position after it, so row k is found in
+        the record of step k - 1, and row 0 is the start.
+    """
+    with captured_messages():
+        _, record = _rolled_out(model, [script], "qpos", 1)
+    start = model.qpos0 if script.qpos is None else script.qpos
+    return np.concatenate([np.asarray(start)[None], record[0]])[rows]
+
+
+def _rolled_out(
+    model: mujoco.MjModel, scripts: Sequence[Script], what: str, threads: int
+) -> tuple[Batch, Array]:
+    spec, control = _controls(model, scripts)
+    batch = Batch(model, len(scripts), nthread=threads)
+    for name in ("qpos", "qvel"):
+        for row, script in zip(batch.bind(name), scripts, strict=True):
+            value = getattr(script, name)
+            if value is not None:
+                row[:] = value
+    steps = len(scripts[0].hold)
+    record: Array = batch.rollout(steps, control, spec, record=(what,))[what]
+    return batch, record
+
+
+def _columns(model: mujoco.MjModel, sensor: str) -> NDArray[np.intp]:
     k = model.sensor(sensor).id
-    return model.sensor_adr[k] + np.arange(model.sensor_dim[k])
+    columns: NDArray[np.intp] = model.sensor_adr[k] + np.arange(model.sensor_dim[k])
+    return columns
 
 
 def _controls(

@@ -1,0 +1,119 @@
+"""Driver of the hand-held scene: a trembling hand carries a body through poses."""
+
+import mujoco
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from simval.arrays import Array, nonnegative_number
+from simval.scene.driven import gimbal_angles, pose_directions
+from simval.scene.models import SITE
+from simval.scene.motion import steps, visit
+from simval.scene.script import Script
+from simval.streams import cell_key, stream
+
+TREMOR_BAND = (6.0, 12.0)  # Hz, physiological tremor of a hand
+SINES = 5  # in each axis' tremor
+
+
+def drive_handheld(
+    model: mujoco.MjModel,
+    *,
+    directions: object = 40,
+    first_hold: float = 1.0,
+    move_time: float = 1.0,
+    settle_time: float = 0.6,
+    hold_time: float = 1.0,
+    tremor_angle: float = 3e-4,
+    tremor_path: float = 3e-5,
+    seed: int = 0,
+) -> Script:
+    r"""Carry a body through poses in a hand that trembles.
+
+    Parameters
+    ----------
+    model : mujoco.MjModel
+        A free body welded softly to a mocap body, the hand.
+    directions : int or array_like
+        Directions of the specific force in sensor axes, or how many of them.
+    first_hold : float
+        Length of the rest in the first pose, s.
+    move_time, settle_time, hold_time : float
+        Length of each minimum-jerk move, of settling after it, and of each rest, s.
+    tremor_angle, tremor_path : float
+        Greatest tremor about, rad, and along each axis, m: sums of sines of 6 to 12 Hz.
+    seed : int
+        Of the tremor.
+
+    Returns
+    -------
+    Script
+        The hand's path. The weld is critically damped and passes no more than the hand
+        does, so a rest's bound is the hand's greatest acceleration there,
+        :math:`\sqrt3 (2\pi f)^2` (path + angle times arm) plus the centripetal term.
+    """
+    angle = nonnegative_number("tremor_angle", tremor_angle, "rad")
+    path = nonnegative_number("tremor_path", tremor_path, "m")
+    h = model.opt.timestep
+    targets, rests = visit(
+        gimbal_angles(pose_directions(directions)),
+        steps(first_hold, h, "first_hold"),
+        steps(move_time, h, "move_time"),
+        steps(settle_time, h, "settle_time"),
+        steps(hold_time, h, "hold_time"),
+    )
+    # the grip starts without tremor and settles before the first rest counts
+    rests[: min(steps(0.5, h, "grip"), len(rests))] = -1
+    rng = stream(seed, cell_key("handheld"), 0)
+    shake = tremor(len(rests), h, angle, rng)
+    shift = tremor(len(rests), h, path, rng)
+    turn = Rotation.from_euler("ZYX", targets) * Rotation.from_rotvec(shake)
+    quaternion = _continuous(turn.as_quat(scalar_first=True))
+    position = model.body_pos[model.body("hand").id] + shift
+    start = np.concatenate([position[0], quaternion[0]])
+    fastest = 2.0 * np.pi * TREMOR_BAND[1]
+    arm = float(np.linalg.norm(model.site(SITE).pos))
+    swing = np.sqrt(3.0) * fastest * angle
+    jolt = np.sqrt(3.0) * fastest**2 * (path + arm * angle) + arm * swing**2
+    return Script(
+        hold=rests,
+        inputs={"mocap_pos": position, "mocap_quat": quaternion},
+        qpos=start,
+        rest_force=jolt + 1e-4,
+        rest_rate=swing + 1e-4,
+    )
+
+
+def tremor(
+    count: int, timestep: float, amplitude: float, rng: np.random.Generator
+) -> Array:
+    """Band-limited tremor of three axes.
+
+    Parameters
+    ----------
+    count : int
+        Rows.
+    timestep : float
+        Their distance, s.
+    amplitude : float
+        Greatest value of each axis, any unit.
+    rng : numpy.random.Generator
+        Of frequencies and phases.
+
+    Returns
+    -------
+    Array
+        (count, 3), in the unit of `amplitude`.
+    """
+    frequency = rng.uniform(*TREMOR_BAND, (SINES, 3))
+    phase = rng.uniform(0.0, 2.0 * np.pi, (SINES, 3))
+    time = timestep * np.arange(count)[:, None, None]
+    waves = np.sin(2.0 * np.pi * frequency * time + phase)
+    mean: Array = amplitude * waves.mean(axis=1)
+    return mean
+
+
+def _continuous(quaternion: Array) -> Array:
+    # the sign that follows the row before: q and -q are one attitude, a jump is not
+    dots = np.sum(quaternion[1:] * quaternion[:-1], axis=1)
+    sign = np.concatenate([[1.0], np.cumprod(np.where(dots < 0.0, -1.0, 1.0))])
+    return quaternion * sign[:, None]
