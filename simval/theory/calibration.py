@@ -1,0 +1,276 @@
+r"""First- and second-order moments of a calibration error, and the bound on it.
+
+A reading is :math:`y = x + B + n`, :math:`M x = a` the true force, :math:`|a| = g`,
+:math:`n \sim N(0, \sigma^2 I)`; the direction of each :math:`a` is unknown. With
+:math:`c = |M(y-B)|^2/g^2 - 1` and :math:`d = \partial c/\partial\theta`, every
+residual's estimate solves :math:`\sum_i \psi_i = 0`,
+
+.. math:: \psi = a\, c\, d + c^2\, b,  \tag{K1}
+
+up to terms that vanish faster than :math:`c^2`:
+
+========= ================ ======================================
+residual  a                b
+========= ================ ======================================
+squared   1                0
+norm      1                :math:`-\tfrac34 d`
+weighted  :math:`1/4q`     0
+sampson   :math:`1/4q`     :math:`-\partial q/\partial\theta / 8q^2`
+adjusted  1                0, and the mean of the noise taken out
+========= ================ ======================================
+
+:math:`q = |\partial c/\partial y|^2/4`. Expanding (K1) to second order in the noise
+gives the covariance, left out is :math:`O(\sigma^4)`, and the bias, also to
+:math:`O(\sigma^4)`. Eliminating the unknown directions from the Fisher information
+leaves one equation for each pose, and the Cramer-Rao bound
+
+.. math:: \sigma^2 (J^T W J)^{-1}, \quad J_i = d_i, \quad W_{ii} = 1/4q_i. \tag{K2}
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from simval.arrays import Array, finite_array, frozen, positive_number, shaped_array
+from simval.errors import GeometryError, InputError
+from simval.geometry import normalize
+from simval.poses import PARAMETERS, observability
+from simval.sensor import AccelerometerModel, forms
+
+RESIDUALS = ("squared", "norm", "weighted", "sampson", "adjusted")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CalibrationMoments:
+    """Predicted error of a calibration, estimate minus truth.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Names of the nine parameters.
+    bias : Array
+        Second-order bias, (9,).
+    covariance : Array
+        First-order covariance, (9, 9).
+    cramer_rao : Array
+        Cramer-Rao bound with the directions as nuisance parameters, (9, 9).
+    """
+
+    names: tuple[str, ...]
+    bias: Array
+    covariance: Array
+    cramer_rao: Array
+
+    def __post_init__(self) -> None:
+        for name in ("bias", "covariance", "cramer_rao"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    @property
+    def sd(self) -> Array:
+        """Standard deviation of each parameter, (9,)."""
+        return np.sqrt(np.diagonal(self.covariance))
+
+    @property
+    def efficiency(self) -> Array:
+        """Bound over variance of each parameter, (9,); at most 1."""
+        return np.diagonal(self.cramer_rao) / np.diagonal(self.covariance)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Geometry:
+    # c and q of each pose at the truth, and their derivatives (c itself is 0)
+    d: Array  # dc/dtheta, (n, 9)
+    q: Array  # (n,)
+    q_theta: Array  # (n, 9)
+    turn: Array  # sum over k of c_k d2c/dtheta dy_k, (n, 9)
+    q_along: Array  # sum over k of c_k q_k, (n,)
+    bend: Array  # d2c/dtheta2, (n, 9, 9)
+    laplacian: float  # sum over k of c_kk
+
+
+def calibration_moments(
+    model: AccelerometerModel,
+    directions: Any,
+    g: float = 9.80665,
+    noise_std: Any = None,
+    residual: str = "squared",
+    *,
+    form: str = "triangular",
+) -> CalibrationMoments:
+    """Predict the error of a calibration from the sensor and its poses.
+
+    Parameters
+    ----------
+    model : AccelerometerModel
+        The true sensor.
+    directions : array_like
+        True directions of the specific force, sensor axes, (n, 3), any length but 0.
+    g : float, default 9.80665
+        Gravity, m/s^2.
+    noise_std : float or array_like, optional
+        Noise of each axis of a pose mean, raw units, one number or (n,); the
+        sensor's own if not given.
+    residual : {"squared", "norm", "weighted", "sampson", "adjusted"}
+        Which estimate.
+    form : {"triangular", "upper", "symmetric"}
+        Form of the parameters.
+
+    Returns
+    -------
+    CalibrationMoments
+        Bias, covariance and bound.
+
+    Raises
+    ------
+    InputError
+        If an argument is not usable.
+    GeometryError
+        If the poses have rank below nine.
+    """
+    if residual not in RESIDUALS:
+        msg = f"`residual` is {residual!r}; it must be one of {', '.join(RESIDUALS)}"
+        raise InputError(msg)
+    g = positive_number("g", g, "m/s^2")
+    u = normalize(finite_array("directions", directions, (None, 3)))
+    sigma = _noise(model.noise_std if noise_std is None else noise_std, len(u))
+    found = observability(u)
+    if found.rank < PARAMETERS:
+        helps = ", ".join(f"{x:.2f}" for x in found.next_direction)
+        msg = (
+            f"the {len(u)} directions have rank {found.rank} of {PARAMETERS}; nothing "
+            f"can be predicted for what they cannot observe: add ({helps})"
+        )
+        raise GeometryError(msg)
+    x = np.linalg.solve(model.matrix, g * u.T).T
+    theta = _true_parameters(model, form)
+    # parameters in units in which the columns of J have unit length: raw counts and
+    # m/s^2 then look the same to the linear algebra
+    geometry = _geometry(form, theta, x, g)
+    unit = 1.0 / np.linalg.norm(geometry.d, axis=0)
+    scaled = _scaled(geometry, unit)
+    covariance, bias = _moments(scaled, sigma, residual)
+    weight = 1.0 / (4.0 * scaled.q * np.maximum(sigma, np.finfo(float).tiny) ** 2)
+    information = (scaled.d * (weight / weight.max())[:, None]).T @ scaled.d
+    bound = np.linalg.inv(information) / weight.max()
+    size = np.outer(unit, unit)
+    return CalibrationMoments(
+        names=forms.names(form),
+        bias=bias * unit,
+        covariance=covariance * size,
+        cramer_rao=bound * size,
+    )
+
+
+def _noise(noise_std: Any, count: int) -> Array:
+    sigma = shaped_array("noise_std", noise_std, ())
+    good = sigma.shape in ((), (count,)) and np.all(sigma >= 0.0)
+    if not (good and np.isfinite(sigma).all()):
+        msg = (
+            f"`noise_std` has shape {sigma.shape} and least value {np.min(sigma):g}; "
+            f"give one finite number, or one for each of {count} poses, 0 or more"
+        )
+        raise InputError(msg)
+    return np.broadcast_to(sigma, (count,))
+
+
+def _true_parameters(model: AccelerometerModel, form: str) -> Array:
+    forms.check_model(form)
+    gram = model.matrix.T @ model.matrix
+    return forms.from_gram(form, gram, model.B)
+
+
+def _geometry(form: str, theta: Array, x: Array, g: float) -> _Geometry:
+    # exact derivatives of c = x'Ax - 1 with x = y - B and A = M'M / g^2
+    m = forms.matrix(form, theta)
+    first = forms.matrix_derivatives(form, theta)
+    second = forms.matrix_second_derivatives(form)
+    a = m.T @ m / g**2
+    half = np.einsum("jrk,rl->jkl", first, m) / g**2
+    da = half + np.swapaxes(half, -1, -2)
+    half = np.einsum("jirk,rl->jikl", second, m)
+    half = (half + np.einsum("jrk,irl->jikl", first, first)) / g**2
+    dda = half + np.swapaxes(half, -1, -2)
+    ax = x @ a
+    dax = np.einsum("jkl,nl->njk", da, x)
+    count = len(x)
+    bend = np.zeros((count, 9, 9))
+    bend[:, :6, :6] = np.einsum("jikl,nk,nl->nji", dda, x, x)
+    bend[:, :6, 6:] = -2.0 * dax
+    bend[:, 6:, :6] = -2.0 * np.swapaxes(dax, -1, -2)
+    bend[:, 6:, 6:] = 2.0 * a
+    aax = ax @ a
+    # c_k = 2 (Ax)_k, d2c/dtheta dy_k = 2 (dA x)_k or -2 A_k, q_k = 2 (AAx)_k
+    turn = np.concatenate([4.0 * np.einsum("njk,nk->nj", dax, ax), -4.0 * aax], axis=-1)
+    q_theta = np.concatenate(
+        [2.0 * np.einsum("njk,nk->nj", dax, ax), -2.0 * aax], axis=-1
+    )
+    return _Geometry(
+        d=np.concatenate([np.einsum("njk,nk->nj", dax, x), -2.0 * ax], axis=-1),
+        q=np.sum(ax * ax, axis=-1),
+        q_theta=q_theta,
+        turn=turn,
+        q_along=4.0 * np.sum(ax * aax, axis=-1),
+        bend=bend,
+        laplacian=2.0 * float(np.trace(a)),
+    )
+
+
+def _scaled(p: _Geometry, unit: Array) -> _Geometry:
+    return _Geometry(
+        d=p.d * unit,
+        q=p.q,
+        q_theta=p.q_theta * unit,
+        turn=p.turn * unit,
+        q_along=p.q_along,
+        bend=p.bend * np.outer(unit, unit),
+        laplacian=p.laplacian,
+    )
+
+
+def _moments(p: _Geometry, sigma: Array, residual: str) -> tuple[Array, Array]:
+    # first-order covariance and second-order bias of the solution of eq. (K1)
+    weighted = residual in ("weighted", "sampson")
+    a = 0.25 / p.q if weighted else np.ones_like(p.q)
+    slope = -a / p.q if weighted else np.zeros_like(p.q)  # da/dq
+    b = np.zeros_like(p.d)
+    if residual == "norm":
+        b = -0.75 * p.d
+    elif residual == "sampson":
+        b = 0.5 * slope[:, None] * p.q_theta
+    s2, steep = sigma**2, 4.0 * p.q  # steep: sum over k of c_k^2
+    inverse = np.linalg.inv((p.d * a[:, None]).T @ p.d)
+    back = p.d @ inverse  # rows p_i = H^-1 d_i
+    covariance = (back * (s2 * a * a * steep)[:, None]).T @ back
+    a_theta, a_along = slope[:, None] * p.q_theta, slope * p.q_along
+    reach = np.sum(back * p.d, axis=-1)
+    bent = np.einsum("nij,nj->ni", p.bend, back)
+    own = (
+        a[:, None] * p.turn
+        + (0.5 * p.laplacian * a + a_along)[:, None] * p.d
+        + steep[:, None] * b
+    )
+    if residual == "adjusted":  # its moments have this mean taken out
+        own = np.zeros_like(own)
+    cross = -a[:, None] * (
+        a[:, None]
+        * (
+            np.sum(back * p.turn, axis=-1)[:, None] * p.d
+            + reach[:, None] * p.turn
+            + steep[:, None] * bent
+        )
+        + (a_along * reach + steep * np.sum(back * a_theta, axis=-1))[:, None] * p.d
+        + 2.0 * (steep * reach)[:, None] * b
+    )
+    spread = p.d @ covariance
+    curved = (
+        a[:, None]
+        * (
+            0.5 * np.einsum("nij,ij->n", p.bend, covariance)[:, None] * p.d
+            + np.einsum("nij,nj->ni", p.bend, spread)
+        )
+        + np.sum(spread * a_theta, axis=-1)[:, None] * p.d
+        + np.sum(spread * p.d, axis=-1)[:, None] * b
+    )
+    total = (s2[:, None] * (own + cross) + curved).sum(axis=0)
+    return covariance, -inverse @ total
