@@ -1,1 +1,56 @@
-"""A validation harness for inertial calibration and attitude estimation."""
+"""A validation harness for inertial calibration and attitude estimation.
+
+How wrong are my calibration and my attitude estimate, is that as wrong as theory
+says they must be, and did today's change make them worse?
+
+Conventions
+-----------
+- SI units and radians everywhere; raw readings in whatever unit the sensor has.
+- A quaternion is unit, vector part first, scalar last, and takes the reference frame
+  to the body frame; ``q`` and ``-q`` are the same attitude.
+- ``f_s`` is a vector in sensor coordinates, ``R_ws`` takes sensor to world: in a
+  product the inner letters match. Frames: ``w`` world, ``b`` body, ``s`` sensor.
+- An accelerometer measures specific force: at rest it reads g upwards.
+- Attitude errors are truth minus estimate, calibration errors estimate minus truth.
+- Arrays are batches on their leading axes: ``(..., 3)``.
+
+Where to look
+-------------
+`studies` are the experiments and the first package to read; `scene`, `sensor`,
+`calibrate` and `attitude` are what they wire together, `theory` is what the results
+must be, `verdict` judges them, `sweep` runs grids of them, `report` and `gate` tell.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from simval.attitude import two_vector_quaternion
+    from simval.calibrate import calibrate
+    from simval.sensor import AccelerometerModel
+    from simval.sweep import load_run, run_suite
+
+__all__ = [
+    "AccelerometerModel",
+    "calibrate",
+    "load_run",
+    "run_suite",
+    "two_vector_quaternion",
+]
+
+_HOMES = {
+    "AccelerometerModel": "simval.sensor",
+    "calibrate": "simval.calibrate",
+    "load_run": "simval.sweep",
+    "run_suite": "simval.sweep",
+    "two_vector_quaternion": "simval.attitude",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first used, so that `simval --help` is quick."""
+    import importlib
+
+    if name not in _HOMES:
+        msg = f"module 'simval' has no attribute {name!r}"
+        raise AttributeError(msg)
+    return getattr(importlib.import_module(_HOMES[name]), name)

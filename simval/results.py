@@ -19,7 +19,6 @@ record   reported, not judged
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Literal
 
 from simval.arrays import Array
@@ -80,6 +79,4 @@ class Outcome:
     """
 
     rows: tuple[Row, ...]
-    artifacts: Mapping[str, Mapping[str, Array] | bytes] = field(
-        default_factory=lambda: MappingProxyType({})
-    )
+    artifacts: Mapping[str, Mapping[str, Array] | bytes] = field(default_factory=dict)

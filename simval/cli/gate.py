@@ -40,10 +40,12 @@ def command(run: str, baseline: Path, update_baseline: str | None, alpha: float)
     if update_baseline is not None:
         write_baseline(baseline, loaded, update_baseline)
         click.echo(f"{baseline} written; review and commit it")
-    first = not baseline.is_file()
+    whole = all(cell.status == "done" for cell in loaded.cells)
+    first = whole and not baseline.is_file()
     if first:
         write_baseline(baseline, loaded, "first baseline")
-    result = judge_run(loaded, read_baseline(baseline), alpha)
+    stored = read_baseline(baseline) if whole or baseline.is_file() else None
+    result = judge_run(loaded, stored, alpha)
     show(result)
     if first:
         click.echo(

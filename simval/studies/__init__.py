@@ -20,11 +20,33 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from simval.errors import InputError
+from simval.studies import attitude, calibration, scene
 from simval.studies.study import Study, StudyParameters
 
 __all__ = ["STUDIES", "Study", "StudyParameters", "find_study"]
 
-STUDIES: Mapping[str, Study] = MappingProxyType({})
+STUDIES: Mapping[str, Study] = MappingProxyType(
+    {
+        "scene": Study(
+            "scene",
+            "Scenes: is rest at rest, and do the poses suffice?",
+            scene.Parameters,
+            scene.run,
+        ),
+        "calibration": Study(
+            "calibration",
+            "Calibration recovery: tumble, distort, average the holds, calibrate",
+            calibration.Parameters,
+            calibration.run,
+        ),
+        "attitude": Study(
+            "attitude",
+            "Attitude moments: bias and covariance of the two-vector quaternion",
+            attitude.Parameters,
+            attitude.run,
+        ),
+    }
+)
 
 
 def find_study(name: str) -> Study:

@@ -1,0 +1,26 @@
+"""`simval list`."""
+
+import click
+
+from simval.scene import scenes
+from simval.studies import STUDIES
+from simval.sweep import load_suite
+from simval.sweep.suite import builtin_suites
+
+
+@click.command(name="list")
+def command() -> int:
+    """Show the built-in suites, the studies with their parameters, and the scenes."""
+    click.echo("suites")
+    for name in builtin_suites():
+        suite = load_suite(name)
+        click.echo(f"  {name}: {suite.title} ({len(suite.cells)} cells)")
+    click.echo("studies")
+    for study in STUDIES.values():
+        click.echo(f"  {study.name}: {study.title}")
+        for key, field in study.parameters.model_fields.items():
+            click.echo(f"    {key} = {field.default}  {field.description}")
+    click.echo("scenes")
+    for scene in scenes().values():
+        click.echo(f"  {scene.name}: {scene.summary}")
+    return 0

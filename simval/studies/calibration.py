@@ -1,0 +1,282 @@
+r"""Calibration recovery: tumble, distort, average the holds, calibrate, compare.
+
+The scene is simulated once. Each trial distorts every sample of every hold with the
+true misalignment, scale, bias and fresh noise, averages the holds and calibrates. The
+error is estimate minus truth, in the nine parameters of the model. Beside its bias
+and standard deviation stand the second-order bias and the first-order covariance of
+theory; beside both, the Cramer-Rao bound.
+
+Both predictions leave out terms that are smaller by :math:`(\sigma/g)^2`, with
+:math:`\sigma` the noise of a pose mean; `NEXT_ORDER` times that is the relative
+remainder that they are allowed. With ``noise_std = 0`` the cell is one noise-free
+trial that must recover the truth to `RECOVERY`, or to what the scene's rests allow.
+"""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from simval.arrays import Array, frozen
+from simval.calibrate import calibrate
+from simval.montecarlo import Sums, mean_square, moments_of, simulate
+from simval.results import Outcome, Row
+from simval.scene import record
+from simval.sensor import AccelerometerModel
+from simval.streams import Streams
+from simval.studies.study import StudyParameters
+from simval.theory.calibration import CalibrationMoments, calibration_moments
+
+BLOCK = 64
+RECOVERY = 1e-9
+NEXT_ORDER = 30.0
+UNITS = ("1",) * 6 + ("m/s²",) * 3
+GROUPS = (("T", slice(0, 3), "1"), ("K", slice(3, 6), "1"), ("B", slice(6, 9), "m/s²"))
+
+
+class Parameters(StudyParameters):
+    """One cell: a scene, a pose count, a noise level and a method."""
+
+    scene: Literal["gimbal", "die"] = Field(
+        default="gimbal", description="Scene that is simulated."
+    )
+    poses: Annotated[int, Field(ge=9, le=400)] = Field(
+        default=40, description="Poses of the gimbal, or throws of the die."
+    )
+    hold_time: Annotated[float, Field(gt=0.0, le=10.0)] = Field(
+        default=0.2, description="Length of each hold that is averaged, s."
+    )
+    noise_std: Annotated[float, Field(ge=0.0, le=10.0)] = Field(
+        default=0.01, description="Noise per axis and sample, m/s^2; 0 is noise-free."
+    )
+    trials: Annotated[int, Field(ge=2 * BLOCK)] = Field(
+        default=2048, description="Trials; rounded up to whole blocks of 64."
+    )
+
+
+def true_sensor(noise_std: float) -> AccelerometerModel:
+    """Sensor whose parameters are to be recovered.
+
+    Parameters
+    ----------
+    noise_std : float
+        Noise per axis and sample, raw units (here m/s^2).
+
+    Returns
+    -------
+    AccelerometerModel
+        Misalignments of a few hundredths, scales off by up to 5 %, biases up to 0.3.
+    """
+    values = np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
+    return AccelerometerModel.from_parameters(values, noise_std=noise_std)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rests:
+    """What a scene's sensor feels while it is at rest.
+
+    Attributes
+    ----------
+    forces : Array
+        Specific force of every sample of every rest, sensor coordinates, m/s^2,
+        (rests, samples, 3).
+    g : float
+        Length of gravity, m/s^2.
+    rest_force : float
+        How far from g the scene lets the length of a rest's force be, m/s^2.
+    """
+
+    forces: Array
+    g: float
+    rest_force: float
+
+
+@lru_cache(maxsize=32)
+def simulated_rests(scene: str, poses: int, hold_time: float) -> Rests:
+    """Simulate a scene and keep the samples of its rests.
+
+    Parameters
+    ----------
+    scene : str
+        ``gimbal`` or ``die``.
+    poses : int
+        Poses or throws.
+    hold_time : float
+        Length of a hold, s.
+
+    Returns
+    -------
+    Rests
+        Each of the same number of samples.
+    """
+    if scene == "gimbal":
+        recording = record(scene, directions=poses, hold_time=hold_time)
+    else:
+        recording = record(scene, throws=poses, hold_time=hold_time)
+    rows = [
+        recording.specific_force[recording.hold == k] for k in recording.hold_indices()
+    ]
+    shortest = min(len(r) for r in rows)
+    return Rests(
+        forces=frozen([r[:shortest] for r in rows]),
+        g=recording.g,
+        rest_force=recording.rest_force,
+    )
+
+
+def run(parameters: Parameters, streams: Streams) -> Outcome:
+    """Simulate one cell and set it beside theory.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Scene, poses, noise and number of trials.
+    streams : Streams
+        The cell's random streams.
+
+    Returns
+    -------
+    Outcome
+        Bias, standard deviation, RMS, NEES and efficiency.
+    """
+    sensor = true_sensor(parameters.noise_std)
+    rests = simulated_rests(parameters.scene, parameters.poses, parameters.hold_time)
+    forces, g = rests.forces, rests.g
+    if parameters.noise_std == 0.0:
+        return Outcome(rows=_recovery(sensor, rests))
+    means = forces.mean(axis=1)
+    noise = parameters.noise_std / np.sqrt(forces.shape[1])
+    predicted = calibration_moments(sensor, means / g, g=g, noise_std=noise)
+
+    def errors(rng: np.random.Generator, count: int) -> Array:
+        shape = (count, *forces.shape)
+        raw = sensor.distort(np.broadcast_to(forces, shape), rng).mean(axis=2)
+        return (calibrate(raw, g=g).parameters - sensor.parameters).T
+
+    sums = simulate(errors, streams, samples=parameters.trials, block=BLOCK, batch=1)
+    remainder = NEXT_ORDER * (noise / g) ** 2
+    return Outcome(
+        rows=(
+            Row(statistic="noise_of_mean", value=float(noise), unit="m/s²"),
+            *_parameter_rows(sums, predicted, remainder),
+            *_group_rows(sums, predicted),
+            _nees_row(sums, predicted, remainder),
+        )
+    )
+
+
+def _recovery(sensor: AccelerometerModel, rests: Rests) -> tuple[Row, ...]:
+    """Relative error of T, K and B from one noise-free tumble.
+
+    A rest that is not quite at rest passes its relative error on to the parameters,
+    at most enlarged by the condition of the poses.
+    """
+    raw = sensor.distort(rests.forces, np.random.default_rng(0)).mean(axis=1)
+    fit = calibrate(raw, g=rests.g)  # there was no noise to draw
+    error = fit.parameters - sensor.parameters
+    limit = RECOVERY + float(fit.condition) * rests.rest_force / rests.g
+    rows = []
+    for name, part, _ in GROUPS:
+        size = np.abs(sensor.parameters[part]).max()
+        rows.append(
+            Row(
+                statistic=f"recovery[{name}]",
+                value=float(np.abs(error[part]).max() / size),
+                n=1,
+                prediction=limit,
+                predictor="truth",
+                unit="1",
+                check="limit",
+            )
+        )
+    return tuple(rows)
+
+
+def _parameter_rows(
+    sums: Sums, predicted: CalibrationMoments, remainder: float
+) -> list[Row]:
+    measured = moments_of(sums)
+    bound = np.sqrt(np.diagonal(predicted.cramer_rao))
+    rows = []
+    for k, (name, unit) in enumerate(zip(predicted.names, UNITS, strict=True)):
+        sd, expected = float(measured.sd[k]), float(predicted.sd[k])
+        rows += [
+            Row(
+                statistic=f"bias[{name}]",
+                value=float(measured.bias[k]),
+                standard_error=float(measured.bias_error[k]),
+                n=measured.samples,
+                prediction=float(predicted.bias[k]),
+                predictor="second order",
+                remainder=abs(float(predicted.bias[k])) * remainder,
+                unit=unit,
+                check="plain",
+            ),
+            Row(
+                statistic=f"sd[{name}]",
+                value=sd,
+                standard_error=float(measured.covariance_error[k, k]) / (2 * sd),
+                n=measured.samples,
+                prediction=expected,
+                predictor="first order",
+                remainder=expected * remainder,
+                unit=unit,
+                check="plain",
+            ),
+            Row(
+                statistic=f"efficiency[{name}]",
+                value=float(bound[k] / sd) ** 2,
+                standard_error=float(
+                    (bound[k] / sd) ** 2 * measured.covariance_error[k, k] / sd**2
+                ),
+                n=measured.samples,
+                prediction=float(bound[k] / expected) ** 2,
+                predictor="first order",
+                unit="1",
+            ),
+        ]
+    return rows
+
+
+def _group_rows(sums: Sums, predicted: CalibrationMoments) -> list[Row]:
+    """RMS error of T, K and B over their three entries, and the bound on it."""
+    rows = []
+    second_moment = predicted.covariance + np.outer(predicted.bias, predicted.bias)
+    for name, part, unit in GROUPS:
+        weight = np.zeros((9, 9))
+        weight[part, part] = np.eye(3) / 3.0
+        square, error = mean_square(sums, weight)
+        rms = float(np.sqrt(square))
+        row = Row(
+            statistic=f"rms[{name}]",
+            value=rms,
+            standard_error=error / (2 * rms),
+            n=sums.samples,
+            unit=unit,
+        )
+        for predictor, matrix in (
+            ("first order", second_moment),
+            ("Cramer-Rao", predicted.cramer_rao),
+        ):
+            expected = float(np.sqrt(np.trace(weight @ matrix)))
+            rows.append(replace(row, prediction=expected, predictor=predictor))
+    return rows
+
+
+def _nees_row(sums: Sums, predicted: CalibrationMoments, remainder: float) -> Row:
+    weight = np.linalg.inv(predicted.covariance)
+    value, error = mean_square(sums, weight)
+    expected = 9.0 + float(predicted.bias @ weight @ predicted.bias)
+    return Row(
+        statistic="nees",
+        value=value,
+        standard_error=error,
+        n=sums.samples,
+        prediction=expected,
+        predictor="first order",
+        remainder=2 * expected * remainder,
+        unit="1",
+        check="nees",
+    )
