@@ -54,10 +54,8 @@ class Options:
     condition_limit: float
 
     def __post_init__(self) -> None:
-        forms.check_model(self.model)
-        _one_of("method", self.method, METHODS)
-        _one_of("residual", self.residual, RESIDUALS)
-        _one_of("loss", self.loss, ("linear", *LOSSES))
+        for name, allowed in choices().items():
+            _one_of(name, getattr(self, name), allowed)
         if self.loss != "linear" and self.residual not in ("squared", "weighted"):
             msg = (
                 f"`loss` is {self.loss!r} with residual {self.residual!r}; a robust "
@@ -86,6 +84,22 @@ class Options:
             tolerance=self.tolerance,
             max_iterations=int(self.max_iterations),
         )
+
+
+def choices() -> dict[str, tuple[str, ...]]:
+    """Values of each option that is a choice.
+
+    Returns
+    -------
+    dict
+        Option name to the names allowed.
+    """
+    return {
+        "model": forms.MODELS,
+        "method": METHODS,
+        "residual": RESIDUALS,
+        "loss": ("linear", *LOSSES),
+    }
 
 
 def _one_of(name: str, value: str, allowed: tuple[str, ...]) -> None:

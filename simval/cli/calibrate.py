@@ -1,0 +1,156 @@
+"""`simval calibrate`."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+
+from simval.calibrate.arguments import choices
+from simval.calibrate.files import save_calibration, to_json
+from simval.logs import read_log
+from simval.studies.recorded import RecordedCalibration, calibrate_log
+
+_CHOICES = choices()
+
+
+@click.command(name="calibrate")
+@click.argument("log", type=click.Path(path_type=Path))
+@click.option("--g", type=float, default=9.80665, show_default=True, help="m/s^2.")
+@click.option(
+    "--model",
+    type=click.Choice(_CHOICES["model"]),
+    default="triangular",
+    show_default=True,
+    help="Form of the nine parameters.",
+)
+@click.option("--rate", type=float, metavar="HZ", help="Rows per second.")
+@click.option("--rest", type=float, metavar="SECONDS", help="Length of initial rest.")
+@click.option("--columns", help="Name each column: t,ax,ay,az,wx,wy,wz, - to ignore.")
+@click.option(
+    "--method",
+    type=click.Choice(_CHOICES["method"]),
+    default="lm",
+    show_default=True,
+    help="Solver.",
+)
+@click.option(
+    "--residual",
+    type=click.Choice(_CHOICES["residual"]),
+    default="squared",
+    show_default=True,
+    help="What is minimised.",
+)
+@click.option(
+    "--loss",
+    type=click.Choice(_CHOICES["loss"]),
+    default="linear",
+    show_default=True,
+    help="Robust loss, against outlier poses.",
+)
+@click.option("--full-scale", type=float, help="Greatest reading, units of the log.")
+@click.option("--out", type=click.Path(path_type=Path), help="Write the JSON file.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def command(
+    log: Path,
+    rate: float | None,
+    columns: str | None,
+    out: Path | None,
+    as_json: bool,
+    **options: Any,
+) -> None:
+    """Calibrate the accelerometer of a recorded LOG.
+
+    A row of LOG is one instant: 3 columns are x y z, 4 t x y z, 6 x y z and the
+    gyro, 7 t and those six; raw counts or m/s^2. Finds the initial rest, the static
+    intervals and the best threshold, and prints the parameters with error bars.
+    """
+    result = calibrate_log(read_log(log, rate, columns), **options)
+    if out is not None:
+        save_calibration(out, result.fit)
+    if as_json:
+        click.echo(json.dumps(as_object(result), allow_nan=False))
+        return
+    for line in described(result):
+        click.echo(line)
+
+
+def as_object(result: RecordedCalibration) -> dict[str, Any]:
+    """Return the result as one JSON object; a calibration file with more in it.
+
+    Parameters
+    ----------
+    result : RecordedCalibration
+        The calibration of a log.
+
+    Returns
+    -------
+    dict
+        Plain JSON values.
+    """
+    found = result.diagnosis
+    known = found.chi2_per_dof == found.chi2_per_dof  # not NaN
+    return to_json(result.fit) | {
+        "intervals": len(result.intervals),
+        "interval_samples": result.intervals.tolist(),
+        "multiplier": result.multiplier,
+        "rest_seconds": result.rest_seconds,
+        "rest_found": result.rest.found,
+        "chi2_per_dof": found.chi2_per_dof if known else None,
+        "p_value": found.p_value if known else None,
+        "verdict": found.verdict,
+        "outliers": list(found.outliers),
+    }
+
+
+def described(result: RecordedCalibration) -> list[str]:
+    """Say the result in lines of text.
+
+    Parameters
+    ----------
+    result : RecordedCalibration
+        The calibration of a log.
+
+    Returns
+    -------
+    list of str
+        Lines.
+    """
+    fit, found = result.fit, result.diagnosis
+    how = "found" if result.rest.found else "given"
+    lines = [
+        f"initial rest      {result.rest_seconds:.2f} s ({how})",
+        f"static intervals  {len(result.intervals)} "
+        f"(threshold {result.multiplier:g} times the rest's variance)",
+        f"status            {fit.status} after {int(fit.iterations)} iterations, "
+        f"condition of the poses {float(fit.condition):.3g}",
+        "",
+        f"{fit.model} form   value          sd             95 % interval ({_kind(fit)})",
+    ]
+    rows = zip(fit.names, fit.parameters, fit.sd, fit.intervals, strict=True)
+    for name, value, sd, (low, high) in rows:
+        lines.append(f"  {name:5s}     {value:14.8g} {sd:12.3g}   {low:.8g} to {high:.8g}")
+    lines += [
+        "",
+        f"residual RMS      {float(fit.rms):.4g} m/s^2 of | |TK(y - B)| - g |",
+        f"chi2 per dof      {found.chi2_per_dof:.3g} with {fit.dof} degrees of freedom",
+        f"verdict           {found.verdict}",
+        f"gravity           {fit.g:g} m/s^2 was assumed; a g wrong by 0.1 % makes every "
+        "K wrong by 0.1 %, and leaves T and B",
+    ]
+    for pose in found.outliers:
+        start, stop = result.intervals[pose]
+        lines.append(
+            f"outlier           interval {pose} (samples {start} to {stop - 1}): "
+            f"{found.standardized[pose]:.1f} standard deviations off; look at it, or "
+            "use --loss cauchy"
+        )
+    return lines
+
+
+def _kind(fit: Any) -> str:
+    if fit.covariance_kind == "type A":
+        return f"Type A, Student's t, {fit.dof} dof"
+    if fit.covariance_kind == "none":
+        return "none: nine poses leave no degree of freedom"
+    return fit.covariance_kind

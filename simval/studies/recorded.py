@@ -1,0 +1,237 @@
+"""A recorded log: log -> static intervals -> best threshold -> calibration.
+
+The detector's threshold is a multiple of the variance of the initial rest. Each
+multiple gives its own intervals and its own fit to their mean readings; the best is
+the one with the least residual variance by degree of freedom (not the least total
+cost, which favours few intervals).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simval.arrays import Array, frozen
+from simval.calibrate import FitResult, calibrate
+from simval.calibrate.diagnosis import Diagnosis, diagnose
+from simval.errors import RefusedError
+from simval.logs import Log
+from simval.poses import PARAMETERS
+from simval.statics import (
+    Intervals,
+    Rest,
+    first_samples,
+    initial_rest,
+    interval_counts,
+    interval_means,
+    intervals_below,
+    variance_magnitude,
+)
+
+MULTIPLIERS = (2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RecordedCalibration:
+    """Calibration of a recorded log, with what it was made from.
+
+    Attributes
+    ----------
+    fit : FitResult
+        The calibration, with Type A error bars.
+    diagnosis : Diagnosis
+        Residuals, outliers, chi-square and verdict.
+    rest : Rest
+        The initial rest.
+    rest_seconds : float
+        Its length, s.
+    multiplier : float
+        Threshold of the detector over the variance of the rest.
+    intervals : Intervals
+        Static intervals, samples start <= k < stop, (m, 2).
+    poses : Array
+        Mean reading of each interval, raw units, (m, 3).
+    noise_std : Array
+        What white noise leaves in each mean, raw units, (m,).
+    """
+
+    fit: FitResult
+    diagnosis: Diagnosis
+    rest: Rest
+    rest_seconds: float
+    multiplier: float
+    intervals: Intervals
+    poses: Array
+    noise_std: Array
+
+    def __post_init__(self) -> None:
+        for name in ("poses", "noise_std"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+
+def calibrate_log(
+    log: Log,
+    *,
+    g: float = 9.80665,
+    model: str = "triangular",
+    method: str = "lm",
+    residual: str = "squared",
+    loss: str = "linear",
+    rest: float | None = None,
+    full_scale: float | None = None,
+    multipliers: tuple[float, ...] = MULTIPLIERS,
+) -> RecordedCalibration:
+    """Calibrate the accelerometer of a recorded log.
+
+    Parameters
+    ----------
+    log : Log
+        The recording.
+    g : float, default 9.80665
+        Local gravity, m/s^2.
+    model, method, residual, loss : str
+        As of `simval.calibrate.calibrate`.
+    rest : float, optional
+        Length of the initial rest, s; found from the data if not given.
+    full_scale : float, optional
+        Greatest reading of the sensor, raw units.
+    multipliers : tuple of float
+        Thresholds to try, in variances of the rest.
+
+    Returns
+    -------
+    RecordedCalibration
+        The best threshold's calibration.
+
+    Raises
+    ------
+    RefusedError
+        If there is no rest, no threshold gives nine static intervals, or none of
+        the fits is a calibration.
+    """
+    samples = log.accelerometer
+    count = None if rest is None else log.rows_within(rest)
+    start = initial_rest(samples, count)
+    spread = variance_magnitude(samples)
+    options = {"model": model, "method": method, "residual": residual, "loss": loss}
+    best: tuple[float, float, FitResult, Intervals] | None = None
+    refusal: Exception | None = None
+    most = 0
+    for multiplier in multipliers:
+        intervals = intervals_below(spread, multiplier * start.variance)
+        most = max(most, len(intervals))
+        if len(intervals) < PARAMETERS:
+            continue
+        _require_unsaturated(log, intervals, full_scale)
+        means = interval_means(samples, intervals)
+        sigma = white_noise(samples, intervals)
+        try:
+            fit = calibrate(
+                means,
+                g,
+                noise_std=sigma if residual == "adjusted" else None,
+                full_scale=full_scale,
+                **options,
+            )
+        except RefusedError as error:
+            refusal = error
+            continue
+        score = fit.rms**2 * len(means) / max(fit.dof, 1)
+        if fit.converged and (best is None or score < best[0]):
+            best = (float(score), multiplier, fit, intervals)
+    if best is None:
+        raise _none_usable(most, refusal)
+    _, multiplier, fit, intervals = best
+    means, sigma = interval_means(samples, intervals), white_noise(samples, intervals)
+    return RecordedCalibration(
+        fit=fit,
+        diagnosis=diagnose(fit, means, None if np.any(sigma == 0.0) else sigma),
+        rest=start,
+        rest_seconds=float(log.time[start.stop - 1] - log.time[start.start]),
+        multiplier=multiplier,
+        intervals=intervals,
+        poses=means,
+        noise_std=sigma,
+    )
+
+
+def calibrate_samples(log: Log, intervals: Intervals, count: int, g: float) -> FitResult:
+    """Fit single samples instead of means, as the IMU-TK program does.
+
+    Its error bars take the samples of an interval as independent, which they are
+    not where the poses are the limit; for comparison only.
+
+    Parameters
+    ----------
+    log : Log
+        The recording.
+    intervals : Intervals
+        Static intervals, (m, 2).
+    count : int
+        Samples to take from the start of each.
+    g : float
+        Local gravity, m/s^2.
+
+    Returns
+    -------
+    FitResult
+        Norm residual, triangular form.
+    """
+    samples = first_samples(log.accelerometer, intervals, count).reshape(-1, 3)
+    return calibrate(samples, g, residual="norm", repeats=True)
+
+
+def white_noise(samples: Array, intervals: Intervals) -> Array:
+    """Standard deviation that white noise leaves in each interval's mean.
+
+    The variance within intervals is pooled over them and over the axes.
+
+    Parameters
+    ----------
+    samples : Array
+        Readings, (n, 3).
+    intervals : Intervals
+        Static intervals, (m, 2).
+
+    Returns
+    -------
+    Array
+        Raw units, (m,).
+    """
+    counts = interval_counts(intervals)
+    squares = [samples[a:b].var(axis=0).mean() * (b - a) for a, b in intervals]
+    variance = np.sum(squares) / (np.sum(counts) - len(counts))
+    return np.sqrt(variance / counts)
+
+
+def _require_unsaturated(log: Log, intervals: Intervals, limit: float | None) -> None:
+    # a whole interval at the log's own extreme, without any noise, is a rail
+    samples = log.accelerometer
+    lowest, highest = samples.min(axis=0), samples.max(axis=0)
+    for start, stop in intervals:
+        part = samples[start:stop]
+        low, high = part.min(axis=0), part.max(axis=0)
+        stuck = (low == high) & ((low == lowest) | (high == highest))
+        if limit is not None:
+            stuck |= (low <= -limit) | (high >= limit)
+        if stuck.any():
+            axis = int(np.argmax(stuck))
+            msg = (
+                f"{log.path}: axis {'xyz'[axis]} is saturated at {high[axis]:g} in the "
+                f"rest from {log.time[start]:.2f} s to {log.time[stop - 1]:.2f} s; a "
+                "reading at the rail says nothing about the force: cut that rest out, "
+                "or record with a wider range"
+            )
+            raise RefusedError(msg)
+
+
+def _none_usable(most: int, refusal: Exception | None) -> RefusedError:
+    if refusal is not None:
+        if isinstance(refusal, RefusedError):
+            return refusal
+        return RefusedError(str(refusal))
+    msg = (
+        f"at most {most} static interval(s) found, and a calibration needs "
+        f"{PARAMETERS} or more, each a second or longer; hold the sensor still in more "
+        "poses, or state the initial rest (--rest SECONDS) if it was found wrongly"
+    )
+    return RefusedError(msg)
