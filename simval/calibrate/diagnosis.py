@@ -1,23 +1,25 @@
-r"""Is the fit as good as its noise, and does every pose belong?
+r"""Whether a fit is as good as its noise, and whether every pose belongs.
 
 The distance of a reading to the fitted ellipsoid is, to first order,
 :math:`r_k = c_k / |\partial c/\partial y|`  (D1), in raw units. Standardised by its
 own standard deviation, which is smaller where the pose has leverage :math:`h_k`,
-it is a normal variable with a known sigma, and Student's t with n - 10 degrees of
-freedom when the scatter is taken from the other poses (externally studentised).
+it is a normal variable with a known sigma that the chi-square bears out, and else
+Student's t with n - 10 degrees of freedom, the scatter taken from the other poses
+(externally studentised).
 """
 
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from simval.arrays import Array, finite_array, frozen
 from simval.calibrate.result import FitResult
 from simval.errors import InputError
 from simval.sensor import forms
 
+_TAIL = 0.01  # of the chi-square, on either side, beyond which sigma is not believed
 FALSE_ALARM = 0.01  # chance that any pose of a clean set is called an outlier
 
 
@@ -93,15 +95,18 @@ def diagnose(fit: FitResult, poses: Any, noise_std: Any = None) -> Diagnosis:
         if not np.all(sigma > 0.0):
             msg = f"`noise_std` is {noise_std!r}; it must be above 0 raw units"
             raise InputError(msg)
-    leverage, room = _leverage(fit, rows, steep, sigma)
-    standardized, limit = _standardized(
-        distance / sigma, room, fit.dof, known=noise_std is not None
-    )
-    outliers = np.flatnonzero(np.abs(standardized) > limit)
     chi2, p_value = np.nan, np.nan
     if noise_std is not None and fit.dof > 0:
         total = float(np.sum((distance / sigma) ** 2))
-        chi2, p_value = total / fit.dof, float(stats.chi2.sf(total, fit.dof))
+        chi2, p_value = (
+            total / fit.dof,
+            float(special.gammaincc(fit.dof / 2, total / 2)),
+        )
+    # a sigma that does not explain the scatter would call half the poses outliers
+    trusted = p_value >= _TAIL
+    leverage, room = _leverage(fit, rows, steep, sigma)
+    standardized, limit = _standardized(distance / sigma, room, fit.dof, known=trusted)
+    outliers = np.flatnonzero(np.abs(standardized) > limit)
     return Diagnosis(
         distance=distance,
         leverage=leverage,
@@ -132,7 +137,7 @@ def verdict(chi2_per_dof: float, dof: int) -> str:
         return "nine poses fit exactly: the residuals say nothing; add poses"
     if not np.isfinite(chi2_per_dof):
         return "not judged: the noise of a pose mean is not known"
-    low, high = stats.chi2.ppf([0.01, 0.99], dof) / dof
+    low, high = 2.0 * special.gammaincinv(dof / 2, [_TAIL, 1.0 - _TAIL]) / dof
     factor = np.sqrt(chi2_per_dof)
     if chi2_per_dof > high:
         return (
@@ -187,10 +192,10 @@ def _standardized(
     usable = room > 1e-9
     if known:
         result[usable] = ratio[usable] / np.sqrt(room[usable])
-        return result, float(stats.norm.isf(tail))
+        return result, float(-special.ndtri(tail))
     if dof < 2:
         return result, np.inf
     square = ratio[usable] ** 2 / room[usable]
     others = np.maximum(np.sum(ratio**2) - square, np.finfo(float).tiny) / (dof - 1)
     result[usable] = np.sign(ratio[usable]) * np.sqrt(square / others)
-    return result, float(stats.t.isf(tail, dof - 1))
+    return result, float(-special.stdtrit(dof - 1, tail))

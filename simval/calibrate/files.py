@@ -166,7 +166,9 @@ def load_calibration(path: str | PathLike[str]) -> FitResult:
 def _plain(value: Any) -> Any:
     # lists of floats, NaN as None
     array = np.asarray(value, dtype=float)
-    return np.where(np.isfinite(array), array, None).tolist()
+    plain = array.astype(object)
+    plain[~np.isfinite(array)] = None
+    return plain.tolist()
 
 
 def _array(data: dict[str, Any], name: str, shape: tuple[int, ...]) -> Array:

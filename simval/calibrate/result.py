@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from simval.arrays import Array, frozen
 from simval.errors import ConvergenceError, InputError
@@ -151,9 +151,9 @@ class FitResult:
             raise InputError(msg)
         tail = (1.0 - level) / 2.0
         if self.covariance_kind == "type A":
-            quantile = stats.t.isf(tail, self.dof)
+            quantile = -special.stdtrit(self.dof, tail)
         else:
-            quantile = stats.norm.isf(tail)
+            quantile = -special.ndtri(tail)
         half = quantile * self.sd
         return np.stack([self.parameters - half, self.parameters + half], axis=-1)
 

@@ -125,18 +125,19 @@ def described(result: RecordedCalibration) -> list[str]:
         f"status            {fit.status} after {int(fit.iterations)} iterations, "
         f"condition of the poses {float(fit.condition):.3g}",
         "",
-        f"{fit.model} form   value          sd             95 % interval ({_kind(fit)})",
+        f"{fit.model} form, 95 % intervals: {_kind(fit)}",
+        "                  value           sd   95 % interval",
     ]
     rows = zip(fit.names, fit.parameters, fit.sd, fit.intervals, strict=True)
     for name, value, sd, (low, high) in rows:
-        lines.append(f"  {name:5s}     {value:14.8g} {sd:12.3g}   {low:.8g} to {high:.8g}")
+        lines.append(f"  {name:5s} {value:15.8g} {sd:12.3g}   {low:.8g} to {high:.8g}")
     lines += [
         "",
         f"residual RMS      {float(fit.rms):.4g} m/s^2 of | |TK(y - B)| - g |",
         f"chi2 per dof      {found.chi2_per_dof:.3g} with {fit.dof} degrees of freedom",
         f"verdict           {found.verdict}",
-        f"gravity           {fit.g:g} m/s^2 was assumed; a g wrong by 0.1 % makes every "
-        "K wrong by 0.1 %, and leaves T and B",
+        f"gravity           {fit.g:g} m/s^2 was assumed; a g wrong by 0.1 % makes "
+        "every K wrong by 0.1 %, and leaves T and B",
     ]
     for pose in found.outliers:
         start, stop = result.intervals[pose]

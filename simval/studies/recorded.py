@@ -1,9 +1,9 @@
 """A recorded log: log -> static intervals -> best threshold -> calibration.
 
 The detector's threshold is a multiple of the variance of the initial rest. Each
-multiple gives its own intervals and its own fit to their mean readings; the best is
-the one with the least residual variance by degree of freedom (not the least total
-cost, which favours few intervals).
+multiple gives its own intervals. Of those that agree on the number of intervals,
+the best is the one whose fit to the mean readings leaves the least residual variance
+by degree of freedom (not the least total cost, which favours few intervals).
 """
 
 from dataclasses import dataclass
@@ -112,34 +112,34 @@ def calibrate_log(
     count = None if rest is None else log.rows_within(rest)
     start = initial_rest(samples, count)
     spread = variance_magnitude(samples)
-    options = {"model": model, "method": method, "residual": residual, "loss": loss}
+    found = [(m, intervals_below(spread, m * start.variance)) for m in multipliers]
+    usable = [(m, part) for m, part in found if len(part) >= PARAMETERS]
+    if not usable:
+        raise _too_few(max(len(part) for _, part in found))
     best: tuple[float, float, FitResult, Intervals] | None = None
-    refusal: Exception | None = None
-    most = 0
-    for multiplier in multipliers:
-        intervals = intervals_below(spread, multiplier * start.variance)
-        most = max(most, len(intervals))
-        if len(intervals) < PARAMETERS:
-            continue
+    refusal: RefusedError | None = None
+    for multiplier, intervals in _plateau(usable):
         _require_unsaturated(log, intervals, full_scale)
-        means = interval_means(samples, intervals)
         sigma = white_noise(samples, intervals)
         try:
             fit = calibrate(
-                means,
+                interval_means(samples, intervals),
                 g,
                 noise_std=sigma if residual == "adjusted" else None,
+                model=model,
+                method=method,
+                residual=residual,
+                loss=loss,
                 full_scale=full_scale,
-                **options,
-            )
+            ).require_converged()
         except RefusedError as error:
             refusal = error
             continue
-        score = fit.rms**2 * len(means) / max(fit.dof, 1)
-        if fit.converged and (best is None or score < best[0]):
-            best = (float(score), multiplier, fit, intervals)
+        score = float(fit.rms) ** 2 * len(intervals) / max(fit.dof, 1)
+        if best is None or score < best[0]:
+            best = (score, multiplier, fit, intervals)
     if best is None:
-        raise _none_usable(most, refusal)
+        raise refusal or _too_few(0)
     _, multiplier, fit, intervals = best
     means, sigma = interval_means(samples, intervals), white_noise(samples, intervals)
     return RecordedCalibration(
@@ -154,7 +154,9 @@ def calibrate_log(
     )
 
 
-def calibrate_samples(log: Log, intervals: Intervals, count: int, g: float) -> FitResult:
+def calibrate_samples(
+    log: Log, intervals: Intervals, count: int, g: float
+) -> FitResult:
     """Fit single samples instead of means, as the IMU-TK program does.
 
     Its error bars take the samples of an interval as independent, which they are
@@ -224,14 +226,17 @@ def _require_unsaturated(log: Log, intervals: Intervals, limit: float | None) ->
             raise RefusedError(msg)
 
 
-def _none_usable(most: int, refusal: Exception | None) -> RefusedError:
-    if refusal is not None:
-        if isinstance(refusal, RefusedError):
-            return refusal
-        return RefusedError(str(refusal))
-    msg = (
+def _plateau(found: list[tuple[float, Intervals]]) -> list[tuple[float, Intervals]]:
+    # thresholds that agree on the number of rests: one seen at a single threshold
+    # only is a rest cut in two, or a slow motion
+    counts = [len(intervals) for _, intervals in found]
+    agreed = max(counts, key=lambda count: (counts.count(count), count))
+    return [entry for entry in found if len(entry[1]) == agreed]
+
+
+def _too_few(most: int) -> RefusedError:
+    return RefusedError(
         f"at most {most} static interval(s) found, and a calibration needs "
         f"{PARAMETERS} or more, each a second or longer; hold the sensor still in more "
         "poses, or state the initial rest (--rest SECONDS) if it was found wrongly"
     )
-    return RefusedError(msg)
