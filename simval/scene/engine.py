@@ -94,7 +94,7 @@ def _rolled_out(
         for row, script in zip(batch.bind(name), scripts, strict=True):
             value = getattr(script, name)
             if value is not None:
-                row[:] = value
+                row[:] = _of_shape(name, value, row.shape)
     steps = len(scripts[0].hold)
     record: Array = batch.rollout(steps, control, spec, record=(what,))[what]
     return batch, record
@@ -110,24 +110,30 @@ def _controls(
     model: mujoco.MjModel, scripts: Sequence[Script]
 ) -> tuple[int, Array | None]:
     # inputs of all runs side by side in MuJoCo's order, (runs, n, width)
+    for name in scripts[0].inputs:
+        if name not in INPUTS:
+            msg = f"there is no input `{name}`; a driver may set {', '.join(INPUTS)}"
+            raise InputError(msg)
     names = sorted(scripts[0].inputs, key=lambda name: int(INPUTS[name]))
     if not names:
         return int(INPUTS["ctrl"]), None
     for script in scripts:
         for name in names:
             wanted = (len(script.hold), mujoco.mj_stateSize(model, INPUTS[name]))
-            if script.inputs[name].shape != wanted:
-                msg = (
-                    f"the driver's input `{name}` has shape "
-                    f"{script.inputs[name].shape}; the model needs {wanted}"
-                )
-                raise InputError(msg)
+            _of_shape(name, script.inputs[name], wanted)
     spec = sum(int(INPUTS[name]) for name in names)
     stacked = [
         np.concatenate([script.inputs[name] for name in names], axis=1)
         for script in scripts
     ]
     return spec, np.stack(stacked)
+
+
+def _of_shape(name: str, value: Array, wanted: tuple[int, ...]) -> Array:
+    if value.shape != wanted:
+        msg = f"the driver's `{name}` has shape {value.shape}; the model needs {wanted}"
+        raise InputError(msg)
+    return value
 
 
 @contextmanager

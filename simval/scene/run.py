@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from simval.arrays import Array
-from simval.errors import InputError
+from simval.errors import InputError, SimvalError
 from simval.scene.catalogue import find_scene
 from simval.scene.checks import check_run, settled_rests
 from simval.scene.engine import simulate
@@ -106,7 +106,20 @@ def write_script(
             f"{', '.join(known) or 'none'}"
         )
         raise InputError(msg)
-    script = scene.drive(physics.model, **parameters)
+    try:
+        script: object = scene.drive(physics.model, **parameters)
+    except SimvalError:
+        raise
+    except Exception as error:  # whatever a user's driver may raise
+        msg = (
+            f"the driver of scene {scene.name} fails with "
+            f"{type(error).__name__}: {error}"
+        )
+        raise InputError(msg) from error
+    if not isinstance(script, Script):
+        kind = type(script).__name__
+        msg = f"the driver of scene {scene.name} returned {kind}, not a Script"
+        raise InputError(msg)
     if len(script.hold) < 2:
         msg = f"scene {scene.name} lasts {len(script.hold)} steps; two at least needed"
         raise InputError(msg)

@@ -1,0 +1,269 @@
+"""Every way in which a simulation can lie, injected on purpose, is caught by name."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from simval.errors import InputError, SimulationError
+from simval.scene import Scene, Script, find_scene, record
+from simval.scene.checks import check_run
+from simval.scene.engine import captured_messages
+from simval.scene.models import load_model, model_path
+
+QUICK = {"directions": 2, "move_time": 0.2, "hold_time": 0.1, "first_hold": 0.1}
+GIMBAL = model_path("gimbal").read_text()
+FLAG = '<flag autoreset="disable"/>'
+CASES = {
+    "negative step": ('timestep="0.002"', 'timestep="-0.01"', "timestep is -0.01 s"),
+    "zero step": ('timestep="0.002"', 'timestep="0"', "timestep is 0.0 s"),
+    "NaN gravity": ('"0 0 -9.80665"', '"0 0 nan"', "gravity is .*nan"),
+    "no gravity": ('"0 0 -9.80665"', '"0 0 0"', "gravity is .*not zero"),
+    "NaN field": ('"2e-5 0 -4e-5"', '"2e-5 nan 0"', "magnetic is .*nan"),
+    "averaging integrator": ("implicitfast", "discrete", "averaged over a step"),
+    "auto-reset": (FLAG, "", "auto-reset is enabled"),
+    "sleep": (FLAG, '<flag autoreset="disable" sleep="enable"/>', "sleep is enabled"),
+    "gravity flag": (
+        FLAG,
+        '<flag autoreset="disable" gravity="disable"/>',
+        "flag `gravity` is disabled",
+    ),
+    "sensor flag": (
+        FLAG,
+        '<flag autoreset="disable" sensor="disable"/>',
+        "flag `sensor` is disabled",
+    ),
+    "cutoff": (
+        'name="gyro" site',
+        'name="gyro" cutoff="1" site',
+        "`gyro` has a cutoff",
+    ),
+    "delay": (
+        'name="accelerometer" site',
+        'name="accelerometer" delay="0.01" nsample="6" site',
+        "`accelerometer` has a delay",
+    ),
+    "interval": (
+        'name="gyro" site',
+        'name="gyro" interval="0.01" site',
+        "`gyro` has an interval",
+    ),
+    "absent sensor": ('<clock name="clock"/>', "", "no clock sensor named `clock`"),
+    "wrong kind": (
+        '<gyro name="gyro" site="imu"/>',
+        '<velocimeter name="gyro" site="imu"/>',
+        "no gyro sensor named `gyro`",
+    ),
+    "no site": ('name="imu" pos', 'name="sensor" pos', "malformed|no site"),
+    "not XML": ("</mujoco>", "", "malformed"),
+    "unknown element": ("<sensor>", "<sensors>", "malformed"),
+    "unknown joint": ('joint="yaw"', 'joint="jaw"', "malformed"),
+    "no mass": ('mass="0.3" ', 'mass="-1" ', "malformed"),
+}
+
+
+@pytest.mark.parametrize("fault", CASES)
+def test_a_model_that_would_spoil_the_data_is_refused(tmp_path, fault):
+    old, new, message = CASES[fault]
+    assert old in GIMBAL
+    path = tmp_path / "gimbal.xml"
+    path.write_text(GIMBAL.replace(old, new, 1))
+    with pytest.raises(InputError, match=message) as caught:
+        record(replace(find_scene("gimbal"), model=path), **QUICK)
+    assert str(path) in str(caught.value)
+
+
+def test_a_missing_or_empty_model_file_is_refused(tmp_path):
+    for path in (tmp_path / "absent.xml", tmp_path / "empty.xml"):
+        if path.name == "empty.xml":
+            path.write_text("")
+        with pytest.raises(InputError, match="model file"):
+            record(replace(find_scene("gimbal"), model=path), **QUICK)
+
+
+def test_a_sensor_on_the_hand_itself_is_refused(tmp_path):
+    """A mocap body has no velocity: its gyro reads zero while it moves."""
+    text = model_path("handheld").read_text()
+    site = '<site name="imu" pos="0.020 0.010 0.015" size="0.008" rgba="0 0.4 1 1"/>'
+    text = text.replace(site, "").replace(
+        'name="hand" mocap="true" pos="0 0 0.4">', f'name="hand" mocap="true">{site}'
+    )
+    path = tmp_path / "hand.xml"
+    path.write_text(text)
+    with pytest.raises(InputError, match="on a mocap body"):
+        record(replace(find_scene("handheld"), model=path), **QUICK)
+
+
+def spoiled(change):
+    """Gimbal whose script is changed before it runs."""
+    gimbal = find_scene("gimbal")
+
+    def drive(model):
+        return change(gimbal.drive(model, **QUICK))
+
+    return replace(gimbal, drive=drive)
+
+
+def with_bad_control(script):
+    targets = np.array(script.inputs["ctrl"])
+    targets[70, 1] = np.nan
+    return replace(script, inputs={"ctrl": targets})
+
+
+def test_a_control_that_is_not_a_number_is_caught(tmp_path, monkeypatch):
+    """MuJoCo would act as if all controls were zero and return perfect rest."""
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(
+        SimulationError, match=r"gimbal.*BADCTRL.*row 70, t = 0\.1400 s"
+    ):
+        record(spoiled(with_bad_control))
+    assert list(tmp_path.iterdir()) == []  # MuJoCo's own log file is not written
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda s: replace(s, qpos=np.array([0, np.nan, 0])), "BADQPOS.*row 0"),
+        (lambda s: replace(s, qpos=np.array([0, 1e300, 0])), "BADQPOS.*row 0"),
+        (lambda s: replace(s, qvel=np.array([0, np.nan, 0])), "BADQVEL.*row 0"),
+        (
+            lambda s: replace(s, qvel=np.array([0, 0, 60.0])),
+            r"beyond the limit 200 m/s\^2, first at row 0, t = 0\.0000 s",
+        ),
+    ],
+    ids=["NaN position", "huge position", "NaN rate", "fast start"],
+)
+def test_a_bad_start_is_caught(change, message):
+    with pytest.raises(SimulationError, match=message):
+        record(spoiled(change))
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "RK4", "implicit", "implicitfast"])
+def test_an_unstable_time_step_is_caught(integrator):
+    with pytest.raises(
+        SimulationError, match=r"(warning|limit).*first at row \d+, t ="
+    ):
+        record("gimbal", timestep=0.06, integrator=integrator)
+
+
+def test_an_input_of_the_wrong_shape_is_refused():
+    with pytest.raises(InputError, match=r"`ctrl` has shape .*needs \(\d+, 3\)"):
+        record(spoiled(lambda s: replace(s, inputs={"ctrl": s.inputs["ctrl"][:, :2]})))
+    with pytest.raises(InputError, match="no input `contrl`"):
+        record(spoiled(lambda s: replace(s, inputs={"contrl": s.inputs["ctrl"]})))
+    with pytest.raises(InputError, match="`qpos` has shape"):
+        record(spoiled(lambda s: replace(s, qpos=np.zeros(2))))
+
+
+def reset_run(tmp_path, steps=400):
+    """Rows of a run that MuJoCo resets by itself, as its default is."""
+    path = tmp_path / "reset.xml"
+    path.write_text(GIMBAL.replace(FLAG, ""))
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    rows = np.empty((steps, 14))
+    with captured_messages() as messages:
+        for k in range(steps):
+            if k == 300:
+                data.qvel[1] = np.inf
+            mujoco.mj_step(model, data)
+            rows[k] = data.sensordata
+    warnings = np.array([[w.lastinfo, w.number] for w in data.warning])
+    return rows, warnings, messages
+
+
+def test_an_automatic_reset_is_caught_by_its_warning_and_by_the_clock(tmp_path):
+    rows, warnings, messages = reset_run(tmp_path)
+    # what makes it dangerous: from the reset on the record is perfect static data
+    after = np.linalg.norm(rows[301:, :3], axis=1)
+    assert np.isfinite(rows).all()
+    assert np.abs(after - 9.80665).max() < 1e-12
+    limits = (0.002, 200.0, 50.0)
+    with pytest.raises(SimulationError, match=r"BADQVEL.*row 299"):
+        check_run("reset", rows, warnings, messages, *limits)
+    quiet = np.zeros_like(warnings)
+    with pytest.raises(
+        SimulationError, match=r"clock .* not regular, first at row 300"
+    ):
+        check_run("reset", rows, quiet, [], *limits)
+    check_run("reset", rows[:300], quiet, [], *limits)  # before it, all is well
+
+
+def test_frozen_rows_and_stray_values_are_caught():
+    model = load_model(model_path("gimbal")).model
+    rows = np.zeros((50, 14))
+    rows[:, 2] = 9.80665
+    rows[:, 13] = model.opt.timestep * np.arange(50)
+    none = np.zeros((mujoco.mjtWarning.mjNWARNING, 2), int)
+    limits = (model.opt.timestep, 200.0, 50.0)
+    check_run("made", rows, none, [], *limits)
+    frozen = rows.copy()
+    frozen[31:] = frozen[30]
+    with pytest.raises(SimulationError, match=r"clock .* row 31, t = 0\.0620 s"):
+        check_run("made", frozen, none, [], *limits)
+    lagging = rows.copy()
+    lagging[:, 13] += model.opt.timestep  # paired with the state after the step
+    with pytest.raises(SimulationError, match="row 0"):
+        check_run("made", lagging, none, [], *limits)
+    for column, value, message in (
+        (8, np.nan, "not finite"),
+        (1, np.inf, "not finite"),
+        (1, 300.0, "specific force 300.2 m/s"),
+        (4, -51.0, "angular rate 51 rad/s"),
+    ):
+        bad = rows.copy()
+        bad[20, column] = value
+        with pytest.raises(SimulationError, match=rf"{message}.*row 20"):
+            check_run("made", bad, none, [], *limits)
+
+
+def test_a_users_scene_file_is_found_and_its_faults_are_named(tmp_path):
+    model = tmp_path / "shelf.xml"
+    model.write_text(GIMBAL)
+    good = (
+        "from pathlib import Path\n"
+        "from simval.scene import Scene, Script\n"
+        "def drive(model, *, seconds=0.5):\n"
+        "    rows = round(seconds / model.opt.timestep)\n"
+        "    return Script(hold=[0] * rows, rest_force=1e-9, rest_rate=1e-9)\n"
+        "scene = Scene(name='shelf', summary='at rest', drive=drive,\n"
+        "              model=Path(__file__).with_name('shelf.xml'))\n"
+    )
+    path = tmp_path / "shelf.py"
+    path.write_text(good)
+    recording = record(str(path), seconds=0.2)
+    assert len(recording.time) == 100
+    assert recording.provenance["scene"] == "shelf"
+    for text, message in (
+        ("x = 1\n", "holds 0 scenes"),
+        (
+            good + "other = Scene(**{f: getattr(scene, f) for f in scene.__slots__})\n",
+            "holds 2 scenes",
+        ),
+        ("1 / 0\n", "fails with ZeroDivisionError"),
+        ("def broken(:\n", "fails with SyntaxError"),
+    ):
+        path.write_text(text)
+        with pytest.raises(InputError, match=message):
+            record(str(path))
+    with pytest.raises(InputError, match="does not exist"):
+        record(str(tmp_path / "absent.py"))
+
+
+def test_a_driver_that_fails_is_named():
+    def drive(model):
+        return 1 / 0
+
+    with pytest.raises(InputError, match=r"driver of scene gimbal fails .*Zero"):
+        record(replace(find_scene("gimbal"), drive=drive))
+    with pytest.raises(InputError, match="returned int, not a Script"):
+        record(replace(find_scene("gimbal"), drive=lambda model: 1))
+
+
+def test_an_empty_run_is_refused():
+    empty = Script(hold=[], rest_force=1.0, rest_rate=1.0)
+    scene = find_scene("gimbal")
+    assert isinstance(scene, Scene)
+    with pytest.raises(InputError, match="lasts 0 steps"):
+        record(replace(scene, drive=lambda model: empty))
