@@ -57,6 +57,16 @@ def test_greatest_column_bound():
     assert np.all(np.max(norms, axis=0) >= n / 2 - 20 * EPS)
 
 
+@pytest.mark.parametrize("frame", ["best", "combined", "x"])
+def test_a_sample_does_not_depend_on_its_company(frame):
+    _, *vectors = problems(67, 12)
+    whole = two_vector_quaternion(*vectors, frame)
+    for count in range(1, 20):
+        rows = slice(17, 17 + count)
+        part = two_vector_quaternion(*(v[rows] for v in vectors), frame)
+        np.testing.assert_array_equal(part, whole[rows])
+
+
 def test_batch_axes_broadcast():
     q, b1, b2, r1, r2 = problems(6, 4)
     shaped = two_vector_quaternion(

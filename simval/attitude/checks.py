@@ -76,38 +76,50 @@ def block_validity(vectors: Array, length_tolerance: float) -> Codes | None:
     Array or None
         Codes of `Validity`, (n,).
     """
-    with np.errstate(over="ignore", invalid="ignore", under="ignore"):
-        square = (vectors * vectors).reshape(4, 3, -1)
-        lengths = square[:, 0] + square[:, 1]
-        lengths += square[:, 2]  # squared lengths of b1, b2, r1, r2, (4, n)
-        pairs = lengths.reshape(2, 2, -1)  # [body | reference, first | second]
-        in_range = (lengths.min() > LENGTHS[0] ** 2) & (lengths.max() < LENGTHS[1] ** 2)
+    lengths, dots = _products(vectors)
+    shortest, longest = lengths.min(), lengths.max()
+    if LENGTHS[0] ** 2 < shortest and longest < LENGTHS[1] ** 2:  # no NaN either
         limit = max(0.0, 1.0 - length_tolerance) ** 2
-        agree = np.minimum(*pairs) >= limit * np.maximum(*pairs)
-        apart = _not_parallel(vectors, pairs)
-    if in_range and agree.all() and apart.all():
-        return None
+        agree = shortest >= limit * longest or _lengths_agree(lengths, limit).all()
+        if agree and _apart(lengths, dots).all():
+            return None
+    return _codes(vectors, lengths, dots, length_tolerance)
+
+
+def _products(vectors: Array) -> tuple[Array, Array]:
+    # squared lengths of b1, b2, r1, r2 (4, n); b1.b2 and r1.r2 (2, n)
+    v = vectors.reshape(4, 3, -1)
+    with np.errstate(over="ignore", invalid="ignore", under="ignore"):
+        lengths = np.einsum("kjn,kjn->kn", v, v)
+        dots = np.einsum("kjn,kjn->kn", v[::2], v[1::2])
+    return lengths, dots
+
+
+def _lengths_agree(lengths: Array, limit: float) -> Mask:
+    body, reference = lengths[:2], lengths[2:]
+    agree: Mask = (body >= limit * reference) & (reference >= limit * body)
+    return agree
+
+
+def _apart(lengths: Array, dots: Array) -> Mask:
+    # Lagrange: |v1 x v2|^2 = |v1|^2 |v2|^2 - (v1.v2)^2; its rounding, 4e-16, is
+    # 4 % of MIN_SINE^2
+    apart: Mask = dots * dots <= (1.0 - MIN_SINE**2) * (lengths[::2] * lengths[1::2])
+    return apart
+
+
+def _codes(
+    vectors: Array, lengths: Array, dots: Array, length_tolerance: float
+) -> Codes:
+    limit = max(0.0, 1.0 - length_tolerance) ** 2
     codes: Codes = np.zeros(vectors.shape[1], dtype=np.int8)
-    codes[~apart.all(axis=0)] = Validity.COLLINEAR
-    codes[~agree.all(axis=0)] = Validity.LENGTHS_DISAGREE
-    with np.errstate(invalid="ignore"):
+    with np.errstate(over="ignore", invalid="ignore", under="ignore"):
+        codes[~_apart(lengths, dots).all(axis=0)] = Validity.COLLINEAR
+        codes[~_lengths_agree(lengths, limit).all(axis=0)] = Validity.LENGTHS_DISAGREE
         inside = (lengths > LENGTHS[0] ** 2) & (lengths < LENGTHS[1] ** 2)
     codes[~inside.all(axis=0)] = Validity.LENGTH
     codes[~np.isfinite(vectors).all(axis=0)] = Validity.NOT_FINITE
     return codes
-
-
-def _not_parallel(vectors: Array, pairs: Array) -> Mask:
-    # Whether the sines of both angles reach MIN_SINE, (2, n): body, reference
-    first, second = vectors.reshape(2, 2, 3, -1).swapaxes(0, 1)
-    product = first * second  # (2, 3, n)
-    dot = product[:, 0] + product[:, 1]
-    dot += product[:, 2]
-    dot *= dot
-    # Lagrange: |v1 x v2|^2 = |v1|^2 |v2|^2 - (v1.v2)^2; its rounding, 4e-16, is
-    # 4 % of MIN_SINE^2
-    far: Mask = dot <= (1.0 - MIN_SINE**2) * (pairs[:, 0] * pairs[:, 1])
-    return far
 
 
 def singular_columns(vectors: Array, squared: Array) -> Mask | None:
@@ -125,11 +137,11 @@ def singular_columns(vectors: Array, squared: Array) -> Mask | None:
     Array or None
         Booleans, (n,).
     """
-    r1, r2 = vectors[6:9], vectors[9:12]
-    scale = (r1 * r1).sum(axis=0) * (r2 * r2).sum(axis=0)
-    with np.errstate(invalid="ignore"):
-        regular = squared >= MIN_NORM**2 * scale
-    mask: Mask = ~regular
+    r = vectors[6:].reshape(2, 3, -1)
+    lengths = np.einsum("kjn,kjn->kn", r, r)
+    if squared.min() >= MIN_NORM**2 * lengths.max() ** 2:
+        return None
+    mask: Mask = ~(squared >= MIN_NORM**2 * lengths[0] * lengths[1])
     return mask if mask.any() else None
 
 

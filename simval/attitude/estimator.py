@@ -157,23 +157,65 @@ def estimate_attitude(
     count = arrays[0].shape[0]
     q = np.empty((count, 4))
     validity: Codes = np.zeros(count, dtype=np.int8)
-    block = np.empty((12, min(count, kernel.BLOCK)))
+    block = np.empty((12, max(2, min(count, kernel.BLOCK))))
     for start in range(0, count, kernel.BLOCK):
         rows = slice(start, min(start + kernel.BLOCK, count))
-        vectors = block[:, : rows.stop - start]
+        width = rows.stop - start
+        # A single sample fills two columns: sums over rows of one column alone would
+        # be ordered differently, and a sample's bits would depend on its company.
+        vectors = block[:, : max(2, width)]
         for i, array in enumerate(arrays):
             vectors[3 * i : 3 * i + 3] = array[rows].T
-        _estimate_block(vectors, frame, length_tolerance, q[rows], validity[rows])
+        raw, scale, codes = _estimate_block(vectors, frame, length_tolerance)
+        np.multiply(raw[:, :width], scale[:width], out=q[rows].T)
+        if codes is not None:
+            validity[rows] = codes[:width]
+            q[rows][codes[:width] != 0] = np.nan
     return AttitudeEstimate(q=q.reshape(*shape, 4), validity=validity.reshape(shape))
 
 
+def valid_batch(
+    b1: Any, b2: Any, r1: Any, r2: Any, *, length_tolerance: float = 0.5
+) -> tuple[list[Array], tuple[int, ...]]:
+    """Flatten a batch of vector pairs, every sample of it valid.
+
+    Parameters
+    ----------
+    b1, b2, r1, r2 : array_like
+        Vectors, (..., 3).
+    length_tolerance : float, default 0.5
+        As in `two_vector_quaternion`.
+
+    Returns
+    -------
+    arrays : list of Array
+        The four, (n, 3) each.
+    shape : tuple of int
+        Shape of the batch.
+
+    Raises
+    ------
+    InputError, GeometryError
+        As `two_vector_quaternion`.
+    """
+    arrays, shape = _flat_batch(b1, b2, r1, r2)
+    for start in range(0, len(arrays[0]), kernel.BLOCK):
+        rows = slice(start, start + kernel.BLOCK)
+        block = np.concatenate([array[rows].T for array in arrays])
+        codes = block_validity(block, length_tolerance)
+        if codes is not None:
+            whole = np.zeros(len(arrays[0]), dtype=np.int8)
+            whole[rows] = codes
+            refuse(whole, shape)
+    return arrays, shape
+
+
 def _estimate_block(
-    vectors: Array, frame: str, length_tolerance: float, q: Array, validity: Codes
-) -> None:
-    # Fill q (n, 4) and validity (n,) for one block of columns
+    vectors: Array, frame: str, length_tolerance: float
+) -> tuple[Array, Array, Codes | None]:
+    # un-normalised quaternions (4, n), what to multiply them with, codes if any is bad
     codes = block_validity(vectors, length_tolerance)
     if codes is not None:  # a harmless sample in place of each bad one
-        validity[:] = codes
         vectors[:, codes != 0] = _HARMLESS
     if frame == "best":
         raw = kernel.best_quaternion(kernel.column_matrix(vectors, symmetric=False))
@@ -182,17 +224,14 @@ def _estimate_block(
     else:
         raw = kernel.raw_quaternion(vectors, frame)
     squared = kernel.squared_norm(raw)
-    if frame in kernel.FRAMES:
-        singular = singular_columns(vectors, squared)
-        if singular is not None:
-            validity[singular & (validity == 0)] = Validity.SINGULAR
-            squared[singular] = 1.0
-        scale = 1.0 / np.sqrt(squared)
-    else:
-        scale = np.copysign(1.0 / np.sqrt(squared), raw[3])
-    np.multiply(raw, scale, out=q.T)
-    if validity.any():
-        q[validity != 0] = np.nan
+    if frame not in kernel.FRAMES:
+        return raw, np.copysign(1.0 / np.sqrt(squared), raw[3]), codes
+    singular = singular_columns(vectors, squared)
+    if singular is not None:
+        codes = np.zeros(squared.shape, dtype=np.int8) if codes is None else codes
+        codes[singular & (codes == 0)] = Validity.SINGULAR
+        squared[singular] = 1.0
+    return raw, 1.0 / np.sqrt(squared), codes
 
 
 # a turn of 120 degrees about (1, 1, 1), regular in every frame: all |qbar| are 1/2

@@ -27,7 +27,7 @@ import numpy as np
 
 from simval.arrays import Array
 
-BLOCK: Final = 2048
+BLOCK: Final = 4096
 FRAMES: Final = ("x", "y", "z", "plain")  # the order of the columns in (K2)
 
 # for each frame, is component j of r kept (a half turn about k keeps only k)?
@@ -148,13 +148,15 @@ def best_quaternion(columns: Array) -> Array:
     Array
         Quaternions, not normalised, (4, n).
     """
-    norms = [squared_norm(column) for column in columns]
-    best, greatest = columns[3].copy(), norms[3].copy()
-    for column, norm in zip(columns[:3], norms[:3], strict=True):
-        longer = norm > greatest
-        np.copyto(greatest, norm, where=longer)
-        np.copyto(best, column, where=longer)
-    return best
+    norms = np.einsum("kin,kin->kn", columns, columns)
+    first, first_norm = _longer(columns[0], norms[0], columns[1], norms[1])
+    second, second_norm = _longer(columns[2], norms[2], columns[3], norms[3])
+    return _longer(first, first_norm, second, second_norm)[0]
+
+
+def _longer(a: Array, a_norm: Array, b: Array, b_norm: Array) -> tuple[Array, Array]:
+    pick = a_norm > b_norm
+    return np.where(pick, a, b), np.maximum(a_norm, b_norm)
 
 
 def combined_quaternion(columns: Array) -> Array:
@@ -171,15 +173,8 @@ def combined_quaternion(columns: Array) -> Array:
         :math:`M M^T c` for the greatest column c, not normalised, (4, n).
     """
     best = best_quaternion(columns)
-    total = np.zeros_like(best)
-    term = np.empty_like(best)
-    for column in columns:
-        np.multiply(column, best, out=term)
-        weight = term[0] + term[1]
-        weight += term[2]
-        weight += term[3]
-        np.multiply(column, weight, out=term)
-        total += term
+    weights = np.einsum("kin,in->kn", columns, best)
+    total: Array = np.einsum("kin,kn->in", columns, weights)
     return total
 
 
@@ -196,10 +191,7 @@ def squared_norm(v: Array) -> Array:
     Array
         Squared norms, (n,).
     """
-    square = v * v
-    total = square[0] + square[1]
-    for row in square[2:]:
-        total += row
+    total: Array = np.einsum("in,in->n", v, v)
     return total
 
 

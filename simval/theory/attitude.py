@@ -9,16 +9,20 @@ predictions do not follow it.
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from simval.arrays import Array, frozen
 from simval.errors import InputError
 from simval.moments import Moments
 from simval.theory import orders
+from simval.theory.combined import combined_moments
 from simval.theory.errors_exact import multiplicative_matrix
 from simval.theory.expansion import scaled_error_moments
 from simval.theory.oracle import exact_moments
 from simval.theory.two_vector import (
     TwoVectorGeometry,
     noise_covariances,
+    true_vectors,
     two_vector_geometry,
 )
 
@@ -46,8 +50,8 @@ class AttitudeMoments(Moments):
     frame : str
         The column of the estimator.
     norm : float
-        Length of the noise-free qbar: the smaller |qbar|/sigma, the sooner every
-        expansion fails.
+        Length of the noise-free qbar, of p for ``combined``: the smaller |qbar|/sigma,
+        the sooner every expansion fails.
     """
 
     q_true: Array
@@ -82,8 +86,9 @@ def attitude_moments(
         Highest power of the noise kept; ``"4-paper"`` is the source's section 5,
         which keeps part of the fourth order; ``"exact"`` keeps all, for isotropic
         noise.
-    frame : {"plain", "x", "y", "z"}, optional
+    frame : {"plain", "x", "y", "z", "combined"}, optional
         The estimator's fixed frame; default, the greatest column of the truth.
+        ``"combined"`` is the four-column estimator, order 2 only.
 
     Returns
     -------
@@ -107,6 +112,8 @@ def attitude_moments(
     if order not in ORDERS:
         msg = f"`order` is {order!r}; it must be one of {ORDERS}"
         raise InputError(msg)
+    if frame == "combined":
+        return _combined(q, r1, r2, noise_std, order)
     geometry = two_vector_geometry(q, r1, r2, frame)
     noise = noise_covariances(noise_std)
     if order == "exact":
@@ -138,6 +145,24 @@ def _series_moments(
     if order == "4-paper":
         return bias, orders.paper_fourth_covariance(q, P)
     return bias, orders.second_order_covariance(q, P)
+
+
+def _combined(
+    q: Any, r1: Any, r2: Any, noise_std: Any, order: int | str
+) -> AttitudeMoments:
+    if order != 2:
+        msg = f"`order` is {order!r}; the combined estimator has theory of order 2 only"
+        raise InputError(msg)
+    q_true, vectors, _ = true_vectors(q, r1, r2)
+    q_true = np.copysign(1.0, q_true[3]) * q_true
+    bias, covariance = combined_moments(vectors, q_true, noise_covariances(noise_std))
+    return AttitudeMoments(
+        bias=bias,
+        covariance=covariance,
+        q_true=q_true,
+        frame="combined",
+        norm=float(np.linalg.norm(np.cross(vectors[2], vectors[3]))),
+    )
 
 
 def multiplicative_moments(additive: AttitudeMoments) -> Moments:

@@ -170,8 +170,8 @@ class Series:
         tables = self.algebra
         terms = self.coefficients[tables.left] * other.coefficients[tables.right]
         size = self.coefficients.size
-        total: Array = np.bincount(tables.target, weights=terms, minlength=size)
-        return self._new(total)
+        total = np.bincount(tables.target, weights=terms, minlength=size)
+        return self._new(np.asarray(total, dtype=np.float64))
 
     __rmul__ = __mul__
 

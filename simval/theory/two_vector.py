@@ -14,7 +14,7 @@ import numpy as np
 
 from simval.arrays import Array, finite_array, frozen
 from simval.errors import GeometryError, InputError
-from simval.geometry import attitude_matrix, compose, conjugate, normalize
+from simval.geometry import attitude_matrix, compose, normalize
 
 # rounding enters a prediction as eps / |qbar|^k, k up to 4
 MIN_NORM: Final = 1e-3
@@ -67,6 +67,26 @@ class TwoVectorGeometry:
         return self.back @ self.q
 
 
+def column_maps() -> list[tuple[Array, Array]]:
+    """The half turns of the reference frame and the ways back, in the order of M.
+
+    Returns
+    -------
+    list of tuple of Array
+        Signs of r (3,) and the matrix back to the original frame (4, 4), for x, y,
+        z and plain.
+    """
+    return [(turn, _way_back(frame)) for frame, turn in _TURNS.items()]
+
+
+def _way_back(frame: str) -> Array:
+    # matrix of q' -> [1_k; 0] * q', the identity for plain
+    half_turn = np.append((_TURNS[frame] + 1.0) / 2.0, 0.0)
+    if frame == "plain":
+        half_turn = np.array([0.0, 0.0, 0.0, 1.0])
+    return compose(half_turn, np.eye(4)).T
+
+
 def column_norms(q: Array, r1: Array, r2: Array) -> Array:
     r"""Signed lengths of the four noise-free columns x, y, z, plain.
 
@@ -115,14 +135,7 @@ def two_vector_geometry(
     GeometryError
         If the vectors are parallel, or the frame is singular at this attitude.
     """
-    unit = []
-    for name, value, size in (("q", q, 4), ("r1", r1, 3), ("r2", r2, 3)):
-        array = finite_array(name, value, (size,))
-        if array.ndim != 1:
-            msg = f"`{name}` has shape {array.shape}; give one, of shape ({size},)"
-            raise InputError(msg)
-        unit.append(normalize(array))
-    q_unit, r1_unit, r2_unit = unit
+    q_unit, r1_unit, r2_unit = _unit_arguments(q, r1, r2)
     norms = column_norms(q_unit, r1_unit, r2_unit)
     names = list(_TURNS)
     if frame is None:
@@ -140,16 +153,58 @@ def two_vector_geometry(
     return _turned(frame, q_unit, r1_unit, r2_unit)
 
 
+def true_vectors(q: Any, r1: Any, r2: Any) -> tuple[Array, Array, Array]:
+    """Noise-free vectors of one attitude.
+
+    Parameters
+    ----------
+    q : array_like
+        True quaternion, reference to body, (4,); normalised here.
+    r1, r2 : array_like
+        True reference vectors, (3,); normalised here.
+
+    Returns
+    -------
+    tuple of Array
+        Unit quaternion (4,), unit vectors b1, b2, r1, r2 (4, 3), matrix A(q) (3, 3).
+
+    Raises
+    ------
+    InputError
+        If a value is not finite or zero, or a shape is wrong.
+    GeometryError
+        If the vectors are parallel.
+    """
+    unit_q, unit_r1, unit_r2 = _unit_arguments(q, r1, r2)
+    sine = float(np.linalg.norm(np.cross(unit_r1, unit_r2)))
+    if not sine >= MIN_NORM:
+        msg = (
+            f"the sine of the angle between `r1` and `r2` is {sine:.2e}; theory needs "
+            f"{MIN_NORM:g} or more, so choose vectors that are farther apart"
+        )
+        raise GeometryError(msg)
+    A = attitude_matrix(unit_q)
+    return unit_q, np.stack([A @ unit_r1, A @ unit_r2, unit_r1, unit_r2]), A
+
+
+def _unit_arguments(q: Any, r1: Any, r2: Any) -> list[Array]:
+    unit = []
+    for name, value, size in (("q", q, 4), ("r1", r1, 3), ("r2", r2, 3)):
+        array = finite_array(name, value, (size,))
+        if array.ndim != 1:
+            msg = f"`{name}` has shape {array.shape}; give one, of shape ({size},)"
+            raise InputError(msg)
+        unit.append(normalize(array))
+    return unit
+
+
 def _turned(frame: str, q: Array, r1: Array, r2: Array) -> TwoVectorGeometry:
     turn = _TURNS[frame]
     matrix = attitude_matrix(q)
     d1, s1 = (matrix @ r1 - turn * r1) / 2, (matrix @ r1 + turn * r1) / 2
     d2 = (matrix @ r2 - turn * r2) / 2
-    half_turn = np.append((turn + 1.0) / 2.0, 0.0)  # [1_k; 0]
-    if frame == "plain":
-        half_turn = np.array([0.0, 0.0, 0.0, 1.0])
-    back = compose(half_turn, np.eye(4)).T
-    q_turned = compose(conjugate(half_turn), q)
+    back = _way_back(frame)
+    q_turned = q @ back  # orthogonal: the inverse is the transpose
     qbar = np.append(np.cross(d1, d2), s1 @ d2)
     return TwoVectorGeometry(
         frame=frame,

@@ -1,0 +1,140 @@
+"""Established two-vector estimators behind the signature of `two_vector_quaternion`.
+
+Each takes b1, b2, r1, r2 of shape (..., 3) and returns unit quaternions (..., 4) with
+a scalar that is not negative, and refuses what `two_vector_quaternion` refuses.
+"""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from types import MappingProxyType
+from typing import Any, Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from simval.arrays import Array
+from simval.attitude.estimator import two_vector_quaternion, valid_batch
+from simval.errors import InputError
+
+
+def davenport(
+    b1: Any, b2: Any, r1: Any, r2: Any, weights: tuple[float, float] = (1.0, 1.0)
+) -> Array:
+    r"""Davenport's q-method: the optimum of Wahba's problem, batched.
+
+    The gain :math:`\sum_i w_i b_i^T A(q) r_i = q^T K q` is greatest for the
+    eigenvector of the largest eigenvalue of K. With weights :math:`1/(\sigma_{bi}^2 +
+    \sigma_{ri}^2)` it is the maximum-likelihood estimate for isotropic noise.
+
+    Parameters
+    ----------
+    b1, b2 : array_like
+        Body vectors, (..., 3).
+    r1, r2 : array_like
+        Reference vectors, (..., 3).
+    weights : tuple of float, default (1, 1)
+        Weight of each pair, above 0.
+
+    Returns
+    -------
+    Array
+        Unit quaternions, (..., 4).
+
+    Raises
+    ------
+    InputError, GeometryError
+        As `two_vector_quaternion`.
+    """
+    if not all(np.isfinite(w) and w > 0.0 for w in weights):
+        msg = f"`weights` is {weights}; both must be finite and above 0"
+        raise InputError(msg)
+    (v1, v2, u1, u2), shape = valid_batch(b1, b2, r1, r2)
+    profile = (
+        weights[0] * v1[:, :, None] * u1[:, None, :]
+        + weights[1] * v2[:, :, None] * u2[:, None, :]
+    )
+    trace = np.trace(profile, axis1=1, axis2=2)
+    K = np.empty((len(v1), 4, 4))
+    K[:, :3, :3] = profile + profile.swapaxes(1, 2)
+    K[:, [0, 1, 2], [0, 1, 2]] -= trace[:, None]
+    K[:, :3, 3] = weights[0] * np.cross(v1, u1) + weights[1] * np.cross(v2, u2)
+    K[:, 3, :3] = K[:, :3, 3]
+    K[:, 3, 3] = trace
+    return _finish(np.linalg.eigh(K)[1][..., 3], shape)
+
+
+def triad(b1: Any, b2: Any, r1: Any, r2: Any) -> Array:
+    """TRIAD: the first pair exactly, the second only for the turn about it.
+
+    Parameters
+    ----------
+    b1, b2 : array_like
+        Body vectors, (..., 3).
+    r1, r2 : array_like
+        Reference vectors, (..., 3).
+
+    Returns
+    -------
+    Array
+        Unit quaternions, (..., 4).
+
+    Raises
+    ------
+    InputError, GeometryError
+        As `two_vector_quaternion`.
+    """
+    (v1, v2, u1, u2), shape = valid_batch(b1, b2, r1, r2)
+    body_to_reference = _triad_axes(u1, u2) @ _triad_axes(v1, v2).swapaxes(1, 2)
+    return _finish(Rotation.from_matrix(body_to_reference).as_quat(), shape)
+
+
+def align_vectors(b1: Any, b2: Any, r1: Any, r2: Any) -> Array:
+    """SciPy's `Rotation.align_vectors` sample by sample: Kabsch's SVD.
+
+    Parameters
+    ----------
+    b1, b2 : array_like
+        Body vectors, (..., 3).
+    r1, r2 : array_like
+        Reference vectors, (..., 3).
+
+    Returns
+    -------
+    Array
+        Unit quaternions, (..., 4).
+
+    Raises
+    ------
+    InputError, GeometryError
+        As `two_vector_quaternion`.
+    """
+    (v1, v2, u1, u2), shape = valid_batch(b1, b2, r1, r2)
+    body, reference = np.stack([v1, v2], axis=1), np.stack([u1, u2], axis=1)
+    q = [
+        Rotation.align_vectors(r, b)[0].as_quat()
+        for b, r in zip(body, reference, strict=True)
+    ]
+    return _finish(np.reshape(q, (-1, 4)), shape)
+
+
+ESTIMATORS: Final[Mapping[str, Callable[..., Array]]] = MappingProxyType(
+    {
+        "best": two_vector_quaternion,
+        "combined": partial(two_vector_quaternion, frame="combined"),
+        "davenport": davenport,
+        "triad": triad,
+        "align_vectors": align_vectors,
+    }
+)
+
+
+def _triad_axes(first: Array, second: Array) -> Array:
+    normal = np.cross(first, second)
+    axes = np.stack([first, normal, np.cross(first, normal)], axis=-1)
+    unit: Array = axes / np.linalg.norm(axes, axis=1, keepdims=True)
+    return unit
+
+
+def _finish(q: Array, shape: tuple[int, ...]) -> Array:
+    signed: Array = np.where(q[:, 3:] < 0.0, -q, q)
+    return signed.reshape(*shape, 4)

@@ -1,0 +1,100 @@
+r"""Second-order bias and covariance of the combined four-column estimator.
+
+With the symmetric scalar part the four columns, mapped back to the original frame,
+are a matrix M that is bilinear in the pairs :math:`(b_1, r_1)` and
+:math:`(b_2, r_2)`; without noise :math:`M = q p^T` with :math:`|p| = |r_1 \times r_2|`.
+The estimate is the direction of :math:`M M^T c`, c the greatest column: one power step
+towards the top left singular vector. To first order in the change dM of M both are
+
+.. math:: \Delta\hat q = -\Pi\, dM\, p/|p|^2,\quad \Pi = I - q q^T,  \tag{C1}
+
+whichever column c is, so the covariance is a sum over independent noise directions j,
+
+.. math:: P = \Pi \Big(\sum_j dM_j\, p\, p^T dM_j^T\Big) \Pi / |p|^4.  \tag{C2}
+
+The second-order bias does depend on c; it follows from the expansion of
+:math:`M M^T M 1_k` through :math:`dM^2`.
+"""
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.theory import orders
+from simval.theory.cubature import covariance_roots
+from simval.theory.two_vector import column_maps
+
+
+def column_matrix(b1: Array, b2: Array, r1: Array, r2: Array) -> Array:
+    """Four columns with the symmetric scalar, mapped back, from any vectors.
+
+    Parameters
+    ----------
+    b1, b2, r1, r2 : Array
+        Vectors, (..., 3).
+
+    Returns
+    -------
+    Array
+        Columns x, y, z, plain of quaternions, (..., 4, 4).
+    """
+    columns = []
+    for turn, back in column_maps():
+        d1, s1 = (b1 - turn * r1) / 2, (b1 + turn * r1) / 2
+        d2, s2 = (b2 - turn * r2) / 2, (b2 + turn * r2) / 2
+        scalar = np.sum(s1 * d2 - s2 * d1, axis=-1, keepdims=True) / 2
+        qbar = np.concatenate([np.cross(d1, d2), scalar], axis=-1)
+        columns.append(qbar @ back.T)
+    return np.stack(columns, axis=-1)
+
+
+def combined_moments(vectors: Array, q: Array, noise: Array) -> tuple[Array, Array]:
+    """Bias and covariance of q - qhat of the combined estimator, to second order.
+
+    Parameters
+    ----------
+    vectors : Array
+        True b1, b2, r1, r2, (4, 3).
+    q : Array
+        True quaternion, (4,).
+    noise : Array
+        Covariances of the four, (4, 3, 3).
+
+    Returns
+    -------
+    tuple of Array
+        Bias (4,) and covariance (4, 4); the next terms are of fourth order.
+    """
+    M = column_matrix(*vectors)
+    changes = _noise_changes(vectors, noise)
+    p = q @ M
+    k = int(np.argmax(np.abs(p)))
+    squared = float(p @ p)
+    scale = squared * p[k]  # M M' M 1_k = q scale without noise
+    # first order of E M'M 1_k + M E'M 1_k + M M'E 1_k, one row per noise direction
+    linear = (
+        p[k] * (changes @ p)
+        + p[k] * np.einsum("jab,a,b->j", changes, q, p)[:, None] * q
+        + squared * (changes[:, :, k] @ q)[:, None] * q
+    )
+    x1 = -linear / scale
+    P = x1.T @ x1
+    along = np.einsum("jab,a->jb", changes, q)  # q'E
+    quadratic = (
+        p[k] * np.einsum("jab,jb->a", changes, along)
+        + np.einsum("jab,b,j->a", changes, p, along[:, k])
+        # M E'E 1_k is along q: the projector removes it
+    )
+    projector = orders.tangent_projector(q)
+    bias = orders.second_order_bias(q, P) - projector @ quadratic / scale
+    return bias, orders.second_order_covariance(q, P)
+
+
+def _noise_changes(vectors: Array, noise: Array) -> Array:
+    # first-order change of M along each of the 12 independent noise directions
+    directions = np.zeros((12, 4, 3))
+    for i, root in enumerate(covariance_roots(noise)):
+        directions[3 * i : 3 * i + 3, i] = root.T
+    b1, b2, r1, r2 = vectors
+    db1, db2, dr1, dr2 = directions.swapaxes(0, 1)
+    changes: Array = column_matrix(db1, b2, dr1, r2) + column_matrix(b1, db2, r1, dr2)
+    return changes

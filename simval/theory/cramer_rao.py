@@ -1,0 +1,94 @@
+r"""Cramer-Rao bound of attitude from two noisy vector pairs.
+
+The measurements are :math:`b_i = A(q) r_i^t + n_{bi}` and :math:`r_i = r_i^t + n_{ri}`;
+the unknowns are the attitude, three small body-frame angles :math:`\theta` with
+:math:`A = (I - [\theta\times]) A(q)`, and the two true reference directions, two
+angles each, which nobody asked for. With W the inverse noise covariances,
+
+.. math:: J = \sum_i \begin{bmatrix} B_i^T W_{bi} B_i & B_i^T W_{bi} A T_i \\ \cdot &
+   T_i^T (A^T W_{bi} A + W_{ri}) T_i \end{bmatrix},\quad B_i = [b_i^t \times],
+   \tag{R1}
+
+T_i the plane tangent at :math:`r_i^t`; the bound on :math:`\theta` is the inverse of
+the Schur complement of the nuisance block. A quaternion error is
+:math:`\Delta q = \Xi\, \theta/2` to first order.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from simval.arrays import Array, frozen
+from simval.errors import InputError
+from simval.geometry import cross_matrix
+from simval.theory.two_vector import noise_covariances, true_vectors
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AttitudeBound:
+    """Lowest covariance of an unbiased attitude estimate.
+
+    Attributes
+    ----------
+    rotation : Array
+        Covariance of the body-frame rotation error, rad^2, (3, 3).
+    quaternion : Array
+        Covariance of the additive quaternion error, (4, 4), of rank 3.
+    """
+
+    rotation: Array
+    quaternion: Array
+
+    def __post_init__(self) -> None:
+        for name in ("rotation", "quaternion"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+
+def attitude_bound(q: Any, r1: Any, r2: Any, noise_std: Any) -> AttitudeBound:
+    """Cramer-Rao bound (R1) of the two-vector problem.
+
+    Parameters
+    ----------
+    q : array_like
+        True quaternion, (4,).
+    r1, r2 : array_like
+        True reference vectors, (3,).
+    noise_std : array_like
+        As in `simval.theory.attitude_moments`; full covariances must be regular.
+
+    Returns
+    -------
+    AttitudeBound
+        The bound; sigma^2 (or the scale of the covariances) enters linearly.
+
+    Raises
+    ------
+    InputError
+        If an argument is wrong or a noise covariance is singular.
+    GeometryError
+        If the vectors are parallel.
+    """
+    unit_q, vectors, A = true_vectors(q, r1, r2)
+    noise = noise_covariances(noise_std)
+    if not np.all(np.linalg.eigvalsh(noise)[:, 0] > 0.0):
+        msg = (
+            "`noise_std` has a direction without noise, whose information is infinite; "
+            "the bound needs regular covariances, so give each direction some noise"
+        )
+        raise InputError(msg)
+    information = np.zeros((3, 3))
+    for i in (0, 1):
+        b, r = vectors[i], vectors[2 + i]
+        B = cross_matrix(b)
+        T = np.linalg.svd(r[None, :])[2][1:].T
+        W_B = np.linalg.solve(noise[i], B)
+        W_AT = np.linalg.solve(noise[i], A @ T)
+        nuisance = (A @ T).T @ W_AT + T.T @ np.linalg.solve(noise[2 + i], T)
+        mixed = B.T @ W_AT
+        information += B.T @ W_B - mixed @ np.linalg.solve(nuisance, mixed.T)
+    rotation = np.linalg.solve(information, np.eye(3))
+    rotation = (rotation + rotation.T) / 2.0
+    e, s = unit_q[:3], unit_q[3]
+    half_xi = 0.5 * np.vstack([s * np.eye(3) + cross_matrix(e), -e])
+    return AttitudeBound(rotation=rotation, quaternion=half_xi @ rotation @ half_xi.T)
