@@ -10,10 +10,16 @@ towards the top left singular vector. To first order in the change dM of M both 
 
 whichever column c is, so the covariance is a sum over independent noise directions j,
 
-.. math:: P = \Pi \Big(\sum_j dM_j\, p\, p^T dM_j^T\Big) \Pi / |p|^4.  \tag{C2}
+.. math:: P = \Pi \Big(\sum_j dM_j\, p\, p^T dM_j^T\Big) \Pi / |p|^4,  \tag{C2}
 
-The second-order bias does depend on c; it follows from the expansion of
-:math:`M M^T M 1_k` through :math:`dM^2`.
+and second-order perturbation of the eigenvector of :math:`M M^T` gives the bias
+
+.. math:: -\Pi \sum_j \left(dM_j dM_j^T q - 2\, dM_j p\, p^T dM_j^T q/|p|^2\right)
+   /|p|^2 + \tfrac12 \mathrm{tr}(P)\, q.  \tag{C3}
+
+The power step leaves out terms of third order in the tangent plane, so (C2) and (C3)
+hold for it too. Which column is the greatest matters from the third order on: near a
+tie of two columns the fourth-order remainder is not smooth in the noise.
 """
 
 import numpy as np
@@ -67,26 +73,15 @@ def combined_moments(vectors: Array, q: Array, noise: Array) -> tuple[Array, Arr
     M = column_matrix(*vectors)
     changes = _noise_changes(vectors, noise)
     p = q @ M
-    k = int(np.argmax(np.abs(p)))
     squared = float(p @ p)
-    scale = squared * p[k]  # M M' M 1_k = q scale without noise
-    # first order of E M'M 1_k + M E'M 1_k + M M'E 1_k, one row per noise direction
-    linear = (
-        p[k] * (changes @ p)
-        + p[k] * np.einsum("jab,a,b->j", changes, q, p)[:, None] * q
-        + squared * (changes[:, :, k] @ q)[:, None] * q
-    )
-    x1 = -linear / scale
-    P = x1.T @ x1
-    along = np.einsum("jab,a->jb", changes, q)  # q'E
-    quadratic = (
-        p[k] * np.einsum("jab,jb->a", changes, along)
-        + np.einsum("jab,b,j->a", changes, p, along[:, k])
-        # M E'E 1_k is along q: the projector removes it
-    )
     projector = orders.tangent_projector(q)
-    bias = orders.second_order_bias(q, P) - projector @ quadratic / scale
-    return bias, orders.second_order_covariance(q, P)
+    moved = changes @ p / squared  # dM p / |p|^2, one row per noise direction
+    tangent = moved @ projector
+    P = tangent.T @ tangent
+    turned = np.einsum("jab,a->jb", changes, q)  # dM' q
+    bent = np.einsum("jab,jb->a", changes, turned) / squared
+    bent -= 2.0 * (moved @ q) @ moved
+    return 0.5 * np.trace(P) * q - projector @ bent, P
 
 
 def _noise_changes(vectors: Array, noise: Array) -> Array:

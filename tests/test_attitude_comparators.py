@@ -1,0 +1,100 @@
+"""Established estimators behind the same signature, against each other."""
+
+import numpy as np
+import pytest
+
+from simval.attitude import two_vector_quaternion
+from simval.attitude.comparators import ESTIMATORS, align_vectors, davenport, triad
+from simval.errors import GeometryError, InputError
+from simval.geometry import (
+    attitude_error,
+    attitude_matrix,
+    normalize,
+    random_quaternions,
+)
+
+
+def problems(count, seed):
+    rng = np.random.default_rng(seed)
+    q = random_quaternions(count, rng)
+    r1, r2 = normalize(rng.standard_normal((2, count, 3)))
+    A = attitude_matrix(q)
+    return (
+        q,
+        np.stack([np.einsum("nij,nj->ni", A, r) for r in (r1, r2)] + [r1, r2]),
+        rng,
+    )
+
+
+@pytest.mark.parametrize("name", sorted(ESTIMATORS))
+def test_exact_without_noise(name):
+    q, vectors, _ = problems(300, 1)
+    sine = np.linalg.norm(np.cross(vectors[2], vectors[3]), axis=-1)
+    found = ESTIMATORS[name](*vectors)
+    assert found.shape == (300, 4)
+    assert np.all(found[:, 3] >= 0.0)
+    # an eigenvector or singular vector is good to eps over the gap, which is sine^2/2
+    # for the q-method; align_vectors goes through a matrix too
+    assert np.max(attitude_error(q, found) * sine**2) < 1e-14
+    shaped = ESTIMATORS[name](*(v[:6].reshape(2, 3, 3) for v in vectors))
+    assert np.max(attitude_error(q[:6], shaped.reshape(6, 4)) * sine[:6] ** 2) < 1e-14
+
+
+def test_davenport_equals_align_vectors_with_noise():
+    # both maximise the same gain, by eigenvalue and by singular value decomposition
+    _, vectors, rng = problems(300, 2)
+    noisy = vectors + 0.05 * rng.standard_normal(vectors.shape)
+    gap = attitude_error(davenport(*noisy), align_vectors(*noisy))
+    sine = np.linalg.norm(np.cross(noisy[2], noisy[3]), axis=-1)
+    assert np.max(gap * sine**2) < 1e-13
+
+
+def test_davenport_against_ahrs():
+    ahrs = pytest.importorskip("ahrs")
+    _, vectors, rng = problems(20, 3)
+    noisy = vectors + 0.01 * rng.standard_normal(vectors.shape)
+    ours = triad(*noisy)
+    for i in range(20):
+        b1, b2, r1, r2 = noisy[:, i]
+        peer = ahrs.filters.TRIAD(w1=b1, w2=b2, v1=r1, v2=r2)
+        # the peer's matrix takes one frame to the other; up to its direction
+        A = np.asarray(peer.A).reshape(3, 3)
+        mine = attitude_matrix(ours[i])
+        gap = min(np.abs(A - mine).max(), np.abs(A - mine.T).max())
+        assert gap < 1e-12
+
+
+def test_triad_takes_the_first_pair_exactly():
+    _, vectors, rng = problems(200, 4)
+    noisy = vectors + 0.05 * rng.standard_normal(vectors.shape)
+    q = triad(*noisy)
+    predicted = np.einsum("nij,nj->ni", attitude_matrix(q), normalize(noisy[2]))
+    np.testing.assert_allclose(predicted, normalize(noisy[0]), atol=1e-14)
+
+
+def test_comparators_refuse_what_the_estimator_refuses():
+    x, y, _ = np.eye(3)
+    for estimator in ESTIMATORS.values():
+        with pytest.raises(GeometryError, match="parallel"):
+            estimator(x, x, y, y)
+        with pytest.raises(InputError, match="finite"):
+            estimator(x, y, x, np.array([0, np.nan, 1]))
+        with pytest.raises(InputError, match="differ in length"):
+            estimator(x, 9.8 * y, x, y)
+    with pytest.raises(InputError, match="`weights`"):
+        davenport(x, y, x, y, weights=(1.0, float("nan")))
+    bad = np.tile(x, (6000, 1))
+    bad[5000] = 0
+    with pytest.raises(InputError, match=r"sample \(5000,\)"):
+        davenport(bad, y, x, y)
+
+
+def test_all_agree_at_small_noise():
+    # every estimator is consistent: at sigma 1e-6 they differ by some sigma
+    _, vectors, rng = problems(100, 5)
+    noisy = vectors + 1e-6 * rng.standard_normal(vectors.shape)
+    sine = np.linalg.norm(np.cross(vectors[2], vectors[3]), axis=-1)
+    reference = two_vector_quaternion(*noisy)
+    for estimator in ESTIMATORS.values():
+        gap = attitude_error(reference, estimator(*noisy)) * sine
+        assert np.max(gap) < 20e-6
