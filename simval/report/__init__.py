@@ -5,6 +5,6 @@ Each section is one module in `sections`, with a function ``section(context)`` t
 returns the section, or None where the run has nothing for it, and one template.
 """
 
-from simval.report.page import render
+from simval.report.page import figures, render
 
-__all__ = ["render"]
+__all__ = ["figures", "render"]

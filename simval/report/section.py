@@ -1,7 +1,9 @@
 """What a section is, and what it is made from."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
+from types import MappingProxyType
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
@@ -41,14 +43,22 @@ class Section:
         Its heading.
     body : Markup
         Its HTML.
+    figures : mapping
+        The SVG of each of its figures, by name.
     """
 
     anchor: str
     title: str
     body: Markup
+    figures: Mapping[str, str]
 
 
-def made(anchor: str, title: str, **values: object) -> Section:
+def made(
+    anchor: str,
+    title: str,
+    figures: Mapping[str, str] = MappingProxyType({}),
+    **values: object,
+) -> Section:
     """Render a section from the template of the same name.
 
     Parameters
@@ -57,6 +67,8 @@ def made(anchor: str, title: str, **values: object) -> Section:
         Id of the section and name of its template.
     title : str
         Heading.
+    figures : mapping, default empty
+        The SVG of each figure, by name; given to the template too.
     **values : object
         What the template needs.
 
@@ -65,8 +77,9 @@ def made(anchor: str, title: str, **values: object) -> Section:
     Section
         With its HTML.
     """
-    body = Markup(template(anchor).render(**values))  # escaped within the template
-    return Section(anchor=anchor, title=title, body=body)
+    text = template(anchor).render(figures=figures, **values)
+    body = Markup(text)  # escaped within the template
+    return Section(anchor=anchor, title=title, body=body, figures=figures)
 
 
 def template(name: str) -> Template:

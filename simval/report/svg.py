@@ -12,12 +12,15 @@ from typing import Any
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatterSciNotation
 
 from simval.arrays import Array
 
 INK = "#010203"
 # Okabe and Ito's palette: told apart with every kind of colour vision
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+# label minor ticks only where an axis has less than one decade, and then only some
+MINOR_THRESHOLDS = (1.0, 0.4)
 STYLE: dict[str, Any] = {
     "svg.fonttype": "none",
     "font.family": "sans-serif",
@@ -195,10 +198,16 @@ def _panel(axes: Any, panel: Panel) -> None:
             )
     if panel.log_x:
         axes.set_xscale("log")
+        axes.xaxis.set_minor_formatter(_sparse())
     if panel.log_y:
         axes.set_yscale("log")
+        axes.yaxis.set_minor_formatter(_sparse())
     axes.set_title(panel.title)
     axes.set_xlabel(panel.x_label)
     axes.set_ylabel(panel.y_label)
     if any(series.label for series in panel.series):
         axes.legend()
+
+
+def _sparse() -> LogFormatterSciNotation:
+    return LogFormatterSciNotation(minor_thresholds=MINOR_THRESHOLDS)

@@ -37,10 +37,10 @@ def section(context: Context) -> Section | None:
     groups: dict[int, list[CellResult]] = {}
     for cell in cells:
         groups.setdefault(cell.parameters["geometry"], []).append(cell)
-    figures = [
-        _figure(number, sorted(members, key=_noise))
+    figures = {
+        f"attitude{number}": _figure(number, sorted(members, key=_noise))
         for number, members in sorted(groups.items())
-    ]
+    }
     slopes = [
         line
         for number, members in sorted(groups.items())
@@ -50,6 +50,7 @@ def section(context: Context) -> Section | None:
         "attitude",
         "Attitude error against noise",
         figures=figures,
+        geometries=sorted(groups),
         slopes=slopes,
         seeds=len({cell.seed for cell in cells}),
     )
@@ -136,7 +137,7 @@ def _off_diagonal(statistic: str) -> bool:
     return len(inside) == 2 and inside[0] != inside[1]
 
 
-def _figure(number: int, cells: list[CellResult]) -> tuple[str, str]:
+def _figure(number: int, cells: list[CellResult]) -> str:
     x = np.array([_noise(cell) for cell in cells])
     first = np.unique(x, return_index=True)[1]
     lines = [cells[i] for i in first]
@@ -185,7 +186,7 @@ def _figure(number: int, cells: list[CellResult]) -> tuple[str, str]:
         "noise on logarithmic axes, simulated points on the predicted lines; and the "
         "relative distance of each truncated prediction from the exact one"
     )
-    return f"Geometry {number}", draw(panels, f"attitude{number}", alternative)
+    return draw(panels, f"attitude{number}", alternative)
 
 
 def _slopes(

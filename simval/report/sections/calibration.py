@@ -39,7 +39,7 @@ def section(context: Context) -> Section | None:
     return made(
         "calibration",
         "Calibration error against noise",
-        figure=_figure(groups) if groups else "",
+        figures={"calibration": _figure(groups)} if groups else {},
         slopes=slopes,
         recoveries=[(cell, cell.rows) for cell in exact],
         trials=sorted({int(cell.rows[1].n) for cell in noisy}),

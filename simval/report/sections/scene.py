@@ -29,7 +29,8 @@ def section(context: Context) -> Section | None:
     scenes = [_scene(file) for file in files]
     if not scenes:
         return None
-    return made("scene", "Scenes", scenes=scenes)
+    figures = {str(scene["key"]): str(scene["figure"]) for scene in scenes}
+    return made("scene", "Scenes", figures=figures, scenes=scenes)
 
 
 def _scene(file: Path) -> dict[str, object]:
@@ -42,6 +43,7 @@ def _scene(file: Path) -> dict[str, object]:
     if picture.is_file():
         data = base64.b64encode(picture.read_bytes()).decode()
     return {
+        "key": file.stem,
         "name": name.rpartition("-")[0],
         "poses": len(directions),
         "picture": data,

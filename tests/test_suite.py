@@ -1,0 +1,92 @@
+"""Suite files: what is accepted, and what each refusal says."""
+
+import pytest
+
+from simval.errors import InputError
+from simval.sweep import load_suite, suite_schema
+from simval.sweep.suite import builtin_suites
+
+
+def written(tmp_path, text):
+    path = tmp_path / "mine.toml"
+    path.write_text(text)
+    return str(path)
+
+
+def test_builtin_suites_expand():
+    assert {"smoke", "accuracy"} <= set(builtin_suites())
+    for name in builtin_suites():
+        suite = load_suite(name)
+        names = [cell.name for cell in suite.cells]
+        assert len(set(names)) == len(names) > 0
+        assert suite.title
+
+
+def test_lists_are_axes_and_names_are_canonical(tmp_path):
+    text = "seed = [1, 2]\n[attitude]\nnoise_std = [0.01, 0.02]\nsamples = 1024\n"
+    suite = load_suite(written(tmp_path, text))
+    assert [cell.name for cell in suite.cells] == [
+        f"attitude(geometry=3,noise_std={noise},samples=1024)@{seed}"
+        for seed in (1, 2)
+        for noise in (0.01, 0.02)
+    ]
+
+
+def test_the_command_line_wins(tmp_path):
+    text = "seed = 4\n[attitude]\nnoise_std = [0.01, 0.02]\n"
+    path = written(tmp_path, text)
+    suite = load_suite(path, ["attitude.noise_std=1e-3", "attitude.geometry=1,2"], 9)
+    assert {cell.parameters.noise_std for cell in suite.cells} == {1e-3}
+    assert [cell.parameters.geometry for cell in suite.cells] == [1, 2]
+    assert {cell.seed for cell in suite.cells} == {9}
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[attitude]\nnoise = 1\n", "`attitude.noise` is not a known key.*noise_std"),
+        ("[altitude]\nnoise_std = 1\n", "`altitude` is not a known key.*attitude"),
+        ("[attitude]\nnoise_std = []\n", "`attitude.noise_std`.*at least 1 item"),
+        ("[attitude]\nnoise_std = -0.1\n", "`attitude.noise_std`.*greater than 0"),
+        ("[attitude]\nnoise_std = [0.1, -0.1]\n", "`attitude.noise_std`"),
+        ("[attitude]\nnoise_std = 'small'\n", "`attitude.noise_std`.*'small'"),
+        ("[attitude]\nsamples = 1e6\n", "`attitude.samples`.*integer"),
+        ("[attitude]\nnoise_std = nan\n", "`attitude.noise_std`"),
+        ("[calibration]\nscene = 'moon'\n", "`calibration.scene`.*'gimbal'"),
+        ("[attitude]\nnoise_std = [0.1, 0.1]\n", "twice"),
+        ("seed = -1\n[attitude]\n", "`seed`"),
+        ("title = 'empty'\n", "names no study"),
+        ("", "names no study"),
+        ("[attitude\n", "not valid TOML"),
+        ("attitude = 3\n", "`attitude`"),
+    ],
+)
+def test_refusals_name_the_key_and_what_is_allowed(tmp_path, text, words):
+    with pytest.raises(InputError, match=words):
+        load_suite(written(tmp_path, text))
+
+
+def test_an_unknown_suite_lists_the_known_ones():
+    with pytest.raises(InputError, match=r"no suite `nightly`.*accuracy.*smoke"):
+        load_suite("nightly")
+
+
+def test_a_file_that_is_not_text_is_refused(tmp_path):
+    path = tmp_path / "bytes.toml"
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InputError, match="cannot be read"):
+        load_suite(str(path))
+
+
+@pytest.mark.parametrize("override", ["noise_std=1", "attitude.noise_std", "=", "a.b="])
+def test_a_malformed_override_shows_the_form(override):
+    with pytest.raises(InputError, match=r"STUDY\.KEY=VALUE"):
+        load_suite("smoke", [override])
+
+
+def test_the_schema_lists_every_parameter():
+    schema = suite_schema()
+    assert {"attitude", "calibration", "scene", "seed"} <= set(schema["properties"])
+    grid = schema["$defs"]["attitude_grid"]["properties"]
+    assert "noise_std" in grid
+    assert "Noise" in grid["noise_std"]["description"]

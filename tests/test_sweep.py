@@ -1,0 +1,137 @@
+"""Runs: same bits for any number of workers, resume after a kill, honest failures."""
+
+import hashlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from simval.errors import InputError
+from simval.sweep import load_run, load_suite, run_suite, runner, store
+
+
+def digest(folder):
+    return hashlib.sha256((folder / "results.csv").read_bytes()).hexdigest()
+
+
+def test_workers_and_order_do_not_change_the_table(tiny_suite, tiny_run, tmp_path):
+    run_suite(str(tiny_suite), tmp_path / "two", workers=2)
+    assert digest(tmp_path / "two") == digest(tiny_run)
+    other = load_suite(str(tiny_suite), seed=2)
+    run_suite(other, tmp_path / "other")
+    assert digest(tmp_path / "other") != digest(tiny_run)
+
+
+def test_a_cell_does_not_depend_on_its_neighbours(tiny_suite, tiny_run, tmp_path):
+    suite = load_suite(str(tiny_suite), ["attitude.noise_std=0.005,0.02"])
+    run = run_suite(suite, tmp_path / "changed")
+    name = "attitude(geometry=3,noise_std=0.02,samples=8192)@1"
+    old = next(c for c in load_run(tiny_run).cells if c.name == name)
+    new = next(c for c in run.cells if c.name == name)
+    assert old.rows == new.rows
+
+
+def test_the_manifest_says_what_the_numbers_depend_on(tiny_run):
+    manifest = json.loads((tiny_run / "manifest.json").read_text())
+    assert manifest["suite"] == "tiny"
+    assert manifest["grid"]["seed"] == [1]
+    assert set(manifest["versions"]) >= {"simval", "numpy", "scipy", "mujoco-core"}
+    assert set(manifest["git"]) == {"commit", "dirty"}
+    assert len(manifest["models"]["gimbal.xml"]) == 64
+    timing = json.loads((tiny_run / "timing.json").read_text())
+    assert timing["cells"].keys() == {c.name for c in load_run(tiny_run).cells}
+
+
+def test_an_existing_folder_is_refused(tiny_suite, tiny_run):
+    with pytest.raises(InputError, match="exists; choose another folder, or --resume"):
+        run_suite(str(tiny_suite), tiny_run)
+
+
+def test_a_folder_that_cannot_be_made_is_refused(tiny_suite, tmp_path):
+    file = tmp_path / "file"
+    file.write_text("")
+    with pytest.raises(InputError, match="cannot make"):
+        run_suite(str(tiny_suite), file / "run")
+
+
+def test_resume_computes_only_what_is_missing(tiny_suite, tiny_run, monkeypatch):
+    before = digest(tiny_run)
+    with store._opened(tiny_run / "run.sqlite") as database, database:
+        database.execute("DELETE FROM rows WHERE cell = 2")
+        database.execute("UPDATE cells SET status = 'pending' WHERE position = 2")
+    (tiny_run / "results.csv").unlink()
+    computed = []
+    execute = runner.execute
+
+    def counted(cell):
+        computed.append(cell.name)
+        return execute(cell)
+
+    monkeypatch.setattr(runner, "execute", counted)
+    run_suite(str(tiny_suite), tiny_run, resume=True)
+    assert len(computed) == 1
+    assert digest(tiny_run) == before
+
+
+def test_resume_of_another_suite_is_refused_with_the_difference(tiny_suite, tiny_run):
+    suite = load_suite(str(tiny_suite), ["attitude.samples=4096"])
+    with pytest.raises(InputError, match=r"attitude.samples: 8192 -> 4096"):
+        run_suite(suite, tiny_run, resume=True)
+
+
+def test_a_failed_cell_leaves_the_others_and_its_traceback(
+    tiny_suite, tmp_path, monkeypatch
+):
+    execute = runner.execute
+
+    def fragile(cell):
+        if cell.study == "calibration" and cell.parameters.noise_std > 0.0:
+            msg = "broken on purpose"
+            raise ZeroDivisionError(msg)
+        return execute(cell)
+
+    monkeypatch.setattr(runner, "execute", fragile)
+    run = run_suite(str(tiny_suite), tmp_path / "run")
+    status = [cell.status for cell in run.cells]
+    assert status.count("failed") == 1
+    assert status.count("done") == 3
+    failed = next(cell for cell in run.cells if cell.status == "failed")
+    assert "ZeroDivisionError: broken on purpose" in failed.error
+    assert failed.name not in (tmp_path / "run" / "results.csv").read_text()
+
+
+def test_a_killed_run_resumes_to_the_same_table(tiny_suite, tiny_run, tmp_path):
+    folder = tmp_path / "killed"
+    command = [sys.executable, "-m", "simval", "sweep", str(tiny_suite)]
+    command += ["--out", str(folder), "--workers", "1", "--quiet"]
+    process = subprocess.Popen(command, env={**os.environ, "OMP_NUM_THREADS": "1"})
+    limit = time.monotonic() + 60
+    while not (folder / "run.sqlite").exists() and time.monotonic() < limit:
+        time.sleep(0.01)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    run_suite(str(tiny_suite), folder, resume=True)
+    assert digest(folder) == digest(tiny_run)
+
+
+@pytest.mark.parametrize("content", [b"", b"not a database at all" * 100])
+def test_a_damaged_store_is_a_clear_error(tmp_path, content):
+    (tmp_path / "run.sqlite").write_bytes(content)
+    with pytest.raises(InputError, match=r"not the store of a run|damaged"):
+        load_run(tmp_path)
+
+
+def test_a_newer_store_is_refused(tiny_run):
+    with store._opened(tiny_run / "run.sqlite") as database, database:
+        database.execute("UPDATE meta SET value = '99' WHERE key = 'schema'")
+    with pytest.raises(InputError, match="schema 99; this program reads 1"):
+        load_run(tiny_run)
+
+
+def test_a_folder_that_is_no_run_is_a_clear_error(tmp_path):
+    with pytest.raises(InputError, match="no run folder"):
+        load_run(tmp_path)

@@ -1,0 +1,133 @@
+"""Verdicts: size and power of the sampling checks, and never a pass from nothing."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+
+from simval.results import Row
+from simval.verdict import judge, overall, p_value
+
+GOOD = Row(
+    statistic="bias[x]",
+    value=0.5,
+    standard_error=1.0,
+    n=1000,
+    prediction=0.0,
+    predictor="exact",
+    unit="1",
+    check="plain",
+)
+
+
+def changed(**values):
+    return dataclasses.replace(GOOD, **values)
+
+
+def rows_of(z, **values):
+    return [(f"cell{i}", changed(value=float(v), **values)) for i, v in enumerate(z)]
+
+
+def test_p_value_is_the_greatest_over_the_interval():
+    row = changed(value=3.0, remainder=1.0)
+    # the expectation that makes |value| >= 3 most likely is the interval's end
+    means = np.linspace(-1.0, 1.0, 201)
+    tails = stats.norm.sf(3.0 - means) + stats.norm.cdf(-3.0 - means)
+    assert p_value(row) == pytest.approx(tails.max(), rel=1e-12)
+    assert p_value(changed(value=2.0)) == pytest.approx(2 * stats.norm.sf(2.0))
+
+
+def test_false_alarm_rate_of_a_family_is_the_stated_one():
+    rng = np.random.default_rng(20_261)
+    runs, alpha = 4000, 0.05
+    alarms = sum(
+        overall(judge(rows_of(rng.standard_normal(20)), alpha)) == "fail"
+        for _ in range(runs)
+    )
+    # exact size of Holm with 20 independent p-values: 1 - (1 - alpha/20)^20
+    size = 1 - (1 - alpha / 20) ** 20
+    low, high = stats.binom.interval(1 - 1e-4, runs, size)
+    assert low <= alarms <= high
+    # Power: errors 10 % too large are noticed more often than that.
+    wrong = sum(
+        overall(judge(rows_of(1.1 * rng.standard_normal(20)), alpha)) == "fail"
+        for _ in range(runs)
+    )
+    assert wrong > high
+
+
+def test_families_share_the_rate_by_weight():
+    # one plain and one nees row present: weights 1/4 and 1/4, so half of alpha each
+    alpha = 0.01
+    edge = stats.norm.isf(alpha / 2 / 2)
+    for factor, answer in ((0.999, "pass"), (1.001, "fail")):
+        plain = ("a", changed(value=factor * edge))
+        nees = ("a", changed(value=0.0, check="nees", statistic="nees"))
+        verdicts = judge([plain, nees], alpha)
+        assert verdicts[0].answer == answer
+        assert verdicts[1].answer == "pass"
+
+
+def test_holm_keeps_all_after_the_first_kept():
+    # p = 0.001, 0.02, 0.03 at alpha 0.05: steps 0.0167, 0.025, 0.05: all rejected;
+    # p = 0.001, 0.03, 0.04: the second stops at 0.025, so the third is kept too
+    for p, answers in (
+        ((0.001, 0.02, 0.03), ["fail", "fail", "fail"]),
+        ((0.001, 0.03, 0.04), ["fail", "pass", "pass"]),
+    ):
+        z = stats.norm.isf(np.array(p) / 2)
+        assert [v.answer for v in judge(rows_of(z), 0.05)] == answers
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"value": np.nan},
+        {"prediction": None},
+        {"prediction": np.nan},
+        {"standard_error": np.nan},
+        {"standard_error": 0.0},
+        {"standard_error": np.inf},
+        {"remainder": np.nan},
+        {"n": 99},
+        {"value": np.nan, "check": "exact"},
+        {"value": np.nan, "check": "limit", "prediction": 1.0},
+    ],
+)
+def test_what_was_not_measured_is_inconclusive(values):
+    (verdict,) = judge([("cell", changed(**values))])
+    assert verdict.answer == "inconclusive"
+    assert verdict.reason
+
+
+def test_nothing_measured_never_passes():
+    assert overall(judge([])) == "inconclusive"
+    assert overall(judge([("cell", changed(check="record"))])) == "inconclusive"
+
+
+def test_checks_without_chance():
+    exact = changed(value=1.05, prediction=1.0, remainder=0.1, check="exact")
+    limit = changed(value=2.0, prediction=1.0, check="limit")
+    first, second = judge([("a", exact), ("b", limit)])
+    assert (first.answer, second.answer) == ("pass", "fail")
+    assert "above the limit" in second.reason
+    assert first.p_value is None
+
+
+finite = st.floats(-1e6, 1e6)
+
+
+@given(values=st.lists(st.tuples(finite, st.floats(1e-6, 1e6)), min_size=1, max_size=8))
+def test_a_wider_remainder_never_turns_a_pass_into_a_fail(values):
+    rows = [
+        ("cell", changed(value=value, standard_error=error)) for value, error in values
+    ]
+    strict = judge(rows, 0.01)
+    wide = judge(
+        [(cell, dataclasses.replace(row, remainder=1.0)) for cell, row in rows], 0.01
+    )
+    for a, b in zip(strict, wide, strict=True):
+        assert not (a.answer == "pass" and b.answer == "fail")

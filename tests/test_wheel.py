@@ -1,0 +1,37 @@
+"""The wheel in an empty environment: finds its models and runs a suite."""
+
+import os
+import subprocess
+import sys
+import venv
+
+import pytest
+from conftest import ROOT
+
+pytestmark = pytest.mark.wheel
+
+
+def run(*words, **options):
+    done = subprocess.run(
+        [str(word) for word in words], capture_output=True, text=True, **options
+    )
+    assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
+    return done.stdout
+
+
+def test_the_wheel_finds_its_models_and_runs_the_smoke_suite(tmp_path):
+    pip = ("-m", "pip", "--quiet", "--disable-pip-version-check")
+    run(sys.executable, *pip, "wheel", "--no-deps", "-w", tmp_path, ROOT)
+    (wheel,) = tmp_path.glob("simval-*.whl")
+    venv.create(tmp_path / "empty", with_pip=True)
+    python = tmp_path / "empty" / "bin" / "python"
+    run(python, *pip, "install", wheel)
+    # away from the checkout, so that nothing is found there by accident
+    outside = {"cwd": tmp_path, "env": {**os.environ, "PYTHONPATH": ""}}
+    program = tmp_path / "empty" / "bin" / "simval"
+    out = run(program, "sweep", "smoke", "--out", tmp_path / "run", **outside)
+    assert out.splitlines()[-1] == str(tmp_path / "run")
+    models = "from simval.scene import model_path; print(model_path('gimbal'))"
+    assert "site-packages" in run(python, "-c", models, **outside)
+    report = run(program, "report", tmp_path / "run", **outside)
+    assert report.splitlines()[-1].endswith("report.html")
