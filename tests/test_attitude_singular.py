@@ -1,0 +1,148 @@
+"""The whole singular set: best, combined, direct solutions, sequential rotations."""
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from strategies_attitude import Problem, problems
+
+from simval.attitude import estimate_attitude, two_vector_quaternion
+from simval.attitude.kernel import FRAMES, raw_quaternion
+from simval.attitude.singular import (
+    Case,
+    sequential_quaternion,
+    singular_solution,
+    turn_is_singular,
+)
+from simval.errors import InputError
+from simval.geometry import attitude_error, attitude_matrix, normalize
+
+EPS = np.finfo(float).eps
+X, Y, Z = np.eye(3)
+HALF_TURN = Problem(np.array([1.0, 0, 0, 0]), np.stack([X, -Y, X, Y]))
+IDENTITY = Problem(np.array([0, 0, 0, 1.0]), np.stack([X, Y, X, Y]))
+
+
+def norms(problem):
+    block = problem.vectors.reshape(12, 1)
+    return np.array([np.linalg.norm(raw_quaternion(block, f)) for f in FRAMES])
+
+
+@given(problem=problems())
+@example(problem=IDENTITY)
+@example(problem=HALF_TURN)
+def test_greatest_norm_is_half_the_normal_or_more(problem):
+    # vectors of length 1 + 2 eps at most; each norm is good to 4 eps
+    assert norms(problem).max() >= problem.sine / 2 - 8 * EPS
+    np.testing.assert_allclose(
+        np.sum(norms(problem) ** 2), problem.sine**2, atol=20 * EPS
+    )
+
+
+@given(problem=problems())
+@example(problem=IDENTITY)
+@example(problem=HALF_TURN)
+@pytest.mark.parametrize("frame", ["best", "combined"])
+def test_never_singular(frame, problem):
+    q = two_vector_quaternion(*problem.vectors, frame)
+    # rounding of the inputs (2 eps each of 12) over a norm of sine / 2
+    assert attitude_error(problem.q, q) * problem.sine < 50 * EPS
+    assert q[3] >= 0.0
+
+
+@given(problem=problems())
+@example(problem=IDENTITY)
+def test_frames_agree_where_valid(problem):
+    for frame, norm in zip(FRAMES, norms(problem), strict=True):
+        estimate = estimate_attitude(*problem.vectors, frame)
+        # refused below 1e-8 of the lengths, up to rounding of the norm itself
+        assert bool(estimate.valid) == (norm >= 1e-8) or abs(norm - 1e-8) < 8 * EPS
+        if estimate.valid:
+            assert attitude_error(problem.q, estimate.q) * norm < 50 * EPS
+
+
+@given(problem=problems())
+@example(problem=IDENTITY)
+@example(problem=HALF_TURN)
+def test_direct_solutions(problem):
+    found = singular_solution(*problem.vectors)
+    plain = norms(problem)[FRAMES.index("plain")]
+    if found.valid:
+        # within tolerance of a singular case: off by 1e-12 over the sine, times two
+        # for the half angle; half turns have two equal answers
+        limit = (4e-12 + 50 * EPS) / problem.sine**2
+        assert attitude_error(problem.q, found.q) < limit
+    else:
+        assert np.isnan(found.q).all()
+        assert plain > 1e-13 * problem.sine
+
+
+@given(problem=problems())
+@example(problem=IDENTITY)
+@example(problem=HALF_TURN)
+def test_sequential_rotations(problem):
+    found = sequential_quaternion(*problem.vectors)
+    assert attitude_error(problem.q, found.q) * problem.sine < 50 * EPS
+    if norms(problem)[3] < 0.49 * problem.sine:
+        assert found.turn > 0
+
+
+@given(problem=problems())
+@example(problem=IDENTITY)
+def test_criterion_of_a_turn_is_that_its_column_vanishes(problem):
+    for k in range(3):
+        d = norms(problem)[k]
+        singular = turn_is_singular(*problem.vectors, k, tolerance=1e-9)
+        if singular:
+            # |d1 x d2| = |qbar| |e|: zero with qbar, or with e, whose length times the
+            # sine bounds qbar
+            assert d < 1e-4
+        else:
+            assert d > 1e-10 * problem.sine
+
+
+def cases():
+    r1, r2 = normalize(np.array([[1.0, 2, -1], [0.5, -1, 2]]))
+    plane = normalize(r1 + 0.3 * r2)
+    for name, axis in (("B", r1), ("C", r2), ("D", plane)):
+        for angle in (1e-3, 0.3, 2.0, np.pi - 1e-6, np.pi, -0.3, -2.5, np.pi + 1e-6):
+            yield Case[name], axis, angle, r1, r2
+    yield Case.A, r1, 0.0, r1, r2
+    yield Case.REGULAR, np.cross(r1, r2), 1.0, r1, r2
+
+
+@pytest.mark.parametrize(("case", "axis", "angle", "r1", "r2"), list(cases()))
+def test_table_of_cases(case, axis, angle, r1, r2):
+    axis = normalize(axis)
+    q = np.append(np.sin(angle / 2) * axis, np.cos(angle / 2))
+    A = attitude_matrix(q)
+    found = singular_solution(A @ r1, A @ r2, r1, r2)
+    assert Case(int(found.case)) is case
+    if case is not Case.REGULAR:
+        # rounding of the normals: 4 eps over the sine (0.85)
+        assert attitude_error(q, found.q) < 40 * EPS
+
+
+def test_batches_and_bad_options():
+    r1, r2 = np.tile(X, (2, 3, 1)), np.tile(Y, (2, 3, 1))
+    assert singular_solution(r1, r2, X, Y).case.tolist() == [[1, 1, 1]] * 2
+    assert sequential_quaternion(r1, r2, X, Y).turn.shape == (2, 3)
+    assert turn_is_singular(r1, r2, X, Y, 0).all()
+    assert not turn_is_singular(r1, r2, X, Y, 2).any()
+    with pytest.raises(InputError, match="`tolerance`"):
+        singular_solution(X, Y, X, Y, tolerance=float("nan"))
+    with pytest.raises(InputError, match="`threshold`"):
+        sequential_quaternion(X, Y, X, Y, threshold=0.6)
+    with pytest.raises(InputError, match="`axis`"):
+        turn_is_singular(X, Y, X, Y, 3)
+
+
+def test_rounding_level_noise_on_singular_attitudes():
+    rng = np.random.default_rng(3)
+    for sigma in (1e-16, 1e-14, 1e-10):
+        noisy = np.stack([X, Y, X, Y])[:, None] + sigma * rng.standard_normal(
+            (4, 500, 3)
+        )
+        for frame in ("best", "combined"):
+            q = two_vector_quaternion(*noisy, frame)
+            # error sigma * sqrt(12)/|qbar| per sample, 6 sigma, and rounding
+            assert np.max(attitude_error(q, IDENTITY.q)) < 42 * sigma + 20 * EPS
