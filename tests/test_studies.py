@@ -91,5 +91,5 @@ def test_scenes_rest_and_leave_their_poses():
 
 
 def test_an_unknown_study_is_named():
-    with pytest.raises(InputError, match="no study `astrology`.*attitude"):
+    with pytest.raises(InputError, match=r"no study `astrology`.*attitude"):
         find_study("astrology")
