@@ -32,7 +32,7 @@ from simval.sensor import forms
 _BLOCK = 1 << 14  # poses worked at once: 1.3 MB of monomials
 # The Jacobian's least singular value must stand this far above what noise alone
 # would give it, sigma sqrt(8 n/3): below, a missing pose is hidden by noise.
-_NOISE_MARGIN = 4.0
+_NOISE_MARGIN = 2.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

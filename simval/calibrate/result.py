@@ -110,6 +110,13 @@ class FitResult:
         return forms.matrix(self.model, self.parameters)
 
     @property
+    def sensor_scale(self) -> Array:
+        """Scale of the sensor itself, raw units per m/s^2: the inverse of K."""
+        if self.model == "symmetric":
+            return np.linalg.inv(self.K)
+        return 1.0 / self.K
+
+    @property
     def converged(self) -> Any:
         """Whether each trial converged, (...) of bool."""
         return self.status == "converged"

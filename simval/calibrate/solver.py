@@ -170,7 +170,7 @@ def minimize(objective: Objective, theta: Array, rules: Rules, slack: Any) -> So
         here = _choose(better, there, here)
         damping = np.where(better, damping / 10.0, damping * 10.0)
         length = np.where(better, np.minimum(2.0 * length, 1.0), length / 2.0)
-        at_floor = (size <= _ROUNDING_FLOOR) & (size >= last / 2.0)
+        at_floor = (size <= _ROUNDING_FLOOR) & (size >= last)
         done = better & ((size <= rules.tolerance) | at_floor)
         dead = (damping > _LAST_DAMPING * mean) | (length < _SHORTEST)
         dead &= ~better

@@ -1,0 +1,99 @@
+"""Pose sets and what they can tell."""
+
+import numpy as np
+import pytest
+
+from simval.errors import InputError
+from simval.poses import (
+    cube_corners,
+    cube_edges,
+    cube_faces,
+    describe,
+    direction_jacobian,
+    fibonacci_sphere,
+    observability,
+    random_directions,
+)
+
+SETS = {
+    "faces": (cube_faces(), 6),
+    "corners": (cube_corners(), 7),
+    "edges": (cube_edges(), 9),
+    "faces and edges": (np.concatenate([cube_faces(), cube_edges()]), 9),
+    "fibonacci": (fibonacci_sphere(12), 9),
+    "a circle": (np.stack([np.cos(t := np.arange(12.0)), np.sin(t), 0 * t], -1), 5),
+}
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_rank_of_known_sets(name):
+    """Faces see three sums and three differences; a circle has a plane missing."""
+    directions, rank = SETS[name]
+    np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0, rtol=4e-16)
+    found = observability(directions)
+    assert found.rank == rank
+    assert np.isfinite(found.condition) == (rank == 9)
+
+
+def test_jacobian_by_complex_step():
+    """Of |M(u - B)|^2 with M = T diag(K), signs of S_zx apart (it changes no rank)."""
+    u = fibonacci_sphere(20)
+    theta0 = np.array([0, 0, 0, 1, 1, 1, 0, 0, 0], dtype=complex)
+
+    def squared(theta):
+        m = np.array(
+            [
+                [theta[3], 0, 0],
+                [theta[0] * theta[3], theta[4], 0],
+                [theta[1] * theta[3], theta[2] * theta[4], theta[5]],
+            ]
+        )
+        h = (u - theta[6:]) @ m.T
+        return np.sum(h * h, axis=1)
+
+    steps = [squared(theta0 + 1e-30j * e).imag / 1e-30 for e in np.eye(9)]
+    np.testing.assert_allclose(direction_jacobian(u), np.stack(steps, 1), atol=1e-15)
+
+
+def test_the_next_direction_is_the_best_of_many():
+    """Brute force over random directions: none lowers the total variance more."""
+    u = fibonacci_sphere(9) * np.array([1.0, 1.0, 0.3])
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+
+    def total(directions):
+        j = direction_jacobian(directions)
+        return np.trace(np.linalg.inv(j.T @ j))
+
+    chosen = total(np.vstack([u, observability(u).next_direction]))
+    others = random_directions(2000, np.random.default_rng(0))
+    best = min(total(np.vstack([u, other])) for other in others)
+    # the candidates are 626 directions, some 8 degrees apart
+    assert chosen < best * 1.02
+    assert chosen < 0.9 * total(u)
+
+
+def test_three_advised_directions_complete_the_cube():
+    poses = cube_faces()
+    for _ in range(3):
+        poses = np.vstack([poses, observability(poses).next_direction])
+    found = observability(poses)
+    assert found.rank == 9
+    assert found.condition < 20
+
+
+def test_words():
+    rng = np.random.default_rng(1)
+    rotation, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    assert describe(cube_faces() @ rotation.T) == "the six faces of a cube"
+    tripled = np.tile(cube_faces(), (3, 1)) + 1e-3 * rng.normal(size=(18, 3))
+    tripled /= np.linalg.norm(tripled, axis=1, keepdims=True)
+    assert describe(tripled) == "the six faces of a cube"
+    assert describe(fibonacci_sphere(12)) == "12 different direction(s)"
+    assert describe(cube_faces()[:5]) == "5 different direction(s)"
+
+
+def test_bad_directions():
+    with pytest.raises(InputError, match="index"):
+        observability(np.vstack([cube_edges(), np.zeros(3)]))
+    with pytest.raises(InputError, match="non-finite"):
+        observability(np.vstack([cube_edges(), [1.0, np.nan, 0.0]]))
