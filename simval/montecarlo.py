@@ -16,15 +16,22 @@ the sums are merged in the order of the blocks, so the bits do not depend on how
 workers computed them.
 """
 
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cache, reduce
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.errors import InputError
 from simval.moments import Moments
 from simval.streams import Streams
+
+GROUP = 16
+"""Blocks whose batch means are summed at once; part of the promise of equal bits."""
 
 Sampler = Callable[[np.random.Generator, int], Array]
 """``sampler(rng, count)`` returns the errors of `count` trials, (p, count)."""
@@ -84,8 +91,8 @@ class Sums:
         )
 
 
-def sums_of(errors: Array, batch: int) -> Sums:
-    """Sums of one block of errors.
+def batch_means(errors: Array, batch: int) -> Array:
+    """Features averaged over batches of consecutive samples.
 
     Parameters
     ----------
@@ -96,29 +103,64 @@ def sums_of(errors: Array, batch: int) -> Sums:
 
     Returns
     -------
-    Sums
-        Of n / batch batches.
+    Array
+        Batch means of e and vech(e e'), (n / batch, p (p + 3) / 2).
     """
     p, n = errors.shape
-    grouped = errors.reshape(p, n // batch, batch).transpose(1, 0, 2)
-    second = grouped @ grouped.transpose(0, 2, 1) / batch  # (n / batch, p, p)
-    rows, columns = np.triu_indices(p)
-    means = np.concatenate([grouped.mean(axis=2), second[:, rows, columns]], axis=1)
+    count = n // batch
+    rows, columns = _upper(p)
+    grouped = errors.reshape(p, count, batch).transpose(1, 0, 2)
+    means = np.empty((count, p + len(rows)))
+    means[:, :p] = np.add.reduceat(errors, np.arange(0, n, batch), axis=1).T
+    means[:, p:] = (grouped @ grouped.transpose(0, 2, 1))[:, rows, columns]
+    means /= batch
+    return means
+
+
+def sums_of(means: Array, size: int, batch: int) -> Sums:
+    """Sums of some batch means.
+
+    Parameters
+    ----------
+    means : Array
+        From `batch_means`, (batches, m).
+    size : int
+        Length p of an error.
+    batch : int
+        Samples in a batch.
+
+    Returns
+    -------
+    Sums
+        Of these batches.
+    """
     mean = means.mean(axis=0)
     deviation = means - mean
-    scatter = deviation.T @ deviation
-    return Sums(batches=len(means), batch=batch, size=p, mean=mean, scatter=scatter)
+    return Sums(
+        batches=len(means),
+        batch=batch,
+        size=size,
+        mean=mean,
+        scatter=deviation.T @ deviation,
+    )
 
 
 def simulate(
-    sampler: Sampler, streams: Streams, *, samples: int, block: int, batch: int
+    sampler: Sampler,
+    streams: Streams,
+    *,
+    samples: int,
+    block: int,
+    batch: int,
+    threads: int = 1,
 ) -> Sums:
     """Run seeded trials block by block and return the sums of their errors.
 
     Parameters
     ----------
     sampler : callable
-        ``sampler(rng, count)`` returns the errors of `count` trials, (p, count).
+        ``sampler(rng, count)`` returns the errors of `count` trials, (p, count);
+        with more than one thread it must not keep state.
     streams : Streams
         The cell's random streams.
     samples : int
@@ -128,6 +170,8 @@ def simulate(
     batch : int
         Trials in a batch of eq. (M1); divides `block`. 1 gives the usual standard
         errors; a larger one costs less per sample and needs many batches.
+    threads : int, default 1
+        Threads that compute blocks; the bits do not depend on it.
 
     Returns
     -------
@@ -139,26 +183,54 @@ def simulate(
     InputError
         If `batch` does not divide `block`, or an error of a trial is not finite.
     """
-    if samples < 1 or block < 1 or batch < 1 or block % batch:
+    if min(samples, block, batch, threads) < 1 or block % batch:
         msg = (
-            f"`samples`={samples}, `block`={block}, `batch`={batch}: all must be "
-            "positive and batch must divide block"
+            f"`samples`={samples}, `block`={block}, `batch`={batch}, "
+            f"`threads`={threads}: all must be positive and batch must divide block"
         )
         raise InputError(msg)
-    total: Sums | None = None
-    for number in range(-(-samples // block)):
-        errors = sampler(streams.block(number), block)
-        sums = sums_of(errors, batch)
-        if not np.isfinite(sums.mean).all():
-            bad = int(np.count_nonzero(~np.isfinite(errors).all(axis=0)))
-            msg = (
-                f"{bad} of {block} trials in block {number} gave a non-finite error; "
-                "the estimator must return finite values on every trial"
-            )
-            raise InputError(msg)
-        total = sums if total is None else total.merged(sums)
-    assert total is not None  # samples >= 1
-    return total
+    blocks = -(-samples // block)
+    groups = [range(k, min(k + GROUP, blocks)) for k in range(0, blocks, GROUP)]
+
+    def work(group: range) -> Sums:
+        means, size = [], 0
+        for number in group:
+            errors = sampler(streams.block(number), block)
+            size = len(errors)
+            means.append(_finite(batch_means(errors, batch), errors, number))
+        return sums_of(np.concatenate(means), size, batch)
+
+    if threads == 1:
+        return reduce(Sums.merged, map(work, groups))
+    with ThreadPoolExecutor(threads) as pool:
+        return reduce(Sums.merged, _in_order(pool, work, groups, 4 * threads))
+
+
+def _finite(means: Array, errors: Array, number: int) -> Array:
+    if not np.isfinite(means).all():
+        bad = int(np.count_nonzero(~np.isfinite(errors).all(axis=0)))
+        msg = (
+            f"{bad} of {errors.shape[1]} trials in block {number} gave a non-finite "
+            "error; the estimator must return finite values on every trial"
+        )
+        raise InputError(msg)
+    return means
+
+
+def _in_order(
+    pool: ThreadPoolExecutor,
+    work: Callable[[range], Sums],
+    groups: list[range],
+    ahead: int,
+) -> Iterator[Sums]:
+    """Results in the order of the groups, few of them waiting at any time."""
+    waiting: deque[Future[Sums]] = deque()
+    for group in groups:
+        waiting.append(pool.submit(work, group))
+        if len(waiting) >= ahead:
+            yield waiting.popleft().result()
+    while waiting:
+        yield waiting.popleft().result()
 
 
 def moments_of(sums: Sums) -> Moments:
@@ -181,7 +253,7 @@ def moments_of(sums: Sums) -> Moments:
     """
     variance = _variance(sums)
     p, samples = sums.size, sums.samples
-    rows, columns = np.triu_indices(p)
+    rows, columns = _upper(p)
     bias = sums.mean[:p]
     # C_ij = m_ij - b_i b_j, so dC_ij = dm_ij - b_j db_i - b_i db_j
     slope = np.zeros((len(rows), len(sums.mean)))
@@ -223,11 +295,17 @@ def mean_square(sums: Sums, weight: Array) -> tuple[float, float]:
     InputError
         If there are fewer than two batches.
     """
-    rows, columns = np.triu_indices(sums.size)
+    rows, columns = _upper(sums.size)
     twice = np.where(rows == columns, 1.0, 2.0)
     direction = np.concatenate([np.zeros(sums.size), twice * weight[rows, columns]])
     variance = float(direction @ _variance(sums) @ direction)
     return float(direction @ sums.mean), float(np.sqrt(max(variance, 0.0)))
+
+
+@cache
+def _upper(p: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Row and column of each entry of the upper triangle, in reading order."""
+    return np.triu_indices(p)
 
 
 def _variance(sums: Sums) -> Array:
@@ -240,7 +318,7 @@ def _variance(sums: Sums) -> Array:
 
 def _symmetric(upper: Array, p: int) -> Array:
     full = np.zeros((p, p))
-    rows, columns = np.triu_indices(p)
+    rows, columns = _upper(p)
     full[rows, columns] = upper
     full[columns, rows] = upper
     return full

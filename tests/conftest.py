@@ -34,7 +34,7 @@ trials = 128
 
 [attitude]
 noise_std = [0.01, 0.02]
-samples = 8192
+samples = 16384
 """
 
 

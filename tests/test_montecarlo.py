@@ -5,7 +5,13 @@ import pytest
 from scipy import stats
 
 from simval.errors import InputError
-from simval.montecarlo import mean_square, moments_of, simulate, sums_of
+from simval.montecarlo import (
+    batch_means,
+    mean_square,
+    moments_of,
+    simulate,
+    sums_of,
+)
 from simval.streams import Streams, cell_key
 
 MIX = np.array([[1.0, 0.0], [0.6, 0.8]])
@@ -18,6 +24,10 @@ def sampler(rng, count):
     return MIX @ raw + SHIFT[:, None]
 
 
+def sums(errors, batch):
+    return sums_of(batch_means(errors, batch), len(errors), batch)
+
+
 def run(samples, batch=1, seed=5, block=1024):
     streams = Streams(seed, cell_key("test"))
     return simulate(sampler, streams, samples=samples, block=block, batch=batch)
@@ -25,7 +35,7 @@ def run(samples, batch=1, seed=5, block=1024):
 
 def test_sums_equal_the_direct_formulas():
     errors = sampler(np.random.default_rng(1), 512)
-    found = moments_of(sums_of(errors, 1))
+    found = moments_of(sums(errors, 1))
     # numpy's own mean and covariance: the same sums in another order, 1e-13 relative
     np.testing.assert_allclose(found.bias, errors.mean(axis=1), rtol=1e-13)
     np.testing.assert_allclose(found.covariance, np.cov(errors), rtol=1e-12)
@@ -70,11 +80,11 @@ def test_mean_square_is_the_nees():
 def test_blocks_merge_to_the_whole_in_order_and_by_pieces():
     streams = Streams(3, cell_key("merge"))
     blocks = [sampler(streams.block(i), 256) for i in range(8)]
-    pieces = [sums_of(block, 16) for block in blocks]
+    pieces = [sums(block, 16) for block in blocks]
     left = pieces[0]
     for piece in pieces[1:]:
         left = left.merged(piece)
-    whole = sums_of(np.concatenate(blocks, axis=1), 16)
+    whole = sums(np.concatenate(blocks, axis=1), 16)
     # another order of the same additions: 128 batches, 1e-13 relative to the spread
     np.testing.assert_allclose(left.mean, whole.mean, rtol=1e-13)
     np.testing.assert_allclose(left.scatter, whole.scatter, rtol=1e-11, atol=1e-15)
@@ -87,11 +97,21 @@ def test_the_same_streams_give_the_same_bits_and_others_do_not():
     assert not np.array_equal(first.mean, other.mean)
 
 
+@pytest.mark.parametrize("threads", [2, 3])
+def test_threads_do_not_change_the_bits(threads):
+    streams = Streams(5, cell_key("test"))
+    setting = {"samples": 90_000, "block": 1024, "batch": 64}
+    one = simulate(sampler, streams, **setting)
+    many = simulate(sampler, streams, threads=threads, **setting)
+    assert np.array_equal(one.mean, many.mean)
+    assert np.array_equal(one.scatter, many.scatter)
+
+
 def test_bad_requests_are_refused_in_words():
     with pytest.raises(InputError, match="batch must divide block"):
         run(1000, batch=3)
     with pytest.raises(InputError, match="no standard error"):
-        moments_of(sums_of(np.ones((2, 8)), 8))
+        moments_of(sums(np.ones((2, 8)), 8))
 
     def broken(rng, count):
         errors = sampler(rng, count)

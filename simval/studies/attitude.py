@@ -30,7 +30,7 @@ from simval.streams import Streams
 from simval.studies.study import StudyParameters
 from simval.theory.attitude import AttitudeMoments, attitude_moments
 
-BLOCK = 4096
+BLOCK = 16384
 BATCH = 256
 RANGE = 5.0
 COMPONENTS = ("x", "y", "z", "s")
@@ -52,7 +52,7 @@ class Parameters(StudyParameters):
         default=0.01, description="Noise per axis of each unit vector, 1."
     )
     samples: Annotated[int, Field(ge=2 * BATCH)] = Field(
-        default=1_000_000, description="Trials; rounded up to whole blocks of 4096."
+        default=1_000_000, description="Trials; rounded up to whole blocks of 16384."
     )
 
 
@@ -107,8 +107,8 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         vectors = rng.standard_normal((12, count))
         vectors *= sigma
         vectors += truth
-        estimate = normalize_columns(raw_quaternion(vectors, exact.frame))
-        return exact.q_true[:, None] - estimate
+        error = normalize_columns(raw_quaternion(vectors, exact.frame))
+        return np.subtract(exact.q_true[:, None], error, out=error)
 
     sums = simulate(
         errors, streams, samples=parameters.samples, block=BLOCK, batch=BATCH
