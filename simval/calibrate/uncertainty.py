@@ -8,9 +8,11 @@ The estimate solves :math:`\sum_k a_k c_k\, d_k = 0`, :math:`d = \partial c /
 .. math:: \mathrm{Cov} = N^{-1} \Big(\sum_k 4 q_k a_k^2 \sigma_k^2 d_k d_k^T\Big)
    N^{-1}, \quad N = \sum_k a_k d_k d_k^T  \tag{U1}
 
-when sigma is known, and Type A, from the residuals,
-:math:`s^2 N^{-1}` with :math:`s^2 = \sum a_k c_k^2/(n-9)`  (U2). Where a robust loss
-has changed the weights, the middle of (U1) takes :math:`a_k^2 c_k^2 n/(n-9)`.
+when sigma is known. Type A takes for it the scatter of the distances to the
+ellipsoid, :math:`s^2 = \sum c_k^2/4q_k/(n-9)`  (U2); the textbook
+:math:`s^2 (J^T J)^{-1}` would hold the residuals c for equally noisy, which they are
+not where the axes differ in scale (5 % of spread costs 3 % of a sd). Where a robust
+loss has changed the weights, the middle takes :math:`a_k^2 c_k^2 n/(n-9)`.
 """
 
 from dataclasses import dataclass
@@ -91,20 +93,17 @@ def summarize(
     squares = c * c if a is None else a * c * c
     total = squares.sum(axis=-1)
     distance2 = 0.25 * c * c / q
-    chi2 = np.full(len(z), np.nan)
-    if sigma is not None:
-        middle = 4.0 * q * sigma**2
-        if dof > 0 and np.all(sigma > 0.0):
-            chi2 = (distance2 / sigma**2).sum(axis=-1) / dof
-    else:
-        middle = c * c * (z.shape[1] / max(dof, 1))
-    if sigma is not None or weights is not None:
-        if a is not None:
-            middle = a * a * middle
-        meat = _contract(dv, quadric.moment_matrix(z, middle))
-        covariance = inverse @ meat @ inverse
-    else:
-        covariance = inverse * (total / max(dof, 1))[:, None, None]
+    chi2 = spread = np.full(len(z), np.nan)
+    if dof > 0:
+        spread = np.sqrt(distance2.sum(axis=-1) / dof)
+    if sigma is not None and dof > 0 and np.all(sigma > 0.0):
+        chi2 = (distance2 / sigma**2).sum(axis=-1) / dof
+    scatter = None if weights is None else c * c * (z.shape[1] / max(dof, 1))
+    middle = _middle(q, sigma, spread, scatter)
+    if a is not None:
+        middle = a * a * middle
+    meat = _contract(dv, quadric.moment_matrix(z, middle))
+    covariance = inverse @ meat @ inverse
     if dof == 0 and sigma is None:
         covariance = np.full_like(covariance, np.nan)
     norm = np.sqrt(np.maximum(1.0 + c, 0.0)) - 1.0
@@ -115,8 +114,20 @@ def summarize(
         cost=total,
         rms=np.sqrt((norm * norm).mean(axis=-1)),
         chi2_per_dof=chi2,
-        distance_std=np.sqrt(distance2.sum(axis=-1) / dof) if dof else chi2,
+        distance_std=spread,
     )
+
+
+def _middle(
+    q: Array, sigma: Array | None, spread: Array, scatter: Array | None
+) -> Array:
+    # variance of c in each pose: by the known sigma, by each pose's own scatter
+    # (robust loss), or by the common scatter of the distances
+    if sigma is not None:
+        return 4.0 * q * sigma**2
+    if scatter is not None:
+        return scatter
+    return 4.0 * q * (spread * spread)[:, None]
 
 
 def _contract(dv: Array, moments: Array) -> Array:

@@ -1,0 +1,200 @@
+"""Predicted bias, covariance and bound of a calibration, by routes of their own.
+
+The estimator itself, differentiated numerically in the noise, gives the coefficients
+that the theory derives by hand; the Fisher matrix with every direction as a nuisance
+parameter gives the bound; Monte Carlo gives both with sampling error.
+"""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from simval.calibrate import calibrate
+from simval.errors import GeometryError, InputError
+from simval.poses import cube_faces, fibonacci_sphere
+from simval.sensor import MODELS, AccelerometerModel, forms
+from simval.theory.calibration import RESIDUALS, calibration_moments
+
+G = 9.81
+MODEL = AccelerometerModel.from_parameters(
+    np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
+)
+
+
+@pytest.mark.parametrize("residual", RESIDUALS)
+@pytest.mark.parametrize("form", MODELS)
+def test_against_the_estimator_differentiated_in_its_noise(form, residual):
+    """bias = sigma^2/2 sum of d2 theta/dn2, covariance = sigma^2 sum of its gradient
+    squared; central differences at two steps, extrapolated, of the public estimator.
+    The adjusted estimate also depends on sigma itself, which is added."""
+    n, sigma = 15, 0.01
+    directions = fibonacci_sphere(n)
+    clean = MODEL.distort(G * directions, np.random.default_rng(0))
+    options = {"model": form, "residual": residual, "noise_std": 0.0}
+    truth = calibrate(clean, G, **options).parameters
+
+    def differences(h):
+        shifts = np.zeros((3 * n, n, 3))
+        shifts.reshape(3 * n, 3 * n)[:] = h * np.eye(3 * n)
+        ahead = calibrate(clean + shifts, G, **options)
+        back = calibrate(clean - shifts, G, **options)
+        assert ahead.converged.all()
+        assert back.converged.all()
+        laplacian = (ahead.parameters + back.parameters - 2 * truth).sum(0) / h**2
+        return laplacian, (ahead.parameters - back.parameters) / (2 * h)
+
+    # truncation h^4 of the extrapolation, rounding 1e-14 / h^2: both near 1e-9
+    h = 3e-3 * G
+    (curve1, slope1), (curve2, slope2) = differences(h), differences(2 * h)
+    bias = sigma**2 / 2 * (4 * curve1 - curve2) / 3
+    slope = (4 * slope1 - slope2) / 3
+    if residual == "adjusted":
+        options["noise_std"] = sigma
+        bias += calibrate(clean, G, **options).parameters - truth
+    predicted = calibration_moments(MODEL, directions, G, sigma, residual, form=form)
+    covariance = sigma**2 * slope.T @ slope
+    scale = np.sqrt(np.outer(*[np.diag(covariance)] * 2))
+    np.testing.assert_allclose(
+        predicted.covariance / scale, covariance / scale, rtol=0, atol=1e-6
+    )
+    # the adjusted moments have a sigma^4 term of their own: (sigma/g)^2 = 1e-6
+    size = np.abs(bias).max() + 0.01 * sigma**2
+    np.testing.assert_allclose(predicted.bias, bias, rtol=0, atol=2e-5 * size)
+
+
+def test_bound_against_the_full_fisher_matrix():
+    """Nine parameters and two angles for each pose, inverted by brute force."""
+    n, sigma = 20, 0.02
+    directions = fibonacci_sphere(n)
+    theta = MODEL.parameters
+
+    def readings(parameters, angles):
+        m = forms.matrix("triangular", parameters)
+        polar, azimuth = angles.reshape(2, n)
+        u = np.stack(
+            [
+                np.sin(polar) * np.cos(azimuth),
+                np.sin(polar) * np.sin(azimuth),
+                np.cos(polar),
+            ]
+        )
+        return (np.linalg.solve(m, G * u).T + parameters[6:]).ravel()
+
+    x, y, z = directions.T
+    angles = np.concatenate([np.arccos(z), np.arctan2(y, x)]).astype(complex)
+    state = np.concatenate([theta.astype(complex), angles])
+    steps = [
+        readings(*np.split(state + 1e-30j * e, [9])).imag / 1e-30
+        for e in np.eye(state.size)
+    ]
+    jacobian = np.stack(steps, axis=1) / sigma
+    full = np.linalg.inv(jacobian.T @ jacobian)[:9, :9]
+    bound = calibration_moments(MODEL, directions, G, sigma).cramer_rao
+    # the inversion of the 49 x 49 matrix, condition 1e4, decides: 1e-11
+    scale = np.sqrt(np.outer(*[np.diag(full)] * 2))
+    np.testing.assert_allclose(bound / scale, full / scale, rtol=0, atol=1e-10)
+
+
+def test_the_ladder():
+    """Relative scale bias in sigma^2/g^2, many poses, ideal sensor."""
+    sensor = AccelerometerModel(T=np.eye(3), K=np.ones(3), B=np.zeros(3))
+    ladder = {
+        "squared": -3.5,
+        "norm": -2.0,
+        "weighted": -1.5,
+        "sampson": 0.5,
+        "adjusted": 0.0,
+    }
+    n = 4000
+    for residual, rung in ladder.items():
+        found = calibration_moments(sensor, fibonacci_sphere(n), G, 0.1, residual)
+        # the terms of few poses are of order 18/N: the trace of P over N
+        assert np.abs(found.bias[3:6] / (0.1 / G) ** 2 - rung).max() < 30 / n
+
+
+def test_efficiency():
+    """At the bound with weights; close to it while the scales agree; lost when not."""
+    directions = fibonacci_sphere(40)
+    for residual in ("weighted", "sampson"):
+        found = calibration_moments(MODEL, directions, G, 0.1, residual)
+        np.testing.assert_allclose(found.efficiency, 1.0, rtol=1e-10)
+    close = 1 / calibration_moments(MODEL, directions, G, 0.1).efficiency
+    assert 1.0 < close.mean() < 1.005
+    spread = AccelerometerModel(T=np.eye(3), K=[0.1, 1.0, 1.9], B=np.zeros(3))
+    lost = 1 / calibration_moments(spread, directions, G, 0.1).efficiency
+    assert lost.max() > 1.5
+    assert np.all(lost > 1.0 - 1e-12)
+
+
+@pytest.mark.parametrize("residual", RESIDUALS)
+def test_against_simulation(residual):
+    """Mean error within standard errors of the bias, variance of the covariance.
+
+    18 comparisons at 1e-4 in all for each residual; antithetic pairs for the mean,
+    whose standard error is then that of the even part of the error.
+    """
+    pairs, n, sigma = 6000, 20, 0.15
+    directions = fibonacci_sphere(n)
+    clean = MODEL.distort(G * directions, np.random.default_rng(0))
+    noise = sigma * np.random.default_rng(11).standard_normal((pairs, n, 3))
+    plus = calibrate(clean + noise, G, residual=residual, noise_std=sigma)
+    minus = calibrate(clean - noise, G, residual=residual, noise_std=sigma)
+    assert plus.converged.all()
+    assert minus.converged.all()
+    even = (plus.parameters + minus.parameters) / 2 - MODEL.parameters
+    predicted = calibration_moments(MODEL, directions, G, sigma, residual)
+    error = even.std(axis=0) / np.sqrt(pairs)
+    limit = stats.norm.isf(1e-4 / 36)
+    # fourth order: (sigma/g)^2 N^0, a few parts in 1000 of the second
+    remainder = 20 * (sigma / G) ** 2 * np.abs(predicted.bias).max()
+    assert np.all(
+        np.abs(even.mean(axis=0) - predicted.bias) < limit * error + remainder
+    )
+    # power: the scale bias of another rung is rejected
+    other = RESIDUALS[(RESIDUALS.index(residual) + 2) % 5]
+    wrong = calibration_moments(MODEL, directions, G, sigma, other).bias
+    assert np.any(np.abs(even.mean(axis=0) - wrong) > limit * error + remainder)
+    sample = plus.parameters.var(axis=0)
+    # sd of a sample variance: sqrt(2/n); the variance's own next order is
+    # 30 (sigma/g)^2, 0.7 %
+    allowed = limit * np.sqrt(2 / pairs) + 30 * (sigma / G) ** 2
+    assert np.all(np.abs(sample / np.diag(predicted.covariance) - 1) < allowed)
+
+
+def test_bias_grows_as_the_square_and_sd_as_sigma():
+    small = calibration_moments(MODEL, fibonacci_sphere(20), G, 0.001)
+    large = calibration_moments(MODEL, fibonacci_sphere(20), G, 0.1)
+    np.testing.assert_allclose(large.bias, 1e4 * small.bias, rtol=1e-12)
+    np.testing.assert_allclose(large.sd, 1e2 * small.sd, rtol=1e-12)
+
+
+def test_raw_counts_are_only_a_unit():
+    counts = 6250.0
+    raw = AccelerometerModel(T=MODEL.T, K=MODEL.K / counts, B=MODEL.B * counts)
+    si = calibration_moments(MODEL, fibonacci_sphere(20), G, 0.01)
+    found = calibration_moments(raw, fibonacci_sphere(20), G, 0.01 * counts)
+    unit = np.array([1.0] * 3 + [1 / counts] * 3 + [counts] * 3)
+    np.testing.assert_allclose(found.sd, si.sd * unit, rtol=1e-12)
+    np.testing.assert_allclose(found.bias, si.bias * unit, rtol=1e-9, atol=1e-18)
+
+
+def test_noise_for_each_pose():
+    """Twice the noise in one pose is a quarter of its information."""
+    directions = fibonacci_sphere(12)
+    sigma = np.full(12, 0.1)
+    sigma[3] = 0.2
+    found = calibration_moments(MODEL, directions, G, sigma, "weighted")
+    even = calibration_moments(MODEL, directions, G, 0.1, "weighted")
+    assert np.all(np.diag(found.cramer_rao) > np.diag(even.cramer_rao))
+    assert np.all(found.efficiency < 1.0)
+
+
+def test_refusals():
+    with pytest.raises(GeometryError, match="rank 6 of 9"):
+        calibration_moments(MODEL, np.tile(cube_faces(), (2, 1)), G, 0.1)
+    with pytest.raises(InputError, match="`residual`"):
+        calibration_moments(MODEL, fibonacci_sphere(12), G, 0.1, "l1")
+    with pytest.raises(InputError, match="`noise_std`"):
+        calibration_moments(MODEL, fibonacci_sphere(12), G, -0.1)
+    with pytest.raises(InputError, match="`g`"):
+        calibration_moments(MODEL, fibonacci_sphere(12), np.nan, 0.1)
