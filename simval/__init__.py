@@ -3,8 +3,8 @@
 How wrong are my calibration and my attitude estimate, is that as wrong as theory
 says they must be, and did today's change make them worse?
 
-Conventions
------------
+Conventions:
+
 - SI units and radians everywhere; raw readings in whatever unit the sensor has.
 - A quaternion is unit, vector part first, scalar last, and takes the reference frame
   to the body frame; ``q`` and ``-q`` are the same attitude.
@@ -14,11 +14,10 @@ Conventions
 - Attitude errors are truth minus estimate, calibration errors estimate minus truth.
 - Arrays are batches on their leading axes: ``(..., 3)``.
 
-Where to look
--------------
-`studies` are the experiments and the first package to read; `scene`, `sensor`,
-`calibrate` and `attitude` are what they wire together, `theory` is what the results
-must be, `verdict` judges them, `sweep` runs grids of them, `report` and `gate` tell.
+Where to look: `studies` are the experiments and the first package to read; `scene`,
+`sensor`, `calibrate` and `attitude` are what they wire together, `theory` is what the
+results must be, `verdict` judges them, `sweep` runs grids of them, `report` and
+`gate` tell.
 """
 
 from typing import TYPE_CHECKING, Any
