@@ -12,6 +12,19 @@ the family's part of the false-alarm rate by Holm's rule, which holds under any
 dependence; the parts are weighted Bonferroni: 1/4, 1/2, 1/4, divided over the
 families that are present.
 
+A pass also says that something would have been seen. With :math:`z` the normal
+quantile of the family's Bonferroni limit, a discrepancy beyond the remainder of
+
+.. math:: \Delta = (z + z_{0.99})\, s  \tag{V2}
+
+is found with probability 0.99. A sampling row passes only where :math:`\Delta` is at
+most the practical margin, the fraction `PRACTICAL` of the predicted value or of one
+sample's own spread :math:`s \sqrt n`, whichever is greater; else it is inconclusive.
+It depends on the number of samples, not on the value, so it adds no chance.
+
+The normalised squared errors of the cells of one study are also pooled, weighted by
+their samples, into one more row: a common error in scale is found there first.
+
 Rows with no chance in them (exact, limit) are compared with their bound and cost no
 false alarms. A row that was not measured, or not measured well enough, is
 inconclusive; it never passes.
@@ -22,7 +35,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.special import ndtr
+from scipy.special import ndtr, ndtri
 
 from simval.results import Row
 
@@ -34,6 +47,13 @@ WEIGHTS = {"plain": 0.25, "control": 0.5, "nees": 0.25}
 MIN_SAMPLES = 100
 """Below this a standard error is itself too uncertain for eq. (V1): the tail of
 Student's t with 99 degrees of freedom is 1.6 times the normal's at p = 1e-3."""
+
+PRACTICAL = 0.25
+"""Discrepancy that must not go unseen, see eq. (V2). A bias of a quarter of the error's
+own standard deviation adds 3 % to its RMS."""
+
+POWER = 0.99
+"""Probability of finding a discrepancy of the practical margin, eq. (V2)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,6 +75,9 @@ class Verdict:
         else the greatest difference allowed.
     reason : str
         Why it is not a pass; empty for one.
+    detectable : float or None, default None
+        Eq. (V2): the discrepancy beyond the remainder that is found with probability
+        `POWER`; None where no chance is involved.
     """
 
     cell: str
@@ -63,6 +86,7 @@ class Verdict:
     p_value: float | None
     limit: float
     reason: str
+    detectable: float | None = None
 
     @property
     def sigmas(self) -> float:
@@ -106,9 +130,10 @@ def judge(rows: Iterable[tuple[str, Row]], alpha: float = 1e-3) -> tuple[Verdict
     Returns
     -------
     tuple of Verdict
-        In the order of the rows.
+        In the order of the rows, then the pooled ones.
     """
     judged = [(cell, row) for cell, row in rows if row.check != "record"]
+    judged += _pooled(judged)
     answers: dict[int, Verdict] = {}
     sampled: dict[str, list[int]] = {}
     for i, (cell, row) in enumerate(judged):
@@ -121,11 +146,43 @@ def judge(rows: Iterable[tuple[str, Row]], alpha: float = 1e-3) -> tuple[Verdict
             answers[i] = _without_chance(cell, row)
     whole = sum(WEIGHTS[family] for family in sampled)
     for family, members in sampled.items():
+        share = alpha * WEIGHTS[family] / whole
         values = np.array([p_value(judged[i][1]) for i in members])
-        limits = _holm(values, alpha * WEIGHTS[family] / whole)
+        quantile = float(-ndtri(share / len(members) / 2.0))
+        limits = _holm(values, share)
         for i, p, limit in zip(members, values, limits, strict=True):
-            answers[i] = _by_chance(*judged[i], float(p), float(limit))
+            answers[i] = _by_chance(*judged[i], float(p), float(limit), quantile)
     return tuple(answers[i] for i in range(len(judged)))
+
+
+def _pooled(judged: Sequence[tuple[str, Row]]) -> list[tuple[str, Row]]:
+    """Mean of each study's normalised squared errors, relative to the prediction."""
+    # weighted by the numbers of samples, which do not depend on what was seen
+    groups: dict[tuple[str, str], list[Row]] = {}
+    for cell, row in judged:
+        if row.check == "nees" and not _obstacle(row) and row.prediction:
+            study = cell.partition("(")[0]
+            groups.setdefault((study, row.predictor), []).append(row)
+    pooled = []
+    for (study, predictor), rows in groups.items():
+        if len(rows) < 2:
+            continue
+        n = np.array([row.n for row in rows], dtype=float)
+        weights = n / n.sum() / [row.prediction for row in rows]
+        errors = [row.standard_error for row in rows]
+        row = Row(
+            statistic="nees, pooled",
+            value=float(weights @ [row.value for row in rows]),
+            standard_error=float(np.linalg.norm(weights * errors)),
+            n=int(n.sum()),
+            prediction=1.0,
+            predictor=predictor,
+            remainder=float(np.abs(weights) @ [row.remainder for row in rows]),
+            unit="1",
+            check="nees",
+        )
+        pooled.append((f"{study}, all cells", row))
+    return pooled
 
 
 def overall(verdicts: Sequence[Verdict]) -> Answer:
@@ -192,22 +249,36 @@ def _without_chance(cell: str, row: Row) -> Verdict:
     )
 
 
-def _by_chance(cell: str, row: Row, p: float, limit: float) -> Verdict:
+def _by_chance(cell: str, row: Row, p: float, limit: float, quantile: float) -> Verdict:
     assert row.prediction is not None
-    good = p > limit
     beyond = abs(row.value - row.prediction) - row.remainder
-    words = (
-        f"{row.value:.6g} against {row.prediction:.6g}: "
-        f"{beyond / row.standard_error:.1f} standard errors beyond the allowed "
-        f"remainder, p = {p:.2g}, limit {limit:.2g}"
-    )
+    detectable = (quantile + float(ndtri(POWER))) * row.standard_error
+    spread = row.standard_error * float(np.sqrt(row.n))
+    margin = PRACTICAL * max(abs(row.prediction), spread)
+    answer: Answer = "pass"
+    reason = ""
+    if not p > limit:
+        answer = "fail"
+        reason = (
+            f"{row.value:.6g} against {row.prediction:.6g}: "
+            f"{beyond / row.standard_error:.1f} standard errors beyond the allowed "
+            f"remainder, p = {p:.2g}, limit {limit:.2g}"
+        )
+    elif not detectable <= margin:
+        answer = "inconclusive"
+        reason = (
+            f"{row.n} samples would show no discrepancy below {detectable:.3g}, and "
+            f"{margin:.3g} must not go unseen; about "
+            f"{int(np.ceil(row.n * (detectable / margin) ** 2))} samples are needed"
+        )
     return Verdict(
         cell=cell,
         row=row,
-        answer="pass" if good else "fail",
+        answer=answer,
         p_value=p,
         limit=limit,
-        reason="" if good else words,
+        reason=reason,
+        detectable=detectable,
     )
 
 

@@ -30,7 +30,7 @@ title = "Tiny"
 noise_std = [0.0, 0.01]
 poses = 12
 hold_time = 0.02
-trials = 128
+trials = 1024
 
 [attitude]
 noise_std = [0.01, 0.02]

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from simval.results import Row
-from simval.verdict import judge, overall, p_value
+from simval.verdict import POWER, PRACTICAL, judge, overall, p_value
 
 GOOD = Row(
     statistic="bias[x]",
@@ -131,3 +131,80 @@ def test_a_wider_remainder_never_turns_a_pass_into_a_fail(values):
     )
     for a, b in zip(strict, wide, strict=True):
         assert not (a.answer == "pass" and b.answer == "fail")
+
+
+def test_a_pass_means_that_a_discrepancy_would_have_been_seen():
+    # one plain row at alpha: (z + z99) s <= PRACTICAL s sqrt(n) just at this n
+    alpha = 1e-3
+    z = stats.norm.isf(alpha / 2) + stats.norm.ppf(POWER)
+    enough = int(np.ceil((z / PRACTICAL) ** 2))
+    for n, answer in ((enough, "pass"), (enough - 1, "inconclusive")):
+        (verdict,) = judge([("cell", changed(value=0.0, n=n))], alpha)
+        assert verdict.answer == answer
+    assert f"about {enough} samples" in verdict.reason
+    # the promise itself: with that many samples, shifts of the margin are found
+    rng = np.random.default_rng(20_262)
+    shift = PRACTICAL * np.sqrt(enough)
+    runs = 4000
+    found = sum(
+        judge([("cell", changed(value=float(v), n=enough))], alpha)[0].answer == "fail"
+        for v in shift + rng.standard_normal(runs)
+    )
+    assert found >= stats.binom.isf(1 - 1e-4, runs, POWER)
+    # what is seen to be wrong fails, however few the samples
+    (verdict,) = judge([("cell", changed(value=9.0, n=200))], alpha)
+    assert verdict.answer == "fail"
+
+
+def test_a_large_prediction_sets_the_margin_too():
+    # 0.1 of the prediction would be found, though n alone says nothing
+    values = {"value": 100.0, "prediction": 100.0, "n": 150}
+    (verdict,) = judge([("cell", changed(**values))])
+    assert verdict.answer == "pass"
+
+
+def nees_cells(relative, count=5, error=0.01, n=4000):
+    return [
+        (
+            f"attitude(cell={i})",
+            changed(
+                value=3.0 * (1 + float(r)),
+                prediction=3.0,
+                standard_error=3.0 * error,
+                n=n,
+                check="nees",
+                statistic="nees",
+            ),
+        )
+        for i, r in zip(range(count), relative, strict=True)
+    ]
+
+
+def test_pooled_nees_sees_what_no_cell_does():
+    # 2.5 standard errors in each of five cells, 5.6 in their mean
+    verdicts = judge(nees_cells([0.025] * 5), 1e-3)
+    assert [v.answer for v in verdicts] == ["pass"] * 5 + ["fail"]
+    pooled = verdicts[-1]
+    assert pooled.cell == "attitude, all cells"
+    assert pooled.sigmas == pytest.approx(2.5 * np.sqrt(5), rel=1e-12)
+    assert pooled.row.n == 20_000
+    # the allowed remainders are pooled with the values
+    wide = [
+        (cell, dataclasses.replace(row, remainder=0.075))
+        for cell, row in nees_cells([0.025] * 5)
+    ]
+    assert judge(wide, 1e-3)[-1].answer == "pass"
+    # one cell has nothing to pool, and another study is another pool
+    one = nees_cells([0.0], count=1)
+    other = [("calibration(cell=0)", one[0][1])]
+    assert len(judge(one + other)) == 2
+
+
+def test_false_alarm_rate_with_the_pool_is_at_most_the_stated_one():
+    rng = np.random.default_rng(20_263)
+    runs, alpha = 4000, 0.05
+    alarms = sum(
+        overall(judge(nees_cells(0.01 * rng.standard_normal(5)), alpha)) == "fail"
+        for _ in range(runs)
+    )
+    assert 0 < alarms <= stats.binom.isf(1e-4, runs, alpha)
