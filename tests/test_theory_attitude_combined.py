@@ -243,7 +243,7 @@ def test_weighted_q_method_reaches_the_bound():
 
 def test_refusals():
     q, vectors, _ = geometry(1)
-    with pytest.raises(InputError, match="order 2 only"):
+    with pytest.raises(InputError, match="theory of order 2 only"):
         attitude_moments(q, *vectors[2:], 0.01, 4, "combined")
     with pytest.raises(GeometryError, match="farther apart"):
         attitude_bound(q, vectors[2], vectors[2], 0.01)

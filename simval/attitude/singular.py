@@ -107,7 +107,8 @@ def singular_solution(
     vectors, shape = valid_batch(b1, b2, r1, r2)
     v1, v2, u1, u2 = (normalize(v) if len(v) else v for v in vectors)
     d1, d2 = (v1 - u1) / 2, (v2 - u2) / 2
-    case = _classify(d1, d2, np.cross(u1, u2), tolerance)
+    qbar = _plain_norm(v1, u1, d1, d2)
+    case = _classify(d1, d2, qbar <= tolerance * _norm(np.cross(u1, u2)), tolerance)
     r3, b3 = normalize(np.cross(u1, u2)), normalize(np.cross(v1, v2))
     d3, s3 = (b3 - r3) / 2, (b3 + r3) / 2
     longer = _norm(d1) >= _norm(d2)
@@ -132,12 +133,16 @@ def _safe(length: Array) -> Array:
     return np.where(length > 0.0, length, 1.0)
 
 
-def _classify(d1: Array, d2: Array, n: Array, tolerance: float) -> Array:
-    # d1 x d2 = (e.n) e and s1.d2 = (e.n) s, so |qbar| = |e.n| without noise; case D is
-    # |e.n| small with both d of some length, and s1.d2 = 0 with it
+def _plain_norm(v1: Array, u1: Array, d1: Array, d2: Array) -> Array:
+    # |qbar| = |e.n|: the part of the rotation vector along n is what a direct solution
+    # leaves out. Not |d1 x d2| = |e.n| |e|, which vanishes for any small rotation.
+    scalar = np.sum((v1 + u1) * d2, axis=1, keepdims=True) / 2
+    return np.hypot(_norm(np.cross(d1, d2)), scalar)
+
+
+def _classify(d1: Array, d2: Array, singular: Mask, tolerance: float) -> Array:
     zero1, zero2 = _norm(d1) <= tolerance, _norm(d2) <= tolerance
-    parallel = _norm(np.cross(d1, d2)) <= tolerance * _norm(n)
-    case = np.where(parallel, Case.D, Case.REGULAR)
+    case = np.where(singular, Case.D, Case.REGULAR)
     case = np.where(zero1, Case.B, np.where(zero2, Case.C, case))
     return np.where(zero1 & zero2, Case.A, case)
 
@@ -212,7 +217,8 @@ def turn_is_singular(
     :math:`d_i + P_k r_i`, with :math:`P_k r` the part of r normal to the axis, are
     parallel or zero. It is the table's for case D; for A, B and C the table prints it
     with :math:`d_i = 0` put in, for B and C with AND where OR is right, and with a
-    free constant k that has to be 1.
+    free constant k that has to be 1. It is measured by :math:`|\bar q|` of the turned
+    problem, which vanishes with the cross product of the two differences.
 
     Parameters
     ----------
@@ -242,6 +248,6 @@ def turn_is_singular(
     across = np.arange(3) != axis
     d1 = (v1 - u1) / 2 + across * u1
     d2 = (v2 - u2) / 2 + across * u2
-    limit = tolerance * _norm(np.cross(u1, u2))
-    singular: Mask = (_norm(np.cross(d1, d2)) <= limit)[:, 0]
+    qbar = _plain_norm(v1, u1 - 2.0 * across * u1, d1, d2)
+    singular: Mask = (qbar <= tolerance * _norm(np.cross(u1, u2)))[:, 0]
     return singular.reshape(shape)

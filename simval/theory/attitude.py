@@ -16,12 +16,19 @@ from simval.errors import InputError
 from simval.moments import Moments
 from simval.theory import orders
 from simval.theory.combined import combined_moments
-from simval.theory.errors_exact import multiplicative_matrix
-from simval.theory.expansion import scaled_error_moments
+from simval.theory.expansion import mean_linear_error, scaled_error_moments
 from simval.theory.oracle import exact_moments
+from simval.theory.second_order import (
+    multiplicative_bias,
+    multiplicative_covariance,
+    second_order_bias,
+    second_order_covariance,
+    tangent_projector,
+)
 from simval.theory.two_vector import (
     TwoVectorGeometry,
     noise_covariances,
+    normalized_noise,
     true_vectors,
     two_vector_geometry,
 )
@@ -70,6 +77,8 @@ def attitude_moments(
     noise_std: Any,
     order: int | str = 2,
     frame: str | None = None,
+    *,
+    normalized: bool = False,
 ) -> AttitudeMoments:
     """Bias and covariance of the normalised additive error q - qhat.
 
@@ -89,6 +98,9 @@ def attitude_moments(
     frame : {"plain", "x", "y", "z", "combined"}, optional
         The estimator's fixed frame; default, the greatest column of the truth.
         ``"combined"`` is the four-column estimator, order 2 only.
+    normalized : bool, default False
+        The four vectors are normalised after the noise, order 2 only; for higher
+        orders pass such an estimator to `simval.theory.series.series_moments`.
 
     Returns
     -------
@@ -112,14 +124,24 @@ def attitude_moments(
     if order not in ORDERS:
         msg = f"`order` is {order!r}; it must be one of {ORDERS}"
         raise InputError(msg)
-    if frame == "combined":
-        return _combined(q, r1, r2, noise_std, order)
-    geometry = two_vector_geometry(q, r1, r2, frame)
+    if order != 2 and (normalized or frame == "combined"):
+        what = "frame='combined'" if frame == "combined" else "normalized=True"
+        msg = f"`order` is {order!r}; with {what} there is theory of order 2 only"
+        raise InputError(msg)
     noise = noise_covariances(noise_std)
+    means: Array = np.zeros((4, 3))
+    if normalized:
+        means, noise = normalized_noise(true_vectors(q, r1, r2)[1], noise)
+    if frame == "combined":
+        return _combined(q, r1, r2, noise, means)
+    geometry = two_vector_geometry(q, r1, r2, frame)
     if order == "exact":
         bias, covariance = exact_moments(geometry, noise)
     else:
         bias, covariance = _series_moments(geometry, noise, order)
+        if normalized:
+            mean = mean_linear_error(geometry, means)
+            bias = bias + tangent_projector(geometry.q) @ mean
     back = geometry.back
     return AttitudeMoments(
         bias=back @ bias,
@@ -141,21 +163,16 @@ def _series_moments(
             orders.complete_fourth_bias(moments),
             orders.complete_fourth_covariance(moments),
         )
-    bias = orders.second_order_bias(q, P)
+    bias = second_order_bias(q, P)
     if order == "4-paper":
         return bias, orders.paper_fourth_covariance(q, P)
-    return bias, orders.second_order_covariance(q, P)
+    return bias, second_order_covariance(q, P)
 
 
-def _combined(
-    q: Any, r1: Any, r2: Any, noise_std: Any, order: int | str
-) -> AttitudeMoments:
-    if order != 2:
-        msg = f"`order` is {order!r}; the combined estimator has theory of order 2 only"
-        raise InputError(msg)
+def _combined(q: Any, r1: Any, r2: Any, noise: Array, means: Array) -> AttitudeMoments:
     q_true, vectors, _ = true_vectors(q, r1, r2)
     q_true = np.copysign(1.0, q_true[3]) * q_true
-    bias, covariance = combined_moments(vectors, q_true, noise_covariances(noise_std))
+    bias, covariance = combined_moments(vectors, q_true, noise, means)
     return AttitudeMoments(
         bias=bias,
         covariance=covariance,
@@ -177,7 +194,10 @@ def multiplicative_moments(additive: AttitudeMoments) -> Moments:
     -------
     Moments
         Its `bias` is the mean of the multiplicative error less the identity
-        quaternion, (4,).
+        quaternion, (4,): estimate against truth, so of the opposite sign.
     """
-    M = multiplicative_matrix(additive.q_true)
-    return Moments(bias=M @ additive.bias, covariance=M @ additive.covariance @ M.T)
+    q = additive.q_true
+    return Moments(
+        bias=multiplicative_bias(q, additive.bias) - np.array([0.0, 0.0, 0.0, 1.0]),
+        covariance=multiplicative_covariance(q, additive.covariance),
+    )

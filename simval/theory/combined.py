@@ -25,8 +25,8 @@ tie of two columns the fourth-order remainder is not smooth in the noise.
 import numpy as np
 
 from simval.arrays import Array
-from simval.theory import orders
 from simval.theory.cubature import covariance_roots
+from simval.theory.second_order import tangent_projector
 from simval.theory.two_vector import column_maps
 
 
@@ -53,7 +53,9 @@ def column_matrix(b1: Array, b2: Array, r1: Array, r2: Array) -> Array:
     return np.stack(columns, axis=-1)
 
 
-def combined_moments(vectors: Array, q: Array, noise: Array) -> tuple[Array, Array]:
+def combined_moments(
+    vectors: Array, q: Array, noise: Array, means: Array
+) -> tuple[Array, Array]:
     """Bias and covariance of q - qhat of the combined estimator, to second order.
 
     Parameters
@@ -64,6 +66,8 @@ def combined_moments(vectors: Array, q: Array, noise: Array) -> tuple[Array, Arr
         True quaternion, (4,).
     noise : Array
         Covariances of the four, (4, 3, 3).
+    means : Array
+        Mean noise, of second order, (4, 3).
 
     Returns
     -------
@@ -71,24 +75,30 @@ def combined_moments(vectors: Array, q: Array, noise: Array) -> tuple[Array, Arr
         Bias (4,) and covariance (4, 4); the next terms are of fourth order.
     """
     M = column_matrix(*vectors)
-    changes = _noise_changes(vectors, noise)
+    changes = _changes(vectors, _noise_directions(noise))
     p = q @ M
     squared = float(p @ p)
-    projector = orders.tangent_projector(q)
+    projector = tangent_projector(q)
     moved = changes @ p / squared  # dM p / |p|^2, one row per noise direction
     tangent = moved @ projector
     P = tangent.T @ tangent
     turned = np.einsum("jab,a->jb", changes, q)  # dM' q
     bent = np.einsum("jab,jb->a", changes, turned) / squared
     bent -= 2.0 * (moved @ q) @ moved
+    bent += _changes(vectors, means[None])[0] @ p / squared
     return 0.5 * np.trace(P) * q - projector @ bent, P
 
 
-def _noise_changes(vectors: Array, noise: Array) -> Array:
-    # first-order change of M along each of the 12 independent noise directions
+def _noise_directions(noise: Array) -> Array:
+    # the 12 independent directions of the noise, each a change of the four vectors
     directions = np.zeros((12, 4, 3))
     for i, root in enumerate(covariance_roots(noise)):
         directions[3 * i : 3 * i + 3, i] = root.T
+    return directions
+
+
+def _changes(vectors: Array, directions: Array) -> Array:
+    # first-order change of M along each direction (j, 4, 3)
     b1, b2, r1, r2 = vectors
     db1, db2, dr1, dr2 = directions.swapaxes(0, 1)
     changes: Array = column_matrix(db1, b2, dr1, r2) + column_matrix(b1, db2, r1, dr2)

@@ -109,6 +109,28 @@ def half_noise(geometry: TwoVectorGeometry, noise: Array) -> tuple[Array, Array]
     return np.block([[own, cross], [cross, own]]), (b2 + r2) / 4.0
 
 
+def mean_linear_error(geometry: TwoVectorGeometry, means: Array) -> Array:
+    """Mean of the linear part of x when the noise has a mean.
+
+    Parameters
+    ----------
+    geometry : TwoVectorGeometry
+        The noise-free vectors.
+    means : Array
+        Mean noise of b1, b2, r1, r2 in the original frame, (4, 3).
+
+    Returns
+    -------
+    Array
+        Mean of x1 in the geometry's frame, (4,).
+    """
+    J1, J2 = linear_maps(geometry)
+    b1, b2, r1, r2 = means[0], means[1], geometry.turn * means[2], means[3]
+    dd1, ds1, dd2 = (b1 - r1) / 2, (b1 + r1) / 2, (b2 - geometry.turn * r2) / 2
+    mean: Array = J1 @ np.concatenate([dd1, ds1]) + J2 @ dd2
+    return mean
+
+
 def scaled_error_moments(
     geometry: TwoVectorGeometry, noise: Array
 ) -> ScaledErrorMoments:

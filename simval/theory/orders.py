@@ -26,80 +26,12 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.theory.expansion import ScaledErrorMoments
-
-
-def tangent_projector(q: Array) -> Array:
-    r"""Projector :math:`\Pi = I - q q^T` onto the plane tangent to the sphere at q.
-
-    Parameters
-    ----------
-    q : Array
-        Unit quaternion, (4,).
-
-    Returns
-    -------
-    Array
-        Projector, (4, 4).
-    """
-    return np.eye(4) - np.outer(q, q)
-
-
-def normalization_matrix(q: Array) -> Array:
-    """Matrix Q of source eq. (50).
-
-    Parameters
-    ----------
-    q : Array
-        Unit quaternion, (4,).
-
-    Returns
-    -------
-    Array
-        :math:`I - 3 q q^T`, (4, 4).
-    """
-    return np.eye(4) - 3.0 * np.outer(q, q)
-
-
-def second_order_bias(q: Array, P: Array) -> Array:
-    """Mean of q - qhat to second order, source eq. (52).
-
-    Parameters
-    ----------
-    q : Array
-        True quaternion, (4,).
-    P : Array
-        Covariance of the scaled error, (4, 4).
-
-    Returns
-    -------
-    Array
-        Bias, (4,); the next term is of fourth order.
-    """
-    half_trace = 0.5 * np.trace(normalization_matrix(q) @ P)
-    bias: Array = P @ q + half_trace * q
-    return bias
-
-
-def second_order_covariance(q: Array, P: Array) -> Array:
-    """Covariance of q - qhat to second order, source eq. (63) without its last term.
-
-    The term left out, bias times bias', turns a covariance into a second moment.
-
-    Parameters
-    ----------
-    q : Array
-        True quaternion, (4,).
-    P : Array
-        Covariance of the scaled error, (4, 4).
-
-    Returns
-    -------
-    Array
-        Covariance, (4, 4); the next term is of fourth order.
-    """
-    projector = tangent_projector(q)
-    covariance: Array = projector @ P @ projector
-    return covariance
+from simval.theory.second_order import (
+    normalization_matrix,
+    second_order_bias,
+    second_order_covariance,
+    tangent_projector,
+)
 
 
 def quadratic_form(q: Array) -> Array:

@@ -262,6 +262,34 @@ def noise_covariances(noise_std: Any) -> Array:
     return value
 
 
+def normalized_noise(vectors: Array, noise: Array) -> tuple[Array, Array]:
+    r"""Mean and covariance of the noise left when each vector is normalised after it.
+
+    For a unit vector v and :math:`\Pi = I - v v^T`, :math:`(v + n)/|v + n| - v` is
+    :math:`\Pi n - (v^T n) \Pi n - |\Pi n|^2 v/2` to second order, so its mean is
+    :math:`-\Pi\Sigma v - \mathrm{tr}(\Pi\Sigma) v/2` (shortened, and turned if the
+    noise along v is correlated with the noise across) and its covariance
+    :math:`\Pi\Sigma\Pi`.
+
+    Parameters
+    ----------
+    vectors : Array
+        True unit vectors, (k, 3).
+    noise : Array
+        Covariance of the noise before the normalisation, (k, 3, 3).
+
+    Returns
+    -------
+    tuple of Array
+        Means (k, 3) and covariances (k, 3, 3); the next terms are of fourth order.
+    """
+    planes = np.eye(3) - vectors[:, :, None] * vectors[:, None, :]
+    across = planes @ noise
+    shortened = 0.5 * np.trace(across, axis1=1, axis2=2)[:, None] * vectors
+    turned = (across @ vectors[:, :, None])[..., 0]
+    return -turned - shortened, across @ planes
+
+
 def tangent_covariances(b1: Array, b2: Array, r1: Array, r2: Array, std: Any) -> Array:
     r"""Covariances of noise in the plane tangent to each unit vector.
 
