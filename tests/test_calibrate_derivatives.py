@@ -75,7 +75,7 @@ def test_quadric_agrees_with_the_sources(model):
     """m'v, m'dv and the contracted second derivatives, against the written forms."""
     theta = SYMMETRIC if model == "symmetric" else PARAMETERS
     found = quadric.residual_quadric(model, theta[None])
-    values = quadric.evaluate(found, READINGS[None])[0]
+    values = quadric.evaluate([found], READINGS[None])[0][0]
     m = forms.matrix(model, theta)
     h = (READINGS - theta[6:]) @ m.T
     close(values, np.sum(h * h, axis=1) - 1.0)

@@ -39,6 +39,8 @@ class Options:
         Whether readings may repeat exactly.
     condition_limit : float
         Greatest condition of the poses.
+    covariance : bool
+        Whether the covariance is wanted.
     """
 
     model: str
@@ -52,6 +54,7 @@ class Options:
     full_scale: float | None
     repeats: bool
     condition_limit: float
+    covariance: bool
 
     def __post_init__(self) -> None:
         for name, allowed in choices().items():

@@ -29,7 +29,7 @@ from simval.calibrate.uncertainty import Summary, summarize
 from simval.poses import PARAMETERS
 from simval.sensor import forms
 
-_BLOCK = 1 << 14  # poses worked at once: 1.3 MB of monomials
+_BLOCK = 1 << 16  # poses worked at once: 5 MB of monomials
 # The Jacobian's least singular value must stand this far above what noise alone
 # would give it, sigma sqrt(8 n/3): below, a missing pose is hidden by noise.
 _NOISE_MARGIN = 2.5
@@ -65,6 +65,7 @@ def calibrate(
     full_scale: float | None = None,
     repeats: bool = False,
     condition_limit: float = CONDITION_LIMIT,
+    covariance: bool = True,
 ) -> FitResult:
     """Fit scale, misalignment and bias to readings at rest, one set or a batch.
 
@@ -98,6 +99,9 @@ def calibrate(
         Accept readings that repeat in every bit, as single quantised samples do.
     condition_limit : float, default 1e4
         Greatest condition number of the poses that is accepted.
+    covariance : bool, default True
+        Work out the covariance; False leaves it NaN, for a simulation that needs the
+        parameters only.
 
     Returns
     -------
@@ -123,7 +127,7 @@ def calibrate(
     options = Options(
         model=model, method=method, residual=residual, loss=loss, g=g, step=step,
         tolerance=tolerance, max_iterations=max_iterations, full_scale=full_scale,
-        repeats=repeats, condition_limit=condition_limit,
+        repeats=repeats, condition_limit=condition_limit, covariance=covariance,
     )  # fmt: skip
     readings = checked_readings(poses)
     count = readings.shape[-2]
@@ -153,7 +157,9 @@ def calibrate(
         numbers = {name: value[0] for name, value in numbers.items()}
     code = numbers.pop("code")
     dof = count - PARAMETERS
-    kind = "known sigma" if sigma is not None else ("type A" if dof else "none")
+    kind = "known sigma" if sigma is not None else "type A"
+    if not covariance or (dof == 0 and sigma is None):
+        kind = "none"
     return FitResult(
         model=model,
         method=method,
@@ -173,41 +179,60 @@ def _fit_block(poses: Array, sigma: Array | None, options: Options) -> _Block:
     keep = np.flatnonzero(code == Code.CONVERGED)
     if keep.size == 0:
         return block
-    centre = poses[keep].mean(axis=1)
-    z = poses[keep] - centre[:, None]
-    scale = np.sqrt((z * z).sum(axis=-1).mean(axis=-1))
-    z /= np.where(scale > 0.0, scale, 1.0)[:, None, None]
+    z, centre, scale = _normalized(poses if keep.size == len(poses) else poses[keep])
     noise = None if sigma is None else sigma / scale[:, None]
-    ellipsoid = fit_ellipsoid(quadric.moment_matrix(z))
-    condition = _condition(ellipsoid.gram, ellipsoid.bias, z)
-    block.condition[keep] = condition
+    moments = quadric.moment_matrix(z)
+    ellipsoid = fit_ellipsoid(moments)
     theta = forms.from_gram(options.model, ellipsoid.gram, ellipsoid.bias)
+    usable = np.isfinite(theta).all(axis=-1) & np.asarray(ellipsoid.proper, dtype=bool)
+    condition = _condition(options.model, theta, moments, usable)
+    block.condition[keep] = condition
     checked = np.full(len(z), int(Code.CONVERGED))
     checked[~(condition <= options.condition_limit)] = int(Code.CONDITION)
-    usable = np.isfinite(theta).all(axis=-1) & np.asarray(ellipsoid.proper, dtype=bool)
     checked[~usable] = int(Code.NOT_ELLIPSOID)
-    checked[~np.isfinite(ellipsoid.condition)] = int(Code.RANK)
+    checked[~np.asarray(ellipsoid.determined, dtype=bool)] = int(Code.RANK)
     block.code[keep] = checked
     good = checked == Code.CONVERGED
-    keep, z, theta, centre = keep[good], z[good], theta[good], centre[good]
-    scale, condition = scale[good], condition[good]
-    noise = None if noise is None else noise[good]
-    if keep.size:
-        _solve(block, keep, z, theta, noise, (centre, scale, condition), options)
+    if not good.any():
+        return block
+    if not good.all():
+        keep, z, theta, centre = keep[good], z[good], theta[good], centre[good]
+        scale, condition, moments = scale[good], condition[good], moments[good]
+        noise = None if noise is None else noise[good]
+    data = _Data(z=z, moments=moments, noise=noise)
+    _solve(block, keep, data, theta, (centre, scale, condition), options)
     return block
 
 
-def _condition(gram: Array, bias: Array, z: Array) -> Array:
-    # Condition of the corrected directions, eq. (P1) of `poses`; inf if none.
-    m = forms.matrix("upper", forms.from_gram("upper", gram, bias))
-    usable = np.asarray(np.isfinite(m).all(axis=(-2, -1)))
-    u = (z - np.where(usable[:, None], bias, 0.0)[:, None]) @ np.swapaxes(
-        np.where(usable[:, None, None], m, np.eye(3)), -1, -2
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Data:
+    # readings in the scaled units of the fit
+    z: Array  # (t, n, 3)
+    moments: Array  # (t, 10, 10)
+    noise: Array | None  # (t, n)
+
+
+def _normalized(poses: Array) -> tuple[Array, Array, Array]:
+    # readings moved to their mean and scaled to unit size, with that mean and scale
+    count = poses.shape[1]
+    centre = np.vecmat(np.ones(count), poses) / count
+    z = poses - centre[:, None]
+    flat = z.reshape(len(z), -1)
+    scale = np.sqrt(np.vecdot(flat, flat) / count)
+    scale = np.where(scale > 0.0, scale, 1.0)
+    z /= scale[:, None, None]
+    return z, centre, scale
+
+
+def _condition(model: str, theta: Array, moments: Array, usable: Any) -> Array:
+    # condition of the corrected directions, eq. (P1) of `poses`; inf if none
+    safe = np.where(
+        usable[:, None], theta, forms.from_gram(model, np.eye(3), np.zeros(3))
     )
-    order = [3, 4, 5, 0, 1, 2, 6, 7, 8]
-    signs = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0])
-    normal = quadric.moment_matrix(u)[:, order][:, :, order] * np.outer(signs, signs)
-    values = np.linalg.eigvalsh(normal)
+    dv = quadric.value_derivatives(quadric.direction_quadric(model, safe))
+    m = forms.matrix(model, safe)
+    dv[:, :, 6:] = dv[:, :, 6:] @ np.linalg.inv(m)
+    values = np.linalg.eigvalsh(np.swapaxes(dv, -1, -2) @ (moments @ dv))
     with np.errstate(divide="ignore", invalid="ignore"):
         result = np.sqrt(values[:, -1] / np.maximum(values[:, 0], 0.0))
     return np.where(usable, result, np.inf)
@@ -216,17 +241,23 @@ def _condition(gram: Array, bias: Array, z: Array) -> Array:
 def _solve(
     block: _Block,
     keep: Any,
-    z: Array,
+    data: _Data,
     theta: Array,
-    noise: Array | None,
     frame: tuple[Array, Array, Array],
     options: Options,
 ) -> None:
-    # Iterate, summarise, and write the physical results into the block.
+    # iterate, summarise, and write the physical results into the block
     centre, scale, condition = frame
-    solution, weights = _iterate(z, theta, noise, options)
+    z, noise = data.z, data.noise
+    solution, weights = _iterate(data, theta, options)
     summary = summarize(
-        options.model, options.residual, solution.theta, z, sigma=noise, weights=weights
+        options.model,
+        options.residual,
+        solution.theta,
+        z,
+        sigma=noise,
+        weights=weights,
+        covariance=options.covariance,
     )
     sizes = np.ones((len(z), 9))
     per_raw = (options.g / scale)[:, None]
@@ -249,10 +280,11 @@ def _solve(
 
 
 def _iterate(
-    z: Array, theta: Array, noise: Array | None, options: Options
+    data: _Data, theta: Array, options: Options
 ) -> tuple[Solution, Array | None]:
     # Run the solver that the residual and the loss call for.
     model, residual, rules = options.model, options.residual, options.rules
+    z, noise = data.z, data.noise
     newton = rules.method == "newton"
     slack = 64.0 * float(np.finfo(float).eps) * z.shape[1]
     goal: Callable[[Array, Any], Any]
@@ -263,7 +295,7 @@ def _iterate(
     if residual in SLOPES:
         goal = objective.pose_objective(model, residual, z, newton=newton)
     else:
-        moments = quadric.moment_matrix(z)
+        moments = data.moments
         if residual == "adjusted" and noise is not None:
             moments = quadric.unbiased_moment_matrix(z, noise)
         goal = objective.moment_objective(model, moments, newton=newton)

@@ -77,7 +77,7 @@ def pose_objective(model: str, residual: str, z: Array, *, newton: bool) -> Obje
         c = quadric.residual_quadric(model, theta)
         q = quadric.distance_quadric(c)
         dc, dq = quadric.value_derivatives(c), quadric.value_derivatives(q)
-        values_c, values_q = quadric.evaluate(c, x), quadric.evaluate(q, x)
+        values_c, values_q = quadric.evaluate([c, q], x)
         slopes = SLOPES[residual](values_c, values_q, newton=False)
         pull_c = quadric.weighted_sum(x, slopes.c)
         pull_q = quadric.weighted_sum(x, slopes.q)

@@ -12,6 +12,7 @@ samples. The weighted-distance residual also needs :math:`q(y) = |M^T M (y - b)|
 the quadric of :math:`A^2`, without the constant.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -166,6 +167,35 @@ def residual_quadric(model: str, theta: Array) -> Quadric:
     return _quadric(gram, slopes, theta[:, 6:], constant=-1.0)
 
 
+def direction_quadric(model: str, theta: Array) -> Quadric:
+    """The quadric c with its slopes by the natural parameters of the directions.
+
+    A step E of the natural parameters turns M into (1 + E) M with E lower triangular
+    and moves b by M^-1; the derivatives of c are then those of an ideal sensor at
+    the corrected directions, eq. (P1) of `poses`, up to the order and sign of
+    columns.
+
+    Parameters
+    ----------
+    model : str
+        Form of the parameters.
+    theta : Array
+        Nine parameters, (t, 9).
+
+    Returns
+    -------
+    Quadric
+        Coefficients of c; its bias moves by M^-1, not by 1.
+    """
+    m = forms.matrix(model, theta)
+    slopes = np.empty((len(m), 6, 3, 3))
+    for index, (i, j) in enumerate(((1, 0), (2, 0), (2, 1), (0, 0), (1, 1), (2, 2))):
+        half = m[:, i, :, None] * m[:, j, None, :]
+        slopes[:, index] = half + np.swapaxes(half, -1, -2)
+    gram = np.swapaxes(m, -1, -2) @ m
+    return _quadric(gram, slopes, theta[:, 6:], constant=-1.0)
+
+
 def distance_quadric(residual: Quadric) -> Quadric:
     """The quadric q = |M'M (y - b)|^2, a quarter of the squared gradient of c.
 
@@ -197,26 +227,58 @@ def _quadric(gram: Array, slopes: Array, bias: Array, *, constant: float) -> Qua
     return Quadric(gram=gram, slopes=slopes, bias=bias, values=values)
 
 
-def evaluate(quadric: Quadric, z: Array) -> Array:
-    """Value of a quadric at each reading.
+def residual_values(model: str, theta: Array, z: Array) -> tuple[Array, Array]:
+    """The quadrics c and q of each reading, without derivatives.
 
     Parameters
     ----------
-    quadric : Quadric
-        A quadric.
+    model : str
+        Form of the parameters.
+    theta : Array
+        Nine parameters, (t, 9).
     z : Array
         Readings, (t, n, 3).
 
     Returns
     -------
-    Array
+    c, q : Array
         Values, (t, n).
     """
-    result = np.empty(z.shape[:-1])
+    m = forms.matrix(model, theta)
+    gram = np.swapaxes(m, -1, -2) @ m
+    bias, none = theta[:, 6:], np.zeros((len(m), 0, 3, 3))
+    c, q = evaluate(
+        [
+            _quadric(gram, none, bias, constant=-1.0),
+            _quadric(gram @ gram, none, bias, constant=0.0),
+        ],
+        z,
+    )
+    return c, q
+
+
+def evaluate(quadrics: Sequence[Quadric], z: Array) -> list[Array]:
+    """Values of some quadrics at each reading, in one pass.
+
+    Parameters
+    ----------
+    quadrics : sequence of Quadric
+        The quadrics.
+    z : Array
+        Readings, (t, n, 3).
+
+    Returns
+    -------
+    list of Array
+        Values of each quadric, (t, n).
+    """
+    columns = np.stack([quadric.values for quadric in quadrics], axis=-1)
+    result = np.empty((len(quadrics), *z.shape[:-1]))
     for start in range(0, z.shape[1], _CHUNK):
         part = slice(start, start + _CHUNK)
-        result[:, part] = np.matvec(monomials(z[:, part]), quadric.values)
-    return result
+        values = monomials(z[:, part]) @ columns
+        result[:, :, part] = np.moveaxis(values, -1, 0)
+    return list(result)
 
 
 def weighted_sum(z: Array, weights: Array) -> Array:

@@ -105,9 +105,8 @@ def _distances(
     model: str, residual: str, theta: Array, x: Array
 ) -> tuple[Array, Array]:
     # Weight of the residual and distance to the ellipsoid of each pose, (t, n).
-    c = quadric.residual_quadric(model, theta)
-    q = quadric.evaluate(quadric.distance_quadric(c), x)
-    distance = np.abs(quadric.evaluate(c, x)) / (2.0 * np.sqrt(q))
+    c, q = quadric.residual_values(model, theta, x)
+    distance = np.abs(c) / (2.0 * np.sqrt(q))
     weights = 0.25 / q if residual == "weighted" else np.ones_like(q)
     return weights, distance
 

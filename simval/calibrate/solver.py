@@ -118,7 +118,7 @@ class Solution:
     iterations : Array
         Steps tried, (t,).
     gradient_norm : Array
-        Norm of the last gradient, (t,).
+        Norm of the last gradient that was needed, (t,).
     """
 
     theta: Array
@@ -149,51 +149,114 @@ def minimize(objective: Objective, theta: Array, rules: Rules, slack: Any) -> So
     Solution
         Parameters and status of each trial.
     """
-    count = theta.shape[0]
-    result = theta.copy()
-    code = np.full(count, int(Code.MAX_ITERATIONS))
-    iterations = np.zeros(count, dtype=int)
-    gradient_norm = np.full(count, np.nan)
-    rows = np.arange(count)
-    here = objective(theta, rows)
-    mean = np.trace(here.normal, axis1=-2, axis2=-1) / 9.0
-    damping, length = _FIRST_DAMPING * mean, np.ones(count)
-    last, slack = np.full(count, np.inf), np.broadcast_to(slack, (count,))
-    for iteration in range(1, rules.max_iterations + 1):
-        step = length[:, None] * rules.step * _step(here, rules.method, damping)
-        trial = theta + step
-        there = objective(trial, rows)
-        better = there.cost <= here.cost + slack  # NaN is not better
-        middle = np.maximum(np.abs(trial + theta) / 2.0, 1.0)
-        size = np.max(np.abs(step) / middle, axis=-1)
-        theta = np.where(better[:, None], trial, theta)
-        here = _choose(better, there, here)
-        damping = np.where(better, damping / 10.0, damping * 10.0)
-        length = np.where(better, np.minimum(2.0 * length, 1.0), length / 2.0)
-        at_floor = (size <= _ROUNDING_FLOOR) & (size >= last)
-        done = better & ((size <= rules.tolerance) | at_floor)
-        dead = (damping > _LAST_DAMPING * mean) | (length < _SHORTEST)
-        dead &= ~better
-        last = np.where(better, size, last)
-        leave = done | dead
-        if iteration == rules.max_iterations:
-            leave = np.ones_like(done)
-        if leave.any():
-            gone = rows[leave]
-            result[gone] = theta[leave]
-            code[rows[done]] = int(Code.CONVERGED)
-            code[rows[dead]] = int(Code.STALLED)
-            iterations[gone] = iteration
-            gradient_norm[gone] = np.linalg.norm(here.gradient[leave], axis=-1)
-            stay = ~leave
-            rows, theta, last, mean = rows[stay], theta[stay], last[stay], mean[stay]
-            damping, length, slack = damping[stay], length[stay], slack[stay]
-            here = _take(here, stay)
-        if rows.size == 0:
-            break
-    return Solution(
-        theta=result, code=code, iterations=iterations, gradient_norm=gradient_norm
+    count = len(theta)
+    ended = Solution(
+        theta=theta.copy(),
+        code=np.full(count, int(Code.MAX_ITERATIONS)),
+        iterations=np.zeros(count, dtype=int),
+        gradient_norm=np.full(count, np.nan),
     )
+    here = objective(theta, np.arange(count))
+    mean = np.trace(here.normal, axis1=-2, axis2=-1) / 9.0
+    trials = _Trials(
+        rows=np.arange(count),
+        theta=theta,
+        here=here,
+        mean=mean,
+        damping=_FIRST_DAMPING * mean,
+        length=np.ones(count),
+        last=np.full(count, np.inf),
+        slack=np.broadcast_to(slack, (count,)),
+    )
+    for iteration in range(1, rules.max_iterations + 1):
+        step = _step(trials.here, rules.method, trials.damping)
+        step *= rules.step * trials.length[:, None]
+        there = trials.theta + step
+        middle = np.maximum(np.abs(there + trials.theta) / 2.0, 1.0)
+        size = np.max(np.abs(step) / middle, axis=-1)
+        done = size <= rules.tolerance  # the cost there need not be known
+        if done.any():
+            trials.leave(ended, done, there, iteration, Code.CONVERGED)
+            trials, there, size = trials.take(~done), there[~done], size[~done]
+        if trials.rows.size == 0:
+            break
+        trials = _advance(objective, trials, there, size, ended, iteration)
+        if trials.rows.size == 0:
+            break
+    else:
+        every = np.ones(trials.rows.size, dtype=bool)
+        trials.leave(
+            ended, every, trials.theta, rules.max_iterations, Code.MAX_ITERATIONS
+        )
+    return ended
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Trials:
+    # the trials that still iterate, one row each
+    rows: Any
+    theta: Array
+    here: Local
+    mean: Array  # of the diagonal of J'J at the start
+    damping: Array
+    length: Array
+    last: Array  # size of the last step, eq. (L1)
+    slack: Array
+
+    def take(self, keep: Any) -> "_Trials":
+        normal = self.here.normal[keep]
+        same = self.here.hessian is self.here.normal
+        local = Local(
+            cost=self.here.cost[keep],
+            gradient=self.here.gradient[keep],
+            normal=normal,
+            hessian=normal if same else self.here.hessian[keep],
+        )
+        names = ("rows", "theta", "mean", "damping", "length", "last", "slack")
+        return _Trials(here=local, **{n: getattr(self, n)[keep] for n in names})
+
+    def leave(
+        self, ended: Solution, which: Any, theta: Array, iteration: int, code: Code
+    ) -> None:
+        gone = self.rows[which]
+        ended.theta[gone] = theta[which]
+        ended.code[gone] = int(code)
+        ended.iterations[gone] = iteration
+        norm = np.sqrt(np.vecdot(self.here.gradient, self.here.gradient))
+        ended.gradient_norm[gone] = norm[which]
+
+
+def _advance(
+    objective: Objective,
+    trials: _Trials,
+    there: Array,
+    size: Array,
+    ended: Solution,
+    iteration: int,
+) -> _Trials:
+    # accept the steps that do not raise the cost; damp or shorten the others
+    local = objective(there, trials.rows)
+    better = local.cost <= trials.here.cost + trials.slack  # NaN is not better
+    at_floor = better & (size <= _ROUNDING_FLOOR) & (size >= trials.last)
+    damping = np.where(better, trials.damping / 10.0, trials.damping * 10.0)
+    length = np.where(better, np.minimum(2.0 * trials.length, 1.0), trials.length / 2.0)
+    dead = ~better & ((damping > _LAST_DAMPING * trials.mean) | (length < _SHORTEST))
+    moved = _Trials(
+        rows=trials.rows,
+        theta=np.where(better[:, None], there, trials.theta),
+        here=_choose(better, local, trials.here),
+        mean=trials.mean,
+        damping=damping,
+        length=length,
+        last=np.where(better, size, trials.last),
+        slack=trials.slack,
+    )
+    stop = at_floor | dead
+    if not stop.any():
+        return moved
+    moved.leave(ended, at_floor, moved.theta, iteration, Code.CONVERGED)
+    moved.leave(ended, dead, moved.theta, iteration, Code.STALLED)
+    return moved.take(~stop)
 
 
 def _step(here: Local, method: str, damping: Array) -> Array:
@@ -220,15 +283,4 @@ def _choose(better: Any, there: Local, here: Local) -> Local:
         gradient=np.where(better[:, None], there.gradient, here.gradient),
         normal=normal,
         hessian=normal if same else np.where(pick, there.hessian, here.hessian),
-    )
-
-
-def _take(here: Local, stay: Any) -> Local:
-    normal = here.normal[stay]
-    same = here.hessian is here.normal
-    return Local(
-        cost=here.cost[stay],
-        gradient=here.gradient[stay],
-        normal=normal,
-        hessian=normal if same else here.hessian[stay],
     )

@@ -26,17 +26,15 @@ class Ellipsoid:
         A = M'M, (t, 3, 3); NaN where the poses do not fix an ellipsoid.
     bias : Array
         Its centre, (t, 3).
-    condition : Array
-        Condition number of the nine monomials of the poses, columns scaled to unit
-        length, (t,): the square root of the 1-norm condition of their Gram matrix;
-        infinite where the rank is below nine.
+    determined : Array
+        Whether the nine monomials of the poses have full rank, (t,) of bool.
     proper : Array
         Whether the quadric is an ellipsoid, (t,) of bool.
     """
 
     gram: Array
     bias: Array
-    condition: Array
+    determined: Any
     proper: Any
 
 
@@ -53,15 +51,9 @@ def fit_ellipsoid(moments: Array) -> Ellipsoid:
     Ellipsoid
         The start of each trial.
     """
-    normal = moments[:, :9, :9]
-    count = normal.shape[0]
-    right = np.empty((count, 9, 10))
-    right[:, :, 0] = moments[:, :9, 9]
-    right[:, :, 1:] = np.eye(9)
-    solution, pivot = solve_positive(normal, right)
-    p, inverse = solution[..., 0], solution[..., 1:]
-    condition = _condition(normal, inverse)
-    condition[~(pivot > 0.0)] = np.inf
+    count = len(moments)
+    solution, pivot = solve_positive(moments[:, :9, :9], moments[:, :9, 9:])
+    p = solution[..., 0]
     gram = np.empty((count, 3, 3))
     for axis in range(3):
         gram[:, axis, axis] = p[:, axis]
@@ -71,15 +63,5 @@ def fit_ellipsoid(moments: Array) -> Ellipsoid:
     bias = bias[..., 0]
     level = 1.0 + np.vecdot(bias, np.matvec(gram, bias))
     gram /= level[:, None, None]
-    return Ellipsoid(
-        gram=gram, bias=bias, condition=condition, proper=(lowest > 0.0) & (level > 0.0)
-    )
-
-
-def _condition(normal: Array, inverse: Array) -> Array:
-    # Condition of the scaled columns behind a Gram matrix, (t,).
-    length = np.sqrt(np.diagonal(normal, axis1=-2, axis2=-1))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        forward = np.abs(normal / length[:, None]).sum(axis=-1) / length
-        back = np.abs(inverse * length[:, None]).sum(axis=-1) * length
-        return np.sqrt(forward.max(axis=-1) * back.max(axis=-1))
+    proper = (lowest > 0.0) & (level > 0.0)
+    return Ellipsoid(gram=gram, bias=bias, determined=pivot > 0.0, proper=proper)

@@ -57,6 +57,7 @@ def summarize(
     *,
     sigma: Array | None,
     weights: Array | None,
+    covariance: bool = True,
 ) -> Summary:
     """Covariance and statistics of each trial at its solution.
 
@@ -74,22 +75,19 @@ def summarize(
         Noise of each pose, scaled, (t, n).
     weights : Array or None
         Weights of a robust loss, (t, n).
+    covariance : bool, default True
+        Whether to work out the covariance.
 
     Returns
     -------
     Summary
         Statistics of each trial.
     """
-    quad_c = quadric.residual_quadric(model, theta)
-    c = quadric.evaluate(quad_c, z)
-    q = quadric.evaluate(quadric.distance_quadric(quad_c), z)
-    dv = quadric.value_derivatives(quad_c)
+    c, q = quadric.residual_values(model, theta, z)
     dof = z.shape[1] - 9
     a = 0.25 / q if residual in ("weighted", "sampson") else None
     if weights is not None:
         a = weights if a is None else weights * a
-    normal = _contract(dv, quadric.moment_matrix(z, a))
-    inverse = solve_positive(normal, np.broadcast_to(np.eye(9), normal.shape))[0]
     squares = c * c if a is None else a * c * c
     total = squares.sum(axis=-1)
     distance2 = 0.25 * c * c / q
@@ -98,19 +96,17 @@ def summarize(
         spread = np.sqrt(distance2.sum(axis=-1) / dof)
     if sigma is not None and dof > 0 and np.all(sigma > 0.0):
         chi2 = (distance2 / sigma**2).sum(axis=-1) / dof
-    scatter = None if weights is None else c * c * (z.shape[1] / max(dof, 1))
-    middle = _middle(q, sigma, spread, scatter)
-    if a is not None:
-        middle = a * a * middle
-    meat = _contract(dv, quadric.moment_matrix(z, middle))
-    covariance = inverse @ meat @ inverse
-    if dof == 0 and sigma is None:
-        covariance = np.full_like(covariance, np.nan)
+    matrix = np.full((len(z), 9, 9), np.nan)
+    if covariance and (dof > 0 or sigma is not None):
+        scatter = None if weights is None else c * c * (z.shape[1] / max(dof, 1))
+        middle = _middle(q, sigma, spread, scatter)
+        dv = quadric.value_derivatives(quadric.residual_quadric(model, theta))
+        matrix = _sandwich(dv, z, a, middle)
     norm = np.sqrt(np.maximum(1.0 + c, 0.0)) - 1.0
     if residual == "norm":
         total = (norm * norm).sum(axis=-1)
     return Summary(
-        covariance=covariance,
+        covariance=matrix,
         cost=total,
         rms=np.sqrt((norm * norm).mean(axis=-1)),
         chi2_per_dof=chi2,
@@ -128,6 +124,14 @@ def _middle(
     if scatter is not None:
         return scatter
     return 4.0 * q * (spread * spread)[:, None]
+
+
+def _sandwich(dv: Array, z: Array, a: Array | None, middle: Array) -> Array:
+    # eq. (U1) with `middle` the variance of c in each pose
+    normal = _contract(dv, quadric.moment_matrix(z, a))
+    inverse = solve_positive(normal, np.broadcast_to(np.eye(9), normal.shape))[0]
+    weights = middle if a is None else a * a * middle
+    return inverse @ _contract(dv, quadric.moment_matrix(z, weights)) @ inverse
 
 
 def _contract(dv: Array, moments: Array) -> Array:
