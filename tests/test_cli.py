@@ -66,13 +66,13 @@ def test_sweep_prints_the_folder_last(simval, tiny_suite, tmp_path):
 
 
 def test_a_crashed_cell_is_exit_code_4(simval, tiny_suite, tmp_path, monkeypatch):
-    from simval.sweep import runner
+    from simval.sweep import executors
 
     def broken(cell):
         msg = "on purpose"
         raise RuntimeError(msg)
 
-    monkeypatch.setattr(runner, "execute", broken)
+    monkeypatch.setattr(executors, "execute", broken)
     words = ("sweep", tiny_suite, "--out", tmp_path / "run", "--workers", 1)
     code, _, err = simval(*words)
     assert code == 4
@@ -80,12 +80,12 @@ def test_a_crashed_cell_is_exit_code_4(simval, tiny_suite, tmp_path, monkeypatch
 
 
 def test_ctrl_c_is_130(simval, tiny_suite, tmp_path, monkeypatch):
-    from simval.sweep import runner
+    from simval.sweep import executors
 
     def interrupted(cell):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(runner, "execute", interrupted)
+    monkeypatch.setattr(executors, "execute", interrupted)
     words = ("sweep", tiny_suite, "--out", tmp_path / "run", "--workers", 1)
     assert simval(*words)[0] == 130
     monkeypatch.undo()

@@ -10,7 +10,7 @@ from simval.sweep import load_run, store
 
 
 def edited(folder, sql):
-    with store._opened(folder / "run.sqlite") as database, database:
+    with store.opened(folder / "run.sqlite") as database, database:
         database.execute(sql)
 
 

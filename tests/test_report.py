@@ -41,7 +41,7 @@ def test_figures_are_well_formed_have_a_text_and_no_double_id(tiny_run):
 
 
 def test_missing_and_failed_cells_are_shown_and_escaped(tiny_run):
-    with store._opened(tiny_run / "run.sqlite") as database, database:
+    with store.opened(tiny_run / "run.sqlite") as database, database:
         database.execute("UPDATE cells SET status = 'failed', error = '<b>x</b>'")
         database.execute("DELETE FROM rows")
     page = render(load_run(tiny_run))

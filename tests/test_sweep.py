@@ -11,7 +11,7 @@ import time
 import pytest
 
 from simval.errors import InputError
-from simval.sweep import load_run, load_suite, run_suite, runner, store
+from simval.sweep import executors, load_run, load_suite, run_suite, store
 
 
 def digest(folder):
@@ -60,18 +60,18 @@ def test_a_folder_that_cannot_be_made_is_refused(tiny_suite, tmp_path):
 
 def test_resume_computes_only_what_is_missing(tiny_suite, tiny_run, monkeypatch):
     before = digest(tiny_run)
-    with store._opened(tiny_run / "run.sqlite") as database, database:
+    with store.opened(tiny_run / "run.sqlite") as database, database:
         database.execute("DELETE FROM rows WHERE cell = 2")
         database.execute("UPDATE cells SET status = 'pending' WHERE position = 2")
     (tiny_run / "results.csv").unlink()
     computed = []
-    execute = runner.execute
+    execute = executors.execute
 
     def counted(cell):
         computed.append(cell.name)
         return execute(cell)
 
-    monkeypatch.setattr(runner, "execute", counted)
+    monkeypatch.setattr(executors, "execute", counted)
     run_suite(str(tiny_suite), tiny_run, resume=True)
     assert len(computed) == 1
     assert digest(tiny_run) == before
@@ -86,7 +86,7 @@ def test_resume_of_another_suite_is_refused_with_the_difference(tiny_suite, tiny
 def test_a_failed_cell_leaves_the_others_and_its_traceback(
     tiny_suite, tmp_path, monkeypatch
 ):
-    execute = runner.execute
+    execute = executors.execute
 
     def fragile(cell):
         if cell.study == "calibration" and cell.parameters.noise_std > 0.0:
@@ -94,7 +94,7 @@ def test_a_failed_cell_leaves_the_others_and_its_traceback(
             raise ZeroDivisionError(msg)
         return execute(cell)
 
-    monkeypatch.setattr(runner, "execute", fragile)
+    monkeypatch.setattr(executors, "execute", fragile)
     run = run_suite(str(tiny_suite), tmp_path / "run")
     status = [cell.status for cell in run.cells]
     assert status.count("failed") == 1
@@ -126,7 +126,7 @@ def test_a_damaged_store_is_a_clear_error(tmp_path, content):
 
 
 def test_a_newer_store_is_refused(tiny_run):
-    with store._opened(tiny_run / "run.sqlite") as database, database:
+    with store.opened(tiny_run / "run.sqlite") as database, database:
         database.execute("UPDATE meta SET value = '99' WHERE key = 'schema'")
     with pytest.raises(InputError, match="schema 99; this program reads 1"):
         load_run(tiny_run)

@@ -20,6 +20,10 @@ COMMANDS = (
     ("gate", "Judge a run against theory and the baseline; exit code for CI."),
     ("calibrate", "Calibrate an accelerometer from a recorded log."),
     ("scene", "Simulate a tumble and write the recording or a picture."),
+    ("compare", "Show what changed between two runs beyond its uncertainty."),
+    ("repro", "Compute one cell again and say whether it is equal to the bit."),
+    ("export", "Write the table of a run as Parquet."),
+    ("suite-schema", "Print the JSON Schema of suite files."),
     ("list", "Show the suites, studies, cells and scenes there are."),
 )
 

@@ -9,9 +9,12 @@ from pathlib import Path
 import click
 
 from simval.cli.progress import Bar, Lines
-from simval.sweep import Suite, load_suite, run_suite
+from simval.sweep import Suite, load_suite, store
 from simval.sweep.run import RUNS
-from simval.sweep.runner import Progress, Silence
+from simval.sweep.runner import Progress, Silence, drive
+
+SHOWN = 20
+"""Failed cells named one by one; the rest is counted."""
 
 
 @click.command(name="sweep")
@@ -32,6 +35,11 @@ from simval.sweep.runner import Progress, Silence
     metavar="STUDY.KEY=V1[,V2...]",
     help="Replaces a value of the suite; may be repeated.",
 )
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Compute on a dask.distributed cluster instead (extra `cluster`).",
+)
 @click.option("--resume", is_flag=True, help="Go on with an interrupted run.")
 @click.option("--dry-run", is_flag=True, help="List the cells and stop.")
 @click.option("--quiet", is_flag=True, help="Print the folder only.")
@@ -39,6 +47,7 @@ def command(
     suite: str,
     out: Path | None,
     workers: int,
+    scheduler: str | None,
     seed: int | None,
     overrides: tuple[str, ...],
     resume: bool,
@@ -61,16 +70,21 @@ def command(
     if not quiet:
         progress = Bar() if sys.stderr.isatty() else Lines()
     with progress if isinstance(progress, Bar) else nullcontext():
-        run = run_suite(
-            loaded, folder, workers=workers, resume=resume, progress=progress
+        drive(
+            loaded,
+            folder,
+            workers=workers,
+            scheduler=scheduler,
+            resume=resume,
+            progress=progress,
         )
-    failed = [result for result in run.cells if result.status == "failed"]
-    for result in failed:
-        last = result.error.strip().splitlines()[-1]
-        click.echo(f"failed: {result.name}: {last}", err=True)
+    with store.opened(folder / "run.sqlite") as database:
+        failed = store.failures(database)
+    for name, error in failed[:SHOWN]:
+        click.echo(f"failed: {name}: {error.strip().splitlines()[-1]}", err=True)
     if failed:
         click.echo(
-            f"{len(failed)} of {len(run.cells)} cells failed; the tracebacks are in "
+            f"{len(failed)} of {len(loaded.cells)} cells failed; the tracebacks are in "
             f"{folder}/run.sqlite and in the report",
             err=True,
         )

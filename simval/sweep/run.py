@@ -8,9 +8,9 @@ artifacts/      what the studies leave for the report: npz, png
 """
 
 import csv
-import io
 import json
-from collections.abc import Mapping, Sequence
+import sqlite3
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -146,51 +146,77 @@ def load_run(folder: str | Path) -> Run:
     InputError
         If it is no run folder, is damaged, or was written by a newer version.
     """
-    path = _latest() if str(folder) == "latest" else Path(folder)
-    meta, cells, rows = store.read(path / "run.sqlite")
-    try:
-        manifest = json.loads(meta["manifest"])
-        timing_file = path / "timing.json"
-        timing = json.loads(timing_file.read_text()) if timing_file.is_file() else {}
-    except (KeyError, ValueError) as error:
-        msg = f"{path} is damaged: {error}; run the suite again"
-        raise InputError(msg) from None
-    results = tuple(
-        CellResult(
-            name=cell["cell"],
-            rows=tuple(cell_rows),
-            **{k: cell[k] for k in ("study", "seed", "status", "error", "seconds")},
-            parameters=cell["parameters"],
-        )
-        for cell, cell_rows in zip(cells, rows, strict=True)
-    )
+    path = run_folder(folder)
+    with store.opened(path / "run.sqlite") as database:
+        manifest = store.manifest(database)
+        entries = store.cells(database)
+        rows: list[list[Row]] = [[] for _ in entries]
+        try:
+            for position, row in store.rows(database):
+                rows[position].append(row)
+            results = tuple(
+                CellResult(
+                    name=str(entry["cell"]),
+                    study=str(entry["study"]),
+                    seed=int(entry["seed"]),
+                    parameters=entry["parameters"],
+                    status=str(entry["status"]),
+                    error=str(entry["error"]),
+                    seconds=float(entry["seconds"]),
+                    rows=tuple(found),
+                )
+                for entry, found in zip(entries, rows, strict=True)
+            )
+            timing_file = path / "timing.json"
+            timing = (
+                json.loads(timing_file.read_text()) if timing_file.is_file() else {}
+            )
+            if not isinstance(timing, dict):
+                msg = "timing.json is not an object"
+                raise TypeError(msg)
+        except (ValueError, TypeError, IndexError, OSError, RecursionError) as error:
+            msg = f"{path} is damaged: {error}; run the suite again"
+            raise InputError(msg) from None
     return Run(folder=path, cells=results, manifest=manifest, timing=timing)
 
 
-def table(cells: Sequence[CellResult]) -> str:
-    """Tidy long table of the finished cells as CSV: sorted, floats exact.
+def write_table(database: sqlite3.Connection, path: Path) -> None:
+    """Write the tidy long table of the finished cells: sorted, floats exact.
 
     Parameters
     ----------
-    cells : sequence of CellResult
-        The cells of a run.
+    database : sqlite3.Connection
+        The store.
+    path : Path
+        CSV file to write: a header, then a row for each cell and statistic, with a
+        column for each parameter that any cell has. It appears when it is whole.
 
-    Returns
-    -------
-    str
-        CSV with a header; a column for each parameter that any cell has.
+    Raises
+    ------
+    InputError
+        If it cannot be written.
     """
-    done = sorted((c for c in cells if c.status == "done"), key=lambda c: c.name)
-    keys = sorted({key for cell in done for key in cell.parameters})
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["cell", "study", "seed", *keys, *ROW_COLUMNS])
-    for cell in done:
-        values = [_exact(cell.parameters.get(key)) for key in keys]
-        for row in sorted(cell.rows, key=lambda r: (r.statistic, r.predictor)):
-            fields = [_exact(getattr(row, name)) for name in ROW_COLUMNS]
-            writer.writerow([cell.name, cell.study, cell.seed, *values, *fields])
-    return text.getvalue()
+    done = sorted(
+        (cell for cell in store.cells(database) if cell["status"] == "done"),
+        key=lambda cell: str(cell["cell"]),
+    )
+    keys = sorted({key for cell in done for key in cell["parameters"]})
+    part = path.with_name(path.name + ".part")
+    try:
+        with part.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(["cell", "study", "seed", *keys, *ROW_COLUMNS])
+            for cell in done:
+                values = [_exact(cell["parameters"].get(key)) for key in keys]
+                rows = [row for _, row in store.rows(database, cell["position"])]
+                for row in sorted(rows, key=lambda r: (r.statistic, r.predictor)):
+                    fields = [_exact(getattr(row, name)) for name in ROW_COLUMNS]
+                    head = [cell["cell"], cell["study"], cell["seed"]]
+                    writer.writerow([*head, *values, *fields])
+        part.replace(path)
+    except OSError as error:
+        msg = f"cannot write {path}: {error}; is the disk full or read-only?"
+        raise InputError(msg) from None
 
 
 def _exact(value: Any) -> Any:
@@ -199,7 +225,26 @@ def _exact(value: Any) -> Any:
     return repr(value) if isinstance(value, float) else value
 
 
-def _latest() -> Path:
+def run_folder(run: str | Path) -> Path:
+    """Folder of a run.
+
+    Parameters
+    ----------
+    run : str or Path
+        The folder, or ``latest`` for the newest under ``reports/runs``.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    InputError
+        If there is no newest run.
+    """
+    if str(run) != "latest":
+        return Path(run)
     runs = sorted(RUNS.glob("*/run.sqlite"), key=lambda p: p.stat().st_mtime)
     if not runs:
         msg = f"there is no run under {RUNS}; make one with `simval sweep`"

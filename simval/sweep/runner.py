@@ -9,50 +9,78 @@ import json
 import os
 import platform
 import time
-import traceback
-from collections.abc import Iterable, Iterator, Mapping
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
-from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
 from simval.errors import InputError
-from simval.results import Outcome
-from simval.studies import find_study
-from simval.studies.study import Cell
 from simval.sweep import provenance, store
-from simval.sweep.run import Run, load_run, table
+from simval.sweep.executors import Done, clustered, pooled, serial
+from simval.sweep.run import Run, load_run, write_table
 from simval.sweep.suite import Suite, load_suite
+from simval.verdict import Answer, judge, overall
 
 # What must be equal for a run to be resumed; a dirty checkout may go on.
 FIXED = ("suite", "grid", "versions", "models")
+ALPHA = 1e-3
 
-Done = tuple[int, Outcome | str, float]
-"""Place of the cell, its outcome or the traceback of its failure, CPU seconds."""
+Ending = Answer | Literal["failed", "recorded"]
+"""How a cell ended: its own verdict, a crash, or nothing in it to judge."""
 
 
 class Progress(Protocol):
     """What the driver tells while it works."""
 
     def start(self, total: int, done: int) -> None:
-        """Begin: `total` cells, `done` of them finished earlier."""
+        """Begin.
 
-    def advance(self, name: str, failed: bool) -> None:
-        """Note that one more cell has ended."""
+        Parameters
+        ----------
+        total : int
+            Cells of the suite.
+        done : int
+            Those that were finished earlier.
+        """
+
+    def advance(self, name: str, ending: Ending) -> None:
+        """Note that one more cell has ended.
+
+        Parameters
+        ----------
+        name : str
+            Of the cell.
+        ending : str
+            How it ended.
+        """
 
 
 class Silence:
     """A progress that says nothing."""
 
     def start(self, total: int, done: int) -> None:
-        """Say nothing."""
+        """Say nothing.
 
-    def advance(self, name: str, failed: bool) -> None:
-        """Say nothing."""
+        Parameters
+        ----------
+        total : int
+            Not used.
+        done : int
+            Not used.
+        """
+
+    def advance(self, name: str, ending: Ending) -> None:
+        """Say nothing.
+
+        Parameters
+        ----------
+        name : str
+            Not used.
+        ending : str
+            Not used.
+        """
 
 
 def run_suite(
@@ -60,6 +88,7 @@ def run_suite(
     out: str | Path,
     *,
     workers: int = 1,
+    scheduler: str | None = None,
     resume: bool = False,
     progress: Progress | None = None,
 ) -> Run:
@@ -72,7 +101,9 @@ def run_suite(
     out : str or Path
         Folder of the run; must not exist unless `resume`.
     workers : int, default 1
-        Processes; 1 works in this process.
+        Local processes; 1 works in this process.
+    scheduler : str, optional
+        Address of a dask.distributed scheduler that computes the cells instead.
     resume : bool, default False
         Go on with an interrupted run in `out`: finished cells are kept, failed and
         missing ones are computed.
@@ -90,13 +121,52 @@ def run_suite(
         If the folder exists, cannot be written, or holds the run of another suite
         or version.
     """
-    suite = load_suite(suite) if isinstance(suite, str) else suite
-    progress = progress or Silence()
-    folder = Path(out)
-    known = provenance.manifest(suite)
+    drive(
+        load_suite(suite) if isinstance(suite, str) else suite,
+        Path(out),
+        workers=workers,
+        scheduler=scheduler,
+        resume=resume,
+        progress=progress or Silence(),
+    )
+    return load_run(out)
+
+
+def drive(
+    suite: Suite,
+    folder: Path,
+    *,
+    workers: int,
+    scheduler: str | None,
+    resume: bool,
+    progress: Progress,
+) -> None:
+    """Run a suite into a folder; memory does not grow with the number of rows.
+
+    Parameters
+    ----------
+    suite : Suite
+        What to run.
+    folder : Path
+        Folder of the run.
+    workers : int
+        Local processes.
+    scheduler : str or None
+        Address of a scheduler that computes the cells instead.
+    resume : bool
+        Go on with an interrupted run.
+    progress : Progress
+        Told of each cell that ends.
+
+    Raises
+    ------
+    InputError
+        As `run_suite`.
+    """
     if not workers >= 1:
         msg = f"`workers` is {workers}; give 1 or more"
         raise InputError(msg)
+    known = provenance.manifest(suite)
     file = folder / "run.sqlite"
     if resume and file.is_file():
         pending = _resumed(folder, known)
@@ -105,88 +175,42 @@ def run_suite(
         pending = list(range(len(suite.cells)))
     started, wall = datetime.now(UTC), time.perf_counter()
     progress.start(len(suite.cells), len(suite.cells) - len(pending))
-    for position, outcome, seconds in _results(suite.cells, pending, workers):
-        if isinstance(outcome, str):
-            store.fail(file, position, outcome, seconds)
-        else:
+    with store.opened(file) as database:
+        for position, outcome, seconds in _results(suite, pending, workers, scheduler):
+            name = suite.cells[position].name
+            if isinstance(outcome, str):
+                store.fail(database, position, outcome, seconds)
+                progress.advance(name, "failed")
+                continue
             _keep(folder / "artifacts", outcome.artifacts)
-            store.finish(file, position, outcome.rows, seconds)
-        progress.advance(suite.cells[position].name, isinstance(outcome, str))
-    run = load_run(folder)
+            store.finish(database, position, outcome.rows, seconds)
+            verdicts = judge(
+                ((name, row) for row in outcome.rows), ALPHA / len(suite.cells)
+            )
+            progress.advance(name, overall(verdicts) if verdicts else "recorded")
+        spent = store.seconds(database)
+        write_table(database, folder / "results.csv")
     timing = {
         "started": started.isoformat(timespec="seconds"),
         "wall_seconds": round(time.perf_counter() - wall, 3),
-        "cpu_seconds": round(sum(cell.seconds for cell in run.cells), 3),
-        "workers": workers,
+        "cpu_seconds": round(sum(spent.values()), 3),
+        "workers": scheduler or workers,
         "host": platform.node(),
         "processors": os.cpu_count(),
-        "cells": {cell.name: round(cell.seconds, 4) for cell in run.cells},
+        "cells": {name: round(value, 4) for name, value in spent.items()},
     }
-    _write(folder / "results.csv", table(run.cells))
     _write(folder / "manifest.json", json.dumps(known, indent=2) + "\n")
     _write(folder / "timing.json", json.dumps(timing, indent=2) + "\n")
-    return load_run(folder)
-
-
-def execute(cell: Cell) -> Outcome:
-    """Compute one cell.
-
-    Parameters
-    ----------
-    cell : Cell
-        Study, parameters and seed.
-
-    Returns
-    -------
-    Outcome
-        Its rows and artifacts.
-    """
-    return find_study(cell.study).run(cell.parameters, cell.streams)
-
-
-def _attempt(position: int, cell: Cell) -> Done:
-    start = time.process_time()
-    try:
-        outcome: Outcome | str = execute(cell)
-    except Exception:  # whatever a study does, the other cells go on
-        outcome = traceback.format_exc()
-    return position, outcome, time.process_time() - start
 
 
 def _results(
-    cells: tuple[Cell, ...], pending: list[int], workers: int
+    suite: Suite, pending: list[int], workers: int, scheduler: str | None
 ) -> Iterator[Done]:
+    if scheduler is not None:
+        return clustered(suite.cells, pending, scheduler)
     if workers == 1:
-        for position in pending:
-            yield _attempt(position, cells[position])
-        return
-    left = set(pending)
-    try:
-        for done in _pooled(cells, pending, workers):
-            left.discard(done[0])
-            yield done
-    except BrokenProcessPool:
-        pass  # a worker died: its cells, in `left`, run again, each on its own
-    for position in sorted(left):
-        try:
-            yield from _pooled(cells, [position], 1)
-        except BrokenProcessPool:
-            message = "the worker process died while it computed this cell"
-            yield position, message, 0.0
-
-
-def _pooled(
-    cells: tuple[Cell, ...], positions: Iterable[int], workers: int
-) -> Iterator[Done]:
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        futures: list[Future[Done]] = [
-            pool.submit(_attempt, position, cells[position]) for position in positions
-        ]
-        try:
-            for future in as_completed(futures):
-                yield future.result()
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
+        return serial(suite.cells, pending)
+    return pooled(suite.cells, pending, workers)
 
 
 def _create(folder: Path, suite: Suite, known: Mapping[str, Any]) -> None:
@@ -200,14 +224,16 @@ def _create(folder: Path, suite: Suite, known: Mapping[str, Any]) -> None:
         raise InputError(msg) from None
     # The store appears under its name only when it is whole.
     part = folder / "run.sqlite.part"
-    store.create(part, suite.cells, {"manifest": json.dumps(known)})
+    store.create(part, suite.cells, json.dumps(known))
     part.rename(folder / "run.sqlite")
 
 
 def _resumed(folder: Path, known: Mapping[str, Any]) -> list[int]:
-    earlier = load_run(folder)
+    with store.opened(folder / "run.sqlite") as database:
+        earlier = store.manifest(database)
+        pending = store.unfinished(database)
     changed = provenance.differences(
-        {key: earlier.manifest.get(key) for key in FIXED},
+        {key: earlier.get(key) for key in FIXED},
         # through JSON, as the earlier one went
         json.loads(json.dumps({key: known[key] for key in FIXED})),
     )
@@ -217,7 +243,7 @@ def _resumed(folder: Path, known: Mapping[str, Any]) -> list[int]:
             f"{'; '.join(changed)}; use a new folder"
         )
         raise InputError(msg)
-    return [i for i, cell in enumerate(earlier.cells) if cell.status != "done"]
+    return pending
 
 
 def _keep(folder: Path, artifacts: Mapping[str, Any]) -> None:

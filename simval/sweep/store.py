@@ -5,19 +5,37 @@ so a run that was killed at any moment can be resumed.
 """
 
 import json
+import math
 import sqlite3
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Any, get_args
 
 from simval.errors import InputError
-from simval.results import Row
+from simval.results import Check, Row
 from simval.studies.study import Cell
 
 SCHEMA_VERSION = 1
 ROW_FIELDS = tuple(f.name for f in fields(Row))
+
+# kind of each field, and what an entry that is missing means
+_KINDS: Mapping[str, tuple[Callable[[Any], Any], Any]] = MappingProxyType(
+    {
+        "statistic": (str, ""),
+        "value": (float, math.nan),
+        "unit": (str, "1"),
+        "standard_error": (float, math.nan),
+        "n": (int, 0),
+        "prediction": (float, None),
+        "predictor": (str, ""),
+        "remainder": (float, math.nan),
+        "check": (str, "record"),
+    }
+)
+CHECKS = get_args(Check)
 
 _TABLES = f"""
 CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);
@@ -33,7 +51,45 @@ CREATE TABLE rows (
 """
 
 
-def create(path: Path, cells: Iterable[Cell], meta: dict[str, str]) -> None:
+@contextmanager
+def opened(path: Path) -> Iterator[sqlite3.Connection]:
+    """Open the store of a run.
+
+    Parameters
+    ----------
+    path : Path
+        The store.
+
+    Yields
+    ------
+    sqlite3.Connection
+        Closed at the end of the context.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, it is no store, it is of another schema, or it
+        cannot be written to.
+    """
+    if not path.is_file():
+        msg = f"{path} does not exist, so {path.parent} is no run folder"
+        raise InputError(msg)
+    with _explained(path), closing(sqlite3.connect(path)) as database:
+        version = database.execute(
+            "SELECT value FROM meta WHERE key = 'schema'"
+        ).fetchone()
+        if version is None or version[0] != str(SCHEMA_VERSION):
+            found = "no schema" if version is None else f"schema {version[0]}"
+            msg = (
+                f"{path} has {found}; this program reads {SCHEMA_VERSION}; use the "
+                "version of simval that wrote it"
+            )
+            raise InputError(msg)
+        database.row_factory = sqlite3.Row
+        yield database
+
+
+def create(path: Path, cells: Iterable[Cell], manifest: str) -> None:
     """Make a new store with every cell pending.
 
     Parameters
@@ -42,34 +98,40 @@ def create(path: Path, cells: Iterable[Cell], meta: dict[str, str]) -> None:
         File to create; must not exist.
     cells : iterable of Cell
         The cells of the suite, in order.
-    meta : dict
-        Text entries to keep: fingerprint, suite and so on.
+    manifest : str
+        What the numbers depend on, as JSON.
 
     Raises
     ------
     InputError
         If the file cannot be written.
     """
-    with _opened(path) as database, database:
+    entries = (("schema", str(SCHEMA_VERSION)), ("manifest", manifest))
+    with (
+        _explained(path),
+        closing(sqlite3.connect(path)) as database,
+        database,
+    ):
         database.executescript(_TABLES)
-        entries = {"schema": str(SCHEMA_VERSION), **meta}
-        database.executemany("INSERT INTO meta VALUES (?, ?)", entries.items())
+        database.executemany("INSERT INTO meta VALUES (?, ?)", entries)
         database.executemany(
             "INSERT INTO cells (position, cell, study, seed, parameters, status) "
             "VALUES (?, ?, ?, ?, ?, 'pending')",
-            [
+            (
                 (i, c.name, c.study, c.seed, c.parameters.model_dump_json())
                 for i, c in enumerate(cells)
-            ],
+            ),
         )
 
 
-def finish(path: Path, position: int, rows: Iterable[Row], seconds: float) -> None:
+def finish(
+    database: sqlite3.Connection, position: int, rows: Iterable[Row], seconds: float
+) -> None:
     """Keep the rows of a finished cell, in one transaction.
 
     Parameters
     ----------
-    path : Path
+    database : sqlite3.Connection
         The store.
     position : int
         Place of the cell in the suite.
@@ -77,14 +139,9 @@ def finish(path: Path, position: int, rows: Iterable[Row], seconds: float) -> No
         Its statistics.
     seconds : float
         CPU time that it took, s.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
     """
     marks = ", ".join("?" * (2 + len(ROW_FIELDS)))
-    with _opened(path) as database, database:
+    with database:
         database.executemany(
             f"INSERT INTO rows VALUES ({marks})",
             [(position, i, *asdict(row).values()) for i, row in enumerate(rows)],
@@ -96,12 +153,14 @@ def finish(path: Path, position: int, rows: Iterable[Row], seconds: float) -> No
         )
 
 
-def fail(path: Path, position: int, error: str, seconds: float) -> None:
+def fail(
+    database: sqlite3.Connection, position: int, error: str, seconds: float
+) -> None:
     """Record that a cell failed, and why.
 
     Parameters
     ----------
-    path : Path
+    database : sqlite3.Connection
         The store.
     position : int
         Place of the cell in the suite.
@@ -109,13 +168,8 @@ def fail(path: Path, position: int, error: str, seconds: float) -> None:
         The traceback or message.
     seconds : float
         CPU time that it took, s.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
     """
-    with _opened(path) as database, database:
+    with database:
         database.execute(
             "UPDATE cells SET status = 'failed', error = ?, seconds = ? "
             "WHERE position = ?",
@@ -123,66 +177,164 @@ def fail(path: Path, position: int, error: str, seconds: float) -> None:
         )
 
 
-def read(path: Path) -> tuple[dict[str, str], list[dict[str, Any]], list[list[Row]]]:
-    """Read a store: its meta entries, its cells, and the rows of each cell.
+def manifest(database: sqlite3.Connection) -> dict[str, Any]:
+    """Read what the numbers of the run depend on.
 
     Parameters
     ----------
-    path : Path
+    database : sqlite3.Connection
         The store.
 
     Returns
     -------
-    meta : dict
-        Text entries.
-    cells : list of dict
-        position, cell, study, seed, parameters (dict), status, error, seconds.
-    rows : list of list of Row
-        Rows of each cell, in the order of the cells.
-
-    Raises
-    ------
-    InputError
-        If the file is no store of a run, or of a newer schema.
+    dict
+        The manifest.
     """
-    if not path.is_file():
-        msg = f"{path} does not exist, so {path.parent} is no run folder"
+    query = "SELECT value FROM meta WHERE key = 'manifest'"
+    entry = database.execute(query).fetchone()
+    return _json(entry[0] if entry else None)
+
+
+def unfinished(database: sqlite3.Connection) -> list[int]:
+    """List the cells that have no result.
+
+    Parameters
+    ----------
+    database : sqlite3.Connection
+        The store.
+
+    Returns
+    -------
+    list of int
+        Their places, in order.
+    """
+    query = "SELECT position FROM cells WHERE status != 'done' ORDER BY position"
+    return [entry[0] for entry in database.execute(query)]
+
+
+def failures(database: sqlite3.Connection) -> list[tuple[str, str]]:
+    """List the cells that failed.
+
+    Parameters
+    ----------
+    database : sqlite3.Connection
+        The store.
+
+    Returns
+    -------
+    list of (str, str)
+        Name and traceback, in the order of the suite.
+    """
+    query = "SELECT cell, error FROM cells WHERE status = 'failed' ORDER BY position"
+    return [(entry[0], entry[1]) for entry in database.execute(query)]
+
+
+def seconds(database: sqlite3.Connection) -> dict[str, float]:
+    """Read the CPU time of each cell.
+
+    Parameters
+    ----------
+    database : sqlite3.Connection
+        The store.
+
+    Returns
+    -------
+    dict
+        Name of the cell to seconds.
+    """
+    query = "SELECT cell, seconds FROM cells ORDER BY position"
+    return {entry[0]: entry[1] for entry in database.execute(query)}
+
+
+def cells(database: sqlite3.Connection) -> list[dict[str, Any]]:
+    """Read the cells.
+
+    Parameters
+    ----------
+    database : sqlite3.Connection
+        The store.
+
+    Returns
+    -------
+    list of dict
+        position, cell, study, seed, parameters (dict), status, error, seconds.
+    """
+    found = [
+        {**dict(entry), "parameters": _json(entry["parameters"])}
+        for entry in database.execute("SELECT * FROM cells ORDER BY position")
+    ]
+    if [cell["position"] for cell in found] != list(range(len(found))):
+        msg = "the store's cells are not numbered from 0 without a gap; it is damaged"
         raise InputError(msg)
-    try:
-        with _opened(path) as database:
-            meta = dict(database.execute("SELECT key, value FROM meta"))
-            version = int(meta.get("schema", "-1"))
-            if version != SCHEMA_VERSION:
-                msg = (
-                    f"{path} has schema {version}; this program reads "
-                    f"{SCHEMA_VERSION}; use the version of simval that wrote it"
-                )
-                raise InputError(msg)
-            database.row_factory = sqlite3.Row
-            cells = [
-                {**dict(c), "parameters": json.loads(c["parameters"])}
-                for c in database.execute("SELECT * FROM cells ORDER BY position")
-            ]
-            rows: list[list[Row]] = [[] for _ in cells]
-            names = ", ".join(f'"{name}"' for name in ROW_FIELDS)
-            query = f"SELECT cell AS position, {names} FROM rows ORDER BY cell, ordinal"
-            for entry in database.execute(query):
-                rows[entry["position"]].append(
-                    Row(**{name: entry[name] for name in ROW_FIELDS})
-                )
-    except (sqlite3.Error, ValueError, TypeError, IndexError, KeyError) as error:
-        if isinstance(error, InputError):
-            raise
-        msg = f"{path} is not the store of a run, or is damaged: {error}"
-        raise InputError(msg) from None
-    return meta, cells, rows
+    return found
+
+
+def rows(
+    database: sqlite3.Connection, position: int | None = None
+) -> Iterator[tuple[int, Row]]:
+    """Read rows.
+
+    Parameters
+    ----------
+    database : sqlite3.Connection
+        The store.
+    position : int, optional
+        Place of one cell; default, all of them.
+
+    Yields
+    ------
+    position : int
+        Place of the cell.
+    row : Row
+        One of its rows; in the order of cells, and of the study within one.
+    """
+    names = ", ".join(f'"{name}"' for name in ROW_FIELDS)
+    query = f"SELECT cell, {names} FROM rows "
+    chosen: tuple[int, ...] = ()
+    if position is not None:
+        query, chosen = query + "WHERE cell = ? ", (position,)
+    for entry in database.execute(query + "ORDER BY cell, ordinal", chosen):
+        yield entry[0], _row(entry)
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[sqlite3.Connection]:
+def _explained(path: Path) -> Iterator[None]:
+    """Turn whatever SQLite, or content that is not ours, does into words."""
     try:
-        with closing(sqlite3.connect(path)) as database:
-            yield database
+        yield
     except sqlite3.OperationalError as error:
-        msg = f"cannot use {path}: {error}; is the disk full or the folder read-only?"
+        if "no such table" in str(error) or "no such column" in str(error):
+            msg = f"{path} is not the store of a run: {error}"
+        else:
+            msg = f"cannot use {path}: {error}; is the disk full or read-only?"
+        raise InputError(msg) from None
+    except sqlite3.Error as error:
+        msg = f"{path} is not the store of a run, or is damaged: {error}"
+        raise InputError(msg) from None
+
+
+def _row(entry: sqlite3.Row) -> Row:
+    """Row of an entry; SQLite keeps what is not a number as NULL."""
+    try:
+        values = {
+            name: kind(entry[name]) if entry[name] is not None else missing
+            for name, (kind, missing) in _KINDS.items()
+        }
+        if values["check"] not in CHECKS:
+            raise ValueError(values["check"])
+        return Row(**values)
+    except (ValueError, TypeError, OverflowError) as error:
+        msg = f"the store holds a row that is damaged ({error}); run the suite again"
+        raise InputError(msg) from None
+
+
+def _json(text: Any) -> dict[str, Any]:
+    try:
+        content = json.loads(text)
+        if not isinstance(content, dict):
+            msg = f"not an object but {content!r}"
+            raise TypeError(msg)
+        return content
+    except (ValueError, TypeError, RecursionError) as error:
+        msg = f"the store holds an entry that is damaged ({error}); run it again"
         raise InputError(msg) from None

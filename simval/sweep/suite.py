@@ -170,7 +170,7 @@ def expand(name: str, content: Mapping[str, Any]) -> Suite:
         If a key is unknown, a value has the wrong type or range, a list is empty,
         two cells are the same, or there is no study at all.
     """
-    model = _validated(name, suite_model(), content)
+    model = validated(f"suite {name}", suite_model(), content)
     studies = [key for key in STUDIES if getattr(model, key) is not None]
     if not studies:
         msg = (
@@ -180,7 +180,11 @@ def expand(name: str, content: Mapping[str, Any]) -> Suite:
         raise InputError(msg)
     seeds = _as_list(model.seed)  # type: ignore[attr-defined]
     cells = tuple(
-        Cell(key, _validated(f"{name}, {key}", STUDIES[key].parameters, point), number)
+        Cell(
+            key,
+            validated(f"suite {name}, {key}", STUDIES[key].parameters, point),
+            number,
+        )
         for number in seeds
         for key in studies
         for point in _grid(getattr(model, key))
@@ -234,24 +238,56 @@ def _override(content: dict[str, Any], override: str) -> None:
     if not isinstance(table, dict):
         msg = f"`--set {override}`: `{study}` is no study; use {', '.join(STUDIES)}"
         raise InputError(msg)
-    values = [_literal(part.strip()) for part in text.split(",")]
+    values = [literal(part.strip()) for part in text.split(",")]
     table[key] = values if len(values) > 1 else values[0]
 
 
-def _literal(text: str) -> Any:
-    """Value of one word of the command line: a TOML literal, else the word itself."""
+def literal(text: str) -> Any:
+    """Value of one word: a TOML literal, else the word itself.
+
+    Parameters
+    ----------
+    text : str
+        From a command line or the name of a cell.
+
+    Returns
+    -------
+    bool, int, float or str
+        Its value.
+    """
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
         return text
 
 
-def _validated(where: str, model: type[Model], content: Mapping[str, Any]) -> Model:
+def validated(where: str, model: type[Model], content: Mapping[str, Any]) -> Model:
+    """Check some content against a model.
+
+    Parameters
+    ----------
+    where : str
+        What the content is part of, for the message.
+    model : type of BaseModel
+        What it must be.
+    content : mapping
+        Keys and values.
+
+    Returns
+    -------
+    BaseModel
+        The checked content.
+
+    Raises
+    ------
+    InputError
+        With the path to each key that is wrong, what was given and what is allowed.
+    """
     try:
         return model.model_validate(content)
     except ValidationError as error:
         lines = "; ".join(dict.fromkeys(_explain(e, model) for e in error.errors()))
-        msg = f"suite {where}: {lines}"
+        msg = f"{where}: {lines}"
         raise InputError(msg) from None
 
 

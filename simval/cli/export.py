@@ -1,0 +1,28 @@
+"""`simval export`."""
+
+from pathlib import Path
+
+import click
+
+from simval.sweep.export import export_parquet
+from simval.sweep.run import run_folder
+
+
+@click.command(name="export")
+@click.argument("run")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="File to write; by default results.parquet in the run folder.",
+)
+def command(run: str, out: Path | None) -> int:
+    """Write the table of RUN (a folder, or `latest`) as Parquet.
+
+    Needs the extra `parquet`. The last line printed is the path of the file.
+    """
+    folder = run_folder(run)
+    path = out or folder / "results.parquet"
+    rows = export_parquet(folder, path)
+    click.echo(f"{rows} rows")
+    click.echo(str(path))
+    return 0

@@ -1,0 +1,244 @@
+"""Where cells are computed: in this process, in a local pool, or on a cluster.
+
+All are iterators of `Done` in the order in which cells end; the driver does not care
+which. A cell that raises is a result, its traceback; what is handled here is a worker
+that dies.
+"""
+
+import signal
+import time
+import traceback
+from collections import deque
+from collections.abc import Iterator, Sequence
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    wait,
+)
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
+
+from simval.errors import InputError
+from simval.results import Outcome
+from simval.studies import find_study
+from simval.studies.study import Cell
+from simval.sweep import provenance
+
+Done = tuple[int, Outcome | str, float]
+"""Place of the cell, its outcome or the traceback of its failure, CPU seconds."""
+
+
+def execute(cell: Cell) -> Outcome:
+    """Compute one cell.
+
+    Parameters
+    ----------
+    cell : Cell
+        Study, parameters and seed.
+
+    Returns
+    -------
+    Outcome
+        Its rows and artifacts.
+    """
+    return find_study(cell.study).run(cell.parameters, cell.streams)
+
+
+def attempt(position: int, cell: Cell) -> Done:
+    """Compute one cell, or say why that failed.
+
+    Parameters
+    ----------
+    position : int
+        Place of the cell in the suite.
+    cell : Cell
+        What to compute.
+
+    Returns
+    -------
+    Done
+        Outcome or traceback.
+    """
+    start = time.process_time()
+    try:
+        outcome: Outcome | str = execute(cell)
+    except Exception:  # whatever a study does, the other cells go on
+        outcome = traceback.format_exc()
+    return position, outcome, time.process_time() - start
+
+
+def serial(cells: Sequence[Cell], pending: Sequence[int]) -> Iterator[Done]:
+    """Compute cells one after the other in this process.
+
+    Parameters
+    ----------
+    cells : sequence of Cell
+        The cells of the suite.
+    pending : sequence of int
+        Places of those to compute.
+
+    Yields
+    ------
+    Done
+        As each ends.
+    """
+    for position in pending:
+        yield attempt(position, cells[position])
+
+
+def pooled(
+    cells: Sequence[Cell], pending: Sequence[int], workers: int
+) -> Iterator[Done]:
+    """Compute cells in a pool of local processes.
+
+    When a worker dies, the pool is made anew and the cells that were in flight are
+    computed one at a time, so that only the one that kills its worker fails.
+
+    Parameters
+    ----------
+    cells : sequence of Cell
+        The cells of the suite.
+    pending : sequence of int
+        Places of those to compute.
+    workers : int
+        Processes.
+
+    Yields
+    ------
+    Done
+        As each ends.
+    """
+    queue = deque(pending)
+    while queue:
+        flying: dict[Future[Done], int] = {}
+        try:
+            with _pool(workers) as pool:
+                yield from _windowed(pool, cells, queue, flying, workers)
+        except BrokenProcessPool:
+            for position in sorted(flying.values()):
+                yield _alone(position, cells[position])
+
+
+def clustered(
+    cells: Sequence[Cell], pending: Sequence[int], address: str
+) -> Iterator[Done]:
+    """Compute cells on a running dask.distributed cluster.
+
+    A cell whose worker is lost is given to another by the scheduler; one that loses
+    worker after worker is recorded as failed.
+
+    Parameters
+    ----------
+    cells : sequence of Cell
+        The cells of the suite.
+    pending : sequence of int
+        Places of those to compute.
+    address : str
+        Of the scheduler, such as ``tcp://host:8786``.
+
+    Yields
+    ------
+    Done
+        As each ends.
+
+    Raises
+    ------
+    InputError
+        If the extra is not installed, there is no scheduler at the address, it has no
+        worker, or a worker has other versions than this process.
+    """
+    try:
+        from distributed import Client
+        from distributed.scheduler import KilledWorker
+    except ImportError:
+        msg = "a scheduler needs the extra `cluster`: pip install 'simval[cluster]'"
+        raise InputError(msg) from None
+    try:
+        client = Client(address, timeout=10, set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        msg = f"there is no scheduler at {address}: {error}; start `dask scheduler`"
+        raise InputError(msg) from None
+    with client:
+        threads = _checked_workers(client, address)
+        flying: dict[Future[Done], int] = {}
+        queue = deque(pending)
+        executor = client.get_executor(pure=False)
+        while queue or flying:
+            try:
+                yield from _windowed(executor, cells, queue, flying, 2 * threads)
+            except KilledWorker as error:
+                for future in [f for f in flying if f.done() and f.exception()]:
+                    yield flying.pop(future), f"every worker was lost: {error}", 0.0
+            except (CancelledError, OSError) as error:
+                msg = (
+                    f"lost the scheduler at {address}: {error}; finished cells are "
+                    "kept, so go on with --resume"
+                )
+                raise InputError(msg) from None
+
+
+def _checked_workers(client: object, address: str) -> int:
+    """Threads of the cluster, once all its workers are known to be like us."""
+    workers: dict[str, int] = client.nthreads()  # type: ignore[attr-defined]
+    if not workers:
+        msg = f"the scheduler at {address} has no worker; start `dask worker {address}`"
+        raise InputError(msg)
+    here = provenance.versions()
+    for worker, there in client.run(provenance.versions).items():  # type: ignore[attr-defined]
+        changed = provenance.differences(here, there)
+        if changed:
+            msg = (
+                f"worker {worker} has other versions, so its numbers would differ: "
+                f"{'; '.join(changed)}; install the same ones there"
+            )
+            raise InputError(msg)
+    return sum(workers.values())
+
+
+def _windowed(
+    executor: Executor,
+    cells: Sequence[Cell],
+    queue: deque[int],
+    flying: dict[Future[Done], int],
+    window: int,
+) -> Iterator[Done]:
+    """Keep `window` cells in flight until the queue is empty; raise for a lost one."""
+    try:
+        while queue or flying:
+            while queue and len(flying) < window:
+                position = queue.popleft()
+                flying[executor.submit(attempt, position, cells[position])] = position
+            ended = wait(flying, return_when=FIRST_COMPLETED).done
+            lost = [future for future in ended if future.exception() is not None]
+            for future in ended:
+                if future not in lost:
+                    del flying[future]
+                    yield future.result()
+            if lost:
+                lost[0].result()
+    except GeneratorExit:  # the driver stopped: start nothing more
+        for future in flying:
+            future.cancel()
+        raise
+
+
+def _alone(position: int, cell: Cell) -> Done:
+    try:
+        with _pool(1) as pool:
+            return pool.submit(attempt, position, cell).result()
+    except BrokenProcessPool:
+        return position, "the worker process died while it computed this cell", 0.0
+
+
+def _pool(workers: int) -> ProcessPoolExecutor:
+    # spawn: a forked child would inherit locks of the linear algebra's threads;
+    # a child dies of Ctrl-C at once and in silence, the driver speaks for all
+    return ProcessPoolExecutor(
+        workers,
+        mp_context=get_context("spawn"),
+        initializer=signal.signal,
+        initargs=(signal.SIGINT, signal.SIG_DFL),
+    )

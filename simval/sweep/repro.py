@@ -1,0 +1,112 @@
+"""One cell again, from its name, and whether it is the same to the bit."""
+
+import re
+from dataclasses import dataclass
+
+from simval.errors import InputError
+from simval.results import Outcome, Row
+from simval.studies import find_study
+from simval.studies.study import Cell
+from simval.sweep.executors import execute
+from simval.sweep.run import CellResult, Run
+from simval.sweep.suite import literal, validated
+
+_NAME = re.compile(r"(?P<study>\w+)\((?P<parameters>.*)\)@(?P<seed>\d+)")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Repetition:
+    """A cell computed again.
+
+    Attributes
+    ----------
+    outcome : Outcome
+        What it gave now.
+    stored : CellResult or None
+        What the run holds; None where it has no finished cell of that name.
+    different : tuple of (Row, Row or None)
+        Rows that are not equal to the bit: the stored one and the one of now.
+    """
+
+    outcome: Outcome
+    stored: CellResult | None
+    different: tuple[tuple[Row, Row | None], ...]
+
+    @property
+    def equal(self) -> bool:
+        """Whether every stored row was found again, to the bit, and no other."""
+        if self.stored is None or self.different:
+            return False
+        return len(self.stored.rows) == len(self.outcome.rows)
+
+
+def parse_cell(name: str) -> Cell:
+    """Cell of a canonical name.
+
+    Parameters
+    ----------
+    name : str
+        ``study(key=value,...)@seed``, as in a results table; parameters that are
+        left out take the study's defaults.
+
+    Returns
+    -------
+    Cell
+        Ready to be computed.
+
+    Raises
+    ------
+    InputError
+        If the name is not of that form, or a parameter is not valid.
+    """
+    match = _NAME.fullmatch(name.strip())
+    if match is None:
+        msg = (
+            f"`{name}` is not the name of a cell; the form is study(key=value,...)@seed"
+        )
+        raise InputError(msg)
+    study = find_study(match["study"])
+    parameters = {}
+    for part in filter(None, match["parameters"].split(",")):
+        key, equals, text = part.partition("=")
+        if not equals:
+            msg = f"`{part}` in the name of the cell is not of the form key=value"
+            raise InputError(msg)
+        parameters[key.strip()] = literal(text.strip())
+    return Cell(
+        study.name,
+        validated(f"cell {name}", study.parameters, parameters),
+        int(match["seed"]),
+    )
+
+
+def repeat(cell: Cell, run: Run | None) -> Repetition:
+    """Compute a cell again and compare it with what a run holds.
+
+    Parameters
+    ----------
+    cell : Cell
+        What to compute.
+    run : Run or None
+        The run to compare with.
+
+    Returns
+    -------
+    Repetition
+        The outcome and the rows that differ.
+    """
+    outcome = execute(cell)
+    held = run.cells if run is not None else ()
+    stored = next((c for c in held if c.name == cell.name and c.status == "done"), None)
+    now = {(row.statistic, row.predictor): row for row in outcome.rows}
+    different = tuple(
+        (row, now.get((row.statistic, row.predictor)))
+        for row in (stored.rows if stored is not None else ())
+        if not _same(row, now.get((row.statistic, row.predictor)))
+    )
+    return Repetition(outcome=outcome, stored=stored, different=different)
+
+
+def _same(old: Row, new: Row | None) -> bool:
+    # repr tells every two different floats apart and NaN is the same as NaN
+    return new is not None and repr(old) == repr(new)
