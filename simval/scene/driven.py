@@ -59,11 +59,13 @@ def gimbal_angles(directions: Array) -> Array:
     Returns
     -------
     Array
-        Joint angles, rad, (k, 3); each roll within half a turn of the one before.
+        Joint angles, rad, (k, 3), each within half a turn of zero: a servo holds an
+        angle to its rounding, and that of many turns would shake the sensor by more
+        than 1e-12 m/s^2.
     """
     x, y, z = directions.T
     pitch = np.arctan2(-x, np.hypot(y, z))
-    roll = np.unwrap(np.arctan2(y, z))
+    roll = np.arctan2(y, z)
     yaw = (GOLDEN_ANGLE * np.arange(len(x)) + np.pi) % (2.0 * np.pi) - np.pi
     return np.stack([yaw, pitch, roll], axis=1)
 

@@ -1,10 +1,12 @@
 """From a scene and its parameters to a checked recording."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.errors import InputError, SimvalError
@@ -52,26 +54,85 @@ def record(
     SimulationError
         If the run fails a check; the message names it, the first bad row and its time.
     """
+    plan = plan_run(
+        scene,
+        site_offset=site_offset,
+        timestep=timestep,
+        integrator=integrator,
+        **parameters,
+    )
+    return run_plan(plan)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Plan:
+    """A run that is ready to be simulated.
+
+    Attributes
+    ----------
+    scene : Scene
+        The scene.
+    physics : Physics
+        Its compiled model.
+    script : Script
+        What to simulate.
+    provenance : Mapping
+        All that the numbers will depend on.
+    """
+
+    scene: Scene
+    physics: Physics
+    script: Script
+    provenance: Mapping[str, Any]
+
+
+def plan_run(
+    scene: str | Scene,
+    *,
+    site_offset: object = None,
+    timestep: float | None = None,
+    integrator: str | None = None,
+    **parameters: Any,
+) -> Plan:
+    """Compile the model and write the script of a run.
+
+    Parameters
+    ----------
+    scene : str or Scene
+        A scene's name, the path of a user's scene file, or a scene.
+    site_offset, timestep, integrator : object
+        As in `record`.
+    **parameters : Any
+        The scene's own.
+
+    Returns
+    -------
+    Plan
+        Ready for `run_plan`.
+    """
     chosen = find_scene(scene)
-    setting = {
-        "site_offset": site_offset,
-        "timestep": timestep,
-        "integrator": integrator,
-    }
     physics = load_model(chosen.model, site_offset, timestep, integrator)
     script = write_script(chosen, physics, parameters)
-    rows, warnings, messages = simulate(physics.model, [script])
-    check_run(
-        chosen.name,
-        rows[0],
-        warnings[0],
-        messages,
-        physics.model.opt.timestep,
-        chosen.force_limit,
-        chosen.rate_limit,
-    )
+    setting = {"site_offset": site_offset, "integrator": integrator}
     provenance = describe(chosen, physics, {**setting, **parameters})
-    return _recording(chosen, physics, script, rows[0], provenance)
+    return Plan(scene=chosen, physics=physics, script=script, provenance=provenance)
+
+
+def run_plan(plan: Plan) -> Recording:
+    """Simulate a plan and check its data.
+
+    Parameters
+    ----------
+    plan : Plan
+        From `plan_run`.
+
+    Returns
+    -------
+    Recording
+        Rows of one instant each, every check passed.
+    """
+    rows, warnings, messages = simulate(plan.physics.model, [plan.script])
+    return checked_recording(plan, rows[0], warnings[0], messages)
 
 
 def write_script(
@@ -161,19 +222,42 @@ def describe(
     }
 
 
-def _recording(
-    scene: Scene,
-    physics: Physics,
-    script: Script,
-    rows: Array,
-    provenance: Mapping[str, Any],
+def checked_recording(
+    plan: Plan, rows: Array, warnings: NDArray[np.int64], messages: Sequence[str]
 ) -> Recording:
-    gravity = np.array(physics.model.opt.gravity)
+    """Check one simulated run and name its columns.
+
+    Parameters
+    ----------
+    plan : Plan
+        What was simulated.
+    rows : Array
+        From `simulate`, (n, 14).
+    warnings : NDArray[np.int64]
+        MuJoCo's counters of the run, (mjNWARNING, 2).
+    messages : sequence of str
+        What MuJoCo said.
+
+    Returns
+    -------
+    Recording
+        Rows of one instant each, every check passed.
+    """
+    option, scene, script = plan.physics.model.opt, plan.scene, plan.script
+    check_run(
+        scene.name,
+        rows,
+        warnings,
+        messages,
+        option.timestep,
+        scene.force_limit,
+        scene.rate_limit,
+    )
     hold, unsettled = settled_rests(
         scene.name,
         rows,
         script.hold,
-        float(np.linalg.norm(gravity)),
+        float(np.linalg.norm(option.gravity)),
         script.rest_force,
         script.rest_rate,
         script.strict,
@@ -186,11 +270,11 @@ def _recording(
         attitude=attitude_from_mujoco(rows[:, 9:13]),
         hold=hold,
         unsettled=unsettled,
-        gravity=gravity,
-        magnetic=np.array(physics.model.opt.magnetic),
+        gravity=np.array(option.gravity),
+        magnetic=np.array(option.magnetic),
         rest_force=script.rest_force,
         rest_rate=script.rest_rate,
-        provenance=provenance,
+        provenance=plan.provenance,
     )
 
 

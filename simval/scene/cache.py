@@ -1,0 +1,132 @@
+"""Recordings kept on disk, found again by the content that they depend on.
+
+The key is the SHA-256 of everything a recording's bits depend on: the model file, the
+parameters, MuJoCo's and numpy's versions, the processor's family, and the source of the
+drivers and of this package's physics. Nothing is ever found for a changed input, so an
+entry needs no expiry; deleting the folder is always safe.
+"""
+
+import hashlib
+import inspect
+import io
+import json
+import os
+import platform
+import tempfile
+import zipfile
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simval.scene.recording import Recording
+from simval.scene.run import Plan, plan_run, run_plan
+from simval.scene.script import Scene
+
+
+def cache_folder() -> Path:
+    """Folder of the kept recordings.
+
+    Returns
+    -------
+    Path
+        ``SIMVAL_CACHE`` where it is set, else ``simval`` in ``XDG_CACHE_HOME`` or in
+        ``~/.cache``.
+    """
+    own = os.environ.get("SIMVAL_CACHE")
+    if own:
+        return Path(own)
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(base) / "simval"
+
+
+def recorded(scene: str | Scene = "gimbal", **parameters: Any) -> Recording:
+    """Return a recording as `record` does, simulated once and kept on disk.
+
+    Parameters
+    ----------
+    scene : str or Scene
+        A scene's name, the path of a user's scene file, or a scene.
+    **parameters : Any
+        As in `record`.
+
+    Returns
+    -------
+    Recording
+        The same bits, whether simulated or found.
+    """
+    plan = plan_run(scene, **parameters)
+    path = cache_folder() / f"{content_key(plan)}.npz"
+    kept = _read(path, plan)
+    if kept is not None:
+        return kept
+    recording = run_plan(plan)
+    _write(path, recording)
+    return recording
+
+
+def content_key(plan: Plan) -> str:
+    """Hash of everything that a recording's bits depend on.
+
+    Parameters
+    ----------
+    plan : Plan
+        A run that is ready to be simulated.
+
+    Returns
+    -------
+    str
+        SHA-256, hexadecimal.
+    """
+    digest = hashlib.sha256()
+    provenance = json.dumps(plan.provenance, sort_keys=True, default=_exact)
+    versions = f"numpy {np.__version__} {platform.machine()} {platform.system()}"
+    digest.update(f"{provenance}\n{versions}\n".encode())
+    sources = sorted(Path(__file__).parent.glob("*.py"))
+    driver = inspect.getsourcefile(plan.scene.drive)
+    for path in [*sources, Path(driver or __file__)]:
+        digest.update(path.read_bytes())
+    # a driver made in a session may close over anything: its script is what counts
+    script = plan.script
+    arrays = [script.hold, script.qpos, script.qvel, *script.inputs.values()]
+    for array in arrays:
+        digest.update(b"-" if array is None else np.ascontiguousarray(array).tobytes())
+    bounds = (script.rest_force, script.rest_rate, script.strict)
+    limits = (plan.scene.force_limit, plan.scene.rate_limit)
+    digest.update(repr((bounds, limits, sorted(script.inputs))).encode())
+    return digest.hexdigest()
+
+
+def _exact(value: Any) -> Any:
+    return np.asarray(value).tolist()
+
+
+def _read(path: Path, plan: Plan) -> Recording | None:
+    try:
+        # all of it at once: NumPy leaves the file of a damaged archive open
+        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as kept:
+            values: dict[str, Any] = {name: kept[name] for name in kept.files}
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
+        return None  # absent or cut short: simulate again
+    if set(values) != {f.name for f in fields(Recording)} - {"provenance"}:
+        return None
+    for name in ("rest_force", "rest_rate"):
+        values[name] = float(values[name])
+    values["unsettled"] = tuple(int(k) for k in values["unsettled"])
+    return Recording(provenance=plan.provenance, **values)
+
+
+def _write(path: Path, recording: Recording) -> None:
+    # through a temporary file in the same folder, so that no reader sees half of one
+    buffer = io.BytesIO()
+    names = [f.name for f in fields(Recording) if f.name != "provenance"]
+    arrays: dict[str, Any] = {n: np.asarray(getattr(recording, n)) for n in names}
+    np.savez(buffer, **arrays)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
+            file.write(buffer.getvalue())
+        os.replace(file.name, path)
+    except OSError:
+        return  # a cache that cannot be written is only slower
