@@ -1,16 +1,20 @@
 """The gate: exit codes, baseline, and what it says when something changed."""
 
+import dataclasses
 import json
+import re
+import sqlite3
+from contextlib import closing
 
 import pytest
 
 from simval.errors import InputError
 from simval.gate import judge_run, read_baseline, write_baseline
-from simval.sweep import load_run, store
+from simval.sweep import load_run
 
 
 def edited(folder, sql):
-    with store.opened(folder / "run.sqlite") as database, database:
+    with closing(sqlite3.connect(folder / "run.sqlite")) as database, database:
         database.execute(sql)
 
 
@@ -51,7 +55,7 @@ def test_a_baseline_is_sorted_and_a_line_for_each_statistic(tiny_run, tmp_path):
         (
             "UPDATE rows SET value = value + 0.01 * standard_error "
             "WHERE statistic = 'bias[x]'",
-            r"changed: .*bias\[x\].*in the baseline, now",
+            r"fail: .*bias\[x\]: .*in the baseline, now",
         ),
         ("DELETE FROM rows WHERE statistic = 'bias[x]'", "no longer measured"),
     ],
@@ -62,8 +66,6 @@ def test_changes_fail_and_are_named(simval, tiny_run, tmp_path, sql, words):
     edited(tiny_run, sql)
     code, out, _ = simval("gate", tiny_run, "--baseline", baseline)
     assert code == 1
-    import re
-
     assert re.search(words, out)
     assert "FAIL" in out
 
@@ -120,3 +122,77 @@ def test_update_asks_for_a_reason_and_keeps_it(simval, tiny_run, tmp_path):
     assert simval(*words, " ")[0] == 2
     assert simval(*words, "new noise model")[0] == 0
     assert read_baseline(path)["reason"] == "new noise model"
+
+
+def test_green_is_one_line_and_red_names_the_command(simval, tiny_run, tmp_path):
+    baseline = tmp_path / "baseline.json"
+    write_baseline(baseline, load_run(tiny_run), "before")
+    code, out, _ = simval("gate", tiny_run, "--baseline", baseline)
+    assert (code, len(out.splitlines())) == (0, 1)
+    _, out, _ = simval("gate", tiny_run, "--baseline", baseline, "--table")
+    assert "verdicts" in out
+    edited(
+        tiny_run,
+        "UPDATE rows SET value = prediction + remainder + 9 * standard_error "
+        "WHERE statistic = 'bias[x]' AND cell = 2",
+    )
+    code, out, _ = simval("gate", tiny_run, "--baseline", baseline)
+    assert code == 1
+    assert re.search(r"bias\[x\] against exact: .* 9\.0 standard errors beyond", out)
+    assert re.search(r"expected \S+, seen \S+, allowed \S+, \+9\.00 standard", out)
+    assert re.search(r"reproduce: simval repro 'attitude\(.*\)@1'", out)
+
+
+def test_samples_that_the_cell_states_but_did_not_draw(tiny_run):
+    result = judge_run(load_run(tiny_run))
+    assert (result.answer, result.gaps) == ("pass", ())
+    edited(tiny_run, "UPDATE rows SET n = 4096 WHERE cell = 3 AND n > 4096")
+    result = judge_run(load_run(tiny_run))
+    assert result.answer == "inconclusive"
+    assert re.search(r"say samples=\d+, its rows rest on 4096", result.gaps[0].reason)
+
+
+def test_a_cell_that_vanished_or_is_empty_is_a_gap(tiny_run):
+    edited(tiny_run, "DELETE FROM rows WHERE cell = 3")
+    result = judge_run(load_run(tiny_run))
+    assert (result.exit_code, result.gaps[0].reason) == (
+        3,
+        "the cell is done but measured nothing",
+    )
+    edited(tiny_run, "DELETE FROM cells WHERE position = 3")
+    result = judge_run(load_run(tiny_run))
+    assert result.exit_code == 3
+    assert result.gaps[0].reason == "the suite has 4 cells, the run holds 3"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f'{{"schema": 1, "reason": "", "environment": {{}}, "cells": {{"a": {x}}}}}'
+        for x in (
+            '{"b": [NaN, 1.0, 5]}',
+            '{"b": [1.0, Infinity, 5]}',
+            '{"b": [1.0, -1.0, 5]}',
+            '{"b": [1.0]}',
+        )
+    ]
+    + ["[" * 100_000],
+)
+def test_a_baseline_that_would_accept_anything_is_refused(tmp_path, text):
+    path = tmp_path / "baseline.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match="is not a baseline of simval"):
+        read_baseline(path)
+
+
+def test_a_baseline_is_not_written_from_values_that_are_not_finite(tiny_run, tmp_path):
+    run = load_run(tiny_run)
+    cell = run.cells[-1]
+    rows = (dataclasses.replace(cell.rows[0], value=float("nan")), *cell.rows[1:])
+    broken = dataclasses.replace(cell, rows=rows)
+    run = dataclasses.replace(run, cells=(*run.cells[:-1], broken))
+    with pytest.raises(InputError, match="not finite"):
+        write_baseline(tmp_path / "baseline.json", run, "why")
+    nothing = dataclasses.replace(run, cells=())
+    with pytest.raises(InputError, match="the run has none"):
+        write_baseline(tmp_path / "baseline.json", nothing, "why")

@@ -1,17 +1,42 @@
 """`simval gate`."""
 
+import json
+import os
 from pathlib import Path
 
 import click
 from rich.console import Console
 from rich.table import Table
 
-from simval.gate import BASELINE, GateResult, judge_run, read_baseline, write_baseline
+from simval.errors import InputError
+from simval.gate import (
+    BASELINE,
+    GateResult,
+    findings,
+    judge_run,
+    read_baseline,
+    write_baseline,
+)
+from simval.gate.formats import (
+    Document,
+    annotations,
+    details,
+    to_json,
+    to_junit,
+    to_markdown,
+)
 from simval.sweep import load_run
-from simval.verdict import Verdict
 
 SHOWN = 40
 """Failures printed one by one; the rest is counted."""
+
+FILE = click.Path(path_type=Path, dir_okay=False)
+
+
+def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> None:
+    if wanted:
+        click.echo(json.dumps(Document.model_json_schema(), indent=1))
+        context.exit(0)
 
 
 @click.command(name="gate")
@@ -31,53 +56,81 @@ SHOWN = 40
     show_default=True,
     help="False-alarm rate of all checks together.",
 )
-def command(run: str, baseline: Path, update_baseline: str | None, alpha: float) -> int:
+@click.option("--junit", type=FILE, help="Write JUnit XML.")
+@click.option("--summary", type=FILE, help="Write a Markdown summary.")
+@click.option("--json", "json_file", type=FILE, help="Write every finding as JSON.")
+@click.option("--table", is_flag=True, help="Print the counts of all checks.")
+@click.option(
+    "--json-schema",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_print_schema,
+    help="Print the JSON Schema of --json and stop.",
+)
+def command(
+    run: str,
+    baseline: Path,
+    update_baseline: str | None,
+    alpha: float,
+    junit: Path | None,
+    summary: Path | None,
+    json_file: Path | None,
+    table: bool,
+) -> int:
     """Judge RUN (a folder, or `latest`) against theory and the baseline.
 
     Exit code 0 pass, 1 fail, 3 inconclusive or nothing measured, 4 a cell crashed.
+    In a GitHub workflow failures are annotated and the step summary is written.
     """
     loaded = load_run(run)
-    if update_baseline is not None:
-        write_baseline(baseline, loaded, update_baseline)
-        click.echo(f"{baseline} written; review and commit it")
-    whole = all(cell.status == "done" for cell in loaded.cells)
-    first = whole and not baseline.is_file()
-    if first:
-        write_baseline(baseline, loaded, "first baseline")
+    whole = bool(loaded.cells) and all(cell.status == "done" for cell in loaded.cells)
+    first = whole and update_baseline is None and not baseline.is_file()
+    if update_baseline is not None or first:
+        write_baseline(baseline, loaded, update_baseline or "first baseline")
+        if not first:
+            click.echo(f"{baseline} written; review and commit it", err=True)
     stored = read_baseline(baseline) if whole or baseline.is_file() else None
     result = judge_run(loaded, stored, alpha)
-    show(result)
+    code = result.exit_code or int(first)
+    if junit is not None:
+        _write(junit, to_junit(result))
+    if summary is not None:
+        _write(summary, to_markdown(result))
+    if json_file is not None:
+        _write(json_file, to_json(result, code))
+    _tell_github(result)
+    show(result, table)
     if first:
         click.echo(
             f"there was no baseline; this run was written to {baseline}: "
             "review it, commit it, and run the gate again",
             err=True,
         )
-    return result.exit_code or int(first)
+    return code
 
 
-def show(result: GateResult) -> None:
-    """Print the verdicts: one table of counts, then every failure in words.
+def show(result: GateResult, table: bool = False) -> None:
+    """Print one line when all is well, else every failure in words.
 
     Parameters
     ----------
     result : GateResult
         What the gate found.
+    table : bool, default False
+        Print the counts of all checks as well.
     """
     console = Console(highlight=False, soft_wrap=True)
-    console.print(_counts(result))
-    bad = [v for v in result.verdicts if v.answer != "pass"]
-    lines = [_explained(verdict) for verdict in bad]
-    lines += [
-        f"changed: {c.cell} {c.statistic}: {c.reason}"
-        for c in result.comparisons
-        if c.reason
-    ]
-    lines += [f"{cell.status}: {cell.name}" for cell in result.unfinished]
-    for line in lines[:SHOWN]:
-        console.print(line, markup=False)
-    if len(lines) > SHOWN:
-        console.print(f"... and {len(lines) - SHOWN} more; see the report")
+    if table:
+        console.print(_counts(result))
+    bad = [f for f in findings(result) if f.answer != "pass"]
+    for finding in bad[:SHOWN]:
+        first, *rest = details(finding)
+        console.print(first, markup=False)
+        for line in rest:
+            console.print(f"    {line}", markup=False)
+    if len(bad) > SHOWN:
+        console.print(f"... and {len(bad) - SHOWN} more; --json FILE has them all")
     _environment(console, result)
     new = sum(c.change == "new" for c in result.comparisons)
     if new:
@@ -89,33 +142,40 @@ def show(result: GateResult) -> None:
     )
 
 
+def _tell_github(result: GateResult) -> None:
+    summary = os.environ.get("GITHUB_STEP_SUMMARY")
+    if summary:
+        try:
+            with Path(summary).open("a", encoding="utf-8") as file:
+                file.write(to_markdown(result) + "\n")
+        except OSError as error:
+            msg = f"cannot write the step summary {summary}: {error}"
+            raise InputError(msg) from None
+    if os.environ.get("GITHUB_ACTIONS") == "true":
+        for line in annotations(result):
+            click.echo(line)
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        msg = f"cannot write {path}: {error}; choose a file that can be written"
+        raise InputError(msg) from None
+
+
 def _counts(result: GateResult) -> Table:
     table = Table(title="verdicts")
-    for heading in ("study", "predictor", "check", "pass", "fail", "inconclusive"):
-        table.add_column(heading, justify="left" if heading.islower() else "right")
+    for heading in ("study", "tier", "check", "pass", "fail", "inconclusive"):
+        table.add_column(heading)
     groups: dict[tuple[str, str, str], list[str]] = {}
-    for v in result.verdicts:
-        study = v.cell.partition("(")[0]
-        key = (study, v.row.predictor, str(v.row.check))
-        groups.setdefault(key, []).append(v.answer)
+    for f in findings(result):
+        groups.setdefault((f.study, f.tier, f.check), []).append(f.answer)
     for key, answers in sorted(groups.items()):
         numbers = (answers.count(a) for a in ("pass", "fail", "inconclusive"))
         table.add_row(*key, *(str(n) for n in numbers))
-    changes = [c.change for c in result.comparisons]
-    if changes:
-        good = changes.count("same") + changes.count("close") + changes.count("new")
-        table.add_row(
-            "baseline", "", "paired", str(good), str(len(changes) - good), "0"
-        )
     return table
-
-
-def _explained(verdict: Verdict) -> str:
-    row = verdict.row
-    against = f" against {row.predictor}" if row.predictor else ""
-    return (
-        f"{verdict.answer}: {verdict.cell} {row.statistic}{against}: {verdict.reason}"
-    )
 
 
 def _environment(console: Console, result: GateResult) -> None:

@@ -1,0 +1,23 @@
+"""The gate: a run against theory and against the stored baseline, as an exit code.
+
+`judge_run` asks three things: was everything measured that should have been, does it
+agree with theory (`simval.verdict`), and does it agree with the baseline (`compare`).
+`findings` says in one form what is wrong, for people and for machines (`formats`).
+"""
+
+from simval.gate.baseline import BASELINE, read_baseline, write_baseline
+from simval.gate.compare import Comparison
+from simval.gate.finding import Finding, findings
+from simval.gate.judgement import Gap, GateResult, judge_run
+
+__all__ = [
+    "BASELINE",
+    "Comparison",
+    "Finding",
+    "Gap",
+    "GateResult",
+    "findings",
+    "judge_run",
+    "read_baseline",
+    "write_baseline",
+]

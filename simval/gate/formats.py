@@ -1,0 +1,287 @@
+"""The gate's result for machines: JSON with a schema, JUnit XML, Markdown, annotations.
+
+Names of cells and reasons can come from data and plug-ins, so each format escapes them
+in its own way; characters that XML does not know are replaced.
+"""
+
+import re
+from typing import Literal
+from xml.etree import ElementTree
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from simval.gate.finding import Finding, findings
+from simval.gate.judgement import GateResult
+
+SHOWN = 40
+"""Findings written one by one in the summary; the rest is counted."""
+
+ANNOTATIONS = 10
+"""GitHub shows no more than ten annotations of each kind and step."""
+
+Word = Literal["pass", "fail", "inconclusive"]
+_NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+class Entry(BaseModel):
+    """One finding."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    tier: Literal["complete", "theory", "baseline"] = Field(description="What asked.")
+    cell: str = Field(description="Name of the cell; empty for the whole run.")
+    statistic: str = Field(description="What was judged, and against which theory.")
+    check: str = Field(description="The rule, or the kind of change or gap.")
+    answer: Word = Field(description="The verdict.")
+    expected: float | None = Field(description="Prediction or stored value.")
+    seen: float | None = Field(description="Value in the run.")
+    allowed: float | None = Field(description="Remainder, limit or margin.")
+    sigmas: float | None = Field(description="Distance in standard errors.")
+    reason: str = Field(description="Why it is no pass; empty for one.")
+    command: str = Field(description="Computes the cell again.")
+
+
+class Document(BaseModel):
+    """The result of one `simval gate`."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, title="simval gate")
+
+    schema_version: Literal[1] = Field(description="Version of this format.")
+    answer: Word = Field(description="The worst of all that was judged.")
+    exit_code: int = Field(description="What the command returned.")
+    alpha: float = Field(description="False-alarm rate of everything together.")
+    counts: dict[Word, int] = Field(description="Findings by verdict.")
+    environment: list[str] = Field(description="Differences from the baseline's.")
+    findings: list[Entry] = Field(description="Failures first.")
+
+
+def to_json(result: GateResult, exit_code: int) -> str:
+    """Write the result as JSON, by the schema of `Document`.
+
+    Parameters
+    ----------
+    result : GateResult
+        From `judge_run`.
+    exit_code : int
+        What the command will return.
+
+    Returns
+    -------
+    str
+        JSON with a final line break.
+    """
+    found = findings(result)
+    document = Document(
+        schema_version=1,
+        answer=result.answer,
+        exit_code=exit_code,
+        alpha=result.alpha,
+        counts=counts(found),
+        environment=list(result.environment),
+        findings=[
+            Entry(
+                tier=f.tier,  # type: ignore[arg-type]  # checked by the model
+                cell=f.cell,
+                statistic=f.statistic,
+                check=f.check,
+                answer=f.answer,
+                expected=f.expected,
+                seen=f.seen,
+                allowed=f.allowed,
+                sigmas=f.sigmas,
+                reason=f.reason,
+                command=f.command,
+            )
+            for f in found
+        ],
+    )
+    return document.model_dump_json(indent=1) + "\n"
+
+
+def counts(found: tuple[Finding, ...]) -> dict[Word, int]:
+    """Count findings by verdict.
+
+    Parameters
+    ----------
+    found : tuple of Finding
+        From `findings`.
+
+    Returns
+    -------
+    dict
+        ``pass``, ``fail`` and ``inconclusive``.
+    """
+    answers = [f.answer for f in found]
+    words: tuple[Word, ...] = ("pass", "fail", "inconclusive")
+    return {word: answers.count(word) for word in words}
+
+
+def to_junit(result: GateResult) -> str:
+    """Write the result as JUnit XML: a suite for each study, a case for each finding.
+
+    Parameters
+    ----------
+    result : GateResult
+        From `judge_run`.
+
+    Returns
+    -------
+    str
+        XML. An inconclusive finding is an ``error``, so that no reader shows it green.
+    """
+    found = findings(result)
+    if not found:
+        found = (_nothing(),)
+    root = ElementTree.Element("testsuites", name="simval gate")
+    for study in dict.fromkeys(f.study for f in found):
+        members = [f for f in found if f.study == study]
+        suite = ElementTree.SubElement(
+            root,
+            "testsuite",
+            name=_xml(study),
+            tests=str(len(members)),
+            failures=str(sum(f.answer == "fail" for f in members)),
+            errors=str(sum(f.answer == "inconclusive" for f in members)),
+        )
+        for f in members:
+            case = ElementTree.SubElement(
+                suite,
+                "testcase",
+                classname=_xml(f.cell or "run"),
+                name=_xml(f"{f.tier} {f.check} {f.statistic}".rstrip()),
+            )
+            if f.answer != "pass":
+                tag = "failure" if f.answer == "fail" else "error"
+                detail = ElementTree.SubElement(
+                    case, tag, type=f.answer, message=_xml(f.reason)
+                )
+                detail.text = _xml("\n".join(details(f)))
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def details(finding: Finding) -> list[str]:
+    """What a person needs to know about a finding, a line each.
+
+    Parameters
+    ----------
+    finding : Finding
+        Not a pass.
+
+    Returns
+    -------
+    list of str
+        Check, expected, seen, distance, and the command that reproduces it.
+    """
+    lines = [finding.line]
+    if finding.expected is not None and finding.seen is not None:
+        words = f"expected {finding.expected:.9g}, seen {finding.seen:.9g}"
+        if finding.allowed is not None:
+            words += f", allowed {finding.allowed:.3g}"
+        if finding.sigmas is not None:
+            words += f", {finding.sigmas:+.2f} standard errors"
+        lines.append(words)
+    if finding.command:
+        lines.append(f"reproduce: {finding.command}")
+    return lines
+
+
+def to_markdown(result: GateResult) -> str:
+    """Write the result as Markdown, for a pull request or a step summary.
+
+    Parameters
+    ----------
+    result : GateResult
+        From `judge_run`.
+
+    Returns
+    -------
+    str
+        A heading, the counts, and a table of what is no pass.
+    """
+    found = findings(result)
+    number = counts(found)
+    lines = [
+        f"### simval gate: {result.answer.upper()}",
+        "",
+        f"{number['pass']} passed, {number['fail']} failed, "
+        f"{number['inconclusive']} inconclusive; false-alarm rate {result.alpha:g} "
+        "for all together.",
+        "",
+    ]
+    bad = [f for f in found if f.answer != "pass"]
+    if bad:
+        lines += [
+            "| verdict | cell | statistic | expected | seen | standard errors | why |",
+            "| --- | --- | --- | --- | --- | --- | --- |",
+        ]
+        lines += [_table_row(f) for f in bad[:SHOWN]]
+        lines.append("")
+        if len(bad) > SHOWN:
+            lines += [f"... and {len(bad) - SHOWN} more.", ""]
+        commands = dict.fromkeys(f.command for f in bad if f.command)
+        lines += ["To reproduce:", "", "```", *list(commands)[:SHOWN], "```", ""]
+    if result.environment:
+        lines += ["Another environment than the baseline's:", ""]
+        lines += [f"- {_markdown(line)}" for line in result.environment]
+        lines.append("")
+    return "\n".join(lines)
+
+
+def annotations(result: GateResult) -> list[str]:
+    """GitHub workflow commands that mark what is no pass.
+
+    Parameters
+    ----------
+    result : GateResult
+        From `judge_run`.
+
+    Returns
+    -------
+    list of str
+        At most ten lines.
+    """
+    bad = [f for f in findings(result) if f.answer != "pass"]
+    lines = []
+    for f in bad[:ANNOTATIONS]:
+        kind = "error" if f.answer == "fail" else "warning"
+        title = _escaped(f"simval: {f.cell} {f.statistic}".rstrip())
+        title = title.replace(":", "%3A").replace(",", "%2C")
+        lines.append(f"::{kind} title={title}::{_escaped(chr(10).join(details(f)))}")
+    return lines
+
+
+def _nothing() -> Finding:
+    return Finding(
+        tier="complete",
+        cell="",
+        statistic="",
+        check="gap",
+        answer="inconclusive",
+        expected=None,
+        seen=None,
+        allowed=None,
+        sigmas=None,
+        reason="nothing was measured",
+    )
+
+
+def _table_row(f: Finding) -> str:
+    sigmas = "" if f.sigmas is None else f"{f.sigmas:+.1f}"
+    numbers = ["" if x is None else f"{x:.6g}" for x in (f.expected, f.seen)]
+    words = [f.answer, f.cell, f.statistic, *numbers, sigmas, f.reason]
+    return "| " + " | ".join(_markdown(word) for word in words) + " |"
+
+
+def _markdown(text: str) -> str:
+    """Text that Markdown shows as it is."""
+    flat = " ".join(text.split())
+    return re.sub(r"([\\`*_{}\[\]<>#|!~])", r"\\\1", flat).replace("&", "&amp;")
+
+
+def _xml(text: str) -> str:
+    return _NOT_XML.sub("\N{REPLACEMENT CHARACTER}", text)
+
+
+def _escaped(text: str) -> str:
+    return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")

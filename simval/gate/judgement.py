@@ -1,0 +1,142 @@
+"""Everything that is asked of a run, and the one answer.
+
+The answer is the worst of three: theory's verdicts, the comparisons with the baseline,
+and the gaps, which are what should have been measured and was not.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from simval.gate.baseline import environment as environment_of
+from simval.gate.compare import Comparison, compare, has_partners
+from simval.sweep.provenance import differences
+from simval.sweep.run import CellResult, Run
+from simval.verdict import WEIGHTS, Answer, Verdict, judge, overall
+
+STATED_SAMPLES = ("samples", "trials")
+"""Parameters by which a cell says how many samples it draws."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Gap:
+    """Something that should have been measured and was not.
+
+    Attributes
+    ----------
+    cell : str
+        Name of the cell; empty for the run as a whole.
+    reason : str
+        What is missing, in words.
+    """
+
+    cell: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GateResult:
+    """What the gate found.
+
+    Attributes
+    ----------
+    verdicts : tuple of Verdict
+        Of theory.
+    comparisons : tuple of Comparison
+        With the baseline.
+    unfinished : tuple of CellResult
+        Cells that failed or were never run.
+    gaps : tuple of Gap
+        What else was not measured.
+    environment : tuple of str
+        Where versions or processor kernels differ from the baseline's.
+    alpha : float
+        False-alarm rate of everything together.
+    """
+
+    verdicts: tuple[Verdict, ...]
+    comparisons: tuple[Comparison, ...]
+    unfinished: tuple[CellResult, ...]
+    gaps: tuple[Gap, ...]
+    environment: tuple[str, ...]
+    alpha: float
+
+    @property
+    def answer(self) -> Answer:
+        """The worst of all that was judged."""
+        answers = {overall(self.verdicts), *(c.answer for c in self.comparisons)}
+        if "fail" in answers:
+            return "fail"
+        incomplete = self.unfinished or self.gaps or answers != {"pass"}
+        return "inconclusive" if incomplete else "pass"
+
+    @property
+    def exit_code(self) -> int:
+        """4 a cell crashed, 1 failed, 3 inconclusive, 0 passed: the first of them."""
+        if any(cell.status == "failed" for cell in self.unfinished):
+            return 4
+        return {"fail": 1, "inconclusive": 3, "pass": 0}[self.answer]
+
+
+def judge_run(
+    run: Run, baseline: Mapping[str, Any] | None = None, alpha: float = 1e-3
+) -> GateResult:
+    """Judge a run against theory and, where given, a baseline.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+    baseline : mapping, optional
+        As from `read_baseline`.
+    alpha : float, default 1e-3
+        False-alarm rate of everything together. Where cells meet the baseline with
+        other noise, theory and the baseline get half of it each.
+
+    Returns
+    -------
+    GateResult
+        Verdicts, comparisons, gaps and the exit code.
+    """
+    rows = [(c.name, row) for c in run.cells if c.status == "done" for row in c.rows]
+    compared: tuple[Comparison, ...] = ()
+    environment: tuple[str, ...] = ()
+    share = alpha
+    if baseline is not None:
+        share = alpha / 2.0 if has_partners(run, baseline["cells"]) else alpha
+        compared = compare(run, baseline["cells"], alpha / 2.0)
+        environment = tuple(
+            differences(baseline["environment"], environment_of(run.manifest))
+        )
+    return GateResult(
+        verdicts=judge(rows, share),
+        comparisons=compared,
+        unfinished=tuple(cell for cell in run.cells if cell.status != "done"),
+        gaps=tuple(_gaps(run)),
+        environment=environment,
+        alpha=alpha,
+    )
+
+
+def _gaps(run: Run) -> Iterator[Gap]:
+    stated = run.manifest.get("cells")
+    if isinstance(stated, int) and stated != len(run.cells):
+        reason = f"the suite has {stated} cells, the run holds {len(run.cells)}"
+        yield Gap(cell="", reason=reason)
+    for cell in run.cells:
+        if cell.status == "done":
+            yield from _cell_gaps(cell)
+
+
+def _cell_gaps(cell: CellResult) -> Iterator[Gap]:
+    if not cell.rows:
+        yield Gap(cell=cell.name, reason="the cell is done but measured nothing")
+        return
+    sampled = [row.n for row in cell.rows if row.check in WEIGHTS]
+    for name in STATED_SAMPLES:
+        stated = cell.parameters.get(name)
+        if isinstance(stated, int) and sampled and max(sampled) < stated:
+            reason = (
+                f"its parameters say {name}={stated}, its rows rest on {max(sampled)}"
+            )
+            yield Gap(cell=cell.name, reason=reason)

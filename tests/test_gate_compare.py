@@ -1,0 +1,153 @@
+"""The baseline with other noise: equivalence with stated margins, size and power."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from simval.gate.baseline import stored_rows
+from simval.gate.compare import COVARIANCE_MARGIN, RMSE_MARGIN, compare, has_partners
+from simval.gate.judgement import judge_run
+from simval.results import Row
+from simval.sweep.run import CellResult, Run
+
+NAME = "attitude(geometry=3,noise_std=0.01,samples={samples})@{seed}"
+
+
+def run_of(statistics, seed=2, samples=4000, error=0.001, value_n=4000):
+    rows = tuple(
+        Row(statistic=name, value=value, standard_error=error, n=value_n, unit="1")
+        for name, value in statistics.items()
+    )
+    cell = CellResult(
+        name=NAME.format(seed=seed, samples=samples),
+        study="attitude",
+        seed=seed,
+        parameters={},
+        status="done",
+        error="",
+        seconds=0.0,
+        rows=rows,
+    )
+    environment = {"suite": "s", "versions": {}, "machine": {}}
+    return Run(folder=Path(), cells=(cell,), manifest=environment, timing={})
+
+
+def stored_of(run):
+    return {
+        c.name: {
+            name: (row.value, row.standard_error, row.n)
+            for name, row in stored_rows(c.rows).items()
+        }
+        for c in run.cells
+    }
+
+
+def changes(old, new, alpha=1e-3):
+    return {c.statistic: c for c in compare(new, stored_of(old), alpha)}
+
+
+def test_the_same_cell_is_paired_and_another_seed_is_not():
+    old = run_of({"rms": 1.0}, seed=1)
+    assert changes(old, run_of({"rms": 1.0}, seed=1))["rms"].change == "same"
+    assert changes(old, run_of({"rms": 1.001}, seed=1))["rms"].change == "changed"
+    # one standard error apart: a change of paired noise, nothing with other noise
+    assert changes(old, run_of({"rms": 1.001}, seed=2))["rms"].change == "equivalent"
+    more = run_of({"rms": 1.001}, seed=1, samples=9000)
+    assert changes(old, more)["rms"].change == "equivalent"
+    assert has_partners(more, stored_of(old))
+    assert not has_partners(old, stored_of(old))
+
+
+def test_a_cell_with_another_noise_level_is_missing_and_new():
+    old = run_of({"rms": 1.0}, seed=1)
+    cell = dataclasses.replace(
+        old.cells[0], name="attitude(geometry=3,noise_std=0.02,samples=4000)@2"
+    )
+    found = compare(dataclasses.replace(old, cells=(cell,)), stored_of(old), 1e-3)
+    assert sorted(c.change for c in found) == ["missing", "new"]
+
+
+@pytest.mark.parametrize(
+    ("step", "error", "answer"),
+    [
+        (0.001, 0.001, "pass"),  # 0.001 + 1.645 * 0.00141 < 0.01
+        (0.009, 0.001, "inconclusive"),  # neither inside the margin nor shown outside
+        (0.030, 0.001, "fail"),  # 14 standard errors beyond the margin
+        (0.000, 0.010, "inconclusive"),  # equal, but nothing is shown by it
+        (np.nan, 0.001, "fail"),
+    ],
+)
+def test_three_answers_for_a_size(step, error, answer):
+    old = run_of({"rms": 1.0}, seed=1, error=error)
+    found = changes(old, run_of({"rms": 1.0 + step}, error=error))["rms"]
+    assert found.margin == RMSE_MARGIN
+    assert found.answer == answer
+    assert bool(found.reason) == (answer != "pass")
+
+
+def test_margins_of_covariances_and_biases():
+    entries = {
+        "covariance[x,x]": 4.0,
+        "covariance[y,y]": 9.0,
+        "covariance[x,y]": 0.0,
+        "bias[x]": 0.0,
+        "nees": 3.0,
+    }
+    old = run_of(entries, seed=1)
+    found = changes(old, run_of(entries))
+    # off the diagonal: 2 % of the root of the product of the variances
+    assert found["covariance[x,y]"].margin == pytest.approx(COVARIANCE_MARGIN * 6.0)
+    assert found["covariance[x,x]"].margin == pytest.approx(COVARIANCE_MARGIN * 4.0)
+    assert found["nees"].margin == pytest.approx(0.06)
+    # 2 % of a sample's standard deviation, which is s sqrt(n)
+    assert found["bias[x]"].margin == pytest.approx(0.02 * 0.001 * np.sqrt(4000))
+
+
+def test_size_and_power_of_the_equivalence_test():
+    # errors of 0.2 % each, margin 1 %: a change of just the margin is called
+    # equivalent in 5 % of the runs, no change in nearly all
+    rng = np.random.default_rng(20_264)
+    error, runs = 0.002, 2000
+
+    def rate(shift, word):
+        old = 1.0 + error * rng.standard_normal(runs)
+        new = 1.0 + shift + error * rng.standard_normal(runs)
+        return sum(
+            changes(
+                run_of({"rms": a}, seed=1, error=error),
+                run_of({"rms": b}, error=error),
+            )["rms"].change
+            == word
+            for a, b in zip(old, new, strict=True)
+        )
+
+    # the margin is 1 % of the stored value, itself 0.2 % off, so the size moves by
+    # its slope times 1e-2 * 0.002: nothing beside the sampling error of the count
+    assert rate(RMSE_MARGIN, "equivalent") <= stats.binom.isf(1e-4, runs, 0.05)
+    # z = (0.01 - 1.645 * 0.00283) / 0.00283 = 1.89 on either side
+    power = 1 - 2 * stats.norm.sf((0.01 / np.hypot(error, error)) - 1.645)
+    low, high = stats.binom.interval(1 - 1e-4, runs, power)
+    assert low - 0.01 * runs <= rate(0.0, "equivalent") <= high + 0.01 * runs
+    # beyond the margin by 6 standard errors: shown as a change
+    assert rate(RMSE_MARGIN + 6 * 0.00283, "changed") >= 0.99 * runs
+
+
+def test_other_noise_halves_the_rate_of_theory():
+    z = 4.5
+    row = {"value": z, "prediction": 0.0, "standard_error": 1.0, "check": "plain"}
+    old = run_of({"rms": 1.0}, seed=1)
+    new = run_of({"rms": 1.0}, seed=2)
+    cell = new.cells[0]
+    judged = Row(statistic="bias[x]", n=4000, unit="1", **row)
+    new = dataclasses.replace(
+        new, cells=(dataclasses.replace(cell, rows=(*cell.rows, judged)),)
+    )
+    p = 2 * stats.norm.sf(z)
+    baseline = {"environment": {}, "cells": stored_of(old)}
+    for alpha, answer in ((p * 1.5, "pass"), (p * 2.5, "fail")):
+        result = judge_run(new, baseline, alpha)
+        assert result.verdicts[0].answer == answer
+        assert result.verdicts[0].limit == pytest.approx(alpha / 2)
