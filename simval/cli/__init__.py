@@ -24,6 +24,7 @@ COMMANDS = (
     ("repro", "Compute one cell again and say whether it is equal to the bit."),
     ("export", "Write the table of a run as Parquet."),
     ("suite-schema", "Print the JSON Schema of suite files."),
+    ("selftest", "Inject faults and see that the gate finds each."),
     ("list", "Show the suites, studies, cells and scenes there are."),
 )
 

@@ -1,0 +1,1 @@
+"""Proof that the gate catches faults, and how seldom it cries wolf."""

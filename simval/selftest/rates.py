@@ -1,0 +1,305 @@
+"""The gate's false-alarm rate and power, measured on fresh seeds.
+
+False alarms: the attitude study is run again and again, each time with a seed of its
+own, and the gate judges each run at 5, 1 and 0.1 %. The cells are small, which is the
+harder case: the standard errors themselves are less certain.
+
+Power: one cell at the default size of the accuracy suite, with a fault in what it is
+set beside (or in its noise), judged among as many sound rows as a large run has. One
+cell is the harder case again: a fault in all cells is found by any one of them.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.montecarlo import simulate
+from simval.results import Check, Row
+from simval.streams import Streams, cell_key
+from simval.studies import attitude
+from simval.theory.attitude import AttitudeMoments, attitude_moments
+from simval.verdict import judge, overall
+
+CLEAN_SAMPLES = 4 * attitude.BLOCK
+CLEAN_NOISE = (0.02, 0.05)
+DEFAULT_SAMPLES = 4_000_000
+SOUND_ROWS: dict[Check, int] = {"plain": 2000, "control": 200, "nees": 100}
+"""Rows with p = 1 beside a fault: more than the accuracy suite has."""
+
+ALPHA = 1e-3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rate:
+    """How often something happened, with a 95 % interval.
+
+    Attributes
+    ----------
+    name : str
+        What was counted.
+    nominal : float
+        The stated rate: at most this for false alarms, at least this for power.
+    count, runs : int
+        How often, out of how many.
+    """
+
+    name: str
+    nominal: float
+    count: int
+    runs: int
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Wilson's interval of 95 %."""
+        z = 1.959963984540054
+        n, p = self.runs, self.count / self.runs
+        centre = (p + z * z / (2 * n)) / (1 + z * z / n)
+        half = z * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n)) / (1 + z * z / n)
+        return max(0.0, float(centre - half)), min(1.0, float(centre + half))
+
+
+def false_alarm_rates(
+    runs: dict[float, int], seed: int, advance: Callable[[], None]
+) -> list[Rate]:
+    """Judge clean runs on fresh seeds.
+
+    Parameters
+    ----------
+    runs : dict
+        Number of runs for each stated rate; a run is used for all that ask for it.
+    seed : int
+        First seed; the runs take the ones after it.
+    advance : callable
+        Called after each run.
+
+    Returns
+    -------
+    list of Rate
+        For all rows together, and for those with an exact prediction alone.
+    """
+    counts = {(alpha, exact): 0 for alpha in runs for exact in (False, True)}
+    with known_theory():
+        for number in range(max(runs.values())):
+            rows = [
+                r for s in CLEAN_NOISE for r in _rows(s, CLEAN_SAMPLES, seed + number)
+            ]
+            certain = [entry for entry in rows if entry[1].predictor == "exact"]
+            for alpha, wanted in runs.items():
+                if number < wanted:
+                    for exact, chosen in ((False, rows), (True, certain)):
+                        alarm = overall(judge(chosen, alpha)) != "pass"
+                        counts[alpha, exact] += alarm
+            advance()
+    return [
+        Rate(
+            name="clean, exact predictions" if exact else "clean, all rows",
+            nominal=alpha,
+            count=counts[alpha, exact],
+            runs=runs[alpha],
+        )
+        for alpha in runs
+        for exact in (False, True)
+    ]
+
+
+Claim = Callable[[AttitudeMoments, int | str], AttitudeMoments]
+
+
+def formula_faults() -> dict[str, tuple[float, Claim]]:
+    """Faults in a prediction: the noise level of the cell that has it, and the change.
+
+    Returns
+    -------
+    dict
+        By name. Each is put where it is hardest to see: a bias grows with the square
+        of the noise, so the smallest of the suite; a fourth-order term is lost in
+        sampling error below 0.02, and a run holds cells above.
+    """
+    return {
+        "covariance 1 % too large": (0.003, _scaled(1.01)),
+        "covariance 1 % too small": (0.003, _scaled(0.99)),
+        "sign of the bias": (0.003, _turned),
+        "fourth-order term missing": (0.05, _without_fourth),
+    }
+
+
+def powers(runs: int, seed: int, advance: Callable[[], None]) -> list[Rate]:
+    """Judge one cell of default size with each fault.
+
+    Parameters
+    ----------
+    runs : int
+        Runs for each fault.
+    seed : int
+        First seed.
+    advance : callable
+        Called after each run.
+
+    Returns
+    -------
+    list of Rate
+        How often each fault was found at `ALPHA`.
+    """
+    faults = formula_faults()
+    found = dict.fromkeys([*faults, "noise 1 % larger"], 0)
+    sound = list(_sound())
+    for number in range(runs):
+        for noise in sorted({noise for noise, _ in faults.values()}):
+            with drawn_once():
+                for name, (where, claim) in faults.items():
+                    if where == noise:
+                        with claimed(claim):
+                            rows = _rows(noise, DEFAULT_SAMPLES, seed + number)
+                        found[name] += _caught([*rows, *sound])
+        with claimed(_for_noise(0.003)):
+            rows = _rows(0.00303, DEFAULT_SAMPLES, seed + number)
+        found["noise 1 % larger"] += _caught([*rows, *sound])
+        advance()
+    return [
+        Rate(name=name, nominal=0.99, count=count, runs=runs)
+        for name, count in found.items()
+    ]
+
+
+@contextmanager
+def known_theory() -> Iterator[None]:
+    """Compute each prediction of the attitude study once only.
+
+    Yields
+    ------
+    None
+        While it is in force.
+    """
+    once = cache(
+        lambda geometry, noise, order: attitude_moments(
+            *attitude.random_geometry(geometry), noise, order=order
+        )
+    )
+
+    def known(
+        q: Array, r1: Array, r2: Array, noise: float, *, order: int | str
+    ) -> AttitudeMoments:
+        return once(3, noise, order)
+
+    with replaced(attitude, "attitude_moments", known):
+        yield
+
+
+@contextmanager
+def drawn_once() -> Iterator[None]:
+    """Draw the samples of the attitude study once only, for several claims.
+
+    Yields
+    ------
+    None
+        While it is in force.
+    """
+    kept: list[Any] = []
+
+    def once(*arguments: Any, **options: Any) -> Any:
+        if not kept:
+            kept.append(simulate(*arguments, **options))
+        return kept[0]
+
+    with replaced(attitude, "simulate", once):
+        yield
+
+
+@contextmanager
+def claimed(claim: Claim) -> Iterator[None]:
+    """Put a fault into the predictions of the attitude study.
+
+    Parameters
+    ----------
+    claim : callable
+        Changes a prediction, given its order.
+
+    Yields
+    ------
+    None
+        While it is in force.
+    """
+
+    def wrong(
+        q: Array, r1: Array, r2: Array, noise: float, *, order: int | str
+    ) -> AttitudeMoments:
+        return claim(attitude_moments(q, r1, r2, noise, order=order), order)
+
+    with replaced(attitude, "attitude_moments", wrong):
+        yield
+
+
+@contextmanager
+def replaced(owner: Any, name: str, value: Any) -> Iterator[None]:
+    """Replace an attribute while the context lasts.
+
+    Parameters
+    ----------
+    owner : object
+        Module, class or object.
+    name : str
+        Of the attribute.
+    value : object
+        What stands there meanwhile.
+
+    Yields
+    ------
+    None
+        While it is in force.
+    """
+    before = owner.__dict__[name]
+    setattr(owner, name, value)
+    try:
+        yield
+    finally:
+        setattr(owner, name, before)
+
+
+def _rows(noise: float, samples: int, seed: int) -> list[tuple[str, Row]]:
+    parameters = attitude.Parameters(geometry=3, noise_std=noise, samples=samples)
+    name = f"attitude(geometry=3,noise_std={noise},samples={samples})"
+    outcome = attitude.run(parameters, Streams(seed, cell_key(name)))
+    return [(name, row) for row in outcome.rows]
+
+
+def _sound() -> Iterator[tuple[str, Row]]:
+    row = Row(
+        statistic="sound",
+        value=1.0,
+        standard_error=1e-3,
+        n=DEFAULT_SAMPLES,
+        prediction=1.0,
+        predictor="exact",
+        unit="1",
+    )
+    for check, count in SOUND_ROWS.items():
+        for number in range(count):
+            yield f"sound{number}(check={check})", replace(row, check=check)
+
+
+def _caught(rows: Sequence[tuple[str, Row]]) -> bool:
+    return overall(judge(rows, ALPHA)) == "fail"
+
+
+def _scaled(factor: float) -> Claim:
+    return lambda m, order: replace(m, covariance=factor * m.covariance)
+
+
+def _turned(m: AttitudeMoments, order: int | str) -> AttitudeMoments:
+    return replace(m, bias=-m.bias)
+
+
+def _without_fourth(m: AttitudeMoments, order: int | str) -> AttitudeMoments:
+    # every prediction that claims more than the second order keeps the second only
+    q, r1, r2 = attitude.random_geometry(3)
+    return m if order == 2 else attitude_moments(q, r1, r2, 0.05, order=2)
+
+
+def _for_noise(noise: float) -> Claim:
+    q, r1, r2 = attitude.random_geometry(3)
+    return lambda m, order: attitude_moments(q, r1, r2, noise, order=order)
