@@ -1,0 +1,160 @@
+"""`simval scene`."""
+
+import ast
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from simval.errors import InputError
+from simval.scene import Recording, find_scene, record, render_file, scenes
+from simval.scene.signal import write_signal
+from simval.sensor.files import load_sensor
+from simval.sensor.realism import read_sensor
+from simval.streams import cell_key, stream
+
+COMMON = ("site_offset", "timestep", "integrator")
+
+
+@click.command(name="scene")
+@click.argument("name", default="gimbal")
+@click.option(
+    "--sensor",
+    type=click.Path(path_type=Path),
+    help="TOML or JSON file of T, K, B, noise and other effects.",
+)
+@click.option("--out", type=click.Path(path_type=Path), help="Write the log, CSV.")
+@click.option(
+    "--render",
+    "picture",
+    type=click.Path(path_type=Path),
+    help="Write a picture (.png) or an animation (.gif, .mp4).",
+)
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="A parameter of the scene, or site_offset, timestep, integrator.",
+)
+@click.option("--seed", type=click.IntRange(min=0), default=0, help="Of the noise.")
+@click.option("--seconds", type=float, default=8.0, help="Length of an animation, s.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def command(
+    name: str,
+    sensor: Path | None,
+    out: Path | None,
+    picture: Path | None,
+    settings: tuple[str, ...],
+    seed: int,
+    seconds: float,
+    as_json: bool,
+) -> None:
+    """Simulate the scene NAME and write its recording, or a picture of it.
+
+    NAME is gimbal (default), die, shaker, pivot, handheld, cube, freefall, or the path
+    of a Python file that holds a Scene. With --out the log has the raw readings of the
+    sensor of --sensor (ideal without one) and the truth beside them: a test signal for
+    any calibrator.
+    """
+    parameters = parsed(name, settings)
+    described_sensor = None if sensor is None else load_sensor(sensor)
+    recording = record(name, **parameters)
+    readings = None
+    if described_sensor is not None:
+        model, effects = described_sensor
+        rng = stream(seed, cell_key("sensor of simval scene"), 0)
+        read = read_sensor(
+            model, effects, recording.time, recording.specific_force, rng
+        )
+        readings = read.raw
+    if out is not None:
+        write_signal(out, recording, readings)
+    if picture is not None:
+        render_file(picture, name, seconds=seconds, **parameters)
+    if as_json:
+        click.echo(json.dumps(dict(recording.provenance), default=_plain))
+        return
+    for line in described(recording):
+        click.echo(line)
+    for path in (out, picture):
+        if path is not None:
+            click.echo(f"written   {path}")
+
+
+def parsed(name: str, settings: tuple[str, ...]) -> dict[str, Any]:
+    """Parameters from KEY=VALUE words.
+
+    Parameters
+    ----------
+    name : str
+        The scene.
+    settings : tuple of str
+        Values as in Python: a number, a list, or a bare word.
+
+    Returns
+    -------
+    dict
+        By name.
+
+    Raises
+    ------
+    InputError
+        If a word has no ``=`` or names nothing that the scene has.
+    """
+    known = [*find_scene(name).parameters(), *COMMON]
+    found: dict[str, Any] = {}
+    for word in settings:
+        key, equals, value = word.partition("=")
+        if not equals or key not in known:
+            msg = (
+                f"`--set {word}` is not KEY=VALUE with a KEY of scene {name}; it has "
+                f"{', '.join(known)}"
+            )
+            raise InputError(msg)
+        try:
+            found[key] = ast.literal_eval(value)
+        except (ValueError, SyntaxError):
+            found[key] = value
+    return found
+
+
+def described(recording: Recording) -> list[str]:
+    """Say what a recording holds, in lines of text.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+
+    Returns
+    -------
+    list of str
+        Lines.
+    """
+    source = recording.provenance
+    rests = len(recording.hold_indices())
+    lines = [
+        f"scene     {source['scene']}: {_summary(str(source['scene']))}",
+        f"model     {source['model_file']}, sha256 {source['model_sha256'][:16]}, "
+        f"MuJoCo {source['mujoco']}",
+        f"rows      {len(recording.time)} at {recording.rate:g} Hz, "
+        f"{recording.time[-1]:.3f} s",
+        f"rests     {rests}; each row of one within {recording.rest_force:.3g} m/s^2 "
+        f"of g and {recording.rest_rate:.3g} rad/s",
+    ]
+    if recording.unsettled:
+        left = ", ".join(str(k) for k in recording.unsettled)
+        lines.append(f"left out  {len(recording.unsettled)} that still moved: {left}")
+    return lines
+
+
+def _summary(name: str) -> str:
+    listed = scenes()
+    return listed[name].summary if name in listed else "a scene of yours"
+
+
+def _plain(value: Any) -> Any:
+    return np.asarray(value).tolist()
