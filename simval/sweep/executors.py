@@ -27,6 +27,8 @@ from simval.studies import find_study
 from simval.studies.study import Cell
 from simval.sweep import provenance
 
+CONNECT_TIMEOUT = 10.0  # s
+
 Done = tuple[int, Outcome | str, float]
 """Place of the cell, its outcome or the traceback of its failure, CPU seconds."""
 
@@ -157,7 +159,7 @@ def clustered(
         msg = "a scheduler needs the extra `cluster`: pip install 'simval[cluster]'"
         raise InputError(msg) from None
     try:
-        client = Client(address, timeout=10, set_as_default=False)
+        client = Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         msg = f"there is no scheduler at {address}: {error}; start `dask scheduler`"
         raise InputError(msg) from None

@@ -25,6 +25,7 @@ from simval.verdict import Answer, judge, overall
 
 # What must be equal for a run to be resumed; a dirty checkout may go on.
 FIXED = ("suite", "grid", "versions", "models")
+PART = "run.sqlite.part"
 ALPHA = 1e-3
 
 Ending = Answer | Literal["failed", "recorded"]
@@ -171,7 +172,7 @@ def drive(
     if resume and file.is_file():
         pending = _resumed(folder, known)
     else:
-        _create(folder, suite, known)
+        _create(folder, suite, known, resume=resume)
         pending = list(range(len(suite.cells)))
     started, wall = datetime.now(UTC), time.perf_counter()
     progress.start(len(suite.cells), len(suite.cells) - len(pending))
@@ -213,19 +214,23 @@ def _results(
     return pooled(suite.cells, pending, workers)
 
 
-def _create(folder: Path, suite: Suite, known: Mapping[str, Any]) -> None:
-    if folder.exists():
+def _create(
+    folder: Path, suite: Suite, known: Mapping[str, Any], *, resume: bool
+) -> None:
+    # a run that was stopped before its store was whole left nothing but a part of it
+    begun = resume and folder.is_dir() and {p.name for p in folder.iterdir()} <= {PART}
+    if folder.exists() and not begun:
         msg = f"{folder} exists; choose another folder, or --resume to go on with it"
         raise InputError(msg)
     try:
-        folder.mkdir(parents=True)
+        folder.mkdir(parents=True, exist_ok=begun)
+        (folder / PART).unlink(missing_ok=True)
     except OSError as error:
         msg = f"cannot make {folder}: {error}; choose a folder that can be written"
         raise InputError(msg) from None
     # The store appears under its name only when it is whole.
-    part = folder / "run.sqlite.part"
-    store.create(part, suite.cells, json.dumps(known))
-    part.rename(folder / "run.sqlite")
+    store.create(folder / PART, suite.cells, json.dumps(known))
+    (folder / PART).rename(folder / "run.sqlite")
 
 
 def _resumed(folder: Path, known: Mapping[str, Any]) -> list[int]:

@@ -1,0 +1,215 @@
+"""Workers that die, locally and on a real cluster; random kills; a full disk."""
+
+import contextlib
+import hashlib
+import os
+import random
+import resource
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import pytest
+from conftest import ROOT
+
+from simval.errors import InputError
+from simval.sweep import executors, load_run, load_suite, run_suite, store
+
+SITE = "import poison; poison.install()\n"
+
+
+def digest(folder):
+    return hashlib.sha256((folder / "results.csv").read_bytes()).hexdigest()
+
+
+def environment(tmp_path, poison):
+    """Environment in which every Python starts with `poison.install()`."""
+    (tmp_path / "site").mkdir(exist_ok=True)
+    (tmp_path / "site" / "sitecustomize.py").write_text(SITE)
+    path = os.pathsep.join([str(tmp_path / "site"), str(ROOT / "tests"), str(ROOT)])
+    return {**os.environ, "PYTHONPATH": path, "SIMVAL_TEST_POISON": poison}
+
+
+def sweep(suite, folder, *words, **options):
+    command = [
+        sys.executable,
+        "-m",
+        "simval",
+        "sweep",
+        str(suite),
+        "--out",
+        str(folder),
+    ]
+    return subprocess.Popen(
+        [*command, *words], stderr=subprocess.PIPE, text=True, **options
+    )
+
+
+def test_a_cell_that_kills_its_worker_fails_alone(tiny_suite, tiny_run, tmp_path):
+    folder = tmp_path / "poisoned"
+    process = sweep(
+        tiny_suite, folder, "--workers", "2", env=environment(tmp_path, "kill:0.02")
+    )
+    _, err = process.communicate(timeout=120)
+    assert process.returncode == 4, err
+    run = load_run(folder)
+    failed = [cell for cell in run.cells if cell.status == "failed"]
+    assert [cell.parameters["noise_std"] for cell in failed] == [0.02]
+    assert "worker process died" in failed[0].error
+    # and without the poison the same folder goes on to the same table
+    run_suite(str(tiny_suite), folder, resume=True)
+    assert digest(folder) == digest(tiny_run)
+
+
+def killed_at(suite, folder, delay, tmp_path, workers):
+    process = sweep(
+        suite,
+        folder,
+        "--workers",
+        str(workers),
+        "--resume",
+        env=environment(tmp_path, "slow:0.05"),
+        start_new_session=True,
+    )
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        process.wait(timeout=delay)
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.communicate()
+
+
+def finished(folder):
+    if not (folder / "run.sqlite").exists():
+        return {}
+    with store.opened(folder / "run.sqlite") as database:
+        done = [c for c in store.cells(database) if c["status"] == "done"]
+        return {c["cell"]: c["seconds"] for c in done}
+
+
+def survives_kills(tiny_suite, tiny_run, tmp_path, kills, seed):
+    rng = random.Random(seed)
+    folder = tmp_path / "killed"
+    for _ in range(kills):
+        before = finished(folder)
+        delay = rng.uniform(0.3, 2.5)
+        killed_at(tiny_suite, folder, delay, tmp_path, rng.choice([1, 2]))
+        after = finished(folder)
+        # no finished cell is lost, and none is computed twice: its time stays
+        assert before.items() <= after.items()
+    run_suite(str(tiny_suite), folder, resume=True)
+    assert digest(folder) == digest(tiny_run)
+
+
+def test_a_run_killed_at_random_moments_ends_the_same(tiny_suite, tiny_run, tmp_path):
+    survives_kills(tiny_suite, tiny_run, tmp_path, kills=3, seed=11)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(4))
+def test_a_run_killed_many_times_ends_the_same(tiny_suite, tiny_run, tmp_path, seed):
+    survives_kills(tiny_suite, tiny_run, tmp_path, kills=6, seed=seed)
+
+
+def test_ctrl_c_in_a_pool_leaves_a_resumable_run(tiny_suite, tiny_run, tmp_path):
+    folder = tmp_path / "stopped"
+    process = sweep(
+        tiny_suite,
+        folder,
+        "--workers",
+        "2",
+        env=environment(tmp_path, "slow:1.0"),
+        start_new_session=True,
+    )
+    limit = time.monotonic() + 60
+    while not (folder / "run.sqlite").exists() and time.monotonic() < limit:
+        time.sleep(0.02)
+    time.sleep(0.5)
+    os.killpg(process.pid, signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130, err
+    assert "Traceback" not in err
+    run_suite(str(tiny_suite), folder, resume=True)
+    assert digest(folder) == digest(tiny_run)
+
+
+@pytest.mark.parametrize("limit", [8_192, 36_864])  # before and after the first cell
+def test_a_full_disk_is_a_clear_error_and_resumable(
+    tiny_suite, tiny_run, tmp_path, limit
+):
+    folder = tmp_path / "full"
+
+    def limited():  # no file may grow beyond the limit
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
+
+    process = sweep(tiny_suite, folder, "--workers", "1", preexec_fn=limited)
+    _, err = process.communicate(timeout=120)
+    assert process.returncode == 2, err
+    assert "disk full" in err
+    assert "Traceback" not in err
+    run_suite(str(tiny_suite), folder, resume=True)
+    assert digest(folder) == digest(tiny_run)
+
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    """A real scheduler and two workers; gives the address and the workers."""
+    pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
+    address = f"tcp://127.0.0.1:{free_port()}"
+    base = [sys.executable, "-m", "distributed.cli.dask_scheduler"]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    here = {**quiet, "cwd": tmp_path, "env": environment(tmp_path, "slow:0.3")}
+    port = address.rpartition(":")[2]
+    words = ["--host", "127.0.0.1", "--port", port, "--no-dashboard"]
+    scheduler = subprocess.Popen([*base, *words], **here)
+    worker = [sys.executable, "-m", "distributed.cli.dask_worker", address]
+    worker += ["--nthreads", "1", "--no-nanny", "--no-dashboard"]
+    workers = [subprocess.Popen(worker, **here) for _ in range(2)]
+    yield address, workers
+    for process in (*workers, scheduler):
+        process.kill()
+        process.wait()
+
+
+def wait_for_workers(address, count):
+    from distributed import Client
+
+    with Client(address, timeout=30) as client:
+        client.wait_for_workers(count, timeout=60)
+
+
+def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(
+    cluster, tiny_suite, tiny_run, tmp_path
+):
+    address, workers = cluster
+    wait_for_workers(address, 2)
+
+    class KillOne:
+        def start(self, total, done):
+            pass
+
+        def advance(self, name, ending):
+            if workers[0].poll() is None:
+                workers[0].send_signal(signal.SIGKILL)
+
+    folder = tmp_path / "clustered"
+    run = run_suite(str(tiny_suite), folder, scheduler=address, progress=KillOne())
+    assert workers[0].wait(timeout=10) == -signal.SIGKILL
+    assert {cell.status for cell in run.cells} == {"done"}
+    assert digest(folder) == digest(tiny_run)
+
+
+def test_no_scheduler_is_a_clear_error(tiny_suite, tmp_path, monkeypatch):
+    pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
+    monkeypatch.setattr(executors, "CONNECT_TIMEOUT", 1.0)
+    suite = load_suite(str(tiny_suite))
+    address = f"tcp://127.0.0.1:{free_port()}"
+    with pytest.raises(InputError, match="there is no scheduler at"):
+        run_suite(suite, tmp_path / "none", scheduler=address)
