@@ -20,6 +20,8 @@ from simval.errors import InputError
 from simval.sensor import forms
 
 _TAIL = 0.01  # of the chi-square, on either side, beyond which sigma is not believed
+_NO_ROOM = 1e-9  # a pose that its own parameters follow leaves no residual
+GAUSS_MAD = 1.4826  # standard deviation over median absolute value, Gaussian
 FALSE_ALARM = 0.01  # chance that any pose of a clean set is called an outlier
 
 
@@ -58,8 +60,95 @@ class Diagnosis:
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Residuals:
+    """Residuals of a fit, or of each fit of a batch.
+
+    Attributes
+    ----------
+    distance : Array
+        Signed distance of each reading to the ellipsoid, raw units, (..., n).
+    leverage : Array
+        Share of each pose in its own fit, (..., n).
+    standardized : Array
+        Standardised residuals, (..., n); NaN where there is no freedom.
+    limit : Array
+        What the greatest of n exceeds with a chance of `FALSE_ALARM`, (...).
+    chi2_per_dof : Array
+        Chi-square per degree of freedom, (...); NaN without sigma or freedom.
+    p_value : Array
+        Chance of a chi-square at least as high, (...).
+    """
+
+    distance: Array
+    leverage: Array
+    standardized: Array
+    limit: Array
+    chi2_per_dof: Array
+    p_value: Array
+
+
+def residuals(fit: FitResult, poses: Any, noise_std: Any = None) -> Residuals:
+    """Standardise the residuals of a fit or of a batch of fits.
+
+    Parameters
+    ----------
+    fit : FitResult
+        One fit or a batch, converged.
+    poses : array_like
+        The readings it was made from, raw units, (..., n, 3).
+    noise_std : float or array_like, optional
+        Noise of each axis of a pose mean, raw units, one number or (n,).
+
+    Returns
+    -------
+    Residuals
+        Of each pose.
+
+    Raises
+    ------
+    InputError
+        If the poses are not those of the fit, or the noise is not above zero.
+    """
+    readings = finite_array("poses", poses, (None, 3))
+    count = fit.dof + 9
+    if readings.shape[:-1] != (*fit.parameters.shape[:-1], count):
+        msg = (
+            f"`poses` has shape {readings.shape} and the fit was made from {count} "
+            f"poses, shape {(*fit.parameters.shape[:-1], count, 3)}; give the same"
+        )
+        raise InputError(msg)
+    sigma = np.asarray(1.0 if noise_std is None else noise_std, dtype=float)
+    if sigma.shape not in ((), (count,)) or not np.all(sigma > 0.0):
+        msg = f"`noise_std` is {noise_std!r}; it must be above 0 raw units"
+        raise InputError(msg)
+    sigma = np.broadcast_to(sigma, (count,))
+    distance, rows, steep = _distances(fit, readings)
+    ratio = distance / sigma
+    total = np.sum(ratio * ratio, axis=-1)
+    p_value = np.full(total.shape, np.nan)
+    if noise_std is not None and fit.dof > 0:
+        p_value = np.asarray(special.gammaincc(fit.dof / 2, total / 2))
+    leverage, room = _leverage(fit, rows, steep, sigma)
+    # a sigma that does not explain the scatter would call half the poses outliers
+    known = np.asarray(p_value >= _TAIL)
+    tail = FALSE_ALARM / (2.0 * count)
+    standardized = _scattered(ratio, room, fit)
+    limit = float(-special.stdtrit(fit.dof - 1, tail)) if fit.dof > 1 else np.inf
+    with np.errstate(divide="ignore", invalid="ignore"):
+        plain = np.where(room > _NO_ROOM, ratio / np.sqrt(room), np.nan)
+    return Residuals(
+        distance=distance,
+        leverage=leverage,
+        standardized=np.where(known[..., None], plain, standardized),
+        limit=np.where(known, float(-special.ndtri(tail)), limit),
+        chi2_per_dof=np.where(np.isfinite(p_value), total / max(fit.dof, 1), np.nan),
+        p_value=p_value,
+    )
+
+
 def diagnose(fit: FitResult, poses: Any, noise_std: Any = None) -> Diagnosis:
-    """Look at the residuals of one fit.
+    """Judge the residuals of one fit.
 
     Parameters
     ----------
@@ -80,40 +169,19 @@ def diagnose(fit: FitResult, poses: Any, noise_std: Any = None) -> Diagnosis:
     InputError
         If the fit is a batch, or the poses are not those of the fit.
     """
-    readings = finite_array("poses", poses, (None, 3))
-    if fit.parameters.ndim != 1 or len(readings) != fit.dof + 9:
-        msg = (
-            f"`poses` has shape {readings.shape} and the fit was made from "
-            f"{fit.dof + 9} poses of one set; give the same readings"
-        )
+    if fit.parameters.ndim != 1:
+        msg = f"a batch of {len(fit.parameters)} fits is not one set; pick one"
         raise InputError(msg)
-    distance, rows, steep = _distances(fit, readings)
-    if noise_std is None:
-        sigma = np.ones(len(readings))
-    else:
-        sigma = np.broadcast_to(np.asarray(noise_std, dtype=float), (len(readings),))
-        if not np.all(sigma > 0.0):
-            msg = f"`noise_std` is {noise_std!r}; it must be above 0 raw units"
-            raise InputError(msg)
-    chi2, p_value = np.nan, np.nan
-    if noise_std is not None and fit.dof > 0:
-        total = float(np.sum((distance / sigma) ** 2))
-        chi2, p_value = (
-            total / fit.dof,
-            float(special.gammaincc(fit.dof / 2, total / 2)),
-        )
-    # a sigma that does not explain the scatter would call half the poses outliers
-    trusted = p_value >= _TAIL
-    leverage, room = _leverage(fit, rows, steep, sigma)
-    standardized, limit = _standardized(distance / sigma, room, fit.dof, known=trusted)
-    outliers = np.flatnonzero(np.abs(standardized) > limit)
+    found = residuals(fit, poses, noise_std)
+    outliers = np.flatnonzero(np.abs(found.standardized) > found.limit)
+    chi2 = float(found.chi2_per_dof)
     return Diagnosis(
-        distance=distance,
-        leverage=leverage,
-        standardized=standardized,
+        distance=found.distance,
+        leverage=found.leverage,
+        standardized=found.standardized,
         outliers=tuple(int(k) for k in outliers),
         chi2_per_dof=chi2,
-        p_value=p_value,
+        p_value=float(found.p_value),
         verdict=verdict(chi2, fit.dof),
     )
 
@@ -154,48 +222,52 @@ def verdict(chi2_per_dof: float, dof: int) -> str:
 
 
 def _distances(fit: FitResult, readings: Array) -> tuple[Array, Array, Array]:
-    # signed distances (D1), (n,), their derivatives by the parameters, (n, 9), and
-    # the slope of c along them, (n,)
-    x = readings - fit.B
+    # signed distances (D1), (..., n), their derivatives by the parameters,
+    # (..., n, 9), and the slope of c along them, (..., n)
+    x = readings - fit.B[..., None, :]
     m = fit.matrix
-    h = x @ m.T
-    steep = 2.0 * np.linalg.norm(h @ m, axis=-1)
+    h = x @ np.swapaxes(m, -1, -2)
+    back = h @ m
+    steep = 2.0 * np.linalg.norm(back, axis=-1)
     c = np.sum(h * h, axis=-1) - fit.g**2
     slopes = forms.matrix_derivatives(fit.model, fit.parameters)
-    by_matrix = 2.0 * np.einsum("nr,jrk,nk->nj", h, slopes, x)
-    rows = np.concatenate([by_matrix, -2.0 * h @ m], axis=-1)
-    return c / steep, rows / steep[:, None], steep
+    by_matrix = 2.0 * np.einsum(
+        "...nr,...jrk,...nk->...nj", h, slopes, x, optimize=True
+    )
+    rows = np.concatenate([by_matrix, -2.0 * back], axis=-1)
+    return c / steep, rows / steep[..., None], steep
 
 
 def _leverage(
-    fit: FitResult, rows: Array, distance_slope: Array, sigma: Array
+    fit: FitResult, rows: Array, steep: Array, sigma: Array
 ) -> tuple[Array, Array]:
-    # leverage, and variance of each fitted residual over that of its noise, (n,):
-    # the estimate weighs c by `a`, so with H the hat matrix of sqrt(a) J and D the
-    # variance of sqrt(a) c, the residuals have covariance (I - H) D (I - H)
+    # leverage, and variance of each fitted residual over that of its noise,
+    # (..., n): the estimate weighs c by `a`, so with H the hat matrix of sqrt(a) J
+    # and D the variance of sqrt(a) c, residuals have covariance (I - H) D (I - H)
     own = fit.residual in ("weighted", "sampson")
-    root = np.ones_like(distance_slope) if own else distance_slope
-    weighted = rows * root[:, None]
-    q, _ = np.linalg.qr(weighted / np.linalg.norm(weighted, axis=0))
+    root = np.ones_like(steep) if own else steep
+    weighted = rows * root[..., None]
+    q, _ = np.linalg.qr(weighted / np.linalg.norm(weighted, axis=-2, keepdims=True))
     leverage = np.minimum(np.sum(q * q, axis=-1), 1.0)
     variance = (root * sigma) ** 2
-    spread = np.sum((q @ ((q * variance[:, None]).T @ q)) * q, axis=-1)
+    inner = np.swapaxes(q * variance[..., None], -1, -2) @ q
+    spread = np.sum((q @ inner) * q, axis=-1)
     return leverage, np.maximum(1.0 - 2.0 * leverage + spread / variance, 0.0)
 
 
-def _standardized(
-    ratio: Array, room: Array, dof: int, *, known: bool
-) -> tuple[Array, float]:
-    # standardised residuals, and the limit that chance allows to n of them
-    tail = FALSE_ALARM / (2.0 * len(ratio))
-    result = np.full(len(ratio), np.nan)
-    usable = room > 1e-9
-    if known:
-        result[usable] = ratio[usable] / np.sqrt(room[usable])
-        return result, float(-special.ndtri(tail))
-    if dof < 2:
-        return result, np.inf
-    square = ratio[usable] ** 2 / room[usable]
-    others = np.maximum(np.sum(ratio**2) - square, np.finfo(float).tiny) / (dof - 1)
-    result[usable] = np.sign(ratio[usable]) * np.sqrt(square / others)
-    return result, float(-special.stdtrit(dof - 1, tail))
+def _scattered(ratio: Array, room: Array, fit: FitResult) -> Array:
+    # residuals standardised by the scatter of the other poses; of a robust fit by
+    # the median, which outliers do not move
+    if fit.dof < 2:
+        return np.full_like(ratio, np.nan)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        square = ratio * ratio / room
+        if fit.loss == "linear":
+            total = np.sum(ratio * ratio, axis=-1, keepdims=True)
+            floor = np.finfo(float).eps * total + np.finfo(float).tiny
+            variance = np.maximum(total - square, floor) / (fit.dof - 1)
+        else:
+            middle = np.median(np.sqrt(square), axis=-1, keepdims=True)
+            variance = (GAUSS_MAD * middle) ** 2
+        result = np.sign(ratio) * np.sqrt(square / variance)
+    return np.where(room > _NO_ROOM, result, np.nan)

@@ -157,13 +157,15 @@ def calibrate(
         numbers = {name: value[0] for name, value in numbers.items()}
     code = numbers.pop("code")
     dof = count - PARAMETERS
-    kind = "known sigma" if sigma is not None else "type A"
-    if not covariance or (dof == 0 and sigma is None):
+    known = sigma is not None and loss == "linear"
+    kind = "known sigma" if known else "type A"
+    if not covariance or (dof == 0 and not known):
         kind = "none"
     return FitResult(
         model=model,
         method=method,
         residual=residual,
+        loss=loss,
         g=options.g,
         covariance_kind=kind,
         dof=dof,
@@ -249,14 +251,15 @@ def _solve(
     # iterate, summarise, and write the physical results into the block
     centre, scale, condition = frame
     z, noise = data.z, data.noise
-    solution, weights = _iterate(data, theta, options)
+    solution, ratio = _iterate(data, theta, options)
     summary = summarize(
         options.model,
         options.residual,
         solution.theta,
         z,
         sigma=noise,
-        weights=weights,
+        loss=options.loss,
+        ratio=ratio,
         covariance=options.covariance,
     )
     sizes = np.ones((len(z), 9))

@@ -36,6 +36,8 @@ class FitResult:
         Solver: lm, gauss-newton or newton.
     residual : str
         Residual: squared, norm, weighted, sampson or adjusted.
+    loss : str
+        Loss: linear, or one that bounds the pull of outliers.
     g : float
         Gravity that the fit took, m/s^2.
     parameters : Array
@@ -67,6 +69,7 @@ class FitResult:
     model: str
     method: str
     residual: str
+    loss: str
     g: float
     parameters: Array
     covariance: Array

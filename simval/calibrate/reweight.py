@@ -15,8 +15,6 @@ from simval.calibrate.objective import moment_objective
 from simval.calibrate.residuals import LOSSES
 from simval.calibrate.solver import Code, Rules, Solution, minimize
 
-# Scale of each loss that keeps 95 % efficiency on Gaussian residuals.
-_TUNING = {"huber": 1.345, "soft_l1": 1.345, "cauchy": 2.385}
 _ROUNDS = 200
 _SCALE_ROUNDS = 10  # then the scale is held, so that the rounds have a fixed point
 _GAUSS_MAD = 1.4826
@@ -57,14 +55,15 @@ def minimize_reweighted(
     -------
     solution : Solution
         Parameters and status of each trial.
-    weights : Array or None
-        Weights of the loss at the solution, (t, n); None for the linear loss.
+    ratio : Array or None
+        Distance of each pose over the scale of the loss at the solution, (t, n); None
+        for the linear loss.
     """
     count = len(theta)
     result, gradient = theta.copy(), np.full(count, np.nan)
     code = np.full(count, int(Code.MAX_ITERATIONS))
     iterations = np.zeros(count, dtype=int)
-    robust = np.ones(z.shape[:2])
+    ratios = np.zeros(z.shape[:2])
     scale = np.full(count, np.nan)
     rows = np.arange(count)
     for turn in range(_ROUNDS):
@@ -73,9 +72,8 @@ def minimize_reweighted(
         if loss != "linear":
             if turn < _SCALE_ROUNDS:
                 scale[rows] = _scale(distance, noise, rows)
-            ratio = distance / (_TUNING[loss] * scale[rows])[:, None]
-            robust[rows] = LOSSES[loss](ratio)
-            weights = weights * robust[rows]
+            ratios[rows] = distance / (LOSSES[loss].tuning * scale[rows])[:, None]
+            weights = weights * LOSSES[loss].weight(ratios[rows])
         goal = moment_objective(
             model,
             quadric.moment_matrix(x, weights),
@@ -98,7 +96,7 @@ def minimize_reweighted(
     solution = Solution(
         theta=result, code=code, iterations=iterations, gradient_norm=gradient
     )
-    return solution, None if loss == "linear" else robust
+    return solution, None if loss == "linear" else ratios
 
 
 def _distances(

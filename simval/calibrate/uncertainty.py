@@ -11,8 +11,11 @@ The estimate solves :math:`\sum_k a_k c_k\, d_k = 0`, :math:`d = \partial c /
 when sigma is known. Type A takes for it the scatter of the distances to the
 ellipsoid, :math:`s^2 = \sum c_k^2/4q_k/(n-9)`  (U2); the textbook
 :math:`s^2 (J^T J)^{-1}` would hold the residuals c for equally noisy, which they are
-not where the axes differ in scale (5 % of spread costs 3 % of a sd). Where a robust
-loss has changed the weights, the middle takes :math:`a_k^2 c_k^2 n/(n-9)`.
+not where the axes differ in scale (5 % of spread costs 3 % of a sd). For a robust
+loss with influence function :math:`\psi`, both cases take Huber's
+:math:`s^2 = \kappa^2 \sum\psi_k^2 / (n-9) / \overline{\psi'}^2`  (U3),
+:math:`\kappa = 1 + (9/n) \mathrm{var}(\psi')/\overline{\psi'}^2`, which a few
+outliers do not move.
 """
 
 from dataclasses import dataclass
@@ -22,6 +25,7 @@ import numpy as np
 from simval.arrays import Array
 from simval.calibrate import quadric
 from simval.calibrate.positive import solve_positive
+from simval.calibrate.residuals import LOSSES
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -56,7 +60,8 @@ def summarize(
     z: Array,
     *,
     sigma: Array | None,
-    weights: Array | None,
+    loss: str = "linear",
+    ratio: Array | None = None,
     covariance: bool = True,
 ) -> Summary:
     """Covariance and statistics of each trial at its solution.
@@ -73,8 +78,10 @@ def summarize(
         Scaled readings, (t, n, 3).
     sigma : Array or None
         Noise of each pose, scaled, (t, n).
-    weights : Array or None
-        Weights of a robust loss, (t, n).
+    loss : str, default "linear"
+        Loss of the fit.
+    ratio : Array, optional
+        Distances over the scale of a robust loss, (t, n).
     covariance : bool, default True
         Whether to work out the covariance.
 
@@ -86,8 +93,6 @@ def summarize(
     c, q = quadric.residual_values(model, theta, z)
     dof = z.shape[1] - 9
     a = 0.25 / q if residual in ("weighted", "sampson") else None
-    if weights is not None:
-        a = weights if a is None else weights * a
     squares = c * c if a is None else a * c * c
     total = squares.sum(axis=-1)
     distance2 = 0.25 * c * c / q
@@ -97,9 +102,11 @@ def summarize(
     if sigma is not None and dof > 0 and np.all(sigma > 0.0):
         chi2 = (distance2 / sigma**2).sum(axis=-1) / dof
     matrix = np.full((len(z), 9, 9), np.nan)
-    if covariance and (dof > 0 or sigma is not None):
-        scatter = None if weights is None else c * c * (z.shape[1] / max(dof, 1))
-        middle = _middle(q, sigma, spread, scatter)
+    if covariance and (dof > 0 or (sigma is not None and ratio is None)):
+        variance = (spread * spread)[:, None] if sigma is None else sigma**2
+        if ratio is not None:
+            variance = _huber_variance(np.sqrt(distance2), ratio, loss)[:, None]
+        middle = 4.0 * q * variance
         dv = quadric.value_derivatives(quadric.residual_quadric(model, theta))
         matrix = _sandwich(dv, z, a, middle)
     norm = np.sqrt(np.maximum(1.0 + c, 0.0)) - 1.0
@@ -114,16 +121,15 @@ def summarize(
     )
 
 
-def _middle(
-    q: Array, sigma: Array | None, spread: Array, scatter: Array | None
-) -> Array:
-    # variance of c in each pose: by the known sigma, by each pose's own scatter
-    # (robust loss), or by the common scatter of the distances
-    if sigma is not None:
-        return 4.0 * q * sigma**2
-    if scatter is not None:
-        return scatter
-    return 4.0 * q * (spread * spread)[:, None]
+def _huber_variance(distance: Array, ratio: Array, loss: str) -> Array:
+    # eq. (U3), (t,)
+    count = distance.shape[-1]
+    pull = distance * LOSSES[loss].weight(ratio)
+    slope = LOSSES[loss].slope(ratio)
+    mean = slope.mean(axis=-1)
+    inflation = 1.0 + 9.0 / count * slope.var(axis=-1) / mean**2
+    total = np.vecdot(pull, pull) / max(count - 9, 1)
+    return np.asarray(inflation**2 * total / mean**2)
 
 
 def _sandwich(dv: Array, z: Array, a: Array | None, middle: Array) -> Array:

@@ -27,6 +27,7 @@ from simval.statics import (
     variance_magnitude,
 )
 
+_RAIL_SHARE = 0.3
 MULTIPLIERS = (2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0)
 
 
@@ -206,22 +207,25 @@ def white_noise(samples: Array, intervals: Intervals) -> Array:
 
 
 def _require_unsaturated(log: Log, intervals: Intervals, limit: float | None) -> None:
-    # a whole interval at the log's own extreme, without any noise, is a rail
+    # a rest with many samples at exactly the log's extreme is at a rail, if readings
+    # elsewhere are noisy enough not to repeat by themselves
     samples = log.accelerometer
-    lowest, highest = samples.min(axis=0), samples.max(axis=0)
-    for start, stop in intervals:
-        part = samples[start:stop]
-        low, high = part.min(axis=0), part.max(axis=0)
-        stuck = (low == high) & ((low == lowest) | (high == highest))
+    for sign in (1.0, -1.0):
+        top = (sign * samples).max(axis=0)
+        parts = [sign * samples[start:stop] for start, stop in intervals]
+        own = np.array([(part == part.max(axis=0)).mean(axis=0) for part in parts])
+        at_rail = np.array([(part == top).mean(axis=0) for part in parts])
+        stuck = (at_rail >= _RAIL_SHARE) & (np.median(own, axis=0) < _RAIL_SHARE / 3)
         if limit is not None:
-            stuck |= (low <= -limit) | (high >= limit)
+            stuck |= np.array([(part >= limit).any(axis=0) for part in parts])
         if stuck.any():
-            axis = int(np.argmax(stuck))
+            pose, axis = (int(k) for k in np.argwhere(stuck)[0])
+            start, stop = intervals[pose]
             msg = (
-                f"{log.path}: axis {'xyz'[axis]} is saturated at {high[axis]:g} in the "
-                f"rest from {log.time[start]:.2f} s to {log.time[stop - 1]:.2f} s; a "
-                "reading at the rail says nothing about the force: cut that rest out, "
-                "or record with a wider range"
+                f"{log.path}: axis {'xyz'[axis]} is saturated at {sign * top[axis]:g} "
+                f"in the rest from {log.time[start]:.2f} s to "
+                f"{log.time[stop - 1]:.2f} s; a reading at the rail says nothing about "
+                "the force: cut that rest out, or record with a wider range"
             )
             raise RefusedError(msg)
 

@@ -1,0 +1,317 @@
+"""Recorded logs: conformance on real data, and logs that are refused."""
+
+import itertools
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from simval.calibrate import calibrate
+from simval.cli import run
+from simval.cli.calibrate import command
+from simval.errors import RefusedError
+from simval.logs import read_log
+from simval.poses import cube_faces, fibonacci_sphere
+from simval.sensor import AccelerometerModel
+from simval.statics import initial_rest, interval_means, static_intervals
+from simval.studies.recorded import calibrate_log, calibrate_samples, white_noise
+
+DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
+XSENS_G = 9.81744
+
+
+def recording(name):
+    path = DATA / name
+    if not path.exists():
+        pytest.skip(f"the recording {path} is not on this machine")
+    return path
+
+
+@pytest.fixture(scope="module")
+def xsens():
+    log = read_log(recording("xsens/xsens_acc.mat"))
+    reference = json.loads(recording("xsens/reference_results.json").read_text())
+    return log, reference
+
+
+FORMS = {
+    "triangular": "T_lower_unitriangular(simval)",
+    "upper": "T_upper_unitriangular(IMU-TK)",
+    "symmetric": "symmetric_K",
+}
+
+
+def test_xsens_command(xsens):
+    """The whole command: 38 +- 2 rests, each parameter within one Type A sd."""
+    log, reference = xsens
+    arguments = [log.path, "--g", str(XSENS_G), "--rest", "50", "--json"]
+    found = CliRunner().invoke(command, arguments, catch_exceptions=False)
+    assert found.exit_code == 0
+    got = json.loads(found.output)
+    assert abs(got["intervals"] - 38) <= 2
+    fit = reference["fits"]["interval_means/T_lower_unitriangular(simval)"]
+    T, K = np.array(fit["T"]), np.array(fit["K"])
+    assert np.all(
+        np.abs(np.array(got["T"]) - T)[[1, 2, 2], [0, 0, 1]] < fit["typeA_sd_T"]
+    )
+    assert np.all(np.abs(np.array(got["K"]) / K - 1) < fit["typeA_sd_K_rel"])
+    assert np.all(np.abs(np.array(got["B"]) - fit["B"]) < fit["typeA_sd_B_counts"])
+    assert got["status"] == "converged"
+    assert got["model"] == "triangular"
+    assert got["names"][1] == "S_zx"
+    assert got["parameters"][1] == -got["T"][2][0]
+    assert 15 < got["chi2_per_dof"] < 25  # 19.6: the poses are the limit
+    assert "the poses are the limit" in got["verdict"]
+    assert 0.0009 < got["rms"] < 0.0011
+    # the sd of the reference is the textbook s^2 (J'J)^-1; ours allows for unequal
+    # axes, which are 0.6 % apart here
+    sd = np.array(got["sd"])
+    expected = np.concatenate(
+        [fit["typeA_sd_T"], fit["typeA_sd_K_rel"] * K, fit["typeA_sd_B_counts"]]
+    )
+    np.testing.assert_allclose(sd, expected, rtol=0.05)
+
+
+def test_xsens_without_any_hint(xsens):
+    """Raw counts, no rest given: the right answer, since nothing needs a start."""
+    log, reference = xsens
+    result = calibrate_log(log, g=XSENS_G)
+    assert result.rest.found
+    assert abs(result.rest_seconds - 50) < 3
+    assert abs(len(result.intervals) - 38) <= 2
+    fit = reference["fits"]["interval_means/T_lower_unitriangular(simval)"]
+    assert np.all(np.abs(result.fit.B - fit["B"]) < fit["typeA_sd_B_counts"])
+    assert np.all(np.abs(result.fit.K / fit["K"] - 1) < fit["typeA_sd_K_rel"])
+
+
+def reference_intervals(reference):
+    bounds = np.array(reference["intervals_start_end_index_inclusive"])
+    return bounds + np.array([0, 1])
+
+
+@pytest.mark.parametrize("model", FORMS)
+def test_xsens_means_in_three_forms(xsens, model):
+    """The reference intervals: the same minimum as the independent program's.
+
+    The reference minimises |h| - g from its own solver, stopped at 1e-10 of the cost,
+    so at 1e-5 of a standard deviation.
+    """
+    log, reference = xsens
+    poses = interval_means(log.accelerometer, reference_intervals(reference))
+    fit = calibrate(poses, XSENS_G, model, residual="norm")
+    expected = reference["fits"][f"interval_means/{FORMS[model]}"]
+    sd_B = np.array(expected["typeA_sd_B_counts"])
+    assert np.all(np.abs(fit.B - expected["B"]) < 1e-4 * sd_B)
+    scale = np.abs(expected["M"]).max()
+    np.testing.assert_allclose(fit.matrix, expected["M"], rtol=0, atol=1e-8 * scale)
+    np.testing.assert_allclose(fit.rms, expected["rms"], rtol=1e-9)
+    np.testing.assert_allclose(fit.cost / 2, expected["half_cost"], rtol=1e-9)
+    # and the squared residual differs by its bias only, far below a sd
+    squared = calibrate(poses, XSENS_G, model)
+    assert np.all(np.abs(squared.B - expected["B"]) < 0.01 * sd_B)
+
+
+@pytest.mark.parametrize("model", FORMS)
+def test_xsens_samples_in_three_forms(xsens, model):
+    """Sample mode: the first 100 samples of each interval, as the C++ program."""
+    log, reference = xsens
+    intervals = reference_intervals(reference)
+    fit = calibrate_samples(log, intervals, 100, XSENS_G).to_form(model)
+    expected = reference["fits"][f"first_100_samples_each/{FORMS[model]}"]
+    scale = np.abs(expected["M"]).max()
+    np.testing.assert_allclose(fit.matrix, expected["M"], rtol=0, atol=1e-7 * scale)
+    np.testing.assert_allclose(fit.rms, expected["rms"], rtol=1e-9)
+    np.testing.assert_allclose(fit.cost / 2, expected["half_cost"], rtol=1e-9)
+    if model == "upper":  # IMU-TK's own numbers, printed to 12 digits, stopped at 3e-10
+        program = reference["imu_tk_cpp"]
+        np.testing.assert_allclose(fit.cost / 2, program["acc_cost"], rtol=1e-8)
+        np.testing.assert_allclose(fit.K, program["K"], rtol=1e-7)
+        np.testing.assert_allclose(fit.T, program["T"], rtol=0, atol=1e-7)
+        np.testing.assert_allclose(fit.B, program["B"], rtol=0, atol=1e-3)
+
+
+def test_xsens_detector_gives_the_reference_intervals(xsens):
+    log, reference = xsens
+    rest = initial_rest(log.accelerometer, log.rows_within(50.0))
+    found = static_intervals(log.accelerometer, 6 * rest.variance)
+    bounds = reference_intervals(reference)
+    assert len(found) == len(bounds) == 38
+    assert np.abs(found - bounds).max() <= 2
+
+
+@pytest.mark.parametrize(
+    ("name", "scale", "bias", "off_diagonal"),
+    [
+        ("imu0", [0.363, 0.315, 0.647], [0.103, 0.097, 0.344], [0.02, 0.317, 0.123]),
+        ("imu1", [0.471, 0.482, 0.932], [0.090, 0.070, 0.338], [-0.01, 0.145, -0.284]),
+    ],
+)
+def test_mpu9150(name, scale, bias, off_diagonal):
+    """Published as raw = M a + b with M upper triangular: B is b, and M our inverse.
+
+    The bias does not depend on the form. Published scales are in percent, the skew
+    in degrees; both agree within twice the spread of repeated fits, 0.022 %.
+    """
+    log = read_log(recording(f"mpu9150/{name}.log"), rate=100.0)
+    result = calibrate_log(log, g=9.81, model="upper")
+    assert 20 <= len(result.intervals) <= 25
+    assert np.abs(result.fit.B - bias).max() < 0.005
+    gain = np.linalg.inv(result.fit.matrix)
+    assert np.abs(100 * (np.diag(gain) - 1) - scale).max() < 0.05
+    skew = np.degrees(gain[[0, 0, 1], [1, 2, 2]])
+    assert np.abs(np.abs(skew) - np.abs(off_diagonal)).max() < 0.05
+
+
+# Synthetic logs
+
+
+def synthetic(directions, sigma=0.01, seed=0, hold=250, counts=1.0, rest=400):
+    """Holds joined by half-second turns, 100 Hz; a rest of 4 s first."""
+    rng = np.random.default_rng(seed)
+    sensor = AccelerometerModel.from_parameters(
+        np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
+    )
+    parts = [np.repeat(directions[:1], rest, axis=0)]
+    for before, after in itertools.pairwise(directions):
+        blend = np.linspace(0, 1, 50)[:, None]
+        turn = before + blend * (after - before)
+        turn = turn + np.sin(np.pi * blend) * rng.normal(size=3)  # not a straight line
+        parts += [turn, np.repeat(after[None], hold, axis=0)]
+    force = 9.81 * np.concatenate(parts)
+    clean = sensor.distort(force, rng)
+    raw = clean + sigma * rng.standard_normal(clean.shape)
+    return (raw * counts + (32768 if counts > 1 else 0)), sensor
+
+
+def write(path, rows):
+    np.savetxt(path, rows, fmt="%.10g")
+    return str(path)
+
+
+def test_known_sensor_from_a_synthetic_log(tmp_path):
+    rows, sensor = synthetic(fibonacci_sphere(24))
+    log = read_log(write(tmp_path / "log.txt", rows), rate=100.0)
+    result = calibrate_log(log, g=9.81)
+    assert len(result.intervals) == 24
+    sigma = white_noise(log.accelerometer, result.intervals)
+    # a hold of 250 has its windows' worth left, 150 to 250 samples
+    assert np.all(sigma[1:] < 0.01 / np.sqrt(150) * 1.1)
+    error = (result.fit.parameters - sensor.parameters) / result.fit.sd
+    # nine t values with 15 degrees of freedom, 1e-4 in all: 6
+    assert np.abs(error).max() < 6.0
+    assert result.diagnosis.outliers == ()
+    assert "noise is the limit" in result.diagnosis.verdict
+
+
+def test_counts_and_si_give_one_calibration(tmp_path):
+    si, _ = synthetic(fibonacci_sphere(16))
+    counts, _ = synthetic(fibonacci_sphere(16), counts=400.0)
+    a = calibrate_log(read_log(write(tmp_path / "a", si), rate=100.0), g=9.81)
+    b = calibrate_log(read_log(write(tmp_path / "b", counts), rate=100.0), g=9.81)
+    np.testing.assert_array_equal(a.intervals, b.intervals)
+    np.testing.assert_allclose(a.fit.K / 400.0, b.fit.K, rtol=1e-8)  # 10 digits in text
+    np.testing.assert_allclose(a.fit.B * 400.0 + 32768, b.fit.B, atol=1e-4)
+
+
+def code_and_words(capsys, *arguments):
+    code = run(["calibrate", *arguments])
+    return code, capsys.readouterr().err
+
+
+def test_missing_file(capsys, tmp_path):
+    code, words = code_and_words(capsys, str(tmp_path / "no.log"))
+    assert code == 2
+    assert "no.log" in words
+    assert "Traceback" not in words
+
+
+@pytest.mark.parametrize(
+    ("text", "words", "expected"),
+    [
+        ("", "is empty", 2),
+        ("# only\n# words\n", "is empty", 2),
+        ("1 2 3\n1 nan 3\n" + "1 2 3\n" * 300, "line 2: a value is not finite", 2),
+        ("1 2 3\n1 two 3\n" + "1 2 3\n" * 300, "line 2, column 2: 'two'", 2),
+        ("1 2 3\n" * 300, "no initial rest found", 3),
+        ("1 2 3\n" * 20, "at least one window", 2),
+        ("1 2\n" * 300, "2 columns", 2),
+    ],
+)
+def test_bad_logs(capsys, tmp_path, text, words, expected):
+    path = tmp_path / "bad.log"
+    path.write_text(text)
+    code, said = code_and_words(capsys, str(path), "--rate", "100")
+    assert code == expected
+    assert words in said
+    assert "Traceback" not in said
+
+
+def test_no_static_interval(capsys, tmp_path):
+    """A sensor that never rests."""
+    t = np.arange(6000) / 100.0
+    axes = [np.sin(2 * t * k + k) * 9 for k in (1.0, 1.3, 1.7)]
+    noise = np.random.default_rng(0).normal(size=(6000, 3)) * 0.01
+    path = write(tmp_path / "moving.log", np.stack(axes, -1) + noise)
+    for rest in ([], ["--rest", "2"]):
+        code, words = code_and_words(capsys, path, "--rate", "100", *rest)
+        assert code == 3
+        assert "interval" in words or "rest" in words
+
+
+def test_six_faces_in_a_log(capsys, tmp_path):
+    rows, _ = synthetic(np.tile(cube_faces(), (2, 1)))
+    path = write(tmp_path / "faces.log", rows)
+    code, words = code_and_words(capsys, path, "--rate", "100", "--g", "9.81")
+    assert code == 3
+    assert "add poses" in words
+
+
+def test_too_few_rests(capsys, tmp_path):
+    rows, _ = synthetic(fibonacci_sphere(7))
+    path = write(tmp_path / "few.log", rows)
+    code, words = code_and_words(capsys, path, "--rate", "100")
+    assert code == 3
+    assert "at most 7 static interval(s)" in words
+
+
+@pytest.mark.parametrize("depth", [0.0, 0.005, 0.2])
+def test_a_saturated_rest_is_named(tmp_path, depth):
+    """One axis clipped by 0 to 20 sigma for a whole rest."""
+    rows, _ = synthetic(fibonacci_sphere(16))
+    top = rows[:400, 2].mean() - depth
+    rows[:, 2] = np.minimum(rows[:, 2], top)
+    log = read_log(write(tmp_path / "rail.log", rows), rate=100.0)
+    with pytest.raises(
+        RefusedError, match=r"axis z is saturated at .* in the rest from"
+    ):
+        calibrate_log(log, g=9.81)
+    with pytest.raises(RefusedError, match="saturated"):
+        calibrate_log(log, g=9.81, full_scale=float(top))
+
+
+def test_an_outlier_rest_is_named(tmp_path):
+    """A rest in which something pushes: 0.3 m/s^2 on one axis."""
+    rows, _ = synthetic(fibonacci_sphere(24))
+    start = 400 + 10 * 300 + 50
+    rows[start : start + 250, 0] += 0.3
+    log = read_log(write(tmp_path / "push.log", rows), rate=100.0)
+    result = calibrate_log(log, g=9.81)
+    assert result.diagnosis.outliers == (11,)
+    assert "the poses are the limit" in result.diagnosis.verdict
+    text = (
+        CliRunner().invoke(command, [log.path, "--rate", "100", "--g", "9.81"]).output
+    )
+    assert "interval 11" in text
+    robust = calibrate_log(log, g=9.81, loss="cauchy")
+    assert np.abs(robust.fit.B - [0.3, -0.2, 0.1]).max() < 0.005
+    assert np.abs(result.fit.B - [0.3, -0.2, 0.1]).max() > 0.02
+
+
+def test_g_must_be_positive(capsys, tmp_path):
+    rows, _ = synthetic(fibonacci_sphere(12))
+    path = write(tmp_path / "log.txt", rows)
+    code, words = code_and_words(capsys, path, "--rate", "100", "--g", "-9.81")
+    assert code == 2
+    assert "`g` is -9.81" in words
