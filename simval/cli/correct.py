@@ -1,0 +1,46 @@
+"""`simval correct`."""
+
+import sys
+from pathlib import Path
+
+import click
+import numpy as np
+
+from simval.calibrate.files import load_calibration
+from simval.logs import read_log
+
+
+@click.command(name="correct")
+@click.argument("log", type=click.Path(path_type=Path))
+@click.option(
+    "--calibration",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="JSON file of `simval calibrate`.",
+)
+@click.option("--rate", type=float, metavar="HZ", help="Rows per second.")
+@click.option("--columns", help="Name each column: t,ax,ay,az,wx,wy,wz, - to ignore.")
+@click.option("--out", type=click.Path(path_type=Path), help="File instead of stdout.")
+def command(
+    log: Path,
+    calibration: Path,
+    rate: float | None,
+    columns: str | None,
+    out: Path | None,
+) -> None:
+    """Apply a calibration to a recorded LOG.
+
+    Writes comma-separated rows t,ax,ay,az with the specific force in m/s^2, every
+    digit kept; a gyro in the log follows as it is.
+    """
+    fit = load_calibration(calibration)
+    recording = read_log(log, rate, columns)
+    force = fit.sensor().correct(recording.accelerometer)
+    columns_out, names = [recording.time[:, None], force], ["t", "ax", "ay", "az"]
+    if recording.gyro is not None:
+        columns_out.append(recording.gyro)
+        names += ["wx", "wy", "wz"]
+    rows = np.hstack(columns_out)
+    header = ",".join(names)
+    target = sys.stdout if out is None else out
+    np.savetxt(target, rows, fmt="%.17g", delimiter=",", header=header, comments="")

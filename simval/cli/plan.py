@@ -1,0 +1,246 @@
+"""`simval plan`."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from simval.arrays import Array
+from simval.calibrate.files import load_calibration
+from simval.errors import InputError
+from simval.poses import cube_corners, cube_edges, cube_faces, fibonacci_sphere
+from simval.sensor import MODELS
+from simval.theory.planning import Plan, plan, pose_noise
+
+SETS = {"faces": cube_faces, "edges": cube_edges, "corners": cube_corners}
+
+
+@click.command(name="plan")
+@click.option(
+    "--poses",
+    default="fibonacci:20",
+    show_default=True,
+    help="fibonacci:N, or faces, edges, corners joined by +.",
+)
+@click.option(
+    "--directions",
+    type=click.Path(path_type=Path),
+    help="Text file of rows x y z instead, sensor axes, any length.",
+)
+@click.option("--noise-std", type=float, help="Noise of a pose mean, units of raw.")
+@click.option("--noise-density", type=float, help="Data sheet, one-sided, per root Hz.")
+@click.option("--velocity-random-walk", type=float, help="Allan deviation at 1 s.")
+@click.option("--hold", type=float, metavar="SECONDS", help="Time averaged in a pose.")
+@click.option(
+    "--sensor",
+    type=click.Path(path_type=Path),
+    help="JSON file of an earlier calibration, for its scales.",
+)
+@click.option("--g", type=float, default=9.80665, show_default=True, help="m/s^2.")
+@click.option("--model", type=click.Choice(MODELS), default="triangular")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def command(
+    poses: str,
+    directions: Path | None,
+    sensor: Path | None,
+    g: float,
+    model: str,
+    as_json: bool,
+    **noise: float | None,
+) -> None:
+    """Predict the error bars of a calibration before any data is taken.
+
+    Prints the standard deviation of each parameter for a pose set, its rank and
+    condition, and the next direction that helps most. The noise of a pose mean is
+    given, or follows from a noise density and a hold time.
+    """
+    chosen = named_poses(poses) if directions is None else read_directions(directions)
+    known = None if sensor is None else load_calibration(sensor).sensor()
+    result = plan(chosen, noise_of(**noise), sensor=known, g=g, form=model)
+    if as_json:
+        click.echo(json.dumps(as_object(result), allow_nan=False))
+        return
+    for line in described(result):
+        click.echo(line)
+
+
+def noise_of(
+    noise_std: float | None = None,
+    noise_density: float | None = None,
+    velocity_random_walk: float | None = None,
+    hold: float | None = None,
+) -> float:
+    """Return the noise of a pose mean from the options given.
+
+    Parameters
+    ----------
+    noise_std : float, optional
+        The noise itself.
+    noise_density : float, optional
+        One-sided density, per root hertz.
+    velocity_random_walk : float, optional
+        Allan deviation at one second.
+    hold : float, optional
+        Time averaged in a pose, s.
+
+    Returns
+    -------
+    float
+        Standard deviation of each axis of a pose mean.
+
+    Raises
+    ------
+    InputError
+        If the options do not fix it, or fix it twice.
+    """
+    others = (noise_density, velocity_random_walk)
+    if noise_std is not None:
+        if any(x is not None for x in others):
+            msg = (
+                "`--noise-std` already is the noise of a pose mean; leave out the rest"
+            )
+            raise InputError(msg)
+        return noise_std
+    if hold is None:
+        msg = (
+            "the noise of a pose mean is not known; give `--noise-std`, or `--hold` "
+            "with `--noise-density` or `--velocity-random-walk`"
+        )
+        raise InputError(msg)
+    return pose_noise(
+        hold, noise_density=noise_density, velocity_random_walk=velocity_random_walk
+    )
+
+
+def named_poses(text: str) -> Array:
+    """Return the directions of a named pose set.
+
+    Parameters
+    ----------
+    text : str
+        ``fibonacci:N``, or ``faces``, ``edges`` and ``corners`` joined by ``+``.
+
+    Returns
+    -------
+    Array
+        Unit vectors, (n, 3).
+
+    Raises
+    ------
+    InputError
+        If there is no such set.
+    """
+    parts = []
+    for name in text.split("+"):
+        kind, _, count = name.strip().partition(":")
+        if kind in SETS and not count:
+            parts.append(SETS[kind]())
+        elif kind == "fibonacci" and count.isdigit() and 0 < int(count) <= 100_000:
+            parts.append(fibonacci_sphere(int(count)))
+        else:
+            msg = (
+                f"`--poses` has {name.strip()!r}; it must be fibonacci:N with N from 1 "
+                "to 100000, faces, edges or corners, joined by +"
+            )
+            raise InputError(msg)
+    return np.concatenate(parts)
+
+
+def read_directions(path: Path) -> Array:
+    """Read rows of x y z from a text file.
+
+    Parameters
+    ----------
+    path : Path
+        The file; commas or white space.
+
+    Returns
+    -------
+    Array
+        Directions, (n, 3).
+
+    Raises
+    ------
+    InputError
+        If the file is missing or has other rows.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8").replace(",", " ").splitlines()
+        rows = [[float(x) for x in line.split()] for line in lines if line.strip()]
+    except OSError as error:
+        msg = f"cannot read {path}: {error.strerror}; give a file of rows x y z"
+        raise InputError(msg) from None
+    except ValueError as error:
+        msg = f"{path} has something that is not a number ({error}); rows are x y z"
+        raise InputError(msg) from None
+    if not rows or any(len(row) != 3 for row in rows):
+        msg = f"{path} must have rows of three numbers x y z, and at least one"
+        raise InputError(msg)
+    return np.array(rows)
+
+
+def as_object(result: Plan) -> dict[str, Any]:
+    """Return a plan as plain JSON values; infinite becomes null.
+
+    Parameters
+    ----------
+    result : Plan
+        A plan.
+
+    Returns
+    -------
+    dict
+        Plain values.
+    """
+
+    def plain(values: Array) -> list[float | None]:
+        return [float(x) if np.isfinite(x) else None for x in values]
+
+    return {
+        "names": list(result.names),
+        "sd": plain(result.sd),
+        "bound": plain(result.bound),
+        "bias": plain(result.bias),
+        "noise_std": result.noise_std,
+        "poses": result.poses,
+        "rank": result.rank,
+        "condition": plain(np.array([result.condition]))[0],
+        "next_direction": plain(result.next_direction),
+        "sd_next": plain(result.sd_next),
+    }
+
+
+def described(result: Plan) -> list[str]:
+    """Say a plan in lines of text.
+
+    Parameters
+    ----------
+    result : Plan
+        A plan.
+
+    Returns
+    -------
+    list of str
+        Lines.
+    """
+    helps = ", ".join(f"{x:.3f}" for x in result.next_direction)
+    lines = [
+        f"poses           {result.poses}, rank {result.rank} of 9, condition "
+        f"{result.condition:.3g}",
+        f"noise           {result.noise_std:.4g} in each axis of a pose mean",
+        f"next direction  ({helps}), specific force in sensor axes",
+        "",
+        "            predicted sd      bound       bias   with the next pose",
+    ]
+    columns = (result.names, result.sd, result.bound, result.bias, result.sd_next)
+    for name, sd, bound, bias, after in zip(*columns, strict=True):
+        lines.append(f"  {name:5s} {sd:16.4g} {bound:10.4g} {bias:10.2g} {after:20.4g}")
+    if result.rank < 9:
+        lines += [
+            "",
+            "rank below nine: some parameters cannot be told apart with these poses "
+            "whatever the noise; add the next direction and plan again",
+        ]
+    return lines
