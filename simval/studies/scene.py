@@ -13,12 +13,17 @@ from pydantic import Field
 
 from simval.arrays import Array
 from simval.errors import InputError
+from simval.geometry import attitude_matrix, compose, conjugate
 from simval.poses import observability
 from simval.results import Outcome, Row
-from simval.scene import record
+from simval.scene import Recording, record
 from simval.scene.render import render
 from simval.streams import Streams
 from simval.studies.study import StudyParameters
+
+
+ROUNDING = 1e-12
+"""Relative; a reading and a matrix of unit vectors, some ten roundings each."""
 
 
 class Parameters(StudyParameters):
@@ -82,6 +87,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
             unit="1",
             check="exact",
         ),
+        *_same_instant(recording),
         Row(statistic="condition", value=judged.condition, unit="1"),
         Row(statistic="rests", value=float(len(directions)), unit="1"),
     )
@@ -92,3 +98,45 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     with suppress(InputError):  # this machine cannot draw: the report says so
         artifacts[f"scene-{name}.png"] = render(parameters.scene, **setting)
     return Outcome(rows=rows, artifacts=artifacts)
+
+
+def _same_instant(recording: Recording) -> tuple[Row, Row]:
+    """Show that the columns of a row belong to one instant, on a moving body.
+
+    The magnetic field in sensor axes is the world's, turned by the attitude of the
+    same row. And an integrator turns the body by its rate at the start of a step, at
+    its end or between, so regressing the turn of each step, less the mean rate, on the
+    step of the rate gives a lag within half a step. A column that comes a step late
+    breaks both.
+    """
+    A = attitude_matrix(recording.attitude)
+    field = np.linalg.norm(recording.magnetic)
+    mismatch = recording.magnetic_field - A @ recording.magnetic
+    turn = compose(conjugate(recording.attitude[:-1]), recording.attitude[1:])
+    sine = np.linalg.norm(turn[:, :3], axis=1)
+    angle = 2.0 * np.arctan2(sine, np.abs(turn[:, 3])) * np.sign(turn[:, 3])
+    axis = turn[:, :3] / np.maximum(sine, np.finfo(float).tiny)[:, None]
+    rate = angle[:, None] * axis / np.diff(recording.time)[:, None]
+    step = np.diff(recording.angular_velocity, axis=0)
+    late = rate - recording.angular_velocity[:-1] - step / 2.0
+    return (
+        Row(
+            statistic="field_mismatch",
+            value=float(np.abs(mismatch).max() / field),
+            n=len(mismatch),
+            prediction=ROUNDING,
+            predictor="rounding",
+            unit="1",
+            check="limit",
+        ),
+        Row(
+            statistic="rate_lag",
+            value=float(np.sum(late * step) / np.sum(step * step)),
+            n=len(step),
+            prediction=0.25,
+            predictor="same row",
+            remainder=0.5,
+            unit="steps",
+            check="exact",
+        ),
+    )
