@@ -21,7 +21,6 @@ from simval.scene.render import render
 from simval.streams import Streams
 from simval.studies.study import StudyParameters
 
-
 ROUNDING = 1e-12
 """Relative; a reading and a matrix of unit vectors, some ten roundings each."""
 
