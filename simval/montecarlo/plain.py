@@ -252,7 +252,7 @@ def moments_of(sums: Sums) -> Moments:
         If there are fewer than two batches, of which no standard error exists.
     """
     variance = _variance(sums)
-    p, samples = sums.size, sums.samples
+    p = sums.size
     rows, columns = _upper(p)
     bias = sums.mean[:p]
     # C_ij = m_ij - b_i b_j, so dC_ij = dm_ij - b_j db_i - b_i db_j
@@ -262,11 +262,13 @@ def moments_of(sums: Sums) -> Moments:
     np.add.at(slope, (pairs, rows), -bias[columns])
     np.add.at(slope, (pairs, columns), -bias[rows])
     spread = np.einsum("kf,fg,kg->k", slope, variance, slope)
-    upper = (sums.mean[p:] - bias[rows] * bias[columns]) * samples / (samples - 1)
+    # E b b' of the means exceeds that of the truth by the variance of the mean; for
+    # plain samples this is the usual n / (n - 1), for reduced ones it is not
+    upper = sums.mean[p:] - bias[rows] * bias[columns] + variance[rows, columns]
     return Moments(
         bias=bias,
         covariance=_symmetric(upper, p),
-        samples=samples,
+        samples=sums.samples,
         bias_error=np.sqrt(np.diagonal(variance)[:p]),
         covariance_error=_symmetric(np.sqrt(np.maximum(spread, 0.0)), p),
     )
