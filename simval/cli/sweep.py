@@ -9,9 +9,13 @@ from pathlib import Path
 import click
 
 from simval.cli.progress import Bar, Lines
+from simval.studies import find_study
 from simval.sweep import Suite, load_suite, store
 from simval.sweep.run import RUNS
 from simval.sweep.runner import Progress, Silence, drive
+
+BYTES_PER_ROW = 340
+"""Of the store and the table together, measured on the accuracy suite."""
 
 SHOWN = 20
 """Failed cells named one by one; the rest is counted."""
@@ -61,10 +65,7 @@ def command(
     """
     loaded = load_suite(suite, overrides, seed)
     if dry_run:
-        for cell in loaded.cells:
-            click.echo(cell.name)
-        click.echo(f"{len(loaded.cells)} cells")
-        return 0
+        return _plan(loaded, workers)
     folder = out or _fresh(loaded)
     progress: Progress = Silence()
     if not quiet:
@@ -90,6 +91,22 @@ def command(
         )
     click.echo(str(folder))
     return 4 if failed else 0
+
+
+def _plan(suite: Suite, workers: int) -> int:
+    """List the cells with an estimate of time and space."""
+    total_seconds = total_rows = 0.0
+    for cell in suite.cells:
+        cost = find_study(cell.study).cost(cell.parameters)
+        total_seconds += cost.seconds
+        total_rows += cost.rows
+        click.echo(f"{cell.name}  {cost.seconds:.2g} s")
+    click.echo(
+        f"{len(suite.cells)} cells, about {total_seconds:.0f} s of processor time, "
+        f"{total_seconds / workers:.0f} s on {workers} workers, "
+        f"{total_rows * BYTES_PER_ROW / 1e6:.1f} MB (estimates)"
+    )
+    return 0
 
 
 def _fresh(suite: Suite) -> Path:

@@ -38,12 +38,14 @@ STUDIES: Mapping[str, Study] = MappingProxyType(
             "Calibration recovery: tumble, distort, average the holds, calibrate",
             calibration.Parameters,
             calibration.run,
+            calibration.cost,
         ),
         "attitude": Study(
             "attitude",
             "Attitude moments: bias and covariance of the two-vector quaternion",
             attitude.Parameters,
             attitude.run,
+            attitude.cost,
         ),
     }
 )

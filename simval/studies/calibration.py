@@ -26,7 +26,7 @@ from simval.results import Outcome, Row
 from simval.scene import record
 from simval.sensor import AccelerometerModel
 from simval.streams import Streams
-from simval.studies.study import StudyParameters
+from simval.studies.study import Cost, StudyParameters
 from simval.theory.calibration import CalibrationMoments, calibration_moments
 
 BLOCK = 64
@@ -124,6 +124,25 @@ def simulated_rests(scene: str, poses: int, hold_time: float) -> Rests:
         g=recording.g,
         rest_force=recording.rest_force,
     )
+
+
+def cost(parameters: Parameters) -> Cost:
+    """Cost of a cell: the tumble once, then every sample of every hold of every trial.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Poses, length of a hold, and trials.
+
+    Returns
+    -------
+    Cost
+        Seconds and rows.
+    """
+    readings = parameters.poses * parameters.hold_time * 500.0  # at 500 Hz
+    trials = parameters.trials if parameters.noise_std > 0.0 else 0
+    seconds = 0.006 * parameters.poses + trials * (5e-5 + 1e-7 * readings)
+    return Cost(seconds, 35 if trials else 3)
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:

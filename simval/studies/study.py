@@ -19,6 +19,38 @@ class StudyParameters(BaseModel):
 
 
 @dataclass(frozen=True, slots=True)
+class Cost:
+    """What a cell is expected to cost, for planning only.
+
+    Attributes
+    ----------
+    seconds : float
+        CPU time on a processor of a few GHz, s.
+    rows : int
+        Rows that it leaves.
+    """
+
+    seconds: float
+    rows: int
+
+
+def ordinary_cost(parameters: StudyParameters) -> Cost:
+    """Cost of a cell of a study that does not say what its cells cost.
+
+    Parameters
+    ----------
+    parameters : StudyParameters
+        Not used.
+
+    Returns
+    -------
+    Cost
+        A second and fifty rows.
+    """
+    return Cost(1.0, 50)
+
+
+@dataclass(frozen=True, slots=True)
 class Study:
     """A named experiment.
 
@@ -32,12 +64,15 @@ class Study:
         Model of one cell's parameters.
     run : callable
         ``run(parameters, streams) -> Outcome``, pure.
+    cost : callable, optional
+        ``cost(parameters) -> Cost``, measured once and rough.
     """
 
     name: str
     title: str
     parameters: type[StudyParameters]
     run: Callable[[Any, Streams], Outcome]
+    cost: Callable[[Any], Cost] = ordinary_cost
 
 
 @dataclass(frozen=True, slots=True)
