@@ -1,0 +1,110 @@
+"""The studies of the bias ladder, the efficiency and the coverage."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from simval.streams import Streams, cell_key
+from simval.studies import coverage, ladder
+
+
+def streams(name):
+    return Streams(1, cell_key(name))
+
+
+def statistics(outcome, check):
+    return [row for row in outcome.rows if row.check == check]
+
+
+def excess(row):
+    return (abs(row.value - row.prediction) - row.remainder) / row.standard_error
+
+
+@pytest.mark.parametrize("residual", ladder.RUNGS)
+def test_ladder_rows_agree_with_theory(residual):
+    parameters = ladder.Parameters(residual=residual, poses=60, trials=2048)
+    outcome = ladder.run(parameters, streams("ladder"))
+    judged = [row for row in outcome.rows if row.check != "record"]
+    assert len(judged) == 1 + 9 + 9 + 9
+    limit = stats.norm.isf(1e-4 / (2 * len(judged)))
+    assert all(excess(row) < limit for row in judged)
+    # power: the next residual's rung is rejected
+    other = ladder.RUNGS["norm" if residual == "squared" else "squared"]
+    rung = next(row for row in outcome.rows if row.statistic == "scale_bias")
+    assert abs(rung.value - other) / rung.standard_error > 20
+
+
+def test_ladder_is_the_ladder():
+    """400 poses: each rung within 30/N and its sampling error of the large-N law."""
+    for residual, rung in ladder.RUNGS.items():
+        parameters = ladder.Parameters(
+            residual=residual, poses=400, noise_std=0.1, trials=512
+        )
+        rows = ladder.run(parameters, streams("many")).rows
+        row = next(row for row in rows if row.predictor == "many poses")
+        assert row.prediction == rung
+        assert abs(row.value - rung) < 30 / 400 + 5 * row.standard_error
+
+
+def test_bias_has_slope_two():
+    """The same rung at three noise levels: |bias| over sigma^2 is one number."""
+    values = []
+    for sigma in (0.03, 0.1, 0.3):
+        parameters = ladder.Parameters(noise_std=sigma, poses=40, trials=1024)
+        row = ladder.run(parameters, streams("slope")).rows[0]
+        values.append(row.value * sigma**2)
+    slope = np.polyfit(np.log([0.03, 0.1, 0.3]), np.log(np.abs(values)), 1)[0]
+    # the same stream: what is left is the next order, 40 (0.3/g)^2 / 3.5 = 1 %
+    assert abs(slope - 2.0) < 0.02
+
+
+def test_unequal_scales_cost_the_squared_residual_its_efficiency():
+    options = {"scale_spread": 0.9, "poses": 40, "trials": 1024}
+    lost, kept = (
+        min(
+            row.value
+            for row in ladder.run(
+                ladder.Parameters(residual=residual, **options), streams("eff")
+            ).rows
+            if row.statistic.startswith("efficiency")
+        )
+        for residual in ("squared", "weighted")
+    )
+    assert lost < 0.5
+    assert kept > 0.85
+
+
+@pytest.mark.parametrize("sigma", ["known", "type A"])
+def test_coverage_rows(sigma):
+    parameters = coverage.Parameters(sigma=sigma, poses=12, trials=4096)
+    outcome = coverage.run(parameters, streams("coverage"))
+    judged = [row for row in outcome.rows if row.check != "record"]
+    assert len(judged) == (11 if sigma == "known" else 10)
+    limit = stats.norm.isf(1e-4 / (2 * len(judged)))
+    assert all(excess(row) < limit for row in judged)
+    assert all(row.remainder < 0.002 for row in judged if row.statistic != "nees")
+    normal = next(row for row in outcome.rows if row.statistic == "coverage_normal")
+    # 1.96 standard deviations from twelve residuals cover 85 %, which is seen
+    if sigma == "type A":
+        assert (0.95 - normal.value) / normal.standard_error > 20
+
+
+def test_nees_quantiles_against_scipy():
+    assert np.isclose(coverage.nees_quantile(0.95, None), stats.chi2(9).ppf(0.95))
+    assert np.isclose(coverage.nees_quantile(0.95, 3), 9 * stats.f(9, 3).ppf(0.95))
+
+
+def test_stated_slopes_of_coverage():
+    """d coverage / d log sd: 2 q phi(q), and 2 x f(x) of chi-square(9)."""
+    q, x = stats.norm.isf(0.025), stats.chi2(9).ppf(0.95)
+    assert abs(2 * q * stats.norm.pdf(q) - coverage.INTERVAL_SLOPE) < 0.005
+    assert abs(2 * x * stats.chi2(9).pdf(x) - coverage.ELLIPSOID_SLOPE) < 0.005
+
+
+def test_a_cell_is_reproducible():
+    parameters = ladder.Parameters(trials=512, poses=20)
+    first = ladder.run(parameters, streams("a"))
+    again = ladder.run(parameters, streams("a"))
+    other = ladder.run(parameters, streams("b"))
+    assert first.rows == again.rows
+    assert first.rows != other.rows
