@@ -108,7 +108,7 @@ def p_value(row: Row) -> float:
     Returns
     -------
     float
-        Between 0 and 1.
+        Of a difference at least this large.
     """
     assert row.prediction is not None
     distance = abs(row.value - row.prediction)
@@ -213,7 +213,18 @@ def _obstacle(row: Row) -> str:
         return "a sampled value without a standard error cannot be judged"
     if row.check in WEIGHTS and not row.n >= MIN_SAMPLES:
         return f"{row.n} samples; at least {MIN_SAMPLES} are needed to judge"
+    if row.check in WEIGHTS and not row.remainder <= _size(row):
+        return (
+            f"a remainder of {row.remainder:.3g} allows anything: it is above both "
+            "the prediction and the spread of a sample"
+        )
     return ""
+
+
+def _size(row: Row) -> float:
+    """Predicted value or one sample's own spread, whichever is greater."""
+    spread = row.standard_error * float(np.sqrt(row.n))
+    return max(abs(row.prediction or 0.0), spread)
 
 
 def _inconclusive(cell: str, row: Row, reason: str) -> Verdict:
@@ -253,8 +264,7 @@ def _by_chance(cell: str, row: Row, p: float, limit: float, quantile: float) -> 
     assert row.prediction is not None
     beyond = abs(row.value - row.prediction) - row.remainder
     detectable = (quantile + float(ndtri(POWER))) * row.standard_error
-    spread = row.standard_error * float(np.sqrt(row.n))
-    margin = PRACTICAL * max(abs(row.prediction), spread)
+    margin = PRACTICAL * _size(row)
     answer: Answer = "pass"
     reason = ""
     if not p > limit:

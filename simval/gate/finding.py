@@ -88,6 +88,8 @@ def _incomplete(result: GateResult) -> Iterator[Finding]:
         last = (cell.error.strip().splitlines() or [""])[-1]
         reason = f"the cell crashed: {last}" if cell.status == "failed" else "never run"
         gaps.append((cell.status, cell.name, reason))
+    if not result.verdicts:
+        gaps.append(("gap", "", "no row was judged: nothing measured never passes"))
     for check, name, reason in gaps:
         yield Finding(
             tier="complete",

@@ -99,14 +99,16 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     return Outcome(rows=rows, artifacts=artifacts)
 
 
-def _same_instant(recording: Recording) -> tuple[Row, Row]:
+def _same_instant(recording: Recording) -> tuple[Row, ...]:
     """Show that the columns of a row belong to one instant, on a moving body.
 
     The magnetic field in sensor axes is the world's, turned by the attitude of the
     same row. And an integrator turns the body by its rate at the start of a step, at
     its end or between, so regressing the turn of each step, less the mean rate, on the
     step of the rate gives a lag within half a step. A column that comes a step late
-    breaks both.
+    breaks both. Regressed on the mean rate itself the turn gives 1, but for at most
+    half the length of the steps over that of the rates (Cauchy and Schwarz): rates and
+    attitude share a unit.
     """
     A = attitude_matrix(recording.attitude)
     field = np.linalg.norm(recording.magnetic)
@@ -117,7 +119,8 @@ def _same_instant(recording: Recording) -> tuple[Row, Row]:
     axis = turn[:, :3] / np.maximum(sine, np.finfo(float).tiny)[:, None]
     rate = angle[:, None] * axis / np.diff(recording.time)[:, None]
     step = np.diff(recording.angular_velocity, axis=0)
-    late = rate - recording.angular_velocity[:-1] - step / 2.0
+    mean = recording.angular_velocity[:-1] + step / 2.0
+    late = rate - mean
     return (
         Row(
             statistic="field_mismatch",
@@ -136,6 +139,16 @@ def _same_instant(recording: Recording) -> tuple[Row, Row]:
             predictor="same row",
             remainder=0.5,
             unit="steps",
+            check="exact",
+        ),
+        Row(
+            statistic="rate_scale",
+            value=float(np.sum(rate * mean) / np.sum(mean * mean)),
+            n=len(step),
+            prediction=1.0,
+            predictor="attitude",
+            remainder=float(np.linalg.norm(step) / np.linalg.norm(mean) / 2.0),
+            unit="1",
             check="exact",
         ),
     )

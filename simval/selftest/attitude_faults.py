@@ -1,0 +1,180 @@
+"""Faults of the attitude chain: noise, estimator, and the formulas beside it."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.selftest.fault import Fault, Part, after, wrapped
+from simval.streams import Streams
+from simval.studies import attitude
+from simval.theory.attitude import AttitudeMoments, attitude_moments
+
+
+class _Generator:
+    """A generator whose normals are changed on their way."""
+
+    def __init__(self, generator: np.random.Generator, change: Any) -> None:
+        self._generator = generator
+        self._change = change
+
+    def standard_normal(self, shape: Any) -> Array:
+        return self._change(self._generator, shape)
+
+
+def attitude_faults() -> list[Fault]:
+    """All faults of the attitude chain.
+
+    Returns
+    -------
+    list of Fault
+        Estimator, formula, noise.
+    """
+    return [*_estimator(), *_formula(), *_noise()]
+
+
+def _fault(part: Part, name: str, inject: Any, *, baseline: bool = False) -> Fault:
+    return Fault(
+        name=name, part=part, suite="attitude", inject=inject, baseline=baseline
+    )
+
+
+def _estimator() -> list[Fault]:
+    def raw(change: Any) -> Any:
+        return after(attitude, "raw_quaternion", change)
+
+    def swap(original: Any, vectors: Array, frame: str) -> Array:
+        b1, b2, r1, r2 = vectors.reshape(4, 3, -1)
+        return original(np.stack([b2, b1, r1, r2]), frame)
+
+    def another(original: Any, vectors: Array, frame: str) -> Array:
+        return original(vectors, "x" if frame != "x" else "y")
+
+    conjugate = np.array([[-1.0], [-1.0], [-1.0], [1.0]])
+    return [
+        _fault("estimator", "scalar first", raw(lambda q: np.roll(q, 1, axis=0))),
+        _fault("estimator", "inverse rotation", raw(lambda q: conjugate * q)),
+        _fault("estimator", "sign of the quaternion", raw(np.negative)),
+        _fault("estimator", "one vector sign", raw(lambda q: conjugate[::-1] * q)),
+        _fault("estimator", "body vectors swapped", _wrap("raw_quaternion", swap)),
+        _fault(
+            "estimator", "another frame than stated", _wrap("raw_quaternion", another)
+        ),
+        _fault(
+            "estimator",
+            "not normalised",
+            _wrap("normalize_columns", lambda original, q: 2.4 * q),
+        ),
+        _fault(
+            "estimator",
+            "NaN on one trial in a million",
+            after(attitude, "normalize_columns", _one_nan),
+        ),
+        _fault(
+            "estimator",
+            "attitude matrix transposed",
+            after(attitude, "attitude_matrix", np.transpose),
+        ),
+    ]
+
+
+def _formula() -> list[Fault]:
+    def claim(name: str, change: Any) -> Fault:
+        def broken(
+            original: Any, q: Any, r1: Any, r2: Any, s: float, *, order: Any
+        ) -> Any:
+            return change(original(q, r1, r2, s, order=order), order, s)
+
+        return _fault("formula", name, _wrap("attitude_moments", broken))
+
+    def in_one(m: AttitudeMoments, order: Any, s: float) -> AttitudeMoments:
+        return replace(m, covariance=(1.01 if s == 0.05 else 1.0) * m.covariance)
+
+    def second(m: AttitudeMoments, order: Any, s: float) -> AttitudeMoments:
+        geometry = attitude.random_geometry(3)
+        return m if order == 2 else attitude_moments(*geometry, s, order=2)
+
+    def degrees(m: AttitudeMoments, order: Any, s: float) -> AttitudeMoments:
+        geometry = attitude.random_geometry(3)
+        return attitude_moments(*geometry, float(np.radians(s)), order=order)
+
+    return [
+        claim(
+            "covariance + 1 %",
+            lambda m, o, s: replace(m, covariance=1.01 * m.covariance),
+        ),
+        claim("covariance + 1 % in one cell", in_one),
+        claim("covariance of one pair transposed in sign", _one_element),
+        claim("bias of the wrong sign", lambda m, o, s: replace(m, bias=-m.bias)),
+        claim("bias times 1.5", lambda m, o, s: replace(m, bias=1.5 * m.bias)),
+        claim("no bias at all", lambda m, o, s: replace(m, bias=0.0 * m.bias)),
+        claim("fourth-order term missing", second),
+        claim("variance taken for standard deviation", _variance),
+        claim("degrees for radians", degrees),
+        claim(
+            "second moment for covariance",
+            lambda m, o, s: replace(m, covariance=m.second_moment),
+        ),
+        claim(
+            "NaN in a prediction",
+            lambda m, o, s: replace(m, bias=np.full(4, np.nan)),
+        ),
+    ]
+
+
+def _noise() -> list[Fault]:
+    def normals(name: str, change: Any, *, baseline: bool = False) -> Fault:
+        def broken(original: Any, streams: Streams, number: int) -> Any:
+            return _Generator(original(streams, number), change)
+
+        inject = wrapped(Streams, "block", broken)
+        return _fault("noise", name, inject, baseline=baseline)
+
+    def shared(generator: np.random.Generator, shape: Any) -> Array:
+        noise = generator.standard_normal(shape)
+        noise[3:6] = noise[:3]
+        return noise
+
+    def bodies_only(generator: np.random.Generator, shape: Any) -> Array:
+        noise = generator.standard_normal(shape)
+        noise[6:] = 0.0
+        return noise
+
+    def first_block(original: Any, streams: Streams, number: int) -> Any:
+        return original(streams, 0)
+
+    def no_cell(original: Any, streams: Streams, number: int) -> Any:
+        return original(Streams(streams.seed, (0,)), number)
+
+    return [
+        normals("noise + 1 %", lambda g, shape: 1.01 * g.standard_normal(shape)),
+        normals("two sensors share a stream", shared),
+        normals("no noise on the references", bodies_only),
+        _fault("noise", "every block the same", wrapped(Streams, "block", first_block)),
+        _fault(
+            "noise",
+            "all cells share a stream",
+            wrapped(Streams, "block", no_cell),
+            baseline=True,
+        ),
+    ]
+
+
+def _wrap(name: str, change: Any) -> Any:
+    return wrapped(attitude, name, change)
+
+
+def _one_nan(q: Array) -> Array:
+    q[:, 0] = np.nan
+    return q
+
+
+def _one_element(m: AttitudeMoments, order: Any, s: float) -> AttitudeMoments:
+    C = m.covariance.copy()
+    C[0, 1] = C[1, 0] = -C[0, 1]
+    return replace(m, covariance=C)
+
+
+def _variance(m: AttitudeMoments, order: Any, s: float) -> AttitudeMoments:
+    return replace(m, covariance=s * m.covariance)

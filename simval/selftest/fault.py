@@ -1,0 +1,117 @@
+"""A fault: what it breaks, in which suite, and how it is put into the real flow."""
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from typing import Any, Literal
+
+Part = Literal["estimator", "formula", "noise", "sensor", "scene", "calibrator", "run"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fault:
+    """One injected fault.
+
+    Attributes
+    ----------
+    name : str
+        What is wrong, in words.
+    part : str
+        Where in the flow it is.
+    suite : str
+        Key of `simval.selftest.matrix.SUITES`.
+    inject : callable
+        Gives a context in which the flow is broken.
+    baseline : bool, default False
+        Whether the run is set beside a stored baseline too: for what theory cannot
+        see, because every number is right by itself.
+    """
+
+    name: str
+    part: Part
+    suite: str
+    inject: Callable[[], AbstractContextManager[None]]
+    baseline: bool = False
+
+
+@contextmanager
+def replaced(owner: Any, name: str, value: Any) -> Iterator[None]:
+    """Replace an attribute while the context lasts.
+
+    Parameters
+    ----------
+    owner : object
+        Module or class that has the attribute itself.
+    name : str
+        Of the attribute.
+    value : object
+        What stands there meanwhile.
+
+    Yields
+    ------
+    None
+        While it is in force.
+    """
+    before = owner.__dict__[name]
+    setattr(owner, name, value)
+    try:
+        yield
+    finally:
+        setattr(owner, name, before)
+
+
+def wrapped(
+    owner: Any, name: str, change: Callable[..., Any]
+) -> Callable[[], AbstractContextManager[None]]:
+    """Wrap a function of the flow: ``change(original, *arguments)`` takes its place.
+
+    Parameters
+    ----------
+    owner : object
+        Module or class that holds it.
+    name : str
+        Its name.
+    change : callable
+        Called with the original and the arguments.
+
+    Returns
+    -------
+    callable
+        Gives the context, for `Fault.inject`.
+    """
+
+    def inject() -> AbstractContextManager[None]:
+        original = owner.__dict__[name]
+
+        def broken(*arguments: Any, **options: Any) -> Any:
+            return change(original, *arguments, **options)
+
+        return replaced(owner, name, broken)
+
+    return inject
+
+
+def after(
+    owner: Any, name: str, change: Callable[[Any], Any]
+) -> Callable[[], AbstractContextManager[None]]:
+    """Change what a function of the flow returns.
+
+    Parameters
+    ----------
+    owner : object
+        Module or class that holds it.
+    name : str
+        Its name.
+    change : callable
+        From the right result to the wrong one.
+
+    Returns
+    -------
+    callable
+        Gives the context, for `Fault.inject`.
+    """
+
+    def broken(original: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
+        return change(original(*arguments, **options))
+
+    return wrapped(owner, name, broken)

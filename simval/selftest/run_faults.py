@@ -1,0 +1,153 @@
+"""Faults of the machinery: workers, store, samples, standard errors, rows."""
+
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from simval.results import Outcome
+from simval.selftest.fault import Fault, after, wrapped
+from simval.studies import attitude
+from simval.sweep import executors, runner, store
+
+
+def run_faults() -> list[Fault]:
+    """All faults of the machinery.
+
+    Returns
+    -------
+    list of Fault
+        With part ``run``.
+    """
+    return [*_samples(), *_cells(), *_rows()]
+
+
+def _fault(name: str, inject: Any, *, baseline: bool = False) -> Fault:
+    return Fault(
+        name=name, part="run", suite="attitude", inject=inject, baseline=baseline
+    )
+
+
+def _samples() -> list[Fault]:
+    def half(
+        original: Any, sampler: Any, streams: Any, *, samples: int, **o: Any
+    ) -> Any:
+        return original(sampler, streams, samples=samples // 2, **o)
+
+    def claimed(sums: Any) -> Any:
+        # sixteen times as many batches as there were, with the scatter to match
+        return replace(sums, batches=16 * sums.batches, scatter=16 * sums.scatter)
+
+    return [
+        _fault("half of the samples", wrapped(attitude, "simulate", half)),
+        _fault("samples counted sixteenfold", after(attitude, "simulate", claimed)),
+        _fault(
+            "standard errors a tenth",
+            after(
+                attitude,
+                "moments_of",
+                lambda m: replace(
+                    m,
+                    bias_error=m.bias_error / 10.0,
+                    covariance_error=m.covariance_error / 10.0,
+                ),
+            ),
+        ),
+        _fault(
+            "standard errors of zero",
+            after(
+                attitude,
+                "moments_of",
+                lambda m: replace(
+                    m,
+                    bias_error=np.full_like(m.bias_error, 0.0),
+                    covariance_error=np.full_like(m.covariance_error, 0.0),
+                ),
+            ),
+        ),
+    ]
+
+
+def _cells() -> list[Fault]:
+    def drop(original: Any, cells: Any, pending: Any) -> Any:
+        return original(cells, list(pending)[:-1])
+
+    def swapped(original: Any, cells: Any, pending: Any) -> Any:
+        places = list(pending)
+        turned = dict(zip(places, places[::-1], strict=True))
+        return ((turned[p], o, s) for p, o, s in original(cells, pending))
+
+    def crash(original: Any, cell: Any) -> Any:
+        msg = "crashed on purpose"
+        raise RuntimeError(msg)
+
+    def fewer(original: Any, path: Any, cells: Any, manifest: str) -> Any:
+        return original(path, list(cells)[:-1], manifest)
+
+    def first_only(original: Any, cells: Any, pending: Any) -> Any:
+        return original(cells, list(pending)[:1])
+
+    return [
+        _fault("a worker drops a cell", wrapped(runner, "serial", drop)),
+        _fault(
+            "results under another cell's name",
+            wrapped(runner, "serial", swapped),
+            baseline=True,
+        ),
+        _fault("a cell crashes", wrapped(executors, "execute", crash)),
+        Fault(
+            name="the store lacks a cell",
+            part="run",
+            suite="attitude",
+            inject=_both(
+                wrapped(store, "create", fewer), wrapped(runner, "serial", first_only)
+            ),
+        ),
+    ]
+
+
+def _rows() -> list[Fault]:
+    def rows(name: str, change: Any, *, baseline: bool = False) -> Fault:
+        def broken(outcome: Outcome) -> Outcome:
+            return replace(outcome, rows=tuple(change(list(outcome.rows))))
+
+        return _fault(name, after(executors, "execute", broken), baseline=baseline)
+
+    return [
+        rows("values of NaN", lambda rows: [replace(r, value=np.nan) for r in rows]),
+        rows("cells that measure nothing", lambda rows: []),
+        rows(
+            "checks that judge nothing",
+            lambda rows: [replace(r, check="record") for r in rows],
+        ),
+        rows(
+            "remainders without end",
+            lambda rows: [replace(r, remainder=1e6) for r in rows],
+        ),
+        rows(
+            "predictions left out",
+            lambda rows: [replace(r, prediction=None) for r in rows],
+        ),
+        rows(
+            "a statistic no longer measured",
+            lambda rows: [r for r in rows if r.statistic != "nees"],
+            baseline=True,
+        ),
+        rows(
+            "values that moved by a hundredth of a standard error",
+            lambda rows: [
+                replace(r, value=r.value + 0.01 * r.standard_error) for r in rows
+            ],
+            baseline=True,
+        ),
+    ]
+
+
+def _both(first: Any, second: Any) -> Any:
+    @contextmanager
+    def inject() -> Any:
+        with first(), second():
+            yield
+
+    return inject
