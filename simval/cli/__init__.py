@@ -25,6 +25,7 @@ COMMANDS = (
     ("export", "Write the table of a run as Parquet."),
     ("suite-schema", "Print the JSON Schema of suite files."),
     ("selftest", "Inject faults and see that the gate finds each."),
+    ("bench", "Race simval against the alternatives, side by side."),
     ("list", "Show the suites, studies, cells and scenes there are."),
 )
 

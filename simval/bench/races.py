@@ -1,0 +1,68 @@
+"""The races by name."""
+
+from collections.abc import Iterable
+
+from simval.bench import attitude
+from simval.bench.race import Race
+from simval.errors import InputError
+
+RACES: tuple[Race, ...] = (
+    Race(
+        name="estimators",
+        title="Attitude estimates, checks included",
+        item="estimates",
+        contenders=attitude.estimators,
+    ),
+    Race(
+        name="predictions",
+        title="Predicted bias and covariance of one attitude cell",
+        item="predictions",
+        contenders=attitude.predictions,
+    ),
+    Race(
+        name="montecarlo",
+        title="Full Monte Carlo pass beside the generator's own rate",
+        item="samples",
+        contenders=attitude.monte_carlo,
+    ),
+    Race(
+        name="threads",
+        title="Full Monte Carlo pass in threads",
+        item="samples",
+        contenders=attitude.threads,
+        clock="wall",
+    ),
+    Race(
+        name="reductions",
+        title="Precision of the covariance, in plain samples' worth",
+        item="plain samples",
+        contenders=attitude.reductions,
+    ),
+)
+
+
+def find_races(names: Iterable[str]) -> tuple[Race, ...]:
+    """Races of some names.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Names; none means all.
+
+    Returns
+    -------
+    tuple of Race
+        In the order of the table.
+
+    Raises
+    ------
+    InputError
+        If a name is not known.
+    """
+    wanted = list(names)
+    known = [race.name for race in RACES]
+    for name in wanted:
+        if name not in known:
+            msg = f"there is no race `{name}`; there are {', '.join(known)}"
+            raise InputError(msg)
+    return tuple(race for race in RACES if not wanted or race.name in wanted)

@@ -1,0 +1,52 @@
+"""`simval bench`."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from simval.bench import Result, find_races, run_race
+from simval.errors import InputError
+from simval.sweep.provenance import versions
+
+
+@click.command(name="bench")
+@click.argument("races", nargs=-1)
+@click.option(
+    "--rounds",
+    type=click.IntRange(min=1),
+    default=7,
+    show_default=True,
+    help="Turns that each contender takes.",
+)
+@click.option("--json", "path", type=click.Path(path_type=Path), help="Also as JSON.")
+def command(races: tuple[str, ...], rounds: int, path: Path | None) -> int:
+    """Race simval against the alternatives: all RACES, or those named.
+
+    The ratio is the median over the rounds of a contender's rate by the first one's in
+    the same round; processor time unless it says wall.
+    """
+    console = Console(highlight=False)
+    results: list[Result] = []
+    for race in find_races(races):
+        found = run_race(race, rounds)
+        results += found
+        table = Table(title=f"{race.title} ({race.name}, {race.clock} time)")
+        table.add_column("contender")
+        for heading in (f"{race.item}/s", "ratio", "least", "greatest"):
+            table.add_column(heading, justify="right")
+        for r in found:
+            numbers = (r.rate, r.ratio, r.low, r.high)
+            table.add_row(r.contender, *(f"{number:.3g}" for number in numbers))
+        console.print(table)
+    if path is not None:
+        content = {"versions": versions(), "results": [asdict(r) for r in results]}
+        try:
+            path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+        except OSError as error:
+            msg = f"cannot write {path}: {error.strerror}; choose another file"
+            raise InputError(msg) from None
+    return 0
