@@ -25,6 +25,7 @@ from simval.theory.errors_exact import (
     normalized_error_second_order,
     unnormalized_error,
 )
+from simval.theory.noise import noise_covariances
 from simval.theory.second_order import (
     isotropic_unnormalized_covariance,
     mean_norm_ratio,
@@ -34,7 +35,7 @@ from simval.theory.second_order import (
     unnormalized_covariance,
 )
 from simval.theory.series import series_moments
-from simval.theory.two_vector import noise_covariances, two_vector_geometry
+from simval.theory.two_vector import two_vector_geometry
 
 EPS = 2.3e-16
 

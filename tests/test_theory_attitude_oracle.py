@@ -6,13 +6,10 @@ from scipy import integrate
 
 from simval.attitude.kernel import normalize_columns, raw_quaternion
 from simval.geometry import attitude_matrix, normalize, random_quaternions
-from simval.theory import attitude_moments, oracle
+from simval.theory import attitude_moments, directions, oracle
+from simval.theory.noise import noise_covariances
 from simval.theory.oracle import one_minus_a, one_minus_b
-from simval.theory.two_vector import (
-    column_norms,
-    noise_covariances,
-    two_vector_geometry,
-)
+from simval.theory.two_vector import column_norms, two_vector_geometry
 
 
 def shares_by_quadrature(rho):
@@ -64,13 +61,13 @@ def test_branches_meet():
 
 def moments_by_rule(g, noise, rule):
     tau1, tau2 = oracle._isotropic_halves(noise)
-    directions, weights = (
-        oracle._about_d1(g, tau1, tau2, rule[1:])
+    u, weights = (
+        directions._about_d1(g, tau1, tau2, rule[1:])
         if rule[0] == "d1"
-        else oracle._about_d2(g.d2, tau2, rule[1:])
+        else directions._about_d2(g.d2, tau2, rule[1:])
     )
     return (
-        *oracle._moments_given_directions(g, tau1, directions, weights),
+        *oracle._moments_given_directions(g, tau1, u, weights),
         weights.sum(),
     )
 

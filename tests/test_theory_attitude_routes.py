@@ -12,8 +12,8 @@ from simval.attitude import two_vector_quaternion
 from simval.geometry import attitude_matrix, normalize, random_quaternions
 from simval.theory import attitude_moments
 from simval.theory.cubature import cubature_moments
+from simval.theory.noise import noise_covariances, tangent_covariances
 from simval.theory.series import series_moments
-from simval.theory.two_vector import noise_covariances, tangent_covariances
 
 
 def quaternion(b1, b2, r1, r2):
@@ -52,7 +52,7 @@ def test_closed_forms_equal_the_series_to_rounding(seed, kind):
         "isotropic": noise_covariances(0.03),
         "unequal": noise_covariances([0.01, 0.04, 0.02, 0.05]),
         "full": full_covariances(rng, 0.03),
-        "tangent": tangent_covariances(*vectors, 0.03),
+        "tangent": tangent_covariances(vectors, 0.03),
     }[kind]
     # both sides are sums of some thousand rounded terms, amplified by 1/|qbar|^4
     # relative to a leading term that has 1/|qbar|^2: 1000 eps / 0.15^2
@@ -110,7 +110,7 @@ def test_convergence_order_against_cubature(kind):
         unit = (
             full_covariances(rng, 1.0)
             if kind == "full"
-            else tangent_covariances(*vectors, 1.0)
+            else tangent_covariances(vectors, 1.0)
         )
         frame = attitude_moments(q, r1, r2, 1e-3).frame
         errors = {order: [] for order, _ in ORDERS}

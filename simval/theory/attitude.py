@@ -17,6 +17,7 @@ from simval.moments import Moments
 from simval.theory import orders
 from simval.theory.combined import combined_moments
 from simval.theory.expansion import mean_linear_error, scaled_error_moments
+from simval.theory.noise import noise_covariances, normalized_noise
 from simval.theory.oracle import exact_moments
 from simval.theory.second_order import (
     multiplicative_bias,
@@ -27,8 +28,6 @@ from simval.theory.second_order import (
 )
 from simval.theory.two_vector import (
     TwoVectorGeometry,
-    noise_covariances,
-    normalized_noise,
     true_vectors,
     two_vector_geometry,
 )

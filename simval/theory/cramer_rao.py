@@ -22,7 +22,8 @@ import numpy as np
 from simval.arrays import Array, frozen
 from simval.errors import InputError
 from simval.geometry import cross_matrix
-from simval.theory.two_vector import noise_covariances, true_vectors
+from simval.theory.noise import noise_covariances
+from simval.theory.two_vector import true_vectors
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

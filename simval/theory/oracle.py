@@ -26,8 +26,7 @@ of :math:`q - \hat q` are formed from small differences, so that they keep their
 at small noise. No expansion in the noise is made anywhere.
 """
 
-from collections.abc import Iterator
-from itertools import pairwise
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -35,23 +34,12 @@ from scipy import special
 
 from simval.arrays import Array
 from simval.errors import InputError, RefusedError
+from simval.theory.directions import direction_rules
 from simval.theory.two_vector import TwoVectorGeometry
 
-# Azimuth nodes, with twice as many polar ones, about the direction of d2. The first
-# rule only checks the second.
-_ABOUT_D2: Final = (22, 32)
-# Where they disagree, m passes zero inside the density: at u along d1, within an angle
-# tau1. Then polar nodes per panel and azimuth nodes about the direction of d1, on
-# panels that grow fourfold away from it; there w depends on the azimuth alone, and
-# varies within |d1|/|s1| of azimuth; the density varies within 1/k across the pole. The
-# azimuth nodes are a multiple of what resolves both.
-_ABOUT_D1: Final = ((12, 12.0), (16, 20.0), (24, 30.0), (32, 40.0))
-_AZIMUTHS: Final = (64, 4096)
 # Agreement of successive rules. The error falls geometrically with the nodes, so the
 # finer one is then good to 1e-12 or better.
 _TOLERANCE: Final = 1e-9
-# The density falls below e^{-9.5^2/2} = 3e-20 of its peak at 9.5/k from the pole.
-_CUT: Final = 9.5
 # Below this rho the closed forms of A and B cancel (eps / rho^3); the series below
 # leave out terms of rho^4 / 140, so both sides hold 1e-10 here.
 _SERIES_RHO: Final = 1e-2
@@ -80,12 +68,52 @@ def exact_moments(geometry: TwoVectorGeometry, noise: Array) -> tuple[Array, Arr
     RefusedError
         If the finest two rules do not agree within 1e-9.
     """
+    bias, covariance = _average(geometry, noise, _moments_given_directions)
+    return bias, covariance
+
+
+def flip_probability(geometry: TwoVectorGeometry, noise: Array) -> float:
+    r"""Probability that the raw estimate has the other sign than the truth.
+
+    Given u, :math:`q^T\bar q/|d_2|` is Gaussian with mean :math:`q^T m` and variance
+    :math:`\tau_1^2 (1 - (e^T u)^2)`. Every prediction here keeps the raw sign; one who
+    aligns the sign sample by sample sees another error in this share of the samples.
+
+    Parameters
+    ----------
+    geometry : TwoVectorGeometry
+        The noise-free vectors.
+    noise : Array
+        Isotropic covariances of b1, b2, r1, r2, (4, 3, 3).
+
+    Returns
+    -------
+    float
+        Probability, absolute error below 1e-9.
+
+    Raises
+    ------
+    InputError
+        If a covariance is not a multiple of the identity.
+    RefusedError
+        If the finest two rules do not agree within 1e-9.
+    """
+    return float(_average(geometry, noise, _flips_given_directions)[0][0])
+
+
+Functional = Callable[[TwoVectorGeometry, float, Array, Array], tuple[Array, ...]]
+
+
+def _average(
+    geometry: TwoVectorGeometry, noise: Array, functional: Functional
+) -> tuple[Array, ...]:
+    # a functional of directions and weights, by rules that refine until two agree
     tau1, tau2 = _isotropic_halves(noise)
     previous: tuple[Array, ...] | None = None
     gap = np.inf
-    for directions, weights in _rules(geometry, tau1, tau2):
+    for directions, weights in direction_rules(geometry, tau1, tau2):
         total = weights.sum()
-        found = _moments_given_directions(geometry, tau1, directions, weights / total)
+        found = functional(geometry, tau1, directions, weights / total)
         if previous is not None:
             gap = max(_relative(a, b) for a, b in zip(previous, found, strict=True))
             gap = max(gap, abs(float(total) - 1.0))  # the density must integrate to 1
@@ -93,26 +121,11 @@ def exact_moments(geometry: TwoVectorGeometry, noise: Array) -> tuple[Array, Arr
                 return found
         previous = found
     msg = (
-        f"the quadrature still changes the moments by {gap:.1e} relative with its last "
+        f"the quadrature still changes its result by {gap:.1e} relative with its last "
         f"rule, needed {_TOLERANCE:g}: |qbar| is {geometry.norm:.2e} and the noise of "
         f"the halved pairs {tau1:.2e} and {tau2:.2e}; use another frame"
     )
     raise RefusedError(msg)
-
-
-def _rules(
-    geometry: TwoVectorGeometry, tau1: float, tau2: float
-) -> Iterator[tuple[Array, Array]]:
-    for count in _ABOUT_D2:
-        yield _about_d2(geometry.d2, tau2, (2 * count, count))
-    d1 = np.linalg.norm(geometry.d1)
-    across = np.linalg.norm(np.cross(geometry.d1, geometry.d2)) / d1  # |d2| sin angle
-    scale = max(1.0, float(np.linalg.norm(geometry.s1) / d1))
-    if tau2 > 0.0:
-        scale = max(scale, 0.4 * float(across) / tau2)
-    for polar, factor in _ABOUT_D1:
-        azimuths = int(np.clip(factor * scale, *_AZIMUTHS))
-        yield _about_d1(geometry, tau1, tau2, (polar, azimuths))
 
 
 def _relative(a: Array, b: Array) -> float:
@@ -134,79 +147,9 @@ def _isotropic_halves(noise: Array) -> tuple[float, float]:
     return float(tau1), float(tau2)
 
 
-def _about_d2(d2: Array, tau: float, nodes: tuple[int, int]) -> tuple[Array, Array]:
-    # directions u (n, 3) and weights (n,) of the density (E2) around its own centre
-    pole = d2 / np.linalg.norm(d2)
-    if tau == 0.0:
-        return pole[None, :], np.ones(1)
-    k = float(np.linalg.norm(d2)) / tau
-    theta, polar = _panel(0.0, min(np.pi, _CUT / k) if k >= 12.0 else np.pi, nodes[0])
-    directions, azimuth = _grid(pole, theta, nodes[1])
-    polar = polar * np.sin(theta) * _density(k, np.cos(theta), np.sin(theta))
-    return directions, np.repeat(polar * azimuth, nodes[1])
-
-
-def _about_d1(
-    geometry: TwoVectorGeometry, tau1: float, tau2: float, nodes: tuple[int, int]
-) -> tuple[Array, Array]:
-    # the same on panels about the direction of d1, where m vanishes
-    if tau2 == 0.0:
-        return _about_d2(geometry.d2, tau2, nodes)
-    pole = geometry.d1 / np.linalg.norm(geometry.d1)
-    length = float(np.linalg.norm(geometry.d2))
-    centre, k = geometry.d2 / length, length / tau2
-    edges = _graded_edges(tau1, k, float(np.arccos(np.clip(pole @ centre, -1, 1))))
-    panels = [_panel(a, b, nodes[0]) for a, b in pairwise(edges)]
-    theta, polar = (np.concatenate(part) for part in zip(*panels, strict=True))
-    directions, azimuth = _grid(pole, theta, nodes[1])
-    across = np.linalg.norm(np.cross(directions, centre), axis=1)
-    weights = np.repeat(polar * np.sin(theta) * azimuth, nodes[1])
-    weights *= _density(k, directions @ centre, across)
-    kept = weights > 1e-30
-    return directions[kept], weights[kept]
-
-
-def _graded_edges(tau1: float, k: float, angle: float) -> list[float]:
-    # fourfold growth from both poles, and panels of three widths 1/k of the density
-    # around its centre at the given angle, as far as the density reaches
-    steps = [2.0 * max(tau1, 1e-6) * 4.0**i for i in range(12)]
-    steps = [step for step in steps if step < 0.5 * np.pi]
-    edges = {0.0, 0.5 * np.pi, np.pi, *steps, *(np.pi - step for step in steps)}
-    low, high = max(0.0, angle - _CUT / k), min(np.pi, angle + _CUT / k)
-    if k < 12.0:
-        low, high = 0.0, np.pi
-    edges |= {low, high, *(angle + 3.0 * i / k for i in range(-3, 4))}
-    return sorted(edge for edge in edges if low <= edge <= high)
-
-
-def _panel(low: float, high: float, count: int) -> tuple[Array, Array]:
-    x, w = np.polynomial.legendre.leggauss(count)
-    return low + 0.5 * (high - low) * (x + 1.0), 0.5 * (high - low) * w
-
-
-def _grid(pole: Array, theta: Array, count: int) -> tuple[Array, float]:
-    # unit vectors at polar angles theta and even azimuths; the weight of an azimuth
-    phi = 2.0 * np.pi * (np.arange(count) + 0.5) / count
-    across = np.linalg.svd(pole[None, :])[2][1:]  # two unit vectors normal to the pole
-    ring = np.cos(phi)[:, None] * across[0] + np.sin(phi)[:, None] * across[1]
-    directions = np.cos(theta)[:, None, None] * pole + (
-        np.sin(theta)[:, None, None] * ring
-    )
-    return directions.reshape(-1, 3), 2.0 * np.pi / count
-
-
-def _density(k: float, cosine: Array, sine: Array) -> Array:
-    # (E2): e^{-(k^2 - t^2)/2} and its product with e^{-t^2/2}, without cancellation
-    t = k * cosine
-    tilted = np.exp(-0.5 * (k * sine) ** 2)
-    bulk = (1.0 + t * t) * np.sqrt(2.0 * np.pi) * special.ndtr(t)
-    density: Array = tilted * bulk + t * np.exp(-0.5 * k * k)
-    return density * (2.0 * np.pi) ** -1.5
-
-
 def _moments_given_directions(
     geometry: TwoVectorGeometry, tau1: float, directions: Array, weights: Array
-) -> tuple[Array, Array]:
+) -> tuple[Array, ...]:
     # Bias and covariance from eq. (E1) averaged over the directions
     q = geometry.q
     m = np.concatenate(
@@ -227,6 +170,20 @@ def _moments_given_directions(
     rest = half.sum() * np.eye(4)
     rest[:3, :3] -= (half[:, None] * directions).T @ directions
     return bias, second + rest - np.outer(bias, bias)
+
+
+def _flips_given_directions(
+    geometry: TwoVectorGeometry, tau1: float, directions: Array, weights: Array
+) -> tuple[Array, ...]:
+    # probability that q.qbar < 0; its complement sets the scale of the tolerance
+    e, s = geometry.q[:3], geometry.q[3]
+    along = np.cross(geometry.d1, directions) @ e + s * (directions @ geometry.s1)
+    spread = tau1 * np.sqrt(np.maximum(1.0 - (directions @ e) ** 2, 0.0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        flipped = special.ndtr(-along / spread)
+    flipped = np.where(spread > 0.0, flipped, along < 0.0)
+    share = float(weights @ flipped)
+    return (np.array([share, 1.0 - share]),)
 
 
 def one_minus_a(rho: Array) -> Array:

@@ -94,10 +94,11 @@ def algebra(dimension: int, degree: int) -> Algebra:
     ]
     index = {monomial: i for i, monomial in enumerate(monomials)}
     degrees = np.array([len(monomial) for monomial in monomials])
+    up_to = np.searchsorted(degrees, range(degree + 1), side="right")
     triples = [
         (i, j, index[tuple(sorted(first + second))])
         for i, first in enumerate(monomials)
-        for j, second in enumerate(monomials[: _count(degrees, degree - len(first))])
+        for j, second in enumerate(monomials[: up_to[degree - len(first)]])
     ]
     left, right, target = np.array(triples).T
     means = np.array([_normal_moment(monomial) for monomial in monomials])
@@ -110,10 +111,6 @@ def algebra(dimension: int, degree: int) -> Algebra:
         right=right,
         target=target,
     )
-
-
-def _count(degrees: NDArray[np.intp], limit: int) -> int:
-    return int(np.searchsorted(degrees, limit, side="right"))
 
 
 def _normal_moment(monomial: tuple[int, ...]) -> float:
@@ -167,9 +164,8 @@ class Series:
     def __mul__(self, other: Scalar) -> "Series":
         if not isinstance(other, Series):
             return self._new(self.coefficients * float(other))
-        tables = self.algebra
+        tables, size = self.algebra, self.coefficients.size
         terms = self.coefficients[tables.left] * other.coefficients[tables.right]
-        size = self.coefficients.size
         total = np.bincount(tables.target, weights=terms, minlength=size)
         return self._new(np.asarray(total, dtype=np.float64))
 
@@ -266,7 +262,7 @@ def series_moments(
     errors = [_without_constant(-1.0 * number) for number in estimate]
     bias = np.array([error.mean() for error in errors])
     second = np.array([[(a * b).mean() for b in errors] for a in errors])
-    # bias bias' only through the order kept: the product of the two lowest terms
+    # bias bias' only through the order kept
     lowest = [np.array([_mean_of_degree(e, d) for e in errors]) for d in (2, 4)]
     square = np.outer(lowest[0], lowest[0]) if order >= 4 else 0.0
     if order == 6:

@@ -1,0 +1,167 @@
+r"""Closeness to singularity: the noise at which each attitude formula stops to hold.
+
+The quantity that decides is :math:`|\bar q|/\sigma`. For a geometry with a given
+:math:`|\bar q|` in the plain frame, the noise is raised until the bias and covariance
+of each formula are off by 1 % and by 10 % of the exact ones. The simulation counts how
+often the raw sign of the estimate flips (predicted exactly) and how often free
+selection of the greatest column would have taken another frame than the true geometry.
+"""
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from simval.arrays import Array
+from simval.attitude.kernel import column_matrix, raw_quaternion
+from simval.results import Check, Outcome, Row
+from simval.streams import Streams
+from simval.studies.attitude import PREDICTORS
+from simval.studies.study import StudyParameters
+from simval.theory.attitude import attitude_moments
+from simval.theory.noise import noise_covariances
+from simval.theory.oracle import flip_probability
+from simval.theory.two_vector import true_vectors, two_vector_geometry
+
+BLOCK = 4096
+SHARES = {"1%": 0.01, "10%": 0.1}
+RATIOS = np.geomspace(200.0, 1.5, 50)
+"""|qbar|/sigma, from where every formula holds to where none does."""
+
+MIN_EVENTS = 100
+"""Expected flips below which their number is reported, not judged."""
+
+
+class Parameters(StudyParameters):
+    """One cell: a length of qbar, and the noise at which flips are counted."""
+
+    norm: Annotated[float, Field(ge=0.05, le=0.8)] = Field(
+        default=0.3, description="Length of the noise-free qbar, plain frame, 1."
+    )
+    ratio: Annotated[float, Field(ge=1.5, le=20.0)] = Field(
+        default=3.0, description="|qbar|/sigma at which flips are counted, 1."
+    )
+    samples: Annotated[int, Field(ge=BLOCK)] = Field(
+        default=400_000, description="Trials; rounded up to whole blocks of 4096."
+    )
+
+
+def geometry_of_norm(norm: float) -> tuple[Array, Array, Array]:
+    """An attitude whose plain column has a given length, r1 and r2 at right angles.
+
+    Parameters
+    ----------
+    norm : float
+        Length of qbar, 0 to 0.8.
+
+    Returns
+    -------
+    q, r1, r2 : Array
+        Quaternion (4,) and unit vectors (3,).
+    """
+    # e.n = norm with |e| = 0.8: the part of e in the plane of r1 and r2 is the rest
+    r1, r2 = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
+    across = np.sqrt(max(0.0, 0.64 - norm**2))
+    return np.array([0.8 * across, 0.6 * across, norm, 0.6]), r1, r2
+
+
+def run(parameters: Parameters, streams: Streams) -> Outcome:
+    """Find the limits and count the flips of one cell.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Length of qbar, noise and number of trials.
+    streams : Streams
+        The cell's random streams.
+
+    Returns
+    -------
+    Outcome
+        |qbar|/sigma at each limit, flip rate, rate of another selection.
+    """
+    q, r1, r2 = geometry_of_norm(parameters.norm)
+    rows = _limit_rows(q, r1, r2)
+    sigma = parameters.norm / parameters.ratio
+    rows += _flip_rows(q, r1, r2, sigma, parameters.samples, streams)
+    return Outcome(rows=tuple(rows))
+
+
+def _limit_rows(q: Array, r1: Array, r2: Array) -> list[Row]:
+    norm = two_vector_geometry(q, r1, r2, "plain").norm
+    exact = [attitude_moments(q, r1, r2, norm / r, "exact", "plain") for r in RATIOS]
+    rows = []
+    for order, label in PREDICTORS:
+        if order == "exact":
+            continue
+        found = [attitude_moments(q, r1, r2, norm / r, order, "plain") for r in RATIOS]
+        for what in ("bias", "covariance"):
+            off = np.array(
+                [
+                    np.linalg.norm(getattr(f, what) - getattr(e, what))
+                    / np.linalg.norm(getattr(e, what))
+                    for f, e in zip(found, exact, strict=True)
+                ]
+            )
+            for share, limit in SHARES.items():
+                rows.append(
+                    Row(
+                        statistic=f"limit_ratio[{what},{share}]",
+                        value=_crossing(off, limit),
+                        predictor=label,
+                        unit="1",
+                    )
+                )
+    return rows
+
+
+def _crossing(off: Array, limit: float) -> float:
+    # the first ratio, from above, at which the error reaches the limit; between two
+    # grid points the log of the error is linear in the log of the ratio
+    reached = np.flatnonzero(off >= limit)
+    if reached.size == 0 or reached[0] == 0:
+        return float("nan")
+    i = int(reached[0])
+    step = np.log(limit / off[i - 1]) / np.log(off[i] / off[i - 1])
+    return float(RATIOS[i - 1] * (RATIOS[i] / RATIOS[i - 1]) ** step)
+
+
+def _flip_rows(
+    q: Array, r1: Array, r2: Array, sigma: float, samples: int, streams: Streams
+) -> list[Row]:
+    geometry = two_vector_geometry(q, r1, r2, "plain")
+    chance = flip_probability(geometry, noise_covariances(sigma))
+    truth = true_vectors(q, r1, r2)[1].reshape(12, 1)
+    best = int(np.argmax(_norms(truth)[:, 0]))
+    blocks = -(-samples // BLOCK)
+    flips = changes = 0
+    for i in range(blocks):
+        vectors = truth + sigma * streams.block(i).standard_normal((12, BLOCK))
+        flips += int(np.sum(geometry.q_true @ raw_quaternion(vectors, "plain") < 0.0))
+        changes += int(np.sum(np.argmax(_norms(vectors), axis=0) != best))
+    n = blocks * BLOCK
+    judged: Check = "plain" if n * chance >= MIN_EVENTS else "record"
+    return [
+        Row(
+            statistic="flip_rate",
+            value=flips / n,
+            standard_error=float(np.sqrt(chance * (1.0 - chance) / n)),
+            n=n,
+            prediction=chance,
+            predictor="exact",
+            unit="1",
+            check=judged,
+        ),
+        Row(
+            statistic="other_selection_rate",
+            value=changes / n,
+            standard_error=float(np.sqrt(changes * (1.0 - changes / n)) / n),
+            n=n,
+            unit="1",
+        ),
+    ]
+
+
+def _norms(vectors: Array) -> Array:
+    norms: Array = np.linalg.norm(column_matrix(vectors, symmetric=False), axis=1)
+    return norms

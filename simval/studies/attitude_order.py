@@ -1,0 +1,162 @@
+r"""Convergence order: how each attitude formula's error falls with the noise.
+
+At five noise levels the bias and covariance of each expansion are compared with the
+truth: the exact oracle for isotropic noise, cubature of degree 9 through the public
+estimator for noise that is not. The slope of the log of the difference against the log
+of the noise is the order of the first term that the formula leaves out: 4 for second
+order, 6 for the complete fourth order. The source's fourth order leaves out terms of
+its own order, so its slope is 4 too. No chance is involved.
+"""
+
+from functools import partial
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from simval.arrays import Array
+from simval.attitude import two_vector_quaternion
+from simval.errors import GeometryError
+from simval.moments import Moments
+from simval.results import Outcome, Row
+from simval.streams import Streams
+from simval.studies.attitude import PREDICTORS, random_geometry
+from simval.studies.study import StudyParameters
+from simval.theory.attitude import AttitudeMoments, attitude_moments
+from simval.theory.cubature import cubature_moments
+from simval.theory.noise import noise_covariances, tangent_covariances
+from simval.theory.two_vector import true_vectors
+
+LEVELS = tuple(np.geomspace(0.005, 0.02, 5).tolist())
+"""Noise levels; the largest standard deviation of any vector in any direction."""
+
+MIN_NORM = 0.15
+"""Below this the next term bends the slope by more than 0.1 at the highest level."""
+
+TOLERANCE = 0.1
+"""Of a slope: twice the next term's relative size at the highest level."""
+
+FLOOR = 3e-14
+"""Differences below 30 times the cubature's rounding, 1e-15, are not fitted."""
+
+ORDERS: dict[int | str, float] = {2: 4.0, "4-paper": 4.0, 4: 6.0}
+"""The slope that each formula's error must have."""
+
+
+class Parameters(StudyParameters):
+    """One cell: a geometry and a shape of the noise."""
+
+    geometry: Annotated[int, Field(ge=0)] = Field(
+        default=3, description="Number of the random attitude and vectors, a seed."
+    )
+    noise: Literal["isotropic", "full", "tangent"] = Field(
+        default="isotropic",
+        description="Equal isotropic noise, four different full covariances, or noise "
+        "tangent to each unit vector.",
+    )
+
+
+def run(parameters: Parameters, streams: Streams) -> Outcome:
+    """Measure the slopes of one cell.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Geometry and noise.
+    streams : Streams
+        Not drawn from: no chance is involved.
+
+    Returns
+    -------
+    Outcome
+        A slope for bias and covariance of each formula, and the differences.
+
+    Raises
+    ------
+    GeometryError
+        If the greatest column of the geometry is shorter than `MIN_NORM`.
+    """
+    q, r1, r2 = random_geometry(parameters.geometry)
+    shape = _shape(parameters, q, r1, r2)
+    norm = attitude_moments(q, r1, r2, LEVELS[0]).norm
+    if not norm >= MIN_NORM:
+        msg = (
+            f"geometry {parameters.geometry} has |qbar| {norm:.3f}, needed {MIN_NORM} "
+            "or more for a slope; choose another number"
+        )
+        raise GeometryError(msg)
+    labels = dict(PREDICTORS)
+    gaps: dict[int | str, list[tuple[float, float]]] = {order: [] for order in ORDERS}
+    for level in LEVELS:
+        noise = level**2 * shape
+        found = {o: attitude_moments(q, r1, r2, noise, o) for o in ORDERS}
+        truth = _truth(parameters.noise, q, r1, r2, noise, found[2])
+        for order, moments in found.items():
+            gaps[order].append(
+                (
+                    float(np.linalg.norm(moments.bias - truth.bias)),
+                    float(np.linalg.norm(moments.covariance - truth.covariance)),
+                )
+            )
+    rows = [Row(statistic="norm", value=norm, unit="1")]
+    for order, pairs in gaps.items():
+        for what, gap in zip(("bias", "covariance"), np.transpose(pairs), strict=True):
+            rows += _rows(what, labels[order], gap, ORDERS[order])
+    return Outcome(rows=tuple(rows))
+
+
+def _shape(parameters: Parameters, q: Array, r1: Array, r2: Array) -> Array:
+    # covariances (4, 3, 3) whose largest eigenvalue is 1
+    if parameters.noise == "isotropic":
+        return noise_covariances(1.0)
+    if parameters.noise == "tangent":
+        return tangent_covariances(true_vectors(q, r1, r2)[1], 1.0)
+    rng = np.random.default_rng([parameters.geometry, 1])
+    factor = rng.standard_normal((4, 3, 3))
+    full = factor @ factor.swapaxes(1, 2)
+    scaled: Array = full / np.linalg.eigvalsh(full)[:, -1, None, None]
+    return scaled
+
+
+def _truth(
+    kind: str, q: Array, r1: Array, r2: Array, noise: Array, second: AttitudeMoments
+) -> Moments:
+    if kind == "isotropic":
+        return attitude_moments(q, r1, r2, noise, "exact")
+    return cubature_moments(
+        partial(two_vector_quaternion, frame=second.frame),
+        true_vectors(q, r1, r2)[1],
+        noise,
+        second.q_true,
+    )
+
+
+def _rows(what: str, label: str, gap: Array, order: float) -> list[Row]:
+    fitted = gap > FLOOR
+    levels = np.log(LEVELS)
+    slope = (
+        float(np.polyfit(levels[fitted], np.log(gap[fitted]), 1)[0])
+        if fitted.sum() >= 2
+        else float("nan")  # judged inconclusive
+    )
+    rows = [
+        Row(
+            statistic=f"{what}_order",
+            value=slope,
+            prediction=order,
+            predictor=label,
+            remainder=TOLERANCE,
+            unit="1",
+            check="exact",
+        )
+    ]
+    for level, value in zip(LEVELS, gap, strict=True):
+        rows.append(
+            Row(
+                statistic=f"{what}_error[{level:.4g}]",
+                value=float(value),
+                predictor=label,
+                unit="1",
+            )
+        )
+    return rows

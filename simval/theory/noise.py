@@ -1,0 +1,99 @@
+"""Noise of the four vectors: the accepted forms, tangent noise, normalisation."""
+
+from typing import Any
+
+import numpy as np
+
+from simval.arrays import Array, finite_array
+from simval.errors import InputError
+
+
+def noise_covariances(noise_std: Any) -> Array:
+    """Covariances of the noise on b1, b2, r1, r2 from any accepted form.
+
+    Parameters
+    ----------
+    noise_std : array_like
+        One standard deviation for all, or four, or four 3 x 3 covariances.
+
+    Returns
+    -------
+    Array
+        Covariances, (4, 3, 3).
+
+    Raises
+    ------
+    InputError
+        If the value has another shape, is negative, not finite, not symmetric or
+        not positive semidefinite.
+    """
+    value = finite_array("noise_std", noise_std, ())
+    if value.shape in ((), (4,)):
+        if not np.all(value >= 0.0):
+            msg = f"`noise_std` is {noise_std}; standard deviations must be 0 or more"
+            raise InputError(msg)
+        return np.broadcast_to(value, (4,))[:, None, None] ** 2 * np.eye(3)
+    if value.shape != (4, 3, 3):
+        msg = (
+            f"`noise_std` has shape {value.shape}; give one number, four, or four "
+            "3 x 3 covariances (4, 3, 3), in the order b1, b2, r1, r2"
+        )
+        raise InputError(msg)
+    scale = np.max(np.abs(value))
+    skew = np.max(np.abs(value - value.swapaxes(1, 2)))
+    lowest = float(np.min(np.linalg.eigvalsh(value)))
+    if not (skew <= 1e-12 * scale and lowest >= -1e-12 * scale):
+        msg = (
+            "`noise_std` holds a matrix that is not a covariance (asymmetry "
+            f"{skew:.2e}, lowest eigenvalue {lowest:.2e}); it must be symmetric and "
+            "positive semidefinite"
+        )
+        raise InputError(msg)
+    return value
+
+
+def normalized_noise(vectors: Array, noise: Array) -> tuple[Array, Array]:
+    r"""Mean and covariance of the noise left when each vector is normalised after it.
+
+    For a unit vector v and :math:`\Pi = I - v v^T`, :math:`(v + n)/|v + n| - v` is
+    :math:`\Pi n - (v^T n) \Pi n - |\Pi n|^2 v/2` to second order, so its mean is
+    :math:`-\Pi\Sigma v - \mathrm{tr}(\Pi\Sigma) v/2` (shortened, and turned if the
+    noise along v is correlated with the noise across) and its covariance
+    :math:`\Pi\Sigma\Pi`.
+
+    Parameters
+    ----------
+    vectors : Array
+        True unit vectors, (k, 3).
+    noise : Array
+        Covariance of the noise before the normalisation, (k, 3, 3).
+
+    Returns
+    -------
+    tuple of Array
+        Means (k, 3) and covariances (k, 3, 3); the next terms are of fourth order.
+    """
+    planes = np.eye(3) - vectors[:, :, None] * vectors[:, None, :]
+    across = planes @ noise
+    shortened = 0.5 * np.trace(across, axis1=1, axis2=2)[:, None] * vectors
+    turned = (across @ vectors[:, :, None])[..., 0]
+    return -turned - shortened, across @ planes
+
+
+def tangent_covariances(vectors: Array, std: Any) -> Array:
+    r"""Covariances of noise in the plane tangent to each unit vector.
+
+    Parameters
+    ----------
+    vectors : Array
+        True unit vectors b1, b2, r1, r2, (4, 3).
+    std : array_like
+        Standard deviation, one for all or four.
+
+    Returns
+    -------
+    Array
+        :math:`\sigma^2 (I - v v^T)` for each, (4, 3, 3).
+    """
+    planes = np.eye(3) - vectors[:, :, None] * vectors[:, None, :]
+    return np.broadcast_to(np.asarray(std), (4,))[:, None, None] ** 2 * planes
