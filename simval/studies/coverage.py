@@ -9,7 +9,7 @@ The laws are those of first order. The next one changes a reported variance by
 60 (sigma/g)^2 at most (`ladder`), and Type A takes n - 9 degrees of freedom where
 unequal scales make it a little more: 0.3 % of the variance for scales within 5 %.
 A relative error e of a standard deviation moves a 95 % interval's coverage by
-0.23 e, and that of the nine-dimensional ellipsoid by 0.87 e; both come from the
+0.23 e, and that of the nine-dimensional ellipsoid by 0.54 e; both come from the
 density of the law at its quantile.
 """
 
