@@ -1,4 +1,8 @@
-"""Attitude from two vector observations: closed form, its repairs, comparators."""
+"""Attitude from two vector observations: closed form, its repairs, comparators.
+
+The established estimators are in `simval.attitude.comparators`, not imported here: they
+need `scipy.spatial`.
+"""
 
 from simval.attitude.checks import Validity
 from simval.attitude.estimator import (
@@ -6,10 +10,24 @@ from simval.attitude.estimator import (
     estimate_attitude,
     two_vector_quaternion,
 )
+from simval.attitude.singular import (
+    Case,
+    SequentialEstimate,
+    SingularSolution,
+    sequential_quaternion,
+    singular_solution,
+    turn_is_singular,
+)
 
 __all__ = [
     "AttitudeEstimate",
+    "Case",
+    "SequentialEstimate",
+    "SingularSolution",
     "Validity",
     "estimate_attitude",
+    "sequential_quaternion",
+    "singular_solution",
+    "turn_is_singular",
     "two_vector_quaternion",
 ]

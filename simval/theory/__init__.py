@@ -1,11 +1,23 @@
 """Predictions: what the errors must be. Imports nothing that it predicts."""
 
-from simval.theory.attitude import AttitudeMoments, attitude_moments
+from simval.theory.attitude import (
+    AttitudeMoments,
+    attitude_moments,
+    multiplicative_moments,
+)
 from simval.theory.calibration import CalibrationMoments, calibration_moments
+from simval.theory.cramer_rao import AttitudeBound, attitude_bound
+from simval.theory.cubature import cubature_moments
+from simval.theory.series import series_moments
 
 __all__ = [
+    "AttitudeBound",
     "AttitudeMoments",
     "CalibrationMoments",
+    "attitude_bound",
     "attitude_moments",
     "calibration_moments",
+    "cubature_moments",
+    "multiplicative_moments",
+    "series_moments",
 ]
