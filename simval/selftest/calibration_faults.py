@@ -98,7 +98,7 @@ def _sensor() -> list[Fault]:
         sensor("T transposed", transposed),
         sensor("bias before scale", bias_first),
         sensor("scale after misalignment", scale_last),
-        sensor("bias of the wrong sign", bias_sign),
+        sensor("bias added, not subtracted", bias_sign),
         sensor("one noise for all three axes", one_axis),
         sensor("rounded down, not to nearest", floor),
     ]
@@ -113,7 +113,7 @@ def _calibrator() -> list[Fault]:
 
     def jacobian(dv: Array) -> Array:
         broken = np.array(dv)
-        broken[..., 6:9, :6] /= 2.0
+        broken[..., 9, :] = 0.0
         return broken
 
     def another(original: Any, poses: Any, **options: Any) -> Any:
@@ -129,7 +129,7 @@ def _calibrator() -> list[Fault]:
         # the solver keeps only steps that lower the cost, so it still ends near the
         # minimum, within a fraction of a standard error: only paired noise shows it
         Fault(
-            name="Jacobian: a factor of two forgotten",
+            name="Jacobian: one row left out",
             part="calibrator",
             suite="calibration",
             inject=after(quadric, "value_derivatives", jacobian),
@@ -164,7 +164,7 @@ def _formula() -> list[Fault]:
     return [
         geometry("Jacobian: one derivative 20 % off", _steeper),
         geometry("Hessian left out of the bias", lambda x: replace(x, bend=0 * x.bend)),
-        claim("bias of the wrong sign", lambda m: replace(m, bias=-m.bias)),
+        claim("calibration bias of the wrong sign", lambda m: replace(m, bias=-m.bias)),
         claim("Cramer-Rao for the covariance, halved", _halved),
         _fault(
             "formula",

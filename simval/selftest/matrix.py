@@ -12,14 +12,16 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from simval.errors import InputError
 from simval.gate import GateResult, findings, judge_run, read_baseline, write_baseline
 from simval.selftest.attitude_faults import attitude_faults
 from simval.selftest.calibration_faults import calibration_faults
-from simval.selftest.fault import Fault
+from simval.selftest.fault import Fault, replaced
 from simval.selftest.run_faults import run_faults
+from simval.studies import scene
 from simval.sweep.run import Run
 from simval.sweep.runner import run_suite
-from simval.sweep.suite import Suite, expand
+from simval.sweep.suite import expand
 from simval.verdict import Answer
 
 SUITES: dict[str, dict[str, Any]] = {
@@ -134,9 +136,15 @@ class _Twin:
 
 
 def _run(name: str, folder: Path, context: AbstractContextManager[None]) -> Run:
-    suite: Suite = expand(name, {"seed": 1} | SUITES[name])
-    with context:
+    suite = expand(name, {"seed": 1} | SUITES[name])
+    # pictures are not judged and would take most of the time
+    with replaced(scene, "render", _no_picture), context:
         return run_suite(suite, folder)
+
+
+def _no_picture(*_: Any, **__: Any) -> bytes:
+    msg = "no pictures in a selftest"
+    raise InputError(msg)
 
 
 def _first(result: GateResult) -> str:

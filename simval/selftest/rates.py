@@ -20,6 +20,7 @@ import numpy as np
 from simval.arrays import Array
 from simval.montecarlo import simulate
 from simval.results import Check, Row
+from simval.selftest.fault import replaced
 from simval.streams import Streams, cell_key
 from simval.studies import attitude
 from simval.theory.attitude import AttitudeMoments, attitude_moments
@@ -232,32 +233,6 @@ def claimed(claim: Claim) -> Iterator[None]:
 
     with replaced(attitude, "attitude_moments", wrong):
         yield
-
-
-@contextmanager
-def replaced(owner: Any, name: str, value: Any) -> Iterator[None]:
-    """Replace an attribute while the context lasts.
-
-    Parameters
-    ----------
-    owner : object
-        Module, class or object.
-    name : str
-        Of the attribute.
-    value : object
-        What stands there meanwhile.
-
-    Yields
-    ------
-    None
-        While it is in force.
-    """
-    before = owner.__dict__[name]
-    setattr(owner, name, value)
-    try:
-        yield
-    finally:
-        setattr(owner, name, before)
 
 
 def _rows(noise: float, samples: int, seed: int) -> list[tuple[str, Row]]:

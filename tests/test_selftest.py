@@ -1,0 +1,78 @@
+"""The selftest: its faults are found, its twins pass, and it can fail itself."""
+
+from contextlib import nullcontext
+
+import pytest
+from scipy import stats
+
+from simval.cli import selftest as command
+from simval.selftest import rates
+from simval.selftest.fault import Fault
+from simval.selftest.matrix import faults, inject_all
+from simval.studies import attitude
+
+FAULTS = {fault.name: fault for fault in faults()}
+
+
+def test_there_are_enough_faults_in_every_part_of_the_flow():
+    assert len(FAULTS) == len(faults()) >= 30
+    assert len(faults()[:: command.QUICK]) >= 15
+    parts = {fault.part for fault in faults()}
+    assert parts == {f.part for f in faults()[:: command.QUICK]}
+    assert len(parts) == 7
+
+
+@pytest.mark.parametrize(
+    "chosen",
+    [
+        ("attitude one step late", "six faces only"),
+        ("scalar first", "half of the samples", "all cells share a stream"),
+    ],
+)
+def test_faults_are_found_and_their_twins_pass(chosen):
+    for result in inject_all(tuple(FAULTS[name] for name in chosen)):
+        assert result.right, (result.fault.name, result.seen, result.twin)
+        assert result.reason
+
+
+def test_no_fault_is_left_in_place():
+    before = attitude.__dict__["raw_quaternion"]
+    with FAULTS["scalar first"].inject():
+        assert attitude.__dict__["raw_quaternion"] is not before
+    assert attitude.__dict__["raw_quaternion"] is before
+
+
+def test_a_fault_that_is_not_found_is_said(simval, monkeypatch):
+    harmless = Fault(name="nothing", part="run", suite="scene", inject=nullcontext)
+    monkeypatch.setattr(command, "faults", lambda: (harmless,))
+    code, out, _ = simval("selftest")
+    assert code == 1
+    assert "the gate was wrong: nothing: pass, its clean twin pass" in out
+    monkeypatch.setattr(command, "faults", lambda: (FAULTS["rates in degrees"],))
+    assert simval("selftest")[0] == 0
+    monkeypatch.setattr(command, "faults", tuple)
+    assert simval("selftest")[0] == 1
+
+
+def test_rates_count_what_happens(monkeypatch):
+    (every, certain) = rates.false_alarm_rates({0.5: 12}, 1, lambda: None)
+    assert (every.runs, certain.runs) == (12, 12)
+    # at a rate of one half some of the exact families fail, but not nearly all
+    assert 0 < certain.count < 12
+    with rates.claimed(rates.formula_faults()["sign of the bias"][1]):
+        rows = rates._rows(0.02, rates.CLEAN_SAMPLES, 1)
+    assert rates._caught(rows)
+    assert not rates._caught(rates._rows(0.02, rates.CLEAN_SAMPLES, 1))
+
+
+def test_wilson_interval_is_the_published_one():
+    # SciPy's own, an independent implementation; the same closed form, so to rounding
+    rate = rates.Rate(name="x", nominal=0.01, count=7, runs=2000)
+    low, high = stats.binomtest(7, 2000).proportion_ci(method="wilson")
+    assert rate.interval == pytest.approx((low, high), rel=1e-12)
+
+
+@pytest.mark.slow
+def test_every_fault_is_found(simval):
+    code, out, _ = simval("selftest")
+    assert code == 0, out
