@@ -42,6 +42,14 @@ def noisy_vectors(count: int) -> tuple[Array, Array, Array, Array]:
     return b1, b2, s1, s2
 
 
+def _geometry() -> tuple[Array, Array]:
+    """Quaternion with the sign of the plain formula, (4,), and the vectors, (12, 1)."""
+    q, r1, r2 = random_geometry(3)
+    A = attitude_matrix(q)
+    truth = np.stack([A @ r1, A @ r2, r1, r2]).reshape(12, 1)
+    return normalize_columns(raw_quaternion(truth, "plain"))[:, 0], truth
+
+
 def estimators() -> list[Contender]:
     """List the estimators; the reference is a loop over SciPy's `align_vectors`.
 
@@ -119,9 +127,7 @@ def _normals(samples: int) -> int:
 
 def _monte_carlo(samples: int, threads: int) -> int:
     """Draw, estimate, accumulate mean and second moments with standard errors."""
-    q, r1, r2 = random_geometry(3)
-    A = attitude_matrix(q)
-    truth = np.stack([A @ r1, A @ r2, r1, r2]).reshape(12, 1)
+    q, truth = _geometry()
 
     def sampler(rng: np.random.Generator, count: int) -> Array:
         vectors = rng.standard_normal((12, count))
@@ -178,9 +184,7 @@ def reductions() -> list[Contender]:
         An item is one plain sample's worth of precision of the covariance's trace:
         the samples that plain Monte Carlo would need for the same standard error.
     """
-    q, r1, r2 = random_geometry(3)
-    A = attitude_matrix(q)
-    truth = np.stack([A @ r1, A @ r2, r1, r2]).reshape(12, 1)
+    q, truth = _geometry()
     plain = _plain_variance(truth, q)
 
     def errors(x: Array) -> Array:

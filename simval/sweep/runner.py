@@ -176,7 +176,7 @@ def drive(
         pending = list(range(len(suite.cells)))
     started, wall = datetime.now(UTC), time.perf_counter()
     progress.start(len(suite.cells), len(suite.cells) - len(pending))
-    with store.opened(file) as database:
+    with store.writing(file) as database:
         for position, outcome, seconds in _results(suite, pending, workers, scheduler):
             name = suite.cells[position].name
             if isinstance(outcome, str):

@@ -1,7 +1,10 @@
 """The store of a run: one SQLite file, one transaction for each finished cell.
 
 The driver of a sweep is the only writer. A cell is in the store whole or not at all,
-so a run that was killed at any moment can be resumed.
+so a run that was killed at any moment can be resumed. The write-ahead log is handed to
+the operating system at each commit and forced to the disk now and then: a killed
+program loses nothing, a power cut at most the last cells, which are then computed
+again.
 """
 
 import json
@@ -9,7 +12,7 @@ import math
 import sqlite3
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager
-from dataclasses import asdict, fields
+from dataclasses import fields
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, get_args
@@ -89,6 +92,33 @@ def opened(path: Path) -> Iterator[sqlite3.Connection]:
         yield database
 
 
+@contextmanager
+def writing(path: Path) -> Iterator[sqlite3.Connection]:
+    """Open the store of a run to add to it.
+
+    Parameters
+    ----------
+    path : Path
+        The store.
+
+    Yields
+    ------
+    sqlite3.Connection
+        One transaction costs a tenth of a millisecond, not a turn of the disk.
+
+    Raises
+    ------
+    InputError
+        As `opened`.
+    """
+    with opened(path) as database:
+        database.execute("PRAGMA journal_mode = WAL")
+        database.execute("PRAGMA synchronous = NORMAL")
+        yield database
+        # one file again when all is done
+        database.execute("PRAGMA journal_mode = DELETE")
+
+
 def create(path: Path, cells: Iterable[Cell], manifest: str) -> None:
     """Make a new store with every cell pending.
 
@@ -144,7 +174,10 @@ def finish(
     with database:
         database.executemany(
             f"INSERT INTO rows VALUES ({marks})",
-            [(position, i, *asdict(row).values()) for i, row in enumerate(rows)],
+            [
+                (position, i, *(getattr(row, name) for name in ROW_FIELDS))
+                for i, row in enumerate(rows)
+            ],
         )
         database.execute(
             "UPDATE cells SET status = 'done', error = '', seconds = ? "
