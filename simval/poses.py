@@ -9,6 +9,14 @@ units of g; one row for each direction u,
 
 .. math:: j(u) = 2\,[u_x u_y,\ u_x u_z,\ u_y u_z,\ u_x^2,\ u_y^2,\ u_z^2,\
    -u_x,\ -u_y,\ -u_z].  \tag{P1}
+
+Its condition is the one of the Frobenius norm, by the number of parameters,
+
+.. math:: \kappa = \|J\|_F \|J^+\|_F / 9 \ge 1,  \tag{P2}
+
+which is 1 where all nine combinations are seen equally well and otherwise grows as the
+root of the total variance; it lies between a ninth of the greatest singular value over
+the least, and that ratio.
 """
 
 from dataclasses import dataclass
@@ -108,7 +116,7 @@ class Observability:
     rank : int
         Rank of the Jacobian (P1), 0 to 9; a calibration needs 9.
     condition : float
-        Its greatest singular value over its least; infinite below rank nine.
+        Its condition, eq. (P2); infinite below rank nine.
     singular_values : Array
         All nine, greatest first, (9,).
     next_direction : Array
@@ -166,7 +174,9 @@ def observability(directions: Array) -> Observability:
     padded = np.concatenate([jacobian, np.zeros((PARAMETERS, PARAMETERS))])
     values = np.linalg.svd(padded, compute_uv=False)
     rank = int(np.count_nonzero(values > _RANK_TOLERANCE * values[0]))
-    condition = values[0] / values[-1] if rank == PARAMETERS else np.inf
+    condition = np.inf
+    if rank == PARAMETERS:
+        condition = np.linalg.norm(values) * np.linalg.norm(1.0 / values) / PARAMETERS
     return Observability(
         rank=rank,
         condition=float(condition),

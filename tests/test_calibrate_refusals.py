@@ -75,17 +75,17 @@ def test_a_small_cap_is_ill_conditioned():
     ):
         calibrate(poses_of(cap(20)), G)
     fit = calibrate(poses_of(cap(20)), G, condition_limit=1e6)
-    assert fit.condition > 1e4
+    assert fit.condition > 1e3
     np.testing.assert_allclose(fit.parameters, MODEL.parameters, atol=1e-5)
 
 
 def test_a_cap_that_noise_fills_is_never_a_success():
-    """Tilts under 40 degrees at 5 mm/s^2: noise bends the cap as much as its shape."""
+    """Tilts under 40 degrees at 20 mm/s^2: noise bends the cap as much as its shape."""
     clean = poses_of(cap(40))
     noise = np.random.default_rng(1).standard_normal((300, *clean.shape))
-    fit = calibrate(clean + 0.005 * noise, G)
+    fit = calibrate(clean + 0.02 * noise, G)
     assert not fit.converged.any()
-    assert calibrate(clean + 0.0005 * noise, G).converged.all()  # that can be done
+    assert calibrate(clean + 0.002 * noise, G).converged.all()  # that can be done
 
 
 def test_one_place_only():

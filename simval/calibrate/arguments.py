@@ -12,9 +12,9 @@ from simval.errors import GeometryError, InputError
 from simval.poses import PARAMETERS
 from simval.sensor import forms
 
-# Above it the moments, whose condition is the square, keep under eight digits, and
-# 1 mm/s^2 of noise becomes 1 m/s^2 of bias or more.
-CONDITION_LIMIT = 1e4
+# Above it (singular values 1e4 apart) the moments, whose condition is the square, keep
+# under eight digits, and 1 mm/s^2 of noise becomes 0.6 m/s^2 of bias or more.
+CONDITION_LIMIT = 1e3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

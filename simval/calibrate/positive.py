@@ -51,3 +51,22 @@ def solve_positive(matrices: Array, right: Array) -> tuple[Array, Array]:
         x *= scale[:, None]
         x[..., ~(pivot > 0.0)] = np.nan
     return np.moveaxis(x, -1, 0), pivot
+
+
+def trace(matrices: Array) -> Array:
+    """Trace of each matrix, summed in the same order for every size of batch.
+
+    Parameters
+    ----------
+    matrices : Array
+        Square matrices, (t, p, p).
+
+    Returns
+    -------
+    Array
+        Traces, (t,).
+    """
+    total = matrices[:, 0, 0].copy()
+    for i in range(1, matrices.shape[-1]):
+        total += matrices[:, i, i]
+    return total

@@ -56,7 +56,7 @@ class FitResult:
         Sum of squared residuals, (...): (m/s^2)^4 for squared and adjusted,
         (m/s^2)^2 for norm, raw units squared for weighted and sampson.
     condition : Array
-        Condition of the poses, eq. (P1) of `poses`, (...).
+        Condition of the poses, eq. (P2) of `poses`, (...).
     rms : Array
         Root mean square of |T K (y - B)| - g, m/s^2, (...).
     chi2_per_dof : Array

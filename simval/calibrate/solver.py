@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array
-from simval.calibrate.positive import solve_positive
+from simval.calibrate.positive import solve_positive, trace
 
 METHODS = ("lm", "gauss-newton", "newton")
 
@@ -157,7 +157,7 @@ def minimize(objective: Objective, theta: Array, rules: Rules, slack: Any) -> So
         gradient_norm=np.full(count, np.nan),
     )
     here = objective(theta, np.arange(count))
-    mean = np.trace(here.normal, axis1=-2, axis2=-1) / 9.0
+    mean = trace(here.normal) / 9.0
     trials = _Trials(
         rows=np.arange(count),
         theta=theta,

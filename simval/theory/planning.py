@@ -37,7 +37,7 @@ class Plan:
     rank : int
         Rank of the pose set, of nine.
     condition : float
-        Condition of the pose set, eq. (P1) of `poses`.
+        Condition of the pose set, eq. (P2) of `poses`.
     next_direction : Array
         Direction of the next pose that helps most, (3,).
     sd_next : Array
