@@ -78,7 +78,8 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     Returns
     -------
     Outcome
-        |qbar|/sigma at each limit, flip rate, rate of another selection.
+        |qbar|/sigma at each limit, flip rate, rate of another selection. A formula
+        that stays within a limit down to 1.5 has no row for it.
     """
     q, r1, r2 = geometry_of_norm(parameters.norm)
     rows = _limit_rows(q, r1, r2)
@@ -104,10 +105,13 @@ def _limit_rows(q: Array, r1: Array, r2: Array) -> list[Row]:
                 ]
             )
             for share, limit in SHARES.items():
+                ratio = _crossing(off, limit)
+                if ratio is None:
+                    continue
                 rows.append(
                     Row(
                         statistic=f"limit_ratio[{what},{share}]",
-                        value=_crossing(off, limit),
+                        value=ratio,
                         predictor=label,
                         unit="1",
                     )
@@ -115,12 +119,12 @@ def _limit_rows(q: Array, r1: Array, r2: Array) -> list[Row]:
     return rows
 
 
-def _crossing(off: Array, limit: float) -> float:
+def _crossing(off: Array, limit: float) -> float | None:
     # the first ratio, from above, at which the error reaches the limit; between two
     # grid points the log of the error is linear in the log of the ratio
     reached = np.flatnonzero(off >= limit)
     if reached.size == 0 or reached[0] == 0:
-        return float("nan")
+        return None
     i = int(reached[0])
     step = np.log(limit / off[i - 1]) / np.log(off[i] / off[i - 1])
     return float(RATIOS[i - 1] * (RATIOS[i] / RATIOS[i - 1]) ** step)
