@@ -116,9 +116,9 @@ def test_the_same_bits_on_any_number_of_threads_and_beside_any_others(name):
     other = replace(plans[1].script, qpos=np.array(plans[1].script.qpos)[..., :] * 0.9)
     scripts = [plans[0].script, other, plans[2].script]
     model = plans[0].physics.model
-    alone, _, _ = simulate(model, scripts[:1])
+    alone = simulate(model, scripts[:1]).rows
     for threads in (1, 2, 3):
-        rows, warnings, _ = simulate(model, scripts, threads)
+        rows, warnings, _, _ = simulate(model, scripts, threads)
         assert not warnings[..., 1].any()
         np.testing.assert_array_equal(rows[0], alone[0])
         np.testing.assert_array_equal(rows[2], alone[0])

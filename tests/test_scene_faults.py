@@ -267,3 +267,16 @@ def test_an_empty_run_is_refused():
     assert isinstance(scene, Scene)
     with pytest.raises(InputError, match="lasts 0 steps"):
         record(replace(scene, drive=lambda model: empty))
+
+
+def test_a_body_that_leaves_the_scene_is_caught():
+    """Its data would be regular, finite and within every other limit."""
+    falling = replace(find_scene("freefall"), reach=1.0)
+    # the sensor itself swings by 27 mm about the centre that falls g t^2 / 2: between
+    # 0.95 m and 1.05 m of fall, that is rows 220 to 231
+    with pytest.raises(
+        SimulationError,
+        match=r"left the scene: .*first at row 2(2[0-9]|3[01]), t = 0\.4",
+    ):
+        record(falling, seconds=2.0)
+    record(falling, seconds=0.4)  # it has not gone far yet

@@ -87,8 +87,7 @@ def test_the_accelerometer_is_the_rigid_body_expression(name, integrator):
     physics = load_model(find_scene(name).model, integrator=integrator)
     model = physics.model
     script = write_script(find_scene(name), physics, QUICK[name])
-    rows, _, _ = simulate(model, [script])
-    rows = rows[0]
+    rows = simulate(model, [script]).rows[0]
     data = mujoco.MjData(model)
     for field in ("qpos", "qvel"):
         if getattr(script, field) is not None:

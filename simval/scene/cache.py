@@ -93,7 +93,7 @@ def content_key(plan: Plan) -> str:
     for array in arrays:
         digest.update(b"-" if array is None else np.ascontiguousarray(array).tobytes())
     bounds = (script.rest_force, script.rest_rate, script.strict)
-    limits = (plan.scene.force_limit, plan.scene.rate_limit)
+    limits = (plan.scene.force_limit, plan.scene.rate_limit, plan.scene.reach)
     digest.update(repr((bounds, limits, sorted(script.inputs))).encode())
     return digest.hexdigest()
 

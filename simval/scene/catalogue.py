@@ -18,6 +18,8 @@ and its name, for commands and suites, is the path of that file.
 import runpy
 from pathlib import Path
 
+import numpy as np
+
 from simval.errors import InputError
 from simval.scene.driven import drive_gimbal, drive_shaker
 from simval.scene.free import drive_freefall, drive_pivot
@@ -51,6 +53,7 @@ def scenes() -> dict[str, Scene]:
             drive=drive_thrown,
             force_limit=CONTACT_FORCE,
             rate_limit=500.0,
+            reach=50.0,
         ),
         Scene(
             name="shaker",
@@ -79,12 +82,14 @@ def scenes() -> dict[str, Scene]:
             drive=drive_thrown,
             force_limit=CONTACT_FORCE,
             rate_limit=500.0,
+            reach=50.0,
         ),
         Scene(
             name="freefall",
             summary="a spinning body that falls: a negative control, no gravity",
             model=model_path("freefall"),
             drive=drive_freefall,
+            reach=np.inf,
         ),
     )
     return {scene.name: scene for scene in listed}

@@ -81,6 +81,36 @@ def check_run(
             _fail(scene, what, row, expected, "the integration is not stable")
 
 
+def check_reach(scene: str, path: Array, timestep: float, reach: float) -> None:
+    """Raise an error where the body has left its scene.
+
+    A die that slips through a wall falls for ever, and its data is regular, finite and
+    within all limits.
+
+    Parameters
+    ----------
+    scene : str
+        Its name, for the message.
+    path : Array
+        Distance of the sensor from where it began, m, (n,).
+    timestep : float
+        Step of the integration, s.
+    reach : float
+        Greatest believable distance, m.
+
+    Raises
+    ------
+    SimulationError
+        Naming the scene, the first row beyond, and its time.
+    """
+    row = _first(~(path <= reach))
+    what = (
+        f"the body left the scene: {path[-1]:.4g} m away at the end (limit {reach:g})"
+    )
+    advice = "it slipped through a wall or fell off; use a smaller timestep"
+    _fail(scene, what, row, timestep * np.arange(len(path)), advice)
+
+
 def settled_rests(
     scene: str,
     rows: Array,

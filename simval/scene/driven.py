@@ -119,7 +119,7 @@ def drive_shaker(
     model: mujoco.MjModel,
     *,
     poses: int = 40,
-    move_time: float = 1.0,
+    move_time: float = 1.5,
     settle_time: float = 2.0,
     hold_time: float = 1.0,
     seed: int = 0,

@@ -8,6 +8,7 @@ sensor data beside a position would not be.
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.errors import InputError
-from simval.scene.models import SENSORS
+from simval.scene.models import SENSORS, SITE
 from simval.scene.script import Script
 
 INPUTS = {
@@ -28,9 +29,31 @@ INPUTS = {
 }
 
 
+class Rollout(NamedTuple):
+    """Runs as they came out of the physics, not yet checked.
+
+    Attributes
+    ----------
+    rows : Array
+        Accelerometer, gyro, magnetometer, attitude as MuJoCo has it (sensor to world,
+        scalar first) and clock, (runs, n, 14).
+    warnings : NDArray[np.int64]
+        MuJoCo's counters, (runs, mjNWARNING, 2): last info and number.
+    travel : Array
+        Distance of the sensor at the end from where it began, m, (runs,).
+    messages : list of str
+        What MuJoCo said.
+    """
+
+    rows: Array
+    warnings: NDArray[np.int64]
+    travel: Array
+    messages: list[str]
+
+
 def simulate(
     model: mujoco.MjModel, scripts: Sequence[Script], threads: int = 1
-) -> tuple[Array, NDArray[np.int64], list[str]]:
+) -> Rollout:
     """Run scripts of one length together.
 
     Parameters
@@ -44,21 +67,48 @@ def simulate(
 
     Returns
     -------
-    rows : Array
-        Accelerometer, gyro, magnetometer, attitude as MuJoCo has it (sensor to world,
-        scalar first) and clock, (runs, n, 14).
-    warnings : NDArray[np.int64]
-        MuJoCo's counters, (runs, mjNWARNING, 2).
-    messages : list of str
-        What MuJoCo said.
+    Rollout
+        One run for each script.
     """
     with captured_messages() as messages:
         batch, record = _rolled_out(model, scripts, "sensordata", threads)
         warnings = np.array(batch.warning, dtype=np.int64)
+        ends = np.array(batch.bind("qpos"))
     order = np.concatenate([_columns(model, name) for name in SENSORS])
     if not np.array_equal(order, np.arange(record.shape[2])):
         record = record[:, :, order]
-    return record, warnings, messages
+    travel = [
+        float(np.max(path_length(model, script, end[None])))
+        for script, end in zip(scripts, ends, strict=True)
+    ]
+    return Rollout(record, warnings, np.array(travel), messages)
+
+
+def path_length(model: mujoco.MjModel, script: Script, qpos: Array) -> Array:
+    """Distance of the sensor from where it begins, for some positions.
+
+    Parameters
+    ----------
+    model : mujoco.MjModel
+        Compiled and checked.
+    script : Script
+        The run, for its start.
+    qpos : Array
+        Generalised positions, (m, nq).
+
+    Returns
+    -------
+    Array
+        Metres, (m,).
+    """
+    data = mujoco.MjData(model)
+    start = model.qpos0 if script.qpos is None else script.qpos
+    places = np.empty((len(qpos) + 1, 3))
+    for k, each in enumerate([start, *qpos]):
+        data.qpos[:] = each
+        mujoco.mj_kinematics(model, data)
+        places[k] = data.site(SITE).xpos
+    return np.linalg.norm(places[1:] - places[0], axis=1)
 
 
 def positions(model: mujoco.MjModel, script: Script, rows: Array) -> Array:

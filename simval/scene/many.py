@@ -126,10 +126,10 @@ def _simulated(
             )
             raise InputError(msg)
     scripts = [plan.script for plan in plans]
-    rows, warnings, messages = simulate(plans[0].physics.model, scripts, threads)
+    rollout = simulate(plans[0].physics.model, scripts, threads)
     means = []
     for k, plan in enumerate(plans):
-        recording = checked_recording(plan, rows[k], warnings[k], messages)
+        recording = checked_recording(plan, rollout, k)
         rests = int(plan.script.hold.max()) + 1
         means.append(_rest_means(recording, rests, start + k))
     return means

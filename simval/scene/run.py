@@ -1,18 +1,17 @@
 """From a scene and its parameters to a checked recording."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.errors import InputError, SimvalError
 from simval.scene.catalogue import find_scene
-from simval.scene.checks import check_run, settled_rests
-from simval.scene.engine import simulate
+from simval.scene.checks import check_reach, check_run, settled_rests
+from simval.scene.engine import Rollout, path_length, positions, simulate
 from simval.scene.models import Physics, load_model
 from simval.scene.recording import Recording
 from simval.scene.script import Scene, Script
@@ -131,8 +130,7 @@ def run_plan(plan: Plan) -> Recording:
     Recording
         Rows of one instant each, every check passed.
     """
-    rows, warnings, messages = simulate(plan.physics.model, [plan.script])
-    return checked_recording(plan, rows[0], warnings[0], messages)
+    return checked_recording(plan, simulate(plan.physics.model, [plan.script]))
 
 
 def write_script(
@@ -222,37 +220,39 @@ def describe(
     }
 
 
-def checked_recording(
-    plan: Plan, rows: Array, warnings: NDArray[np.int64], messages: Sequence[str]
-) -> Recording:
+def checked_recording(plan: Plan, rollout: Rollout, number: int = 0) -> Recording:
     """Check one simulated run and name its columns.
 
     Parameters
     ----------
     plan : Plan
         What was simulated.
-    rows : Array
-        From `simulate`, (n, 14).
-    warnings : NDArray[np.int64]
-        MuJoCo's counters of the run, (mjNWARNING, 2).
-    messages : sequence of str
-        What MuJoCo said.
+    rollout : Rollout
+        The runs that came out.
+    number : int, default 0
+        Which of them is the plan's.
 
     Returns
     -------
     Recording
         Rows of one instant each, every check passed.
     """
-    option, scene, script = plan.physics.model.opt, plan.scene, plan.script
+    model, scene, script = plan.physics.model, plan.scene, plan.script
+    option, rows = model.opt, rollout.rows[number]
     check_run(
         scene.name,
         rows,
-        warnings,
-        messages,
+        rollout.warnings[number],
+        rollout.messages,
         option.timestep,
         scene.force_limit,
         scene.rate_limit,
     )
+    if not rollout.travel[number] <= scene.reach:
+        path = path_length(
+            model, script, positions(model, script, np.arange(len(rows)))
+        )
+        check_reach(scene.name, path, option.timestep, scene.reach)
     hold, unsettled = settled_rests(
         scene.name,
         rows,

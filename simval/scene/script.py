@@ -80,6 +80,8 @@ class Scene:
         Greatest believable specific force, m/s^2.
     rate_limit : float
         Greatest believable angular rate, rad/s.
+    reach : float
+        Greatest believable distance of the sensor at the end from its start, m.
     """
 
     name: str
@@ -88,6 +90,7 @@ class Scene:
     drive: Callable[..., Script]
     force_limit: float = 200.0
     rate_limit: float = 50.0
+    reach: float = 1.0
 
     def parameters(self) -> dict[str, Any]:
         """Names and defaults of the driver's parameters.
