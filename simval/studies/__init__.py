@@ -20,7 +20,16 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from simval.errors import InputError
-from simval.studies import attitude, calibration, scene
+from simval.studies import (
+    attitude,
+    attitude_efficiency,
+    attitude_limits,
+    attitude_order,
+    calibration,
+    coverage,
+    ladder,
+    scene,
+)
 from simval.studies.study import Study, StudyParameters
 
 __all__ = ["STUDIES", "Study", "StudyParameters", "find_study"]
@@ -40,12 +49,42 @@ STUDIES: Mapping[str, Study] = MappingProxyType(
             calibration.run,
             calibration.cost,
         ),
+        "ladder": Study(
+            "ladder",
+            "Bias ladder: bias, spread and efficiency of each calibration residual",
+            ladder.Parameters,
+            ladder.run,
+        ),
+        "coverage": Study(
+            "coverage",
+            "Coverage: do the reported error bars of a calibration hold?",
+            coverage.Parameters,
+            coverage.run,
+        ),
         "attitude": Study(
             "attitude",
             "Attitude moments: bias and covariance of the two-vector quaternion",
             attitude.Parameters,
             attitude.run,
             attitude.cost,
+        ),
+        "attitude_order": Study(
+            "attitude_order",
+            "Convergence order: how fast each attitude formula becomes exact",
+            attitude_order.Parameters,
+            attitude_order.run,
+        ),
+        "attitude_efficiency": Study(
+            "attitude_efficiency",
+            "Efficiency: what the closed form costs beside the Cramer-Rao bound",
+            attitude_efficiency.Parameters,
+            attitude_efficiency.run,
+        ),
+        "attitude_limits": Study(
+            "attitude_limits",
+            "Limits: the noise at which each attitude formula stops to hold",
+            attitude_limits.Parameters,
+            attitude_limits.run,
         ),
     }
 )
