@@ -1,88 +1,348 @@
 """The report: complete, self-contained, the same bytes, honest about gaps."""
 
+import csv
+import json
 import re
+import sqlite3
+from contextlib import closing
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
-from simval.report import render
-from simval.report.section import measured
-from simval.report.slope import fitted_slope
-from simval.sweep import load_run, store
+from simval.report import drawings, png, render, svg_file, tables
+from simval.report.sections.provenance import command, suite_text
+from simval.sweep import load_run, load_suite
 
 
-def test_the_same_run_gives_the_same_bytes(tiny_run):
-    assert render(load_run(tiny_run)) == render(load_run(tiny_run))
+def edited(folder, *statements):
+    """Change the store of a run and load it."""
+    with closing(sqlite3.connect(folder / "run.sqlite")) as database, database:
+        for sql in statements:
+            database.execute(sql)
+    return load_run(folder)
 
 
-def test_the_page_is_complete_and_needs_no_network(tiny_run):
-    page = render(load_run(tiny_run))
-    for anchor in ("summary", "calibration", "attitude", "checks", "numbers"):
-        assert f'id="{anchor}"' in page
-    assert "PASS: every check agrees with theory" in page
+@pytest.fixture(scope="module")
+def page(_tiny_run):
+    """The report of a clean run."""
+    return render(load_run(_tiny_run))
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Leave the figures out, for tests of the words around them: drawing is slow."""
+    monkeypatch.setattr("simval.report.environment.svg", lambda drawing: "<svg/>")
+
+
+def test_figures_are_drawn_whatever_the_numbers(tiny_run):
+    """Values that are infinite, none, zero or negative, all in one run."""
+    run = edited(
+        tiny_run,
+        "UPDATE rows SET value = 9e999 WHERE ordinal % 5 = 0",
+        "UPDATE rows SET value = -value WHERE ordinal % 5 = 1",
+        "UPDATE rows SET standard_error = 0 WHERE ordinal % 5 = 2",
+        "UPDATE rows SET prediction = NULL WHERE ordinal % 7 = 3",
+        "UPDATE rows SET standard_error = 9e999 WHERE ordinal % 11 = 4",
+    )
+    for figure in re.findall(r"<svg.*?</svg>", render(run), flags=re.DOTALL):
+        ElementTree.fromstring(figure)
+
+
+def test_the_same_run_gives_the_same_bytes(tiny_run, page):
+    run = load_run(tiny_run)
+    assert render(run) == page
+    drawing = drawings(run)[0]
+    assert png(drawing) == png(drawing)
+    assert svg_file(drawing) == svg_file(drawing)
+
+
+def test_nothing_of_the_day_or_the_host_is_inside(tiny_run, page):
+    timing = json.loads((tiny_run / "timing.json").read_text())
+    assert timing["started"] not in page
+    assert timing["host"] not in page or len(timing["host"]) < 5
+    assert timing["started"][:10] not in page
+    assert str(tiny_run.parent) not in page
+
+
+def test_the_page_is_complete_and_needs_no_network(page):
+    for anchor in (
+        "summary",
+        "calibration",
+        "attitude",
+        "closeness",
+        "statistics",
+        "checks",
+        "numbers",
+        "provenance",
+    ):
+        assert f'<section id="{anchor}"' in page
+        assert f'href="#{anchor}"' in page
+    assert "<strong>PASS</strong>: every check agrees with theory" in page
     # no address is loaded: only data and anchors of the page itself
     links = re.findall(r'(?:src|href)="([^"]*)"', page)
     assert links
     assert all(link.startswith(("data:", "#")) for link in links)
     assert "@import" not in page
-    assert "<script" not in page
+    assert page.count("<script") == 1  # the table sorting, named by its hash
+    assert "default-src 'none'" in page
 
 
-def test_figures_are_well_formed_have_a_text_and_no_double_id(tiny_run):
-    page = render(load_run(tiny_run))
+def test_every_anchor_that_is_linked_exists_and_no_id_is_double(page):
+    ids = re.findall(r'\bid="([^"]*)"', page)
+    assert len(set(ids)) == len(ids)
+    for target in re.findall(r'href="#([^"]*)"|url\(#([^)]*)\)', page):
+        assert "".join(target) in ids
+
+
+def test_figures_are_well_formed_have_a_text_and_keep_their_style(page):
     figures = re.findall(r"<svg.*?</svg>", page, flags=re.DOTALL)
-    assert len(figures) == 2
+    assert len(figures) >= 6
     for figure in figures:
         root = ElementTree.fromstring(figure)
         assert root.get("aria-label")
-    ids = re.findall(r'\bid="([^"]*)"', page)
-    assert len(set(ids)) == len(ids)
+        assert root.get("role") == "img"
+        name = root.get("id")
+        for style in root.iter("{http://www.w3.org/2000/svg}style"):
+            assert style.text.startswith(f"#{name} ")  # reaches this figure only
 
 
-def test_missing_and_failed_cells_are_shown_and_escaped(tiny_run):
-    with store.opened(tiny_run / "run.sqlite") as database, database:
-        database.execute("UPDATE cells SET status = 'failed', error = '<b>x</b>'")
-        database.execute("DELETE FROM rows")
-    page = render(load_run(tiny_run))
-    assert "Cells without a result" in page
+def test_the_first_screen_has_the_verdict_and_two_figures(page):
+    first = page.partition('<section id="summary"')[2].partition("</section>")[0]
+    assert first.count("<svg") == 2
+    assert "Cramér-Rao bound" in first
+    for predictor in ("order 2", "order 4, source", "order 4, complete", "exact"):
+        assert f"{predictor}</text>" in first
+    assert "false-alarm rate 0.001 for all together" in first
+
+
+def test_the_report_says_what_the_gate_says(tiny_run, undrawn):
+    from simval.gate import judge_run
+
+    run = edited(tiny_run, "UPDATE rows SET n = 4000 WHERE cell > 1 AND n > 0")
+    judged = judge_run(run)
+    assert judged.answer == "inconclusive"  # fewer samples than the cells say
+    page = render(run)
+    assert "<strong>INCONCLUSIVE</strong>" in page
+    assert "What was not measured" in page
+
+
+def test_missing_and_failed_cells_are_shown_and_escaped(tiny_run, undrawn):
+    run = edited(
+        tiny_run,
+        "UPDATE cells SET status = 'failed', error = '<b>x</b>'",
+        "DELETE FROM rows",
+    )
+    page = render(run)
+    assert "What was not measured" in page
     assert "INCONCLUSIVE" in page
     assert "&lt;b&gt;x&lt;/b&gt;" in page
     assert "<b>x</b>" not in page
 
 
-def test_the_command_prints_the_path_last(simval, tiny_run, tmp_path):
-    code, out, _ = simval("report", tiny_run)
+@pytest.mark.parametrize("position", [0, 1, 2, 3])
+def test_a_run_without_one_cell_renders(tiny_run, undrawn, position):
+    run = edited(
+        tiny_run,
+        f"DELETE FROM rows WHERE cell = {position}",
+        f"UPDATE cells SET status = 'pending' WHERE position = {position}",
+    )
+    assert "What was not measured" in render(run)
+
+
+def test_numbers_that_are_none_are_shown_as_inconclusive(tiny_run, undrawn):
+    page = render(edited(tiny_run, "UPDATE rows SET value = 9e999 WHERE ordinal = 3"))
+    assert "<strong>INCONCLUSIVE</strong>" in page
+
+
+def test_everything_from_data_is_escaped(tiny_run, undrawn):
+    bad = '<img src=x onerror=alert(1)>"'
+    run = edited(
+        tiny_run,
+        f"UPDATE rows SET predictor = '{bad}' WHERE predictor = 'first order'",
+        f"UPDATE rows SET statistic = '{bad}', \"check\" = 'exact' WHERE ordinal = 0",
+        f"UPDATE rows SET unit = '{bad}' WHERE ordinal = 1",
+        f"UPDATE cells SET cell = '{bad}' || cell WHERE position = 2",
+    )
+    page = render(run)
+    assert "onerror" in page
+    assert "<img src=x" not in page
+
+
+def test_a_failing_check_comes_first_with_its_figure(tiny_run):
+    run = edited(
+        tiny_run,
+        "UPDATE rows SET value = value + 20 * standard_error "
+        "WHERE statistic = 'bias[x]' AND cell = 3",
+    )
+    page = render(run)
+    assert "<strong>FAIL</strong>" in page
+    assert '<section id="disagreements"' in page
+    table = next(t for t in tables(run) if t.name == "verdicts")
+    kinds = [row[0] for row in table.rows]
+    failing = kinds.count("fail")
+    assert failing >= 2  # against the exact theory and against the orders
+    assert kinds[:failing] == ["fail"] * failing
+    titles = [column.title for column in table.columns]
+    first = dict(zip(titles, table.rows[0], strict=True))
+    assert first["statistic"] == "bias[x]"
+    assert f'id="figure-{first["figure"]}"' in page
+    name = first["reproduce the cell"]
+    assert name == f"simval repro '{run.cells[3].name}'"
+
+
+def test_a_pooled_check_that_fails_needs_no_cell(tiny_run, undrawn):
+    run = edited(
+        tiny_run, "UPDATE rows SET value = value * 1.5 WHERE statistic = 'nees'"
+    )
+    page = render(run)
+    assert "nees, pooled" in page
+    assert "attitude, all cells" in page
+
+
+def test_figures_and_tables_as_files(simval, tiny_run, tmp_path):
+    run = edited(  # one recovery and the numbers of a study without a section
+        tiny_run,
+        "DELETE FROM rows WHERE cell IN (1, 3) OR ordinal > 20",
+        "UPDATE cells SET status = 'pending' WHERE position IN (1, 3)",
+    )
+    code, out, _ = simval(
+        "report", tiny_run, "--figures", tmp_path / "f", "--tables", tmp_path / "t"
+    )
     assert code == 0
     assert out.splitlines()[-1] == str(tiny_run / "report.html")
-    assert simval("report", tiny_run, "--out", tmp_path / "no" / "x.html")[0] == 2
+    names = [drawing.name for drawing in drawings(run)]
+    assert len(set(names)) == len(names)
+    for name in names:
+        svg = (tmp_path / "f" / f"{name}.svg").read_text(encoding="utf-8")
+        assert ElementTree.fromstring(svg).get("aria-label")
+        assert (tmp_path / "f" / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+    for table in tables(run):
+        with (tmp_path / "t" / f"{table.name}.csv").open(encoding="utf-8") as file:
+            lines = list(csv.reader(file))
+        assert len(lines) == 1 + len(table.rows)
+        assert len({len(line) for line in lines}) == 1
+
+
+def test_the_csv_of_the_numbers_is_exact(simval, tiny_run, tmp_path, undrawn):
+    assert simval("report", tiny_run, "--tables", tmp_path)[0] == 0
+    with (tmp_path / "numbers.csv").open(encoding="utf-8") as file:
+        found = [
+            (r["value"], r["standard error of value"]) for r in csv.DictReader(file)
+        ]
+    stored = [
+        (repr(row.value), repr(row.standard_error))
+        for cell in load_run(tiny_run).cells
+        for row in cell.rows
+    ]
+    assert found == stored
+
+
+@pytest.mark.parametrize("content", [b"", b"no database", b"SQLite format 3\0rest"])
+def test_a_file_that_is_no_run_is_an_error(simval, tmp_path, content):
+    (tmp_path / "run.sqlite").write_bytes(content)
+    code, _, err = simval("report", tmp_path)
+    assert code == 2
+    assert err.startswith("error: ")
+    assert "Traceback" not in err
+
+
+def test_what_cannot_be_read_or_written_is_an_error(
+    simval, tiny_run, tmp_path, undrawn
+):
     assert simval("report", tmp_path)[0] == 2
+    assert simval("report", tmp_path / "absent")[0] == 2
+    assert simval("report", tiny_run, "--out", tmp_path / "no" / "x.html")[0] == 2
+    (tmp_path / "file").write_text("")
+    assert simval("report", tiny_run, "--figures", tmp_path / "file")[0] == 2
+    artifacts = tiny_run / "artifacts"
+    artifacts.mkdir(exist_ok=True)
+    (artifacts / "scene-x-1.npz").write_bytes(b"PK no archive")
+    code, _, err = simval("report", tiny_run)
+    assert code == 2
+    assert "scene-x-1.npz is damaged" in err
 
 
-@pytest.mark.parametrize(
-    ("value", "error", "text"),
-    [
-        (1.23456, 0.0123, "1.235 ± 0.012"),
-        (6.3255e-5, 5.4e-7, "6.325 ± 0.054e-5"),
-        (-0.5, 0.0, "-0.5"),
-        (0.0, 0.2, "0.00 ± 0.20"),
-        (1234.5, 12.0, "1234 ± 12"),
-    ],
-)
-def test_numbers_show_the_digits_that_mean_something(value, error, text):
-    assert measured(value, error) == text
+def test_an_artifact_of_objects_is_refused(simval, tiny_run, undrawn):
+    artifacts = tiny_run / "artifacts"
+    artifacts.mkdir(exist_ok=True)
+    thing = np.array([{"a": 1}], dtype=object)
+    np.savez(artifacts / "scene-x-1.npz", directions=thing, allow_pickle=True)
+    code, _, err = simval("report", tiny_run)
+    assert code == 2
+    assert "damaged" in err
 
 
-def test_fitted_slope_recovers_a_known_one_with_its_interval():
-    rng = np.random.default_rng(4)
-    x = np.geomspace(1e-3, 1e-1, 6)
-    inside = 0
-    for _ in range(2000):
-        error = 0.02 * x**2
-        y = x**2 + error * rng.standard_normal(6)
-        slope = fitted_slope(x, y, error)
-        inside += abs(slope.value - 2.0) < slope.half_width
-    # coverage of 95 % from 2000 fits: standard error 0.5 %, 4 of them allowed
-    assert abs(inside / 2000 - 0.95) < 0.02
-    assert fitted_slope(x[:1], x[:1], x[:1]) is None
-    assert fitted_slope(x, -x, x) is None
+def test_provenance_names_the_command_that_makes_the_run_again(tmp_path):
+    for overrides, seed, words in (
+        ((), None, "simval sweep smoke"),
+        ((), 7, "simval sweep smoke --seed 7"),
+        (
+            ("attitude.noise_std=0.001,0.02",),
+            None,
+            "simval sweep smoke --set attitude.noise_std=0.001,0.02",
+        ),
+    ):
+        suite = load_suite("smoke", overrides=overrides, seed=seed)
+        manifest = {"suite": suite.name, "title": suite.title, "grid": suite.grid}
+        assert command(manifest) == words
+        path = tmp_path / "suite.toml"
+        path.write_text(suite_text(manifest), encoding="utf-8")
+        again = load_suite(str(path))
+        assert [c.name for c in again.cells] == [c.name for c in suite.cells]
+
+
+def test_a_suite_of_ones_own_is_reproduced_from_its_file(tiny_suite):
+    suite = load_suite(str(tiny_suite))
+    manifest = {"suite": suite.name, "title": suite.title, "grid": suite.grid}
+    assert command(manifest) == "simval sweep suite.toml"
+
+
+def test_artifacts_become_figures(tiny_run):
+    artifacts = tiny_run / "artifacts"
+    artifacts.mkdir(exist_ok=True)
+    time = np.arange(50_000) / 100.0
+    np.savez(
+        artifacts / "static-x.npz",
+        time=time,
+        signal=np.sin(time)[:, None] + np.zeros(3),
+        variance=np.abs(np.sin(time)) + 1e-6,
+        threshold=0.1,
+        intervals=[[1.0, 2.0], [5.0, 9.0]],
+    )
+    np.savez(
+        artifacts / "convergence-x.npz", lm=[1.0, 1e-3, 1e-9], newton=[1.0, 1e-8, 0.0]
+    )
+    page = render(load_run(tiny_run))
+    assert '<section id="statics"' in page
+    assert '<section id="convergence"' in page
+    # 4 lines of 50 000 points, each drawn by at most 2 extremes of 800 columns
+    count = re.search(r"([\d,]+) of 200,000 points are drawn", page)
+    assert count is not None
+    assert int(count[1].replace(",", "")) <= 4 * 2 * 800
+
+
+def test_a_budget_becomes_a_figure(tiny_run):
+    run = edited(
+        tiny_run,
+        "DELETE FROM rows WHERE ordinal > 1",
+        "UPDATE rows SET statistic = 'budget[noise]' WHERE ordinal = 0 AND cell = 2",
+    )
+    page = render(run)
+    assert '<section id="budget"' in page
+    assert "noise</text>" in page
+
+
+def test_a_study_without_a_section_is_shown_all_the_same(tiny_run):
+    run = edited(tiny_run, "UPDATE cells SET study = 'of_a_plugin' WHERE position > 1")
+    page = render(run)
+    assert '<section id="other"' in page
+    assert "<h3>of_a_plugin</h3>" in page
+    assert 'id="figure-study-of_a_plugin"' in page
+
+
+def test_an_empty_run_renders(tiny_run):
+    run = edited(tiny_run, "DELETE FROM rows", "UPDATE cells SET status = 'pending'")
+    page = render(run)
+    assert "INCONCLUSIVE" in page
+    assert "<svg" not in page

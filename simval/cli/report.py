@@ -5,8 +5,8 @@ from pathlib import Path
 import click
 
 from simval.errors import InputError
-from simval.report import figures, render
-from simval.sweep import load_run
+from simval.report import csv_text, drawings, png, render, svg_file, tables
+from simval.sweep import Run, load_run
 
 
 @click.command(name="report")
@@ -18,11 +18,26 @@ from simval.sweep import load_run
 )
 @click.option(
     "--figures",
-    "folder",
+    "pictures",
     type=click.Path(path_type=Path),
-    help="Folder to write each figure to, as an SVG file of its own.",
+    help="Folder to write each figure to, as SVG and as PNG.",
 )
-def command(run: str, out: Path | None, folder: Path | None) -> int:
+@click.option(
+    "--tables",
+    "lists",
+    type=click.Path(path_type=Path),
+    help="Folder to write each table to, whole, as CSV.",
+)
+@click.option(
+    "--alpha",
+    type=click.FloatRange(0.0, 0.5, min_open=True),
+    default=1e-3,
+    show_default=True,
+    help="False-alarm rate of all checks together.",
+)
+def command(
+    run: str, out: Path | None, pictures: Path | None, lists: Path | None, alpha: float
+) -> int:
     """Write RUN (a folder, or `latest`) as one self-contained HTML file.
 
     The last line printed is the path of the file.
@@ -30,13 +45,28 @@ def command(run: str, out: Path | None, folder: Path | None) -> int:
     loaded = load_run(run)
     path = out or loaded.folder / "report.html"
     try:
-        path.write_text(render(loaded), encoding="utf-8")
-        if folder is not None:
-            folder.mkdir(parents=True, exist_ok=True)
-            for name, drawn in figures(loaded).items():
-                (folder / f"{name}.svg").write_text(drawn, encoding="utf-8")
+        path.write_text(render(loaded, alpha), encoding="utf-8")
+        if pictures is not None:
+            _write_figures(loaded, pictures)
+        if lists is not None:
+            _write_tables(loaded, lists)
     except OSError as error:
         msg = f"cannot write {error.filename}: {error.strerror}; choose another place"
         raise InputError(msg) from None
     click.echo(str(path))
     return 0
+
+
+def _write_figures(run: Run, folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    for drawing in drawings(run):
+        file = folder / f"{drawing.name}.svg"
+        file.write_text(svg_file(drawing), encoding="utf-8")
+        file.with_suffix(".png").write_bytes(png(drawing))
+
+
+def _write_tables(run: Run, folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    for table in tables(run):
+        file = folder / f"{table.name}.csv"
+        file.write_text(csv_text(table), encoding="utf-8")

@@ -1,10 +1,22 @@
 """One self-contained HTML file from a run folder: figures inline, no network.
 
-Computing and drawing are apart: everything here reads the run, nothing simulates.
+Computing and drawing are apart: a section reads the run and computes panels and
+tables (arrays and words); `paint` and the templates draw them; nothing simulates.
 Each section is one module in `sections`, with a function ``section(context)`` that
 returns the section, or None where the run has nothing for it, and one template.
 """
 
-from simval.report.page import figures, render
+from simval.report.comparison import render_comparison
+from simval.report.page import drawings, render, tables
+from simval.report.paint import png, svg_file
+from simval.report.table import csv_text
 
-__all__ = ["figures", "render"]
+__all__ = [
+    "csv_text",
+    "drawings",
+    "png",
+    "render",
+    "render_comparison",
+    "svg_file",
+    "tables",
+]

@@ -1,24 +1,44 @@
 """The page: the sections in order, in one template."""
 
-from simval.report.section import Context, Section, template
+from simval.gate import judge_run
+from simval.report.environment import template
+from simval.report.panels import Drawing
+from simval.report.section import Context, Section
 from simval.report.sections import (
     attitude,
+    budget,
     calibration,
     checks,
+    closeness,
+    convergence,
+    disagreements,
     failures,
     numbers,
+    other,
+    poses,
     provenance,
     scene,
+    statics,
+    statistics,
     summary,
 )
+from simval.report.table import Table
+from simval.studies import STUDIES
 from simval.sweep import Run
-from simval.verdict import judge
 
 SECTIONS = (
     summary.section,
     failures.section,
+    disagreements.section,
     calibration.section,
+    poses.section,
     attitude.section,
+    closeness.section,
+    statistics.section,
+    convergence.section,
+    statics.section,
+    budget.section,
+    other.section,
     scene.section,
     checks.section,
     numbers.section,
@@ -40,14 +60,44 @@ def render(run: Run, alpha: float = 1e-3) -> str:
     -------
     str
         The page; the same run gives the same bytes.
+
+    Raises
+    ------
+    InputError
+        If an artifact of the run is damaged.
     """
     title = run.manifest["title"] or run.manifest["suite"]
-    made = _sections(run, alpha)
-    return template("page").render(title=title, sections=made, run=run)
+    return template("page").render(
+        title=title,
+        sections=sections(run, alpha),
+        version=run.manifest["versions"]["simval"],
+        source=f"the run folder {run.folder.name}",
+    )
 
 
-def figures(run: Run) -> dict[str, str]:
-    """Draw every figure of the report as a file of its own.
+def sections(run: Run, alpha: float = 1e-3) -> tuple[Section, ...]:
+    """Make the sections of the page.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+    alpha : float, default 1e-3
+        False-alarm rate that the sampling checks share.
+
+    Returns
+    -------
+    tuple of Section
+        In the order of the page.
+    """
+    names = dict.fromkeys((*STUDIES, *(cell.study for cell in run.cells)))
+    titles = {n: STUDIES[n].title if n in STUDIES else n for n in names}
+    context = Context(run=run, judged=judge_run(run, alpha=alpha), titles=titles)
+    return tuple(made for make in SECTIONS if (made := make(context)) is not None)
+
+
+def drawings(run: Run) -> tuple[Drawing, ...]:
+    """Every figure of the report.
 
     Parameters
     ----------
@@ -56,18 +106,23 @@ def figures(run: Run) -> dict[str, str]:
 
     Returns
     -------
-    dict
-        Name to SVG, dark ink on white paper.
+    tuple of Drawing
+        Their names are unique.
     """
-    paper = "<style>svg { color: #1c1c1e; background: #ffffff; }</style>"
-    return {
-        name: drawn.replace(">", ">" + paper, 1) + "\n"
-        for section in _sections(run, 1e-3)
-        for name, drawn in section.figures.items()
-    }
+    return tuple(d for section in sections(run) for d in section.drawings)
 
 
-def _sections(run: Run, alpha: float) -> list[Section]:
-    rows = [(cell.name, row) for cell in run.cells for row in cell.rows]
-    context = Context(run=run, verdicts=judge(rows, alpha), alpha=alpha)
-    return [made for make in SECTIONS if (made := make(context)) is not None]
+def tables(run: Run) -> tuple[Table, ...]:
+    """Every table of the report, whole.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    tuple of Table
+        Their names are unique.
+    """
+    return tuple(t for section in sections(run) for t in section.tables)

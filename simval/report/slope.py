@@ -1,12 +1,21 @@
-"""Slope of a curve on log-log axes, with its confidence interval."""
+r"""Slope of a curve on log-log axes, and confidence bands that hold together.
+
+The slope is that of a power law :math:`y = a x^k` fitted by weighted least squares to
+the values themselves, not to their logarithms: a value that scatters about zero
+counts with its sign, so no point has to be left out, which would bias the slope.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import minimize_scalar
+from scipy.special import ndtri
 
 from simval.arrays import Array
 
 Z95 = 1.959963984540054
+STEEPEST = 12.0
+"""Slopes are sought between plus and minus this."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,25 +39,99 @@ class Slope:
 
 
 def fitted_slope(x: Array, y: Array, error: Array) -> Slope | None:
-    """Weighted least-squares slope of log y over log x.
+    """Weighted least-squares exponent k of y = a x^k.
 
     Parameters
     ----------
-    x, y : Array
-        Positive points, (n,).
+    x : Array
+        Positive, (n,).
+    y : Array
+        Values of any sign, (n,).
     error : Array
         Standard errors of y, all above zero, (n,).
 
     Returns
     -------
     Slope or None
-        None with fewer than two different x or where a point is not positive.
+        None with fewer than two different x, without errors, or where the data do not
+        tell the slope: the curve cannot be told from zero.
     """
-    if len(np.unique(x)) < 2 or not (np.all(y > 0) and np.all(error > 0)):
+    if len(np.unique(x)) < 2 or not (np.all(error > 0) and np.all(np.isfinite(y))):
         return None
-    weight = (y / error) ** 2  # 1 / variance of log y
-    lx, ly = np.log(x), np.log(y)
-    centre = np.average(lx, weights=weight)
-    spread = float(np.sum(weight * (lx - centre) ** 2))
-    value = float(np.sum(weight * (lx - centre) * ly)) / spread
-    return Slope(value, Z95 / float(np.sqrt(spread)))
+    z, weighted = np.log(x) - np.log(x).mean(), y / error
+    size = float(np.abs(weighted).max())
+    if not np.isfinite(weighted).all() or not size > 0.0:
+        return None
+
+    def cost(k: float) -> float:
+        shape = _shape(k, z, error)
+        return float(np.sum((weighted - (weighted @ shape) * shape) ** 2))
+
+    grid = np.linspace(-STEEPEST, STEEPEST, 97)
+    start = grid[int(np.argmin([cost(k) for k in grid]))]
+    if abs(start) == STEEPEST:
+        return None
+    step = grid[1] - grid[0]
+    fit = minimize_scalar(
+        cost,
+        bounds=(start - step, start + step),
+        method="bounded",
+        options={"xatol": 1e-10},
+    )
+    k = float(fit.x)
+    shape = _shape(k, z, error)
+    amplitude = float(weighted @ shape)
+    # derivative along k, with the part that the amplitude takes up removed
+    slant = amplitude * (z - (z * shape) @ shape) * shape
+    length = float(np.linalg.norm(slant))
+    if not abs(amplitude) > Z95 or not length > 0.0:
+        return None
+    return Slope(k, Z95 / length)
+
+
+def _shape(k: float, z: Array, error: Array) -> Array:
+    """Weighted curve x^k of unit length."""
+    exponent = k * z
+    curve = np.exp(exponent - exponent.max()) / error
+    return curve / np.linalg.norm(curve)
+
+
+def order(x: Array, y: Array) -> float | None:
+    """Slope between the two smallest x of a curve without chance.
+
+    Parameters
+    ----------
+    x, y : Array
+        Points, (n,); those that are not positive are left out.
+
+    Returns
+    -------
+    float or None
+        None with fewer than two different x.
+    """
+    good = (x > 0) & (y > 0) & np.isfinite(y)
+    xs, first = np.unique(x[good], return_index=True)
+    if len(xs) < 2:
+        return None
+    ys = y[good][first]
+    return float(np.log(ys[1] / ys[0]) / np.log(xs[1] / xs[0]))
+
+
+def simultaneous(count: int, confidence: float = 0.95) -> float:
+    """Half width, in standard errors, of bands that hold for all points together.
+
+    Parameters
+    ----------
+    count : int
+        Number of bands.
+    confidence : float, default 0.95
+        Probability that all of them cover, for independent points (Sidak) and at
+        least that for Gaussian ones however correlated.
+
+    Returns
+    -------
+    float
+        1.96 for one band.
+    """
+    single = confidence ** (1.0 / max(count, 1))
+    return float(ndtri(0.5 + 0.5 * single))

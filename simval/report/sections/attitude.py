@@ -1,13 +1,16 @@
 """Attitude error against noise: bias and covariance beside every prediction."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from simval.arrays import Array
+from simval.report.curves import MAX_GROUPS, curve, grouped
+from simval.report.measures import left_out, moment
+from simval.report.noise import slope_cells
+from simval.report.panels import COLOURS, GREY, Drawing, Panel, Series
 from simval.report.section import Context, Section, made
-from simval.report.slope import Z95, Slope, fitted_slope
-from simval.report.svg import COLOURS, Panel, Series, draw
+from simval.report.slope import order, simultaneous
+from simval.report.table import Column, Table
 from simval.sweep.run import CellResult
 
 STYLES = {
@@ -16,6 +19,11 @@ STYLES = {
     "order 4, complete": (COLOURS[2], "-"),
     "exact": (COLOURS[0], ":"),
 }
+CLAIMED = {"order 2": 4.0, "order 4, source": 6.0, "order 4, complete": 6.0}
+"""Power of the noise with which what is left out should fall, as each name claims."""
+
+NOISE = "noise of each unit vector, 1"
+PARTS = ("bias", "covariance")
 
 
 def section(context: Context) -> Section | None:
@@ -31,171 +39,166 @@ def section(context: Context) -> Section | None:
     Section or None
         None where the run has no such study.
     """
-    cells = context.run.of("attitude")
+    cells = context.cells("attitude")
     if not cells:
         return None
-    groups: dict[int, list[CellResult]] = {}
-    for cell in cells:
-        groups.setdefault(cell.parameters["geometry"], []).append(cell)
-    figures = {
-        f"attitude{number}": _figure(number, sorted(members, key=_noise))
-        for number, members in sorted(groups.items())
-    }
-    slopes = [
-        line
-        for number, members in sorted(groups.items())
-        for line in _slopes(number, sorted(members, key=_noise))
-    ]
+    groups = grouped(cells, "noise_std")
+    shown = list(groups.items())[:MAX_GROUPS]
     return made(
         "attitude",
         "Attitude error against noise",
-        figures=figures,
-        geometries=sorted(groups),
-        slopes=slopes,
-        seeds=len({cell.seed for cell in cells}),
+        [_drawing(i, label, members) for i, (label, members) in enumerate(shown)],
+        [_orders(groups), _slopes(groups)],
+        groups=len(groups),
+        shown=len(shown),
     )
 
 
-def _noise(cell: CellResult) -> float:
-    return float(cell.parameters["noise_std"])
-
-
-def norms(
-    cells: Sequence[CellResult], part: str, predictor: str
-) -> tuple[Array, Array, Array]:
-    """Length of the measured and the predicted vector or matrix of each cell.
+def remainders(cells: Sequence[CellResult], part: str) -> Panel:
+    """What each truncated formula leaves out, beside the moment itself.
 
     Parameters
     ----------
     cells : sequence of CellResult
-        Cells of the study.
+        Cells that differ in the noise alone.
     part : {"bias", "covariance"}
-        Which statistic.
-    predictor : str
-        Which theory.
+        Which moment.
 
     Returns
     -------
-    value, standard_error, prediction : Array
-        Frobenius norms (an off-diagonal entry counts twice) and the standard error
-        of the first, (cells,).
+    Panel
+        On logarithmic axes, where a power of the noise is a slope.
     """
-    found = []
-    for cell in cells:
-        rows = [
-            r
-            for r in cell.rows
-            if r.statistic.startswith(f"{part}[") and r.predictor == predictor
-        ]
-        weight = np.array([2.0 if _off_diagonal(r.statistic) else 1.0 for r in rows])
-        value = np.array([r.value for r in rows])
-        error = np.array([r.standard_error for r in rows])
-        predicted = np.array([r.prediction or 0.0 for r in rows])
-        length = np.sqrt(np.sum(weight * value**2))
-        # the norm's derivative is weight * value / length; entries taken as
-        # independent, which is good enough for a band
-        spread = np.sqrt(np.sum((weight * value * error) ** 2)) / length
-        found.append((length, spread, np.sqrt(np.sum(weight * predicted**2))))
-    value, error, predicted = np.array(found).T
-    return value, error, predicted
-
-
-def distances(cells: Sequence[CellResult], part: str, predictor: str) -> Array:
-    """Relative distance of a prediction from the exact one, for each cell.
-
-    Parameters
-    ----------
-    cells : sequence of CellResult
-        Cells of the study.
-    part : {"bias", "covariance"}
-        Which statistic.
-    predictor : str
-        Which theory.
-
-    Returns
-    -------
-    Array
-        Norm of the difference over the norm of the exact answer, (cells,).
-    """
-    found = []
-    for cell in cells:
-        exact = {r.statistic: r.prediction for r in cell.rows if r.predictor == "exact"}
-        square = size = 0.0
-        for r in cell.rows:
-            if not r.statistic.startswith(f"{part}[") or r.predictor != predictor:
-                continue
-            weight = 2.0 if _off_diagonal(r.statistic) else 1.0
-            truth = exact[r.statistic] or 0.0
-            square += weight * ((r.prediction or 0.0) - truth) ** 2
-            size += weight * truth**2
-        found.append(np.sqrt(square / size))
-    return np.array(found)
-
-
-def _off_diagonal(statistic: str) -> bool:
-    inside = statistic.partition("[")[2].rstrip("]").split(",")
-    return len(inside) == 2 and inside[0] != inside[1]
-
-
-def _figure(number: int, cells: list[CellResult]) -> str:
-    x = np.array([_noise(cell) for cell in cells])
-    first = np.unique(x, return_index=True)[1]
-    lines = [cells[i] for i in first]
-    panels = []
-    for part, unit in (("bias", "length of the bias, 1"), ("covariance", "norm, 1")):
-        value, error, _ = norms(cells, part, "exact")
-        series = [Series(label="simulated", x=x, y=value, band=Z95 * error)]
-        for predictor, (colour, style) in STYLES.items():
-            if predictor not in ("order 2", "exact"):
-                continue
-            y = norms(lines, part, predictor)[2]
-            series.append(
-                Series(label=predictor, x=x[first], y=y, colour=colour, line=style)
-            )
-        panels.append(
-            Panel(title=part, x_label="noise, 1", y_label=unit, series=tuple(series))
-        )
-    series = []
-    for predictor, (colour, style) in STYLES.items():
-        if predictor == "exact":
+    series: list[Series] = []
+    for predictor in CLAIMED:
+        found = curve("", cells, "noise_std", left_out(part, predictor))
+        if found is None or not np.any(found.value > 0.0):
             continue
-        y = distances(lines, "covariance", predictor)
+        if not series:
+            series.append(_line(found.x, found.prediction, "exact", f"the {part}"))
+        series.append(_line(found.x, found.value, predictor, f"left out, {predictor}"))
+    sampled = curve("", cells, "noise_std", moment(part, "exact"))
+    if sampled is not None:
         series.append(
-            Series(label=predictor, x=x[first], y=y, colour=colour, line=style)
+            Series(
+                label="standard error",
+                x=sampled.x,
+                y=sampled.error,
+                colour=GREY,
+                line=":",
+            )
         )
-    value, error, _ = norms(lines, "covariance", "exact")
-    series.append(
-        Series(
-            label="simulation's standard error",
-            x=x[first],
-            y=error / value,
-            colour=COLOURS[0],
-            line=":",
-        )
+    return Panel(
+        title=f"{part}: what is left out",
+        x_label=NOISE,
+        y_label="Frobenius norm, 1",
+        series=tuple(series),
     )
-    panels.append(
-        Panel(
-            title="covariance: distance from exact",
-            x_label="noise, 1",
-            y_label="relative difference, 1",
-            series=tuple(series),
-        )
-    )
-    alternative = (
-        f"Geometry {number}: bias and covariance of the attitude error against the "
-        "noise on logarithmic axes, simulated points on the predicted lines; and the "
-        "relative distance of each truncated prediction from the exact one"
-    )
-    return draw(panels, f"attitude{number}", alternative)
 
 
-def _slopes(
-    number: int, cells: list[CellResult]
-) -> list[tuple[str, Slope | None, int]]:
-    x = np.array([_noise(cell) for cell in cells])
-    found = []
-    for part, expected in (("bias", 2), ("covariance", 2)):
-        value, error, _ = norms(cells, part, "exact")
-        words = f"geometry {number}, {part}, simulated"
-        found.append((words, fitted_slope(x, value, error), expected))
-    return found
+def _line(x: np.ndarray, y: np.ndarray, predictor: str, label: str) -> Series:
+    colour, style = STYLES[predictor]
+    return Series(label=label, x=x, y=y, colour=colour, line=style)
+
+
+def _drawing(number: int, label: str, cells: Sequence[CellResult]) -> Drawing:
+    found = {
+        part: curve("", cells, "noise_std", moment(part, "exact")) for part in PARTS
+    }
+    z = simultaneous(sum(len(c.x) for c in found.values() if c is not None))
+    panels = [_measured(part, cells, z) for part in PARTS]
+    panels += [remainders(cells, part) for part in PARTS]
+    return Drawing(
+        name=f"attitude{number}",
+        caption=(
+            f"{label + ': ' if label else ''}above, bias and covariance of the "
+            f"simulated error (bars: {z:.2f} standard errors, 95 % for all points of "
+            "the figure together) beside theory. Below, how far each truncated "
+            "formula is from the exact answer, computed without sampling: the moment "
+            "itself has slope 2, what the second order leaves out slope 4, what the "
+            "complete fourth order leaves out slope 6. What lies below the dotted "
+            "standard error cannot be told from the exact answer by these samples."
+        ),
+        alternative=(
+            f"{label + ': ' if label else ''}bias and covariance of the attitude error "
+            "against the noise on logarithmic axes, simulated points beside predicted "
+            "lines; and the distance of each truncated prediction from the exact one"
+        ),
+        panels=panels,
+        columns=2,
+    )
+
+
+def _measured(part: str, cells: Sequence[CellResult], z: float) -> Panel:
+    series: list[Series] = []
+    points = curve("simulated", cells, "noise_std", moment(part, "exact"))
+    if points is not None:
+        series.append(points.points(z))
+    for predictor in STYLES:
+        found = curve("", cells, "noise_std", moment(part, predictor))
+        if found is not None:
+            series.append(_line(found.x, found.prediction, predictor, predictor))
+    return Panel(
+        title=part, x_label=NOISE, y_label="Frobenius norm, 1", series=tuple(series)
+    )
+
+
+def _orders(groups: Mapping[str, Sequence[CellResult]]) -> Table:
+    rows = []
+    for label, cells in groups.items():
+        for part in PARTS:
+            for predictor, claimed in CLAIMED.items():
+                found = curve("", cells, "noise_std", left_out(part, predictor))
+                if found is None:
+                    continue
+                slope = order(found.x, found.value)
+                at = (
+                    ""
+                    if len(found.x) < 2
+                    else f"{found.x[0]:g} to {_second(found.x):g}"
+                )
+                rows.append((label, part, predictor, at, slope, claimed))
+    return Table(
+        name="attitude-orders",
+        caption=(
+            "Order of each formula: slope of what it leaves out at the two smallest "
+            "noise levels, without sampling"
+        ),
+        columns=(
+            Column("cells"),
+            Column("moment"),
+            Column("formula"),
+            Column("noise"),
+            Column("slope", "number"),
+            Column("its name claims", "number"),
+        ),
+        rows=rows,
+        shown=120,
+    )
+
+
+def _second(x: np.ndarray) -> float:
+    distinct = np.unique(x)
+    return float(distinct[min(1, len(distinct) - 1)])
+
+
+def _slopes(groups: Mapping[str, Sequence[CellResult]]) -> Table:
+    rows = []
+    for label, cells in groups.items():
+        for part in PARTS:
+            found = curve(label, cells, "noise_std", moment(part, "exact"))
+            if found is not None:
+                rows.append((label, part, *slope_cells(found), 2.0))
+    return Table(
+        name="attitude-slopes",
+        caption="Slopes of the simulated moments in the noise, with 95 % intervals",
+        columns=(
+            Column("cells"),
+            Column("moment"),
+            Column("fitted"),
+            Column("of theory's own line", "number"),
+            Column("leading order", "number"),
+        ),
+        rows=rows,
+        shown=120,
+    )

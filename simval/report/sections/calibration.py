@@ -1,13 +1,18 @@
-"""Calibration error against noise, for T, K and B, beside theory and the bound."""
+"""Calibration error against noise: T, K, B and together, bias and spread apart."""
 
-import numpy as np
+from collections.abc import Callable, Sequence
+from functools import partial
 
+from simval.report.curves import MAX_GROUPS, Curve, Measure, grouped, statistic
+from simval.report.measures import GROUPS, part, together
+from simval.report.noise import Groups, curves, panel, slope_cells
+from simval.report.panels import Drawing
 from simval.report.section import Context, Section, made
-from simval.report.slope import Z95, Slope, fitted_slope
-from simval.report.svg import COLOURS, Panel, Series, draw
+from simval.report.slope import simultaneous
+from simval.report.table import Column, Table
 from simval.sweep.run import CellResult
 
-TITLES = {"T": "misalignment T", "K": "scale K", "B": "bias B"}
+NOISE = "noise per sample, m/s²"
 
 
 def section(context: Context) -> Section | None:
@@ -23,79 +28,163 @@ def section(context: Context) -> Section | None:
     Section or None
         None where the run has no such study.
     """
-    cells = context.run.of("calibration")
-    noisy = [cell for cell in cells if cell.parameters["noise_std"] > 0.0]
-    exact = [cell for cell in cells if cell.parameters["noise_std"] == 0.0]
+    cells = context.cells("calibration")
     if not cells:
         return None
-    groups: dict[str, list[CellResult]] = {}
-    for cell in noisy:
-        key = f"{cell.parameters['scene']}, {cell.parameters['poses']} poses"
-        groups.setdefault(key, []).append(cell)
-    slopes: list[tuple[str, Slope | None]] = []
-    for key, members in groups.items():
-        for name in TITLES:
-            slopes.append((f"{name}, {key}", fitted_slope(*_points(members, name))))
+    noisy = [cell for cell in cells if cell.parameters["noise_std"] > 0.0]
+    exact = [cell for cell in cells if cell.parameters["noise_std"] == 0.0]
+    groups = grouped(noisy, "noise_std") if noisy else {}
+    shown = dict(list(groups.items())[:MAX_GROUPS])
+    drawings = [_rms(shown), _spread(shown), _bias(shown)] if groups else []
+    tables = [_slopes(groups)] if groups else []
+    if exact:
+        tables.append(_recoveries(exact))
     return made(
         "calibration",
         "Calibration error against noise",
-        figures={"calibration": _figure(groups)} if groups else {},
-        slopes=slopes,
-        recoveries=[(cell, cell.rows) for cell in exact],
-        trials=sorted({int(cell.rows[1].n) for cell in noisy}),
+        [d for d in drawings if d is not None],
+        tables,
+        groups=len(groups),
+        shown=len(shown),
         seeds=len({cell.seed for cell in noisy}),
     )
 
 
-def _points(
-    cells: list[CellResult], name: str
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    rows = [(c, c.row(f"rms[{name}]", "first order")) for c in cells]
-    found = [
-        (c.parameters["noise_std"], row.value, row.standard_error)
-        for c, row in rows
-        if row is not None
-    ]
-    x, y, error = np.array(sorted(found)).T
-    return x, y, error
+def _unit(name: str) -> str:
+    return "m/s²" if name == "B" else "1"
 
 
-def _predicted(
-    cells: list[CellResult], name: str, predictor: str
-) -> tuple[np.ndarray, np.ndarray]:
-    rows = [(c, c.row(f"rms[{name}]", predictor)) for c in cells]
-    found = {
-        c.parameters["noise_std"]: row.prediction
-        for c, row in rows
-        if row is not None and row.prediction is not None
-    }
-    x, y = np.array(sorted(found.items())).T
-    return x, y
-
-
-def _figure(groups: dict[str, list[CellResult]]) -> str:
-    panels = []
-    for name, title in TITLES.items():
-        series = []
-        for i, (key, cells) in enumerate(groups.items()):
-            colour = COLOURS[i % len(COLOURS)]
-            x, y, error = _points(cells, name)
-            series.append(Series(label=key, x=x, y=y, band=Z95 * error, colour=colour))
-            x, y = _predicted(cells, name, "first order")
-            series.append(Series(label="", x=x, y=y, colour=colour, line="-"))
-            x, y = _predicted(cells, name, "Cramer-Rao")
-            series.append(Series(label="", x=x, y=y, colour=colour, line=":"))
-        unit = "m/s²" if name == "B" else "1"
-        panels.append(
-            Panel(
-                title=title,
-                x_label="noise per sample, m/s²",
-                y_label=f"RMS error, {unit}",
-                series=tuple(series),
-            )
+def _rms(groups: Groups) -> Drawing | None:
+    sets = [
+        (
+            title,
+            _unit(name),
+            *_with_bound(groups, partial(statistic, f"rms[{name}]")),
         )
-    alternative = (
-        "RMS error of misalignment, scale and bias against the noise per sample on "
-        "logarithmic axes; the simulated points lie on the predicted lines"
+        for name, title in GROUPS.items()
+    ]
+    sets.append(("together, B in units of g", "1", *_with_bound(groups, together)))
+    sets = [entry for entry in sets if entry[2]]
+    if not sets:
+        return None
+    z = simultaneous(sum(len(c.x) for entry in sets for c in entry[2]))
+    return Drawing(
+        name="calibration",
+        caption=(
+            "RMS error of T, K and B and of all nine parameters together. Points: "
+            f"simulation; the bars ({z:.2f} standard errors) hold for all points of "
+            "the figure together with 95 % confidence. Solid: theory (first-order "
+            "covariance and second-order bias). Dotted: Cramér-Rao bound."
+        ),
+        alternative=(
+            "RMS error of misalignment, scale, bias and all together against the noise "
+            "per sample on logarithmic axes, simulated points beside predicted lines "
+            "and the Cramér-Rao bound"
+        ),
+        panels=[
+            panel(title, NOISE, f"RMS error, {unit}", measured, bounds, z)
+            for title, unit, measured, bounds in sets
+        ],
+        columns=2,
     )
-    return draw(panels, "calibration", alternative)
+
+
+def _with_bound(
+    groups: Groups, measure: Callable[[str], Measure]
+) -> tuple[list[Curve], list[Curve]]:
+    return (
+        curves(groups, measure("first order")),
+        curves(groups, measure("Cramer-Rao")),
+    )
+
+
+def _spread(groups: Groups) -> Drawing | None:
+    return _apart(
+        groups,
+        "sd",
+        "first order",
+        "calibration-sd",
+        "standard deviation",
+        "Standard deviation alone, RMS over the three entries. Expected slope: 1.",
+    )
+
+
+def _bias(groups: Groups) -> Drawing | None:
+    return _apart(
+        groups,
+        "bias",
+        "second order",
+        "calibration-bias",
+        "bias",
+        "Bias alone (estimate minus truth), projected on the direction that theory "
+        "predicts. Hollow triangles: upper limits, where these trials cannot tell the "
+        "bias from zero. Expected slope: 2.",
+    )
+
+
+def _apart(
+    groups: Groups, kind: str, predictor: str, name: str, words: str, caption: str
+) -> Drawing | None:
+    sets = [(key, curves(groups, part(kind, key, predictor))) for key in GROUPS]
+    sets = [entry for entry in sets if entry[1]]
+    if not sets:
+        return None
+    z = simultaneous(sum(len(c.x) for _, found in sets for c in found))
+    return Drawing(
+        name=name,
+        caption=f"{caption} Bars: {z:.2f} standard errors, 95 % for all together.",
+        alternative=(
+            f"{words.capitalize()} of T, K and B against the noise per sample on "
+            "logarithmic axes, simulated points beside the predicted lines"
+        ),
+        panels=[
+            panel(GROUPS[key], NOISE, f"{words}, {_unit(key)}", found, z=z)
+            for key, found in sets
+        ],
+    )
+
+
+def _slopes(groups: Groups) -> Table:
+    rows = []
+    measures: list[tuple[str, int, Measure]] = [
+        (f"rms of {n}", 1, statistic(f"rms[{n}]", "first order")) for n in GROUPS
+    ]
+    measures.append(("rms together", 1, together("first order")))
+    measures += [(f"sd of {n}", 1, part("sd", n, "first order")) for n in GROUPS]
+    measures += [(f"bias of {n}", 2, part("bias", n, "second order")) for n in GROUPS]
+    for words, expected, measure in measures:
+        for c in curves(groups, measure):
+            rows.append((words, c.label, *slope_cells(c), float(expected)))
+    return Table(
+        name="calibration-slopes",
+        caption="Slopes in the noise, with 95 % intervals",
+        columns=(
+            Column("error"),
+            Column("cells"),
+            Column("fitted"),
+            Column("of theory's own line", "number"),
+            Column("leading order", "number"),
+        ),
+        rows=rows,
+    )
+
+
+def _recoveries(cells: Sequence[CellResult]) -> Table:
+    rows = [
+        (cell.name, row.statistic, row.value, row.prediction)
+        for cell in cells
+        for row in cell.rows
+        if row.statistic.startswith("recovery")
+    ]
+    return Table(
+        name="calibration-recovery",
+        caption="Without noise: relative error of what was recovered, and its limit",
+        columns=(
+            Column("cell", "code"),
+            Column("statistic"),
+            Column("relative error", "number"),
+            Column("limit", "number"),
+        ),
+        rows=rows,
+        shown=60,
+    )

@@ -1,6 +1,9 @@
 """Every check against theory: failing ones first, then what each family found."""
 
 from simval.report.section import Context, Section, made
+from simval.report.sections.disagreements import figure_names, key_of
+from simval.report.table import Column, Table
+from simval.report.words import reproduce
 from simval.verdict import Verdict
 
 ORDER = {"fail": 0, "inconclusive": 1, "pass": 2}
@@ -21,17 +24,80 @@ def section(context: Context) -> Section | None:
         Always a section.
     """
     verdicts = sorted(context.verdicts, key=_rank)
+    figures = figure_names(context.verdicts)
+    linked = sorted({figures[k] for v in verdicts if (k := key_of(v)) in figures})
+    return made(
+        "checks",
+        "Checks",
+        tables=[_families(context), _each(verdicts, figures)],
+        open=bool(verdicts) and verdicts[0].answer != "pass",
+        alpha=context.alpha,
+        linked=linked,
+    )
+
+
+def _families(context: Context) -> Table:
     groups: dict[tuple[str, str, str], list[str]] = {}
     for v in context.verdicts:
         key = (v.cell.partition("(")[0], v.row.predictor, str(v.row.check))
         groups.setdefault(key, []).append(v.answer)
-    return made(
-        "checks",
-        "Checks",
-        groups=sorted(groups.items()),
-        verdicts=verdicts[:SHOWN],
-        hidden=max(0, len(verdicts) - SHOWN),
-        alpha=context.alpha,
+    return Table(
+        name="families",
+        caption="What each family of checks found",
+        columns=(
+            Column("study"),
+            Column("predictor"),
+            Column("check"),
+            Column("pass", "number"),
+            Column("fail", "number"),
+            Column("inconclusive", "number"),
+        ),
+        rows=[
+            (*key, *(answers.count(name) for name in ("pass", "fail", "inconclusive")))
+            for key, answers in sorted(groups.items())
+        ],
+    )
+
+
+def _each(verdicts: list[Verdict], figures: dict[tuple[str, str, str], str]) -> Table:
+    rows = [
+        (
+            v.answer,
+            v.row.statistic,
+            v.row.predictor,
+            (v.row.value, v.row.standard_error),
+            v.row.unit,
+            v.row.prediction,
+            v.row.remainder,
+            v.sigmas if v.p_value is not None else None,
+            v.p_value,
+            v.limit if v.limit == v.limit else None,
+            v.row.n,
+            figures.get(key_of(v)) if v.answer == "fail" else None,
+            reproduce(v.cell) or v.cell,
+        )
+        for v in verdicts
+    ]
+    return Table(
+        name="verdicts",
+        caption="Each check: failing ones first, then by p-value",
+        columns=(
+            Column("verdict", "answer"),
+            Column("statistic"),
+            Column("against"),
+            Column("measured", "measured"),
+            Column("unit"),
+            Column("predicted", "number"),
+            Column("allowed remainder", "number"),
+            Column("standard errors", "number"),
+            Column("p", "number"),
+            Column("limit", "number"),
+            Column("n", "number"),
+            Column("figure", "figure"),
+            Column("reproduce the cell", "code"),
+        ),
+        rows=rows,
+        shown=SHOWN,
     )
 
 

@@ -1,6 +1,8 @@
-"""Cells that failed or were never run, with the reason."""
+"""Cells that failed or were never run, and what else was not measured."""
 
 from simval.report.section import Context, Section, made
+
+SHOWN = 200
 
 
 def section(context: Context) -> Section | None:
@@ -14,9 +16,15 @@ def section(context: Context) -> Section | None:
     Returns
     -------
     Section or None
-        None where every cell is done.
+        None where every cell is done and measured what it says.
     """
-    cells = [cell for cell in context.run.cells if cell.status != "done"]
-    if not cells:
+    cells, gaps = context.judged.unfinished, context.judged.gaps
+    if not cells and not gaps:
         return None
-    return made("failures", "Cells without a result", cells=cells)
+    return made(
+        "failures",
+        "What was not measured",
+        cells=cells[:SHOWN],
+        gaps=gaps[:SHOWN],
+        hidden=max(0, len(cells) - SHOWN) + max(0, len(gaps) - SHOWN),
+    )

@@ -1,6 +1,7 @@
 """Every number: value, standard error, sample size, unit and prediction."""
 
 from simval.report.section import Context, Section, made
+from simval.report.table import Column, Table
 
 SHOWN = 1000
 
@@ -18,13 +19,36 @@ def section(context: Context) -> Section | None:
     Section or None
         None where nothing was measured.
     """
-    rows = [(cell.name, row) for cell in context.run.cells for row in cell.rows]
+    rows = [
+        (
+            cell.name,
+            row.statistic,
+            (row.value, row.standard_error),
+            row.unit,
+            row.n,
+            row.prediction,
+            row.predictor,
+        )
+        for cell in context.run.cells
+        for row in cell.rows
+    ]
     if not rows:
         return None
+    table = Table(
+        name="numbers",
+        caption="Value ± standard error of each statistic",
+        columns=(
+            Column("cell", "code"),
+            Column("statistic"),
+            Column("value", "measured"),
+            Column("unit"),
+            Column("n", "number"),
+            Column("prediction", "number"),
+            Column("by"),
+        ),
+        rows=rows,
+        shown=SHOWN,
+    )
     return made(
-        "numbers",
-        "All numbers",
-        rows=rows[:SHOWN],
-        hidden=max(0, len(rows) - SHOWN),
-        folder=context.run.folder.name,
+        "numbers", "All numbers", tables=[table], folder=context.run.folder.name
     )

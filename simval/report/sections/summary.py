@@ -1,7 +1,14 @@
-"""The first screen: the verdict in one line, and what was run."""
+"""The first screen: the verdict in one line, what was run, and the two figures."""
 
+from collections.abc import Mapping, Sequence
+
+from simval.report.curves import curve, grouped, statistic
+from simval.report.measures import GROUPS, moment
+from simval.report.panels import Drawing, Panel, Series
 from simval.report.section import Context, Section, made
-from simval.verdict import overall
+from simval.report.sections.attitude import NOISE, STYLES, remainders
+from simval.report.slope import simultaneous
+from simval.sweep.run import CellResult
 
 WORDS = {
     "pass": "every check agrees with theory",
@@ -24,10 +31,7 @@ def section(context: Context) -> Section | None:
         Always a section.
     """
     run, verdicts = context.run, context.verdicts
-    unfinished = [cell for cell in run.cells if cell.status != "done"]
-    answer = overall(verdicts)
-    if answer == "pass" and unfinished:
-        answer = "inconclusive"
+    answer = context.judged.answer
     counts = {
         name: sum(v.answer == name for v in verdicts)
         for name in ("pass", "fail", "inconclusive")
@@ -35,9 +39,11 @@ def section(context: Context) -> Section | None:
     studies: dict[str, int] = {}
     for cell in run.cells:
         studies[cell.study] = studies.get(cell.study, 0) + 1
+    drawings = [calibration_figure(context), attitude_figure(context)]
     return made(
         "summary",
         "Verdict",
+        [d for d in drawings if d is not None],
         answer=answer,
         words=WORDS[answer],
         counts=counts,
@@ -45,6 +51,138 @@ def section(context: Context) -> Section | None:
         alpha=context.alpha,
         manifest=run.manifest,
         studies=studies,
-        unfinished=len(unfinished),
+        unfinished=len(context.judged.unfinished),
+        gaps=len(context.judged.gaps),
         samples=sum(max((r.n for r in cell.rows), default=0) for cell in run.cells),
     )
+
+
+def calibration_figure(context: Context) -> Drawing | None:
+    """Calibration error against noise with the Cramer-Rao bound.
+
+    Parameters
+    ----------
+    context : Context
+        The run.
+
+    Returns
+    -------
+    Drawing or None
+        None where no calibration met noise.
+    """
+    cells = [
+        cell
+        for cell in context.cells("calibration")
+        if cell.parameters["noise_std"] > 0.0
+    ]
+    if not cells:
+        return None
+    label, members = _longest(grouped(cells, "noise_std"))
+    found = {
+        name: curve(
+            name, members, "noise_std", statistic(f"rms[{name}]", "first order")
+        )
+        for name in GROUPS
+    }
+    bounds = {
+        name: curve(name, members, "noise_std", statistic(f"rms[{name}]", "Cramer-Rao"))
+        for name in GROUPS
+    }
+    z = simultaneous(sum(len(c.x) for c in found.values() if c is not None))
+    series: list[Series] = []
+    for i, (name, c) in enumerate(found.items()):
+        if c is not None:
+            series += [c.points(z, i, GROUPS[name]), c.predicted(i)]
+        bound = bounds[name]
+        if bound is not None:
+            series.append(bound.predicted(i, ":"))
+    if not series:
+        return None
+    return Drawing(
+        name="summary-calibration",
+        caption=(
+            f"Calibration error against noise{f' ({label})' if label else ''}. Points: "
+            "simulation with bars that hold for all together (95 %). Solid: theory; "
+            "dotted: Cramér-Rao bound."
+        ),
+        alternative=(
+            "RMS error of misalignment, scale and bias against the noise per sample, "
+            "simulated points beside theory and the Cramér-Rao bound"
+        ),
+        panels=[
+            Panel(
+                title="calibration",
+                x_label="noise per sample, m/s²",
+                y_label="RMS error (T, K: 1; B: m/s²)",
+                series=tuple(series),
+            )
+        ],
+    )
+
+
+def attitude_figure(context: Context) -> Drawing | None:
+    """Attitude error against noise with all predictions, and what each leaves out.
+
+    Parameters
+    ----------
+    context : Context
+        The run.
+
+    Returns
+    -------
+    Drawing or None
+        None where the run has no attitude study.
+    """
+    cells = context.cells("attitude")
+    if not cells:
+        return None
+    label, members = _longest(grouped(cells, "noise_std"))
+    measured = curve("simulated", members, "noise_std", statistic("rms", "exact"))
+    if measured is None:
+        return None
+    series = [measured.points(simultaneous(len(measured.x)))]
+    for predictor, (colour, style) in STYLES.items():
+        c = curve("", members, "noise_std", statistic("rms", predictor))
+        if c is not None:
+            series.append(
+                Series(
+                    label=predictor, x=c.x, y=c.prediction, colour=colour, line=style
+                )
+            )
+    panels = [
+        Panel(
+            title="attitude",
+            x_label=NOISE,
+            y_label="RMS error of the quaternion, 1",
+            series=tuple(series),
+        )
+    ]
+    if curve("", members, "noise_std", moment("covariance", "exact")) is not None:
+        panels.append(remainders(members, "covariance"))
+    return Drawing(
+        name="summary-attitude",
+        caption=(
+            f"Attitude error against noise{f' ({label})' if label else ''}. Points: "
+            "simulation with bars that hold for all together (95 %); lines: second "
+            "order, the source's fourth order, the complete fourth order, exact. At "
+            "the right, on the scale where they differ: how far each is from exact."
+        ),
+        alternative=(
+            "RMS error of the quaternion against the noise, simulated points beside "
+            "four predictions; and the distance of each prediction from the exact one"
+        ),
+        panels=panels,
+    )
+
+
+def _longest(
+    groups: Mapping[str, Sequence[CellResult]],
+) -> tuple[str, Sequence[CellResult]]:
+    """Return the group with the most noise levels; of equals the last one."""
+    return max(
+        enumerate(groups.items()),
+        key=lambda entry: (
+            len({c.parameters["noise_std"] for c in entry[1][1]}),
+            entry[0],
+        ),
+    )[1]

@@ -1,0 +1,100 @@
+"""`simval compare`."""
+
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from simval.compare import Difference, RunComparison, compare_runs
+from simval.errors import InputError
+from simval.sweep import load_run
+
+SHOWN = 40
+"""Changes printed one by one; the rest is counted."""
+
+
+@click.command(name="compare")
+@click.argument("run_a")
+@click.argument("run_b")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="HTML file to write, with both curves of what changed in one figure.",
+)
+@click.option(
+    "--alpha",
+    type=click.FloatRange(0.0, 0.5, min_open=True),
+    default=1e-3,
+    show_default=True,
+    help="False-alarm rate of all differences together.",
+)
+def command(run_a: str, run_b: str, out: Path | None, alpha: float) -> int:
+    """Show what changed from RUN_A to RUN_B beyond its uncertainty, sorted.
+
+    Each is a folder, or `latest`. Exit code 0, or 3 where the runs have nothing in
+    common. To fail on a change, use `simval gate` with a baseline.
+    """
+    a, b = load_run(run_a), load_run(run_b)
+    found = compare_runs(a, b, alpha)
+    show(found)
+    if out is not None:
+        from simval.report import render_comparison  # drawing takes a second to load
+
+        try:
+            out.write_text(render_comparison(a, b, found), encoding="utf-8")
+        except OSError as error:
+            msg = f"cannot write {out}: {error.strerror}; choose another place"
+            raise InputError(msg) from None
+        click.echo(str(out))
+    return 0 if found.differences else 3
+
+
+def show(found: RunComparison) -> None:
+    """Print the changes, then what else is not alike.
+
+    Parameters
+    ----------
+    found : RunComparison
+        What differs.
+    """
+    console = Console(highlight=False, soft_wrap=True)
+    changed = found.of("changed")
+    if changed:
+        console.print(_table(changed[:SHOWN]))
+    if len(changed) > SHOWN:
+        console.print(f"... and {len(changed) - SHOWN} more; --out writes them")
+    for line in found.environment:
+        console.print(f"environment: {line}", markup=False)
+    for name, missing in (("A", found.only_a), ("B", found.only_b)):
+        if missing:
+            console.print(f"{len(missing)} only in {name}: {missing[0]}", markup=False)
+    predictions = sum(d.prediction_changed for d in found.differences)
+    if predictions:
+        console.print(f"{predictions} predictions of theory changed")
+    if not found.differences:
+        console.print("the runs have nothing in common")
+        return
+    console.print(
+        f"{len(changed)} of {len(found.differences)} common statistics changed beyond "
+        f"their uncertainty, {len(found.of('moved'))} moved within it on the same "
+        f"noise; false-alarm rate {found.alpha:g} for all together"
+    )
+
+
+def _table(changed: tuple[Difference, ...]) -> Table:
+    table = Table(title="changed, A to B")
+    for heading in ("cell", "statistic", "A", "B", "standard errors"):
+        table.add_column(heading, overflow="fold")
+    for d in changed:
+        against = f" against {d.a.predictor}" if d.a.predictor else ""
+        sigmas = "no chance" if d.sigmas is None else f"{d.sigmas:+.2f}"
+        cells = (
+            d.cells[1],
+            f"{d.a.statistic}{against}",
+            f"{d.a.value:.6g}",
+            f"{d.b.value:.6g}",
+            sigmas,
+        )
+        table.add_row(*(cell.replace("[", r"\[") for cell in cells))
+    return table

@@ -1,0 +1,231 @@
+"""Panels drawn on the axes of a figure."""
+
+from dataclasses import replace
+from functools import singledispatch
+from typing import Any
+
+import numpy as np
+from matplotlib.ticker import LogFormatter
+
+from simval.report.panels import COLOURS, GREY, BarPanel, Panel, Series, SpherePanel
+
+INK = "#010203"
+# label minor ticks only where an axis has less than one decade, and then only some
+MINOR_THRESHOLDS = (1.0, 0.4)
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+class Decades(LogFormatter):
+    """Labels of a logarithmic axis in plain text: 0.1, 10⁻⁵, 3×10⁻⁵."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        """Spell a tick, or leave it empty where the axis has enough without it.
+
+        Parameters
+        ----------
+        x : float
+            Where it is.
+        pos : int, optional
+            Which one it is.
+
+        Returns
+        -------
+        str
+            Its label.
+        """
+        if not super().__call__(x, pos):
+            return ""
+        if 1e-3 <= x < 1e5:
+            return f"{x:g}"
+        head, _, power = f"{x:.0e}".partition("e")
+        raised = f"10{str(int(power)).translate(SUPERSCRIPTS)}"
+        return raised if head == "1" else f"{head}×{raised}"
+
+
+@singledispatch
+def paint(panel: object, axes: Any) -> None:
+    """Draw a panel.
+
+    Parameters
+    ----------
+    panel : Panel, SpherePanel or BarPanel
+        What to draw.
+    axes : matplotlib.axes.Axes
+        Where to draw it.
+    """
+    raise TypeError(type(panel))
+
+
+@paint.register
+def _(panel: Panel, axes: Any) -> None:
+    panel = _drawable(panel)
+    for start, stop in panel.spans:
+        axes.axvspan(start, stop, color=COLOURS[2], alpha=0.18, linewidth=0)
+    for series in panel.series:
+        if series.line:
+            _line(series, axes)
+        else:
+            _points(series, axes, upper_limits=panel.log_y)
+    _references(panel, axes)
+    _scales(panel, axes)
+    if panel.log_y:
+        _limit(panel, axes)
+    axes.set_title(panel.title, y=1.0)  # a place of its own costs a third more time
+    axes.set_xlabel(panel.x_label)
+    axes.set_ylabel(panel.y_label)
+    if any(series.label for series in panel.series):
+        axes.legend()
+
+
+def _drawable(panel: Panel) -> Panel:
+    """Leave out what has no place on the axes; without data they are linear."""
+    series = []
+    for s in panel.series:
+        top = s.y if s.line or s.band is None else s.y + s.band  # of an upper limit
+        good = np.isfinite(s.x) & np.isfinite(s.y) & np.isfinite(top)
+        good &= (s.x > 0.0) | (not panel.log_x)
+        good &= (top > 0.0) | (not panel.log_y)
+        band = None if s.band is None else np.nan_to_num(s.band[good], posinf=0.0)
+        series.append(replace(s, x=s.x[good], y=s.y[good], band=band))
+    any_left = any(len(s.x) for s in series)
+    return replace(
+        panel,
+        series=tuple(series),
+        log_x=panel.log_x and any_left,
+        log_y=panel.log_y and any_left,
+    )
+
+
+def _references(panel: Panel, axes: Any) -> None:
+    for height, label in panel.references:
+        axes.axhline(height, color=GREY, linewidth=1.0, linestyle=(0, (1, 1)))
+        axes.annotate(
+            label,
+            (1.0, height),
+            xycoords=("axes fraction", "data"),
+            xytext=(-2, 2),
+            textcoords="offset points",
+            ha="right",
+            fontsize=8.5,
+        )
+
+
+def _scales(panel: Panel, axes: Any) -> None:
+    for logarithmic, scale, axis in (
+        (panel.log_x, axes.set_xscale, axes.xaxis),
+        (panel.log_y, axes.set_yscale, axes.yaxis),
+    ):
+        if logarithmic:
+            scale("log", nonpositive="mask" if axis is axes.xaxis else "clip")
+            axis.set_major_formatter(Decades())
+            axis.set_minor_formatter(Decades(minor_thresholds=MINOR_THRESHOLDS))
+
+
+def _line(series: Series, axes: Any) -> None:
+    axes.plot(
+        series.x,
+        series.y,
+        linestyle=series.line,
+        color=series.colour,
+        label=series.label or "_nolegend_",
+        linewidth=1.4,
+    )
+    if series.band is not None:
+        axes.fill_between(
+            series.x,
+            series.y - series.band,
+            series.y + series.band,
+            color=series.colour,
+            alpha=0.2,
+            linewidth=0,
+        )
+
+
+def _points(series: Series, axes: Any, *, upper_limits: bool) -> None:
+    """Points with bars; on a logarithmic axis an upper limit where a bar reaches 0."""
+    band = series.band
+    told = np.ones(len(series.x), dtype=bool)
+    if upper_limits and band is not None:
+        told = ~(series.y - band <= 0.0)
+        axes.plot(
+            series.x[~told],
+            (series.y + band)[~told],
+            marker="v",
+            markersize=5,
+            markerfacecolor="none",
+            color=series.colour,
+            linestyle="none",
+        )
+    axes.errorbar(
+        series.x[told],
+        series.y[told],
+        yerr=None if band is None else band[told],
+        linestyle="none",
+        marker=series.marker,
+        markersize=4,
+        capsize=2,
+        color=series.colour,
+        label=series.label or "_nolegend_",
+    )
+
+
+def _limit(panel: Panel, axes: Any) -> None:
+    """Fit a logarithmic axis to what is positive on it, references included."""
+    heights = [np.array([height for height, _ in panel.references], dtype=float)]
+    for series in panel.series:
+        heights.append(np.asarray(series.y, dtype=float))
+        if series.band is not None:
+            heights.append(series.y + series.band)
+    values = np.concatenate(heights)
+    values = values[np.isfinite(values) & (values > 0.0)]
+    if values.size:
+        axes.set_ylim(values.min() / 1.5, values.max() * 1.5)
+
+
+@paint.register
+def _(panel: SpherePanel, axes: Any) -> None:
+    half = panel.directions[panel.sign * panel.directions[:, 2] >= 0.0]
+    # Lambert's azimuthal equal-area projection about the pole
+    scale = np.sqrt(2.0 / (1.0 + np.abs(half[:, 2])))
+    axes.plot(half[:, 0] * scale, half[:, 1] * scale, "o", color=COLOURS[0], ms=5)
+    angle = np.linspace(0.0, 2.0 * np.pi, 181)
+    for degrees in (30, 60, 90):
+        radius = 2.0 * np.sin(np.radians(degrees) / 2.0)
+        axes.plot(radius * np.cos(angle), radius * np.sin(angle), color=GREY, lw=0.6)
+    axes.set_aspect("equal")
+    axes.grid(False)
+    axes.set_xticks([])
+    axes.set_yticks([])
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+    axes.set_title(panel.title, y=1.0)  # a place of its own costs a third more time
+
+
+@paint.register
+def _(panel: BarPanel, axes: Any) -> None:
+    places = np.arange(len(panel.names))[::-1]
+    axes.barh(
+        places,
+        panel.measured,
+        height=0.6,
+        color=COLOURS[5],
+        label="measured",
+        alpha=0.8,
+    )
+    axes.errorbar(
+        panel.measured, places, xerr=panel.band, linestyle="none", color=INK, capsize=2
+    )
+    axes.plot(
+        panel.predicted,
+        places,
+        "D",
+        color=COLOURS[1],
+        ms=6,
+        label="predicted",
+        ls="none",
+    )
+    axes.set_yticks(places, panel.names)
+    axes.grid(visible=False, axis="y")
+    axes.set_title(panel.title, y=1.0)  # a place of its own costs a third more time
+    axes.set_xlabel(panel.x_label)
+    axes.legend()

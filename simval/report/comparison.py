@@ -1,0 +1,201 @@
+"""The page that sets two runs side by side: what changed, both curves in one figure."""
+
+from simval.compare import Difference, RunComparison
+from simval.report.curves import Curve, axis_of, curve, grouped, statistic
+from simval.report.environment import template
+from simval.report.panels import COLOURS, Drawing, Panel, Series
+from simval.report.section import Section, made
+from simval.report.slope import simultaneous
+from simval.report.table import Column, Table
+from simval.sweep import Run
+from simval.sweep.run import CellResult
+
+MAX_FIGURES = 12
+SHOWN = 400
+
+Key = tuple[str, str, str, str]
+"""Study, group of cells, statistic and predictor: what one figure shows."""
+
+
+def render_comparison(a: Run, b: Run, found: RunComparison) -> str:
+    """Render the comparison of two runs as one HTML page.
+
+    Parameters
+    ----------
+    a, b : Run
+        Before and after.
+    found : RunComparison
+        As from `simval.compare.compare_runs`.
+
+    Returns
+    -------
+    str
+        The page; the same runs give the same bytes.
+    """
+    return template("page").render(
+        title=f"{a.folder.name} and {b.folder.name}",
+        sections=comparison_sections(a, b, found),
+        version=b.manifest["versions"]["simval"],
+        source=f"the run folders {a.folder.name} and {b.folder.name}",
+    )
+
+
+def comparison_sections(a: Run, b: Run, found: RunComparison) -> tuple[Section, ...]:
+    """Make the sections of the page.
+
+    Parameters
+    ----------
+    a, b : Run
+        Before and after.
+    found : RunComparison
+        What differs.
+
+    Returns
+    -------
+    tuple of Section
+        What changed, the table, and what the runs depend on.
+    """
+    drawings = _drawings(a, b, found)
+    kinds = {k: len(found.of(k)) for k in ("changed", "moved", "same")}
+    moved = sum(d.prediction_changed for d in found.differences)
+    return (
+        made(
+            "compared",
+            "What changed",
+            drawings,
+            names=(a.folder.name, b.folder.name),
+            kinds=kinds,
+            total=len(found.differences),
+            predictions=moved,
+            alpha=found.alpha,
+        ),
+        made("differences", "Differences", tables=[_table(found)]),
+        made(
+            "dependencies",
+            "What the runs depend on",
+            environment=found.environment,
+            only_a=found.only_a[:SHOWN],
+            only_b=found.only_b[:SHOWN],
+            hidden=max(0, len(found.only_a) - SHOWN)
+            + max(0, len(found.only_b) - SHOWN),
+            names=(a.folder.name, b.folder.name),
+        ),
+    )
+
+
+def _drawings(a: Run, b: Run, found: RunComparison) -> list[Drawing]:
+    """One figure for each kind of change: both curves with their bands."""
+    cells_a = {cell.name: cell for cell in a.cells}
+    twins = {d.cells[0]: d.cells[1] for d in found.differences}
+    drawings: list[Drawing] = []
+    seen: set[Key] = set()
+    for difference in found.of("changed"):
+        cell = cells_a[difference.cells[0]]
+        label, old = _group(a, cell)
+        key = (cell.study, label, difference.a.statistic, difference.a.predictor)
+        if key in seen:
+            continue
+        seen.add(key)
+        names = {twins[c.name] for c in old if c.name in twins}
+        new = tuple(c for c in b.cells if c.name in names)
+        drawings.append(_drawing(len(drawings), key, difference, (a, b), (old, new)))
+        if len(drawings) == MAX_FIGURES:
+            break
+    return drawings
+
+
+def _group(run: Run, cell: CellResult) -> tuple[str, tuple[CellResult, ...]]:
+    cells = run.of(cell.study)
+    groups = grouped(cells, axis_of(cells))
+    return next((k, members) for k, members in groups.items() if cell in members)
+
+
+def _drawing(
+    number: int,
+    key: Key,
+    difference: Difference,
+    runs: tuple[Run, Run],
+    cells: tuple[tuple[CellResult, ...], tuple[CellResult, ...]],
+) -> Drawing:
+    study, label, name, predictor = key
+    axis = axis_of(cells[0])
+    curves = [
+        (i, run.folder.name, c)
+        for i, (run, members) in enumerate(zip(runs, cells, strict=True))
+        if (c := curve("", members, axis, statistic(name, predictor))) is not None
+    ]
+    z = simultaneous(sum(len(c.x) for _, _, c in curves))
+    series: list[Series] = []
+    for i, folder, c in curves:
+        series.append(c.points(z, i, folder))
+        line = "-" if i else "--"
+        series.append(Series(label="", x=c.x, y=c.value, colour=COLOURS[i], line=line))
+    sigmas = difference.sigmas
+    size = f"{sigmas:+.1f} standard errors" if sigmas is not None else "without chance"
+    where = f"{study}{', ' if label else ''}{label}"
+    return Drawing(
+        name=f"compared{number}",
+        caption=(
+            f"{name}{f' against {predictor}' if predictor else ''} ({where}): "
+            f"{difference.a.value:.6g} in {runs[0].folder.name}, "
+            f"{difference.b.value:.6g} in {runs[1].folder.name}, {size} in "
+            f"{difference.cells[1]}. Bars: {z:.2f} standard errors, 95 % for all "
+            "points together."
+        ),
+        alternative=f"{name} of {where} over {axis} in both runs, with their bands",
+        panels=[
+            Panel(
+                title=name,
+                x_label=axis.replace("_", " "),
+                y_label=f"value, {difference.a.unit}",
+                series=tuple(series),
+                log_x=_positive([c for _, _, c in curves], "x"),
+                log_y=_positive([c for _, _, c in curves], "value"),
+            )
+        ],
+    )
+
+
+def _positive(curves: list[Curve], name: str) -> bool:
+    values = [v for c in curves for v in getattr(c, name)]
+    return bool(values) and min(values) > 0.0 and max(values) > 3.0 * min(values)
+
+
+def _table(found: RunComparison) -> Table:
+    rows = [
+        (
+            d.kind,
+            d.cells[1],
+            d.a.statistic,
+            d.a.predictor,
+            (d.a.value, d.a.standard_error),
+            (d.b.value, d.b.standard_error),
+            d.a.unit,
+            (d.difference, d.standard_error),
+            d.relative,
+            d.sigmas,
+            d.p_value,
+            "changed" if d.prediction_changed else "",
+        )
+        for d in found.differences
+    ]
+    return Table(
+        name="differences",
+        caption="Every common statistic: changed ones first, by how far they moved",
+        columns=(
+            Column("kind", "answer"),
+            Column("cell", "code"),
+            Column("statistic"),
+            Column("against"),
+            Column("A", "measured"),
+            Column("B", "measured"),
+            Column("unit"),
+            Column("B minus A", "measured"),
+            Column("relative", "number"),
+            Column("standard errors", "number"),
+            Column("p", "number"),
+            Column("prediction"),
+        ),
+        rows=rows,
+        shown=SHOWN,
+    )

@@ -1,0 +1,275 @@
+"""Curves out of the rows of a run: grouped by what varies, sorted along an axis."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.compare import EFFORT
+from simval.report.panels import COLOURS, MARKERS, Series
+from simval.results import Row
+from simval.sweep.run import CellResult
+
+PREFERRED = ("noise_std", "poses")
+"""Parameters that make the best axis, the best one first."""
+
+MAX_GROUPS = 6
+"""Curves of one kind in a panel, or figures of one kind in a section."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Curve:
+    """A statistic along one axis.
+
+    Attributes
+    ----------
+    label : str
+        Of the group of cells.
+    x : Array
+        The axis, ascending, (n,).
+    value, error, prediction : Array
+        Statistic, its standard error and its prediction (NaN without one), (n,).
+    """
+
+    label: str
+    x: Array
+    value: Array
+    error: Array
+    prediction: Array
+
+    def points(self, z: float, place: int = 0, label: str | None = None) -> Series:
+        """Measured points with bands.
+
+        Parameters
+        ----------
+        z : float
+            Half width of the bands in standard errors.
+        place : int, default 0
+            Which colour and marker.
+        label : str, optional
+            Instead of the curve's own.
+
+        Returns
+        -------
+        Series
+            Points.
+        """
+        return Series(
+            label=self.label if label is None else label,
+            x=self.x,
+            y=self.value,
+            band=z * self.error,
+            colour=COLOURS[place % len(COLOURS)],
+            marker=MARKERS[place % len(MARKERS)],
+        )
+
+    def predicted(self, place: int = 0, line: str = "-", label: str = "") -> Series:
+        """Line of the prediction.
+
+        Parameters
+        ----------
+        place : int, default 0
+            Which colour.
+        line : str, default "-"
+            Style of the line.
+        label : str, default ""
+            For the legend.
+
+        Returns
+        -------
+        Series
+            A line, one point for each x.
+        """
+        x, first = np.unique(self.x, return_index=True)
+        return Series(
+            label=label,
+            x=x,
+            y=self.prediction[first],
+            colour=COLOURS[place % len(COLOURS)],
+            line=line,
+        )
+
+
+Measure = Callable[[CellResult], tuple[float, float, float] | None]
+"""Value, standard error and prediction of one cell; None where it has none."""
+
+
+def curve(
+    label: str, cells: Sequence[CellResult], axis: str, measure: Measure
+) -> Curve | None:
+    """Measure each cell and sort along an axis.
+
+    Parameters
+    ----------
+    label : str
+        Of the curve.
+    cells : sequence of CellResult
+        One group.
+    axis : str
+        Parameter or row (`position`) along which it runs.
+    measure : callable
+        What is measured.
+
+    Returns
+    -------
+    Curve or None
+        None where no cell has it.
+    """
+    found = [
+        (place, *values)
+        for cell in cells
+        if (place := position(cell, axis)) is not None
+        if (values := measure(cell)) is not None
+    ]
+    if not found:
+        return None
+    x, value, error, prediction = np.array(sorted(found), dtype=float).T
+    return Curve(label=label, x=x, value=value, error=error, prediction=prediction)
+
+
+def position(cell: CellResult, axis: str) -> float | None:
+    """Place of a cell along an axis.
+
+    Parameters
+    ----------
+    cell : CellResult
+        The cell.
+    axis : str
+        Name of a parameter, or of a statistic without predictor.
+
+    Returns
+    -------
+    float or None
+        None where the cell has neither, or it is no number.
+    """
+    value = cell.parameters.get(axis)
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return float(value)
+    row = cell.row(axis)
+    return None if row is None else row.value
+
+
+def statistic(name: str, predictor: str = "") -> Measure:
+    """Measure that reads one row.
+
+    Parameters
+    ----------
+    name : str
+        The statistic.
+    predictor : str, default ""
+        The theory.
+
+    Returns
+    -------
+    callable
+        Value, standard error and prediction (NaN without one) of a cell.
+    """
+
+    def measure(cell: CellResult) -> tuple[float, float, float] | None:
+        row = cell.row(name, predictor)
+        return None if row is None else triple(row)
+
+    return measure
+
+
+def triple(row: Row) -> tuple[float, float, float]:
+    """Value, standard error and prediction of a row.
+
+    Parameters
+    ----------
+    row : Row
+        The row.
+
+    Returns
+    -------
+    tuple of float
+        The prediction is NaN where there is none.
+    """
+    return (
+        row.value,
+        row.standard_error,
+        np.nan if row.prediction is None else row.prediction,
+    )
+
+
+def grouped(
+    cells: Sequence[CellResult], *axes: str
+) -> Mapping[str, tuple[CellResult, ...]]:
+    """Group cells that differ only along some axes (and in effort and seed).
+
+    Parameters
+    ----------
+    cells : sequence of CellResult
+        Cells of one study.
+    *axes : str
+        Parameters along which a curve may run.
+
+    Returns
+    -------
+    mapping
+        Label to cells; the label names the other parameters that vary.
+    """
+    skipped = {*axes, *EFFORT}
+    keys = [k for k in varying(cells) if k not in skipped]
+    groups: dict[str, list[CellResult]] = {}
+    for cell in cells:
+        label = ", ".join(_words(key, cell.parameters.get(key)) for key in keys)
+        groups.setdefault(label, []).append(cell)
+    return {label: tuple(members) for label, members in groups.items()}
+
+
+def varying(cells: Sequence[CellResult]) -> list[str]:
+    """Parameters that are not the same in all cells.
+
+    Parameters
+    ----------
+    cells : sequence of CellResult
+        Any.
+
+    Returns
+    -------
+    list of str
+        Sorted names.
+    """
+    keys = sorted({key for cell in cells for key in cell.parameters})
+    return [k for k in keys if len({repr(c.parameters.get(k)) for c in cells}) > 1]
+
+
+def axis_of(cells: Sequence[CellResult]) -> str:
+    """Parameter along which the curves of a study run.
+
+    Parameters
+    ----------
+    cells : sequence of CellResult
+        Cells of one study.
+
+    Returns
+    -------
+    str
+        The noise or the number of poses where it varies, else the first number that
+        does; where nothing does, the noise, or any number that there is.
+    """
+    keys = [key for key in varying(cells) if _numeric(cells, key)]
+    fixed = sorted({k for c in cells for k in c.parameters if _numeric(cells, k)})
+    ranked = sorted(
+        (key for key in keys if key not in EFFORT),
+        key=lambda key: PREFERRED.index(key) if key in PREFERRED else len(PREFERRED),
+    )
+    return next(iter([*ranked, *(k for k in PREFERRED if k in fixed), *fixed]), "")
+
+
+def _numeric(cells: Sequence[CellResult], key: str) -> bool:
+    values = [cell.parameters.get(key) for cell in cells]
+    return all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
+
+
+def _words(key: str, value: object) -> str:
+    name = key.replace("_", " ")
+    if isinstance(value, bool):
+        return name if value else f"no {name}"
+    if value is None or isinstance(value, str):
+        return str(value) if value else f"no {name}"
+    if key == "poses":
+        return f"{value} poses"
+    return f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}"

@@ -1,0 +1,68 @@
+"""The templates: everything that comes from data is escaped in them."""
+
+import hashlib
+from base64 import b64encode
+from functools import cache
+from importlib import resources
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
+from markupsafe import Markup
+
+from simval.report.paint import svg
+from simval.report.panels import Drawing
+from simval.report.table import sort_key, text
+from simval.report.thinning import thinned
+from simval.report.words import measured, number
+
+
+def template(name: str) -> Template:
+    """Load a template of this package.
+
+    Parameters
+    ----------
+    name : str
+        File name without its ending.
+
+    Returns
+    -------
+    Template
+        Ready to render.
+    """
+    return _environment().get_template(f"{name}.html.j2")
+
+
+def script() -> dict[str, Any]:
+    """The page's only script and its hash for the content security policy.
+
+    Returns
+    -------
+    dict
+        ``text`` and ``digest``, the SHA-256 in base 64.
+    """
+    file = resources.files("simval.report") / "templates" / "sort.js"
+    content = file.read_text(encoding="utf-8")
+    digest = b64encode(hashlib.sha256(content.encode()).digest()).decode()
+    return {"text": Markup(content), "digest": digest}
+
+
+def _picture(drawing: Drawing) -> dict[str, Any]:
+    """SVG of a drawing, thinned, and how many points it draws of how many."""
+    drawn, count, given = thinned(drawing)
+    return {"svg": Markup(svg(drawn)), "drawn": count, "given": given}
+
+
+@cache
+def _environment() -> Environment:
+    environment = Environment(
+        loader=PackageLoader("simval.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters.update(number=number)
+    environment.globals.update(
+        measured=measured, picture=_picture, text=text, sort_key=sort_key, script=script
+    )
+    return environment

@@ -1,0 +1,173 @@
+"""What is measured of a cell: scalars for the figures, with error and prediction."""
+
+import numpy as np
+
+from simval.report.curves import Measure
+from simval.results import Row
+from simval.sweep.run import CellResult
+
+GROUPS = {"T": "misalignment T", "K": "scale K", "B": "bias B"}
+STANDARD_GRAVITY = 9.80665
+"""Unit in which the bias joins the other parameters, m/s^2."""
+
+
+def together(predictor: str) -> Measure:
+    """RMS error of all nine parameters, the bias in units of standard gravity.
+
+    Parameters
+    ----------
+    predictor : str
+        Theory whose prediction is returned with it.
+
+    Returns
+    -------
+    callable
+        Value, standard error and prediction of a cell. The errors of the three parts
+        are added as if fully correlated, so the standard error is at most this.
+    """
+
+    def measure(cell: CellResult) -> tuple[float, float, float] | None:
+        rows = [cell.row(f"rms[{name}]", predictor) for name in GROUPS]
+        if any(row is None or row.prediction is None for row in rows):
+            return None
+        units = (1.0, 1.0, STANDARD_GRAVITY)
+        parts = [
+            (row.value / u, row.standard_error / u, row.prediction / u)
+            for row, u in zip(rows, units, strict=True)
+            if row is not None and row.prediction is not None
+        ]
+        value, error, predicted = np.array(parts).T
+        if not np.isfinite(parts).all():
+            return None
+        rms = float(np.sqrt(np.mean(value**2)))
+        return (
+            rms,
+            float(np.sum(value * error)) / (3.0 * rms),
+            float(np.sqrt(np.mean(predicted**2))),
+        )
+
+    return measure
+
+
+def part(kind: str, name: str, predictor: str) -> Measure:
+    """RMS over the three entries of T, K or B of their sd or bias.
+
+    Parameters
+    ----------
+    kind : {"sd", "bias"}
+        Which statistic.
+    name : {"T", "K", "B"}
+        Which parameters: all rows that start with the letter, or with S for T.
+    predictor : str
+        Theory.
+
+    Returns
+    -------
+    callable
+        Value, standard error and prediction of a cell. The bias is projected on the
+        direction of the predicted one, so its noise averages to zero.
+    """
+    starts = tuple(f"{kind}[{letter}" for letter in ("ST" if name == "T" else name))
+
+    def measure(cell: CellResult) -> tuple[float, float, float] | None:
+        rows = [
+            row
+            for row in cell.rows
+            if row.predictor == predictor and row.statistic.startswith(starts)
+        ]
+        if not rows or any(row.prediction is None for row in rows):
+            return None
+        value = np.array([row.value for row in rows])
+        error = np.array([row.standard_error for row in rows])
+        predicted = np.array([row.prediction for row in rows], dtype=float)
+        size = float(np.sqrt(np.mean(predicted**2)))
+        if not (size > 0.0 and np.isfinite([value, error, predicted]).all()):
+            return None
+        weight = predicted / size / len(rows)
+        spread = float(np.sqrt(np.sum((weight * error) ** 2)))
+        return float(weight @ value), spread, size
+
+    return measure
+
+
+def moment(part: str, predictor: str) -> Measure:
+    """Bias vector or covariance matrix, projected on the direction of the prediction.
+
+    Parameters
+    ----------
+    part : {"bias", "covariance"}
+        Which moment of the attitude error.
+    predictor : str
+        Theory.
+
+    Returns
+    -------
+    callable
+        Value, standard error and prediction of a cell; the prediction is the Frobenius
+        norm (an off-diagonal entry counts twice). The value is linear in the entries,
+        so their noise averages to zero in it; the entries' errors are taken as
+        independent.
+    """
+
+    def measure(cell: CellResult) -> tuple[float, float, float] | None:
+        rows = _entries(cell, part, predictor)
+        predicted = np.array([row.prediction for row in rows], dtype=float)
+        twice = np.array([_times(row) for row in rows])
+        size = float(np.sqrt(np.sum(twice * predicted**2)))
+        value = np.array([row.value for row in rows])
+        error = np.array([row.standard_error for row in rows])
+        if not (size > 0.0 and np.isfinite([value, error, predicted]).all()):
+            return None
+        weight = twice * predicted / size
+        spread = float(np.sqrt(np.sum((weight * error) ** 2)))
+        return float(weight @ value), spread, size
+
+    return measure
+
+
+def left_out(part: str, predictor: str, reference: str = "exact") -> Measure:
+    """How far a prediction is from a better one: what it leaves out.
+
+    Parameters
+    ----------
+    part : {"bias", "covariance"}
+        Which moment of the attitude error.
+    predictor : str
+        Theory.
+    reference : str, default "exact"
+        The better one.
+
+    Returns
+    -------
+    callable
+        Norm of the difference, 0, and the norm of the reference.
+    """
+
+    def measure(cell: CellResult) -> tuple[float, float, float] | None:
+        truth = {r.statistic: r for r in _entries(cell, part, reference)}
+        rows = [r for r in _entries(cell, part, predictor) if r.statistic in truth]
+        if not rows:
+            return None
+        twice = np.array([_times(row) for row in rows])
+        exact = np.array([truth[r.statistic].prediction for r in rows], dtype=float)
+        predicted = np.array([r.prediction for r in rows], dtype=float)
+        distance = float(np.sqrt(np.sum(twice * (predicted - exact) ** 2)))
+        return distance, 0.0, float(np.sqrt(np.sum(twice * exact**2)))
+
+    return measure
+
+
+def _entries(cell: CellResult, part: str, predictor: str) -> list[Row]:
+    return [
+        row
+        for row in cell.rows
+        if row.predictor == predictor
+        and row.statistic.startswith(f"{part}[")
+        and row.prediction is not None
+    ]
+
+
+def _times(row: Row) -> float:
+    """How often an entry of the upper triangle occurs in the matrix."""
+    inside = row.statistic.partition("[")[2].rstrip("]").split(",")
+    return 2.0 if len(inside) == 2 and inside[0] != inside[1] else 1.0

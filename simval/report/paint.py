@@ -1,0 +1,161 @@
+"""Drawings as inline SVG or PNG: same data, same bytes; text stays text.
+
+Axes, ticks and labels are drawn in one placeholder colour that becomes
+``currentColor`` in SVG, so that the page's own colours, light or dark, apply to them.
+"""
+
+import io
+import re
+from html import escape
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+from simval.report.axes import INK, paint
+from simval.report.panels import GREY, BarPanel, Drawing
+
+DOTS_PER_INCH = 160
+# size of a panel and the margins about its axes, inches: fixed, because fitting them
+# to the labels would double the time that a figure takes
+WIDTH, HEIGHT = 4.3, 3.6
+LEFT, RIGHT, BOTTOM, TOP = 0.85, 0.15, 0.55, 0.35
+NAMES = 0.9  # more at the left, for the names of bars
+STYLE: dict[str, Any] = {
+    "svg.fonttype": "none",
+    "font.family": "sans-serif",
+    "font.size": 10,
+    "text.color": INK,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "axes.titlecolor": INK,
+    "axes.titlesize": 11,
+    "axes.grid": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "grid.color": GREY,
+    "grid.alpha": 0.35,
+    "grid.linewidth": 0.5,
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+    "figure.facecolor": "none",
+    "axes.facecolor": "none",
+    "savefig.facecolor": "none",
+    "axes.formatter.useoffset": False,
+}
+
+
+def root(drawing: Drawing) -> str:
+    """Id of the ``svg`` element, and prefix of every id in it.
+
+    Parameters
+    ----------
+    drawing : Drawing
+        Any.
+
+    Returns
+    -------
+    str
+        Unlike the ids of the page around it.
+    """
+    return f"svg-{drawing.name}"
+
+
+def svg(drawing: Drawing) -> str:
+    """Draw as an ``svg`` element with prefixed ids and a text alternative.
+
+    Parameters
+    ----------
+    drawing : Drawing
+        What to draw.
+
+    Returns
+    -------
+    str
+        Well-formed; scales with its container; the same bytes for the same data.
+    """
+    name = root(drawing)
+    buffer = io.StringIO()
+    nothing = {"Date": None, "Creator": None, "Format": None, "Type": None}
+    style: Any = {**STYLE, "svg.hashsalt": name}
+    with mpl.rc_context(style):
+        _figure(drawing).savefig(buffer, format="svg", metadata=nothing)
+    text = buffer.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = re.sub(r'\bid="', f'id="{name}-', text)
+    text = re.sub(r'(xlink:href="#|url\(#)', rf"\g<1>{name}-", text)
+    # the style sheet inside must not reach the rest of the page
+    text = text.replace(
+        '<style type="text/css">*{', f'<style type="text/css">#{name} *{{'
+    )
+    text = text.replace(INK, "currentColor")
+    # the size comes from the view box, so the figure can shrink with the page
+    head, rest = text.split(">", 1)
+    head = re.sub(r'\s(width|height)="[^"]*"', "", head)
+    label = escape(drawing.alternative)
+    return f'{head} id="{name}" role="img" aria-label="{label}">{rest}'
+
+
+def svg_file(drawing: Drawing) -> str:
+    """Draw as an SVG file of its own: dark ink on white paper.
+
+    Parameters
+    ----------
+    drawing : Drawing
+        What to draw.
+
+    Returns
+    -------
+    str
+        Text of the file.
+    """
+    paper = (
+        f"<style>#{root(drawing)} {{ color: #1c1c1e; background: #ffffff; }}</style>"
+    )
+    return svg(drawing).replace(">", ">" + paper, 1) + "\n"
+
+
+def png(drawing: Drawing) -> bytes:
+    """Draw as a PNG picture: dark ink on white paper.
+
+    Parameters
+    ----------
+    drawing : Drawing
+        What to draw.
+
+    Returns
+    -------
+    bytes
+        Content of the file; the same for the same data.
+    """
+    buffer = io.BytesIO()
+    style: Any = {**STYLE, "savefig.facecolor": "#ffffff"}
+    with mpl.rc_context(style):
+        _figure(drawing).savefig(
+            buffer, format="png", dpi=DOTS_PER_INCH, metadata={"Software": None}
+        )
+    return buffer.getvalue()
+
+
+def _figure(drawing: Drawing) -> Figure:
+    columns = min(len(drawing.panels), drawing.columns)
+    rows = -(-len(drawing.panels) // columns)
+    named = any(isinstance(panel, BarPanel) for panel in drawing.panels)
+    left = LEFT + NAMES if named else LEFT
+    wide = drawing.columns == 1
+    width, height = WIDTH * columns * (2 if wide else 1), HEIGHT * rows
+    figure = Figure(figsize=(width, height))
+    figure.subplots_adjust(
+        left=left / width,
+        right=1.0 - RIGHT / width,
+        bottom=BOTTOM / height,
+        top=1.0 - TOP / height,
+        wspace=(left + RIGHT) / (width / columns - left - RIGHT),
+        hspace=(BOTTOM + TOP) / (HEIGHT - BOTTOM - TOP),
+    )
+    for i, panel in enumerate(drawing.panels):
+        paint(panel, figure.add_subplot(rows, columns, i + 1))
+    return figure

@@ -1,0 +1,115 @@
+"""Attitude error against closeness to singularity: what decides which formula holds."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from simval.report.curves import Curve, curve
+from simval.report.measures import left_out
+from simval.report.panels import Drawing, Panel, Series
+from simval.report.section import Context, Section, made
+from simval.report.sections.attitude import CLAIMED, STYLES
+from simval.report.slope import simultaneous
+from simval.sweep.run import CellResult
+
+AXIS = "norm_over_noise"
+MARKS = {"order 2": "o", "order 4, source": "s", "order 4, complete": "^"}
+
+
+def section(context: Context) -> Section | None:
+    """Make the section.
+
+    Parameters
+    ----------
+    context : Context
+        The run and its verdicts.
+
+    Returns
+    -------
+    Section or None
+        None where no attitude cell tells how close to singular it is.
+    """
+    cells = [c for c in context.cells("attitude") if c.row(AXIS) is not None]
+    if not cells:
+        return None
+    drawing = Drawing(
+        name="closeness",
+        caption=(
+            "All geometries and noise levels in one figure, over the length of the "
+            "un-normalised quaternion, at the left in units of the noise: singular is "
+            "to the left. Left: how far each formula's covariance is from the exact "
+            "one. Right: RMS error over the noise, simulated and exact."
+        ),
+        alternative=(
+            "Relative distance of each predicted covariance from the exact one, and "
+            "RMS error over noise, against the closeness to singularity"
+        ),
+        panels=[_formulas(cells), _growth(cells)],
+        columns=2,
+    )
+    return made("closeness", "Closeness to singularity", [drawing])
+
+
+def _formulas(cells: list[CellResult]) -> Panel:
+    series = []
+    for predictor in CLAIMED:
+        found = curve(predictor, cells, AXIS, left_out("covariance", predictor))
+        if found is None:
+            continue
+        series.append(
+            Series(
+                label=predictor,
+                x=found.x,
+                y=found.value / found.prediction,
+                colour=STYLES[predictor][0],
+                marker=MARKS[predictor],
+            )
+        )
+    return Panel(
+        title="where a formula may be used",
+        x_label="|q̄| / σ, 1",
+        y_label="relative difference from exact, 1",
+        series=tuple(series),
+        references=((0.1, "10 %"), (0.01, "1 %")),
+    )
+
+
+def _growth(cells: list[CellResult]) -> Panel:
+    def over_noise(cell: CellResult) -> tuple[float, float, float] | None:
+        row = cell.row("rms", "exact")
+        if row is None or row.prediction is None:
+            return None
+        sigma = float(cell.parameters["noise_std"])
+        return row.value / sigma, row.standard_error / sigma, row.prediction / sigma
+
+    found: Curve | None = curve("simulated", cells, AXIS, over_noise)
+    series: list[Series] = []
+    if found is not None:
+        lengths = curve("", cells, AXIS, _length)
+        assert lengths is not None  # the axis itself is a row of these cells
+        order = np.argsort(lengths.value, kind="stable")
+        measured = replace(found, x=lengths.value)
+        series = [
+            measured.points(simultaneous(len(found.x))),
+            Series(
+                label="exact",
+                x=lengths.value[order],
+                y=found.prediction[order],
+                colour=STYLES["order 4, source"][0],
+                marker="+",
+            ),
+        ]
+    return Panel(
+        title="what closeness costs",
+        x_label="|q̄|, 1",
+        y_label="RMS error / σ, 1",
+        series=tuple(series),
+    )
+
+
+def _length(cell: CellResult) -> tuple[float, float, float] | None:
+    """Length of the un-normalised quaternion, from its length in units of noise."""
+    row = cell.row(AXIS)
+    if row is None or cell.row("rms", "exact") is None:
+        return None
+    return row.value * float(cell.parameters["noise_std"]), 0.0, np.nan

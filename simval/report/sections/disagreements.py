@@ -1,0 +1,181 @@
+"""Checks that fail, each with the figure that shows it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from simval.report.curves import Measure, axis_of, curve, grouped, statistic
+from simval.report.panels import COLOURS, GREY, Drawing, Panel, Series
+from simval.report.section import Context, Section, made
+from simval.report.slope import simultaneous
+from simval.report.words import reproduce
+from simval.results import Row
+from simval.sweep.run import CellResult
+from simval.verdict import Verdict
+
+MAX_FIGURES = 6
+
+Key = tuple[str, str, str]
+"""Study, statistic and predictor: what one figure shows."""
+
+
+def section(context: Context) -> Section | None:
+    """Make the section.
+
+    Parameters
+    ----------
+    context : Context
+        The run and its verdicts.
+
+    Returns
+    -------
+    Section or None
+        None where no check fails.
+    """
+    failing = [v for v in context.verdicts if v.answer == "fail"]
+    if not failing:
+        return None
+    keys = figure_names(context.verdicts)
+    firsts: dict[Key, Verdict] = {}
+    for verdict in failing:
+        firsts.setdefault(key_of(verdict), verdict)
+    drawings = [
+        drawing
+        for key, name in keys.items()
+        if (drawing := _drawing(context, firsts[key], name)) is not None
+    ]
+    kinds = len(firsts)
+    return made(
+        "disagreements",
+        "Failing checks",
+        drawings,
+        failing=len(failing),
+        reasons=[(reproduce(v.cell), v.row, v.reason) for v in failing[:MAX_FIGURES]],
+        kinds=kinds,
+        shown=len(drawings),
+    )
+
+
+def figure_names(verdicts: Sequence[Verdict]) -> dict[Key, str]:
+    """Name the figure of each kind of failing check.
+
+    Parameters
+    ----------
+    verdicts : sequence of Verdict
+        All checks.
+
+    Returns
+    -------
+    dict
+        Study, statistic and predictor to the name of the figure; `MAX_FIGURES` of
+        them, in the order of the run. What is pooled over cells has no figure.
+    """
+    kinds = dict.fromkeys(
+        key_of(v) for v in verdicts if v.answer == "fail" and "@" in v.cell
+    )
+    return {key: f"failing{i}" for i, key in enumerate(kinds) if i < MAX_FIGURES}
+
+
+def key_of(verdict: Verdict) -> Key:
+    """Study, statistic and predictor of a verdict.
+
+    Parameters
+    ----------
+    verdict : Verdict
+        Any.
+
+    Returns
+    -------
+    tuple of str
+        A key of `figure_names`.
+    """
+    study = verdict.cell.partition("(")[0].partition(",")[0]
+    return study, verdict.row.statistic, verdict.row.predictor
+
+
+def _drawing(context: Context, verdict: Verdict, name: str) -> Drawing | None:
+    study, what, predictor = key_of(verdict)
+    cells = context.cells(study)
+    failed = next((cell for cell in cells if cell.name == verdict.cell), None)
+    if failed is None:
+        return None
+    axis = axis_of(cells)
+    members = next(g for g in grouped(cells, axis).values() if failed in g)
+    panels = [_values(members, axis, verdict.row)]
+    if verdict.row.standard_error > 0.0:
+        panels.append(_distances(members, axis, verdict.row))
+    against = f" against {predictor}" if predictor else ""
+    return Drawing(
+        name=name,
+        caption=(
+            f"{what}{against}, first failing in {verdict.cell}: {verdict.reason}."
+        ),
+        alternative=(
+            f"{what} of the study {study}{against} over {axis}: measured values "
+            "beside the prediction, and their distance from it in standard errors"
+        ),
+        panels=panels,
+    )
+
+
+def _values(cells: Sequence[CellResult], axis: str, row: Row) -> Panel:
+    found = curve("measured", cells, axis, statistic(row.statistic, row.predictor))
+    series: list[Series] = []
+    if found is not None:
+        series.append(found.points(simultaneous(len(found.x))))
+        if len(np.unique(found.x)) > 1:
+            series.append(found.predicted(1, "-", row.predictor or "prediction"))
+        else:
+            series.append(_mark(found.x, found.prediction, row.predictor))
+    positive = found is not None and bool(np.all(found.x > 0.0))
+    return Panel(
+        title=row.statistic,
+        x_label=axis.replace("_", " "),
+        y_label=f"value, {row.unit}",
+        series=tuple(series),
+        log_x=positive,
+        log_y=False,
+    )
+
+
+def _mark(x: np.ndarray, y: np.ndarray, label: str) -> Series:
+    return Series(label=label or "prediction", x=x, y=y, colour=COLOURS[1], marker="D")
+
+
+def _distances(cells: Sequence[CellResult], axis: str, row: Row) -> Panel:
+    found = curve("difference", cells, axis, _distance(row))
+    series: list[Series] = []
+    if found is not None:
+        series.append(
+            Series(
+                label="allowed remainder",
+                x=found.x,
+                y=np.zeros(len(found.x)),
+                band=found.prediction,
+                colour=GREY,
+                line="-",
+            )
+        )
+        series.append(found.points(1.0))
+    positive = found is not None and bool(np.all(found.x > 0.0))
+    return Panel(
+        title="distance from the prediction",
+        x_label=axis.replace("_", " "),
+        y_label="standard errors, 1",
+        series=tuple(series),
+        log_x=positive,
+        log_y=False,
+    )
+
+
+def _distance(row: Row) -> Measure:
+    """Distance and allowed remainder of the same row of a cell, in standard errors."""
+
+    def measure(cell: CellResult) -> tuple[float, float, float] | None:
+        here = cell.row(row.statistic, row.predictor)
+        if here is None or here.prediction is None or not here.standard_error > 0.0:
+            return None
+        distance = (here.value - here.prediction) / here.standard_error
+        return distance, 1.0, here.remainder / here.standard_error
+
+    return measure

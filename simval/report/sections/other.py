@@ -1,0 +1,153 @@
+"""Studies without a section of their own: their statistics along what varies."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from simval.report.curves import (
+    MAX_GROUPS,
+    Curve,
+    axis_of,
+    curve,
+    grouped,
+    statistic,
+    varying,
+)
+from simval.report.panels import Drawing, Panel, Series
+from simval.report.section import Context, Section, made
+from simval.report.slope import simultaneous
+from simval.report.table import Column, Table
+from simval.sweep.run import CellResult
+
+COVERED = ("scene", "calibration", "attitude")
+ELSEWHERE = ("efficiency", "coverage", "nees", "budget")
+MAX_PANELS = 6
+SHOWN = 40
+
+
+def section(context: Context) -> Section | None:
+    """Make the section.
+
+    Parameters
+    ----------
+    context : Context
+        The run and its verdicts.
+
+    Returns
+    -------
+    Section or None
+        None where every study has a section of its own.
+    """
+    studies = dict.fromkeys(cell.study for cell in context.run.cells)
+    parts = []
+    for study in studies:
+        cells = context.cells(study)
+        if study in COVERED or not cells:
+            continue
+        parts.append(
+            (
+                context.titles.get(study, study),
+                _drawing(study, cells),
+                _table(study, cells),
+            )
+        )
+    if not parts:
+        return None
+    return made(
+        "other",
+        "Further studies",
+        [drawing for _, drawing, _ in parts if drawing is not None],
+        [table for _, _, table in parts],
+        parts=parts,
+    )
+
+
+def _drawing(study: str, cells: Sequence[CellResult]) -> Drawing | None:
+    axis = axis_of(cells)
+    keys = dict.fromkeys(
+        (row.statistic, row.predictor, row.unit)
+        for cell in cells
+        for row in cell.rows
+        if row.prediction is not None and not row.statistic.startswith(ELSEWHERE)
+    )
+    keys = keys or dict.fromkeys(
+        (row.statistic, row.predictor, row.unit) for cell in cells for row in cell.rows
+    )
+    panels = []
+    for name, predictor, unit in keys:
+        found = [
+            c
+            for label, members in list(grouped(cells, axis).items())[:MAX_GROUPS]
+            if (c := curve(label, members, axis, statistic(name, predictor)))
+        ]
+        if any(len(np.unique(c.x)) > 1 for c in found):
+            against = f" against {predictor}" if predictor else ""
+            panels.append(_panel(f"{name}{against}", axis, unit, found))
+    if not panels:
+        return None
+    left = len(panels) - MAX_PANELS
+    return Drawing(
+        name=f"study-{study}",
+        caption=(
+            "Points: measured, with bars that hold for all points of a panel together "
+            "(95 %). Lines: predicted."
+            + (f" {left} more statistics are in the table." if left > 0 else "")
+        ),
+        alternative=f"Statistics of the study {study} over {axis}, beside predictions",
+        panels=panels[:MAX_PANELS],
+    )
+
+
+def _panel(title: str, axis: str, unit: str, found: Sequence[Curve]) -> Panel:
+    z = simultaneous(sum(len(c.x) for c in found))
+    series: list[Series] = []
+    for i, c in enumerate(found):
+        series.append(c.points(z, i))
+        if np.isfinite(c.prediction).any():
+            series.append(c.predicted(i))
+    return Panel(
+        title=title,
+        x_label=axis.replace("_", " "),
+        y_label=f"value, {unit}",
+        series=tuple(series),
+        log_x=_spread([c.x for c in found]),
+        log_y=_spread([c.value for c in found]),
+    )
+
+
+def _spread(values: Sequence[np.ndarray]) -> bool:
+    """Whether all values are positive and span more than a factor of ten."""
+    every = np.concatenate(values)
+    return bool(np.all(every > 0.0) and every.max() > 10.0 * every.min())
+
+
+def _table(study: str, cells: Sequence[CellResult]) -> Table:
+    keys = varying(cells)
+    rows = [
+        (
+            *(cell.parameters.get(key) for key in keys),
+            row.statistic,
+            (row.value, row.standard_error),
+            row.unit,
+            row.n,
+            row.prediction,
+            row.predictor,
+        )
+        for cell in cells
+        for row in cell.rows
+    ]
+    return Table(
+        name=f"study-{study}",
+        caption=f"Numbers of the study {study}",
+        columns=(
+            *(Column(key.replace("_", " ")) for key in keys),
+            Column("statistic"),
+            Column("value", "measured"),
+            Column("unit"),
+            Column("n", "number"),
+            Column("prediction", "number"),
+            Column("by"),
+        ),
+        rows=rows,
+        shown=SHOWN,
+    )

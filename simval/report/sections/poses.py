@@ -1,0 +1,132 @@
+"""Calibration error against the number of poses, and the geometry of the poses."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from simval.report.curves import MAX_GROUPS, Curve, grouped, statistic
+from simval.report.measures import GROUPS, together
+from simval.report.noise import curves, panel, slope_cells
+from simval.report.panels import Drawing, Panel
+from simval.report.section import Context, Section, made
+from simval.report.slope import simultaneous
+from simval.report.table import Column, Table
+from simval.sweep.run import CellResult
+
+COUNT = "number of poses, 1"
+
+
+def section(context: Context) -> Section | None:
+    """Make the section.
+
+    Parameters
+    ----------
+    context : Context
+        The run and its verdicts.
+
+    Returns
+    -------
+    Section or None
+        None where no study varies the number of poses.
+    """
+    noisy = [
+        cell
+        for cell in context.cells("calibration")
+        if cell.parameters["noise_std"] > 0.0
+    ]
+    groups = {
+        label: cells
+        for label, cells in grouped(noisy, "poses").items()
+        if len({cell.parameters["poses"] for cell in cells}) > 1
+    }
+    shown = dict(list(groups.items())[:MAX_GROUPS])
+    conditions = _conditions(context)
+    drawings = [d for d in (_error(shown), _geometry(conditions)) if d is not None]
+    if not drawings:
+        return None
+    tables = [_slopes(groups)] if groups else []
+    return made(
+        "poses",
+        "Number and geometry of the poses",
+        drawings,
+        tables,
+        groups=len(groups),
+        shown=len(shown),
+    )
+
+
+def _error(groups: Mapping[str, Sequence[CellResult]]) -> Drawing | None:
+    sets = []
+    for name, title in GROUPS.items():
+        unit = "m/s²" if name == "B" else "1"
+        found = curves(groups, statistic(f"rms[{name}]", "first order"), "poses")
+        bounds = curves(groups, statistic(f"rms[{name}]", "Cramer-Rao"), "poses")
+        if found:
+            sets.append((title, unit, found, bounds))
+    if not sets:
+        return None
+    z = simultaneous(sum(len(c.x) for entry in sets for c in entry[2]))
+    return Drawing(
+        name="poses",
+        caption=(
+            "RMS error against the number of poses, for each noise level. Expected "
+            "slope: -1/2 once the directions are spread evenly. Bars: "
+            f"{z:.2f} standard errors, 95 % for all together; dotted: Cramér-Rao bound."
+        ),
+        alternative=(
+            "RMS error of misalignment, scale and bias against the number of poses on "
+            "logarithmic axes, beside theory and the Cramér-Rao bound"
+        ),
+        panels=[
+            panel(title, COUNT, f"RMS error, {unit}", found, bounds, z)
+            for title, unit, found, bounds in sets
+        ],
+    )
+
+
+def _conditions(context: Context) -> list[Curve]:
+    found: list[Curve] = []
+    cells = [c for c in context.cells("scene") if c.row("condition") is not None]
+    if cells:
+        found = curves(grouped(cells, "poses"), statistic("condition"), "poses")
+    return [c for c in found if np.isfinite(c.value).all()][:MAX_GROUPS]
+
+
+def _geometry(found: Sequence[Curve]) -> Drawing | None:
+    if not any(len(np.unique(c.x)) > 1 for c in found):
+        return None  # a single point is in the numbers; it is no curve
+    return Drawing(
+        name="poses-condition",
+        caption=(
+            "Condition number of the calibration's normalised Jacobian: how many times "
+            "worse the worst determined combination of parameters is than the best."
+        ),
+        alternative="Condition number against the number of poses, for each scene",
+        panels=[
+            Panel(
+                title="geometry of the poses",
+                x_label=COUNT,
+                y_label="condition, 1",
+                series=tuple(c.points(0.0, i) for i, c in enumerate(found)),
+            )
+        ],
+    )
+
+
+def _slopes(groups: Mapping[str, Sequence[CellResult]]) -> Table:
+    rows = [
+        (c.label, *slope_cells(c), -0.5)
+        for c in curves(groups, together("first order"), "poses")
+    ]
+    return Table(
+        name="poses-slopes",
+        caption="Slope of the RMS error of all parameters in the number of poses",
+        columns=(
+            Column("cells"),
+            Column("fitted (95 %)"),
+            Column("of theory's own line", "number"),
+            Column("for many poses", "number"),
+        ),
+        rows=rows,
+        shown=60,
+    )

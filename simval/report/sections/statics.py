@@ -1,0 +1,118 @@
+"""Detected static intervals over the recorded signal."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.report.artifacts import arrays
+from simval.report.panels import COLOURS, Drawing, Panel, Series
+from simval.report.section import Context, Section, made
+
+MAX_RECORDINGS = 4
+NEEDED = ("time", "signal", "intervals")
+
+
+def section(context: Context) -> Section | None:
+    """Make the section.
+
+    Parameters
+    ----------
+    context : Context
+        The run and its verdicts.
+
+    Returns
+    -------
+    Section or None
+        None where no study left a recorded signal.
+    """
+    files = sorted((context.run.folder / "artifacts").glob("static-*.npz"))
+    drawings = [
+        drawing
+        for file in files[:MAX_RECORDINGS]
+        if (drawing := _drawing(file)) is not None
+    ]
+    if not drawings:
+        return None
+    return made(
+        "statics",
+        "Static intervals",
+        drawings,
+        recordings=len(files),
+        shown=len(drawings),
+    )
+
+
+def _drawing(file: Path) -> Drawing | None:
+    content = arrays(file)
+    if any(name not in content for name in NEEDED):
+        return None
+    name = file.stem.removeprefix("static-")
+    spans = _spans(content, "intervals")
+    truth = _spans(content, "truth")
+    panels = [_signal(content, spans)]
+    if "variance" in content:
+        panels.append(_variance(content, truth or spans, bool(truth)))
+    told = f"; {len(truth)} intervals of true rest" if truth else ""
+    return Drawing(
+        name=file.stem,
+        caption=(
+            f"{name}: above, the signal with the {len(spans)} detected intervals "
+            "shaded; below, the detector's windowed variance and its threshold, with "
+            f"{'the true rests' if truth else 'the same intervals'} shaded{told}. "
+            "A long signal is drawn by its extremes."
+        ),
+        alternative=(
+            f"{name}: recorded signal over time with {len(spans)} detected static "
+            "intervals shaded, and the detector's variance beside its threshold"
+        ),
+        panels=panels,
+        columns=1,
+    )
+
+
+def _spans(content: Mapping[str, Array], name: str) -> tuple[tuple[float, float], ...]:
+    if name not in content:
+        return ()
+    pairs = np.asarray(content[name], dtype=float).reshape(-1, 2)
+    return tuple((float(a), float(b)) for a, b in pairs)
+
+
+def _signal(
+    content: Mapping[str, Array], spans: tuple[tuple[float, float], ...]
+) -> Panel:
+    time = np.asarray(content["time"], dtype=float)
+    signal = np.asarray(content["signal"], dtype=float).reshape(len(time), -1)
+    labels = "xyz" if signal.shape[1] == 3 else ("",) * signal.shape[1]
+    return Panel(
+        title="recorded signal",
+        x_label="time, s",
+        y_label="specific force, raw units",
+        series=tuple(
+            Series(label=label, x=time, y=column, colour=COLOURS[i], line="-")
+            for i, (label, column) in enumerate(zip(labels, signal.T, strict=True))
+        ),
+        log_x=False,
+        log_y=False,
+        spans=spans,
+    )
+
+
+def _variance(
+    content: Mapping[str, Array], spans: tuple[tuple[float, float], ...], true: bool
+) -> Panel:
+    time = np.asarray(content["time"], dtype=float)
+    variance = np.asarray(content["variance"], dtype=float).ravel()
+    references: tuple[tuple[float, str], ...] = ()
+    if "threshold" in content:
+        references = ((float(np.ravel(content["threshold"])[0]), "threshold"),)
+    return Panel(
+        title=f"windowed variance; shaded: {'true' if true else 'detected'} rest",
+        x_label="time, s",
+        y_label="variance magnitude, raw units²",
+        series=(Series(label="", x=time[: len(variance)], y=variance, line="-"),),
+        log_x=False,
+        references=references,
+        spans=spans,
+    )

@@ -1,0 +1,199 @@
+"""Efficiency, coverage of the error bars, and NEES, of any study that has them."""
+
+import re
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from simval.report.curves import (
+    MAX_GROUPS,
+    Curve,
+    Measure,
+    axis_of,
+    curve,
+    grouped,
+    statistic,
+    triple,
+)
+from simval.report.panels import Drawing, Panel
+from simval.report.section import Context, Section, made
+from simval.report.slope import simultaneous
+from simval.results import Row
+from simval.sweep.run import CellResult
+
+MAX_PANELS = 9
+MAX_KINDS = 4
+"""Statistics of a family drawn one by one; of more, their mean."""
+
+
+def section(context: Context) -> Section | None:
+    """Make the section.
+
+    Parameters
+    ----------
+    context : Context
+        The run and its verdicts.
+
+    Returns
+    -------
+    Section or None
+        None where no study measures any of them.
+    """
+    drawings = [
+        drawing
+        for drawing in (_efficiency(context), _coverage(context), _nees(context))
+        if drawing is not None
+    ]
+    if not drawings:
+        return None
+    return made("statistics", "Efficiency, coverage and consistency", drawings)
+
+
+def _efficiency(context: Context) -> Drawing | None:
+    panels = _panels(context, "efficiency", "efficiency, 1", lambda c: c)
+    if not panels:
+        return None
+    return Drawing(
+        name="efficiency",
+        caption=(
+            "Efficiency: the Cramér-Rao bound of the variance over the variance; 1 is "
+            "the best that an unbiased estimator can do. Lines: theory. Bars: 95 % "
+            "for all points of a panel together."
+        ),
+        alternative="Efficiency of each estimator or parameter, beside theory",
+        panels=panels,
+    )
+
+
+def _coverage(context: Context) -> Drawing | None:
+    panels = _panels(context, "coverage", "share that covers, 1", lambda c: c)
+    if not panels:
+        return None
+    return Drawing(
+        name="coverage",
+        caption=(
+            "Coverage: how often the stated intervals hold the truth. Lines: what "
+            "they promise. Bars: 95 % for all points of a panel together."
+        ),
+        alternative="Coverage of the intervals beside what they promise",
+        panels=panels,
+    )
+
+
+def _nees(context: Context) -> Drawing | None:
+    panels = _panels(context, "nees", "measured / predicted, 1", _over_prediction, True)
+    if not panels:
+        return None
+    return Drawing(
+        name="nees",
+        caption=(
+            "NEES, the squared error in units of its own covariance, over its "
+            "predicted mean: 1 where the covariance is right, above where it is too "
+            "small. Bars: 95 % for all points of a panel together."
+        ),
+        alternative="Normalised squared error over its predicted mean; 1 is right",
+        panels=panels,
+    )
+
+
+def _over_prediction(c: Curve) -> Curve:
+    return Curve(
+        label=c.label,
+        x=c.x,
+        value=c.value / c.prediction,
+        error=c.error / c.prediction,
+        prediction=np.ones(len(c.x)),
+    )
+
+
+def _panels(
+    context: Context,
+    family: str,
+    y_label: str,
+    change: Callable[[Curve], Curve],
+    one: bool = False,
+) -> list[Panel]:
+    """One panel for each study that has rows of a family."""
+    found = []
+    for study in context.titles:
+        cells = [
+            cell
+            for cell in context.cells(study)
+            if any(_belongs(row, family) for row in cell.rows)
+        ]
+        if cells:
+            panel = _panel(study, cells, family, y_label, change, one)
+            found += [panel] if panel is not None else []
+    return found[:MAX_PANELS]
+
+
+def _belongs(row: Row, family: str) -> bool:
+    return re.match(rf"{family}($|\[)", row.statistic) is not None
+
+
+def _panel(
+    study: str,
+    cells: Sequence[CellResult],
+    family: str,
+    y_label: str,
+    change: Callable[[Curve], Curve],
+    one: bool,
+) -> Panel | None:
+    keys = dict.fromkeys(
+        (row.statistic, row.predictor)
+        for cell in cells
+        for row in cell.rows
+        if _belongs(row, family)
+    )
+    axis = axis_of(cells)
+    measures = {
+        (name.partition("[")[2].rstrip("]"), predictor): statistic(name, predictor)
+        for name, predictor in keys
+    }
+    if len(measures) > MAX_KINDS:
+        predictors = dict.fromkeys(predictor for _, predictor in keys)
+        measures = {("mean of all", p): _mean(family, p) for p in predictors}
+    curves = [
+        change(c)
+        for (name, _), measure in measures.items()
+        for label, members in grouped(cells, axis).items()
+        if (c := curve(_label(name, label), members, axis, measure))
+    ][:MAX_GROUPS]
+    if not curves:
+        return None
+    z = simultaneous(sum(len(c.x) for c in curves))
+    series = []
+    for i, c in enumerate(curves):
+        series.append(c.points(z, i))
+        if not one and np.isfinite(c.prediction).any():
+            series.append(c.predicted(i))
+    return Panel(
+        title=study,
+        x_label=axis.replace("_", " "),
+        y_label=y_label,
+        series=tuple(series),
+        log_x=all(bool(np.all(c.x > 0.0)) for c in curves),
+        log_y=False,
+        references=((1.0, ""),) if family != "coverage" else ((0.95, "95 %"),),
+    )
+
+
+def _mean(family: str, predictor: str) -> Measure:
+    """Mean over the statistics of a family; its error is at most the mean error."""
+
+    def measure(cell: CellResult) -> tuple[float, float, float] | None:
+        found = [
+            triple(row)
+            for row in cell.rows
+            if row.predictor == predictor and _belongs(row, family)
+        ]
+        if not found:
+            return None
+        value, error, prediction = np.mean(found, axis=0)
+        return float(value), float(error), float(prediction)
+
+    return measure
+
+
+def _label(name: str, group: str) -> str:
+    return ", ".join(part for part in (name, group) if part)

@@ -1,0 +1,153 @@
+"""A table as data: written to the page by a template and to CSV by `csv_text`."""
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from simval.report.words import measured, number
+
+Kind = Literal["text", "code", "number", "measured", "answer", "figure"]
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column.
+
+    Attributes
+    ----------
+    title : str
+        Heading, with the unit where all its values have the same.
+    kind : Kind
+        ``text``; ``code``, a name or command; ``number``; ``measured``, a pair of
+        value and standard error; ``answer``, a verdict; ``figure``, the name of a
+        figure on the page.
+    """
+
+    title: str
+    kind: Kind = "text"
+
+    @property
+    def numeric(self) -> bool:
+        """Whether its values are numbers."""
+        return self.kind in ("number", "measured")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Table:
+    """Rows under columns.
+
+    Attributes
+    ----------
+    name : str
+        Unique on the page; its file name.
+    caption : str
+        What it holds.
+    columns : sequence of Column
+        From left to right.
+    rows : sequence of sequence
+        Values, one for each column; None is an empty cell.
+    shown : int or None
+        Rows that the page shows; the files hold all. None shows all.
+    """
+
+    name: str
+    caption: str
+    columns: Sequence[Column]
+    rows: Sequence[Sequence[Any]]
+    shown: int | None = None
+
+    @property
+    def visible(self) -> Sequence[Sequence[Any]]:
+        """The rows that the page shows."""
+        return self.rows[: self.shown]
+
+
+def text(value: Any, column: Column) -> str:
+    """Spell a cell for a person.
+
+    Parameters
+    ----------
+    value : object
+        What the row holds.
+    column : Column
+        Its column.
+
+    Returns
+    -------
+    str
+        Not yet escaped.
+    """
+    if value is None:
+        return ""
+    if column.kind == "measured":
+        return measured(*value)
+    return number(value) if column.kind == "number" else str(value)
+
+
+def sort_key(value: Any, column: Column) -> str:
+    """Value by which the page sorts a cell of a numeric column.
+
+    Parameters
+    ----------
+    value : object
+        What the row holds.
+    column : Column
+        Its column.
+
+    Returns
+    -------
+    str
+        Exact decimal, empty for no value; empty for a column of words.
+    """
+    if value is None or not column.numeric:
+        return ""
+    return repr(float(value[0] if column.kind == "measured" else value))
+
+
+def csv_text(table: Table) -> str:
+    """Write all rows as CSV, floats exact.
+
+    Parameters
+    ----------
+    table : Table
+        The table.
+
+    Returns
+    -------
+    str
+        A measured column becomes two: the value and its standard error.
+    """
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(
+        [
+            title
+            for column in table.columns
+            for title in (
+                (column.title, f"standard error of {column.title}")
+                if column.kind == "measured"
+                else (column.title,)
+            )
+        ]
+    )
+    for row in table.rows:
+        writer.writerow(
+            [
+                field
+                for value, column in zip(row, table.columns, strict=True)
+                for field in _fields(value, column)
+            ]
+        )
+    return buffer.getvalue()
+
+
+def _fields(value: Any, column: Column) -> tuple[Any, ...]:
+    if column.kind == "measured":
+        return ("", "") if value is None else tuple(repr(float(v)) for v in value)
+    if isinstance(value, float):
+        return (repr(value),)
+    if column.kind in ("text", "code") and str(value).startswith(("=", "+", "-", "@")):
+        return (f"'{value}",)  # a spreadsheet must not take it for a formula
+    return ("" if value is None else value,)

@@ -1,0 +1,240 @@
+"""Parts of the report: numbers in words, slopes, bands, thinning, tables."""
+
+import math
+
+import numpy as np
+import pytest
+
+from simval.report.curves import grouped, varying
+from simval.report.measures import moment
+from simval.report.panels import Drawing, Panel, Series
+from simval.report.slope import fitted_slope, order, simultaneous
+from simval.report.table import Column, Table, csv_text, sort_key, text
+from simval.report.thinning import COLUMNS, MAX_POINTS, thinned
+from simval.report.words import measured, reproduce
+from simval.results import Row
+from simval.sweep.run import CellResult
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        (1.23456, 0.0123, "1.235 ± 0.012"),
+        (6.3255e-5, 5.4e-7, "6.325 ± 0.054e-5"),
+        (-0.5, 0.0, "-0.5"),
+        (0.0, 0.2, "0.00 ± 0.20"),
+        (1234.5, 12.0, "1234 ± 12"),
+        (math.inf, 1.0, "inf"),
+        (math.nan, 1.0, "nan"),
+        (1.0, math.inf, "1"),
+        (1.0, math.nan, "1"),
+    ],
+)
+def test_numbers_show_the_digits_that_mean_something(value, error, text):
+    assert measured(value, error) == text
+
+
+def test_a_cell_is_quoted_for_the_shell():
+    assert reproduce("a(b=1)@2") == "simval repro 'a(b=1)@2'"
+    assert reproduce("a, all cells") == ""
+
+
+def test_fitted_slope_recovers_a_known_one_with_its_interval():
+    rng = np.random.default_rng(4)
+    x = np.geomspace(1e-3, 1e-1, 6)
+    inside = 0
+    for _ in range(1000):
+        error = 0.02 * x**2
+        slope = fitted_slope(x, x**2 + error * rng.standard_normal(6), error)
+        inside += abs(slope.value - 2.0) < slope.half_width
+    # coverage of 95 % from 1000 fits: standard error 0.7 %, 4 of them allowed
+    assert abs(inside / 1000 - 0.95) < 0.028
+    assert fitted_slope(x[:1], x[:1], x[:1]) is None
+
+
+def test_fitted_slope_is_not_biased_by_points_near_zero():
+    """Half of the points scatter about zero; leaving them out would bias the slope."""
+    rng = np.random.default_rng(5)
+    x = np.geomspace(1e-2, 1.0, 8)
+    error = np.full(8, 0.02)
+    slopes, inside = [], 0
+    for _ in range(1000):
+        slope = fitted_slope(x, x**2 + error * rng.standard_normal(8), error)
+        slopes.append(slope.value)
+        inside += abs(slope.value - 2.0) < slope.half_width
+    mean, spread = np.mean(slopes), np.std(slopes) / np.sqrt(1000)
+    # the fit is not linear: its own second-order bias is below half its spread of 0.1
+    assert abs(mean - 2.0) < 4 * spread + 0.01
+    assert abs(inside / 1000 - 0.95) < 0.028
+
+
+def test_a_curve_that_cannot_be_told_from_zero_has_no_slope():
+    x = np.geomspace(1e-2, 1.0, 6)
+    assert fitted_slope(x, np.zeros(6), np.ones(6)) is None
+    assert fitted_slope(x, np.full(6, 0.1), np.ones(6)) is None
+    assert fitted_slope(x, np.full(6, np.nan), np.ones(6)) is None
+    # negative all along is a curve too, with its sign
+    assert fitted_slope(x, -(x**2), 1e-3 * x**2).value == pytest.approx(2.0, abs=1e-6)
+
+
+def test_order_is_the_slope_at_the_smallest_noise():
+    x = np.array([1e-3, 2e-3, 4e-3])
+    # the next term is 5 times the noise here: log2(1.01 / 1.005) = 0.007 off
+    assert order(x, x**4 * (1 + 5 * x)) == pytest.approx(4.0, abs=0.008)
+    assert order(x[:1], x[:1]) is None
+    assert order(x, np.array([0.0, 1.0, 16.0])) == pytest.approx(4.0, abs=1e-12)
+
+
+def test_simultaneous_bands_cover_together():
+    rng = np.random.default_rng(6)
+    for count in (1, 5, 40):
+        z = simultaneous(count)
+        together = np.all(np.abs(rng.standard_normal((20_000, count))) < z, axis=1)
+        # 95 % from 20 000 draws: standard error 0.15 %, 4 of them allowed
+        assert abs(together.mean() - 0.95) < 0.0062
+    # power: the band of one point does not hold for forty
+    alone = np.all(np.abs(rng.standard_normal((20_000, 40))) < simultaneous(1), axis=1)
+    assert alone.mean() < 0.2
+
+
+def drawing(series):
+    panel = Panel(title="", x_label="", y_label="", series=(series,))
+    return Drawing(name="x", caption="", alternative="", panels=[panel])
+
+
+def test_thinning_keeps_the_widest_band_and_the_outlines():
+    rng = np.random.default_rng(7)
+    n = 100_000
+    x, y = rng.uniform(1, 10, n), rng.uniform(1, 10, n)
+    band = rng.uniform(0.0, 0.1, n)
+    band[1234] = 5.0
+    thin, drawn, given = thinned(drawing(Series(label="", x=x, y=y, band=band)))
+    kept = thin.panels[0].series[0]
+    assert given == n
+    assert drawn == len(kept.x) <= MAX_POINTS
+    assert kept.band.max() == 5.0
+    # every kept point is one of the given ones, with its own band
+    found = {(a, b, c) for a, b, c in zip(kept.x, kept.y, kept.band, strict=True)}
+    assert found <= set(zip(x, y, band, strict=True))
+    # nothing seen is lost: each point has a kept one within two of the final cells
+    cells = math.isqrt(MAX_POINTS)
+    gap = np.abs(np.log(x[:500, None] / kept.x)) / np.log(10)
+    rise = np.abs(np.log(y[:500, None] / kept.y)) / np.log(10)
+    assert np.maximum(gap, rise).min(axis=1).max() < 2 * 2.0 / cells
+
+
+def test_thinning_a_line_keeps_its_extremes():
+    x = np.arange(200_000.0)
+    y = np.sin(x / 1e4)
+    y[77_777] = 9.0
+    y[99_999] = -9.0
+    thin, drawn, _ = thinned(drawing(Series(label="", x=x, y=y, line="-")))
+    kept = thin.panels[0].series[0]
+    assert drawn <= 2 * COLUMNS
+    assert kept.y.max() == 9.0
+    assert kept.y.min() == -9.0
+    assert np.all(np.diff(kept.x) > 0)
+
+
+def test_few_points_are_left_as_they_are():
+    x = np.arange(1.0, 10.0)
+    thin, drawn, given = thinned(drawing(Series(label="", x=x, y=x)))
+    assert drawn == given == 9
+    assert thin.panels[0].series[0].y is x
+
+
+def test_csv_is_exact_and_no_formula_for_a_spreadsheet():
+    table = Table(
+        name="x",
+        caption="",
+        columns=(Column("what"), Column("v", "measured"), Column("p", "number")),
+        rows=[("=1+1", (0.1, 1e-17), None), ('a,"b"', (2.0, 0.0), 0.25)],
+        shown=1,
+    )
+    assert csv_text(table) == (
+        'what,v,standard error of v,p\n\'=1+1,0.1,1e-17,\n"a,""b""",2.0,0.0,0.25\n'
+    )
+    assert len(table.visible) == 1
+
+
+def test_sort_keys_are_numbers_and_empty_cells_are_empty():
+    column = Column("v", "measured")
+    assert sort_key((0.1, 3.0), column) == "0.1"
+    assert text((0.5, 0.0), column) == "0.5"
+    assert sort_key(None, Column("p", "number")) == ""
+    assert text(None, Column("p", "number")) == ""
+    assert sort_key("a", Column("t")) == ""
+
+
+def cell(name, rows=(), **parameters):
+    return CellResult(
+        name=name,
+        study="s",
+        seed=1,
+        parameters=parameters,
+        status="done",
+        error="",
+        seconds=0.0,
+        rows=tuple(rows),
+    )
+
+
+def test_cells_are_grouped_by_what_varies_beside_the_axis():
+    cells = [
+        cell(f"{p}{s}{n}", poses=p, scene=s, noise_std=n, trials=int(1 / n), fixed=3)
+        for p in (12, 40)
+        for s in ("gimbal", "die")
+        for n in (0.1, 0.2)
+    ]
+    assert varying(cells) == ["noise_std", "poses", "scene", "trials"]
+    groups = grouped(cells, "noise_std")
+    assert next(iter(groups)) == "12 poses, gimbal"
+    assert [len(g) for g in groups.values()] == [2, 2, 2, 2]
+
+
+def test_the_projected_moment_is_unbiased_where_the_norm_is_not():
+    """Of a bias below its noise the norm is the noise, the projection is not."""
+    rng = np.random.default_rng(8)
+    truth, error = np.array([3e-4, -4e-4, 0.0]), 1e-3
+    values, norms = [], []
+    for _ in range(4000):
+        seen = truth + error * rng.standard_normal(3)
+        rows = [
+            Row(
+                statistic=f"bias[{n}]",
+                value=float(v),
+                standard_error=error,
+                prediction=float(p),
+                predictor="exact",
+                unit="1",
+            )
+            for n, v, p in zip("xyz", seen, truth, strict=True)
+        ]
+        value, spread, size = moment("bias", "exact")(cell("c", rows))
+        values.append(value)
+        norms.append(np.linalg.norm(seen))
+    assert size == pytest.approx(5e-4, rel=1e-12)
+    assert spread == pytest.approx(error, rel=1e-12)  # a unit vector's projection
+    # 4000 draws: standard error 1.6e-5, 4 of them allowed
+    assert abs(np.mean(values) - 5e-4) < 6.4e-5
+    assert np.mean(norms) > 1.5e-3
+
+
+def test_an_off_diagonal_entry_counts_twice():
+    matrix = np.array([[2.0, 1.0], [1.0, 3.0]])
+    rows = [
+        Row(
+            statistic=f"covariance[{a},{b}]",
+            value=matrix[i, j],
+            standard_error=0.1,
+            prediction=matrix[i, j],
+            predictor="exact",
+            unit="1",
+        )
+        for i, a in enumerate("xy")
+        for j, b in enumerate("xy")
+        if j >= i
+    ]
+    value, _, size = moment("covariance", "exact")(cell("c", rows))
+    assert size == pytest.approx(np.linalg.norm(matrix), rel=1e-14)
+    assert value == pytest.approx(np.linalg.norm(matrix), rel=1e-14)
