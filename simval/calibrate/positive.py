@@ -40,14 +40,12 @@ def solve_positive(matrices: Array, right: Array) -> tuple[Array, Array]:
         for i in range(size):  # N = L D L', L x = r on the way
             pivot = np.minimum(pivot, n[i, i])
             row = n[i, i + 1 :] / n[i, i]
-            for j in range(i + 1, size):
-                n[j, j:] -= n[i, j] * row[j - i - 1 :]
+            n[i + 1 :, i + 1 :] -= n[i, i + 1 :, None] * row
             x[i + 1 :] -= row[:, None] * x[i]
             x[i] /= n[i, i]
             n[i, i + 1 :] = row
-        for i in range(size - 2, -1, -1):
-            for j in range(i + 1, size):
-                x[i] -= n[i, j] * x[j]
+        for i in range(size - 1, 0, -1):
+            x[:i] -= n[:i, i, None] * x[i]
         x *= scale[:, None]
         x[..., ~(pivot > 0.0)] = np.nan
     return np.moveaxis(x, -1, 0), pivot

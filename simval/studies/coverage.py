@@ -26,7 +26,7 @@ from simval.poses import fibonacci_sphere
 from simval.results import Outcome, Row
 from simval.sensor import AccelerometerModel, names
 from simval.streams import Streams
-from simval.studies.study import StudyParameters
+from simval.studies.study import Cost, StudyParameters
 
 BLOCK = 512
 G = 9.80665
@@ -57,6 +57,22 @@ class Parameters(StudyParameters):
     trials: Annotated[int, Field(ge=2 * BLOCK)] = Field(
         default=10_240, description="Trials; rounded up to whole blocks of 512."
     )
+
+
+def cost(parameters: Parameters) -> Cost:
+    """Cost of a cell: one fit with its covariance for each trial.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Poses and trials.
+
+    Returns
+    -------
+    Cost
+        Seconds and rows.
+    """
+    return Cost(parameters.trials * (4e-5 + 1e-6 * parameters.poses), 12)
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:

@@ -28,7 +28,7 @@ from simval.poses import fibonacci_sphere
 from simval.results import Outcome, Row
 from simval.sensor import AccelerometerModel
 from simval.streams import Streams
-from simval.studies.study import StudyParameters
+from simval.studies.study import Cost, StudyParameters
 from simval.theory.calibration import CalibrationMoments, calibration_moments
 
 BLOCK = 256
@@ -74,6 +74,24 @@ def true_sensor(scale_spread: float) -> AccelerometerModel:
     """
     scale = np.array([1.0 - scale_spread, 1.0, 1.0 + scale_spread])
     return AccelerometerModel(T=np.eye(3), K=scale, B=np.zeros(3))
+
+
+def cost(parameters: Parameters) -> Cost:
+    """Cost of a cell: two fits for each pair.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Residual, poses and pairs.
+
+    Returns
+    -------
+    Cost
+        Seconds and rows.
+    """
+    passes = 1.0 if parameters.residual in ("squared", "adjusted") else 4.0
+    one = 1e-5 + passes * 3e-7 * parameters.poses
+    return Cost(2.0 * parameters.trials * one, 29)
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
