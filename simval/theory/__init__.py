@@ -8,16 +8,20 @@ from simval.theory.attitude import (
 from simval.theory.calibration import CalibrationMoments, calibration_moments
 from simval.theory.cramer_rao import AttitudeBound, attitude_bound
 from simval.theory.cubature import cubature_moments
+from simval.theory.planning import Plan, plan, pose_noise
 from simval.theory.series import series_moments
 
 __all__ = [
     "AttitudeBound",
     "AttitudeMoments",
     "CalibrationMoments",
+    "Plan",
     "attitude_bound",
     "attitude_moments",
     "calibration_moments",
     "cubature_moments",
     "multiplicative_moments",
+    "plan",
+    "pose_noise",
     "series_moments",
 ]
