@@ -26,7 +26,10 @@ from simval.studies import (
     attitude_limits,
     attitude_order,
     calibration,
+    calibrator,
     coverage,
+    custom_scene,
+    estimator,
     ladder,
     scene,
 )
@@ -85,6 +88,24 @@ STUDIES: Mapping[str, Study] = MappingProxyType(
             "Limits: the noise at which each attitude formula stops to hold",
             attitude_limits.Parameters,
             attitude_limits.run,
+        ),
+        "estimator": Study(
+            "estimator",
+            "An attitude estimator of one's own, in a process of its own",
+            estimator.Parameters,
+            estimator.run,
+        ),
+        "calibrator": Study(
+            "calibrator",
+            "A calibrator of one's own, in a process of its own",
+            calibrator.Parameters,
+            calibrator.run,
+        ),
+        "custom_scene": Study(
+            "custom_scene",
+            "A scene of one's own, in a process of its own",
+            custom_scene.Parameters,
+            custom_scene.run,
         ),
     }
 )

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field
 
 from simval.arrays import Array
-from simval.errors import InputError
+from simval.errors import GeometryError, InputError
 from simval.geometry import attitude_matrix, compose, conjugate
 from simval.poses import observability
 from simval.results import Outcome, Row
@@ -54,12 +54,44 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     count = "directions" if parameters.scene == "gimbal" else "throws"
     setting: dict[str, Any] = {count: parameters.poses}
     recording = record(parameters.scene, **setting)
+    rows = judged_rows(recording)
+    directions = recording.hold_means() / recording.g
+    name = f"{parameters.scene}-{parameters.poses}"
+    artifacts: dict[str, Mapping[str, Array] | bytes] = {
+        f"scene-{name}.npz": {"directions": directions}
+    }
+    with suppress(InputError):  # this machine cannot draw: the report says so
+        artifacts[f"scene-{name}.png"] = render(parameters.scene, **setting)
+    return Outcome(rows=rows, artifacts=artifacts)
+
+
+def judged_rows(recording: Recording) -> tuple[Row, ...]:
+    """Judge a recording: its rests, its instants and its poses.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of any scene.
+
+    Returns
+    -------
+    tuple of Row
+        Worst residual force and rate at rest, rank and condition of the poses.
+
+    Raises
+    ------
+    GeometryError
+        If there is no rest in it.
+    """
     resting = recording.hold >= 0
+    if not resting.any():
+        msg = "the scene never rests, so nothing can be calibrated with it; add holds"
+        raise GeometryError(msg)
     force = np.linalg.norm(recording.specific_force[resting], axis=1) - recording.g
     rate = np.linalg.norm(recording.angular_velocity[resting], axis=1)
     directions = recording.hold_means() / recording.g
     judged = observability(directions)
-    rows = (
+    return (
         Row(
             statistic="rest_force",
             value=float(np.abs(force).max()),
@@ -90,13 +122,6 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         Row(statistic="condition", value=judged.condition, unit="1"),
         Row(statistic="rests", value=float(len(directions)), unit="1"),
     )
-    name = f"{parameters.scene}-{parameters.poses}"
-    artifacts: dict[str, Mapping[str, Array] | bytes] = {
-        f"scene-{name}.npz": {"directions": directions}
-    }
-    with suppress(InputError):  # this machine cannot draw: the report says so
-        artifacts[f"scene-{name}.png"] = render(parameters.scene, **setting)
-    return Outcome(rows=rows, artifacts=artifacts)
 
 
 def _same_instant(recording: Recording) -> tuple[Row, ...]:

@@ -1,0 +1,22 @@
+"""Algorithms of one's own: what they must look like, how they are found and probed.
+
+A plug-in is an `Estimator`, a `Calibrator` or a scene (`simval.scene.Scene`), held by
+a Python file, offered as an entry point of the group ``simval.plugins``, or, for a
+calibrator in any language, a command that is given a file and answers with JSON. What
+it declares about its conventions is checked without noise before anything is measured.
+"""
+
+from simval.plugins.errors import PluginError
+from simval.plugins.loading import find_plugin, plugins_of
+from simval.plugins.probe import probe_calibrator, probe_estimator
+from simval.plugins.protocol import Calibrator, Estimator
+
+__all__ = [
+    "Calibrator",
+    "Estimator",
+    "PluginError",
+    "find_plugin",
+    "plugins_of",
+    "probe_calibrator",
+    "probe_estimator",
+]

@@ -1,0 +1,235 @@
+"""What a plug-in answers, checked: shapes, finiteness, unit lengths, and conventions.
+
+Nothing that comes from a plug-in goes further before it went through here.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from simval.arrays import Array, finite_array
+from simval.errors import InputError
+from simval.plugins.errors import PluginError
+from simval.plugins.protocol import Calibrator, Estimator
+
+UNIT = 1e-6
+"""How far from 1 the length of a quaternion may be."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Calibration:
+    """A checked answer of a calibrator.
+
+    Attributes
+    ----------
+    matrix : Array
+        Raw readings less bias to specific force, (3, 3).
+    bias : Array
+        Raw units, (3,).
+    covariance : Array or None
+        Of the nine parameters, in the declared form, (9, 9).
+    """
+
+    matrix: Array
+    bias: Array
+    covariance: Array | None
+
+
+def quaternions_of(
+    estimator: Estimator, b1: Array, b2: Array, r1: Array, r2: Array
+) -> Array:
+    """Estimate attitudes and bring them to the package's convention.
+
+    Parameters
+    ----------
+    estimator : Estimator
+        The plug-in.
+    b1, b2, r1, r2 : Array
+        Body and reference vectors, (n, 3).
+
+    Returns
+    -------
+    Array
+        Unit quaternions, vector first, passive, (n, 4).
+
+    Raises
+    ------
+    PluginError
+        If the plug-in raises, or its answer is no set of unit quaternions.
+    """
+    answer = _called(estimator.name, estimator.estimate, b1, b2, r1, r2)
+    q = _array(estimator.name, "quaternions", answer, (len(b1), 4))
+    length = np.linalg.norm(q, axis=1)
+    if not float(np.abs(length - 1.0).max()) <= UNIT:
+        worst = length[int(np.argmax(np.abs(length - 1.0)))]
+        msg = (
+            f"{estimator.name} returned a quaternion of length {worst:.6g}; "
+            "every one must have length 1"
+        )
+        raise PluginError(msg)
+    return package_quaternion(q, estimator.components, estimator.matrix)
+
+
+def package_quaternion(q: Array, components: str, matrix: str) -> Array:
+    """Bring quaternions of a declared convention to the package's.
+
+    Parameters
+    ----------
+    q : Array
+        Quaternions, (n, 4).
+    components : {"xyzs", "sxyz"}
+        Their order.
+    matrix : {"active", "passive"}
+        Their direction.
+
+    Returns
+    -------
+    Array
+        Vector first, passive, (n, 4).
+    """
+    last = np.roll(q, -1, axis=-1) if components == "sxyz" else np.array(q)
+    if matrix == "active":
+        last[..., :3] *= -1.0
+    return last
+
+
+def covariances_of(
+    estimator: Estimator, b1: Array, b2: Array, r1: Array, r2: Array, noise_std: float
+) -> Array:
+    """Ask an estimator for its covariances.
+
+    Parameters
+    ----------
+    estimator : Estimator
+        With a covariance.
+    b1, b2, r1, r2 : Array
+        Body and reference vectors, (n, 3).
+    noise_std : float
+        Noise per axis of each vector.
+
+    Returns
+    -------
+    Array
+        Symmetric and positive definite, rad^2, (n, 3, 3).
+
+    Raises
+    ------
+    PluginError
+        If they are not.
+    """
+    name = estimator.name
+    assert estimator.covariance is not None
+    answer = _called(name, estimator.covariance, b1, b2, r1, r2, noise_std)
+    if np.shape(answer) == (3, 3):
+        answer = np.broadcast_to(answer, (len(b1), 3, 3))
+    found = _array(name, "covariance", answer, (len(b1), 3, 3))
+    _check_covariance(name, found)
+    return found
+
+
+def calibration_of(
+    calibrator: Calibrator, poses: Array, g: float, noise_std: float
+) -> Calibration:
+    """Calibrate one set of poses.
+
+    Parameters
+    ----------
+    calibrator : Calibrator
+        The plug-in.
+    poses : Array
+        Mean reading of each pose, raw units, (n, 3).
+    g : float
+        Gravity, m/s^2.
+    noise_std : float
+        Noise of a pose mean, passed on where the plug-in asks for it.
+
+    Returns
+    -------
+    Calibration
+        Checked.
+
+    Raises
+    ------
+    PluginError
+        If the plug-in raises, or its answer is no calibration.
+    """
+    name = calibrator.name
+    arguments: tuple[Any, ...] = (poses.copy(), g)
+    if calibrator.noise_std:
+        arguments = (*arguments, noise_std)
+    answer = _called(name, calibrator.calibrate, *arguments)
+    matrix, bias, covariance = _parts(name, answer)
+    found = None
+    if covariance is not None:
+        found = _array(name, "covariance", covariance, (9, 9))
+        _check_covariance(name, found[None])
+    return Calibration(
+        matrix=_array(name, "matrix", matrix, (3, 3)),
+        bias=_array(name, "B", bias, (3,)),
+        covariance=found,
+    )
+
+
+def _parts(name: str, answer: Any) -> tuple[Any, Any, Any]:
+    if isinstance(answer, Mapping):
+        if "matrix" in answer:
+            matrix = answer["matrix"]
+        elif {"T", "K"} <= answer.keys():
+            T = _array(name, "T", answer["T"], (3, 3))
+            scale = np.asarray(answer["K"], dtype=object)
+            shape = (3,) if scale.ndim == 1 else (3, 3)
+            K = _array(name, "K", answer["K"], shape)
+            matrix = T @ (np.diag(K) if K.ndim == 1 else K)
+        else:
+            matrix = None
+        bias = answer.get("B", answer.get("bias"))
+        if matrix is None or bias is None:
+            keys = ", ".join(str(key) for key in answer) or "nothing"
+            msg = (
+                f"{name} answered with {keys}; it must hold `matrix` (or `T` and `K`) "
+                "and `B`"
+            )
+            raise PluginError(msg)
+        return matrix, bias, answer.get("covariance")
+    if isinstance(answer, (tuple, list)) and len(answer) in (2, 3):
+        return answer[0], answer[1], answer[2] if len(answer) == 3 else None
+    msg = (
+        f"{name} answered with {type(answer).__name__}; it must be (matrix, bias), "
+        "(matrix, bias, covariance) or a mapping with `matrix` and `B`"
+    )
+    raise PluginError(msg)
+
+
+def _called(name: str, function: Any, *arguments: Any) -> Any:
+    try:
+        return function(*arguments)
+    except PluginError:
+        raise
+    except Exception as error:  # whatever a user's function may raise
+        msg = f"{name} raised {type(error).__name__}: {error}"
+        raise PluginError(msg) from error
+
+
+def _array(name: str, what: str, value: Any, shape: tuple[int, ...]) -> Array:
+    try:
+        array = finite_array(what, value, shape)
+    except InputError as error:
+        msg = f"{name} returned a bad answer: {error}"
+        raise PluginError(msg) from None
+    if array.shape != shape:
+        msg = f"{name} returned {what} of shape {array.shape}; it must be {shape}"
+        raise PluginError(msg)
+    return array
+
+
+def _check_covariance(name: str, matrices: Array) -> None:
+    scale = np.abs(matrices).max(axis=(-2, -1), keepdims=True)
+    skew = np.abs(matrices - np.swapaxes(matrices, -1, -2)) / np.maximum(scale, 1e-300)
+    if not float(skew.max()) <= 1e-9:
+        msg = f"the covariance of {name} is not symmetric"
+        raise PluginError(msg)
+    if not float(np.linalg.eigvalsh(matrices / np.maximum(scale, 1e-300)).min()) > 0.0:
+        msg = f"the covariance of {name} is not positive definite"
+        raise PluginError(msg)

@@ -1,0 +1,133 @@
+r"""What an algorithm of one's own must look like.
+
+Quaternions are declared by two words. ``components`` is the order: ``xyzs`` with the
+scalar last or ``sxyz`` with the scalar first. ``matrix`` is the direction: with
+:math:`R(q) v = q v q^*` the rotation matrix of Hamilton's product (SciPy's
+``as_matrix``), an ``active`` quaternion gives :math:`b = R(q) r` and a ``passive`` one,
+which is the package's own, :math:`b = R(q)^T r`.
+
+A covariance is of the rotation vector of the error: on the ``body`` side
+:math:`\hat q = q * \delta q`, on the ``reference`` side :math:`\hat q = \delta q * q`
+(passive quaternions). ``claim`` says how good it is: ``"exact"``, or the highest order
+of the noise that it keeps.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol
+
+from simval.arrays import Array
+from simval.plugins.errors import PluginError
+from simval.sensor import forms
+
+Claim = Literal["exact", 2, 4]
+
+
+class Estimate(Protocol):
+    """Attitudes from two vectors each."""
+
+    def __call__(self, b1: Array, b2: Array, r1: Array, r2: Array, /) -> Any:
+        """Quaternions (n, 4) from four batches of vectors (n, 3)."""
+
+
+class Calibrate(Protocol):
+    """A calibration from readings at rest."""
+
+    def __call__(self, poses: Array, g: float, /) -> Any:
+        """Calibration from the mean reading of each pose, (n, 3).
+
+        The answer is a pair (matrix, bias) with ``matrix @ (raw - bias)`` the specific
+        force, a triple with the covariance of the parameters as well, or a mapping with
+        ``matrix`` (or ``T`` and ``K``), ``B`` and, if there is one, ``covariance``.
+        """
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Estimator:
+    """An attitude estimator from two vector observations.
+
+    Attributes
+    ----------
+    name : str
+        Short name.
+    estimate : Estimate
+        ``estimate(b1, b2, r1, r2)``: (n, 3) each to quaternions (n, 4), unit length.
+    components : {"xyzs", "sxyz"}
+        Order of the quaternion.
+    matrix : {"active", "passive"}
+        Direction of the quaternion.
+    covariance : callable, optional
+        ``covariance(b1, b2, r1, r2, noise_std)``: covariance of the rotation vector of
+        the error, rad^2, (n, 3, 3) or (3, 3).
+    side : {"body", "reference"}, default "body"
+        Side of the error that `covariance` is of.
+    claim : {"exact", 2, 4}, default 2
+        How good `covariance` is.
+    """
+
+    name: str
+    estimate: Estimate
+    components: Literal["xyzs", "sxyz"]
+    matrix: Literal["active", "passive"]
+    covariance: Callable[..., Any] | None = None
+    side: Literal["body", "reference"] = "body"
+    claim: Claim = 2
+
+    def __post_init__(self) -> None:
+        _check_name(self.name)
+        _one_of("components", self.components, ("xyzs", "sxyz"))
+        _one_of("matrix", self.matrix, ("active", "passive"))
+        _one_of("side", self.side, ("body", "reference"))
+        _one_of("claim", self.claim, ("exact", 2, 4))
+        _callable("estimate", self.estimate)
+        if self.covariance is not None:
+            _callable("covariance", self.covariance)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Calibrator:
+    """A calibrator from readings at rest.
+
+    Attributes
+    ----------
+    name : str
+        Short name.
+    calibrate : Calibrate
+        ``calibrate(poses, g)``, one set at a time.
+    form : {"triangular", "upper", "symmetric"}, default "triangular"
+        Parameters whose covariance is given, see `simval.sensor.forms`.
+    noise_std : bool, default False
+        Whether `calibrate` takes ``noise_std``, the noise of a pose mean, as well.
+    """
+
+    name: str
+    calibrate: Calibrate | Callable[..., Any]
+    form: str = "triangular"
+    noise_std: bool = False
+
+    def __post_init__(self) -> None:
+        _check_name(self.name)
+        _callable("calibrate", self.calibrate)
+        _one_of("form", self.form, forms.MODELS)
+
+
+def _check_name(name: Any) -> None:
+    if not (isinstance(name, str) and name.isprintable() and 0 < len(name) <= 60):
+        msg = f"`name` is {name!r}; give a printable word of at most 60 characters"
+        raise PluginError(msg)
+
+
+def _one_of(name: str, value: Any, allowed: tuple[Any, ...]) -> None:
+    if value not in allowed or isinstance(value, bool):
+        words = ", ".join(repr(word) for word in allowed)
+        msg = f"`{name}` is {value!r}; it must be declared as one of {words}"
+        raise PluginError(msg)
+
+
+def _callable(name: str, value: Any) -> None:
+    if not callable(value):
+        msg = f"`{name}` is {value!r}; it must be a function"
+        raise PluginError(msg)
+
+
+Answer = tuple[Array, Array, Array | None] | Mapping[str, Any]

@@ -1,0 +1,197 @@
+r"""A calibrator of one's own: probe, noise, error, beside the Cramer-Rao bound.
+
+The plug-in's conventions are probed without noise first. Then each trial reads a known
+sensor in poses spread over the sphere, with noise on each mean, and calibrates; the
+error is estimate minus truth in the nine parameters of the triangular form, to which
+every answer is brought: norms fix no more.
+
+Nobody knows the plug-in's bias. Every residual of the theory is biased by at most
+3.5 :math:`\sigma^2/g^2` in scale, so a scale is allowed `BIAS` of that, a misalignment
+likewise and a bias `BIAS` :math:`\sigma^2/g` of raw units; a greater one fails. Where
+it gives a covariance, the mean normalised square must be 9, but for the square of that
+bias and `NEXT_ORDER` :math:`(\sigma/g)^2`. The spread is set beside the bound and kept
+for the baseline.
+"""
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from simval.arrays import Array
+from simval.moments import Moments
+from simval.montecarlo import moments_of, simulate
+from simval.plugins import Calibrator, find_plugin, probe_calibrator
+from simval.plugins.answers import calibration_of
+from simval.plugins.probe import TOLERANCE, probe_sensor
+from simval.poses import fibonacci_sphere
+from simval.results import Outcome, Row
+from simval.sensor import forms
+from simval.streams import Streams
+from simval.studies.isolation import isolated
+from simval.studies.study import StudyParameters
+from simval.theory.calibration import CalibrationMoments, calibration_moments
+
+BLOCK = 16
+BIAS = 7.0
+NEXT_ORDER = 30.0
+G = 9.80665
+
+
+class Parameters(StudyParameters):
+    """One cell: a plug-in, a pose count and a noise level."""
+
+    algorithm: Annotated[str, Field(min_length=1, max_length=400)] = Field(
+        default="",
+        description="FILE.py, FILE.py:NAME, an entry point, or command: PROGRAM.",
+    )
+    poses: Annotated[int, Field(ge=9, le=400)] = Field(
+        default=24, description="Poses, spread evenly over the sphere."
+    )
+    noise_std: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
+        default=0.01, description="Noise per axis of a pose mean, m/s^2."
+    )
+    trials: Annotated[int, Field(ge=2 * BLOCK)] = Field(
+        default=1024, description="Trials; rounded up to whole blocks of 16."
+    )
+    time_limit: Annotated[float, Field(gt=0.0, le=86_400.0)] = Field(
+        default=300.0, description="Wall time after which the cell fails, s."
+    )
+
+
+def run(parameters: Parameters, streams: Streams) -> Outcome:
+    """Measure the plug-in in a child process.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Plug-in, poses, noise and number of trials.
+    streams : Streams
+        The cell's random streams.
+
+    Returns
+    -------
+    Outcome
+        Probe, bias, standard deviation, efficiency and NEES.
+    """
+    return isolated("calibrator", parameters, streams, parameters.time_limit)
+
+
+def compute(parameters: Parameters, streams: Streams) -> Outcome:
+    """Measure the plug-in in this process.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        As `run`.
+    streams : Streams
+        As `run`.
+
+    Returns
+    -------
+    Outcome
+        As `run`.
+    """
+    plugin = find_plugin(parameters.algorithm, Calibrator)
+    off = probe_calibrator(plugin)
+    sensor = probe_sensor()
+    directions = fibonacci_sphere(parameters.poses)
+    clean = sensor.distort(G * directions, np.random.default_rng(0))
+    scale = float(np.abs(np.linalg.inv(sensor.matrix)).max())
+    noise = parameters.noise_std * scale  # raw units
+    predicted = calibration_moments(sensor, directions, g=G, noise_std=noise)
+
+    def errors(rng: np.random.Generator, count: int) -> Array:
+        raw = clean + noise * rng.standard_normal((count, *clean.shape))
+        return np.stack([_error(plugin, poses, noise) for poses in raw], axis=1)
+
+    sums = simulate(errors, streams, samples=parameters.trials, block=BLOCK, batch=1)
+    measured = moments_of(sums)
+    relative = (parameters.noise_std / G) ** 2
+    probe = Row(
+        statistic="probe",
+        value=off,
+        n=1,
+        prediction=TOLERANCE,
+        predictor="truth",
+        unit="1",
+        check="limit",
+    )
+    rows = [probe, *_parameter_rows(measured, predicted, relative)]
+    if sums.size == 10:
+        rows.append(_nees_row(measured, predicted, relative))
+    return Outcome(rows=tuple(rows))
+
+
+def _error(plugin: Calibrator, poses: Array, noise: float) -> Array:
+    """Error of the nine parameters and, with a covariance, its normalised square."""
+    found = calibration_of(plugin, poses, G, noise)
+    sensor = probe_sensor()
+    gram = found.matrix.T @ found.matrix
+    error = forms.from_gram("triangular", gram, found.bias) - sensor.parameters
+    if found.covariance is None:
+        return error
+    truth = forms.from_gram(plugin.form, sensor.matrix.T @ sensor.matrix, sensor.B)
+    own = forms.from_gram(plugin.form, gram, found.bias) - truth
+    return np.append(error, own @ np.linalg.solve(found.covariance, own))
+
+
+def _parameter_rows(
+    measured: Moments, predicted: CalibrationMoments, relative: float
+) -> list[Row]:
+    bound = np.sqrt(np.diagonal(predicted.cramer_rao))
+    sizes = np.abs(probe_sensor().parameters)
+    sizes[:3] = 1.0
+    sizes[6:] = G / np.abs(probe_sensor().K).min()
+    rows = []
+    for k, name in enumerate(predicted.names):
+        unit = "raw" if k >= 6 else "1"
+        sd = float(measured.sd[k])
+        rows += [
+            Row(
+                statistic=f"bias[{name}]",
+                value=float(measured.bias[k]),
+                standard_error=float(measured.bias_error[k]),
+                n=measured.samples,
+                prediction=0.0,
+                predictor="no bias",
+                remainder=float(BIAS * relative * sizes[k]),
+                unit=unit,
+                check="plain",
+            ),
+            Row(
+                statistic=f"sd[{name}]",
+                value=sd,
+                standard_error=float(measured.covariance_error[k, k]) / (2 * sd),
+                n=measured.samples,
+                prediction=float(bound[k]),
+                predictor="Cramer-Rao",
+                unit=unit,
+            ),
+            Row(
+                statistic=f"efficiency[{name}]",
+                value=float(bound[k] / sd) ** 2,
+                standard_error=float(
+                    (bound[k] / sd) ** 2 * measured.covariance_error[k, k] / sd**2
+                ),
+                n=measured.samples,
+                unit="1",
+            ),
+        ]
+    return rows
+
+
+def _nees_row(measured: Moments, predicted: CalibrationMoments, relative: float) -> Row:
+    weight = np.linalg.inv(predicted.cramer_rao)
+    bias = measured.bias[:9]
+    return Row(
+        statistic="nees",
+        value=float(measured.bias[9]),
+        standard_error=float(measured.bias_error[9]),
+        n=measured.samples,
+        prediction=9.0,
+        predictor="claim",
+        remainder=float(bias @ weight @ bias) + 18.0 * NEXT_ORDER * relative,
+        unit="1",
+        check="nees",
+    )

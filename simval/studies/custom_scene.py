@@ -1,0 +1,64 @@
+"""A scene of one's own: is rest at rest, are the rows of one instant, do poses suffice.
+
+The scene is a Python file that holds one `simval.scene.Scene`, beside its MJCF file.
+It is run in a child process; the recording's own checks have passed before anything
+is measured here.
+"""
+
+from typing import Annotated
+
+from pydantic import Field
+
+from simval.results import Outcome
+from simval.scene import record
+from simval.streams import Streams
+from simval.studies.isolation import isolated
+from simval.studies.scene import judged_rows
+from simval.studies.study import StudyParameters
+
+
+class Parameters(StudyParameters):
+    """One cell: a scene."""
+
+    scene: Annotated[str, Field(min_length=1, max_length=400)] = Field(
+        default="", description="FILE.py that holds a scene, or a scene's name."
+    )
+    time_limit: Annotated[float, Field(gt=0.0, le=86_400.0)] = Field(
+        default=300.0, description="Wall time after which the cell fails, s."
+    )
+
+
+def run(parameters: Parameters, streams: Streams) -> Outcome:
+    """Simulate the scene in a child process.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        The scene.
+    streams : Streams
+        Not drawn from: a scene has no chance in it.
+
+    Returns
+    -------
+    Outcome
+        As of the study of the built-in scenes.
+    """
+    return isolated("custom_scene", parameters, streams, parameters.time_limit)
+
+
+def compute(parameters: Parameters, streams: Streams) -> Outcome:
+    """Simulate the scene in this process.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        As `run`.
+    streams : Streams
+        As `run`.
+
+    Returns
+    -------
+    Outcome
+        As `run`.
+    """
+    return Outcome(rows=judged_rows(record(parameters.scene)))

@@ -1,0 +1,202 @@
+"""A cell that runs code of a user's own: in a child process, with a time limit.
+
+The child gets a request file and leaves an answer file, both JSON; nothing that it
+writes is unpickled or run. It may raise, print, exit, hang, crash its interpreter or
+answer nonsense: each ends as a `PluginError` that says so, in this cell only, and the
+child's whole process group is gone when the cell ends. It is the study that starts the
+child, so it is the same under every scheduler.
+"""
+
+import contextlib
+import ctypes
+import faulthandler
+import importlib
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+from dataclasses import asdict, fields
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, get_args
+
+from simval.errors import SimvalError
+from simval.plugins import PluginError
+from simval.results import Check, Outcome, Row
+from simval.streams import Streams
+from simval.studies.study import StudyParameters
+
+STUDIES = ("estimator", "calibrator", "custom_scene")
+"""Modules beside this one whose ``compute(parameters, streams)`` runs in the child."""
+
+MAX_OUTPUT = 1 << 26
+"""Bytes that the child may write to any one file."""
+
+GRACE = 5.0
+"""Seconds past the limit after which the child ends itself, if nobody is left to."""
+
+
+def isolated(
+    study: str, parameters: StudyParameters, streams: Streams, time_limit: float
+) -> Outcome:
+    """Compute a cell in a child process.
+
+    Parameters
+    ----------
+    study : str
+        One of `STUDIES`.
+    parameters : StudyParameters
+        Of the cell.
+    streams : Streams
+        Of the cell.
+    time_limit : float
+        Seconds of wall time.
+
+    Returns
+    -------
+    Outcome
+        The child's rows.
+
+    Raises
+    ------
+    PluginError
+        If the child did not answer, or its answer is not made of rows.
+    """
+    with TemporaryDirectory(prefix="simval-plugin-") as folder:
+        request = {
+            "study": study,
+            "parameters": parameters.model_dump(mode="json"),
+            "seed": streams.seed,
+            "key": list(streams.key),
+            "time_limit": time_limit,
+        }
+        Path(folder, "request.json").write_text(json.dumps(request))
+        words = [sys.executable, "-P", "-m", __name__, folder]
+        with Path(folder, "output").open("wb") as output:
+            child = subprocess.Popen(
+                words,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+            try:
+                code = child.wait(timeout=time_limit)
+            except subprocess.TimeoutExpired:
+                msg = f"the plug-in did not end within {time_limit:g} s and was stopped"
+                raise PluginError(msg) from None
+            finally:
+                with contextlib.suppress(ProcessLookupError, PermissionError):
+                    os.killpg(child.pid, signal.SIGKILL)
+                child.wait()
+        return Outcome(rows=_answer(Path(folder), code))
+
+
+def _answer(folder: Path, code: int) -> tuple[Row, ...]:
+    file = folder / "answer.json"
+    if not file.is_file():
+        msg = f"the plug-in's process {_ending(code)} without an answer{_tail(folder)}"
+        raise PluginError(msg)
+    try:
+        answer = json.loads(file.read_text(encoding="utf-8"))
+        if "error" in answer:
+            error = str(answer["error"])
+            raise PluginError(error)
+        rows = tuple(_row(entry) for entry in answer["rows"])
+    except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
+        msg = f"the plug-in's process left no readable answer ({error}){_tail(folder)}"
+        raise PluginError(msg) from None
+    if not rows:
+        msg = "the plug-in's process measured nothing"
+        raise PluginError(msg)
+    return rows
+
+
+def _row(entry: dict[str, Any]) -> Row:
+    if set(entry) != {f.name for f in fields(Row)} or entry["check"] not in get_args(
+        Check
+    ):
+        msg = "an entry that is no row"
+        raise ValueError(msg)
+    prediction = entry["prediction"]
+    return Row(
+        statistic=str(entry["statistic"]),
+        value=float(entry["value"]),
+        unit=str(entry["unit"]),
+        standard_error=float(entry["standard_error"]),
+        n=int(entry["n"]),
+        predictor=str(entry["predictor"]),
+        remainder=float(entry["remainder"]),
+        prediction=None if prediction is None else float(prediction),
+        check=entry["check"],
+    )
+
+
+def _ending(code: int) -> str:
+    if code >= 0:
+        return f"ended with exit code {code}"
+    try:
+        return f"was killed by {signal.Signals(-code).name}"
+    except ValueError:
+        return f"was killed by signal {-code}"
+
+
+def _tail(folder: Path) -> str:
+    with contextlib.suppress(OSError), (folder / "output").open("rb") as output:
+        output.seek(max(0, output.seek(0, os.SEEK_END) - 400))
+        lines = output.read().decode(errors="replace").strip().splitlines()
+        words = " | ".join(line.strip() for line in lines[-3:])
+        return f"; its last words: {words}" if words else ""
+    return ""
+
+
+def main(folder: Path) -> None:
+    """Answer one request, in the child.
+
+    Parameters
+    ----------
+    folder : Path
+        Holds ``request.json``; ``answer.json`` is left there.
+    """
+    request = json.loads((folder / "request.json").read_text())
+    _restrain(float(request["time_limit"]))
+    try:
+        answer: dict[str, Any] = {"rows": [asdict(row) for row in _compute(request)]}
+    except SimvalError as error:
+        answer = {"error": str(error)}
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # SystemExit too: a plug-in must not end the cell
+        answer = {"error": f"the plug-in raised {type(error).__name__}: {error}"}
+    part = folder / "answer.part"
+    part.write_text(json.dumps(answer), encoding="utf-8")
+    part.rename(folder / "answer.json")
+    sys.stdout.flush()
+    os._exit(0)  # whatever threads and exit handlers the plug-in has left behind
+
+
+def _compute(request: dict[str, Any]) -> tuple[Row, ...]:
+    if request["study"] not in STUDIES:
+        msg = f"{request['study']!r} is no study of plug-ins"
+        raise ValueError(msg)
+    module = importlib.import_module(f"simval.studies.{request['study']}")
+    parameters = module.Parameters.model_validate(request["parameters"])
+    streams = Streams(request["seed"], tuple(request["key"]))
+    outcome: Outcome = module.compute(parameters, streams)
+    return outcome.rows
+
+
+def _restrain(time_limit: float) -> None:
+    """Limit what the child can leave behind, and see that it cannot outlive us."""
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (MAX_OUTPUT, MAX_OUTPUT))
+    faulthandler.dump_traceback_later(time_limit + GRACE, exit=True)
+    if sys.platform == "linux":
+        with contextlib.suppress(OSError, AttributeError):
+            ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
