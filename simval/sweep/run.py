@@ -220,7 +220,7 @@ def write_table(database: sqlite3.Connection, path: Path) -> None:
 
 
 def _exact(value: Any) -> Any:
-    if value is None:
+    if value is None or value != value:  # what was not measured is an empty field
         return ""
     return repr(value) if isinstance(value, float) else value
 
