@@ -14,7 +14,7 @@ from simval.calibrate.files import (
     to_json,
 )
 from simval.cli.correct import command
-from simval.errors import InputError
+from simval.errors import ConvergenceError, InputError
 from simval.poses import fibonacci_sphere
 from simval.sensor import MODELS, AccelerometerModel
 
@@ -62,6 +62,7 @@ def test_an_edited_file_is_noticed(tmp_path):
         ("[1, 2]", "is not a calibration file"),
         ('{"format": "other"}', "is not a calibration file"),
         ('{"format": "simval calibration 1"}', "lacks 'model'"),
+        ("[" * 100_000, "is not JSON"),
     ],
 )
 def test_files_that_are_no_calibration(tmp_path, text, words):
@@ -73,7 +74,14 @@ def test_files_that_are_no_calibration(tmp_path, text, words):
 
 @pytest.mark.parametrize(
     ("key", "value"),
-    [("model", "lower"), ("parameters", [1, 2]), ("covariance", "x"), ("g", None)],
+    [
+        ("model", "lower"),
+        ("parameters", [1, 2]),
+        ("covariance", "x"),
+        ("g", None),
+        ("g", -1.0),
+        ("dof", float("inf")),
+    ],
 )
 def test_wrong_values(key, value):
     data = to_json(fit()) | {key: value}
@@ -147,3 +155,16 @@ def test_correct_refuses(tmp_path):
     assert isinstance(found.exception, InputError)
     assert "no.json" in str(found.exception)
     assert CliRunner().invoke(command, [str(path)]).exit_code == 2
+    save_calibration(tmp_path / "c.json", fit())
+    good = [str(path), "--calibration", str(tmp_path / "c.json")]
+    found = CliRunner().invoke(command, [*good, "--out", str(tmp_path / "no/out.csv")])
+    assert isinstance(found.exception, InputError)
+    data = to_json(fit()) | {"status": "max iterations"}
+    (tmp_path / "c.json").write_text(json.dumps(data))
+    found = CliRunner().invoke(command, good)
+    assert isinstance(found.exception, ConvergenceError)
+
+
+def test_a_place_that_cannot_be_written(tmp_path):
+    with pytest.raises(InputError, match="cannot write"):
+        save_calibration(tmp_path / "no" / "c.json", fit())

@@ -194,3 +194,26 @@ def test_a_batch_of_refused_trials_has_no_numbers():
     for name in ("parameters", "covariance", "cost", "rms"):
         assert np.isnan(getattr(fit, name)).all()
     assert np.isinf(fit.condition).all()
+
+
+@pytest.mark.parametrize("unit", [1e-60, 1e-20, 1e20, 1e58])
+def test_any_unit_that_floats_can_square(unit):
+    poses = poses_of(fibonacci_sphere(12), 1e-3) * unit
+    fit = calibrate(poses, G)
+    assert fit.status == "converged"
+    assert np.isfinite(fit.covariance).all()
+    np.testing.assert_allclose(fit.K * unit, calibrate(poses / unit, G).K, rtol=1e-12)
+
+
+@pytest.mark.parametrize("unit", [1e-320, 1e-200, 1e70, 1e200, 1e308])
+def test_units_out_of_range_are_refused_without_a_warning(unit):
+    poses = poses_of(fibonacci_sphere(12), 1e-3) / 20 * unit
+    with pytest.raises((InputError, RefusedError)):
+        calibrate(poses, G)
+
+
+def test_a_huge_offset_is_only_a_loss_of_digits():
+    poses = poses_of(fibonacci_sphere(12)) + 1e9
+    fit = calibrate(poses, G)
+    # readings of 1e9 are known to 1e-7
+    np.testing.assert_allclose(fit.K, MODEL.K, rtol=1e-6)

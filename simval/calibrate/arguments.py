@@ -15,6 +15,7 @@ from simval.sensor import forms
 # Above it (singular values 1e4 apart) the moments, whose condition is the square, keep
 # under eight digits, and 1 mm/s^2 of noise becomes 0.6 m/s^2 of bias or more.
 CONDITION_LIMIT = 1e3
+_GREATEST = 1e60  # fourth powers stay finite
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -148,6 +149,16 @@ def checked_readings(poses: Any) -> Array:
             f"`poses` has {np.count_nonzero(~np.isfinite(readings))} non-finite "
             f"value(s), the first ({readings[pose, axis]}) in pose {pose}, axis "
             f"{'xyz'[axis]}; every reading must be finite, so remove that pose"
+        )
+        raise InputError(msg)
+    with np.errstate(invalid="ignore"):
+        greatest = float(
+            np.max(np.abs(readings), initial=0.0, where=np.isfinite(readings))
+        )
+    if greatest > _GREATEST:
+        msg = (
+            f"`poses` has a reading of {greatest:g}, beyond {_GREATEST:g}; give raw "
+            "counts or m/s^2"
         )
         raise InputError(msg)
     return readings

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from simval.arrays import Array
+from simval.arrays import Array, positive_number
 from simval.calibrate.result import FitResult
 from simval.errors import InputError
 from simval.sensor import forms
@@ -92,7 +92,7 @@ def from_json(data: Any, source: str = "the calibration") -> FitResult:
             method=str(data["method"]),
             residual=str(data["residual"]),
             loss=str(data["loss"]),
-            g=float(data["g"]),
+            g=positive_number("g", data["g"], "m/s^2"),
             parameters=_array(data, "parameters", (9,)),
             covariance=_array(data, "covariance", (9, 9)),
             covariance_kind=str(data["covariance_kind"]),
@@ -105,7 +105,7 @@ def from_json(data: Any, source: str = "the calibration") -> FitResult:
     except KeyError as error:
         msg = f"{source} lacks {error}; write it again with `simval calibrate --out`"
         raise InputError(msg) from None
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         msg = f"{source} has a value that cannot be used: {error}; write it again"
         raise InputError(msg) from None
     if not np.isfinite(fit.parameters).all():
@@ -122,6 +122,29 @@ def from_json(data: Any, source: str = "the calibration") -> FitResult:
     return fit
 
 
+def write_json(path: str | PathLike[str], data: dict[str, Any]) -> None:
+    """Write a JSON object to a file.
+
+    Parameters
+    ----------
+    path : path-like
+        File to write.
+    data : dict
+        Plain JSON values.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    text = json.dumps(data, indent=2, allow_nan=False) + "\n"
+    try:
+        Path(path).write_text(text, encoding="utf-8")
+    except OSError as error:
+        msg = f"cannot write {path}: {error.strerror}; choose another file"
+        raise InputError(msg) from None
+
+
 def save_calibration(path: str | PathLike[str], fit: FitResult) -> None:
     """Write one fit to a JSON file.
 
@@ -132,7 +155,7 @@ def save_calibration(path: str | PathLike[str], fit: FitResult) -> None:
     fit : FitResult
         Fit of one set.
     """
-    Path(path).write_text(json.dumps(to_json(fit), indent=2) + "\n", encoding="utf-8")
+    write_json(path, to_json(fit))
 
 
 def load_calibration(path: str | PathLike[str]) -> FitResult:
@@ -159,7 +182,7 @@ def load_calibration(path: str | PathLike[str]) -> FitResult:
     except OSError as error:
         msg = f"cannot read {path}: {error.strerror}; give the path of a calibration"
         raise InputError(msg) from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         msg = f"{path} is not JSON ({error}); give a file of `simval calibrate --out`"
         raise InputError(msg) from None
     return from_json(data, str(path))

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from simval.calibrate.arguments import choices
-from simval.calibrate.files import save_calibration, to_json
+from simval.calibrate.files import to_json, write_json
 from simval.logs import read_log
 from simval.studies.recorded import RecordedCalibration, calibrate_log
 
@@ -67,7 +67,7 @@ def command(
     """
     result = calibrate_log(read_log(log, rate, columns), **options)
     if out is not None:
-        save_calibration(out, result.fit)
+        write_json(out, as_object(result))
     if as_json:
         click.echo(json.dumps(as_object(result), allow_nan=False))
         return

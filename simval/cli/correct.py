@@ -7,6 +7,7 @@ import click
 import numpy as np
 
 from simval.calibrate.files import load_calibration
+from simval.errors import InputError
 from simval.logs import read_log
 
 
@@ -33,7 +34,7 @@ def command(
     Writes comma-separated rows t,ax,ay,az with the specific force in m/s^2, every
     digit kept; a gyro in the log follows as it is.
     """
-    fit = load_calibration(calibration)
+    fit = load_calibration(calibration).require_converged()
     recording = read_log(log, rate, columns)
     force = fit.sensor().correct(recording.accelerometer)
     columns_out, names = [recording.time[:, None], force], ["t", "ax", "ay", "az"]
@@ -43,4 +44,10 @@ def command(
     rows = np.hstack(columns_out)
     header = ",".join(names)
     target = sys.stdout if out is None else out
-    np.savetxt(target, rows, fmt="%.17g", delimiter=",", header=header, comments="")
+    try:
+        np.savetxt(target, rows, fmt="%.17g", delimiter=",", header=header, comments="")
+    except OSError as error:
+        if out is None:
+            raise
+        msg = f"cannot write {out}: {error.strerror}; choose another file"
+        raise InputError(msg) from None
