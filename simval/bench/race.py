@@ -59,6 +59,8 @@ class Result:
     ----------
     race, contender, item : str
         Which, and what is counted.
+    count : int
+        Items of its last run.
     rate : float
         Median items per second.
     ratio : float
@@ -72,6 +74,7 @@ class Result:
     race: str
     contender: str
     item: str
+    count: int
     rate: float
     ratio: float
     low: float
@@ -97,11 +100,12 @@ def run_race(race: Race, rounds: int = ROUNDS) -> list[Result]:
     clock = time.process_time if race.clock == "cpu" else time.perf_counter
     contenders = race.contenders()
     rates = np.zeros((rounds + 1, len(contenders)))
+    counts = [0] * len(contenders)
     for turn in range(rounds + 1):
         for k, contender in enumerate(contenders):
             start = clock()
-            count = contender.run()
-            rates[turn, k] = count / max(clock() - start, 1e-9)
+            counts[k] = contender.run()
+            rates[turn, k] = counts[k] / max(clock() - start, 1e-9)
     rates = rates[1:]  # the first round pays for imports and memory
     ratios = rates / rates[:, :1]
     return [
@@ -109,6 +113,7 @@ def run_race(race: Race, rounds: int = ROUNDS) -> list[Result]:
             race=race.name,
             contender=contender.name,
             item=race.item,
+            count=counts[k],
             rate=float(np.median(rates[:, k])),
             ratio=float(np.median(ratios[:, k])),
             low=float(ratios[:, k].min()),

@@ -34,7 +34,7 @@ RACES: tuple[Race, ...] = (
     ),
     Race(
         name="reductions",
-        title="Precision of the covariance, in plain samples' worth",
+        title="Precision of the covariance from 65 536 evaluations, in plain samples",
         item="plain samples",
         contenders=attitude.reductions,
     ),

@@ -36,10 +36,10 @@ def command(races: tuple[str, ...], rounds: int, path: Path | None) -> int:
         results += found
         table = Table(title=f"{race.title} ({race.name}, {race.clock} time)")
         table.add_column("contender")
-        for heading in (f"{race.item}/s", "ratio", "least", "greatest"):
+        for heading in (race.item, f"{race.item}/s", "ratio", "least", "greatest"):
             table.add_column(heading, justify="right")
         for r in found:
-            numbers = (r.rate, r.ratio, r.low, r.high)
+            numbers = (r.count, r.rate, r.ratio, r.low, r.high)
             table.add_row(r.contender, *(f"{number:.3g}" for number in numbers))
         console.print(table)
     if path is not None:

@@ -1,0 +1,79 @@
+"""The benchmark: it races, it reports, it writes JSON; no time is asserted."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from simval.bench import Contender, Race, run_race
+from simval.errors import InputError
+
+# One block of 16384 columns of 12 float64 is 1.5 MiB; the pass needs a few of them.
+MEMORY_LIMIT = 64  # MiB above the imported program
+
+MEASURED = """
+import resource, sys
+from simval.bench.attitude import _monte_carlo
+def peak():
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+_monte_carlo(1, 1)
+before = peak()
+_monte_carlo(int(sys.argv[1]), int(sys.argv[2]))
+print(peak() - before)
+"""
+
+
+def spin(times):
+    total = 0
+    for k in range(times):
+        total += k
+    return total
+
+
+def test_a_race_finds_the_slower_one():
+    def once(times):
+        spin(times)
+        return 1
+
+    race = Race(
+        name="spin",
+        title="Spin",
+        item="spins",
+        contenders=lambda: [
+            Contender(name="short", run=lambda: once(20_000)),
+            Contender(name="long", run=lambda: once(200_000)),
+        ],
+    )
+    short, long = run_race(race, rounds=5)
+    assert (short.ratio, short.low, short.high) == (1.0, 1.0, 1.0)
+    # ten times the work: a factor of three either way is noise enough
+    assert 1 / 30 < long.ratio < 1 / 3
+    assert long.low <= long.ratio <= long.high
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_memory_does_not_grow_with_the_samples(threads):
+    words = [sys.executable, "-c", MEASURED, "4000000", str(threads)]
+    done = subprocess.run(words, capture_output=True, text=True, check=True)
+    assert float(done.stdout) < MEMORY_LIMIT
+
+
+def test_the_command_prints_and_writes(simval, tmp_path):
+    path = tmp_path / "bench.json"
+    code, out, _ = simval("bench", "predictions", "--rounds", 1, "--json", path)
+    assert code == 0
+    assert "order exact" in out
+    content = json.loads(path.read_text())
+    assert {r["race"] for r in content["results"]} == {"predictions"}
+    assert all(r["rate"] > 0 for r in content["results"])
+
+
+def test_an_unknown_race_is_refused(simval):
+    code, _, err = simval("bench", "marathon")
+    assert code == 2
+    assert "there is no race `marathon`" in err
+    from simval.bench import find_races
+
+    with pytest.raises(InputError, match="estimators"):
+        find_races(["marathon"])
