@@ -111,7 +111,7 @@ def path_length(model: mujoco.MjModel, script: Script, qpos: Array) -> Array:
     return np.linalg.norm(places[1:] - places[0], axis=1)
 
 
-def positions(model: mujoco.MjModel, script: Script, rows: Array) -> Array:
+def positions(model: mujoco.MjModel, script: Script, rows: NDArray[np.intp]) -> Array:
     """Generalised positions of a run at some rows, for pictures.
 
     Parameters
@@ -120,7 +120,7 @@ def positions(model: mujoco.MjModel, script: Script, rows: Array) -> Array:
         Compiled and checked.
     script : Script
         The run.
-    rows : Array
+    rows : NDArray[np.intp]
         Row numbers, (m,).
 
     Returns

@@ -1,0 +1,162 @@
+r"""The static detector, scored against what the simulation knows to be at rest.
+
+Each trial distorts a tumble with fresh noise, finds its initial rest and its static
+intervals as a user's log would have them found, and compares them with the truth row by
+row; what counts as still is said in `simval.studies.scoring`.
+
+An interval is impure if one of its rows is not still. What that does to a calibration
+is told by the normalised squared error of its nine parameters, once with every
+interval and once with the pure ones alone, whose mean over trials theory puts at 9: the
+noise in a mean does not depend on the variance by which its interval was chosen.
+"""
+
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field, field_validator
+
+from simval.arrays import Array
+from simval.results import Outcome, Row
+from simval.scene import recorded
+from simval.sensor import AccelerometerModel
+from simval.statics import Intervals
+from simval.streams import Streams
+from simval.studies.scoring import Tumble, detect, nees, pure, score, thinned
+from simval.studies.study import StudyParameters
+
+NAMES = ("precision", "recall", "rests_found", "intervals", "impure", "outside")
+
+
+class Parameters(StudyParameters):
+    """One cell: a scene, its noise, and the detector's settings."""
+
+    scene: Literal["gimbal", "die", "shaker", "handheld"] = Field(
+        default="gimbal", description="Scene that is simulated."
+    )
+    poses: Annotated[int, Field(ge=9, le=400)] = Field(
+        default=40, description="Rests that the scene plans."
+    )
+    noise_std: Annotated[float, Field(gt=0.0, le=10.0)] = Field(
+        default=0.01, description="Noise per axis and sample at 100 Hz, m/s^2."
+    )
+    multiplier: Annotated[float, Field(gt=0.0)] = Field(
+        default=6.0, description="Threshold over the variance of the initial rest, 1."
+    )
+    window: Annotated[int, Field(ge=3, le=2001)] = Field(
+        default=51, description="Window of the variance, samples at 100 Hz, odd."
+    )
+    trim: Annotated[int, Field(ge=0, le=1000)] = Field(
+        default=15, description="Samples cut off at both ends of an interval."
+    )
+    trials: Annotated[int, Field(ge=2)] = Field(default=128, description="Trials.")
+
+    @field_validator("window")
+    @classmethod
+    def _odd(cls, value: int) -> int:
+        if value % 2 == 0:
+            msg = f"window is {value}; it must be odd"
+            raise ValueError(msg)
+        return value
+
+
+@lru_cache(maxsize=16)
+def tumble(scene: str, poses: int) -> Tumble:
+    """Simulate a scene, or find it kept, and thin it to the rate of a log.
+
+    Parameters
+    ----------
+    scene : str
+        Name of the scene.
+    poses : int
+        Rests that it plans.
+
+    Returns
+    -------
+    Tumble
+        Truth at 100 Hz.
+    """
+    count = {"gimbal": "directions", "handheld": "directions", "die": "throws"}
+    setting: dict[str, Any] = {count.get(scene, "poses"): poses, "hold_time": 2.0}
+    if scene in ("gimbal", "handheld"):
+        setting["first_hold"] = 5.0
+    return thinned(recorded(scene, **setting))
+
+
+def run(parameters: Parameters, streams: Streams) -> Outcome:
+    """Score the detector in one cell.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Scene, noise and settings.
+    streams : Streams
+        The cell's random streams; block i is trial i.
+
+    Returns
+    -------
+    Outcome
+        Scores, and the normalised squared errors with all and with pure intervals.
+    """
+    truth = tumble(parameters.scene, parameters.poses)
+    values = np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
+    sensor = AccelerometerModel.from_parameters(values, noise_std=parameters.noise_std)
+    settings = (parameters.multiplier, parameters.window, parameters.trim)
+    scores: list[dict[str, float]] = []
+    for trial in range(parameters.trials):
+        raw = sensor.distort(truth.force, streams.block(trial))
+        intervals, spread, threshold = detect(raw, *settings)
+        clean = intervals[pure(intervals, truth.still)]
+        scores.append(
+            score(intervals, truth.still, truth.hold)
+            | {"nees[all]": nees(raw, intervals, sensor, truth.g)}
+            | {"nees[pure]": nees(raw, clean, sensor, truth.g)}
+        )
+        if trial == 0:
+            artifact = _artifact(truth, raw, intervals, spread, threshold)
+    name = f"static-{parameters.scene}-{parameters.noise_std:g}-{parameters.trim}.npz"
+    return Outcome(rows=_rows(scores), artifacts={name: artifact})
+
+
+def _rows(scores: list[dict[str, float]]) -> tuple[Row, ...]:
+    rows = [_row(name, np.array([each[name] for each in scores])) for name in NAMES]
+    for name in ("nees[all]", "nees[pure]"):
+        values = np.array([each[name] for each in scores])
+        fitted = values[np.isfinite(values)]
+        rows.append(_row(f"fitted[{name[5:-1]}]", np.isfinite(values).astype(float)))
+        if len(fitted) >= 2:
+            theory = name == "nees[pure]" and len(fitted) == len(values)
+            rows.append(_row(name, fitted, expected=9.0 if theory else None))
+    return tuple(rows)
+
+
+def _row(name: str, values: Array, expected: float | None = None) -> Row:
+    error = float(values.std(ddof=1)) / np.sqrt(len(values))
+    return Row(
+        statistic=name,
+        value=float(values.mean()),
+        standard_error=float(error),
+        n=len(values),
+        unit="1",
+        prediction=expected,
+        predictor="" if expected is None else "chi-square, 9",
+        check="record" if expected is None else "nees",
+    )
+
+
+def _artifact(
+    truth: Tumble, raw: Array, intervals: Intervals, spread: Array, threshold: float
+) -> Mapping[str, Array]:
+    # what the report draws: times in s, readings in raw units
+    time = np.asarray(truth.time)
+    edges = np.diff(np.concatenate([[0], truth.still.astype(int), [0]]))
+    starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    return {
+        "time": time,
+        "signal": np.asarray(raw),
+        "intervals": time[intervals - [0, 1]],
+        "truth": time[np.stack([starts, stops - 1], axis=1)],
+        "variance": np.where(np.isfinite(spread), spread, np.nan),
+        "threshold": np.array([threshold]),
+    }

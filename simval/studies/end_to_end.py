@@ -1,0 +1,229 @@
+r"""End to end: tumble, distort, detect, calibrate, then gravity and field to attitude.
+
+Each trial calibrates the accelerometer from the static intervals that the detector
+finds in a noisy tumble. With that calibration it measures the direction of gravity in
+the rests of a second tumble, takes the magnetometer as the second vector, and estimates
+the attitude in closed form. The true attitude is the simulator's own.
+
+The prediction carries the covariance of the calibration through to the attitude
+(`simval.studies.carry`), for the number of samples in each interval that was found.
+Each part of the budget is also measured by itself: with the noise of one source only,
+all others at their truth.
+"""
+
+from functools import lru_cache
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from simval.arrays import Array
+from simval.attitude import two_vector_quaternion
+from simval.calibrate import calibrate
+from simval.geometry import attitude_error, compose, conjugate, normalize
+from simval.poses import fibonacci_sphere
+from simval.results import Outcome, Row
+from simval.scene import Recording, recorded
+from simval.sensor import AccelerometerModel
+from simval.statics import Intervals, interval_counts, interval_means
+from simval.streams import Streams
+from simval.studies.carry import PARTS, UP, Wanted, carrier
+from simval.studies.scoring import detect, pure, thinned
+from simval.studies.study import StudyParameters
+from simval.theory import calibration_moments
+
+SETTINGS = (6.0, 51, 15)  # the detector's multiplier, window and trim, in samples
+NEXT_ORDER = 30.0  # relative remainder of a second-order variance, by sigma^2
+
+
+class Parameters(StudyParameters):
+    """One cell: poses, noise of the two sensors, and samples in a mean."""
+
+    poses: Annotated[int, Field(ge=12, le=200)] = Field(
+        default=40, description="Rests of the calibration's tumble."
+    )
+    attitudes: Annotated[int, Field(ge=2, le=200)] = Field(
+        default=24, description="Rests of the second tumble, whose attitude is wanted."
+    )
+    accelerometer_noise_std: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
+        default=0.02, description="Noise per axis and sample at 100 Hz, m/s^2."
+    )
+    magnetometer_noise_std: Annotated[float, Field(gt=0.0, le=1e-5)] = Field(
+        default=5e-8, description="Noise per axis and sample at 100 Hz, T."
+    )
+    average: Annotated[int, Field(ge=1, le=10_000)] = Field(
+        default=100, description="Samples in a mean whose attitude is estimated."
+    )
+    trials: Annotated[int, Field(ge=2)] = Field(default=256, description="Trials.")
+
+
+@lru_cache(maxsize=8)
+def tumbles(poses: int, attitudes: int) -> tuple[Recording, Wanted]:
+    """Simulate both tumbles, or find them kept.
+
+    Parameters
+    ----------
+    poses, attitudes : int
+        Rests of the first and of the second.
+
+    Returns
+    -------
+    first : Recording
+        For the calibration.
+    second : Wanted
+        What is to be estimated, in directions the calibration has not seen.
+    """
+    first = recorded("gimbal", directions=poses, hold_time=2.0, first_hold=5.0)
+    turned = fibonacci_sphere(attitudes) @ _rotation()
+    second = recorded("gimbal", directions=turned, hold_time=0.2)
+    wanted = Wanted(
+        force=second.hold_means(),
+        field=second.hold_means(second.magnetic_field),
+        q=normalize(second.hold_means(second.attitude)),
+        field_world=normalize(second.magnetic),
+    )
+    return first, wanted
+
+
+def _rotation() -> Array:
+    # a fixed rotation that maps no axis near an axis
+    columns = np.array([[1.0, 2.0, 3.0], [3.0, -1.0, 1.0], [-2.0, 1.0, 2.0]])
+    orthogonal = np.linalg.qr(columns)[0]
+    return np.asarray(orthogonal)
+
+
+def run(parameters: Parameters, streams: Streams) -> Outcome:
+    """Measure the error budget of one cell beside its prediction.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Poses, noise and number of trials.
+    streams : Streams
+        The cell's random streams; block i is trial i.
+
+    Returns
+    -------
+    Outcome
+        Root mean square angle by source, and the normalised squared error.
+    """
+    recording, wanted = tumbles(parameters.poses, parameters.attitudes)
+    truth = thinned(recording)
+    values = np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
+    noise = parameters.accelerometer_noise_std
+    sensor = AccelerometerModel.from_parameters(values, noise_std=noise)
+    field_std = parameters.magnetometer_noise_std / np.sqrt(parameters.average)
+    force_std = noise / np.sqrt(parameters.average)
+    carriers = [
+        carrier(sensor, wanted, k, force_std, field_std) for k in range(len(wanted.q))
+    ]
+    measured, predicted, nees, impure = [], [], [], []
+    for trial in range(parameters.trials):
+        rng = streams.block(trial)
+        raw = sensor.distort(truth.force, rng)
+        intervals, _, _ = detect(raw, *SETTINGS)
+        impure.append(float(np.sum(~pure(intervals, truth.still))))
+        means = interval_means(raw, intervals)
+        fit = calibrate(means, g=truth.g, covariance=False).require_converged()
+        estimates = _estimates(sensor, fit.sensor(), wanted, force_std, field_std, rng)
+        angles = np.array([attitude_error(q, wanted.q) for q in estimates])
+        measured.append(np.mean(angles**2, axis=1))
+        covariance = _calibration_covariance(sensor, truth.force, intervals, truth.g)
+        parts = np.array([each.parts(covariance) for each in carriers])
+        predicted.append(np.trace(parts, axis1=2, axis2=3).mean(axis=0))
+        nees.append(_nees(estimates[3], wanted.q, parts[:, 3]))
+    size = max(force_std / truth.g, field_std / np.linalg.norm(recording.magnetic))
+    rows = _budget(np.array(measured), np.array(predicted), NEXT_ORDER * size**2)
+    found = _mean_row("impure", np.array(impure))
+    return Outcome(rows=(*rows, _nees_row(np.array(nees), size), found))
+
+
+def _estimates(
+    sensor: AccelerometerModel,
+    calibrated: AccelerometerModel,
+    wanted: Wanted,
+    force_std: float,
+    field_std: float,
+    rng: np.random.Generator,
+) -> list[Array]:
+    # attitudes with one source of error after the other, and with all, in PARTS' order
+    exact = np.linalg.solve(sensor.matrix, wanted.force.T).T + sensor.B
+    noisy = exact + force_std * rng.standard_normal(exact.shape)
+    field = wanted.field + field_std * rng.standard_normal(exact.shape)
+    cases = (
+        (calibrated.correct(exact), wanted.field),
+        (sensor.correct(noisy), wanted.field),
+        (wanted.force, field),
+        (calibrated.correct(noisy), field),
+    )
+    r1, r2 = (
+        np.broadcast_to(UP, exact.shape),
+        np.broadcast_to(wanted.field_world, exact.shape),
+    )
+    return [
+        two_vector_quaternion(normalize(force), normalize(seen), r1, r2)
+        for force, seen in cases
+    ]
+
+
+def _calibration_covariance(
+    sensor: AccelerometerModel, force: Array, intervals: Intervals, g: float
+) -> Array:
+    std = sensor.noise_std / np.sqrt(interval_counts(intervals))
+    directions = interval_means(force, intervals)
+    return calibration_moments(sensor, directions, g, std).covariance
+
+
+def _nees(estimate: Array, truth: Array, covariances: Array) -> float:
+    # mean over the poses of one trial, which share its calibration
+    step = compose(conjugate(truth), estimate)
+    rotation = 2.0 * step[:, :3] * np.sign(step[:, 3:])
+    solved = np.linalg.solve(covariances, rotation[..., None])[..., 0]
+    return float(np.mean(np.sum(rotation * solved, axis=1)))
+
+
+def _budget(measured: Array, predicted: Array, remainder: float) -> list[Row]:
+    rows = []
+    trials = len(measured)
+    for j, part in enumerate(PARTS):
+        rms = float(np.sqrt(measured[:, j].mean()))
+        error = float(measured[:, j].std(ddof=1)) / np.sqrt(trials) / (2.0 * rms)
+        expected = float(np.sqrt(predicted[:, j].mean()))
+        rows.append(
+            Row(
+                statistic=f"budget[{part}]",
+                value=rms,
+                standard_error=float(error),
+                n=trials,
+                prediction=expected,
+                predictor="first order, carried through",
+                remainder=expected * remainder,
+                unit="rad",
+                check="plain",
+            )
+        )
+    return rows
+
+
+def _nees_row(values: Array, size: float) -> Row:
+    return Row(
+        statistic="nees",
+        value=float(values.mean()),
+        standard_error=float(values.std(ddof=1)) / float(np.sqrt(len(values))),
+        n=len(values),
+        prediction=3.0,
+        predictor="chi-square, 3",
+        remainder=3.0 * NEXT_ORDER * size**2,
+        unit="1",
+        check="nees",
+    )
+
+
+def _mean_row(name: str, values: Array) -> Row:
+    return Row(
+        statistic=name,
+        value=float(values.mean()),
+        standard_error=float(values.std(ddof=1)) / float(np.sqrt(len(values))),
+        n=len(values),
+        unit="1",
+    )

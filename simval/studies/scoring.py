@@ -1,0 +1,205 @@
+"""What a simulation knows to be at rest, and how well a detector finds it.
+
+A row is still where the true specific force has the length g within `STILL_FORCE` and
+the body turns at less than `STILL_RATE`: what one second of that adds to a mean is a
+hundredth of the noise in it. An interval is impure if one of its rows is not still.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simval.arrays import Array
+from simval.calibrate import calibrate
+from simval.errors import RefusedError
+from simval.poses import PARAMETERS
+from simval.scene import Recording
+from simval.sensor import AccelerometerModel
+from simval.statics import (
+    Intervals,
+    initial_rest,
+    interval_counts,
+    interval_means,
+    intervals_below,
+    variance_magnitude,
+)
+
+RATE = 100.0  # Hz, of the log that is made from a recording
+STILL_FORCE = 1e-4  # m/s^2
+STILL_RATE = 1e-4  # rad/s
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Tumble:
+    """A recording at the rate of a log, and what is still in it.
+
+    Attributes
+    ----------
+    time : Array
+        Seconds, (n,).
+    force : Array
+        True specific force, sensor axes, m/s^2, (n, 3).
+    still : NDArray[np.bool_]
+        Rows at rest, (n,).
+    hold : NDArray[np.intp]
+        Planned rest of each row, -1 for none, (n,).
+    g : float
+        Length of gravity, m/s^2.
+    """
+
+    time: Array
+    force: Array
+    still: NDArray[np.bool_]
+    hold: NDArray[np.intp]
+    g: float
+
+
+def thinned(recording: Recording) -> Tumble:
+    """Thin a recording to the rate of a log.
+
+    Parameters
+    ----------
+    recording : Recording
+        At a multiple of 100 Hz.
+
+    Returns
+    -------
+    Tumble
+        Every so many rows of it.
+    """
+    every = slice(None, None, max(round(recording.rate / RATE), 1))
+    force = recording.specific_force[every]
+    rate = np.linalg.norm(recording.angular_velocity[every], axis=1)
+    off = np.abs(np.linalg.norm(force, axis=1) - recording.g)
+    return Tumble(
+        time=recording.time[every],
+        force=force,
+        still=(off <= STILL_FORCE) & (rate <= STILL_RATE),
+        hold=recording.hold[every],
+        g=recording.g,
+    )
+
+
+def score(
+    intervals: Intervals, still: NDArray[np.bool_], hold: NDArray[np.intp]
+) -> dict[str, float]:
+    """Compare intervals with the truth.
+
+    Parameters
+    ----------
+    intervals : Intervals
+        Rows ``start <= k < stop``, (m, 2).
+    still : NDArray[np.bool_]
+        Rows at rest, (n,).
+    hold : NDArray[np.intp]
+        Planned rest of each row, -1 for none, (n,).
+
+    Returns
+    -------
+    dict of str to float
+        ``precision``: still rows among those found; ``recall``: found rows among those
+        of the rests; ``rests_found``: rests with a row found, over all rests;
+        ``intervals``, ``impure``, ``outside``: how many there are, hold a moving row,
+        and touch no rest.
+    """
+    found = np.zeros(len(still), bool)
+    for start, stop in intervals:
+        found[start:stop] = True
+    rests = np.unique(hold[hold >= 0])
+    touched = np.unique(hold[found & (hold >= 0)])
+    outside = [not np.any(hold[a:b] >= 0) for a, b in intervals]
+    return {
+        "precision": float(still[found].mean()) if found.any() else 0.0,
+        "recall": float(found[hold >= 0].mean()) if len(rests) else 0.0,
+        "rests_found": len(touched) / max(len(rests), 1),
+        "intervals": float(len(intervals)),
+        "impure": float(np.sum(~pure(intervals, still))),
+        "outside": float(np.sum(outside)),
+    }
+
+
+def pure(intervals: Intervals, still: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which intervals hold still rows only.
+
+    Parameters
+    ----------
+    intervals : Intervals
+        (m, 2).
+    still : NDArray[np.bool_]
+        Rows at rest, (n,).
+
+    Returns
+    -------
+    NDArray[np.bool_]
+        (m,).
+    """
+    return np.array([still[a:b].all() for a, b in intervals], dtype=bool)
+
+
+def detect(
+    raw: Array, multiplier: float, window: int, trim: int
+) -> tuple[Intervals, Array, float]:
+    """Find the static intervals of a log as a user would have them found.
+
+    Parameters
+    ----------
+    raw : Array
+        Readings, (n, 3).
+    multiplier : float
+        Threshold over the variance of the initial rest, which is found, too.
+    window : int
+        Window of the variance, samples.
+    trim : int
+        Samples cut off at both ends.
+
+    Returns
+    -------
+    intervals : Intervals
+        At least half a window long, (m, 2).
+    spread : Array
+        Windowed variance magnitude, (n,).
+    threshold : float
+        Its limit.
+    """
+    minimum = window // 2
+    rest = initial_rest(raw, window=window, minimum=minimum)
+    spread = variance_magnitude(raw, window)
+    threshold = multiplier * rest.variance
+    return intervals_below(spread, threshold, minimum, trim), spread, threshold
+
+
+def nees(
+    raw: Array, intervals: Intervals, sensor: AccelerometerModel, g: float
+) -> float:
+    """Normalised squared error of a calibration from some intervals.
+
+    Parameters
+    ----------
+    raw : Array
+        Readings, raw units, (n, 3).
+    intervals : Intervals
+        (m, 2).
+    sensor : AccelerometerModel
+        The truth, and its noise per sample.
+    g : float
+        Length of gravity, m/s^2.
+
+    Returns
+    -------
+    float
+        Of the nine parameters under the covariance that the fit states for itself;
+        NaN where the fit is refused.
+    """
+    if len(intervals) < PARAMETERS:
+        return float("nan")
+    try:
+        fit = calibrate(
+            interval_means(raw, intervals),
+            g=g,
+            noise_std=sensor.noise_std / np.sqrt(interval_counts(intervals)),
+        ).require_converged()
+    except RefusedError:
+        return float("nan")
+    error = fit.parameters - sensor.parameters
+    return float(error @ np.linalg.solve(fit.covariance, error))

@@ -1,0 +1,239 @@
+"""The detector scored against true rest, and the error budget from end to end."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from simval.attitude import two_vector_quaternion
+from simval.errors import SimvalError
+from simval.geometry import attitude_error, compose, conjugate, normalize
+from simval.scene import record
+from simval.sensor import AccelerometerModel
+from simval.streams import Streams, cell_key
+from simval.studies import detector, end_to_end
+from simval.studies.carry import PARTS, UP, carrier, corrected
+from simval.studies.scoring import STILL_FORCE, nees, pure, score, thinned
+
+
+@pytest.fixture(autouse=True, scope="module")
+def folder(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SIMVAL_CACHE", str(tmp_path_factory.mktemp("kept")))
+        yield
+
+
+def streams(name):
+    return Streams(11, cell_key(name))
+
+
+def rows_of(outcome):
+    return {row.statistic: row for row in outcome.rows}
+
+
+def detected(**setting):
+    parameters = detector.Parameters(**setting)
+    return rows_of(detector.run(parameters, streams("detector")))
+
+
+def test_the_score_of_a_case_by_hand():
+    still = np.array([1, 1, 1, 1, 0, 0, 1, 1, 1, 0, 0, 1], bool)
+    hold = np.array([0, 0, 0, -1, -1, -1, 1, 1, 1, -1, -1, -1])
+    intervals = np.array([[1, 3], [3, 6], [7, 10]])
+    assert score(intervals, still, hold) == {
+        "precision": 5 / 8,  # rows 1 2 3 7 8 of 1 2 3 4 5 7 8 9
+        "recall": 4 / 6,  # rows 1 2 7 8 of 0 1 2 6 7 8
+        "rests_found": 1.0,
+        "intervals": 3.0,
+        "impure": 2.0,  # the second and the third
+        "outside": 1.0,  # the second
+    }
+    np.testing.assert_array_equal(pure(intervals, still), [True, False, False])
+    nothing = score(np.zeros((0, 2), int), still, hold)
+    assert nothing["recall"] == nothing["precision"] == nothing["intervals"] == 0.0
+
+
+def test_what_is_still_is_the_simulations_own_rest():
+    recording = record("gimbal", directions=4)
+    truth = thinned(recording)
+    assert len(truth.time) == -(-len(recording.time) // 5)
+    assert truth.still[truth.hold >= 0].all()
+    moving = ~truth.still
+    assert 0.3 < moving.mean() < 0.9
+    off = np.abs(np.linalg.norm(truth.force[truth.still], axis=1) - truth.g)
+    assert off.max() <= STILL_FORCE
+
+
+def chi_square_limits(dof, trials, alarm):
+    """Limits of the mean of some chi-square values, each at half the false alarms."""
+    return stats.chi2.ppf([alarm / 2, 1 - alarm / 2], dof * trials) / trials
+
+
+def test_clean_rests_are_found_whole_and_calibrate_as_predicted():
+    found = detected(trials=60)
+    for name, value in (
+        ("precision", 1.0),
+        ("rests_found", 1.0),
+        ("intervals", 40.0),
+        ("impure", 0.0),
+        ("outside", 0.0),
+        ("fitted[pure]", 1.0),
+    ):
+        assert found[name].value == value
+    # half a window and the trim are lost at either end of 2 s of rest; the settling
+    # time of 0.6 s before it gives some back: 2 (25 + 15) of 200 + 60 rows at most
+    assert 1 - 80 / 200 < found["recall"].value < 1.0
+    low, high = chi_square_limits(9, 60, 1e-4)
+    assert low < found["nees[pure]"].value < high
+    assert found["nees[pure]"].check == "nees"
+    # power: a noise level wrong by a fifth would be seen
+    assert found["nees[pure]"].value * 1.2**2 > high
+
+
+def test_more_noise_lets_moving_rows_in_and_trimming_keeps_them_out():
+    raw = detected(noise_std=0.05, trim=0, trials=20)
+    assert raw["impure"].value > 1.0
+    assert raw["precision"].value < 1.0
+    trimmed = detected(noise_std=0.05, trim=15, trials=20)
+    assert trimmed["impure"].value == 0.0
+    assert trimmed["precision"].value == 1.0
+    assert trimmed["recall"].value < raw["recall"].value
+
+
+def test_impure_windows_harm_the_parameters():
+    """With little noise a slow motion looks like rest, and the fit believes it."""
+    found = detected(noise_std=0.02, multiplier=200.0, trim=0, trials=12)
+    assert found["impure"].value > 10.0
+    assert found["nees[all]"].value > chi_square_limits(9, 12, 1e-4)[1]
+    pure_only = detected(noise_std=0.02, multiplier=6.0, trim=15, trials=12)
+    assert pure_only["nees[all]"].value < chi_square_limits(9, 12, 1e-4)[1]
+
+
+def test_a_trembling_hand_is_never_at_rest():
+    found = detected(scene="handheld", noise_std=0.02, trials=4)
+    assert found["precision"].value == 0.0
+    assert found["impure"].value == found["intervals"].value
+    assert found["fitted[pure]"].value == 0.0
+    assert "nees[pure]" not in found
+
+
+def test_the_figure_of_the_detector_has_what_the_report_draws():
+    parameters = detector.Parameters(poses=12, trials=2)
+    outcome = detector.run(parameters, streams("figure"))
+    ((name, drawn),) = outcome.artifacts.items()
+    assert name.startswith("static-gimbal")
+    n = len(drawn["time"])
+    assert drawn["signal"].shape == (n, 3)
+    assert drawn["variance"].shape == (n,)
+    assert drawn["intervals"].shape == (12, 2)
+    starts, stops = drawn["intervals"].T
+    assert np.all(starts < stops)
+    # each detected interval lies in one true rest
+    inside = (drawn["truth"][:, :1] <= starts) & (stops <= drawn["truth"][:, 1:])
+    assert np.all(inside.sum(axis=0) == 1)
+
+
+def test_a_fit_that_cannot_be_had_is_not_a_number():
+    sensor = AccelerometerModel(T=np.eye(3), K=np.ones(3), B=np.zeros(3), noise_std=1.0)
+    assert np.isnan(nees(np.zeros((50, 3)), np.zeros((0, 2), int), sensor, 9.8))
+
+
+@pytest.mark.parametrize("window", [50, 1])
+def test_a_window_must_be_odd(window):
+    with pytest.raises(ValueError, match="window"):
+        detector.Parameters(window=window)
+
+
+TRIALS = 64
+VALUES = np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
+
+
+@pytest.fixture(scope="module")
+def budget():
+    parameters = end_to_end.Parameters(trials=TRIALS)
+    return rows_of(end_to_end.run(parameters, streams("budget")))
+
+
+def test_every_part_of_the_budget_is_as_predicted(budget):
+    limit = stats.t.isf(1e-4 / 2 / 5, TRIALS - 1)  # five rows, one alarm in 1e4 seeds
+    for part in PARTS:
+        row = budget[f"budget[{part}]"]
+        assert abs(row.value - row.prediction) < limit * row.standard_error
+        assert row.remainder < 1e-4 * row.prediction
+    row = budget["nees"]
+    assert abs(row.value - 3.0) < limit * row.standard_error
+    assert budget["impure"].value == 0.0
+
+
+def test_the_parts_add_up(budget):
+    predicted = [budget[f"budget[{part}]"].prediction ** 2 for part in PARTS]
+    # the mean over trials of a sum is the sum of the means: rounding only
+    assert sum(predicted[:3]) == pytest.approx(predicted[3], rel=1e-12)
+    measured = [budget[f"budget[{part}]"].value ** 2 for part in PARTS]
+    spread = [
+        2 * budget[f"budget[{p}]"].value * budget[f"budget[{p}]"].standard_error
+        for p in PARTS
+    ]
+    # the cross terms of independent sources average to zero; 4.4 sigma, 1e-5
+    assert abs(sum(measured[:3]) - measured[3]) < 4.4 * np.linalg.norm(spread)
+
+
+def test_a_budget_without_the_calibration_is_rejected():
+    """Power: with a poor calibration its part cannot be left out."""
+    parameters = end_to_end.Parameters(trials=TRIALS, poses=12, average=400)
+    rows = rows_of(end_to_end.run(parameters, streams("power")))
+    total = rows["budget[total]"]
+    without = np.sqrt(total.prediction**2 - rows["budget[calibration]"].prediction ** 2)
+    limit = stats.t.isf(1e-4 / 2, TRIALS - 1)
+    assert abs(total.value - total.prediction) < limit * total.standard_error
+    assert abs(total.value - without) > limit * total.standard_error
+
+
+def rotation_between(q, truth):
+    step = compose(conjugate(truth), q)
+    return 2.0 * step[:3] * np.sign(step[3])
+
+
+def test_the_carried_covariance_is_the_derivative_of_the_whole_chain():
+    """Against central differences through correction and estimator, no formula."""
+    _, wanted = end_to_end.tumbles(12, 5)
+    sensor = AccelerometerModel.from_parameters(VALUES)
+    root = np.random.default_rng(3).standard_normal((9, 9))
+    covariance = root @ root.T
+    for k in range(5):
+        raw = np.linalg.solve(sensor.matrix, wanted.force[k]) + sensor.B
+
+        def turned(theta, raw=raw, field=wanted.field[k], truth=wanted.q[k]):
+            model = AccelerometerModel.from_parameters(theta)
+            seen = normalize(model.correct(raw))
+            q = two_vector_quaternion(seen, normalize(field), UP, wanted.field_world)
+            return rotation_between(q, truth)
+
+        h = 1e-5
+        steps = [
+            (turned(VALUES + h * e) - turned(VALUES - h * e)) / (2 * h)
+            for e in np.eye(9)
+        ]
+        gain = np.stack(steps, axis=1)
+        expected = gain @ covariance @ gain.T
+        got = carrier(sensor, wanted, k, 0.0, 0.0).parts(covariance)[0]
+        # central differences: h^2 of curvature and eps / h of rounding, 1e-10 each,
+        # relative to gains of up to 10
+        atol = 1e-8 * np.abs(expected).max()
+        np.testing.assert_allclose(got, expected, rtol=0, atol=atol)
+
+
+def test_the_corrected_reading_is_the_models():
+    raw = np.array([1.0, -7.0, 4.0])
+    model = AccelerometerModel.from_parameters(VALUES)
+    np.testing.assert_allclose(corrected(VALUES, raw), model.correct(raw), rtol=1e-14)
+
+
+def test_the_true_attitude_is_what_the_true_vectors_give():
+    _, wanted = end_to_end.tumbles(12, 24)
+    q = two_vector_quaternion(
+        normalize(wanted.force), normalize(wanted.field), UP, wanted.field_world
+    )
+    # rests are exact to 1e-12 of g; the estimator's condition is below 1e2
+    assert attitude_error(q, wanted.q).max() < 1e-10
+    with pytest.raises(SimvalError):
+        end_to_end.tumbles(0, 5)
