@@ -158,3 +158,50 @@ def test_common_lengths_cancel(scale):
     x, y, z = np.eye(3)
     found = two_vector_quaternion(scale * y, 3 * z, scale * x, 3 * y)
     np.testing.assert_allclose(found, two_vector_quaternion(y, z, x, y), atol=4 * EPS)
+
+
+def test_length_tolerance():
+    x, y, _ = np.eye(3)
+    lengths = (1.4 * x, y, x, y)
+    assert two_vector_quaternion(*lengths)[3] == pytest.approx(1.0)
+    with pytest.raises(InputError, match="differ in length"):
+        two_vector_quaternion(*lengths, length_tolerance=0.2)
+    two_vector_quaternion(1e9 * x, y, x, y, length_tolerance=np.inf)
+    with pytest.raises(InputError, match="`length_tolerance`"):
+        two_vector_quaternion(x, y, x, y, length_tolerance=float("nan"))
+
+
+def test_empty_batches():
+    none = np.empty((0, 3))
+    assert two_vector_quaternion(none, none, none, none).shape == (0, 4)
+    found = estimate_attitude(np.empty((2, 0, 3)), none, none, none)
+    assert found.q.shape == (2, 0, 4)
+    assert found.validity.shape == (2, 0)
+
+
+def test_inputs_are_left_alone():
+    _, *vectors = problems(10, 6)
+    vectors[0][3] = np.nan
+    copies = [v.copy() for v in vectors]
+    estimate_attitude(*vectors)
+    for before, after in zip(copies, vectors, strict=True):
+        np.testing.assert_array_equal(before, after)
+
+
+def test_the_mask_at_the_edges_of_its_limits():
+    x, y, _ = np.eye(3)
+
+    def code(b1, b2, r1, r2, frame="best"):
+        return Validity(int(estimate_attitude(b1, b2, r1, r2, frame).validity))
+
+    for sine, expected in ((2e-7, Validity.VALID), (5e-8, Validity.COLLINEAR)):
+        near = np.array([np.sqrt(1 - sine**2), sine, 0.0])
+        assert code(x, near, x, near) is expected
+    # a turn by a about z, r1 and r2 in the plane normal to it: |qbar| = sin(a/2)
+    for half, expected in ((2e-8, Validity.VALID), (5e-9, Validity.SINGULAR)):
+        A = attitude_matrix(np.array([0, 0, np.sin(half), np.cos(half)]))
+        assert code(A @ x, A @ y, x, y, "plain") is expected
+        assert code(A @ x, A @ y, x, y) is Validity.VALID
+    assert code(1e60 * x, y, 1e60 * x, y) is Validity.LENGTH
+    assert code(1e-60 * x, y, 1e-60 * x, y) is Validity.LENGTH
+    assert code(np.full(3, 1e300), y, np.full(3, 1e300), y) is Validity.LENGTH

@@ -98,3 +98,9 @@ def test_all_agree_at_small_noise():
     for estimator in ESTIMATORS.values():
         gap = attitude_error(reference, estimator(*noisy)) * sine
         assert np.max(gap) < 20e-6
+
+
+@pytest.mark.parametrize("name", sorted(ESTIMATORS))
+def test_empty_batches(name):
+    none = np.empty((0, 3))
+    assert ESTIMATORS[name](none, none, none, none).shape == (0, 4)

@@ -23,7 +23,11 @@ from simval.geometry import (
     random_quaternions,
 )
 from simval.theory.errors_exact import multiplicative_matrix
-from simval.theory.orders import quadratic_covariance, quadratic_form
+from simval.theory.orders import (
+    paper_fourth_terms,
+    quadratic_covariance,
+    quadratic_form,
+)
 from simval.theory.second_order import second_order_bias
 
 DATA = Path(__file__).parent / "data" / "peng_choukroun_terms.txt"
@@ -232,21 +236,24 @@ def problem(seed=0):
 def test_the_six_terms_are_the_moment_of_the_quadratic_error():
     # definition, with Terms 2 and 3 made symmetric, against the contraction in use
     q, P, _ = problem()
-    total = np.zeros((4, 4))
+    terms = np.zeros((6, 4, 4))
     for i, j in INDICES:
-        half = [
-            (times(U, U, X[i], X[j]), 1.0),
-            (times(U, U, U, X[i], Q[j]), -1.5),
-            (times(U, U, U, X[j], Q[i]), -1.5),
-            (times(R, U, X[i], Q[j]), 0.5),
-            (times(R, U, X[j], Q[i]), 0.5),
-            (times(R, R, Q[i], Q[j]), 0.25),
-            (times(U, U, R, Q[i], Q[j]), -1.5),
-            (times(U, U, U, U, Q[i], Q[j]), 2.25),
+        parts = [
+            (0, times(U, U, X[i], X[j]), 1.0),
+            (1, times(U, U, U, X[i], Q[j]), -1.5),
+            (1, times(U, U, U, X[j], Q[i]), -1.5),
+            (2, times(R, U, X[i], Q[j]), 0.5),
+            (2, times(R, U, X[j], Q[i]), 0.5),
+            (3, times(R, R, Q[i], Q[j]), 0.25),
+            (4, times(U, U, R, Q[i], Q[j]), -1.5),
+            (5, times(U, U, U, U, Q[i], Q[j]), 2.25),
         ]
-        total[i - 1, j - 1] = sum(
-            factor * evaluate(gaussian_mean(p), q, P) for p, factor in half
-        )
+        for k, polynomial, factor in parts:
+            value = evaluate(gaussian_mean(polynomial), q, P)
+            terms[k, i - 1, j - 1] += factor * value
+    # 50 to 350 products of numbers below 1
+    np.testing.assert_allclose(paper_fourth_terms(q, P), terms, atol=1e-13)
+    total = terms.sum(axis=0)
     mean = np.einsum("bcd,cd->b", quadratic_form(q), P)
     np.testing.assert_allclose(mean, second_order_bias(q, P), atol=1e-14)
     found = quadratic_covariance(q, P) + np.outer(mean, mean)
