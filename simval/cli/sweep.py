@@ -10,6 +10,7 @@ import click
 
 from simval.cli.progress import Bar, Lines
 from simval.studies import find_study
+from simval.plugins.describe import overrides_of
 from simval.sweep import Suite, load_suite, store
 from simval.sweep.run import RUNS
 from simval.sweep.runner import Progress, Silence, drive
@@ -44,6 +45,13 @@ SHOWN = 20
     metavar="ADDRESS",
     help="Compute on a dask.distributed cluster instead (extra `cluster`).",
 )
+@click.option(
+    "--plugin",
+    "plugins",
+    multiple=True,
+    metavar="FILE",
+    help="Adds the plug-ins that a Python file holds; may be repeated.",
+)
 @click.option("--resume", is_flag=True, help="Go on with an interrupted run.")
 @click.option("--dry-run", is_flag=True, help="List the cells and stop.")
 @click.option("--quiet", is_flag=True, help="Print the folder only.")
@@ -54,6 +62,7 @@ def command(
     scheduler: str | None,
     seed: int | None,
     overrides: tuple[str, ...],
+    plugins: tuple[str, ...],
     resume: bool,
     dry_run: bool,
     quiet: bool,
@@ -63,7 +72,7 @@ def command(
     The last line printed is the folder of the run. Exit code 0 when every cell was
     computed, 4 when one crashed; the numbers are judged by `simval gate`.
     """
-    loaded = load_suite(suite, overrides, seed)
+    loaded = load_suite(suite, (*overrides_of(plugins), *overrides), seed)
     if dry_run:
         return _plan(loaded, workers)
     folder = out or _fresh(loaded)

@@ -59,17 +59,19 @@ def find_plugin(algorithm: str, kind: type[Kind]) -> Kind:
     return _entry_point(algorithm, kind)
 
 
-def plugins_of(file: Path) -> list[Estimator | Calibrator]:
+def plugins_of(file: Path, *others: type) -> list[Any]:
     """Plug-ins that a Python file holds.
 
     Parameters
     ----------
     file : Path
         Run as a module of its own, with its folder on the module path.
+    *others : type
+        What else counts, beside `Estimator` and `Calibrator`.
 
     Returns
     -------
-    list of Estimator or Calibrator
+    list
         In the order of the file; two names for the same object count once.
 
     Raises
@@ -86,7 +88,9 @@ def plugins_of(file: Path) -> list[Estimator | Calibrator]:
     except Exception as error:  # whatever a user's file may raise
         msg = f"the plug-in file {file} fails with {type(error).__name__}: {error}"
         raise PluginError(msg) from error
-    found = [v for v in held.values() if isinstance(v, (Estimator, Calibrator))]
+    found = [
+        v for v in held.values() if isinstance(v, (Estimator, Calibrator, *others))
+    ]
     return list({id(value): value for value in found}.values())
 
 

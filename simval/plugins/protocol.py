@@ -12,7 +12,7 @@ A covariance is of the rotation vector of the error: on the ``body`` side
 of the noise that it keeps.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
@@ -27,18 +27,39 @@ class Estimate(Protocol):
     """Attitudes from two vectors each."""
 
     def __call__(self, b1: Array, b2: Array, r1: Array, r2: Array, /) -> Any:
-        """Quaternions (n, 4) from four batches of vectors (n, 3)."""
+        """Estimate attitudes.
+
+        Parameters
+        ----------
+        b1, b2, r1, r2 : Array
+            Body and reference vectors, (n, 3).
+
+        Returns
+        -------
+        array_like
+            Unit quaternions, as declared, (n, 4).
+        """
 
 
 class Calibrate(Protocol):
     """A calibration from readings at rest."""
 
     def __call__(self, poses: Array, g: float, /) -> Any:
-        """Calibration from the mean reading of each pose, (n, 3).
+        """Calibrate one set of poses.
 
-        The answer is a pair (matrix, bias) with ``matrix @ (raw - bias)`` the specific
-        force, a triple with the covariance of the parameters as well, or a mapping with
-        ``matrix`` (or ``T`` and ``K``), ``B`` and, if there is one, ``covariance``.
+        Parameters
+        ----------
+        poses : Array
+            Mean reading of each pose, raw units, (n, 3).
+        g : float
+            Gravity, m/s^2.
+
+        Returns
+        -------
+        tuple or mapping
+            A pair (matrix, bias) with ``matrix @ (raw - bias)`` the specific force, a
+            triple with the covariance of the parameters as well, or a mapping with
+            ``matrix`` (or ``T`` and ``K``), ``B`` and perhaps ``covariance``.
         """
 
 
@@ -128,6 +149,3 @@ def _callable(name: str, value: Any) -> None:
     if not callable(value):
         msg = f"`{name}` is {value!r}; it must be a function"
         raise PluginError(msg)
-
-
-Answer = tuple[Array, Array, Array | None] | Mapping[str, Any]

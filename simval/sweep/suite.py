@@ -26,6 +26,7 @@ from pydantic.fields import FieldInfo
 from simval.errors import InputError
 from simval.studies import STUDIES
 from simval.studies.study import Cell
+from simval.sweep.paths import kept_inside
 
 Model = TypeVar("Model", bound=BaseModel)
 NonEmpty = Field(min_length=1)
@@ -139,9 +140,10 @@ def load_suite(
     stem, text = _read(name)
     try:
         content = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
         msg = f"suite {name} is not valid TOML: {error}"
         raise InputError(msg) from None
+    content = kept_inside(name, content, Path(name).parent)
     for override in overrides:
         _override(content, override)
     if seed is not None:

@@ -1,0 +1,67 @@
+"""Paths in a suite file: relative to the file, and never out of its folder."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import Any
+
+from simval.errors import InputError
+
+SUFFIXES = (".py", ".xml", ".csv", ".txt", ".log", ".mat", ".json", ".toml")
+
+
+def kept_inside(name: str, content: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Check the paths of a suite file and make them relative to where we are.
+
+    Parameters
+    ----------
+    name : str
+        Of the suite, for the message.
+    content : mapping
+        As read from TOML.
+    folder : Path
+        Folder of the suite file.
+
+    Returns
+    -------
+    dict
+        The content, paths resolved.
+
+    Raises
+    ------
+    InputError
+        If a path is absolute, has a ``..``, or leads out of the folder by a link.
+    """
+
+    def kept(value: Any, key: str) -> Any:
+        if isinstance(value, Mapping):
+            return {k: kept(v, str(k)) for k, v in value.items()}
+        if isinstance(value, list):
+            return [kept(v, key) for v in value]
+        if key != "title" and isinstance(value, str) and _is_path(value):
+            return _inside(name, key, value, folder)
+        return value
+
+    return {str(key): kept(value, str(key)) for key, value in content.items()}
+
+
+def _is_path(text: str) -> bool:
+    if text.startswith("command:"):
+        return False  # words of a program, run as the user gave them
+    return "/" in text or "\\" in text or ".py:" in text or text.endswith(SUFFIXES)
+
+
+def _inside(name: str, key: str, text: str, folder: Path) -> str:
+    path, colon, rest = text.partition(".py:")
+    path = f"{path}.py" if colon else path
+    parts = {*PurePosixPath(path).parts, *PureWindowsPath(path).parts}
+    rooted = PurePosixPath(path).is_absolute() or PureWindowsPath(path).anchor
+    target = (folder / path).resolve()
+    if rooted or ".." in parts or not target.is_relative_to(folder.resolve()):
+        msg = (
+            f"suite {name}, `{key}`: {text!r} leaves the folder of the suite; paths in "
+            "a suite file must be relative and stay inside it: move the file there, or "
+            "give it on the command line (--plugin, --set)"
+        )
+        raise InputError(msg)
+    return os.path.relpath(folder / path) + (f":{rest}" if colon else "")
