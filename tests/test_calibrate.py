@@ -2,7 +2,10 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
 from simval.calibrate import calibrate, sources
 from simval.errors import ConvergenceError
@@ -273,6 +276,42 @@ def test_a_million_samples_cost_no_more_iterations():
     assert many.iterations <= few.iterations + 1
     # sd falls as the root of the number; the bias of 3.5 sigma^2/g^2 stays
     assert np.abs(many.parameters - PARAMETERS)[3:6].max() < 3e-4
+
+
+@given(
+    angles=st.tuples(*[st.floats(-3.0, 3.0)] * 3),
+    offset=st.tuples(*[st.floats(-20.0, 20.0)] * 3),
+    stretch=st.floats(0.1, 10.0),
+)
+def test_ellipsoid_follows_a_change_of_axes(angles, offset, stretch):
+    """Rotated, stretched and moved readings give the rotated, stretched, moved fit.
+
+    The fit is a solution of the same least squares in other coordinates: equal to
+    its own tolerance of 1e-12 and the rounding of offsets, times the condition.
+    """
+    poses = noisy(1, 15, 0.05, seed=20)[0]
+    turn = Rotation.from_rotvec(angles).as_matrix()
+    moved = stretch * poses @ turn.T + np.array(offset)
+    before, after = calibrate(poses, G), calibrate(moved, G)
+    gram = before.matrix.T @ before.matrix
+    expected = turn @ gram @ turn.T / stretch**2
+    found = after.matrix.T @ after.matrix
+    np.testing.assert_allclose(
+        found, expected, rtol=0, atol=1e-10 * np.abs(expected).max()
+    )
+    bias = stretch * turn @ before.B + np.array(offset)
+    np.testing.assert_allclose(after.B, bias, rtol=0, atol=1e-10 * G * stretch)
+
+
+@given(order=st.permutations(range(15)))
+def test_the_order_of_poses_does_not_matter(order):
+    poses = noisy(1, 15, 0.05, seed=21)[0]
+    np.testing.assert_allclose(
+        calibrate(poses[order], G).parameters,
+        calibrate(poses, G).parameters,
+        rtol=0,
+        atol=1e-11,
+    )
 
 
 def test_result_is_read_only_and_named():

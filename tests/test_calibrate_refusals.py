@@ -50,10 +50,9 @@ def test_six_faces_are_named_with_the_pose_that_helps():
 def test_six_faces_hidden_by_noise_are_still_refused(sigma, seed):
     """Noise makes the rank nine; what it would report is made of noise."""
     tripled = np.tile(cube_faces(), (3, 1))
-    with pytest.raises(RefusedError):
-        calibrate(poses_of(tripled, sigma, seed), G)
-    with pytest.raises(RefusedError):
-        calibrate(poses_of(tripled, sigma, seed), G, noise_std=sigma)
+    for noise_std in (None, sigma):
+        with pytest.raises(RefusedError, match="the six faces of a cube"):
+            calibrate(poses_of(tripled, sigma, seed), G, noise_std=noise_std)
 
 
 def test_corners_alone():
@@ -71,7 +70,8 @@ def test_sets_that_are_enough(directions):
 def test_a_small_cap_is_ill_conditioned():
     """A tilt under 20 degrees: sd(B) is a thousand sigma."""
     with pytest.raises(
-        GeometryError, match=r"ill-conditioned.*too little of the sphere"
+        GeometryError,
+        match=r"ill-conditioned: 1.77e\+03, at most 1000.*too little of the sphere",
     ):
         calibrate(poses_of(cap(20)), G)
     fit = calibrate(poses_of(cap(20)), G, condition_limit=1e6)

@@ -59,7 +59,14 @@ def repeated_poses(poses: Array) -> Any:
     return np.setdiff1d(np.arange(len(poses)), first)
 
 
-def refuse(code: int, poses: Array, *, full_scale: float | None, limit: float) -> None:
+def refuse(
+    code: int,
+    poses: Array,
+    *,
+    full_scale: float | None,
+    limit: float,
+    condition: float,
+) -> None:
     """Raise the error that says what is wrong with one pose set.
 
     Parameters
@@ -72,6 +79,8 @@ def refuse(code: int, poses: Array, *, full_scale: float | None, limit: float) -
         Greatest reading of the sensor, raw units.
     limit : float
         Limit of the condition number.
+    condition : float
+        The condition number found; infinite where there is none.
 
     Raises
     ------
@@ -96,10 +105,10 @@ def refuse(code: int, poses: Array, *, full_scale: float | None, limit: float) -
             "the force, so remove the pose or use a wider range"
         )
         raise RefusedError(msg)
-    raise GeometryError(_geometry_message(code, poses, limit))
+    raise GeometryError(_geometry_message(code, poses, condition, limit))
 
 
-def _geometry_message(code: int, poses: Array, limit: float) -> str:
+def _geometry_message(code: int, poses: Array, condition: float, limit: float) -> str:
     # Say what the poses leave open, and which pose would help.
     offset = poses - (poses.max(axis=0) + poses.min(axis=0)) / 2.0
     reach = np.abs(offset).max(axis=0)
@@ -120,8 +129,14 @@ def _geometry_message(code: int, poses: Array, limit: float) -> str:
     )
     if code == Code.CONDITION:
         return (
-            f"the {len(poses)} poses are ill-conditioned (limit {limit:g}): they cover "
-            f"too little of the sphere to separate bias from scale; {advice}"
+            f"the {len(poses)} poses ({what}) are ill-conditioned: {condition:.3g}, at "
+            f"most {limit:g} is accepted; they cover too little of the sphere to "
+            f"separate bias from scale; {advice}"
+        )
+    if code == Code.NOISE_RANK:
+        return (
+            f"the {len(poses)} poses ({what}) show fewer than {PARAMETERS} "
+            f"combinations of parameters above their noise (condition {condition:.3g}); {advice}"
         )
     if code == Code.NOT_ELLIPSOID:
         return (
@@ -129,10 +144,9 @@ def _geometry_message(code: int, poses: Array, limit: float) -> str:
             "ellipsoid: the readings are not all of the same gravity, or lie too close "
             f"together; check for outliers and units, and {advice}"
         )
-    within = " within their noise" if code == Code.NOISE_RANK else ""
     return (
         f"the {len(poses)} poses ({what}) have rank {min(found.rank, 8)} of "
-        f"{PARAMETERS}{within}, so some parameters cannot be told apart; {advice}"
+        f"{PARAMETERS}, so some parameters cannot be told apart; {advice}"
     )
 
 

@@ -154,6 +154,7 @@ def calibrate(
             batch[0],
             full_scale=full_scale,
             limit=condition_limit,
+            condition=float(block.condition[0]),
         )
     numbers = {f.name: getattr(block, f.name) for f in fields(_Block)}
     if single:
