@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from simval.report.curves import Curve, curve
+from simval.report.curves import Curve, curve, statistic
 from simval.report.measures import left_out
 from simval.report.panels import Drawing, Panel, Series
 from simval.report.section import Context, Section, made
 from simval.report.sections.attitude import CLAIMED, STYLES
 from simval.report.slope import simultaneous
+from simval.report.table import Column, Table
 from simval.sweep.run import CellResult
 
 AXIS = "norm_over_noise"
@@ -30,9 +31,19 @@ def section(context: Context) -> Section | None:
         None where no attitude cell tells how close to singular it is.
     """
     cells = [c for c in context.cells("attitude") if c.row(AXIS) is not None]
-    if not cells:
+    limits = context.cells("attitude_limits")
+    drawings = [_closeness(cells)] if cells else []
+    tables = []
+    if limits:
+        drawings.append(_limits(limits))
+        tables.append(_table(limits))
+    if not drawings:
         return None
-    drawing = Drawing(
+    return made("closeness", "Closeness to singularity", drawings, tables)
+
+
+def _closeness(cells: list[CellResult]) -> Drawing:
+    return Drawing(
         name="closeness",
         caption=(
             "All geometries and noise levels in one figure, over the length of the "
@@ -47,7 +58,78 @@ def section(context: Context) -> Section | None:
         panels=[_formulas(cells), _growth(cells)],
         columns=2,
     )
-    return made("closeness", "Closeness to singularity", [drawing])
+
+
+def _limits(cells: tuple[CellResult, ...]) -> Drawing:
+    panels = []
+    for part in ("bias", "covariance"):
+        series = []
+        for predictor in CLAIMED:
+            colour, line = STYLES[predictor]
+            for share, style in (("1%", line), ("10%", ":")):
+                name = f"limit_ratio[{part},{share}]"
+                found = curve("", cells, "norm", statistic(name, predictor))
+                if found is not None:
+                    label = f"{predictor}, {share}"
+                    plain = Series(
+                        label="", x=found.x, y=found.value, colour=colour, line=style
+                    )
+                    series += [
+                        plain,
+                        replace(plain, label=label, line="", marker=MARKS[predictor]),
+                    ]
+        panels.append(
+            Panel(
+                title=f"{part}: least |q̄| / σ",
+                x_label="|q̄|, 1",
+                y_label="|q̄| / σ, 1",
+                series=tuple(series),
+                log_x=False,
+            )
+        )
+    return Drawing(
+        name="limits",
+        caption=(
+            "How far from singular a geometry must be, in units of the noise, for each "
+            "formula to be within 1 % and within 10 % (dotted) of the exact answer."
+        ),
+        alternative=(
+            "Least ratio of |q̄| to the noise at which each formula is within 1 % and "
+            "10 % of the exact answer, for geometries of different |q̄|"
+        ),
+        panels=panels,
+        columns=2,
+    )
+
+
+def _table(cells: tuple[CellResult, ...]) -> Table:
+    rows = []
+    for cell in cells:
+        flips = cell.row("flip_rate", "exact")
+        other = cell.row("other_selection_rate")
+        if flips is None or other is None:
+            continue
+        rows.append(
+            (
+                float(cell.parameters["norm"]),
+                float(cell.parameters["ratio"]),
+                (flips.value, flips.standard_error),
+                flips.prediction,
+                (other.value, other.standard_error),
+            )
+        )
+    return Table(
+        name="limits",
+        caption="How often the raw sign flips, and how often free selection differs",
+        columns=(
+            Column("|q̄|", "number"),
+            Column("|q̄| / σ", "number"),
+            Column("flip rate", "measured"),
+            Column("exact", "number"),
+            Column("another frame selected", "measured"),
+        ),
+        rows=rows,
+    )
 
 
 def _formulas(cells: list[CellResult]) -> Panel:

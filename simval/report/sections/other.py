@@ -19,7 +19,16 @@ from simval.report.slope import simultaneous
 from simval.report.table import Column, Table
 from simval.sweep.run import CellResult
 
-COVERED = ("scene", "calibration", "attitude")
+COVERED = (
+    "scene",
+    "calibration",
+    "ladder",
+    "coverage",
+    "attitude",
+    "attitude_order",
+    "attitude_efficiency",
+    "attitude_limits",
+)
 ELSEWHERE = ("efficiency", "coverage", "nees", "budget")
 MAX_PANELS = 6
 SHOWN = 40

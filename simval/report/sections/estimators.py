@@ -1,0 +1,106 @@
+"""What each attitude estimator costs in accuracy, over many geometries."""
+
+import re
+
+import numpy as np
+
+from simval.report.artifacts import arrays
+from simval.report.panels import COLOURS, Drawing, Panel, Series
+from simval.report.section import Context, Section, made
+from simval.report.table import Column, Table
+from simval.sweep.run import CellResult
+
+NAME = re.compile(r"simulated_rms_ratio\[(.+),median\]")
+LINES = ("-", "--", ":", "-.")
+
+
+def section(context: Context) -> Section | None:
+    """Make the section.
+
+    Parameters
+    ----------
+    context : Context
+        The run and its verdicts.
+
+    Returns
+    -------
+    Section or None
+        None where the run has no such study.
+    """
+    cells = context.cells("attitude_efficiency")
+    if not cells:
+        return None
+    cell = cells[-1]  # the one whose artifact was written last
+    names = [m[1] for row in cell.rows if (m := NAME.fullmatch(row.statistic))]
+    file = context.run.folder / "artifacts" / "attitude-efficiency.npz"
+    drawings = []
+    if file.is_file():
+        simulated = np.atleast_2d(arrays(file).get("simulated", np.empty((0, 0))))
+        if simulated.shape[1] == len(names) and simulated.size:
+            drawings = [_drawing(names, simulated)]
+    return made(
+        "estimators", "What an estimator costs", drawings, [_table(cell, names)]
+    )
+
+
+def _drawing(names: list[str], ratios: np.ndarray) -> Drawing:
+    share = (np.arange(len(ratios)) + 0.5) / len(ratios)
+    series = tuple(
+        Series(
+            label=name,
+            x=np.sort(column),
+            y=share,
+            colour=COLOURS[i % len(COLOURS)],
+            line=LINES[i % len(LINES)],
+        )
+        for i, (name, column) in enumerate(zip(names, ratios.T, strict=True))
+    )
+    return Drawing(
+        name="estimators",
+        caption=(
+            f"RMS error over that of the q-method on the same noise, in {len(ratios)} "
+            "geometries: the share of geometries in which it is at most the value on "
+            "the axis. The q-method reaches the Cramér-Rao bound to first order."
+        ),
+        alternative=(
+            "Distribution over geometries of each estimator's RMS error relative to "
+            "the q-method"
+        ),
+        panels=[
+            Panel(
+                title="price of the closed form",
+                x_label="RMS error over the q-method's, 1",
+                y_label="share of geometries, 1",
+                series=series,
+                log_x=False,
+                log_y=False,
+            )
+        ],
+    )
+
+
+def _table(cell: CellResult, names: list[str]) -> Table:
+    rows = []
+    for name in names:
+        values = [
+            None if (row := cell.row(statistic, predictor)) is None else row.value
+            for statistic, predictor in (
+                (f"rms_ratio[{name},median]", "first order"),
+                (f"simulated_rms_ratio[{name},median]", ""),
+                (f"rms_ratio[{name},worst]", "first order"),
+                (f"simulated_rms_ratio[{name},worst]", ""),
+            )
+        ]
+        rows.append((name, *values))
+    return Table(
+        name="estimators",
+        caption="RMS error over the q-method's",
+        columns=(
+            Column("estimator"),
+            Column("median, theory", "number"),
+            Column("median, simulated", "number"),
+            Column("worst, theory", "number"),
+            Column("worst, simulated", "number"),
+        ),
+        rows=rows,
+    )

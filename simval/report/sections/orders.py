@@ -1,0 +1,124 @@
+"""Convergence order: how fast each attitude formula becomes exact."""
+
+import re
+
+import numpy as np
+
+from simval.report.curves import MAX_GROUPS, grouped
+from simval.report.panels import Drawing, Panel, Series
+from simval.report.section import Context, Section, made
+from simval.report.sections.attitude import CLAIMED, STYLES
+from simval.report.table import Column, Table
+from simval.sweep.run import CellResult
+
+LEVEL = re.compile(r"(bias|covariance)_error\[(.+)\]")
+PARTS = ("bias", "covariance")
+
+
+def section(context: Context) -> Section | None:
+    """Make the section.
+
+    Parameters
+    ----------
+    context : Context
+        The run and its verdicts.
+
+    Returns
+    -------
+    Section or None
+        None where the run has no such study.
+    """
+    cells = context.cells("attitude_order")
+    if not cells:
+        return None
+    groups = dict(list(grouped(cells, "geometry").items())[:MAX_GROUPS])
+    panels = [
+        _panel(part, label, members)
+        for part in reversed(PARTS)
+        for label, members in groups.items()
+    ]
+    drawing = Drawing(
+        name="orders",
+        caption=(
+            "Relative distance of each formula from the truth (the exact oracle, or "
+            "cubature for noise that is not isotropic), a line for each geometry; no "
+            "chance is involved. On this scale the second order has slope 2, the "
+            "complete fourth order slope 4, one more order of σ² each; the source's "
+            "fourth order falls like the second, because it leaves out terms of its "
+            "own order. The table has the slopes of the distance itself."
+        ),
+        alternative=(
+            "Distance of the second order, the source's fourth order and the complete "
+            "fourth order from the truth, against the noise on logarithmic axes"
+        ),
+        panels=panels,
+        columns=len(groups),
+    )
+    return made("orders", "Order of the attitude formulas", [drawing], [_table(cells)])
+
+
+def _points(cell: CellResult, part: str, predictor: str) -> tuple[np.ndarray, ...]:
+    found = [
+        (float(match[2]), row.value)
+        for row in cell.rows
+        if row.predictor == predictor
+        and (match := LEVEL.fullmatch(row.statistic))
+        and match[1] == part
+    ]
+    return tuple(np.array(sorted(found), dtype=float).reshape(-1, 2).T)
+
+
+def _panel(part: str, label: str, cells: tuple[CellResult, ...]) -> Panel:
+    series = []
+    for predictor in CLAIMED:
+        colour, line = STYLES[predictor]
+        for i, cell in enumerate(cells):
+            x, y = _points(cell, part, predictor)
+            # both moments are of the size of the noise squared
+            relative = y / x**2
+            series.append(
+                Series(
+                    label="" if i else predictor,
+                    x=x,
+                    y=relative,
+                    colour=colour,
+                    line=line,
+                )
+            )
+    return Panel(
+        title=f"{part}{': ' if label else ''}{label}",
+        x_label="noise, 1",
+        y_label="distance / σ², 1",
+        series=tuple(series),
+    )
+
+
+def _table(cells: tuple[CellResult, ...]) -> Table:
+    groups = grouped(cells, "geometry")
+    rows = []
+    for label, members in groups.items():
+        for part in PARTS:
+            for predictor, claimed in CLAIMED.items():
+                found = [
+                    row.value
+                    for cell in members
+                    if (row := cell.row(f"{part}_order", predictor)) is not None
+                ]
+                if found:
+                    low, high = min(found), max(found)
+                    values = (label, part, predictor, len(found), low, high, claimed)
+                    rows.append(values)
+    return Table(
+        name="orders",
+        caption="Slope of what each formula leaves out, over all geometries",
+        columns=(
+            Column("noise"),
+            Column("moment"),
+            Column("formula"),
+            Column("geometries", "number"),
+            Column("least slope", "number"),
+            Column("greatest slope", "number"),
+            Column("its name claims", "number"),
+        ),
+        rows=rows,
+    )
