@@ -9,8 +9,8 @@ from pathlib import Path
 import click
 
 from simval.cli.progress import Bar, Lines
-from simval.studies import find_study
 from simval.plugins.describe import overrides_of
+from simval.studies import find_study
 from simval.sweep import Suite, load_suite, store
 from simval.sweep.run import RUNS
 from simval.sweep.runner import Progress, Silence, drive
