@@ -136,7 +136,8 @@ def _geometry_message(code: int, poses: Array, condition: float, limit: float) -
     if code == Code.NOISE_RANK:
         return (
             f"the {len(poses)} poses ({what}) show fewer than {PARAMETERS} "
-            f"combinations of parameters above their noise (condition {condition:.3g}); {advice}"
+            "combinations of parameters above their noise (condition "
+            f"{condition:.3g}); {advice}"
         )
     if code == Code.NOT_ELLIPSOID:
         return (
