@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
-from simval.errors import GeometryError, InputError
+from simval.errors import GeometryError, InputError, SimvalError
 from simval.geometry import normalize, random_quaternions
 from simval.theory import attitude_moments
 
@@ -118,3 +120,35 @@ def test_bad_input_is_refused():
         attitude_moments(q, r1, r1, 0.01)
     with pytest.raises(GeometryError, match="qbar"):
         attitude_moments([0, 0, 0, 1], r1, r2, 0.01, 2, "plain")
+
+
+magnitudes = st.sampled_from([0.0, 5e-324, 1e-200, 1e-141, 1e-139, 1e-20, 1e-8, 1e-3])
+noises = st.one_of(magnitudes, st.floats(0.0, 2e6))
+
+
+@given(
+    std=st.tuples(noises, noises, noises, noises),
+    order=st.sampled_from([2, "4-paper", 4, "exact"]),
+    seed=st.integers(0, 50),
+)
+@example(std=(1e-200,) * 4, order="exact", seed=0)
+@example(std=(1e6,) * 4, order=4, seed=0)
+def test_an_answer_is_finite_or_refused(std, order, seed):
+    rng = np.random.default_rng(seed)
+    q = random_quaternions(1, rng)[0]
+    r1, r2 = normalize(rng.standard_normal((2, 3)))
+    try:
+        found = attitude_moments(q, r1, r2, std, order)
+    except SimvalError:
+        return
+    assert np.isfinite(found.bias).all()
+    assert np.isfinite(found.covariance).all()
+    if order in (2, "4-paper", "exact"):  # the complete fourth order is not a square
+        lowest = np.linalg.eigvalsh(found.covariance)[0]
+        assert lowest >= -1e-9 * np.trace(found.covariance) - 1e-30
+
+
+def test_units_of_the_noise_are_questioned():
+    q, r1, r2 = table_geometry()
+    with pytest.raises(InputError, match="check its unit"):
+        attitude_moments(q, r1, r2, 1e7)

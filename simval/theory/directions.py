@@ -80,7 +80,7 @@ def _about_d1(
     geometry: TwoVectorGeometry, tau1: float, tau2: float, nodes: tuple[int, int]
 ) -> tuple[Array, Array]:
     # the same on panels about the direction of d1, where m vanishes
-    if tau2 == 0.0:
+    if tau2 <= 1e-9:  # the directions are within 1e-8 of that of d2: nothing to grade
         return _about_d2(geometry.d2, tau2, nodes)
     pole = geometry.d1 / np.linalg.norm(geometry.d1)
     length = float(np.linalg.norm(geometry.d2))

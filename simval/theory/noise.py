@@ -1,11 +1,14 @@
 """Noise of the four vectors: the accepted forms, tangent noise, normalisation."""
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from simval.arrays import Array, finite_array
 from simval.errors import InputError
+
+MAX_NOISE: Final = 1e6
+"""Of unit vectors; fourth powers of it neither overflow nor mean anything."""
 
 
 def noise_covariances(noise_std: Any) -> Array:
@@ -28,6 +31,12 @@ def noise_covariances(noise_std: Any) -> Array:
         not positive semidefinite.
     """
     value = finite_array("noise_std", noise_std, ())
+    if not np.all(np.abs(value) <= MAX_NOISE):
+        msg = (
+            f"`noise_std` reaches {np.abs(value).max():.2e}; the vectors have length "
+            f"1, and above {MAX_NOISE:g} nothing is left of them, so check its unit"
+        )
+        raise InputError(msg)
     if value.shape in ((), (4,)):
         if not np.all(value >= 0.0):
             msg = f"`noise_std` is {noise_std}; standard deviations must be 0 or more"
