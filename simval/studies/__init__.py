@@ -29,6 +29,8 @@ from simval.studies import (
     calibrator,
     coverage,
     custom_scene,
+    detector,
+    end_to_end,
     estimator,
     ladder,
     scene,
@@ -88,6 +90,18 @@ STUDIES: Mapping[str, Study] = MappingProxyType(
             "Limits: the noise at which each attitude formula stops to hold",
             attitude_limits.Parameters,
             attitude_limits.run,
+        ),
+        "detector": Study(
+            "detector",
+            "Static detector: scored against what the simulation knows to be at rest",
+            detector.Parameters,
+            detector.run,
+        ),
+        "end_to_end": Study(
+            "end_to_end",
+            "Error budget: tumble, detect, calibrate, gravity and field to attitude",
+            end_to_end.Parameters,
+            end_to_end.run,
         ),
         "estimator": Study(
             "estimator",
