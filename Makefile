@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: report test check nightly smoke clean
+.PHONY: report test check nightly lowest clean
 
 report: .venv/installed
 	@mkdir -p reports/runs
@@ -22,6 +22,13 @@ check: .venv/installed
 nightly: check
 	HYPOTHESIS_PROFILE=nightly $(BIN)/python -m pytest
 
+# the stated lower bounds, really installed; once before each release
+lowest:
+	rm -rf .venv-lowest && $(PYTHON) -m venv .venv-lowest
+	.venv-lowest/bin/python tests/lowest_versions.py > .venv-lowest/bounds.txt
+	.venv-lowest/bin/python -m pip install --quiet --disable-pip-version-check -e . -r .venv-lowest/bounds.txt
+	.venv-lowest/bin/python -m pytest -m "not slow and not wheel"
+
 # made when missing, re-used when not; remade only when the dependencies change
 .venv/installed: pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
@@ -29,4 +36,4 @@ nightly: check
 	touch $@
 
 clean:
-	rm -rf .venv dist build .mypy_cache .ruff_cache .pytest_cache
+	rm -rf .venv .venv-lowest dist build .mypy_cache .ruff_cache .pytest_cache

@@ -1,0 +1,15 @@
+"""Prints each dependency at its lower bound, for pip; used by `make lowest`."""
+
+import sys
+import tomllib
+from pathlib import Path
+
+LINTERS = ("ruff", "mypy", "import-linter", "numpydoc")  # not what the tests run on
+
+project = tomllib.loads(Path("pyproject.toml").read_text())["project"]
+wanted = list(project["dependencies"])
+for extra in project["optional-dependencies"].values():
+    wanted += [word for word in extra if ">=" in word]
+for word in wanted:
+    if not word.startswith(LINTERS):
+        sys.stdout.write(word.replace(">=", "==") + "\n")
