@@ -176,10 +176,11 @@ def observability(directions: Array) -> Observability:
     rank = int(np.count_nonzero(values > _RANK_TOLERANCE * values[0]))
     condition = np.inf
     if rank == PARAMETERS:
-        condition = np.linalg.norm(values) * np.linalg.norm(1.0 / values) / PARAMETERS
+        spread = np.linalg.norm(values) * np.linalg.norm(1.0 / values)
+        condition = float(spread) / PARAMETERS
     return Observability(
         rank=rank,
-        condition=float(condition),
+        condition=condition,
         singular_values=values,
         next_direction=best_next_direction(jacobian),
     )
