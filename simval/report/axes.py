@@ -12,6 +12,7 @@ from simval.report.panels import COLOURS, GREY, BarPanel, Panel, Series, SphereP
 INK = "#010203"
 # label minor ticks only where an axis has less than one decade, and then only some
 MINOR_THRESHOLDS = (1.0, 0.4)
+STEP = 0.012  # of the axis, between points that are set side by side
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -58,7 +59,7 @@ def paint(panel: object, axes: Any) -> None:
 
 @paint.register
 def _(panel: Panel, axes: Any) -> None:
-    panel = _drawable(panel)
+    panel = _dodged(_drawable(panel))
     for start, stop in panel.spans:
         axes.axvspan(start, stop, color=COLOURS[2], alpha=0.18, linewidth=0)
     for series in panel.series:
@@ -94,6 +95,24 @@ def _drawable(panel: Panel) -> Panel:
         log_x=panel.log_x and any_left,
         log_y=panel.log_y and any_left,
     )
+
+
+def _dodged(panel: Panel) -> Panel:
+    """Shift the points of each series a little, by a fraction of the axis."""
+    points = [s for s in panel.series if not s.line and len(s.x)]
+    if not panel.dodge or len(points) < 2:
+        return panel
+    places = np.concatenate([s.x for s in points])
+    low, high = float(places.min()), float(places.max())
+    steps = iter(STEP * (np.arange(len(points)) - (len(points) - 1) / 2.0))
+    series = []
+    for s in panel.series:
+        x = s.x
+        if not s.line and len(x):
+            step = next(steps)
+            x = x * (high / low) ** step if panel.log_x else x + step * (high - low)
+        series.append(replace(s, x=x))
+    return replace(panel, series=tuple(series))
 
 
 def _references(panel: Panel, axes: Any) -> None:

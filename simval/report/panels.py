@@ -61,6 +61,8 @@ class Panel:
         Horizontal lines: height and label.
     spans : sequence of (float, float)
         Shaded intervals of x.
+    dodge : bool
+        Set the points of different series at the same x side by side.
     """
 
     title: str
@@ -71,6 +73,7 @@ class Panel:
     log_y: bool = True
     references: Sequence[tuple[float, str]] = ()
     spans: Sequence[tuple[float, float]] = ()
+    dodge: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

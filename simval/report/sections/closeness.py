@@ -70,7 +70,7 @@ def _limits(cells: tuple[CellResult, ...]) -> Drawing:
                 name = f"limit_ratio[{part},{share}]"
                 found = curve("", cells, "norm", statistic(name, predictor))
                 if found is not None:
-                    label = f"{predictor}, {share}"
+                    label = predictor if share == "1%" else ""
                     plain = Series(
                         label="", x=found.x, y=found.value, colour=colour, line=style
                     )
@@ -91,7 +91,7 @@ def _limits(cells: tuple[CellResult, ...]) -> Drawing:
         name="limits",
         caption=(
             "How far from singular a geometry must be, in units of the noise, for each "
-            "formula to be within 1 % and within 10 % (dotted) of the exact answer."
+            "formula to be within 1 %, and within 10 % (dotted), of the exact answer."
         ),
         alternative=(
             "Least ratio of |q̄| to the noise at which each formula is within 1 % and "

@@ -44,7 +44,7 @@ def _drawing(groups: dict[str, tuple[CellResult, ...]]) -> Drawing:
             "residual (bars with 95 % intervals for all together) and theory "
             "(diamonds); it does not fall with more poses. Right: bias of K, RMS over "
             "the axes, against the noise; expected slope 2. Hollow triangles: upper "
-            "limits. A residual whose predicted bias is zero at this order has no line."
+            "limits."
         ),
         alternative=(
             "Bias of the scale for each residual of the calibration beside theory, and "
@@ -80,17 +80,16 @@ def _table(groups: dict[str, tuple[CellResult, ...]]) -> Table:
         many = curve(label, cells, "noise_std", statistic("scale_bias", "many poses"))
         slope = curve(label, cells, "noise_std", part("bias", "K", THEORY))
         assert rungs is not None  # the section leaves out cells without it
+        slopes: tuple[str, float | None] = ("no bias at this order", None)
+        if slope is not None:
+            slopes = slope_cells(slope)
         rows.append(
             (
                 label,
                 (float(rungs.value[0]), float(rungs.error[0])),
                 float(rungs.prediction[0]),
                 None if many is None else float(many.prediction[0]),
-                *(
-                    ("no bias at this order", None)
-                    if slope is None
-                    else slope_cells(slope)
-                ),
+                *slopes,
             )
         )
     return Table(

@@ -139,25 +139,21 @@ def _panel(
     change: Callable[[Curve], Curve],
     one: bool,
 ) -> Panel | None:
-    keys = dict.fromkeys(
-        (row.statistic, row.predictor)
-        for cell in cells
-        for row in cell.rows
-        if _belongs(row, family)
+    keys = tuple(
+        dict.fromkeys(
+            (row.statistic, row.predictor)
+            for cell in cells
+            for row in cell.rows
+            if _belongs(row, family)
+        )
     )
     axis = axis_of(cells)
-    measures = {
-        (name.partition("[")[2].rstrip("]"), predictor): statistic(name, predictor)
-        for name, predictor in keys
-    }
-    if len(measures) > MAX_KINDS:
-        predictors = dict.fromkeys(predictor for _, predictor in keys)
-        measures = {("mean of all", p): _mean(family, p) for p in predictors}
+    measures, mean = _measures(family, keys)
     curves = [
         change(c)
-        for (name, _), measure in measures.items()
+        for name, measure in measures.items()
         for label, members in grouped(cells, axis).items()
-        if (c := curve(_label(name, label), members, axis, measure))
+        if (c := curve(_label(label, name), members, axis, measure))
     ][:MAX_GROUPS]
     if not curves:
         return None
@@ -168,14 +164,31 @@ def _panel(
         if not one and np.isfinite(c.prediction).any():
             series.append(c.predicted(i))
     return Panel(
-        title=study,
+        title=f"{study.replace('_', ' ')}{', mean over parameters' if mean else ''}",
         x_label=axis.replace("_", " "),
         y_label=y_label,
         series=tuple(series),
         log_x=all(bool(np.all(c.x > 0.0)) for c in curves),
         log_y=False,
-        references=((1.0, ""),) if family != "coverage" else ((0.95, "95 %"),),
+        references=((1.0, ""),) if family != "coverage" else ((0.95, ""),),
+        dodge=True,
     )
+
+
+def _measures(
+    family: str, keys: Sequence[tuple[str, str]]
+) -> tuple[dict[str, Measure], bool]:
+    """What is drawn, by its label, and whether it is a mean over the statistics."""
+    predictors = tuple(dict.fromkeys(predictor for _, predictor in keys))
+    many = len(predictors) > 1
+    if len(keys) > MAX_KINDS:
+        return {p if many else "": _mean(family, p) for p in predictors}, True
+    return {
+        _label(name.partition("[")[2].rstrip("]"), p if many else ""): statistic(
+            name, p
+        )
+        for name, p in keys
+    }, False
 
 
 def _mean(family: str, predictor: str) -> Measure:

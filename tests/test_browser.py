@@ -1,0 +1,256 @@
+"""The report and the comparison in a real browser: headless Chromium, from disk."""
+
+import json
+import re
+from contextlib import closing
+
+import pytest
+from browser import browser, find_chromium
+
+from simval.compare import compare_runs
+from simval.report import render, render_comparison
+from simval.sweep import load_run
+
+pytestmark = pytest.mark.skipif(
+    find_chromium() is None,
+    reason="Chromium is not installed, so the report was not opened in a browser",
+)
+
+WIDTHS = (380, 1280)
+
+
+@pytest.fixture(scope="module")
+def pages(_tiny_run, tmp_path_factory):
+    """A report with failing checks and artifacts, and the comparison with its twin."""
+    import shutil
+    import sqlite3
+
+    import numpy as np
+
+    folder = tmp_path_factory.mktemp("pages")
+    run = folder / "run"
+    shutil.copytree(_tiny_run, run)
+    with closing(sqlite3.connect(run / "run.sqlite")) as database, database:
+        database.execute(
+            "UPDATE rows SET value = value + 20 * standard_error "
+            "WHERE statistic = 'bias[x]' AND cell = 3"
+        )
+    (run / "artifacts").mkdir(exist_ok=True)
+    time = np.arange(5000) / 100.0
+    np.savez(
+        run / "artifacts" / "static-x.npz",
+        time=time,
+        signal=np.sin(time)[:, None] + np.zeros(3),
+        intervals=[[1.0, 2.0]],
+    )
+    before, after = load_run(_tiny_run), load_run(run)
+    report, comparison = folder / "report.html", folder / "comparison.html"
+    report.write_text(render(after), encoding="utf-8")
+    comparison.write_text(
+        render_comparison(before, after, compare_runs(before, after)), encoding="utf-8"
+    )
+    return report, comparison
+
+
+@pytest.fixture(scope="module")
+def tab(tmp_path_factory):
+    """One page of one browser for all tests."""
+    with browser(tmp_path_factory.mktemp("profile")) as page:
+        yield page
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("which", [0, 1])
+def test_it_opens_quietly_and_fits(tab, pages, which, width, scheme):
+    tab.open(pages[which], width=width, scheme=scheme)
+    assert tab.run("innerWidth") == width  # headless windows are wider than asked
+    assert tab.run("matchMedia('(prefers-color-scheme: dark)').matches") == (
+        scheme == "dark"
+    )
+    # every part open, as a reader would have it
+    tab.run("document.querySelectorAll('details').forEach(d => d.open = true)")
+    assert tab.run("document.documentElement.scrollWidth") <= width
+    assert tab.complaints() == []
+    asked = [address for address in tab.requests() if not address.startswith("data:")]
+    assert asked == [pages[which].resolve().as_uri()]
+
+
+def test_a_page_that_is_too_wide_or_calls_out_would_be_seen(tab, tmp_path):
+    """Power of the test above: the same probes on a page with each fault."""
+    path = tmp_path / "bad.html"
+    path.write_text(
+        "<p style='width: 900px'>wide</p><img src='http://127.0.0.1:9/x.png'>"
+        "<script>console.error('loud')</script>"
+    )
+    tab.open(path, width=380)
+    assert tab.run("document.documentElement.scrollWidth") > 380
+    assert any("loud" in line for line in tab.complaints())
+    assert "http://127.0.0.1:9/x.png" in tab.requests()
+
+
+def test_a_script_from_data_cannot_run(tab, pages, tmp_path):
+    """The policy allows the page's own script by its hash, and no other."""
+    text = pages[0].read_text(encoding="utf-8")
+    path = tmp_path / "injected.html"
+    path.write_text(
+        text.replace("</main>", "<script>window.bad = 1</script></main>"),
+        encoding="utf-8",
+    )
+    tab.open(path)
+    assert tab.run("window.bad === undefined")
+    assert tab.run("document.querySelectorAll('th button').length") > 0
+    assert any("Content Security Policy" in line for line in tab.complaints())
+
+
+def test_the_contents_lead_to_every_section(tab, pages):
+    tab.open(pages[0])
+    links = tab.run(
+        "[...document.querySelectorAll('nav a')].map(a => a.getAttribute('href'))"
+    )
+    sections = tab.run("[...document.querySelectorAll('section')].map(s => '#' + s.id)")
+    assert links == sections
+    for link in links:
+        tab.run(f"document.querySelector('nav a[href=\"{link}\"]').click()")
+        assert tab.run("location.hash") == link
+        top = tab.run(f"document.querySelector('{link}').getBoundingClientRect().top")
+        bottom = tab.run("scrollY + innerHeight >= document.body.scrollHeight - 1")
+        assert abs(top) < 2 or bottom  # at the top, or the page ends before it is
+
+
+SORTED = """(() => {
+  const table = document.querySelector('#table-%s').closest('table');
+  const head = [...table.tHead.rows[0].cells].findIndex(
+    (cell) => cell.textContent.trim() === '%s');
+  return [...table.tBodies[0].rows].map((row) => row.cells[head].%s);
+})()"""
+
+
+def test_a_table_sorts_by_mouse_and_by_keyboard(tab, pages):
+    tab.open(pages[0])
+    tab.run("document.querySelectorAll('details').forEach(d => d.open = true)")
+    keys = SORTED % ("verdicts", "p", "dataset.sort")
+    button = (
+        "[...document.querySelector('#table-verdicts').closest('table')"
+        ".querySelectorAll('th')].find(th => th.textContent.trim() === 'p')"
+        ".querySelector('button')"
+    )
+    before = tab.run(keys)
+    tab.run(f"{button}.click()")
+    up = tab.run(keys)
+    numbers = [float(k) for k in up if k]
+    assert numbers == sorted(numbers)
+    assert len(set(numbers)) > 10
+    assert sorted(up) == sorted(before)  # nothing lost
+    assert all(k == "" for k in up[len(numbers) :])  # what has no value stays last
+    sort = tab.run(f"{button}.closest('th').getAttribute('aria-sort')")
+    assert sort == "ascending"
+    # by the keyboard: the other way round
+    tab.run(f"{button}.focus()")
+    assert tab.run(f"document.activeElement === {button}")
+    tab.press("Enter", 13, "\r")
+    down = [float(k) for k in tab.run(keys) if k]
+    assert down == sorted(numbers, reverse=True)
+    sort = tab.run(f"{button}.closest('th').getAttribute('aria-sort')")
+    assert sort == "descending"
+
+
+def test_a_table_sorts_words(tab, pages):
+    tab.open(pages[0])
+    tab.run(
+        "[...document.querySelector('#table-families').closest('table')"
+        ".querySelectorAll('th button')][1].click()"
+    )
+    words = tab.run(SORTED % ("families", "predictor", "textContent"))
+    assert words == sorted(words)
+    assert len(set(words)) > 2
+
+
+def test_every_figure_has_a_text_and_every_control_a_name(tab, pages):
+    for page in pages:
+        tab.open(page)
+        nodes = tab.call("Accessibility.getFullAXTree")["nodes"]
+        shown = [n for n in nodes if not n.get("ignored")]
+        by_role = {}
+        for node in shown:
+            name = node.get("name", {}).get("value", "")
+            by_role.setdefault(node["role"]["value"], []).append(name)
+        figures = tab.run("document.querySelectorAll('svg, img').length")
+        images = by_role.get("image", []) + by_role.get("img", [])
+        assert len(images) == figures > 0
+        for role in ("image", "img", "link", "button", "region", "table"):
+            for name in by_role.get(role, []):
+                assert name.strip(), role
+
+
+def test_ink_and_paper_keep_their_contrast(tab, pages):
+    """At least 4.5 to 1 (WCAG AA) for text, verdicts and links, light and dark."""
+    probe = """(() => {
+      const of = (selector) => {
+        const element = document.querySelector(selector);
+        return getComputedStyle(element).color;
+      };
+      return [getComputedStyle(document.body).backgroundColor, of('p'), of('td.fail'),
+              of('td.pass'), of('nav a'), of('figure svg text')];
+    })()"""
+    for scheme in ("light", "dark"):
+        tab.open(pages[0], scheme=scheme)
+        paper, *inks = (_luminance(colour) for colour in tab.run(probe))
+        for ink in inks:
+            low, high = sorted((ink, paper))
+            assert (high + 0.05) / (low + 0.05) >= 4.5
+
+
+def _luminance(colour):
+    """Relative luminance of an sRGB colour, WCAG 2."""
+    parts = [int(word) / 255.0 for word in re.findall(r"\d+", colour)[:3]]
+    linear = [
+        c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts
+    ]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+def test_the_first_screen_is_one_screen(tab, pages):
+    """Verdict and both figures, without scrolling, on a laptop's window."""
+    tab.open(pages[0], width=1280, height=800)
+    bottoms = tab.run(
+        "[...document.querySelectorAll('#summary .verdict, #summary svg')]"
+        ".map(e => e.getBoundingClientRect().bottom)"
+    )
+    assert len(bottoms) == 3
+    assert max(bottoms) <= 800
+
+
+def test_it_prints_without_cutting_the_page(tab, pages):
+    tab.open(pages[0])
+    tab.call("Emulation.setEmulatedMedia", media="print")
+    try:
+        # A4 less its margins, at 96 pixels an inch
+        tab.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=718,
+            height=1047,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
+        tab.run("document.querySelectorAll('details').forEach(d => d.open = true)")
+        assert tab.run("document.documentElement.scrollWidth") <= 718
+        assert tab.run("getComputedStyle(document.querySelector('nav')).display") == (
+            "none"
+        )
+        assert tab.run("getComputedStyle(document.body).backgroundColor") == (
+            "rgb(255, 255, 255)"
+        )
+    finally:
+        tab.call("Emulation.setEmulatedMedia", media="")
+
+
+def test_without_its_script_the_page_is_whole(tab, pages, tmp_path):
+    text = pages[0].read_text(encoding="utf-8")
+    path = tmp_path / "plain.html"
+    path.write_text(re.sub(r"<script>.*?</script>", "", text, flags=re.DOTALL))
+    tab.open(pages[0])
+    whole = tab.run("document.querySelector('main').innerText.length")
+    tab.open(path)
+    assert tab.run("document.querySelector('main').innerText.length") == whole
+    assert json.dumps(tab.complaints()) == "[]"
