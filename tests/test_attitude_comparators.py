@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from simval.attitude import two_vector_quaternion
 from simval.attitude.comparators import ESTIMATORS, align_vectors, davenport, triad
@@ -45,6 +46,9 @@ def test_davenport_equals_align_vectors_with_noise():
     _, vectors, rng = problems(300, 2)
     noisy = vectors + 0.05 * rng.standard_normal(vectors.shape)
     gap = attitude_error(davenport(*noisy), align_vectors(*noisy))
+    b1, b2, r1, r2 = normalize(noisy[:, 0])
+    peer = Rotation.align_vectors([r1, r2], [b1, b2])[0].as_quat()
+    assert attitude_error(davenport(b1, b2, r1, r2), peer) < 1e-13
     sine = np.linalg.norm(np.cross(noisy[2], noisy[3]), axis=-1)
     assert np.max(gap * sine**2) < 1e-13
 
@@ -87,6 +91,16 @@ def test_comparators_refuse_what_the_estimator_refuses():
     bad[5000] = 0
     with pytest.raises(InputError, match=r"sample \(5000,\)"):
         davenport(bad, y, x, y)
+
+
+@pytest.mark.parametrize("name", sorted(ESTIMATORS))
+def test_pairs_in_different_units_weigh_the_same(name):
+    _, vectors, rng = problems(50, 7)
+    noisy = vectors + 0.01 * rng.standard_normal(vectors.shape)
+    scale = np.array([9.8, 5e-5, 9.8, 5e-5])[:, None, None]
+    sine = np.linalg.norm(np.cross(vectors[2], vectors[3]), axis=-1)
+    gap = attitude_error(ESTIMATORS[name](*noisy), ESTIMATORS[name](*(scale * noisy)))
+    assert np.max(gap * sine**2) < 1e-14
 
 
 def test_all_agree_at_small_noise():

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from simval.errors import InputError, RefusedError
+from simval.theory.cubature import cubature_moments
 from simval.theory.series import algebra, series_moments
 
 
@@ -67,3 +68,33 @@ def test_bad_input_is_refused():
         series_moments(lambda v: [1 / (v[0] - 1.0)], one, cov)
     with pytest.raises(RefusedError, match="no power series"):
         series_moments(lambda v: [np.sqrt(v[0] - 2.0)], one, cov)
+
+
+def test_an_estimator_of_ones_own():
+    # TRIAD's matrix, normalised cross products throughout, against cubature: the
+    # fourth order leaves (sigma/sine)^4 of the moments, with a constant below 100
+    def axes(first, second):
+        normal = np.cross(first, second)
+        unit = [v / np.sqrt(np.sum(v * v)) for v in (first, normal)]
+        return np.array([*unit, np.cross(*unit)])
+
+    def matrix(b1, b2, r1, r2):
+        return (axes(b1, b2).T @ axes(r1, r2)).reshape(9)
+
+    def batch(b1, b2, r1, r2):
+        return np.array([matrix(*v) for v in zip(b1, b2, r1, r2, strict=True)])
+
+    r1, r2 = np.array([1.0, 0.0, 0.0]), np.array([0.3, 0.9, 0.2])
+    A = np.array([[0.0, 0.6, 0.8], [1.0, 0.0, 0.0], [0.0, 0.8, -0.6]])
+    vectors = np.stack([A @ r1, A @ r2, r1, r2])
+    noise = np.stack([s**2 * np.eye(3) for s in (0.01, 0.02, 0.01, 0.015)])
+    series = series_moments(matrix, vectors, noise)
+    second = series_moments(matrix, vectors, noise, order=2)
+    cubature = cubature_moments(batch, vectors, noise, A.reshape(9), degree=5)
+    for found, limit in ((series, 100 * 0.03**4), (second, 100 * 0.03**2)):
+        for what in ("bias", "covariance"):
+            value, exact = getattr(found, what), getattr(cubature, what)
+            gap = np.linalg.norm(value - exact) / np.linalg.norm(exact)
+            assert gap < limit
+            if found is second:
+                assert gap > 1e-5  # power: the orders are told apart

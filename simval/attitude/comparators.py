@@ -1,7 +1,8 @@
 """Established two-vector estimators behind the signature of `two_vector_quaternion`.
 
 Each takes b1, b2, r1, r2 of shape (..., 3) and returns unit quaternions (..., 4) with
-a scalar that is not negative, and refuses what `two_vector_quaternion` refuses.
+a scalar that is not negative, and refuses what `two_vector_quaternion` refuses. Vectors
+are normalised first, so that pairs in different units weigh the same.
 """
 
 from collections.abc import Callable, Mapping
@@ -15,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from simval.arrays import Array
 from simval.attitude.estimator import two_vector_quaternion, valid_batch
 from simval.errors import InputError
+from simval.geometry import normalize
 
 
 def davenport(
@@ -48,7 +50,7 @@ def davenport(
     if not all(np.isfinite(w) and w > 0.0 for w in weights):
         msg = f"`weights` is {weights}; both must be finite and above 0"
         raise InputError(msg)
-    (v1, v2, u1, u2), shape = valid_batch(b1, b2, r1, r2)
+    (v1, v2, u1, u2), shape = _unit_batch(b1, b2, r1, r2)
     profile = (
         weights[0] * v1[:, :, None] * u1[:, None, :]
         + weights[1] * v2[:, :, None] * u2[:, None, :]
@@ -83,7 +85,7 @@ def triad(b1: Any, b2: Any, r1: Any, r2: Any) -> Array:
     InputError, GeometryError
         As `two_vector_quaternion`.
     """
-    (v1, v2, u1, u2), shape = valid_batch(b1, b2, r1, r2)
+    (v1, v2, u1, u2), shape = _unit_batch(b1, b2, r1, r2)
     body_to_reference = _triad_axes(u1, u2) @ _triad_axes(v1, v2).swapaxes(1, 2)
     return _finish(Rotation.from_matrix(body_to_reference).as_quat(), shape)
 
@@ -108,7 +110,7 @@ def align_vectors(b1: Any, b2: Any, r1: Any, r2: Any) -> Array:
     InputError, GeometryError
         As `two_vector_quaternion`.
     """
-    (v1, v2, u1, u2), shape = valid_batch(b1, b2, r1, r2)
+    (v1, v2, u1, u2), shape = _unit_batch(b1, b2, r1, r2)
     body, reference = np.stack([v1, v2], axis=1), np.stack([u1, u2], axis=1)
     q = [
         Rotation.align_vectors(r, b)[0].as_quat()
@@ -126,6 +128,11 @@ ESTIMATORS: Final[Mapping[str, Callable[..., Array]]] = MappingProxyType(
         "align_vectors": align_vectors,
     }
 )
+
+
+def _unit_batch(*vectors: Any) -> tuple[list[Array], tuple[int, ...]]:
+    arrays, shape = valid_batch(*vectors)
+    return [normalize(array) for array in arrays], shape
 
 
 def _triad_axes(first: Array, second: Array) -> Array:

@@ -105,7 +105,7 @@ def singular_solution(
         msg = f"`tolerance` is {tolerance!r}; it must be between 0 and 1"
         raise InputError(msg)
     vectors, shape = valid_batch(b1, b2, r1, r2)
-    v1, v2, u1, u2 = (normalize(v) if len(v) else v for v in vectors)
+    v1, v2, u1, u2 = (normalize(v) for v in vectors)
     d1, d2 = (v1 - u1) / 2, (v2 - u2) / 2
     qbar = _plain_norm(v1, u1, d1, d2)
     case = _classify(d1, d2, qbar <= tolerance * _norm(np.cross(u1, u2)), tolerance)

@@ -39,7 +39,7 @@ class Parameters(StudyParameters):
         default=0.3, description="Length of the noise-free qbar, plain frame, 1."
     )
     ratio: Annotated[float, Field(ge=1.5, le=20.0)] = Field(
-        default=3.0, description="|qbar|/sigma at which flips are counted, 1."
+        default=2.0, description="|qbar|/sigma at which flips are counted, 1."
     )
     samples: Annotated[int, Field(ge=BLOCK)] = Field(
         default=400_000, description="Trials; rounded up to whole blocks of 4096."

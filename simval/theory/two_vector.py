@@ -141,7 +141,10 @@ def two_vector_geometry(
     if frame is None:
         frame = names[int(np.argmax(np.abs(norms)))]
     if frame not in names:
-        msg = f"`frame` is {frame!r}; it must be None or one of {', '.join(names)}"
+        msg = (
+            f"`frame` is {frame!r}; it must be None (the greatest column of the "
+            f"truth), combined, or one of {', '.join(names)}"
+        )
         raise InputError(msg)
     norm = float(abs(norms[names.index(frame)]))
     if not norm >= MIN_NORM:
