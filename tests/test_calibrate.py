@@ -8,6 +8,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from simval.calibrate import calibrate, sources
+from simval.calibrate.moments import unbiased_moment_matrix
 from simval.errors import ConvergenceError
 from simval.poses import fibonacci_sphere, random_directions
 from simval.sensor import MODELS, AccelerometerModel, convert
@@ -108,7 +109,6 @@ def test_adjusted_by_brute_force_over_the_noise():
     of a Gaussian for every polynomial p; Gauss-Hermite with three points for each
     axis is exact to degree five.
     """
-    from simval.calibrate import quadric
 
     z = np.random.default_rng(4).normal(size=(1, 6, 3))
     sigma = 0.3
@@ -127,7 +127,7 @@ def test_adjusted_by_brute_force_over_the_noise():
                     axis=-1,
                 )
                 total += (wi * wj * wk / (2 * np.pi) ** 1.5) * (m.T @ m).real
-    found = quadric.unbiased_moment_matrix(z, np.full((1, 6), sigma))[0]
+    found = unbiased_moment_matrix(z, np.full((1, 6), sigma))[0]
     np.testing.assert_allclose(found, total, rtol=0, atol=1e-13 * np.abs(total).max())
 
 

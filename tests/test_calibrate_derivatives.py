@@ -9,6 +9,7 @@ import pytest
 import sympy as sp
 
 from simval.calibrate import quadric, sources
+from simval.calibrate.moments import moment_matrix, monomials
 from simval.calibrate.objective import moment_objective, pose_objective
 from simval.sensor import MODELS, forms
 
@@ -79,12 +80,12 @@ def test_quadric_agrees_with_the_sources(model):
     m = forms.matrix(model, theta)
     h = (READINGS - theta[6:]) @ m.T
     close(values, np.sum(h * h, axis=1) - 1.0)
-    jacobian = quadric.monomials(READINGS) @ quadric.value_derivatives(found)[0]
+    jacobian = monomials(READINGS) @ quadric.value_derivatives(found)[0]
     if model == "triangular":
         close(jacobian, -sources.imu_tk_jacobian(theta, READINGS))
     if model == "symmetric":
         close(jacobian, sources.symmetric_jacobian(theta, READINGS))
-        weights = quadric.monomials(READINGS)
+        weights = monomials(READINGS)
         seconds = quadric.residual_seconds(model, np.tile(theta, (8, 1)))
         tiled = quadric.residual_quadric(model, np.tile(theta, (8, 1)))
         close(
@@ -116,7 +117,7 @@ def test_gradient_and_hessian_of_each_cost(model, residual):
     theta = SYMMETRIC if model == "symmetric" else PARAMETERS
     z = READINGS / 3.0
     if residual == "squared":
-        objective = moment_objective(model, quadric.moment_matrix(z[None]), newton=True)
+        objective = moment_objective(model, moment_matrix(z[None]), newton=True)
     else:
         objective = pose_objective(model, residual, z[None], newton=True)
     rows = np.arange(1)

@@ -113,8 +113,9 @@ def test_duplicates_say_which():
     assert calibrate(batch, G).status[1] == "refused: duplicate poses"
 
 
-def test_saturation_says_where():
-    poses = poses_of(fibonacci_sphere(12))
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_saturation_says_where(sign):
+    poses = sign * poses_of(fibonacci_sphere(12))
     worst, axis = np.unravel_index(np.argmax(np.abs(poses)), poses.shape)
     limit = np.abs(poses[worst, axis])
     words = f"pose {worst} reads .* on axis {'xyz'[axis]}, at or beyond full scale"

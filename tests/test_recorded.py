@@ -203,6 +203,15 @@ def test_known_sensor_from_a_synthetic_log(tmp_path):
     assert np.abs(error).max() < 6.0
     assert result.diagnosis.outliers == ()
     assert "noise is the limit" in result.diagnosis.verdict
+    np.testing.assert_allclose(np.linalg.norm(result.next_direction), 1.0, rtol=1e-12)
+
+
+def test_the_next_pose_is_where_none_was(tmp_path):
+    """Poses of one half of the sphere: the advice is in the other half."""
+    half = fibonacci_sphere(40)
+    rows, _ = synthetic(half[half[:, 2] > 0.1])
+    result = calibrate_log(read_log(write(tmp_path / "h", rows), rate=100.0), g=9.81)
+    assert result.next_direction[2] < -0.3
 
 
 def test_counts_and_si_give_one_calibration(tmp_path):

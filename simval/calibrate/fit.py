@@ -13,14 +13,15 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array
-from simval.calibrate import checks, objective, quadric
+from simval.calibrate import checks, objective
 from simval.calibrate.arguments import (
     CONDITION_LIMIT,
     Options,
     checked_noise,
     checked_readings,
 )
-from simval.calibrate.positive import solve_positive, trace
+from simval.calibrate.frame import direction_condition, normalized
+from simval.calibrate.moments import moment_matrix, unbiased_moment_matrix
 from simval.calibrate.residuals import SLOPES
 from simval.calibrate.result import FitResult
 from simval.calibrate.reweight import minimize_reweighted
@@ -31,11 +32,6 @@ from simval.poses import PARAMETERS
 from simval.sensor import forms
 
 _BLOCK = 1 << 16  # poses worked at once: 5 MB of monomials
-# A direction that no pose sees gets its share of the Jacobian from the noise, and the
-# condition then is about one over it: condition times noise of six faces of a cube was
-# 0.2 to 5 for noise of 1e-4 to 3e-2 of g (99 % of trials), of 12 poses or more all over
-# the sphere at most 0.11 at 3e-2. The limit is 1/7 = 0.14.
-_NOISE_MARGIN = 7.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -185,13 +181,13 @@ def _fit_block(poses: Array, sigma: Array | None, options: Options) -> _Block:
     keep = np.flatnonzero(code == Code.CONVERGED)
     if keep.size == 0:
         return block
-    z, centre, scale = _normalized(poses if keep.size == len(poses) else poses[keep])
+    z, centre, scale = normalized(poses if keep.size == len(poses) else poses[keep])
     noise = None if sigma is None else sigma / scale[:, None]
-    moments = quadric.moment_matrix(z)
+    moments = moment_matrix(z)
     ellipsoid = fit_ellipsoid(moments)
     theta = forms.from_gram(options.model, ellipsoid.gram, ellipsoid.bias)
     usable = np.isfinite(theta).all(axis=-1) & np.asarray(ellipsoid.proper, dtype=bool)
-    condition = _condition(options.model, theta, moments, usable)
+    condition = direction_condition(options.model, theta, moments, usable)
     block.condition[keep] = condition
     checked = np.full(len(z), int(Code.CONVERGED))
     checked[~(condition <= options.condition_limit)] = int(Code.CONDITION)
@@ -216,33 +212,6 @@ class _Data:
     z: Array  # (t, n, 3)
     moments: Array  # (t, 10, 10)
     noise: Array | None  # (t, n)
-
-
-def _normalized(poses: Array) -> tuple[Array, Array, Array]:
-    # readings moved to their mean and scaled to unit size, with that mean and scale
-    count = poses.shape[1]
-    centre = np.vecmat(np.ones(count), poses) / count
-    z = poses - centre[:, None]
-    flat = z.reshape(len(z), -1)
-    scale = np.sqrt(np.vecdot(flat, flat) / count)
-    scale = np.where(scale > 0.0, scale, 1.0)
-    z /= scale[:, None, None]
-    return z, centre, scale
-
-
-def _condition(model: str, theta: Array, moments: Array, usable: Any) -> Array:
-    # condition of the corrected directions, eq. (P2) of `poses`; inf if none
-    safe = np.where(
-        usable[:, None], theta, forms.from_gram(model, np.eye(3), np.zeros(3))
-    )
-    dv = quadric.value_derivatives(quadric.direction_quadric(model, safe))
-    dv[:, :, 6:] = dv[:, :, 6:] @ np.linalg.inv(forms.matrix(model, safe))
-    normal = np.swapaxes(dv, -1, -2) @ (moments @ dv)
-    identity = np.broadcast_to(np.eye(9), normal.shape)
-    inverse, pivot = solve_positive(normal, identity)
-    forward, back = trace(normal), trace(inverse)
-    good = usable & (pivot > 0.0)
-    return np.where(good, np.sqrt(forward * np.where(good, back, 1.0)) / 9.0, np.inf)
 
 
 def _solve(
@@ -272,7 +241,8 @@ def _solve(
     first = 0 if options.model == "symmetric" else 3
     sizes[:, first:6] = per_raw
     sizes[:, 6:] = scale[:, None]
-    block.code[keep] = _noise_rank(solution.code, summary, noise, condition, z.shape[1])
+    spread = summary.distance_std if noise is None else noise.max(axis=-1)
+    block.code[keep] = checks.noise_rank(solution.code, condition, spread)
     block.iterations[keep] = solution.iterations
     block.parameters[keep] = solution.theta * sizes
     block.parameters[keep, 6:] += centre
@@ -305,18 +275,9 @@ def _iterate(
     else:
         moments = data.moments
         if residual == "adjusted" and noise is not None:
-            moments = quadric.unbiased_moment_matrix(z, noise)
+            moments = unbiased_moment_matrix(z, noise)
         goal = objective.moment_objective(model, moments, newton=newton)
     return minimize(goal, theta, rules, slack), None
-
-
-def _noise_rank(
-    code: Any, summary: Summary, noise: Array | None, condition: Array, count: int
-) -> Any:
-    # refuse a trial whose rank of nine is made of noise
-    spread = summary.distance_std if noise is None else noise.max(axis=-1)
-    hidden = condition * spread * _NOISE_MARGIN > 1.0
-    return np.where(hidden & (code == Code.CONVERGED), int(Code.NOISE_RANK), code)
 
 
 def _empty(code: Any, count: int) -> _Block:

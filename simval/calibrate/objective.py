@@ -10,6 +10,7 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.calibrate import quadric
+from simval.calibrate.moments import moment_matrix, weighted_sum
 from simval.calibrate.residuals import SLOPES
 from simval.calibrate.solver import Local, Objective
 
@@ -79,8 +80,8 @@ def pose_objective(model: str, residual: str, z: Array, *, newton: bool) -> Obje
         dc, dq = quadric.value_derivatives(c), quadric.value_derivatives(q)
         values_c, values_q = quadric.evaluate([c, q], x)
         slopes = SLOPES[residual](values_c, values_q, newton=False)
-        pull_c = quadric.weighted_sum(x, slopes.c)
-        pull_q = quadric.weighted_sum(x, slopes.q)
+        pull_c = weighted_sum(x, slopes.c)
+        pull_q = weighted_sum(x, slopes.q)
         normal = _curve(x, slopes, dc, dq)
         hessian = normal
         if newton:
@@ -103,9 +104,9 @@ def pose_objective(model: str, residual: str, z: Array, *, newton: bool) -> Obje
 def _curve(x: Array, slopes: Any, dc: Array, dq: Array) -> Array:
     # Curvature by the parameters from the curvature by (c, q).
     left, other = np.swapaxes(dc, -1, -2), np.swapaxes(dq, -1, -2)
-    total = left @ quadric.moment_matrix(x, slopes.cc) @ dc
+    total = left @ moment_matrix(x, slopes.cc) @ dc
     if np.any(slopes.qq):
-        cross = left @ quadric.moment_matrix(x, slopes.cq) @ dq
+        cross = left @ moment_matrix(x, slopes.cq) @ dq
         total += cross + np.swapaxes(cross, -1, -2)
-        total += other @ quadric.moment_matrix(x, slopes.qq) @ dq
+        total += other @ moment_matrix(x, slopes.qq) @ dq
     return total

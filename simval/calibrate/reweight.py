@@ -11,6 +11,7 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.calibrate import quadric
+from simval.calibrate.moments import moment_matrix
 from simval.calibrate.objective import moment_objective
 from simval.calibrate.residuals import LOSSES
 from simval.calibrate.solver import Code, Rules, Solution, minimize
@@ -76,7 +77,7 @@ def minimize_reweighted(
             weights = weights * LOSSES[loss].weight(ratios[rows])
         goal = moment_objective(
             model,
-            quadric.moment_matrix(x, weights),
+            moment_matrix(x, weights),
             newton=rules.method == "newton",
         )
         inner = minimize(goal, result[rows], rules, slack * weights.max(axis=-1))

@@ -24,6 +24,7 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.calibrate import quadric
+from simval.calibrate.moments import moment_matrix
 from simval.calibrate.positive import solve_positive
 from simval.calibrate.residuals import LOSSES
 
@@ -134,10 +135,10 @@ def _huber_variance(distance: Array, ratio: Array, loss: str) -> Array:
 
 def _sandwich(dv: Array, z: Array, a: Array | None, middle: Array) -> Array:
     # eq. (U1) with `middle` the variance of c in each pose
-    normal = _contract(dv, quadric.moment_matrix(z, a))
+    normal = _contract(dv, moment_matrix(z, a))
     inverse = solve_positive(normal, np.broadcast_to(np.eye(9), normal.shape))[0]
     weights = middle if a is None else a * a * middle
-    return inverse @ _contract(dv, quadric.moment_matrix(z, weights)) @ inverse
+    return inverse @ _contract(dv, moment_matrix(z, weights)) @ inverse
 
 
 def _contract(dv: Array, moments: Array) -> Array:

@@ -100,6 +100,7 @@ def as_object(result: RecordedCalibration) -> dict[str, Any]:
         "p_value": found.p_value if known else None,
         "verdict": found.verdict,
         "outliers": list(found.outliers),
+        "next_direction": result.next_direction.tolist(),
     }
 
 
@@ -139,6 +140,11 @@ def described(result: RecordedCalibration) -> list[str]:
         f"gravity           {fit.g:g} m/s^2 was assumed; a g wrong by 0.1 % makes "
         "every K wrong by 0.1 %, and leaves T and B",
     ]
+    further = ", ".join(f"{x:.2f}" for x in result.next_direction)
+    lines.append(
+        f"next pose         specific force along ({further}) in sensor axes would "
+        "lower the total variance most"
+    )
     for pose in found.outliers:
         start, stop = result.intervals[pose]
         lines.append(

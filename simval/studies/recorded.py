@@ -15,7 +15,7 @@ from simval.calibrate import FitResult, calibrate
 from simval.calibrate.diagnosis import Diagnosis, diagnose
 from simval.errors import RefusedError
 from simval.logs import Log
-from simval.poses import PARAMETERS
+from simval.poses import PARAMETERS, observability
 from simval.statics import (
     Intervals,
     Rest,
@@ -53,6 +53,8 @@ class RecordedCalibration:
         Mean reading of each interval, raw units, (m, 3).
     noise_std : Array
         What white noise leaves in each mean, raw units, (m,).
+    next_direction : Array
+        Direction of a further pose that would help most, sensor axes, (3,).
     """
 
     fit: FitResult
@@ -63,9 +65,10 @@ class RecordedCalibration:
     intervals: Intervals
     poses: Array
     noise_std: Array
+    next_direction: Array
 
     def __post_init__(self) -> None:
-        for name in ("poses", "noise_std"):
+        for name in ("poses", "noise_std", "next_direction"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
 
@@ -152,6 +155,7 @@ def calibrate_log(
         intervals=intervals,
         poses=means,
         noise_std=sigma,
+        next_direction=observability(fit.sensor().correct(means)).next_direction,
     )
 
 

@@ -1,0 +1,69 @@
+"""The scaled frame of a fit, and the condition of the poses in it."""
+
+from typing import Any
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.calibrate import quadric
+from simval.calibrate.positive import solve_positive, trace
+from simval.sensor import forms
+
+
+def normalized(poses: Array) -> tuple[Array, Array, Array]:
+    """Move readings to their mean and scale them to unit size.
+
+    Parameters
+    ----------
+    poses : Array
+        Raw readings, (t, n, 3).
+
+    Returns
+    -------
+    z : Array
+        Scaled readings, (t, n, 3).
+    centre : Array
+        Mean of each trial, raw units, (t, 3).
+    scale : Array
+        Root mean square distance from it, raw units, (t,).
+    """
+    count = poses.shape[1]
+    centre = np.vecmat(np.ones(count), poses) / count
+    z = poses - centre[:, None]
+    flat = z.reshape(len(z), -1)
+    scale = np.sqrt(np.vecdot(flat, flat) / count)
+    scale = np.where(scale > 0.0, scale, 1.0)
+    z /= scale[:, None, None]
+    return z, centre, scale
+
+
+def direction_condition(model: str, theta: Array, moments: Array, usable: Any) -> Array:
+    """Condition of the corrected directions, eq. (P2) of `poses`.
+
+    Parameters
+    ----------
+    model : str
+        Form of the parameters.
+    theta : Array
+        Nine parameters, scaled units, (t, 9).
+    moments : Array
+        Moment matrices of the scaled readings, (t, 10, 10).
+    usable : Array of bool
+        Which trials have parameters, (t,).
+
+    Returns
+    -------
+    Array
+        Condition, (t,); infinite where there is none.
+    """
+    safe = np.where(
+        usable[:, None], theta, forms.from_gram(model, np.eye(3), np.zeros(3))
+    )
+    dv = quadric.value_derivatives(quadric.direction_quadric(model, safe))
+    dv[:, :, 6:] = dv[:, :, 6:] @ np.linalg.inv(forms.matrix(model, safe))
+    normal = np.swapaxes(dv, -1, -2) @ (moments @ dv)
+    identity = np.broadcast_to(np.eye(9), normal.shape)
+    inverse, pivot = solve_positive(normal, identity)
+    forward, back = trace(normal), trace(inverse)
+    good = usable & (pivot > 0.0)
+    return np.where(good, np.sqrt(forward * np.where(good, back, 1.0)) / 9.0, np.inf)

@@ -1,0 +1,136 @@
+r"""Moments of the readings: one pass over the data, then none.
+
+The residual of a calibration is linear in ten monomials of the reading (`quadric`), so
+every sum over poses that a step needs is a form in the moment matrix
+
+.. math:: G = \sum_k w_k\, m_k m_k^T.  \tag{Q2}
+"""
+
+import numpy as np
+
+from simval.arrays import Array
+
+CHUNK = 1 << 15  # samples of one pass; 2.6 MB of monomials
+PAIRS = ((0, 1), (0, 2), (1, 2))
+_EXPONENTS = (
+    (2, 0, 0),
+    (0, 2, 0),
+    (0, 0, 2),
+    (1, 1, 0),
+    (1, 0, 1),
+    (0, 1, 1),
+    (1, 0, 0),
+    (0, 1, 0),
+    (0, 0, 1),
+    (0, 0, 0),
+)
+
+
+def monomials(z: Array) -> Array:
+    """The ten monomials xx yy zz xy xz yz x y z 1 of a reading.
+
+    Parameters
+    ----------
+    z : Array
+        Readings, (..., 3).
+
+    Returns
+    -------
+    Array
+        Monomials, (..., 10).
+    """
+    result = np.empty((*z.shape[:-1], 10))
+    np.multiply(z, z, out=result[..., :3])
+    for index, (i, j) in enumerate(PAIRS):
+        np.multiply(z[..., i], z[..., j], out=result[..., 3 + index])
+    result[..., 6:9] = z
+    result[..., 9] = 1.0
+    return result
+
+
+def moment_matrix(z: Array, weights: Array | None = None) -> Array:
+    """Moment matrix G of the monomials, eq. (Q2).
+
+    Parameters
+    ----------
+    z : Array
+        Readings, (t, n, 3).
+    weights : Array, optional
+        Weight of each pose, (t, n); 1 if not given.
+
+    Returns
+    -------
+    Array
+        G, (t, 10, 10).
+    """
+    total = np.zeros((z.shape[0], 10, 10))
+    for start in range(0, z.shape[1], CHUNK):
+        part = slice(start, start + CHUNK)
+        m = monomials(z[:, part])
+        right = m if weights is None else m * weights[:, part, None]
+        total += np.swapaxes(m, -1, -2) @ right
+    return total
+
+
+def unbiased_moment_matrix(z: Array, noise_std: Array) -> Array:
+    """Moment matrix whose mean is that of the noise-free readings.
+
+    A power of a reading with Gaussian noise is replaced by the Hermite polynomial
+    whose mean is the power of the true value: x, x^2 - s^2, x^3 - 3 s^2 x,
+    x^4 - 6 s^2 x^2 + 3 s^4.
+
+    Parameters
+    ----------
+    z : Array
+        Readings, (t, n, 3).
+    noise_std : Array
+        Noise of each reading and axis s, in the unit of `z`, (t, n).
+
+    Returns
+    -------
+    Array
+        Corrected G, (t, 10, 10).
+    """
+    total = np.zeros((z.shape[0], 10, 10))
+    for start in range(0, z.shape[1], CHUNK):
+        part = slice(start, start + CHUNK)
+        x, s2 = z[:, part], noise_std[:, part, None] ** 2
+        square = x * x
+        powers = np.stack(
+            [
+                np.ones_like(x),
+                x,
+                square - s2,
+                x * (square - 3.0 * s2),
+                square * (square - 6.0 * s2) + 3.0 * s2 * s2,
+            ]
+        )
+        for i, first in enumerate(_EXPONENTS):
+            for j, second in enumerate(_EXPONENTS[: i + 1]):
+                a, b, c = np.add(first, second)
+                product = powers[a, ..., 0] * powers[b, ..., 1] * powers[c, ..., 2]
+                total[:, i, j] += product.sum(axis=-1)
+    lower = np.tril(total, -1)
+    return total + np.swapaxes(lower, -1, -2)
+
+
+def weighted_sum(z: Array, weights: Array) -> Array:
+    """Weighted sum of the monomials over poses.
+
+    Parameters
+    ----------
+    z : Array
+        Readings, (t, n, 3).
+    weights : Array
+        Weight of each pose, (t, n).
+
+    Returns
+    -------
+    Array
+        Sum of w_k m_k, (t, 10).
+    """
+    total = np.zeros((z.shape[0], 10))
+    for start in range(0, z.shape[1], CHUNK):
+        part = slice(start, start + CHUNK)
+        total += np.vecmat(weights[:, part], monomials(z[:, part]))
+    return total
