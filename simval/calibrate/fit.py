@@ -27,7 +27,7 @@ from simval.calibrate.result import FitResult
 from simval.calibrate.reweight import minimize_reweighted
 from simval.calibrate.solver import Code, Solution, minimize
 from simval.calibrate.start import fit_ellipsoid
-from simval.calibrate.uncertainty import Summary, summarize
+from simval.calibrate.uncertainty import summarize
 from simval.poses import PARAMETERS
 from simval.sensor import forms
 
