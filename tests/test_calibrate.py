@@ -1,5 +1,8 @@
 """The solver: recovery, agreement of forms and methods, batches, stop rules."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -330,3 +333,17 @@ def test_result_is_read_only_and_named():
         symmetric.matrix @ symmetric.matrix, fit.matrix.T @ fit.matrix, rtol=1e-13
     )
     np.testing.assert_array_equal(fit.sensor().matrix, fit.matrix)
+
+
+@pytest.mark.parametrize("first", ["", "import simval.calibrate as package; "])
+def test_the_public_name_calibrates_in_every_order_of_imports(first):
+    """`simval.calibrate` is a package too, and imports bind it over the function."""
+    program = (
+        f"{first}from simval import calibrate; import numpy as np; "
+        "from simval.poses import fibonacci_sphere as f; "
+        "from simval.calibrate import FitResult; "
+        "fit = calibrate(9.8 * f(12), g=9.8); assert isinstance(fit, FitResult); "
+        "from simval import calibrate; "
+        "assert calibrate(9.8 * f(12), g=9.8).status == 'converged'"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=60)

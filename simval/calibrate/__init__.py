@@ -1,4 +1,12 @@
-"""Calibration of an accelerometer from its readings at rest."""
+"""Calibration of an accelerometer from its readings at rest.
+
+The package can be called: ``from simval import calibrate`` gives the function, or,
+once anything has imported this package, the package itself under the same name, and
+both do the same.
+"""
+
+import sys
+from types import ModuleType
 
 from simval.calibrate.diagnosis import Diagnosis, diagnose
 from simval.calibrate.files import load_calibration, save_calibration
@@ -13,3 +21,12 @@ __all__ = [
     "load_calibration",
     "save_calibration",
 ]
+
+
+class _CallablePackage(ModuleType):
+    # the import system binds a subpackage to its name in the parent, over whatever
+    # the parent offers under it
+    __call__ = staticmethod(calibrate)
+
+
+sys.modules[__name__].__class__ = _CallablePackage
