@@ -29,6 +29,9 @@ COMMANDS = (
     ("list", "Show the suites, studies, cells and scenes there are."),
 )
 
+# a module becomes a name in this package, so none may be called like a builtin
+MODULES = {"list": "listing", "suite-schema": "suite_schema"}
+
 
 class LazyGroup(click.Group):
     """A group whose commands are imported only when they are called."""
@@ -41,7 +44,8 @@ class LazyGroup(click.Group):
         """Import the module of a command and return its command object."""
         if cmd_name not in self.list_commands(ctx):
             return None
-        module = importlib.import_module(f"simval.cli.{cmd_name.replace('-', '_')}")
+        name = MODULES.get(cmd_name, cmd_name)
+        module = importlib.import_module(f"simval.cli.{name}")
         command: click.Command = module.command
         return command
 
