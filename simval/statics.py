@@ -133,6 +133,7 @@ def initial_rest(
     count: int | None = None,
     window: int = WINDOW,
     minimum: int = MINIMUM,
+    spread: Array | None = None,
 ) -> Rest:
     """Return the initial rest: the first `count` samples, or the first rest found.
 
@@ -151,6 +152,8 @@ def initial_rest(
         Samples in a window, odd.
     minimum : int
         Least number of samples of a rest that is found.
+    spread : Array or None
+        The samples' `variance_magnitude` where it is known already.
 
     Returns
     -------
@@ -174,7 +177,8 @@ def initial_rest(
             raise InputError(msg)
         start, stop = 0, count
     else:
-        spread = variance_magnitude(samples, window)
+        if spread is None:
+            spread = variance_magnitude(samples, window)
         floor = float(np.quantile(spread[np.isfinite(spread)], FLOOR_QUANTILE))
         runs = _runs(spread < FLOOR_MULTIPLE * floor)
         runs = runs[runs[:, 1] - runs[:, 0] >= minimum]

@@ -50,7 +50,7 @@ class Parameters(StudyParameters):
     trim: Annotated[int, Field(ge=0, le=1000)] = Field(
         default=15, description="Samples cut off at both ends of an interval."
     )
-    trials: Annotated[int, Field(ge=2)] = Field(default=128, description="Trials.")
+    trials: Annotated[int, Field(ge=2)] = Field(default=512, description="Trials.")
 
     @field_validator("window")
     @classmethod
@@ -108,10 +108,12 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         raw = sensor.distort(truth.force, streams.block(trial))
         intervals, spread, threshold = detect(raw, *settings)
         clean = intervals[pure(intervals, truth.still)]
+        every = nees(raw, intervals, sensor, truth.g)
+        same = len(clean) == len(intervals)
         scores.append(
             score(intervals, truth.still, truth.hold)
-            | {"nees[all]": nees(raw, intervals, sensor, truth.g)}
-            | {"nees[pure]": nees(raw, clean, sensor, truth.g)}
+            | {"nees[all]": every}
+            | {"nees[pure]": every if same else nees(raw, clean, sensor, truth.g)}
         )
         if trial == 0:
             artifact = _artifact(truth, raw, intervals, spread, threshold)

@@ -163,8 +163,8 @@ def detect(
         Its limit.
     """
     minimum = window // 2
-    rest = initial_rest(raw, window=window, minimum=minimum)
     spread = variance_magnitude(raw, window)
+    rest = initial_rest(raw, None, window, minimum, spread)
     threshold = multiplier * rest.variance
     return intervals_below(spread, threshold, minimum, trim), spread, threshold
 
