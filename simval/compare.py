@@ -258,9 +258,8 @@ def _kind(
         crossed = (a.value <= a.prediction) != (b.value <= (b.prediction or 0.0))
         return "changed" if crossed else "same"
     if not error > 0.0:
-        same = a.value == b.value or (
-            step <= EXACT_BOUND * max(abs(a.value), abs(b.value))
-        )
+        size = max(abs(a.value), abs(b.value))
+        same = a.value == b.value or (isfinite(step) and step <= EXACT_BOUND * size)
         return "same" if same else "changed"
     if not p > limit:
         return "changed"

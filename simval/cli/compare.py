@@ -4,7 +4,6 @@ from pathlib import Path
 
 import click
 from rich.console import Console
-from rich.table import Table
 
 from simval.compare import Difference, RunComparison, compare_runs
 from simval.errors import InputError
@@ -60,8 +59,8 @@ def show(found: RunComparison) -> None:
     """
     console = Console(highlight=False, soft_wrap=True)
     changed = found.of("changed")
-    if changed:
-        console.print(_table(changed[:SHOWN]))
+    for difference in changed[:SHOWN]:
+        console.print(_line(difference), markup=False)
     if len(changed) > SHOWN:
         console.print(f"... and {len(changed) - SHOWN} more; --out writes them")
     for line in found.environment:
@@ -82,19 +81,14 @@ def show(found: RunComparison) -> None:
     )
 
 
-def _table(changed: tuple[Difference, ...]) -> Table:
-    table = Table(title="changed, A to B")
-    for heading in ("cell", "statistic", "A", "B", "standard errors"):
-        table.add_column(heading, overflow="fold")
-    for d in changed:
-        against = f" against {d.a.predictor}" if d.a.predictor else ""
-        sigmas = "no chance" if d.sigmas is None else f"{d.sigmas:+.2f}"
-        cells = (
-            d.cells[1],
-            f"{d.a.statistic}{against}",
-            f"{d.a.value:.6g}",
-            f"{d.b.value:.6g}",
-            sigmas,
-        )
-        table.add_row(*(cell.replace("[", r"\[") for cell in cells))
-    return table
+def _line(difference: Difference) -> str:
+    a, b, sigmas = difference.a, difference.b, difference.sigmas
+    against = f" against {a.predictor}" if a.predictor else ""
+    size = "without chance" if sigmas is None else f"{sigmas:+.1f} standard errors"
+    unit = "" if a.unit == "1" else f" {a.unit}"
+    relative = difference.relative
+    share = "" if relative is None else f", {100.0 * relative:+.3g} %"
+    return (
+        f"changed: {difference.cells[1]} {a.statistic}{against}: "
+        f"{a.value:.6g} -> {b.value:.6g}{unit}, {size}{share}"
+    )
