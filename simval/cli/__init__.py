@@ -19,6 +19,8 @@ COMMANDS = (
     ("report", "Write a run as one self-contained HTML file."),
     ("gate", "Judge a run against theory and the baseline; exit code for CI."),
     ("calibrate", "Calibrate an accelerometer from a recorded log."),
+    ("correct", "Apply a calibration to a recorded log."),
+    ("plan", "Predict a calibration's error bars before any data is taken."),
     ("scene", "Simulate a tumble and write the recording or a picture."),
     ("compare", "Show what changed between two runs beyond its uncertainty."),
     ("repro", "Compute one cell again and say whether it is equal to the bit."),
