@@ -49,23 +49,28 @@ def test_columns_of_theory_and_estimator_agree():
     np.testing.assert_allclose(theory_columns(*noisy), kernel, atol=20 * 2.3e-16)
 
 
+def arithmetic(vectors, q_true):
+    """The combined estimator from a fixed starting column, for the series."""
+    greatest = int(np.argmax(np.abs(q_true @ theory_columns(*vectors))))
+
+    def combined(b1, b2, r1, r2):
+        M = theory_columns(b1, b2, r1, r2)
+        raw = M @ (M.T @ M[:, greatest])
+        along = sum(raw[i].coefficients[0] * q_true[i] for i in range(4))
+        return float(np.sign(along)) * raw / np.sqrt(np.sum(raw * raw))
+
+    return combined
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_second_order_equals_the_series_to_rounding(seed):
     # The series differentiates the estimator's arithmetic and knows no closed form.
     q, vectors, rng = geometry(seed)
     noise = full_covariances(rng, 0.01)
     predicted = attitude_moments(q, *vectors[2:], noise, 2, "combined")
-    greatest = int(np.argmax(np.abs(predicted.q_true @ theory_columns(*vectors))))
-
-    def combined(b1, b2, r1, r2):
-        M = theory_columns(b1, b2, r1, r2)
-        raw = M @ (M.T @ M[:, greatest])
-        sign = np.sign(
-            float(sum(raw[i].coefficients[0] * predicted.q_true[i] for i in range(4)))
-        )
-        return sign * raw / np.sqrt(np.sum(raw * raw))
-
-    series = series_moments(combined, vectors, noise, order=2)
+    series = series_moments(
+        arithmetic(vectors, predicted.q_true), vectors, noise, order=2
+    )
     # a few thousand rounded terms over |n|^2 >= 0.09
     assert relative(predicted.bias, series.bias) < 1e-10
     assert relative(predicted.covariance, series.covariance) < 1e-10
@@ -100,6 +105,33 @@ def test_error_of_the_second_order_is_of_fourth_order():
             )
         slopes = np.polyfit(np.log(sigmas), np.log(errors), 1)[0]
         np.testing.assert_allclose(slopes, 4.0, atol=0.1)
+
+
+def test_fourth_order_from_the_series_alone():
+    # No closed form of this order exists here: the series gives it for free. Against
+    # cubature through the public estimator its error is of sixth order.
+    q, vectors, rng = geometry(2)
+    unit = full_covariances(rng, 1.0)
+    q_true = attitude_moments(q, *vectors[2:], unit, 2, "combined").q_true
+    sigmas = np.array([0.006, 0.012])
+    errors = []
+    for sigma in sigmas:
+        fourth = series_moments(arithmetic(vectors, q_true), vectors, sigma**2 * unit)
+        truth = cubature_moments(
+            lambda *v: two_vector_quaternion(*v, "combined"),
+            vectors,
+            sigma**2 * unit,
+            q_true,
+        )
+        errors.append(
+            [
+                np.linalg.norm(fourth.bias - truth.bias),
+                np.linalg.norm(fourth.covariance - truth.covariance),
+            ]
+        )
+    # the next term, c (sigma/|p|)^2 with |p| = 0.46 and c below 100, is 7 % at 0.012;
+    # it adds log2 of that to a slope over an octave
+    np.testing.assert_allclose(np.diff(np.log2(errors), axis=0)[0], 6.0, atol=0.1)
 
 
 def test_one_power_step_is_the_singular_vector_to_second_order():
@@ -151,9 +183,7 @@ def test_price_of_the_closed_form():
 
 
 def test_ratio_in_simulation():
-    # Same noise for both estimators. 500 geometries, 200 trials each; the ratio of
-    # two RMS values with common noise: its error, estimated by splitting the trials,
-    # is below 0.01 per geometry in the median.
+    # Same noise for both estimators. 500 geometries, 200 trials each.
     rng = np.random.default_rng(8)
     truth, count, sigma = [], 200, 1e-3
     for _, (q, r1, r2) in zip(range(500), five_hundred(), strict=False):
@@ -167,8 +197,15 @@ def test_ratio_in_simulation():
         for estimate in (two_vector_quaternion(*noisy, "combined"), davenport(*noisy))
     ]
     ratio = np.sqrt(squares[0].mean(axis=1) / squares[1].mean(axis=1))
+    halves = np.sqrt(
+        squares[0].reshape(500, 2, -1).mean(axis=2)
+        / squares[1].reshape(500, 2, -1).mean(axis=2)
+    )
+    # standard error of one ratio, from the two halves of its trials, pooled
+    error = np.sqrt(np.mean((halves[:, 0] - halves[:, 1]) ** 2)) / 2
+    assert error < 0.02
     assert np.median(ratio) < 1.03
-    assert ratio.max() < 1.12 + 4 * 0.01
+    assert ratio.max() < 1.12 + 4.4 * error  # 5e-6 one-sided, 500 of them: 3e-3
     # against the prediction, pooled over geometries
     predicted = [
         np.trace(attitude_moments(q, *v[2:], sigma, 2, "combined").covariance)
