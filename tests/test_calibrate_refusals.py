@@ -37,7 +37,7 @@ def test_fewer_than_nine():
 def test_six_faces_are_named_with_the_pose_that_helps():
     tripled = np.tile(cube_faces(), (3, 1))
     with pytest.raises(GeometryError) as caught:
-        calibrate(poses_of(tripled), G, repeats=True)
+        calibrate(poses_of(tripled), G)  # that poses repeat matters less
     words = str(caught.value)
     assert "the six faces of a cube" in words
     assert "rank 6 of 9" in words
@@ -59,6 +59,26 @@ def test_corners_alone():
     corners = np.concatenate([cube_corners(), cube_corners()[:4]])
     with pytest.raises(GeometryError, match="rank 7 of 9"):
         calibrate(poses_of(corners), G, repeats=True)
+
+
+T = np.arange(12.0)
+CIRCLE = np.stack([np.cos(T), np.sin(T), 0 * T], axis=-1)
+
+
+@pytest.mark.parametrize(
+    ("directions", "rank"),
+    [
+        (np.concatenate([cube_faces(), cube_faces()[:3]]), 6),
+        (CIRCLE, 5),  # x2, xy, y2, x, y
+        (np.concatenate([CIRCLE, CIRCLE[:, [0, 2, 1]]]), 8),  # yz is never seen
+        (np.tile([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]], (6, 1)), 2),
+    ],
+)
+@pytest.mark.parametrize("counts", [1.0, 400.0])
+def test_ranks_are_right_in_any_unit(directions, rank, counts):
+    raw = poses_of(directions) * counts + (32768.0 if counts > 1.0 else 0.0)
+    with pytest.raises(GeometryError, match=f"rank {rank} of 9"):
+        calibrate(raw, G)
 
 
 @pytest.mark.parametrize("directions", [cube_edges(), cap(90), fibonacci_sphere(9)])
@@ -91,7 +111,7 @@ def test_a_cap_that_noise_fills_is_never_a_success():
 def test_one_place_only():
     same = poses_of(np.tile([0.0, 0.0, 1.0], (12, 1)))
     with pytest.raises(GeometryError, match="all 12 poses read the same"):
-        calibrate(same, G, repeats=True)
+        calibrate(same, G)
     with pytest.raises(RefusedError):
         calibrate(same + 1e-3 * np.random.default_rng(0).normal(size=same.shape), G)
 

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array
+from simval.calibrate.moments import monomials
 from simval.calibrate.solver import STATUS_NAMES, Code
 from simval.errors import GeometryError, RefusedError
 from simval.poses import PARAMETERS, describe, observability
@@ -14,6 +15,7 @@ from simval.poses import PARAMETERS, describe, observability
 # 0.2 to 5 for noise of 1e-4 to 3e-2 of g (99 % of trials), of 12 poses or more all over
 # the sphere at most 0.11 at 3e-2. The limit is 1/7 = 0.14.
 _NOISE_MARGIN = 7.0
+_RANK_TOLERANCE = 1e-7  # relative; what a scatter matrix of readings can resolve
 
 
 def screen(poses: Array, *, full_scale: float | None, repeats: bool) -> Any:
@@ -137,9 +139,7 @@ def refuse(
 
 def _geometry_message(code: int, poses: Array, condition: float, limit: float) -> str:
     # Say what the poses leave open, and which pose would help.
-    offset = poses - (poses.max(axis=0) + poses.min(axis=0)) / 2.0
-    reach = np.abs(offset).max(axis=0)
-    offset = offset / np.where(reach > 0.0, reach, 1.0)
+    offset = _rounded(poses)
     length = np.linalg.norm(offset, axis=-1)
     directions = offset[length > 0.0] / length[length > 0.0, None]
     if len(directions) == 0:
@@ -148,6 +148,8 @@ def _geometry_message(code: int, poses: Array, condition: float, limit: float) -
             "or more different directions"
         )
     found = observability(directions)
+    columns = monomials(offset)[:, :9]
+    rank = int(np.linalg.matrix_rank(columns, rtol=_RANK_TOLERANCE))
     helps = ", ".join(f"{x:.2f}" for x in found.next_direction)
     what = describe(directions)
     advice = (
@@ -173,9 +175,21 @@ def _geometry_message(code: int, poses: Array, condition: float, limit: float) -
             f"together; check for outliers and units, and {advice}"
         )
     return (
-        f"the {len(poses)} poses ({what}) have rank {min(found.rank, 8)} of "
+        f"the {len(poses)} poses ({what}) have rank {min(rank, 8)} of "
         f"{PARAMETERS}, so some parameters cannot be told apart; {advice}"
     )
+
+
+def _rounded(poses: Array) -> Array:
+    # offsets from the middle, the ellipsoid made round by the symmetric root of their
+    # scatter, which keeps the axes; a direction without any extent stays flat
+    offset = poses - (poses.max(axis=0) + poses.min(axis=0)) / 2.0
+    greatest = np.abs(offset).max()
+    offset = offset / (greatest if greatest > 0.0 else 1.0)
+    values, vectors = np.linalg.eigh(offset.T @ offset / len(offset))
+    flat = ~(values > _RANK_TOLERANCE**2 * values[-1])
+    root = 1.0 / np.sqrt(np.where(flat, 1.0, values))
+    return np.asarray(offset @ (vectors * np.where(flat, 0.0, root)) @ vectors.T)
 
 
 def status_text(code: Any) -> Any:

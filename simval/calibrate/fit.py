@@ -178,7 +178,8 @@ def _fit_block(poses: Array, sigma: Array | None, options: Options) -> _Block:
     # Fit a block of trials, refused ones set aside.
     code = checks.screen(poses, full_scale=options.full_scale, repeats=options.repeats)
     block = _empty(code, len(poses))
-    keep = np.flatnonzero(code == Code.CONVERGED)
+    # repeated poses are looked at as well: what they leave open says more
+    keep = np.flatnonzero((code == Code.CONVERGED) | (code == Code.DUPLICATES))
     if keep.size == 0:
         return block
     z, centre, scale = normalized(poses if keep.size == len(poses) else poses[keep])
@@ -189,7 +190,7 @@ def _fit_block(poses: Array, sigma: Array | None, options: Options) -> _Block:
     usable = np.isfinite(theta).all(axis=-1) & np.asarray(ellipsoid.proper, dtype=bool)
     condition = direction_condition(options.model, theta, moments, usable)
     block.condition[keep] = condition
-    checked = np.full(len(z), int(Code.CONVERGED))
+    checked = code[keep]
     checked[~(condition <= options.condition_limit)] = int(Code.CONDITION)
     checked[~usable] = int(Code.NOT_ELLIPSOID)
     checked[~np.asarray(ellipsoid.determined, dtype=bool)] = int(Code.RANK)

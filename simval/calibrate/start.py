@@ -15,6 +15,10 @@ import numpy as np
 from simval.arrays import Array
 from simval.calibrate.positive import solve_positive
 
+# Relative to a column's own length, so the square of a sine: rounding of exactly
+# singular monomials leaves 1e-15, poses at the limit of the condition 1e-7 or more.
+_LEAST_PIVOT = 1e-12
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Ellipsoid:
@@ -64,4 +68,6 @@ def fit_ellipsoid(moments: Array) -> Ellipsoid:
     level = 1.0 + np.vecdot(bias, np.matvec(gram, bias))
     gram /= level[:, None, None]
     proper = (lowest > 0.0) & (level > 0.0)
-    return Ellipsoid(gram=gram, bias=bias, determined=pivot > 0.0, proper=proper)
+    return Ellipsoid(
+        gram=gram, bias=bias, determined=pivot > _LEAST_PIVOT, proper=proper
+    )
