@@ -73,6 +73,9 @@ def shaped_array(name: str, value: Any, tail: Sequence[int | None]) -> Array:
         If the value is not numeric or has another shape.
     """
     try:
+        if np.iscomplexobj(value):
+            reason = "it is complex"
+            raise TypeError(reason)
         array = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
         msg = f"`{name}` is not an array of real numbers ({error}); give numbers"

@@ -22,6 +22,7 @@ def test_good_arrays_pass_unchanged():
         (["a", "b", "c"], "not an array of real numbers"),
         ([[1.0, 2.0], [1.0]], "not an array of real numbers"),
         (1.0, "the last axes must be"),
+        (np.array([1.0, 2.0, 3.0j]), "not an array of real numbers .it is complex"),
     ],
 )
 def test_bad_arrays_are_named(value, words):
