@@ -146,7 +146,8 @@ def _figure(drawing: Drawing) -> Figure:
     named = any(isinstance(panel, BarPanel) for panel in drawing.panels)
     left = LEFT + NAMES if named else LEFT
     wide = drawing.columns == 1
-    width, height = WIDTH * columns * (2 if wide else 1), HEIGHT * rows
+    each = HEIGHT * 0.7 if wide else HEIGHT
+    width, height = WIDTH * columns * (2 if wide else 1), each * rows
     figure = Figure(figsize=(width, height))
     figure.subplots_adjust(
         left=left / width,
@@ -154,7 +155,7 @@ def _figure(drawing: Drawing) -> Figure:
         bottom=BOTTOM / height,
         top=1.0 - TOP / height,
         wspace=(left + RIGHT) / (width / columns - left - RIGHT),
-        hspace=(BOTTOM + TOP) / (HEIGHT - BOTTOM - TOP),
+        hspace=(BOTTOM + TOP) / (each - BOTTOM - TOP),
     )
     for i, panel in enumerate(drawing.panels):
         paint(panel, figure.add_subplot(rows, columns, i + 1))

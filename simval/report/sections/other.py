@@ -28,6 +28,8 @@ COVERED = (
     "attitude_order",
     "attitude_efficiency",
     "attitude_limits",
+    "detector",
+    "end_to_end",
 )
 ELSEWHERE = ("efficiency", "coverage", "nees", "budget")
 MAX_PANELS = 6
@@ -90,8 +92,7 @@ def _drawing(study: str, cells: Sequence[CellResult]) -> Drawing | None:
             if (c := curve(label, members, axis, statistic(name, predictor)))
         ]
         if any(len(np.unique(c.x)) > 1 for c in found):
-            against = f" against {predictor}" if predictor else ""
-            panels.append(_panel(f"{name}{against}", axis, unit, found))
+            panels.append(scored(name, axis, unit, found, predictor))
     if not panels:
         return None
     left = len(panels) - MAX_PANELS
@@ -107,20 +108,39 @@ def _drawing(study: str, cells: Sequence[CellResult]) -> Drawing | None:
     )
 
 
-def _panel(title: str, axis: str, unit: str, found: Sequence[Curve]) -> Panel:
+def scored(
+    name: str, axis: str, unit: str, found: Sequence[Curve], predictor: str = ""
+) -> Panel:
+    """A statistic of several groups along an axis, with predictions where there are.
+
+    Parameters
+    ----------
+    name, axis, unit : str
+        What is drawn, over what.
+    found : sequence of Curve
+        One for each group.
+    predictor : str, default ""
+        Whose predictions the lines are.
+
+    Returns
+    -------
+    Panel
+        Logarithmic where the values span more than a factor of ten.
+    """
     z = simultaneous(sum(len(c.x) for c in found))
     series: list[Series] = []
     for i, c in enumerate(found):
         series.append(c.points(z, i))
         if np.isfinite(c.prediction).any():
-            series.append(c.predicted(i))
+            series.append(c.predicted(i, "-", "" if i else predictor))
     return Panel(
-        title=title,
+        title=name.replace("_", " "),
         x_label=axis.replace("_", " "),
         y_label=f"value, {unit}",
         series=tuple(series),
         log_x=_spread([c.x for c in found]),
         log_y=_spread([c.value for c in found]),
+        dodge=True,
     )
 
 

@@ -154,7 +154,8 @@ def _panel(
         for name, measure in measures.items()
         for label, members in grouped(cells, axis).items()
         if (c := curve(_label(label, name), members, axis, measure))
-    ][:MAX_GROUPS]
+    ]
+    curves = [c for c in curves if np.isfinite(c.value).any()][:MAX_GROUPS]
     if not curves:
         return None
     z = simultaneous(sum(len(c.x) for c in curves))
