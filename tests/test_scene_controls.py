@@ -61,7 +61,7 @@ def test_free_fall_never_passes_for_a_calibration(falling, method, residual):
 @pytest.mark.parametrize(
     ("name", "setting", "message"),
     [
-        ("cube", "throws=12", "faces of a cube"),
+        ("cube", "throws=12", "add poses between them"),
         ("freefall", "seconds=10", "static interval"),
     ],
 )
