@@ -1,0 +1,244 @@
+"""Plug-ins in a run: isolated failures, three worked examples, and the gate on them."""
+
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from simval.plugins import Calibrator, PluginError, find_plugin
+from simval.plugins.answers import calibration_of
+from simval.plugins.probe import probe_sensor
+from simval.poses import fibonacci_sphere
+from simval.streams import Streams
+from simval.studies import calibrator, custom_scene, estimator
+from simval.sweep import load_run, run_suite
+from simval.sweep.suite import expand
+
+ROOT = Path(__file__).resolve().parents[1]
+EXAMPLES = ROOT / "docs" / "examples"
+
+HEAD = """
+import os, signal, sys, time
+import numpy as np
+from simval.plugins import Calibrator
+
+def work(poses, g):
+    BODY
+
+calibrator = Calibrator(name="broken", calibrate=work)
+"""
+
+
+def broken(folder, body):
+    path = folder / "broken.py"
+    path.write_text(HEAD.replace("BODY", body))
+    return str(path)
+
+
+def measured(algorithm, time_limit=60.0):
+    parameters = calibrator.Parameters(
+        algorithm=algorithm, trials=32, time_limit=time_limit
+    )
+    return calibrator.run(parameters, Streams(1, (1,))).rows
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        ("raise ValueError('mine')", "raised ValueError: mine"),
+        ("sys.exit(0)", "raised SystemExit"),
+        ("os._exit(0)", "ended with exit code 0 without an answer"),
+        ("os.kill(os.getpid(), signal.SIGSEGV)", "was killed by SIGSEGV"),
+        pytest.param(
+            "return np.eye(3) * np.nan, np.zeros(3)",
+            "non-finite",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param("return np.eye(2), np.zeros(3)", "shape", marks=pytest.mark.slow),
+        (
+            "print('x' * 10**6); sys.stderr.write('last'); sys.stderr.flush(); "
+            "os._exit(7)",
+            "exit code 7 without an answer; its last words: .*last",
+        ),
+    ],
+)
+def test_a_plugin_that_misbehaves_fails_in_words(tmp_path, body, words):
+    with pytest.raises(PluginError, match=words):
+        measured(broken(tmp_path, body))
+
+
+def test_a_plugin_that_hangs_is_stopped_with_its_children(tmp_path):
+    mark = tmp_path / "child"
+    body = (
+        f"child = os.fork(); open({str(mark)!r}, 'a').write(f'{{os.getpid()}} '); "
+        "time.sleep(600)"
+    )
+    start = time.monotonic()
+    with pytest.raises(PluginError, match="did not end within 12 s"):
+        measured(broken(tmp_path, body), time_limit=12.0)
+    assert time.monotonic() - start < 300.0  # far below the sleep: it was stopped
+    processes = mark.read_text().split()
+    assert len(processes) == 2
+    for pid in processes:
+        state = Path(f"/proc/{pid}/stat")
+        # gone, or dead and waiting for its new parent to look
+        assert not state.exists() or state.read_text().rpartition(")")[2].split()[
+            0
+        ] in ("Z", "X")
+
+
+def test_a_forged_answer_is_refused(tmp_path):
+    body = (
+        "import glob; folder = sys.argv[1]; "
+        "open(folder + '/answer.json', 'w').write('{\"rows\": [{}]}'); os._exit(0)"
+    )
+    with pytest.raises(PluginError, match="no readable answer"):
+        measured(broken(tmp_path, body))
+
+
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_a_broken_plugin_fails_its_cells_and_nothing_else(tmp_path, workers):
+    algorithm = broken(tmp_path, "os.kill(os.getpid(), signal.SIGKILL)")
+    content = {
+        "attitude": {"noise_std": 0.02, "samples": 16_384},
+        "calibrator": {"algorithm": algorithm, "trials": 32},
+    }
+    run = run_suite(expand("mixed", content), tmp_path / "run", workers=workers)
+    assert {cell.study: cell.status for cell in run.cells} == {
+        "attitude": "done",
+        "calibrator": "failed",
+    }
+    failed = next(cell for cell in run.cells if cell.status == "failed")
+    assert "was killed by SIGKILL without an answer" in failed.error
+
+
+def test_the_numbers_of_a_plugin_do_not_depend_on_the_process():
+    parameters = calibrator.Parameters(
+        algorithm=str(EXAMPLES / "ellipsoid.py"), trials=32
+    )
+    streams = Streams(1, (1,))
+    inside = calibrator.compute(parameters, streams).rows
+    assert calibrator.run(parameters, streams).rows == inside
+
+
+def test_a_claimed_covariance_is_judged(tmp_path):
+    # the sound one of the probe's tests, written out, and one that claims too much
+    text = (EXAMPLES / "align.py").read_text().partition("align = ")[0]
+    text += """
+def _covariance(b1, b2, r1, r2, noise_std):
+    size = (b1**2 + b2**2).sum(axis=1)[:, None, None]
+    H = size * np.eye(3) - b1[:, :, None] * b1[:, None] - b2[:, :, None] * b2[:, None]
+    return 2 * noise_std**2 * np.linalg.inv(H)
+
+align = Estimator(name="align", estimate=_align, components="xyzs", matrix="active",
+                  covariance=_covariance, claim=CLAIM)
+"""
+    rows = {}
+    for claim in ("2", '"exact"'):
+        path = tmp_path / f"claim{len(claim)}.py"
+        path.write_text(text.replace("CLAIM", claim))
+        parameters = estimator.Parameters(
+            algorithm=str(path), noise_std=0.05, samples=1024
+        )
+        found = estimator.compute(parameters, Streams(1, (1,))).rows
+        rows[claim] = {row.statistic: row for row in found}
+    earned = rows["2"]["claim_off_at_half_noise"]
+    assert 0.0 < earned.value <= earned.prediction
+    assert rows["2"]["nees"].remainder > 0.0
+    assert rows['"exact"']["nees"].remainder == 0.0
+    assert "claim_off_at_half_noise" not in rows['"exact"']
+
+
+def test_a_scene_of_ones_own(tmp_path):
+    shutil.copy(ROOT / "models" / "gimbal.xml", tmp_path / "mine.xml")
+    path = tmp_path / "mine.py"
+    path.write_text(
+        "from pathlib import Path\n"
+        "from simval.scene import Scene, find_scene\n"
+        "scene = Scene(name='mine', summary='a gimbal of mine',\n"
+        "              model=Path(__file__).with_name('mine.xml'),\n"
+        "              drive=find_scene('gimbal').drive)\n"
+    )
+    parameters = custom_scene.Parameters(scene=str(path))
+    rows = custom_scene.run(parameters, Streams(1, (1,))).rows
+    assert {row.statistic for row in rows} >= {"rest_force", "rank", "rate_lag"}
+    with pytest.raises(PluginError, match="never rests"):
+        custom_scene.run(custom_scene.Parameters(scene="freefall"), Streams(1, (1,)))
+
+
+def gated(folder, *plugin):
+    """From an empty folder to a gated run, by the commands of the documentation."""
+
+    def call(*words):
+        return subprocess.run(
+            [sys.executable, "-m", "simval", *words],
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            timeout=900,
+        )
+
+    (folder / "suite.toml").write_text("[attitude]\nsamples = 65536\n")
+    words = ("sweep", "suite.toml", *plugin, "--workers", "1", "--quiet")
+    assert call(*words, "--out", "first").returncode == 0
+    first = call("gate", "first")
+    assert first.returncode == 1, first.stdout + first.stderr  # writes the baseline
+    done = call("gate", "first")
+    assert done.returncode == 0, done.stdout + done.stderr
+    return load_run(folder / "first")
+
+
+@pytest.mark.parametrize(
+    ("plugin", "study"),
+    [
+        ("align.py", "estimator"),
+        pytest.param("ellipsoid.py", "calibrator", marks=pytest.mark.slow),
+    ],
+)
+def test_worked_examples_from_an_empty_folder_to_a_gated_run(tmp_path, plugin, study):
+    shutil.copy(EXAMPLES / plugin, tmp_path)
+    lines = (EXAMPLES / plugin).read_text().splitlines()
+    assert sum(bool(line.strip()) for line in lines) < 15
+    run = gated(tmp_path, "--plugin", plugin)
+    assert len(run.of(study)) == 1
+
+
+@pytest.mark.slow
+def test_an_external_command_from_an_empty_folder_to_a_gated_run(tmp_path):
+    shutil.copy(EXAMPLES / "command.py", tmp_path)
+    words = f"command: {sys.executable} command.py {{poses}} {{g}}"
+    # as few trials as a judgement needs: each is a process of its own
+    run = gated(tmp_path, "--plugin", words, "--set", "calibrator.trials=784")
+    assert len(run.of("calibrator")) == 1
+
+
+def test_an_external_command_is_measured(tmp_path):
+    words = f"{sys.executable} {EXAMPLES / 'command.py'} {{poses}} {{g}}"
+    rows = measured(f"command: {words}")
+    assert rows[0].statistic == "probe"
+    assert rows[0].value <= rows[0].prediction
+    for program, complaint in (
+        ("false {poses}", "exit code 1"),
+        ("echo {poses}", "did not print one JSON object"),
+        ("no-such-program {poses}", "cannot be run"),
+    ):
+        with pytest.raises(PluginError, match=complaint):
+            measured(f"command: {program}")
+    with pytest.raises(PluginError, match="print one JSON object"):
+        measured(f"command: {sys.executable} -c 'print(3)' {{poses}}")
+
+
+def test_simval_calibrate_is_itself_an_external_calibrator():
+    # a whole recorded log, rests found by the detector; noise-free but for its stripes
+    words = f"{sys.executable} -m simval calibrate {{log}} --g {{g}} --json"
+    sensor = probe_sensor()
+    raw = sensor.distort(9.80665 * fibonacci_sphere(24), np.random.default_rng(0))
+    plugin = find_plugin(f"command: {words}", Calibrator)
+    found = calibration_of(plugin, raw, 9.80665, 1e-4)
+    # the detector leaves out what is near a turn, so means keep at most one stripe of
+    # 1e-4 sqrt(200) in some 100 samples
+    assert abs(found.bias - sensor.B).max() <= 10 * 1e-4 * 200**0.5 / 100
