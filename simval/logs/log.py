@@ -1,24 +1,14 @@
-"""Recorded logs: text files of accelerometer rows, read and checked once.
-
-A row is one instant. Columns are separated by white space, commas or semicolons; a
-header line and lines that start with ``#`` or ``%`` are allowed. Without names the
-number of columns tells what they are: 3 are ``ax ay az``, 4 ``t ax ay az``, 6
-``ax ay az wx wy wz`` and 7 ``t`` and those six. Time is in seconds; the readings keep
-the unit of the file (raw counts or SI), because a calibration absorbs it.
-
-Every row must be there: a log with a hole, a repeated time or a value that is not a
-number is refused with the file and the line, never repaired.
-"""
+"""A recorded log and how one is read, see `simval.logs`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
-from pathlib import Path
 
 import numpy as np
 
 from simval.arrays import Array, frozen, positive_number
 from simval.errors import InputError
+from simval.logs.text import data_lines, parse, split_header
 
 NAMES = ("t", "ax", "ay", "az", "wx", "wy", "wz")
 SKIP = "-"
@@ -108,9 +98,9 @@ def read_log(
     """
     if rate is not None:
         rate = positive_number("rate", rate, "Hz")
-    lines = _data_lines(path)
-    header, lines = _split_header(lines)
-    table = _parse(path, lines)
+    lines = data_lines(path)
+    header, lines = split_header(lines)
+    table = parse(path, lines)
     names = _column_names(path, columns, header, table.shape[1])
     places = {name: k for k, name in enumerate(names) if name != SKIP}
     _require_finite(path, lines, table[:, list(places.values())])
@@ -133,91 +123,6 @@ def read_log(
         gyro=gyro,
         rate=rate,
     )
-
-
-def _data_lines(path: str | PathLike[str]) -> list[tuple[int, str]]:
-    # numbered lines that are neither blank nor a comment
-    try:
-        content = Path(path).read_bytes()
-    except OSError as error:
-        msg = f"cannot read {path}: {error.strerror}; give the path of a text log"
-        raise InputError(msg) from None
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = "\0"
-    if "\0" in text:
-        msg = f"{path} is not a text file; export the log as rows of numbers"
-        raise InputError(msg)
-    lines = [
-        (number, line)
-        for number, line in enumerate(text.splitlines(), start=1)
-        if line and not line.isspace() and line.lstrip()[0] not in "#%"
-    ]
-    if not lines:
-        msg = f"{path} is empty: it has no row of numbers; record or export it again"
-        raise InputError(msg)
-    return lines
-
-
-def _delimiter(line: str) -> str | None:
-    return next((mark for mark in ",;" if mark in line), None)
-
-
-def _split_header(
-    lines: list[tuple[int, str]],
-) -> tuple[list[str], list[tuple[int, str]]]:
-    # first line's names if none of its fields is a number, and the other lines
-    first = lines[0][1]
-    fields = [field.strip().strip('"') for field in first.split(_delimiter(first))]
-    if any(_is_number(field) for field in fields):
-        return [], lines
-    names = [field.split("[")[0].split("(")[0].strip().lower() for field in fields]
-    return names, lines[1:]
-
-
-def _is_number(field: str) -> bool:
-    try:
-        float(field)
-    except ValueError:
-        return False
-    return True
-
-
-def _parse(path: str | PathLike[str], lines: list[tuple[int, str]]) -> Array:
-    # all rows as one float table, (n, columns)
-    if not lines:
-        msg = f"{path} has a header but no row of numbers; record or export it again"
-        raise InputError(msg)
-    delimiter = _delimiter(lines[0][1])
-    try:
-        table: Array = np.loadtxt(
-            (line for _, line in lines), delimiter=delimiter, ndmin=2, comments=None
-        )
-    except ValueError:
-        raise InputError(_first_bad_row(path, lines, delimiter)) from None
-    return table
-
-
-def _first_bad_row(
-    path: str | PathLike[str], lines: list[tuple[int, str]], delimiter: str | None
-) -> str:
-    # message about the first row that is not like the first one
-    width = len(lines[0][1].split(delimiter))
-    for number, line in lines:
-        fields = line.split(delimiter)
-        if len(fields) != width:
-            return (
-                f"{path}, line {number}: {len(fields)} columns, but the first row has "
-                f"{width}; every row must have the same columns, so repair that line"
-            )
-        for place, field in enumerate(fields, start=1):
-            if not _is_number(field):
-                return (
-                    f"{path}, line {number}, column {place}: {field.strip()[:40]!r} is "
-                    "not a number; remove the line or leave that column out"
-                )
-    return f"{path} cannot be read as rows of numbers; export it again"
 
 
 def _column_names(

@@ -1,27 +1,15 @@
-r"""Static intervals of an inertial log, by windowed variance magnitude.
-
-The method of Tedaldi, Pretto and Menegatti (IMU-TK): a sample is static when the
-variance of the readings in the window centred on it is below a multiple of the
-variance of a known rest,
-
-.. math:: \varsigma_k = \Vert (\mathrm{var}_x, \mathrm{var}_y, \mathrm{var}_z)\Vert
-   _{|i-k| \le h} < m\, \varsigma_{rest}.  \tag{D1}
-
-The window is :math:`w = 2h + 1` samples, so each interval ends about `h` samples
-before the motion does anything in its window. All is relative to the rest's own
-variance: raw counts and SI units give the same intervals.
-"""
+"""The initial rest and the static intervals of a log, see `simval.statics`."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simval.arrays import Array, finite_array, positive_number
+from simval.arrays import Array, positive_number
 from simval.errors import InputError, RefusedError
+from simval.statics.intervals import Intervals
+from simval.statics.variance import WINDOW, checked_samples, variance_magnitude
 
-Intervals = NDArray[np.intp]
-WINDOW = 101  # samples; one second at 100 Hz
 MINIMUM = 100  # samples
 FLOOR_QUANTILE = 0.1  # of the windowed variance: the noise floor of the log
 FLOOR_MULTIPLE = 3.0  # a window above this many floors has moved
@@ -45,87 +33,6 @@ class Rest:
     stop: int
     variance: float
     found: bool
-
-
-def variance_magnitude(samples: Array, window: int = WINDOW) -> Array:
-    """Variance magnitude of the window centred on each sample, eq. (D1).
-
-    Parameters
-    ----------
-    samples : Array
-        Readings, (n, 3), any unit.
-    window : int
-        Samples in a window, odd, 3 or more.
-
-    Returns
-    -------
-    Array
-        (n,), unit of the readings squared; infinite within half a window of either
-        end, where there is no full window, so that nothing there is static.
-
-    Raises
-    ------
-    InputError
-        If the window is not odd or does not fit into the log.
-
-    Notes
-    -----
-    Each window spans at most two blocks of `window` samples. Sums run from the blocks'
-    ends over data centred per block, and the two parts are merged (Chan, Golub and
-    LeVeque 1983): no sum is longer than a window, so a rest late in a long log of
-    large counts loses no digits.
-    """
-    samples = _checked_samples(samples, window)
-    n, half = len(samples), window // 2
-    blocks = -(-n // window)
-    padded = np.concatenate([samples, np.repeat(samples[-1:], blocks * window - n, 0)])
-    cube = padded.reshape(blocks, window, 3)
-    centre = cube.mean(axis=1, keepdims=True)
-    cube = cube - centre
-    mean_before, spread_before = _running(cube)
-    mean_after, spread_after = _running(cube[:, ::-1])
-    # a window that starts at offset o > 0 has window - o samples in its first block
-    centres = centre[:, 0]
-    tail_mean = (mean_after[:, ::-1] + centres[:, None]).reshape(-1, 3)
-    tail_spread = spread_after[:, ::-1].reshape(-1, 3)
-    head_mean = (mean_before + centres[:, None]).reshape(-1, 3)
-    head_spread = spread_before.reshape(-1, 3)
-    start = np.arange(n - window + 1)
-    in_head = start % window  # samples in the second block
-    last = start + window - 1
-    merged = (
-        tail_spread[start]
-        + head_spread[last]
-        + (in_head * (window - in_head) / window)[:, None]
-        * (head_mean[last] - tail_mean[start]) ** 2
-    )
-    whole = in_head == 0
-    merged[whole] = tail_spread[start[whole]]
-    result = np.full(n, np.inf)
-    result[half : n - half] = np.linalg.norm(merged / (window - 1), axis=1)
-    return result
-
-
-def _running(cube: Array) -> tuple[Array, Array]:
-    # running mean and sum of squared deviations along axis 1
-    count = np.arange(1, cube.shape[1] + 1)[:, None]
-    total = np.cumsum(cube, axis=1)
-    spread = np.cumsum(cube * cube, axis=1) - total * total / count
-    return total / count, np.maximum(spread, 0.0)
-
-
-def _checked_samples(samples: Array, window: int) -> Array:
-    samples = finite_array("samples", samples, (None, 3))
-    if not (window >= 3 and window % 2 == 1):
-        msg = f"`window` is {window}; it must be an odd number of samples, 3 or more"
-        raise InputError(msg)
-    if not (samples.ndim == 2 and len(samples) >= window):
-        msg = (
-            f"`samples` has shape {samples.shape}; one log of at least one window "
-            f"({window} rows of 3) is needed: record longer or shorten the window"
-        )
-        raise InputError(msg)
-    return samples
 
 
 def initial_rest(
@@ -167,7 +74,7 @@ def initial_rest(
     RefusedError
         If no rest is found, or its readings do not vary at all.
     """
-    samples = _checked_samples(samples, window)
+    samples = checked_samples(samples, window)
     if count is not None:
         if not window <= count <= len(samples):
             msg = (
@@ -273,67 +180,3 @@ def _runs(flag: NDArray[np.bool_]) -> Intervals:
     edges = np.diff(np.concatenate([[False], flag, [False]]).astype(np.int8))
     starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     return np.stack([starts, stops], axis=1)
-
-
-def interval_counts(intervals: Intervals) -> Intervals:
-    """Number of samples of each interval.
-
-    Parameters
-    ----------
-    intervals : Intervals
-        [start, stop) rows, (m, 2).
-
-    Returns
-    -------
-    Intervals
-        (m,).
-    """
-    return np.asarray(intervals[:, 1] - intervals[:, 0])
-
-
-def interval_means(samples: Array, intervals: Intervals) -> Array:
-    """Mean reading of each interval.
-
-    Parameters
-    ----------
-    samples : Array
-        Readings, (n, 3).
-    intervals : Intervals
-        [start, stop) rows, (m, 2).
-
-    Returns
-    -------
-    Array
-        (m, 3), unit of the readings.
-    """
-    means = [samples[start:stop].mean(axis=0) for start, stop in intervals]
-    return np.array(means).reshape(-1, 3)
-
-
-def first_samples(samples: Array, intervals: Intervals, count: int) -> Array:
-    """First readings of each interval, as IMU-TK takes them.
-
-    Parameters
-    ----------
-    samples : Array
-        Readings, (n, 3).
-    intervals : Intervals
-        [start, stop) rows, (m, 2), each of at least `count` samples.
-    count : int
-        Readings to take from each, 1 or more.
-
-    Returns
-    -------
-    Array
-        (m, count, 3), unit of the readings.
-
-    Raises
-    ------
-    InputError
-        If an interval is shorter.
-    """
-    shortest = int(interval_counts(intervals).min(initial=count))
-    if not 1 <= count <= shortest:
-        msg = f"`count` is {count}; it must be from 1 to the shortest's {shortest}"
-        raise InputError(msg)
-    return np.asarray(samples)[intervals[:, :1] + np.arange(count)]

@@ -1,0 +1,42 @@
+r"""Static intervals of an inertial log, by windowed variance magnitude.
+
+The method of Tedaldi, Pretto and Menegatti (IMU-TK): a sample is static when the
+variance of the readings in the window centred on it is below a multiple of the
+variance of a known rest,
+
+.. math:: \varsigma_k = \Vert (\mathrm{var}_x, \mathrm{var}_y, \mathrm{var}_z)\Vert
+   _{|i-k| \le h} < m\, \varsigma_{rest}.  \tag{D1}
+
+The window is :math:`w = 2h + 1` samples, so each interval ends about `h` samples
+before the motion does anything in its window. All is relative to the rest's own
+variance: raw counts and SI units give the same intervals.
+"""
+
+from simval.statics.detector import (
+    MINIMUM,
+    Rest,
+    initial_rest,
+    intervals_below,
+    static_intervals,
+)
+from simval.statics.intervals import (
+    Intervals,
+    first_samples,
+    interval_counts,
+    interval_means,
+)
+from simval.statics.variance import WINDOW, variance_magnitude
+
+__all__ = [
+    "MINIMUM",
+    "WINDOW",
+    "Intervals",
+    "Rest",
+    "first_samples",
+    "initial_rest",
+    "interval_counts",
+    "interval_means",
+    "intervals_below",
+    "static_intervals",
+    "variance_magnitude",
+]
