@@ -176,3 +176,27 @@ def test_every_scene_has_a_model_and_says_what_happens():
         assert scene.model.is_file()
         assert scene.summary
         load_model(scene.model)
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters", "least"),
+    [
+        ("gimbal", {"directions": 12}, 12),
+        ("die", {"throws": 6}, 6),
+        ("shaker", {"poses": 5}, 3),
+        ("pivot", {"spin_rate": 0.5}, 40),
+        ("handheld", {"directions": 6}, 6),
+        ("cube", {"throws": 6}, 6),
+        ("freefall", {"seconds": 2.0}, 0),
+    ],
+)
+def test_every_scene_keeps_its_own_bound(name, parameters, least):
+    recording = record(name, **parameters)
+    rest = recording.hold >= 0
+    assert len(recording.hold_indices()) >= least
+    force = np.linalg.norm(recording.specific_force[rest], axis=1) - recording.g
+    rate = np.linalg.norm(recording.angular_velocity[rest], axis=1)
+    assert np.abs(force).max(initial=0.0) <= recording.rest_force
+    assert rate.max(initial=0.0) <= recording.rest_rate
+    planned = set(recording.hold_indices()) | set(recording.unsettled)
+    assert planned == set(range(len(planned)))
