@@ -338,7 +338,14 @@ def test_a_study_without_a_section_is_shown_all_the_same(tiny_run):
     page = render(run)
     assert '<section id="other"' in page
     assert "<h3>of_a_plugin</h3>" in page
-    assert 'id="figure-study-of_a_plugin"' in page
+    assert 'id="figure-study-of-a-plugin"' in page
+
+
+def test_names_from_data_cannot_leave_the_folder(simval, tiny_run, tmp_path, undrawn):
+    edited(tiny_run, "UPDATE cells SET study = '../../x y' WHERE position > 1")
+    assert simval("report", tiny_run, "--tables", tmp_path / "a" / "t")[0] == 0
+    assert (tmp_path / "a" / "t" / "study-x-y.csv").is_file()
+    assert sorted(p.name for p in tmp_path.iterdir() if p.name != "tiny") == ["a"]
 
 
 def test_an_empty_run_renders(tiny_run):

@@ -11,7 +11,7 @@ from simval.report.panels import Drawing, Panel, Series
 from simval.report.slope import fitted_slope, order, simultaneous
 from simval.report.table import Column, Table, csv_text, sort_key, text
 from simval.report.thinning import COLUMNS, MAX_POINTS, thinned
-from simval.report.words import measured, reproduce
+from simval.report.words import measured, reproduce, slugs
 from simval.results import Row
 from simval.sweep.run import CellResult
 
@@ -37,6 +37,15 @@ def test_numbers_show_the_digits_that_mean_something(value, error, text):
 def test_a_cell_is_quoted_for_the_shell():
     assert reproduce("a(b=1)@2") == "simval repro 'a(b=1)@2'"
     assert reproduce("a, all cells") == ""
+
+
+def test_slugs_are_different_and_safe():
+    assert slugs("a", ["", "Noise 0.1", "noise 0 1", "../x"]) == [
+        "a",
+        "a-noise-0-1",
+        "a-noise-0-1-2",
+        "a-x",
+    ]
 
 
 def test_fitted_slope_recovers_a_known_one_with_its_interval():

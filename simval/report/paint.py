@@ -91,6 +91,7 @@ def svg(drawing: Drawing) -> str:
     text = text.replace(
         '<style type="text/css">*{', f'<style type="text/css">#{name} *{{'
     )
+    text = re.sub(r"<[^>]*>", _rounded, text)
     text = text.replace(INK, "currentColor")
     # the size comes from the view box, so the figure can shrink with the page
     head, rest = text.split(">", 1)
@@ -138,6 +139,11 @@ def png(drawing: Drawing) -> bytes:
             buffer, format="png", dpi=DOTS_PER_INCH, metadata={"Software": None}
         )
     return buffer.getvalue()
+
+
+def _rounded(tag: re.Match[str]) -> str:
+    """Round the coordinates in a tag to a hundredth of a point, which none can see."""
+    return re.sub(r"\d+\.\d{3,}", lambda m: f"{float(m[0]):.2f}", tag[0])
 
 
 def _figure(drawing: Drawing) -> Figure:

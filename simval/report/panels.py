@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from simval.arrays import Array
+from simval.report.words import slug
 
 # Okabe and Ito's palette: told apart with every kind of colour vision
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
@@ -128,7 +129,8 @@ class Drawing:
     Attributes
     ----------
     name : str
-        Unique on the page: prefix of every id in the figure, and its file name.
+        Unique on the page: part of every id in the figure, and its file name; a slug
+        (`simval.report.words.slug`).
     caption : str
         What the reader sees below it.
     alternative : str
@@ -144,3 +146,6 @@ class Drawing:
     alternative: str
     panels: Sequence[AnyPanel]
     columns: int = 3
+
+    def __post_init__(self) -> None:
+        assert self.name == slug(self.name), self.name

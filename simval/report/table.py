@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from simval.report.words import measured, number
+from simval.report.words import measured, number, slug
 
 Kind = Literal["text", "code", "number", "measured", "answer", "figure"]
 
@@ -41,7 +41,7 @@ class Table:
     Attributes
     ----------
     name : str
-        Unique on the page; its file name.
+        Unique on the page; its file name; a slug.
     caption : str
         What it holds.
     columns : sequence of Column
@@ -57,6 +57,9 @@ class Table:
     columns: Sequence[Column]
     rows: Sequence[Sequence[Any]]
     shown: int | None = None
+
+    def __post_init__(self) -> None:
+        assert self.name == slug(self.name), self.name
 
     @property
     def visible(self) -> Sequence[Sequence[Any]]:

@@ -1,6 +1,8 @@
 """Numbers for people: digits that mean something."""
 
+import re
 import shlex
+from collections.abc import Iterable
 
 
 def number(value: float | None, digits: int = 6) -> str:
@@ -59,3 +61,43 @@ def reproduce(cell: str) -> str:
         Quoted for a shell; empty for what is pooled over cells.
     """
     return f"simval repro {shlex.quote(cell)}" if "@" in cell else ""
+
+
+def slug(text: str) -> str:
+    """Spell words so that they serve as an id, a selector and a file name.
+
+    Parameters
+    ----------
+    text : str
+        Any.
+
+    Returns
+    -------
+    str
+        Lower-case letters, digits and single hyphens, none at the ends.
+    """
+    return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
+
+
+def slugs(stem: str, labels: Iterable[str]) -> list[str]:
+    """Name the figures of several groups.
+
+    Parameters
+    ----------
+    stem : str
+        What they all show; itself a slug.
+    labels : iterable of str
+        What tells them apart.
+
+    Returns
+    -------
+    list of str
+        All different; the stem alone for an empty label.
+    """
+    names: list[str] = []
+    for label in labels:
+        name = slug(f"{stem} {label}")
+        if name in names:
+            name = f"{name}-{len(names)}"
+        names.append(name)
+    return names

@@ -11,6 +11,7 @@ from simval.report.panels import COLOURS, GREY, Drawing, Panel, Series
 from simval.report.section import Context, Section, made
 from simval.report.slope import order, simultaneous
 from simval.report.table import Column, Table
+from simval.report.words import slugs
 from simval.sweep.run import CellResult
 
 STYLES = {
@@ -44,10 +45,14 @@ def section(context: Context) -> Section | None:
         return None
     groups = grouped(cells, "noise_std")
     shown = list(groups.items())[:MAX_GROUPS]
+    names = slugs("attitude", (label for label, _ in shown))
     return made(
         "attitude",
         "Attitude error against noise",
-        [_drawing(i, label, members) for i, (label, members) in enumerate(shown)],
+        [
+            _drawing(name, label, members)
+            for name, (label, members) in zip(names, shown, strict=True)
+        ],
         [_orders(groups), _slopes(groups)],
         groups=len(groups),
         shown=len(shown),
@@ -101,7 +106,7 @@ def _line(x: np.ndarray, y: np.ndarray, predictor: str, label: str) -> Series:
     return Series(label=label, x=x, y=y, colour=colour, line=style)
 
 
-def _drawing(number: int, label: str, cells: Sequence[CellResult]) -> Drawing:
+def _drawing(name: str, label: str, cells: Sequence[CellResult]) -> Drawing:
     found = {
         part: curve("", cells, "noise_std", moment(part, "exact")) for part in PARTS
     }
@@ -109,7 +114,7 @@ def _drawing(number: int, label: str, cells: Sequence[CellResult]) -> Drawing:
     panels = [_measured(part, cells, z) for part in PARTS]
     panels += [remainders(cells, part) for part in PARTS]
     return Drawing(
-        name=f"attitude{number}",
+        name=name,
         caption=(
             f"{label + ': ' if label else ''}above, bias and covariance of the "
             f"simulated error (bars: {z:.2f} standard errors, 95 % for all points of "

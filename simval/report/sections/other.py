@@ -17,6 +17,7 @@ from simval.report.panels import Drawing, Panel, Series
 from simval.report.section import Context, Section, made
 from simval.report.slope import simultaneous
 from simval.report.table import Column, Table
+from simval.report.words import slug
 from simval.sweep.run import CellResult
 
 COVERED = (
@@ -97,7 +98,7 @@ def _drawing(study: str, cells: Sequence[CellResult]) -> Drawing | None:
         return None
     left = len(panels) - MAX_PANELS
     return Drawing(
-        name=f"study-{study}",
+        name=slug(f"study {study}"),
         caption=(
             "Points: measured, with bars that hold for all points of a panel together "
             "(95 %). Lines: predicted."
@@ -166,7 +167,7 @@ def _table(study: str, cells: Sequence[CellResult]) -> Table:
         for row in cell.rows
     ]
     return Table(
-        name=f"study-{study}",
+        name=slug(f"study {study}"),
         caption=f"Numbers of the study {study}",
         columns=(
             *(Column(key.replace("_", " ")) for key in keys),

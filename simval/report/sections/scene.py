@@ -8,6 +8,7 @@ import numpy as np
 from simval.report.artifacts import arrays
 from simval.report.panels import Drawing, SpherePanel
 from simval.report.section import Context, Section, made
+from simval.report.words import slug
 
 MAX_SCENES = 8
 MAX_DIRECTIONS = 2000
@@ -56,7 +57,7 @@ def _scene(file: Path) -> tuple[str, str, Drawing] | None:
         data = base64.b64encode(picture.read_bytes()).decode()
     some = f", {MAX_DIRECTIONS} of them drawn" if count > MAX_DIRECTIONS else ""
     drawing = Drawing(
-        name=file.stem,
+        name=slug(file.stem),
         caption=(
             f"{name}: the {count} directions{some} in which the sensor feels the "
             "reaction to gravity while at rest, in equal-area maps of the two half "

@@ -11,6 +11,7 @@ from simval.report.curves import MAX_GROUPS, axis_of, curve, grouped, statistic
 from simval.report.panels import COLOURS, Drawing, Panel, Series
 from simval.report.section import Context, Section, made
 from simval.report.sections.other import scored
+from simval.report.words import slug
 from simval.sweep.run import CellResult
 
 MAX_RECORDINGS = 4
@@ -99,7 +100,7 @@ def _drawing(file: Path) -> Drawing | None:
         panels.append(_variance(content, truth or spans, bool(truth)))
     told = f"; {len(truth)} intervals of true rest" if truth else ""
     return Drawing(
-        name=file.stem,
+        name=slug(file.stem),
         caption=(
             f"{name}: above, the signal with the {len(spans)} detected intervals "
             "shaded; below, the detector's windowed variance and its threshold, with "
