@@ -65,6 +65,11 @@ def test_xsens_command(xsens):
     assert 15 < got["chi2_per_dof"] < 25  # 19.6: the poses are the limit
     assert "the poses are the limit" in got["verdict"]
     assert 0.0009 < got["rms"] < 0.0011
+    # error bars from the noise alone would be some 3 to 4 times too small; not by the
+    # root of the chi-square for each, since holds of 3 s and 50 s differ in noise by 4
+    # but not in what limits them
+    over = np.array(got["sd"]) / np.array(got["bound_sd"])
+    assert np.all((over > 2.5) & (over < np.sqrt(got["chi2_per_dof"]) * 1.2))
     # the sd of the reference is the textbook s^2 (J'J)^-1; ours allows for unequal
     # axes, which are 0.6 % apart here
     sd = np.array(got["sd"])
@@ -199,6 +204,10 @@ def test_known_sensor_from_a_synthetic_log(tmp_path):
     # a hold of 250 has its windows' worth left, 150 to 250 samples
     assert np.all(sigma[1:] < 0.01 / np.sqrt(150) * 1.1)
     error = (result.fit.parameters - sensor.parameters) / result.fit.sd
+    # the scatter is that of the noise, and the noise is at the bound: the reported
+    # sd varies as a chi with 15 degrees of freedom, 18 %
+    bound = np.sqrt(np.diag(result.predicted.cramer_rao))
+    assert np.all(np.abs(result.fit.sd / bound - 1) < 4 * 0.18)
     # nine t values with 15 degrees of freedom, 1e-4 in all: 6
     assert np.abs(error).max() < 6.0
     assert result.diagnosis.outliers == ()

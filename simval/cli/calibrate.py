@@ -5,7 +5,9 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
+from simval.arrays import Array
 from simval.calibrate.arguments import choices
 from simval.calibrate.files import to_json, write_json
 from simval.logs import read_log
@@ -101,6 +103,8 @@ def as_object(result: RecordedCalibration) -> dict[str, Any]:
         "verdict": found.verdict,
         "outliers": list(found.outliers),
         "next_direction": result.next_direction.tolist(),
+        "bound_sd": None if result.predicted is None else _bound(result).tolist(),
+        "bias": None if result.predicted is None else result.predicted.bias.tolist(),
     }
 
 
@@ -127,16 +131,19 @@ def described(result: RecordedCalibration) -> list[str]:
         f"condition of the poses {float(fit.condition):.3g}",
         "",
         f"{fit.model} form, 95 % intervals: {_kind(fit)}",
-        "                  value           sd   95 % interval",
+        "                  value           sd        bound   95 % interval",
     ]
-    rows = zip(fit.names, fit.parameters, fit.sd, fit.intervals, strict=True)
-    for name, value, sd, (low, high) in rows:
-        lines.append(f"  {name:5s} {value:15.8g} {sd:12.3g}   {low:.8g} to {high:.8g}")
+    columns = (fit.names, fit.parameters, fit.sd, _bound(result), fit.intervals)
+    for name, value, sd, bound, (low, high) in zip(*columns, strict=True):
+        numbers = f"{value:15.8g} {sd:12.3g} {bound:12.3g}"
+        lines.append(f"  {name:5s} {numbers}   {low:.8g} to {high:.8g}")
     lines += [
         "",
         f"residual RMS      {float(fit.rms):.4g} m/s^2 of | |TK(y - B)| - g |",
         f"chi2 per dof      {found.chi2_per_dof:.3g} with {fit.dof} degrees of freedom",
         f"verdict           {found.verdict}",
+        "bound             least sd that white noise alone would allow with these "
+        "poses (Cramer-Rao)",
         f"gravity           {fit.g:g} m/s^2 was assumed; a g wrong by 0.1 % makes "
         "every K wrong by 0.1 %, and leaves T and B",
     ]
@@ -153,6 +160,13 @@ def described(result: RecordedCalibration) -> list[str]:
             "use --loss cauchy"
         )
     return lines
+
+
+def _bound(result: RecordedCalibration) -> Array:
+    # square root of the Cramer-Rao bound on each variance, (9,)
+    if result.predicted is None:
+        return np.full(9, np.nan)
+    return np.sqrt(np.diagonal(result.predicted.cramer_rao))
 
 
 def _kind(fit: Any) -> str:

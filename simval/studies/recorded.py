@@ -26,6 +26,7 @@ from simval.statics import (
     intervals_below,
     variance_magnitude,
 )
+from simval.theory.calibration import CalibrationMoments, calibration_moments
 
 _RAIL_SHARE = 0.3
 MULTIPLIERS = (2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0)
@@ -53,6 +54,9 @@ class RecordedCalibration:
         Mean reading of each interval, raw units, (m, 3).
     noise_std : Array
         What white noise leaves in each mean, raw units, (m,).
+    predicted : CalibrationMoments or None
+        Bias, covariance and Cramer-Rao bound if white noise were all there is; None
+        where the readings show no noise.
     next_direction : Array
         Direction of a further pose that would help most, sensor axes, (3,).
     """
@@ -65,6 +69,7 @@ class RecordedCalibration:
     intervals: Intervals
     poses: Array
     noise_std: Array
+    predicted: CalibrationMoments | None
     next_direction: Array
 
     def __post_init__(self) -> None:
@@ -146,15 +151,17 @@ def calibrate_log(
         raise refusal or _too_few(0)
     _, multiplier, fit, intervals = best
     means, sigma = interval_means(samples, intervals), white_noise(samples, intervals)
+    quiet = bool(np.any(sigma == 0.0))
     return RecordedCalibration(
         fit=fit,
-        diagnosis=diagnose(fit, means, None if np.any(sigma == 0.0) else sigma),
+        diagnosis=diagnose(fit, means, None if quiet else sigma),
         rest=start,
         rest_seconds=float(log.time[start.stop - 1] - log.time[start.start]),
         multiplier=multiplier,
         intervals=intervals,
         poses=means,
         noise_std=sigma,
+        predicted=None if quiet else _predicted(fit, means, sigma),
         next_direction=observability(fit.sensor().correct(means)).next_direction,
     )
 
@@ -208,6 +215,18 @@ def white_noise(samples: Array, intervals: Intervals) -> Array:
     squares = [samples[a:b].var(axis=0).mean() * (b - a) for a, b in intervals]
     variance = np.sum(squares) / (np.sum(counts) - len(counts))
     return np.sqrt(variance / counts)
+
+
+def _predicted(fit: FitResult, means: Array, sigma: Array) -> CalibrationMoments:
+    sensor = fit.sensor()
+    return calibration_moments(
+        sensor,
+        sensor.correct(means),
+        g=fit.g,
+        noise_std=sigma,
+        residual=fit.residual,
+        form=fit.model,
+    )
 
 
 def _require_unsaturated(log: Log, intervals: Intervals, limit: float | None) -> None:
