@@ -187,8 +187,8 @@ def test_imu_tk_blocks():
         assert sp.expand(H.jacobian(TRIANGULAR) - both) != zero
 
 
-def test_imu_tk_sign_and_damping():
-    """J = -2 h' dh; the damping belongs to the sum, once, not to each of M terms."""
+def test_imu_tk_sign():
+    """J = -2 h' dh is the derivative of g^2 - h'h."""
     e = -(H.T * H)[0]
     assert sp.expand(
         sp.Matrix([e]).jacobian(TRIANGULAR) + 2 * H.T * H.jacobian(TRIANGULAR)
