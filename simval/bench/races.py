@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from simval.bench import attitude
+from simval.bench import attitude, calibration
 from simval.bench.race import Race
 from simval.errors import InputError
 
@@ -37,6 +37,24 @@ RACES: tuple[Race, ...] = (
         title="Precision of the covariance from 65 536 evaluations, in plain samples",
         item="plain samples",
         contenders=attitude.reductions,
+    ),
+    Race(
+        name="calibration",
+        title="Calibrations of 40 poses, parameters only, tolerance 1e-12",
+        item="fits",
+        contenders=calibration.batch,
+    ),
+    Race(
+        name="residuals",
+        title="Calibrations by residual, a batch each",
+        item="fits",
+        contenders=calibration.residuals,
+    ),
+    Race(
+        name="samples",
+        title="One calibration of many samples",
+        item="samples",
+        contenders=calibration.samples,
     ),
 )
 
