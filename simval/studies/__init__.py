@@ -59,12 +59,14 @@ STUDIES: Mapping[str, Study] = MappingProxyType(
             "Bias ladder: bias, spread and efficiency of each calibration residual",
             ladder.Parameters,
             ladder.run,
+            ladder.cost,
         ),
         "coverage": Study(
             "coverage",
             "Coverage: do the reported error bars of a calibration hold?",
             coverage.Parameters,
             coverage.run,
+            coverage.cost,
         ),
         "attitude": Study(
             "attitude",

@@ -172,7 +172,8 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     def errors(rng: np.random.Generator, count: int) -> Array:
         shape = (count, *forces.shape)
         raw = sensor.distort(np.broadcast_to(forces, shape), rng).mean(axis=2)
-        return (calibrate(raw, g=g).parameters - sensor.parameters).T
+        fit = calibrate(raw, g=g, covariance=False)
+        return (fit.parameters - sensor.parameters).T
 
     sums = simulate(errors, streams, samples=parameters.trials, block=BLOCK, batch=1)
     remainder = NEXT_ORDER * (noise / g) ** 2
