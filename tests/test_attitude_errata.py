@@ -4,7 +4,7 @@ The element tables of Peng and Choukroun's section 5 are in
 `data/peng_choukroun_terms.txt` as printed. The definitions they expand are expanded
 here by polynomial algebra and Isserlis' theorem on integers, exactly, so every
 difference is a misprint (or a loss of the text extraction), and the lists below are
-complete for what is legible. `docs/errata-attitude.md` explains them.
+complete for what is legible. `docs/errata.md` explains them.
 """
 
 import re

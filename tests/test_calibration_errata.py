@@ -1,6 +1,6 @@
 """What the three derivations print, held to sympy: right, or misprinted as listed.
 
-``docs/errata-calibration.md`` lists every entry marked False here. Text that the
+``docs/errata.md`` lists every entry marked False here. Text that the
 extraction has merely garbled (lost subscripts of labels) is not counted as printed.
 """
 

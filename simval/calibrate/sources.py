@@ -1,7 +1,7 @@
 r"""Residuals and derivatives as the three source derivations write them.
 
 The solver works on moment matrices; these are the same derivatives for one reading,
-term by term, with the sources' misprints put right (``docs/errata-calibration.md``).
+term by term, with the sources' misprints put right (``docs/errata.md``).
 They are an independent second implementation: the tests hold the solver to them.
 
 - the IMU-TK derivation: :math:`e = g^2 - h^T h`, :math:`h = T K (a - B)`, and
