@@ -196,3 +196,42 @@ def test_a_baseline_is_not_written_from_values_that_are_not_finite(tiny_run, tmp
     nothing = dataclasses.replace(run, cells=())
     with pytest.raises(InputError, match="the run has none"):
         write_baseline(tmp_path / "baseline.json", nothing, "why")
+
+
+def test_a_limit_that_is_no_longer_judged_fails(tiny_run, tmp_path):
+    path = tmp_path / "baseline.json"
+    write_baseline(path, load_run(tiny_run), "before")
+    baseline = read_baseline(path)
+    assert judge_run(load_run(tiny_run), baseline).exit_code == 0
+    edited(tiny_run, "UPDATE rows SET \"check\" = 'record' WHERE \"check\" = 'limit'")
+    result = judge_run(load_run(tiny_run), baseline)
+    assert result.exit_code == 1
+    assert {c.reason for c in result.comparisons if c.reason} == {
+        "no longer judged as the baseline says"
+    }
+    edited(tiny_run, "DELETE FROM rows WHERE statistic = 'recovery[T]'")
+    changes = [c.change for c in judge_run(load_run(tiny_run), baseline).comparisons]
+    assert changes.count("missing") == 1
+
+
+def test_a_cell_of_the_baseline_that_holds_nothing_is_missed_too(tiny_run, tmp_path):
+    path = tmp_path / "baseline.json"
+    write_baseline(path, load_run(tiny_run), "before")
+    baseline = read_baseline(path)
+    baseline["cells"]["scene(scene=die)@1"] = {}
+    result = judge_run(load_run(tiny_run), baseline)
+    assert [c.cell for c in result.comparisons if c.reason] == ["scene(scene=die)@1"]
+    assert result.exit_code == 1
+
+
+def test_a_prediction_that_is_no_longer_beside_a_value_fails(tiny_run, tmp_path):
+    # the statistic is still measured, and still judged against others
+    path = tmp_path / "baseline.json"
+    write_baseline(path, load_run(tiny_run), "before")
+    edited(
+        tiny_run,
+        "DELETE FROM rows WHERE statistic = 'bias[x]' AND predictor = 'order 2'",
+    )
+    result = judge_run(load_run(tiny_run), read_baseline(path))
+    assert {c.change for c in result.comparisons if c.reason} == {"unjudged"}
+    assert result.exit_code == 1

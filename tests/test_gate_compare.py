@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from simval.gate.baseline import stored_rows
+from simval.gate.baseline import entries
 from simval.gate.compare import COVARIANCE_MARGIN, RMSE_MARGIN, compare, has_partners
 from simval.gate.judgement import judge_run
 from simval.results import Row
@@ -36,13 +36,7 @@ def run_of(statistics, seed=2, samples=4000, error=0.001, value_n=4000):
 
 
 def stored_of(run):
-    return {
-        c.name: {
-            name: (row.value, row.standard_error, row.n)
-            for name, row in stored_rows(c.rows).items()
-        }
-        for c in run.cells
-    }
+    return {c.name: entries(c.rows) for c in run.cells}
 
 
 def changes(old, new, alpha=1e-3):

@@ -1,15 +1,15 @@
 """The baseline: the statistics of an accepted run, as sorted JSON in git.
 
 A line holds one statistic, so that a change can be reviewed: its value, its standard
-error and the number of samples. A row that has its own limit (`limit`) is rounding
-noise below it and is not stored.
+error, the number of samples, and what it is judged against. A row that has its own
+limit is rounding noise below it, so its value is not kept (null).
 """
 
 import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from simval.errors import InputError
 from simval.results import Row
@@ -18,8 +18,30 @@ from simval.sweep.run import Run
 BASELINE = Path("reports") / "baseline.json"
 SCHEMA = 1
 
-Stored = Mapping[str, Mapping[str, tuple[float, float, int]]]
-"""Value, standard error and samples of each statistic of each cell."""
+
+class Entry(NamedTuple):
+    """One statistic of a cell.
+
+    Attributes
+    ----------
+    value : float or None
+        None where the row has its own limit, below which it is rounding noise.
+    error : float
+        Standard error; 0 where no chance is involved.
+    n : int
+        Number of samples.
+    judged : tuple of str
+        ``check predictor`` of each row of the statistic that is judged, sorted.
+    """
+
+    value: float | None
+    error: float
+    n: int
+    judged: tuple[str, ...]
+
+
+Stored = Mapping[str, Mapping[str, Entry]]
+"""Each statistic of each cell."""
 
 
 def read_baseline(path: Path) -> dict[str, Any]:
@@ -154,8 +176,8 @@ def environment(manifest: Mapping[str, Any]) -> dict[str, Any]:
         raise InputError(msg) from None
 
 
-def stored_rows(rows: Sequence[Row]) -> dict[str, Row]:
-    """Rows that a baseline keeps, by statistic.
+def entries(rows: Sequence[Row]) -> dict[str, Entry]:
+    """What a baseline keeps of the rows of a cell, by statistic.
 
     Parameters
     ----------
@@ -165,23 +187,40 @@ def stored_rows(rows: Sequence[Row]) -> dict[str, Row]:
     Returns
     -------
     dict
-        Without those that have their own limit.
+        Sorted by statistic.
     """
-    return {row.statistic: row for row in rows if row.check != "limit"}
+    judged: dict[str, set[str]] = {row.statistic: set() for row in rows}
+    for row in rows:
+        if row.check != "record":
+            judged[row.statistic].add(f"{row.check} {row.predictor}".rstrip())
+    return {
+        name: Entry(
+            None if row.check == "limit" else row.value,
+            row.standard_error,
+            row.n,
+            tuple(sorted(judged[name])),
+        )
+        for name, row in sorted({row.statistic: row for row in rows}.items())
+    }
 
 
-def _entry(entry: Any) -> tuple[float, float, int]:
-    value, error, n = entry
-    numbers = float(value), float(error), int(n)
-    if not (math.isfinite(numbers[0]) and 0.0 <= numbers[1] < math.inf):
+def _entry(entry: Any) -> Entry:
+    value, error, n, *judged = entry
+    found = Entry(
+        None if value is None else float(value),
+        float(error),
+        int(n),
+        tuple(str(word) for word in judged),
+    )
+    if not (math.isfinite(found.value or 0.0) and 0.0 <= found.error < math.inf):
         msg = f"{entry} is no value with a standard error"
         raise ValueError(msg)
-    return numbers
+    return found
 
 
 def _lines(cell: str, rows: Sequence[Row]) -> str:
-    stored = sorted(stored_rows(rows).items())
-    bad = [n for n, r in stored if not math.isfinite(r.value + r.standard_error)]
+    kept = entries(rows)
+    bad = [k for k, e in kept.items() if not math.isfinite((e.value or 0.0) + e.error)]
     if bad:
         msg = (
             f"{cell} {bad[0]} is not finite, so it cannot be a baseline; "
@@ -189,6 +228,6 @@ def _lines(cell: str, rows: Sequence[Row]) -> str:
         )
         raise InputError(msg)
     return ",\n".join(
-        f"   {json.dumps(name)}: {json.dumps([row.value, row.standard_error, row.n])}"
-        for name, row in stored
+        f"   {json.dumps(name)}: {json.dumps([*entry[:3], *entry.judged])}"
+        for name, entry in kept.items()
     )

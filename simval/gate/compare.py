@@ -29,8 +29,7 @@ from typing import Literal
 
 from scipy.special import ndtri
 
-from simval.gate.baseline import Stored, stored_rows
-from simval.results import Row
+from simval.gate.baseline import Entry, Stored, entries
 from simval.sweep.run import Run
 from simval.verdict import Answer
 
@@ -46,9 +45,15 @@ BIAS_MARGIN = 0.02
 TOST_QUANTILE = float(ndtri(0.95))
 
 Change = Literal[
-    "same", "close", "equivalent", "changed", "unresolved", "missing", "new"
+    "same",
+    "close",
+    "equivalent",
+    "changed",
+    "unresolved",
+    "missing",
+    "unjudged",
+    "new",
 ]
-Entry = tuple[float, float, int]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,7 +67,7 @@ class Comparison:
     change : str
         ``same`` to the bit, ``close`` within the paired bound, ``equivalent`` by eq.
         (B1), ``changed`` beyond either, ``unresolved`` between, ``missing`` from the
-        run, ``new`` in it.
+        run, ``unjudged`` by a check that the baseline names, ``new`` in the run.
     stored, value : float or None
         In the baseline and in the run.
     standard_error : float
@@ -82,7 +87,7 @@ class Comparison:
     @property
     def answer(self) -> Answer:
         """Pass, fail or inconclusive."""
-        if self.change in ("changed", "missing"):
+        if self.change in ("changed", "missing", "unjudged"):
             return "fail"
         return "inconclusive" if self.change == "unresolved" else "pass"
 
@@ -98,6 +103,8 @@ class Comparison:
         """Why this is no pass, in words; empty where it is."""
         if self.change == "missing":
             return "in the baseline, but no longer measured"
+        if self.change == "unjudged":
+            return "no longer judged as the baseline says"
         if self.answer == "pass" or self.stored is None or self.value is None:
             return ""
         step = self.value - self.stored
@@ -133,7 +140,7 @@ def compare(run: Run, stored: Stored, alpha: float) -> tuple[Comparison, ...]:
     tuple of Comparison
         Sorted by cell and statistic.
     """
-    now = {c.name: stored_rows(c.rows) for c in run.cells if c.status == "done"}
+    now = {c.name: entries(c.rows) for c in run.cells if c.status == "done"}
     partner = _partners(sorted(stored), sorted(now))
     alone = {*stored, *now} - {*partner.keys(), *partner.values()}
     count = sum(len(stored[old]) for old in partner)
@@ -185,54 +192,73 @@ def _question(cell: str) -> str:
 
 
 def _paired(
-    cell: str, old: Mapping[str, Entry], new: Mapping[str, Row]
+    cell: str, old: Mapping[str, Entry], new: Mapping[str, Entry]
 ) -> Iterator[Comparison]:
     for statistic in sorted({*old, *new}):
-        value, error, _ = old.get(statistic, (None, 0.0, 0))
-        row = new.get(statistic)
+        entry, now = old.get(statistic), new.get(statistic)
+        error = 0.0 if entry is None else entry.error
+        value = None if entry is None else entry.value
         bound = PAIRED_BOUND * error if error > 0.0 else EXACT_BOUND * abs(value or 0.0)
         yield Comparison(
             cell=cell,
             statistic=statistic,
-            change=_paired_change(value, row, bound),
+            change=_paired_change(entry, now, bound),
             stored=value,
-            value=None if row is None else row.value,
+            value=None if now is None else now.value,
             standard_error=error,
             margin=bound,
         )
+    if not old and not new:  # in the baseline, though nothing of it was stored
+        yield Comparison(
+            cell=cell,
+            statistic="",
+            change="missing",
+            stored=None,
+            value=None,
+            standard_error=0.0,
+        )
 
 
-def _paired_change(stored: float | None, row: Row | None, bound: float) -> Change:
-    if row is None:
+def _paired_change(old: Entry | None, new: Entry | None, bound: float) -> Change:
+    if new is None:
         return "missing"
-    if stored is None:
+    if old is None:
         return "new"
-    if row.value == stored:
+    if not set(old.judged) <= set(new.judged) or (old.value is None) != (
+        new.value is None
+    ):
+        return "unjudged"
+    if old.value is None or new.value is None or new.value == old.value:
         return "same"
-    return "close" if abs(row.value - stored) <= bound else "changed"
+    return "close" if abs(new.value - old.value) <= bound else "changed"
 
 
 def _unpaired(
-    cell: str, old: Mapping[str, Entry], new: Mapping[str, Row], quantile: float
+    cell: str, old: Mapping[str, Entry], new: Mapping[str, Entry], quantile: float
 ) -> Iterator[Comparison]:
     for statistic in sorted({*old, *new}):
-        if statistic not in old or statistic not in new:
+        entry, now = old.get(statistic), new.get(statistic)
+        unjudged = _paired_change(entry, now, 0.0) == "unjudged"
+        if entry is None or now is None or unjudged or entry.value is None:
             yield from _paired(
                 cell,
-                {k: v for k, v in old.items() if k == statistic},
-                {k: v for k, v in new.items() if k == statistic},
+                {} if entry is None else {statistic: entry},
+                {} if now is None else {statistic: now},
             )
             continue
-        value, error, _ = old[statistic]
-        row = new[statistic]
-        both = hypot(error, row.standard_error)
-        margin = _margin(statistic, old) if both > 0 else EXACT_BOUND * abs(value)
+        assert now.value is not None  # else it would be unjudged
+        both = hypot(entry.error, now.error)
+        margin = EXACT_BOUND * abs(entry.value)
+        if both > 0:
+            margin = _margin(statistic, entry.value, old)
         yield Comparison(
             cell=cell,
             statistic=statistic,
-            change=_unpaired_change(abs(row.value - value), both, margin, quantile),
-            stored=value,
-            value=row.value,
+            change=_unpaired_change(
+                abs(now.value - entry.value), both, margin, quantile
+            ),
+            stored=entry.value,
+            value=now.value,
             standard_error=both,
             margin=margin,
         )
@@ -248,12 +274,12 @@ def _unpaired_change(
     return "unresolved"
 
 
-def _margin(statistic: str, old: Mapping[str, Entry]) -> float:
-    value, error, n = old[statistic]
+def _margin(statistic: str, value: float, old: Mapping[str, Entry]) -> float:
+    _, error, n, _ = old[statistic]
     name, _, inside = statistic.partition("[")
     if name == "covariance":
         variances = [old.get(f"covariance[{k},{k}]") for k in inside[:-1].split(",")]
-        sizes = [abs(entry[0]) for entry in variances if entry is not None]
+        sizes = [abs(entry[0] or 0.0) for entry in variances if entry is not None]
         whole = sqrt(sizes[0] * sizes[1]) if len(sizes) == 2 else abs(value)
         return COVARIANCE_MARGIN * whole
     if name == "bias":

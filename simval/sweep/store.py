@@ -210,6 +210,9 @@ def fail(
         )
 
 
+MANIFEST_KEYS = ("suite", "title", "grid", "versions", "git", "models", "machine")
+
+
 def manifest(database: sqlite3.Connection) -> dict[str, Any]:
     """Read what the numbers of the run depend on.
 
@@ -225,7 +228,12 @@ def manifest(database: sqlite3.Connection) -> dict[str, Any]:
     """
     query = "SELECT value FROM meta WHERE key = 'manifest'"
     entry = database.execute(query).fetchone()
-    return _json(entry[0] if entry else None)
+    content = _json(entry[0] if entry else None)
+    missing = [key for key in MANIFEST_KEYS if key not in content]
+    if missing:
+        msg = f"the store's manifest lacks `{missing[0]}`; run the suite again"
+        raise InputError(msg)
+    return content
 
 
 def unfinished(database: sqlite3.Connection) -> list[int]:
@@ -353,8 +361,8 @@ def _row(entry: sqlite3.Row) -> Row:
             name: kind(entry[name]) if entry[name] is not None else missing
             for name, (kind, missing) in _KINDS.items()
         }
-        if values["check"] not in CHECKS:
-            raise ValueError(values["check"])
+        if values["check"] not in CHECKS or values["standard_error"] < 0.0:
+            raise ValueError(values["check"], values["standard_error"])
         return Row(**values)
     except (ValueError, TypeError, OverflowError) as error:
         msg = f"the store holds a row that is damaged ({error}); run the suite again"

@@ -1,0 +1,347 @@
+"""Malformed and hostile files: never a traceback, a hang, a pass, or code that runs.
+
+Each file starts out good and is then damaged at random, by a fixed seed: bytes turned,
+cut out, doubled or cut off, numbers and words replaced. The command that reads it must
+end with an exit code of its own and in words. It may end in 0 only where what was read
+is still what a good file says.
+"""
+
+import contextlib
+import json
+import os
+import pickle
+import re
+import shutil
+import signal
+import sqlite3
+import tomllib
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from simval.cli import run as simval_command
+from simval.errors import SimvalError
+from simval.gate import read_baseline, write_baseline
+from simval.plugins.command import recorded
+from simval.plugins.probe import probe_sensor
+from simval.poses import fibonacci_sphere
+from simval.scene.models import load_model
+from simval.sweep import load_run
+
+ROOT = Path(__file__).resolve().parents[1]
+QUICK, NIGHTLY = 34, 334  # times six kinds: 204 and 2004
+LIMIT = 60  # s, for what takes less than one: a hang, not a slow machine
+
+WORDS = (
+    b"NaN", b"1e999", b"-1e999", b"", b"\x00", b"\xff\xfe", b"null", b"true", b"[",
+    b"{", b'"', b"<", b"&x;", b",", b"-0", b"9" * 400, b"[" * 5000, b"{\"a\":" * 5000,
+    b"\r\n\r\n", b"../../etc/passwd", b"0x10", b"1_0", b"--", b"'''", b"=",
+)  # fmt: skip
+
+
+def damaged(data, rng):
+    """Some damage or other: at least one byte is another."""
+    kind = rng.integers(6)
+    at = int(rng.integers(len(data)))
+    length = int(min(rng.integers(1, 200), len(data) - at))
+    if kind == 0:
+        return data[:at]
+    if kind == 1:
+        return data[:at] + data[at + length :]
+    if kind == 2:
+        return data[:at] + data[at : at + length] * 2 + data[at + length :]
+    if kind == 3:
+        noise = rng.integers(0, 256, length, dtype=np.uint8).tobytes()
+        return data[:at] + noise + data[at + length :]
+    if kind == 4:
+        return (
+            data[:at] + bytes([data[at] ^ (1 << int(rng.integers(8)))]) + data[at + 1 :]
+        )
+    numbers = [m.span() for m in re.finditer(rb"[-+\w.]+", data)]
+    start, stop = numbers[int(rng.integers(len(numbers)))]
+    return data[:start] + WORDS[int(rng.integers(len(WORDS)))] + data[stop:]
+
+
+@contextlib.contextmanager
+def watched():
+    """No hang: an alarm ends what takes longer than `LIMIT`."""
+
+    def stop(*_):
+        msg = f"no end within {LIMIT} s"
+        raise TimeoutError(msg)
+
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.alarm(LIMIT)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def called(capsys, *words):
+    """Exit code of a command; an exception would be a bug of ours."""
+    capsys.readouterr()
+    with watched(), np.errstate(all="ignore"):
+        code = simval_command([str(word) for word in words])
+    captured = capsys.readouterr()
+    assert code in (0, 1, 2, 3, 4), captured.err
+    if code == 2:
+        assert captured.err.strip(), "exit code 2 without a word"
+    assert "Traceback" not in captured.err
+    return code, captured.out
+
+
+class Files:
+    """A good file of each kind, and what may be said of a damaged one."""
+
+    def __init__(self, folder, run, capsys):
+        self.folder, self.run, self.capsys = folder, run, capsys
+        self.baseline = folder / "good.json"
+        write_baseline(self.baseline, load_run(run), "good")
+        self.good_run = load_run(run)
+        self.good_baseline = read_baseline(self.baseline)
+
+    def sqlite(self):
+        return (self.run / "run.sqlite").read_bytes()
+
+    def check_sqlite(self, data):
+        folder = self.folder / "bad-run"
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir()
+        (folder / "run.sqlite").write_bytes(data)
+        code, _ = called(self.capsys, "gate", folder, "--baseline", self.baseline)
+        if code == 0:
+            assert judged_in(load_run(folder)) == judged_in(self.good_run)
+        if code != 2:
+            called(self.capsys, "report", folder)
+
+    def json(self):
+        return self.baseline.read_bytes()
+
+    def check_json(self, data):
+        path = self.folder / "bad.json"
+        path.write_bytes(data)
+        code, _ = called(self.capsys, "gate", self.run, "--baseline", path)
+        if code == 0:
+            # a stored value may move by rounding, a standard error or a count at will
+            cells = read_baseline(path)["cells"]
+            assert cells.keys() <= self.good_baseline["cells"].keys()
+
+    def toml(self):
+        return (
+            b'title = "Good"\nseed = [1, 2]\n\n[attitude]\nnoise_std = [0.01, 0.02]\n'
+            b"samples = 16384\n\n[calibration]\nnoise_std = 0.01\nposes = 12\n"
+            b'\n[estimator]\nalgorithm = "plugin.py"\n'
+        )
+
+    def check_toml(self, data):
+        path = self.folder / "bad.toml"
+        path.write_bytes(data)
+        code, _ = called(self.capsys, "sweep", path, "--dry-run")
+        try:
+            tomllib.loads(data.decode())
+        except (ValueError, RecursionError):
+            assert code == 2
+
+    def csv(self):
+        sensor = probe_sensor()
+        raw = sensor.distort(9.80665 * fibonacci_sphere(12), np.random.default_rng(0))
+        rows = recorded(raw, 1e-4)
+        lines = ["t,ax,ay,az", *(",".join(f"{x:.6f}" for x in row) for row in rows)]
+        return "\n".join(lines).encode()
+
+    def check_csv(self, data):
+        path = self.folder / "bad.csv"
+        path.write_bytes(data)
+        code, out = called(self.capsys, "calibrate", path, "--json")
+        if code == 0:
+            answer = json.loads(out, parse_constant=_refused)
+            assert np.isfinite(answer["matrix"]).all()
+            assert np.isfinite(answer["B"]).all()
+
+    def log(self):
+        return self.csv().replace(b"t,ax,ay,az\n", b"").replace(b",", b" ")
+
+    check_log = check_csv
+
+    def xml(self):
+        return (ROOT / "models" / "gimbal.xml").read_bytes()
+
+    def check_xml(self, data):
+        path = self.folder / "bad.xml"
+        path.write_bytes(data)
+        with watched(), contextlib.suppress(SimvalError):
+            load_model(path, None, None, None)
+
+
+def _refused(word):
+    raise ValueError(word)
+
+
+def judged_in(run):
+    # one bit of a prediction may turn and leave it as good as it was; what is
+    # measured, and by which rule it is judged, may not
+    return [
+        (
+            c.name,
+            c.status,
+            [(r.statistic, r.check) for r in c.rows if r.check != "record"],
+        )
+        for c in run.cells
+    ]
+
+
+def damage(kind, seed, count, files):
+    rng = np.random.default_rng([seed, sum(kind.encode())])
+    good = getattr(files, kind)()
+    check = getattr(files, f"check_{kind}")
+    for number in range(count):
+        data = damaged(good, rng)
+        if data == good:
+            continue
+        try:
+            check(data)
+        except BaseException:
+            kept = Path(os.environ.get("TMPDIR", "/tmp")) / f"damaged.{kind}"
+            kept.write_bytes(data)
+            print(f"damage {number} of {kind}, kept as {kept}")  # noqa: T201
+            raise
+
+
+KINDS = ("sqlite", "json", "toml", "csv", "log", "xml")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_damaged_files_end_in_words(kind, tiny_run, tmp_path, capsys):
+    damage(kind, 20_265, QUICK, Files(tmp_path, tiny_run, capsys))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_many_damaged_files_end_in_words(kind, tiny_run, tmp_path, capsys):
+    damage(kind, 20_266, NIGHTLY, Files(tmp_path, tiny_run, capsys))
+
+
+def test_the_good_files_are_good(tiny_run, tmp_path, capsys):
+    files = Files(tmp_path, tiny_run, capsys)
+    assert called(capsys, "gate", tiny_run, "--baseline", files.baseline)[0] == 0
+    for kind, command in (
+        ("toml", "sweep"),
+        ("csv", "calibrate"),
+        ("log", "calibrate"),
+    ):
+        path = tmp_path / f"good.{kind}"
+        path.write_bytes(getattr(files, kind)())
+        rest = ["--dry-run"] if command == "sweep" else ["--json"]
+        assert called(capsys, command, path, *rest)[0] == 0
+    path = tmp_path / "good.xml"
+    path.write_bytes(files.xml())
+    load_model(path, None, None, None)
+
+
+@pytest.mark.parametrize(
+    ("sql", "codes"),
+    [
+        ("UPDATE rows SET value = 'text'", {2}),
+        ("UPDATE rows SET value = x'00ff'", {2}),
+        ("UPDATE rows SET value = NULL", {1, 3}),
+        ("UPDATE rows SET value = 9e999", {1, 3}),
+        ("UPDATE rows SET standard_error = -1", {2}),
+        ("UPDATE rows SET n = 'many'", {2}),
+        ("UPDATE rows SET \"check\" = 'none'", {2}),
+        ("UPDATE rows SET prediction = 'x'", {2}),
+        ("UPDATE rows SET cell = -1 WHERE cell = 1 AND ordinal = 0", {1, 2, 3}),
+        ("UPDATE rows SET cell = 99 WHERE cell = 1", {1, 2, 3}),
+        ("UPDATE cells SET parameters = '[]'", {2}),
+        ("UPDATE cells SET parameters = '" + "[" * 100_000 + "'", {2}),
+        ("UPDATE meta SET value = 'x' WHERE key = 'schema'", {2}),
+        ("UPDATE meta SET value = '7' WHERE key = 'manifest'", {2}),
+        ("UPDATE meta SET value = '{}' WHERE key = 'manifest'", {2}),
+        ("DELETE FROM meta", {2}),
+        ("DROP TABLE rows", {2}),
+        ("DELETE FROM rows", {1, 3}),
+        ("DELETE FROM cells", {1, 2, 3}),
+    ],
+)
+def test_a_store_with_wrong_content_is_no_pass(sql, codes, tiny_run, tmp_path, capsys):
+    baseline = tmp_path / "good.json"
+    write_baseline(baseline, load_run(tiny_run), "good")
+    with contextlib.closing(sqlite3.connect(tiny_run / "run.sqlite")) as db, db:
+        db.execute("PRAGMA ignore_check_constraints = 1")
+        db.execute(sql)
+    code, _ = called(capsys, "gate", tiny_run, "--baseline", baseline)
+    assert code in codes
+    called(capsys, "report", tiny_run)
+
+
+HOSTILE = "<script>alert(1)</script>\"'>&<img src=x onerror=y>"
+
+
+def test_html_escapes_what_comes_from_data_and_plugins(tiny_run, tmp_path, capsys):
+    with contextlib.closing(sqlite3.connect(tiny_run / "run.sqlite")) as db, db:
+        for table, column, where in (
+            ("rows", "statistic", "cell = 0 AND ordinal = 0"),
+            ("rows", "predictor", "cell = 1 AND ordinal = 2"),
+            ("rows", "unit", "cell = 1 AND ordinal = 3"),
+            ("cells", "cell", "position = 3"),
+            ("cells", "error", "position = 2"),
+        ):
+            db.execute(f"UPDATE {table} SET {column} = ? WHERE {where}", (HOSTILE,))
+        db.execute("UPDATE cells SET status = 'failed' WHERE position = 2")
+        (manifest,) = db.execute(
+            "SELECT value FROM meta WHERE key = 'manifest'"
+        ).fetchone()
+        content = json.loads(manifest) | {"suite": HOSTILE, "title": HOSTILE}
+        db.execute(
+            "UPDATE meta SET value = ? WHERE key = 'manifest'", (json.dumps(content),)
+        )
+    page = tmp_path / "report.html"
+    assert called(capsys, "report", tiny_run, "--out", page)[0] == 0
+    text = page.read_text()
+    assert "alert(1)" in text  # it is there, as text
+    assert "<script>alert" not in text
+    assert "<img src=x" not in text
+
+
+class Payload:
+    def __init__(self, mark):
+        self.mark = mark
+
+    def __reduce__(self):
+        return Path.touch, (self.mark,)
+
+
+def test_no_pickle_is_loaded_from_a_run_folder(tiny_run, tmp_path, capsys):
+    mark = tmp_path / "executed"
+    folder = tiny_run / "artifacts"
+    folder.mkdir(exist_ok=True)
+    data = pickle.dumps(np.array([Payload(mark)], dtype=object))
+    names = {p.name for p in folder.glob("*.npz")} | {"scene-gimbal-40.npz"}
+    for name in names:
+        with zipfile.ZipFile(folder / name, "w") as archive:
+            for member in ("directions.npy", "t.npy"):
+                header = np.lib.format.magic(1, 0)
+                text = b"{'descr': '|O', 'fortran_order': False, 'shape': (1,), }"
+                text += b" " * (118 - len(text) - 1) + b"\n"
+                size = len(text).to_bytes(2, "little")
+                archive.writestr(member, header + size + text + data)
+    for name in ("run.pkl", "results.pickle"):
+        (tiny_run / name).write_bytes(data)
+    for command in ("gate", "report"):
+        called(capsys, command, tiny_run)
+    assert not mark.exists()
+    pickle.loads(pickle.dumps(Payload(mark)))  # the payload itself does work
+    assert mark.exists()
+
+
+def test_no_module_of_the_package_unpickles():
+    allowed = re.compile(r"allow_pickle\s*=\s*False")
+    for file in (ROOT / "simval").rglob("*.py"):
+        text = allowed.sub("", file.read_text())
+        assert not re.search(
+            r"^\s*(import|from) (pickle|dill|shelve|joblib)", text, re.M
+        )
+        assert "allow_pickle" not in text
