@@ -24,6 +24,7 @@ NAMES = 0.9  # more at the left, for the names of bars
 STYLE: dict[str, Any] = {
     "svg.fonttype": "none",
     "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],  # its metrics; a reader without it has another
     "font.size": 10,
     "text.color": INK,
     "axes.edgecolor": INK,
@@ -85,6 +86,7 @@ def svg(drawing: Drawing) -> str:
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = _without_idle_ids(text)
     text = re.sub(r'\bid="', f'id="{name}-', text)
     text = re.sub(r'(xlink:href="#|url\(#)', rf"\g<1>{name}-", text)
     # the style sheet inside must not reach the rest of the page
@@ -139,6 +141,14 @@ def png(drawing: Drawing) -> bytes:
             buffer, format="png", dpi=DOTS_PER_INCH, metadata={"Software": None}
         )
     return buffer.getvalue()
+
+
+def _without_idle_ids(text: str) -> str:
+    """Drop the ids that nothing refers to, and the indentation."""
+    used = set(re.findall(r'href="#([^"]*)"|url\(#([^)]*)\)', text))
+    kept = {first or second for first, second in used}
+    text = re.sub(r' id="([^"]*)"', lambda m: m[0] if m[1] in kept else "", text)
+    return re.sub(r">\s+<", ">\n<", text)
 
 
 def _rounded(tag: re.Match[str]) -> str:

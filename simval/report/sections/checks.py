@@ -7,7 +7,7 @@ from simval.report.words import reproduce
 from simval.verdict import Verdict
 
 ORDER = {"fail": 0, "inconclusive": 1, "pass": 2}
-SHOWN = 400
+SHOWN = 300
 
 
 def section(context: Context) -> Section | None:

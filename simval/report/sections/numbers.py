@@ -3,7 +3,7 @@
 from simval.report.section import Context, Section, made
 from simval.report.table import Column, Table
 
-SHOWN = 1000
+SHOWN = 500
 
 
 def section(context: Context) -> Section | None:

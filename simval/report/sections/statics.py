@@ -14,7 +14,7 @@ from simval.report.sections.other import scored
 from simval.report.words import slug
 from simval.sweep.run import CellResult
 
-MAX_RECORDINGS = 4
+MAX_RECORDINGS = 2
 SCORES = (
     ("precision", ""),
     ("recall", ""),
@@ -39,11 +39,9 @@ def section(context: Context) -> Section | None:
         None where no study left a recorded signal.
     """
     files = sorted((context.run.folder / "artifacts").glob("static-*.npz"))
-    drawings = [
-        drawing
-        for file in files[:MAX_RECORDINGS]
-        if (drawing := _drawing(file)) is not None
-    ]
+    count = min(len(files), MAX_RECORDINGS)
+    chosen = np.linspace(0, len(files) - 1, count).astype(int)  # first and last
+    drawings = [drawing for i in chosen if (drawing := _drawing(files[i])) is not None]
     shown = len(drawings)
     scores = _scores(context.cells("detector"))
     if scores is not None:
@@ -94,18 +92,20 @@ def _drawing(file: Path) -> Drawing | None:
         return None
     name = file.stem.removeprefix("static-")
     spans = _spans(content, "intervals")
-    truth = _spans(content, "truth")
+    truth = _spans(content, "truth") if "truth" in content else None
     panels = [_signal(content, spans)]
+    told = "the same intervals"
+    if truth is not None:
+        told = f"the {len(truth)} intervals of true rest" if truth else "no true rest"
+    below = ""
     if "variance" in content:
-        panels.append(_variance(content, truth or spans, bool(truth)))
-    told = f"; {len(truth)} intervals of true rest" if truth else ""
+        panels.append(_variance(content, spans if truth is None else truth, told))
+        below = f" Below: the detector's windowed variance, its threshold, and {told}."
     return Drawing(
         name=slug(file.stem),
         caption=(
-            f"{name}: above, the signal with the {len(spans)} detected intervals "
-            "shaded; below, the detector's windowed variance and its threshold, with "
-            f"{'the true rests' if truth else 'the same intervals'} shaded{told}. "
-            "Of a long signal the extremes are drawn."
+            f"{name}: the signal with the {len(spans)} detected intervals shaded."
+            f"{below} Of a long signal the extremes are drawn."
         ),
         alternative=(
             f"{name}: recorded signal over time with {len(spans)} detected static "
@@ -144,7 +144,7 @@ def _signal(
 
 
 def _variance(
-    content: Mapping[str, Array], spans: tuple[tuple[float, float], ...], true: bool
+    content: Mapping[str, Array], spans: tuple[tuple[float, float], ...], told: str
 ) -> Panel:
     time = np.asarray(content["time"], dtype=float)
     variance = np.asarray(content["variance"], dtype=float).ravel()
@@ -152,7 +152,7 @@ def _variance(
     if "threshold" in content:
         references = ((float(np.ravel(content["threshold"])[0]), "threshold"),)
     return Panel(
-        title=f"windowed variance; shaded: {'true' if true else 'detected'} rest",
+        title=f"windowed variance, and {told}",
         x_label="time, s",
         y_label="variance magnitude, raw units²",
         series=(Series(label="", x=time[: len(variance)], y=variance, line="-"),),
