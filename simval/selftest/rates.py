@@ -19,6 +19,7 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.montecarlo import simulate
+from simval.montecarlo.reduction import simulate_reduced
 from simval.results import Check, Row
 from simval.selftest.fault import replaced
 from simval.streams import Streams, cell_key
@@ -200,15 +201,22 @@ def drawn_once() -> Iterator[None]:
     None
         While it is in force.
     """
+    with (
+        replaced(attitude, "simulate", _once(simulate)),
+        replaced(attitude, "simulate_reduced", _once(simulate_reduced)),
+    ):
+        yield
+
+
+def _once(function: Callable[..., Any]) -> Callable[..., Any]:
     kept: list[Any] = []
 
     def once(*arguments: Any, **options: Any) -> Any:
         if not kept:
-            kept.append(simulate(*arguments, **options))
+            kept.append(function(*arguments, **options))
         return kept[0]
 
-    with replaced(attitude, "simulate", once):
-        yield
+    return once
 
 
 @contextmanager
