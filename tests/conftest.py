@@ -34,7 +34,7 @@ trials = 1024
 
 [attitude]
 noise_std = [0.01, 0.02]
-samples = 16384
+samples = 65536
 """
 
 

@@ -33,7 +33,7 @@ def test_a_name_that_is_none_is_refused(name, words):
 
 
 def test_repro_says_whether_the_bits_are_equal(simval, tiny_run):
-    name = "attitude(geometry=3,noise_std=0.02,samples=16384)@1"
+    name = "attitude(geometry=3,noise_std=0.02,samples=65536)@1"
     code, out, _ = simval("repro", name, "--run", tiny_run)
     assert code == 0
     assert "equal to the bit" in out

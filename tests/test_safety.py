@@ -133,7 +133,7 @@ class Files:
     def toml(self):
         return (
             b'title = "Good"\nseed = [1, 2]\n\n[attitude]\nnoise_std = [0.01, 0.02]\n'
-            b"samples = 16384\n\n[calibration]\nnoise_std = 0.01\nposes = 12\n"
+            b"samples = 65536\n\n[calibration]\nnoise_std = 0.01\nposes = 12\n"
             b'\n[estimator]\nalgorithm = "plugin.py"\n'
         )
 

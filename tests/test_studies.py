@@ -76,7 +76,7 @@ def test_attitude_moments_agree_with_every_judged_theory():
 
 
 def test_expansions_are_not_judged_outside_their_range():
-    found = outcome("attitude", attitude.Parameters(noise_std=0.1, samples=8192))
+    found = outcome("attitude", attitude.Parameters(noise_std=0.1, samples=65536))
     ratio = next(r for r in found.rows if r.statistic == "norm_over_noise").value
     assert ratio < attitude.RANGE
     judged = {v.row.predictor for v in verdicts(found)}

@@ -23,10 +23,10 @@ def test_builtin_suites_expand():
 
 
 def test_lists_are_axes_and_names_are_canonical(tmp_path):
-    text = "seed = [1, 2]\n[attitude]\nnoise_std = [0.01, 0.02]\nsamples = 1024\n"
+    text = "seed = [1, 2]\n[attitude]\nnoise_std = [0.01, 0.02]\nsamples = 65536\n"
     suite = load_suite(written(tmp_path, text))
     assert [cell.name for cell in suite.cells] == [
-        f"attitude(geometry=3,noise_std={noise},samples=1024)@{seed}"
+        f"attitude(geometry=3,noise_std={noise},samples=65536)@{seed}"
         for seed in (1, 2)
         for noise in (0.01, 0.02)
     ]

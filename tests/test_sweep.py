@@ -29,7 +29,7 @@ def test_workers_and_order_do_not_change_the_table(tiny_suite, tiny_run, tmp_pat
 def test_a_cell_does_not_depend_on_its_neighbours(tiny_suite, tiny_run, tmp_path):
     suite = load_suite(str(tiny_suite), ["attitude.noise_std=0.005,0.02"])
     run = run_suite(suite, tmp_path / "changed")
-    name = "attitude(geometry=3,noise_std=0.02,samples=16384)@1"
+    name = "attitude(geometry=3,noise_std=0.02,samples=65536)@1"
     old = next(c for c in load_run(tiny_run).cells if c.name == name)
     new = next(c for c in run.cells if c.name == name)
     assert old.rows == new.rows
@@ -78,8 +78,8 @@ def test_resume_computes_only_what_is_missing(tiny_suite, tiny_run, monkeypatch)
 
 
 def test_resume_of_another_suite_is_refused_with_the_difference(tiny_suite, tiny_run):
-    suite = load_suite(str(tiny_suite), ["attitude.samples=4096"])
-    with pytest.raises(InputError, match=r"attitude.samples: 16384 -> 4096"):
+    suite = load_suite(str(tiny_suite), ["attitude.samples=70000"])
+    with pytest.raises(InputError, match=r"attitude.samples: 65536 -> 70000"):
         run_suite(suite, tiny_run, resume=True)
 
 

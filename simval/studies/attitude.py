@@ -61,7 +61,7 @@ class Parameters(StudyParameters):
     noise_std: Annotated[float, Field(gt=0.0, le=0.5)] = Field(
         default=0.01, description="Noise per axis of each unit vector, 1."
     )
-    samples: Annotated[int, Field(ge=2 * BATCH)] = Field(
+    samples: Annotated[int, Field(ge=256 * BATCH)] = Field(
         default=1_000_000, description="Trials; rounded up to whole blocks of 16384."
     )
 
