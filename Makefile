@@ -21,6 +21,8 @@ check: .venv/installed
 
 nightly: check
 	HYPOTHESIS_PROFILE=nightly $(BIN)/python -m pytest
+	$(BIN)/simval selftest
+	$(BIN)/simval selftest --rates
 
 # the stated lower bounds, really installed; once before each release
 lowest:
