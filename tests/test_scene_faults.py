@@ -9,7 +9,7 @@ import pytest
 from simval.errors import InputError, SimulationError
 from simval.scene import Scene, Script, find_scene, record
 from simval.scene.checks import check_run
-from simval.scene.engine import captured_messages
+from simval.scene.messages import captured_messages
 from simval.scene.models import load_model, model_path
 
 QUICK = {"directions": 2, "move_time": 0.2, "hold_time": 0.1, "first_hold": 0.1}
@@ -64,7 +64,8 @@ CASES = {
 
 
 @pytest.mark.parametrize("fault", CASES)
-def test_a_model_that_would_spoil_the_data_is_refused(tmp_path, fault):
+def test_a_model_that_would_spoil_the_data_is_refused(tmp_path, monkeypatch, fault):
+    monkeypatch.chdir(tmp_path)
     old, new, message = CASES[fault]
     assert old in GIMBAL
     path = tmp_path / "gimbal.xml"
@@ -72,6 +73,7 @@ def test_a_model_that_would_spoil_the_data_is_refused(tmp_path, fault):
     with pytest.raises(InputError, match=message) as caught:
         record(replace(find_scene("gimbal"), model=path), **QUICK)
     assert str(path) in str(caught.value)
+    assert list(tmp_path.iterdir()) == [path]  # MuJoCo's own log file is not written
 
 
 def test_a_missing_or_empty_model_file_is_refused(tmp_path):

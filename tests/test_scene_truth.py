@@ -13,7 +13,8 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from simval.scene import find_scene, record
-from simval.scene.engine import INPUTS, captured_messages, simulate
+from simval.scene.engine import INPUTS, simulate
+from simval.scene.messages import captured_messages
 from simval.scene.models import load_model
 from simval.scene.run import write_script
 

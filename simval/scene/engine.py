@@ -6,8 +6,7 @@ the clock sensor with them, so a row of sensor data is of one instant, while a r
 sensor data beside a position would not be.
 """
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import mujoco
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.errors import InputError
+from simval.scene.messages import captured_messages
 from simval.scene.models import SENSORS, SITE
 from simval.scene.script import Script
 
@@ -187,21 +187,3 @@ def _of_shape(name: str, value: Array, wanted: tuple[int, ...]) -> Array:
         msg = f"the driver's `{name}` has shape {value.shape}; the model needs {wanted}"
         raise InputError(msg)
     return value
-
-
-@contextmanager
-def captured_messages() -> Iterator[list[str]]:
-    """Collect MuJoCo's warnings instead of letting it write a log file.
-
-    Yields
-    ------
-    list of str
-        Filled while the context lasts.
-    """
-    messages: list[str] = []
-    before = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(messages.append)
-    try:
-        yield messages
-    finally:
-        mujoco.set_mju_user_warning(before)

@@ -16,6 +16,7 @@ import numpy as np
 
 from simval.arrays import finite_array, positive_number
 from simval.errors import InputError
+from simval.scene.messages import captured_messages
 
 SITE = "imu"
 # of the site, in the order of a row's columns
@@ -116,7 +117,8 @@ def load_model(
         msg = f"cannot read the model file {path}: {error.strerror}"
         raise InputError(msg) from None
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
+        with captured_messages():
+            spec = mujoco.MjSpec.from_file(str(path))
         site = spec.site(SITE)
         if site is None:
             msg = f"the model file {path} has no site named `{SITE}`; add one"
@@ -127,7 +129,8 @@ def load_model(
             spec.option.timestep = positive_number("timestep", timestep, "s")
         if integrator is not None:
             spec.option.integrator = _integrator(integrator)
-        model = spec.compile()
+        with captured_messages():
+            model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         if isinstance(error, InputError):
             raise

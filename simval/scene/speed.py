@@ -10,7 +10,8 @@ import mujoco
 import numpy as np
 
 from simval.scene.catalogue import scenes
-from simval.scene.engine import captured_messages, simulate
+from simval.scene.engine import simulate
+from simval.scene.messages import captured_messages
 from simval.scene.run import plan_run
 
 REPEATS = 7
