@@ -92,6 +92,21 @@ def test_everything_that_matters_changes_the_key(tmp_path):
     assert base not in keys
 
 
+def test_a_file_that_the_model_includes_changes_the_key(tmp_path):
+    text = find_scene("gimbal").model.read_text()
+    head, tail = text.index("<default>"), text.index("</default>\n  <worldbody>")
+    part = text[head:tail] + "</default>"
+    model = tmp_path / "gimbal.xml"
+    model.write_text(text.replace(part, '<include file="part.xml"/>'))
+    keys = []
+    for armature in ("0.002", "0.002", "0.003"):
+        changed = part.replace('armature="0.002"', f'armature="{armature}"')
+        (tmp_path / "part.xml").write_text(f"<mujoco>{changed}</mujoco>")
+        scene = replace(find_scene("gimbal"), model=model)
+        keys.append(content_key(plan_run(scene, **QUICK)))
+    assert keys[0] == keys[1] != keys[2]
+
+
 def test_the_same_bits_in_another_process():
     code = (
         "import sys; sys.path.insert(0, 'tests')\n"

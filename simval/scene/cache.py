@@ -1,9 +1,10 @@
 """Recordings kept on disk, found again by the content that they depend on.
 
-The key is the SHA-256 of everything a recording's bits depend on: the model file, the
-parameters, MuJoCo's and numpy's versions, the processor's family, and the source of the
-drivers and of this package's physics. Nothing is ever found for a changed input, so an
-entry needs no expiry; deleting the folder is always safe.
+The key is the SHA-256 of everything a recording's bits depend on: the model file and
+the model compiled from it, the parameters, MuJoCo's and numpy's versions, the
+processor's family, and the source of the drivers and of this package's physics. Nothing
+is ever found for a changed input, so an entry needs no expiry; deleting the folder is
+always safe.
 """
 
 import hashlib
@@ -18,6 +19,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from simval.scene.recording import Recording
@@ -87,6 +89,10 @@ def content_key(plan: Plan) -> str:
     driver = inspect.getsourcefile(plan.scene.drive)
     for path in [*sources, Path(driver or __file__)]:
         digest.update(path.read_bytes())
+    # the compiled model: it holds what the file includes, meshes among it
+    compiled = np.empty(mujoco.mj_sizeModel(plan.physics.model), np.uint8)
+    mujoco.mj_saveModel(plan.physics.model, None, compiled)
+    digest.update(compiled.tobytes())
     # a driver made in a session may close over anything: its script is what counts
     script = plan.script
     arrays = [script.hold, script.qpos, script.qvel, *script.inputs.values()]
