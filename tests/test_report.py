@@ -224,6 +224,16 @@ def test_figures_and_tables_as_files(simval, tiny_run, tmp_path):
         assert len({len(line) for line in lines}) == 1
 
 
+def test_one_figure_by_its_name(simval, tiny_run, tmp_path, undrawn):
+    words = ("report", tiny_run, "--figures", tmp_path / "f", "--only")
+    code, _, err = simval(*words, "nothing")
+    assert code == 2
+    assert "there is no figure `nothing`; there are summary-calibration" in err
+    assert simval(*words, "closeness")[0] == 0
+    names = sorted(p.name for p in (tmp_path / "f").iterdir())
+    assert names == ["closeness.png", "closeness.svg"]
+
+
 def test_the_csv_of_the_numbers_is_exact(simval, tiny_run, tmp_path, undrawn):
     assert simval("report", tiny_run, "--tables", tmp_path)[0] == 0
     with (tmp_path / "numbers.csv").open(encoding="utf-8") as file:

@@ -23,6 +23,13 @@ from simval.sweep import Run, load_run
     help="Folder to write each figure to, as SVG and as PNG.",
 )
 @click.option(
+    "--only",
+    "names",
+    multiple=True,
+    metavar="NAME",
+    help="With --figures: this figure only; may be given again.",
+)
+@click.option(
     "--tables",
     "lists",
     type=click.Path(path_type=Path),
@@ -36,7 +43,12 @@ from simval.sweep import Run, load_run
     help="False-alarm rate of all checks together.",
 )
 def command(
-    run: str, out: Path | None, pictures: Path | None, lists: Path | None, alpha: float
+    run: str,
+    out: Path | None,
+    pictures: Path | None,
+    names: tuple[str, ...],
+    lists: Path | None,
+    alpha: float,
 ) -> int:
     """Write RUN (a folder, or `latest`) as one self-contained HTML file.
 
@@ -47,7 +59,7 @@ def command(
     try:
         path.write_text(render(loaded, alpha), encoding="utf-8")
         if pictures is not None:
-            _write_figures(loaded, pictures)
+            _write_figures(loaded, pictures, names)
         if lists is not None:
             _write_tables(loaded, lists)
     except OSError as error:
@@ -57,12 +69,17 @@ def command(
     return 0
 
 
-def _write_figures(run: Run, folder: Path) -> None:
+def _write_figures(run: Run, folder: Path, names: tuple[str, ...]) -> None:
+    found = {drawing.name: drawing for drawing in drawings(run)}
+    unknown = [name for name in names if name not in found]
+    if unknown:
+        msg = f"there is no figure `{unknown[0]}`; there are {', '.join(found)}"
+        raise InputError(msg)
     folder.mkdir(parents=True, exist_ok=True)
-    for drawing in drawings(run):
-        file = folder / f"{drawing.name}.svg"
-        file.write_text(svg_file(drawing), encoding="utf-8")
-        file.with_suffix(".png").write_bytes(png(drawing))
+    for name in names or found:
+        file = folder / f"{name}.svg"
+        file.write_text(svg_file(found[name]), encoding="utf-8")
+        file.with_suffix(".png").write_bytes(png(found[name]))
 
 
 def _write_tables(run: Run, folder: Path) -> None:
