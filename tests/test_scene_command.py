@@ -136,9 +136,10 @@ def test_a_picture_shows_the_body(picture, tmp_path):
 
 def test_an_animation_has_its_frames_and_moves(picture, tmp_path):
     path = tmp_path / "gimbal.gif"
-    render_file(path, "gimbal", seconds=2.0, width=160, height=120, directions=2)
+    size = {"width": 160, "height": 120, "directions": 2, "first_hold": 0.2}
+    render_file(path, "gimbal", seconds=1.0, **size)
     with Image.open(path) as film:
-        assert film.n_frames >= 14  # 2 s at 15 Hz, equal neighbours may be merged
+        assert film.n_frames >= 10  # 1 s at 15 Hz, equal neighbours may be merged
         first = np.asarray(film.convert("RGB")).astype(int)
         film.seek(film.n_frames - 1)
         last = np.asarray(film.convert("RGB")).astype(int)
@@ -165,7 +166,7 @@ def test_a_machine_that_cannot_draw_is_told_what_to_install(monkeypatch):
 
 def test_a_film_is_written_or_the_encoder_named(picture, tmp_path):
     path = tmp_path / "gimbal.mp4"
-    size = {"seconds": 1.0, "width": 160, "height": 120, "directions": 2}
+    size = {"seconds": 0.4, "width": 160, "height": 120, "directions": 2}
     if importlib.util.find_spec("imageio_ffmpeg") is None:
         with pytest.raises(InputError, match="pip install imageio imageio-ffmpeg"):
             render_file(path, "gimbal", **size)
