@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from conftest import ROOT
 
 from simval.report import drawings, png, render, svg_file, tables
 from simval.report.sections.provenance import command, suite_text
@@ -363,3 +364,14 @@ def test_an_empty_run_renders(tiny_run):
     page = render(run)
     assert "INCONCLUSIVE" in page
     assert "<svg" not in page
+
+
+def test_the_sample_can_be_made_again():
+    """Its suite is valid, its page names the suite, its figures are of the page."""
+    suite = load_suite(str(ROOT / "reports" / "sample.toml"))
+    page = (ROOT / "reports" / "sample.html").read_text(encoding="utf-8")
+    assert f"sample suite, {len(suite.cells)} cells" in page
+    assert "with uncommitted changes" not in page
+    for name in ("orders", "summary-attitude", "summary-calibration", "budget"):
+        figure = (ROOT / "reports" / "figures" / f"{name}.svg").read_text("utf-8")
+        assert figure.partition("<defs>")[2].strip() in page
