@@ -11,6 +11,7 @@ from simval.scene.motion import steps, visit
 from simval.scene.script import Script
 from simval.streams import cell_key, stream
 
+MOST_POSES = 100_000
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
 
@@ -33,8 +34,10 @@ def pose_directions(directions: object) -> Array:
         If there is none, or a vector is zero.
     """
     if isinstance(directions, int | np.integer):
-        if directions < 1:
-            msg = f"`directions` is {directions}; one pose at least is needed"
+        if not 1 <= directions <= MOST_POSES:
+            msg = (
+                f"`directions` is {directions}; from 1 to {MOST_POSES} poses can be had"
+            )
             raise InputError(msg)
         return fibonacci_sphere(int(directions))
     given = normalize(finite_array("directions", directions, (None, 3)))
@@ -143,6 +146,9 @@ def drive_shaker(
         Servo targets; a die that still slides when its rest begins is left out.
     """
     h = model.opt.timestep
+    if not poses >= 1:
+        msg = f"`poses` is {poses}; one rest at least is needed"
+        raise InputError(msg)
     rng = stream(seed, cell_key("shaker"), 0)
     angles = rng.uniform(-np.pi, np.pi, (poses, model.nu))
     angles[0] = 0.0

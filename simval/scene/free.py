@@ -6,7 +6,7 @@ import numpy as np
 from simval.arrays import nonnegative_number, positive_number
 from simval.errors import InputError
 from simval.scene.models import SITE
-from simval.scene.motion import steps
+from simval.scene.motion import require_rows, steps
 from simval.scene.script import Script
 
 # the spin starts near the axis of intermediate inertia (y), where it is unstable: the
@@ -51,6 +51,7 @@ def drive_pivot(
     spin_rate = positive_number("spin_rate", spin_rate, "rad/s")
     h = model.opt.timestep
     count = steps(turns * 2.0 * np.pi / spin_rate, h, "turns")
+    require_rows(count)
     window = steps(hold_time, h, "hold_time")
     if not 1 <= poses * window <= count:
         msg = f"`poses` is {poses} of {window} rows; they must fit into {count} rows"
@@ -92,6 +93,7 @@ def drive_freefall(
     """
     spin_rate = nonnegative_number("spin_rate", spin_rate, "rad/s")
     count = steps(seconds, model.opt.timestep, "seconds")
+    require_rows(count)
     return Script(
         hold=np.full(count, -1),
         qvel=np.concatenate([np.zeros(3), spin_rate * AXIS]),

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from simval.arrays import Array
 from simval.errors import InputError
 
+MOST_ROWS = 10_000_000  # 1.1 GB of sensor data
+
 
 def minimum_jerk(t: Array) -> Array:
     """Position of a minimum-jerk move, eq. (M1).
@@ -59,6 +61,27 @@ def steps(seconds: float, timestep: float, name: str) -> int:
     return round(seconds / timestep)
 
 
+def require_rows(count: int) -> None:
+    """Raise an error where a run would not fit into memory.
+
+    Parameters
+    ----------
+    count : int
+        Rows of the run.
+
+    Raises
+    ------
+    InputError
+        If there are more than `MOST_ROWS`.
+    """
+    if not count <= MOST_ROWS:
+        msg = (
+            f"the run would have {count} rows, at most {MOST_ROWS} fit into memory; "
+            "ask for fewer or shorter rests, or for a larger timestep"
+        )
+        raise InputError(msg)
+
+
 def visit(
     poses: Array, first: int, move: int, settle: int, hold: int
 ) -> tuple[Array, NDArray[np.intp]]:
@@ -79,6 +102,7 @@ def visit(
         Pose that each step rests in, -1 for none, (n,).
     """
     poses = np.asarray(poses)
+    require_rows(first + (len(poses) - 1) * (move + settle + hold))
     after = minimum_jerk(np.arange(1, move + settle + hold + 1) / max(move, 1))
     ways = poses[:-1, None] + after[:, None] * np.diff(poses, axis=0)[:, None]
     ways = ways.reshape(-1, poses.shape[1])

@@ -13,6 +13,7 @@ from simval.scene.catalogue import find_scene
 from simval.scene.checks import check_reach, check_run, settled_rests
 from simval.scene.engine import Rollout, path_length, positions, simulate
 from simval.scene.models import Physics, load_model
+from simval.scene.motion import require_rows
 from simval.scene.recording import Recording
 from simval.scene.script import Scene, Script
 
@@ -182,6 +183,7 @@ def write_script(
     if len(script.hold) < 2:
         msg = f"scene {scene.name} lasts {len(script.hold)} steps; two at least needed"
         raise InputError(msg)
+    require_rows(len(script.hold))
     return script
 
 

@@ -4,8 +4,9 @@ import mujoco
 import numpy as np
 
 from simval.arrays import Array
+from simval.errors import InputError
 from simval.geometry import normalize, random_quaternions
-from simval.scene.motion import steps
+from simval.scene.motion import require_rows, steps
 from simval.scene.script import Script
 from simval.streams import cell_key, stream
 
@@ -51,6 +52,10 @@ def drive_thrown(
         steps(hold_time, h, "hold_time"),
     )
     block = settle + hold
+    if not throws >= 1:
+        msg = f"`throws` is {throws}; one at least is needed"
+        raise InputError(msg)
+    require_rows(throws * block)
     kick = max(steps(KICK_TIME, h, "kick"), 1)
     axes = normalize(rng.standard_normal((throws, 3)))
     axes[0] = 0.0  # the first throw is the drop
