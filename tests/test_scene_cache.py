@@ -4,13 +4,14 @@ import hashlib
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
 from simval.errors import InputError, SimulationError
 from simval.poses import random_directions
-from simval.scene import find_scene, record
+from simval.scene import Script, find_scene, record
 from simval.scene.cache import cache_folder, content_key, recorded
 from simval.scene.engine import simulate
 from simval.scene.many import COLUMNS, record_many
@@ -42,6 +43,22 @@ def test_a_recording_is_kept_and_found_again(folder):
     assert (first.rest_force, first.unsettled) == (second.rest_force, second.unsettled)
     assert first.provenance == second.provenance
     recorded("gimbal", **{**QUICK, "hold_time": 0.2})
+    assert len(list(folder.iterdir())) == 2
+
+
+def test_a_driver_without_a_source_file_can_be_kept(folder):
+    gimbal = find_scene("gimbal")
+    made = replace(gimbal, drive=partial(gimbal.drive, **QUICK))
+    assert digest(recorded(made)) == digest(record("gimbal", **QUICK))
+    typed: dict = {}
+    exec(
+        "def drive(model, *, rows=5): return Script(hold=[-1] * rows,"
+        " rest_force=1.0, rest_rate=1.0)",
+        {"Script": Script},
+        typed,
+    )
+    short = recorded(replace(gimbal, drive=typed["drive"]), rows=7)
+    assert len(short.time) == 7
     assert len(list(folder.iterdir())) == 2
 
 

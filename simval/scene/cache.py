@@ -86,8 +86,7 @@ def content_key(plan: Plan) -> str:
     versions = f"numpy {np.__version__} {platform.machine()} {platform.system()}"
     digest.update(f"{provenance}\n{versions}\n".encode())
     sources = sorted(Path(__file__).parent.glob("*.py"))
-    driver = inspect.getsourcefile(plan.scene.drive)
-    for path in [*sources, Path(driver or __file__)]:
+    for path in [*sources, *_driver_source(plan.scene)]:
         digest.update(path.read_bytes())
     # the compiled model: it holds what the file includes, meshes among it
     compiled = np.empty(mujoco.mj_sizeModel(plan.physics.model), np.uint8)
@@ -102,6 +101,15 @@ def content_key(plan: Plan) -> str:
     limits = (plan.scene.force_limit, plan.scene.rate_limit, plan.scene.reach)
     digest.update(repr((bounds, limits, sorted(script.inputs))).encode())
     return digest.hexdigest()
+
+
+def _driver_source(scene: Scene) -> list[Path]:
+    # none for a driver that was typed in or made by a call; its script is hashed
+    try:
+        source = Path(inspect.getsourcefile(scene.drive) or "")
+    except TypeError:
+        return []
+    return [source] if source.is_file() else []
 
 
 def _exact(value: Any) -> Any:

@@ -6,6 +6,7 @@ which rows it means to be rests. It simulates nothing itself, so a scene is data
 few lines.
 """
 
+import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -98,8 +99,15 @@ class Scene:
         Returns
         -------
         dict
-            By name, in the driver's order.
+            By name, in the driver's order; None where it has no default.
         """
-        code = self.drive
-        defaults = getattr(code, "__kwdefaults__", None) or {}
-        return dict(defaults)
+        _, *others = inspect.signature(self.drive).parameters.values()
+        named = (
+            inspect.Parameter.KEYWORD_ONLY,
+            inspect.Parameter.POSITIONAL_OR_KEYWORD,
+        )
+        return {
+            each.name: None if each.default is inspect.Parameter.empty else each.default
+            for each in others
+            if each.kind in named
+        }
