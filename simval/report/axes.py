@@ -34,8 +34,9 @@ class Decades(LogFormatter):
         str
             Its label.
         """
-        if not super().__call__(x, pos):
-            return ""
+        mantissa = f"{x:.0e}"[0]
+        if not super().__call__(x, pos) or mantissa not in "125":
+            return ""  # labels at 1, 2 and 5 never touch
         if 1e-3 <= x < 1e5:
             return f"{x:g}"
         head, _, power = f"{x:.0e}".partition("e")

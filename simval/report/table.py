@@ -23,10 +23,13 @@ class Column:
         ``text``; ``code``, a name or command; ``number``; ``measured``, a pair of
         value and standard error; ``answer``, a verdict; ``figure``, the name of a
         figure on the page.
+    digits : int
+        Significant digits of a number.
     """
 
     title: str
     kind: Kind = "text"
+    digits: int = 6
 
     @property
     def numeric(self) -> bool:
@@ -86,7 +89,7 @@ def text(value: Any, column: Column) -> str:
         return ""
     if column.kind == "measured":
         return measured(*value)
-    return number(value) if column.kind == "number" else str(value)
+    return number(value, column.digits) if column.kind == "number" else str(value)
 
 
 def sort_key(value: Any, column: Column) -> str:

@@ -41,10 +41,10 @@ def measured(value: float, error: float) -> str:
     exponent = int(f"{max(abs(value), error):e}".partition("e")[2])
     places = max(0, exponent - int(f"{error:e}".partition("e")[2]) + 1)
     scale = 10.0**exponent
-    power = f"e{exponent}" if not -3 <= exponent <= 4 else ""
-    if not power:
-        scale, places = 1.0, max(0, places - exponent)
-    return f"{value / scale:.{places}f} ± {error / scale:.{places}f}{power}"
+    if -3 <= exponent <= 4:
+        places = max(0, places - exponent)
+        return f"{value:.{places}f} ± {error:.{places}f}"
+    return f"({value / scale:.{places}f} ± {error / scale:.{places}f})e{exponent}"
 
 
 def reproduce(cell: str) -> str:

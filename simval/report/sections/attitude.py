@@ -174,7 +174,7 @@ def _orders(groups: Mapping[str, Sequence[CellResult]]) -> Table:
             Column("moment"),
             Column("formula"),
             Column("noise"),
-            Column("slope", "number"),
+            Column("slope", "number", 5),
             Column("its name claims", "number"),
         ),
         rows=rows,

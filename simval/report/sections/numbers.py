@@ -42,7 +42,7 @@ def section(context: Context) -> Section | None:
             Column("statistic"),
             Column("value", "measured"),
             Column("unit"),
-            Column("n", "number"),
+            Column("n", "number", 12),
             Column("prediction", "number"),
             Column("by"),
         ),

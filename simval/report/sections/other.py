@@ -174,7 +174,7 @@ def _table(study: str, cells: Sequence[CellResult]) -> Table:
             Column("statistic"),
             Column("value", "measured"),
             Column("unit"),
-            Column("n", "number"),
+            Column("n", "number", 12),
             Column("prediction", "number"),
             Column("by"),
         ),
