@@ -7,9 +7,10 @@ from scipy import stats
 
 from simval.cli import selftest as command
 from simval.selftest import rates
-from simval.selftest.fault import Fault
+from simval.selftest.fault import Fault, wrapped
 from simval.selftest.matrix import faults, inject_all
 from simval.studies import attitude
+from simval.sweep import executors
 
 FAULTS = {fault.name: fault for fault in faults()}
 
@@ -50,6 +51,15 @@ def test_a_fault_that_is_not_found_is_said(simval, monkeypatch):
     assert "the gate was wrong: nothing: pass, its clean twin pass" in out
     monkeypatch.setattr(command, "faults", lambda: (FAULTS["rates in degrees"],))
     assert simval("selftest")[0] == 0
+    # an injection that does not fit the flow crashes it, which proves nothing
+    wrong = Fault(
+        name="misfit",
+        part="run",
+        suite="scene",
+        inject=wrapped(executors, "execute", lambda original: original()),
+    )
+    monkeypatch.setattr(command, "faults", lambda: (wrong,))
+    assert simval("selftest")[0] == 1
     monkeypatch.setattr(command, "faults", tuple)
     assert simval("selftest")[0] == 1
 

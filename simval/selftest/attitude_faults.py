@@ -8,7 +8,7 @@ import numpy as np
 from simval.arrays import Array
 from simval.selftest.fault import Fault, Part, after, wrapped
 from simval.streams import Streams
-from simval.studies import attitude
+from simval.studies import attitude, attitude_order
 from simval.theory.attitude import AttitudeMoments, attitude_moments
 
 
@@ -29,14 +29,21 @@ def attitude_faults() -> list[Fault]:
     Returns
     -------
     list of Fault
-        Estimator, formula, noise.
+        Estimator, formula, order, noise.
     """
-    return [*_estimator(), *_formula(), *_noise()]
+    return [*_estimator(), *_formula(), *_order(), *_noise()]
 
 
-def _fault(part: Part, name: str, inject: Any, *, baseline: bool = False) -> Fault:
+def _fault(
+    part: Part, name: str, inject: Any, *, baseline: bool = False, crash: bool = False
+) -> Fault:
     return Fault(
-        name=name, part=part, suite="attitude", inject=inject, baseline=baseline
+        name=name,
+        part=part,
+        suite="attitude",
+        inject=inject,
+        baseline=baseline,
+        crash=crash,
     )
 
 
@@ -70,6 +77,7 @@ def _estimator() -> list[Fault]:
             "estimator",
             "NaN on one trial in a million",
             after(attitude, "normalize_columns", _one_nan),
+            crash=True,
         ),
         _fault(
             "estimator",
@@ -120,6 +128,31 @@ def _formula() -> list[Fault]:
             "NaN in a prediction",
             lambda m, o, s: replace(m, bias=np.full(4, np.nan)),
         ),
+    ]
+
+
+def _order() -> list[Fault]:
+    # without chance: how fast a formula's error falls shows a term that is 1 % off
+    def off(name: str, change: Any) -> Fault:
+        def broken(
+            original: Any, q: Any, r1: Any, r2: Any, noise: Any, order: Any = 2
+        ) -> Any:
+            found = original(q, r1, r2, noise, order)
+            return change(found, original(q, r1, r2, noise, 2), order)
+
+        inject = wrapped(attitude_order, "attitude_moments", broken)
+        return Fault(name=name, part="formula", suite="order", inject=inject)
+
+    def second(m: AttitudeMoments, lower: AttitudeMoments, order: Any) -> Any:
+        return replace(m, covariance=1.001 * m.covariance) if order == 2 else m
+
+    def fourth(m: AttitudeMoments, lower: AttitudeMoments, order: Any) -> Any:
+        more = m.covariance + 0.01 * (m.covariance - lower.covariance)
+        return replace(m, covariance=more) if order == 4 else m
+
+    return [
+        off("second-order covariance 0.1 % off", second),
+        off("fourth-order term 1 % off", fourth),
     ]
 
 

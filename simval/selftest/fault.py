@@ -25,6 +25,9 @@ class Fault:
     baseline : bool, default False
         Whether the run is set beside a stored baseline too: for what theory cannot
         see, because every number is right by itself.
+    crash : bool, default False
+        Whether a cell is expected to crash. A crash that is not expected is a fault of
+        the injection, and does not count as found.
     """
 
     name: str
@@ -32,6 +35,7 @@ class Fault:
     suite: str
     inject: Callable[[], AbstractContextManager[None]]
     baseline: bool = False
+    crash: bool = False
 
 
 @contextmanager

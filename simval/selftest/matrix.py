@@ -38,6 +38,7 @@ SUITES: dict[str, dict[str, Any]] = {
         },
     },
     "scene": {"scene": {"scene": "gimbal", "poses": 20}},
+    "order": {"attitude_order": {"geometry": 3, "noise": "isotropic"}},
 }
 
 
@@ -53,6 +54,8 @@ class Result:
         The gate's answer with it.
     twin : str
         The gate's answer without it.
+    crashed : bool
+        Whether a cell crashed.
     reason : str
         The first thing that the gate said of the fault.
     """
@@ -60,12 +63,14 @@ class Result:
     fault: Fault
     seen: Answer
     twin: Answer
+    crashed: bool
     reason: str
 
     @property
     def right(self) -> bool:
-        """Whether the gate was right about both."""
-        return self.seen != "pass" and self.twin == "pass"
+        """Whether the gate was right about both, and nothing else went wrong."""
+        found = self.seen != "pass" and self.twin == "pass"
+        return found and self.crashed == self.fault.crash
 
 
 def faults() -> tuple[Fault, ...]:
@@ -110,6 +115,7 @@ def inject_all(
                 fault=fault,
                 seen=result.answer,
                 twin=twin.beside_baseline if fault.baseline else twin.alone,
+                crashed=any(cell.status == "failed" for cell in run.cells),
                 reason=_first(result),
             )
             advance()

@@ -23,9 +23,16 @@ def run_faults() -> list[Fault]:
     return [*_samples(), *_cells(), *_rows()]
 
 
-def _fault(name: str, inject: Any, *, baseline: bool = False) -> Fault:
+def _fault(
+    name: str, inject: Any, *, baseline: bool = False, crash: bool = False
+) -> Fault:
     return Fault(
-        name=name, part="run", suite="attitude", inject=inject, baseline=baseline
+        name=name,
+        part="run",
+        suite="attitude",
+        inject=inject,
+        baseline=baseline,
+        crash=crash,
     )
 
 
@@ -95,7 +102,7 @@ def _cells() -> list[Fault]:
             wrapped(runner, "serial", swapped),
             baseline=True,
         ),
-        _fault("a cell crashes", wrapped(executors, "execute", crash)),
+        _fault("a cell crashes", wrapped(executors, "execute", crash), crash=True),
         Fault(
             name="the store lacks a cell",
             part="run",
