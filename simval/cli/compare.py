@@ -83,12 +83,11 @@ def show(found: RunComparison) -> None:
 
 def _line(difference: Difference) -> str:
     a, b, sigmas = difference.a, difference.b, difference.sigmas
-    against = f" against {a.predictor}" if a.predictor else ""
     size = "without chance" if sigmas is None else f"{sigmas:+.1f} standard errors"
     unit = "" if a.unit == "1" else f" {a.unit}"
     relative = difference.relative
     share = "" if relative is None else f", {100.0 * relative:+.3g} %"
     return (
-        f"changed: {difference.cells[1]} {a.statistic}{against}: "
+        f"changed: {difference.cells[1]} {difference.name}: "
         f"{a.value:.6g} -> {b.value:.6g}{unit}, {size}{share}"
     )

@@ -136,7 +136,7 @@ def _drawing(
     return Drawing(
         name=f"compared{number}",
         caption=(
-            f"{name}{f' against {predictor}' if predictor else ''} ({where}): "
+            f"{difference.name} ({where}): "
             f"{difference.a.value:.6g} in {runs[0].folder.name}, "
             f"{difference.b.value:.6g} in {runs[1].folder.name}, {size} in "
             f"{difference.cells[1]}. Bars: {z:.2f} standard errors, 95 % for all "
@@ -167,7 +167,7 @@ def _table(found: RunComparison) -> Table:
             d.kind,
             d.cells[1],
             d.a.statistic,
-            d.a.predictor,
+            ", ".join(d.predictors),
             (d.a.value, d.a.standard_error),
             (d.b.value, d.b.standard_error),
             d.a.unit,

@@ -1,9 +1,7 @@
 r"""Two runs side by side: what changed, with its uncertainty.
 
-A cell is matched by its study and parameters, without the seed and the number of
-samples, and among equals by the seed or, where no seed is common, by the order. Of a
-statistic with standard errors :math:`s_A, s_B` the difference :math:`d = v_B - v_A` has
-at most the standard error
+Of a statistic that both have (see `matching`), with standard errors :math:`s_A, s_B`,
+the difference :math:`d = v_B - v_A` has at most the standard error
 
 .. math:: s = \sqrt{s_A^2 + s_B^2}  \tag{D1}
 
@@ -22,18 +20,20 @@ from typing import Literal
 import numpy as np
 from scipy.special import ndtr
 
+from simval.compare.matching import (
+    EXACT_BOUND,
+    Pair,
+    match,
+    pairs_of,
+    prediction_changed,
+    rows_of,
+)
 from simval.results import Row
 from simval.sweep.provenance import differences
-from simval.sweep.run import CellResult, Run
-
-EXACT_BOUND = 1e-6
-"""Relative change that a value without chance may show: rounding, amplified."""
+from simval.sweep.run import Run
 
 PAIRED_BOUND = 1e-3
 """Standard errors that a value drawn from the same noise moves by rounding alone."""
-
-EFFORT = ("trials", "samples")
-"""Parameters that say how much was computed, not what."""
 
 Kind = Literal["changed", "moved", "same"]
 
@@ -55,6 +55,8 @@ class Difference:
         Of the difference, eq. (D1).
     p_value : float or None
         None where no chance is involved.
+    predictors : tuple of str
+        Theories that the same value is set beside; `a` and `b` are the first one's.
     """
 
     cells: tuple[str, str]
@@ -63,6 +65,13 @@ class Difference:
     kind: Kind
     standard_error: float
     p_value: float | None
+    predictors: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """Statistic, and what it is set beside."""
+        theories = ", ".join(p for p in self.predictors if p)
+        return f"{self.a.statistic}{' against ' if theories else ''}{theories}"
 
     @property
     def difference(self) -> float:
@@ -84,10 +93,7 @@ class Difference:
     @property
     def prediction_changed(self) -> bool:
         """Whether theory itself says something else."""
-        old, new = self.a.prediction, self.b.prediction
-        if old is None or new is None:
-            return old is not new
-        return not abs(new - old) <= EXACT_BOUND * max(abs(old), abs(new))
+        return prediction_changed(self.a, self.b)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -144,11 +150,10 @@ def compare_runs(a: Run, b: Run, alpha: float = 1e-3) -> RunComparison:
         Sorted: what changed most comes first.
     """
     matched, only_a, only_b = match(a, b)
-    pairs: list[tuple[CellResult, CellResult, Row, Row]] = []
+    pairs: list[Pair] = []
     for old, new in matched:
-        known, found = _rows(old), _rows(new)
-        shared = [key for key in known if key in found]
-        pairs += [(old, new, known[key], found[key]) for key in shared]
+        known, found = rows_of(old), rows_of(new)
+        pairs += pairs_of(old, new)
         only_a += [f"{old.name} {_named(key)}" for key in known if key not in found]
         only_b += [f"{new.name} {_named(key)}" for key in found if key not in known]
     found_differences = sorted(_judged(pairs, alpha), key=_rank)
@@ -161,57 +166,6 @@ def compare_runs(a: Run, b: Run, alpha: float = 1e-3) -> RunComparison:
     )
 
 
-def match(
-    a: Run, b: Run
-) -> tuple[list[tuple[CellResult, CellResult]], list[str], list[str]]:
-    """Find the finished cells that two runs have in common.
-
-    Parameters
-    ----------
-    a, b : Run
-        The runs.
-
-    Returns
-    -------
-    pairs : list of (CellResult, CellResult)
-        In the order of A.
-    only_a, only_b : list of str
-        Names of the cells without a partner.
-    """
-    left, right = _by_key(a), _by_key(b)
-    pairs: list[tuple[CellResult, CellResult]] = []
-    only_a: list[str] = []
-    only_b = [c.name for key, cells in right.items() if key not in left for c in cells]
-    for key, cells in left.items():
-        others = list(right.get(key, ()))
-        rest = []
-        for cell in cells:
-            twin = next((o for o in others if o.seed == cell.seed), None)
-            if twin is None:
-                rest.append(cell)
-                continue
-            pairs.append((cell, twin))
-            others.remove(twin)
-        count = min(len(rest), len(others))
-        pairs += zip(rest[:count], others[:count], strict=True)
-        only_a += [cell.name for cell in rest[count:]]
-        only_b += [cell.name for cell in others[count:]]
-    return pairs, only_a, only_b
-
-
-def _by_key(run: Run) -> dict[str, list[CellResult]]:
-    groups: dict[str, list[CellResult]] = {}
-    for cell in run.cells:
-        if cell.status == "done":
-            kept = {k: v for k, v in cell.parameters.items() if k not in EFFORT}
-            groups.setdefault(f"{cell.study} {sorted(kept.items())}", []).append(cell)
-    return groups
-
-
-def _rows(cell: CellResult) -> dict[tuple[str, str], Row]:
-    return {(row.statistic, row.predictor): row for row in cell.rows}
-
-
 def _named(key: tuple[str, str]) -> str:
     return f"{key[0]} against {key[1]}" if key[1] else key[0]
 
@@ -221,18 +175,16 @@ def _dependencies(run: Run) -> Mapping[str, object]:
     return {key: run.manifest[key] for key in kept if key in run.manifest}
 
 
-def _judged(
-    pairs: Sequence[tuple[CellResult, CellResult, Row, Row]], alpha: float
-) -> Iterator[Difference]:
-    errors = [hypot(a.standard_error, b.standard_error) for *_, a, b in pairs]
+def _judged(pairs: Sequence[Pair], alpha: float) -> Iterator[Difference]:
+    errors = [hypot(a.standard_error, b.standard_error) for _, _, a, b, _ in pairs]
     values = np.array(
         [
             _p_value(b.value - a.value, s) if s > 0.0 else np.nan
-            for (*_, a, b), s in zip(pairs, errors, strict=True)
+            for (_, _, a, b, _), s in zip(pairs, errors, strict=True)
         ]
     )
     limit = _holm_limit(values[np.isfinite(values)], alpha)
-    for (old, new, a, b), s, p in zip(pairs, errors, values, strict=True):
+    for (old, new, a, b, theories), s, p in zip(pairs, errors, values, strict=True):
         paired = old.name == new.name and a.n == b.n
         yield Difference(
             cells=(old.name, new.name),
@@ -241,6 +193,7 @@ def _judged(
             kind=_kind(a, b, s, float(p), limit, paired=paired),
             standard_error=s,
             p_value=float(p) if s > 0.0 else None,
+            predictors=theories,
         )
 
 
