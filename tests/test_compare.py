@@ -217,6 +217,7 @@ def test_the_page_draws_both_curves_and_is_the_same_each_time(tiny_run, tmp_path
     assert "bias[y]" in root.get("aria-label")
     # points of both runs over both noise levels: two error bars of two caps each
     assert figure.count(f"{tiny_run.name}</text>") == 2
+    assert "B minus A</text>" in figure
     assert "1 of" in re.sub(r"<[^>]*>", "", page)
     ids = re.findall(r'\bid="([^"]*)"', page)
     assert len(set(ids)) == len(ids)

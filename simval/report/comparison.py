@@ -1,5 +1,7 @@
 """The page that sets two runs side by side: what changed, both curves in one figure."""
 
+import numpy as np
+
 from simval.compare import Difference, RunComparison
 from simval.report.curves import Curve, axis_of, curve, grouped, statistic
 from simval.report.environment import template
@@ -151,9 +153,39 @@ def _drawing(
                 series=tuple(series),
                 log_x=_positive([c for _, _, c in curves], "x"),
                 log_y=_positive([c for _, _, c in curves], "value"),
-            )
+            ),
+            *_apart([c for _, _, c in curves], axis),
         ],
     )
+
+
+def _apart(curves: list[Curve], axis: str) -> list[Panel]:
+    """The difference alone, in its own standard errors, where there are any."""
+    if len(curves) != 2 or not np.array_equal(curves[0].x, curves[1].x):
+        return []
+    a, b = curves
+    error = np.hypot(a.error, b.error)
+    if len(np.unique(a.x)) < len(a.x) or not np.all(error > 0.0):
+        return []  # values of several seeds have no order among themselves
+    z = simultaneous(len(a.x))
+    return [
+        Panel(
+            title="B minus A",
+            x_label=axis.replace("_", " "),
+            y_label="standard errors, 1",
+            series=(
+                Series(
+                    label="",
+                    x=a.x,
+                    y=(b.value - a.value) / error,
+                    band=np.full(len(a.x), z),
+                ),
+            ),
+            log_x=_positive([a], "x"),
+            log_y=False,
+            references=((0.0, ""),),
+        )
+    ]
 
 
 def _positive(curves: list[Curve], name: str) -> bool:
