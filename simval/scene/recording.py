@@ -113,3 +113,23 @@ _ARRAYS = (
     "gravity",
     "magnetic",
 )
+
+
+def attitude_from_mujoco(quaternion: Array) -> Array:
+    """MuJoCo's quaternions in the package's order: the one place that converts them.
+
+    MuJoCo's ``framequat`` of a site takes site to world, scalar first. Reordered scalar
+    last, the same four numbers are the package's quaternion of world to site, whose
+    matrix is the transpose.
+
+    Parameters
+    ----------
+    quaternion : Array
+        Scalar first, (..., 4).
+
+    Returns
+    -------
+    Array
+        Vector first, world to site, (..., 4).
+    """
+    return np.roll(np.asarray(quaternion), -1, axis=-1)

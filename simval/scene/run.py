@@ -7,14 +7,13 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from simval.arrays import Array
 from simval.errors import InputError, SimvalError
 from simval.scene.catalogue import find_scene
 from simval.scene.checks import check_reach, check_run, settled_rests
 from simval.scene.engine import Rollout, path_length, positions, simulate
 from simval.scene.models import Physics, load_model
 from simval.scene.motion import require_rows
-from simval.scene.recording import Recording
+from simval.scene.recording import Recording, attitude_from_mujoco
 from simval.scene.script import Scene, Script
 
 
@@ -278,23 +277,3 @@ def checked_recording(plan: Plan, rollout: Rollout, number: int = 0) -> Recordin
         rest_rate=script.rest_rate,
         provenance=plan.provenance,
     )
-
-
-def attitude_from_mujoco(quaternion: Array) -> Array:
-    """MuJoCo's quaternions in the package's order: the one place that converts them.
-
-    MuJoCo's ``framequat`` of a site takes site to world, scalar first. Reordered scalar
-    last, the same four numbers are the package's quaternion of world to site, whose
-    matrix is the transpose.
-
-    Parameters
-    ----------
-    quaternion : Array
-        Scalar first, (..., 4).
-
-    Returns
-    -------
-    Array
-        Vector first, world to site, (..., 4).
-    """
-    return np.roll(np.asarray(quaternion), -1, axis=-1)
