@@ -10,6 +10,9 @@ import socket
 import subprocess
 import sys
 import time
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
 
 import pytest
 from conftest import ROOT
@@ -61,6 +64,80 @@ def test_a_cell_that_kills_its_worker_fails_alone(tiny_suite, tiny_run, tmp_path
     # and without the poison the same folder goes on to the same table
     run_suite(str(tiny_suite), folder, resume=True)
     assert digest(folder) == digest(tiny_run)
+
+
+class Fragile:
+    """An executor that breaks between a cell's end and the next submission."""
+
+    def __init__(self, breaks_at):
+        self.left = breaks_at
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        return False
+
+    def submit(self, function, *arguments):
+        if self.left == 0:
+            raise BrokenProcessPool
+        self.left -= 1
+        future = Future()
+        future.set_result(function(*arguments))
+        return future
+
+
+def test_no_cell_is_lost_when_the_pool_breaks_before_a_submission(
+    tiny_suite, monkeypatch
+):
+    cells = load_suite(str(tiny_suite)).cells
+    monkeypatch.setattr(executors, "attempt", lambda k, cell: (k, "done", 0.0))
+    pools = iter([Fragile(1), Fragile(0), Fragile(9)])
+    monkeypatch.setattr(executors, "_pool", lambda workers: next(pools))
+    ended = [done[0] for done in executors.pooled(cells, [0, 1, 2, 3], 1)]
+    assert sorted(ended) == [0, 1, 2, 3]
+
+
+def test_an_outcome_that_cannot_travel_fails_its_cell_alone(tiny_suite, monkeypatch):
+    cells = load_suite(str(tiny_suite)).cells
+
+    class Mute(Fragile):
+        def submit(self, function, position, cell):
+            future = Future()
+            if position == 1:
+                future.set_exception(TypeError("cannot pickle"))
+            else:
+                future.set_result((position, "done", 0.0))
+            return future
+
+    monkeypatch.setattr(executors, "_pool", lambda workers: Mute(9))
+    ended = {done[0]: done[1] for done in executors.pooled(cells, [0, 1, 2], 2)}
+    assert ended == {0: "done", 1: "TypeError: cannot pickle", 2: "done"}
+
+
+def children(pid):
+    path = f"/proc/{pid}/task/{pid}/children"
+    return [int(word) for word in Path(path).read_text().split()]
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs /proc")
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_workers_end_with_their_driver(tiny_suite, tmp_path, number):
+    folder = tmp_path / "orphans"
+    process = sweep(
+        tiny_suite, folder, "--workers", "2", env=environment(tmp_path, "slow:600")
+    )
+    limit = time.monotonic() + 60
+    while len(children(process.pid)) < 3 and time.monotonic() < limit:
+        time.sleep(0.05)
+    workers = children(process.pid)
+    time.sleep(2.0)  # they are computing
+    process.send_signal(number)
+    process.communicate(timeout=60)
+    limit = time.monotonic() + 30
+    while any(Path(f"/proc/{w}").exists() for w in workers):
+        assert time.monotonic() < limit, "workers outlived their driver"
+        time.sleep(0.1)
 
 
 def killed_at(suite, folder, delay, tmp_path, workers):
@@ -192,7 +269,7 @@ def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(
     wait_for_workers(address, 2)
 
     class KillOne:
-        def start(self, total, done):
+        def start(self, total, done, worst):
             pass
 
         def advance(self, name, ending):

@@ -7,6 +7,7 @@ Exit codes: 0 pass, 1 the gate failed, 2 usage, configuration or unreadable inpu
 
 import importlib
 import os
+import signal
 import sys
 from collections.abc import Sequence
 
@@ -95,9 +96,11 @@ def run(arguments: Sequence[str]) -> int:
     except SimvalError as error:
         click.echo(f"error: {error}", err=True)
         return error.exit_code
-    except BrokenPipeError:  # the reader of our output has gone
-        sys.stderr.close()
-        return 0
+    except SystemExit:  # how click says that the reader of our output has gone
+        return 2
+    except OSError as error:
+        click.echo(f"error: cannot write the output: {error}", err=True)
+        return 2
     return code if isinstance(code, int) else 0
 
 
@@ -107,8 +110,13 @@ def main() -> None:
     # in parallel, and the bits must not depend on the number of cores.
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+    # a polite end, as by a batch system, is an interruption like Ctrl-C
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         code = run(sys.argv[1:])
+        sys.stdout.flush()
+    except BrokenPipeError:
+        code = 2
     except Exception as error:
         sys.excepthook(type(error), error, error.__traceback__)
         click.echo("this is a bug of simval; please report it", err=True)

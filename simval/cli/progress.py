@@ -15,10 +15,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from simval.sweep.runner import Ending
-
-ENDINGS: tuple[Ending, ...] = ("recorded", "pass", "inconclusive", "fail", "failed")
-"""From best to worst; ``failed`` is a crash, ``fail`` a verdict."""
+from simval.sweep.runner import Ending, worse
 
 
 class Bar:
@@ -52,10 +49,15 @@ class Bar:
     ) -> None:
         self._progress.stop()
 
-    def start(self, total: int, done: int) -> None:
+    def start(self, total: int, done: int, worst: Ending) -> None:
         """Begin: `total` cells, `done` of them finished earlier."""
+        self._worst = worst
         self._task = self._progress.add_task(
-            "cells", total=total, completed=done, worst="none yet", rate=""
+            "cells",
+            total=total,
+            completed=done,
+            worst=worst if done else "none yet",
+            rate="",
         )
         self._begun = time.monotonic()
 
@@ -78,8 +80,9 @@ class Lines:
         self._worst: Ending = "recorded"
         self._begun = self._last = time.monotonic()
 
-    def start(self, total: int, done: int) -> None:
+    def start(self, total: int, done: int, worst: Ending) -> None:
         """Begin: `total` cells, `done` of them finished earlier."""
+        self._worst = worst
         self._total, self._done = total, done
         self._begun = self._last = time.monotonic()
         earlier = f", {done} finished earlier" if done else ""
@@ -102,8 +105,3 @@ class Lines:
             f"worst: {self._worst}",
             err=True,
         )
-
-
-def worse(first: Ending, second: Ending) -> Ending:
-    """The worse of two endings."""
-    return max(first, second, key=ENDINGS.index)

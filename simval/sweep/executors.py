@@ -5,6 +5,7 @@ which. A cell that raises is a result, its traceback; what is handled here is a 
 that dies.
 """
 
+import os
 import signal
 import time
 import traceback
@@ -19,7 +20,12 @@ from concurrent.futures import (
     wait,
 )
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context
+from contextlib import contextmanager
+from multiprocessing import get_context, parent_process
+from multiprocessing.connection import Connection
+from multiprocessing.connection import wait as wait_for_any
+from threading import Thread
+from typing import Any
 
 from simval.errors import InputError
 from simval.results import Outcome
@@ -28,6 +34,9 @@ from simval.studies.study import Cell
 from simval.sweep import provenance
 
 CONNECT_TIMEOUT = 10.0  # s
+
+LOST: tuple[type[BaseException], ...] = (BrokenProcessPool, OSError)
+"""Errors of a future that say that its worker is gone, not what the cell did."""
 
 Done = tuple[int, Outcome | str, float]
 """Place of the cell, its outcome or the traceback of its failure, CPU seconds."""
@@ -67,7 +76,7 @@ def attempt(position: int, cell: Cell) -> Done:
     start = time.process_time()
     try:
         outcome: Outcome | str = execute(cell)
-    except Exception:  # whatever a study does, the other cells go on
+    except (Exception, SystemExit):  # whatever a study does, the other cells go on
         outcome = traceback.format_exc()
     return position, outcome, time.process_time() - start
 
@@ -170,7 +179,9 @@ def clustered(
         executor = client.get_executor(pure=False)
         while queue or flying:
             try:
-                yield from _windowed(executor, cells, queue, flying, 2 * threads)
+                yield from _windowed(
+                    executor, cells, queue, flying, 2 * threads, (KilledWorker,)
+                )
             except KilledWorker as error:
                 for future in [f for f in flying if f.done() and f.exception()]:
                     yield flying.pop(future), f"every worker was lost: {error}", 0.0
@@ -206,19 +217,20 @@ def _windowed(
     queue: deque[int],
     flying: dict[Future[Done], int],
     window: int,
+    lost_as: tuple[type[BaseException], ...] = (),
 ) -> Iterator[Done]:
     """Keep `window` cells in flight until the queue is empty; raise for a lost one."""
     try:
         while queue or flying:
             while queue and len(flying) < window:
-                position = queue.popleft()
-                flying[executor.submit(attempt, position, cells[position])] = position
+                position = queue[0]  # it leaves the queue once it is in flight
+                future = _submitted(executor, position, cells[position])
+                flying[future] = position
+                queue.popleft()
             ended = wait(flying, return_when=FIRST_COMPLETED).done
-            lost = [future for future in ended if future.exception() is not None]
-            for future in ended:
-                if future not in lost:
-                    del flying[future]
-                    yield future.result()
+            lost = [future for future in ended if _is_lost(future, lost_as)]
+            for future in ended.difference(lost):
+                yield _landed(future, flying.pop(future))
             if lost:
                 lost[0].result()
     except GeneratorExit:  # the driver stopped: start nothing more
@@ -227,20 +239,59 @@ def _windowed(
         raise
 
 
+def _submitted(executor: Executor, position: int, cell: Cell) -> Future[Done]:
+    # A worker that starts now inherits the blocked signal: Ctrl-C is the driver's
+    # alone, and the workers end by its word.
+    previous = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        return executor.submit(attempt, position, cell)
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, previous)
+
+
+def _is_lost(future: Future[Done], lost_as: tuple[type[BaseException], ...]) -> bool:
+    return future.cancelled() or isinstance(future.exception(), (*LOST, *lost_as))
+
+
+def _landed(future: Future[Done], position: int) -> Done:
+    error = future.exception()
+    if error is None:
+        return future.result()
+    # the cell was computed, but its outcome could not travel
+    return position, f"{type(error).__name__}: {error}", 0.0
+
+
 def _alone(position: int, cell: Cell) -> Done:
     try:
         with _pool(1) as pool:
-            return pool.submit(attempt, position, cell).result()
+            return _submitted(pool, position, cell).result()
     except BrokenProcessPool:
         return position, "the worker process died while it computed this cell", 0.0
 
 
-def _pool(workers: int) -> ProcessPoolExecutor:
-    # spawn: a forked child would inherit locks of the linear algebra's threads;
-    # a child dies of Ctrl-C at once and in silence, the driver speaks for all
-    return ProcessPoolExecutor(
-        workers,
-        mp_context=get_context("spawn"),
-        initializer=signal.signal,
-        initargs=(signal.SIGINT, signal.SIG_DFL),
-    )
+@contextmanager
+def _pool(workers: int) -> Iterator[Executor]:
+    """Pool of processes that end with it, with its driver, and when it is stopped."""
+    context = get_context("spawn")  # a fork would inherit locks of other threads
+    heard, word = context.Pipe(duplex=False)
+    with ProcessPoolExecutor(
+        workers, mp_context=context, initializer=_begin_worker, initargs=(heard,)
+    ) as pool:
+        try:
+            yield pool
+        except BaseException:
+            word.close()  # whatever stopped the driver stops the cells in flight
+            raise
+    word.close()
+
+
+def _begin_worker(heard: Connection) -> None:
+    """Let a worker end when its driver does, or says so by closing the pipe."""
+    parent = parent_process()
+    assert parent is not None  # this is a child
+    Thread(target=_follow, args=([parent.sentinel, heard],), daemon=True).start()
+
+
+def _follow(ends: list[Any]) -> None:
+    wait_for_any(ends)
+    os._exit(1)  # nobody is left to take the result

@@ -38,22 +38,50 @@ def kept_inside(name: str, content: Mapping[str, Any], folder: Path) -> dict[str
             return {k: kept(v, str(k)) for k, v in value.items()}
         if isinstance(value, list):
             return [kept(v, key) for v in value]
-        if key != "title" and isinstance(value, str) and _is_path(value):
+        if key != "title" and isinstance(value, str) and is_path(value):
             return _inside(name, key, value, folder)
         return value
 
     return {str(key): kept(value, str(key)) for key, value in content.items()}
 
 
-def _is_path(text: str) -> bool:
+def is_path(text: str) -> bool:
+    """Tell whether a value of a suite names a file.
+
+    Parameters
+    ----------
+    text : str
+        The value.
+
+    Returns
+    -------
+    bool
+        Not for ``command:`` and its words.
+    """
     if text.startswith("command:"):
         return False  # words of a program, run as the user gave them
     return "/" in text or "\\" in text or ".py:" in text or text.endswith(SUFFIXES)
 
 
+def file_of(text: str) -> str:
+    """Path of the file that a value names.
+
+    Parameters
+    ----------
+    text : str
+        A path, with ``:NAME`` after it where it names something inside.
+
+    Returns
+    -------
+    str
+        The path alone.
+    """
+    path, colon, _ = text.partition(".py:")
+    return f"{path}.py" if colon else path
+
+
 def _inside(name: str, key: str, text: str, folder: Path) -> str:
-    path, colon, rest = text.partition(".py:")
-    path = f"{path}.py" if colon else path
+    path = file_of(text)
     parts = {*PurePosixPath(path).parts, *PureWindowsPath(path).parts}
     rooted = PurePosixPath(path).is_absolute() or PureWindowsPath(path).anchor
     target = (folder / path).resolve()
@@ -64,4 +92,4 @@ def _inside(name: str, key: str, text: str, folder: Path) -> str:
             "give it on the command line (--plugin, --set)"
         )
         raise InputError(msg)
-    return os.path.relpath(folder / path) + (f":{rest}" if colon else "")
+    return os.path.relpath(folder / path) + text.removeprefix(path)

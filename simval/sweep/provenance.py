@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from simval.scene import models_folder
+from simval.sweep.paths import file_of, is_path
 from simval.sweep.suite import Suite
 
 PACKAGES = ("simval", "numpy", "scipy", "mujoco-core", "pydantic")
@@ -31,7 +32,7 @@ def manifest(suite: Suite) -> dict[str, Any]:
     Returns
     -------
     dict
-        Ready for JSON: suite, grid, versions, git, models, machine.
+        Ready for JSON: suite, grid, versions, git, source, models, files, machine.
     """
     return {
         "suite": suite.name,
@@ -40,7 +41,9 @@ def manifest(suite: Suite) -> dict[str, Any]:
         "cells": len(suite.cells),
         "versions": versions(),
         "git": git_state(),
+        "source": source_hash(),
         "models": model_hashes(),
+        "files": file_hashes(suite.grid),
         "machine": {
             "system": platform.system(),
             "processor": platform.machine(),
@@ -87,6 +90,52 @@ def model_hashes() -> dict[str, str]:
     """
     files = sorted(models_folder().glob("*.xml"))
     return {f.name: hashlib.sha256(f.read_bytes()).hexdigest() for f in files}
+
+
+def source_hash() -> str:
+    """SHA-256 of all the package's own Python source.
+
+    Returns
+    -------
+    str
+        One digest for names and contents.
+    """
+    package = Path(__file__).resolve().parents[1]
+    digest = hashlib.sha256()
+    for file in sorted(package.rglob("*.py")):
+        digest.update(str(file.relative_to(package)).encode() + b"\0")
+        digest.update(hashlib.sha256(file.read_bytes()).digest())
+    return digest.hexdigest()
+
+
+def file_hashes(grid: Mapping[str, Any]) -> dict[str, str]:
+    """SHA-256 of each file that a suite names: plug-ins, scenes, logs.
+
+    Parameters
+    ----------
+    grid : mapping
+        The grid of a suite.
+
+    Returns
+    -------
+    dict
+        Path to digest.
+    """
+    words = [
+        v
+        for table in grid.values()
+        if isinstance(table, Mapping)
+        for v in table.values()
+    ]
+    flat = [
+        w for value in words for w in (value if isinstance(value, list) else [value])
+    ]
+    named = {file_of(w) for w in flat if isinstance(w, str) and is_path(w)}
+    return {
+        path: hashlib.sha256(Path(path).read_bytes()).hexdigest()
+        for path in sorted(named)
+        if Path(path).is_file()
+    }
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:

@@ -4,38 +4,39 @@ Only the driver writes. A cell's numbers depend on its name and seed alone, so a
 number of workers, in any order, leaves the same table.
 """
 
-import io
 import json
 import os
 import platform
+import sqlite3
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
+from itertools import groupby
 from pathlib import Path
-from typing import Any, Literal, Protocol
-
-import numpy as np
+from typing import Literal, Protocol
 
 from simval.errors import InputError
+from simval.results import Row
 from simval.sweep import provenance, store
 from simval.sweep.executors import Done, clustered, pooled, serial
+from simval.sweep.folder import check_same, create, keep, locked, write
 from simval.sweep.run import Run, load_run, write_table
 from simval.sweep.suite import Suite, load_suite
 from simval.verdict import Answer, judge, overall
 
-# What must be equal for a run to be resumed; a dirty checkout may go on.
-FIXED = ("suite", "grid", "versions", "models")
-PART = "run.sqlite.part"
 ALPHA = 1e-3
 
 Ending = Answer | Literal["failed", "recorded"]
 """How a cell ended: its own verdict, a crash, or nothing in it to judge."""
 
+ENDINGS: tuple[Ending, ...] = ("recorded", "pass", "inconclusive", "fail", "failed")
+"""From best to worst; ``failed`` is a crash, ``fail`` a verdict."""
+
 
 class Progress(Protocol):
     """What the driver tells while it works."""
 
-    def start(self, total: int, done: int) -> None:
+    def start(self, total: int, done: int, worst: Ending) -> None:
         """Begin.
 
         Parameters
@@ -44,6 +45,8 @@ class Progress(Protocol):
             Cells of the suite.
         done : int
             Those that were finished earlier.
+        worst : str
+            The worst ending among these.
         """
 
     def advance(self, name: str, ending: Ending) -> None:
@@ -61,7 +64,7 @@ class Progress(Protocol):
 class Silence:
     """A progress that says nothing."""
 
-    def start(self, total: int, done: int) -> None:
+    def start(self, total: int, done: int, worst: Ending) -> None:
         """Say nothing.
 
         Parameters
@@ -69,6 +72,8 @@ class Silence:
         total : int
             Not used.
         done : int
+            Not used.
+        worst : str
             Not used.
         """
 
@@ -85,7 +90,7 @@ class Silence:
 
 
 def run_suite(
-    suite: str | Suite,
+    suite: str | Path | Suite,
     out: str | Path,
     *,
     workers: int = 1,
@@ -97,7 +102,7 @@ def run_suite(
 
     Parameters
     ----------
-    suite : str or Suite
+    suite : str, Path or Suite
         Built-in name, path of a TOML file, or a loaded suite.
     out : str or Path
         Folder of the run; must not exist unless `resume`.
@@ -123,7 +128,7 @@ def run_suite(
         or version.
     """
     drive(
-        load_suite(suite) if isinstance(suite, str) else suite,
+        suite if isinstance(suite, Suite) else load_suite(os.fspath(suite)),
         Path(out),
         workers=workers,
         scheduler=scheduler,
@@ -164,44 +169,88 @@ def drive(
     InputError
         As `run_suite`.
     """
-    if not workers >= 1:
-        msg = f"`workers` is {workers}; give 1 or more"
+    if not (type(workers) is int and workers >= 1):
+        msg = f"`workers` is {workers!r}; give a whole number, 1 or more"
         raise InputError(msg)
     known = provenance.manifest(suite)
     file = folder / "run.sqlite"
-    if resume and file.is_file():
-        pending = _resumed(folder, known)
+    if resume and _is_file(file):
+        check_same(folder, suite, known)
     else:
-        _create(folder, suite, known, resume=resume)
-        pending = list(range(len(suite.cells)))
+        create(folder, suite, known, resume)
     started, wall = datetime.now(UTC), time.perf_counter()
-    progress.start(len(suite.cells), len(suite.cells) - len(pending))
-    with store.writing(file) as database:
+    with locked(folder), store.writing(file) as database:
+        pending = store.unfinished(database)
+        done = len(suite.cells) - len(pending)
+        progress.start(len(suite.cells), done, _worst_stored(database, suite))
         for position, outcome, seconds in _results(suite, pending, workers, scheduler):
             name = suite.cells[position].name
             if isinstance(outcome, str):
                 store.fail(database, position, outcome, seconds)
                 progress.advance(name, "failed")
                 continue
-            _keep(folder / "artifacts", outcome.artifacts)
+            keep(folder / "artifacts", outcome.artifacts)
             store.finish(database, position, outcome.rows, seconds)
-            verdicts = judge(
-                ((name, row) for row in outcome.rows), ALPHA / len(suite.cells)
-            )
-            progress.advance(name, overall(verdicts) if verdicts else "recorded")
+            progress.advance(name, _ending(name, outcome.rows, suite))
+        left = len(store.unfinished(database)) - len(store.failures(database))
+        if left:
+            msg = f"{left} cells came back neither finished nor failed"
+            raise RuntimeError(msg)
         spent = store.seconds(database)
         write_table(database, folder / "results.csv")
+        manifest = store.manifest(database)
     timing = {
         "started": started.isoformat(timespec="seconds"),
         "wall_seconds": round(time.perf_counter() - wall, 3),
-        "cpu_seconds": round(sum(spent.values()), 3),
         "workers": scheduler or workers,
         "host": platform.node(),
+        "finished_before": done,
+        "cpu_seconds": round(sum(spent.values()), 3),
         "processors": os.cpu_count(),
         "cells": {name: round(value, 4) for name, value in spent.items()},
     }
-    _write(folder / "manifest.json", json.dumps(known, indent=2) + "\n")
-    _write(folder / "timing.json", json.dumps(timing, indent=2) + "\n")
+    write(folder / "manifest.json", json.dumps(manifest, indent=2) + "\n")
+    write(folder / "timing.json", json.dumps(timing, indent=2) + "\n")
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError as error:
+        msg = f"cannot use {path}: {error}; choose another folder"
+        raise InputError(msg) from None
+
+
+def _ending(name: str, rows: Sequence[Row], suite: Suite) -> Ending:
+    """Verdict of one cell by itself, at its part of the false-alarm rate."""
+    verdicts = judge(((name, row) for row in rows), ALPHA / len(suite.cells))
+    return overall(verdicts) if verdicts else "recorded"
+
+
+def _worst_stored(database: sqlite3.Connection, suite: Suite) -> Ending:
+    """Worst ending of the cells that an earlier session finished."""
+    worst: Ending = "recorded"
+    rows = store.rows(database)
+    for position, group in groupby(rows, key=lambda entry: entry[0]):
+        found = [row for _, row in group]
+        worst = worse(worst, _ending(suite.cells[position].name, found, suite))
+    return worst
+
+
+def worse(first: Ending, second: Ending) -> Ending:
+    """Choose the worse of two endings.
+
+    Parameters
+    ----------
+    first, second : str
+        Endings.
+
+    Returns
+    -------
+    str
+        One of them.
+    """
+    return max(first, second, key=ENDINGS.index)
 
 
 def _results(
@@ -212,63 +261,3 @@ def _results(
     if workers == 1:
         return serial(suite.cells, pending)
     return pooled(suite.cells, pending, workers)
-
-
-def _create(
-    folder: Path, suite: Suite, known: Mapping[str, Any], *, resume: bool
-) -> None:
-    # a run that was stopped before its store was whole left nothing but a part of it
-    begun = resume and folder.is_dir() and {p.name for p in folder.iterdir()} <= {PART}
-    if folder.exists() and not begun:
-        msg = f"{folder} exists; choose another folder, or --resume to go on with it"
-        raise InputError(msg)
-    try:
-        folder.mkdir(parents=True, exist_ok=begun)
-        (folder / PART).unlink(missing_ok=True)
-    except OSError as error:
-        msg = f"cannot make {folder}: {error}; choose a folder that can be written"
-        raise InputError(msg) from None
-    # The store appears under its name only when it is whole.
-    store.create(folder / PART, suite.cells, json.dumps(known))
-    (folder / PART).rename(folder / "run.sqlite")
-
-
-def _resumed(folder: Path, known: Mapping[str, Any]) -> list[int]:
-    with store.opened(folder / "run.sqlite") as database:
-        earlier = store.manifest(database)
-        pending = store.unfinished(database)
-    changed = provenance.differences(
-        {key: earlier.get(key) for key in FIXED},
-        # through JSON, as the earlier one went
-        json.loads(json.dumps({key: known[key] for key in FIXED})),
-    )
-    if changed:
-        msg = (
-            f"{folder} was begun with another suite or version and cannot go on: "
-            f"{'; '.join(changed)}; use a new folder"
-        )
-        raise InputError(msg)
-    return pending
-
-
-def _keep(folder: Path, artifacts: Mapping[str, Any]) -> None:
-    for name, content in artifacts.items():
-        if isinstance(content, bytes):
-            data = content
-        else:
-            buffer = io.BytesIO()
-            np.savez(buffer, **content)
-            data = buffer.getvalue()
-        folder.mkdir(exist_ok=True)
-        _write(folder / name, data)
-
-
-def _write(path: Path, content: str | bytes) -> None:
-    data = content.encode() if isinstance(content, str) else content
-    part = path.with_name(path.name + ".part")
-    try:
-        part.write_bytes(data)
-        part.replace(path)
-    except OSError as error:
-        msg = f"cannot write {path}: {error}; is the disk full or read-only?"
-        raise InputError(msg) from None

@@ -1,0 +1,175 @@
+"""The folder of a run while it is written: made, resumed, locked, filled."""
+
+import fcntl
+import io
+import json
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simval.errors import InputError
+from simval.sweep import provenance, store
+from simval.sweep.suite import Suite
+
+# What must be equal for a run to be resumed. The commit may differ where only texts
+# changed: what the numbers depend on is the source itself.
+FIXED = ("suite", "grid", "versions", "source", "models", "files", "machine")
+PART = "run.sqlite.part"
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Keep a run folder for one driver.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+
+    Yields
+    ------
+    None
+        While it is ours.
+
+    Raises
+    ------
+    InputError
+        If another driver is at work in it.
+    """
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    except BlockingIOError:
+        msg = f"another sweep is at work in {folder}; wait for it or stop it"
+        raise InputError(msg) from None
+    finally:
+        os.close(handle)
+
+
+def create(folder: Path, suite: Suite, known: Mapping[str, Any], resume: bool) -> None:
+    """Make the folder of a new run, with every cell pending.
+
+    Parameters
+    ----------
+    folder : Path
+        Must not exist, unless `resume` and a run was stopped while it was being made.
+    suite : Suite
+        What is to be run.
+    known : mapping
+        The manifest.
+    resume : bool
+        Whether what an earlier run left may be gone on with.
+
+    Raises
+    ------
+    InputError
+        If it exists or cannot be made.
+    """
+    try:
+        # a run that was stopped before its store was whole left only a part of it
+        begun = (
+            resume and folder.is_dir() and {p.name for p in folder.iterdir()} <= {PART}
+        )
+        if folder.exists() and not begun:
+            msg = (
+                f"{folder} exists; choose another folder, or --resume to go on with it"
+            )
+            raise InputError(msg)
+        folder.mkdir(parents=True, exist_ok=begun)
+        (folder / PART).unlink(missing_ok=True)
+    except OSError as error:
+        msg = f"cannot make {folder}: {error}; choose a folder that can be written"
+        raise InputError(msg) from None
+    # The store appears under its name only when it is whole.
+    store.create(folder / PART, suite.cells, json.dumps(known))
+    (folder / PART).rename(folder / "run.sqlite")
+
+
+def check_same(folder: Path, suite: Suite, known: Mapping[str, Any]) -> None:
+    """Refuse to go on with a run of another suite, version or source.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the earlier run.
+    suite : Suite
+        What is to be run now.
+    known : mapping
+        The manifest of now.
+
+    Raises
+    ------
+    InputError
+        With the differences.
+    """
+    with store.opened(folder / "run.sqlite") as database:
+        earlier = store.manifest(database)
+        names = [cell["cell"] for cell in store.cells(database)]
+    changed = provenance.differences(
+        {key: earlier.get(key) for key in FIXED},
+        # through JSON, as the earlier one went
+        json.loads(json.dumps({key: known[key] for key in FIXED})),
+    )
+    if not changed and names != [cell.name for cell in suite.cells]:
+        changed = ["the cells are others"]
+    if changed:
+        msg = (
+            f"{folder} was begun with another suite or version and cannot go on: "
+            f"{'; '.join(changed)}; use a new folder"
+        )
+        raise InputError(msg)
+
+
+def keep(folder: Path, artifacts: Mapping[str, Any]) -> None:
+    """Write the artifacts of a cell.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the artifacts.
+    artifacts : mapping
+        File name to arrays or bytes.
+
+    Raises
+    ------
+    InputError
+        If one cannot be written.
+    """
+    for name, content in artifacts.items():
+        data = content
+        if not isinstance(content, bytes):
+            buffer = io.BytesIO()
+            np.savez(buffer, **content)
+            data = buffer.getvalue()
+        write(folder / name, data)
+
+
+def write(path: Path, content: str | bytes) -> None:
+    """Write a file that appears when it is whole.
+
+    Parameters
+    ----------
+    path : Path
+        The file; its folder is made.
+    content : str or bytes
+        What it holds.
+
+    Raises
+    ------
+    InputError
+        If it cannot be written.
+    """
+    data = content.encode() if isinstance(content, str) else content
+    part = path.with_name(path.name + ".part")
+    try:
+        path.parent.mkdir(exist_ok=True)
+        part.write_bytes(data)
+        part.replace(path)
+    except OSError as error:
+        msg = f"cannot write {path}: {error}; is the disk full or read-only?"
+        raise InputError(msg) from None
