@@ -183,7 +183,7 @@ def test_one_value_beside_several_theories_counts_once(tmp_path):
     old = run(tmp_path, cell(three(1.0)))
     found = compare_runs(old, run(tmp_path, cell(three(9.0))))
     assert [d.name for d in found.of("changed")] == [
-        "x against one, two, three",
+        "x against one; two; three",
         "x against of its own",
     ]
     found = compare_runs(old, run(tmp_path, cell(three(1.0, moved=0.1))))
@@ -252,7 +252,7 @@ def test_the_command_prints_what_changed(capsys, tiny_run, tmp_path):
     code, out = call(capsys, tiny_run, other, "--out", tmp_path / "page.html")
     assert code == 0
     name = load_run(other).cells[3].name
-    assert out.startswith(f"changed: {name} bias[y] against order 2, ")
+    assert out.startswith(f"changed: {name} bias[y] against order 2; ")
     assert "standard errors" in out.splitlines()[0]
     assert re.search(r"1 of \d+ common statistics changed", out)
     assert out.splitlines()[-1] == str(tmp_path / "page.html")

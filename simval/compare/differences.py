@@ -70,7 +70,7 @@ class Difference:
     @property
     def name(self) -> str:
         """Statistic, and what it is set beside."""
-        theories = ", ".join(p for p in self.predictors if p)
+        theories = "; ".join(p for p in self.predictors if p)
         return f"{self.a.statistic}{' against ' if theories else ''}{theories}"
 
     @property

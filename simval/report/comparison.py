@@ -199,7 +199,7 @@ def _table(found: RunComparison) -> Table:
             d.kind,
             d.cells[1],
             d.a.statistic,
-            ", ".join(d.predictors),
+            "; ".join(d.predictors),
             (d.a.value, d.a.standard_error),
             (d.b.value, d.b.standard_error),
             d.a.unit,
