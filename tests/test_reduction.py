@@ -67,6 +67,7 @@ def test_every_reduction_reduces_what_it_is_for():
     plain = found("plain")
     # In pairs only the even part is left, of variance 2 b.b = 0.1, in n/2 pairs.
     even = np.sqrt(2.0 * BEND[0] @ BEND[0] / (plain.samples / 2))
+    assert found("antithetic").samples == plain.samples / 2
     # 512 batches know the standard error to 1/sqrt(1022) = 3 %, 4 of them
     assert found("antithetic").bias_error[0] == pytest.approx(even, rel=0.13)
     assert found("control").covariance_error[0, 0] < 0.7 * plain.covariance_error[0, 0]
@@ -113,6 +114,16 @@ def test_covariance_is_unbiased_where_the_mean_is_known_better_than_its_samples(
     error = moments.covariance_error
     assert np.abs(moments.covariance - exact).max() < 5.0 * error.max()
     assert exact[0, 0] / 4096 > 5.0 * error.max()
+
+
+@pytest.mark.parametrize(
+    "setting", [{"samples": 0}, {"samples": -3}, {"block": 0}, {"block": 100}]
+)
+@pytest.mark.parametrize("method", METHODS)
+def test_numbers_that_cannot_be_used_are_refused(method, setting):
+    words = {"dimension": 3, "method": method, "samples": 1000, **setting}
+    with pytest.raises(InputError, match="must divide block"):
+        simulate_reduced(errors, Streams(1, (1,)), **words)
 
 
 def test_an_unknown_method_is_refused():

@@ -3,6 +3,8 @@
 import pytest
 
 from simval.errors import InputError
+from simval.poses import observability
+from simval.studies.calibration import simulated_rests
 from simval.sweep import load_suite, suite_schema
 from simval.sweep.suite import builtin_suites
 
@@ -78,10 +80,51 @@ def test_a_file_that_is_not_text_is_refused(tmp_path):
         load_suite(str(path))
 
 
-@pytest.mark.parametrize("override", ["noise_std=1", "attitude.noise_std", "=", "a.b="])
+@pytest.mark.parametrize(
+    "override", ["noise_std=1", "attitude.noise_std", "=", "a.b=", "a.b.c=1"]
+)
 def test_a_malformed_override_shows_the_form(override):
     with pytest.raises(InputError, match=r"STUDY\.KEY=VALUE"):
         load_suite("smoke", [override])
+
+
+def test_only_the_meant_half_of_a_refusal_is_told(tmp_path):
+    path = written(tmp_path, "[attitude]\nnoise_std = -0.1\n")
+    with pytest.raises(InputError) as told:
+        load_suite(path)
+    assert "list" not in str(told.value)
+    path = written(tmp_path, "[attitude]\nnoise_std = [0.1, -0.1]\n")
+    with pytest.raises(InputError, match=r"greater than 0 \(given -0.1\)"):
+        load_suite(path)
+
+
+def test_lists_and_odd_words_on_the_command_line():
+    words = ["attitude.noise_std=[0.01, 0.02]"]
+    cells = [c for c in load_suite("smoke", words).cells if c.study == "attitude"]
+    assert [c.parameters.noise_std for c in cells] == [0.01, 0.02]
+    with pytest.raises(InputError, match="noise_std"):
+        load_suite("smoke", ["attitude.noise_std=1\nx=2"])
+    with pytest.raises(InputError, match="no suite"):
+        load_suite("x" * 300)
+
+
+def test_a_byte_order_mark_is_no_error(tmp_path):
+    path = tmp_path / "windows.toml"
+    path.write_bytes(b"\xef\xbb\xbf[attitude]\n")
+    assert len(load_suite(str(path)).cells) == 1
+
+
+def test_every_scene_of_the_builtin_suites_shows_enough_faces():
+    wanted = {
+        (cell.parameters.scene, cell.parameters.poses)
+        for name in builtin_suites()
+        for cell in load_suite(name).cells
+        if cell.study in ("scene", "calibration")
+    }
+    for kind, poses in sorted(wanted):
+        rests = simulated_rests(kind, poses, 0.2)
+        found = observability(rests.forces.mean(axis=1) / rests.g)
+        assert found.rank == 9, (kind, poses)
 
 
 def test_the_schema_lists_every_parameter():

@@ -11,7 +11,15 @@ import time
 import pytest
 
 from simval.errors import InputError
-from simval.sweep import executors, load_run, load_suite, run_suite, store
+from simval.sweep import (
+    executors,
+    load_run,
+    load_suite,
+    provenance,
+    run_suite,
+    store,
+)
+from simval.sweep.folder import locked
 
 
 def digest(folder):
@@ -81,6 +89,37 @@ def test_resume_of_another_suite_is_refused_with_the_difference(tiny_suite, tiny
     suite = load_suite(str(tiny_suite), ["attitude.samples=70000"])
     with pytest.raises(InputError, match=r"attitude.samples: 65536 -> 70000"):
         run_suite(suite, tiny_run, resume=True)
+
+
+def test_resume_after_a_change_of_the_source_is_refused(
+    tiny_suite, tiny_run, monkeypatch
+):
+    monkeypatch.setattr(provenance, "source_hash", lambda: "another")
+    with pytest.raises(InputError, match=r"source: .* -> another"):
+        run_suite(str(tiny_suite), tiny_run, resume=True)
+
+
+def test_files_that_a_suite_names_are_in_the_manifest(tmp_path):
+    (tmp_path / "mine.py").write_text("x = 1\n")
+    grid = {"seed": [1], "estimator": {"algorithm": [f"{tmp_path}/mine.py:estimate"]}}
+    (path, digest_now), *_ = provenance.file_hashes(grid).items()
+    assert path.endswith("mine.py")
+    (tmp_path / "mine.py").write_text("x = 2\n")
+    assert provenance.file_hashes(grid)[path] != digest_now
+
+
+def test_one_driver_for_a_folder(tiny_suite, tiny_run):
+    with (
+        locked(tiny_run),
+        pytest.raises(InputError, match="another sweep is at work"),
+    ):
+        run_suite(str(tiny_suite), tiny_run, resume=True)
+
+
+@pytest.mark.parametrize("workers", [0, 1.5, "2", True])
+def test_workers_must_be_a_number_of_processes(tiny_suite, tmp_path, workers):
+    with pytest.raises(InputError, match="whole number"):
+        run_suite(tiny_suite, tmp_path / "run", workers=workers)
 
 
 def test_a_failed_cell_leaves_the_others_and_its_traceback(

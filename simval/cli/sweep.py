@@ -67,7 +67,7 @@ def command(
     dry_run: bool,
     quiet: bool,
 ) -> int:
-    """Run SUITE: smoke, accuracy, or the path of a TOML file.
+    """Run SUITE: smoke, accuracy, full, or the path of a TOML file.
 
     The last line printed is the folder of the run. Exit code 0 when every cell was
     computed, 4 when one crashed; the numbers are judged by `simval gate`.

@@ -38,6 +38,7 @@ from simval.montecarlo.plain import Sums, batch_means, sums_of
 from simval.streams import Streams
 
 Method = Literal["plain", "antithetic", "control", "both", "sobol"]
+PAIRED = ("antithetic", "both")
 METHODS: tuple[Method, ...] = ("plain", "antithetic", "control", "both", "sobol")
 
 Errors = Callable[[Array], Array]
@@ -48,6 +49,9 @@ STEP = 0.03
 1e-16/STEP^2 = 1e-13 of a second derivative, truncation STEP^2 of the next term."""
 
 BATCH = 256
+MIN_POWER = 6
+"""Fewest Sobol points in a scrambling, as a power of two."""
+
 SCRAMBLINGS = 32
 """Independent scramblings of the Sobol points: enough for a standard error that is
 itself known to 1/sqrt(62) = 13 %."""
@@ -155,7 +159,7 @@ def simulate_reduced(
         Which reduction.
     samples : int
         Evaluations of `errors` (an antithetic pair is two), rounded up to whole
-        blocks.
+        blocks; for ``sobol`` to `SCRAMBLINGS` times a power of two, 2048 at least.
     block : int, default 4096
         Evaluations in a block; part of the promise of equal bits.
 
@@ -168,16 +172,23 @@ def simulate_reduced(
     Raises
     ------
     InputError
-        If the method is unknown or an error is not finite.
+        If the method is unknown, a number is not usable, or an error is not finite.
     """
     if method not in METHODS:
         msg = f"`method` is {method!r}; it must be one of {', '.join(METHODS)}"
+        raise InputError(msg)
+    if samples < 1 or block < BATCH or block % BATCH:
+        msg = (
+            f"`samples`={samples}, `block`={block}: samples must be positive and "
+            f"{BATCH} must divide block"
+        )
         raise InputError(msg)
     if method == "sobol":
         means, batch = _sobol_means(errors, streams, dimension, samples)
     else:
         means = _random_means(errors, streams, dimension, method, samples, block)
-        batch = BATCH
+        # a pair is one independent sample
+        batch = BATCH // 2 if method in PAIRED else BATCH
     if not np.isfinite(means).all():
         msg = "the estimator gave a non-finite error; it must be finite on every trial"
         raise InputError(msg)
@@ -194,7 +205,7 @@ def _random_means(
     block: int,
 ) -> Array:
     controlled = method in ("control", "both")
-    paired = method in ("antithetic", "both")
+    paired = method in PAIRED
     polynomial = taylor(errors, dimension) if controlled else None
     zero = errors(np.zeros((dimension, 1))) if controlled else 0.0
     batch = BATCH // 2 if paired else BATCH  # evaluations in a batch stay BATCH
@@ -229,12 +240,13 @@ def _sobol_means(
     errors: Errors, streams: Streams, dimension: int, samples: int
 ) -> tuple[Array, int]:
     # powers of two keep the points balanced
-    power = max(6, round(np.log2(max(samples, 1) / SCRAMBLINGS)))
+    power = max(MIN_POWER, int(np.ceil(np.log2(samples / SCRAMBLINGS))))
     means = []
     for number in range(SCRAMBLINGS):
         engine = qmc.Sobol(dimension, scramble=True, rng=streams.block(number))
         points = engine.random_base2(power)
-        # a scrambled point may fall on 0, whose normal is infinite: half a grid step
-        x = ndtri(np.clip(points.T, 2.0**-65, 1.0 - 2.0**-54))
+        # the points are multiples of 2^-bits, 0 among them, whose normal is infinite:
+        # take the middle of each step instead
+        x = ndtri(points.T + 2.0 ** -(engine.bits + 1))
         means.append(batch_means(errors(np.ascontiguousarray(x)), 2**power))
     return np.concatenate(means), 2**power

@@ -42,6 +42,7 @@ from simval.theory.attitude import AttitudeMoments, attitude_moments
 BLOCK = 16384
 BATCH = 256
 CONTROLLED = 16
+CONTROL_STREAM = 1
 RANGE = 5.0
 COMPONENTS = ("x", "y", "z", "s")
 PREDICTORS: tuple[tuple[int | str, str], ...] = (
@@ -55,7 +56,7 @@ PREDICTORS: tuple[tuple[int | str, str], ...] = (
 class Parameters(StudyParameters):
     """One cell: a geometry and a noise level."""
 
-    geometry: Annotated[int, Field(ge=0)] = Field(
+    geometry: Annotated[int, Field(ge=0, lt=2**63)] = Field(
         default=3, description="Number of the random attitude and vectors, a seed."
     )
     noise_std: Annotated[float, Field(gt=0.0, le=0.5)] = Field(
@@ -146,7 +147,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     controlled = moments_of(
         simulate_reduced(
             lambda x: errors(sigma * x + truth),
-            streams,
+            Streams(streams.seed, (*streams.key, CONTROL_STREAM)),
             dimension=12,
             method="both",
             samples=max(parameters.samples // CONTROLLED, 2 * BATCH),

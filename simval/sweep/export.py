@@ -72,7 +72,7 @@ def export_parquet(folder: Path, path: Path) -> int:
                         written, chunk = written + len(chunk), []
                 if chunk:
                     writer.write_table(pa.Table.from_pylist(chunk, schema))
-        except OSError as error:
+        except (OSError, OverflowError, pa.ArrowInvalid) as error:
             msg = f"cannot write {path}: {error}; choose another file with --out"
             raise InputError(msg) from None
     return written + len(chunk)

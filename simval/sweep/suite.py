@@ -213,7 +213,11 @@ def _read(name: str) -> tuple[str, str]:
         file = resources.files("simval.sweep") / "suites" / f"{name}.toml"
         return name, file.read_text(encoding="utf-8")
     path = Path(name)
-    if not path.is_file():
+    try:
+        found = path.is_file()
+    except OSError:  # a name that no file can have
+        found = False
+    if not found:
         msg = (
             f"there is no suite `{name}`: the built-in ones are "
             f"{', '.join(builtin_suites())}; anything else must be the path of a "
@@ -221,7 +225,7 @@ def _read(name: str) -> tuple[str, str]:
         )
         raise InputError(msg)
     try:
-        return path.stem, path.read_text(encoding="utf-8")
+        return path.stem, path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         msg = f"suite {name} cannot be read: {error}"
         raise InputError(msg) from None
@@ -230,7 +234,7 @@ def _read(name: str) -> tuple[str, str]:
 def _override(content: dict[str, Any], override: str) -> None:
     path, equals, text = override.partition("=")
     study, dot, key = path.strip().partition(".")
-    if not (equals and dot and key and text.strip()):
+    if not (equals and dot and key and text.strip()) or "." in key:
         msg = (
             f"`--set {override}` is not of the form STUDY.KEY=VALUE[,VALUE...], "
             "for example attitude.noise_std=1e-3,1e-2"
@@ -240,6 +244,10 @@ def _override(content: dict[str, Any], override: str) -> None:
     if not isinstance(table, dict):
         msg = f"`--set {override}`: `{study}` is no study; use {', '.join(STUDIES)}"
         raise InputError(msg)
+    whole = literal(text.strip())
+    if isinstance(whole, list):
+        table[key] = whole
+        return
     values = [literal(part.strip()) for part in text.split(",")]
     table[key] = values if len(values) > 1 else values[0]
 
@@ -258,9 +266,10 @@ def literal(text: str) -> Any:
         Its value.
     """
     try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+        found = tomllib.loads(f"value = {text}")
+    except (tomllib.TOMLDecodeError, RecursionError):
         return text
+    return found["value"] if len(found) == 1 else text
 
 
 def validated(where: str, model: type[Model], content: Mapping[str, Any]) -> Model:
@@ -288,9 +297,18 @@ def validated(where: str, model: type[Model], content: Mapping[str, Any]) -> Mod
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        lines = "; ".join(dict.fromkeys(_explain(e, model) for e in error.errors()))
+        told = [e for e in error.errors() if not _other_arm(e)] or error.errors()
+        lines = "; ".join(dict.fromkeys(_explain(e, model) for e in told))
         msg = f"{where}: {lines}"
         raise InputError(msg) from None
+
+
+def _other_arm(error: Any) -> bool:
+    """Whether an error is of the half of `value | list` that was not meant."""
+    listed = any("list[" in str(part) for part in error["loc"])
+    if error["type"] == "list_type":
+        return listed
+    return isinstance(error["input"], list) and not listed
 
 
 def _explain(error: Any, model: type[BaseModel]) -> str:
