@@ -1,20 +1,26 @@
 """Plug-ins in a run: isolated failures, three worked examples, and the gate on them."""
 
+import contextlib
 import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from simval.plugins import Calibrator, PluginError, find_plugin
+from simval.plugins import (
+    Calibrator,
+    PluginError,
+    find_plugin,
+    probe_calibrator,
+)
 from simval.plugins.answers import calibration_of
 from simval.plugins.probe import probe_sensor
 from simval.poses import fibonacci_sphere
 from simval.streams import Streams
-from simval.studies import calibrator, custom_scene, estimator
+from simval.studies import calibrator, custom_scene, estimator, isolation
 from simval.sweep import load_run, run_suite
 from simval.sweep.suite import expand
 
@@ -71,24 +77,36 @@ def test_a_plugin_that_misbehaves_fails_in_words(tmp_path, body, words):
         measured(broken(tmp_path, body))
 
 
+def test_a_process_that_hangs_is_stopped_with_its_children(tmp_path, monkeypatch):
+    mark = tmp_path / "processes"
+    program = tmp_path / "hangs"
+    program.write_text(f"#!/bin/sh\nsleep 600 &\necho $$ $! > {mark}\nsleep 600\n")
+    program.chmod(0o755)
+    monkeypatch.setattr(isolation, "sys", SimpleNamespace(executable=str(program)))
+    with pytest.raises(PluginError, match="did not end within 2 s"):
+        measured("any.py", time_limit=2.0)
+    assert_gone(mark.read_text().split())
+
+
+@pytest.mark.slow
 def test_a_plugin_that_hangs_is_stopped_with_its_children(tmp_path):
     mark = tmp_path / "child"
     body = (
         f"child = os.fork(); open({str(mark)!r}, 'a').write(f'{{os.getpid()}} '); "
         "time.sleep(600)"
     )
-    start = time.monotonic()
-    with pytest.raises(PluginError, match="did not end within 12 s"):
-        measured(broken(tmp_path, body), time_limit=12.0)
-    assert time.monotonic() - start < 300.0  # far below the sleep: it was stopped
-    processes = mark.read_text().split()
+    with pytest.raises(PluginError, match="did not end within 60 s"):
+        measured(broken(tmp_path, body), time_limit=60.0)
+    assert_gone(mark.read_text().split())
+
+
+def assert_gone(processes):
     assert len(processes) == 2
     for pid in processes:
         state = Path(f"/proc/{pid}/stat")
         # gone, or dead and waiting for its new parent to look
-        assert not state.exists() or state.read_text().rpartition(")")[2].split()[
-            0
-        ] in ("Z", "X")
+        with contextlib.suppress(FileNotFoundError):
+            assert state.read_text().rpartition(")")[2].split()[0] in ("Z", "X")
 
 
 def test_a_forged_answer_is_refused(tmp_path):
@@ -104,7 +122,7 @@ def test_a_forged_answer_is_refused(tmp_path):
 def test_a_broken_plugin_fails_its_cells_and_nothing_else(tmp_path, workers):
     algorithm = broken(tmp_path, "os.kill(os.getpid(), signal.SIGKILL)")
     content = {
-        "attitude": {"noise_std": 0.02, "samples": 16_384},
+        "attitude": {"noise_std": 0.02, "samples": 65_536},
         "calibrator": {"algorithm": algorithm, "trials": 32},
     }
     run = run_suite(expand("mixed", content), tmp_path / "run", workers=workers)
@@ -216,20 +234,19 @@ def test_an_external_command_from_an_empty_folder_to_a_gated_run(tmp_path):
     assert len(run.of("calibrator")) == 1
 
 
-def test_an_external_command_is_measured(tmp_path):
+def test_an_external_command_is_probed():
     words = f"{sys.executable} {EXAMPLES / 'command.py'} {{poses}} {{g}}"
-    rows = measured(f"command: {words}")
-    assert rows[0].statistic == "probe"
-    assert rows[0].value <= rows[0].prediction
+    plugin = find_plugin(f"command: {words}", Calibrator)
+    # an ellipsoid by linear least squares: the square of the condition, some hundred
+    assert probe_calibrator(plugin) <= 1e-11
     for program, complaint in (
         ("false {poses}", "exit code 1"),
         ("echo {poses}", "did not print one JSON object"),
         ("no-such-program {poses}", "cannot be run"),
+        (f"{sys.executable} -c 'print(3)' {{poses}}", "print one JSON object"),
     ):
         with pytest.raises(PluginError, match=complaint):
-            measured(f"command: {program}")
-    with pytest.raises(PluginError, match="print one JSON object"):
-        measured(f"command: {sys.executable} -c 'print(3)' {{poses}}")
+            probe_calibrator(find_plugin(f"command: {program}", Calibrator))
 
 
 def test_simval_calibrate_is_itself_an_external_calibrator():
