@@ -284,6 +284,16 @@ def test_an_artifact_of_objects_is_refused(simval, tiny_run, undrawn):
     assert "damaged" in err
 
 
+def test_provenance_names_all_that_the_numbers_depend_on(tiny_run, page):
+    section = page.partition('<section id="provenance"')[2]
+    manifest = load_run(tiny_run).manifest
+    wanted = [*manifest["versions"].values(), *manifest["models"].values()]
+    wanted += [manifest["source"], manifest["git"]["commit"] or "not from a checkout"]
+    wanted += [manifest["machine"]["system"], "s of processor time", "Seed"]
+    for word in wanted:
+        assert word in section
+
+
 def test_provenance_names_the_command_that_makes_the_run_again(tmp_path):
     for overrides, seed, words in (
         ((), None, "simval sweep smoke"),

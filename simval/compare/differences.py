@@ -171,7 +171,7 @@ def _named(key: tuple[str, str]) -> str:
 
 
 def _dependencies(run: Run) -> Mapping[str, object]:
-    kept = ("suite", "versions", "git", "models", "machine")
+    kept = ("suite", "versions", "git", "source", "models", "files", "machine")
     return {key: run.manifest[key] for key in kept if key in run.manifest}
 
 
