@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from simval.bench import attitude, calibration
+from simval.bench import attitude, calibration, scene
 from simval.bench.race import Race
 from simval.errors import InputError
 
@@ -37,6 +37,12 @@ RACES: tuple[Race, ...] = (
         title="Precision of the covariance from 65 536 evaluations, in plain samples",
         item="plain samples",
         contenders=attitude.reductions,
+    ),
+    Race(
+        name="scene",
+        title="Steps of the gimbal, eight runs together, one thread",
+        item="steps",
+        contenders=scene.recording,
     ),
     Race(
         name="calibration",

@@ -1,49 +1,25 @@
-"""How fast scenes are recorded, beside MuJoCo's own bare loop over the same model.
+"""The recording of scenes beside MuJoCo's own bare loop over the same model.
 
-``python -m simval.scene.speed`` prints one line per scene.
+Both do the same work: the loop cannot change its inputs, so both hold the scene's
+last ones.
 """
 
-import time
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 
-from simval.scene.catalogue import scenes
 from simval.scene.engine import simulate
 from simval.scene.messages import captured_messages
 from simval.scene.run import plan_run
 
-REPEATS = 7
 TOGETHER = 8
 MOST_STEPS = 10_000
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Speed:
-    """Rates of one scene, measured in turn, one thread.
-
-    Attributes
-    ----------
-    scene : str
-        Its name.
-    recorded : float
-        Steps per second of processor time, recorded and returned as rows: best of 7.
-    bare : float
-        Steps per second of processor time of ``mj_step(model, data, nstep)``: best
-        of 7.
-    ratio : float
-        Recorded to bare.
-    """
-
-    scene: str
-    recorded: float
-    bare: float
-    ratio: float
-
-
-def measure(name: str) -> Speed:
-    """Measure one scene.
+def recording_and_bare_loop(name: str) -> tuple[Callable[[], int], Callable[[], int]]:
+    """Make the two ways to advance a scene, for a race.
 
     Parameters
     ----------
@@ -52,10 +28,12 @@ def measure(name: str) -> Speed:
 
     Returns
     -------
-    Speed
-        Eight runs of the scene side by side, and as many bare steps from the same
-        start. Both hold the scene's last inputs, because the bare loop cannot change
-        them: the same work.
+    recording : callable
+        Runs the scene `TOGETHER` times side by side, every row kept; returns the
+        number of steps.
+    bare : callable
+        The same steps by ``mj_step(model, data, nstep)``, a loop in C that keeps
+        nothing.
     """
     plan = plan_run(name)
     model, steps = plan.physics.model, min(len(plan.script.hold), MOST_STEPS)
@@ -65,12 +43,12 @@ def measure(name: str) -> Speed:
     }
     script = replace(plan.script, inputs=held, hold=plan.script.hold[:steps])
     data = mujoco.MjData(model)
-    pairs = []
-    simulate(model, [script] * TOGETHER)  # the first one pays for the memory
-    for _ in range(REPEATS):
-        start = time.process_time()
+
+    def recording() -> int:
         simulate(model, [script] * TOGETHER)
-        middle = time.process_time()
+        return TOGETHER * steps
+
+    def bare() -> int:
         with captured_messages():
             for _ in range(TOGETHER):
                 mujoco.mj_resetData(model, data)
@@ -81,28 +59,6 @@ def measure(name: str) -> Speed:
                 for field, value in held.items():
                     getattr(data, field).flat = value[-1]
                 mujoco.mj_step(model, data, steps)
-        end = time.process_time()
-        pairs.append((middle - start, end - middle))
-    recorded, bare = np.array(pairs).T
-    count = TOGETHER * steps
-    return Speed(
-        scene=name,
-        recorded=count / float(recorded.min()),
-        bare=count / float(bare.min()),
-        ratio=float(bare.min() / recorded.min()),
-    )
+        return TOGETHER * steps
 
-
-def main() -> None:
-    """Print the speed of every scene."""
-    for name in scenes():
-        speed = measure(name)
-        line = (
-            f"{name:10s} {speed.recorded:9.0f} steps/s recorded, {speed.bare:9.0f} "
-            f"bare, {100.0 * speed.ratio:5.1f} %"
-        )
-        print(line)  # noqa: T201  # a command of its own
-
-
-if __name__ == "__main__":
-    main()
+    return recording, bare

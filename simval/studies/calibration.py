@@ -23,7 +23,7 @@ from simval.arrays import Array, frozen
 from simval.calibrate import calibrate
 from simval.montecarlo import Sums, mean_square, moments_of, simulate
 from simval.results import Outcome, Row
-from simval.scene import record
+from simval.scene import recorded
 from simval.sensor import AccelerometerModel
 from simval.streams import Streams
 from simval.studies.study import Cost, StudyParameters
@@ -112,9 +112,9 @@ def simulated_rests(scene: str, poses: int, hold_time: float) -> Rests:
         Each of the same number of samples.
     """
     if scene == "gimbal":
-        recording = record(scene, directions=poses, hold_time=hold_time)
+        recording = recorded(scene, directions=poses, hold_time=hold_time)
     else:
-        recording = record(scene, throws=poses, hold_time=hold_time)
+        recording = recorded(scene, throws=poses, hold_time=hold_time)
     rows = [
         recording.specific_force[recording.hold == k] for k in recording.hold_indices()
     ]
