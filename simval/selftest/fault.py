@@ -28,6 +28,8 @@ class Fault:
     crash : bool, default False
         Whether a cell is expected to crash. A crash that is not expected is a fault of
         the injection, and does not count as found.
+    stops : bool, default False
+        Whether the driver itself stops; then what it left behind is judged.
     """
 
     name: str
@@ -36,6 +38,7 @@ class Fault:
     inject: Callable[[], AbstractContextManager[None]]
     baseline: bool = False
     crash: bool = False
+    stops: bool = False
 
 
 @contextmanager

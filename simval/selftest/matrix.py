@@ -6,7 +6,7 @@ is right when the fault ends in fail or inconclusive, and the twin in pass.
 """
 
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -19,7 +19,7 @@ from simval.selftest.calibration_faults import calibration_faults
 from simval.selftest.fault import Fault, replaced
 from simval.selftest.run_faults import run_faults
 from simval.studies import scene
-from simval.sweep.run import Run
+from simval.sweep.run import Run, load_run
 from simval.sweep.runner import run_suite
 from simval.sweep.suite import expand
 from simval.verdict import Answer
@@ -109,7 +109,13 @@ def inject_all(
         for number, fault in enumerate(chosen):
             twin = twins[fault.suite]
             baseline = twin.baseline if fault.baseline else None
-            run = _run(fault.suite, Path(folder) / str(number), fault.inject())
+            place = Path(folder) / str(number)
+            if fault.stops:
+                with suppress(RuntimeError):
+                    _run(fault.suite, place, fault.inject())
+                run = load_run(place)
+            else:
+                run = _run(fault.suite, place, fault.inject())
             result = judge_run(run, baseline)
             yield Result(
                 fault=fault,

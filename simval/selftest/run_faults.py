@@ -1,6 +1,5 @@
 """Faults of the machinery: workers, store, samples, standard errors, rows."""
 
-from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -24,7 +23,12 @@ def run_faults() -> list[Fault]:
 
 
 def _fault(
-    name: str, inject: Any, *, baseline: bool = False, crash: bool = False
+    name: str,
+    inject: Any,
+    *,
+    baseline: bool = False,
+    crash: bool = False,
+    stops: bool = False,
 ) -> Fault:
     return Fault(
         name=name,
@@ -33,6 +37,7 @@ def _fault(
         inject=inject,
         baseline=baseline,
         crash=crash,
+        stops=stops,
     )
 
 
@@ -92,25 +97,15 @@ def _cells() -> list[Fault]:
     def fewer(original: Any, path: Any, cells: Any, manifest: str) -> Any:
         return original(path, list(cells)[:-1], manifest)
 
-    def first_only(original: Any, cells: Any, pending: Any) -> Any:
-        return original(cells, list(pending)[:1])
-
     return [
-        _fault("a worker drops a cell", wrapped(runner, "serial", drop)),
+        _fault("a worker drops a cell", wrapped(runner, "serial", drop), stops=True),
         _fault(
             "results under another cell's name",
             wrapped(runner, "serial", swapped),
             baseline=True,
         ),
         _fault("a cell crashes", wrapped(executors, "execute", crash), crash=True),
-        Fault(
-            name="the store lacks a cell",
-            part="run",
-            suite="attitude",
-            inject=_both(
-                wrapped(store, "create", fewer), wrapped(runner, "serial", first_only)
-            ),
-        ),
+        _fault("the store lacks a cell", wrapped(store, "create", fewer)),
     ]
 
 
@@ -149,12 +144,3 @@ def _rows() -> list[Fault]:
             baseline=True,
         ),
     ]
-
-
-def _both(first: Any, second: Any) -> Any:
-    @contextmanager
-    def inject() -> Any:
-        with first(), second():
-            yield
-
-    return inject
