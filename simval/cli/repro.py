@@ -4,7 +4,7 @@ import click
 
 from simval.errors import InputError
 from simval.sweep.provenance import differences, versions
-from simval.sweep.repro import parse_cell, repeat
+from simval.sweep.repro import find_cell, repeat
 from simval.sweep.run import load_run
 
 
@@ -19,14 +19,13 @@ def command(cell: str, folder: str) -> int:
     Says whether it is equal to the bit to what the run holds. Exit code 0 if so, 1 if
     not, 3 where the run does not hold it.
     """
-    wanted = parse_cell(cell)
     try:
         run = load_run(folder)
     except InputError:
         if folder != "latest":
             raise
         run = None  # no run at all: only the numbers are shown
-    found = repeat(wanted, run)
+    found = repeat(find_cell(cell, run), run)
     for row in found.outcome.rows:
         error = f" +- {row.standard_error!r}" if row.standard_error else ""
         against = f"  {row.predictor}: {row.prediction!r}" if row.predictor else ""

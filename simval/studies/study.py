@@ -2,12 +2,16 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import PurePath
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
 from simval.results import Outcome
 from simval.streams import Streams, cell_key
+
+SUFFIXES = (".py", ".xml", ".csv", ".txt", ".log", ".mat", ".json", ".toml")
+"""Endings by which a value is known to name a file."""
 
 
 class StudyParameters(BaseModel):
@@ -122,8 +126,63 @@ def canonical(value: Any) -> str:
     Returns
     -------
     str
-        ``true`` or ``false``, the shortest exact decimal of a number, or the text.
+        ``true`` or ``false``, the shortest exact decimal of a number, or the text;
+        of a file its name alone, so that it does not matter where a suite is run from.
     """
     if isinstance(value, bool):
         return str(value).lower()
+    if isinstance(value, str) and is_path(value):
+        return portable(value)
     return repr(value) if isinstance(value, float) else str(value)
+
+
+def is_path(text: str) -> bool:
+    """Tell whether a value of a suite names a file.
+
+    Parameters
+    ----------
+    text : str
+        The value.
+
+    Returns
+    -------
+    bool
+        Not for ``command:`` and its words.
+    """
+    if text.startswith("command:"):
+        return False  # words of a program, run as the user gave them
+    return "/" in text or "\\" in text or ".py:" in text or text.endswith(SUFFIXES)
+
+
+def file_of(text: str) -> str:
+    """Path of the file that a value names.
+
+    Parameters
+    ----------
+    text : str
+        A path, with ``:NAME`` after it where it names something inside.
+
+    Returns
+    -------
+    str
+        The path alone.
+    """
+    path, colon, _ = text.partition(".py:")
+    return f"{path}.py" if colon else path
+
+
+def portable(text: str) -> str:
+    """Name of a file without its folder, and what the text names inside it.
+
+    Parameters
+    ----------
+    text : str
+        A value that names a file.
+
+    Returns
+    -------
+    str
+        ``mine.py:estimate`` of ``plugins/mine.py:estimate``.
+    """
+    path = file_of(text)
+    return PurePath(path).name + text.removeprefix(path)

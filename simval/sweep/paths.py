@@ -6,8 +6,7 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
 from simval.errors import InputError
-
-SUFFIXES = (".py", ".xml", ".csv", ".txt", ".log", ".mat", ".json", ".toml")
+from simval.studies.study import file_of, is_path
 
 
 def kept_inside(name: str, content: Mapping[str, Any], folder: Path) -> dict[str, Any]:
@@ -43,41 +42,6 @@ def kept_inside(name: str, content: Mapping[str, Any], folder: Path) -> dict[str
         return value
 
     return {str(key): kept(value, str(key)) for key, value in content.items()}
-
-
-def is_path(text: str) -> bool:
-    """Tell whether a value of a suite names a file.
-
-    Parameters
-    ----------
-    text : str
-        The value.
-
-    Returns
-    -------
-    bool
-        Not for ``command:`` and its words.
-    """
-    if text.startswith("command:"):
-        return False  # words of a program, run as the user gave them
-    return "/" in text or "\\" in text or ".py:" in text or text.endswith(SUFFIXES)
-
-
-def file_of(text: str) -> str:
-    """Path of the file that a value names.
-
-    Parameters
-    ----------
-    text : str
-        A path, with ``:NAME`` after it where it names something inside.
-
-    Returns
-    -------
-    str
-        The path alone.
-    """
-    path, colon, _ = text.partition(".py:")
-    return f"{path}.py" if colon else path
 
 
 def _inside(name: str, key: str, text: str, folder: Path) -> str:

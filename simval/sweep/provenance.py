@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from simval.scene import models_folder
-from simval.sweep.paths import file_of, is_path
+from simval.studies.study import file_of, is_path, portable
 from simval.sweep.suite import Suite
 
 PACKAGES = ("simval", "numpy", "scipy", "mujoco-core", "pydantic")
@@ -37,7 +37,7 @@ def manifest(suite: Suite) -> dict[str, Any]:
     return {
         "suite": suite.name,
         "title": suite.title,
-        "grid": suite.grid,
+        "grid": portable_grid(suite.grid),
         "cells": len(suite.cells),
         "versions": versions(),
         "git": git_state(),
@@ -108,6 +108,30 @@ def source_hash() -> str:
     return digest.hexdigest()
 
 
+def portable_grid(grid: Mapping[str, Any]) -> dict[str, Any]:
+    """Grid of a suite with files by their names alone.
+
+    Parameters
+    ----------
+    grid : mapping
+        As the suite holds it, with paths from where we are.
+
+    Returns
+    -------
+    dict
+        The same wherever the suite is run from.
+    """
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return {key: plain(v) for key, v in value.items()}
+        if isinstance(value, list):
+            return [plain(v) for v in value]
+        return portable(value) if isinstance(value, str) and is_path(value) else value
+
+    return {key: plain(value) for key, value in grid.items()}
+
+
 def file_hashes(grid: Mapping[str, Any]) -> dict[str, str]:
     """SHA-256 of each file that a suite names: plug-ins, scenes, logs.
 
@@ -119,7 +143,7 @@ def file_hashes(grid: Mapping[str, Any]) -> dict[str, str]:
     Returns
     -------
     dict
-        Path to digest.
+        Name of the file to digest.
     """
     words = [
         v
@@ -132,7 +156,7 @@ def file_hashes(grid: Mapping[str, Any]) -> dict[str, str]:
     ]
     named = {file_of(w) for w in flat if isinstance(w, str) and is_path(w)}
     return {
-        path: hashlib.sha256(Path(path).read_bytes()).hexdigest()
+        portable(path): hashlib.sha256(Path(path).read_bytes()).hexdigest()
         for path in sorted(named)
         if Path(path).is_file()
     }

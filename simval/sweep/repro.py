@@ -80,6 +80,35 @@ def parse_cell(name: str) -> Cell:
     )
 
 
+def find_cell(name: str, run: Run | None) -> Cell:
+    """Cell of a name, with the run's own parameters where it holds the cell.
+
+    Parameters
+    ----------
+    name : str
+        As in a results table. It has only the names of files; the run knows the paths.
+    run : Run or None
+        Where to look first.
+
+    Returns
+    -------
+    Cell
+        Ready to be computed.
+
+    Raises
+    ------
+    InputError
+        As `parse_cell`.
+    """
+    held = next((c for c in run.cells if c.name == name), None) if run else None
+    if held is None:
+        return parse_cell(name)
+    model = find_study(held.study).parameters
+    return Cell(
+        held.study, validated(f"cell {name}", model, held.parameters), held.seed
+    )
+
+
 def repeat(cell: Cell, run: Run | None) -> Repetition:
     """Compute a cell again and compare it with what a run holds.
 

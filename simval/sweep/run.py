@@ -17,6 +17,7 @@ from typing import Any
 
 from simval.errors import InputError
 from simval.results import Row
+from simval.studies.study import is_path, portable
 from simval.sweep import store
 
 RUNS = Path("reports") / "runs"
@@ -222,6 +223,8 @@ def write_table(database: sqlite3.Connection, path: Path) -> None:
 def _exact(value: Any) -> Any:
     if value is None or value != value:  # what was not measured is an empty field
         return ""
+    if isinstance(value, str) and is_path(value):
+        return portable(value)
     return repr(value) if isinstance(value, float) else value
 
 
