@@ -89,7 +89,10 @@ def _sensor() -> list[Fault]:
 
     def one_axis(original: Any, model: Any, f_s: Array, rng: Any) -> Array:
         raw = original(replace(model, noise_std=0.0), f_s, rng)
-        return raw + model.noise_std * rng.standard_normal((*raw.shape[:-1], 1))
+        common = rng.standard_normal((*raw.shape[:-1], 1))
+        return raw + model.noise_std * (
+            0.6 * common + 0.8 * rng.standard_normal(raw.shape)
+        )
 
     def floor(original: Any, model: Any, f_s: Array, rng: Any) -> Array:
         return np.floor(original(model, f_s, rng) / 0.01) * 0.01
@@ -99,7 +102,7 @@ def _sensor() -> list[Fault]:
         sensor("bias before scale", bias_first),
         sensor("scale after misalignment", scale_last),
         sensor("bias added, not subtracted", bias_sign),
-        sensor("one noise for all three axes", one_axis),
+        sensor("noise that the three axes share", one_axis),
         sensor("rounded down, not to nearest", floor),
     ]
 
