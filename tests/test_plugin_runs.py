@@ -4,6 +4,7 @@ import contextlib
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -102,11 +103,18 @@ def test_a_plugin_that_hangs_is_stopped_with_its_children(tmp_path):
 
 def assert_gone(processes):
     assert len(processes) == 2
-    for pid in processes:
-        state = Path(f"/proc/{pid}/stat")
-        # gone, or dead and waiting for its new parent to look
-        with contextlib.suppress(FileNotFoundError):
-            assert state.read_text().rpartition(")")[2].split()[0] in ("Z", "X")
+    limit = time.monotonic() + 20.0  # a killed process needs a moment to go
+    while any(alive(pid) for pid in processes):
+        assert time.monotonic() < limit, "a process outlived its cell"
+        time.sleep(0.05)
+
+
+def alive(pid):
+    # dead and waiting for its new parent to look is not alive
+    with contextlib.suppress(FileNotFoundError, ProcessLookupError):
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+        return state not in ("Z", "X")
+    return False
 
 
 def test_a_forged_answer_is_refused(tmp_path):

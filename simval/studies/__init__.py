@@ -34,6 +34,7 @@ from simval.studies import (
     estimator,
     ladder,
     scene,
+    solvers,
 )
 from simval.studies.study import Study, StudyParameters
 
@@ -67,6 +68,12 @@ STUDIES: Mapping[str, Study] = MappingProxyType(
             coverage.Parameters,
             coverage.run,
             coverage.cost,
+        ),
+        "solvers": Study(
+            "solvers",
+            "Solvers: how each method of the calibration comes to the same answer",
+            solvers.Parameters,
+            solvers.run,
         ),
         "attitude": Study(
             "attitude",
