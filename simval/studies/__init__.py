@@ -47,6 +47,7 @@ STUDIES: Mapping[str, Study] = MappingProxyType(
             "Scenes: is rest at rest, and do the poses suffice?",
             scene.Parameters,
             scene.run,
+            scene.cost,
         ),
         "calibration": Study(
             "calibration",
@@ -74,6 +75,7 @@ STUDIES: Mapping[str, Study] = MappingProxyType(
             "Solvers: how each method of the calibration comes to the same answer",
             solvers.Parameters,
             solvers.run,
+            solvers.cost,
         ),
         "attitude": Study(
             "attitude",
@@ -87,30 +89,35 @@ STUDIES: Mapping[str, Study] = MappingProxyType(
             "Convergence order: how fast each attitude formula becomes exact",
             attitude_order.Parameters,
             attitude_order.run,
+            attitude_order.cost,
         ),
         "attitude_efficiency": Study(
             "attitude_efficiency",
             "Efficiency: what the closed form costs beside the Cramer-Rao bound",
             attitude_efficiency.Parameters,
             attitude_efficiency.run,
+            attitude_efficiency.cost,
         ),
         "attitude_limits": Study(
             "attitude_limits",
             "Limits: the noise at which each attitude formula stops to hold",
             attitude_limits.Parameters,
             attitude_limits.run,
+            attitude_limits.cost,
         ),
         "detector": Study(
             "detector",
             "Static detector: scored against what the simulation knows to be at rest",
             detector.Parameters,
             detector.run,
+            detector.cost,
         ),
         "end_to_end": Study(
             "end_to_end",
             "Error budget: tumble, detect, calibrate, gravity and field to attitude",
             end_to_end.Parameters,
             end_to_end.run,
+            end_to_end.cost,
         ),
         "estimator": Study(
             "estimator",

@@ -21,7 +21,7 @@ from simval.attitude.comparators import davenport, triad
 from simval.geometry import attitude_error, normalize, random_quaternions
 from simval.results import Check, Outcome, Row
 from simval.streams import Streams
-from simval.studies.study import StudyParameters
+from simval.studies.study import Cost, StudyParameters
 from simval.theory.attitude import attitude_moments
 from simval.theory.cramer_rao import attitude_bound
 from simval.theory.two_vector import true_vectors
@@ -56,6 +56,22 @@ class Parameters(StudyParameters):
     noise_std: Annotated[float, Field(gt=0.0, le=1e-3)] = Field(
         default=1e-3, description="Noise per axis of each unit vector, 1."
     )
+
+
+def cost(parameters: Parameters) -> Cost:
+    """Cost of a cell.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        What it does.
+
+    Returns
+    -------
+    Cost
+        Seconds and rows.
+    """
+    return Cost(1.0 + 1.5e-5 * parameters.geometries * parameters.trials, 20)
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:

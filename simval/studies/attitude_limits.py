@@ -17,7 +17,7 @@ from simval.attitude.kernel import column_matrix, raw_quaternion
 from simval.results import Check, Outcome, Row
 from simval.streams import Streams
 from simval.studies.attitude import PREDICTORS
-from simval.studies.study import StudyParameters
+from simval.studies.study import Cost, StudyParameters
 from simval.theory.attitude import attitude_moments
 from simval.theory.noise import noise_covariances
 from simval.theory.oracle import flip_probability
@@ -63,6 +63,22 @@ def geometry_of_norm(norm: float) -> tuple[Array, Array, Array]:
     r1, r2 = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
     across = np.sqrt(max(0.0, 0.64 - norm**2))
     return np.array([0.8 * across, 0.6 * across, norm, 0.6]), r1, r2
+
+
+def cost(parameters: Parameters) -> Cost:
+    """Cost of a cell.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        What it does.
+
+    Returns
+    -------
+    Cost
+        Seconds and rows.
+    """
+    return Cost(0.2 + 6e-7 * parameters.samples, 20)
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:

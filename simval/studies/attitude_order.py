@@ -21,7 +21,7 @@ from simval.moments import Moments
 from simval.results import Outcome, Row
 from simval.streams import Streams
 from simval.studies.attitude import PREDICTORS, random_geometry
-from simval.studies.study import StudyParameters
+from simval.studies.study import Cost, StudyParameters
 from simval.theory.attitude import AttitudeMoments, attitude_moments
 from simval.theory.cubature import cubature_moments
 from simval.theory.noise import noise_covariances, tangent_covariances
@@ -54,6 +54,22 @@ class Parameters(StudyParameters):
         description="Equal isotropic noise, four different full covariances, or noise "
         "tangent to each unit vector.",
     )
+
+
+def cost(parameters: Parameters) -> Cost:
+    """Cost of a cell.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        What it does.
+
+    Returns
+    -------
+    Cost
+        Seconds and rows.
+    """
+    return Cost(0.1, 40)
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:

@@ -24,7 +24,7 @@ from simval.sensor import AccelerometerModel
 from simval.statics import Intervals
 from simval.streams import Streams
 from simval.studies.scoring import Tumble, detect, nees, pure, score, thinned
-from simval.studies.study import StudyParameters
+from simval.studies.study import Cost, StudyParameters
 
 NAMES = ("precision", "recall", "rests_found", "intervals", "impure", "outside")
 
@@ -82,6 +82,22 @@ def tumble(scene: str, poses: int) -> Tumble:
     if scene in ("gimbal", "handheld"):
         setting["first_hold"] = 5.0
     return thinned(recorded(scene, **setting))
+
+
+def cost(parameters: Parameters) -> Cost:
+    """Cost of a cell.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        What it does.
+
+    Returns
+    -------
+    Cost
+        Seconds and rows.
+    """
+    return Cost(0.2 + 8e-3 * parameters.trials, 20)
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:

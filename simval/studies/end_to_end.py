@@ -29,7 +29,7 @@ from simval.statics import Intervals, interval_counts, interval_means
 from simval.streams import Streams
 from simval.studies.carry import PARTS, UP, Wanted, carrier
 from simval.studies.scoring import detect, pure, thinned
-from simval.studies.study import StudyParameters
+from simval.studies.study import Cost, StudyParameters
 from simval.theory import calibration_moments
 
 SETTINGS = (6.0, 51, 15)  # the detector's multiplier, window and trim, in samples
@@ -90,6 +90,22 @@ def _rotation() -> Array:
     columns = np.array([[1.0, 2.0, 3.0], [3.0, -1.0, 1.0], [-2.0, 1.0, 2.0]])
     orthogonal = np.linalg.qr(columns)[0]
     return np.asarray(orthogonal)
+
+
+def cost(parameters: Parameters) -> Cost:
+    """Cost of a cell.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        What it does.
+
+    Returns
+    -------
+    Cost
+        Seconds and rows.
+    """
+    return Cost(0.5 + 8e-3 * parameters.trials, 20)
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:

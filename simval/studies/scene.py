@@ -19,7 +19,7 @@ from simval.results import Outcome, Row
 from simval.scene import Recording, record
 from simval.scene.render import render
 from simval.streams import Streams
-from simval.studies.study import StudyParameters
+from simval.studies.study import Cost, StudyParameters
 
 ROUNDING = 1e-12
 """Relative; a reading and a matrix of unit vectors, some ten roundings each."""
@@ -34,6 +34,22 @@ class Parameters(StudyParameters):
     poses: Annotated[int, Field(ge=9, le=400)] = Field(
         default=40, description="Poses of the gimbal, or throws of the die."
     )
+
+
+def cost(parameters: Parameters) -> Cost:
+    """Cost of a cell.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        What it does.
+
+    Returns
+    -------
+    Cost
+        Seconds and rows.
+    """
+    return Cost(1.0, 5)
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:

@@ -16,7 +16,7 @@ from simval.poses import fibonacci_sphere
 from simval.results import Outcome, Row
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
-from simval.studies.study import StudyParameters
+from simval.studies.study import Cost, StudyParameters
 
 G = 9.80665
 METHODS = ("lm", "gauss-newton", "newton")
@@ -34,6 +34,22 @@ class Parameters(StudyParameters):
     poses: Annotated[int, Field(ge=10, le=400)] = Field(
         default=40, description="Poses, spread evenly over the sphere."
     )
+
+
+def cost(parameters: Parameters) -> Cost:
+    """Cost of a cell.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        What it does.
+
+    Returns
+    -------
+    Cost
+        Seconds and rows.
+    """
+    return Cost(0.1, 6)
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
