@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: report test check nightly lowest clean
+.PHONY: report test check nightly lowest sample clean
 
 report: .venv/installed
 	@mkdir -p reports/runs
@@ -23,6 +23,13 @@ nightly: check
 	HYPOTHESIS_PROFILE=nightly $(BIN)/python -m pytest
 	$(BIN)/simval selftest
 	$(BIN)/simval selftest --rates
+
+# the committed sample report and the README's figures
+sample: .venv/installed
+	rm -rf reports/runs/sample
+	$(BIN)/simval sweep reports/sample.toml --out reports/runs/sample
+	$(BIN)/simval report reports/runs/sample --out reports/sample.html --figures reports/figures \
+	  --only orders --only summary-attitude --only summary-calibration --only budget
 
 # the stated lower bounds, really installed; once before each release
 lowest:

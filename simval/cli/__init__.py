@@ -29,7 +29,7 @@ COMMANDS = (
     ("suite-schema", "Print the JSON Schema of suite files."),
     ("selftest", "Inject faults and see that the gate finds each."),
     ("bench", "Race simval against the alternatives, side by side."),
-    ("list", "Show the suites, studies, cells and scenes there are."),
+    ("list", "Show the suites, studies and scenes there are."),
 )
 
 # a module becomes a name in this package, so none may be called like a builtin
