@@ -235,3 +235,22 @@ def test_a_prediction_that_is_no_longer_beside_a_value_fails(tiny_run, tmp_path)
     result = judge_run(load_run(tiny_run), read_baseline(path))
     assert {c.change for c in result.comparisons if c.reason} == {"unjudged"}
     assert result.exit_code == 1
+
+
+@pytest.mark.parametrize("command", ["gate", "report"])
+@pytest.mark.parametrize("alpha", ["nan", "0", "0.6", "-1", "x"])
+def test_a_rate_is_a_rate(simval, tiny_run, command, alpha):
+    code, _, err = simval(command, tiny_run, "--alpha", alpha)
+    assert code == 2
+    assert "--alpha" in err
+
+
+def test_a_run_that_fails_never_becomes_the_first_baseline(simval, tiny_run, tmp_path):
+    edited(
+        tiny_run,
+        "UPDATE rows SET value = value + 20 * standard_error "
+        "WHERE statistic = 'bias[x]'",
+    )
+    baseline = tmp_path / "baseline.json"
+    assert simval("gate", tiny_run, "--baseline", baseline)[0] == 1
+    assert not baseline.exists()

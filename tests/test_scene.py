@@ -7,7 +7,7 @@ import pytest
 from simval.errors import InputError, SimulationError
 from simval.geometry import attitude_matrix
 from simval.poses import cube_corners, cube_faces, fibonacci_sphere
-from simval.scene import record, scenes
+from simval.scene import find_scene, record, scenes
 from simval.scene.driven import gimbal_angles
 from simval.scene.models import load_model, model_path
 from simval.scene.motion import minimum_jerk
@@ -201,3 +201,20 @@ def test_every_scene_keeps_its_own_bound(name, parameters, least):
     assert rate.max(initial=0.0) <= recording.rest_rate
     planned = set(recording.hold_indices()) | set(recording.unsettled)
     assert planned == set(range(len(planned)))
+
+
+def test_a_scene_of_an_installed_package_is_found_by_its_name(monkeypatch):
+    from importlib import metadata
+
+    class Point:
+        def load(self):
+            return find_scene("gimbal")
+
+    def offered(*, group, name):
+        assert group == "simval.plugins"
+        return [Point()] if name == "theirs" else []
+
+    monkeypatch.setattr(metadata, "entry_points", offered)
+    assert find_scene("theirs").name == "gimbal"
+    with pytest.raises(InputError, match="no scene 'nobodys'"):
+        find_scene("nobodys")

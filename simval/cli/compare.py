@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 
+from simval.cli.options import alpha_option
 from simval.compare import Difference, RunComparison, compare_runs
 from simval.errors import InputError
 from simval.sweep import load_run
@@ -21,13 +22,7 @@ SHOWN = 40
     type=click.Path(path_type=Path),
     help="HTML file to write, with both curves of what changed in one figure.",
 )
-@click.option(
-    "--alpha",
-    type=click.FloatRange(0.0, 0.5, min_open=True),
-    default=1e-3,
-    show_default=True,
-    help="False-alarm rate of all differences together.",
-)
+@alpha_option
 def command(run_a: str, run_b: str, out: Path | None, alpha: float) -> int:
     """Show what changed from RUN_A to RUN_B beyond its uncertainty, sorted.
 

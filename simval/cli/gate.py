@@ -8,6 +8,7 @@ import click
 from rich.console import Console
 from rich.table import Table
 
+from simval.cli.options import alpha_option
 from simval.errors import InputError
 from simval.gate import (
     BASELINE,
@@ -49,13 +50,7 @@ def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> N
     help="Stored statistics to compare with.",
 )
 @click.option("--update-baseline", metavar="REASON", help="Store this run, and why.")
-@click.option(
-    "--alpha",
-    type=click.FloatRange(0.0, 0.5, min_open=True),
-    default=1e-3,
-    show_default=True,
-    help="False-alarm rate of all checks together.",
-)
+@alpha_option
 @click.option("--junit", type=FILE, help="Write JUnit XML.")
 @click.option("--summary", type=FILE, help="Write a Markdown summary.")
 @click.option("--json", "json_file", type=FILE, help="Write every finding as JSON.")
@@ -85,13 +80,16 @@ def command(
     """
     loaded = load_run(run)
     whole = bool(loaded.cells) and all(cell.status == "done" for cell in loaded.cells)
-    first = whole and update_baseline is None and not baseline.is_file()
-    if update_baseline is not None or first:
-        write_baseline(baseline, loaded, update_baseline or "first baseline")
-        if not first:
-            click.echo(f"{baseline} written; review and commit it", err=True)
-    stored = read_baseline(baseline) if whole or baseline.is_file() else None
+    if update_baseline is not None:
+        write_baseline(baseline, loaded, update_baseline)
+        click.echo(f"{baseline} written; review and commit it", err=True)
+    stored = read_baseline(baseline) if baseline.is_file() else None
     result = judge_run(loaded, stored, alpha)
+    # what theory rejects is never taken as the standard by itself
+    first = whole and stored is None and result.exit_code == 0
+    if first:
+        write_baseline(baseline, loaded, "first baseline")
+        result = judge_run(loaded, read_baseline(baseline), alpha)
     code = result.exit_code or int(first)
     if junit is not None:
         _write(junit, to_junit(result))

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from simval.cli.options import alpha_option
 from simval.errors import InputError
 from simval.report import csv_text, drawings, png, render, svg_file, tables
 from simval.sweep import Run, load_run
@@ -35,13 +36,7 @@ from simval.sweep import Run, load_run
     type=click.Path(path_type=Path),
     help="Folder to write each table to, whole, as CSV.",
 )
-@click.option(
-    "--alpha",
-    type=click.FloatRange(0.0, 0.5, min_open=True),
-    default=1e-3,
-    show_default=True,
-    help="False-alarm rate of all checks together.",
-)
+@alpha_option
 def command(
     run: str,
     out: Path | None,

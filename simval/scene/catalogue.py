@@ -16,6 +16,7 @@ and its name, for commands and suites, is the path of that file.
 """
 
 import runpy
+from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,7 @@ from simval.scene.models import model_path
 from simval.scene.script import Scene
 from simval.scene.thrown import drive_thrown
 
+GROUP = "simval.plugins"
 CONTACT_FORCE = 20_000.0  # m/s^2; an impact of 2 m/s within one step of 0.1 ms
 
 
@@ -96,12 +98,14 @@ def scenes() -> dict[str, Scene]:
 
 
 def find_scene(name: str | Scene) -> Scene:
-    """Scene of a name, or of a user's file.
+    """Scene of a name, of an installed package, or of a user's file.
 
     Parameters
     ----------
     name : str or Scene
-        A name out of `scenes`, or the path of a Python file that holds a `Scene`.
+        A name out of `scenes`, the name of an entry point of the group
+        ``simval.plugins`` that is a `Scene`, or the path of a Python file that holds
+        one.
 
     Returns
     -------
@@ -119,11 +123,7 @@ def find_scene(name: str | Scene) -> Scene:
     if name in listed:
         return listed[name]
     if not name.endswith(".py"):
-        msg = (
-            f"there is no scene {name!r}; choose one of {', '.join(listed)}, or give "
-            "the path of a Python file that holds a Scene"
-        )
-        raise InputError(msg)
+        return _installed(name, ", ".join(listed))
     if not Path(name).is_file():
         msg = f"the scene file {name} does not exist; give the path of a Python file"
         raise InputError(msg)
@@ -135,5 +135,23 @@ def find_scene(name: str | Scene) -> Scene:
     found = [value for value in held.values() if isinstance(value, Scene)]
     if len(found) != 1:
         msg = f"the scene file {name} holds {len(found)} scenes; it must hold one"
+        raise InputError(msg)
+    return found[0]
+
+
+def _installed(name: str, listed: str) -> Scene:
+    """Scene that an installed package offers."""
+    points = metadata.entry_points(group=GROUP, name=name)
+    try:
+        found = [value for p in points if isinstance(value := p.load(), Scene)]
+    except Exception as error:  # whatever an installed package may raise
+        msg = f"the scene {name!r} fails with {type(error).__name__}: {error}"
+        raise InputError(msg) from error
+    if len(found) != 1:
+        msg = (
+            f"there is no scene {name!r}; choose one of {listed}, or give the path of "
+            f"a Python file that holds a Scene ({len(found)} installed packages offer "
+            f"one of that name in the group {GROUP})"
+        )
         raise InputError(msg)
     return found[0]
