@@ -17,8 +17,7 @@ import resource, sys
 from simval.bench.attitude import _monte_carlo
 def peak():
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-_monte_carlo(1, 1)
-before = peak()
+before = peak()  # of the imported program
 _monte_carlo(int(sys.argv[1]), int(sys.argv[2]))
 print(peak() - before)
 """
