@@ -140,16 +140,22 @@ def test_workers_end_with_their_driver(tiny_suite, tmp_path, number):
         time.sleep(0.1)
 
 
-def killed_at(suite, folder, delay, tmp_path, workers):
+def killed_at(suite, folder, delay, tmp_path, workers, after_a_cell):
     process = sweep(
         suite,
         folder,
         "--workers",
         str(workers),
         "--resume",
-        env=environment(tmp_path, "slow:0.05"),
+        env=environment(tmp_path, "slow:0.3"),
         start_new_session=True,
     )
+    if after_a_cell:  # in the middle for certain, however slow the machine is
+        before, limit = len(finished(folder)), time.monotonic() + 60
+        while len(finished(folder)) == before and process.poll() is None:
+            assert time.monotonic() < limit
+            time.sleep(0.01)
+        delay = 0.05 * delay
     with contextlib.suppress(subprocess.TimeoutExpired):
         process.wait(timeout=delay)
     with contextlib.suppress(ProcessLookupError):
@@ -168,13 +174,17 @@ def finished(folder):
 def survives_kills(tiny_suite, tiny_run, tmp_path, kills, seed):
     rng = random.Random(seed)
     folder = tmp_path / "killed"
-    for _ in range(kills):
+    seen = set()
+    for k in range(kills):
         before = finished(folder)
         delay = rng.uniform(0.3, 2.5)
-        killed_at(tiny_suite, folder, delay, tmp_path, rng.choice([1, 2]))
+        workers = rng.choice([1, 2])
+        killed_at(tiny_suite, folder, delay, tmp_path, workers, k % 2 == 0)
         after = finished(folder)
+        seen.add(len(after))
         # no finished cell is lost, and none is computed twice: its time stays
         assert before.items() <= after.items()
+    assert seen & {1, 2, 3}  # some kills came in the middle
     run_suite(str(tiny_suite), folder, resume=True)
     assert digest(folder) == digest(tiny_run)
 
