@@ -19,6 +19,7 @@ from conftest import ROOT
 
 from simval.errors import InputError
 from simval.sweep import executors, load_run, load_suite, run_suite, store
+from simval.sweep.suite import expand
 
 SITE = "import poison; poison.install()\n"
 
@@ -293,6 +294,46 @@ def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(
     assert workers[0].wait(timeout=10) == -signal.SIGKILL
     assert {cell.status for cell in run.cells} == {"done"}
     assert digest(folder) == digest(tiny_run)
+
+
+@pytest.mark.slow
+def test_a_plugin_on_a_cluster_fails_alone(cluster, tmp_path):
+    address, _ = cluster
+    wait_for_workers(address, 2)
+    plugins = {
+        "raises": "raise ValueError('mine')",
+        "crashes": "os.kill(os.getpid(), signal.SIGSEGV)",
+        "hangs": "os.fork(); time.sleep(600)",
+    }
+    for name, body in plugins.items():
+        (tmp_path / f"{name}.py").write_text(
+            "import os, signal, time\nfrom simval.plugins import Calibrator\n"
+            f"def work(poses, g):\n    {body}\n"
+            f"it = Calibrator(name={name!r}, calibrate=work)\n"
+        )
+    content = {
+        "attitude": {"noise_std": 0.02, "samples": 65_536},
+        "calibrator": {
+            "algorithm": [str(tmp_path / f"{name}.py") for name in plugins],
+            "trials": 32,
+            "time_limit": 30.0,
+        },
+    }
+    suite = expand("mixed", content)
+    run = run_suite(suite, tmp_path / "clustered", scheduler=address)
+    errors = {
+        Path(cell.parameters["algorithm"]).stem: cell.error
+        for cell in run.cells
+        if cell.status == "failed"
+    }
+    assert errors.keys() == plugins.keys()
+    assert "raised ValueError: mine" in errors["raises"]
+    assert "was killed by SIGSEGV" in errors["crashes"]
+    assert "did not end within 30 s" in errors["hangs"]
+    alone = run_suite(
+        expand("alone", {"attitude": content["attitude"]}), tmp_path / "1"
+    )
+    assert run.of("attitude")[0].rows == alone.cells[0].rows
 
 
 def test_no_scheduler_is_a_clear_error(tiny_suite, tmp_path, monkeypatch):
