@@ -55,6 +55,19 @@ def test_the_same_cell_is_paired_and_another_seed_is_not():
     assert not has_partners(old, stored_of(old))
 
 
+def test_other_noise_with_the_same_numbers_is_a_copy():
+    values = {"rms": 1.0, "nees": 3.0, "bias[x]": 0.1}
+    old = run_of(values, seed=1)
+    found = changes(old, run_of(values, seed=2))
+    assert {c.change for c in found.values()} == {"copied"}
+    assert {c.answer for c in found.values()} == {"fail"}
+    assert "the seed is not used" in found["rms"].reason
+    other = changes(old, run_of({**values, "nees": 3.0 + 1e-9}, seed=2))
+    assert "copied" not in {c.change for c in other.values()}
+    exact = changes(run_of(values, seed=1, error=0.0), run_of(values, 2, error=0.0))
+    assert {c.change for c in exact.values()} == {"equivalent"}
+
+
 def test_a_cell_with_another_noise_level_is_missing_and_new():
     old = run_of({"rms": 1.0}, seed=1)
     cell = dataclasses.replace(

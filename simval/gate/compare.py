@@ -14,7 +14,9 @@ they are equivalent: with :math:`d` the difference, :math:`s` its standard error
 
 shows it by two one-sided tests of size 0.05; :math:`|d| - z\, s > m`, with z from the
 comparisons' share of the false-alarm rate by Bonferroni's rule, shows a change; and
-anything between is not resolved by so many samples.
+anything between is not resolved by so many samples. Other noise cannot give the same
+numbers: where every sampled statistic of a cell, three at least, is equal to the bit,
+the noise was not drawn anew.
 
 The margins are 2 % of a covariance (off the diagonal, of the root of the product of the
 two variances) or of a normalised square, 1 % of an RMS, a standard deviation or any
@@ -44,12 +46,17 @@ RMSE_MARGIN = 0.01
 BIAS_MARGIN = 0.02
 TOST_QUANTILE = float(ndtri(0.95))
 
+MIN_COPIED = 3
+"""Sampled statistics that must be equal to the bit before a cell counts as copied: a
+single one, a fraction of some hundred trials, can be equal by chance."""
+
 Change = Literal[
     "same",
     "close",
     "equivalent",
     "changed",
     "unresolved",
+    "copied",
     "missing",
     "unjudged",
     "new",
@@ -66,8 +73,9 @@ class Comparison:
         What is compared; the cell as the run names it, or the baseline where missing.
     change : str
         ``same`` to the bit, ``close`` within the paired bound, ``equivalent`` by eq.
-        (B1), ``changed`` beyond either, ``unresolved`` between, ``missing`` from the
-        run, ``unjudged`` by a check that the baseline names, ``new`` in the run.
+        (B1), ``changed`` beyond either, ``unresolved`` between, ``copied`` equal to
+        the bit though the noise should be another, ``missing`` from the run,
+        ``unjudged`` by a check that the baseline names, ``new`` in the run.
     stored, value : float or None
         In the baseline and in the run.
     standard_error : float
@@ -87,7 +95,7 @@ class Comparison:
     @property
     def answer(self) -> Answer:
         """Pass, fail or inconclusive."""
-        if self.change in ("changed", "missing", "unjudged"):
+        if self.change in ("changed", "copied", "missing", "unjudged"):
             return "fail"
         return "inconclusive" if self.change == "unresolved" else "pass"
 
@@ -105,6 +113,11 @@ class Comparison:
             return "in the baseline, but no longer measured"
         if self.change == "unjudged":
             return "no longer judged as the baseline says"
+        if self.change == "copied":
+            return (
+                "equal to the bit, as all of its cell, though its noise should be "
+                "another: the seed is not used, or the baseline names a wrong one"
+            )
         if self.answer == "pass" or self.stored is None or self.value is None:
             return ""
         step = self.value - self.stored
@@ -236,6 +249,7 @@ def _paired_change(old: Entry | None, new: Entry | None, bound: float) -> Change
 def _unpaired(
     cell: str, old: Mapping[str, Entry], new: Mapping[str, Entry], quantile: float
 ) -> Iterator[Comparison]:
+    copied = _copied(old, new)
     for statistic in sorted({*old, *new}):
         entry, now = old.get(statistic), new.get(statistic)
         unjudged = _paired_change(entry, now, 0.0) == "unjudged"
@@ -254,14 +268,22 @@ def _unpaired(
         yield Comparison(
             cell=cell,
             statistic=statistic,
-            change=_unpaired_change(
-                abs(now.value - entry.value), both, margin, quantile
-            ),
+            change="copied"
+            if copied and both > 0
+            else _unpaired_change(abs(now.value - entry.value), both, margin, quantile),
             stored=entry.value,
             value=now.value,
             standard_error=both,
             margin=margin,
         )
+
+
+def _copied(old: Mapping[str, Entry], new: Mapping[str, Entry]) -> bool:
+    sampled = {name: entry for name, entry in old.items() if entry.error > 0.0}
+    return len(sampled) >= MIN_COPIED and all(
+        name in new and new[name].value == entry.value
+        for name, entry in sampled.items()
+    )
 
 
 def _unpaired_change(
