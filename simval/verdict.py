@@ -32,6 +32,7 @@ inconclusive; it never passes.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from math import sqrt
 from typing import Literal
 
 import numpy as np
@@ -44,9 +45,13 @@ Answer = Literal["pass", "fail", "inconclusive"]
 WEIGHTS = {"plain": 0.25, "control": 0.5, "nees": 0.25}
 """Share of the false-alarm rate of each family of sampling checks."""
 
-MIN_SAMPLES = 100
+MIN_SAMPLES = 256
 """Below this a standard error is itself too uncertain for eq. (V1): the tail of
-Student's t with 99 degrees of freedom is 1.6 times the normal's at p = 1e-3."""
+Student's t with 255 degrees of freedom is 1.5 times the normal's at p = 1e-5."""
+
+MAX_REMAINDER = 0.5
+"""Greatest remainder beside the predicted value or one sample's own spread, whichever
+is greater: a prediction that may be off by more predicts nothing."""
 
 PRACTICAL = 0.25
 """Discrepancy that must not go unseen, see eq. (V2). A bias of a quarter of the error's
@@ -209,21 +214,23 @@ def _obstacle(row: Row) -> str:
     numbers = (row.value, row.standard_error, row.remainder)
     if row.prediction is None or not np.isfinite((*numbers, row.prediction)).all():
         return "the value, its error, its prediction or its remainder is not finite"
+    if row.remainder < 0.0:
+        return f"a remainder of {row.remainder:.3g} says nothing; it must be 0 or more"
     if row.check in WEIGHTS and not row.standard_error > 0.0:
         return "a sampled value without a standard error cannot be judged"
     if row.check in WEIGHTS and not row.n >= MIN_SAMPLES:
         return f"{row.n} samples; at least {MIN_SAMPLES} are needed to judge"
-    if row.check in WEIGHTS and not row.remainder <= _size(row):
+    if row.check in WEIGHTS and not row.remainder <= MAX_REMAINDER * _size(row):
         return (
-            f"a remainder of {row.remainder:.3g} allows anything: it is above both "
-            "the prediction and the spread of a sample"
+            f"a remainder of {row.remainder:.3g} allows too much: it is above half of "
+            "both the prediction and the spread of a sample"
         )
     return ""
 
 
 def _size(row: Row) -> float:
     """Predicted value or one sample's own spread, whichever is greater."""
-    spread = row.standard_error * float(np.sqrt(row.n))
+    spread = row.standard_error * sqrt(row.n)
     return max(abs(row.prediction or 0.0), spread)
 
 

@@ -41,13 +41,13 @@ def test_the_workflow_s_commands_run(tmp_path):
 
 def test_the_documented_figures_are_the_printed_ones():
     printed = (DOCS / "experiments" / "gate_rates.txt").read_text()
-    seen = re.findall(r"│ clean, .*? │ ([\d.]+) +│ ([\d.]+) +│", printed)
+    seen = re.findall(r"│ (?:att|cal).*? │ ([\d.]+) +│ ([\d.]+) +│", printed)
     text = (DOCS / "gate.md").read_text()
     rows = re.findall(
-        r"\| (?:all rows|rows with.*?) \| ([\d.]+) % \| ([\d.]+) % \|", text
+        r"\| (?:attitude|calibration).*? \| ([\d.]+) % \| ([\d.]+) % \|", text
     )
     assert [(float(a), float(b)) for a, b in seen] == [
         (pytest.approx(float(a) / 100), pytest.approx(float(b) / 100)) for a, b in rows
     ]
-    assert len(seen) == 6
+    assert len(seen) == 9
     assert printed.count("│ 0.99   │ 1    │ 0.9905 to 1   │ 400  │") == 5

@@ -152,13 +152,13 @@ def test_a_pass_means_that_a_discrepancy_would_have_been_seen():
     )
     assert found >= stats.binom.isf(1 - 1e-4, runs, POWER)
     # what is seen to be wrong fails, however few the samples
-    (verdict,) = judge([("cell", changed(value=9.0, n=200))], alpha)
+    (verdict,) = judge([("cell", changed(value=9.0, n=300))], alpha)
     assert verdict.answer == "fail"
 
 
 def test_a_large_prediction_sets_the_margin_too():
     # 0.1 of the prediction would be found, though n alone says nothing
-    values = {"value": 100.0, "prediction": 100.0, "n": 150}
+    values = {"value": 100.0, "prediction": 100.0, "n": 300}
     (verdict,) = judge([("cell", changed(**values))])
     assert verdict.answer == "pass"
 

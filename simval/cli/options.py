@@ -6,18 +6,18 @@ import click
 
 
 class Rate(click.FloatRange):
-    """A false-alarm rate: above 0, at most a half, and a number."""
+    """A false-alarm rate: a number from 1e-12 to a half."""
 
     def __init__(self) -> None:
-        super().__init__(0.0, 0.5, min_open=True)
+        super().__init__(1e-12, 0.5)
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
         """Convert, and refuse what compares with nothing."""
         rate = float(super().convert(value, param, ctx))
-        if not rate > 0.0:
-            self.fail(f"{value!r} is no rate; give a number above 0, at most 0.5.")
+        if not rate >= 1e-12:
+            self.fail(f"{value!r} is no rate; give a number from 1e-12 to 0.5.")
         return rate
 
 

@@ -1,8 +1,9 @@
 """The gate's false-alarm rate and power, measured on fresh seeds.
 
-False alarms: the attitude study is run again and again, each time with a seed of its
-own, and the gate judges each run at 5, 1 and 0.1 %. The cells are small, which is the
-harder case: the standard errors themselves are less certain.
+False alarms: the attitude study, and then the calibration studies, are run again and
+again, each time with a seed of its own, and the gate judges each run at 5, 1 and
+0.1 %. The cells are small, which is the harder case: the standard errors themselves
+are less certain.
 
 Power: one cell at the default size of the accuracy suite, with a fault in what it is
 set beside (or in its noise), judged among as many sound rows as a large run has. One
@@ -23,7 +24,7 @@ from simval.montecarlo.reduction import simulate_reduced
 from simval.results import Check, Row
 from simval.selftest.fault import replaced
 from simval.streams import Streams, cell_key
-from simval.studies import attitude
+from simval.studies import attitude, calibration, coverage, ladder
 from simval.theory.attitude import AttitudeMoments, attitude_moments
 from simval.verdict import judge, overall
 
@@ -34,6 +35,9 @@ SOUND_ROWS: dict[Check, int] = {"plain": 2000, "control": 200, "nees": 100}
 """Rows with p = 1 beside a fault: more than the accuracy suite has."""
 
 ALPHA = 1e-3
+
+Rows = list[tuple[str, Row]]
+"""Name of a cell and one of its rows."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,7 +72,7 @@ class Rate:
 def false_alarm_rates(
     runs: dict[float, int], seed: int, advance: Callable[[], None]
 ) -> list[Rate]:
-    """Judge clean runs on fresh seeds.
+    """Judge clean runs of the attitude study on fresh seeds.
 
     Parameters
     ----------
@@ -84,28 +88,78 @@ def false_alarm_rates(
     list of Rate
         For all rows together, and for those with an exact prediction alone.
     """
-    counts = {(alpha, exact): 0 for alpha in runs for exact in (False, True)}
+
+    def draw(seed: int) -> dict[str, Rows]:
+        rows = [r for noise in CLEAN_NOISE for r in _rows(noise, CLEAN_SAMPLES, seed)]
+        certain = [entry for entry in rows if entry[1].predictor == "exact"]
+        return {"attitude, all rows": rows, "attitude, exact predictions": certain}
+
     with known_theory():
-        for number in range(max(runs.values())):
-            rows = [
-                r for s in CLEAN_NOISE for r in _rows(s, CLEAN_SAMPLES, seed + number)
-            ]
-            certain = [entry for entry in rows if entry[1].predictor == "exact"]
-            for alpha, wanted in runs.items():
-                if number < wanted:
-                    for exact, chosen in ((False, rows), (True, certain)):
-                        alarm = overall(judge(chosen, alpha)) != "pass"
-                        counts[alpha, exact] += alarm
-            advance()
+        return _alarms(runs, draw, seed, advance)
+
+
+def calibration_alarms(
+    runs: dict[float, int], seed: int, advance: Callable[[], None]
+) -> list[Rate]:
+    """Judge clean runs of the calibration studies on fresh seeds.
+
+    Parameters
+    ----------
+    runs : dict
+        Number of runs for each stated rate; a run is used for all that ask for it.
+    seed : int
+        First seed; the runs take the ones after it.
+    advance : callable
+        Called after each run.
+
+    Returns
+    -------
+    list of Rate
+        For the rows of the studies calibration, ladder and coverage together.
+    """
+
+    def draw(seed: int) -> dict[str, Rows]:
+        rows: Rows = []
+        for study, parameters in _calibration_cells():
+            name = f"{study.__name__.rpartition('.')[2]}({parameters})"
+            outcome = study.run(parameters, Streams(seed, cell_key(name)))
+            rows += [(name, row) for row in outcome.rows]
+        return {"calibration studies": rows}
+
+    return _alarms(runs, draw, seed, advance)
+
+
+def _calibration_cells() -> list[tuple[Any, Any]]:
+    # as many trials as the smoke suite has, at its noise; short holds, few poses
     return [
-        Rate(
-            name="clean, exact predictions" if exact else "clean, all rows",
-            nominal=alpha,
-            count=counts[alpha, exact],
-            runs=runs[alpha],
-        )
-        for alpha in runs
-        for exact in (False, True)
+        (
+            calibration,
+            calibration.Parameters(
+                poses=12, hold_time=0.02, noise_std=0.01, trials=1024
+            ),
+        ),
+        (ladder, ladder.Parameters(residual="squared", trials=1024)),
+        (ladder, ladder.Parameters(residual="adjusted", trials=1024)),
+        (coverage, coverage.Parameters(poses=20, trials=1024)),
+    ]
+
+
+def _alarms(
+    runs: dict[float, int],
+    draw: Callable[[int], dict[str, Rows]],
+    seed: int,
+    advance: Callable[[], None],
+) -> list[Rate]:
+    counts: dict[tuple[float, str], int] = {}
+    for number in range(max(runs.values())):
+        for name, rows in draw(seed + number).items():
+            for alpha, wanted in runs.items():
+                alarm = number < wanted and overall(judge(rows, alpha)) != "pass"
+                counts[alpha, name] = counts.get((alpha, name), 0) + alarm
+        advance()
+    return [
+        Rate(name=name, nominal=alpha, count=count, runs=runs[alpha])
+        for (alpha, name), count in sorted(counts.items(), key=lambda c: -c[0][0])
     ]
 
 
@@ -243,7 +297,7 @@ def claimed(claim: Claim) -> Iterator[None]:
         yield
 
 
-def _rows(noise: float, samples: int, seed: int) -> list[tuple[str, Row]]:
+def _rows(noise: float, samples: int, seed: int) -> Rows:
     parameters = attitude.Parameters(geometry=3, noise_std=noise, samples=samples)
     name = f"attitude(geometry=3,noise_std={noise},samples={samples})"
     outcome = attitude.run(parameters, Streams(seed, cell_key(name)))

@@ -197,7 +197,10 @@ def _centre(points: Array) -> int:
 
 
 def covariance_roots(covariances: Array) -> Array:
-    """Matrices R with R R' equal to each covariance, singular ones included.
+    """Symmetric roots R, R R' equal to each covariance, singular ones included.
+
+    The symmetric root alone does not depend on the eigenvectors that a processor's
+    kernels happen to choose where eigenvalues are equal.
 
     Parameters
     ----------
@@ -210,5 +213,6 @@ def covariance_roots(covariances: Array) -> Array:
         Roots, (k, n, n).
     """
     values, vectors = np.linalg.eigh(covariances)
-    roots: Array = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
+    scaled = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
+    roots: Array = scaled @ vectors.swapaxes(-1, -2)
     return roots
