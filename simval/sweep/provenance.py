@@ -187,7 +187,7 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
 
 def _kernels() -> list[str]:
     config: Any = np.show_config(mode="dicts")
-    return list(config["SIMD Extensions"]["found"])
+    return list(config["SIMD Extensions"].get("found", []))
 
 
 def _git(root: Path, *words: str) -> str | None:
