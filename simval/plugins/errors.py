@@ -1,7 +1,103 @@
-"""The exception of plug-ins."""
+"""The exception of plug-ins, and words of others made fit to be kept and shown."""
+
+import traceback
 
 from simval.errors import RefusedError
 
+LIMIT = 2000
+"""Characters that a message may have; of a longer one head and tail are kept."""
+
 
 class PluginError(RefusedError):
-    """A plug-in that cannot be loaded, breaks what it declares, or fails."""
+    """A plug-in that cannot be loaded, breaks what it declares, or fails.
+
+    Parameters
+    ----------
+    message : str
+        Whatever the plug-in has put into it; kept as `one_line`.
+    """
+
+    def __init__(self, message: str) -> None:
+        super().__init__(one_line(message))
+
+
+def one_line(text: str) -> str:
+    """Make a message of somebody else's fit for one line of a terminal or a table.
+
+    Parameters
+    ----------
+    text : str
+        Any text: of many lines, of any length, with any characters.
+
+    Returns
+    -------
+    str
+        Its lines joined by bars, `printable`, at most `LIMIT` characters. Doing it
+        again changes nothing.
+    """
+    lines = [line.strip() for line in text.splitlines()]
+    joined = printable(" | ".join(line for line in lines if line))
+    if len(joined) <= LIMIT:
+        return joined
+    left_out = f" [... {len(joined)} characters ...] "
+    head = (LIMIT - len(left_out)) // 2
+    tail = LIMIT - len(left_out) - head
+    return joined[:head] + left_out + joined[-tail:]
+
+
+def printable(text: str) -> str:
+    r"""Replace what a terminal obeys, and what no file can hold, by its escape.
+
+    Parameters
+    ----------
+    text : str
+        Any text.
+
+    Returns
+    -------
+    str
+        The text, with control characters other than tab and newline, lone surrogates
+        and the like written as ``\x1b`` or ``\udcff``.
+    """
+    return "".join(
+        c if c.isprintable() or c in "\t\n" else c.encode("unicode_escape").decode()
+        for c in text
+    )
+
+
+def told(error: BaseException) -> str:
+    """Say what an error is, even one that cannot say so itself.
+
+    Parameters
+    ----------
+    error : BaseException
+        Of a user's code.
+
+    Returns
+    -------
+    str
+        Type and message.
+    """
+    try:
+        words = str(error)
+    except Exception:  # whatever a user's `__str__` may raise
+        words = "(its message cannot be read)"
+    return f"{type(error).__name__}: {words}" if words else type(error).__name__
+
+
+def described(error: BaseException) -> str:
+    """Traceback of an error, whose last line is the whole message.
+
+    Parameters
+    ----------
+    error : BaseException
+        As caught.
+
+    Returns
+    -------
+    str
+        The traceback, and below it, where the message has several lines, type and
+        message in one.
+    """
+    trace, message = "".join(traceback.format_exception(error)), one_line(told(error))
+    return trace if trace.endswith(f"{message}\n") else f"{trace}{message}\n"

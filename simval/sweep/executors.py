@@ -8,7 +8,6 @@ that dies.
 import os
 import signal
 import time
-import traceback
 from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import (
@@ -28,6 +27,7 @@ from threading import Thread
 from typing import Any
 
 from simval.errors import InputError
+from simval.plugins.errors import described, one_line, told
 from simval.results import Outcome
 from simval.studies import find_study
 from simval.studies.study import Cell
@@ -76,8 +76,8 @@ def attempt(position: int, cell: Cell) -> Done:
     start = time.process_time()
     try:
         outcome: Outcome | str = execute(cell)
-    except (Exception, SystemExit):  # whatever a study does, the other cells go on
-        outcome = traceback.format_exc()
+    except (Exception, SystemExit) as error:  # whatever it does, the others go on
+        outcome = described(error)
     return position, outcome, time.process_time() - start
 
 
@@ -258,7 +258,7 @@ def _landed(future: Future[Done], position: int) -> Done:
     if error is None:
         return future.result()
     # the cell was computed, but its outcome could not travel
-    return position, f"{type(error).__name__}: {error}", 0.0
+    return position, one_line(told(error)), 0.0
 
 
 def _alone(position: int, cell: Cell) -> Done:

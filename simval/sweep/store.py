@@ -18,6 +18,7 @@ from types import MappingProxyType
 from typing import Any, get_args
 
 from simval.errors import InputError
+from simval.plugins.errors import printable
 from simval.results import Check, Row
 from simval.studies.study import Cell
 
@@ -198,7 +199,7 @@ def fail(
     position : int
         Place of the cell in the suite.
     error : str
-        The traceback or message.
+        The traceback or message; kept as `simval.plugins.errors.printable`.
     seconds : float
         CPU time that it took, s.
     """
@@ -206,7 +207,7 @@ def fail(
         database.execute(
             "UPDATE cells SET status = 'failed', error = ?, seconds = ? "
             "WHERE position = ?",
-            (error, seconds, position),
+            (printable(error), seconds, position),
         )
 
 
