@@ -1,9 +1,13 @@
 """Plug-ins in a run: isolated failures, three worked examples, and the gate on them."""
 
 import contextlib
+import json
+import os
 import shutil
+import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,8 +22,10 @@ from simval.plugins import (
     probe_calibrator,
 )
 from simval.plugins.answers import calibration_of
+from simval.plugins.errors import LIMIT
 from simval.plugins.probe import probe_sensor
 from simval.poses import fibonacci_sphere
+from simval.results import Row
 from simval.streams import Streams
 from simval.studies import calibrator, custom_scene, estimator, isolation
 from simval.sweep import load_run, run_suite
@@ -29,9 +35,16 @@ ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = ROOT / "docs" / "examples"
 
 HEAD = """
-import os, signal, sys, time
+import os, signal, sys, tempfile, time
 import numpy as np
 from simval.plugins import Calibrator
+
+def surroundings():
+    # temporary files in the cell's own folder; on Linux the first out of memory
+    inside = tempfile.gettempdir() == sys.argv[1]
+    linux = sys.platform == "linux"
+    score = open("/proc/self/oom_score_adj").read().strip() if linux else 1000
+    return f"\\udcff\\x1b\\n{inside}{score}"
 
 def work(poses, g):
     BODY
@@ -56,9 +69,9 @@ def measured(algorithm, time_limit=60.0):
 @pytest.mark.parametrize(
     ("body", "words"),
     [
-        ("raise ValueError('mine')", "raised ValueError: mine"),
+        ("raise ValueError(surroundings())", r"ValueError: \\udcff\\x1b \| True1000$"),
         ("sys.exit(0)", "raised SystemExit"),
-        ("os._exit(0)", "ended with exit code 0 without an answer"),
+        ("os._exit(0)", "ended with exit code 0 without an answer$"),
         ("os.kill(os.getpid(), signal.SIGSEGV)", "was killed by SIGSEGV"),
         pytest.param(
             "return np.eye(3) * np.nan, np.zeros(3)",
@@ -76,6 +89,16 @@ def measured(algorithm, time_limit=60.0):
 def test_a_plugin_that_misbehaves_fails_in_words(tmp_path, body, words):
     with pytest.raises(PluginError, match=words):
         measured(broken(tmp_path, body))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits differ elsewhere")
+def test_a_command_that_floods_us_is_ended_and_leaves_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with pytest.raises(
+        PluginError, match=r"`yes` was killed by SIGXFSZ \(File size .*\): silent"
+    ):
+        measured("command: yes {poses}")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_process_that_hangs_is_stopped_with_its_children(tmp_path, monkeypatch):
@@ -117,13 +140,44 @@ def alive(pid):
     return False
 
 
-def test_a_forged_answer_is_refused(tmp_path):
-    body = (
-        "import glob; folder = sys.argv[1]; "
-        "open(folder + '/answer.json', 'w').write('{\"rows\": [{}]}'); os._exit(0)"
-    )
-    with pytest.raises(PluginError, match="no readable answer"):
-        measured(broken(tmp_path, body))
+ROW = {
+    "statistic": "bias",
+    "value": 0.1,
+    "unit": "1",
+    "standard_error": 0.1,
+    "n": 1,
+    "predictor": "",
+    "remainder": 0.0,
+    "prediction": None,
+    "check": "plain",
+}
+
+
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        ({"rows": [{}]}, "no readable answer .an entry that is no row"),
+        ({"rows": [ROW | {"value": 10**400}]}, "no readable answer .int too large"),
+        ({"rows": [ROW | {"n": float("inf")}]}, "no readable answer .cannot convert"),
+        ({"rows": [ROW | {"n": 2**63}]}, "an entry that no store can hold"),
+        ({"rows": [ROW | {"statistic": "\udcff"}]}, "an entry that no store can hold"),
+        ({"rows": [ROW | {"standard_error": -1.0}]}, "an entry that no store can hold"),
+        ({"rows": [ROW | {"check": []}]}, "an entry that is no row"),
+        ({"rows": [3]}, "no readable answer"),
+        ({"rows": []}, "measured nothing"),
+        ({"error": "bad \udcff\nand worse"}, r"^bad \\udcff \| and worse$"),
+        ({"error": ["x" * 10**5]}, r"^\['x{900}"),
+        ("error", "no readable answer"),
+        (3, "no readable answer"),
+    ],
+)
+def test_a_forged_answer_is_refused(tmp_path, answer, words):
+    (tmp_path / "answer.json").write_text(json.dumps(answer))
+    with pytest.raises(PluginError, match=words) as caught:
+        isolation._answer(tmp_path, 0)
+    assert len(str(caught.value)) <= LIMIT
+    (tmp_path / "answer.json").write_text(json.dumps({"rows": [ROW]}))
+    assert isolation._answer(tmp_path, 0) == (Row(**ROW),)
 
 
 @pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
@@ -139,7 +193,7 @@ def test_a_broken_plugin_fails_its_cells_and_nothing_else(tmp_path, workers):
         "calibrator": "failed",
     }
     failed = next(cell for cell in run.cells if cell.status == "failed")
-    assert "was killed by SIGKILL without an answer" in failed.error
+    assert "was killed by SIGKILL (Killed) without an answer" in failed.error
 
 
 def test_the_numbers_of_a_plugin_do_not_depend_on_the_process():
@@ -251,10 +305,28 @@ def test_an_external_command_is_probed():
         ("false {poses}", "exit code 1"),
         ("echo {poses}", "did not print one JSON object"),
         ("no-such-program {poses}", "cannot be run"),
-        (f"{sys.executable} -c 'print(3)' {{poses}}", "print one JSON object"),
+        ("sh -c 'echo 3' {poses}", "print one JSON object"),
+        ("sh -c 'kill -SEGV $$' {poses}", r"`sh` was killed by SIGSEGV \(.*\): silent"),
+        (r"sh -c 'printf bad\\033 >&2; exit 7' {poses}", r"code 7: bad\\x1b$"),
+        ("head -c 2000000 /dev/zero {poses}", "printed more than 1048576 bytes"),
+        ("""echo '{"B": 0, "B": 1}' '{poses}'""", "the key `B` is given twice"),
     ):
         with pytest.raises(PluginError, match=complaint):
             probe_calibrator(find_plugin(f"command: {program}", Calibrator))
+
+
+def test_what_a_command_leaves_behind_is_not_waited_for(tmp_path):
+    mark = tmp_path / "left"
+    program = tmp_path / "program"
+    program.write_text(
+        f"#!/bin/sh\nsleep 600 &\necho $! > {mark}\n"
+        'echo \'{"matrix": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "B": [0, 0, 0]}\'\n'
+    )
+    program.chmod(0o755)
+    plugin = find_plugin(f"command: {program} {{poses}}", Calibrator)
+    found = calibration_of(plugin, np.eye(3), 9.8, 0.0)  # not after 60 s, and refused
+    assert np.array_equal(found.matrix, np.eye(3))
+    os.kill(int(mark.read_text()), signal.SIGKILL)  # it was there all the time
 
 
 def test_simval_calibrate_is_itself_an_external_calibrator():

@@ -8,6 +8,7 @@ force is ``matrix @ (raw - B)``, and ends with exit code 0. No shell is involved
 """
 
 import json
+import os
 import shlex
 import subprocess
 from pathlib import Path
@@ -18,6 +19,7 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.plugins.errors import PluginError
+from simval.plugins.process import ending
 from simval.plugins.protocol import Calibrator
 
 COMMAND = "command:"
@@ -26,6 +28,9 @@ CALL_LIMIT = 60.0
 """Seconds that one call may take; the cell has its own limit beside it."""
 
 RATE = 100.0
+ANSWER_LIMIT = 1 << 20
+"""Bytes that a command may answer with: a calibration has some thousand."""
+
 FIRST_REST, REST, MOVE = 10.0, 2.0, 1.0
 
 
@@ -67,8 +72,11 @@ def command_calibrator(algorithm: str) -> Calibrator:
 
 
 def _answer(words: list[str], poses: Array, g: float, noise_std: float) -> Any:
-    with TemporaryDirectory(prefix="simval-command-") as folder:
-        files = {"{poses}": f"{folder}/poses.csv", "{log}": f"{folder}/log.csv"}
+    with TemporaryDirectory(
+        prefix="simval-command-", ignore_cleanup_errors=True
+    ) as name:
+        folder = Path(name)
+        files = {"{poses}": f"{name}/poses.csv", "{log}": f"{name}/log.csv"}
         text = " ".join(words)
         if "{poses}" in text:
             np.savetxt(files["{poses}"], poses, delimiter=",", fmt="%.17g")
@@ -76,21 +84,40 @@ def _answer(words: list[str], poses: Array, g: float, noise_std: float) -> Any:
             samples = recorded(poses, noise_std)
             np.savetxt(files["{log}"], samples, delimiter=",", fmt="%.17g")
         filled = [_filled(word, {**files, "{g}": repr(g)}) for word in words]
+        code = _run(filled, folder)
+        if code != 0:
+            tail = _last(folder / "stderr", 300)
+            msg = f"`{words[0]}` {ending(code)}: {tail or 'silent'}"
+            raise PluginError(msg)
+        return _parsed(words[0], folder / "stdout")
+
+
+def _run(words: list[str], folder: Path) -> int:
+    """Run a command that prints into files of a folder, and wait for it alone.
+
+    Pipes would grow without bound in our memory, and would be held open by whatever
+    process the command leaves behind. Files stop at the limit of the cell's process,
+    in whose group the command stays, so that it and all it leaves end with the cell.
+    """
+    with (
+        (folder / "stdout").open("wb") as output,
+        (folder / "stderr").open("wb") as errors,
+    ):
         try:
-            done = subprocess.run(
-                filled,
+            return subprocess.run(
+                words,
                 stdin=subprocess.DEVNULL,
-                capture_output=True,
+                stdout=output,
+                stderr=errors,
                 timeout=CALL_LIMIT,
                 check=False,
-            )
+            ).returncode
         except subprocess.TimeoutExpired:
             msg = f"`{words[0]}` did not answer within {CALL_LIMIT:g} s"
             raise PluginError(msg) from None
         except OSError as error:
             msg = f"`{words[0]}` cannot be run: {error}"
             raise PluginError(msg) from None
-    return _parsed(words[0], done)
 
 
 def recorded(poses: Array, noise_std: float) -> Array:
@@ -131,18 +158,35 @@ def _filled(word: str, values: dict[str, str]) -> str:
     return word
 
 
-def _parsed(program: str, done: subprocess.CompletedProcess[bytes]) -> Any:
-    if done.returncode != 0:
-        tail = done.stderr.decode(errors="replace").strip()[-300:]
-        msg = f"`{program}` ended with exit code {done.returncode}: {tail or 'silent'}"
+def _last(file: Path, count: int) -> str:
+    with file.open("rb") as content:
+        content.seek(max(0, content.seek(0, os.SEEK_END) - count))
+        return content.read().decode(errors="replace").strip()
+
+
+def _parsed(program: str, file: Path) -> Any:
+    with file.open("rb") as content:
+        printed = content.read(ANSWER_LIMIT + 1)
+    if len(printed) > ANSWER_LIMIT:
+        msg = f"`{program}` printed more than {ANSWER_LIMIT} bytes; print one object"
         raise PluginError(msg)
     try:
-        answer = json.loads(done.stdout)
+        answer = json.loads(printed, object_pairs_hook=_once)
     except (ValueError, RecursionError) as error:
-        head = done.stdout[:80].decode(errors="replace")
+        head = printed[:80].decode(errors="replace")
         msg = f"`{program}` did not print one JSON object ({error}): {head!r}"
         raise PluginError(msg) from None
     if not isinstance(answer, dict):
         msg = f"`{program}` printed {type(answer).__name__}; print one JSON object"
         raise PluginError(msg)
     return answer
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        msg = f"the key `{twice}` is given twice"
+        raise ValueError(msg)
+    return found

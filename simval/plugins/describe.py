@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 from simval.errors import SimvalError
 from simval.plugins.errors import PluginError
 from simval.plugins.loading import plugins_of
+from simval.plugins.process import ending, run_group
 from simval.plugins.protocol import Calibrator
 from simval.scene import Scene
 
@@ -56,22 +57,13 @@ def _asked(file: str) -> list[tuple[str, str]]:
         answer = Path(folder, "answer.json")
         words = [sys.executable, "-P", "-m", __name__, file, str(answer)]
         try:
-            done = subprocess.run(
-                words,
-                stdin=subprocess.DEVNULL,
-                capture_output=True,
-                timeout=TIME_LIMIT,
-                check=False,
-            )
+            code = run_group(words, subprocess.DEVNULL, TIME_LIMIT)
             found = json.loads(answer.read_text(encoding="utf-8"))
         except subprocess.TimeoutExpired:
             msg = f"the plug-in file {file} was not read within {TIME_LIMIT:g} s"
             raise PluginError(msg) from None
         except (OSError, ValueError):
-            msg = (
-                f"the plug-in file {file} ended its process with exit code "
-                f"{done.returncode} while it was read"
-            )
+            msg = f"the process that read the plug-in file {file} {ending(code)}"
             raise PluginError(msg) from None
     if "error" in found:
         error = str(found["error"])

@@ -24,6 +24,8 @@ from typing import Any, get_args
 
 from simval.errors import SimvalError
 from simval.plugins import PluginError
+from simval.plugins.errors import told
+from simval.plugins.process import ending, run_group
 from simval.results import Check, Outcome, Row
 from simval.streams import Streams
 from simval.studies.study import StudyParameters
@@ -31,8 +33,14 @@ from simval.studies.study import StudyParameters
 STUDIES = ("estimator", "calibrator", "custom_scene")
 """Modules beside this one whose ``compute(parameters, streams)`` runs in the child."""
 
+START = f"import sys; from {__name__} import main; main(sys.argv[1])"
+"""What the child runs; ``-m`` would run this module a second time, and warn of it."""
+
 MAX_OUTPUT = 1 << 26
-"""Bytes that the child may write to any one file."""
+"""Bytes that the child, or a command that it runs, may write to any one file."""
+
+UNREADABLE = (OSError, ValueError, TypeError, KeyError, OverflowError, RecursionError)
+"""Errors by which a forged or broken answer shows itself."""
 
 GRACE = 5.0
 """Seconds past the limit after which the child ends itself, if nobody is left to."""
@@ -64,7 +72,9 @@ def isolated(
     PluginError
         If the child did not answer, or its answer is not made of rows.
     """
-    with TemporaryDirectory(prefix="simval-plugin-") as folder:
+    with TemporaryDirectory(
+        prefix="simval-plugin-", ignore_cleanup_errors=True
+    ) as folder:
         request = {
             "study": study,
             "parameters": parameters.model_dump(mode="json"),
@@ -73,31 +83,22 @@ def isolated(
             "time_limit": time_limit,
         }
         Path(folder, "request.json").write_text(json.dumps(request))
-        words = [sys.executable, "-P", "-m", __name__, folder]
-        with Path(folder, "output").open("wb") as output:
-            child = subprocess.Popen(
-                words,
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
-            )
-            try:
-                code = child.wait(timeout=time_limit)
-            except subprocess.TimeoutExpired:
-                msg = f"the plug-in did not end within {time_limit:g} s and was stopped"
-                raise PluginError(msg) from None
-            finally:
-                with contextlib.suppress(ProcessLookupError, PermissionError):
-                    os.killpg(child.pid, signal.SIGKILL)
-                child.wait()
+        words = [sys.executable, "-P", "-c", START, folder]
+        # its temporary files are in our folder, and go with it however it ends
+        environment = {**os.environ, "TMPDIR": folder}
+        try:
+            with Path(folder, "output").open("wb") as output:
+                code = run_group(words, output, time_limit, environment)
+        except subprocess.TimeoutExpired:
+            msg = f"the plug-in did not end within {time_limit:g} s and was stopped"
+            raise PluginError(msg) from None
         return Outcome(rows=_answer(Path(folder), code))
 
 
 def _answer(folder: Path, code: int) -> tuple[Row, ...]:
     file = folder / "answer.json"
     if not file.is_file():
-        msg = f"the plug-in's process {_ending(code)} without an answer{_tail(folder)}"
+        msg = f"the plug-in's process {ending(code)} without an answer{_tail(folder)}"
         raise PluginError(msg)
     try:
         answer = json.loads(file.read_text(encoding="utf-8"))
@@ -105,7 +106,7 @@ def _answer(folder: Path, code: int) -> tuple[Row, ...]:
             error = str(answer["error"])
             raise PluginError(error)
         rows = tuple(_row(entry) for entry in answer["rows"])
-    except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
+    except UNREADABLE as error:
         msg = f"the plug-in's process left no readable answer ({error}){_tail(folder)}"
         raise PluginError(msg) from None
     if not rows:
@@ -120,27 +121,23 @@ def _row(entry: dict[str, Any]) -> Row:
     ):
         msg = "an entry that is no row"
         raise ValueError(msg)
+    texts = [str(entry[name]) for name in ("statistic", "unit", "predictor")]
+    count, error = int(entry["n"]), float(entry["standard_error"])
+    if not all(map(str.isprintable, texts)) or not 0 <= count < 2**63 or error < 0.0:
+        msg = "an entry that no store can hold"
+        raise ValueError(msg)
     prediction = entry["prediction"]
     return Row(
-        statistic=str(entry["statistic"]),
+        statistic=texts[0],
         value=float(entry["value"]),
-        unit=str(entry["unit"]),
-        standard_error=float(entry["standard_error"]),
-        n=int(entry["n"]),
-        predictor=str(entry["predictor"]),
+        unit=texts[1],
+        standard_error=error,
+        n=count,
+        predictor=texts[2],
         remainder=float(entry["remainder"]),
         prediction=None if prediction is None else float(prediction),
         check=entry["check"],
     )
-
-
-def _ending(code: int) -> str:
-    if code >= 0:
-        return f"ended with exit code {code}"
-    try:
-        return f"was killed by {signal.Signals(-code).name}"
-    except ValueError:
-        return f"was killed by signal {-code}"
 
 
 def _tail(folder: Path) -> str:
@@ -152,24 +149,23 @@ def _tail(folder: Path) -> str:
     return ""
 
 
-def main(folder: Path) -> None:
+def main(place: str) -> None:
     """Answer one request, in the child.
 
     Parameters
     ----------
-    folder : Path
-        Holds ``request.json``; ``answer.json`` is left there.
+    place : str
+        Folder that holds ``request.json``; ``answer.json`` is left there.
     """
+    folder = Path(place)
     request = json.loads((folder / "request.json").read_text())
     _restrain(float(request["time_limit"]))
     try:
         answer: dict[str, Any] = {"rows": [asdict(row) for row in _compute(request)]}
     except SimvalError as error:
         answer = {"error": str(error)}
-    except KeyboardInterrupt:
-        raise
     except BaseException as error:  # SystemExit too: a plug-in must not end the cell
-        answer = {"error": f"the plug-in raised {type(error).__name__}: {error}"}
+        answer = {"error": f"the plug-in raised {told(error)}"}
     part = folder / "answer.part"
     part.write_text(json.dumps(answer), encoding="utf-8")
     part.rename(folder / "answer.json")
@@ -196,7 +192,5 @@ def _restrain(time_limit: float) -> None:
     if sys.platform == "linux":
         with contextlib.suppress(OSError, AttributeError):
             ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+        with contextlib.suppress(OSError):  # out of memory, we are what is ended
+            Path("/proc/self/oom_score_adj").write_text("1000")
