@@ -2,9 +2,11 @@
 
 import dataclasses
 import os
+import pickle
 import sys
 import textwrap
 from pathlib import Path
+from typing import get_type_hints
 
 import numpy as np
 import pytest
@@ -23,8 +25,9 @@ from simval.plugins import (
 )
 from simval.plugins.command import recorded
 from simval.plugins.describe import overrides_of
+from simval.plugins.errors import LIMIT, one_line, told
 from simval.plugins.probe import probe_sensor, rotation_error
-from simval.sweep.suite import load_suite
+from simval.sweep.suite import expand, load_suite
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "docs" / "examples"
 
@@ -69,6 +72,11 @@ def test_a_wrong_convention_is_refused_with_the_right_one(estimate, declared):
     assert probe_estimator(changed(estimate=estimate, **right)) <= 1e-13
 
 
+class Mute:
+    def __array__(self, *words, **options):
+        raise RuntimeError("mute")
+
+
 def overwriting(b1, b2, r1, r2):
     found = align(b1, b2, r1, r2)
     b1 *= 2.0
@@ -82,8 +90,16 @@ def overwriting(b1, b2, r1, r2):
         (lambda *v: align(*v)[:, :3], "shape"),
         (lambda *v: align(*v)[:-1], r"shape \(23, 4\)"),
         (lambda *v: np.nan * align(*v), "non-finite"),
-        (lambda *v: 2.0 * align(*v), "length 2"),
-        (lambda *v: "no", "not an array"),
+        (lambda *v: 2.0 * align(*v), "length is off by 1;"),
+        (lambda *v: (1 - 2e-6) * align(*v), "length is off by -2e-06;"),
+        (lambda *v: "no", r"quaternions as str of shape \(\)"),
+        (lambda *v: None, r"quaternions as NoneType of shape \(\)"),
+        (lambda *v: [[0.0], [0.0, 1.0]], "not an array"),
+        (lambda *v: Mute(), "not an array .RuntimeError: mute"),
+        (lambda *v: align(*v).astype(str), r"with '.*' \(str\) at \(0, 0\)"),
+        (lambda *v: 1j * align(*v), "complex"),
+        (lambda *v: np.ma.masked_less(align(*v), 0.0), "masked entries"),
+        (lambda *v: np.broadcast_to(0.5, (10**12, 4)), "shape .1000000000000, 4.;"),
         (lambda *v: 1 / 0, "raised ZeroDivisionError"),
         (overwriting, "changes its input"),
         (lambda *v: np.roll(align(*v), 1, axis=0), "3\\.\\d+ rad from the truth"),
@@ -166,6 +182,14 @@ def test_a_sound_calibrator_is_right_in_any_form_of_answer():
         (lambda M, B: (1.01 * M, B), "no other sign"),
         (lambda M, B: (M[:2], B), "shape"),
         (lambda M, B: (M * np.nan, B), "non-finite"),
+        (lambda M, B: ([["2.06"] * 3] * 3, B), r"matrix with '2.06' \(str\)"),
+        (lambda M, B: {"matrix": [[None] * 3] * 3, "B": B}, "matrix with None"),
+        (lambda M, B: (M, [0, 0, 10**400]), r"B with a number beyond .* at \(2,\)"),
+        (
+            lambda M, B: {"T": M, "K": [1.5, True, None], "B": B},
+            r"K with True .bool. at .1,.",
+        ),
+        (lambda M, B: {"T": M, "K": [1.0, 1.0], "B": B}, r"shape \(3,\) or \(3, 3\)"),
         (lambda M, B: M, "answered with ndarray"),
         (lambda M, B: {"matrix": M}, "must hold"),
         (lambda M, B: (M, B, np.zeros((9, 9))), "not positive definite"),
@@ -188,12 +212,19 @@ def test_a_broken_calibrator_is_refused_in_words(change, words):
         {"claim": True},
         {"name": ""},
         {"name": "a\nb"},
+        {"name": "a,b"},
+        {"name": " a"},
+        {"name": None},
+        {"components": np.array(["xyzs", "sxyz"])},
+        {"claim": np.array([2, 4])},
+        {"claim": 2.0},
         {"estimate": 1},
         {"covariance": 1},
     ],
 )
 def test_what_is_declared_must_be_a_known_word(values):
-    with pytest.raises(PluginError):
+    (word,) = values
+    with pytest.raises(PluginError, match=f"^`{word}` is .*; (it must be|give a)"):
         changed(**values)
     with pytest.raises(PluginError):
         Calibrator(name="c", calibrate=fitted, form="lower")
@@ -203,6 +234,12 @@ def written(folder, text, name="plugin.py"):
     path = folder / name
     path.write_text(textwrap.dedent(text))
     return path
+
+
+TWINS = """
+from simval.plugins import Calibrator
+first, second = (Calibrator(name="a", calibrate=print) for _ in range(2))
+"""
 
 
 def test_finding_a_plugin(tmp_path):
@@ -221,6 +258,7 @@ def test_finding_a_plugin(tmp_path):
         ("command: program", "where its file goes"),
         ("command: 'x", "cannot be split"),
         (str(written(tmp_path, "1 / 0")), "fails with ZeroDivisionError"),
+        (str(written(tmp_path, TWINS, "twins.py")), "two Calibrators named `a`; give"),
     ):
         with pytest.raises(PluginError, match=words):
             find_plugin(algorithm, Calibrator)
@@ -233,19 +271,87 @@ def test_an_entry_point_is_found(tmp_path, monkeypatch):
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1\n")
     (info / "entry_points.txt").write_text(
         "[simval.plugins]\ntheirs = their_package:align\nbad = their_package:no\n"
+        "other = their_package:_align\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
     assert find_plugin("theirs", Estimator).name == "align"
     with pytest.raises(PluginError, match="entry point `bad` fails"):
         find_plugin("bad", Estimator)
+    with pytest.raises(PluginError, match=r"of type function; .*plugins.Estimator"):
+        find_plugin("other", Estimator)
+    with pytest.raises(PluginError, match=r"of type Estimator; .*plugins.Calibrator"):
+        find_plugin("theirs", Calibrator)
 
 
-def test_a_neighbour_of_the_file_can_be_imported(tmp_path):
-    written(tmp_path, (EXAMPLES / "align.py").read_text(), "their_neighbour.py")
-    path = written(tmp_path, "from their_neighbour import align")
-    before = list(sys.path)
-    assert find_plugin(str(path), Estimator).name == "align"
-    assert sys.path == before
+def test_a_plugin_file_is_a_module_like_any_other(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    written(tmp_path, "value = 3", "their_late_neighbour.py")
+    written(tmp_path, "raise ImportError('a neighbour hides colorsys')", "colorsys.py")
+    text = """
+        from __future__ import annotations
+        from dataclasses import dataclass
+        import colorsys
+        from simval.plugins import Calibrator
+
+        @dataclass
+        class Pose:
+            x: Meters
+        Meters = float
+
+        def late(poses, g):
+            from their_late_neighbour import value
+            return value
+
+        it = Calibrator(name="it", calibrate=late)
+        """
+    plugin = find_plugin(str(written(tmp_path, text)), Calibrator)
+    assert plugin.calibrate([], 9.8) == 3
+    module = sys.modules[plugin.calibrate.__module__]
+    assert get_type_hints(module.Pose) == {"x": float}
+    assert pickle.loads(pickle.dumps(plugin.calibrate)) is plugin.calibrate
+    # and a change is seen, however soon it comes and however like it is
+    late = written(tmp_path, text.replace("return value", "return 77777"))
+    assert find_plugin(str(late), Calibrator).calibrate([], 9.8) == 77777
+
+
+def test_two_files_of_one_name_are_refused_with_both():
+    files = [f"{folder}/davenport.py:d" for folder in ("mine", "other")]
+    with pytest.raises(InputError) as caught:
+        expand("s", {"estimator": {"algorithm": files}})
+    for words in (*files, "rename one of the files"):
+        assert words in str(caught.value)
+    with pytest.raises(InputError, match="remove the repeated value"):
+        expand("s", {"estimator": {"algorithm": files[:1] * 2}})
+
+
+class Speechless(Exception):
+    def __str__(self):
+        raise RuntimeError
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("plain, with π and a\ttab", "plain, with π and a\ttab"),
+        (" one \r\n\n  two\x0bthree\u2028four", "one | two | three | four"),
+        ("\x1b[31m \0 \x9b \udcff", r"\x1b[31m \x00 \x9b \udcff"),
+        (told(ValueError("a\nb")), "ValueError: a | b"),
+        (told(MemoryError()), "MemoryError"),
+        (told(Speechless()), "Speechless: (its message cannot be read)"),
+    ],
+)
+def test_a_message_is_one_printable_line(text, line):
+    assert one_line(text) == line == str(PluginError(text))
+    assert one_line(line) == line
+
+
+def test_a_long_message_keeps_head_and_tail():
+    found = one_line("head" + "\x1b" * 10**5 + "tail")
+    assert len(found) == LIMIT
+    assert found.startswith("head")
+    assert found.endswith("tail")
+    assert "[... 400008 characters ...]" in found
+    assert one_line(found) == found
 
 
 def test_overrides_of_files():
@@ -264,7 +370,7 @@ def test_overrides_of_files():
         ("x = 1", "holds no Estimator, Calibrator or Scene"),
         ("import os; os._exit(3)", "exit code 3"),
         ("raise SystemExit(0)", "calls exit"),
-        ("import os; os.kill(os.getpid(), 11)", "exit code -11"),
+        ("import os; os.kill(os.getpid(), 11)", "was killed by SIGSEGV"),
         ("1 / 0", "ZeroDivisionError"),
     ],
 )

@@ -3,15 +3,17 @@
 Nothing that comes from a plug-in goes further before it went through here.
 """
 
+import reprlib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 import numpy as np
 
 from simval.arrays import Array, finite_array
 from simval.errors import InputError
-from simval.plugins.errors import PluginError
+from simval.plugins.errors import PluginError, told
 from simval.plugins.protocol import Calibrator, Estimator
 
 UNIT = 1e-6
@@ -61,12 +63,12 @@ def quaternions_of(
     """
     answer = _called(estimator.name, estimator.estimate, b1, b2, r1, r2)
     q = _array(estimator.name, "quaternions", answer, (len(b1), 4))
-    length = np.linalg.norm(q, axis=1)
-    if not float(np.abs(length - 1.0).max()) <= UNIT:
-        worst = length[int(np.argmax(np.abs(length - 1.0)))]
+    off = np.linalg.norm(q, axis=1) - 1.0
+    worst = float(off[int(np.argmax(np.abs(off)))])
+    if not abs(worst) <= UNIT:
         msg = (
-            f"{estimator.name} returned a quaternion of length {worst:.6g}; "
-            "every one must have length 1"
+            f"{estimator.name} returned a quaternion whose length is off by "
+            f"{worst:.2g}; every one must have length 1 to {UNIT:g}, so normalise them"
         )
         raise PluginError(msg)
     return package_quaternion(q, estimator.components, estimator.matrix)
@@ -122,11 +124,10 @@ def covariances_of(
     name = estimator.name
     assert estimator.covariance is not None
     answer = _called(name, estimator.covariance, b1, b2, r1, r2, noise_std)
-    if np.shape(answer) == (3, 3):
-        answer = np.broadcast_to(answer, (len(b1), 3, 3))
-    found = _array(name, "covariance", answer, (len(b1), 3, 3))
+    shape = (len(b1), 3, 3)
+    found = _array(name, "covariance", answer, shape, (3, 3))
     _check_covariance(name, found)
-    return found
+    return np.broadcast_to(found, shape)
 
 
 def calibration_of(
@@ -164,7 +165,7 @@ def calibration_of(
     found = None
     if covariance is not None:
         found = _array(name, "covariance", covariance, (9, 9))
-        _check_covariance(name, found[None])
+        _check_covariance(name, found)
     return Calibration(
         matrix=_array(name, "matrix", matrix, (3, 3)),
         bias=_array(name, "B", bias, (3,)),
@@ -178,9 +179,7 @@ def _parts(name: str, answer: Any) -> tuple[Any, Any, Any]:
             matrix = answer["matrix"]
         elif {"T", "K"} <= answer.keys():
             T = _array(name, "T", answer["T"], (3, 3))
-            scale = np.asarray(answer["K"], dtype=object)
-            shape = (3,) if scale.ndim == 1 else (3, 3)
-            K = _array(name, "K", answer["K"], shape)
+            K = _array(name, "K", answer["K"], (3,), (3, 3))
             matrix = T @ (np.diag(K) if K.ndim == 1 else K)
         else:
             matrix = None
@@ -208,20 +207,47 @@ def _called(name: str, function: Any, *arguments: Any) -> Any:
     except PluginError:
         raise
     except Exception as error:  # whatever a user's function may raise
-        msg = f"{name} raised {type(error).__name__}: {error}"
+        msg = f"{name} raised {told(error)}"
         raise PluginError(msg) from error
 
 
-def _array(name: str, what: str, value: Any, shape: tuple[int, ...]) -> Array:
+def _array(name: str, what: str, value: Any, *shapes: tuple[int, ...]) -> Array:
+    """Plain numbers of one of the shapes; nothing is parsed, filled in or cut off."""
     try:
-        array = finite_array(what, value, shape)
+        found = np.asarray(value)
+    except Exception as error:  # ragged, or whatever a user's object may raise
+        msg = f"{name} returned {what} that is not an array ({told(error)})"
+        raise PluginError(msg) from None
+    if found.shape not in shapes:
+        msg = (
+            f"{name} returned {what} as {type(value).__name__} of shape {found.shape}; "
+            f"it must be an array of shape {' or '.join(map(str, shapes))}"
+        )
+        raise PluginError(msg)
+    fault = "masked entries" if np.ma.is_masked(value) else _fault(found)
+    if fault:
+        msg = f"{name} returned {what} with {fault}; every entry must be a plain number"
+        raise PluginError(msg)
+    try:
+        return finite_array(what, found, found.shape)
     except InputError as error:
         msg = f"{name} returned a bad answer: {error}"
         raise PluginError(msg) from None
-    if array.shape != shape:
-        msg = f"{name} returned {what} of shape {array.shape}; it must be {shape}"
-        raise PluginError(msg)
-    return array
+
+
+def _fault(array: np.ndarray[Any, Any]) -> str:
+    """First entry that is no real number of a double's range, with its place."""
+    if array.dtype.kind in "iuf":
+        return ""
+    for place in np.ndindex(array.shape):
+        entry: Any = array.item(place)
+        if isinstance(entry, bool) or not isinstance(entry, Real):
+            return f"{reprlib.repr(entry)} ({type(entry).__name__}) at {place}"
+        try:
+            float(entry)
+        except OverflowError:
+            return f"a number beyond the range of a double at {place}"
+    return ""
 
 
 def _check_covariance(name: str, matrices: Array) -> None:

@@ -10,16 +10,16 @@ algorithm                     what it is
 ============================= ==================================================
 """
 
-import runpy
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from importlib import metadata
+from importlib.machinery import ModuleSpec, SourceFileLoader
+from importlib.util import module_from_spec
 from pathlib import Path
+from types import ModuleType
 from typing import Any, TypeVar
 
 from simval.plugins.command import COMMAND, command_calibrator
-from simval.plugins.errors import PluginError
+from simval.plugins.errors import PluginError, told
 from simval.plugins.protocol import Calibrator, Estimator
 
 GROUP = "simval.plugins"
@@ -65,7 +65,8 @@ def plugins_of(file: Path, *others: type) -> list[Any]:
     Parameters
     ----------
     file : Path
-        Run as a module of its own, with its folder on the module path.
+        Run as a module of its own, which stays in ``sys.modules``; its folder stays at
+        the end of the module path, where it hides nothing.
     *others : type
         What else counts, beside `Estimator` and `Calibrator`.
 
@@ -77,21 +78,47 @@ def plugins_of(file: Path, *others: type) -> list[Any]:
     Raises
     ------
     PluginError
-        If the file is missing or fails.
+        If the file is missing or fails, or two plug-ins of a kind share a name.
     """
     if not file.is_file():
         msg = f"the plug-in file {file} does not exist; give the path of a Python file"
         raise PluginError(msg)
     try:
-        with _importing_from(file.resolve().parent):
-            held = runpy.run_path(str(file), run_name=f"simval_plugin_{file.stem}")
+        content = vars(_imported(file.resolve()))
     except Exception as error:  # whatever a user's file may raise
-        msg = f"the plug-in file {file} fails with {type(error).__name__}: {error}"
+        msg = f"the plug-in file {file} fails with {told(error)}"
         raise PluginError(msg) from error
-    found = [
-        v for v in held.values() if isinstance(v, (Estimator, Calibrator, *others))
-    ]
-    return list({id(value): value for value in found}.values())
+    kinds = (Estimator, Calibrator, *others)
+    held = [value for value in content.values() if isinstance(value, kinds)]
+    found: list[Any] = list({id(value): value for value in held}.values())
+    names: set[tuple[type, str]] = set()
+    for value in found:
+        if (type(value), value.name) in names:
+            msg = (
+                f"{file} holds two {type(value).__name__}s named `{value.name}`; give "
+                "each a name of its own"
+            )
+            raise PluginError(msg)
+        names.add((type(value), value.name))
+    return found
+
+
+def _imported(file: Path) -> ModuleType:
+    """Import a file afresh, under a name that no other module has.
+
+    It is a module like any other, so that what looks one up later finds it: pickle, the
+    evaluation of annotations, an import of a neighbour from inside a function.
+    """
+    folder, name = str(file.parent), f"simval_plugin_{file.stem}"
+    loader = SourceFileLoader(name, str(file))
+    module = module_from_spec(ModuleSpec(name, loader, origin=str(file)))
+    module.__file__ = str(file)
+    sys.modules[name] = module
+    if folder not in sys.path:
+        sys.path.append(folder)
+    # not by the loader: its cache takes a file of the same second and size for this one
+    exec(loader.source_to_code(file.read_bytes(), str(file)), vars(module))
+    return module
 
 
 def _chosen(held: list[Any], kind: type[Kind], name: str, where: str) -> Kind:
@@ -123,16 +150,12 @@ def _entry_point(name: str, kind: type[Kind]) -> Kind:
     try:
         value = chosen[0].load()
     except Exception as error:  # whatever an installed package may raise
-        msg = f"the entry point `{name}` fails with {type(error).__name__}: {error}"
+        msg = f"the entry point `{name}` fails with {told(error)}"
         raise PluginError(msg) from error
-    return _chosen([value], kind, "", f"the entry point {name}")
-
-
-@contextmanager
-def _importing_from(folder: Path) -> Iterator[None]:
-    before = list(sys.path)
-    sys.path.insert(0, str(folder))
-    try:
-        yield
-    finally:
-        sys.path[:] = before
+    if not isinstance(value, kind):
+        msg = (
+            f"the entry point `{name}` = {chosen[0].value} is of type "
+            f"{type(value).__name__}; it must be a simval.plugins.{kind.__name__}"
+        )
+        raise PluginError(msg)
+    return value

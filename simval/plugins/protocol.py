@@ -133,13 +133,23 @@ class Calibrator:
 
 
 def _check_name(name: Any) -> None:
-    if not (isinstance(name, str) and name.isprintable() and 0 < len(name) <= 60):
-        msg = f"`name` is {name!r}; give a printable word of at most 60 characters"
+    if not (
+        isinstance(name, str)
+        and name.isprintable()
+        and name == name.strip()
+        and "," not in name
+        and 0 < len(name) <= 60
+    ):
+        msg = (
+            f"`name` is {name!r}; give a printable word of at most 60 characters, with "
+            "no comma in it and no space around it: it is written in lists of names"
+        )
         raise PluginError(msg)
 
 
-def _one_of(name: str, value: Any, allowed: tuple[Any, ...]) -> None:
-    if value not in allowed or isinstance(value, bool):
+def _one_of(name: str, value: Any, allowed: tuple[str | int, ...]) -> None:
+    # of the very type: 2 == 2.0, 1 == True, and an array is equal to nothing at all
+    if not any(type(value) is type(word) and value == word for word in allowed):
         words = ", ".join(repr(word) for word in allowed)
         msg = f"`{name}` is {value!r}; it must be declared as one of {words}"
         raise PluginError(msg)

@@ -191,13 +191,28 @@ def expand(name: str, content: Mapping[str, Any]) -> Suite:
         for key in studies
         for point in _grid(getattr(model, key))
     )
-    names = [cell.name for cell in cells]
-    if len(set(names)) < len(names):
-        twice = next(n for n in names if names.count(n) > 1)
-        msg = f"suite {name} has the cell {twice} twice; remove the repeated value"
-        raise InputError(msg)
+    _check_names(name, cells)
     grid = {"seed": seeds} | {key: getattr(model, key).model_dump() for key in studies}
     return Suite(name, model.title, cells, grid)  # type: ignore[attr-defined]
+
+
+def _check_names(name: str, cells: Iterable[Cell]) -> None:
+    first: dict[str, Cell] = {}
+    for cell in cells:
+        other = first.setdefault(cell.name, cell)
+        if other is cell:
+            continue
+        msg = f"suite {name} has the cell {cell.name} twice; remove the repeated value"
+        theirs, ours = (c.parameters.model_dump() for c in (other, cell))
+        clash = [
+            repr(v) for k in ours if ours[k] != theirs[k] for v in (theirs[k], ours[k])
+        ]
+        if clash:
+            msg = (
+                f"suite {name}: {' and '.join(clash)} would both be the cell "
+                f"{cell.name}, whose name has no folders in it; rename one of the files"
+            )
+        raise InputError(msg)
 
 
 def _annotated(info: FieldInfo) -> Any:
