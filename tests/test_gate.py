@@ -3,13 +3,14 @@
 import dataclasses
 import json
 import re
+import shlex
 import sqlite3
 from contextlib import closing
 
 import pytest
 
 from simval.errors import InputError
-from simval.gate import judge_run, read_baseline, write_baseline
+from simval.gate import findings, judge_run, read_baseline, write_baseline
 from simval.sweep import load_run
 
 
@@ -20,9 +21,17 @@ def edited(folder, sql):
 
 def test_the_first_run_writes_the_baseline_and_fails(simval, tiny_run, tmp_path):
     baseline = tmp_path / "baseline.json"
-    code, _, err = simval("gate", tiny_run, "--baseline", baseline)
+    files = [tmp_path / name for name in ("j.xml", "s.md", "r.json")]
+    code, out, _ = simval(
+        *("gate", tiny_run, "--baseline", baseline),
+        *("--junit", files[0], "--summary", files[1], "--json", files[2]),
+    )
     assert code == 1
-    assert "review it, commit it" in err
+    # nothing shows green what ended with 1, and each says what to do
+    for text in (out, *(file.read_text() for file in files)):
+        assert "review it, commit it" in text
+        assert re.search("FAIL|failure|fail", text)
+    assert json.loads(files[2].read_text())["answer"] == "fail"
     code, out, _ = simval("gate", tiny_run, "--baseline", baseline)
     assert code == 0
     assert "PASS" in out
@@ -140,7 +149,12 @@ def test_green_is_one_line_and_red_names_the_command(simval, tiny_run, tmp_path)
     assert code == 1
     assert re.search(r"bias\[x\] against exact: .* 9\.0 standard errors beyond", out)
     assert re.search(r"expected \S+, seen \S+, allowed \S+, \+9\.00 standard", out)
-    assert re.search(r"reproduce: simval repro 'attitude\(.*\)@1'", out)
+    assert re.search(r"reproduce: simval repro --run \S+ 'attitude\(.*\)@1'", out)
+    repeated = re.search(r"reproduce: simval (repro --run .*)", out)[1]
+    # it computes the cell again and sees that the run was edited
+    code, out, _ = simval(*shlex.split(repeated))
+    assert code == 1
+    assert "different: bias[x] exact" in out
 
 
 def test_samples_that_the_cell_states_but_did_not_draw(tiny_run):
@@ -165,24 +179,149 @@ def test_a_cell_that_vanished_or_is_empty_is_a_gap(tiny_run):
     assert result.gaps[0].reason == "the suite has 4 cells, the run holds 3"
 
 
+GOOD = '{"b": [1.0, 0.5, 5, {"plain exact": [1.0, 0.0]}]}'
+
+
 @pytest.mark.parametrize(
-    "text",
+    "cell",
     [
-        f'{{"schema": 1, "reason": "", "environment": {{}}, "cells": {{"a": {x}}}}}'
-        for x in (
-            '{"b": [NaN, 1.0, 5]}',
-            '{"b": [1.0, Infinity, 5]}',
-            '{"b": [1.0, -1.0, 5]}',
-            '{"b": [1.0]}',
-        )
-    ]
-    + ["[" * 100_000],
+        GOOD.replace("[1.0, 0.5", "[NaN, 0.5"),
+        GOOD.replace("0.5", "Infinity"),
+        GOOD.replace("0.5", "-1.0"),
+        GOOD.replace("0.5", "true"),
+        GOOD.replace("[1.0, 0.5", '["1.0", 0.5'),
+        GOOD.replace(" 5,", " -5,"),
+        GOOD.replace(" 5,", f" {10**400},"),
+        GOOD.replace(" 5,", " 5.5,"),
+        GOOD.replace("0.0]", "1e999]"),
+        GOOD.replace("[1.0, 0.0]", "[1.0]"),
+        '{"b": [1.0]}',
+        GOOD[:-1] + ", " + GOOD[1:],  # a statistic twice
+        "{}",
+        '{"\\ud800": [1.0, 0.5, 5, {}]}',
+    ],
 )
-def test_a_baseline_that_would_accept_anything_is_refused(tmp_path, text):
+def test_a_baseline_that_would_accept_anything_is_refused(tmp_path, cell):
     path = tmp_path / "baseline.json"
-    path.write_text(text)
+    head = '{"schema": 2, "reason": "", "environment": {}, "cells": {"a": '
+    path.write_text(head + GOOD + "}}")
+    assert read_baseline(path)["cells"]["a"]["b"].n == 5
+    path.write_text(head + cell + "}}")
     with pytest.raises(InputError, match="is not a baseline of simval"):
         read_baseline(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[" * 100_000, "is not a baseline of simval"),
+        ('{"schema": 1}', "has schema 1 and this program reads 2"),
+        ('{"schema": true}', "has schema True"),
+    ],
+)
+def test_a_file_of_another_kind_is_no_baseline(tmp_path, text, words):
+    path = tmp_path / "baseline.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match=words):
+        read_baseline(path)
+    with pytest.raises(InputError, match="is not a regular file"):
+        read_baseline(tmp_path)
+
+
+JUDGED = "\"check\" IN ('plain', 'control', 'nees')"
+
+
+@pytest.mark.parametrize(
+    ("sql", "change"),
+    [
+        (
+            "UPDATE rows SET prediction = value + 100 * standard_error, "
+            f"standard_error = 1000 * standard_error WHERE {JUDGED}",
+            "precision",
+        ),
+        (f"UPDATE rows SET n = 4 * n WHERE {JUDGED}", "precision"),
+        (f"UPDATE rows SET prediction = value WHERE {JUDGED}", "theory"),
+        (
+            "UPDATE rows SET remainder = 0.4 * abs(prediction) "
+            f"WHERE {JUDGED} AND statistic LIKE 'cov%'",
+            "theory",
+        ),
+        ("UPDATE rows SET prediction = 1e300 WHERE \"check\" = 'limit'", "theory"),
+        # only some rows of a statistic: then they no longer hold one value
+        (
+            "UPDATE rows SET value = prediction WHERE predictor = 'order 2' "
+            "AND statistic LIKE 'bias%'",
+            "missing",
+        ),
+    ],
+)
+def test_what_a_value_is_judged_by_may_not_change(tiny_run, tmp_path, sql, change):
+    # theory alone passes all of these: the claim moved with the value
+    path = tmp_path / "baseline.json"
+    write_baseline(path, load_run(tiny_run), "before")
+    edited(tiny_run, sql)
+    alone = judge_run(load_run(tiny_run))
+    assert alone.answer == "pass"
+    result = judge_run(load_run(tiny_run), read_baseline(path))
+    assert result.exit_code == 1
+    assert change in {c.change for c in result.comparisons if c.answer == "fail"}
+
+
+def test_a_row_twice_and_a_cell_that_crashed_are_said_once(tiny_run, tmp_path):
+    path = tmp_path / "baseline.json"
+    write_baseline(path, load_run(tiny_run), "before")
+    edited(
+        tiny_run,
+        "UPDATE rows SET statistic = 'bias[x]' WHERE statistic = 'bias[y]'",
+    )
+    reasons = [gap.reason for gap in judge_run(load_run(tiny_run)).gaps]
+    assert "it has bias[x] against order 2 twice" in reasons
+    edited(tiny_run, "UPDATE cells SET status = 'failed', error = 'x' WHERE position=0")
+    result = judge_run(load_run(tiny_run), read_baseline(path))
+    assert (result.answer, result.exit_code) == ("fail", 4)
+    lost = result.unfinished[0].name
+    assert [f.check for f in findings(result) if f.cell == lost] == ["failed"]
+
+
+@pytest.mark.parametrize(
+    ("sql", "words"),
+    [
+        ("UPDATE rows SET n = 9223372036854775807 WHERE statistic = 'nees'", "samples"),
+        ("UPDATE rows SET cell = -1 WHERE cell = 0", "cell -1"),
+        ("UPDATE cells SET seed = 99 WHERE position = 0", "is stored as .* with 99"),
+        ("UPDATE cells SET study = 'scene' WHERE position = 0", "is stored as scene"),
+    ],
+)
+def test_a_run_that_contradicts_itself_is_refused(tiny_run, sql, words):
+    edited(tiny_run, sql)
+    with pytest.raises(InputError, match=f"is damaged: .*{words}"):
+        load_run(tiny_run)
+
+
+def test_theory_alone_and_a_stale_run_are_said(simval, tiny_run, tmp_path):
+    code, out, _ = simval("gate", tiny_run, "--no-baseline")
+    assert code == 0
+    assert "judged against theory alone" in out
+    assert simval("gate", tiny_run, "--no-baseline", "--update-baseline", "x")[0] == 2
+    manifest = {**load_run(tiny_run).manifest, "source": "another"}
+    with closing(sqlite3.connect(tiny_run / "run.sqlite")) as database, database:
+        database.execute(
+            "UPDATE meta SET value = ? WHERE key = 'manifest'", [json.dumps(manifest)]
+        )
+    _, out, _ = simval("gate", tiny_run, "--no-baseline")
+    assert "other source code of simval than is installed" in out
+
+
+def test_an_update_says_what_it_drops(simval, tiny_run, tmp_path):
+    path = tmp_path / "baseline.json"
+    write_baseline(path, load_run(tiny_run), "before")
+    content = path.read_text().replace('"attitude(', '"attitudes(')
+    path.write_text(content)
+    words = ("gate", tiny_run, "--baseline", path, "--update-baseline")
+    assert simval(*words, "--alpha")[0] == 2  # an option is no reason
+    code, _, err = simval(*words, "renamed")
+    assert code == 0
+    assert re.search(r"4 cells, (\d) of them new, \1 dropped", err)
 
 
 def test_a_baseline_is_not_written_from_values_that_are_not_finite(tiny_run, tmp_path):
@@ -238,7 +377,7 @@ def test_a_prediction_that_is_no_longer_beside_a_value_fails(tiny_run, tmp_path)
 
 
 @pytest.mark.parametrize("command", ["gate", "report"])
-@pytest.mark.parametrize("alpha", ["nan", "0", "0.6", "-1", "x"])
+@pytest.mark.parametrize("alpha", ["nan", "0", "5e-324", "0.6", "-1", "x"])
 def test_a_rate_is_a_rate(simval, tiny_run, command, alpha):
     code, _, err = simval(command, tiny_run, "--alpha", alpha)
     assert code == 2

@@ -8,7 +8,8 @@ import pytest
 from scipy import stats
 
 from simval.gate.baseline import entries
-from simval.gate.compare import COVARIANCE_MARGIN, RMSE_MARGIN, compare, has_partners
+from simval.gate.compare import compare, has_partners
+from simval.gate.equivalence import COVARIANCE_MARGIN, RMSE_MARGIN
 from simval.gate.judgement import judge_run
 from simval.results import Row
 from simval.sweep.run import CellResult, Run
@@ -100,17 +101,67 @@ def test_margins_of_covariances_and_biases():
         "covariance[x,x]": 4.0,
         "covariance[y,y]": 9.0,
         "covariance[x,y]": 0.0,
+        "control covariance[x,x]": 4.0,
+        "control covariance[y,y]": 9.0,
+        "control covariance[x,y]": 0.1,
+        "control bias[x]": 0.0,
         "bias[x]": 0.0,
+        "bias[K_x]": 0.0,
+        "sd[K_x]": 5.0,
+        "bias[other]": 0.0,
         "nees": 3.0,
     }
     old = run_of(entries, seed=1)
-    found = changes(old, run_of(entries))
+    found = changes(old, run_of({k: 1.001 * v for k, v in entries.items()}))
     # off the diagonal: 2 % of the root of the product of the variances
     assert found["covariance[x,y]"].margin == pytest.approx(COVARIANCE_MARGIN * 6.0)
     assert found["covariance[x,x]"].margin == pytest.approx(COVARIANCE_MARGIN * 4.0)
     assert found["nees"].margin == pytest.approx(0.06)
-    # 2 % of a sample's standard deviation, which is s sqrt(n)
-    assert found["bias[x]"].margin == pytest.approx(0.02 * 0.001 * np.sqrt(4000))
+    control = found["control covariance[x,y]"]
+    assert control.margin == pytest.approx(COVARIANCE_MARGIN * 6.0)
+    # 2 % of a sample's standard deviation: as the cell gives it, else s sqrt(n)
+    assert found["bias[x]"].margin == pytest.approx(0.02 * 2.0)
+    assert found["control bias[x]"].margin == pytest.approx(0.02 * 2.0)
+    assert found["bias[K_x]"].margin == pytest.approx(0.02 * 5.0)
+    alone = found["bias[other]"].margin
+    assert alone == pytest.approx(0.02 * 0.001 * np.sqrt(4000))
+
+
+def test_an_unresolved_change_says_how_many_samples_it_takes():
+    # 1 % is 10; errors of 10 each need (1.645 + 2.326) * 14.1 / 10 = 5.6, squared 31.5
+    old = run_of({"rms": 1000.0}, seed=1, error=10.0)
+    found = changes(old, run_of({"rms": 1001.0}, seed=2, error=10.0))["rms"]
+    assert found.change == "unresolved"
+    assert "takes about 1.3e+05 samples, in both runs" in found.reason
+
+
+def test_rounding_of_values_without_chance_is_no_change():
+    def pair(value, moved, remainder, check="exact"):
+        rows = [
+            Row(
+                statistic="x",
+                value=v,
+                unit="1",
+                prediction=value,
+                check=check,
+                predictor="p",
+                remainder=remainder,
+            )
+            for v in (value, moved)
+        ]
+        old, new = (run_of({}, seed=1) for _ in rows)
+        old, new = (
+            dataclasses.replace(
+                run, cells=(dataclasses.replace(run.cells[0], rows=(row,)),)
+            )
+            for run, row in zip((old, new), rows, strict=True)
+        )
+        return changes(old, new)["x"].change
+
+    assert pair(1e-12, 1.05e-12, 0.0) == "close"  # both are rounding of numbers near 1
+    assert pair(6.0, 6.0013, 0.1) == "close"  # an order within a tenth of its remainder
+    assert pair(6.0, 6.013, 0.1) == "changed"
+    assert pair(1.0, 1.0 + 2e-6, 0.0) == "changed"
 
 
 def test_size_and_power_of_the_equivalence_test():

@@ -286,11 +286,15 @@ def test_html_escapes_what_comes_from_data_and_plugins(tiny_run, tmp_path, capsy
             ("rows", "statistic", "cell = 0 AND ordinal = 0"),
             ("rows", "predictor", "cell = 1 AND ordinal = 2"),
             ("rows", "unit", "cell = 1 AND ordinal = 3"),
-            ("cells", "cell", "position = 3"),
             ("cells", "error", "position = 2"),
         ):
             db.execute(f"UPDATE {table} SET {column} = ? WHERE {where}", (HOSTILE,))
         db.execute("UPDATE cells SET status = 'failed' WHERE position = 2")
+        db.execute(
+            "UPDATE cells SET cell = study || '(' || ? || ')@' || seed "
+            "WHERE position = 3",
+            (HOSTILE,),
+        )
         (manifest,) = db.execute(
             "SELECT value FROM meta WHERE key = 'manifest'"
         ).fetchone()

@@ -2,6 +2,8 @@
 
 import json
 import os
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -18,6 +20,7 @@ from simval.gate import (
     read_baseline,
     write_baseline,
 )
+from simval.gate.finding import plain
 from simval.gate.formats import (
     Document,
     annotations,
@@ -27,6 +30,8 @@ from simval.gate.formats import (
     to_markdown,
 )
 from simval.sweep import load_run
+from simval.sweep.provenance import source_hash
+from simval.sweep.run import Run
 
 SHOWN = 40
 """Failures printed one by one; the rest is counted."""
@@ -50,6 +55,7 @@ def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> N
     help="Stored statistics to compare with.",
 )
 @click.option("--update-baseline", metavar="REASON", help="Store this run, and why.")
+@click.option("--no-baseline", is_flag=True, help="Judge against theory alone.")
 @alpha_option
 @click.option("--junit", type=FILE, help="Write JUnit XML.")
 @click.option("--summary", type=FILE, help="Write a Markdown summary.")
@@ -67,6 +73,7 @@ def command(
     run: str,
     baseline: Path,
     update_baseline: str | None,
+    no_baseline: bool,
     alpha: float,
     junit: Path | None,
     summary: Path | None,
@@ -78,34 +85,85 @@ def command(
     Exit code 0 pass, 1 fail, 3 inconclusive or nothing measured, 4 a cell crashed.
     In a GitHub workflow failures are annotated and the step summary is written.
     """
+    if no_baseline and update_baseline is not None:
+        msg = "--no-baseline and --update-baseline exclude each other; give one"
+        raise InputError(msg)
     loaded = load_run(run)
-    whole = bool(loaded.cells) and all(cell.status == "done" for cell in loaded.cells)
     if update_baseline is not None:
-        write_baseline(baseline, loaded, update_baseline)
-        click.echo(f"{baseline} written; review and commit it", err=True)
-    stored = read_baseline(baseline) if baseline.is_file() else None
-    result = judge_run(loaded, stored, alpha)
-    # what theory rejects is never taken as the standard by itself
-    first = whole and stored is None and result.exit_code == 0
-    if first:
-        write_baseline(baseline, loaded, "first baseline")
-        result = judge_run(loaded, read_baseline(baseline), alpha)
-    code = result.exit_code or int(first)
+        _update(baseline, loaded, update_baseline)
+    result = (
+        judge_run(loaded, None, alpha)
+        if no_baseline
+        else _beside_baseline(loaded, baseline, alpha)
+    )
+    result = replace(result, notes=tuple(_notes(result, loaded, no_baseline)))
+    show(result, table)
     if junit is not None:
         _write(junit, to_junit(result))
     if summary is not None:
         _write(summary, to_markdown(result))
     if json_file is not None:
-        _write(json_file, to_json(result, code))
+        _write(json_file, to_json(result, result.exit_code))
     _tell_github(result)
-    show(result, table)
-    if first:
-        click.echo(
+    return result.exit_code
+
+
+def _beside_baseline(run: Run, baseline: Path, alpha: float) -> GateResult:
+    if baseline.exists():
+        return judge_run(run, read_baseline(baseline), alpha)
+    result = judge_run(run, None, alpha)
+    # what theory rejects is never taken as the standard by itself
+    if result.exit_code:
+        words = f"there is no baseline {baseline}, and such a run is not made one"
+    else:
+        write_baseline(baseline, run, "first baseline")
+        words = (
             f"there was no baseline; this run was written to {baseline}: "
-            "review it, commit it, and run the gate again",
-            err=True,
+            "review it, commit it, and run the gate again"
         )
-    return code
+    return replace(result, first=words)
+
+
+def _update(path: Path, run: Run, reason: str) -> None:
+    old = _stored_cells(path)
+    write_baseline(path, run, reason)
+    new = _stored_cells(path)
+    click.echo(
+        f"{path} written: {len(new)} cells, {len(new - old)} of them new, "
+        f"{len(old - new)} dropped; review and commit it",
+        err=True,
+    )
+
+
+def _stored_cells(path: Path) -> set[str]:
+    if not path.exists():
+        return set()
+    try:
+        return set(read_baseline(path)["cells"])
+    except InputError:
+        return set()  # it is damaged or of another schema, and about to be replaced
+
+
+def _notes(result: GateResult, run: Run, no_baseline: bool) -> Iterator[str]:
+    if run.manifest.get("source") != source_hash():
+        yield "this run was made by other source code of simval than is installed now"
+    if no_baseline:
+        yield "judged against theory alone, as asked"
+    changes = [c.change for c in result.comparisons]
+    same, close, new = (changes.count(word) for word in ("same", "close", "new"))
+    if result.environment:
+        yield (
+            "another environment than the baseline's, so compared within the bound "
+            f"({same} equal to the bit, {close} close): "
+            + "; ".join(result.environment)
+        )
+    elif close:
+        yield (
+            f"{close} values differ from the baseline in the last bits on the same "
+            "versions and processor kernels: the order of some arithmetic changed"
+        )
+    if new:
+        yield f"{new} statistics are new; the baseline does not hold them yet"
 
 
 def show(result: GateResult, table: bool = False) -> None:
@@ -118,7 +176,7 @@ def show(result: GateResult, table: bool = False) -> None:
     table : bool, default False
         Print the counts of all checks as well.
     """
-    console = Console(highlight=False, soft_wrap=True)
+    console = Console(highlight=False, soft_wrap=True, emoji=False)
     if table:
         console.print(_counts(result))
     bad = [f for f in findings(result) if f.answer != "pass"]
@@ -129,10 +187,8 @@ def show(result: GateResult, table: bool = False) -> None:
             console.print(f"    {line}", markup=False)
     if len(bad) > SHOWN:
         console.print(f"... and {len(bad) - SHOWN} more; --json FILE has them all")
-    _environment(console, result)
-    new = sum(c.change == "new" for c in result.comparisons)
-    if new:
-        console.print(f"{new} statistics are new; the baseline does not hold them yet")
+    for note in result.notes:
+        console.print(plain(note), markup=False)
     console.print(
         f"{result.answer.upper()}: {len(result.verdicts)} checks against theory, "
         f"false-alarm rate {result.alpha:g} for all together; "
@@ -174,20 +230,3 @@ def _counts(result: GateResult) -> Table:
         numbers = (answers.count(a) for a in ("pass", "fail", "inconclusive"))
         table.add_row(*key, *(str(n) for n in numbers))
     return table
-
-
-def _environment(console: Console, result: GateResult) -> None:
-    changes = [c.change for c in result.comparisons]
-    same, close = changes.count("same"), changes.count("close")
-    if result.environment:
-        console.print(
-            "another environment than the baseline's, so compared within the bound "
-            f"({same} equal to the bit, {close} close): "
-            + "; ".join(result.environment),
-            markup=False,
-        )
-    elif close:
-        console.print(
-            f"{close} values differ from the baseline in the last bits on the same "
-            "versions and processor kernels: the order of some arithmetic changed"
-        )

@@ -6,7 +6,7 @@ agree with theory (`simval.verdict`), and does it agree with the baseline (`comp
 """
 
 from simval.gate.baseline import BASELINE, read_baseline, write_baseline
-from simval.gate.compare import Comparison
+from simval.gate.comparison import Comparison
 from simval.gate.finding import Finding, findings
 from simval.gate.judgement import Gap, GateResult, judge_run
 

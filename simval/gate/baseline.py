@@ -1,22 +1,23 @@
 """The baseline: the statistics of an accepted run, as sorted JSON in git.
 
 A line holds one statistic, so that a change can be reviewed: its value, its standard
-error, the number of samples, and what it is judged against. A row that has its own
-limit is rounding noise below it, so its value is not kept (null).
+error, the number of samples, and by each check that judges it the prediction and the
+remainder. A row that has its own limit is rounding noise below it, so its value is not
+kept (null).
 """
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from simval.errors import InputError
 from simval.results import Row
-from simval.sweep.run import Run
+from simval.sweep.run import MAX_SAMPLES, Run
 
 BASELINE = Path("reports") / "baseline.json"
-SCHEMA = 1
+SCHEMA = 2
 
 
 class Entry(NamedTuple):
@@ -30,14 +31,15 @@ class Entry(NamedTuple):
         Standard error; 0 where no chance is involved.
     n : int
         Number of samples.
-    judged : tuple of str
-        ``check predictor`` of each row of the statistic that is judged, sorted.
+    judged : mapping
+        ``check predictor`` of each row of the statistic that is judged, with its
+        prediction and remainder.
     """
 
     value: float | None
     error: float
     n: int
-    judged: tuple[str, ...]
+    judged: Mapping[str, tuple[float, float]]
 
 
 Stored = Mapping[str, Mapping[str, Entry]]
@@ -63,6 +65,9 @@ def read_baseline(path: Path) -> dict[str, Any]:
         If the file is missing, not a baseline, of another schema, or holds a number
         that is not finite.
     """
+    if path.exists() and not path.is_file():
+        msg = f"{path} is not a regular file; give a JSON file in version control"
+        raise InputError(msg)
     if not path.is_file():
         msg = (
             f"there is no baseline {path}; write one with "
@@ -70,16 +75,24 @@ def read_baseline(path: Path) -> dict[str, Any]:
         )
         raise InputError(msg)
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        if content["schema"] != SCHEMA:
-            msg = f"{path} has schema {content['schema']}; this program reads {SCHEMA}"
+        text = path.read_text(encoding="utf-8")
+        content = json.loads(text, object_pairs_hook=_without_repeats)
+        schema = content["schema"]
+        if type(schema) is not int or schema != SCHEMA:
+            msg = (
+                f"{path} has schema {schema!r} and this program reads {SCHEMA}; write "
+                "it anew with --update-baseline 'schema' and review it"
+            )
             raise InputError(msg)
         cells = {
-            str(cell): {name: _entry(entry) for name, entry in statistics.items()}
+            cell: {name: _entry(entry) for name, entry in statistics.items()}
             for cell, statistics in content["cells"].items()
         }
         environment = dict(content["environment"])
         reason = str(content["reason"])
+        if not any(cells.values()):
+            msg = "it holds no statistic"
+            raise ValueError(msg)
     except InputError:
         raise
     except (
@@ -118,7 +131,7 @@ def write_baseline(path: Path, run: Run, reason: str) -> None:
         If the reason is empty, a cell is unfinished, a value is not finite, there is
         nothing to store, or the file cannot be written.
     """
-    if not reason.strip():
+    if not reason.strip() or reason.lstrip().startswith("-"):
         msg = "a new baseline needs its reason: --update-baseline 'why it changed'"
         raise InputError(msg)
     unfinished = [cell.name for cell in run.cells if cell.status != "done"]
@@ -187,40 +200,75 @@ def entries(rows: Sequence[Row]) -> dict[str, Entry]:
     Returns
     -------
     dict
-        Sorted by statistic.
+        Sorted by name: the statistic, or ``statistic against predictor`` where its
+        rows hold different values.
     """
-    judged: dict[str, set[str]] = {row.statistic: set() for row in rows}
+    groups: dict[str, list[Row]] = {}
     for row in rows:
-        if row.check != "record":
-            judged[row.statistic].add(f"{row.check} {row.predictor}".rstrip())
-    return {
-        name: Entry(
-            None if row.check == "limit" else row.value,
-            row.standard_error,
-            row.n,
-            tuple(sorted(judged[name])),
-        )
-        for name, row in sorted({row.statistic: row for row in rows}.items())
-    }
+        groups.setdefault(row.statistic, []).append(row)
+    kept: dict[str, Entry] = {}
+    for name, group in groups.items():
+        if len({(row.value, row.standard_error, row.n) for row in group}) == 1:
+            kept[name] = _kept(group)
+        else:
+            for row in group:
+                kept[f"{name} against {row.predictor}"] = _kept([row])
+    return dict(sorted(kept.items()))
 
 
-def _entry(entry: Any) -> Entry:
-    value, error, n, *judged = entry
-    found = Entry(
-        None if value is None else float(value),
-        float(error),
-        int(n),
-        tuple(str(word) for word in judged),
+def _kept(rows: Sequence[Row]) -> Entry:
+    first = rows[0]
+    return Entry(
+        None if any(row.check == "limit" for row in rows) else first.value,
+        first.standard_error,
+        first.n,
+        {
+            f"{row.check} {row.predictor}".rstrip(): (
+                math.nan if row.prediction is None else row.prediction,
+                row.remainder,
+            )
+            for row in sorted(rows, key=lambda row: (row.check, row.predictor))
+            if row.check != "record"
+        },
     )
-    if not (math.isfinite(found.value or 0.0) and 0.0 <= found.error < math.inf):
-        msg = f"{entry} is no value with a standard error"
+
+
+def _without_repeats(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    for key in found:
+        key.encode()  # a lone surrogate is no text
+    if len(found) < len(pairs):
+        names = [key for key, _ in pairs]
+        repeated = next(key for key in names if names.count(key) > 1)
+        msg = f"{repeated!r} stands in it twice"
         raise ValueError(msg)
     return found
 
 
+def _entry(entry: Any) -> Entry:
+    value, error, n, judged = entry
+    found = Entry(value, error, n, {key: (p, r) for key, (p, r) in judged.items()})
+    numbers = _numbers(found)
+    if not (
+        all(type(x) in (int, float) and math.isfinite(x) for x in numbers)
+        and error >= 0.0
+        and type(n) is int
+        and 0 <= n < MAX_SAMPLES
+    ):
+        msg = f"{entry} is no value with a standard error, samples and predictions"
+        raise ValueError(msg)
+    return found
+
+
+def _numbers(entry: Entry) -> Iterable[float]:
+    value = 0.0 if entry.value is None else entry.value
+    claimed = (x for pair in entry.judged.values() for x in pair)
+    return (value, entry.error, *claimed)
+
+
 def _lines(cell: str, rows: Sequence[Row]) -> str:
     kept = entries(rows)
-    bad = [k for k, e in kept.items() if not math.isfinite((e.value or 0.0) + e.error)]
+    bad = [k for k, e in kept.items() if not all(map(math.isfinite, _numbers(e)))]
     if bad:
         msg = (
             f"{cell} {bad[0]} is not finite, so it cannot be a baseline; "
@@ -228,6 +276,5 @@ def _lines(cell: str, rows: Sequence[Row]) -> str:
         )
         raise InputError(msg)
     return ",\n".join(
-        f"   {json.dumps(name)}: {json.dumps([*entry[:3], *entry.judged])}"
-        for name, entry in kept.items()
+        f"   {json.dumps(name)}: {json.dumps(entry)}" for name, entry in kept.items()
     )

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from math import isfinite
 
-from simval.gate.compare import Comparison
+from simval.gate.comparison import Comparison
 from simval.gate.judgement import GateResult
 from simval.verdict import Answer, Verdict
 
@@ -30,6 +30,8 @@ class Finding:
         Distance in standard errors; None where no chance is involved.
     reason : str
         Why it is no pass.
+    run : str
+        Folder of the run.
     """
 
     tier: str
@@ -42,6 +44,7 @@ class Finding:
     allowed: float | None
     sigmas: float | None
     reason: str
+    run: str
 
     @property
     def study(self) -> str:
@@ -51,13 +54,15 @@ class Finding:
     @property
     def command(self) -> str:
         """The command that computes the cell again; empty where there is none."""
-        return f"simval repro {shlex.quote(self.cell)}" if "@" in self.cell else ""
+        if "@" not in self.cell or "\N{REPLACEMENT CHARACTER}" in self.cell:
+            return ""
+        return f"simval repro --run {shlex.quote(self.run)} {shlex.quote(self.cell)}"
 
     @property
     def line(self) -> str:
         """One line for people."""
-        words = f"{self.answer}: {self.cell} {self.statistic}".rstrip()
-        return f"{words}: {self.reason}" if self.reason else words
+        what = f"{self.cell} {self.statistic}".strip()
+        return ": ".join(filter(None, (self.answer, what, self.reason)))
 
 
 def findings(result: GateResult) -> tuple[Finding, ...]:
@@ -75,11 +80,32 @@ def findings(result: GateResult) -> tuple[Finding, ...]:
     """
     found = [
         *_incomplete(result),
-        *(_of_theory(verdict) for verdict in result.verdicts),
-        *(_of_baseline(c) for c in result.comparisons if c.change != "new"),
+        *(_of_theory(verdict, result.folder) for verdict in result.verdicts),
+        *(
+            _of_baseline(comparison, result.folder)
+            for comparison in result.comparisons
+            if comparison.change != "new"
+        ),
     ]
     order = {"fail": 0, "inconclusive": 1, "pass": 2}
     return tuple(sorted(found, key=lambda f: order[f.answer]))
+
+
+def plain(text: str) -> str:
+    """Text of data or plug-ins without what a terminal or a log would act on.
+
+    Parameters
+    ----------
+    text : str
+        Any text.
+
+    Returns
+    -------
+    str
+        One line; other characters that cannot be printed are replaced.
+    """
+    flat = " ".join(text.splitlines())
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in flat)
 
 
 def _incomplete(result: GateResult) -> Iterator[Finding]:
@@ -90,29 +116,32 @@ def _incomplete(result: GateResult) -> Iterator[Finding]:
         gaps.append((cell.status, cell.name, reason))
     if not result.verdicts:
         gaps.append(("gap", "", "no row was judged: nothing measured never passes"))
+    if result.first:
+        gaps.append(("first", "", result.first))
     for check, name, reason in gaps:
         yield Finding(
-            tier="complete",
-            cell=name,
+            tier="baseline" if check == "first" else "complete",
+            cell=plain(name),
             statistic="",
             check=check,
-            answer="fail" if check == "failed" else "inconclusive",
+            answer="fail" if check in ("failed", "first") else "inconclusive",
             expected=None,
             seen=None,
             allowed=None,
             sigmas=None,
-            reason=reason,
+            reason=plain(reason),
+            run=result.folder,
         )
 
 
-def _of_theory(verdict: Verdict) -> Finding:
+def _of_theory(verdict: Verdict, run: str) -> Finding:
     row = verdict.row
     against = f" against {row.predictor}" if row.predictor else ""
     sampled = verdict.p_value is not None
     return Finding(
         tier="theory",
-        cell=verdict.cell,
-        statistic=f"{row.statistic}{against}",
+        cell=plain(verdict.cell),
+        statistic=plain(f"{row.statistic}{against}"),
         check=row.check,
         answer=verdict.answer,
         expected=_number(row.prediction),
@@ -120,21 +149,23 @@ def _of_theory(verdict: Verdict) -> Finding:
         allowed=_number(row.remainder if sampled else verdict.limit),
         sigmas=_number(verdict.sigmas) if sampled else None,
         reason=verdict.reason,
+        run=run,
     )
 
 
-def _of_baseline(comparison: Comparison) -> Finding:
+def _of_baseline(comparison: Comparison, run: str) -> Finding:
     return Finding(
         tier="baseline",
-        cell=comparison.cell,
-        statistic=comparison.statistic,
+        cell=plain(comparison.cell),
+        statistic=plain(comparison.statistic),
         check=comparison.change,
         answer=comparison.answer,
         expected=_number(comparison.stored),
         seen=_number(comparison.value),
         allowed=_number(comparison.margin),
         sigmas=_number(comparison.sigmas),
-        reason=comparison.reason,
+        reason=plain(comparison.reason),
+        run=run,
     )
 
 

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from simval.gate.finding import Finding, findings
+from simval.gate.finding import Finding, findings, plain
 from simval.gate.judgement import GateResult
 
 SHOWN = 40
@@ -46,12 +46,13 @@ class Document(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, title="simval gate")
 
-    schema_version: Literal[1] = Field(description="Version of this format.")
+    schema_version: Literal[2] = Field(description="Version of this format.")
     answer: Word = Field(description="The worst of all that was judged.")
     exit_code: int = Field(description="What the command returned.")
     alpha: float = Field(description="False-alarm rate of everything together.")
     counts: dict[Word, int] = Field(description="Findings by verdict.")
     environment: list[str] = Field(description="Differences from the baseline's.")
+    notes: list[str] = Field(description="What else a reader should know.")
     findings: list[Entry] = Field(description="Failures first.")
 
 
@@ -72,12 +73,13 @@ def to_json(result: GateResult, exit_code: int) -> str:
     """
     found = findings(result)
     document = Document(
-        schema_version=1,
+        schema_version=2,
         answer=result.answer,
         exit_code=exit_code,
         alpha=result.alpha,
         counts=counts(found),
-        environment=list(result.environment),
+        environment=[plain(line) for line in result.environment],
+        notes=[plain(line) for line in result.notes],
         findings=[
             Entry(
                 tier=f.tier,  # type: ignore[arg-type]  # checked by the model
@@ -195,7 +197,7 @@ def to_markdown(result: GateResult) -> str:
     Returns
     -------
     str
-        A heading, the counts, and a table of what is no pass.
+        A heading, the counts, a table of what is no pass, and the notes.
     """
     found = findings(result)
     number = counts(found)
@@ -219,10 +221,8 @@ def to_markdown(result: GateResult) -> str:
             lines += [f"... and {len(bad) - SHOWN} more.", ""]
         commands = dict.fromkeys(f.command for f in bad if f.command)
         lines += ["To reproduce:", "", "```", *list(commands)[:SHOWN], "```", ""]
-    if result.environment:
-        lines += ["Another environment than the baseline's:", ""]
-        lines += [f"- {_markdown(line)}" for line in result.environment]
-        lines.append("")
+    if result.notes:
+        lines += [*(f"- {_markdown(line)}" for line in result.notes), ""]
     return "\n".join(lines)
 
 
@@ -237,11 +237,14 @@ def annotations(result: GateResult) -> list[str]:
     Returns
     -------
     list of str
-        At most ten lines.
+        At most ten lines, one for each statistic of a cell.
     """
-    bad = [f for f in findings(result) if f.answer != "pass"]
+    bad: dict[tuple[str, str], Finding] = {}
+    for f in findings(result):
+        if f.answer != "pass":
+            bad.setdefault((f.cell, f.statistic.partition(" against ")[0]), f)
     lines = []
-    for f in bad[:ANNOTATIONS]:
+    for f in list(bad.values())[:ANNOTATIONS]:
         kind = "error" if f.answer == "fail" else "warning"
         title = _escaped(f"simval: {f.cell} {f.statistic}".rstrip())
         title = title.replace(":", "%3A").replace(",", "%2C")

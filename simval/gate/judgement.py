@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from simval.gate.baseline import environment as environment_of
-from simval.gate.compare import Comparison, compare, has_partners
+from simval.gate.compare import compare, has_partners
+from simval.gate.comparison import Comparison
 from simval.sweep.provenance import differences
 from simval.sweep.run import CellResult, Run
 from simval.verdict import WEIGHTS, Answer, Verdict, judge, overall
@@ -52,6 +53,12 @@ class GateResult:
         Where versions or processor kernels differ from the baseline's.
     alpha : float
         False-alarm rate of everything together.
+    folder : str
+        The run, as it was named.
+    first : str
+        Why nothing was compared where a baseline was asked for; empty otherwise.
+    notes : tuple of str
+        What else a reader should know; they change no answer.
     """
 
     verdicts: tuple[Verdict, ...]
@@ -60,12 +67,16 @@ class GateResult:
     gaps: tuple[Gap, ...]
     environment: tuple[str, ...]
     alpha: float
+    folder: str = "latest"
+    first: str = ""
+    notes: tuple[str, ...] = ()
 
     @property
     def answer(self) -> Answer:
         """The worst of all that was judged."""
         answers = {overall(self.verdicts), *(c.answer for c in self.comparisons)}
-        if "fail" in answers:
+        crashed = any(cell.status == "failed" for cell in self.unfinished)
+        if "fail" in answers or crashed or self.first:
             return "fail"
         incomplete = self.unfinished or self.gaps or answers != {"pass"}
         return "inconclusive" if incomplete else "pass"
@@ -115,6 +126,7 @@ def judge_run(
         gaps=tuple(_gaps(run)),
         environment=environment,
         alpha=alpha,
+        folder=str(run.folder),
     )
 
 
@@ -132,6 +144,11 @@ def _cell_gaps(cell: CellResult) -> Iterator[Gap]:
     if not cell.rows:
         yield Gap(cell=cell.name, reason="the cell is done but measured nothing")
         return
+    names = [(row.statistic, row.predictor) for row in cell.rows]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        reason = f"it has {' against '.join(filter(None, twice))} twice"
+        yield Gap(cell=cell.name, reason=reason)
     sampled = [row.n for row in cell.rows if row.check in WEIGHTS]
     for name in STATED_SAMPLES:
         stated = cell.parameters.get(name)

@@ -128,6 +128,33 @@ def _rows() -> list[Fault]:
             lambda rows: [replace(r, remainder=1e6) for r in rows],
         ),
         rows(
+            "standard errors tenfold",
+            lambda rows: [
+                replace(r, standard_error=10 * r.standard_error) for r in rows
+            ],
+            baseline=True,
+        ),
+        rows(
+            "four times the samples said",
+            lambda rows: [replace(r, n=4 * r.n) for r in rows],
+            baseline=True,
+        ),
+        rows(
+            "remainders of half a prediction",
+            lambda rows: [
+                replace(r, remainder=0.5 * abs(r.prediction or 0.0)) for r in rows
+            ],
+            baseline=True,
+        ),
+        rows(
+            "predictions copied from the samples",
+            lambda rows: [
+                r if r.prediction is None else replace(r, prediction=r.value)
+                for r in rows
+            ],
+            baseline=True,
+        ),
+        rows(
             "predictions left out",
             lambda rows: [replace(r, prediction=None) for r in rows],
         ),

@@ -94,18 +94,23 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     problems = _geometries(parameters.geometries, rng)
     predicted = np.array([_predicted(*problem) for problem in problems])
     names = list(ESTIMATORS)
-    squares = np.array(
+    found = np.array(
         [
             _simulated(*problem, parameters, streams.block(i))
             for i, problem in enumerate(problems)
         ]
     )
+    squares, errors = found[:, 0], found[:, 1]
     ratios = np.sqrt(predicted / predicted[:, names.index("q-method"), None])
-    simulated = np.sqrt(squares / squares[:, names.index("q-method"), None])
+    best = names.index("q-method")
+    simulated = np.sqrt(squares / squares[:, best, None])
+    relative = errors / squares
+    # as if both mean squares were independent: they share their noise, so at most this
+    error = simulated * np.hypot(relative, relative[:, best, None]) / 2.0
     scaled = squares / (predicted * parameters.noise_std**2)
     rows = []
     for k, name in enumerate(names):
-        rows += _ratio_rows(name, ratios[:, k], simulated[:, k])
+        rows += _ratio_rows(name, ratios[:, k], simulated[:, k], error[:, k])
         rows.append(_scale_row(name, scaled[:, k], parameters.trials))
     artifact = {"predicted": ratios, "simulated": simulated}
     return Outcome(
@@ -142,16 +147,20 @@ def _simulated(
     r2: Array,
     parameters: Parameters,
     rng: np.random.Generator,
-) -> list[float]:
+) -> tuple[list[float], list[float]]:
+    # mean squared angle of each estimator, and its standard error
     noise = rng.standard_normal((4, parameters.trials, 3))
     vectors = true_vectors(q, r1, r2)[1][:, None] + parameters.noise_std * noise
-    return [
-        float(np.mean(attitude_error(estimator(*vectors), q) ** 2))
-        for estimator in ESTIMATORS.values()
+    squares = [
+        attitude_error(estimator(*vectors), q) ** 2 for estimator in ESTIMATORS.values()
     ]
+    means = [float(np.mean(square)) for square in squares]
+    return means, [float(np.std(s, ddof=1) / np.sqrt(len(s))) for s in squares]
 
 
-def _ratio_rows(name: str, predicted: Array, simulated: Array) -> list[Row]:
+def _ratio_rows(
+    name: str, predicted: Array, simulated: Array, error: Array
+) -> list[Row]:
     limits = {"median": MEDIAN_LIMIT, "worst": WORST_LIMIT}
     check: Check = "limit" if name == "combined" else "record"
     rows = []
@@ -171,6 +180,10 @@ def _ratio_rows(name: str, predicted: Array, simulated: Array) -> list[Row]:
             Row(
                 statistic=f"simulated_rms_ratio[{name},{what}]",
                 value=float(pick(simulated)),
+                # that of the geometry which it is, or is next to
+                standard_error=float(
+                    error[np.argmin(np.abs(simulated - pick(simulated)))]
+                ),
                 n=len(simulated),
                 unit="1",
             )

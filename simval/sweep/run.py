@@ -21,6 +21,8 @@ from simval.studies.study import is_path, portable
 from simval.sweep import store
 
 RUNS = Path("reports") / "runs"
+MAX_SAMPLES = 2**53
+"""Above it a number of samples is no longer exact as a float: none was ever drawn."""
 ROW_COLUMNS = (
     "statistic",
     "predictor",
@@ -154,6 +156,9 @@ def load_run(folder: str | Path) -> Run:
         rows: list[list[Row]] = [[] for _ in entries]
         try:
             for position, row in store.rows(database):
+                if not (0 <= position < len(rows) and abs(row.n) < MAX_SAMPLES):
+                    msg = f"a row of cell {position} with {row.n} samples"
+                    raise ValueError(msg)
                 rows[position].append(row)
             results = tuple(
                 CellResult(
@@ -175,6 +180,15 @@ def load_run(folder: str | Path) -> Run:
             if not isinstance(timing, dict):
                 msg = "timing.json is not an object"
                 raise TypeError(msg)
+            for cell in results:
+                if not (
+                    cell.name.startswith(f"{cell.study}(")
+                    and cell.name.endswith(f"@{cell.seed}")
+                ):
+                    msg = f"{cell.name} is stored as {cell.study} with {cell.seed}"
+                    raise ValueError(msg)
+        except InputError:
+            raise
         except (ValueError, TypeError, IndexError, OSError, RecursionError) as error:
             msg = f"{path} is damaged: {error}; run the suite again"
             raise InputError(msg) from None

@@ -1,0 +1,125 @@
+"""One statistic of a run beside the baseline: what became of it, in words."""
+
+from dataclasses import dataclass
+from math import isfinite
+from typing import Literal
+
+from scipy.special import ndtri
+
+from simval.verdict import POWER, Answer
+
+TOST_QUANTILE = float(ndtri(0.95))
+"""Normal quantile of each of the two one-sided tests of equivalence."""
+
+Change = Literal[
+    "same",
+    "close",
+    "equivalent",
+    "changed",
+    "unresolved",
+    "copied",
+    "precision",
+    "theory",
+    "missing",
+    "unjudged",
+    "new",
+]
+FAILED: tuple[Change, ...] = (
+    "changed",
+    "copied",
+    "precision",
+    "theory",
+    "missing",
+    "unjudged",
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison:
+    """One statistic of a cell, now and in the baseline.
+
+    Attributes
+    ----------
+    cell, statistic : str
+        What is compared; the cell as the run names it, or the baseline where missing.
+    change : str
+        ``same`` to the bit, ``close`` within the paired bound, ``equivalent`` by eq.
+        (B1), ``changed`` beyond either, ``unresolved`` between, ``copied`` equal to
+        the bit though the noise should be another, ``precision`` where the standard
+        error or the samples are others, ``theory`` where a prediction or its remainder
+        is another, ``missing`` from the run, ``unjudged`` by a check that the baseline
+        names, ``new`` in the run.
+    stored, value : float or None
+        In the baseline and in the run.
+    standard_error : float
+        Of the stored value; of the difference where the noise is another.
+    margin : float
+        What is allowed; 0 where nothing is compared.
+    n : int
+        Samples behind the stored value.
+    detail : str
+        What else is another than in the baseline.
+    """
+
+    cell: str
+    statistic: str
+    change: Change
+    stored: float | None
+    value: float | None
+    standard_error: float
+    margin: float = 0.0
+    n: int = 0
+    detail: str = ""
+
+    @property
+    def answer(self) -> Answer:
+        """Pass, fail or inconclusive."""
+        if self.change in FAILED:
+            return "fail"
+        return "inconclusive" if self.change == "unresolved" else "pass"
+
+    @property
+    def sigmas(self) -> float:
+        """Change in standard errors; NaN where there is none."""
+        if self.stored is None or self.value is None or not self.standard_error > 0:
+            return float("nan")
+        return (self.value - self.stored) / self.standard_error
+
+    @property
+    def reason(self) -> str:
+        """Why this is no pass, in words; empty where it is."""
+        if self.change == "missing":
+            return "in the baseline, but no longer measured"
+        if self.change == "unjudged":
+            return "no longer judged as the baseline says"
+        if self.change == "copied":
+            return (
+                "equal to the bit, as all of its cell, though its noise should be "
+                "another: the seed is not used, or the baseline names a wrong one"
+            )
+        if self.change in ("precision", "theory"):
+            return self.detail
+        if self.answer == "pass" or self.stored is None or self.value is None:
+            return ""
+        words = f"{self.stored:.9g} in the baseline, now {self.value:.9g}"
+        if not isfinite(self.value):
+            return words
+        step = self.value - self.stored
+        size = (
+            f"{self.sigmas:+.3g} standard errors"
+            if self.standard_error > 0
+            else f"{step / abs(self.stored):+.3g} of its size"
+            if self.stored
+            else f"{step:+.3g}"
+        )
+        if self.change == "unresolved" and self.margin > 0.0:
+            need = (
+                (TOST_QUANTILE + float(ndtri(POWER)))
+                * self.standard_error
+                / self.margin
+            )
+            size += (
+                f"; whether that is within {self.margin:.3g} takes about "
+                f"{max(self.n * need**2, self.n):.2g} samples, in both runs"
+            )
+        return f"{words}: {size}"

@@ -1,0 +1,140 @@
+"""A cell with the noise that it had in the baseline: only rounding may differ.
+
+Up to `PAIRED_BOUND` standard errors are accepted, more is a change. A value without
+chance may move by `EXACT_BOUND` of its size, by `ROUNDING`, or by `PAIRED_SHARE` of the
+remainder that theory allows it. What the value is judged by must stay as well: its
+standard error, its number of samples, and each prediction with its remainder.
+"""
+
+from collections.abc import Iterator, Mapping
+
+from simval.gate.baseline import Entry
+from simval.gate.comparison import Change, Comparison
+
+PAIRED_BOUND = 1e-3
+"""Standard errors that a value drawn from the same noise may move."""
+
+EXACT_BOUND = 1e-6
+"""Relative change that a value without chance may show (rounding, amplified)."""
+
+ROUNDING = 1e-13
+"""What a value without chance may move in any case, in its SI unit: differences of
+numbers of size one are rounding noise there."""
+
+PAIRED_SHARE = 0.1
+"""Share of the remainder of an exact row by which its value may move."""
+
+JUDGING_BOUND = 1e-3
+"""Relative change of a standard error, a limit or a remainder that is rounding."""
+
+
+def paired(
+    cell: str, old: Mapping[str, Entry], new: Mapping[str, Entry]
+) -> Iterator[Comparison]:
+    """Compare a cell with the same noise.
+
+    Parameters
+    ----------
+    cell : str
+        Its name.
+    old, new : mapping
+        Its statistics in the baseline and in the run.
+
+    Yields
+    ------
+    Comparison
+        One for each statistic.
+    """
+    for statistic in sorted({*old, *new}):
+        entry, now = old.get(statistic), new.get(statistic)
+        bound = 0.0 if entry is None else _bound(entry)
+        change = known(entry, now)
+        detail = ""
+        if change is None and entry is not None and now is not None:
+            change = _moved(entry.value, now.value, bound)
+            other = next(_judging(entry, now, bound), None)
+            if change != "changed" and other is not None:
+                change, detail = other
+        assert change is not None
+        yield Comparison(
+            cell=cell,
+            statistic=statistic,
+            change=change,
+            stored=None if entry is None else entry.value,
+            value=None if now is None else now.value,
+            standard_error=0.0 if entry is None else entry.error,
+            margin=bound,
+            n=0 if entry is None else entry.n,
+            detail=detail,
+        )
+    if not old and not new:  # in the baseline, though nothing of it was stored
+        yield Comparison(
+            cell=cell,
+            statistic="",
+            change="missing",
+            stored=None,
+            value=None,
+            standard_error=0.0,
+        )
+
+
+def _bound(entry: Entry) -> float:
+    if entry.error > 0.0:
+        return PAIRED_BOUND * entry.error
+    remainders = [r for key, (_, r) in entry.judged.items() if key.startswith("exact")]
+    allowed = min(remainders, default=0.0)
+    size = abs(entry.value or 0.0)
+    return max(EXACT_BOUND * size, ROUNDING, PAIRED_SHARE * allowed)
+
+
+def known(old: Entry | None, new: Entry | None) -> Change | None:
+    """Say what can be said without looking at the numbers.
+
+    Parameters
+    ----------
+    old, new : Entry or None
+        A statistic in the baseline and in the run.
+
+    Returns
+    -------
+    str or None
+        ``missing``, ``new`` or ``unjudged``; None where the numbers decide.
+    """
+    if new is None:
+        return "missing"
+    if old is None:
+        return "new"
+    if not old.judged.keys() <= new.judged.keys() or (old.value is None) != (
+        new.value is None
+    ):
+        return "unjudged"
+    return None
+
+
+def _moved(old: float | None, new: float | None, bound: float) -> Change:
+    if old is None or new is None or new == old:
+        return "same"
+    return "close" if abs(new - old) <= bound else "changed"  # NaN is a change
+
+
+def _judging(old: Entry, new: Entry, bound: float) -> Iterator[tuple[Change, str]]:
+    """What the value is judged by, where it is another than it was."""
+    if new.n != old.n or not abs(new.error - old.error) <= JUDGING_BOUND * old.error:
+        yield (
+            "precision",
+            f"a standard error of {old.error:.6g} from {old.n} samples in the "
+            f"baseline, now {new.error:.6g} from {new.n}",
+        )
+    for key, (prediction, remainder) in old.judged.items():
+        predicted, left = new.judged[key]
+        relative = JUDGING_BOUND if key.startswith("limit") else EXACT_BOUND
+        allowed = max(bound, relative * abs(prediction))
+        if not (
+            abs(predicted - prediction) <= allowed
+            and abs(left - remainder) <= max(bound, JUDGING_BOUND * remainder)
+        ):
+            yield (
+                "theory",
+                f"judged by {key}: {prediction:.9g} with a remainder of "
+                f"{remainder:.3g} in the baseline, now {predicted:.9g} with {left:.3g}",
+            )
