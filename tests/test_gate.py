@@ -2,9 +2,12 @@
 
 import dataclasses
 import json
+import os
 import re
 import shlex
 import sqlite3
+import subprocess
+import sys
 from contextlib import closing
 
 import pytest
@@ -296,6 +299,36 @@ def test_a_run_that_contradicts_itself_is_refused(tiny_run, sql, words):
     edited(tiny_run, sql)
     with pytest.raises(InputError, match=f"is damaged: .*{words}"):
         load_run(tiny_run)
+
+
+@pytest.mark.slow
+def test_other_processor_kernels_pass_beside_the_baseline(simval, tmp_path):
+    suite = tmp_path / "suite.toml"
+    suite.write_text(
+        "[attitude]\nsamples = 65536\n"
+        "[attitude_order]\ngeometry = [0, 3]\n"
+        'noise = ["isotropic", "full", "tangent"]\n'
+        "[calibration]\nposes = 12\nhold_time = 0.02\ntrials = 1024\n"
+    )
+    plain = {"NPY_DISABLE_CPU_FEATURES": "", "OPENBLAS_CORETYPE": ""}
+    other = {
+        "NPY_DISABLE_CPU_FEATURES": "AVX512_ICL X86_V4",
+        "OPENBLAS_CORETYPE": "Haswell",
+    }
+    for name, kernels in (("here", plain), ("there", other)):
+        words = [sys.executable, "-m", "simval", "sweep", str(suite), "--quiet"]
+        environment = {**os.environ, **{k: v for k, v in kernels.items() if v}}
+        subprocess.run(
+            [*words, "--out", str(tmp_path / name)], check=True, env=environment
+        )
+    here, there = (load_run(tmp_path / name) for name in ("here", "there"))
+    if here.manifest["machine"] == there.manifest["machine"]:
+        pytest.skip("this processor has no kernels to leave out")
+    write_baseline(tmp_path / "baseline.json", here, "here")
+    words = ("gate", tmp_path / "there", "--baseline", tmp_path / "baseline.json")
+    code, out, _ = simval(*words)
+    assert code == 0, out
+    assert re.search(r"another environment .* [1-9]\d* close", out)
 
 
 def test_theory_alone_and_a_stale_run_are_said(simval, tiny_run, tmp_path):
