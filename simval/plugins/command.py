@@ -2,7 +2,7 @@
 
 In its words ``{poses}`` stands for a file with one pose to a line, the mean reading
 ``x,y,z``; ``{log}`` for a recorded log at 100 Hz, ``t,x,y,z``, in which the sensor
-rests ten seconds and then two in each pose; ``{g}`` for gravity in m/s^2. It prints one
+rests ten seconds in each pose; ``{g}`` for gravity in m/s^2. It prints one
 JSON object with ``matrix`` (3 x 3; or ``T`` and ``K``) and ``B``, so that the specific
 force is ``matrix @ (raw - B)``, and ends with exit code 0. No shell is involved.
 """
@@ -21,17 +21,15 @@ from simval.arrays import Array
 from simval.plugins.errors import PluginError
 from simval.plugins.process import ending
 from simval.plugins.protocol import Calibrator
+from simval.plugins.recording import recorded
 
 COMMAND = "command:"
 PLACES = ("{poses}", "{log}")
 CALL_LIMIT = 60.0
 """Seconds that one call may take; the cell has its own limit beside it."""
 
-RATE = 100.0
 ANSWER_LIMIT = 1 << 20
 """Bytes that a command may answer with: a calibration has some thousand."""
-
-FIRST_REST, REST, MOVE = 10.0, 2.0, 1.0
 
 
 def command_calibrator(algorithm: str) -> Calibrator:
@@ -118,38 +116,6 @@ def _run(words: list[str], folder: Path) -> int:
         except OSError as error:
             msg = f"`{words[0]}` cannot be run: {error}"
             raise PluginError(msg) from None
-
-
-def recorded(poses: Array, noise_std: float) -> Array:
-    """Log of a sensor that is turned from pose to pose.
-
-    Parameters
-    ----------
-    poses : Array
-        Reading of each pose, raw units, (n, 3).
-    noise_std : float
-        Noise of a pose mean; the samples' noise is as much greater as the root of
-        their number, and alternates in sign so that each rest keeps its mean.
-
-    Returns
-    -------
-    Array
-        Time in s and reading, (m, 4).
-    """
-    rows = []
-    for number, (pose, following) in enumerate(
-        zip(poses, [*poses[1:], poses[-1]], strict=True)
-    ):
-        rest = round((FIRST_REST if number == 0 else REST) * RATE)
-        sign = np.where(np.arange(rest) % 2 == 0, 1.0, -1.0)
-        amplitude = max(noise_std * np.sqrt(REST * RATE), 1e-9 * np.abs(poses).max())
-        rows.append(pose + amplitude * sign[:, None])
-        s = np.linspace(0.0, 1.0, round(MOVE * RATE))[:, None]
-        # out of the straight line too, so that no part of a turn is at rest
-        swing = 0.5 * np.sin(np.pi * s) * np.linalg.norm(pose) * np.sin(9.0 * np.pi * s)
-        rows.append(pose + (following - pose) * s + swing)
-    samples = np.concatenate(rows)
-    return np.column_stack([np.arange(len(samples)) / RATE, samples])
 
 
 def _filled(word: str, values: dict[str, str]) -> str:
