@@ -9,11 +9,19 @@ Nobody knows the plug-in's bias. Every residual of the theory is biased by at mo
 3.5 :math:`\sigma^2/g^2` in scale, so a scale is allowed `BIAS` of that, a misalignment
 likewise and a bias `BIAS` :math:`\sigma^2/g` of raw units; a greater one fails. Where
 it gives a covariance, the mean normalised square must be 9, but for the square of that
-bias and `NEXT_ORDER` :math:`(\sigma/g)^2`. The spread is set beside the bound and kept
-for the baseline.
+bias and `NEXT_ORDER` :math:`(\sigma/g)^2`. A covariance of ``type A``, from residuals
+with :math:`\nu` degrees of freedom (`dof`), makes it :math:`9 F(9, \nu)` instead of
+chi-square, with the mean :math:`9\nu/(\nu - 2)`; it is judged times
+:math:`(\nu - 2)/\nu`, for whose sake every one is allowed `FREEDOM` more. The spread
+is set beside the bound and kept for the baseline.
+
+A command is a process for each trial, so its time limit is for every `CALLS` of them.
 """
 
-from typing import Annotated
+from collections.abc import Mapping
+from dataclasses import replace
+from math import ceil
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
@@ -21,7 +29,7 @@ from pydantic import Field
 from simval.arrays import Array
 from simval.moments import Moments
 from simval.montecarlo import moments_of, simulate
-from simval.plugins import Calibrator, find_plugin, probe_calibrator
+from simval.plugins import Calibrator, PluginError, find_plugin, probe_calibrator
 from simval.plugins.answers import calibration_of
 from simval.plugins.probe import TOLERANCE, probe_sensor
 from simval.poses import fibonacci_sphere
@@ -29,19 +37,30 @@ from simval.results import Outcome, Row
 from simval.sensor import forms
 from simval.streams import Streams
 from simval.studies.isolation import isolated
-from simval.studies.study import StudyParameters
+from simval.studies.sources import PluginName, PluginParameters
+from simval.studies.study import COMMAND
 from simval.theory.calibration import CalibrationMoments, calibration_moments
 
 BLOCK = 16
 BIAS = 7.0
 NEXT_ORDER = 30.0
+FREEDOM = 0.003
+"""Relative, of a Type A variance: unequal scales take a little more than nine degrees
+of freedom, see `simval.studies.coverage`."""
+
+MIN_FREEDOM = 5
+"""Least degrees of freedom: with fewer the normalised square has no variance."""
+
+CALLS = 64
+"""Trials of a command for which the time limit is."""
+
 G = 9.80665
 
 
-class Parameters(StudyParameters):
+class Parameters(PluginParameters):
     """One cell: a plug-in, a pose count and a noise level."""
 
-    algorithm: Annotated[str, Field(min_length=1, max_length=400)] = Field(
+    algorithm: PluginName = Field(
         default="",
         description="FILE.py, FILE.py:NAME, an entry point, or command: PROGRAM.",
     )
@@ -55,7 +74,9 @@ class Parameters(StudyParameters):
         default=1024, description="Trials; rounded up to whole blocks of 16."
     )
     time_limit: Annotated[float, Field(gt=0.0, le=86_400.0)] = Field(
-        default=300.0, description="Wall time after which the cell fails, s."
+        default=300.0,
+        description="Wall time after which the cell fails, s; of a command for every "
+        "64 trials.",
     )
 
 
@@ -74,7 +95,11 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     Outcome
         Probe, bias, standard deviation, efficiency and NEES.
     """
-    return isolated("calibrator", parameters, streams, parameters.time_limit)
+    parameters.require_same_sources()
+    limit = parameters.time_limit
+    if parameters.algorithm.startswith(COMMAND):
+        limit *= ceil(parameters.trials / CALLS)
+    return isolated("calibrator", parameters, streams, limit)
 
 
 def compute(parameters: Parameters, streams: Streams) -> Outcome:
@@ -125,7 +150,13 @@ def compute(parameters: Parameters, streams: Streams) -> Outcome:
 
 def _error(plugin: Calibrator, poses: Array, noise: float) -> Array:
     """Error of the nine parameters and, with a covariance, its normalised square."""
-    found = calibration_of(plugin, poses, G, noise)
+    answers: list[Any] = []
+
+    def calibrate(*arguments: Any) -> Any:
+        answers.append(plugin.calibrate(*arguments))
+        return answers[-1]
+
+    found = calibration_of(replace(plugin, calibrate=calibrate), poses, G, noise)
     sensor = probe_sensor()
     gram = found.matrix.T @ found.matrix
     error = forms.from_gram("triangular", gram, found.bias) - sensor.parameters
@@ -133,7 +164,23 @@ def _error(plugin: Calibrator, poses: Array, noise: float) -> Array:
         return error
     truth = forms.from_gram(plugin.form, sensor.matrix.T @ sensor.matrix, sensor.B)
     own = forms.from_gram(plugin.form, gram, found.bias) - truth
-    return np.append(error, own @ np.linalg.solve(found.covariance, own))
+    square = own @ np.linalg.solve(found.covariance, own)
+    return np.append(error, square * _freedom_factor(plugin.name, answers[-1]))
+
+
+def _freedom_factor(name: str, answer: Any) -> float:
+    """Nine over the mean of the normalised square that an answer admits."""
+    if not isinstance(answer, Mapping) or answer.get("covariance_kind") != "type A":
+        return 1.0
+    dof = answer.get("dof")
+    if not (isinstance(dof, int) and dof >= MIN_FREEDOM):
+        msg = (
+            f"{name} gives a covariance of type A with `dof` {dof!r}; its degrees of "
+            f"freedom must be a whole number, {MIN_FREEDOM} or more: use "
+            f"{9 + MIN_FREEDOM} poses or more"
+        )
+        raise PluginError(msg)
+    return (dof - 2) / dof
 
 
 def _parameter_rows(
@@ -191,7 +238,9 @@ def _nees_row(measured: Moments, predicted: CalibrationMoments, relative: float)
         n=measured.samples,
         prediction=9.0,
         predictor="claim",
-        remainder=float(bias @ weight @ bias) + 18.0 * NEXT_ORDER * relative,
+        remainder=float(bias @ weight @ bias)
+        + 18.0 * NEXT_ORDER * relative
+        + 9.0 * FREEDOM,
         unit="1",
         check="nees",
     )

@@ -14,13 +14,13 @@ from simval.scene import record
 from simval.streams import Streams
 from simval.studies.isolation import isolated
 from simval.studies.scene import judged_rows
-from simval.studies.study import StudyParameters
+from simval.studies.sources import PluginName, PluginParameters
 
 
-class Parameters(StudyParameters):
+class Parameters(PluginParameters):
     """One cell: a scene."""
 
-    scene: Annotated[str, Field(min_length=1, max_length=400)] = Field(
+    scene: PluginName = Field(
         default="", description="FILE.py that holds a scene, or a scene's name."
     )
     time_limit: Annotated[float, Field(gt=0.0, le=86_400.0)] = Field(
@@ -43,6 +43,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     Outcome
         As of the study of the built-in scenes.
     """
+    parameters.require_same_sources()
     return isolated("custom_scene", parameters, streams, parameters.time_limit)
 
 

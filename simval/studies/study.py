@@ -1,5 +1,6 @@
 """What a study is: a name, its parameters, and a pure function of a cell."""
 
+import shlex
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import PurePath
@@ -12,6 +13,9 @@ from simval.streams import Streams, cell_key
 
 SUFFIXES = (".py", ".xml", ".csv", ".txt", ".log", ".mat", ".json", ".toml")
 """Endings by which a value is known to name a file."""
+
+COMMAND = "command:"
+"""Beginning of a value that is a program and its words."""
 
 
 class StudyParameters(BaseModel):
@@ -137,7 +141,7 @@ def canonical(value: Any) -> str:
 
 
 def is_path(text: str) -> bool:
-    """Tell whether a value of a suite names a file.
+    """Tell whether a value of a suite names files.
 
     Parameters
     ----------
@@ -147,10 +151,10 @@ def is_path(text: str) -> bool:
     Returns
     -------
     bool
-        Not for ``command:`` and its words.
+        Of ``command:`` too: words of it may be files.
     """
-    if text.startswith("command:"):
-        return False  # words of a program, run as the user gave them
+    if text.startswith(COMMAND):
+        return True
     return "/" in text or "\\" in text or ".py:" in text or text.endswith(SUFFIXES)
 
 
@@ -177,12 +181,47 @@ def portable(text: str) -> str:
     Parameters
     ----------
     text : str
-        A value that names a file.
+        A value that names files.
 
     Returns
     -------
     str
-        ``mine.py:estimate`` of ``plugins/mine.py:estimate``.
+        ``mine.py:estimate`` of ``plugins/mine.py:estimate``; of a command the same
+        words, those that are absolute paths by their names alone.
     """
+    if text.startswith(COMMAND):
+        return with_words(text, lambda _, word: _shortened(word))
     path = file_of(text)
     return PurePath(path).name + text.removeprefix(path)
+
+
+def with_words(text: str, change: Callable[[int, str], str]) -> str:
+    """Change words of a command.
+
+    Parameters
+    ----------
+    text : str
+        ``command: PROGRAM WORDS...``.
+    change : callable
+        From the place of a word and the word to the new one.
+
+    Returns
+    -------
+    str
+        The command; the very same text where no word is another one, or it cannot be
+        split.
+    """
+    try:
+        words = shlex.split(text.removeprefix(COMMAND))
+    except ValueError:  # the study says so, in words
+        return text
+    changed = [change(place, word) for place, word in enumerate(words)]
+    if changed == words:
+        return text
+    plain = [shlex.quote(w) if set(w) & set(" \t\n\"'\\") else w for w in changed]
+    return " ".join([COMMAND, *plain])
+
+
+def _shortened(word: str) -> str:
+    path = PurePath(word)
+    return path.name if path.is_absolute() else word

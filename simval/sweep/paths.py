@@ -1,16 +1,20 @@
-"""Paths in a suite file: relative to the file, and never out of its folder."""
+"""Paths in a suite file: relative to the file, and never out of its folder.
 
-import os
+A command may run any program, so its words are not held to the folder; those that are
+files there are meant.
+"""
+
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
 from simval.errors import InputError
-from simval.studies.study import file_of, is_path
+from simval.studies.sources import located
+from simval.studies.study import COMMAND, file_of, is_path
 
 
 def kept_inside(name: str, content: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Check the paths of a suite file and make them relative to where we are.
+    """Check the paths of a suite file and resolve them.
 
     Parameters
     ----------
@@ -24,7 +28,7 @@ def kept_inside(name: str, content: Mapping[str, Any], folder: Path) -> dict[str
     Returns
     -------
     dict
-        The content, paths resolved.
+        The content, paths absolute.
 
     Raises
     ------
@@ -38,13 +42,15 @@ def kept_inside(name: str, content: Mapping[str, Any], folder: Path) -> dict[str
         if isinstance(value, list):
             return [kept(v, key) for v in value]
         if key != "title" and isinstance(value, str) and is_path(value):
-            return _inside(name, key, value, folder)
+            if not value.startswith(COMMAND):
+                _require_inside(name, key, value, folder)
+            return located(value, str(folder))
         return value
 
     return {str(key): kept(value, str(key)) for key, value in content.items()}
 
 
-def _inside(name: str, key: str, text: str, folder: Path) -> str:
+def _require_inside(name: str, key: str, text: str, folder: Path) -> None:
     path = file_of(text)
     parts = {*PurePosixPath(path).parts, *PureWindowsPath(path).parts}
     rooted = PurePosixPath(path).is_absolute() or PureWindowsPath(path).anchor
@@ -56,4 +62,3 @@ def _inside(name: str, key: str, text: str, folder: Path) -> str:
             "give it on the command line (--plugin, --set)"
         )
         raise InputError(msg)
-    return os.path.relpath(folder / path) + text.removeprefix(path)

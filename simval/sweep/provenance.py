@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from simval.scene import models_folder
-from simval.studies.study import file_of, is_path, portable
+from simval.studies.sources import located, sources
+from simval.studies.study import is_path, portable
 from simval.sweep.suite import Suite
 
 PACKAGES = ("simval", "numpy", "scipy", "mujoco-core", "pydantic")
@@ -133,7 +134,7 @@ def portable_grid(grid: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def file_hashes(grid: Mapping[str, Any]) -> dict[str, str]:
-    """SHA-256 of each file that a suite names: plug-ins, scenes, logs.
+    """What the files are that a suite names, and those that they name in turn.
 
     Parameters
     ----------
@@ -143,23 +144,23 @@ def file_hashes(grid: Mapping[str, Any]) -> dict[str, str]:
     Returns
     -------
     dict
-        Name of the file to digest.
+        Name of each file to its SHA-256, of several with one name to all of theirs;
+        name of the distribution of a plug-in to its version.
     """
     words = [
-        v
+        w
         for table in grid.values()
         if isinstance(table, Mapping)
-        for v in table.values()
+        for value in table.values()
+        for w in (value if isinstance(value, list) else [value])
+        if isinstance(w, str)
     ]
-    flat = [
-        w for value in words for w in (value if isinstance(value, list) else [value])
-    ]
-    named = {file_of(w) for w in flat if isinstance(w, str) and is_path(w)}
-    return {
-        portable(path): hashlib.sha256(Path(path).read_bytes()).hexdigest()
-        for path in sorted(named)
-        if Path(path).is_file()
-    }
+    found = {path: d for word in words for path, d in sources(located(word)).items()}
+    named: dict[str, set[str]] = {}
+    for path, digest in found.items():
+        if digest:
+            named.setdefault(portable(path), set()).add(digest)
+    return {name: "+".join(sorted(named[name])) for name in sorted(named)}
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
