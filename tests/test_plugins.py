@@ -1,7 +1,6 @@
 """Plug-ins: found, probed by their conventions, and alone with their failures."""
 
 import dataclasses
-import os
 import pickle
 import sys
 import textwrap
@@ -383,9 +382,8 @@ def test_the_log_of_a_command_rests_in_its_poses():
     poses = probe_sensor().distort(9.8 * np.eye(3), np.random.default_rng(0))
     log = recorded(poses, 0.01)
     first = log[:1000, 1:]
-    # each rest keeps its pose's mean: the samples' noise cancels in pairs
+    # each rest keeps its pose's mean; test_plugin_measures has the noise about it
     np.testing.assert_allclose(first.mean(axis=0), poses[0], rtol=1e-12)
-    np.testing.assert_allclose(first.std(axis=0), 0.01 * np.sqrt(200), rtol=1e-9)
     np.testing.assert_allclose(np.diff(log[:, 0]), 0.01, atol=1e-12)
 
 
@@ -401,8 +399,7 @@ def test_paths_in_a_suite_file_stay_in_its_folder(tmp_path, value):
     suite.write_text(f"[estimator]\nalgorithm = {value!r}\n")
     with pytest.raises(InputError, match="leaves the folder of the suite"):
         load_suite(str(suite))
-    # inside it is fine, and is relative to the file, wherever we are
+    # inside it is fine: relative to the file, and absolute for whoever computes it
     suite.write_text('[estimator]\nalgorithm = "deep/x.py:n"\n')
     (cell,) = load_suite(str(suite)).cells
-    expected = os.path.relpath(folder / "deep" / "x.py")
-    assert cell.parameters.algorithm == f"{expected}:n"
+    assert cell.parameters.algorithm == f"{folder / 'deep' / 'x.py'}:n"

@@ -2,6 +2,7 @@
 
 import click
 
+from simval.plugins.describe import installed
 from simval.scene import scenes
 from simval.studies import STUDIES
 from simval.sweep import load_suite
@@ -10,7 +11,7 @@ from simval.sweep.suite import builtin_suites
 
 @click.command(name="list")
 def command() -> int:
-    """Show the built-in suites, the studies with their parameters, and the scenes."""
+    """Show suites, studies with their parameters, scenes, and installed plug-ins."""
     click.echo("suites")
     for name in builtin_suites():
         suite = load_suite(name)
@@ -23,4 +24,7 @@ def command() -> int:
     click.echo("scenes")
     for scene in scenes().values():
         click.echo(f"  {scene.name}: {scene.summary}")
+    click.echo("plug-ins (installed; for files see docs/plugins.md)")
+    for name, distribution in installed():
+        click.echo(f"  {name}: {distribution}")
     return 0

@@ -49,8 +49,9 @@ SHOWN = 20
     "--plugin",
     "plugins",
     multiple=True,
-    metavar="FILE",
-    help="Adds the plug-ins that a Python file holds; may be repeated.",
+    metavar="PLUGIN",
+    help="Adds plug-ins: FILE.py, FILE.py:NAME, the name of an installed one, or "
+    "'command: PROGRAM {poses}'; may be repeated.",
 )
 @click.option("--resume", is_flag=True, help="Go on with an interrupted run.")
 @click.option("--dry-run", is_flag=True, help="List the cells and stop.")

@@ -1,17 +1,21 @@
-"""What a plug-in file holds, asked in a child process: the file is code of a user's."""
+"""What a file or an installed package offers, asked in a child process.
+
+It is code of a user's, and loading it runs it.
+"""
 
 import json
 import os
 import subprocess
 import sys
+from importlib import metadata
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from simval.errors import SimvalError
-from simval.plugins.errors import PluginError
-from simval.plugins.loading import plugins_of
+from simval.plugins.errors import PluginError, told
+from simval.plugins.loading import GROUP, plugins_of
 from simval.plugins.process import ending, run_group
-from simval.plugins.protocol import Calibrator
+from simval.plugins.protocol import Calibrator, Estimator
 from simval.scene import Scene
 
 TIME_LIMIT = 60.0
@@ -22,13 +26,14 @@ STUDIES = {
 }
 
 
-def overrides_of(files: tuple[str, ...]) -> list[str]:
-    """Overrides that put the plug-ins of some files into a suite.
+def overrides_of(plugins: tuple[str, ...]) -> list[str]:
+    """Overrides that put some plug-ins into a suite.
 
     Parameters
     ----------
-    files : tuple of str
-        Paths of Python files, or ``command: PROGRAM ...``.
+    plugins : tuple of str
+        ``FILE.py``, ``FILE.py:NAME``, the name of an entry point, or
+        ``command: PROGRAM ...``.
 
     Returns
     -------
@@ -38,18 +43,56 @@ def overrides_of(files: tuple[str, ...]) -> list[str]:
     Raises
     ------
     PluginError
-        If a file cannot be used, or holds no plug-in.
+        If one cannot be used, or holds no plug-in.
     """
     values: dict[str, list[str]] = {}
-    for file in files:
-        if "," in file:
-            msg = f"`{file}` has a comma, which separates values; rename it"
+    for plugin in plugins:
+        if "," in plugin:
+            msg = f"`{plugin}` has a comma, which separates values; rename it"
             raise PluginError(msg)
-        held = [("calibrator", "")] if file.startswith("command:") else _asked(file)
-        for kind, name in held:
-            word = f"{file}:{name}" if name else file
+        command = plugin.startswith("command:")
+        held = [("calibrator", plugin)] if command else _held(plugin)
+        for kind, word in held:
             values.setdefault(STUDIES[kind], []).append(word)
     return [f"{key}={','.join(words)}" for key, words in values.items()]
+
+
+def installed() -> list[tuple[str, str]]:
+    """Plug-ins that installed packages offer; none is loaded.
+
+    Returns
+    -------
+    list of tuple
+        Name, and distribution with its version.
+    """
+    points = metadata.entry_points(group=GROUP)
+    return sorted(
+        (point.name, f"{point.dist.name} {point.dist.version}" if point.dist else "")
+        for point in points
+    )
+
+
+def _held(plugin: str) -> list[tuple[str, str]]:
+    """Kind of each plug-in that is meant, and the word that a suite has for it."""
+    path, _, name = plugin.partition(".py:")
+    if not name and not plugin.endswith(".py"):
+        if plugin in (known for known, _ in installed()):
+            return [(kind, plugin) for kind, _ in _asked(plugin)]
+        names = ", ".join(known for known, _ in installed()) or "none"
+        msg = (
+            f"there is no plug-in `{plugin}`: a file must end in .py (FILE.py or "
+            "FILE.py:NAME), and no installed package offers one of that name "
+            f"(installed: {names})"
+        )
+        raise PluginError(msg)
+    file = f"{path}.py" if name else plugin
+    offered = _asked(file)
+    held = [(kind, own) for kind, own in offered if not name or own == name]
+    if not held:
+        names = ", ".join(own for _, own in offered)
+        msg = f"{file} holds no plug-in named {name}; it has: {names}"
+        raise PluginError(msg)
+    return [(kind, file if kind == "scene" else f"{file}:{own}") for kind, own in held]
 
 
 def _asked(file: str) -> list[tuple[str, str]]:
@@ -60,10 +103,10 @@ def _asked(file: str) -> list[tuple[str, str]]:
             code = run_group(words, subprocess.DEVNULL, TIME_LIMIT)
             found = json.loads(answer.read_text(encoding="utf-8"))
         except subprocess.TimeoutExpired:
-            msg = f"the plug-in file {file} was not read within {TIME_LIMIT:g} s"
+            msg = f"{file} was not read within {TIME_LIMIT:g} s"
             raise PluginError(msg) from None
         except (OSError, ValueError):
-            msg = f"the process that read the plug-in file {file} {ending(code)}"
+            msg = f"the process that read {file} {ending(code)}"
             raise PluginError(msg) from None
     if "error" in found:
         error = str(found["error"])
@@ -71,32 +114,44 @@ def _asked(file: str) -> list[tuple[str, str]]:
     return [(str(kind), str(name)) for kind, name in found["held"]]
 
 
-def _main(file: str, answer: Path) -> None:
+def _main(plugin: str, answer: Path) -> None:
     try:
-        held = [
-            (
-                "scene"
-                if isinstance(value, Scene)
-                else "calibrator"
-                if isinstance(value, Calibrator)
-                else "estimator",
-                "" if isinstance(value, Scene) else value.name,
-            )
-            for value in plugins_of(Path(file), Scene)
-        ]
+        values = plugins_of(Path(plugin), Scene) if _is_file(plugin) else _load(plugin)
+        held = [(_kind(value), value.name) for value in values]
         found: dict[str, object] = {"held": held}
         if not held:
             found = {
-                "error": f"{file} holds no Estimator, Calibrator or Scene at its top "
+                "error": f"{plugin} holds no Estimator, Calibrator or Scene at its top "
                 "level; see docs/plugins.md"
             }
     except SimvalError as error:
         found = {"error": str(error)}
     except SystemExit as error:
-        found = {"error": f"the plug-in file {file} calls exit({error.code})"}
+        what = "file" if _is_file(plugin) else "package"
+        found = {"error": f"the plug-in {what} {plugin} calls exit({error.code})"}
     answer.write_text(json.dumps(found), encoding="utf-8")
     sys.stdout.flush()
     os._exit(0)
+
+
+def _is_file(plugin: str) -> bool:
+    return plugin.endswith(".py")
+
+
+def _load(name: str) -> list[Estimator | Calibrator | Scene]:
+    points = metadata.entry_points(group=GROUP, name=name)
+    try:
+        values = [point.load() for point in points]
+    except Exception as error:  # whatever an installed package may raise
+        msg = f"the entry point `{name}` fails with {told(error)}"
+        raise PluginError(msg) from error
+    return [v for v in values if isinstance(v, (Estimator, Calibrator, Scene))]
+
+
+def _kind(value: Estimator | Calibrator | Scene) -> str:
+    if isinstance(value, Scene):
+        return "scene"
+    return "calibrator" if isinstance(value, Calibrator) else "estimator"
 
 
 if __name__ == "__main__":

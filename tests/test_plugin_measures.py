@@ -1,0 +1,428 @@
+"""What the studies of plug-ins see, and that code and numbers belong together."""
+
+import dataclasses
+import json
+import os
+import pickle
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from simval.attitude import two_vector_quaternion
+from simval.calibrate import calibrate
+from simval.cli.listing import command as list_command
+from simval.errors import InputError
+from simval.geometry import compose, normalize
+from simval.logs import Log
+from simval.plugins import (
+    Calibrator,
+    Estimator,
+    PluginError,
+    probe_calibrator,
+    probe_estimator,
+)
+from simval.plugins.describe import overrides_of
+from simval.plugins.probe import probe_sensor
+from simval.plugins.recording import MOVE, RATE, REST, recorded
+from simval.poses import fibonacci_sphere
+from simval.results import Outcome
+from simval.streams import Streams
+from simval.studies import calibrator, custom_scene, estimator
+from simval.studies.estimator_setting import Setting
+from simval.studies.recorded import calibrate_log
+from simval.studies.study import Cell
+from simval.sweep import provenance, run_suite
+from simval.sweep.suite import expand, load_suite
+
+EXAMPLES = Path(__file__).resolve().parents[1] / "docs" / "examples"
+GOOD = Estimator(
+    name="two",
+    estimate=two_vector_quaternion,
+    components="xyzs",
+    matrix="passive",
+)
+STREAMS = Streams(1, (1,))
+
+
+def turned(q, vector):
+    """A quaternion turned by a small rotation vector."""
+    small = normalize(np.append(np.asarray(vector) / 2.0, 1.0))
+    return compose(q, np.broadcast_to(small, q.shape))
+
+
+def davenport(b1, b2, r1, r2):
+    """Wahba's solution as the eigenvector of Davenport's matrix, scalar first."""
+    B = np.einsum("ni,nj->nij", b1, r1) + np.einsum("ni,nj->nij", b2, r2)
+    z = np.cross(b1, r1) + np.cross(b2, r2)
+    s = np.trace(B, axis1=1, axis2=2)
+    K = np.empty((len(b1), 4, 4))
+    K[:, 1:, 1:] = B + np.swapaxes(B, 1, 2) - s[:, None, None] * np.eye(3)
+    K[:, 0, 1:] = K[:, 1:, 0] = z
+    K[:, 0, 0] = s
+    return np.linalg.eigh(K)[1][:, :, -1]
+
+
+def leading(b1, b2, r1, r2, noise_std, factor=1.0):
+    """Leading covariance of `davenport`."""
+    size = (b1**2 + b2**2).sum(axis=1)[:, None, None]
+    H = size * np.eye(3) - b1[:, :, None] * b1[:, None] - b2[:, :, None] * b2[:, None]
+    return factor * 2.0 * noise_std**2 * np.linalg.inv(H)
+
+
+def limits(plugin, monkeypatch, noise_std=0.05, geometry=3):
+    """Rows without chance of the study of one estimator."""
+    monkeypatch.setattr(estimator, "find_plugin", lambda *_: plugin)
+    parameters = estimator.Parameters(
+        algorithm="any", noise_std=noise_std, geometry=geometry, samples=1024
+    )
+    rows = estimator.compute(parameters, STREAMS).rows
+    return {row.statistic: row for row in rows if row.check == "limit"}
+
+
+def beyond(function, size):
+    """A fast path for large batches, which is broken."""
+
+    def estimate(*vectors):
+        q = two_vector_quaternion(*vectors)
+        return function(q, vectors) if len(q) > size else q
+
+    return dataclasses.replace(GOOD, estimate=estimate)
+
+
+def overwritten(q, vectors):
+    vectors[0][:] = 0.0
+    return q
+
+
+@pytest.mark.parametrize(
+    ("function", "words"),
+    [
+        (lambda q, _: turned(q, [0.17, 0, 0]), r"row \d+ is 0.1\d* rad from the truth"),
+        (lambda q, _: np.roll(q, 1, axis=0), "but in one of 1024 its row"),
+        (
+            lambda q, v: (
+                turned(q, [0.17, 0, 0])
+                if np.abs(np.linalg.norm(v[0], axis=1) - 1).max() > 1e-9
+                else q
+            ),
+            "not what it is when alone",
+        ),
+        (overwritten, "changes its input"),
+    ],
+)
+def test_a_large_batch_is_probed(function, words):
+    probe_estimator(GOOD)
+    with pytest.raises(PluginError, match=words):
+        probe_estimator(beyond(function, 100))
+
+
+def test_the_covariance_of_a_large_batch_is_probed():
+    def covariance(b1, *others):
+        return leading(b1, *others, factor=2.0 if len(b1) > 100 else 1.0)
+
+    sound = Estimator(
+        name="d",
+        estimate=davenport,
+        components="sxyz",
+        matrix="passive",
+        covariance=leading,
+    )
+    probe_estimator(sound)
+    with pytest.raises(PluginError, match="its covariance"):
+        probe_estimator(dataclasses.replace(sound, covariance=covariance))
+
+
+@pytest.mark.parametrize("geometry", range(6))
+@pytest.mark.parametrize("noise_std", [0.001, 0.05])
+def test_a_sound_bias_is_of_second_order(geometry, noise_std, monkeypatch):
+    rows = limits(GOOD, monkeypatch, noise_std, geometry)
+    for name in ("cubature_bias", "cubature_bias_at_small_noise"):
+        assert rows[name].value <= rows[name].prediction
+    assert rows["cubature_bias_at_small_noise"].prediction < 3e-6  # no blank cheque
+
+
+@pytest.mark.parametrize("size", [0.17, 1e-3, 1e-4])
+def test_a_constant_error_that_the_probe_cannot_see_fails(size, monkeypatch):
+    # right as long as there is no noise, and by itself wherever it stands
+    def estimate(b1, b2, r1, r2):
+        q = two_vector_quaternion(b1, b2, r1, r2)
+        angle = np.einsum("ni,ni->n", b1, b2) - np.einsum("ni,ni->n", r1, r2)
+        return np.where(np.abs(angle)[:, None] > 1e-7, turned(q, [size, 0, 0]), q)
+
+    wrong = dataclasses.replace(GOOD, estimate=estimate)
+    probe_estimator(wrong)
+    row = limits(wrong, monkeypatch, 0.01)["cubature_bias_at_small_noise"]
+    assert row.value > row.prediction
+
+
+def test_an_exact_claim_is_allowed_what_cubature_is_off_by(monkeypatch):
+    def plugin(factor):
+        return Estimator(
+            name="d",
+            estimate=davenport,
+            components="sxyz",
+            matrix="passive",
+            covariance=lambda *given: leading(*given, factor=factor(given[-1])),
+            claim="exact",
+        )
+
+    def off(noise):  # by degree 9, which the study does not use
+        return 1.0 + Setting(plugin(lambda _: 1.0), 3).claim_off(noise, 9)
+
+    row = limits(plugin(lambda _: 1.0), monkeypatch)["claim_off"]
+    assert row.value == pytest.approx(0.024, abs=1e-3)  # the leading term alone
+    assert row.value > 10 * row.prediction
+    exact = {0.05: off(0.05)}
+    row = limits(plugin(lambda noise: exact.get(noise, 1.0)), monkeypatch)["claim_off"]
+    assert row.value <= row.prediction
+
+
+def test_a_calibrator_without_misalignment_is_told_so():
+    sensor = probe_sensor()
+    six = Calibrator(name="six", calibrate=lambda p, g: (np.diag(sensor.K), sensor.B))
+    with pytest.raises(PluginError, match=r"S_zy: -?\S+ instead of 0\.05.*misalign"):
+        probe_calibrator(six)
+
+
+# a log for a command
+
+
+def test_a_rest_of_the_log_is_its_pose_and_white_noise():
+    poses = probe_sensor().distort(9.8 * fibonacci_sphere(24), np.random.default_rng(0))
+    log = recorded(poses, 0.01)
+    rest, move = round(REST * RATE), round(MOVE * RATE)
+    np.testing.assert_allclose(np.diff(log[:, 0]), 1.0 / RATE, atol=1e-9)
+    parts = log[:, 1:].reshape(len(poses), rest + move, 3)[:, :rest]
+    # 1000 additions of readings below 10: 1e-13 of rounding
+    np.testing.assert_allclose(parts.mean(axis=1), poses, rtol=0, atol=1e-11)
+    noise = parts - poses[:, None]
+    n = noise.size
+    sigma = 0.01 * np.sqrt(rest)
+    # one false alarm in 1e4 seeds: 3.9 standard errors; the mean is taken off (1/1000)
+    assert abs(noise.std(ddof=72) / sigma - 1.0) < 3.9 / np.sqrt(2 * n)
+    for lag in (1, 2, 10):
+        product = (noise[:, lag:] * noise[:, :-lag]).mean() / sigma**2
+        assert abs(product + 1.0 / rest) < 3.9 / np.sqrt(n)
+    assert np.array_equal(log, recorded(poses * (1.0 + 1e-15), 0.01)) or np.allclose(
+        log, recorded(poses * (1.0 + 1e-15), 0.01), rtol=0, atol=1e-12
+    )
+
+
+@pytest.mark.slow
+def test_the_log_calibration_through_the_log_has_honest_error_bars():
+    trials = 320
+    sensor, G = probe_sensor(), 9.80665
+    clean = sensor.distort(G * fibonacci_sphere(24), np.random.default_rng(0))
+    noise = 0.005
+    rng = np.random.default_rng(20_261)
+    squares = []
+    for _ in range(trials):
+        rows = recorded(clean + noise * rng.standard_normal(clean.shape), noise)
+        log = Log(
+            path="log", time=rows[:, 0], accelerometer=rows[:, 1:], gyro=None, rate=RATE
+        )
+        fit = calibrate_log(log, g=G).fit
+        error = fit.parameters - sensor.parameters
+        factor = (fit.dof - 2) / fit.dof  # Type A: 9 F(9, 15) has the mean 9 * 15/13
+        squares.append(factor * error @ np.linalg.solve(fit.covariance, error))
+    standard_error = np.std(squares) / np.sqrt(trials)
+    # one false alarm in 1e3 seeds; the first rest and the stripes of old gave 11.15
+    assert abs(np.mean(squares) - 9.0) < 3.3 * standard_error
+    assert standard_error < 0.5
+
+
+def answering(monkeypatch, **more):
+    def work(poses, g):
+        fit = calibrate(poses, g)
+        return {"matrix": fit.matrix, "B": fit.B, "covariance": fit.covariance, **more}
+
+    plugin = Calibrator(name="c", calibrate=work)
+    monkeypatch.setattr(calibrator, "find_plugin", lambda *_: plugin)
+    parameters = calibrator.Parameters(algorithm="any", trials=32)
+    rows = calibrator.compute(parameters, STREAMS).rows
+    return next(row.value for row in rows if row.statistic == "nees")
+
+
+def test_a_type_a_covariance_is_judged_by_its_own_law(monkeypatch):
+    plain = answering(monkeypatch)
+    known = answering(monkeypatch, covariance_kind="known sigma", dof=15)
+    scaled = answering(monkeypatch, covariance_kind="type A", dof=15)
+    assert known == plain
+    assert scaled == pytest.approx(plain * 13 / 15, rel=1e-12)
+    with pytest.raises(PluginError, match="14 poses or more"):
+        answering(monkeypatch, covariance_kind="type A", dof=4)
+
+
+def test_the_time_limit_of_a_command_grows_with_its_trials(monkeypatch):
+    seen = []
+    monkeypatch.setattr(
+        calibrator, "isolated", lambda *given: seen.append(given[3]) or Outcome(rows=())
+    )
+    for algorithm in ("command: x {poses}", str(EXAMPLES / "ellipsoid.py")):
+        parameters = calibrator.Parameters(algorithm=algorithm, trials=1024)
+        calibrator.run(parameters, STREAMS)
+    assert seen == [300.0 * 16, 300.0]
+
+
+# the code that was measured is the code that was meant
+
+
+def test_a_cell_takes_its_plugin_with_it_to_another_folder(tmp_path, monkeypatch):
+    here, there = tmp_path / "here", tmp_path / "there"
+    for folder in (here, there):
+        folder.mkdir()
+        shutil.copy(EXAMPLES / "ellipsoid.py", folder)
+    (there / "ellipsoid.py").write_text("stale = 1 / 0\n")
+    monkeypatch.chdir(here)
+    parameters = calibrator.Parameters(algorithm="ellipsoid.py", trials=32)
+    rows = calibrator.run(parameters, STREAMS).rows
+    sent = pickle.dumps(Cell("calibrator", parameters, 1))
+    monkeypatch.chdir(there)
+    cell = pickle.loads(sent)
+    assert cell.name.startswith("calibrator(algorithm=ellipsoid.py,")
+    assert calibrator.run(cell.parameters, STREAMS).rows == rows
+    # the same path on a machine whose disk is another one
+    (here / "ellipsoid.py").write_text("other = 1\n")
+    with pytest.raises(PluginError, match=r"ellipsoid\.py has changed.*all workers"):
+        calibrator.run(cell.parameters, STREAMS)
+    (here / "ellipsoid.py").unlink()
+    with pytest.raises(PluginError, match=r"ellipsoid\.py is missing"):
+        calibrator.run(cell.parameters, STREAMS)
+
+
+TREE = {
+    "mine.py": "import helper\nfrom pack import part\nMODEL = 'mine.xml'\n",
+    "helper.py": "def late():\n    import deep\n",
+    "deep.py": "import numpy, mine\n",
+    "pack/__init__.py": "",
+    "pack/part.py": "from . import sibling\nfrom .. import helper\n",
+    "pack/sibling.py": "W = 'weights.csv'\n",
+    "pack/weights.csv": "1\n",
+    "mine.xml": '<mujoco><compiler meshdir="m"/><mesh file="b.stl"/></mujoco>',
+    "m/b.stl": "solid",
+    "unrelated.py": "",
+    "other.xml": "",
+}
+
+
+def tree(folder):
+    for name, text in TREE.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    return folder
+
+
+@pytest.mark.parametrize("name", TREE)
+def test_all_that_a_plugin_names_is_known_again(tmp_path, name):
+    tree(tmp_path)
+    parameters = custom_scene.Parameters(scene=str(tmp_path / "mine.py"))
+    grid = {"custom_scene": {"scene": parameters.scene}}
+    before = provenance.file_hashes(grid)
+    parameters.require_same_sources()
+    (tmp_path / name).write_text(TREE[name] + ("<!-- -->" if name[-1] == "l" else "#"))
+    after = provenance.file_hashes(grid)
+    if name in ("unrelated.py", "other.xml"):
+        assert after == before
+        parameters.require_same_sources()
+        return
+    changed = provenance.differences(before, after)
+    assert [line.partition(":")[0] for line in changed] == [Path(name).name]
+    with pytest.raises(PluginError, match=f"{name} has changed"):
+        parameters.require_same_sources()
+
+
+def test_a_run_with_another_helper_cannot_go_on(tmp_path):
+    (tmp_path / "helper.py").write_text("K = 1\n")
+    (tmp_path / "mine.py").write_text("import helper\n1 / 0\n")
+    content = {"calibrator": {"algorithm": str(tmp_path / "mine.py"), "trials": 32}}
+    run_suite(expand("s", content), tmp_path / "run")
+    run_suite(expand("s", content), tmp_path / "run", resume=True)
+    (tmp_path / "helper.py").write_text("K = 2\n")
+    with pytest.raises(InputError, match=r"files\.helper\.py: .* -> "):
+        run_suite(expand("s", content), tmp_path / "run", resume=True)
+
+
+def installed_package(folder, monkeypatch, version="1.0"):
+    shutil.copy(EXAMPLES / "align.py", folder / "their_align_module.py")
+    info = folder / "theirs.dist-info"
+    info.mkdir(exist_ok=True)
+    (info / "METADATA").write_text(
+        f"Metadata-Version: 2.1\nName: theirs\nVersion: {version}\n"
+    )
+    (info / "entry_points.txt").write_text(
+        "[simval.plugins]\ntheir-align = their_align_module:align\n"
+    )
+    monkeypatch.syspath_prepend(folder)
+    monkeypatch.setenv("PYTHONPATH", str(folder))
+
+
+def test_an_installed_plugin_is_listed_chosen_and_known_again(tmp_path, monkeypatch):
+    installed_package(tmp_path, monkeypatch)
+    listed = CliRunner().invoke(list_command, standalone_mode=False).output
+    assert "their-align: theirs 1.0" in listed
+    assert overrides_of(("their-align",)) == ["estimator.algorithm=their-align"]
+    parameters = estimator.Parameters(algorithm="their-align")
+    grid = {"estimator": {"algorithm": ["their-align"]}}
+    assert provenance.file_hashes(grid) == {"theirs": "1.0"}
+    installed_package(tmp_path, monkeypatch, "1.1")
+    assert provenance.file_hashes(grid) == {"theirs": "1.1"}
+    with pytest.raises(PluginError, match="theirs has changed"):
+        parameters.require_same_sources()
+
+
+def test_what_can_be_given_as_a_plugin(tmp_path):
+    file = str(EXAMPLES / "align.py")
+    assert overrides_of((f"{file}:align",)) == [f"estimator.algorithm={file}:align"]
+    shutil.copy(file, tmp_path / "align.txt")
+    for plugin, words in (
+        (f"{file}:other", "no plug-in named other; it has: align"),
+        (str(tmp_path / "align.txt"), r"must end in \.py"),
+        ("no-such-name", "no installed package offers"),
+    ):
+        with pytest.raises(PluginError, match=words):
+            overrides_of((plugin,))
+
+
+# words of a command
+
+
+def test_a_command_in_a_suite_finds_its_files_in_the_suite_s_folder(
+    tmp_path, monkeypatch
+):
+    folder = tmp_path / "suites"
+    (folder / "my tools").mkdir(parents=True)
+    shutil.copy(EXAMPLES / "command.py", folder / "my tools" / "fit.py")
+    (folder / "python").write_text("")  # a program without a slash is in PATH
+    (folder / "s.toml").write_text(
+        "[calibrator]\ntrials = 32\n"
+        "algorithm = \"command: python 'my tools/fit.py' {poses} {g}\"\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PATH", os.path.dirname(sys.executable), prepend=os.pathsep)
+    suite = load_suite("suites/s.toml")
+    (cell,) = suite.cells
+    path = folder / "my tools" / "fit.py"
+    assert cell.parameters.algorithm == f"command: python '{path}' {{poses}} {{g}}"
+    # the name, and so the numbers, do not depend on where the folder is
+    assert cell.key_name.startswith(
+        "calibrator(algorithm=command: python fit.py {poses} {g},"
+    )
+    assert provenance.file_hashes(suite.grid).keys() == {"fit.py"}
+    run = run_suite(suite, tmp_path / "run")
+    assert [cell.status for cell in run.cells] == ["done"]
+    assert str(tmp_path) not in (tmp_path / "run" / "results.csv").read_text()
+    assert str(tmp_path) not in json.dumps(run.manifest)
+    path.write_text("changed")
+    with pytest.raises(InputError, match=r"files\.fit\.py"):
+        run_suite(load_suite("suites/s.toml"), tmp_path / "run", resume=True)
+
+
+def test_words_that_are_no_files_stay_what_they_are(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for text in ("command: sh -c 'cat {poses}; exit 3'", "command: a {poses} b/c"):
+        assert calibrator.Parameters(algorithm=text).algorithm == text
