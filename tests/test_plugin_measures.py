@@ -4,6 +4,7 @@ import dataclasses
 import json
 import os
 import pickle
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -30,6 +31,7 @@ from simval.plugins.probe import probe_sensor
 from simval.plugins.recording import MOVE, RATE, REST, recorded
 from simval.poses import fibonacci_sphere
 from simval.results import Outcome
+from simval.scene import models_folder
 from simval.streams import Streams
 from simval.studies import calibrator, custom_scene, estimator
 from simval.studies.estimator_setting import Setting
@@ -37,6 +39,7 @@ from simval.studies.recorded import calibrate_log
 from simval.studies.study import Cell
 from simval.sweep import provenance, run_suite
 from simval.sweep.suite import expand, load_suite
+from simval.verdict import judge
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "docs" / "examples"
 GOOD = Estimator(
@@ -426,3 +429,40 @@ def test_words_that_are_no_files_stay_what_they_are(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for text in ("command: sh -c 'cat {poses}; exit 3'", "command: a {poses} b/c"):
         assert calibrator.Parameters(algorithm=text).algorithm == text
+
+
+# scenes of the documentation
+
+SHELF = """
+<mujoco><option timestep="0.002" gravity="0 0 -9.80665" magnetic="2e-5 0 -4e-5">
+<flag autoreset="disable"/></option><worldbody><body name="body" pos="0 0 1">
+<geom type="box" size=".06 .04 .02" mass=".3"/><site name="imu"/></body></worldbody>
+<sensor><accelerometer name="accelerometer" site="imu"/><gyro name="gyro" site="imu"/>
+<magnetometer name="magnetometer" site="imu"/><clock name="clock"/>
+<framequat name="attitude" objtype="site" objname="imu"/></sensor></mujoco>
+"""
+
+
+@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")  # it never turns
+def test_the_documented_scenes_are_judged_as_documented(tmp_path):
+    text = (EXAMPLES.parent / "scenes.md").read_text()
+    blocks = {
+        name: code
+        for name, code in re.findall(r"```python\n# (\w+)\.py(.*?)```", text, re.S)
+    }
+    (tmp_path / "shelf.xml").write_text(SHELF)
+    shutil.copy(models_folder() / "gimbal.xml", tmp_path / "mine.xml")
+    answers = {}
+    for name, code in blocks.items():
+        path = tmp_path / f"{name}.py"
+        path.write_text("#" + code)
+        parameters = custom_scene.Parameters(scene=str(path))
+        rows = custom_scene.compute(parameters, STREAMS).rows
+        judged = judge(("scene", row) for row in rows)
+        answers[name] = {v.row.statistic: v.answer for v in judged}
+        assert all(
+            f"`{row.statistic}`" in text for row in rows if row.check != "record"
+        )
+    assert set(answers["mine"].values()) == {"pass"}
+    assert answers["shelf"]["rank"] == "fail"
+    assert answers["shelf"]["rest_force"] == "pass"
