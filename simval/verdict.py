@@ -4,18 +4,21 @@ Sampling rows are tested against an interval, not a point, because a truncated
 formula is allowed its remainder :math:`\delta`. With :math:`d` the difference and
 :math:`s` its standard error,
 
-.. math:: p = \Phi(-(|d| - \delta)/s) + \Phi(-(|d| + \delta)/s)  \tag{V1}
+.. math:: p = F(-(|d| - \delta)/s) + F(-(|d| + \delta)/s)  \tag{V1}
 
 is the greatest probability, over all expectations within the interval, of a
-difference at least this large. The p-values of a family (plain, control, nees) share
-the family's part of the false-alarm rate by Holm's rule, which holds under any
+difference at least this large. F is Student's t with one degree of freedom for every
+`SAMPLES_PER_FREEDOM` samples and not the normal law: variances, squares and fractions
+are skewed, and their standard error, itself estimated, moves with them, so the tails
+are heavier by a term of order 1/n. The p-values of a family (plain, control, nees)
+share the family's part of the false-alarm rate by Holm's rule, which holds under any
 dependence; the parts are weighted Bonferroni: 1/4, 1/2, 1/4, divided over the
 families that are present.
 
-A pass also says that something would have been seen. With :math:`z` the normal
-quantile of the family's Bonferroni limit, a discrepancy beyond the remainder of
+A pass also says that something would have been seen. With :math:`z` the quantile of
+F at the family's Bonferroni limit, a discrepancy beyond the remainder of
 
-.. math:: \Delta = (z + z_{0.99})\, s  \tag{V2}
+.. math:: \Delta = (z + \Phi^{-1}(0.99))\, s  \tag{V2}
 
 is found with probability 0.99. A sampling row passes only where :math:`\Delta` is at
 most the practical margin, the fraction `PRACTICAL` of the predicted value or of one
@@ -36,7 +39,7 @@ from math import sqrt
 from typing import Literal
 
 import numpy as np
-from scipy.special import ndtr, ndtri
+from scipy.special import ndtri, stdtr, stdtrit
 
 from simval.results import Row
 
@@ -45,9 +48,14 @@ Answer = Literal["pass", "fail", "inconclusive"]
 WEIGHTS = {"plain": 0.25, "control": 0.5, "nees": 0.25}
 """Share of the false-alarm rate of each family of sampling checks."""
 
+SAMPLES_PER_FREEDOM = 10.0
+"""Samples for each degree of freedom of F in eq. (V1). The standard deviation of a
+Gaussian error is the most skewed of the usual rows: beside its own standard error its
+exact two-sided tail at the normal's 1e-5 is 2.4e-5 with 1024 samples, and Student's t
+with 102 degrees of freedom has 2.5e-5 there."""
+
 MIN_SAMPLES = 256
-"""Below this a standard error is itself too uncertain for eq. (V1): the tail of
-Student's t with 255 degrees of freedom is 1.5 times the normal's at p = 1e-5."""
+"""Below this the tails are not known well enough for eq. (V1)."""
 
 MAX_REMAINDER = 0.5
 """Greatest remainder beside the predicted value or one sample's own spread, whichever
@@ -119,7 +127,8 @@ def p_value(row: Row) -> float:
     distance = abs(row.value - row.prediction)
     low = (distance - row.remainder) / row.standard_error
     high = (distance + row.remainder) / row.standard_error
-    return float(ndtr(-low) + ndtr(-high))
+    freedom = row.n / SAMPLES_PER_FREEDOM
+    return float(stdtr(freedom, -low) + stdtr(freedom, -high))
 
 
 def judge(rows: Iterable[tuple[str, Row]], alpha: float = 1e-3) -> tuple[Verdict, ...]:
@@ -153,10 +162,10 @@ def judge(rows: Iterable[tuple[str, Row]], alpha: float = 1e-3) -> tuple[Verdict
     for family, members in sampled.items():
         share = alpha * WEIGHTS[family] / whole
         values = np.array([p_value(judged[i][1]) for i in members])
-        quantile = float(-ndtri(share / len(members) / 2.0))
+        tail = share / len(members) / 2.0
         limits = _holm(values, share)
         for i, p, limit in zip(members, values, limits, strict=True):
-            answers[i] = _by_chance(*judged[i], float(p), float(limit), quantile)
+            answers[i] = _by_chance(*judged[i], float(p), float(limit), tail)
     return tuple(answers[i] for i in range(len(judged)))
 
 
@@ -267,9 +276,10 @@ def _without_chance(cell: str, row: Row) -> Verdict:
     )
 
 
-def _by_chance(cell: str, row: Row, p: float, limit: float, quantile: float) -> Verdict:
+def _by_chance(cell: str, row: Row, p: float, limit: float, tail: float) -> Verdict:
     assert row.prediction is not None
     beyond = abs(row.value - row.prediction) - row.remainder
+    quantile = -float(stdtrit(row.n / SAMPLES_PER_FREEDOM, tail))
     detectable = (quantile + float(ndtri(POWER))) * row.standard_error
     margin = PRACTICAL * _size(row)
     answer: Answer = "pass"

@@ -92,7 +92,7 @@ def false_alarm_rates(
     def draw(seed: int) -> dict[str, Rows]:
         rows = [r for noise in CLEAN_NOISE for r in _rows(noise, CLEAN_SAMPLES, seed)]
         certain = [entry for entry in rows if entry[1].predictor == "exact"]
-        return {"attitude, all rows": rows, "attitude, exact predictions": certain}
+        return {"attitude": rows, "attitude, exact": certain}
 
     with known_theory():
         return _alarms(runs, draw, seed, advance)
@@ -124,7 +124,7 @@ def calibration_alarms(
             name = f"{study.__name__.rpartition('.')[2]}({parameters})"
             outcome = study.run(parameters, Streams(seed, cell_key(name)))
             rows += [(name, row) for row in outcome.rows]
-        return {"calibration studies": rows}
+        return {"calibration": rows}
 
     return _alarms(runs, draw, seed, advance)
 
