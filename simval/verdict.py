@@ -23,7 +23,8 @@ F at the family's Bonferroni limit, a discrepancy beyond the remainder of
 is found with probability 0.99. A sampling row passes only where :math:`\Delta` is at
 most the practical margin, the fraction `PRACTICAL` of the predicted value or of one
 sample's own spread :math:`s \sqrt n`, whichever is greater; else it is inconclusive.
-It depends on the number of samples, not on the value, so it adds no chance.
+That depends on the number of samples and hardly on what was seen: only where a cell
+has just about as many as are needed does its standard error decide.
 
 The normalised squared errors of the cells of one study are also pooled, weighted by
 their samples, into one more row: a common error in scale is found there first.

@@ -1,15 +1,23 @@
 """Verdicts: size and power of the sampling checks, and never a pass from nothing."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import stats
+from scipy import optimize, stats
 
 from simval.results import Row
-from simval.verdict import POWER, PRACTICAL, judge, overall, p_value
+from simval.verdict import (
+    POWER,
+    PRACTICAL,
+    SAMPLES_PER_FREEDOM,
+    judge,
+    overall,
+    p_value,
+)
 
 GOOD = Row(
     statistic="bias[x]",
@@ -27,6 +35,9 @@ def changed(**values):
     return dataclasses.replace(GOOD, **values)
 
 
+LAW = stats.t(GOOD.n / SAMPLES_PER_FREEDOM)
+
+
 def rows_of(z, **values):
     return [(f"cell{i}", changed(value=float(v), **values)) for i, v in enumerate(z)]
 
@@ -35,16 +46,42 @@ def test_p_value_is_the_greatest_over_the_interval():
     row = changed(value=3.0, remainder=1.0)
     # the expectation that makes |value| >= 3 most likely is the interval's end
     means = np.linspace(-1.0, 1.0, 201)
-    tails = stats.norm.sf(3.0 - means) + stats.norm.cdf(-3.0 - means)
+    tails = LAW.sf(3.0 - means) + LAW.cdf(-3.0 - means)
     assert p_value(row) == pytest.approx(tails.max(), rel=1e-12)
-    assert p_value(changed(value=2.0)) == pytest.approx(2 * stats.norm.sf(2.0))
+    assert p_value(changed(value=2.0)) == pytest.approx(2 * LAW.sf(2.0))
+
+
+@pytest.mark.parametrize("n", [256, 1024, 4096, 65536])
+@pytest.mark.parametrize("p", [1e-3, 1e-5, 1e-7])
+def test_the_tail_of_skewed_rows_is_the_stated_one(n, p):
+    # exact laws of n Gaussian errors beside their own standard error: the standard
+    # deviation, the inverse of the variance, and the mean of squares of 3 and 9
+    t = stats.t(n / SAMPLES_PER_FREEDOM).isf(p / 2)
+    chi, c = stats.chi2(n), t / np.sqrt(2 * n)
+    sd = chi.cdf(n / (1 + c) ** 2) + chi.sf(n / (1 - c) ** 2)
+    inverse = chi.cdf(n * (1 - 2 * c)) + chi.sf(n * (1 + 2 * c))
+    assert max(sd, inverse) <= 1.4 * p
+    for k in (3, 9):
+        chi, c = stats.chi2(n * k), t / np.sqrt(n * k / 2)
+        squares = chi.cdf(n * k / (1 + c)) + chi.sf(n * k / (1 - c))
+        assert squares <= 1.4 * p
+    # a fraction of 0.95 beside the standard error of the predicted one
+    binom, half = stats.binom(n, 0.95), t * np.sqrt(0.95 * 0.05 * n)
+    low, high = np.ceil(0.95 * n - half) - 1, np.floor(0.95 * n + half)
+    assert binom.cdf(low) + binom.sf(high) <= 1.4 * p
+    # the normal law is not good enough where there are few
+    z = stats.norm.isf(p / 2) / np.sqrt(2 * n)
+    normal = stats.chi2(n).cdf(n / (1 + z) ** 2) + stats.chi2(n).sf(n / (1 - z) ** 2)
+    assert normal >= sd
+    if n <= 1024 and p < 1e-3:
+        assert normal >= 2 * p
 
 
 def test_false_alarm_rate_of_a_family_is_the_stated_one():
     rng = np.random.default_rng(20_261)
     runs, alpha = 4000, 0.05
     alarms = sum(
-        overall(judge(rows_of(rng.standard_normal(20)), alpha)) == "fail"
+        overall(judge(rows_of(LAW.rvs(20, random_state=rng)), alpha)) == "fail"
         for _ in range(runs)
     )
     # exact size of Holm with 20 independent p-values: 1 - (1 - alpha/20)^20
@@ -53,7 +90,7 @@ def test_false_alarm_rate_of_a_family_is_the_stated_one():
     assert low <= alarms <= high
     # Power: errors 10 % too large are noticed more often than that.
     wrong = sum(
-        overall(judge(rows_of(1.1 * rng.standard_normal(20)), alpha)) == "fail"
+        overall(judge(rows_of(1.1 * LAW.rvs(20, random_state=rng)), alpha)) == "fail"
         for _ in range(runs)
     )
     assert wrong > high
@@ -62,7 +99,7 @@ def test_false_alarm_rate_of_a_family_is_the_stated_one():
 def test_families_share_the_rate_by_weight():
     # one plain and one nees row present: weights 1/4 and 1/4, so half of alpha each
     alpha = 0.01
-    edge = stats.norm.isf(alpha / 2 / 2)
+    edge = LAW.isf(alpha / 2 / 2)
     for factor, answer in ((0.999, "pass"), (1.001, "fail")):
         plain = ("a", changed(value=factor * edge))
         nees = ("a", changed(value=0.0, check="nees", statistic="nees"))
@@ -136,12 +173,20 @@ def test_a_wider_remainder_never_turns_a_pass_into_a_fail(values):
 def test_a_pass_means_that_a_discrepancy_would_have_been_seen():
     # one plain row at alpha: (z + z99) s <= PRACTICAL s sqrt(n) just at this n
     alpha = 1e-3
-    z = stats.norm.isf(alpha / 2) + stats.norm.ppf(POWER)
-    enough = int(np.ceil((z / PRACTICAL) ** 2))
+
+    def short(n):  # of the margin, in standard errors
+        law = stats.t(n / SAMPLES_PER_FREEDOM)
+        return law.isf(alpha / 2) + stats.norm.ppf(POWER) - PRACTICAL * np.sqrt(n)
+
+    enough = int(np.ceil(optimize.brentq(short, 256, 4096)))
     for n, answer in ((enough, "pass"), (enough - 1, "inconclusive")):
         (verdict,) = judge([("cell", changed(value=0.0, n=n))], alpha)
         assert verdict.answer == answer
     assert f"about {enough} samples" in verdict.reason
+    # from far below, the estimate is off by what the quantile still changes
+    (verdict,) = judge([("cell", changed(value=0.0, n=260))], alpha)
+    said = int(re.search(r"about (\d+) samples", verdict.reason)[1])
+    assert enough <= said <= 1.5 * enough
     # the promise itself: with that many samples, shifts of the margin are found
     rng = np.random.default_rng(20_262)
     shift = PRACTICAL * np.sqrt(enough)

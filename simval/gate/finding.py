@@ -160,10 +160,11 @@ def _of_baseline(comparison: Comparison, run: str) -> Finding:
         statistic=plain(comparison.statistic),
         check=comparison.change,
         answer=comparison.answer,
-        expected=_number(comparison.stored),
-        seen=_number(comparison.value),
+        # where the values agree and what they are judged by does not, they say nothing
+        expected=None if comparison.detail else _number(comparison.stored),
+        seen=None if comparison.detail else _number(comparison.value),
         allowed=_number(comparison.margin),
-        sigmas=_number(comparison.sigmas),
+        sigmas=None if comparison.detail else _number(comparison.sigmas),
         reason=plain(comparison.reason),
         run=run,
     )
