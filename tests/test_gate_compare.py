@@ -13,6 +13,7 @@ from simval.gate.equivalence import COVARIANCE_MARGIN, RMSE_MARGIN
 from simval.gate.judgement import judge_run
 from simval.results import Row
 from simval.sweep.run import CellResult, Run
+from simval.verdict import SAMPLES_PER_FREEDOM
 
 NAME = "attitude(geometry=3,noise_std=0.01,samples={samples})@{seed}"
 
@@ -203,7 +204,7 @@ def test_other_noise_halves_the_rate_of_theory():
     new = dataclasses.replace(
         new, cells=(dataclasses.replace(cell, rows=(*cell.rows, judged)),)
     )
-    p = 2 * stats.norm.sf(z)
+    p = 2 * stats.t(4000 / SAMPLES_PER_FREEDOM).sf(z)
     baseline = {"environment": {}, "cells": stored_of(old)}
     for alpha, answer in ((p * 1.5, "pass"), (p * 2.5, "fail")):
         result = judge_run(new, baseline, alpha)
