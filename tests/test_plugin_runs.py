@@ -292,7 +292,7 @@ def test_an_external_command_from_an_empty_folder_to_a_gated_run(tmp_path):
     shutil.copy(EXAMPLES / "command.py", tmp_path)
     words = f"command: {sys.executable} command.py {{poses}} {{g}}"
     # as few trials as a judgement needs: each is a process of its own
-    run = gated(tmp_path, "--plugin", words, "--set", "calibrator.trials=784")
+    run = gated(tmp_path, "--plugin", words, "--set", "calibrator.trials=896")
     assert len(run.of("calibrator")) == 1
 
 
