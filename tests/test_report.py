@@ -136,7 +136,7 @@ def test_missing_and_failed_cells_are_shown_and_escaped(tiny_run, undrawn):
     )
     page = render(run)
     assert "What was not measured" in page
-    assert "INCONCLUSIVE" in page
+    assert "<strong>FAIL</strong>" in page  # a cell that crashed is no pass
     assert "&lt;b&gt;x&lt;/b&gt;" in page
     assert "<b>x</b>" not in page
 
@@ -163,7 +163,7 @@ def test_everything_from_data_is_escaped(tiny_run, undrawn):
         f"UPDATE rows SET predictor = '{bad}' WHERE predictor = 'first order'",
         f"UPDATE rows SET statistic = '{bad}', \"check\" = 'exact' WHERE ordinal = 0",
         f"UPDATE rows SET unit = '{bad}' WHERE ordinal = 1",
-        f"UPDATE cells SET cell = '{bad}' || cell WHERE position = 2",
+        f"UPDATE cells SET cell = study || '({bad})@' || seed WHERE position = 2",
     )
     page = render(run)
     assert "onerror" in page
@@ -354,8 +354,14 @@ def test_a_budget_becomes_a_figure(tiny_run):
     assert "noise</text>" in page
 
 
+RENAMED = (
+    "UPDATE cells SET cell = replace(cell, study || '(', '{0}('), study = '{0}' "
+    "WHERE position > 1"
+)
+
+
 def test_a_study_without_a_section_is_shown_all_the_same(tiny_run):
-    run = edited(tiny_run, "UPDATE cells SET study = 'of_a_plugin' WHERE position > 1")
+    run = edited(tiny_run, RENAMED.format("of_a_plugin"))
     page = render(run)
     assert '<section id="other"' in page
     assert "<h3>of_a_plugin</h3>" in page
@@ -363,7 +369,7 @@ def test_a_study_without_a_section_is_shown_all_the_same(tiny_run):
 
 
 def test_names_from_data_cannot_leave_the_folder(simval, tiny_run, tmp_path, undrawn):
-    edited(tiny_run, "UPDATE cells SET study = '../../x y' WHERE position > 1")
+    edited(tiny_run, RENAMED.format("../../x y"))
     assert simval("report", tiny_run, "--tables", tmp_path / "a" / "t")[0] == 0
     assert (tmp_path / "a" / "t" / "study-x-y.csv").is_file()
     assert sorted(p.name for p in tmp_path.iterdir() if p.name != "tiny") == ["a"]
