@@ -34,7 +34,7 @@ from simval.results import Outcome
 from simval.scene import models_folder
 from simval.streams import Streams
 from simval.studies import calibrator, custom_scene, estimator
-from simval.studies.estimator_setting import Setting
+from simval.studies.estimator_setting import Setting, claim_off
 from simval.studies.recorded import calibrate_log
 from simval.studies.study import Cell
 from simval.sweep import provenance, run_suite
@@ -174,7 +174,7 @@ def test_an_exact_claim_is_allowed_what_cubature_is_off_by(monkeypatch):
         )
 
     def off(noise):  # by degree 9, which the study does not use
-        return 1.0 + Setting(plugin(lambda _: 1.0), 3).claim_off(noise, 9)
+        return 1.0 + claim_off(Setting(plugin(lambda _: 1.0), 3).cubature(noise, 9))
 
     row = limits(plugin(lambda _: 1.0), monkeypatch)["claim_off"]
     assert row.value == pytest.approx(0.024, abs=1e-3)  # the leading term alone

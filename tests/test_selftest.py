@@ -65,7 +65,9 @@ def test_a_fault_that_is_not_found_is_said(simval, monkeypatch):
 
 
 def test_rates_count_what_happens(monkeypatch):
-    (every, certain) = rates.false_alarm_rates({0.5: 12}, 1, lambda: None)
+    (every, certain) = rates.false_alarm_rates(
+        rates.attitude_rows, {0.5: 12}, 1, lambda: None
+    )
     assert (every.runs, certain.runs) == (12, 12)
     # at a rate of one half some of the exact families fail, but not nearly all
     assert 0 < certain.count < 12

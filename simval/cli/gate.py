@@ -20,7 +20,6 @@ from simval.gate import (
     read_baseline,
     write_baseline,
 )
-from simval.gate.finding import plain
 from simval.gate.formats import (
     Document,
     annotations,
@@ -29,6 +28,7 @@ from simval.gate.formats import (
     to_junit,
     to_markdown,
 )
+from simval.plugins.errors import one_line
 from simval.sweep import load_run
 from simval.sweep.provenance import source_hash
 from simval.sweep.run import Run
@@ -188,7 +188,7 @@ def show(result: GateResult, table: bool = False) -> None:
     if len(bad) > SHOWN:
         console.print(f"... and {len(bad) - SHOWN} more; --json FILE has them all")
     for note in result.notes:
-        console.print(plain(note), markup=False)
+        console.print(one_line(note), markup=False)
     console.print(
         f"{result.answer.upper()}: {len(result.verdicts)} checks against theory, "
         f"false-alarm rate {result.alpha:g} for all together; "

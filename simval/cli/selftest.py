@@ -12,7 +12,8 @@ from rich.table import Table
 from simval.selftest.matrix import Result, faults, inject_all
 from simval.selftest.rates import (
     Rate,
-    calibration_alarms,
+    attitude_rows,
+    calibration_rows,
     false_alarm_rates,
     powers,
 )
@@ -83,18 +84,19 @@ def _measure(share: float) -> int:
     faulty = max(1, round(share * POWER_RUNS))
     alarms: list[Rate] = []
     with _progress() as progress:
-        for what, runs, measure, seed in (
-            ("clean attitude", CLEAN_RUNS, false_alarm_rates, CLEAN_SEED),
+        for what, clean, wanted, seed in (
+            ("clean attitude", attitude_rows, CLEAN_RUNS, CLEAN_SEED),
             (
                 "clean calibration",
+                calibration_rows,
                 CALIBRATION_RUNS,
-                calibration_alarms,
                 CALIBRATION_SEED,
             ),
         ):
-            clean = {alpha: max(1, round(share * n)) for alpha, n in runs.items()}
-            task = progress.add_task(what, total=max(clean.values()))
-            alarms += measure(clean, seed, partial(progress.advance, task))
+            runs = {alpha: max(1, round(share * n)) for alpha, n in wanted.items()}
+            task = progress.add_task(what, total=max(runs.values()))
+            advance = partial(progress.advance, task)
+            alarms += false_alarm_rates(clean, runs, seed, advance)
         task = progress.add_task("runs with faults", total=faulty)
         found = powers(faulty, POWER_SEED, lambda: progress.advance(task))
     console = Console(highlight=False)

@@ -7,6 +7,7 @@ from math import isfinite
 
 from simval.gate.comparison import Comparison
 from simval.gate.judgement import GateResult
+from simval.plugins.errors import one_line
 from simval.verdict import Answer, Verdict
 
 
@@ -54,7 +55,7 @@ class Finding:
     @property
     def command(self) -> str:
         """The command that computes the cell again; empty where there is none."""
-        if "@" not in self.cell or "\N{REPLACEMENT CHARACTER}" in self.cell:
+        if "@" not in self.cell or "\\" in self.cell:  # no cell, or not to be printed
             return ""
         return f"simval repro --run {shlex.quote(self.run)} {shlex.quote(self.cell)}"
 
@@ -91,23 +92,6 @@ def findings(result: GateResult) -> tuple[Finding, ...]:
     return tuple(sorted(found, key=lambda f: order[f.answer]))
 
 
-def plain(text: str) -> str:
-    """Text of data or plug-ins without what a terminal or a log would act on.
-
-    Parameters
-    ----------
-    text : str
-        Any text.
-
-    Returns
-    -------
-    str
-        One line; other characters that cannot be printed are replaced.
-    """
-    flat = " ".join(text.splitlines())
-    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in flat)
-
-
 def _incomplete(result: GateResult) -> Iterator[Finding]:
     gaps = [("gap", gap.cell, gap.reason) for gap in result.gaps]
     for cell in result.unfinished:
@@ -121,7 +105,7 @@ def _incomplete(result: GateResult) -> Iterator[Finding]:
     for check, name, reason in gaps:
         yield Finding(
             tier="baseline" if check == "first" else "complete",
-            cell=plain(name),
+            cell=one_line(name),
             statistic="",
             check=check,
             answer="fail" if check in ("failed", "first") else "inconclusive",
@@ -129,7 +113,7 @@ def _incomplete(result: GateResult) -> Iterator[Finding]:
             seen=None,
             allowed=None,
             sigmas=None,
-            reason=plain(reason),
+            reason=one_line(reason),
             run=result.folder,
         )
 
@@ -140,8 +124,8 @@ def _of_theory(verdict: Verdict, run: str) -> Finding:
     sampled = verdict.p_value is not None
     return Finding(
         tier="theory",
-        cell=plain(verdict.cell),
-        statistic=plain(f"{row.statistic}{against}"),
+        cell=one_line(verdict.cell),
+        statistic=one_line(f"{row.statistic}{against}"),
         check=row.check,
         answer=verdict.answer,
         expected=_number(row.prediction),
@@ -156,8 +140,8 @@ def _of_theory(verdict: Verdict, run: str) -> Finding:
 def _of_baseline(comparison: Comparison, run: str) -> Finding:
     return Finding(
         tier="baseline",
-        cell=plain(comparison.cell),
-        statistic=plain(comparison.statistic),
+        cell=one_line(comparison.cell),
+        statistic=one_line(comparison.statistic),
         check=comparison.change,
         answer=comparison.answer,
         # where the values agree and what they are judged by does not, they say nothing
@@ -165,7 +149,7 @@ def _of_baseline(comparison: Comparison, run: str) -> Finding:
         seen=None if comparison.detail else _number(comparison.value),
         allowed=_number(comparison.margin),
         sigmas=None if comparison.detail else _number(comparison.sigmas),
-        reason=plain(comparison.reason),
+        reason=one_line(comparison.reason),
         run=run,
     )
 

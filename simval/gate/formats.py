@@ -10,8 +10,9 @@ from xml.etree import ElementTree
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from simval.gate.finding import Finding, findings, plain
+from simval.gate.finding import Finding, findings
 from simval.gate.judgement import GateResult
+from simval.plugins.errors import one_line
 
 SHOWN = 40
 """Findings written one by one in the summary; the rest is counted."""
@@ -78,8 +79,8 @@ def to_json(result: GateResult, exit_code: int) -> str:
         exit_code=exit_code,
         alpha=result.alpha,
         counts=counts(found),
-        environment=[plain(line) for line in result.environment],
-        notes=[plain(line) for line in result.notes],
+        environment=[one_line(line) for line in result.environment],
+        notes=[one_line(line) for line in result.notes],
         findings=[
             Entry(
                 tier=f.tier,  # type: ignore[arg-type]  # checked by the model

@@ -15,9 +15,14 @@ from simval.arrays import Array, finite_array
 from simval.errors import InputError
 from simval.plugins.errors import PluginError, told
 from simval.plugins.protocol import Calibrator, Estimator
+from simval.sensor import forms
 
 UNIT = 1e-6
 """How far from 1 the length of a quaternion may be."""
+
+MIN_FREEDOM = 5
+"""Least degrees of freedom of a Type A covariance: with fewer the normalised square
+has no variance."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -32,11 +37,29 @@ class Calibration:
         Raw units, (3,).
     covariance : Array or None
         Of the nine parameters, in the declared form, (9, 9).
+    dof : int or None
+        Degrees of freedom of a covariance of type A; None where its size is known.
     """
 
     matrix: Array
     bias: Array
-    covariance: Array | None
+    covariance: Array | None = None
+    dof: int | None = None
+
+    def parameters(self, form: str) -> Array:
+        """Bring it to one of the forms: norms fix no more.
+
+        Parameters
+        ----------
+        form : str
+            ``triangular``, ``upper`` or ``symmetric``.
+
+        Returns
+        -------
+        Array
+            The nine parameters.
+        """
+        return forms.from_gram(form, self.matrix.T @ self.matrix, self.bias)
 
 
 def quaternions_of(
@@ -170,7 +193,22 @@ def calibration_of(
         matrix=_array(name, "matrix", matrix, (3, 3)),
         bias=_array(name, "B", bias, (3,)),
         covariance=found,
+        dof=_dof(name, answer),
     )
+
+
+def _dof(name: str, answer: Any) -> int | None:
+    if not isinstance(answer, Mapping) or answer.get("covariance_kind") != "type A":
+        return None
+    dof = answer.get("dof")
+    if not (isinstance(dof, int) and dof >= MIN_FREEDOM):
+        msg = (
+            f"{name} gives a covariance of type A with `dof` {dof!r}; its degrees of "
+            f"freedom must be a whole number, {MIN_FREEDOM} or more: use "
+            f"{9 + MIN_FREEDOM} poses or more"
+        )
+        raise PluginError(msg)
+    return dof
 
 
 def _parts(name: str, answer: Any) -> tuple[Any, Any, Any]:

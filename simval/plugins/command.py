@@ -24,6 +24,8 @@ from simval.plugins.protocol import Calibrator
 from simval.plugins.recording import recorded
 
 COMMAND = "command:"
+"""Beginning of a value that is a program and its words."""
+
 PLACES = ("{poses}", "{log}")
 CALL_LIMIT = 60.0
 """Seconds that one call may take; the cell has its own limit beside it."""

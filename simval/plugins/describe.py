@@ -12,6 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from simval.errors import SimvalError
+from simval.plugins.command import COMMAND
 from simval.plugins.errors import PluginError, told
 from simval.plugins.loading import GROUP, plugins_of
 from simval.plugins.process import ending, run_group
@@ -50,7 +51,7 @@ def overrides_of(plugins: tuple[str, ...]) -> list[str]:
         if "," in plugin:
             msg = f"`{plugin}` has a comma, which separates values; rename it"
             raise PluginError(msg)
-        command = plugin.startswith("command:")
+        command = plugin.startswith(COMMAND)
         held = [("calibrator", plugin)] if command else _held(plugin)
         for kind, word in held:
             values.setdefault(STUDIES[kind], []).append(word)

@@ -228,14 +228,9 @@ def _other_convention(estimator: Estimator, truth: Array, vectors: list[Array]) 
     )
 
 
-def _parameters(found: Calibration) -> Array:
-    gram = found.matrix.T @ found.matrix
-    return forms.from_gram("triangular", gram, found.bias)
-
-
 def _calibration_errors(found: Calibration, sensor: AccelerometerModel) -> Array:
     truth = sensor.parameters
-    off = np.abs(_parameters(found) - truth)
+    off = np.abs(found.parameters("triangular") - truth)
     off[6:] /= np.abs(truth[6:]).max()
     return off
 
@@ -254,13 +249,14 @@ def _other_meaning(found: Calibration, sensor: AccelerometerModel) -> str:
         ),
     }
     for words, (matrix, bias) in readings.items():
-        other = Calibration(matrix=matrix, bias=bias, covariance=None)
+        other = Calibration(matrix=matrix, bias=bias)
         if float(_calibration_errors(other, sensor).max()) <= TOLERANCE:
             return words
-    worst = int(_calibration_errors(found, sensor).argmax())
+    k = int(_calibration_errors(found, sensor).argmax())
+    seen, true = found.parameters("triangular")[k], sensor.parameters[k]
     return (
         "no other sign, order or direction fits either; the worst is "
-        f"{forms.names('triangular')[worst]}: {_parameters(found)[worst]:.6g} instead "
-        f"of {sensor.parameters[worst]:.6g}. All nine parameters are needed: the "
-        "sensor of the probe has misalignment S, scale K and bias B"
+        f"{forms.names('triangular')[k]}: {seen:.6g} instead of {true:.6g}. All nine "
+        "parameters are needed: the sensor of the probe has misalignment S, scale K "
+        "and bias B"
     )

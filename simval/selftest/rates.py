@@ -39,6 +39,9 @@ ALPHA = 1e-3
 Rows = list[tuple[str, Row]]
 """Name of a cell and one of its rows."""
 
+Clean = Callable[[int], dict[str, Rows]]
+"""Rows of a clean run with a seed, by the name of what is counted."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rate:
@@ -70,12 +73,14 @@ class Rate:
 
 
 def false_alarm_rates(
-    runs: dict[float, int], seed: int, advance: Callable[[], None]
+    clean: Clean, runs: dict[float, int], seed: int, advance: Callable[[], None]
 ) -> list[Rate]:
-    """Judge clean runs of the attitude study on fresh seeds.
+    """Judge clean runs on fresh seeds.
 
     Parameters
     ----------
+    clean : callable
+        `attitude_rows` or `calibration_rows`: what a run holds, by name.
     runs : dict
         Number of runs for each stated rate; a run is used for all that ask for it.
     seed : int
@@ -86,47 +91,59 @@ def false_alarm_rates(
     Returns
     -------
     list of Rate
-        For all rows together, and for those with an exact prediction alone.
+        For each stated rate and name.
     """
-
-    def draw(seed: int) -> dict[str, Rows]:
-        rows = [r for noise in CLEAN_NOISE for r in _rows(noise, CLEAN_SAMPLES, seed)]
-        certain = [entry for entry in rows if entry[1].predictor == "exact"]
-        return {"attitude": rows, "attitude, exact": certain}
-
+    counts: dict[tuple[float, str], int] = {}
     with known_theory():
-        return _alarms(runs, draw, seed, advance)
+        for number in range(max(runs.values())):
+            for name, rows in clean(seed + number).items():
+                for alpha, wanted in runs.items():
+                    alarm = number < wanted and overall(judge(rows, alpha)) != "pass"
+                    counts[alpha, name] = counts.get((alpha, name), 0) + alarm
+            advance()
+    return [
+        Rate(name=name, nominal=alpha, count=count, runs=runs[alpha])
+        for (alpha, name), count in sorted(counts.items(), key=lambda c: -c[0][0])
+    ]
 
 
-def calibration_alarms(
-    runs: dict[float, int], seed: int, advance: Callable[[], None]
-) -> list[Rate]:
-    """Judge clean runs of the calibration studies on fresh seeds.
+def attitude_rows(seed: int) -> dict[str, Rows]:
+    """Rows of the attitude study.
 
     Parameters
     ----------
-    runs : dict
-        Number of runs for each stated rate; a run is used for all that ask for it.
     seed : int
-        First seed; the runs take the ones after it.
-    advance : callable
-        Called after each run.
+        Of the run.
 
     Returns
     -------
-    list of Rate
-        For the rows of the studies calibration, ladder and coverage together.
+    dict
+        All of them, and those with an exact prediction alone.
     """
+    rows = [r for noise in CLEAN_NOISE for r in _rows(noise, CLEAN_SAMPLES, seed)]
+    certain = [entry for entry in rows if entry[1].predictor == "exact"]
+    return {"attitude": rows, "attitude, exact": certain}
 
-    def draw(seed: int) -> dict[str, Rows]:
-        rows: Rows = []
-        for study, parameters in _calibration_cells():
-            name = f"{study.__name__.rpartition('.')[2]}({parameters})"
-            outcome = study.run(parameters, Streams(seed, cell_key(name)))
-            rows += [(name, row) for row in outcome.rows]
-        return {"calibration": rows}
 
-    return _alarms(runs, draw, seed, advance)
+def calibration_rows(seed: int) -> dict[str, Rows]:
+    """Rows of the studies calibration, ladder and coverage together.
+
+    Parameters
+    ----------
+    seed : int
+        Of the run.
+
+    Returns
+    -------
+    dict
+        All of them.
+    """
+    rows: Rows = []
+    for study, parameters in _calibration_cells():
+        name = f"{study.__name__.rpartition('.')[2]}({parameters})"
+        outcome = study.run(parameters, Streams(seed, cell_key(name)))
+        rows += [(name, row) for row in outcome.rows]
+    return {"calibration": rows}
 
 
 def _calibration_cells() -> list[tuple[Any, Any]]:
@@ -141,25 +158,6 @@ def _calibration_cells() -> list[tuple[Any, Any]]:
         (ladder, ladder.Parameters(residual="squared", trials=1024)),
         (ladder, ladder.Parameters(residual="adjusted", trials=1024)),
         (coverage, coverage.Parameters(poses=20, trials=1024)),
-    ]
-
-
-def _alarms(
-    runs: dict[float, int],
-    draw: Callable[[int], dict[str, Rows]],
-    seed: int,
-    advance: Callable[[], None],
-) -> list[Rate]:
-    counts: dict[tuple[float, str], int] = {}
-    for number in range(max(runs.values())):
-        for name, rows in draw(seed + number).items():
-            for alpha, wanted in runs.items():
-                alarm = number < wanted and overall(judge(rows, alpha)) != "pass"
-                counts[alpha, name] = counts.get((alpha, name), 0) + alarm
-        advance()
-    return [
-        Rate(name=name, nominal=alpha, count=count, runs=runs[alpha])
-        for (alpha, name), count in sorted(counts.items(), key=lambda c: -c[0][0])
     ]
 
 

@@ -101,8 +101,8 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         ]
     )
     squares, errors = found[:, 0], found[:, 1]
-    ratios = np.sqrt(predicted / predicted[:, names.index("q-method"), None])
     best = names.index("q-method")
+    ratios = np.sqrt(predicted / predicted[:, best, None])
     simulated = np.sqrt(squares / squares[:, best, None])
     relative = errors / squares
     # as if both mean squares were independent: they share their noise, so at most this

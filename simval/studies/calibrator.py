@@ -18,10 +18,8 @@ is set beside the bound and kept for the baseline.
 A command is a process for each trial, so its time limit is for every `CALLS` of them.
 """
 
-from collections.abc import Mapping
-from dataclasses import replace
 from math import ceil
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
@@ -29,8 +27,9 @@ from pydantic import Field
 from simval.arrays import Array
 from simval.moments import Moments
 from simval.montecarlo import moments_of, simulate
-from simval.plugins import Calibrator, PluginError, find_plugin, probe_calibrator
+from simval.plugins import Calibrator, find_plugin, probe_calibrator
 from simval.plugins.answers import calibration_of
+from simval.plugins.command import COMMAND
 from simval.plugins.probe import TOLERANCE, probe_sensor
 from simval.poses import fibonacci_sphere
 from simval.results import Outcome, Row
@@ -38,7 +37,6 @@ from simval.sensor import forms
 from simval.streams import Streams
 from simval.studies.isolation import isolated
 from simval.studies.sources import PluginName, PluginParameters
-from simval.studies.study import COMMAND
 from simval.theory.calibration import CalibrationMoments, calibration_moments
 
 BLOCK = 16
@@ -47,9 +45,6 @@ NEXT_ORDER = 30.0
 FREEDOM = 0.003
 """Relative, of a Type A variance: unequal scales take a little more than nine degrees
 of freedom, see `simval.studies.coverage`."""
-
-MIN_FREEDOM = 5
-"""Least degrees of freedom: with fewer the normalised square has no variance."""
 
 CALLS = 64
 """Trials of a command for which the time limit is."""
@@ -150,37 +145,17 @@ def compute(parameters: Parameters, streams: Streams) -> Outcome:
 
 def _error(plugin: Calibrator, poses: Array, noise: float) -> Array:
     """Error of the nine parameters and, with a covariance, its normalised square."""
-    answers: list[Any] = []
-
-    def calibrate(*arguments: Any) -> Any:
-        answers.append(plugin.calibrate(*arguments))
-        return answers[-1]
-
-    found = calibration_of(replace(plugin, calibrate=calibrate), poses, G, noise)
+    found = calibration_of(plugin, poses, G, noise)
     sensor = probe_sensor()
-    gram = found.matrix.T @ found.matrix
-    error = forms.from_gram("triangular", gram, found.bias) - sensor.parameters
+    error = found.parameters("triangular") - sensor.parameters
     if found.covariance is None:
         return error
     truth = forms.from_gram(plugin.form, sensor.matrix.T @ sensor.matrix, sensor.B)
-    own = forms.from_gram(plugin.form, gram, found.bias) - truth
+    own = found.parameters(plugin.form) - truth
     square = own @ np.linalg.solve(found.covariance, own)
-    return np.append(error, square * _freedom_factor(plugin.name, answers[-1]))
-
-
-def _freedom_factor(name: str, answer: Any) -> float:
-    """Nine over the mean of the normalised square that an answer admits."""
-    if not isinstance(answer, Mapping) or answer.get("covariance_kind") != "type A":
-        return 1.0
-    dof = answer.get("dof")
-    if not (isinstance(dof, int) and dof >= MIN_FREEDOM):
-        msg = (
-            f"{name} gives a covariance of type A with `dof` {dof!r}; its degrees of "
-            f"freedom must be a whole number, {MIN_FREEDOM} or more: use "
-            f"{9 + MIN_FREEDOM} poses or more"
-        )
-        raise PluginError(msg)
-    return (dof - 2) / dof
+    # nine over the mean that a Type A covariance gives it
+    factor = 1.0 if found.dof is None else (found.dof - 2) / found.dof
+    return np.append(error, square * factor)
 
 
 def _parameter_rows(

@@ -25,18 +25,19 @@ order: halving the noise must reduce that by :math:`2^k`, or by :math:`2^{k - 1/
 least. So a wrong leading term is never hidden by its own remainder.
 """
 
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 
 from simval.arrays import Array
-from simval.montecarlo import mean_square, moments_of, simulate
+from simval.moments import Moments
+from simval.montecarlo import Sums, mean_square, moments_of, simulate
 from simval.plugins import Estimator, find_plugin, probe_estimator
 from simval.plugins.probe import TOLERANCE
 from simval.results import Outcome, Row
 from simval.streams import Streams
-from simval.studies.estimator_setting import Setting
+from simval.studies.estimator_setting import Setting, claim_off
 from simval.studies.isolation import isolated
 from simval.studies.sources import PluginName, PluginParameters
 from simval.theory.cramer_rao import attitude_bound
@@ -124,6 +125,8 @@ def compute(parameters: Parameters, streams: Streams) -> Outcome:
         block=BLOCK,
         batch=BATCH,
     )
+    cubature = setting.cubature(parameters.noise_std, 7)
+    coarser = setting.cubature(parameters.noise_std, 5)
     rows = [
         Row(
             statistic="probe",
@@ -134,23 +137,25 @@ def compute(parameters: Parameters, streams: Streams) -> Outcome:
             unit="rad",
             check="limit",
         ),
-        *_bias_rows(setting, parameters.noise_std),
-        *_moment_rows(moments_of(sums), *_predicted(setting, parameters.noise_std)),
+        *_bias_rows(setting, cubature, coarser),
+        *_moment_rows(moments_of(sums), cubature, coarser),
         *_size_rows(setting, sums, parameters.noise_std),
     ]
     if plugin.covariance is not None:
-        rows += _claim_rows(setting, moments_of(sums), parameters.noise_std)
+        off, other = claim_off(cubature), claim_off(coarser)
+        half = setting.cubature(parameters.noise_std / 2.0, 7)
+        rows += _claim_rows(
+            plugin.claim, moments_of(sums), off, claim_off(half), abs(off - other)
+        )
     return Outcome(rows=tuple(rows))
 
 
-def _predicted(setting: Setting, noise: float) -> tuple[tuple[Array, Array], ...]:
-    return setting.cubature(noise, 7), setting.cubature(noise, 5)
-
-
-def _bias_rows(setting: Setting, noise: float) -> list[Row]:
+def _bias_rows(
+    setting: Setting, predicted: tuple[Array, Array], coarser: tuple[Array, Array]
+) -> list[Row]:
     """Bias by cubature, and the most that is of second order."""
-    (mean, covariance), (coarser, _) = _predicted(setting, noise)
-    unresolved = 2.0 * float(np.linalg.norm((mean - coarser)[:3]))
+    mean, covariance = predicted
+    unresolved = 2.0 * float(np.linalg.norm((mean - coarser[0])[:3]))
     bound = attitude_bound(setting.q, setting.r1, setting.r2, SMALL)
     most = {
         "cubature_bias": float(np.trace(covariance[:3, :3])) + unresolved + TOLERANCE,
@@ -172,7 +177,7 @@ def _bias_rows(setting: Setting, noise: float) -> list[Row]:
 
 
 def _moment_rows(
-    measured: Any, predicted: tuple[Array, Array], coarser: tuple[Array, Array]
+    measured: Moments, predicted: tuple[Array, Array], coarser: tuple[Array, Array]
 ) -> list[Row]:
     mean, covariance = predicted
     off = [2.0 * np.abs(a - b) for a, b in zip(predicted, coarser, strict=True)]
@@ -208,7 +213,7 @@ def _moment_rows(
     return rows
 
 
-def _size_rows(setting: Setting, sums: Any, noise: float) -> list[Row]:
+def _size_rows(setting: Setting, sums: Sums, noise: float) -> list[Row]:
     """RMS angle and how it compares with the Cramer-Rao bound."""
     weight = np.zeros((sums.size, sums.size))
     weight[:3, :3] = np.eye(3)
@@ -236,16 +241,15 @@ def _size_rows(setting: Setting, sums: Any, noise: float) -> list[Row]:
     ]
 
 
-def _claim_rows(setting: Setting, measured: Any, noise: float) -> list[Row]:
+def _claim_rows(
+    claim: int | str, measured: Moments, off: float, half: float, unresolved: float
+) -> list[Row]:
     """Mean normalised square, and whether the claim is earned without chance."""
-    claim = setting.plugin.claim
-    off, coarser = (setting.claim_off(noise, degree) for degree in (7, 5))
-    if claim == "exact":
+    if isinstance(claim, str):
         name, value, allowed = "claim_off", abs(off), 0.0
-        limit, predictor = 2.0 * abs(off - coarser), "cubature's own error"
+        limit, predictor = 2.0 * unresolved, "cubature's own error"
     else:
-        name, value = "claim_off_at_half_noise", abs(setting.claim_off(noise / 2.0, 7))
-        allowed = 6.0 * abs(off)
+        name, value, allowed = "claim_off_at_half_noise", abs(half), 6.0 * abs(off)
         limit, predictor = abs(off) / 2.0 ** (claim - 0.5), f"order {claim}"
     return [
         Row(

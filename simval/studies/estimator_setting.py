@@ -77,19 +77,18 @@ class Setting:
         )
         return -found.bias, found.covariance
 
-    def claim_off(self, noise: float, degree: int) -> float:
-        """By how much the mean normalised square is off 3, by cubature.
 
-        Parameters
-        ----------
-        noise : float
-            Noise per axis.
-        degree : int
-            Of the cubature.
+def claim_off(moments: tuple[Array, Array]) -> float:
+    """By how much the mean normalised square is off 3.
 
-        Returns
-        -------
-        float
-            Relative.
-        """
-        return float(self.cubature(noise, degree)[0][3]) / 3.0 - 1.0
+    Parameters
+    ----------
+    moments : tuple of Array
+        From `Setting.cubature`, of an estimator with a covariance.
+
+    Returns
+    -------
+    float
+        Relative.
+    """
+    return float(moments[0][3]) / 3.0 - 1.0

@@ -22,9 +22,9 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, Field, PrivateAttr
 
 from simval.plugins import PluginError
+from simval.plugins.command import COMMAND
 from simval.plugins.loading import GROUP
 from simval.studies.study import (
-    COMMAND,
     StudyParameters,
     file_of,
     is_path,

@@ -8,14 +8,12 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
+from simval.plugins.command import COMMAND
 from simval.results import Outcome
 from simval.streams import Streams, cell_key
 
 SUFFIXES = (".py", ".xml", ".csv", ".txt", ".log", ".mat", ".json", ".toml")
 """Endings by which a value is known to name a file."""
-
-COMMAND = "command:"
-"""Beginning of a value that is a program and its words."""
 
 
 class StudyParameters(BaseModel):

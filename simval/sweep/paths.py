@@ -9,8 +9,9 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
 from simval.errors import InputError
+from simval.plugins.command import COMMAND
 from simval.studies.sources import located
-from simval.studies.study import COMMAND, file_of, is_path
+from simval.studies.study import file_of, is_path
 
 
 def kept_inside(name: str, content: Mapping[str, Any], folder: Path) -> dict[str, Any]:
