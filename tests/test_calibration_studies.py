@@ -83,6 +83,9 @@ def test_coverage_rows(sigma):
     limit = stats.norm.isf(1e-4 / (2 * len(judged)))
     assert all(excess(row) < limit for row in judged)
     assert all(row.remainder < 0.002 for row in judged if row.statistic != "nees")
+    # that of the predicted fraction, not of the seen one
+    errors = [r.standard_error for r in judged if r.statistic != "nees"]
+    assert errors == pytest.approx([stats.binom.std(4096, 0.95) / 4096] * 10, rel=1e-12)
     normal = next(row for row in outcome.rows if row.statistic == "coverage_normal")
     # 1.96 standard deviations from twelve residuals cover 85 %, which is seen
     if sigma == "type A":

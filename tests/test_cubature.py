@@ -7,7 +7,11 @@ import numpy as np
 import pytest
 
 from simval.errors import InputError, RefusedError
-from simval.theory.cubature import cubature_moments, smolyak_hermite
+from simval.theory.cubature import (
+    covariance_roots,
+    cubature_moments,
+    smolyak_hermite,
+)
 
 
 def normal_moment(monomial):
@@ -60,6 +64,17 @@ def test_moments_of_a_known_function():
     assert found.bias[0] == pytest.approx(-np.trace(S), rel=1e-13)
     variance = 4 * mean[0] @ S @ mean[0] + 2 * np.trace(S @ S)
     assert found.covariance[0, 0] == pytest.approx(variance, rel=1e-13)
+
+
+def test_roots_are_the_symmetric_ones_where_eigenvalues_are_equal():
+    rng = np.random.default_rng(20_267)
+    v = rng.standard_normal((20, 3))
+    v /= np.linalg.norm(v, axis=1)[:, None]
+    planes = np.eye(3) - v[:, :, None] * v[:, None]  # a projector is its own root
+    roots = covariance_roots(4.0 * planes)
+    # the eigenvalue of 0 is rounded to some eps, whose root is 2e-8
+    assert np.abs(roots - 2.0 * planes).max() < 1e-7
+    assert np.abs(roots - roots.swapaxes(-1, -2)).max() < 1e-14
 
 
 def test_bad_input_is_refused():
