@@ -5,13 +5,14 @@ import math
 import numpy as np
 import pytest
 
+from simval.gate.finding import reproduce
 from simval.report.curves import grouped, varying
 from simval.report.measures import moment
 from simval.report.panels import Drawing, Panel, Series
 from simval.report.slope import fitted_slope, order, simultaneous
 from simval.report.table import Column, Table, csv_text, sort_key, text
 from simval.report.thinning import COLUMNS, MAX_POINTS, thinned
-from simval.report.words import measured, reproduce, slugs
+from simval.report.words import measured, slugs
 from simval.results import Row
 from simval.sweep.run import CellResult
 
@@ -36,7 +37,9 @@ def test_numbers_show_the_digits_that_mean_something(value, error, text):
 
 def test_a_cell_is_quoted_for_the_shell():
     assert reproduce("a(b=1)@2") == "simval repro 'a(b=1)@2'"
+    assert reproduce("a(b=1)@2", "my run") == "simval repro --run 'my run' 'a(b=1)@2'"
     assert reproduce("a, all cells") == ""
+    assert reproduce(r"a(b=\x1b)@2") == ""
 
 
 def test_slugs_are_different_and_safe():

@@ -55,15 +55,36 @@ class Finding:
     @property
     def command(self) -> str:
         """The command that computes the cell again; empty where there is none."""
-        if "@" not in self.cell or "\\" in self.cell:  # no cell, or not to be printed
-            return ""
-        return f"simval repro --run {shlex.quote(self.run)} {shlex.quote(self.cell)}"
+        return reproduce(self.cell, self.run)
 
     @property
     def line(self) -> str:
         """One line for people."""
         what = f"{self.cell} {self.statistic}".strip()
         return ": ".join(filter(None, (self.answer, what, self.reason)))
+
+
+def reproduce(cell: str, run: str = "") -> str:
+    """Spell the command that computes one cell again.
+
+    Parameters
+    ----------
+    cell : str
+        Name of the cell.
+    run : str, optional
+        Folder of the run to compare with; left out where the words must not depend on
+        where a run lies.
+
+    Returns
+    -------
+    str
+        Quoted for a shell; empty for what is pooled over cells, and for a name with
+        escapes in it, which is not the cell's own.
+    """
+    if "@" not in cell or "\\" in cell:
+        return ""
+    words = ["simval", "repro", *(["--run", run] if run else []), cell]
+    return shlex.join(words)
 
 
 def findings(result: GateResult) -> tuple[Finding, ...]:

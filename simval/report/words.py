@@ -1,7 +1,6 @@
 """Numbers for people: digits that mean something."""
 
 import re
-import shlex
 from collections.abc import Iterable
 
 
@@ -45,22 +44,6 @@ def measured(value: float, error: float) -> str:
         places = max(0, places - exponent)
         return f"{value:.{places}f} ± {error:.{places}f}"
     return f"({value / scale:.{places}f} ± {error / scale:.{places}f})e{exponent}"
-
-
-def reproduce(cell: str) -> str:
-    """Spell the command that computes one cell again.
-
-    Parameters
-    ----------
-    cell : str
-        Name of the cell.
-
-    Returns
-    -------
-    str
-        Quoted for a shell; empty for what is pooled over cells.
-    """
-    return f"simval repro {shlex.quote(cell)}" if "@" in cell else ""
 
 
 def slug(text: str) -> str:

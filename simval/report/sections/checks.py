@@ -1,9 +1,9 @@
 """Every check against theory: failing ones first, then what each family found."""
 
+from simval.gate.finding import reproduce
 from simval.report.section import Context, Section, made
 from simval.report.sections.disagreements import figure_names, key_of
 from simval.report.table import Column, Table
-from simval.report.words import reproduce
 from simval.verdict import Verdict
 
 ORDER = {"fail": 0, "inconclusive": 1, "pass": 2}

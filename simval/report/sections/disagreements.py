@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from simval.gate.finding import reproduce
 from simval.report.curves import Measure, axis_of, curve, grouped, statistic
 from simval.report.panels import COLOURS, GREY, Drawing, Panel, Series
 from simval.report.section import Context, Section, made
 from simval.report.slope import simultaneous
-from simval.report.words import reproduce
 from simval.results import Row
 from simval.sweep.run import CellResult
 from simval.verdict import Verdict
