@@ -1,18 +1,38 @@
 """Checks of shape and finiteness at public boundaries, and read-only arrays.
 
 A public function passes each array argument through `finite_array` once; inside,
-types and shapes are trusted.
+types and shapes are trusted. Nothing is converted that is not a real number already:
+text, dates, truth values, complex numbers, None and masked entries are refused, where
+NumPy would make numbers of them without a word.
 """
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
+from decimal import Decimal
+from numbers import Real
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from simval.arguments import shown
 from simval.errors import InputError
 
 Array = NDArray[np.floating]
+
+_KINDS: Final = {
+    "b": "holds truth values",
+    "c": "is complex",
+    "M": "holds dates",
+    "m": "holds time differences",
+    "S": "holds bytes",
+    "U": "holds text",
+    "T": "holds text",
+    "V": "is a table with named columns",
+}
+# Readings, forces and scales as a user gives them: their fourth powers, and those of
+# their inverses, neither over- nor underflow.
+GREATEST: Final = 1e60
+LEAST: Final = 1e-60
 
 
 def finite_array(name: str, value: Any, tail: Sequence[int | None]) -> Array:
@@ -50,6 +70,77 @@ def finite_array(name: str, value: Any, tail: Sequence[int | None]) -> Array:
     return array
 
 
+def physical_array(name: str, value: Any, tail: Sequence[int | None]) -> Array:
+    """`finite_array` of values whose powers can be worked with.
+
+    Parameters
+    ----------
+    name : str
+        The argument's name, for the message.
+    value : array_like
+        What the caller gave.
+    tail : sequence of int or None
+        Required lengths of the last axes; None accepts any length.
+
+    Returns
+    -------
+    Array
+        A float64 array of shape ``(..., *tail)``; not a copy where none is needed.
+
+    Raises
+    ------
+    InputError
+        As `finite_array`, or if a value is beyond `GREATEST`.
+    """
+    array = finite_array(name, value, tail)
+    greatest = float(np.max(np.abs(array), initial=0.0))
+    if not greatest <= GREATEST:
+        msg = (
+            f"`{name}` has a value of {greatest:g}, beyond {GREATEST:g}; no sensor "
+            "reads that, so check its unit"
+        )
+        raise InputError(msg)
+    return array
+
+
+def noise_levels(name: str, value: Any, count: int) -> Array:
+    """Standard deviations of poses, one for all or one for each.
+
+    Parameters
+    ----------
+    name : str
+        The argument's name, for the message.
+    value : float or array_like
+        What the caller gave.
+    count : int
+        Number of poses.
+
+    Returns
+    -------
+    Array
+        (count,), each 0 or from `LEAST` to `GREATEST`.
+
+    Raises
+    ------
+    InputError
+        If the shape is wrong, or one is negative, not finite, or of no size that can
+        be worked with.
+    """
+    sigma = shaped_array(name, value, ())
+    fits = sigma.shape in ((), (count,))
+    if not (fits and np.all((sigma == 0.0) | (sigma >= LEAST))):
+        least = np.min(sigma, initial=np.inf)
+        msg = (
+            f"`{name}` has shape {sigma.shape} and least value {least:g}; give one "
+            f"number, or one for each of the {count} poses, 0 or {LEAST:g} and more"
+        )
+        raise InputError(msg)
+    if not np.all(sigma <= GREATEST):
+        msg = f"`{name}` is infinite or beyond {GREATEST:g}; check its unit"
+        raise InputError(msg)
+    return np.broadcast_to(sigma, (count,))
+
+
 def shaped_array(name: str, value: Any, tail: Sequence[int | None]) -> Array:
     """Convert to a float64 array of the given trailing shape, finite or not.
 
@@ -72,14 +163,7 @@ def shaped_array(name: str, value: Any, tail: Sequence[int | None]) -> Array:
     InputError
         If the value is not numeric or has another shape.
     """
-    try:
-        if np.iscomplexobj(value):
-            reason = "it is complex"
-            raise TypeError(reason)
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        msg = f"`{name}` is not an array of real numbers ({error}); give numbers"
-        raise InputError(msg) from None
+    array = _real_array(name, value)
     fits = array.ndim >= len(tail) and all(
         want is None or have == want
         for have, want in zip(array.shape[array.ndim - len(tail) :], tail, strict=True)
@@ -111,12 +195,13 @@ def positive_number(name: str, value: Any, unit: str) -> float:
     Raises
     ------
     InputError
-        If the value is not one finite number above zero.
+        If the value is not one number from `LEAST` to `GREATEST`.
     """
-    number = _real_number(name, value, unit)
-    if not number > 0.0:
-        msg = f"`{name}` is {value!r}; it must be a finite number above 0 {unit}"
-        raise InputError(msg.rstrip())
+    number = real_number(name, value, unit)
+    if not number >= LEAST:
+        msg = f"`{name}` is {shown(value)}; it must be a finite number above 0 {unit}"
+        limit = "" if number <= 0.0 else f", {LEAST:g} or more"
+        raise InputError(msg.rstrip() + limit)
     return number
 
 
@@ -142,22 +227,103 @@ def nonnegative_number(name: str, value: Any, unit: str) -> float:
     InputError
         If the value is not one finite number of at least zero.
     """
-    number = _real_number(name, value, unit)
+    number = real_number(name, value, unit)
     if not number >= 0.0:
-        msg = f"`{name}` is {value!r}; it must be a finite number, 0 {unit} or more"
+        msg = (
+            f"`{name}` is {shown(value)}; it must be a finite number, 0 {unit} or more"
+        )
         raise InputError(msg)
     return number
 
 
-def _real_number(name: str, value: Any, unit: str) -> float:
+def real_number(name: str, value: Any, unit: str) -> float:
+    """Convert to a finite float.
+
+    Parameters
+    ----------
+    name : str
+        The argument's name, for the message.
+    value : float
+        What the caller gave.
+    unit : str
+        Unit of the quantity, for the message.
+
+    Returns
+    -------
+    float
+        The value.
+
+    Raises
+    ------
+    InputError
+        If the value is not one finite number, of size `GREATEST` at most.
+    """
     try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = float("nan")
-    if not np.isfinite(number):
-        msg = f"`{name}` is {value!r}; it must be one finite number {unit}"
+        array = _real_array(name, value)
+    except InputError:
+        array = np.full(1, np.nan)
+    if array.ndim != 0 or not np.isfinite(array):
+        msg = f"`{name}` is {shown(value)}; it must be one finite number {unit}"
         raise InputError(msg.rstrip())
-    return number
+    if not np.abs(array) <= GREATEST:
+        msg = f"`{name}` is {shown(value)}, beyond {GREATEST:g}; check its unit"
+        raise InputError(msg)
+    return float(array)
+
+
+def _real_array(name: str, value: Any) -> Array:
+    # float64 array of what is real numbers already; not a copy where none is needed
+    if type(value) is np.ndarray and value.dtype == np.float64:
+        return value
+    try:
+        reason = _masked(value)
+        given = np.asarray(None if reason else value)
+        reason = reason or _foreign(given, value)
+        with np.errstate(over="ignore"):  # a number too large becomes infinite
+            array = np.asarray(0.0 if reason else given, dtype=np.float64)
+    except Exception as error:  # the __array__ of any library runs in here
+        reason = str(error) or type(error).__name__
+    if reason:
+        msg = f"`{name}` is not an array of real numbers ({reason}); give numbers"
+        raise InputError(msg)
+    return array
+
+
+def _masked(value: Any) -> str:
+    # what is masked in a masked array, or in one within a sequence
+    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+        return f"{np.ma.getmaskarray(value).sum()} of its entries are masked"
+    if isinstance(value, list | tuple):
+        return next(filter(None, map(_masked, value)), "")
+    return ""
+
+
+def _foreign(given: NDArray[Any], value: Any) -> str:
+    # what is in an array, or in the sequence it was made of, that is no real number
+    kind = given.dtype.kind
+    if kind in _KINDS:
+        return f"it {_KINDS[kind]}"
+    if kind == "O":
+        entries: Any = given.flat
+    elif isinstance(value, list | tuple):
+        entries = _leaves(value)
+    else:
+        return ""
+    for entry in entries:
+        if isinstance(entry, bool | np.bool_) or not isinstance(entry, Real | Decimal):
+            return f"it holds {shown(entry)}, of type {type(entry).__name__}"
+    return ""
+
+
+def _leaves(value: Any) -> Iterator[Any]:
+    # entries of nested sequences; an array within is one of numbers by its own type
+    for entry in value:
+        if isinstance(entry, list | tuple):
+            yield from _leaves(entry)
+        elif isinstance(entry, np.ndarray):
+            yield np.zeros((), entry.dtype)[()]
+        else:
+            yield entry
 
 
 def frozen(array: Any) -> Array:
@@ -173,6 +339,6 @@ def frozen(array: Any) -> Array:
     Array
         A read-only copy.
     """
-    copy = np.array(array, dtype=np.float64)
+    copy = np.array(_real_array("array", array))
     copy.flags.writeable = False
     return copy

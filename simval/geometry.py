@@ -16,10 +16,18 @@ and composition follows the source paper (Peng and Choukroun, eq. 38),
 `-q` are the same attitude, so compare by `attitude_error`, never by element.
 """
 
+from typing import Any, Final
+
 import numpy as np
 
+from simval.arguments import instance, whole_number
 from simval.arrays import Array, finite_array
 from simval.errors import InputError
+
+# four single-precision numbers, each rounded by 6e-8, leave a length within 1.2e-7 of
+# 1; an angle read from such a quaternion is off by as much
+UNIT_TOLERANCE: Final = 1e-6
+MOST: Final = 10_000_000  # quaternions at once: a third of a gigabyte
 
 
 def normalize(v: Array) -> Array:
@@ -50,6 +58,65 @@ def normalize(v: Array) -> Array:
     return scaled / np.linalg.norm(scaled, axis=-1, keepdims=True)
 
 
+def unit_quaternions(name: str, q: Any) -> Array:
+    """Require quaternions of unit length.
+
+    Parameters
+    ----------
+    name : str
+        The argument's name, for the message.
+    q : array_like
+        What the caller gave.
+
+    Returns
+    -------
+    Array
+        Quaternions as they are, (..., 4).
+
+    Raises
+    ------
+    InputError
+        If a length is not 1 to single precision, or a value is not finite.
+    """
+    array = finite_array(name, q, (4,))
+    with np.errstate(over="ignore"):
+        squared = np.vecdot(array, array)
+    off = ~(np.abs(squared - 1.0) <= 2.0 * UNIT_TOLERANCE)
+    if off.any():
+        first = tuple(int(i) for i in np.argwhere(off)[0])
+        msg = (
+            f"`{name}` has a quaternion of length {np.sqrt(squared[first]):.6g} (index "
+            f"{first}); an attitude is one of length 1, so normalise it"
+        )
+        raise InputError(msg)
+    return array
+
+
+def matching(name1: str, first: Array, name2: str, second: Array) -> None:
+    """Require arrays whose leading axes broadcast.
+
+    Parameters
+    ----------
+    name1, name2 : str
+        The arguments' names, for the message.
+    first, second : Array
+        The arrays.
+
+    Raises
+    ------
+    InputError
+        If they do not.
+    """
+    try:
+        np.broadcast_shapes(first.shape[:-1], second.shape[:-1])
+    except ValueError:
+        msg = (
+            f"`{name1}` has shape {first.shape} and `{name2}` {second.shape}, whose "
+            "leading axes do not match; give as many of one as of the other, or one"
+        )
+        raise InputError(msg) from None
+
+
 def attitude_matrix(q: Array) -> Array:
     """Matrix that takes reference coordinates to body coordinates, eq. (G1).
 
@@ -63,7 +130,7 @@ def attitude_matrix(q: Array) -> Array:
     Array
         Orthogonal matrices, (..., 3, 3).
     """
-    q = np.asarray(q)
+    q = unit_quaternions("q", q)
     e, s = q[..., :3], q[..., 3, None, None]
     outer = e[..., :, None] * e[..., None, :]
     squared = np.sum(e * e, axis=-1)[..., None, None]
@@ -83,7 +150,7 @@ def cross_matrix(v: Array) -> Array:
     Array
         Skew-symmetric matrices, (..., 3, 3).
     """
-    v = np.asarray(v)
+    v = finite_array("v", v, (3,))
     zero = np.zeros_like(v[..., 0])
     x, y, z = v[..., 0], v[..., 1], v[..., 2]
     rows = [zero, -z, y, z, zero, -x, -y, x, zero]
@@ -103,7 +170,8 @@ def compose(q1: Array, q2: Array) -> Array:
     Array
         Quaternions, (..., 4).
     """
-    q1, q2 = np.asarray(q1), np.asarray(q2)
+    q1, q2 = finite_array("q1", q1, (4,)), finite_array("q2", q2, (4,))
+    matching("q1", q1, "q2", q2)
     e1, s1 = q1[..., :3], q1[..., 3:]
     e2, s2 = q2[..., :3], q2[..., 3:]
     vector = s1 * e2 + s2 * e1 + np.cross(e1, e2)
@@ -124,7 +192,7 @@ def conjugate(q: Array) -> Array:
     Array
         Quaternions with the vector part negated, (..., 4).
     """
-    return np.asarray(q) * np.array([-1.0, -1.0, -1.0, 1.0])
+    return finite_array("q", q, (4,)) * np.array([-1.0, -1.0, -1.0, 1.0])
 
 
 def attitude_error(q1: Array, q2: Array) -> Array:
@@ -140,6 +208,7 @@ def attitude_error(q1: Array, q2: Array) -> Array:
     Array
         Angle in radians, 0 to pi, (...); accurate to rounding at both ends.
     """
+    q1, q2 = unit_quaternions("q1", q1), unit_quaternions("q2", q2)
     difference = compose(conjugate(q1), q2)
     sine = np.linalg.norm(difference[..., :3], axis=-1)
     return 2.0 * np.arctan2(sine, np.abs(difference[..., 3]))
@@ -160,4 +229,6 @@ def random_quaternions(count: int, rng: np.random.Generator) -> Array:
     Array
         Unit quaternions, vector first, (count, 4).
     """
+    count = whole_number("count", count, 0, MOST)
+    instance("rng", rng, np.random.Generator)
     return normalize(rng.standard_normal((count, 4)))

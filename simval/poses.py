@@ -20,13 +20,17 @@ the least, and that ratio.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from simval.arguments import instance, whole_number
 from simval.arrays import Array, finite_array, frozen
+from simval.errors import InputError
 from simval.geometry import normalize
 
 PARAMETERS = 9
+MOST = 10_000_000  # directions at once: a quarter of a gigabyte
 _RANK_TOLERANCE = 1e-8  # relative; rounding leaves 1e-15, a pose 1 arcsecond off 5e-6
 _SAME_DIRECTION = np.radians(5.0)
 
@@ -44,6 +48,7 @@ def fibonacci_sphere(count: int) -> Array:
     Array
         Unit vectors, (count, 3).
     """
+    count = whole_number("count", count, 1, MOST)
     index = np.arange(count) + 0.5
     z = 1.0 - 2.0 * index / count
     angle = np.pi * (1.0 + np.sqrt(5.0)) * index
@@ -66,6 +71,8 @@ def random_directions(count: int, rng: np.random.Generator) -> Array:
     Array
         Unit vectors, (count, 3).
     """
+    count = whole_number("count", count, 0, MOST)
+    instance("rng", rng, np.random.Generator)
     return normalize(rng.standard_normal((count, 3)))
 
 
@@ -146,7 +153,7 @@ def direction_jacobian(directions: Array) -> Array:
     Array
         Rows j(u), (..., n, 9).
     """
-    u = np.asarray(directions)
+    u = finite_array("directions", directions, (None, 3))
     products = u[..., [0, 0, 1]] * u[..., [1, 2, 2]]
     return 2.0 * np.concatenate([products, u * u, -u], axis=-1)
 
@@ -169,7 +176,7 @@ def observability(directions: Array) -> Observability:
     InputError
         If a direction is zero or not finite.
     """
-    u = normalize(finite_array("directions", directions, (None, 3)))
+    u = normalize(one_set("directions", directions))
     jacobian = direction_jacobian(u)
     padded = np.concatenate([jacobian, np.zeros((PARAMETERS, PARAMETERS))])
     values = np.linalg.svd(padded, compute_uv=False)
@@ -184,6 +191,33 @@ def observability(directions: Array) -> Observability:
         singular_values=values,
         next_direction=best_next_direction(jacobian),
     )
+
+
+def one_set(name: str, directions: Any) -> Array:
+    """Require the directions of one pose set.
+
+    Parameters
+    ----------
+    name : str
+        The argument's name, for the message.
+    directions : array_like
+        What the caller gave.
+
+    Returns
+    -------
+    Array
+        (n, 3), n of 1 or more.
+
+    Raises
+    ------
+    InputError
+        If the shape is another, or a value is not finite.
+    """
+    array = finite_array(name, directions, (None, 3))
+    if array.ndim != 2 or len(array) == 0:
+        msg = f"`{name}` has shape {array.shape}; give those of one set, (n, 3)"
+        raise InputError(msg)
+    return array
 
 
 def best_next_direction(jacobian: Array) -> Array:
@@ -206,6 +240,7 @@ def best_next_direction(jacobian: Array) -> Array:
     named = [cube_faces(), cube_edges(), cube_corners()]
     candidates = np.concatenate([*named, fibonacci_sphere(600)])
     rows = direction_jacobian(candidates)
+    jacobian = finite_array("jacobian", jacobian, (None, PARAMETERS))
     normal = jacobian.T @ jacobian
     normal += (1e-9 * np.trace(normal) + 1e-12) * np.eye(PARAMETERS)
     moved = np.linalg.solve(normal, rows.T).T
@@ -229,7 +264,7 @@ def describe(directions: Array) -> str:
         that differ by more than 5 degrees.
     """
     distinct: list[Array] = []
-    for u in np.asarray(directions):
+    for u in normalize(one_set("directions", directions)):
         if all(float(u @ v) < np.cos(_SAME_DIRECTION) for v in distinct):
             distinct.append(u)
     cosines = np.abs(np.array(distinct) @ np.array(distinct).T)

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from simval.arguments import whole_number
+
 
 def cell_key(name: str) -> tuple[int, ...]:
     """Spawn key of a cell: its canonical name's SHA-256 as eight 32-bit words.
@@ -46,6 +48,7 @@ def stream(seed: int, key: tuple[int, ...], block: int) -> np.random.Generator:
     numpy.random.Generator
         SFC64, a quarter faster than PCG64 for normals.
     """
+    seed, block = whole_number("seed", seed, 0), whole_number("block", block, 0)
     sequence = np.random.SeedSequence(seed, spawn_key=(*key, block))
     return np.random.Generator(np.random.SFC64(sequence))
 

@@ -117,12 +117,14 @@ def test_covariance_is_unbiased_where_the_mean_is_known_better_than_its_samples(
 
 
 @pytest.mark.parametrize(
-    "setting", [{"samples": 0}, {"samples": -3}, {"block": 0}, {"block": 100}]
+    "setting",
+    [{"samples": 0}, {"samples": -3}, {"samples": 1e3}, {"block": 0}, {"block": 100}],
 )
 @pytest.mark.parametrize("method", METHODS)
 def test_numbers_that_cannot_be_used_are_refused(method, setting):
     words = {"dimension": 3, "method": method, "samples": 1000, **setting}
-    with pytest.raises(InputError, match="must divide block"):
+    name, value = next(iter(setting.items()))
+    with pytest.raises(InputError, match=f"`{name}` is {value}; it must be"):
         simulate_reduced(errors, Streams(1, (1,)), **words)
 
 

@@ -154,7 +154,7 @@ def test_bad_arguments_are_refused():
         initial_rest(samples, count=201)
     with pytest.raises(InputError, match="`threshold`"):
         static_intervals(samples, float("nan"))
-    with pytest.raises(InputError, match="`trim` -1"):
+    with pytest.raises(InputError, match="`trim` is -1"):
         intervals_below(np.zeros(5), 1.0, trim=-1)
 
 

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from simval.arrays import Array, shaped_array
+from simval.arguments import choice, shown
+from simval.arrays import Array, real_number, shaped_array
 from simval.attitude import kernel
 from simval.attitude.checks import (
     Codes,
@@ -147,12 +148,8 @@ def estimate_attitude(
     InputError
         If a shape or an option is wrong.
     """
-    if frame not in SELECTIONS:
-        msg = f"`frame` is {frame!r}; it must be one of {', '.join(SELECTIONS)}"
-        raise InputError(msg)
-    if not length_tolerance >= 0.0:
-        msg = f"`length_tolerance` is {length_tolerance!r}; it must be 0 or more"
-        raise InputError(msg)
+    frame = choice("frame", frame, SELECTIONS)
+    length_tolerance = _tolerance(length_tolerance)
     arrays, shape = _flat_batch(b1, b2, r1, r2)
     count = arrays[0].shape[0]
     q = np.empty((count, 4))
@@ -198,6 +195,7 @@ def valid_batch(
     InputError, GeometryError
         As `two_vector_quaternion`.
     """
+    length_tolerance = _tolerance(length_tolerance)
     arrays, shape = _flat_batch(b1, b2, r1, r2)
     for start in range(0, len(arrays[0]), kernel.BLOCK):
         rows = slice(start, start + kernel.BLOCK)
@@ -208,6 +206,16 @@ def valid_batch(
             whole[rows] = codes
             refuse(whole, shape)
     return arrays, shape
+
+
+def _tolerance(value: Any) -> float:
+    # of lengths: 0 or more, infinite to accept any
+    unbounded = isinstance(value, float) and value == np.inf
+    number = value if unbounded else real_number("length_tolerance", value, "or inf")
+    if not number >= 0.0:
+        msg = f"`length_tolerance` is {shown(value)}; it must be 0 or more"
+        raise InputError(msg)
+    return float(number)
 
 
 def _estimate_block(

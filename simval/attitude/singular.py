@@ -31,7 +31,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from simval.arrays import Array
+from simval.arguments import shown, whole_number
+from simval.arrays import Array, real_number
 from simval.attitude import kernel
 from simval.attitude.checks import Mask
 from simval.attitude.estimator import valid_batch
@@ -101,8 +102,8 @@ def singular_solution(
     InputError, GeometryError
         As `two_vector_quaternion`; also if the tolerance is not in (0, 1).
     """
-    if not 0.0 < tolerance < 1.0:
-        msg = f"`tolerance` is {tolerance!r}; it must be between 0 and 1"
+    if not 0.0 < real_number("tolerance", tolerance, "") < 1.0:
+        msg = f"`tolerance` is {shown(tolerance)}; it must be between 0 and 1"
         raise InputError(msg)
     vectors, shape = valid_batch(b1, b2, r1, r2)
     v1, v2, u1, u2 = (normalize(v) for v in vectors)
@@ -192,8 +193,8 @@ def sequential_quaternion(
     InputError, GeometryError
         As `two_vector_quaternion`; also if the threshold is out of range.
     """
-    if not 0.0 < threshold <= 0.5:
-        msg = f"`threshold` is {threshold!r}; it must be above 0 and at most 0.5"
+    if not 0.0 < real_number("threshold", threshold, "") <= 0.5:
+        msg = f"`threshold` is {shown(threshold)}; it must be above 0 and at most 0.5"
         raise InputError(msg)
     vectors, shape = valid_batch(b1, b2, r1, r2)
     columns = kernel.column_matrix(np.stack([v.T for v in vectors]), symmetric=False)
@@ -241,8 +242,9 @@ def turn_is_singular(
     InputError, GeometryError
         As `two_vector_quaternion`; also if the axis is out of range.
     """
-    if axis not in (0, 1, 2):
-        msg = f"`axis` is {axis!r}; it must be 0, 1 or 2"
+    axis = whole_number("axis", axis, 0, 2)
+    if not 0.0 < real_number("tolerance", tolerance, "") < 1.0:
+        msg = f"`tolerance` is {shown(tolerance)}; it must be between 0 and 1"
         raise InputError(msg)
     (v1, v2, u1, u2), shape = valid_batch(b1, b2, r1, r2)
     across = np.arange(3) != axis

@@ -5,7 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from simval.arrays import Array, positive_number, shaped_array
+from simval.arguments import choice, shown, switch, whole_number
+from simval.arrays import (
+    GREATEST,
+    Array,
+    noise_levels,
+    positive_number,
+    shaped_array,
+)
 from simval.calibrate.residuals import LOSSES, RESIDUALS
 from simval.calibrate.solver import METHODS, Rules
 from simval.errors import GeometryError, InputError
@@ -15,7 +22,6 @@ from simval.sensor import forms
 # Above it (singular values 1e4 apart) the moments, whose condition is the square, keep
 # under eight digits, and 1 mm/s^2 of noise becomes 0.6 m/s^2 of bias or more.
 CONDITION_LIMIT = 1e3
-_GREATEST = 1e60  # fourth powers stay finite
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -58,26 +64,31 @@ class Options:
     covariance: bool
 
     def __post_init__(self) -> None:
-        for name, allowed in choices().items():
-            _one_of(name, getattr(self, name), allowed)
+        checked: dict[str, Any] = {
+            name: choice(name, getattr(self, name), allowed)
+            for name, allowed in choices().items()
+        }
         if self.loss != "linear" and self.residual not in ("squared", "weighted"):
             msg = (
                 f"`loss` is {self.loss!r} with residual {self.residual!r}; a robust "
                 "loss goes with the squared or the weighted residual"
             )
             raise InputError(msg)
-        if not 0.0 < self.step <= 1.0:
-            msg = f"`step` is {self.step!r}; it must be above 0 and at most 1"
-            raise InputError(msg)
-        if not self.max_iterations >= 1:
-            msg = f"`max_iterations` is {self.max_iterations!r}; one or more is needed"
-            raise InputError(msg)
-        units = {"g": "m/s^2", "tolerance": "", "condition_limit": ""}
+        units = {"g": "m/s^2", "tolerance": "", "condition_limit": "", "step": ""}
         if self.full_scale is not None:
             units["full_scale"] = "raw units"
         for name, unit in units.items():
-            number = positive_number(name, getattr(self, name), unit)
-            object.__setattr__(self, name, number)
+            checked[name] = positive_number(name, getattr(self, name), unit)
+        if not checked["step"] <= 1.0:
+            msg = f"`step` is {shown(self.step)}; it must be above 0 and at most 1"
+            raise InputError(msg)
+        checked["max_iterations"] = whole_number(
+            "max_iterations", self.max_iterations, 1
+        )
+        for name in ("repeats", "covariance"):
+            checked[name] = switch(name, getattr(self, name))
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
 
     @property
     def rules(self) -> Rules:
@@ -86,7 +97,7 @@ class Options:
             method=self.method,
             step=self.step,
             tolerance=self.tolerance,
-            max_iterations=int(self.max_iterations),
+            max_iterations=self.max_iterations,
         )
 
 
@@ -104,12 +115,6 @@ def choices() -> dict[str, tuple[str, ...]]:
         "residual": RESIDUALS,
         "loss": ("linear", *LOSSES),
     }
-
-
-def _one_of(name: str, value: str, allowed: tuple[str, ...]) -> None:
-    if value not in allowed:
-        msg = f"`{name}` is {value!r}; it must be one of {', '.join(allowed)}"
-        raise InputError(msg)
 
 
 def checked_readings(poses: Any) -> Array:
@@ -155,9 +160,9 @@ def checked_readings(poses: Any) -> Array:
         greatest = float(
             np.max(np.abs(readings), initial=0.0, where=np.isfinite(readings))
         )
-    if greatest > _GREATEST:
+    if greatest > GREATEST:
         msg = (
-            f"`poses` has a reading of {greatest:g}, beyond {_GREATEST:g}; give raw "
+            f"`poses` has a reading of {greatest:g}, beyond {GREATEST:g}; give raw "
             "counts or m/s^2"
         )
         raise InputError(msg)
@@ -195,14 +200,4 @@ def checked_noise(noise_std: Any, count: int, residual: str) -> Array | None:
             )
             raise InputError(msg)
         return None
-    sigma = shaped_array("noise_std", noise_std, ())
-    if sigma.shape not in ((), (count,)) or not np.all(sigma >= 0.0):
-        msg = (
-            f"`noise_std` has shape {sigma.shape} and least value {np.min(sigma):g}; "
-            f"give one number, or one for each of the {count} poses, 0 or more"
-        )
-        raise InputError(msg)
-    if not np.isfinite(sigma).all():
-        msg = "`noise_std` is infinite; it must be finite, in raw units"
-        raise InputError(msg)
-    return np.broadcast_to(sigma, (count,))
+    return noise_levels("noise_std", noise_std, count)

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from simval.arrays import Array, finite_array, frozen
+from simval.arguments import instance, shown
+from simval.arrays import Array, frozen, noise_levels, physical_array
 from simval.calibrate.result import FitResult
 from simval.errors import InputError
 from simval.sensor import forms
@@ -110,7 +111,8 @@ def residuals(fit: FitResult, poses: Any, noise_std: Any = None) -> Residuals:
     InputError
         If the poses are not those of the fit, or the noise is not above zero.
     """
-    readings = finite_array("poses", poses, (None, 3))
+    instance("fit", fit, FitResult)
+    readings = physical_array("poses", poses, (None, 3))
     count = fit.dof + 9
     if readings.shape[:-1] != (*fit.parameters.shape[:-1], count):
         msg = (
@@ -118,11 +120,10 @@ def residuals(fit: FitResult, poses: Any, noise_std: Any = None) -> Residuals:
             f"poses, shape {(*fit.parameters.shape[:-1], count, 3)}; give the same"
         )
         raise InputError(msg)
-    sigma = np.asarray(1.0 if noise_std is None else noise_std, dtype=float)
-    if sigma.shape not in ((), (count,)) or not np.all(sigma > 0.0):
-        msg = f"`noise_std` is {noise_std!r}; it must be above 0 raw units"
+    sigma = noise_levels("noise_std", 1.0 if noise_std is None else noise_std, count)
+    if not np.all(sigma > 0.0):
+        msg = f"`noise_std` is {shown(noise_std)}; it must be above 0 raw units"
         raise InputError(msg)
-    sigma = np.broadcast_to(sigma, (count,))
     distance, rows, steep = _distances(fit, readings)
     ratio = distance / sigma
     total = np.sum(ratio * ratio, axis=-1)
@@ -169,7 +170,7 @@ def diagnose(fit: FitResult, poses: Any, noise_std: Any = None) -> Diagnosis:
     InputError
         If the fit is a batch, or the poses are not those of the fit.
     """
-    if fit.parameters.ndim != 1:
+    if instance("fit", fit, FitResult).parameters.ndim != 1:
         msg = f"a batch of {len(fit.parameters)} fits is not one set; pick one"
         raise InputError(msg)
     found = residuals(fit, poses, noise_std)

@@ -2,11 +2,11 @@
 
 import json
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from simval.arguments import file_path, instance
 from simval.arrays import Array, positive_number
 from simval.calibrate.result import FitResult
 from simval.errors import InputError
@@ -34,7 +34,7 @@ def to_json(fit: FitResult) -> dict[str, Any]:
     InputError
         If the fit is a batch.
     """
-    if fit.parameters.ndim != 1:
+    if instance("fit", fit, FitResult).parameters.ndim != 1:
         msg = f"a batch of {len(fit.parameters)} fits is not one calibration; pick one"
         raise InputError(msg)
     numbers = {name: _plain(getattr(fit, name)) for name in _NUMBERS}
@@ -137,9 +137,10 @@ def write_json(path: str | PathLike[str], data: dict[str, Any]) -> None:
     InputError
         If the file cannot be written.
     """
+    path = file_path("path", path)
     text = json.dumps(data, indent=2, allow_nan=False) + "\n"
     try:
-        Path(path).write_text(text, encoding="utf-8")
+        path.write_text(text, encoding="utf-8")
     except OSError as error:
         msg = f"cannot write {path}: {error.strerror}; choose another file"
         raise InputError(msg) from None
@@ -176,8 +177,9 @@ def load_calibration(path: str | PathLike[str]) -> FitResult:
     InputError
         If the file is missing or is not a calibration.
     """
+    path = file_path("path", path)
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8")
         data = json.loads(text)
     except OSError as error:
         msg = f"cannot read {path}: {error.strerror}; give the path of a calibration"

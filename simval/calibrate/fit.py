@@ -130,7 +130,7 @@ def calibrate(
     )  # fmt: skip
     readings = checked_readings(poses)
     count = readings.shape[-2]
-    sigma = checked_noise(noise_std, count, residual)
+    sigma = checked_noise(noise_std, count, options.residual)
     batch = readings.reshape(-1, count, 3)
     size = max(1, _BLOCK // count)
     parts = [
@@ -148,8 +148,8 @@ def calibrate(
         checks.refuse(
             int(block.code[0]),
             batch[0],
-            full_scale=full_scale,
-            limit=condition_limit,
+            full_scale=options.full_scale,
+            limit=options.condition_limit,
             condition=float(block.condition[0]),
         )
     numbers = {f.name: getattr(block, f.name) for f in fields(_Block)}

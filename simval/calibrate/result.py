@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from simval.arrays import Array, frozen
+from simval.arguments import shown
+from simval.arrays import Array, frozen, real_number
 from simval.errors import ConvergenceError, InputError
 from simval.sensor import AccelerometerModel, forms
 
@@ -156,8 +157,8 @@ class FitResult:
         InputError
             If `level` is not between 0 and 1.
         """
-        if not 0.0 < level < 1.0:
-            msg = f"`level` is {level!r}; it must be a probability between 0 and 1"
+        if not 0.0 < real_number("level", level, "") < 1.0:
+            msg = f"`level` is {shown(level)}; it must be a probability between 0 and 1"
             raise InputError(msg)
         tail = (1.0 - level) / 2.0
         if self.covariance_kind == "type A":

@@ -25,7 +25,8 @@ from functools import cache, reduce
 import numpy as np
 from numpy.typing import NDArray
 
-from simval.arrays import Array
+from simval.arguments import function, instance, whole_number
+from simval.arrays import Array, finite_array, shaped_array
 from simval.errors import InputError
 from simval.moments import Moments
 from simval.streams import Streams
@@ -106,13 +107,22 @@ def batch_means(errors: Array, batch: int) -> Array:
     Array
         Batch means of e and vech(e e'), (n / batch, p (p + 3) / 2).
     """
+    batch = whole_number("batch", batch, 1)
+    errors = shaped_array("the errors", errors, (None, None))
+    if errors.ndim != 2 or errors.shape[1] == 0 or errors.shape[1] % batch:
+        msg = (
+            f"the errors have shape {errors.shape}; (p, n) is needed, n a multiple of "
+            f"the {batch} samples of a batch"
+        )
+        raise InputError(msg)
     p, n = errors.shape
     count = n // batch
     rows, columns = _upper(p)
     grouped = errors.reshape(p, count, batch).transpose(1, 0, 2)
     means = np.empty((count, p + len(rows)))
-    means[:, :p] = np.add.reduceat(errors, np.arange(0, n, batch), axis=1).T
-    means[:, p:] = (grouped @ grouped.transpose(0, 2, 1))[:, rows, columns]
+    with np.errstate(invalid="ignore", over="ignore"):  # NaN is judged by the caller
+        means[:, :p] = np.add.reduceat(errors, np.arange(0, n, batch), axis=1).T
+        means[:, p:] = (grouped @ grouped.transpose(0, 2, 1))[:, rows, columns]
     means /= batch
     return means
 
@@ -134,6 +144,14 @@ def sums_of(means: Array, size: int, batch: int) -> Sums:
     Sums
         Of these batches.
     """
+    means = finite_array("means", means, (None, None))
+    size, batch = whole_number("size", size, 1), whole_number("batch", batch, 1)
+    if means.ndim != 2 or len(means) == 0 or means.shape[1] != size * (size + 3) // 2:
+        msg = (
+            f"`means` has shape {means.shape}; errors of {size} numbers have "
+            f"{size * (size + 3) // 2} features: (batches, {size * (size + 3) // 2})"
+        )
+        raise InputError(msg)
     mean = means.mean(axis=0)
     deviation = means - mean
     return Sums(
@@ -183,11 +201,18 @@ def simulate(
     InputError
         If `batch` does not divide `block`, or an error of a trial is not finite.
     """
-    if min(samples, block, batch, threads) < 1 or block % batch:
-        msg = (
-            f"`samples`={samples}, `block`={block}, `batch`={batch}, "
-            f"`threads`={threads}: all must be positive and batch must divide block"
-        )
+    function("sampler", sampler)
+    instance("streams", streams, Streams)
+    samples, block = (
+        whole_number("samples", samples, 1),
+        whole_number("block", block, 1),
+    )
+    batch, threads = (
+        whole_number("batch", batch, 1),
+        whole_number("threads", threads, 1),
+    )
+    if block % batch:
+        msg = f"`batch` is {batch} and `block` {block}; batch must divide block"
         raise InputError(msg)
     blocks = -(-samples // block)
     groups = [range(k, min(k + GROUP, blocks)) for k in range(0, blocks, GROUP)]
@@ -195,7 +220,9 @@ def simulate(
     def work(group: range) -> Sums:
         means, size = [], 0
         for number in group:
-            errors = sampler(streams.block(number), block)
+            errors = shaped_array(
+                "the errors", sampler(streams.block(number), block), (None, block)
+            )
             size = len(errors)
             means.append(_finite(batch_means(errors, batch), errors, number))
         return sums_of(np.concatenate(means), size, batch)
@@ -251,7 +278,7 @@ def moments_of(sums: Sums) -> Moments:
     InputError
         If there are fewer than two batches, of which no standard error exists.
     """
-    variance = _variance(sums)
+    variance = _variance(instance("sums", sums, Sums))
     p = sums.size
     rows, columns = _upper(p)
     bias = sums.mean[:p]
@@ -297,6 +324,11 @@ def mean_square(sums: Sums, weight: Array) -> tuple[float, float]:
     InputError
         If there are fewer than two batches.
     """
+    instance("sums", sums, Sums)
+    weight = finite_array("weight", weight, (sums.size, sums.size))
+    if weight.ndim != 2 or not np.array_equal(weight, weight.T):
+        msg = f"`weight` has shape {weight.shape}; one symmetric matrix is needed"
+        raise InputError(msg)
     rows, columns = _upper(sums.size)
     twice = np.where(rows == columns, 1.0, 2.0)
     direction = np.concatenate([np.zeros(sums.size), twice * weight[rows, columns]])

@@ -32,7 +32,8 @@ import numpy as np
 from scipy.special import ndtri
 from scipy.stats import qmc
 
-from simval.arrays import Array, frozen
+from simval.arguments import choice, function, instance, whole_number
+from simval.arrays import Array, frozen, shaped_array
 from simval.errors import InputError
 from simval.montecarlo.plain import Sums, batch_means, sums_of
 from simval.streams import Streams
@@ -49,6 +50,8 @@ STEP = 0.03
 1e-16/STEP^2 = 1e-13 of a second derivative, truncation STEP^2 of the next term."""
 
 BATCH = 256
+MOST = 21201
+"""Most noise variables: those of SciPy's Sobol points."""
 MIN_POWER = 6
 """Fewest Sobol points in a scrambling, as a power of two."""
 
@@ -122,6 +125,8 @@ def taylor(errors: Errors, dimension: int) -> Taylor:
     Taylor
         Slope and bend at zero noise.
     """
+    dimension = whole_number("dimension", dimension, 1, MOST)
+    errors = _checked(errors)
     eye = STEP * np.eye(dimension)
     rows, columns = np.triu_indices(dimension, 1)
     pairs = eye[:, rows] + eye[:, columns]
@@ -174,14 +179,16 @@ def simulate_reduced(
     InputError
         If the method is unknown, a number is not usable, or an error is not finite.
     """
-    if method not in METHODS:
-        msg = f"`method` is {method!r}; it must be one of {', '.join(METHODS)}"
-        raise InputError(msg)
-    if samples < 1 or block < BATCH or block % BATCH:
-        msg = (
-            f"`samples`={samples}, `block`={block}: samples must be positive and "
-            f"{BATCH} must divide block"
-        )
+    instance("streams", streams, Streams)
+    method = choice("method", method, METHODS)
+    errors = _checked(errors)
+    dimension = whole_number("dimension", dimension, 1, MOST)
+    samples, block = (
+        whole_number("samples", samples, 1),
+        whole_number("block", block, 1),
+    )
+    if block % BATCH:
+        msg = f"`block` is {block}; it must be a multiple of {BATCH}"
         raise InputError(msg)
     if method == "sobol":
         means, batch = _sobol_means(errors, streams, dimension, samples)
@@ -194,6 +201,16 @@ def simulate_reduced(
         raise InputError(msg)
     size = round((np.sqrt(9 + 8 * means.shape[1]) - 3) / 2)  # m = p (p + 3) / 2
     return sums_of(means, size, batch)
+
+
+def _checked(errors: Errors) -> Errors:
+    # the callable, what it returns required to be (p, n) of real numbers
+    function("errors", errors)
+
+    def of(x: Array) -> Array:
+        return shaped_array("the errors", errors(x), (None, x.shape[1]))
+
+    return of
 
 
 def _random_means(

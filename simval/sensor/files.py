@@ -18,6 +18,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from simval.arguments import file_path
 from simval.errors import InputError
 from simval.sensor.model import AccelerometerModel
 from simval.sensor.realism import Effects, effects_from
@@ -45,7 +46,7 @@ def load_sensor(path: str | PathLike[str]) -> tuple[AccelerometerModel, Effects]
     InputError
         If the file cannot be read, lacks T, K or B, or has a name nobody knows.
     """
-    values = _parsed(Path(path))
+    values = _parsed(file_path("path", path))
     missing = [name for name in MODEL if name not in values]
     if missing:
         msg = (

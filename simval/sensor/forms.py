@@ -18,7 +18,8 @@ positive: norms cannot tell the sign of an axis.
 
 import numpy as np
 
-from simval.arrays import Array
+from simval.arguments import choice
+from simval.arrays import Array, physical_array, shaped_array
 from simval.errors import InputError
 
 MODELS = ("triangular", "upper", "symmetric")
@@ -55,10 +56,7 @@ def check_model(model: str) -> str:
     InputError
         If there is no such form.
     """
-    if model not in MODELS:
-        msg = f"`model` is {model!r}; it must be one of {', '.join(MODELS)}"
-        raise InputError(msg)
-    return model
+    return str(choice("model", model, MODELS))
 
 
 def names(model: str) -> tuple[str, ...]:
@@ -294,16 +292,30 @@ def convert(
     Raises
     ------
     InputError
-        If a form does not exist.
+        If a form does not exist, or the parameters are those of no ellipsoid.
     """
-    check_model(source)
-    check_model(target)
-    parameters = np.asarray(parameters, dtype=np.float64)
+    source, target = choice("source", source, MODELS), choice("target", target, MODELS)
+    parameters = shaped_array("parameters", parameters, (9,))
+    given = np.isfinite(parameters).all(axis=-1)
+    physical_array("parameters", parameters[given], (9,))
     m = matrix(source, parameters)
     gram = np.swapaxes(m, -1, -2) @ m
     result = from_gram(target, gram, parameters[..., 6:])
+    if not np.isfinite(result[given]).all():
+        msg = (
+            "`parameters` are those of no ellipsoid (a scale is 0, or the axes lie in "
+            "a plane), which has no other form; calibrate again"
+        )
+        raise InputError(msg)
     if covariance is None:
         return result, None
+    covariance = shaped_array("covariance", covariance, (9, 9))
+    if covariance.shape[:-1] != parameters.shape:
+        msg = (
+            f"`covariance` has shape {covariance.shape} for parameters of shape "
+            f"{parameters.shape}; give {(*parameters.shape, 9)}"
+        )
+        raise InputError(msg)
     jacobian = conversion_jacobian(parameters, result, source=source, target=target)
     return result, jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
 

@@ -11,7 +11,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simval.arrays import Array, finite_array, frozen, nonnegative_number
+from simval.arguments import instance
+from simval.arrays import (
+    GREATEST,
+    LEAST,
+    Array,
+    frozen,
+    nonnegative_number,
+    physical_array,
+)
 from simval.errors import InputError
 from simval.sensor import forms
 
@@ -43,20 +51,27 @@ class AccelerometerModel:
     noise_std: float = 0.0
 
     def __post_init__(self) -> None:
-        scale = finite_array("K", self.K, ())
+        scale = physical_array("K", self.K, ())
         if scale.shape not in ((3,), (3, 3)):
             msg = f"`K` has shape {scale.shape}; it must be (3,) or (3, 3)"
             raise InputError(msg)
         shapes = {"T": (3, 3), "K": scale.shape, "B": (3,)}
         for name, shape in shapes.items():
-            value = finite_array(name, getattr(self, name), shape)
+            value = physical_array(name, getattr(self, name), shape)
             if value.shape != shape:
                 msg = f"`{name}` has shape {value.shape}; one sensor needs {shape}"
                 raise InputError(msg)
             object.__setattr__(self, name, frozen(value))
         noise = nonnegative_number("noise_std", self.noise_std, "raw units")
         object.__setattr__(self, "noise_std", noise)
-        condition = np.linalg.cond(self.matrix)
+        values = np.linalg.svd(self.matrix, compute_uv=False)
+        if not (values[0] <= GREATEST and (values[0] == 0.0 or values[0] >= LEAST)):
+            msg = (
+                f"T K has size {values[0]:.1e}; from {LEAST:g} to {GREATEST:g} m/s^2 "
+                "per raw unit can be worked with, so check the unit of K"
+            )
+            raise InputError(msg)
+        condition = values[0] / values[2] if values[2] > 0.0 else np.inf
         if not condition < 1.0 / np.finfo(float).eps:
             msg = (
                 f"T K is singular (condition {condition:.1e}); each axis needs a scale "
@@ -104,8 +119,11 @@ class AccelerometerModel:
         AccelerometerModel
             The sensor.
         """
-        forms.check_model(model)
-        values = finite_array("parameters", parameters, (9,))
+        model = forms.check_model(model)
+        values = physical_array("parameters", parameters, (9,))
+        if values.ndim != 1:
+            msg = f"`parameters` has shape {values.shape}; one sensor has nine: (9,)"
+            raise InputError(msg)
         T, K, B = forms.factors(model, values)
         return cls(T=T, K=K, B=B, noise_std=noise_std)
 
@@ -124,7 +142,8 @@ class AccelerometerModel:
         Array
             Raw readings, (..., 3).
         """
-        force = finite_array("f_s", f_s, (3,))
+        force = physical_array("f_s", f_s, (3,))
+        instance("rng", rng, np.random.Generator)
         columns = np.linalg.solve(self.matrix, force.reshape(-1, 3).T)
         raw = columns.T.reshape(force.shape) + self.B
         if self.noise_std == 0.0:
@@ -144,5 +163,5 @@ class AccelerometerModel:
         Array
             Specific force, sensor coordinates, m/s^2, (..., 3).
         """
-        reading = finite_array("raw", raw, (3,))
+        reading = physical_array("raw", raw, (3,))
         return (reading - self.B) @ self.matrix.T

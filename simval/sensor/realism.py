@@ -12,14 +12,20 @@ Each random effect draws from a stream of its own: switching one on leaves the o
 numbers alone.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simval.arrays import Array, finite_array, frozen, nonnegative_number
+from simval.arguments import instance, shown
+from simval.arrays import (
+    Array,
+    frozen,
+    nonnegative_number,
+    physical_array,
+    positive_number,
+)
 from simval.errors import InputError
 from simval.sensor.model import AccelerometerModel
 
@@ -67,11 +73,12 @@ class Effects:
         for name in ("noise_std_raw", "bias_walk_raw_per_sqrt_s", "vibration_m_s2"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, _axes(name, getattr(self, name)))
-        nonnegative_number("vibration_hz", self.vibration_hz, "Hz")
-        nonnegative_number("quantum_raw", self.quantum_raw, "raw units")
-        if self.range_g is not None and not 0.0 < self.range_g < np.inf:
-            msg = f"`range_g` is {self.range_g}; it must be finite and above 0 g"
-            raise InputError(msg)
+        for name, unit in (("vibration_hz", "Hz"), ("quantum_raw", "raw units")):
+            number = nonnegative_number(name, getattr(self, name), unit)
+            object.__setattr__(self, name, number)
+        if self.range_g is not None:
+            reach = positive_number("range_g", self.range_g, "g")
+            object.__setattr__(self, "range_g", reach)
         if self.limits_raw is not None:
             low, high = _limits(self.limits_raw)
             object.__setattr__(self, "limits_raw", (low, high))
@@ -141,8 +148,11 @@ def read_sensor(
     InputError
         If time and force do not belong together.
     """
-    time = finite_array("time", time, (None,))
-    force = finite_array("specific_force", specific_force, (None, 3))
+    instance("model", model, AccelerometerModel)
+    instance("effects", effects, Effects)
+    instance("rng", rng, np.random.Generator)
+    time = physical_array("time", time, (None,))
+    force = physical_array("specific_force", specific_force, (None, 3))
     if not (time.ndim == 1 and force.shape == (len(time), 3)):
         msg = (
             f"`time` has shape {time.shape} and `specific_force` {force.shape}; "
@@ -192,27 +202,27 @@ def _walk(effects: Effects, time: Array, rng: np.random.Generator) -> Array:
 
 
 def _axes(name: str, value: Any) -> Array:
-    array = finite_array(name, value, ())
+    array = physical_array(name, value, ())
     if array.shape not in ((), (3,)) or not np.all(array >= 0.0):
-        msg = f"`{name}` is {value}; it must be one number or three, each 0 or more"
+        msg = f"`{name}` is {shown(value)}; give one number or three, each 0 or more"
         raise InputError(msg)
     return frozen(np.broadcast_to(array, (3,)))
 
 
 def _limits(value: Any) -> tuple[float, float]:
-    array = finite_array("limits_raw", value, (2,))
+    array = physical_array("limits_raw", value, (2,))
     if array.shape != (2,) or not array[0] < array[1]:
-        msg = f"`limits_raw` is {value}; it must be the least and the greatest reading"
+        msg = f"`limits_raw` is {shown(value)}; give the least and the greatest"
         raise InputError(msg)
     return float(array[0]), float(array[1])
 
 
-def effects_from(values: Mapping[str, Any]) -> Effects:
+def effects_from(values: dict[str, Any]) -> Effects:
     """Effects from plain values, as a file holds them.
 
     Parameters
     ----------
-    values : Mapping
+    values : dict
         By the names of `Effects`.
 
     Returns
@@ -225,6 +235,7 @@ def effects_from(values: Mapping[str, Any]) -> Effects:
     InputError
         If a name is unknown or a value cannot be used.
     """
+    instance("values", values, dict)
     known = Effects.__dataclass_fields__
     for name in values:
         if name not in known:

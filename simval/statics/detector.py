@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simval.arrays import Array, positive_number
+from simval.arguments import whole_number
+from simval.arrays import Array, positive_number, shaped_array
 from simval.errors import InputError, RefusedError
 from simval.statics.intervals import Intervals
 from simval.statics.variance import WINDOW, checked_samples, variance_magnitude
@@ -75,7 +76,9 @@ def initial_rest(
         If no rest is found, or its readings do not vary at all.
     """
     samples = checked_samples(samples, window)
+    minimum = whole_number("minimum", minimum, 1)
     if count is not None:
+        count = whole_number("count", count, 1)
         if not window <= count <= len(samples):
             msg = (
                 f"the initial rest is {count} samples; it must be between one window "
@@ -135,7 +138,6 @@ def static_intervals(
     Intervals
         (m, 2) samples ``start <= k < stop`` in order of time; m can be 0.
     """
-    threshold = positive_number("threshold", threshold, "(reading unit)^2")
     return intervals_below(
         variance_magnitude(samples, window), threshold, minimum=minimum, trim=trim
     )
@@ -167,8 +169,11 @@ def intervals_below(
     InputError
         If `minimum` is below 1 or `trim` below 0.
     """
-    if not (minimum >= 1 and trim >= 0):
-        msg = f"`minimum` is {minimum} and `trim` {trim}; at least 1 and 0 are needed"
+    minimum, trim = whole_number("minimum", minimum, 1), whole_number("trim", trim, 0)
+    threshold = positive_number("threshold", threshold, "(reading unit)^2")
+    spread = shaped_array("spread", spread, (None,))
+    if spread.ndim != 1:
+        msg = f"`spread` has shape {spread.shape}; give that of one log, (n,)"
         raise InputError(msg)
     runs = _runs(spread < threshold) + np.array([trim, -trim])
     kept: Intervals = runs[runs[:, 1] - runs[:, 0] >= minimum]

@@ -1,12 +1,73 @@
 """What is read off static intervals: counts, means and first samples."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-from simval.arrays import Array
+from simval.arguments import whole_number
+from simval.arrays import Array, finite_array, physical_array
 from simval.errors import InputError
 
 Intervals = NDArray[np.intp]
+
+
+def one_log(samples: Any) -> Array:
+    """Require the readings of one log.
+
+    Parameters
+    ----------
+    samples : array_like
+        What the caller gave.
+
+    Returns
+    -------
+    Array
+        (n, 3).
+
+    Raises
+    ------
+    InputError
+        If the shape is another, or a value is not finite.
+    """
+    array = physical_array("samples", samples, (None, 3))
+    if array.ndim != 2:
+        msg = f"`samples` has shape {array.shape}; give those of one log, (n, 3)"
+        raise InputError(msg)
+    return array
+
+
+def checked_intervals(intervals: Any, count: int | None = None) -> Intervals:
+    """Require intervals of whole samples, none of them empty.
+
+    Parameters
+    ----------
+    intervals : array_like
+        What the caller gave.
+    count : int, optional
+        Samples that there are.
+
+    Returns
+    -------
+    Intervals
+        [start, stop) rows, (m, 2).
+
+    Raises
+    ------
+    InputError
+        If the shape is another, a number is not whole, or a row is empty or outside.
+    """
+    array = finite_array("intervals", intervals, (None, 2))
+    rows = array.astype(np.intp)
+    most = np.inf if count is None else count
+    good = (rows == array).all() and array.ndim == 2
+    if not (good and np.all((rows[:, :1] >= 0) & (rows[:, :1] < rows[:, 1:]))):
+        msg = "`intervals` must be rows of two whole numbers, 0 <= start < stop, (m, 2)"
+        raise InputError(msg)
+    if not np.all(rows <= most):
+        msg = f"`intervals` reach sample {rows.max()}, and there are {count}"
+        raise InputError(msg)
+    return rows
 
 
 def interval_counts(intervals: Intervals) -> Intervals:
@@ -22,6 +83,7 @@ def interval_counts(intervals: Intervals) -> Intervals:
     Intervals
         (m,).
     """
+    intervals = checked_intervals(intervals)
     return np.asarray(intervals[:, 1] - intervals[:, 0])
 
 
@@ -40,6 +102,8 @@ def interval_means(samples: Array, intervals: Intervals) -> Array:
     Array
         (m, 3), unit of the readings.
     """
+    samples = one_log(samples)
+    intervals = checked_intervals(intervals, len(samples))
     means = [samples[start:stop].mean(axis=0) for start, stop in intervals]
     return np.array(means).reshape(-1, 3)
 
@@ -66,8 +130,11 @@ def first_samples(samples: Array, intervals: Intervals, count: int) -> Array:
     InputError
         If an interval is shorter.
     """
+    samples = one_log(samples)
+    intervals = checked_intervals(intervals, len(samples))
+    count = whole_number("count", count, 1)
     shortest = int(interval_counts(intervals).min(initial=count))
-    if not 1 <= count <= shortest:
+    if not count <= shortest:
         msg = f"`count` is {count}; it must be from 1 to the shortest's {shortest}"
         raise InputError(msg)
-    return np.asarray(samples)[intervals[:, :1] + np.arange(count)]
+    return samples[intervals[:, :1] + np.arange(count)]

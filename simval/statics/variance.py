@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from simval.arrays import Array, finite_array
+from simval.arguments import whole_number
+from simval.arrays import Array, physical_array
 from simval.errors import InputError
 
 WINDOW = 101  # samples; one second at 100 Hz
@@ -95,8 +96,8 @@ def checked_samples(samples: Array, window: int) -> Array:
     InputError
         If it is not.
     """
-    samples = finite_array("samples", samples, (None, 3))
-    if not (window >= 3 and window % 2 == 1):
+    samples = physical_array("samples", samples, (None, 3))
+    if whole_number("window", window, 3) % 2 == 0:
         msg = f"`window` is {window}; it must be an odd number of samples, 3 or more"
         raise InputError(msg)
     if not (samples.ndim == 2 and len(samples) >= window):

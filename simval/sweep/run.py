@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from simval.arguments import file_path
 from simval.errors import InputError
 from simval.results import Row
 from simval.studies.study import is_path, portable
@@ -260,8 +261,9 @@ def run_folder(run: str | Path) -> Path:
     InputError
         If there is no newest run.
     """
-    if str(run) != "latest":
-        return Path(run)
+    path = file_path("run", run)
+    if str(path) != "latest":
+        return path
     runs = sorted(RUNS.glob("*/run.sqlite"), key=lambda p: p.stat().st_mtime)
     if not runs:
         msg = f"there is no run under {RUNS}; make one with `simval sweep`"

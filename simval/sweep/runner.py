@@ -15,6 +15,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Literal, Protocol
 
+from simval.arguments import file_path, instance, switch, whole_number
 from simval.errors import InputError
 from simval.results import Row
 from simval.sweep import provenance, store
@@ -127,12 +128,14 @@ def run_suite(
         If the folder exists, cannot be written, or holds the run of another suite
         or version.
     """
+    if not isinstance(suite, Suite):
+        suite = load_suite(str(file_path("suite", suite)))
     drive(
-        suite if isinstance(suite, Suite) else load_suite(os.fspath(suite)),
-        Path(out),
+        suite,
+        file_path("out", out),
         workers=workers,
-        scheduler=scheduler,
-        resume=resume,
+        scheduler=None if scheduler is None else instance("scheduler", scheduler, str),
+        resume=switch("resume", resume),
         progress=progress or Silence(),
     )
     return load_run(out)
@@ -169,9 +172,7 @@ def drive(
     InputError
         As `run_suite`.
     """
-    if not (type(workers) is int and workers >= 1):
-        msg = f"`workers` is {workers!r}; give a whole number, 1 or more"
-        raise InputError(msg)
+    workers = whole_number("workers", workers, 1)
     known = provenance.manifest(suite)
     file = folder / "run.sqlite"
     if resume and _is_file(file):

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from simval.arguments import choice, instance, switch
 from simval.arrays import Array, frozen
 from simval.errors import InputError
 from simval.moments import Moments
@@ -27,6 +28,7 @@ from simval.theory.second_order import (
     tangent_projector,
 )
 from simval.theory.two_vector import (
+    FRAMES,
     TwoVectorGeometry,
     true_vectors,
     two_vector_geometry,
@@ -120,9 +122,10 @@ def attitude_moments(
     independent from vector to vector, is assumed beyond it. See
     `simval.theory.orders` and `simval.theory.oracle`.
     """
-    if order not in ORDERS:
-        msg = f"`order` is {order!r}; it must be one of {ORDERS}"
-        raise InputError(msg)
+    order = choice("order", order, ORDERS)
+    normalized = switch("normalized", normalized)
+    if frame is not None:
+        frame = choice("frame", frame, ("combined", *FRAMES))
     if order != 2 and (normalized or frame == "combined"):
         what = "frame='combined'" if frame == "combined" else "normalized=True"
         msg = f"`order` is {order!r}; with {what} there is theory of order 2 only"
@@ -195,7 +198,7 @@ def multiplicative_moments(additive: AttitudeMoments) -> Moments:
         Its `bias` is the mean of the multiplicative error less the identity
         quaternion, (4,): estimate against truth, so of the opposite sign.
     """
-    q = additive.q_true
+    q = instance("additive", additive, AttitudeMoments).q_true
     return Moments(
         bias=multiplicative_bias(q, additive.bias) - np.array([0.0, 0.0, 0.0, 1.0]),
         covariance=multiplicative_covariance(q, additive.covariance),

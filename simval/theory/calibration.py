@@ -32,10 +32,11 @@ from typing import Any
 
 import numpy as np
 
-from simval.arrays import Array, finite_array, frozen, positive_number, shaped_array
-from simval.errors import GeometryError, InputError
+from simval.arguments import choice, instance
+from simval.arrays import Array, frozen, noise_levels, positive_number
+from simval.errors import GeometryError
 from simval.geometry import normalize
-from simval.poses import PARAMETERS, observability
+from simval.poses import PARAMETERS, observability, one_set
 from simval.sensor import AccelerometerModel, forms
 
 RESIDUALS = ("squared", "norm", "weighted", "sampson", "adjusted")
@@ -128,12 +129,13 @@ def calibration_moments(
     GeometryError
         If the poses have rank below nine.
     """
-    if residual not in RESIDUALS:
-        msg = f"`residual` is {residual!r}; it must be one of {', '.join(RESIDUALS)}"
-        raise InputError(msg)
+    instance("model", model, AccelerometerModel)
+    residual = choice("residual", residual, RESIDUALS)
+    form = choice("form", form, forms.MODELS)
     g = positive_number("g", g, "m/s^2")
-    u = normalize(finite_array("directions", directions, (None, 3)))
-    sigma = _noise(model.noise_std if noise_std is None else noise_std, len(u))
+    u = normalize(one_set("directions", directions))
+    level = model.noise_std if noise_std is None else noise_std
+    sigma = noise_levels("noise_std", level, len(u))
     found = observability(u)
     if found.rank < PARAMETERS:
         helps = ", ".join(f"{x:.2f}" for x in found.next_direction)
@@ -162,20 +164,7 @@ def calibration_moments(
     )
 
 
-def _noise(noise_std: Any, count: int) -> Array:
-    sigma = shaped_array("noise_std", noise_std, ())
-    good = sigma.shape in ((), (count,)) and np.all(sigma >= 0.0)
-    if not (good and np.isfinite(sigma).all()):
-        msg = (
-            f"`noise_std` has shape {sigma.shape} and least value {np.min(sigma):g}; "
-            f"give one finite number, or one for each of {count} poses, 0 or more"
-        )
-        raise InputError(msg)
-    return np.broadcast_to(sigma, (count,))
-
-
 def _true_parameters(model: AccelerometerModel, form: str) -> Array:
-    forms.check_model(form)
     gram = model.matrix.T @ model.matrix
     return forms.from_gram(form, gram, model.B)
 

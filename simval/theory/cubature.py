@@ -21,12 +21,16 @@ from typing import Any
 
 import numpy as np
 
-from simval.arrays import Array, finite_array
+from simval.arguments import function, whole_number
+from simval.arrays import Array, physical_array, shaped_array
 from simval.errors import InputError, RefusedError
 from simval.moments import Moments
+from simval.theory.noise import checked_covariances
 
 Estimator = Callable[..., Any]
 """``estimator(v1, ..., vk)`` takes k batches (n, 3) and returns (n, p)."""
+MOST_NODES = 10_000_000
+"""More take minutes and gigabytes."""
 Node = tuple[tuple[int, float], ...]
 """Axis and value of the coordinates of a node that are not zero."""
 
@@ -52,10 +56,14 @@ def smolyak_hermite(dimension: int, degree: int) -> tuple[Array, Array]:
     InputError
         If the dimension or the degree is out of range.
     """
-    if not (dimension >= 1 and degree in range(1, 16, 2)):
+    whole_number("dimension", dimension, 1)
+    if whole_number("degree", degree, 1, 15) % 2 == 0:
+        msg = f"`degree` is {degree}; it must be an odd number from 1 to 15"
+        raise InputError(msg)
+    if comb(dimension + degree // 2, degree // 2) * 2 ** (degree // 2) > MOST_NODES:
         msg = (
-            f"`dimension` is {dimension} and `degree` {degree}; the dimension must be "
-            "1 or more and the degree an odd number from 1 to 15"
+            f"degree {degree} in {dimension} variables needs more than {MOST_NODES:g} "
+            "nodes; lower `degree`, or sample at random instead"
         )
         raise InputError(msg)
     level = (degree + 1) // 2
@@ -160,9 +168,13 @@ def cubature_moments(
     RefusedError
         If the estimator returned a value that is not finite.
     """
-    centre = finite_array("inputs", inputs, (None, 3))
-    target = finite_array("truth", truth, (None,))
-    roots = covariance_roots(finite_array("covariances", covariances, (3, 3)))
+    function("estimator", estimator)
+    centre = physical_array("inputs", inputs, (None, 3))
+    target = physical_array("truth", truth, (None,))
+    roots = covariance_roots(checked_covariances("covariances", covariances))
+    if target.ndim != 1:
+        msg = f"`truth` has shape {target.shape}; give what is estimated, (p,)"
+        raise InputError(msg)
     if centre.ndim != 2 or roots.shape != (*centre.shape, 3):
         msg = (
             f"`inputs` has shape {centre.shape} and `covariances` {roots.shape}; give "
@@ -175,7 +187,13 @@ def cubature_moments(
         mean + noise[:, i] @ root.T
         for i, (mean, root) in enumerate(zip(centre, roots, strict=True))
     ]
-    estimate = np.asarray(estimator(*batches), dtype=np.float64)
+    estimate = shaped_array("the estimate", estimator(*batches), (target.size,))
+    if estimate.shape != (len(points), target.size):
+        msg = (
+            f"the estimator returned shape {estimate.shape} for {len(points)} samples "
+            f"and a truth of {target.size} numbers; it must be (n, p)"
+        )
+        raise InputError(msg)
     if not np.isfinite(estimate).all():
         msg = (
             "the estimator returned a value that is not finite at a cubature node; "

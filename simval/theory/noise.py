@@ -4,7 +4,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from simval.arrays import Array, finite_array
+from simval.arguments import shown
+from simval.arrays import GREATEST, LEAST, Array, finite_array
 from simval.errors import InputError
 
 MAX_NOISE: Final = 1e6
@@ -38,8 +39,11 @@ def noise_covariances(noise_std: Any) -> Array:
         )
         raise InputError(msg)
     if value.shape in ((), (4,)):
-        if not np.all(value >= 0.0):
-            msg = f"`noise_std` is {noise_std}; standard deviations must be 0 or more"
+        if not np.all((value == 0.0) | (value >= LEAST)):
+            msg = (
+                f"`noise_std` is {shown(noise_std)}; a standard deviation is 0, or "
+                f"{LEAST:g} or more"
+            )
             raise InputError(msg)
         return np.broadcast_to(value, (4,))[:, None, None] ** 2 * np.eye(3)
     if value.shape != (4, 3, 3):
@@ -48,12 +52,42 @@ def noise_covariances(noise_std: Any) -> Array:
             "3 x 3 covariances (4, 3, 3), in the order b1, b2, r1, r2"
         )
         raise InputError(msg)
-    scale = np.max(np.abs(value))
-    skew = np.max(np.abs(value - value.swapaxes(1, 2)))
-    lowest = float(np.min(np.linalg.eigvalsh(value)))
+    return checked_covariances("noise_std", value)
+
+
+def checked_covariances(name: str, matrices: Any) -> Array:
+    """Require symmetric positive semidefinite matrices.
+
+    Parameters
+    ----------
+    name : str
+        The argument's name, for the message.
+    matrices : array_like
+        What the caller gave.
+
+    Returns
+    -------
+    Array
+        (k, 3, 3).
+
+    Raises
+    ------
+    InputError
+        If a shape is wrong, or a matrix is no covariance.
+    """
+    value = finite_array(name, matrices, (None, 3, 3))
+    scale = float(np.max(np.abs(value), initial=0.0))
+    if value.ndim != 3 or not (scale == 0.0 or LEAST**2 <= scale <= GREATEST**2):
+        msg = (
+            f"`{name}` has shape {value.shape} and a greatest entry of {scale:g}; give "
+            f"(k, 3, 3), 0 or from {LEAST**2:g} to {GREATEST**2:g}"
+        )
+        raise InputError(msg)
+    skew = np.max(np.abs(value - value.swapaxes(1, 2)), initial=0.0)
+    lowest = float(np.min(np.linalg.eigvalsh(value), initial=0.0))
     if not (skew <= 1e-12 * scale and lowest >= -1e-12 * scale):
         msg = (
-            "`noise_std` holds a matrix that is not a covariance (asymmetry "
+            f"`{name}` holds a matrix that is not a covariance (asymmetry "
             f"{skew:.2e}, lowest eigenvalue {lowest:.2e}); it must be symmetric and "
             "positive semidefinite"
         )

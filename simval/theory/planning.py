@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from simval.arrays import Array, finite_array, frozen, positive_number
+from simval.arguments import choice, instance
+from simval.arrays import Array, frozen, positive_number
 from simval.errors import InputError
 from simval.geometry import normalize
-from simval.poses import PARAMETERS, observability
+from simval.poses import PARAMETERS, observability, one_set
 from simval.sensor import AccelerometerModel, forms
 from simval.theory.calibration import calibration_moments
 
@@ -96,9 +97,12 @@ def plan(
         If an argument is not usable.
     """
     noise_std = positive_number("noise_std", noise_std, "raw units")
-    u = normalize(finite_array("directions", directions, (None, 3)))
+    g = positive_number("g", g, "m/s^2")
+    form = choice("form", form, forms.MODELS)
+    u = normalize(one_set("directions", directions))
     if sensor is None:
         sensor = AccelerometerModel(T=np.eye(3), K=np.ones(3), B=np.zeros(3))
+    instance("sensor", sensor, AccelerometerModel)
     found = observability(u)
     sd, bound, bias = _predicted(sensor, u, g, noise_std, form, found.rank)
     extended = np.vstack([u, found.next_direction])

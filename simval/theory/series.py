@@ -18,10 +18,12 @@ from typing import Any, Union
 import numpy as np
 from numpy.typing import NDArray
 
-from simval.arrays import Array, finite_array
+from simval.arguments import choice, function
+from simval.arrays import Array, physical_array
 from simval.errors import InputError, RefusedError
 from simval.moments import Moments
 from simval.theory.cubature import covariance_roots
+from simval.theory.noise import checked_covariances
 
 Scalar = Union["Series", float]
 
@@ -250,15 +252,17 @@ def series_moments(
     RefusedError
         If the estimator has no power series at the truth.
     """
-    centre = finite_array("inputs", inputs, (None, 3))
-    roots = covariance_roots(finite_array("covariances", covariances, (3, 3)))
-    if order not in (2, 4, 6) or roots.shape != (*centre.shape, 3):
+    function("estimator", estimator)
+    order = choice("order", order, (2, 4, 6))
+    centre = physical_array("inputs", inputs, (None, 3))
+    roots = covariance_roots(checked_covariances("covariances", covariances))
+    if roots.shape != (*centre.shape, 3):
         msg = (
-            f"`order` is {order}, `inputs` has shape {centre.shape} and `covariances` "
-            f"{roots.shape}; give 2, 4 or 6, (k, 3) and (k, 3, 3)"
+            f"`inputs` has shape {centre.shape} and `covariances` {roots.shape}; give "
+            "(k, 3) and (k, 3, 3)"
         )
         raise InputError(msg)
-    estimate = estimator(*_noisy(centre, roots, order))
+    estimate = _estimated(estimator, _noisy(centre, roots, order))
     errors = [_without_constant(-1.0 * number) for number in estimate]
     bias = np.array([error.mean() for error in errors])
     second = np.array([[(a * b).mean() for b in errors] for a in errors])
@@ -269,6 +273,31 @@ def series_moments(
         mixed = np.outer(lowest[0], lowest[1])
         square = square + mixed + mixed.T
     return Moments(bias=bias, covariance=second - square)
+
+
+def _estimated(
+    estimator: Callable[..., Any], vectors: list[NDArray[np.object_]]
+) -> list[Series]:
+    # what the estimator returns, a number without noise as a series, too
+    try:
+        found = list(estimator(*vectors))
+        one = vectors[0][0] * 0.0
+        series = [one + number for number in found]
+    except (TypeError, AttributeError, ValueError) as error:
+        msg = (
+            f"the estimator cannot work with power series ({error}); it must use only "
+            "+ - * / ** and numpy.sqrt, and return a sequence of numbers"
+        )
+        raise InputError(msg) from error
+    if not all(
+        isinstance(s, Series) and np.isfinite(s.coefficients).all() for s in series
+    ):
+        msg = (
+            "the estimator returned something that is not a finite number; it must "
+            "return p of them"
+        )
+        raise InputError(msg)
+    return series
 
 
 def _noisy(centre: Array, roots: Array, order: int) -> list[NDArray[np.object_]]:

@@ -24,6 +24,7 @@ _TURNS: Final = {
     "z": np.array([-1.0, -1.0, 1.0]),
     "plain": np.ones(3),
 }
+FRAMES: Final = tuple(_TURNS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

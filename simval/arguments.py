@@ -1,0 +1,209 @@
+"""Checks of arguments that are not arrays: counts, choices, switches, objects.
+
+Like those of `arrays` they are made once, at a public boundary. Each refuses what
+Python would take for another value without a word: 2.7 for 2, True for 1, the word
+"no" for true.
+"""
+
+import operator
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from simval.errors import InputError
+
+Kind = TypeVar("Kind")
+
+
+def whole_number(name: str, value: Any, least: int, most: int | None = None) -> int:
+    """Convert to an integer within its limits.
+
+    Parameters
+    ----------
+    name : str
+        The argument's name, for the message.
+    value : int
+        What the caller gave.
+    least : int
+        Smallest value allowed.
+    most : int, optional
+        Greatest value allowed.
+
+    Returns
+    -------
+    int
+        The value.
+
+    Raises
+    ------
+    InputError
+        If the value is not an integer (a float is none, nor is True) or is outside.
+    """
+    limit = f"{least} or more" if most is None else f"from {least} to {most}"
+    try:
+        number = operator.index(value)
+    except TypeError:
+        number = least - 1
+    inside = number >= least and (most is None or number <= most)
+    if isinstance(value, bool | np.bool_) or not inside:
+        msg = f"`{name}` is {shown(value)}; it must be a whole number, {limit}"
+        raise InputError(msg)
+    return number
+
+
+def choice(name: str, value: Any, allowed: Sequence[Any]) -> Any:
+    """Require one of the values of an option.
+
+    Parameters
+    ----------
+    name : str
+        The argument's name, for the message.
+    value : str
+        What the caller gave.
+    allowed : sequence
+        The values there are; the type counts as well.
+
+    Returns
+    -------
+    str
+        The value.
+
+    Raises
+    ------
+    InputError
+        If it is none of them.
+    """
+    for known in allowed:
+        if isinstance(value, type(known)) and value == known:
+            return known
+    listed = ", ".join(str(known) for known in allowed)
+    msg = f"`{name}` is {shown(value)}; it must be one of {listed}"
+    raise InputError(msg)
+
+
+def switch(name: str, value: Any) -> bool:
+    """Require True or False.
+
+    Parameters
+    ----------
+    name : str
+        The argument's name, for the message.
+    value : bool
+        What the caller gave.
+
+    Returns
+    -------
+    bool
+        The value.
+
+    Raises
+    ------
+    InputError
+        If it is neither.
+    """
+    if not isinstance(value, bool | np.bool_):
+        msg = f"`{name}` is {shown(value)}; it must be True or False"
+        raise InputError(msg)
+    return bool(value)
+
+
+def instance(name: str, value: Any, kind: type[Kind]) -> Kind:
+    """Require an object of a type.
+
+    Parameters
+    ----------
+    name : str
+        The argument's name, for the message.
+    value : object
+        What the caller gave.
+    kind : type
+        What it must be.
+
+    Returns
+    -------
+    object
+        The value.
+
+    Raises
+    ------
+    InputError
+        If it is something else.
+    """
+    if not isinstance(value, kind):
+        msg = f"`{name}` is {shown(value)}; it must be of type {kind.__name__}"
+        raise InputError(msg)
+    return value
+
+
+def function(name: str, value: Any) -> Callable[..., Any]:
+    """Require something that can be called.
+
+    Parameters
+    ----------
+    name : str
+        The argument's name, for the message.
+    value : callable
+        What the caller gave.
+
+    Returns
+    -------
+    callable
+        The value.
+
+    Raises
+    ------
+    InputError
+        If it cannot be called.
+    """
+    if not callable(value):
+        msg = f"`{name}` is {shown(value)}; it must be a function"
+        raise InputError(msg)
+    return value
+
+
+def file_path(name: str, value: Any) -> Path:
+    """Convert to a path.
+
+    Parameters
+    ----------
+    name : str
+        The argument's name, for the message.
+    value : path-like
+        What the caller gave.
+
+    Returns
+    -------
+    Path
+        The path.
+
+    Raises
+    ------
+    InputError
+        If it is not text, is empty, or has a zero byte in it.
+    """
+    text = value if isinstance(value, str | os.PathLike) else ""
+    text = os.fspath(text)
+    if not isinstance(text, str) or not text or "\0" in text:
+        msg = f"`{name}` is {shown(value)}; it must be the path of a file or folder"
+        raise InputError(msg)
+    return Path(text)
+
+
+def shown(value: Any) -> str:
+    """A value as a message shows it, cut where it is long.
+
+    Parameters
+    ----------
+    value : object
+        What the caller gave.
+
+    Returns
+    -------
+    str
+        Sixty characters at most.
+    """
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 60 else f"{text[:57]}..."
