@@ -9,16 +9,18 @@ import operator
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 import numpy as np
 
 from simval.errors import InputError
 
+MOST: Final = 10**12  # of anything counted here: more is a slip, and never ends
+
 Kind = TypeVar("Kind")
 
 
-def whole_number(name: str, value: Any, least: int, most: int | None = None) -> int:
+def whole_number(name: str, value: Any, least: int, most: int = MOST) -> int:
     """Convert to an integer within its limits.
 
     Parameters
@@ -29,7 +31,7 @@ def whole_number(name: str, value: Any, least: int, most: int | None = None) -> 
         What the caller gave.
     least : int
         Smallest value allowed.
-    most : int, optional
+    most : int, default 10**12
         Greatest value allowed.
 
     Returns
@@ -42,13 +44,12 @@ def whole_number(name: str, value: Any, least: int, most: int | None = None) -> 
     InputError
         If the value is not an integer (a float is none, nor is True) or is outside.
     """
-    limit = f"{least} or more" if most is None else f"from {least} to {most}"
+    limit = f"{least} or more" if most == MOST else f"from {least} to {most}"
     try:
         number = operator.index(value)
     except TypeError:
         number = least - 1
-    inside = number >= least and (most is None or number <= most)
-    if isinstance(value, bool | np.bool_) or not inside:
+    if isinstance(value, bool | np.bool_) or not least <= number <= most:
         msg = f"`{name}` is {shown(value)}; it must be a whole number, {limit}"
         raise InputError(msg)
     return number

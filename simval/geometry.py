@@ -49,6 +49,9 @@ def normalize(v: Array) -> Array:
         If a vector is zero or not finite.
     """
     v = finite_array("v", v, (None,))
+    if v.shape[-1] == 0:
+        msg = f"`v` has shape {v.shape}: its vectors have no component"
+        raise InputError(msg)
     largest = np.max(np.abs(v), axis=-1, keepdims=True)  # no overflow, no underflow
     if not np.all(largest > 0.0):
         first = tuple(int(i) for i in np.argwhere(largest[..., 0] == 0.0)[0])

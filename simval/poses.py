@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from simval.arguments import instance, whole_number
-from simval.arrays import Array, finite_array, frozen
+from simval.arrays import Array, finite_array, frozen, physical_array
 from simval.errors import InputError
 from simval.geometry import normalize
 
@@ -153,7 +153,7 @@ def direction_jacobian(directions: Array) -> Array:
     Array
         Rows j(u), (..., n, 9).
     """
-    u = finite_array("directions", directions, (None, 3))
+    u = physical_array("directions", directions, (None, 3))
     products = u[..., [0, 0, 1]] * u[..., [1, 2, 2]]
     return 2.0 * np.concatenate([products, u * u, -u], axis=-1)
 
@@ -240,7 +240,8 @@ def best_next_direction(jacobian: Array) -> Array:
     named = [cube_faces(), cube_edges(), cube_corners()]
     candidates = np.concatenate([*named, fibonacci_sphere(600)])
     rows = direction_jacobian(candidates)
-    jacobian = finite_array("jacobian", jacobian, (None, PARAMETERS))
+    jacobian = physical_array("jacobian", jacobian, (None, PARAMETERS))
+    jacobian = jacobian.reshape(-1, PARAMETERS)
     normal = jacobian.T @ jacobian
     normal += (1e-9 * np.trace(normal) + 1e-12) * np.eye(PARAMETERS)
     moved = np.linalg.solve(normal, rows.T).T

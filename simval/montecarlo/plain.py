@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simval.arguments import function, instance, whole_number
-from simval.arrays import Array, finite_array, shaped_array
+from simval.arrays import Array, finite_array, physical_array, shaped_array
 from simval.errors import InputError
 from simval.moments import Moments
 from simval.streams import Streams
@@ -109,7 +109,7 @@ def batch_means(errors: Array, batch: int) -> Array:
     """
     batch = whole_number("batch", batch, 1)
     errors = shaped_array("the errors", errors, (None, None))
-    if errors.ndim != 2 or errors.shape[1] == 0 or errors.shape[1] % batch:
+    if errors.ndim != 2 or errors.size == 0 or errors.shape[1] % batch:
         msg = (
             f"the errors have shape {errors.shape}; (p, n) is needed, n a multiple of "
             f"the {batch} samples of a batch"
@@ -209,7 +209,7 @@ def simulate(
     )
     batch, threads = (
         whole_number("batch", batch, 1),
-        whole_number("threads", threads, 1),
+        whole_number("threads", threads, 1, 1024),
     )
     if block % batch:
         msg = f"`batch` is {batch} and `block` {block}; batch must divide block"
@@ -325,7 +325,7 @@ def mean_square(sums: Sums, weight: Array) -> tuple[float, float]:
         If there are fewer than two batches.
     """
     instance("sums", sums, Sums)
-    weight = finite_array("weight", weight, (sums.size, sums.size))
+    weight = physical_array("weight", weight, (sums.size, sums.size))
     if weight.ndim != 2 or not np.array_equal(weight, weight.T):
         msg = f"`weight` has shape {weight.shape}; one symmetric matrix is needed"
         raise InputError(msg)

@@ -52,6 +52,8 @@ STEP = 0.03
 BATCH = 256
 MOST = 21201
 """Most noise variables: those of SciPy's Sobol points."""
+MOST_BENT = 300
+"""Most noise variables of a Taylor polynomial: its nodes take 8 d^3 / 2 bytes."""
 MIN_POWER = 6
 """Fewest Sobol points in a scrambling, as a power of two."""
 
@@ -125,7 +127,7 @@ def taylor(errors: Errors, dimension: int) -> Taylor:
     Taylor
         Slope and bend at zero noise.
     """
-    dimension = whole_number("dimension", dimension, 1, MOST)
+    dimension = whole_number("dimension", dimension, 1, MOST_BENT)
     errors = _checked(errors)
     eye = STEP * np.eye(dimension)
     rows, columns = np.triu_indices(dimension, 1)

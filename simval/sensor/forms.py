@@ -19,7 +19,7 @@ positive: norms cannot tell the sign of an axis.
 import numpy as np
 
 from simval.arguments import choice
-from simval.arrays import Array, physical_array, shaped_array
+from simval.arrays import Array, finite_array, physical_array, shaped_array
 from simval.errors import InputError
 
 MODELS = ("triangular", "upper", "symmetric")
@@ -296,7 +296,7 @@ def convert(
     """
     source, target = choice("source", source, MODELS), choice("target", target, MODELS)
     parameters = shaped_array("parameters", parameters, (9,))
-    given = np.isfinite(parameters).all(axis=-1)
+    given = ~np.isnan(parameters).any(axis=-1)  # a refused trial of a batch is NaN
     physical_array("parameters", parameters[given], (9,))
     m = matrix(source, parameters)
     gram = np.swapaxes(m, -1, -2) @ m
@@ -316,6 +316,7 @@ def convert(
             f"{parameters.shape}; give {(*parameters.shape, 9)}"
         )
         raise InputError(msg)
+    finite_array("covariance", covariance[~np.isnan(covariance)], ())
     jacobian = conversion_jacobian(parameters, result, source=source, target=target)
     return result, jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
 

@@ -71,7 +71,8 @@ class Effects:
 
     def __post_init__(self) -> None:
         for name in ("noise_std_raw", "bias_walk_raw_per_sqrt_s", "vibration_m_s2"):
-            if getattr(self, name) is not None:
+            own = name == "noise_std_raw" and self.noise_std_raw is None  # the model's
+            if not own:
                 object.__setattr__(self, name, _axes(name, getattr(self, name)))
         for name, unit in (("vibration_hz", "Hz"), ("quantum_raw", "raw units")):
             number = nonnegative_number(name, getattr(self, name), unit)

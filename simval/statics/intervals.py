@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simval.arguments import whole_number
+from simval.arguments import MOST, whole_number
 from simval.arrays import Array, finite_array, physical_array
 from simval.errors import InputError
 
@@ -58,8 +58,8 @@ def checked_intervals(intervals: Any, count: int | None = None) -> Intervals:
         If the shape is another, a number is not whole, or a row is empty or outside.
     """
     array = finite_array("intervals", intervals, (None, 2))
-    rows = array.astype(np.intp)
-    most = np.inf if count is None else count
+    rows = np.where(np.abs(array) <= MOST, array, -1.0).astype(np.intp)
+    most = MOST if count is None else count
     good = (rows == array).all() and array.ndim == 2
     if not (good and np.all((rows[:, :1] >= 0) & (rows[:, :1] < rows[:, 1:]))):
         msg = "`intervals` must be rows of two whole numbers, 0 <= start < stop, (m, 2)"

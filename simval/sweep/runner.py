@@ -172,7 +172,7 @@ def drive(
     InputError
         As `run_suite`.
     """
-    workers = whole_number("workers", workers, 1)
+    workers = whole_number("workers", workers, 1, 4096)
     known = provenance.manifest(suite)
     file = folder / "run.sqlite"
     if resume and _is_file(file):

@@ -169,6 +169,7 @@ def cubature_moments(
         If the estimator returned a value that is not finite.
     """
     function("estimator", estimator)
+    degree = whole_number("degree", degree, 1, 15)
     centre = physical_array("inputs", inputs, (None, 3))
     target = physical_array("truth", truth, (None,))
     roots = covariance_roots(checked_covariances("covariances", covariances))
