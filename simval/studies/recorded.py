@@ -19,11 +19,10 @@ from simval.poses import PARAMETERS, observability
 from simval.statics import (
     Intervals,
     Rest,
+    evened,
     first_samples,
-    initial_rest,
     interval_counts,
     interval_means,
-    intervals_below,
     variance_magnitude,
 )
 from simval.theory.calibration import CalibrationMoments, calibration_moments
@@ -118,10 +117,11 @@ def calibrate_log(
         the fits is a calibration.
     """
     samples = log.accelerometer
+    even = evened(log.time, samples)
+    spread = variance_magnitude(even.samples, even.window)
     count = None if rest is None else log.rows_within(rest)
-    start = initial_rest(samples, count)
-    spread = variance_magnitude(samples)
-    found = [(m, intervals_below(spread, m * start.variance)) for m in multipliers]
+    start = even.initial_rest(count, spread)
+    found = [(m, even.intervals(spread, m * start.variance)) for m in multipliers]
     usable = [(m, part) for m, part in found if len(part) >= PARAMETERS]
     if not usable:
         raise _too_few(max(len(part) for _, part in found))
@@ -129,7 +129,7 @@ def calibrate_log(
     refusal: RefusedError | None = None
     for multiplier, intervals in _plateau(usable):
         _require_unsaturated(log, intervals, full_scale)
-        sigma = white_noise(samples, intervals)
+        sigma = white_noise(samples, intervals, even.block)
         try:
             fit = calibrate(
                 interval_means(samples, intervals),
@@ -150,7 +150,8 @@ def calibrate_log(
     if best is None:
         raise refusal or _too_few(0)
     _, multiplier, fit, intervals = best
-    means, sigma = interval_means(samples, intervals), white_noise(samples, intervals)
+    means = interval_means(samples, intervals)
+    sigma = white_noise(samples, intervals, even.block)
     quiet = bool(np.any(sigma == 0.0))
     return RecordedCalibration(
         fit=fit,
@@ -194,10 +195,11 @@ def calibrate_samples(
     return calibrate(samples, g, residual="norm", repeats=True)
 
 
-def white_noise(samples: Array, intervals: Intervals) -> Array:
+def white_noise(samples: Array, intervals: Intervals, block: int = 1) -> Array:
     """Standard deviation that white noise leaves in each interval's mean.
 
-    The variance within intervals is pooled over them and over the axes.
+    The variance within intervals is pooled over them and over the axes. Rows that come
+    faster than the sensor's band are not independent; their means over blocks are.
 
     Parameters
     ----------
@@ -205,14 +207,20 @@ def white_noise(samples: Array, intervals: Intervals) -> Array:
         Readings, (n, 3).
     intervals : Intervals
         Static intervals, (m, 2).
+    block : int
+        Rows whose noise is taken as one.
 
     Returns
     -------
     Array
         Raw units, (m,).
     """
-    counts = interval_counts(intervals)
-    squares = [samples[a:b].var(axis=0).mean() * (b - a) for a, b in intervals]
+    counts = interval_counts(intervals) // block
+    parts = [
+        samples[a : a + n * block].reshape(n, block, 3).mean(axis=1)
+        for (a, _), n in zip(intervals, counts, strict=True)
+    ]
+    squares = [part.var(axis=0).mean() * len(part) for part in parts]
     variance = np.sum(squares) / (np.sum(counts) - len(counts))
     return np.sqrt(variance / counts)
 
@@ -264,6 +272,7 @@ def _plateau(found: list[tuple[float, Intervals]]) -> list[tuple[float, Interval
 def _too_few(most: int) -> RefusedError:
     return RefusedError(
         f"at most {most} static interval(s) found, and a calibration needs "
-        f"{PARAMETERS} or more, each a second or longer; hold the sensor still in more "
-        "poses, or state the initial rest (--rest SECONDS) if it was found wrongly"
+        f"{PARAMETERS} or more, each from a rest of two seconds or longer; hold the "
+        "sensor still in more poses, or state the initial rest (--rest SECONDS) if it "
+        "was found wrongly"
     )
