@@ -32,8 +32,8 @@ _ISO = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d{1,9})?)?Z?")
 
 def read_clock(
     table: Table, column: Column | None, rate: float | None
-) -> tuple[Array, float]:
-    """Return the times of a log's rows and their rate.
+) -> tuple[Array, float, float]:
+    """Return the times of a log's rows, their rate, and the clock's unit.
 
     Parameters
     ----------
@@ -50,6 +50,8 @@ def read_clock(
         Seconds, (n,), strictly increasing.
     rate : float
         Rows per second, measured where there is a clock, Hz.
+    second : float
+        Unit of the clock, s; zero where no clock was used.
 
     Raises
     ------
@@ -57,20 +59,24 @@ def read_clock(
         If neither is known, or the clock has no unit that can be right, does not
         increase, leaves a gap, or contradicts the rate.
     """
-    time = None if column is None else _times(table, column, rate)
+    time, second = (None, 0.0) if column is None else _times(table, column, rate)
     if time is not None:
-        return time, _checked_rate(table, time, rate)
+        return time, _checked_rate(table, time, rate), second
     if rate is None:
         raise InputError(_no_clock(table))
-    return np.arange(len(table)) / rate, rate
+    return np.arange(len(table)) / rate, rate, 0.0
 
 
-def _times(table: Table, column: Column, rate: float | None) -> Array | None:
-    # seconds; None for a clock in words that the caller's rate makes needless
+def _times(
+    table: Table, column: Column, rate: float | None
+) -> tuple[Array | None, float]:
+    # times in seconds, and the clock's unit; no times for a clock in words that the
+    # caller's rate makes needless
     if not table.is_text(column.place):
         time = table.numbers([column.place])[:, 0]
         require_finite(table, time[:, None])
-        return np.asarray(time * _second(table, column, time, rate))
+        second = _second(table, column, time, rate)
+        return np.asarray(time * second), second
     texts = table.texts(column.place)
     if all(_ISO.fullmatch(text) for text in texts):
         try:
@@ -78,9 +84,9 @@ def _times(table: Table, column: Column, rate: float | None) -> Array | None:
         except ValueError:
             dates = np.array(["NaT"], "datetime64[ns]")
         if not np.isnat(dates).any():
-            return np.asarray((dates - dates[0]) / np.timedelta64(1, "s"))
+            return np.asarray((dates - dates[0]) / np.timedelta64(1, "s")), 1.0
     if rate is not None:
-        return None
+        return None, 0.0
     msg = (
         f"{table.where(0)}, column {column.place + 1}: {texts[0][:40]!r} is not a time "
         "in numbers, nor a date like 2024-01-31 12:00:00.25 in each row; leave the "

@@ -33,6 +33,8 @@ class Log:
         Rows per second, Hz.
     columns : tuple of Column
         The columns of the file that these are.
+    second : float
+        Unit of the file's clock, s.
     """
 
     path: str
@@ -41,6 +43,7 @@ class Log:
     gyro: Array | None
     rate: float
     columns: tuple[Column, ...] = ()
+    second: float = 1.0
 
     def __post_init__(self) -> None:
         for name in ("time", "accelerometer", "gyro"):
@@ -64,6 +67,26 @@ class Log:
         seconds = positive_number("seconds", seconds, "s")
         end = self.time[0] + seconds
         return int(np.searchsorted(self.time, end, side="right"))
+
+    def described(self) -> list[str]:
+        """Say in two lines which columns were taken, and what the clock says.
+
+        Returns
+        -------
+        list of str
+            Lines.
+        """
+        taken = ", ".join(str(each) for each in self.columns if each.role != "t")
+        clock = next((each for each in self.columns if each.role == "t"), None)
+        seconds = float(self.time[-1] - self.time[0])
+        source = "no clock, the rate as given" if clock is None else str(clock)
+        if clock is not None and self.second != 1.0:
+            source += f", in units of {self.second:g} s"
+        return [
+            f"columns           {taken}",
+            f"clock             {source}: {len(self.time)} rows in {seconds:.2f} s, "
+            f"{self.rate:.6g} Hz",
+        ]
 
 
 def read_log(
@@ -107,14 +130,15 @@ def read_log(
     values = table.numbers([place for role, place in places.items() if role != "t"])
     require_finite(table, values)
     clock = next((each for each in picked if each.role == "t"), None)
-    time, rate = read_clock(table, clock, rate)
+    time, rate, second = read_clock(table, clock, rate)
     return Log(
         path=str(path),
         time=time,
         accelerometer=values[:, :3],
         gyro=values[:, 3:] if NAMES[4] in places else None,
         rate=rate,
-        columns=picked,
+        columns=tuple(each for each in picked if each.role != "t" or second),
+        second=second or 1.0,
     )
 
 

@@ -21,7 +21,7 @@ from simval.statics.detector import (
     intervals_below,
     static_intervals,
 )
-from simval.statics.even import EvenLog, evened
+from simval.statics.even import SLOWEST_NOISE, WHITE, WINDOWS, EvenLog, evened
 from simval.statics.intervals import (
     Intervals,
     first_samples,
@@ -32,7 +32,10 @@ from simval.statics.variance import WINDOW, variance_magnitude
 
 __all__ = [
     "MINIMUM",
+    "SLOWEST_NOISE",
+    "WHITE",
     "WINDOW",
+    "WINDOWS",
     "EvenLog",
     "Intervals",
     "Rest",

@@ -17,8 +17,14 @@ from simval.statics.detector import Rest, initial_rest, intervals_below
 from simval.statics.intervals import Intervals
 
 RATE = 100.0  # Hz; rows that come faster are averaged to ticks of about this rate
-WINDOW_SECONDS = 1.0  # span of the variance's window, as the method's authors use it
-SHORTEST_SECONDS = 1.0  # of an interval, which is a window shorter than its rest
+# span of the variance's window, and of the shortest interval, which is a window shorter
+# than its rest: 1 s as the method's authors use it; the other for rests of 1 s
+WINDOWS = (1.0, 0.5)  # s
+# limits of `EvenLog.wander`. Noise of a band f wanders by rate / (2 pi f) at most, and no
+# accelerometer's band is below half a hertz, 0.3 s: measured 1.1 on real sensors, 16 for
+# 1 Hz at 100 Hz, and 80 to 1000 where a slow motion without any rest was taken for one
+SLOWEST_NOISE = 0.3  # s
+WHITE = 1.5  # white noise has 1, with 50 ticks less than this in all but 1e-4 of rests
 SLOWEST = 5.0  # Hz; windows of 5 ticks: every rest of tests/test_rates.py still found
 CLOCK_ERROR = 0.01  # relative; of a nominal rate
 
@@ -67,6 +73,27 @@ class EvenLog:
             Rows ``start <= k < stop``, (m, 2).
         """
         return np.searchsorted(self.tick, intervals).reshape(-1, 2)
+
+    def wander(self, rest: Rest, spread: Array) -> float:
+        """How much the readings of a rest vary in a window, beside from tick to tick.
+
+        Parameters
+        ----------
+        rest : Rest
+            Rows of the log.
+        spread : Array
+            The variance magnitude of `samples`.
+
+        Returns
+        -------
+        float
+            Median variance of the rest's windows over half its mean squared difference
+            of successive ticks, 1: 1 for white noise, more where motion is in it.
+        """
+        ticks = slice(self.tick[rest.start], self.tick[rest.stop - 1] + 1)
+        steps = np.mean(np.diff(self.samples[ticks], axis=0) ** 2, axis=0)
+        whole = spread[ticks][np.isfinite(spread[ticks])]
+        return float(np.median(whole) / np.linalg.norm(0.5 * steps))
 
     def intervals(self, spread: Array, threshold: float) -> Intervals:
         """Static intervals below a threshold, in rows.
@@ -124,7 +151,7 @@ class EvenLog:
         )
 
 
-def evened(time: Array, samples: Array) -> EvenLog:
+def evened(time: Array, samples: Array, window: float = WINDOWS[0]) -> EvenLog:
     """Put a log on an even clock.
 
     Parameters
@@ -133,6 +160,8 @@ def evened(time: Array, samples: Array) -> EvenLog:
         Seconds, (n,), strictly increasing.
     samples : Array
         Readings, (n, 3), any unit.
+    window : float
+        Span of the detector's window and of its shortest interval, s.
 
     Returns
     -------
@@ -160,11 +189,10 @@ def evened(time: Array, samples: Array) -> EvenLog:
             "clock's unit (t[ms], t[us], t[ns] in --columns) if it is not in seconds"
         )
         raise RefusedError(msg)
-    if not duration + 1.0 / rate >= WINDOW_SECONDS:
+    if not duration + 1.0 / rate >= window:
         msg = (
             f"the log lasts {duration:.3g} s ({len(time)} rows at {rate:.6g} Hz); at "
-            f"least one window of the detector ({WINDOW_SECONDS:g} s) is needed: record "
-            "longer"
+            f"least one window of the detector ({window:g} s) is needed: record longer"
         )
         raise InputError(msg)
     block = max(1, round(rate / RATE))
@@ -174,12 +202,12 @@ def evened(time: Array, samples: Array) -> EvenLog:
     means = np.add.reduceat(samples, first, axis=0) / counts[:, None]
     every = np.arange(tick[-1] + 1)
     even = rate / block
-    half = round(even * WINDOW_SECONDS / 2)
+    half = round(even * window / 2)
     return EvenLog(
         samples=means[np.searchsorted(present, every, side="right") - 1],
         tick=tick,
         rate=even,
         block=block,
         window=2 * half + 1,
-        minimum=round(even * (WINDOW_SECONDS + SHORTEST_SECONDS)) - 2 * half,
+        minimum=round(even * 2.0 * window) - 2 * half,
     )

@@ -17,6 +17,10 @@ from simval.errors import RefusedError
 from simval.logs import Log
 from simval.poses import PARAMETERS, observability
 from simval.statics import (
+    SLOWEST_NOISE,
+    WHITE,
+    WINDOWS,
+    EvenLog,
     Intervals,
     Rest,
     evened,
@@ -117,14 +121,7 @@ def calibrate_log(
         the fits is a calibration.
     """
     samples = log.accelerometer
-    even = evened(log.time, samples)
-    spread = variance_magnitude(even.samples, even.window)
-    count = None if rest is None else log.rows_within(rest)
-    start = even.initial_rest(count, spread)
-    found = [(m, even.intervals(spread, m * start.variance)) for m in multipliers]
-    usable = [(m, part) for m, part in found if len(part) >= PARAMETERS]
-    if not usable:
-        raise _too_few(max(len(part) for _, part in found))
+    even, start, usable = _rests(log, rest, multipliers)
     best: tuple[float, float, FitResult, Intervals] | None = None
     refusal: RefusedError | None = None
     for multiplier, intervals in _plateau(usable):
@@ -259,6 +256,45 @@ def _require_unsaturated(log: Log, intervals: Intervals, limit: float | None) ->
                 "the force: cut that rest out, or record with a wider range"
             )
             raise RefusedError(msg)
+
+
+def _rests(
+    log: Log, rest: float | None, multipliers: tuple[float, ...]
+) -> tuple[EvenLog, Rest, list[tuple[float, Intervals]]]:
+    # the log on an even clock, its initial rest, and the intervals of each threshold that
+    # has enough: of the longest window that sees them. A short one is trusted only where
+    # the rest is white noise, since in half a second a slow motion, too, looks still
+    count = None if rest is None else log.rows_within(rest)
+    refusal: RefusedError | None = None
+    for window in WINDOWS:
+        even = evened(log.time, log.accelerometer, window)
+        spread = variance_magnitude(even.samples, even.window)
+        try:
+            start = even.initial_rest(count, spread)
+            limit = WHITE if refusal else 1.0 + SLOWEST_NOISE * even.rate
+            if start.found or refusal:
+                _require_noise(log, start, even.wander(start, spread), limit)
+        except RefusedError as error:
+            refusal = refusal or error
+            continue
+        found = [(m, even.intervals(spread, m * start.variance)) for m in multipliers]
+        usable = [(m, part) for m, part in found if len(part) >= PARAMETERS]
+        if usable:
+            return even, start, usable
+        refusal = refusal or _too_few(max(len(part) for _, part in found))
+    raise refusal or _too_few(0)
+
+
+def _require_noise(log: Log, rest: Rest, wander: float, limit: float) -> None:
+    if not wander <= limit:
+        msg = (
+            f"no initial rest found: even where the log is most quiet, from "
+            f"{log.time[rest.start]:.2f} s to {log.time[rest.stop - 1]:.2f} s, its "
+            f"variance is {wander:.3g} times what it is from row to row, and the noise "
+            f"of a sensor at rest leaves {limit:.3g} at most; it is moving there, so "
+            "record with rests, or state the initial one (--rest SECONDS)"
+        )
+        raise RefusedError(msg)
 
 
 def _plateau(found: list[tuple[float, Intervals]]) -> list[tuple[float, Intervals]]:
