@@ -10,7 +10,8 @@ import numpy as np
 from simval.arrays import Array
 from simval.calibrate.arguments import choices
 from simval.calibrate.files import to_json, write_json
-from simval.logs import read_log
+from simval.cli.options import COLUMNS
+from simval.logs import Log, read_log
 from simval.studies.recorded import RecordedCalibration, calibrate_log
 
 _CHOICES = choices()
@@ -28,7 +29,7 @@ _CHOICES = choices()
 )
 @click.option("--rate", type=float, metavar="HZ", help="Rows per second.")
 @click.option("--rest", type=float, metavar="SECONDS", help="Length of initial rest.")
-@click.option("--columns", help="Name each column: t,ax,ay,az,wx,wy,wz, - to ignore.")
+@click.option("--columns", help=COLUMNS)
 @click.option(
     "--method",
     type=click.Choice(_CHOICES["method"]),
@@ -63,18 +64,40 @@ def command(
 ) -> None:
     """Calibrate the accelerometer of a recorded LOG.
 
-    A row of LOG is one instant: 3 columns are x y z, 4 t x y z, 6 x y z and the
-    gyro, 7 t and those six; raw counts or m/s^2. Finds the initial rest, the static
-    intervals and the best threshold, and prints the parameters with error bars.
+    A row of LOG is one instant; its header or --columns says which columns are the
+    accelerometer's x y z, the gyro's and the time. Without names 3 columns are x y z,
+    4 t x y z, 6 x y z and the gyro, 7 t and those six; raw counts or m/s^2. Finds the
+    initial rest, the static intervals and the best threshold, and prints the parameters
+    with error bars.
     """
-    result = calibrate_log(read_log(log, rate, columns), **options)
+    recording = read_log(log, rate, columns)
+    result = calibrate_log(recording, **options)
+    if out is not None or as_json:
+        written = as_object(result) | log_object(recording)
     if out is not None:
-        write_json(out, as_object(result))
+        write_json(out, written)
     if as_json:
-        click.echo(json.dumps(as_object(result), allow_nan=False))
+        click.echo(json.dumps(written, allow_nan=False))
         return
-    for line in described(result):
+    for line in recording.described() + described(result):
         click.echo(line)
+
+
+def log_object(log: Log) -> dict[str, Any]:
+    """Return which columns were taken and at what rate, as plain JSON values.
+
+    Parameters
+    ----------
+    log : Log
+        The recording.
+
+    Returns
+    -------
+    dict
+        ``columns`` by role: the place, from 1, and the name in the header.
+    """
+    taken = {each.role: [each.place + 1, each.name] for each in log.columns}
+    return {"columns": taken, "rate": log.rate, "clock_unit_seconds": log.second}
 
 
 def as_object(result: RecordedCalibration) -> dict[str, Any]:

@@ -7,6 +7,7 @@ import click
 import numpy as np
 
 from simval.calibrate.files import load_calibration
+from simval.cli.options import COLUMNS
 from simval.errors import InputError
 from simval.logs import read_log
 
@@ -20,7 +21,7 @@ from simval.logs import read_log
     help="JSON file of `simval calibrate`.",
 )
 @click.option("--rate", type=float, metavar="HZ", help="Rows per second.")
-@click.option("--columns", help="Name each column: t,ax,ay,az,wx,wy,wz, - to ignore.")
+@click.option("--columns", help=COLUMNS)
 @click.option("--out", type=click.Path(path_type=Path), help="File instead of stdout.")
 def command(
     log: Path,
@@ -32,7 +33,8 @@ def command(
     """Apply a calibration to a recorded LOG.
 
     Writes comma-separated rows t,ax,ay,az with the specific force in m/s^2, every
-    digit kept; a gyro in the log follows as it is.
+    digit kept; a gyro in the log follows as it is, and the time is in seconds. Which
+    columns of LOG were taken is said on the error output.
     """
     fit = load_calibration(calibration).require_converged()
     recording = read_log(log, rate, columns)
@@ -51,3 +53,6 @@ def command(
             raise
         msg = f"cannot write {out}: {error.strerror}; choose another file"
         raise InputError(msg) from None
+    sys.stdout.flush()  # the rows first where both outputs are one
+    for line in recording.described():
+        click.echo(line, err=True)

@@ -4,6 +4,11 @@ from typing import Any
 
 import click
 
+COLUMNS = (
+    "What each column is, in their order: t,ax,ay,az,wx,wy,wz, - to ignore one; t[ms], "
+    "t[us], t[ns] for a clock not in seconds.  [default: what the header says]"
+)
+
 
 class Rate(click.FloatRange):
     """A false-alarm rate: a number from 1e-12 to a half."""

@@ -8,7 +8,9 @@ variance of a known rest,
    _{|i-k| \le h} < m\, \varsigma_{rest}.  \tag{D1}
 
 The window is :math:`w = 2h + 1` samples, so each interval ends about `h` samples
-before the motion does anything in its window. All is relative to the rest's own
+before the motion does anything in its window. The functions count samples; a log is put
+on an even clock first (`evened`), where a window is one second and an interval a second
+or longer at any rate: 101 and 100 samples at 100 Hz. All is relative to the rest's own
 variance: raw counts and SI units give the same intervals.
 """
 
@@ -19,6 +21,7 @@ from simval.statics.detector import (
     intervals_below,
     static_intervals,
 )
+from simval.statics.even import SLOWEST_NOISE, WHITE, WINDOWS, EvenLog, evened
 from simval.statics.intervals import (
     Intervals,
     first_samples,
@@ -29,9 +32,14 @@ from simval.statics.variance import WINDOW, variance_magnitude
 
 __all__ = [
     "MINIMUM",
+    "SLOWEST_NOISE",
+    "WHITE",
     "WINDOW",
+    "WINDOWS",
+    "EvenLog",
     "Intervals",
     "Rest",
+    "evened",
     "first_samples",
     "initial_rest",
     "interval_counts",

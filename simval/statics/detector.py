@@ -42,6 +42,7 @@ def initial_rest(
     window: int = WINDOW,
     minimum: int = MINIMUM,
     spread: Array | None = None,
+    rate: float | None = None,
 ) -> Rest:
     """Return the initial rest: the first `count` samples, or the first rest found.
 
@@ -62,6 +63,8 @@ def initial_rest(
         Least number of samples of a rest that is found.
     spread : Array or None
         The samples' `variance_magnitude` where it is known already.
+    rate : float or None
+        Samples per second, Hz, for a message in seconds.
 
     Returns
     -------
@@ -93,8 +96,9 @@ def initial_rest(
         runs = _runs(spread < FLOOR_MULTIPLE * floor)
         runs = runs[runs[:, 1] - runs[:, 0] >= minimum]
         if len(runs) == 0:
+            long = f"{minimum} samples" if rate is None else f"{minimum / rate:.3g} s"
             msg = (
-                f"no initial rest found: no {minimum} samples in a row stay below "
+                f"no initial rest found: no {long} in a row stay below "
                 f"{FLOOR_MULTIPLE:g} noise floors ({floor:.3g}); state its length "
                 "(--rest SECONDS), or record with rests"
             )

@@ -17,13 +17,16 @@ from simval.errors import RefusedError
 from simval.logs import Log
 from simval.poses import PARAMETERS, observability
 from simval.statics import (
+    SLOWEST_NOISE,
+    WHITE,
+    WINDOWS,
+    EvenLog,
     Intervals,
     Rest,
+    evened,
     first_samples,
-    initial_rest,
     interval_counts,
     interval_means,
-    intervals_below,
     variance_magnitude,
 )
 from simval.theory.calibration import CalibrationMoments, calibration_moments
@@ -118,18 +121,12 @@ def calibrate_log(
         the fits is a calibration.
     """
     samples = log.accelerometer
-    count = None if rest is None else log.rows_within(rest)
-    start = initial_rest(samples, count)
-    spread = variance_magnitude(samples)
-    found = [(m, intervals_below(spread, m * start.variance)) for m in multipliers]
-    usable = [(m, part) for m, part in found if len(part) >= PARAMETERS]
-    if not usable:
-        raise _too_few(max(len(part) for _, part in found))
+    even, start, usable = _rests(log, rest, multipliers)
     best: tuple[float, float, FitResult, Intervals] | None = None
     refusal: RefusedError | None = None
     for multiplier, intervals in _plateau(usable):
         _require_unsaturated(log, intervals, full_scale)
-        sigma = white_noise(samples, intervals)
+        sigma = white_noise(samples, intervals, even.block)
         try:
             fit = calibrate(
                 interval_means(samples, intervals),
@@ -150,7 +147,8 @@ def calibrate_log(
     if best is None:
         raise refusal or _too_few(0)
     _, multiplier, fit, intervals = best
-    means, sigma = interval_means(samples, intervals), white_noise(samples, intervals)
+    means = interval_means(samples, intervals)
+    sigma = white_noise(samples, intervals, even.block)
     quiet = bool(np.any(sigma == 0.0))
     return RecordedCalibration(
         fit=fit,
@@ -194,10 +192,11 @@ def calibrate_samples(
     return calibrate(samples, g, residual="norm", repeats=True)
 
 
-def white_noise(samples: Array, intervals: Intervals) -> Array:
+def white_noise(samples: Array, intervals: Intervals, block: int = 1) -> Array:
     """Standard deviation that white noise leaves in each interval's mean.
 
-    The variance within intervals is pooled over them and over the axes.
+    The variance within intervals is pooled over them and over the axes. Rows that come
+    faster than the sensor's band are not independent; their means over blocks are.
 
     Parameters
     ----------
@@ -205,14 +204,20 @@ def white_noise(samples: Array, intervals: Intervals) -> Array:
         Readings, (n, 3).
     intervals : Intervals
         Static intervals, (m, 2).
+    block : int
+        Rows whose noise is taken as one.
 
     Returns
     -------
     Array
         Raw units, (m,).
     """
-    counts = interval_counts(intervals)
-    squares = [samples[a:b].var(axis=0).mean() * (b - a) for a, b in intervals]
+    counts = interval_counts(intervals) // block
+    parts = [
+        samples[a : a + n * block].reshape(n, block, 3).mean(axis=1)
+        for (a, _), n in zip(intervals, counts, strict=True)
+    ]
+    squares = [part.var(axis=0).mean() * len(part) for part in parts]
     variance = np.sum(squares) / (np.sum(counts) - len(counts))
     return np.sqrt(variance / counts)
 
@@ -253,6 +258,45 @@ def _require_unsaturated(log: Log, intervals: Intervals, limit: float | None) ->
             raise RefusedError(msg)
 
 
+def _rests(
+    log: Log, rest: float | None, multipliers: tuple[float, ...]
+) -> tuple[EvenLog, Rest, list[tuple[float, Intervals]]]:
+    # the log on an even clock, its initial rest, and the intervals of each threshold that
+    # has enough: of the longest window that sees them. A short one is trusted only where
+    # the rest is white noise, since in half a second a slow motion, too, looks still
+    count = None if rest is None else log.rows_within(rest)
+    refusal: RefusedError | None = None
+    for window in WINDOWS:
+        even = evened(log.time, log.accelerometer, window)
+        spread = variance_magnitude(even.samples, even.window)
+        try:
+            start = even.initial_rest(count, spread)
+            limit = WHITE if refusal else 1.0 + SLOWEST_NOISE * even.rate
+            if start.found or refusal:
+                _require_noise(log, start, even.wander(start, spread), limit)
+        except RefusedError as error:
+            refusal = refusal or error
+            continue
+        found = [(m, even.intervals(spread, m * start.variance)) for m in multipliers]
+        usable = [(m, part) for m, part in found if len(part) >= PARAMETERS]
+        if usable:
+            return even, start, usable
+        refusal = refusal or _too_few(max(len(part) for _, part in found))
+    raise refusal or _too_few(0)
+
+
+def _require_noise(log: Log, rest: Rest, wander: float, limit: float) -> None:
+    if not wander <= limit:
+        msg = (
+            f"no initial rest found: even where the log is most quiet, from "
+            f"{log.time[rest.start]:.2f} s to {log.time[rest.stop - 1]:.2f} s, its "
+            f"variance is {wander:.3g} times what it is from row to row, and the noise "
+            f"of a sensor at rest leaves {limit:.3g} at most; it is moving there, so "
+            "record with rests, or state the initial one (--rest SECONDS)"
+        )
+        raise RefusedError(msg)
+
+
 def _plateau(found: list[tuple[float, Intervals]]) -> list[tuple[float, Intervals]]:
     # thresholds that agree on the number of rests: one seen at a single threshold
     # only is a rest cut in two, or a slow motion
@@ -264,6 +308,7 @@ def _plateau(found: list[tuple[float, Intervals]]) -> list[tuple[float, Interval
 def _too_few(most: int) -> RefusedError:
     return RefusedError(
         f"at most {most} static interval(s) found, and a calibration needs "
-        f"{PARAMETERS} or more, each a second or longer; hold the sensor still in more "
-        "poses, or state the initial rest (--rest SECONDS) if it was found wrongly"
+        f"{PARAMETERS} or more, each from a rest of two seconds or longer; hold the "
+        "sensor still in more poses, or state the initial rest (--rest SECONDS) if it "
+        "was found wrongly"
     )

@@ -1,0 +1,254 @@
+"""Which column of a log is what: by the caller, by the header, or by their number."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import PurePath
+
+from simval.errors import InputError
+from simval.logs.names import SECONDS, Channel, Kind, channel
+from simval.logs.table import Table
+
+NAMES = ("t", "ax", "ay", "az", "wx", "wy", "wz")
+SKIP = "-"
+LAYOUTS = {3: NAMES[1:4], 4: NAMES[:4], 6: NAMES[1:], 7: NAMES}
+Triple = tuple[int, int, int]
+_GIVEN = re.compile(r"(t|-|[aw][xyz])(?:\[([^\]]+)\])?")
+_OTHER_FILES = re.compile(
+    r"gyr|mag|gravity|linear|user|orient|euler|rotation|quat", re.I
+)
+_SHOWN = 12  # names of a header that a message lists
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Column:
+    """One column that is taken.
+
+    Attributes
+    ----------
+    role : str
+        Out of ``t ax ay az wx wy wz``.
+    place : int
+        Its place in the row, from 0.
+    name : str
+        As the header has it; empty without one.
+    unit : str
+        Of a clock, ``s``, ``ms``, ``us``, ``ns``; empty where nothing says it.
+    """
+
+    role: str
+    place: int
+    name: str = ""
+    unit: str = ""
+
+    def __str__(self) -> str:
+        named = f" {self.name!r}" if self.name else ""
+        return f"{self.role} = column {self.place + 1}{named}"
+
+
+def chosen(table: Table, columns: str | Sequence[str] | None) -> tuple[Column, ...]:
+    """Choose the columns of a log.
+
+    Parameters
+    ----------
+    table : Table
+        The log.
+    columns : str or sequence of str or None
+        The caller's names, as of `simval.logs.read_log`.
+
+    Returns
+    -------
+    tuple of Column
+        At least ``ax``, ``ay``, ``az``, in the order of `NAMES`.
+
+    Raises
+    ------
+    InputError
+        If the names do not fit, or nothing says which columns are the accelerometer's.
+    """
+    if columns is not None:
+        return _given(table, columns)
+    if table.names is not None:
+        return _by_header(table, table.names)
+    if table.width in LAYOUTS:
+        roles = LAYOUTS[table.width]
+        return tuple(Column(role=role, place=k) for k, role in enumerate(roles))
+    msg = (
+        f"{table.path} has {table.width} columns and no names for them; 3 (ax ay az), "
+        "4 (t ax ay az), 6 (with wx wy wz) or 7 (both) are understood, so name them: "
+        f"--columns {template(table.width)}, - for one to ignore"
+    )
+    raise InputError(msg)
+
+
+def template(width: int, taken: dict[int, str] | None = None) -> str:
+    """Names for `--columns`, with a hyphen where none is taken."""
+    roles = taken or dict(enumerate(NAMES[:4] if width > 3 else NAMES[1:4]))
+    return ",".join(roles.get(k, SKIP) for k in range(width))
+
+
+def _given(table: Table, columns: str | Sequence[str]) -> tuple[Column, ...]:
+    listed = columns.split(",") if isinstance(columns, str) else columns
+    names = [str(name).strip() for name in listed]
+    if len(names) != table.width:
+        msg = (
+            f"{table.path} has {table.width} columns, `columns` names {len(names)} "
+            f"({','.join(names)}); name each, with - for one to ignore"
+        )
+        raise InputError(msg)
+    found = [_GIVEN.fullmatch(name) for name in names]
+    used = [match[1] for match in found if match and match[1] != SKIP]
+    gyro = [name for name in used if name in NAMES[4:]]
+    complete = {"ax", "ay", "az"} <= set(used) and len(gyro) in (0, 3)
+    if not (all(found) and complete and len(set(used)) == len(used)):
+        msg = (
+            f"`columns` is {','.join(names)}; each of ax, ay, az is needed once, t once "
+            "at most (t[ms], t[us], t[ns] for a clock not in seconds), wx, wy, wz all "
+            "or none, and - marks a column to ignore"
+        )
+        raise InputError(msg)
+    headers = table.names or ("",) * table.width
+    matched = [(k, match) for k, match in enumerate(found) if match]
+    picked = [
+        Column(role=match[1], place=k, name=headers[k], unit=_unit(match))
+        for k, match in matched
+        if match[1] != SKIP
+    ]
+    return tuple(sorted(picked, key=lambda each: NAMES.index(each.role)))
+
+
+def _unit(match: re.Match[str]) -> str:
+    unit = (match[2] or "").strip().lower().replace("µ", "u")
+    if unit and (match[1] != "t" or unit not in SECONDS):
+        msg = (
+            f"`columns` has {match[0]}; a unit is for the clock only, one of t[s], "
+            "t[ms], t[us], t[ns]"
+        )
+        raise InputError(msg)
+    return unit
+
+
+def _by_header(table: Table, names: tuple[str, ...]) -> tuple[Column, ...]:
+    channels = [channel(name) for name in names]
+    force = _force(table, names, channels)
+    places = dict(zip(NAMES[1:4], force, strict=True))
+    gyros = triples(channels, "gyro")
+    if len(gyros) == 1:
+        places |= zip(NAMES[4:], gyros[0], strict=True)
+    clock = _clock(table, channels)
+    if clock is not None:
+        places = {"t": clock} | places
+    return tuple(
+        Column(
+            role=role,
+            place=place,
+            name=names[place],
+            unit=channels[place].unit if role == "t" else "",
+        )
+        for role, place in places.items()
+    )
+
+
+def triples(channels: list[Channel], kind: Kind) -> list[Triple]:
+    """Places of x, y and z of each sensor of a kind that has each of them once."""
+    groups: dict[str, dict[str, list[int]]] = {}
+    for place, found in enumerate(channels):
+        if found.kind == kind and found.axis:
+            axes = groups.setdefault(found.stem, {})
+            axes.setdefault(found.axis, []).append(place)
+    whole = []
+    for axes in groups.values():
+        order = next((o for o in ("xyz", "012", "123") if set(axes) == set(o)), "")
+        if order and all(len(places) == 1 for places in axes.values()):
+            x, y, z = (axes[axis][0] for axis in order)
+            whole.append((x, y, z))
+    return whole
+
+
+def _clock(table: Table, channels: list[Channel]) -> int | None:
+    # numbers before text, a plain name before a longer one, a unit before none
+    clocks = [
+        (table.is_text(place), not found.plain, not found.unit, place)
+        for place, found in enumerate(channels)
+        if found.kind == "time"
+    ]
+    return min(clocks)[-1] if clocks else None
+
+
+def _force(table: Table, names: tuple[str, ...], channels: list[Channel]) -> Triple:
+    # the one accelerometer that the header names
+    found = triples(channels, "force")
+    stems = [channels[triple[0]].stem for triple in found]
+    if "gf" in stems:  # a phone's g-force; beside it a plain ax is free of gravity
+        found = [each for each, stem in zip(found, stems, strict=True) if stem != "a"]
+    elif "a" in stems and any(_words(name) == "at" for name in names):
+        why = (
+            "with a column aT, ax ay az are those of a phone's linear accelerometer, "
+            "which leaves gravity out; a calibration needs readings with gravity, so "
+            "record the accelerometer or the g-force meter"
+        )
+        raise _question(table, names, channels, why, found)
+    if len(found) == 1:
+        return found[0]
+    if len(found) > 1:
+        why = f"{len(found)} accelerometers are named, and one is to be calibrated"
+        raise _question(table, names, channels, why, found)
+    return _bare(table, names, channels)
+
+
+def _bare(table: Table, names: tuple[str, ...], channels: list[Channel]) -> Triple:
+    # x, y, z and nothing else is the accelerometer's, unless something speaks against
+    bare = triples(channels, "bare")
+    others: tuple[Kind, ...] = ("gyro", "mag", "no gravity", "force")
+    rest = [c for c in channels if c.axis and c.kind in others]
+    file = PurePath(table.path).name.lower()
+    if len(bare) == 1 and not rest and not _OTHER_FILES.search(file):
+        if "seconds_elapsed" not in names or "total" in file or "uncal" in file:
+            return bare[0]
+        why = (
+            "x, y, z beside seconds_elapsed are Sensor Logger's, whose Accelerometer "
+            "leaves gravity out; a calibration needs readings with gravity, those of "
+            "its TotalAcceleration.csv"
+        )
+    elif triples(channels, "no gravity"):
+        why = (
+            "the acceleration it names is without gravity, and a calibration needs "
+            "readings with gravity: at rest they must show it"
+        )
+    elif any(c.kind == "force" and c.axis for c in channels):
+        why = "not each of the accelerometer's axes x, y, z is named exactly once"
+    else:
+        why = "no three of them are known names of an accelerometer's axes"
+    raise _question(table, names, channels, why, bare)
+
+
+def _words(name: str) -> str:
+    return re.split(r"[\[( ]", name.strip().lower())[0]
+
+
+def _question(
+    table: Table,
+    names: tuple[str, ...],
+    channels: list[Channel],
+    why: str,
+    candidates: list[Triple],
+) -> InputError:
+    clock = _clock(table, channels)
+    start = {} if clock is None else {clock: "t"}
+    free = [k for k in range(table.width) if k != clock and not table.is_text(k)]
+    fitting = candidates[:3] or (
+        [(free[0], free[1], free[2])] if len(free) >= 3 else []
+    )
+    lines = [
+        template(table.width, start | dict(zip(each, NAMES[1:4], strict=True)))
+        for each in fitting
+    ]
+    listed = ", ".join(repr(name) for name in names[:_SHOWN])
+    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    form = "one of" if len(lines) > 1 else "for example"
+    say = " or ".join(f"--columns {line}" for line in lines) or "--columns"
+    return InputError(
+        f"{table.path}: which columns are the accelerometer's x, y and z? The header "
+        f"has {listed}{more}; {why}. Name each column in its order, {form} {say} (t, ax, "
+        "ay, az, wx, wy, wz, - for one to ignore)"
+    )

@@ -1,0 +1,203 @@
+"""What the name of a column says: its quantity, axis and unit.
+
+A name is split into words (at signs, blanks and capitals) and a unit (in brackets, or
+the last words). The words say the quantity and the axis; the unit may say the quantity
+where the words do not, and overrules them where it contradicts.
+"""
+
+import re
+from dataclasses import dataclass
+from typing import Literal
+
+Kind = Literal["time", "force", "gyro", "mag", "bare", "no gravity", "other"]
+
+
+def _listed(words: str) -> frozenset[str]:
+    return frozenset(words.split())
+
+
+_WORDS: dict[Kind, frozenset[str]] = {
+    "force": _listed(
+        "acc accel acce accl accelero accelerometer accelerometers acceleration "
+        "accelerations specific gf"
+    ),
+    "gyro": _listed(
+        "gyr gyro gyros gyroscope gyroscopes omega angvel angular rotation rotrate"
+    ),
+    "mag": _listed("mag magn magnet magnetic magneto magnetometer compass"),
+}
+_LETTERS: dict[str, Kind] = {
+    "a": "force",
+    "w": "gyro",
+    "g": "gyro",
+    "m": "mag",
+    "b": "mag",
+}
+# words that make an acceleration something else than what the sensor reads at rest
+_WITHOUT_GRAVITY = _listed(
+    "linear lin linacc linaccel user free dynamic gravity grav nograv"
+)
+_OTHER = _listed(
+    "cov covariance covar std sd stddev var variance bias offset drift err error sum "
+    "norm abs absolute magnitude mean avg rms quat quaternion q orientation ori euler "
+    "angle angles roll pitch yaw pos position vel velocity speed jerk world earth ned "
+    "enu global nav navigation ref reference true truth gt desired cmd command setpoint "
+    "scale misalignment delta diff inc increment integral dv dq noise temp temperature "
+    "vector rot rotvec heading status accuracy"
+)
+_TIME = _listed(
+    "t time times timestamp timestamps stamp ts clock elapsed timer uptime epoch "
+    "unixtime datetime date zeit tiempo temps tempo sampletimefine timefine"
+)
+_NO_TIME = _listed("delta dt diff period duration latency delay zone relative")
+_SECONDS = {
+    1.0: "s sec secs second seconds",
+    1e-3: "ms msec msecs msecond millisecond milliseconds milli millis",
+    1e-6: "us usec usecs μs μsec microsecond microseconds micro micros",
+    1e-9: "ns nsec nsecs nanosecond nanoseconds nano nanos",
+    60.0: "min mins minute minutes",
+    3600.0: "h hr hrs hour hours",
+}
+SECONDS = {word: size for size, words in _SECONDS.items() for word in words.split()}
+_UNITS: dict[Kind, frozenset[str]] = {
+    "force": _listed("ms2 mss ms-2 mps2 mpss g mg μg ug gs gee cms2 mms2 fts2 gal"),
+    "gyro": _listed(
+        "rads rads-1 radsec radps mrads degs degs-1 degsec °s °s-1 °sec °ps dps mdps rps rpm"
+    ),
+    "mag": _listed("ut μt nt mt t gauss mgauss g mg gs"),
+}
+_ANY_UNIT = _listed(
+    "raw count counts cnt cnts lsb adc digit digits bit bits int16 au mv v uncal cal"
+)
+_STRANGE_UNIT = _listed("° deg rad degree degrees c °c degc k f °f pa hpa mbar %")
+_FUSED = re.compile(
+    r"(?P<word>acce?l?|accelerometer|acceleration|gyro?|gyroscope|magn?|magnetometer|gf|a|w|g|m|b)"
+    r"(?P<number>\d*)(?P<axis>[xyz])(?P<behind>\d*)"
+    r"|(?P<axis2>[xyz])(?P<word2>acce?l?|gyro?|magn?)"
+)
+_BRACKETS = re.compile(r"[\[({]([^\[\](){}]*)[\])}]")
+_CAPITALS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
+_ROS = re.compile(r"(^|[./])linear_acceleration[./][xyz]$")
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """What one column holds, as far as its name says.
+
+    Attributes
+    ----------
+    kind : str
+        ``force`` for an accelerometer, ``no gravity`` for an acceleration without
+        it, ``bare`` for an axis and no quantity.
+    axis : str
+        ``x``, ``y``, ``z``, or an index in brackets, or empty.
+    unit : str
+        As written, without signs, lower case; empty for none.
+    stem : str
+        The name without axis and unit: equal for the three axes of one sensor.
+    plain : bool
+        Of a clock: whether the name has no further word.
+    """
+
+    kind: Kind
+    axis: str = ""
+    unit: str = ""
+    stem: str = ""
+    plain: bool = False
+
+
+def is_unit(text: str) -> bool:
+    """Return whether a text is a unit and nothing else."""
+    unit = _compact(text)
+    known = (*_UNITS.values(), frozenset(SECONDS), _ANY_UNIT, _STRANGE_UNIT)
+    bracketed = bool(_BRACKETS.fullmatch(text.strip()))
+    return bracketed or any(unit in words for words in known)
+
+
+def channel(name: str) -> Channel:
+    """Return what a column's name says."""
+    if _ROS.search(name.strip()):  # as in sensor_msgs/Imu: with gravity
+        return Channel("force", name.strip()[-1], "", name.strip()[:-1])
+    inside = [text.strip() for text in _BRACKETS.findall(name)]
+    index = next((text for text in inside if text in ("0", "1", "2", "3")), "")
+    units = [_compact(text) for text in inside if text != index]
+    base = _CAPITALS.sub("_", _BRACKETS.sub(" ", name).replace("gF", "gf"))
+    words = [word for word in re.split(r"[^a-z0-9μ°]+", base.lower()) if word]
+    axis, words, tail = _axis(words)
+    if not axis and index:
+        axis = index
+    unit = next((each for each in units if each), "")
+    tail_unit = "".join(tail)
+    if not unit and (tail_unit in _ANY_UNIT or _kinds_of(tail_unit)):
+        unit, tail = tail_unit, []
+    words += tail
+    if not axis:
+        return _clock(words, unit)
+    kind = _settled(_kind(words), unit)
+    return Channel(kind, axis, unit, " ".join(words))
+
+
+def _compact(unit: str) -> str:
+    return re.sub(r"[^a-z0-9°μ%-]", "", unit.lower())
+
+
+def _axis(words: list[str]) -> tuple[str, list[str], list[str]]:
+    # axis, the words before and fused with it, the words behind it
+    for k in range(len(words) - 1, -1, -1):
+        if words[k] in ("x", "y", "z"):
+            if k == 0:  # x_acc: the words behind it are the name
+                return words[k], words[1:], []
+            return words[k], words[:k], words[k + 1 :]
+        found = _FUSED.fullmatch(words[k])
+        if found:
+            axis = found["axis"] or found["axis2"]
+            word = found["word"] or found["word2"]
+            number = [n for n in (found["number"], found["behind"]) if n]
+            return axis, [*words[:k], word, *number], words[k + 1 :]
+    return "", words, []
+
+
+def _kind(words: list[str]) -> Kind:
+    named = set(words)
+    kinds = {kind for kind, known in _WORDS.items() if named & known}
+    if named & _WITHOUT_GRAVITY and "gyro" not in kinds:
+        return "no gravity"
+    if named & _OTHER and not (
+        named & _OTHER <= {"velocity", "vel"} and kinds == {"gyro"}
+    ):
+        return "other"
+    if not kinds:
+        kinds = {_LETTERS[word] for word in words if word in _LETTERS}
+    if len(kinds) == 1:
+        return kinds.pop()
+    return "bare" if not kinds and not named - {"axis", "value", "sensor"} else "other"
+
+
+def _kinds_of(unit: str) -> set[Kind]:
+    return {kind for kind, units in _UNITS.items() if unit in units}
+
+
+def _settled(kind: Kind, unit: str) -> Kind:
+    # the quantity, once its unit has been heard, too
+    if not unit or unit in _ANY_UNIT or kind in ("other", "no gravity"):
+        return kind
+    said = _kinds_of(unit)
+    if unit in _STRANGE_UNIT or unit in SECONDS:
+        return "other"
+    if kind == "bare":
+        return said.pop() if len(said) == 1 else "bare"
+    return kind if not said or kind in said else "other"
+
+
+def _clock(words: list[str], unit: str) -> Channel:
+    named = [word for word in words if word not in SECONDS]
+    sizes = [word for word in words if word in SECONDS]
+    unit = unit or (sizes[-1] if sizes else "")
+    if unit and unit not in SECONDS:
+        return Channel("other", "", unit, " ".join(words))
+    bare_unit = not named and any(len(word) > 1 for word in sizes)
+    timed = bool(set(named) & _TIME) or bare_unit
+    if set(named) & (_NO_TIME | _OTHER) or not (timed or (unit and not sizes)):
+        return Channel("other", "", unit, " ".join(words))
+    plain = timed and set(named) <= _TIME
+    return Channel("time", "", unit, " ".join(words), plain)

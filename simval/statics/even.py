@@ -1,0 +1,213 @@
+r"""A log on an even clock: the detector in seconds, at any rate.
+
+Rows fall into ticks of equal length; a tick reads their mean, and one without a row
+(the log lost it) what the tick before it read. Down to `RATE` a tick is one row. Above,
+it is as many as make up about that rate: the same motion then leaves the same variance
+in a window, and noise beyond the band in which a sensor can be turned by hand counts
+neither for nor against a rest.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simval.arrays import Array, finite_array, frozen
+from simval.errors import InputError, RefusedError
+from simval.statics.detector import Rest, initial_rest, intervals_below
+from simval.statics.intervals import Intervals
+
+RATE = 100.0  # Hz; rows that come faster are averaged to ticks of about this rate
+# span of the variance's window, and of the shortest interval, which is a window shorter
+# than its rest: 1 s as the method's authors use it; the other for rests of 1 s
+WINDOWS = (1.0, 0.5)  # s
+# limits of `EvenLog.wander`. Noise of a band f wanders by rate / (2 pi f) at most, and no
+# accelerometer's band is below half a hertz, 0.3 s: measured 1.1 on real sensors, 16 for
+# 1 Hz at 100 Hz, and 80 to 1000 where a slow motion without any rest was taken for one
+SLOWEST_NOISE = 0.3  # s
+WHITE = 1.5  # white noise has 1, with 50 ticks less than this in all but 1e-4 of rests
+SLOWEST = 5.0  # Hz; windows of 5 ticks: every rest of tests/test_rates.py still found
+CLOCK_ERROR = 0.01  # relative; of a nominal rate
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class EvenLog:
+    """Readings at equal distances in time.
+
+    Attributes
+    ----------
+    samples : Array
+        Mean reading of each tick, (n, 3).
+    tick : Intervals
+        Tick of each row of the log, (rows,).
+    rate : float
+        Ticks per second, Hz.
+    block : int
+        Rows to a tick.
+    window : int
+        Ticks in a window of the detector, odd.
+    minimum : int
+        Least number of ticks of an interval.
+    """
+
+    samples: Array
+    tick: Intervals
+    rate: float
+    block: int
+    window: int
+    minimum: int
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "samples", frozen(self.samples))
+
+    def rows(self, intervals: Intervals) -> Intervals:
+        """Rows of the log that intervals of ticks hold.
+
+        Parameters
+        ----------
+        intervals : Intervals
+            Ticks ``start <= k < stop``, (m, 2).
+
+        Returns
+        -------
+        Intervals
+            Rows ``start <= k < stop``, (m, 2).
+        """
+        return np.searchsorted(self.tick, intervals).reshape(-1, 2)
+
+    def wander(self, rest: Rest, spread: Array) -> float:
+        """How much the readings of a rest vary in a window, beside from tick to tick.
+
+        Parameters
+        ----------
+        rest : Rest
+            Rows of the log.
+        spread : Array
+            The variance magnitude of `samples`.
+
+        Returns
+        -------
+        float
+            Median variance of the rest's windows over half its mean squared difference
+            of successive ticks, 1: 1 for white noise, more where motion is in it.
+        """
+        ticks = slice(self.tick[rest.start], self.tick[rest.stop - 1] + 1)
+        steps = np.mean(np.diff(self.samples[ticks], axis=0) ** 2, axis=0)
+        whole = spread[ticks][np.isfinite(spread[ticks])]
+        return float(np.median(whole) / np.linalg.norm(0.5 * steps))
+
+    def intervals(self, spread: Array, threshold: float) -> Intervals:
+        """Static intervals below a threshold, in rows.
+
+        Parameters
+        ----------
+        spread : Array
+            The variance magnitude of `samples`.
+        threshold : float
+            Limit, unit of the readings squared.
+
+        Returns
+        -------
+        Intervals
+            Rows ``start <= k < stop``, (m, 2).
+        """
+        return self.rows(intervals_below(spread, threshold, self.minimum))
+
+    def initial_rest(self, count: int | None, spread: Array) -> Rest:
+        """Initial rest of the log, in rows.
+
+        Parameters
+        ----------
+        count : int or None
+            Rows at the start known to be at rest; None finds them.
+        spread : Array
+            The variance magnitude of `samples`.
+
+        Returns
+        -------
+        Rest
+            Its rows, and the variance magnitude of its ticks.
+
+        Raises
+        ------
+        InputError
+            If the rows are less than a window or more than the log.
+        RefusedError
+            As `simval.statics.initial_rest`.
+        """
+        if count is not None:
+            if not 1 <= count <= len(self.tick):
+                msg = f"`count` is {count}; the log has {len(self.tick)} rows"
+                raise InputError(msg)
+            count = int(self.tick[count - 1]) + 1
+        found = initial_rest(
+            self.samples, count, self.window, self.minimum, spread, self.rate
+        )
+        start, stop = self.rows(np.array([[found.start, found.stop]]))[0]
+        return Rest(
+            start=int(start),
+            stop=int(stop),
+            variance=found.variance,
+            found=found.found,
+        )
+
+
+def evened(time: Array, samples: Array, window: float = WINDOWS[0]) -> EvenLog:
+    """Put a log on an even clock.
+
+    Parameters
+    ----------
+    time : Array
+        Seconds, (n,), strictly increasing.
+    samples : Array
+        Readings, (n, 3), any unit.
+    window : float
+        Span of the detector's window and of its shortest interval, s.
+
+    Returns
+    -------
+    EvenLog
+        The same readings, and lengths in ticks for what the detector has in seconds.
+
+    Raises
+    ------
+    InputError
+        If the log is shorter than a window, or its times do not increase.
+    RefusedError
+        If its rows are too few in a second.
+    """
+    samples = finite_array("samples", samples, (None, 3))
+    time = finite_array("time", time, (len(samples),))
+    if not (len(time) >= 2 and np.all(np.diff(time) > 0.0)):
+        msg = f"`time` has {len(time)} values; two or more are needed, each increasing"
+        raise InputError(msg)
+    duration = float(time[-1] - time[0])
+    rate = (len(time) - 1) / duration
+    if not rate >= SLOWEST * (1.0 - CLOCK_ERROR):
+        msg = (
+            f"the log has {rate:.4g} rows a second; {SLOWEST:g} or more are needed to "
+            "tell a rest from a motion within a second: record faster, or state the "
+            "clock's unit (t[ms], t[us], t[ns] in --columns) if it is not in seconds"
+        )
+        raise RefusedError(msg)
+    if not duration + 1.0 / rate >= window:
+        msg = (
+            f"the log lasts {duration:.3g} s ({len(time)} rows at {rate:.6g} Hz); at "
+            f"least one window of the detector ({window:g} s) is needed: record longer"
+        )
+        raise InputError(msg)
+    block = max(1, round(rate / RATE))
+    # a row in the middle of its tick, so that jitter of less than half a row is nothing
+    tick = np.floor(((time - time[0]) * rate + 0.5) / block).astype(np.intp)
+    present, first, counts = np.unique(tick, return_index=True, return_counts=True)
+    means = np.add.reduceat(samples, first, axis=0) / counts[:, None]
+    every = np.arange(tick[-1] + 1)
+    even = rate / block
+    half = round(even * window / 2)
+    return EvenLog(
+        samples=means[np.searchsorted(present, every, side="right") - 1],
+        tick=tick,
+        rate=even,
+        block=block,
+        window=2 * half + 1,
+        minimum=round(even * 2.0 * window) - 2 * half,
+    )
