@@ -10,11 +10,6 @@ from simval.calibrate.solver import STATUS_NAMES, Code
 from simval.errors import GeometryError, RefusedError
 from simval.poses import PARAMETERS, describe, observability
 
-# A direction that no pose sees gets its share of the Jacobian from the noise, and the
-# condition then is about one over it: condition times noise of six faces of a cube was
-# 0.2 to 5 for noise of 1e-4 to 3e-2 of g (99 % of trials), of 12 poses or more all over
-# the sphere at most 0.11 at 3e-2. The limit is 1/7 = 0.14.
-_NOISE_MARGIN = 7.0
 _RANK_TOLERANCE = 1e-7  # relative; what a scatter matrix of readings can resolve
 
 
@@ -48,27 +43,6 @@ def screen(poses: Array, *, full_scale: float | None, repeats: bool) -> Any:
         code[clipped] = int(Code.SATURATED)
     code[~finite] = int(Code.NON_FINITE)
     return code
-
-
-def noise_rank(code: Any, condition: Array, spread: Array) -> Any:
-    """Refuse the trials whose rank of nine is made of noise.
-
-    Parameters
-    ----------
-    code : Array of int
-        Codes so far, (t,).
-    condition : Array
-        Condition of the poses, (t,).
-    spread : Array
-        Noise of a pose, known or from the residuals, in units of the force, (t,).
-
-    Returns
-    -------
-    Array of int
-        Codes, (t,).
-    """
-    hidden = condition * spread * _NOISE_MARGIN > 1.0
-    return np.where(hidden & (code == Code.CONVERGED), int(Code.NOISE_RANK), code)
 
 
 def repeated_poses(poses: Array) -> Any:

@@ -20,6 +20,7 @@ from simval.calibrate.arguments import (
     checked_noise,
     checked_readings,
 )
+from simval.calibrate.evidence import weigh
 from simval.calibrate.frame import direction_condition, normalized
 from simval.calibrate.moments import moment_matrix, unbiased_moment_matrix
 from simval.calibrate.residuals import SLOPES
@@ -183,12 +184,11 @@ def _fit_block(poses: Array, sigma: Array | None, options: Options) -> _Block:
     if keep.size == 0:
         return block
     z, centre, scale = normalized(poses if keep.size == len(poses) else poses[keep])
-    noise = None if sigma is None else sigma / scale[:, None]
     moments = moment_matrix(z)
     ellipsoid = fit_ellipsoid(moments)
     theta = forms.from_gram(options.model, ellipsoid.gram, ellipsoid.bias)
     usable = np.isfinite(theta).all(axis=-1) & np.asarray(ellipsoid.proper, dtype=bool)
-    condition = direction_condition(options.model, theta, moments, usable)
+    condition, stretch = direction_condition(options.model, theta, moments, usable)
     block.condition[keep] = condition
     checked = code[keep]
     checked[~(condition <= options.condition_limit)] = int(Code.CONDITION)
@@ -198,58 +198,65 @@ def _fit_block(poses: Array, sigma: Array | None, options: Options) -> _Block:
     good = checked == Code.CONVERGED
     if not good.any():
         return block
+    data = _Data(
+        z=z, moments=moments, noise=None if sigma is None else sigma / scale[:, None],
+        theta=theta, centre=centre, scale=scale, condition=condition, stretch=stretch,
+    )  # fmt: skip
     if not good.all():
-        keep, z, theta, centre = keep[good], z[good], theta[good], centre[good]
-        scale, condition, moments = scale[good], condition[good], moments[good]
-        noise = None if noise is None else noise[good]
-    data = _Data(z=z, moments=moments, noise=noise)
-    _solve(block, keep, data, theta, (centre, scale, condition), options)
+        keep, data = keep[good], data.take(good)
+    _solve(block, keep, data, options)
     return block
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Data:
-    # readings in the scaled units of the fit
+    # the trials that are fitted, one row each, in the scaled units of the fit
     z: Array  # (t, n, 3)
     moments: Array  # (t, 10, 10)
     noise: Array | None  # (t, n)
+    theta: Array  # starts
+    centre: Array  # raw units
+    scale: Array  # raw units
+    condition: Array
+    stretch: Array  # as of `direction_condition`
+
+    def take(self, rows: Any) -> "_Data":
+        every = {f.name: getattr(self, f.name) for f in fields(_Data)}
+        return _Data(**{k: None if v is None else v[rows] for k, v in every.items()})
 
 
-def _solve(
-    block: _Block,
-    keep: Any,
-    data: _Data,
-    theta: Array,
-    frame: tuple[Array, Array, Array],
-    options: Options,
-) -> None:
-    # iterate, summarise, and write the physical results into the block
-    centre, scale, condition = frame
-    z, noise = data.z, data.noise
-    solution, ratio = _iterate(data, theta, options)
+def _solve(block: _Block, keep: Any, data: _Data, options: Options) -> None:
+    # iterate, summarise, judge, and write the physical results into the block
+    solution, ratio = _iterate(data, options)
     summary = summarize(
         options.model,
         options.residual,
         solution.theta,
-        z,
-        sigma=noise,
+        data.z,
+        sigma=data.noise,
         loss=options.loss,
         ratio=ratio,
         covariance=options.covariance,
     )
-    sizes = np.ones((len(z), 9))
-    per_raw = (options.g / scale)[:, None]
+    sizes = np.ones((len(keep), 9))
     first = 0 if options.model == "symmetric" else 3
-    sizes[:, first:6] = per_raw
-    sizes[:, 6:] = scale[:, None]
-    spread = summary.distance_std if noise is None else noise.max(axis=-1)
-    block.code[keep] = checks.noise_rank(solution.code, condition, spread)
+    sizes[:, first:6] = (options.g / data.scale)[:, None]
+    sizes[:, 6:] = data.scale[:, None]
+    evidence = weigh(
+        data.z,
+        data.moments,
+        data.noise,
+        summary,
+        condition=data.condition,
+        stretch=data.stretch,
+    )
+    block.code[keep] = evidence.judge(solution.code)
     block.iterations[keep] = solution.iterations
     block.parameters[keep] = solution.theta * sizes
-    block.parameters[keep, 6:] += centre
+    block.parameters[keep, 6:] += data.centre
     block.covariance[keep] = summary.covariance * sizes[:, :, None] * sizes[:, None, :]
     unit = {"squared": options.g**4, "adjusted": options.g**4, "norm": options.g**2}
-    block.cost[keep] = summary.cost * unit.get(options.residual, scale**2)
+    block.cost[keep] = summary.cost * unit.get(options.residual, data.scale**2)
     block.rms[keep] = summary.rms * options.g
     block.chi2_per_dof[keep] = summary.chi2_per_dof
     block.gradient_norm[keep] = solution.gradient_norm
@@ -258,12 +265,10 @@ def _solve(
         getattr(block, field)[refused] = np.nan
 
 
-def _iterate(
-    data: _Data, theta: Array, options: Options
-) -> tuple[Solution, Array | None]:
+def _iterate(data: _Data, options: Options) -> tuple[Solution, Array | None]:
     # Run the solver that the residual and the loss call for.
     model, residual, rules = options.model, options.residual, options.rules
-    z, noise = data.z, data.noise
+    z, noise, theta = data.z, data.noise, data.theta
     newton = rules.method == "newton"
     slack = 64.0 * float(np.finfo(float).eps) * z.shape[1]
     goal: Callable[[Array, Any], Any]

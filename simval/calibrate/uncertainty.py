@@ -45,6 +45,8 @@ class Summary:
         Chi-square per degree of freedom, (t,); NaN without sigma.
     distance_std : Array
         Standard deviation of the distances, by degree of freedom, (t,).
+    steepness : Array
+        Root mean square of the gradient of c, (t,).
     """
 
     covariance: Array
@@ -52,6 +54,7 @@ class Summary:
     rms: Array
     chi2_per_dof: Array
     distance_std: Array
+    steepness: Array
 
 
 def summarize(
@@ -119,6 +122,7 @@ def summarize(
         rms=np.sqrt((norm * norm).mean(axis=-1)),
         chi2_per_dof=chi2,
         distance_std=spread,
+        steepness=2.0 * np.sqrt(q.mean(axis=-1)),
     )
 
 
