@@ -7,7 +7,7 @@ depend on its block.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -45,6 +45,7 @@ class _Block:
     covariance: Array
     cost: Array
     condition: Array
+    half_width: Array
     rms: Array
     chi2_per_dof: Array
     gradient_norm: Array
@@ -147,16 +148,13 @@ def calibrate(
     single = readings.ndim == 2
     if single and block.code[0] >= Code.NON_FINITE:
         checks.refuse(
-            int(block.code[0]),
-            batch[0],
-            full_scale=full_scale,
-            limit=condition_limit,
-            condition=float(block.condition[0]),
-        )
+            int(block.code[0]), batch[0], full_scale=full_scale, limit=condition_limit,
+            condition=float(block.condition[0]), half_width=float(block.half_width[0]),
+        )  # fmt: skip
     numbers = {f.name: getattr(block, f.name) for f in fields(_Block)}
     if single:
         numbers = {name: value[0] for name, value in numbers.items()}
-    code = numbers.pop("code")
+    code, _ = numbers.pop("code"), numbers.pop("half_width")
     dof = count - PARAMETERS
     known = sigma is not None and loss == "linear"
     kind = "known sigma" if known else "type A"
@@ -221,8 +219,8 @@ class _Data:
     stretch: Array  # as of `direction_condition`
 
     def take(self, rows: Any) -> "_Data":
-        every = {f.name: getattr(self, f.name) for f in fields(_Data)}
-        return _Data(**{k: None if v is None else v[rows] for k, v in every.items()})
+        every: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(_Data)}
+        return replace(self, **{k: v[rows] for k, v in every.items() if v is not None})
 
 
 def _solve(block: _Block, keep: Any, data: _Data, options: Options) -> None:
@@ -243,14 +241,12 @@ def _solve(block: _Block, keep: Any, data: _Data, options: Options) -> None:
     sizes[:, first:6] = (options.g / data.scale)[:, None]
     sizes[:, 6:] = data.scale[:, None]
     evidence = weigh(
-        data.z,
-        data.moments,
-        data.noise,
-        summary,
-        condition=data.condition,
-        stretch=data.stretch,
-    )
+        data.moments, data.noise, summary,
+        dof=data.z.shape[1] - PARAMETERS,
+        condition=data.condition, stretch=data.stretch,
+    )  # fmt: skip
     block.code[keep] = evidence.judge(solution.code)
+    block.half_width[keep] = evidence.half_width
     block.iterations[keep] = solution.iterations
     block.parameters[keep] = solution.theta * sizes
     block.parameters[keep, 6:] += data.centre
@@ -294,6 +290,7 @@ def _empty(code: Any, count: int) -> _Block:
         covariance=np.full((count, 9, 9), np.nan),
         cost=np.full(count, np.nan),
         condition=np.full(count, np.inf),
+        half_width=np.full(count, np.nan),
         rms=np.full(count, np.nan),
         chi2_per_dof=np.full(count, np.nan),
         gradient_norm=np.full(count, np.nan),
