@@ -232,7 +232,7 @@ def test_one_set_and_a_batch_are_judged_alike(noise_std):
     lifted = normalize(lifted + 0.05 * rng.standard_normal(lifted.shape))
     poses = G * lifted + 0.01 * rng.standard_normal(lifted.shape)
     batch = calibrate(poses, G, noise_std=noise_std)
-    assert 3 < batch.converged.sum() < 21
+    assert 0 < batch.converged.sum() < len(batch.converged)
     quick = calibrate(poses, G, noise_std=noise_std, covariance=False)
     np.testing.assert_array_equal(quick.status, batch.status)
     for row, one in enumerate(poses):

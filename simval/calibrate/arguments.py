@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array, positive_number, shaped_array
-from simval.calibrate.residuals import LOSSES, RESIDUALS
+from simval.calibrate.residuals import LOSSES, RESIDUALS, WEIGHTED
 from simval.calibrate.solver import METHODS, Rules
 from simval.errors import GeometryError, InputError
 from simval.poses import PARAMETERS
@@ -204,5 +204,12 @@ def checked_noise(noise_std: Any, count: int, residual: str) -> Array | None:
         raise InputError(msg)
     if not np.isfinite(sigma).all():
         msg = "`noise_std` is infinite; it must be finite, in raw units"
+        raise InputError(msg)
+    if residual in WEIGHTED and not np.all(sigma > 0.0) and np.any(sigma > 0.0):
+        msg = (
+            f"`noise_std` is 0 for {np.count_nonzero(sigma == 0.0)} of {count} poses; "
+            f"residual {residual!r} weighs each pose by 1/noise^2, so give every pose "
+            "the noise that it has"
+        )
         raise InputError(msg)
     return np.broadcast_to(sigma, (count,))

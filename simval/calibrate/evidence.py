@@ -6,9 +6,11 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array
+from simval.calibrate.moments import moment_matrix
 from simval.calibrate.pencil import NOISE_MARGIN, ambiguous, required_noise
 from simval.calibrate.solver import Code
 from simval.calibrate.uncertainty import Summary
+from simval.poses import PARAMETERS
 
 # An uncalibrated sensor is within some percent of its nominal scale, so error bars
 # wider than this say less than its data sheet. Of caps and of jittered rank-deficient
@@ -57,11 +59,12 @@ class Evidence:
 
 
 def weigh(
+    z: Array,
     moments: Array,
     noise: Array | None,
     summary: Summary,
+    shares: Array | None,
     *,
-    dof: int,
     condition: Array,
     stretch: Array,
 ) -> Evidence:
@@ -69,14 +72,16 @@ def weigh(
 
     Parameters
     ----------
+    z : Array
+        Scaled readings, (t, n, 3).
     moments : Array
-        Moment matrices of the scaled readings, (t, 10, 10).
+        Their moment matrices, (t, 10, 10).
     noise : Array or None
         Noise of each pose, scaled, where it is known, (t, n).
     summary : Summary
         Statistics of the fit.
-    dof : int
-        Poses less nine.
+    shares : Array or None
+        Weight of each pose by its noise in the fit, (n,).
     condition, stretch : Array
         As of `direction_condition`, (t,).
 
@@ -87,10 +92,21 @@ def weigh(
     """
     level = summary.distance_std
     if noise is not None:  # a noise that is stated too low hides nothing
-        level = np.fmax(level, noise.max(axis=-1))
+        known, chi = _mean_noise(noise, shares), np.sqrt(summary.chi2_per_dof)
+        level = np.fmax(known, np.where(np.isnan(chi), level, known * chi))
+    if shares is not None:
+        moments = moment_matrix(z, np.broadcast_to(shares, z.shape[:2]))
+    dof = z.shape[1] - PARAMETERS
     limit = required_noise(level, dof, known=noise is not None)
     return Evidence(
         ambiguous=ambiguous(moments, limit),
         stretched=condition * level * NOISE_MARGIN > 1.0,
         half_width=_NORMAL_95 * level * summary.steepness * np.sqrt(stretch),
     )
+
+
+def _mean_noise(noise: Array, shares: Array | None) -> Array:
+    # root mean variance of the weighted readings over their mean weight, (t,)
+    weights = np.ones(noise.shape[1]) if shares is None else shares
+    mean = np.vecdot(noise * noise, weights) / np.vecdot(weights, np.ones(len(weights)))
+    return np.sqrt(mean)

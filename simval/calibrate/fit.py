@@ -23,7 +23,7 @@ from simval.calibrate.arguments import (
 from simval.calibrate.evidence import weigh
 from simval.calibrate.frame import direction_condition, normalized
 from simval.calibrate.moments import moment_matrix, unbiased_moment_matrix
-from simval.calibrate.residuals import SLOPES
+from simval.calibrate.residuals import SLOPES, noise_shares
 from simval.calibrate.result import FitResult
 from simval.calibrate.reweight import minimize_reweighted
 from simval.calibrate.solver import Code, Solution, minimize
@@ -198,7 +198,8 @@ def _fit_block(poses: Array, sigma: Array | None, options: Options) -> _Block:
         return block
     data = _Data(
         z=z, moments=moments, noise=None if sigma is None else sigma / scale[:, None],
-        theta=theta, centre=centre, scale=scale, condition=condition, stretch=stretch,
+        shares=noise_shares(options.residual, sigma), theta=theta, centre=centre,
+        scale=scale, condition=condition, stretch=stretch,
     )  # fmt: skip
     if not good.all():
         keep, data = keep[good], data.take(good)
@@ -212,6 +213,7 @@ class _Data:
     z: Array  # (t, n, 3)
     moments: Array  # (t, 10, 10)
     noise: Array | None  # (t, n)
+    shares: Array | None  # (n,), as of `noise_shares`
     theta: Array  # starts
     centre: Array  # raw units
     scale: Array  # raw units
@@ -220,29 +222,24 @@ class _Data:
 
     def take(self, rows: Any) -> "_Data":
         every: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(_Data)}
-        return replace(self, **{k: v[rows] for k, v in every.items() if v is not None})
+        del every["shares"]
+        return replace(self, **{k: v[rows] for k, v in every.items() if np.ndim(v) > 0})
 
 
 def _solve(block: _Block, keep: Any, data: _Data, options: Options) -> None:
     # iterate, summarise, judge, and write the physical results into the block
     solution, ratio = _iterate(data, options)
     summary = summarize(
-        options.model,
-        options.residual,
-        solution.theta,
-        data.z,
-        sigma=data.noise,
-        loss=options.loss,
-        ratio=ratio,
+        options.model, options.residual, solution.theta, data.z, sigma=data.noise,
+        loss=options.loss, ratio=ratio, shares=data.shares,
         covariance=options.covariance,
-    )
+    )  # fmt: skip
     sizes = np.ones((len(keep), 9))
     first = 0 if options.model == "symmetric" else 3
     sizes[:, first:6] = (options.g / data.scale)[:, None]
     sizes[:, 6:] = data.scale[:, None]
     evidence = weigh(
-        data.moments, data.noise, summary,
-        dof=data.z.shape[1] - PARAMETERS,
+        data.z, data.moments, data.noise, summary, data.shares,
         condition=data.condition, stretch=data.stretch,
     )  # fmt: skip
     block.code[keep] = evidence.judge(solution.code)
@@ -264,16 +261,18 @@ def _solve(block: _Block, keep: Any, data: _Data, options: Options) -> None:
 def _iterate(data: _Data, options: Options) -> tuple[Solution, Array | None]:
     # Run the solver that the residual and the loss call for.
     model, residual, rules = options.model, options.residual, options.rules
-    z, noise, theta = data.z, data.noise, data.theta
+    z, noise, theta, shares = data.z, data.noise, data.theta, data.shares
+    if noise is not None and shares is not None:
+        noise = noise * np.sqrt(shares)
     newton = rules.method == "newton"
     slack = 64.0 * float(np.finfo(float).eps) * z.shape[1]
     goal: Callable[[Array, Any], Any]
     if options.loss != "linear" or residual == "weighted":
         return minimize_reweighted(
-            model, residual, options.loss, z, theta, noise, rules, slack
+            model, residual, options.loss, z, theta, noise, rules, slack, shares
         )
     if residual in SLOPES:
-        goal = objective.pose_objective(model, residual, z, newton=newton)
+        goal = objective.pose_objective(model, residual, z, shares, newton=newton)
     else:
         moments = data.moments
         if residual == "adjusted" and noise is not None:
