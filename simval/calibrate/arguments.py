@@ -13,7 +13,7 @@ from simval.arrays import (
     positive_number,
     shaped_array,
 )
-from simval.calibrate.residuals import LOSSES, RESIDUALS
+from simval.calibrate.residuals import LOSSES, RESIDUALS, WEIGHTED
 from simval.calibrate.solver import METHODS, Rules
 from simval.errors import GeometryError, InputError
 from simval.poses import PARAMETERS
@@ -200,4 +200,12 @@ def checked_noise(noise_std: Any, count: int, residual: str) -> Array | None:
             )
             raise InputError(msg)
         return None
-    return noise_levels("noise_std", noise_std, count)
+    sigma = noise_levels("noise_std", noise_std, count)
+    if residual in WEIGHTED and not np.all(sigma > 0.0) and np.any(sigma > 0.0):
+        msg = (
+            f"`noise_std` is 0 for {np.count_nonzero(sigma == 0.0)} of {count} poses; "
+            f"residual {residual!r} weighs each pose by 1/noise^2, so give every pose "
+            "the noise that it has"
+        )
+        raise InputError(msg)
+    return sigma

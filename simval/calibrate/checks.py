@@ -5,16 +5,15 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array
-from simval.calibrate.moments import monomials
+from simval.calibrate.evidence import WIDEST
+from simval.calibrate.frame import normalized
+from simval.calibrate.moments import moment_matrix, monomials
+from simval.calibrate.pencil import second_noise
 from simval.calibrate.solver import STATUS_NAMES, Code
 from simval.errors import GeometryError, RefusedError
 from simval.poses import PARAMETERS, describe, observability
 
-# A direction that no pose sees gets its share of the Jacobian from the noise, and the
-# condition then is about one over it: condition times noise of six faces of a cube was
-# 0.2 to 5 for noise of 1e-4 to 3e-2 of g (99 % of trials), of 12 poses or more all over
-# the sphere at most 0.11 at 3e-2. The limit is 1/7 = 0.14.
-_NOISE_MARGIN = 7.0
+_FEW = 3  # degrees of freedom; below, the factor of eq. (N2) of `pencil` exceeds 20
 _RANK_TOLERANCE = 1e-7  # relative; what a scatter matrix of readings can resolve
 
 
@@ -50,27 +49,6 @@ def screen(poses: Array, *, full_scale: float | None, repeats: bool) -> Any:
     return code
 
 
-def noise_rank(code: Any, condition: Array, spread: Array) -> Any:
-    """Refuse the trials whose rank of nine is made of noise.
-
-    Parameters
-    ----------
-    code : Array of int
-        Codes so far, (t,).
-    condition : Array
-        Condition of the poses, (t,).
-    spread : Array
-        Noise of a pose, known or from the residuals, in units of the force, (t,).
-
-    Returns
-    -------
-    Array of int
-        Codes, (t,).
-    """
-    hidden = condition * spread * _NOISE_MARGIN > 1.0
-    return np.where(hidden & (code == Code.CONVERGED), int(Code.NOISE_RANK), code)
-
-
 def repeated_poses(poses: Array) -> Any:
     """Indices of the readings that equal an earlier one in every bit.
 
@@ -95,6 +73,7 @@ def refuse(
     full_scale: float | None,
     limit: float,
     condition: float,
+    half_width: float,
 ) -> None:
     """Raise the error that says what is wrong with one pose set.
 
@@ -110,6 +89,8 @@ def refuse(
         Limit of the condition number.
     condition : float
         The condition number found; infinite where there is none.
+    half_width : float
+        95 percent half-width of the scale, relative; NaN where there is none.
 
     Raises
     ------
@@ -134,28 +115,58 @@ def refuse(
             "the force, so remove the pose or use a wider range"
         )
         raise RefusedError(msg)
+    if code == Code.WIDE:
+        msg = (
+            f"the scale is uncertain by {100.0 * half_width:.0f} percent along some "
+            f"direction (95 percent half-width), and at most {100.0 * WIDEST:.0f} "
+            f"percent is accepted: {_advice(poses)}, or hold each pose longer"
+        )
+        raise RefusedError(msg)
     raise GeometryError(_geometry_message(code, poses, condition, limit))
+
+
+def _directions(poses: Array) -> Array:
+    # unit vectors of the readings from their middle, the ellipsoid made round
+    offset = _rounded(poses)
+    length = np.linalg.norm(offset, axis=-1)
+    return offset[length > 0.0] / length[length > 0.0, None]
+
+
+def _advice(poses: Array) -> str:
+    found = observability(_directions(poses))
+    helps = ", ".join(f"{x:.2f}" for x in found.next_direction)
+    return (
+        f"add poses between them, first one with the specific force along ({helps}) "
+        "in sensor axes"
+    )
+
+
+def _noise_message(poses: Array) -> str:
+    # how near a second quadric is, and what else would tell it from noise
+    z, _, scale = normalized(poses[None])
+    enough = second_noise(moment_matrix(z)[0]) * float(scale[0])
+    message = (
+        f"noise of {enough:.2g} raw units in each reading is enough to let a second "
+        "quadric through them, so shape cannot be told from noise"
+    )
+    dof = len(poses) - PARAMETERS
+    if dof > _FEW:
+        return message
+    return (
+        f"{message}, and {dof} degree(s) of freedom say too little of the noise: state "
+        "`noise_std` if it is known"
+    )
 
 
 def _geometry_message(code: int, poses: Array, condition: float, limit: float) -> str:
     # Say what the poses leave open, and which pose would help.
-    offset = _rounded(poses)
-    length = np.linalg.norm(offset, axis=-1)
-    directions = offset[length > 0.0] / length[length > 0.0, None]
+    directions = _directions(poses)
     if len(directions) == 0:
         return (
             f"all {len(poses)} poses read the same; a calibration needs {PARAMETERS} "
             "or more different directions"
         )
-    found = observability(directions)
-    columns = monomials(offset)[:, :9]
-    rank = int(np.linalg.matrix_rank(columns, rtol=_RANK_TOLERANCE))
-    helps = ", ".join(f"{x:.2f}" for x in found.next_direction)
-    what = describe(directions)
-    advice = (
-        f"add poses between them, first one with the specific force along ({helps}) "
-        "in sensor axes"
-    )
+    what, advice = describe(directions), _advice(poses)
     if code == Code.CONDITION:
         return (
             f"the {len(poses)} poses ({what}) are ill-conditioned: {condition:.3g}, at "
@@ -165,8 +176,8 @@ def _geometry_message(code: int, poses: Array, condition: float, limit: float) -
     if code == Code.NOISE_RANK:
         return (
             f"the {len(poses)} poses ({what}) show fewer than {PARAMETERS} "
-            "combinations of parameters above their noise (condition "
-            f"{condition:.3g}); {advice}"
+            f"combinations of parameters above their noise: {_noise_message(poses)}; "
+            f"{advice}"
         )
     if code == Code.NOT_ELLIPSOID:
         return (
@@ -174,6 +185,8 @@ def _geometry_message(code: int, poses: Array, condition: float, limit: float) -
             "ellipsoid: the readings are not all of the same gravity, or lie too close "
             f"together; check for outliers and units, and {advice}"
         )
+    columns = monomials(_rounded(poses))[:, :9]
+    rank = int(np.linalg.matrix_rank(columns, rtol=_RANK_TOLERANCE))
     return (
         f"the {len(poses)} poses ({what}) have rank {min(rank, 8)} of "
         f"{PARAMETERS}, so some parameters cannot be told apart; {advice}"

@@ -7,7 +7,7 @@ depend on its block.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -20,9 +20,10 @@ from simval.calibrate.arguments import (
     checked_noise,
     checked_readings,
 )
+from simval.calibrate.evidence import weigh
 from simval.calibrate.frame import direction_condition, normalized
 from simval.calibrate.moments import moment_matrix, unbiased_moment_matrix
-from simval.calibrate.residuals import SLOPES
+from simval.calibrate.residuals import SLOPES, noise_shares
 from simval.calibrate.result import FitResult
 from simval.calibrate.reweight import minimize_reweighted
 from simval.calibrate.solver import Code, Solution, minimize
@@ -44,6 +45,7 @@ class _Block:
     covariance: Array
     cost: Array
     condition: Array
+    half_width: Array
     rms: Array
     chi2_per_dof: Array
     gradient_norm: Array
@@ -151,11 +153,12 @@ def calibrate(
             full_scale=options.full_scale,
             limit=options.condition_limit,
             condition=float(block.condition[0]),
+            half_width=float(block.half_width[0]),
         )
     numbers = {f.name: getattr(block, f.name) for f in fields(_Block)}
     if single:
         numbers = {name: value[0] for name, value in numbers.items()}
-    code = numbers.pop("code")
+    code, _ = numbers.pop("code"), numbers.pop("half_width")
     dof = count - PARAMETERS
     known = sigma is not None and loss == "linear"
     kind = "known sigma" if known else "type A"
@@ -183,12 +186,11 @@ def _fit_block(poses: Array, sigma: Array | None, options: Options) -> _Block:
     if keep.size == 0:
         return block
     z, centre, scale = normalized(poses if keep.size == len(poses) else poses[keep])
-    noise = None if sigma is None else sigma / scale[:, None]
     moments = moment_matrix(z)
     ellipsoid = fit_ellipsoid(moments)
     theta = forms.from_gram(options.model, ellipsoid.gram, ellipsoid.bias)
     usable = np.isfinite(theta).all(axis=-1) & np.asarray(ellipsoid.proper, dtype=bool)
-    condition = direction_condition(options.model, theta, moments, usable)
+    condition, stretch = direction_condition(options.model, theta, moments, usable)
     block.condition[keep] = condition
     checked = code[keep]
     checked[~(condition <= options.condition_limit)] = int(Code.CONDITION)
@@ -198,58 +200,60 @@ def _fit_block(poses: Array, sigma: Array | None, options: Options) -> _Block:
     good = checked == Code.CONVERGED
     if not good.any():
         return block
+    data = _Data(
+        z=z, moments=moments, noise=None if sigma is None else sigma / scale[:, None],
+        shares=noise_shares(options.residual, sigma), theta=theta, centre=centre,
+        scale=scale, condition=condition, stretch=stretch,
+    )  # fmt: skip
     if not good.all():
-        keep, z, theta, centre = keep[good], z[good], theta[good], centre[good]
-        scale, condition, moments = scale[good], condition[good], moments[good]
-        noise = None if noise is None else noise[good]
-    data = _Data(z=z, moments=moments, noise=noise)
-    _solve(block, keep, data, theta, (centre, scale, condition), options)
+        keep, data = keep[good], data.take(good)
+    _solve(block, keep, data, options)
     return block
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Data:
-    # readings in the scaled units of the fit
+    # the trials that are fitted, one row each, in the scaled units of the fit
     z: Array  # (t, n, 3)
     moments: Array  # (t, 10, 10)
     noise: Array | None  # (t, n)
+    shares: Array | None  # (n,), as of `noise_shares`
+    theta: Array  # starts
+    centre: Array  # raw units
+    scale: Array  # raw units
+    condition: Array
+    stretch: Array  # as of `direction_condition`
+
+    def take(self, rows: Any) -> "_Data":
+        every: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(_Data)}
+        del every["shares"]
+        return replace(self, **{k: v[rows] for k, v in every.items() if np.ndim(v) > 0})
 
 
-def _solve(
-    block: _Block,
-    keep: Any,
-    data: _Data,
-    theta: Array,
-    frame: tuple[Array, Array, Array],
-    options: Options,
-) -> None:
-    # iterate, summarise, and write the physical results into the block
-    centre, scale, condition = frame
-    z, noise = data.z, data.noise
-    solution, ratio = _iterate(data, theta, options)
+def _solve(block: _Block, keep: Any, data: _Data, options: Options) -> None:
+    # iterate, summarise, judge, and write the physical results into the block
+    solution, ratio = _iterate(data, options)
     summary = summarize(
-        options.model,
-        options.residual,
-        solution.theta,
-        z,
-        sigma=noise,
-        loss=options.loss,
-        ratio=ratio,
+        options.model, options.residual, solution.theta, data.z, sigma=data.noise,
+        loss=options.loss, ratio=ratio, shares=data.shares,
         covariance=options.covariance,
-    )
-    sizes = np.ones((len(z), 9))
-    per_raw = (options.g / scale)[:, None]
+    )  # fmt: skip
+    sizes = np.ones((len(keep), 9))
     first = 0 if options.model == "symmetric" else 3
-    sizes[:, first:6] = per_raw
-    sizes[:, 6:] = scale[:, None]
-    spread = summary.distance_std if noise is None else noise.max(axis=-1)
-    block.code[keep] = checks.noise_rank(solution.code, condition, spread)
+    sizes[:, first:6] = (options.g / data.scale)[:, None]
+    sizes[:, 6:] = data.scale[:, None]
+    evidence = weigh(
+        data.z, data.moments, data.noise, summary, data.shares,
+        condition=data.condition, stretch=data.stretch,
+    )  # fmt: skip
+    block.code[keep] = evidence.judge(solution.code)
+    block.half_width[keep] = evidence.half_width
     block.iterations[keep] = solution.iterations
     block.parameters[keep] = solution.theta * sizes
-    block.parameters[keep, 6:] += centre
+    block.parameters[keep, 6:] += data.centre
     block.covariance[keep] = summary.covariance * sizes[:, :, None] * sizes[:, None, :]
     unit = {"squared": options.g**4, "adjusted": options.g**4, "norm": options.g**2}
-    block.cost[keep] = summary.cost * unit.get(options.residual, scale**2)
+    block.cost[keep] = summary.cost * unit.get(options.residual, data.scale**2)
     block.rms[keep] = summary.rms * options.g
     block.chi2_per_dof[keep] = summary.chi2_per_dof
     block.gradient_norm[keep] = solution.gradient_norm
@@ -258,21 +262,21 @@ def _solve(
         getattr(block, field)[refused] = np.nan
 
 
-def _iterate(
-    data: _Data, theta: Array, options: Options
-) -> tuple[Solution, Array | None]:
+def _iterate(data: _Data, options: Options) -> tuple[Solution, Array | None]:
     # Run the solver that the residual and the loss call for.
     model, residual, rules = options.model, options.residual, options.rules
-    z, noise = data.z, data.noise
+    z, noise, theta, shares = data.z, data.noise, data.theta, data.shares
+    if noise is not None and shares is not None:
+        noise = noise * np.sqrt(shares)
     newton = rules.method == "newton"
     slack = 64.0 * float(np.finfo(float).eps) * z.shape[1]
     goal: Callable[[Array, Any], Any]
     if options.loss != "linear" or residual == "weighted":
         return minimize_reweighted(
-            model, residual, options.loss, z, theta, noise, rules, slack
+            model, residual, options.loss, z, theta, noise, rules, slack, shares
         )
     if residual in SLOPES:
-        goal = objective.pose_objective(model, residual, z, newton=newton)
+        goal = objective.pose_objective(model, residual, z, shares, newton=newton)
     else:
         moments = data.moments
         if residual == "adjusted" and noise is not None:
@@ -289,6 +293,7 @@ def _empty(code: Any, count: int) -> _Block:
         covariance=np.full((count, 9, 9), np.nan),
         cost=np.full(count, np.nan),
         condition=np.full(count, np.inf),
+        half_width=np.full(count, np.nan),
         rms=np.full(count, np.nan),
         chi2_per_dof=np.full(count, np.nan),
         gradient_norm=np.full(count, np.nan),

@@ -7,7 +7,15 @@ import numpy as np
 from simval.arrays import Array
 from simval.calibrate import quadric
 from simval.calibrate.positive import solve_positive, trace
+from simval.poses import cube_corners, cube_edges, cube_faces, direction_jacobian
 from simval.sensor import forms
+
+# w'Ew in the six parameters of E, one row for each direction w
+_SCALES = (
+    direction_jacobian(np.concatenate([cube_faces(), cube_edges(), cube_corners()]))
+    / 2.0
+)[:, :6]
+_SCALES.setflags(write=False)
 
 
 def normalized(poses: Array) -> tuple[Array, Array, Array]:
@@ -37,8 +45,12 @@ def normalized(poses: Array) -> tuple[Array, Array, Array]:
     return z, centre, scale
 
 
-def direction_condition(model: str, theta: Array, moments: Array, usable: Any) -> Array:
-    """Condition of the corrected directions, eq. (P2) of `poses`.
+def direction_condition(
+    model: str, theta: Array, moments: Array, usable: Any
+) -> tuple[Array, Array]:
+    """Condition of the corrected directions, eq. (P2) of `poses`, and their stretch.
+
+    A step E of the natural parameters changes the scale along a direction w by w'Ew.
 
     Parameters
     ----------
@@ -53,8 +65,11 @@ def direction_condition(model: str, theta: Array, moments: Array, usable: Any) -
 
     Returns
     -------
-    Array
+    condition : Array
         Condition, (t,); infinite where there is none.
+    stretch : Array
+        Variance of the scale along the direction where it is greatest, out of faces,
+        edges and corners of a cube, for residuals of unit variance, (t,).
     """
     safe = np.where(
         usable[:, None], theta, forms.from_gram(model, np.eye(3), np.zeros(3))
@@ -66,4 +81,6 @@ def direction_condition(model: str, theta: Array, moments: Array, usable: Any) -
     inverse, pivot = solve_positive(normal, identity)
     forward, back = trace(normal), trace(inverse)
     good = usable & (pivot > 0.0)
-    return np.where(good, np.sqrt(forward * np.where(good, back, 1.0)) / 9.0, np.inf)
+    condition = np.sqrt(forward * np.where(good, back, 1.0)) / 9.0
+    stretch = np.max(np.vecdot(_SCALES @ inverse[:, :6, :6], _SCALES), axis=-1)
+    return np.where(good, condition, np.inf), np.where(good, stretch, np.inf)

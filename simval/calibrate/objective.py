@@ -53,7 +53,9 @@ def moment_objective(model: str, moments: Array, *, newton: bool) -> Objective:
     return objective
 
 
-def pose_objective(model: str, residual: str, z: Array, *, newton: bool) -> Objective:
+def pose_objective(
+    model: str, residual: str, z: Array, shares: Array | None = None, *, newton: bool
+) -> Objective:
     """Cost of a residual that needs a pass over the poses for each step.
 
     Parameters
@@ -64,6 +66,8 @@ def pose_objective(model: str, residual: str, z: Array, *, newton: bool) -> Obje
         A key of `SLOPES`.
     z : Array
         Scaled readings, (t, n, 3).
+    shares : Array, optional
+        Weight of each pose, (n,).
     newton : bool
         Use the full Hessian.
 
@@ -79,13 +83,13 @@ def pose_objective(model: str, residual: str, z: Array, *, newton: bool) -> Obje
         q = quadric.distance_quadric(c)
         dc, dq = quadric.value_derivatives(c), quadric.value_derivatives(q)
         values_c, values_q = quadric.evaluate([c, q], x)
-        slopes = SLOPES[residual](values_c, values_q, newton=False)
+        slopes = SLOPES[residual](values_c, values_q, newton=False).weighted(shares)
         pull_c = weighted_sum(x, slopes.c)
         pull_q = weighted_sum(x, slopes.q)
         normal = _curve(x, slopes, dc, dq)
         hessian = normal
         if newton:
-            bent = SLOPES[residual](values_c, values_q, newton=True)
+            bent = SLOPES[residual](values_c, values_q, newton=True).weighted(shares)
             seconds = quadric.residual_seconds(model, theta)
             hessian = _curve(x, bent, dc, dq)
             hessian += quadric.curvature(c, seconds, pull_c)

@@ -1,4 +1,4 @@
-"""Batched solution of small symmetric positive definite systems.
+"""Batched factorisation of small symmetric systems, positive definite or not.
 
 The factorisation runs over the batch in the last axis, so every trial sees the
 same sequence of elementwise operations however many neighbours it has; LAPACK
@@ -49,6 +49,29 @@ def solve_positive(matrices: Array, right: Array) -> tuple[Array, Array]:
         x *= scale[:, None]
         x[..., ~(pivot > 0.0)] = np.nan
     return np.moveaxis(x, -1, 0), pivot
+
+
+def negative_pivots(matrices: Array) -> Array:
+    """How many eigenvalues of each symmetric matrix are below zero.
+
+    Parameters
+    ----------
+    matrices : Array
+        Symmetric matrices, (t, p, p).
+
+    Returns
+    -------
+    Array
+        Numbers of negative pivots of L D L', (t,); what is zero or NaN counts.
+    """
+    n = np.moveaxis(matrices, 0, -1).copy()
+    count = np.zeros(n.shape[-1])
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        for i in range(matrices.shape[-1]):
+            count += ~(n[i, i] > 0.0)
+            row = n[i, i + 1 :] / n[i, i]
+            n[i + 1 :, i + 1 :] -= n[i, i + 1 :, None] * row
+    return count
 
 
 def trace(matrices: Array) -> Array:

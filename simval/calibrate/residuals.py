@@ -11,6 +11,10 @@ In units where gravity is 1, with :math:`c = |M(y-b)|^2 - 1` and
 - ``sampson``: :math:`c^2/8q`, differentiated in full: the squared first-order
   distance from the reading to the ellipsoid.
 
+Where the noise of each pose is known, weighted and sampson multiply the cost of a pose
+by :math:`(\sigma_{\min}/\sigma_k)^2`, so that they stay at the Cramer-Rao bound; the
+others are those of their sources, which hold all poses for equally good.
+
 Each is given by its slopes by (c, q) and by the entries of the 2 x 2 curvature:
 the product of first derivatives (Gauss-Newton) or the full one (Newton).
 """
@@ -23,6 +27,27 @@ import numpy as np
 from simval.arrays import Array
 
 RESIDUALS = ("squared", "norm", "weighted", "sampson", "adjusted")
+WEIGHTED = ("weighted", "sampson")  # by the variance of the residual
+
+
+def noise_shares(residual: str, sigma: Array | None) -> Array | None:
+    """Weight of each pose by its noise, over that of the best one.
+
+    Parameters
+    ----------
+    residual : str
+        The residual.
+    sigma : Array or None
+        Noise of each pose, (n,), where it is known.
+
+    Returns
+    -------
+    Array or None
+        Weights up to 1, (n,); None where all are alike or the residual has none.
+    """
+    if sigma is None or residual not in WEIGHTED or np.all(sigma == sigma[0]):
+        return None
+    return (sigma.min() / sigma) ** 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -45,6 +70,23 @@ class Slopes:
     cc: Array
     cq: Array
     qq: Array
+
+    def weighted(self, shares: Array | None) -> "Slopes":
+        """Multiply the cost of each pose by a weight.
+
+        Parameters
+        ----------
+        shares : Array or None
+            Weights, (n,); None for 1.
+
+        Returns
+        -------
+        Slopes
+            Of the weighted cost.
+        """
+        if shares is None:
+            return self
+        return Slopes(**{k: getattr(self, k) * shares for k in self.__slots__})
 
 
 def norm_slopes(c: Array, q: Array, *, newton: bool) -> Slopes:

@@ -30,6 +30,7 @@ def minimize_reweighted(
     noise: Array | None,
     rules: Rules,
     slack: float,
+    shares: Array | None = None,
 ) -> tuple[Solution, Array | None]:
     """Solve with weights renewed between rounds.
 
@@ -51,6 +52,8 @@ def minimize_reweighted(
         Method, step and stop rule.
     slack : float
         Rise of the cost that rounding alone can cause.
+    shares : Array, optional
+        Weight of each pose by its noise, (n,); `noise` is then that of weight one.
 
     Returns
     -------
@@ -70,6 +73,8 @@ def minimize_reweighted(
     for turn in range(_ROUNDS):
         x = z[rows]
         weights, distance = _distances(model, residual, result[rows], x)
+        if shares is not None:
+            weights, distance = weights * shares, distance * np.sqrt(shares)
         if loss != "linear":
             if turn < _SCALE_ROUNDS:
                 scale[rows] = _scale(distance, noise, rows)

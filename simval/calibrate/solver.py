@@ -43,6 +43,7 @@ class Code(IntEnum):
     NOT_ELLIPSOID = 7
     SATURATED = 8
     NOISE_RANK = 9
+    WIDE = 10
 
 
 STATUS_NAMES = np.array(
@@ -57,6 +58,7 @@ STATUS_NAMES = np.array(
         "refused: not an ellipsoid",
         "refused: saturated poses",
         "refused: rank below nine within the noise",
+        "refused: error bars too wide",
     ]
 )
 

@@ -2,7 +2,8 @@ r"""Covariance and fit statistics at a solution, in the scaled units of the fit.
 
 The estimate solves :math:`\sum_k a_k c_k\, d_k = 0`, :math:`d = \partial c /
 \partial\theta`, up to terms of second order in the noise, with :math:`a = 1`
-(squared, norm, adjusted) or :math:`1/4q` (weighted, sampson), and
+(squared, norm, adjusted) or :math:`1/4q`, times the share of the pose by its noise
+where that is known (weighted, sampson), and
 :math:`\partial c/\partial y` has squared length :math:`4q`. So to first order
 
 .. math:: \mathrm{Cov} = N^{-1} \Big(\sum_k 4 q_k a_k^2 \sigma_k^2 d_k d_k^T\Big)
@@ -26,7 +27,7 @@ from simval.arrays import Array
 from simval.calibrate import quadric
 from simval.calibrate.moments import moment_matrix
 from simval.calibrate.positive import solve_positive
-from simval.calibrate.residuals import LOSSES
+from simval.calibrate.residuals import LOSSES, WEIGHTED
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -45,6 +46,8 @@ class Summary:
         Chi-square per degree of freedom, (t,); NaN without sigma.
     distance_std : Array
         Standard deviation of the distances, by degree of freedom, (t,).
+    steepness : Array
+        Root mean square of the gradient of c, (t,).
     """
 
     covariance: Array
@@ -52,6 +55,7 @@ class Summary:
     rms: Array
     chi2_per_dof: Array
     distance_std: Array
+    steepness: Array
 
 
 def summarize(
@@ -63,6 +67,7 @@ def summarize(
     sigma: Array | None,
     loss: str = "linear",
     ratio: Array | None = None,
+    shares: Array | None = None,
     covariance: bool = True,
 ) -> Summary:
     """Covariance and statistics of each trial at its solution.
@@ -83,6 +88,8 @@ def summarize(
         Loss of the fit.
     ratio : Array, optional
         Distances over the scale of a robust loss, (t, n).
+    shares : Array, optional
+        Weight of each pose by its noise in the fit, (n,).
     covariance : bool, default True
         Whether to work out the covariance.
 
@@ -93,7 +100,9 @@ def summarize(
     """
     c, q = quadric.residual_values(model, theta, z)
     dof = z.shape[1] - 9
-    a = 0.25 / q if residual in ("weighted", "sampson") else None
+    a = 0.25 / q if residual in WEIGHTED else None
+    if a is not None and shares is not None:
+        a = a * shares
     squares = c * c if a is None else a * c * c
     total = squares.sum(axis=-1)
     distance2 = 0.25 * c * c / q
@@ -106,7 +115,9 @@ def summarize(
     if covariance and (dof > 0 or (sigma is not None and ratio is None)):
         variance = (spread * spread)[:, None] if sigma is None else sigma**2
         if ratio is not None:
-            variance = _huber_variance(np.sqrt(distance2), ratio, loss)[:, None]
+            weight = np.ones(z.shape[1]) if shares is None else shares
+            variance = _huber_variance(np.sqrt(distance2 * weight), ratio, loss)
+            variance = variance[:, None] / weight
         middle = 4.0 * q * variance
         dv = quadric.value_derivatives(quadric.residual_quadric(model, theta))
         matrix = _sandwich(dv, z, a, middle)
@@ -119,6 +130,7 @@ def summarize(
         rms=np.sqrt((norm * norm).mean(axis=-1)),
         chi2_per_dof=chi2,
         distance_std=spread,
+        steepness=2.0 * np.sqrt(q.mean(axis=-1)),
     )
 
 

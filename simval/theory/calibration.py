@@ -19,6 +19,8 @@ sampson   :math:`1/4q`     :math:`-\partial q/\partial\theta / 8q^2`
 adjusted  1                0, and the mean of the noise taken out
 ========= ================ ======================================
 
+weighted and sampson both multiplied by :math:`(\sigma_{\min}/\sigma_i)^2`, the weight
+of a pose whose noise is known, and
 :math:`q = |\partial c/\partial y|^2/4`. Expanding (K1) to second order in the noise
 gives the covariance, left out is :math:`O(\sigma^4)`, and the bias, also to
 :math:`O(\sigma^4)`. Eliminating the unknown directions from the Fisher information
@@ -217,10 +219,16 @@ def _scaled(p: _Geometry, unit: Array) -> _Geometry:
     )
 
 
+def _shares(sigma: Array) -> Array:
+    # weight of each pose by its noise, over that of the best one
+    alike = sigma == sigma.min()
+    return np.where(alike, 1.0, sigma.min() / np.where(alike, 1.0, sigma)) ** 2
+
+
 def _moments(p: _Geometry, sigma: Array, residual: str) -> tuple[Array, Array]:
     # first-order covariance and second-order bias of the solution of eq. (K1)
     weighted = residual in ("weighted", "sampson")
-    a = 0.25 / p.q if weighted else np.ones_like(p.q)
+    a = 0.25 / p.q * _shares(sigma) if weighted else np.ones_like(p.q)
     slope = -a / p.q if weighted else np.zeros_like(p.q)  # da/dq
     b = np.zeros_like(p.d)
     if residual == "norm":

@@ -1,0 +1,112 @@
+"""Whether poses and noise bear a fit out: what is judged after the solver converged."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.calibrate.moments import moment_matrix
+from simval.calibrate.pencil import NOISE_MARGIN, ambiguous, required_noise
+from simval.calibrate.solver import Code
+from simval.calibrate.uncertainty import Summary
+from simval.poses import PARAMETERS
+
+# An uncalibrated sensor is within some percent of its nominal scale, so error bars
+# wider than this say less than its data sheet. Of caps and of jittered rank-deficient
+# poses one in a thousand came out wrong by 10 percent with 0.1, two with 0.2; of 12
+# even poses at 0.4 m/s^2, beyond any suite's noise, 0.1 would refuse a tenth.
+WIDEST = 0.15
+_NORMAL_95 = 1.96
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Evidence:
+    """What decides whether a fit is a calibration, one row for each trial.
+
+    Attributes
+    ----------
+    ambiguous : Array of bool
+        Whether a second quadric passes through the poses within their noise, (t,).
+    stretched : Array of bool
+        Whether the condition of the corrected poses could be made of noise, (t,).
+    half_width : Array
+        95 percent half-width of the scale along its worst direction, relative, (t,);
+        NaN where the noise is not known.
+    """
+
+    ambiguous: Any
+    stretched: Any
+    half_width: Array
+
+    def judge(self, code: Any) -> Any:
+        """Refuse the trials whose answer lacks evidence, and say why others have none.
+
+        Parameters
+        ----------
+        code : Array of int
+            Codes of the solver, (t,).
+
+        Returns
+        -------
+        Array of int
+            Codes, (t,).
+        """
+        found = np.where(self.half_width > WIDEST, int(Code.WIDE), code)
+        found = np.where(self.stretched, int(Code.NOISE_RANK), found)
+        found = np.where(code == Code.CONVERGED, found, code)
+        return np.where(self.ambiguous, int(Code.NOISE_RANK), found)
+
+
+def weigh(
+    z: Array,
+    moments: Array,
+    noise: Array | None,
+    summary: Summary,
+    shares: Array | None,
+    *,
+    condition: Array,
+    stretch: Array,
+) -> Evidence:
+    """Weigh the poses and their noise.
+
+    Parameters
+    ----------
+    z : Array
+        Scaled readings, (t, n, 3).
+    moments : Array
+        Their moment matrices, (t, 10, 10).
+    noise : Array or None
+        Noise of each pose, scaled, where it is known, (t, n).
+    summary : Summary
+        Statistics of the fit.
+    shares : Array or None
+        Weight of each pose by its noise in the fit, (n,).
+    condition, stretch : Array
+        As of `direction_condition`, (t,).
+
+    Returns
+    -------
+    Evidence
+        Of each trial.
+    """
+    level = summary.distance_std
+    if noise is not None:  # a noise that is stated too low hides nothing
+        known, chi = _mean_noise(noise, shares), np.sqrt(summary.chi2_per_dof)
+        level = np.fmax(known, np.where(np.isnan(chi), level, known * chi))
+    if shares is not None:
+        moments = moment_matrix(z, np.broadcast_to(shares, z.shape[:2]))
+    dof = z.shape[1] - PARAMETERS
+    limit = required_noise(level, dof, known=noise is not None)
+    return Evidence(
+        ambiguous=ambiguous(moments, limit),
+        stretched=condition * level * NOISE_MARGIN > 1.0,
+        half_width=_NORMAL_95 * level * summary.steepness * np.sqrt(stretch),
+    )
+
+
+def _mean_noise(noise: Array, shares: Array | None) -> Array:
+    # root mean variance of the weighted readings over their mean weight, (t,)
+    weights = np.ones(noise.shape[1]) if shares is None else shares
+    mean = np.vecdot(noise * noise, weights) / np.vecdot(weights, np.ones(len(weights)))
+    return np.sqrt(mean)

@@ -1,0 +1,148 @@
+r"""How many quadrics pass through the poses within their noise.
+
+A quadric with coefficients v has the value :math:`m_k^T v` at a reading, and noise s
+of the reading moves it by s times its gradient. So the noise of each axis that lets a
+quadric through the poses is the root of :math:`v^T G_c v / v^T C v`, and the roots
+:math:`s_1 \le s_2 \le \ldots` of the pencil
+
+.. math:: \det(G_c - s^2 C) = 0, \quad
+   G_c = \sum_k w_k (m_k - \bar m)(m_k - \bar m)^T, \quad
+   C = \sum_k w_k \frac{\partial m_k}{\partial y} \frac{\partial m_k}{\partial y}^T
+   \tag{N1}
+
+rank them: the first is the ellipsoid's own, the second says how far the next one is.
+Poses below rank nine have a second quadric through them, so :math:`s_2` is noise, too.
+Nothing is fitted, so no axis is stretched until its noise looks like poses; and a
+shear or a scale of the axes changes the rank of no pose set.
+
+Where two quadrics pass through the poses, their values are Gaussian to first order and
+the ratio of the two roots is that of the singular values of (n - 8) x 2 random numbers,
+which exceeds x with the probability
+
+.. math:: \left(\frac{2x}{1 + x^2}\right)^{\nu}, \quad \nu = n - 9,  \tag{N2}
+
+the law of Mauchly's test of sphericity in two dimensions. So s_2 must exceed the noise
+found in the residuals by a factor that is great where few of them are left.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.calibrate.moments import PAIRS
+from simval.calibrate.positive import negative_pivots
+
+FALSE_ACCEPTANCE = 1e-3  # of poses with two quadrics through them, by (N2)
+
+# The greatest error of a combination of parameters is about the noise over s_2; beyond
+# 1/7 the terms of second order, left out of the error bars, reach a seventh of them.
+NOISE_MARGIN = 7.0
+
+# In units of the root mean square reading. No mean of a hold is off by a tenth of
+# gravity: s_2 above that is shape, whatever the residuals. Even poses have a s_2 of 0.2
+# (9 poses) to 0.31, with scales up to a factor 4 apart 0.107 or more; rank-deficient
+# ones at 0.3 m/s^2 of noise reach it in two of 48 000 sets of 9 to 20 poses.
+GREATEST_NOISE = 0.1
+
+
+def _gradients() -> Array:
+    # (3, 9, 4): derivative of each monomial by an axis, linear in x, y, z, 1
+    result = np.zeros((3, 9, 4))
+    for axis in range(3):
+        result[axis, axis, axis] = 2.0
+        result[axis, 6 + axis, 3] = 1.0
+    for index, (i, j) in enumerate(PAIRS):
+        result[i, 3 + index, j] = result[j, 3 + index, i] = 1.0
+    return result
+
+
+_GRADIENTS = _gradients()
+_GRADIENTS.setflags(write=False)
+
+
+def pencil(moments: Array) -> tuple[Array, Array]:
+    """The two matrices of eq. (N1).
+
+    Parameters
+    ----------
+    moments : Array
+        Moment matrices of the readings, (t, 10, 10).
+
+    Returns
+    -------
+    scatter : Array
+        G_c, (t, 9, 9).
+    noise : Array
+        C, the scatter that noise of unit variance adds, (t, 9, 9).
+    """
+    mean = moments[:, :9, 9]
+    total = moments[:, 9, 9, None, None]
+    scatter = moments[:, :9, :9] - mean[:, :, None] * mean[:, None, :] / total
+    by_axis = _GRADIENTS @ moments[:, None, 6:, 6:] @ np.swapaxes(_GRADIENTS, -1, -2)
+    return scatter, by_axis[:, 0] + by_axis[:, 1] + by_axis[:, 2]
+
+
+def second_noise(moments: Array) -> float:
+    """Noise that lets a second quadric through one pose set, s_2 of eq. (N1).
+
+    Parameters
+    ----------
+    moments : Array
+        Moment matrix of the readings, (10, 10).
+
+    Returns
+    -------
+    float
+        In the unit of the readings.
+    """
+    scatter, noise = pencil(moments[None])
+    values = np.linalg.eigvals(np.linalg.solve(noise[0], scatter[0])).real
+    return float(np.sqrt(max(np.sort(values)[1], 0.0)))
+
+
+def required_noise(level: Array, dof: int, *, known: bool) -> Array:
+    """Least s_2 that is accepted, in the unit of the level.
+
+    Parameters
+    ----------
+    level : Array
+        Noise of a pose, known or from the residuals, of readings scaled to unit
+        size, (t,); NaN where there is none.
+    dof : int
+        Poses less nine.
+    known : bool
+        Whether the noise is known, so that no chance can make it look small.
+
+    Returns
+    -------
+    Array
+        Limits, (t,).
+    """
+    factor = NOISE_MARGIN
+    if not known and dof > 0:
+        tail = FALSE_ACCEPTANCE ** (1.0 / dof)
+        factor = max(factor, (1.0 + np.sqrt(1.0 - tail * tail)) / tail)  # of (N2)
+    return np.fmin(factor * level, GREATEST_NOISE)
+
+
+def ambiguous(moments: Array, limit: Array) -> Any:
+    """Whether a second quadric passes through the poses.
+
+    By Sylvester's law of inertia the roots of (N1) below the limit are as many as the
+    negative pivots of G_c - limit^2 C.
+
+    Parameters
+    ----------
+    moments : Array
+        Moment matrices of the scaled readings, (t, 10, 10).
+    limit : Array
+        Least s_2 that is accepted, (t,).
+
+    Returns
+    -------
+    Array of bool
+        Whether two roots or more are below it, (t,).
+    """
+    scatter, noise = pencil(moments)
+    return negative_pivots(scatter - (limit * limit)[:, None, None] * noise) > 1
