@@ -1,5 +1,6 @@
 """The page: the sections in order, in one template."""
 
+from simval.errors import InputError
 from simval.gate import judge_run
 from simval.report.environment import template
 from simval.report.panels import Drawing
@@ -98,8 +99,23 @@ def sections(run: Run, alpha: float = 1e-3) -> tuple[Section, ...]:
     """
     names = dict.fromkeys((*STUDIES, *(cell.study for cell in run.cells)))
     titles = {n: STUDIES[n].title if n in STUDIES else n for n in names}
+    _require_parameters(run)
     context = Context(run=run, judged=judge_run(run, alpha=alpha), titles=titles)
     return tuple(made for make in SECTIONS if (made := make(context)) is not None)
+
+
+def _require_parameters(run: Run) -> None:
+    """Refuse a run whose cells lack what the sections read; extra ones do no harm."""
+    for cell in run.cells:
+        if cell.study in STUDIES:
+            known = STUDIES[cell.study].parameters.model_fields
+            lost = [name for name in known if name not in cell.parameters]
+            if lost:
+                msg = (
+                    f"cell {cell.name} has no parameter `{lost[0]}`, which this version "
+                    "of the study has; make the report with the version that ran it"
+                )
+                raise InputError(msg)
 
 
 def drawings(run: Run) -> tuple[Drawing, ...]:

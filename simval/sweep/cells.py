@@ -5,7 +5,6 @@ do the name and the parameters of a cell agree, and is all of it what the sweep 
 by its digest. A store of an earlier version has no digests and is asked the first two.
 """
 
-import json
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -20,7 +19,7 @@ from simval.results import Row
 from simval.studies import STUDIES
 from simval.studies.study import canonical, is_path
 from simval.sweep import store
-from simval.sweep.documents import DamagedError
+from simval.sweep.documents import DamagedError, read_json
 from simval.sweep.plausible import row_of
 
 STATUSES = ("pending", "done", "failed")
@@ -225,11 +224,7 @@ def _rows(entries: Sequence[sqlite3.Row]) -> Iterator[Row]:
 
 
 def _parameters(cell: sqlite3.Row) -> dict[str, Any]:
-    try:
-        found = json.loads(cell["parameters"])
-    except (ValueError, TypeError, RecursionError) as error:
-        msg = f"its `parameters` are no JSON ({error})"
-        raise DamagedError(msg) from None
+    found = read_json("its entry `parameters`", cell["parameters"])
     if not isinstance(found, dict):
         msg = f"its `parameters` are {found!r:.60}, no object"
         raise DamagedError(msg)

@@ -112,9 +112,38 @@ def read_timing(folder: Path) -> dict[str, Any]:
         raise InputError(msg) from None
 
 
-def _checked(name: str, text: Any, model: type[_Document]) -> dict[str, Any]:
+def read_json(name: str, text: Any) -> Any:
+    """Read JSON of which each word can be written again.
+
+    Parameters
+    ----------
+    name : str
+        What it is, for the message.
+    text : object
+        What the store or a file holds.
+
+    Returns
+    -------
+    object
+        Its content.
+
+    Raises
+    ------
+    DamagedError
+        If it is no JSON, or a word in it is no text.
+    """
     try:
         content = json.loads(text)
+        json.dumps(content, ensure_ascii=False).encode()  # no half of a character
+    except (ValueError, TypeError, RecursionError) as error:
+        msg = f"{name} cannot be read as JSON ({error})"
+        raise DamagedError(msg) from None
+    return content
+
+
+def _checked(name: str, text: Any, model: type[_Document]) -> dict[str, Any]:
+    content = read_json(f"the {name}", text)
+    try:
         model.model_validate(content)
     except ValidationError as error:
         first = error.errors()[0]
@@ -124,8 +153,5 @@ def _checked(name: str, text: Any, model: type[_Document]) -> dict[str, Any]:
         absent = first["type"] == "missing"
         words = "is missing" if absent else f"is {given}: {first['msg']}"
         msg = f"{where} {words}"
-        raise DamagedError(msg) from None
-    except (ValueError, TypeError, RecursionError) as error:
-        msg = f"the {name} is no JSON ({error})"
         raise DamagedError(msg) from None
     return dict(content)

@@ -7,10 +7,8 @@ from pathlib import Path
 
 from simval.errors import InputError
 from simval.studies.study import canonical
-from simval.sweep import store
 from simval.sweep.cells import read_cells, read_heads
-from simval.sweep.run import ROW_COLUMNS
-from simval.sweep.seal import check_files
+from simval.sweep.run import ROW_COLUMNS, opened_run
 
 CHUNK = 100_000
 """Rows in memory at a time."""
@@ -47,8 +45,7 @@ def export_parquet(folder: Path, path: Path) -> int:
         msg = "Parquet needs the extra `parquet`: pip install 'simval[parquet]'"
         raise InputError(msg) from None
     written = 0
-    with store.opened(folder / "run.sqlite") as database:
-        check_files(database, folder)
+    with opened_run(folder) as (database, _):
         cells = [cell.parameters for cell in read_heads(database)]
         keys = sorted({key for parameters in cells for key in parameters})
         kinds = {key: _kind([c.get(key) for c in cells]) for key in keys}

@@ -9,7 +9,8 @@ artifacts/      what the studies leave for the report: npz, png
 
 import csv
 import sqlite3
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,7 @@ __all__ = [
     "CellResult",
     "Run",
     "load_run",
+    "opened_run",
     "run_folder",
     "write_table",
 ]
@@ -103,11 +105,35 @@ def load_run(folder: str | Path) -> Run:
         If it is no run folder, is damaged, or was written by a newer version.
     """
     path = run_folder(folder)
-    with store.opened(path / "run.sqlite") as database:
-        check_files(database, path)
-        manifest = store.manifest(database)
+    with opened_run(path) as (database, manifest):
         cells = tuple(read_cells(database))
     return Run(folder=path, cells=cells, manifest=manifest, timing=read_timing(path))
+
+
+@contextmanager
+def opened_run(folder: Path) -> Iterator[tuple[sqlite3.Connection, dict[str, Any]]]:
+    """Open a run folder whose files and manifest are what the sweep wrote.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+
+    Yields
+    ------
+    database : sqlite3.Connection
+        The store, to be read with `simval.sweep.cells`, which checks the cells.
+    manifest : dict
+        All that the numbers depend on.
+
+    Raises
+    ------
+    InputError
+        As `load_run`.
+    """
+    with store.opened(folder / "run.sqlite") as database:
+        check_files(database, folder)
+        yield database, store.manifest(database)
 
 
 def write_table(database: sqlite3.Connection, path: Path) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from simval.errors import InputError
 from simval.sweep import store
-from simval.sweep.documents import DamagedError
+from simval.sweep.documents import DamagedError, read_json
 
 KEY = "files"
 NAMES = ("results.csv", "manifest.json", "timing.json")
@@ -61,11 +61,10 @@ def check_files(database: sqlite3.Connection, folder: Path) -> None:
         With the file.
     """
     text = store.entry(database, KEY)
-    try:
-        digests = {} if text is None else dict(json.loads(text))
-    except (ValueError, TypeError, RecursionError) as error:
-        msg = f"the digests of the files are no JSON ({error})"
-        raise DamagedError(msg) from None
+    digests = {} if text is None else read_json("the list of files", text)
+    if not isinstance(digests, dict):
+        msg = f"the list of files is {digests!r:.60}, no object"
+        raise DamagedError(msg)
     for name, digest in digests.items():
         file = folder / str(name)
         if file.is_file() and _digest(file) != digest:

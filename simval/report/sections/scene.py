@@ -3,9 +3,7 @@
 import base64
 from pathlib import Path
 
-import numpy as np
-
-from simval.report.artifacts import arrays
+from simval.report.artifacts import arrays, shaped
 from simval.report.panels import Drawing, SpherePanel
 from simval.report.section import Context, Section, made
 from simval.report.words import slug
@@ -48,7 +46,7 @@ def _scene(file: Path) -> tuple[str, str, Drawing] | None:
     content = arrays(file)
     if "directions" not in content:
         return None
-    directions = np.asarray(content["directions"], dtype=float).reshape(-1, 3)
+    directions = shaped(file, content, "directions", None, 3)
     count = len(directions)
     name = file.stem.removeprefix("scene-").rpartition("-")[0]
     picture = file.with_suffix(".png")
