@@ -1,6 +1,7 @@
 """The scene that was simulated: a picture, and the poses on the sphere."""
 
 import base64
+from dataclasses import replace
 from pathlib import Path
 
 from simval.report.artifacts import arrays, shaped
@@ -31,6 +32,9 @@ def section(context: Context) -> Section | None:
     scenes = [scene for file in files[:MAX_SCENES] if (scene := _scene(file))]
     if not scenes:
         return None
+    name, data, last = scenes[-1]
+    rest = [file.stem for file in files[MAX_SCENES:]]
+    scenes[-1] = (name, data, replace(last, left_out=rest))
     drawings = [drawing for _, _, drawing in scenes]
     return made(
         "scene",

@@ -1,13 +1,14 @@
 """Detected static intervals over the recorded signal."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from simval.arrays import Array
 from simval.report.artifacts import arrays, shaped
-from simval.report.curves import MAX_GROUPS, axis_of, curve, grouped, statistic
+from simval.report.curves import axis_of, curve, first, grouped, statistic
 from simval.report.panels import COLOURS, Drawing, Panel, Series
 from simval.report.section import Context, Section, made
 from simval.report.sections.other import scored
@@ -43,6 +44,9 @@ def section(context: Context) -> Section | None:
     chosen = np.linspace(0, len(files) - 1, count).astype(int)  # first and last
     drawings = [drawing for i in chosen if (drawing := _drawing(files[i])) is not None]
     shown = len(drawings)
+    if drawings:
+        rest = [f.stem for i, f in enumerate(files) if i not in chosen]
+        drawings[-1] = replace(drawings[-1], left_out=rest)
     scores = _scores(context.cells("detector"))
     if scores is not None:
         drawings.append(scores)
@@ -61,12 +65,12 @@ def _scores(cells: Sequence[CellResult]) -> Drawing | None:
     if not cells:
         return None
     axis = axis_of(cells)
-    groups = list(grouped(cells, axis).items())[:MAX_GROUPS]
+    groups, left_out = first(grouped(cells, axis))
     panels = []
     for name, predictor in SCORES:
         found = [
             c
-            for label, members in groups
+            for label, members in groups.items()
             if (c := curve(label, members, axis, statistic(name, predictor)))
         ]
         if found:
@@ -83,6 +87,7 @@ def _scores(cells: Sequence[CellResult]) -> Drawing | None:
         ),
         alternative=f"Scores of the static detector over {axis}",
         panels=panels,
+        left_out=left_out,
     )
 
 
