@@ -2,10 +2,10 @@
 
 import json
 import re
-from contextlib import closing
 
 import pytest
 from browser import browser, find_chromium
+from stores import edited
 
 from simval.compare import compare_runs
 from simval.report import render, render_comparison
@@ -23,18 +23,17 @@ WIDTHS = (380, 1280)
 def pages(_tiny_run, tmp_path_factory):
     """A report with failing checks and artifacts, and the comparison with its twin."""
     import shutil
-    import sqlite3
 
     import numpy as np
 
     folder = tmp_path_factory.mktemp("pages")
     run = folder / "run"
     shutil.copytree(_tiny_run, run)
-    with closing(sqlite3.connect(run / "run.sqlite")) as database, database:
-        database.execute(
-            "UPDATE rows SET value = value + 20 * standard_error "
-            "WHERE statistic = 'bias[x]' AND cell = 3"
-        )
+    edited(
+        run,
+        "UPDATE rows SET value = value + 20 * standard_error "
+        "WHERE statistic = 'bias[x]' AND cell = 3",
+    )
     (run / "artifacts").mkdir(exist_ok=True)
     time = np.arange(5000) / 100.0
     np.savez(

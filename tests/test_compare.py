@@ -1,13 +1,12 @@
 """Two runs side by side: what changed beyond its uncertainty, and nothing else."""
 
 import re
-import sqlite3
-from contextlib import closing
 from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+import stores
 
 from simval.cli.compare import command
 from simval.compare import compare_runs, match
@@ -21,9 +20,7 @@ MANIFEST = {"versions": {"simval": "1"}, "suite": "s"}
 
 def edited(folder, *statements):
     """Change the store of a run and load it."""
-    with closing(sqlite3.connect(folder / "run.sqlite")) as database, database:
-        for sql in statements:
-            database.execute(sql)
+    stores.edited(folder, *statements)
     return load_run(folder)
 
 

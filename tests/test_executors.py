@@ -19,6 +19,7 @@ from conftest import ROOT
 
 from simval.errors import InputError
 from simval.sweep import executors, load_run, load_suite, run_suite, store
+from simval.sweep.cells import read_cells
 from simval.sweep.suite import expand
 
 SITE = "import poison; poison.install()\n"
@@ -192,8 +193,7 @@ def finished(folder):
     if not (folder / "run.sqlite").exists():
         return {}
     with store.opened(folder / "run.sqlite") as database:
-        done = [c for c in store.cells(database) if c["status"] == "done"]
-        return {c["cell"]: c["seconds"] for c in done}
+        return {c.name: c.seconds for c in read_cells(database) if c.status == "done"}
 
 
 def survives_kills(tiny_suite, tiny_run, tmp_path, kills, seed):

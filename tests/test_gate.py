@@ -5,21 +5,15 @@ import json
 import os
 import re
 import shlex
-import sqlite3
 import subprocess
 import sys
-from contextlib import closing
 
 import pytest
+from stores import edited, rewritten
 
 from simval.errors import InputError
 from simval.gate import findings, judge_run, read_baseline, write_baseline
 from simval.sweep import load_run
-
-
-def edited(folder, sql):
-    with closing(sqlite3.connect(folder / "run.sqlite")) as database, database:
-        database.execute(sql)
 
 
 def test_the_first_run_writes_the_baseline_and_fails(simval, tiny_run, tmp_path):
@@ -289,7 +283,7 @@ def test_a_row_twice_and_a_cell_that_crashed_are_said_once(tiny_run, tmp_path):
 @pytest.mark.parametrize(
     ("sql", "words"),
     [
-        ("UPDATE rows SET n = 9223372036854775807 WHERE statistic = 'nees'", "samples"),
+        ("UPDATE rows SET n = 9223372036854775807 WHERE statistic = 'nees'", "`n` is"),
         ("UPDATE rows SET cell = -1 WHERE cell = 0", "cell -1"),
         ("UPDATE cells SET seed = 99 WHERE position = 0", "is stored as .* with 99"),
         ("UPDATE cells SET study = 'scene' WHERE position = 0", "is stored as scene"),
@@ -337,7 +331,7 @@ def test_theory_alone_and_a_stale_run_are_said(simval, tiny_run, tmp_path):
     assert "judged against theory alone" in out
     assert simval("gate", tiny_run, "--no-baseline", "--update-baseline", "x")[0] == 2
     manifest = {**load_run(tiny_run).manifest, "source": "another"}
-    with closing(sqlite3.connect(tiny_run / "run.sqlite")) as database, database:
+    with rewritten(tiny_run) as database:
         database.execute(
             "UPDATE meta SET value = ? WHERE key = 'manifest'", [json.dumps(manifest)]
         )

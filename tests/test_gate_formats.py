@@ -1,12 +1,11 @@
 """The gate's files: JUnit, Markdown, JSON with its schema, annotations."""
 
 import json
-import sqlite3
-from contextlib import closing
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from stores import edited
 
 from simval.gate import judge_run, write_baseline
 from simval.gate.formats import Document, annotations, to_json, to_junit, to_markdown
@@ -18,11 +17,11 @@ EVIL = 'a"<b>&|`\x00\x1b[31m\n::error::%0A](x)'
 
 
 def broken(folder):
-    with closing(sqlite3.connect(folder / "run.sqlite")) as database, database:
-        database.execute(
-            "UPDATE rows SET value = value + 20 * standard_error "
-            "WHERE statistic = 'bias[x]' AND cell = 2"
-        )
+    edited(
+        folder,
+        "UPDATE rows SET value = value + 20 * standard_error "
+        "WHERE statistic = 'bias[x]' AND cell = 2",
+    )
 
 
 def evil_run():

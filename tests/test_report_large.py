@@ -3,20 +3,26 @@
 import json
 import os
 import re
-import sqlite3
 import subprocess
 import sys
-from contextlib import closing
 
 import pytest
+from stores import rewritten
+
+from simval.studies import STUDIES
+from simval.studies.study import Cell
 
 ROWS = 100_000
 MEBIBYTE = 1 << 20
 
 
+def _name(study, parameters):
+    return Cell(study, STUDIES[study].parameters(**parameters), 1).name
+
+
 def grown(folder, rows):
     """Repeat the cells of a run at other geometries, pose counts and noise."""
-    with closing(sqlite3.connect(folder / "run.sqlite")) as database, database:
+    with rewritten(folder) as database:
         cells = database.execute(
             "SELECT position, study, parameters FROM cells ORDER BY position"
         ).fetchall()
@@ -44,7 +50,7 @@ def grown(folder, rows):
                     "INSERT INTO cells "
                     "(position, cell, study, seed, parameters, status) "
                     "VALUES (?, ?, ?, 1, ?, 'done')",
-                    (place, f"{study}(k={place})@1", study, json.dumps(parameters)),
+                    (place, _name(study, parameters), study, json.dumps(parameters)),
                 )
                 database.executemany(
                     f"INSERT INTO rows VALUES ({marks})",
@@ -67,6 +73,9 @@ def grown(folder, rows):
 # in a process of its own, whose time and peak memory are its alone
 PROBE = """
 import resource, sys, time
+from simval.studies import STUDIES
+from simval.studies.study import Cell
+from stores import rewritten
 from simval.cli import run
 code = run(["report", sys.argv[1]])
 used = resource.getrusage(resource.RUSAGE_SELF)

@@ -3,9 +3,10 @@
 import csv
 
 import pytest
+from stores import edited
 
 from simval.errors import InputError
-from simval.sweep import load_run, store
+from simval.sweep import load_run
 from simval.sweep.repro import parse_cell
 
 
@@ -37,10 +38,10 @@ def test_repro_says_whether_the_bits_are_equal(simval, tiny_run):
     code, out, _ = simval("repro", name, "--run", tiny_run)
     assert code == 0
     assert "equal to the bit" in out
-    with store.opened(tiny_run / "run.sqlite") as database, database:
-        database.execute(
-            "UPDATE rows SET value = value * (1 + 1e-15) WHERE statistic = 'bias[x]'"
-        )
+    edited(
+        tiny_run,
+        "UPDATE rows SET value = value * (1 + 1e-15) WHERE statistic = 'bias[x]'",
+    )
     code, out, _ = simval("repro", name, "--run", tiny_run)
     assert code == 1
     assert "different: bias[x]" in out

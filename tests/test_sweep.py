@@ -9,6 +9,7 @@ import sys
 import time
 
 import pytest
+from stores import edited
 
 from simval.errors import InputError
 from simval.sweep import (
@@ -68,9 +69,11 @@ def test_a_folder_that_cannot_be_made_is_refused(tiny_suite, tmp_path):
 
 def test_resume_computes_only_what_is_missing(tiny_suite, tiny_run, monkeypatch):
     before = digest(tiny_run)
-    with store.opened(tiny_run / "run.sqlite") as database, database:
-        database.execute("DELETE FROM rows WHERE cell = 2")
-        database.execute("UPDATE cells SET status = 'pending' WHERE position = 2")
+    edited(
+        tiny_run,
+        "DELETE FROM rows WHERE cell = 2",
+        "UPDATE cells SET status = 'pending' WHERE position = 2",
+    )
     (tiny_run / "results.csv").unlink()
     computed = []
     execute = executors.execute
@@ -167,7 +170,7 @@ def test_a_damaged_store_is_a_clear_error(tmp_path, content):
 def test_a_newer_store_is_refused(tiny_run):
     with store.opened(tiny_run / "run.sqlite") as database, database:
         database.execute("UPDATE meta SET value = '99' WHERE key = 'schema'")
-    with pytest.raises(InputError, match="schema 99; this program reads 1"):
+    with pytest.raises(InputError, match="schema 99; this program reads 1 and 2"):
         load_run(tiny_run)
 
 

@@ -16,6 +16,7 @@ from simval.gate import (
     BASELINE,
     GateResult,
     findings,
+    headline,
     judge_run,
     read_baseline,
     write_baseline,
@@ -190,9 +191,8 @@ def show(result: GateResult, table: bool = False) -> None:
     for note in result.notes:
         console.print(one_line(note), markup=False)
     console.print(
-        f"{result.answer.upper()}: {len(result.verdicts)} checks against theory, "
-        f"false-alarm rate {result.alpha:g} for all together; "
-        f"{len(result.comparisons)} comparisons with the baseline"
+        f"{result.answer.upper()}: {headline(result)}; "
+        f"false-alarm rate {result.alpha:g} for all together"
     )
 
 

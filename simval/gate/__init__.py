@@ -8,6 +8,7 @@ agree with theory (`simval.verdict`), and does it agree with the baseline (`comp
 from simval.gate.baseline import BASELINE, read_baseline, write_baseline
 from simval.gate.comparison import Comparison
 from simval.gate.finding import Finding, findings
+from simval.gate.headline import headline
 from simval.gate.judgement import Gap, GateResult, judge_run
 
 __all__ = [
@@ -17,6 +18,7 @@ __all__ = [
     "Gap",
     "GateResult",
     "findings",
+    "headline",
     "judge_run",
     "read_baseline",
     "write_baseline",

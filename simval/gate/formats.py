@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 from pydantic import BaseModel, ConfigDict, Field
 
 from simval.gate.finding import Finding, findings
+from simval.gate.headline import headline
 from simval.gate.judgement import GateResult
 from simval.plugins.errors import one_line
 
@@ -47,8 +48,9 @@ class Document(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, title="simval gate")
 
-    schema_version: Literal[2] = Field(description="Version of this format.")
+    schema_version: Literal[3] = Field(description="Version of this format.")
     answer: Word = Field(description="The worst of all that was judged.")
+    headline: str = Field(description="Why that is the answer, in one line.")
     exit_code: int = Field(description="What the command returned.")
     alpha: float = Field(description="False-alarm rate of everything together.")
     counts: dict[Word, int] = Field(description="Findings by verdict.")
@@ -74,8 +76,9 @@ def to_json(result: GateResult, exit_code: int) -> str:
     """
     found = findings(result)
     document = Document(
-        schema_version=2,
+        schema_version=3,
         answer=result.answer,
+        headline=headline(result),
         exit_code=exit_code,
         alpha=result.alpha,
         counts=counts(found),
@@ -133,7 +136,8 @@ def to_junit(result: GateResult) -> str:
         XML. An inconclusive finding is an ``error``, so that no reader shows it green.
     """
     found = findings(result)
-    root = ElementTree.Element("testsuites", name="simval gate")
+    title = f"simval gate: {result.answer.upper()}: {headline(result)}"
+    root = ElementTree.Element("testsuites", name=title)
     for study in dict.fromkeys(f.study for f in found):
         members = [f for f in found if f.study == study]
         suite = ElementTree.SubElement(
@@ -201,13 +205,10 @@ def to_markdown(result: GateResult) -> str:
         A heading, the counts, a table of what is no pass, and the notes.
     """
     found = findings(result)
-    number = counts(found)
     lines = [
         f"### simval gate: {result.answer.upper()}",
         "",
-        f"{number['pass']} passed, {number['fail']} failed, "
-        f"{number['inconclusive']} inconclusive; false-alarm rate {result.alpha:g} "
-        "for all together.",
+        f"{headline(result)}; false-alarm rate {result.alpha:g} for all together.",
         "",
     ]
     bad = [f for f in found if f.answer != "pass"]

@@ -1,6 +1,7 @@
 """Files that the studies left for the report, read without trusting them."""
 
 import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -8,6 +9,9 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.errors import InputError
+
+# what NumPy raises for a file that is none, or is damaged inside
+UNREADABLE = (OSError, ValueError, EOFError, AttributeError, KeyError, TypeError)
 
 
 def arrays(file: Path) -> Mapping[str, Array]:
@@ -31,7 +35,7 @@ def arrays(file: Path) -> Mapping[str, Array]:
     try:
         with np.load(file, allow_pickle=False) as content:
             found = {name: np.asarray(content[name]) for name in content.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, AttributeError) as error:
+    except (*UNREADABLE, zipfile.BadZipFile, zlib.error) as error:
         msg = f"{file} is damaged ({error}); run the suite again"
         raise InputError(msg) from None
     for name, values in found.items():
@@ -39,3 +43,45 @@ def arrays(file: Path) -> Mapping[str, Array]:
             msg = f"{file}: `{name}` is no array of numbers; run the suite again"
             raise InputError(msg)
     return found
+
+
+def shaped(
+    file: Path, content: Mapping[str, Array], name: str, *shape: int | None
+) -> Array:
+    """One array of a file, of the shape that it must have.
+
+    Parameters
+    ----------
+    file : Path
+        Where it is from, for the message.
+    content : mapping
+        As from `arrays`.
+    name : str
+        Which.
+    *shape : int or None
+        Each length; None is any, of one at least.
+
+    Returns
+    -------
+    Array
+        As floats.
+
+    Raises
+    ------
+    InputError
+        If it is missing or of another shape.
+    """
+    found = content[name].shape if name in content else None
+    if (
+        found is None
+        or len(found) != len(shape)
+        or not all(
+            have >= 1 if want is None else have == want
+            for have, want in zip(found, shape, strict=True)
+        )
+    ):
+        wanted = ", ".join("any" if want is None else str(want) for want in shape)
+        have = "is missing" if found is None else f"has shape {found}"
+        msg = f"{file}: `{name}` {have}; it must have ({wanted}); run the suite again"
+        raise InputError(msg)
+    return np.asarray(content[name], dtype=float)

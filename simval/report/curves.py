@@ -61,7 +61,8 @@ class Curve:
             y=self.value,
             band=z * self.error,
             colour=COLOURS[place % len(COLOURS)],
-            marker=MARKERS[place % len(MARKERS)],
+            # another marker where the colours come round again
+            marker=MARKERS[(place + place // len(COLOURS)) % len(MARKERS)],
         )
 
     def predicted(self, place: int = 0, line: str = "-", label: str = "") -> Series:
@@ -217,6 +218,29 @@ def grouped(
         label = ", ".join(_words(key, cell.parameters.get(key)) for key in keys)
         groups.setdefault(label, []).append(cell)
     return {label: tuple(members) for label, members in groups.items()}
+
+
+def first(
+    groups: Mapping[str, tuple[CellResult, ...]], limit: int = MAX_GROUPS
+) -> tuple[dict[str, tuple[CellResult, ...]], tuple[str, ...]]:
+    """The first groups, and the names of the others.
+
+    Parameters
+    ----------
+    groups : mapping
+        As from `grouped`.
+    limit : int, default `MAX_GROUPS`
+        How many are kept.
+
+    Returns
+    -------
+    kept : dict
+        Label to cells.
+    left_out : tuple of str
+        Labels of the rest, for `Drawing.left_out`.
+    """
+    labels = list(groups)
+    return {k: groups[k] for k in labels[:limit]}, tuple(labels[limit:])
 
 
 def varying(cells: Sequence[CellResult]) -> list[str]:

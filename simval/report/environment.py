@@ -15,6 +15,9 @@ from simval.report.table import sort_key, text
 from simval.report.thinning import thinned
 from simval.report.words import measured, number
 
+NAMED = 100
+"""What a figure leaves out is named one by one up to this many, the rest counted."""
+
 
 def template(name: str) -> Template:
     """Load a template of this package.
@@ -62,6 +65,7 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters.update(number=number)
+    environment.globals.update(NAMED=NAMED)
     environment.globals.update(
         measured=measured, picture=_picture, text=text, sort_key=sort_key, script=script
     )

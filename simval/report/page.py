@@ -1,5 +1,9 @@
 """The page: the sections in order, in one template."""
 
+import re
+from dataclasses import replace
+
+from simval.errors import InputError
 from simval.gate import judge_run
 from simval.report.environment import template
 from simval.report.panels import Drawing
@@ -28,6 +32,19 @@ from simval.report.sections import (
 from simval.report.table import Table
 from simval.studies import STUDIES
 from simval.sweep import Run
+
+SHOWN = {
+    "calibration": ("calibration", "rms|sd|bias|recovery"),
+    "ladder": ("ladder", r"scale_bias|bias\[K.*"),
+    "attitude": ("attitude", "bias|covariance"),
+    "orders": ("attitude_order", "(bias|covariance)_(error|order)"),
+    "closeness": ("attitude_limits", "limit_ratio|flip_rate|other_selection_rate"),
+    "estimators": ("attitude_efficiency", "(simulated_)?rms_ratio"),
+    "statics": ("detector", "precision|recall|impure|nees"),
+    "budget": ("end_to_end", "budget"),
+}
+"""Study of a section, and which of its statistics the section draws or tabulates: a
+statistic, or its name before the bracket. The others are named below it."""
 
 SECTIONS = (
     summary.section,
@@ -98,8 +115,44 @@ def sections(run: Run, alpha: float = 1e-3) -> tuple[Section, ...]:
     """
     names = dict.fromkeys((*STUDIES, *(cell.study for cell in run.cells)))
     titles = {n: STUDIES[n].title if n in STUDIES else n for n in names}
+    _require_parameters(run)
     context = Context(run=run, judged=judge_run(run, alpha=alpha), titles=titles)
-    return tuple(made for make in SECTIONS if (made := make(context)) is not None)
+    found = (make(context) for make in SECTIONS)
+    return tuple(
+        replace(section, elsewhere=_elsewhere(context, section.anchor))
+        for section in found
+        if section is not None
+    )
+
+
+def _elsewhere(context: Context, anchor: str) -> tuple[str, ...]:
+    """Statistics of a section's study that the section does not show."""
+    if anchor not in SHOWN:
+        return ()
+    study, shown = SHOWN[anchor]
+    names: dict[str, None] = {}
+    for cell in context.cells(study):
+        for row in cell.rows:
+            family = row.statistic.partition("[")[0]
+            if not any(re.fullmatch(shown, name) for name in (row.statistic, family)):
+                # where a part of a family is shown, the others by their full names
+                partly = re.search(rf"\b{re.escape(family)}\\\[", shown)
+                names[row.statistic if partly else family] = None
+    return tuple(names)
+
+
+def _require_parameters(run: Run) -> None:
+    """Refuse a run whose cells lack what the sections read; extra ones do no harm."""
+    for cell in run.cells:
+        if cell.study in STUDIES:
+            known = STUDIES[cell.study].parameters.model_fields
+            lost = [name for name in known if name not in cell.parameters]
+            if lost:
+                msg = (
+                    f"cell {cell.name} has no parameter `{lost[0]}`, which its study "
+                    "has now; make the report with the version of simval that ran it"
+                )
+                raise InputError(msg)
 
 
 def drawings(run: Run) -> tuple[Drawing, ...]:

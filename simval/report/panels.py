@@ -139,6 +139,9 @@ class Drawing:
         One or more.
     columns : int
         Panels side by side.
+    left_out : sequence of str
+        What the run has of this kind and the figure does not draw, each by its name;
+        the page says so below the caption.
     """
 
     name: str
@@ -146,6 +149,7 @@ class Drawing:
     alternative: str
     panels: Sequence[AnyPanel]
     columns: int = 3
+    left_out: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         assert self.name == slug(self.name), self.name

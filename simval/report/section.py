@@ -74,6 +74,8 @@ class Section:
         Its figures.
     tables : tuple of Table
         Its tables.
+    elsewhere : tuple of str
+        Statistics of its study that it shows in no figure and no table of its own.
     """
 
     anchor: str
@@ -81,6 +83,7 @@ class Section:
     body: Markup
     drawings: tuple[Drawing, ...]
     tables: tuple[Table, ...]
+    elsewhere: tuple[str, ...] = ()
 
 
 def made(

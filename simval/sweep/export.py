@@ -1,10 +1,14 @@
 """The tidy table as Parquet, for those who work on many runs."""
 
+import sqlite3
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 
 from simval.errors import InputError
-from simval.sweep import store
-from simval.sweep.run import ROW_COLUMNS
+from simval.studies.study import canonical
+from simval.sweep.cells import read_cells, read_heads
+from simval.sweep.run import ROW_COLUMNS, opened_run
 
 CHUNK = 100_000
 """Rows in memory at a time."""
@@ -41,47 +45,55 @@ def export_parquet(folder: Path, path: Path) -> int:
         msg = "Parquet needs the extra `parquet`: pip install 'simval[parquet]'"
         raise InputError(msg) from None
     written = 0
-    with store.opened(folder / "run.sqlite") as database:
-        cells = {c["position"]: c for c in store.cells(database)}
-        keys = sorted({key for cell in cells.values() for key in cell["parameters"]})
-        kinds = {
-            key: _kind(cell["parameters"].get(key) for cell in cells.values())
-            for key in keys
-        }
+    with opened_run(folder) as (database, _):
+        cells = [cell.parameters for cell in read_heads(database)]
+        keys = sorted({key for parameters in cells for key in parameters})
+        kinds = {key: _kind([c.get(key) for c in cells]) for key in keys}
         schema = pa.schema(
             [("cell", pa.string()), ("study", pa.string()), ("seed", pa.int64())]
             + [(key, getattr(pa, kinds[key])()) for key in keys]
             + [(n, getattr(pa, _TYPES.get(n, "string"))()) for n in ROW_COLUMNS]
         )
+        part = path.with_name(path.name + ".part")
         try:
-            with parquet.ParquetWriter(path, schema, compression="zstd") as writer:
-                chunk: list[dict[str, object]] = []
-                for position, row in store.rows(database):
-                    cell = cells[position]
-                    head = {
-                        "cell": cell["cell"],
-                        "study": cell["study"],
-                        "seed": cell["seed"],
-                    }
-                    values = {key: cell["parameters"].get(key) for key in keys}
-                    chunk.append(
-                        head | values | {n: getattr(row, n) for n in ROW_COLUMNS}
-                    )
-                    if len(chunk) == CHUNK:
-                        writer.write_table(pa.Table.from_pylist(chunk, schema))
-                        written, chunk = written + len(chunk), []
-                if chunk:
+            with parquet.ParquetWriter(part, schema, compression="zstd") as writer:
+                lines = _lines(database, kinds)
+                while chunk := list(islice(lines, CHUNK)):
                     writer.write_table(pa.Table.from_pylist(chunk, schema))
+                    written += len(chunk)
+            part.replace(path)
         except (OSError, OverflowError, pa.ArrowInvalid) as error:
             msg = f"cannot write {path}: {error}; choose another file with --out"
             raise InputError(msg) from None
-    return written + len(chunk)
+        finally:
+            part.unlink(missing_ok=True)  # the table is whole or is not there
+    return written
 
 
-def _kind(values: object) -> str:
-    kinds = {type(v) for v in values if v is not None}  # type: ignore[attr-defined]
+def _lines(
+    database: sqlite3.Connection, kinds: Mapping[str, str]
+) -> Iterator[dict[str, object]]:
+    """Each row of the table, with the parameters in the one type of their column."""
+    for cell in read_cells(database):
+        head = {"cell": cell.name, "study": cell.study, "seed": cell.seed}
+        values = {
+            key: _as(kind, cell.parameters.get(key)) for key, kind in kinds.items()
+        }
+        for row in cell.rows:
+            yield head | values | {name: getattr(row, name) for name in ROW_COLUMNS}
+
+
+def _kind(values: Sequence[object]) -> str:
+    kinds = {type(v) for v in values if v is not None}
     if kinds == {bool}:
         return "bool_"
     if kinds == {int}:
         return "int64"
     return "float64" if kinds <= {int, float} else "string"
+
+
+def _as(kind: str, value: object) -> object:
+    """A parameter as its column holds it: where studies differ in type, as a word."""
+    if value is None or isinstance(value, str) or kind != "string":
+        return value
+    return canonical(value)

@@ -109,7 +109,7 @@ def check_same(folder: Path, suite: Suite, known: Mapping[str, Any]) -> None:
     """
     with store.opened(folder / "run.sqlite") as database:
         earlier = store.manifest(database)
-        names = [cell["cell"] for cell in store.cells(database)]
+        names = store.names(database)
     changed = provenance.differences(
         {key: earlier.get(key) for key in FIXED},
         # through JSON, as the earlier one went

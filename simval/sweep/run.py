@@ -8,22 +8,35 @@ artifacts/      what the studies leave for the report: npz, png
 """
 
 import csv
-import json
 import sqlite3
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from simval.arguments import file_path
 from simval.errors import InputError
-from simval.results import Row
 from simval.studies.study import is_path, portable
 from simval.sweep import store
+from simval.sweep.cells import CellResult, read_cell, read_cells, read_heads
+from simval.sweep.documents import read_timing
+from simval.sweep.plausible import MAX_SAMPLES
+from simval.sweep.seal import check_files
+
+__all__ = [
+    "MAX_SAMPLES",
+    "ROW_COLUMNS",
+    "RUNS",
+    "CellResult",
+    "Run",
+    "load_run",
+    "opened_run",
+    "run_folder",
+    "write_table",
+]
 
 RUNS = Path("reports") / "runs"
-MAX_SAMPLES = 2**53
-"""Above it a number of samples is no longer exact as a float: none was ever drawn."""
 ROW_COLUMNS = (
     "statistic",
     "predictor",
@@ -35,64 +48,6 @@ ROW_COLUMNS = (
     "unit",
     "check",
 )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CellResult:
-    """One cell of a run: what it was and what it left.
-
-    Attributes
-    ----------
-    name : str
-        Unique name in the run.
-    study : str
-        Name of the study.
-    seed : int
-        The run's seed.
-    parameters : mapping
-        The study's parameters.
-    status : str
-        ``done``, ``failed`` or ``pending``.
-    error : str
-        Why it failed.
-    seconds : float
-        CPU time, s.
-    rows : tuple of Row
-        Its statistics.
-    """
-
-    name: str
-    study: str
-    seed: int
-    parameters: Mapping[str, Any]
-    status: str
-    error: str
-    seconds: float
-    rows: tuple[Row, ...]
-
-    def row(self, statistic: str, predictor: str = "") -> Row | None:
-        """Find the row of a statistic.
-
-        Parameters
-        ----------
-        statistic : str
-            Its name.
-        predictor : str, default ""
-            The theory it is set beside.
-
-        Returns
-        -------
-        Row or None
-            None where the cell has no such row.
-        """
-        return next(
-            (
-                row
-                for row in self.rows
-                if row.statistic == statistic and row.predictor == predictor
-            ),
-            None,
-        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,49 +106,35 @@ def load_run(folder: str | Path) -> Run:
         If it is no run folder, is damaged, or was written by a newer version.
     """
     path = run_folder(folder)
-    with store.opened(path / "run.sqlite") as database:
-        manifest = store.manifest(database)
-        entries = store.cells(database)
-        rows: list[list[Row]] = [[] for _ in entries]
-        try:
-            for position, row in store.rows(database):
-                if not (0 <= position < len(rows) and abs(row.n) < MAX_SAMPLES):
-                    msg = f"a row of cell {position} with {row.n} samples"
-                    raise ValueError(msg)
-                rows[position].append(row)
-            results = tuple(
-                CellResult(
-                    name=str(entry["cell"]),
-                    study=str(entry["study"]),
-                    seed=int(entry["seed"]),
-                    parameters=entry["parameters"],
-                    status=str(entry["status"]),
-                    error=str(entry["error"]),
-                    seconds=float(entry["seconds"]),
-                    rows=tuple(found),
-                )
-                for entry, found in zip(entries, rows, strict=True)
-            )
-            timing_file = path / "timing.json"
-            timing = (
-                json.loads(timing_file.read_text()) if timing_file.is_file() else {}
-            )
-            if not isinstance(timing, dict):
-                msg = "timing.json is not an object"
-                raise TypeError(msg)
-            for cell in results:
-                if not (
-                    cell.name.startswith(f"{cell.study}(")
-                    and cell.name.endswith(f"@{cell.seed}")
-                ):
-                    msg = f"{cell.name} is stored as {cell.study} with {cell.seed}"
-                    raise ValueError(msg)
-        except InputError:
-            raise
-        except (ValueError, TypeError, IndexError, OSError, RecursionError) as error:
-            msg = f"{path} is damaged: {error}; run the suite again"
-            raise InputError(msg) from None
-    return Run(folder=path, cells=results, manifest=manifest, timing=timing)
+    with opened_run(path) as (database, manifest):
+        cells = tuple(read_cells(database))
+    return Run(folder=path, cells=cells, manifest=manifest, timing=read_timing(path))
+
+
+@contextmanager
+def opened_run(folder: Path) -> Iterator[tuple[sqlite3.Connection, dict[str, Any]]]:
+    """Open a run folder whose files and manifest are what the sweep wrote.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+
+    Yields
+    ------
+    database : sqlite3.Connection
+        The store, to be read with `simval.sweep.cells`, which checks the cells.
+    manifest : dict
+        All that the numbers depend on.
+
+    Raises
+    ------
+    InputError
+        As `load_run`.
+    """
+    with store.opened(folder / "run.sqlite") as database:
+        check_files(database, folder)
+        yield database, store.manifest(database)
 
 
 def write_table(database: sqlite3.Connection, path: Path) -> None:
@@ -212,22 +153,20 @@ def write_table(database: sqlite3.Connection, path: Path) -> None:
     InputError
         If it cannot be written.
     """
-    done = sorted(
-        (cell for cell in store.cells(database) if cell["status"] == "done"),
-        key=lambda cell: str(cell["cell"]),
-    )
-    keys = sorted({key for cell in done for key in cell["parameters"]})
+    heads = (cell for cell in read_heads(database) if cell.status == "done")
+    done = sorted(heads, key=lambda cell: cell.name)
+    keys = sorted({key for cell in done for key in cell.parameters})
     part = path.with_name(path.name + ".part")
     try:
         with part.open("w", encoding="utf-8", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(["cell", "study", "seed", *keys, *ROW_COLUMNS])
             for cell in done:
-                values = [_exact(cell["parameters"].get(key)) for key in keys]
-                rows = [row for _, row in store.rows(database, cell["position"])]
+                values = [_exact(cell.parameters.get(key)) for key in keys]
+                rows = read_cell(database, cell.position).rows
                 for row in sorted(rows, key=lambda r: (r.statistic, r.predictor)):
                     fields = [_exact(getattr(row, name)) for name in ROW_COLUMNS]
-                    head = [cell["cell"], cell["study"], cell["seed"]]
+                    head = [cell.name, cell.study, cell.seed]
                     writer.writerow([*head, *values, *fields])
         part.replace(path)
     except OSError as error:

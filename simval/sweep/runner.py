@@ -11,7 +11,6 @@ import sqlite3
 import time
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
-from itertools import groupby
 from pathlib import Path
 from typing import Literal, Protocol
 
@@ -19,9 +18,11 @@ from simval.arguments import file_path, instance, switch, whole_number
 from simval.errors import InputError
 from simval.results import Row
 from simval.sweep import provenance, store
+from simval.sweep.cells import read_cells
 from simval.sweep.executors import Done, clustered, pooled, serial
 from simval.sweep.folder import check_same, create, keep, locked, write
 from simval.sweep.run import Run, load_run, write_table
+from simval.sweep.seal import seal, unseal
 from simval.sweep.suite import Suite, load_suite
 from simval.verdict import Answer, judge, overall
 
@@ -181,6 +182,7 @@ def drive(
         create(folder, suite, known, resume)
     started, wall = datetime.now(UTC), time.perf_counter()
     with locked(folder), store.writing(file) as database:
+        unseal(database)
         pending = store.unfinished(database)
         done = len(suite.cells) - len(pending)
         progress.start(len(suite.cells), done, _worst_stored(database, suite))
@@ -198,20 +200,21 @@ def drive(
             msg = f"{left} cells came back neither finished nor failed"
             raise RuntimeError(msg)
         spent = store.seconds(database)
-        write_table(database, folder / "results.csv")
+        timing = {
+            "started": started.isoformat(timespec="seconds"),
+            "wall_seconds": round(time.perf_counter() - wall, 3),
+            "workers": scheduler or workers,
+            "host": platform.node(),
+            "finished_before": done,
+            "cpu_seconds": round(sum(spent.values()), 3),
+            "processors": os.cpu_count(),
+            "cells": {name: round(value, 4) for name, value in spent.items()},
+        }
         manifest = store.manifest(database)
-    timing = {
-        "started": started.isoformat(timespec="seconds"),
-        "wall_seconds": round(time.perf_counter() - wall, 3),
-        "workers": scheduler or workers,
-        "host": platform.node(),
-        "finished_before": done,
-        "cpu_seconds": round(sum(spent.values()), 3),
-        "processors": os.cpu_count(),
-        "cells": {name: round(value, 4) for name, value in spent.items()},
-    }
-    write(folder / "manifest.json", json.dumps(manifest, indent=2) + "\n")
-    write(folder / "timing.json", json.dumps(timing, indent=2) + "\n")
+        write_table(database, folder / "results.csv")
+        write(folder / "manifest.json", json.dumps(manifest, indent=2) + "\n")
+        write(folder / "timing.json", json.dumps(timing, indent=2) + "\n")
+        seal(database, folder)
 
 
 def _is_file(path: Path) -> bool:
@@ -231,10 +234,9 @@ def _ending(name: str, rows: Sequence[Row], suite: Suite) -> Ending:
 def _worst_stored(database: sqlite3.Connection, suite: Suite) -> Ending:
     """Worst ending of the cells that an earlier session finished."""
     worst: Ending = "recorded"
-    rows = store.rows(database)
-    for position, group in groupby(rows, key=lambda entry: entry[0]):
-        found = [row for _, row in group]
-        worst = worse(worst, _ending(suite.cells[position].name, found, suite))
+    for cell in read_cells(database):
+        if cell.status == "done":
+            worst = worse(worst, _ending(cell.name, cell.rows, suite))
     return worst
 
 

@@ -5,41 +5,41 @@ so a run that was killed at any moment can be resumed. The write-ahead log is ha
 the operating system at each commit and forced to the disk now and then: a killed
 program loses nothing, a power cut at most the last cells, which are then computed
 again.
+
+Each cell carries a digest of all that is stored of it, written in the same
+transaction, and the manifest has one too: a store that was damaged afterwards is told
+from what the sweep wrote (`simval.sweep.cells`). Stores of schema 1 have none.
 """
 
-import json
-import math
+import hashlib
 import sqlite3
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import fields
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, get_args
+from typing import Any
 
 from simval.errors import InputError
 from simval.plugins.errors import printable
-from simval.results import Check, Row
+from simval.results import Row
 from simval.studies.study import Cell
+from simval.sweep.documents import DamagedError, checked_manifest
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
+WITHOUT_DIGESTS = 1
+"""The schema before digests: read, but no longer written."""
 ROW_FIELDS = tuple(f.name for f in fields(Row))
-
-# kind of each field, and what an entry that is missing means
-_KINDS: Mapping[str, tuple[Callable[[Any], Any], Any]] = MappingProxyType(
-    {
-        "statistic": (str, ""),
-        "value": (float, math.nan),
-        "unit": (str, "1"),
-        "standard_error": (float, math.nan),
-        "n": (int, 0),
-        "prediction": (float, None),
-        "predictor": (str, ""),
-        "remainder": (float, math.nan),
-        "check": (str, "record"),
-    }
+CELL_FIELDS = (
+    "position",
+    "cell",
+    "study",
+    "seed",
+    "parameters",
+    "status",
+    "error",
+    "seconds",
 )
-CHECKS = get_args(Check)
+ROW_COLUMNS = ", ".join(("ordinal", *(f'"{name}"' for name in ROW_FIELDS)))
 
 _TABLES = f"""
 CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);
@@ -47,7 +47,8 @@ CREATE TABLE cells (
   position INTEGER PRIMARY KEY, cell TEXT UNIQUE NOT NULL, study TEXT NOT NULL,
   seed INTEGER NOT NULL, parameters TEXT NOT NULL,
   status TEXT NOT NULL CHECK (status IN ('pending', 'done', 'failed')),
-  error TEXT NOT NULL DEFAULT '', seconds REAL NOT NULL DEFAULT 0);
+  error TEXT NOT NULL DEFAULT '', seconds REAL NOT NULL DEFAULT 0,
+  digest TEXT NOT NULL DEFAULT '');
 CREATE TABLE rows (
   cell INTEGER NOT NULL REFERENCES cells (position), ordinal INTEGER NOT NULL,
   {", ".join(f'"{name}"' for name in ROW_FIELDS)},
@@ -67,30 +68,56 @@ def opened(path: Path) -> Iterator[sqlite3.Connection]:
     Yields
     ------
     sqlite3.Connection
-        Closed at the end of the context.
+        In one transaction, so that a run that is being written is read as it was at
+        one moment; closed at the end of the context.
 
     Raises
     ------
     InputError
-        If there is no such file, it is no store, it is of another schema, or it
-        cannot be written to.
+        If there is no such file, it is no store, it is of another schema, it is
+        damaged, or it cannot be written to.
     """
+    with _connected(path) as database:
+        database.execute("BEGIN")
+        yield database
+
+
+@contextmanager
+def _connected(path: Path) -> Iterator[sqlite3.Connection]:
     if not path.is_file():
         msg = f"{path} does not exist, so {path.parent} is no run folder"
         raise InputError(msg)
     with _explained(path), closing(sqlite3.connect(path)) as database:
-        version = database.execute(
-            "SELECT value FROM meta WHERE key = 'schema'"
-        ).fetchone()
-        if version is None or version[0] != str(SCHEMA_VERSION):
-            found = "no schema" if version is None else f"schema {version[0]}"
+        version = entry(database, "schema")
+        if version not in (str(SCHEMA_VERSION), str(WITHOUT_DIGESTS)):
+            found = "no schema" if version is None else f"schema {version}"
             msg = (
-                f"{path} has {found}; this program reads {SCHEMA_VERSION}; use the "
-                "version of simval that wrote it"
+                f"{path} has {found}; this program reads {WITHOUT_DIGESTS} and "
+                f"{SCHEMA_VERSION}; use the version of simval that wrote it"
             )
             raise InputError(msg)
+        columns = [line[1] for line in database.execute("PRAGMA table_info(cells)")]
+        if ("digest" in columns) != has_digests(database):
+            msg = f"it says schema {version} and does not have its columns"
+            raise DamagedError(msg)
         database.row_factory = sqlite3.Row
         yield database
+
+
+def has_digests(database: sqlite3.Connection) -> bool:
+    """Whether the store keeps digests of its cells and its manifest.
+
+    Parameters
+    ----------
+    database : sqlite3.Connection
+        The store.
+
+    Returns
+    -------
+    bool
+        False for one that an earlier version wrote.
+    """
+    return entry(database, "schema") == str(SCHEMA_VERSION)
 
 
 @contextmanager
@@ -112,7 +139,7 @@ def writing(path: Path) -> Iterator[sqlite3.Connection]:
     InputError
         As `opened`.
     """
-    with opened(path) as database:
+    with _connected(path) as database:
         database.execute("PRAGMA journal_mode = WAL")
         database.execute("PRAGMA synchronous = NORMAL")
         yield database
@@ -137,7 +164,11 @@ def create(path: Path, cells: Iterable[Cell], manifest: str) -> None:
     InputError
         If the file cannot be written.
     """
-    entries = (("schema", str(SCHEMA_VERSION)), ("manifest", manifest))
+    entries = (
+        ("schema", str(SCHEMA_VERSION)),
+        ("manifest", manifest),
+        ("manifest digest", digest_of(manifest)),
+    )
     with (
         _explained(path),
         closing(sqlite3.connect(path)) as database,
@@ -153,6 +184,71 @@ def create(path: Path, cells: Iterable[Cell], manifest: str) -> None:
                 for i, c in enumerate(cells)
             ),
         )
+        places = [entry[0] for entry in database.execute("SELECT position FROM cells")]
+        for position in places:
+            sign(database, position)
+
+
+def sign(database: sqlite3.Connection, position: int) -> None:
+    """Write the digest of all that is stored of a cell, within a transaction.
+
+    Parameters
+    ----------
+    database : sqlite3.Connection
+        The store.
+    position : int
+        Place of the cell in the suite.
+    """
+    cursor = database.cursor()
+    cursor.row_factory = sqlite3.Row
+    query = "SELECT * FROM cells WHERE position = ?"
+    cell = cursor.execute(query, (position,)).fetchone()
+    query = f"SELECT {ROW_COLUMNS} FROM rows WHERE cell = ? ORDER BY ordinal"
+    rows = cursor.execute(query, (position,)).fetchall()
+    cursor.execute(
+        "UPDATE cells SET digest = ? WHERE position = ?",
+        (digest_of_cell(cell, rows), position),
+    )
+
+
+def digest_of_cell(cell: sqlite3.Row, rows: Sequence[sqlite3.Row]) -> str:
+    """Digest of all that is stored of a cell.
+
+    Parameters
+    ----------
+    cell : sqlite3.Row
+        Its entry.
+    rows : sequence of sqlite3.Row
+        Its rows, in order.
+
+    Returns
+    -------
+    str
+        As of `digest_of`.
+    """
+    names = ("ordinal", *ROW_FIELDS)
+    return digest_of(
+        [
+            [cell[name] for name in CELL_FIELDS],
+            *([row[name] for name in names] for row in rows),
+        ]
+    )
+
+
+def digest_of(content: Any) -> str:
+    """SHA-256 of numbers, words and lists of them, exact and by type.
+
+    Parameters
+    ----------
+    content : object
+        Of SQLite's own types.
+
+    Returns
+    -------
+    str
+        In hexadecimal.
+    """
+    return hashlib.sha256(repr(content).encode()).hexdigest()
 
 
 def finish(
@@ -185,6 +281,7 @@ def finish(
             "WHERE position = ?",
             (seconds, position),
         )
+        sign(database, position)
 
 
 def fail(
@@ -209,9 +306,7 @@ def fail(
             "WHERE position = ?",
             (printable(error), seconds, position),
         )
-
-
-MANIFEST_KEYS = ("suite", "title", "grid", "versions", "git", "models", "machine")
+        sign(database, position)
 
 
 def manifest(database: sqlite3.Connection) -> dict[str, Any]:
@@ -227,14 +322,50 @@ def manifest(database: sqlite3.Connection) -> dict[str, Any]:
     dict
         The manifest.
     """
-    query = "SELECT value FROM meta WHERE key = 'manifest'"
-    entry = database.execute(query).fetchone()
-    content = _json(entry[0] if entry else None)
-    missing = [key for key in MANIFEST_KEYS if key not in content]
-    if missing:
-        msg = f"the store's manifest lacks `{missing[0]}`; run the suite again"
-        raise InputError(msg)
-    return content
+    text = entry(database, "manifest")
+    found = checked_manifest(text)
+    if has_digests(database) and entry(database, "manifest digest") != digest_of(text):
+        msg = "the manifest is not what the sweep stored (its SHA-256 is another)"
+        raise DamagedError(msg)
+    return found
+
+
+def keep(database: sqlite3.Connection, key: str, value: str | None) -> None:
+    """Set an entry of the store, in one transaction.
+
+    Parameters
+    ----------
+    database : sqlite3.Connection
+        The store.
+    key : str
+        Its name.
+    value : str or None
+        What it says; None takes it out.
+    """
+    with database:
+        database.execute("DELETE FROM meta WHERE key = ?", (key,))
+        if value is not None:
+            database.execute("INSERT INTO meta VALUES (?, ?)", (key, value))
+
+
+def entry(database: sqlite3.Connection, key: str) -> Any:
+    """Read an entry of the store.
+
+    Parameters
+    ----------
+    database : sqlite3.Connection
+        The store.
+    key : str
+        Its name.
+
+    Returns
+    -------
+    object
+        What it says, a text where nothing is damaged; None where there is none.
+    """
+    query = "SELECT value FROM meta WHERE key = ?"
+    found = database.execute(query, (key,)).fetchone()
+    return found[0] if found else None
 
 
 def unfinished(database: sqlite3.Connection) -> list[int]:
@@ -288,8 +419,8 @@ def seconds(database: sqlite3.Connection) -> dict[str, float]:
     return {entry[0]: entry[1] for entry in database.execute(query)}
 
 
-def cells(database: sqlite3.Connection) -> list[dict[str, Any]]:
-    """Read the cells.
+def names(database: sqlite3.Connection) -> list[str]:
+    """List the names of the cells.
 
     Parameters
     ----------
@@ -298,45 +429,11 @@ def cells(database: sqlite3.Connection) -> list[dict[str, Any]]:
 
     Returns
     -------
-    list of dict
-        position, cell, study, seed, parameters (dict), status, error, seconds.
+    list of str
+        In the order of the suite.
     """
-    found = [
-        {**dict(entry), "parameters": _json(entry["parameters"])}
-        for entry in database.execute("SELECT * FROM cells ORDER BY position")
-    ]
-    if [cell["position"] for cell in found] != list(range(len(found))):
-        msg = "the store's cells are not numbered from 0 without a gap; it is damaged"
-        raise InputError(msg)
-    return found
-
-
-def rows(
-    database: sqlite3.Connection, position: int | None = None
-) -> Iterator[tuple[int, Row]]:
-    """Read rows.
-
-    Parameters
-    ----------
-    database : sqlite3.Connection
-        The store.
-    position : int, optional
-        Place of one cell; default, all of them.
-
-    Yields
-    ------
-    position : int
-        Place of the cell.
-    row : Row
-        One of its rows; in the order of cells, and of the study within one.
-    """
-    names = ", ".join(f'"{name}"' for name in ROW_FIELDS)
-    query = f"SELECT cell, {names} FROM rows "
-    chosen: tuple[int, ...] = ()
-    if position is not None:
-        query, chosen = query + "WHERE cell = ? ", (position,)
-    for entry in database.execute(query + "ORDER BY cell, ordinal", chosen):
-        yield entry[0], _row(entry)
+    query = "SELECT cell FROM cells ORDER BY position"
+    return [found[0] for found in database.execute(query)]
 
 
 @contextmanager
@@ -344,6 +441,12 @@ def _explained(path: Path) -> Iterator[None]:
     """Turn whatever SQLite, or content that is not ours, does into words."""
     try:
         yield
+    except DamagedError as error:
+        msg = (
+            f"{path} is damaged: {error}; restore it from a copy, or run the suite "
+            "again in a new folder"
+        )
+        raise InputError(msg) from None
     except sqlite3.OperationalError as error:
         if "no such table" in str(error) or "no such column" in str(error):
             msg = f"{path} is not the store of a run: {error}"
@@ -352,31 +455,4 @@ def _explained(path: Path) -> Iterator[None]:
         raise InputError(msg) from None
     except sqlite3.Error as error:
         msg = f"{path} is not the store of a run, or is damaged: {error}"
-        raise InputError(msg) from None
-
-
-def _row(entry: sqlite3.Row) -> Row:
-    """Row of an entry; SQLite keeps what is not a number as NULL."""
-    try:
-        values = {
-            name: kind(entry[name]) if entry[name] is not None else missing
-            for name, (kind, missing) in _KINDS.items()
-        }
-        if values["check"] not in CHECKS or values["standard_error"] < 0.0:
-            raise ValueError(values["check"], values["standard_error"])
-        return Row(**values)
-    except (ValueError, TypeError, OverflowError) as error:
-        msg = f"the store holds a row that is damaged ({error}); run the suite again"
-        raise InputError(msg) from None
-
-
-def _json(text: Any) -> dict[str, Any]:
-    try:
-        content = json.loads(text)
-        if not isinstance(content, dict):
-            msg = f"not an object but {content!r}"
-            raise TypeError(msg)
-        return content
-    except (ValueError, TypeError, RecursionError) as error:
-        msg = f"the store holds an entry that is damaged ({error}); run it again"
         raise InputError(msg) from None

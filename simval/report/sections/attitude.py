@@ -1,10 +1,11 @@
 """Attitude error against noise: bias and covariance beside every prediction."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from simval.report.curves import MAX_GROUPS, curve, grouped
+from simval.report.curves import curve, first, grouped
 from simval.report.measures import left_out, moment
 from simval.report.noise import slope_cells
 from simval.report.panels import COLOURS, GREY, Drawing, Panel, Series
@@ -44,15 +45,17 @@ def section(context: Context) -> Section | None:
     if not cells:
         return None
     groups = grouped(cells, "noise_std")
-    shown = list(groups.items())[:MAX_GROUPS]
-    names = slugs("attitude", (label for label, _ in shown))
+    shown, left_out = first(groups)
+    names = slugs("attitude", shown)
+    drawings = [
+        _drawing(name, label, members)
+        for name, (label, members) in zip(names, shown.items(), strict=True)
+    ]
+    drawings[-1] = replace(drawings[-1], left_out=left_out)
     return made(
         "attitude",
         "Attitude error against noise",
-        [
-            _drawing(name, label, members)
-            for name, (label, members) in zip(names, shown, strict=True)
-        ],
+        drawings,
         [_orders(groups), _slopes(groups)],
         groups=len(groups),
         shown=len(shown),

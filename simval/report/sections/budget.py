@@ -33,8 +33,9 @@ def section(context: Context) -> Section | None:
     ]
     if not cells:
         return None
-    labels = list(grouped(cells))
-    members = [group[0] for group in grouped(cells).values()]
+    groups = grouped(cells)
+    labels = list(groups)
+    members = [group[0] for group in groups.values()]
     shown = members[:MAX_GROUPS]
     drawing = Drawing(
         name="budget",
@@ -48,6 +49,7 @@ def section(context: Context) -> Section | None:
             _panel(cell, label) for cell, label in zip(shown, labels, strict=False)
         ],
         columns=2,
+        left_out=[cell.name for cell in cells if cell not in shown],
     )
     return made(
         "budget", "Error budget", [drawing], cells=len(members), shown=len(shown)

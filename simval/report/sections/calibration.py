@@ -1,9 +1,10 @@
 """Calibration error against noise: T, K, B and together, bias and spread apart."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 
-from simval.report.curves import MAX_GROUPS, Curve, Measure, grouped, statistic
+from simval.report.curves import Curve, Measure, first, grouped, statistic
 from simval.report.measures import GROUPS, part, together
 from simval.report.noise import Groups, curves, panel, slope_cells
 from simval.report.panels import Drawing
@@ -34,15 +35,19 @@ def section(context: Context) -> Section | None:
     noisy = [cell for cell in cells if cell.parameters["noise_std"] > 0.0]
     exact = [cell for cell in cells if cell.parameters["noise_std"] == 0.0]
     groups = grouped(noisy, "noise_std") if noisy else {}
-    shown = dict(list(groups.items())[:MAX_GROUPS])
-    drawings = [_rms(shown), _spread(shown), _bias(shown)] if groups else []
+    shown, left_out = first(groups)
+    drawings = [
+        replace(drawing, left_out=left_out)
+        for drawing in (_rms(shown), _spread(shown), _bias(shown))
+        if drawing is not None
+    ]
     tables = [_slopes(groups)] if groups else []
     if exact:
         tables.append(_recoveries(exact))
     return made(
         "calibration",
         "Calibration error against noise",
-        [d for d in drawings if d is not None],
+        drawings,
         tables,
         groups=len(groups),
         shown=len(shown),

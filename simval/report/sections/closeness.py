@@ -6,7 +6,7 @@ import numpy as np
 
 from simval.report.curves import Curve, curve, statistic
 from simval.report.measures import left_out
-from simval.report.panels import Drawing, Panel, Series
+from simval.report.panels import GREY, Drawing, Panel, Series
 from simval.report.section import Context, Section, made
 from simval.report.sections.attitude import CLAIMED, STYLES
 from simval.report.slope import simultaneous
@@ -172,12 +172,13 @@ def _growth(cells: list[CellResult]) -> Panel:
         order = np.argsort(lengths.value, kind="stable")
         measured = replace(found, x=lengths.value)
         series = [
-            measured.points(simultaneous(len(found.x))),
+            # as the exact answer has its colour on every figure, these have another
+            replace(measured.points(simultaneous(len(found.x))), colour=GREY),
             Series(
                 label="exact",
                 x=lengths.value[order],
                 y=found.prediction[order],
-                colour=STYLES["order 4, source"][0],
+                colour=STYLES["exact"][0],
                 marker="+",
             ),
         ]

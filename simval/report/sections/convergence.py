@@ -1,5 +1,6 @@
 """Convergence of the solvers: distance to the solution after each iteration."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ from simval.report.artifacts import arrays
 from simval.report.curves import MAX_GROUPS
 from simval.report.panels import COLOURS, MARKERS, Drawing, Panel, Series
 from simval.report.section import Context, Section, made
+from simval.report.sections.other import numbers
 
 
 def section(context: Context) -> Section | None:
@@ -25,9 +27,17 @@ def section(context: Context) -> Section | None:
     """
     files = sorted((context.run.folder / "artifacts").glob("convergence-*.npz"))
     panels = [panel for file in files[:MAX_GROUPS] if (panel := _panel(file))]
-    if not panels:
+    cells = context.cells("solvers")
+    tables = [numbers("solvers", cells)] if cells else []
+    if not panels and not tables:
         return None
-    drawing = Drawing(
+    left_out = [file.stem for file in files[MAX_GROUPS:]]
+    drawings = [_drawing(panels, left_out)] if panels else []
+    return made("convergence", "Convergence of the solvers", drawings, tables)
+
+
+def _drawing(panels: Sequence[Panel], left_out: Sequence[str]) -> Drawing:
+    return Drawing(
         name="convergence",
         caption=(
             "Each point is one iteration. A straight line converges linearly, one "
@@ -35,8 +45,8 @@ def section(context: Context) -> Section | None:
         ),
         alternative="Distance to the solution after each iteration, for each solver",
         panels=panels,
+        left_out=left_out,
     )
-    return made("convergence", "Convergence of the solvers", [drawing])
 
 
 def _panel(file: Path) -> Panel | None:

@@ -1,6 +1,8 @@
 """What each attitude estimator costs in accuracy, over many geometries."""
 
 import re
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -31,16 +33,15 @@ def section(context: Context) -> Section | None:
     if not cells:
         return None
     cell = cells[-1]  # the one whose artifact was written last
-    names = [m[1] for row in cell.rows if (m := NAME.fullmatch(row.statistic))]
+    names = _names(cell)
     file = context.run.folder / "artifacts" / "attitude-efficiency.npz"
     drawings = []
     if file.is_file():
         simulated = np.atleast_2d(arrays(file).get("simulated", np.empty((0, 0))))
         if simulated.shape[1] == len(names) and simulated.size:
-            drawings = [_drawing(names, simulated)]
-    return made(
-        "estimators", "What an estimator costs", drawings, [_table(cell, names)]
-    )
+            others = [c.name for c in cells[:-1]]
+            drawings = [replace(_drawing(names, simulated), left_out=others)]
+    return made("estimators", "What an estimator costs", drawings, [_table(cells)])
 
 
 def _drawing(names: list[str], ratios: np.ndarray) -> Drawing:
@@ -79,9 +80,13 @@ def _drawing(names: list[str], ratios: np.ndarray) -> Drawing:
     )
 
 
-def _table(cell: CellResult, names: list[str]) -> Table:
+def _names(cell: CellResult) -> list[str]:
+    return [m[1] for row in cell.rows if (m := NAME.fullmatch(row.statistic))]
+
+
+def _table(cells: Sequence[CellResult]) -> Table:
     rows = []
-    for name in names:
+    for cell, name in ((c, name) for c in cells for name in _names(c)):
         values = [
             None if (row := cell.row(statistic, predictor)) is None else row.value
             for statistic, predictor in (
@@ -91,7 +96,7 @@ def _table(cell: CellResult, names: list[str]) -> Table:
                 (f"simulated_rms_ratio[{name},worst]", ""),
             )
         ]
-        rows.append((name, *values))
+        rows.append((name, *values, cell.name))
     return Table(
         name="estimators",
         caption="RMS error over the q-method's",
@@ -101,6 +106,7 @@ def _table(cell: CellResult, names: list[str]) -> Table:
             Column("median, simulated", "number"),
             Column("worst, theory", "number"),
             Column("worst, simulated", "number"),
+            Column("cell", "code"),
         ),
         rows=rows,
     )

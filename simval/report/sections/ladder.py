@@ -1,18 +1,25 @@
 """The bias ladder: what each residual of a calibration costs in bias."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from simval.report.curves import MAX_GROUPS, curve, grouped, statistic
+from simval.report.curves import first, grouped
 from simval.report.measures import part
-from simval.report.noise import curves, panel, slope_cells
-from simval.report.panels import BarPanel, Drawing
+from simval.report.noise import Groups, curves, panel, slope_cells
+from simval.report.panels import BarPanel, Drawing, Panel
 from simval.report.section import Context, Section, made
 from simval.report.slope import simultaneous
 from simval.report.table import Column, Table
+from simval.results import Row
 from simval.sweep.run import CellResult
 
 NOISE = "noise of a pose mean, m/s²"
 THEORY = "second order"
+MAX_SETTINGS = 4
+"""Sensors and pose counts drawn, each a row of the figure with all its residuals."""
+MAX_BARS = 16
+"""Bars whose names still have a line each."""
 
 
 def section(context: Context) -> Section | None:
@@ -31,67 +38,99 @@ def section(context: Context) -> Section | None:
     cells = [c for c in context.cells("ladder") if c.row("scale_bias", THEORY)]
     if not cells:
         return None
-    groups = dict(list(grouped(cells, "noise_std").items())[:MAX_GROUPS])
-    return made("ladder", "Bias ladder", [_drawing(groups)], [_table(groups)])
+    return made("ladder", "Bias ladder", [_drawing(cells)], [_table(cells)])
 
 
-def _drawing(groups: dict[str, tuple[CellResult, ...]]) -> Drawing:
-    found = curves(groups, part("bias", "K", THEORY))
+def _drawing(cells: Sequence[CellResult]) -> Drawing:
+    settings, rest = first(grouped(cells, "noise_std", "residual"), MAX_SETTINGS)
+    panels: list[BarPanel | Panel] = []
+    left_out = list(rest)
+    for setting, members in settings.items():
+        rungs = _lowest(members)
+        lines = _by_residual(members)
+        found = curves(lines, part("bias", "K", THEORY))
+        words = f": {setting}" if setting else ""
+        panels.append(_bars(rungs[:MAX_BARS], f"the ladder{words}"))
+        panels.append(panel(f"bias of scale K{words}", NOISE, "bias, 1", found))
+        left_out += [f"{name}{words}" for name, _ in rungs[MAX_BARS:]]
+        drawn = {c.label for c in found}
+        left_out += [
+            f"{name}{words}, at the right, as theory has no bias of K at this order"
+            for name in lines
+            if name not in drawn
+        ]
     return Drawing(
         name="ladder",
         caption=(
-            "Left: bias of the scale in units of σ²/g², at the smallest noise of each "
-            "residual (bars with 95 % intervals for all together) and theory "
-            "(diamonds); it does not fall with more poses. Right: bias of K, RMS over "
-            "the axes, against the noise; expected slope 2. Hollow triangles: upper "
-            "limits."
+            "A row for each sensor and number of poses. Left: bias of the scale in "
+            "units of σ²/g², at the smallest noise of each residual (bars with 95 % "
+            "intervals for all of the row together) and theory (diamonds); it does not "
+            "fall with more poses. Right: bias of K, RMS over the axes, against the "
+            "noise; expected slope 2. Hollow triangles: upper limits."
         ),
         alternative=(
             "Bias of the scale for each residual of the calibration beside theory, and "
             "bias against noise on logarithmic axes"
         ),
-        panels=[_bars(groups), panel("bias of scale K", NOISE, "bias, 1", found)],
+        panels=panels,
         columns=2,
+        left_out=left_out,
     )
 
 
-def _bars(groups: dict[str, tuple[CellResult, ...]]) -> BarPanel:
-    rows = []
-    for label, cells in groups.items():
-        first = min(cells, key=lambda c: float(c.parameters["noise_std"]))
-        row = first.row("scale_bias", THEORY)
-        assert row is not None  # the section leaves out cells without it
-        rows.append((label or first.parameters["residual"], row))
+def _by_residual(cells: Sequence[CellResult]) -> Groups:
+    groups: dict[str, list[CellResult]] = {}
+    for cell in cells:
+        groups.setdefault(str(cell.parameters["residual"]), []).append(cell)
+    return {name: tuple(members) for name, members in groups.items()}
+
+
+def _lowest(cells: Sequence[CellResult]) -> list[tuple[str, Row]]:
+    """The rung of each residual at its smallest noise, of each seed there is."""
+    found = []
+    for name, members in _by_residual(cells).items():
+        least = min(float(c.parameters["noise_std"]) for c in members)
+        chosen = [c for c in members if c.parameters["noise_std"] == least]
+        for cell in chosen:
+            row = cell.row("scale_bias", THEORY)
+            assert row is not None  # the section leaves out cells without it
+            several = f", seed {cell.seed}" if len(chosen) > 1 else ""
+            found.append((f"{name}{several}", row))
+    return found
+
+
+def _bars(rungs: Sequence[tuple[str, Row]], title: str) -> BarPanel:
+    rows = [row for _, row in rungs]
     z = simultaneous(len(rows))
     return BarPanel(
-        title="the ladder",
+        title=title,
         x_label="relative bias of the scale, σ²/g²",
-        names=[name for name, _ in rows],
-        measured=np.array([row.value for _, row in rows]),
-        band=np.array([z * row.standard_error for _, row in rows]),
-        predicted=np.array([row.prediction for _, row in rows], dtype=float),
+        names=[name for name, _ in rungs],
+        measured=np.array([row.value for row in rows]),
+        band=np.array([z * row.standard_error for row in rows]),
+        predicted=np.array([row.prediction for row in rows], dtype=float),
     )
 
 
-def _table(groups: dict[str, tuple[CellResult, ...]]) -> Table:
+def _table(cells: Sequence[CellResult]) -> Table:
     rows = []
-    for label, cells in groups.items():
-        rungs = curve(label, cells, "noise_std", statistic("scale_bias", THEORY))
-        many = curve(label, cells, "noise_std", statistic("scale_bias", "many poses"))
-        slope = curve(label, cells, "noise_std", part("bias", "K", THEORY))
-        assert rungs is not None  # the section leaves out cells without it
-        slopes: tuple[str, float | None] = ("no bias at this order", None)
-        if slope is not None:
-            slopes = slope_cells(slope)
-        rows.append(
-            (
-                label,
-                (float(rungs.value[0]), float(rungs.error[0])),
-                float(rungs.prediction[0]),
-                None if many is None else float(many.prediction[0]),
-                *slopes,
+    for label, members in grouped(cells, "noise_std").items():
+        lines = curves({label: members}, part("bias", "K", THEORY))
+        slopes = slope_cells(lines[0]) if lines else ("no bias at this order", None)
+        for cell in members:
+            row, many = (cell.row("scale_bias", by) for by in (THEORY, "many poses"))
+            assert row is not None  # the section leaves out cells without it
+            rows.append(
+                (
+                    label or str(cell.parameters["residual"]),
+                    (row.value, row.standard_error),
+                    row.prediction,
+                    None if many is None else many.prediction,
+                    *slopes,
+                    float(cell.parameters["noise_std"]),
+                    cell.seed,
+                )
             )
-        )
     return Table(
         name="ladder",
         caption="Bias of the scale in units of σ²/g², and its slope in the noise",
@@ -102,6 +141,9 @@ def _table(groups: dict[str, tuple[CellResult, ...]]) -> Table:
             Column("for many poses", "number"),
             Column("slope of K's bias (95 %)"),
             Column("of theory's own line", "number"),
+            Column("noise, m/s²", "number"),
+            Column("seed", "number", 12),
         ),
         rows=rows,
+        shown=120,
     )

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 
-from simval.report.curves import MAX_GROUPS, grouped
+from simval.report.curves import first, grouped
 from simval.report.panels import Drawing, Panel, Series
 from simval.report.section import Context, Section, made
 from simval.report.sections.attitude import CLAIMED, STYLES
@@ -31,7 +31,7 @@ def section(context: Context) -> Section | None:
     cells = context.cells("attitude_order")
     if not cells:
         return None
-    groups = dict(list(grouped(cells, "geometry").items())[:MAX_GROUPS])
+    groups, left_out = first(grouped(cells, "geometry"))
     panels = [
         _panel(part, label, members)
         for part in reversed(PARTS)
@@ -53,6 +53,7 @@ def section(context: Context) -> Section | None:
         ),
         panels=panels,
         columns=len(groups),
+        left_out=left_out,
     )
     return made("orders", "Order of the attitude formulas", [drawing], [_table(cells)])
 

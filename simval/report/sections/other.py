@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from simval.report.curves import (
-    MAX_GROUPS,
     Curve,
     axis_of,
     curve,
+    first,
     grouped,
     statistic,
     varying,
@@ -24,6 +24,7 @@ COVERED = (
     "scene",
     "calibration",
     "ladder",
+    "solvers",
     "coverage",
     "attitude",
     "attitude_order",
@@ -60,7 +61,7 @@ def section(context: Context) -> Section | None:
             (
                 context.titles.get(study, study),
                 _drawing(study, cells),
-                _table(study, cells),
+                numbers(study, cells),
             )
         )
     if not parts:
@@ -85,28 +86,35 @@ def _drawing(study: str, cells: Sequence[CellResult]) -> Drawing | None:
     keys = keys or dict.fromkeys(
         (row.statistic, row.predictor, row.unit) for cell in cells for row in cell.rows
     )
+    groups, left_out = first(grouped(cells, axis))
     panels = []
     for name, predictor, unit in keys:
         found = [
             c
-            for label, members in list(grouped(cells, axis).items())[:MAX_GROUPS]
+            for label, members in groups.items()
             if (c := curve(label, members, axis, statistic(name, predictor)))
         ]
         if any(len(np.unique(c.x)) > 1 for c in found):
             panels.append(scored(name, axis, unit, found, predictor))
     if not panels:
         return None
-    left = len(panels) - MAX_PANELS
+    drawn = {panel.title for panel in panels[:MAX_PANELS]}
+    every = dict.fromkeys(_spelled(row.statistic) for c in cells for row in c.rows)
+    rest = [name for name in every if name not in drawn]
     return Drawing(
         name=slug(f"study {study}"),
         caption=(
             "Points: measured, with bars that hold for all points of a panel together "
-            "(95 %). Lines: predicted."
-            + (f" {left} more statistics are in the table." if left > 0 else "")
+            "(95 %). Lines: predicted. All of its numbers are in the table."
         ),
         alternative=f"Statistics of the study {study} over {axis}, beside predictions",
         panels=panels[:MAX_PANELS],
+        left_out=[*left_out, *rest],
     )
+
+
+def _spelled(name: str) -> str:
+    return name.replace("_", " ")
 
 
 def scored(
@@ -135,7 +143,7 @@ def scored(
         if np.isfinite(c.prediction).any():
             series.append(c.predicted(i, "-", "" if i else predictor))
     return Panel(
-        title=name.replace("_", " "),
+        title=_spelled(name),
         x_label=axis.replace("_", " "),
         y_label=f"value, {unit}",
         series=tuple(series),
@@ -151,7 +159,21 @@ def _spread(values: Sequence[np.ndarray]) -> bool:
     return bool(np.all(every > 0.0) and every.max() > 10.0 * every.min())
 
 
-def _table(study: str, cells: Sequence[CellResult]) -> Table:
+def numbers(study: str, cells: Sequence[CellResult]) -> Table:
+    """Every row of a study, with the parameters that vary.
+
+    Parameters
+    ----------
+    study : str
+        Its name.
+    cells : sequence of CellResult
+        Its cells.
+
+    Returns
+    -------
+    Table
+        A line for each row.
+    """
     keys = varying(cells)
     rows = [
         (

@@ -1,10 +1,11 @@
 """Calibration error against the number of poses, and the geometry of the poses."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from simval.report.curves import MAX_GROUPS, Curve, grouped, statistic
+from simval.report.curves import MAX_GROUPS, Curve, first, grouped, statistic
 from simval.report.measures import GROUPS, together
 from simval.report.noise import curves, panel, slope_cells
 from simval.report.panels import Drawing, Panel
@@ -39,9 +40,11 @@ def section(context: Context) -> Section | None:
         for label, cells in grouped(noisy, "poses").items()
         if len({cell.parameters["poses"] for cell in cells}) > 1
     }
-    shown = dict(list(groups.items())[:MAX_GROUPS])
-    conditions = _conditions(context)
-    drawings = [d for d in (_error(shown), _geometry(conditions)) if d is not None]
+    shown, left_out = first(groups)
+    error = _error(shown)
+    errors = [] if error is None else [replace(error, left_out=left_out)]
+    geometry = _geometry(_conditions(context))
+    drawings = errors if geometry is None else [*errors, geometry]
     if not drawings:
         return None
     tables = [_slopes(groups)] if groups else []
@@ -89,12 +92,13 @@ def _conditions(context: Context) -> list[Curve]:
     cells = [c for c in context.cells("scene") if c.row("condition") is not None]
     if cells:
         found = curves(grouped(cells, "poses"), statistic("condition"), "poses")
-    return [c for c in found if np.isfinite(c.value).all()][:MAX_GROUPS]
+    return [c for c in found if np.isfinite(c.value).all()]
 
 
 def _geometry(found: Sequence[Curve]) -> Drawing | None:
     if not any(len(np.unique(c.x)) > 1 for c in found):
         return None  # a single point is in the numbers; it is no curve
+    shown = found[:MAX_GROUPS]
     return Drawing(
         name="poses-condition",
         caption=(
@@ -107,9 +111,10 @@ def _geometry(found: Sequence[Curve]) -> Drawing | None:
                 title="geometry of the poses",
                 x_label=COUNT,
                 y_label="condition, 1",
-                series=tuple(c.points(0.0, i) for i, c in enumerate(found)),
+                series=tuple(c.points(0.0, i) for i, c in enumerate(shown)),
             )
         ],
+        left_out=[c.label for c in found[MAX_GROUPS:]],
     )
 
 

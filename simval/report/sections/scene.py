@@ -1,11 +1,10 @@
 """The scene that was simulated: a picture, and the poses on the sphere."""
 
 import base64
+from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
-from simval.report.artifacts import arrays
+from simval.report.artifacts import arrays, shaped
 from simval.report.panels import Drawing, SpherePanel
 from simval.report.section import Context, Section, made
 from simval.report.words import slug
@@ -33,6 +32,9 @@ def section(context: Context) -> Section | None:
     scenes = [scene for file in files[:MAX_SCENES] if (scene := _scene(file))]
     if not scenes:
         return None
+    name, data, last = scenes[-1]
+    rest = [file.stem for file in files[MAX_SCENES:]]
+    scenes[-1] = (name, data, replace(last, left_out=rest))
     drawings = [drawing for _, _, drawing in scenes]
     return made(
         "scene",
@@ -48,7 +50,7 @@ def _scene(file: Path) -> tuple[str, str, Drawing] | None:
     content = arrays(file)
     if "directions" not in content:
         return None
-    directions = np.asarray(content["directions"], dtype=float).reshape(-1, 3)
+    directions = shaped(file, content, "directions", None, 3)
     count = len(directions)
     name = file.stem.removeprefix("scene-").rpartition("-")[0]
     picture = file.with_suffix(".png")

@@ -1,13 +1,14 @@
 """Detected static intervals over the recorded signal."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from simval.arrays import Array
-from simval.report.artifacts import arrays
-from simval.report.curves import MAX_GROUPS, axis_of, curve, grouped, statistic
+from simval.report.artifacts import arrays, shaped
+from simval.report.curves import axis_of, curve, first, grouped, statistic
 from simval.report.panels import COLOURS, Drawing, Panel, Series
 from simval.report.section import Context, Section, made
 from simval.report.sections.other import scored
@@ -43,6 +44,9 @@ def section(context: Context) -> Section | None:
     chosen = np.linspace(0, len(files) - 1, count).astype(int)  # first and last
     drawings = [drawing for i in chosen if (drawing := _drawing(files[i])) is not None]
     shown = len(drawings)
+    if drawings:
+        rest = [f.stem for i, f in enumerate(files) if i not in chosen]
+        drawings[-1] = replace(drawings[-1], left_out=rest)
     scores = _scores(context.cells("detector"))
     if scores is not None:
         drawings.append(scores)
@@ -61,12 +65,12 @@ def _scores(cells: Sequence[CellResult]) -> Drawing | None:
     if not cells:
         return None
     axis = axis_of(cells)
-    groups = list(grouped(cells, axis).items())[:MAX_GROUPS]
+    groups, left_out = first(grouped(cells, axis))
     panels = []
     for name, predictor in SCORES:
         found = [
             c
-            for label, members in groups
+            for label, members in groups.items()
             if (c := curve(label, members, axis, statistic(name, predictor)))
         ]
         if found:
@@ -83,6 +87,7 @@ def _scores(cells: Sequence[CellResult]) -> Drawing | None:
         ),
         alternative=f"Scores of the static detector over {axis}",
         panels=panels,
+        left_out=left_out,
     )
 
 
@@ -91,15 +96,16 @@ def _drawing(file: Path) -> Drawing | None:
     if any(name not in content for name in NEEDED):
         return None
     name = file.stem.removeprefix("static-")
-    spans = _spans(content, "intervals")
-    truth = _spans(content, "truth") if "truth" in content else None
-    panels = [_signal(content, spans)]
+    spans = _spans(file, content, "intervals")
+    truth = _spans(file, content, "truth") if "truth" in content else None
+    panels = [_signal(file, content, spans)]
     told = "the same intervals"
     if truth is not None:
         told = f"the {len(truth)} intervals of true rest" if truth else "no true rest"
     below = ""
     if "variance" in content:
-        panels.append(_variance(content, spans if truth is None else truth, told))
+        shade = spans if truth is None else truth
+        panels.append(_variance(file, content, shade, told))
         below = f" Below: the detector's windowed variance, its threshold, and {told}."
     return Drawing(
         name=slug(file.stem),
@@ -116,18 +122,22 @@ def _drawing(file: Path) -> Drawing | None:
     )
 
 
-def _spans(content: Mapping[str, Array], name: str) -> tuple[tuple[float, float], ...]:
-    if name not in content:
+def _spans(
+    file: Path, content: Mapping[str, Array], name: str
+) -> tuple[tuple[float, float], ...]:
+    if name not in content or not content[name].size:
         return ()
-    pairs = np.asarray(content[name], dtype=float).reshape(-1, 2)
+    pairs = shaped(file, content, name, None, 2)
     return tuple((float(a), float(b)) for a, b in pairs)
 
 
 def _signal(
-    content: Mapping[str, Array], spans: tuple[tuple[float, float], ...]
+    file: Path, content: Mapping[str, Array], spans: tuple[tuple[float, float], ...]
 ) -> Panel:
-    time = np.asarray(content["time"], dtype=float)
-    signal = np.asarray(content["signal"], dtype=float).reshape(len(time), -1)
+    time = shaped(file, content, "time", None)
+    flat = content["signal"].ndim == 1
+    columns = {"signal": content["signal"][:, None]} if flat else content
+    signal = shaped(file, columns, "signal", len(time), None)
     labels = "xyz" if signal.shape[1] == 3 else ("",) * signal.shape[1]
     return Panel(
         title="recorded signal",
@@ -144,13 +154,17 @@ def _signal(
 
 
 def _variance(
-    content: Mapping[str, Array], spans: tuple[tuple[float, float], ...], told: str
+    file: Path,
+    content: Mapping[str, Array],
+    spans: tuple[tuple[float, float], ...],
+    told: str,
 ) -> Panel:
-    time = np.asarray(content["time"], dtype=float)
-    variance = np.asarray(content["variance"], dtype=float).ravel()
+    time = shaped(file, content, "time", None)
+    variance = shaped(file, content, "variance", len(time))
     references: tuple[tuple[float, str], ...] = ()
     if "threshold" in content:
-        references = ((float(np.ravel(content["threshold"])[0]), "threshold"),)
+        threshold = shaped(file, content, "threshold", 1)
+        references = ((float(threshold[0]), "threshold"),)
     return Panel(
         title=f"windowed variance, and {told}",
         x_label="time, s",

@@ -50,7 +50,7 @@ def section(context: Context) -> Section | None:
 
 
 def _efficiency(context: Context) -> Drawing | None:
-    panels = _panels(context, "efficiency", "efficiency, 1", lambda c: c)
+    panels, rest = _panels(context, "efficiency", "efficiency, 1", lambda c: c)
     if not panels:
         return None
     return Drawing(
@@ -62,11 +62,12 @@ def _efficiency(context: Context) -> Drawing | None:
         ),
         alternative="Efficiency of each estimator or parameter, beside theory",
         panels=panels,
+        left_out=rest,
     )
 
 
 def _coverage(context: Context) -> Drawing | None:
-    panels = _panels(context, "coverage", "share that covers, 1", lambda c: c)
+    panels, rest = _panels(context, "coverage", "share that covers, 1", lambda c: c)
     if not panels:
         return None
     return Drawing(
@@ -77,11 +78,13 @@ def _coverage(context: Context) -> Drawing | None:
         ),
         alternative="Coverage of the intervals beside what they promise",
         panels=panels,
+        left_out=rest,
     )
 
 
 def _nees(context: Context) -> Drawing | None:
-    panels = _panels(context, "nees", "measured / predicted, 1", _over_prediction, True)
+    label = "measured / predicted, 1"
+    panels, rest = _panels(context, "nees", label, _over_prediction, True)
     if not panels:
         return None
     return Drawing(
@@ -93,6 +96,7 @@ def _nees(context: Context) -> Drawing | None:
         ),
         alternative="Normalised squared error over its predicted mean; 1 is right",
         panels=panels,
+        left_out=rest,
     )
 
 
@@ -112,9 +116,10 @@ def _panels(
     y_label: str,
     change: Callable[[Curve], Curve],
     one: bool = False,
-) -> list[Panel]:
-    """One panel for each study that has rows of a family."""
-    found = []
+) -> tuple[list[Panel], list[str]]:
+    """Panels of each study that has rows of a family, and what is not in them."""
+    found: list[Panel] = []
+    left_out: list[str] = []
     for study in context.titles:
         cells = [
             cell
@@ -122,23 +127,40 @@ def _panels(
             if any(_belongs(row, family) for row in cell.rows)
         ]
         if cells:
-            panel = _panel(study, cells, family, y_label, change, one)
-            found += [panel] if panel is not None else []
-    return found[:MAX_PANELS]
+            curves, mean = _curves(cells, family, change)
+            title = f"{_spelled(study)}{', mean over parameters' if mean else ''}"
+            none = [c for c in curves if not np.isfinite(c.value).any()]
+            some = [c for c in curves if np.isfinite(c.value).any()]
+            parts = _parts(some)
+            room = MAX_PANELS - len(found)
+            for i, part in enumerate(parts[:room]):
+                place = f" ({i + 1} of {len(parts)})" if len(parts) > 1 else ""
+                words = (f"{title}{place}", _spelled(axis_of(cells)), y_label)
+                found.append(_panel(words, part, family, one))
+            missed = [c for part in parts[room:] for c in part]
+            left_out += [_label(_spelled(study), c.label) for c in (*none, *missed)]
+    return found, left_out
+
+
+def _parts(curves: Sequence[Curve]) -> list[Sequence[Curve]]:
+    """At most `MAX_GROUPS` curves in each part, as many in each as in the others."""
+    count = -(-len(curves) // MAX_GROUPS)
+    size = -(-len(curves) // max(count, 1))
+    return [curves[i * size : (i + 1) * size] for i in range(count)]
+
+
+def _spelled(name: str) -> str:
+    return name.replace("_", " ")
 
 
 def _belongs(row: Row, family: str) -> bool:
     return re.match(rf"{family}($|\[)", row.statistic) is not None
 
 
-def _panel(
-    study: str,
-    cells: Sequence[CellResult],
-    family: str,
-    y_label: str,
-    change: Callable[[Curve], Curve],
-    one: bool,
-) -> Panel | None:
+def _curves(
+    cells: Sequence[CellResult], family: str, change: Callable[[Curve], Curve]
+) -> tuple[list[Curve], bool]:
+    """Curves of a family in a study, and whether they are means over statistics."""
     keys = tuple(
         dict.fromkeys(
             (row.statistic, row.predictor)
@@ -155,18 +177,23 @@ def _panel(
         for label, members in grouped(cells, axis).items()
         if (c := curve(_label(label, name), members, axis, measure))
     ]
-    curves = [c for c in curves if np.isfinite(c.value).any()][:MAX_GROUPS]
-    if not curves:
-        return None
+    return curves, mean
+
+
+def _panel(
+    words: tuple[str, str, str], curves: Sequence[Curve], family: str, one: bool
+) -> Panel:
+    """One panel: title and labels in words, points and, unless `one`, predictions."""
     z = simultaneous(sum(len(c.x) for c in curves))
     series = []
     for i, c in enumerate(curves):
         series.append(c.points(z, i))
         if not one and np.isfinite(c.prediction).any():
             series.append(c.predicted(i))
+    title, x_label, y_label = words
     return Panel(
-        title=f"{study.replace('_', ' ')}{', mean over parameters' if mean else ''}",
-        x_label=axis.replace("_", " "),
+        title=title,
+        x_label=x_label,
         y_label=y_label,
         series=tuple(series),
         log_x=all(bool(np.all(c.x > 0.0)) for c in curves),

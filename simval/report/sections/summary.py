@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+from simval.gate import headline
 from simval.report.curves import curve, grouped, statistic
 from simval.report.measures import GROUPS, moment
 from simval.report.panels import Drawing, Panel, Series
@@ -9,12 +10,6 @@ from simval.report.section import Context, Section, made
 from simval.report.sections.attitude import NOISE, STYLES, remainders
 from simval.report.slope import simultaneous
 from simval.sweep.run import CellResult
-
-WORDS = {
-    "pass": "every check agrees with theory",
-    "fail": "at least one check disagrees with theory",
-    "inconclusive": "something was not measured, or not well enough to judge",
-}
 
 
 def section(context: Context) -> Section | None:
@@ -31,11 +26,6 @@ def section(context: Context) -> Section | None:
         Always a section.
     """
     run, verdicts = context.run, context.verdicts
-    answer = context.judged.answer
-    counts = {
-        name: sum(v.answer == name for v in verdicts)
-        for name in ("pass", "fail", "inconclusive")
-    }
     studies: dict[str, int] = {}
     for cell in run.cells:
         studies[cell.study] = studies.get(cell.study, 0) + 1
@@ -44,15 +34,12 @@ def section(context: Context) -> Section | None:
         "summary",
         "Verdict",
         [d for d in drawings if d is not None],
-        answer=answer,
-        words=WORDS[answer],
-        counts=counts,
+        answer=context.judged.answer,
+        headline=headline(context.judged),
         sampled=sum(v.p_value is not None for v in verdicts),
         alpha=context.alpha,
         manifest=run.manifest,
         studies=studies,
-        unfinished=len(context.judged.unfinished),
-        gaps=len(context.judged.gaps),
         samples=sum(max((r.n for r in cell.rows), default=0) for cell in run.cells),
     )
 

@@ -1,0 +1,157 @@
+"""What the documents of a run must hold: its manifest, its times, its digests.
+
+A document is taken as it is, extra keys included; what the gate, the comparison and
+the report read of it is checked here, once.
+"""
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from simval.errors import InputError
+
+Seconds = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+Count = Annotated[int, Field(ge=0)]
+
+
+class DamagedError(InputError):
+    """Something in a run folder that cannot be, in words that name it."""
+
+
+class _Document(BaseModel):
+    model_config = ConfigDict(strict=True, extra="allow", allow_inf_nan=False)
+
+
+class _Git(_Document):
+    commit: str | None
+    dirty: bool | None
+
+
+class _Machine(_Document):
+    system: str
+    processor: str
+    kernels: list[str]
+
+
+class _Grid(_Document):
+    seed: Annotated[list[Count], Field(min_length=1)]
+    __pydantic_extra__: dict[str, dict[str, Any]]
+
+
+class _Versions(_Document):
+    simval: str
+    __pydantic_extra__: dict[str, str]
+
+
+class _Manifest(_Document):
+    suite: str
+    title: str
+    grid: _Grid
+    versions: _Versions
+    git: _Git
+    models: dict[str, str]
+    machine: _Machine
+    cells: Count
+    source: str = ""
+    files: dict[str, str] = Field(default_factory=dict)
+
+
+class _Timing(_Document):
+    wall_seconds: Seconds
+    cpu_seconds: Seconds
+    workers: Count | str
+
+
+def checked_manifest(text: Any) -> dict[str, Any]:
+    """Read a manifest.
+
+    Parameters
+    ----------
+    text : object
+        JSON, as the store keeps it.
+
+    Returns
+    -------
+    dict
+        What it says.
+
+    Raises
+    ------
+    DamagedError
+        If it is no JSON, or something in it is missing or cannot be.
+    """
+    return _checked("manifest", text, _Manifest)
+
+
+def read_timing(folder: Path) -> dict[str, Any]:
+    """Read the times of a run.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the run.
+
+    Returns
+    -------
+    dict
+        Empty while the run is unfinished.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or something in it is missing or cannot be.
+    """
+    file = folder / "timing.json"
+    try:
+        text = file.read_text(encoding="utf-8") if file.is_file() else None
+        return {} if text is None else _checked("file", text, _Timing)
+    except (OSError, ValueError) as error:
+        msg = f"{file} is damaged: {error}; run the suite again, or remove the file"
+        raise InputError(msg) from None
+
+
+def read_json(name: str, text: Any) -> Any:
+    """Read JSON of which each word can be written again.
+
+    Parameters
+    ----------
+    name : str
+        What it is, for the message.
+    text : object
+        What the store or a file holds.
+
+    Returns
+    -------
+    object
+        Its content.
+
+    Raises
+    ------
+    DamagedError
+        If it is no JSON, or a word in it is no text.
+    """
+    try:
+        content = json.loads(text)
+        json.dumps(content, ensure_ascii=False).encode()  # no half of a character
+    except (ValueError, TypeError, RecursionError) as error:
+        msg = f"{name} cannot be read as JSON ({error})"
+        raise DamagedError(msg) from None
+    return content
+
+
+def _checked(name: str, text: Any, model: type[_Document]) -> dict[str, Any]:
+    content = read_json(f"the {name}", text)
+    try:
+        model.model_validate(content)
+    except ValidationError as error:
+        first = error.errors()[0]
+        path = ".".join(str(part) for part in first["loc"])
+        where = f"`{path}` of the {name}" if path else f"the {name}"
+        given = f"{first['input']!r:.60}"
+        absent = first["type"] == "missing"
+        words = "is missing" if absent else f"is {given}: {first['msg']}"
+        msg = f"{where} {words}"
+        raise DamagedError(msg) from None
+    return dict(content)

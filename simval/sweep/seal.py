@@ -1,0 +1,88 @@
+"""The seal of a finished run: the SHA-256 of each file beside the store.
+
+The driver sets it last and breaks it first, so a run that was interrupted, or is being
+gone on with, has none. A file that is missing is no damage: a store alone can be
+judged.
+"""
+
+import hashlib
+import json
+import sqlite3
+from pathlib import Path
+
+from simval.errors import InputError
+from simval.sweep import store
+from simval.sweep.documents import DamagedError, read_json
+
+KEY = "files"
+NAMES = ("results.csv", "manifest.json", "timing.json")
+
+
+def seal(database: sqlite3.Connection, folder: Path) -> None:
+    """Keep the digests of the files that the sweep has written.
+
+    Parameters
+    ----------
+    database : sqlite3.Connection
+        The store.
+    folder : Path
+        Of the run.
+    """
+    files = [folder / name for name in NAMES]
+    files += sorted((folder / "artifacts").rglob("*"))
+    digests = {f.relative_to(folder).as_posix(): _digest(f) for f in files if _whole(f)}
+    store.keep(database, KEY, json.dumps(digests))
+
+
+def unseal(database: sqlite3.Connection) -> None:
+    """Forget the digests of the files, before they are written anew.
+
+    Parameters
+    ----------
+    database : sqlite3.Connection
+        The store.
+    """
+    store.keep(database, KEY, None)
+
+
+def check_files(database: sqlite3.Connection, folder: Path) -> None:
+    """Refuse a run with a file that is not what the sweep wrote.
+
+    Parameters
+    ----------
+    database : sqlite3.Connection
+        The store.
+    folder : Path
+        Of the run.
+
+    Raises
+    ------
+    InputError
+        With the file.
+    """
+    text = store.entry(database, KEY)
+    digests = {} if text is None else read_json("the list of files", text)
+    if not isinstance(digests, dict):
+        msg = f"the list of files is {digests!r:.60}, no object"
+        raise DamagedError(msg)
+    for name, digest in digests.items():
+        file = folder / str(name)
+        if file.is_file() and _digest(file) != digest:
+            msg = (
+                f"{file} is not what the sweep wrote (its SHA-256 is another); restore "
+                "it from a copy, or write it again with `simval sweep ... --resume`"
+            )
+            raise InputError(msg)
+
+
+def _whole(file: Path) -> bool:
+    return file.is_file() and file.suffix != ".part"
+
+
+def _digest(file: Path) -> str:
+    try:
+        with file.open("rb") as content:
+            return hashlib.file_digest(content, "sha256").hexdigest()
+    except OSError as error:
+        msg = f"cannot read {file}: {error}; is it yours to read?"
+        raise InputError(msg) from None

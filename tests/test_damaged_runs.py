@@ -1,0 +1,169 @@
+"""A run folder with one damaged field: in words, never a traceback and never a pass."""
+
+import os
+import shutil
+
+import numpy as np
+import pytest
+from damage import damage
+from stores import raw, without_digests
+
+from simval.cli import run as simval_command
+from simval.gate import write_baseline
+from simval.sweep import load_run, run_suite
+
+WIDE = """
+title = "Each study once, a plug-in and a crash"
+[ladder]
+residual = ["squared", "adjusted"]
+noise_std = [0.2, 0.4]
+poses = 20
+trials = 1024
+[scene]
+scene = "die"
+poses = 12
+[calibration]
+noise_std = [0.0, 0.01]
+poses = 12
+hold_time = 0.02
+trials = 1024
+[solvers]
+[coverage]
+sigma = ["known", "type A"]
+poses = 12
+trials = 1024
+[attitude]
+noise_std = [0.01, 0.02]
+samples = 65536
+[attitude_order]
+geometry = 3
+[attitude_efficiency]
+geometries = 100
+trials = 10
+[attitude_limits]
+norm = [0.3, 0.6]
+samples = 4096
+[detector]
+trials = 2
+[end_to_end]
+poses = 12
+attitudes = 4
+trials = 4
+[estimator]
+algorithm = "align.py"
+samples = 4096
+[calibrator]
+algorithm = "broken.py"
+trials = 512
+"""
+BROKEN = """
+from simval.plugins import Calibrator
+
+def work(poses, g):
+    raise RuntimeError("broken on purpose")
+
+calibrator = Calibrator(name="broken", calibrate=work)
+"""
+QUICK, NIGHTLY = 25, 1000
+
+
+def wide_run(folder, examples):
+    """A run of every study, one of them with a plug-in and one that crashes."""
+    (folder / "wide.toml").write_text(WIDE, encoding="utf-8")
+    (folder / "broken.py").write_text(BROKEN, encoding="utf-8")
+    shutil.copy(examples / "align.py", folder)
+    run_suite(str(folder / "wide.toml"), folder / "run")
+    return folder / "run"
+
+
+class Campaign:
+    """Damage copies of a run, and see what each command makes of it."""
+
+    def __init__(self, run, folder, capsys):
+        self.run, self.folder, self.capsys = run, folder, capsys
+        self.baseline = folder / "baseline.json"
+        loaded = load_run(run)
+        if all(cell.status == "done" for cell in loaded.cells):
+            write_baseline(self.baseline, loaded, "good")
+
+    def codes(self, damaged):
+        """Exit code of each command; a traceback would come through."""
+        out = self.folder / "out"
+        commands = {
+            "gate": ("gate", damaged, "--no-baseline", "--junit", f"{out}.xml"),
+            "beside": ("gate", damaged, "--baseline", self.baseline),
+            "compare": ("compare", self.run, damaged, "--out", f"{out}.html"),
+            "report": ("report", damaged, "--out", f"{out}.html"),
+            "export": ("export", damaged, "--out", f"{out}.parquet"),
+        }
+        if not self.baseline.exists():
+            del commands["beside"]
+        found = {}
+        for name, words in commands.items():
+            with np.errstate(all="ignore"):
+                found[name] = simval_command([str(word) for word in words])
+            printed = self.capsys.readouterr()
+            assert found[name] in (0, 1, 2, 3, 4), (name, printed)
+            if found[name] == 2:
+                assert "error: " in printed.err, name
+        return found
+
+    def round(self, number, rng, *, old):
+        """One damaged copy; what was done, or None where nothing came of it."""
+        damaged = self.folder / f"damaged-{number}"
+        shutil.copytree(self.run, damaged)
+        if old:
+            without_digests(damaged)
+        before = content(damaged)
+        done = damage(damaged, rng)
+        if done is None or content(damaged) == before:
+            shutil.rmtree(damaged)
+            return None
+        codes = self.codes(damaged)
+        if old:
+            known = not done.impossible or codes["gate"] != 0
+        elif done.gap:
+            known = codes["gate"] != 0
+        else:
+            known = set(codes.values()) == {2}
+        assert known, (done, codes)
+        shutil.rmtree(damaged)
+        return done
+
+
+def content(folder):
+    with raw(folder) as database:
+        tables = [
+            database.execute(f"SELECT * FROM {name}").fetchall()
+            for name in ("meta", "cells", "rows")
+        ]
+    files = [
+        f for f in sorted(folder.rglob("*")) if f.is_file() and f.suffix != ".sqlite"
+    ]
+    return tables, [f.read_bytes() for f in files]
+
+
+def attacked(run, folder, capsys, count, seed, *, old):
+    campaign, rng = Campaign(run, folder, capsys), np.random.default_rng(seed)
+    done = [campaign.round(number, rng, old=old) for number in range(count)]
+    return [each for each in done if each is not None]
+
+
+@pytest.mark.parametrize("old", [False, True])
+def test_one_damaged_field_is_no_traceback_and_no_pass(
+    old, tiny_run, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr("simval.report.environment.svg", lambda drawing: "<svg/>")
+    attacked(tiny_run, tmp_path, capsys, QUICK, [16, old], old=old)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("old", [False, True])
+def test_a_thousand_damaged_fields(old, tmp_path, capsys):
+    folder = tmp_path / "wide"
+    folder.mkdir()
+    examples = os.path.join(os.path.dirname(__file__), "..", "docs", "examples")
+    from pathlib import Path
+
+    run = wide_run(folder, Path(examples))
+    attacked(run, tmp_path, capsys, NIGHTLY, [17, old], old=old)

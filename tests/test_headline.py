@@ -1,0 +1,141 @@
+"""The gate's line: the same in every output, and nothing in it that is not so."""
+
+import json
+import re
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from stores import edited
+
+from simval.gate import Gap, GateResult, headline, judge_run
+from simval.gate.comparison import Comparison
+from simval.report import render
+from simval.results import Row
+from simval.sweep import load_run
+from simval.sweep.run import CellResult
+from simval.verdict import Verdict
+
+NUMBER = r"([\d,]+)"
+
+
+def verdict(answer):
+    row = Row(statistic="a", value=0.0, unit="1", prediction=0.0, check="exact")
+    return Verdict(
+        cell="a()@1", row=row, answer=answer, p_value=None, limit=0.0, reason=""
+    )
+
+
+def comparison(change):
+    return Comparison(
+        cell="a()@1",
+        statistic="a",
+        change=change,
+        stored=0.0,
+        value=0.0,
+        standard_error=0.0,
+    )
+
+
+def unfinished(status):
+    return CellResult(
+        name="a()@1",
+        study="a",
+        seed=1,
+        parameters={},
+        status=status,
+        error="",
+        seconds=0.0,
+        rows=(),
+    )
+
+
+def drawn(rng):
+    """A result of any kind, often with none or one of something."""
+
+    def some(words, weights=None):
+        count = int(rng.choice([0, 1, 2, 5, 1200], p=[0.3, 0.2, 0.2, 0.25, 0.05]))
+        chosen = rng.choice(words, size=rng.integers(1, len(words) + 1), replace=False)
+        return [str(word) for word in rng.choice(chosen, size=count)]
+
+    changes = ["same", "close", "changed", "missing", "unresolved", "new"]
+    return GateResult(
+        verdicts=tuple(map(verdict, some(["pass", "fail", "inconclusive"]))),
+        comparisons=tuple(map(comparison, some(changes))),
+        unfinished=tuple(map(unfinished, some(["failed", "pending"]))),
+        gaps=tuple(Gap(cell="", reason="x") for _ in some(["x"])),
+        environment=(),
+        alpha=1e-3,
+        first="x" if rng.random() < 0.1 else "",
+    )
+
+
+def told(pattern, text):
+    """The number that the line gives; 0 where it does not speak of it."""
+    found = re.search(pattern, text)
+    return int(found[1].replace(",", "")) if found else 0
+
+
+def test_a_line_says_what_is_so_of_any_result():
+    rng = np.random.default_rng(13)
+    for _ in range(1000):
+        result = drawn(rng)
+        line = headline(result)
+        statuses = [cell.status for cell in result.unfinished]
+        assert told(rf"{NUMBER} cells? crashed", line) == statuses.count("failed")
+        assert told(rf"{NUMBER} cells? never run", line) == statuses.count("pending")
+        assert told(rf"{NUMBER} things? not measured", line) == len(result.gaps)
+        assert ("no baseline" in line) == bool(result.first)
+        parts = line.split("; ")
+        for words, answers in (
+            ("against theory", [v.answer for v in result.verdicts]),
+            (
+                "with the baseline",
+                [c.answer for c in result.comparisons if c.change != "new"],
+            ),
+        ):
+            part = next((p for p in parts if words in p), "")
+            assert bool(part) == bool(answers)
+            assert told(rf"{NUMBER} failed", part) == answers.count("fail")
+            assert told(rf"{NUMBER} w\w+ inconclusive", part) == answers.count(
+                "inconclusive"
+            )
+            assert ("agree" in part) == (bool(answers) and set(answers) == {"pass"})
+        if result.answer == "pass":
+            assert all("agree" in part for part in parts)
+        else:
+            assert not all("agree" in part for part in parts)
+
+
+@pytest.mark.parametrize(
+    ("status", "answer", "words"),
+    [
+        ("failed", "FAIL", "1 cell crashed; all 79 checks against theory agree"),
+        ("pending", "INCONCLUSIVE", "1 cell never run; all 79 checks against"),
+    ],
+)
+def test_every_output_says_the_same_true_line(
+    status, answer, words, simval, tiny_run, tmp_path, monkeypatch
+):
+    """A cell without a result: no output says that a check disagrees."""
+    monkeypatch.setattr("simval.report.environment.svg", lambda drawing: "<svg/>")
+    edited(tiny_run, f"UPDATE cells SET status = '{status}' WHERE position = 3")
+    files = [tmp_path / name for name in ("gate.xml", "gate.md", "gate.json")]
+    options = zip(("--junit", "--summary", "--json"), files, strict=True)
+    flat = [word for pair in options for word in pair]
+    _, out, _ = simval("gate", tiny_run, "--no-baseline", *flat)
+    run = load_run(tiny_run)
+    line = headline(judge_run(run))
+    assert line.startswith(words)
+    junit, markdown, document = (file.read_text() for file in files)
+    assert out.splitlines()[-1].startswith(f"{answer}: {line}; ")
+    assert json.loads(document)["headline"] == line
+    root = ElementTree.fromstring(junit)
+    assert root.get("name") == f"simval gate: {answer}: {line}"
+    assert line in markdown
+    page = render(replace(run))
+    assert f"<strong>{answer}</strong>: {line};" in page
+    for text in (out, markdown, page):
+        assert "disagree" not in text
+        assert not re.search(r"\b0 failed", text)
