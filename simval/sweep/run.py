@@ -3,7 +3,7 @@
 run.sqlite      cells and rows, written while the run goes on
 results.csv     the tidy long table: a row for each cell and statistic
 manifest.json   all that the numbers depend on
-timing.json     times, host and dates, outside every comparison
+timing.json     times, host, dates, and where plug-ins lay, outside every comparison
 artifacts/      what the studies leave for the report: npz, png
 """
 
@@ -11,13 +11,12 @@ import csv
 import json
 import sqlite3
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from simval.errors import InputError
 from simval.results import Row
-from simval.studies.study import is_path, portable
 from simval.sweep import store
 
 RUNS = Path("reports") / "runs"
@@ -108,12 +107,15 @@ class Run:
         All that the numbers depend on.
     timing : mapping
         Times; empty while the run is unfinished.
+    places : mapping
+        Where its plug-ins lay: see `simval.sweep.provenance.places`.
     """
 
     folder: Path
     cells: tuple[CellResult, ...]
     manifest: Mapping[str, Any]
     timing: Mapping[str, Any]
+    places: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     def of(self, study: str) -> tuple[CellResult, ...]:
         """Finished cells of one study, in the order of the suite.
@@ -177,8 +179,12 @@ def load_run(folder: str | Path) -> Run:
             timing = (
                 json.loads(timing_file.read_text()) if timing_file.is_file() else {}
             )
-            if not isinstance(timing, dict):
-                msg = "timing.json is not an object"
+            places = timing.pop("plugins", {}) if isinstance(timing, dict) else None
+            if not (
+                isinstance(places, dict)
+                and all(isinstance(place, dict) for place in places.values())
+            ):
+                msg = "timing.json is not an object, or its `plugins` are none"
                 raise TypeError(msg)
             for cell in results:
                 if not (
@@ -192,7 +198,9 @@ def load_run(folder: str | Path) -> Run:
         except (ValueError, TypeError, IndexError, OSError, RecursionError) as error:
             msg = f"{path} is damaged: {error}; run the suite again"
             raise InputError(msg) from None
-    return Run(folder=path, cells=results, manifest=manifest, timing=timing)
+    return Run(
+        folder=path, cells=results, manifest=manifest, timing=timing, places=places
+    )
 
 
 def write_table(database: sqlite3.Connection, path: Path) -> None:
@@ -237,8 +245,6 @@ def write_table(database: sqlite3.Connection, path: Path) -> None:
 def _exact(value: Any) -> Any:
     if value is None or value != value:  # what was not measured is an empty field
         return ""
-    if isinstance(value, str) and is_path(value):
-        return portable(value)
     return repr(value) if isinstance(value, float) else value
 
 

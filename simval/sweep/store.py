@@ -20,7 +20,9 @@ from typing import Any, get_args
 from simval.errors import InputError
 from simval.plugins.errors import printable
 from simval.results import Check, Row
-from simval.studies.study import Cell
+from simval.studies import STUDIES
+from simval.studies.files import portable_fields
+from simval.studies.study import Cell, portable_values
 
 SCHEMA_VERSION = 1
 ROW_FIELDS = tuple(f.name for f in fields(Row))
@@ -149,7 +151,7 @@ def create(path: Path, cells: Iterable[Cell], manifest: str) -> None:
             "INSERT INTO cells (position, cell, study, seed, parameters, status) "
             "VALUES (?, ?, ?, ?, ?, 'pending')",
             (
-                (i, c.name, c.study, c.seed, c.parameters.model_dump_json())
+                (i, c.name, c.study, c.seed, json.dumps(portable_values(c.parameters)))
                 for i, c in enumerate(cells)
             ),
         )
@@ -299,10 +301,11 @@ def cells(database: sqlite3.Connection) -> list[dict[str, Any]]:
     Returns
     -------
     list of dict
-        position, cell, study, seed, parameters (dict), status, error, seconds.
+        position, cell, study, seed, parameters (dict, files by their names alone),
+        status, error, seconds.
     """
     found = [
-        {**dict(entry), "parameters": _json(entry["parameters"])}
+        {**dict(entry), "parameters": _parameters(entry)}
         for entry in database.execute("SELECT * FROM cells ORDER BY position")
     ]
     if [cell["position"] for cell in found] != list(range(len(found))):
@@ -368,6 +371,12 @@ def _row(entry: sqlite3.Row) -> Row:
     except (ValueError, TypeError, OverflowError) as error:
         msg = f"the store holds a row that is damaged ({error}); run the suite again"
         raise InputError(msg) from None
+
+
+def _parameters(entry: sqlite3.Row) -> dict[str, Any]:
+    values, study = _json(entry["parameters"]), STUDIES.get(entry["study"])
+    # a store of an earlier version holds paths
+    return values if study is None else portable_fields(study.parameters, values)
 
 
 def _json(text: Any) -> dict[str, Any]:
