@@ -10,7 +10,7 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from simval.cli.options import alpha_option
+from simval.cli.options import alpha_option, refuse_if, stated
 from simval.errors import InputError
 from simval.gate import (
     BASELINE,
@@ -86,9 +86,10 @@ def command(
     Exit code 0 pass, 1 fail, 3 inconclusive or nothing measured, 4 a cell crashed.
     In a GitHub workflow failures are annotated and the step summary is written.
     """
-    if no_baseline and update_baseline is not None:
-        msg = "--no-baseline and --update-baseline exclude each other; give one"
-        raise InputError(msg)
+    refuse_if(
+        no_baseline and (update_baseline is not None or stated("baseline")),
+        "`--no-baseline` excludes `--baseline` and `--update-baseline`; give one",
+    )
     loaded = load_run(run)
     if update_baseline is not None:
         _update(baseline, loaded, update_baseline)

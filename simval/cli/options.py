@@ -3,6 +3,9 @@
 from typing import Any
 
 import click
+from click.core import ParameterSource
+
+from simval.errors import InputError
 
 COLUMNS = (
     "What each column is, in their order: t,ax,ay,az,wx,wy,wz, - to ignore one; t[ms], "
@@ -24,6 +27,42 @@ class Rate(click.FloatRange):
         if not rate >= 1e-12:
             self.fail(f"{value!r} is no rate; give a number from 1e-12 to 0.5.")
         return rate
+
+
+def stated(name: str) -> bool:
+    """Tell whether an option of the running command was given, even as its default.
+
+    Parameters
+    ----------
+    name : str
+        Of the parameter.
+
+    Returns
+    -------
+    bool
+        False where the default took its place.
+    """
+    source = click.get_current_context().get_parameter_source(name)
+    return source not in (None, ParameterSource.DEFAULT, ParameterSource.DEFAULT_MAP)
+
+
+def refuse_if(wrong: bool, message: str) -> None:
+    """Refuse a command whose options cannot all mean something.
+
+    Parameters
+    ----------
+    wrong : bool
+        Whether it is so.
+    message : str
+        Which of them, and what to do.
+
+    Raises
+    ------
+    InputError
+        With the message.
+    """
+    if wrong:
+        raise InputError(message)
 
 
 alpha_option = click.option(

@@ -9,6 +9,7 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.calibrate.files import load_calibration
+from simval.cli.options import refuse_if, stated
 from simval.errors import InputError
 from simval.poses import cube_corners, cube_edges, cube_faces, fibonacci_sphere
 from simval.sensor import MODELS
@@ -56,6 +57,10 @@ def command(
     condition, and the next direction that helps most. The noise of a pose mean is
     given, or follows from a noise density and a hold time.
     """
+    refuse_if(
+        directions is not None and stated("poses"),
+        "`--directions` takes the place of `--poses`; give one",
+    )
     chosen = named_poses(poses) if directions is None else read_directions(directions)
     known = None if sensor is None else load_calibration(sensor).sensor()
     result = plan(chosen, noise_of(**noise), sensor=known, g=g, form=model)
@@ -95,7 +100,7 @@ def noise_of(
     InputError
         If the options do not fix it, or fix it twice.
     """
-    others = (noise_density, velocity_random_walk)
+    others = (noise_density, velocity_random_walk, hold)
     if noise_std is not None:
         if any(x is not None for x in others):
             msg = (

@@ -4,9 +4,10 @@ from pathlib import Path
 
 import click
 
-from simval.cli.options import alpha_option
+from simval.cli.options import alpha_option, refuse_if
 from simval.errors import InputError
 from simval.report import csv_text, drawings, png, render, svg_file, tables
+from simval.report.panels import Drawing
 from simval.sweep import Run, load_run
 
 
@@ -49,12 +50,17 @@ def command(
 
     The last line printed is the path of the file.
     """
+    refuse_if(
+        bool(names) and pictures is None,
+        "`--only` chooses among the files of `--figures`; give that folder too",
+    )
     loaded = load_run(run)
+    chosen = _chosen(loaded, names) if pictures is not None else {}
     path = out or loaded.folder / "report.html"
     try:
         path.write_text(render(loaded, alpha), encoding="utf-8")
         if pictures is not None:
-            _write_figures(loaded, pictures, names)
+            _write_figures(chosen, pictures)
         if lists is not None:
             _write_tables(loaded, lists)
     except OSError as error:
@@ -64,17 +70,21 @@ def command(
     return 0
 
 
-def _write_figures(run: Run, folder: Path, names: tuple[str, ...]) -> None:
+def _chosen(run: Run, names: tuple[str, ...]) -> dict[str, Drawing]:
     found = {drawing.name: drawing for drawing in drawings(run)}
     unknown = [name for name in names if name not in found]
     if unknown:
         msg = f"there is no figure `{unknown[0]}`; there are {', '.join(found)}"
         raise InputError(msg)
+    return {name: found[name] for name in names or found}
+
+
+def _write_figures(chosen: dict[str, Drawing], folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    for name in names or found:
+    for name, drawing in chosen.items():
         file = folder / f"{name}.svg"
-        file.write_text(svg_file(found[name]), encoding="utf-8")
-        file.with_suffix(".png").write_bytes(png(found[name]))
+        file.write_text(svg_file(drawing), encoding="utf-8")
+        file.with_suffix(".png").write_bytes(png(drawing))
 
 
 def _write_tables(run: Run, folder: Path) -> None:

@@ -1,11 +1,13 @@
 """`simval repro`."""
 
+from collections.abc import Mapping
+
 import click
 
 from simval.errors import InputError
-from simval.sweep.provenance import differences, versions
-from simval.sweep.repro import find_cell, repeat
-from simval.sweep.run import load_run
+from simval.sweep.provenance import differences, file_hashes, versions
+from simval.sweep.repro import Repetition, find_cell, repeat
+from simval.sweep.run import Run, load_run
 
 
 @click.command(name="repro")
@@ -13,11 +15,18 @@ from simval.sweep.run import load_run
 @click.option(
     "--run", "folder", default="latest", show_default=True, help="Run to compare with."
 )
-def command(cell: str, folder: str) -> int:
+@click.option(
+    "--plugin",
+    "plugins",
+    multiple=True,
+    metavar="PLUGIN",
+    help="Where the cell's plug-in lies now, if not where it was; may be repeated.",
+)
+def command(cell: str, folder: str, plugins: tuple[str, ...]) -> int:
     """Compute one CELL again, by the name that a table or a report gives it.
 
     Says whether it is equal to the bit to what the run holds. Exit code 0 if so, 1 if
-    not, 3 where the run does not hold it.
+    not, 3 where the run does not hold it, 4 where it crashes.
     """
     try:
         run = load_run(folder)
@@ -25,7 +34,12 @@ def command(cell: str, folder: str) -> int:
         if folder != "latest":
             raise
         run = None  # no run at all: only the numbers are shown
-    found = repeat(find_cell(cell, run), run)
+    wanted = find_cell(cell, run, plugins)
+    found = repeat(wanted, run)
+    if found.error:
+        click.echo(found.error.rstrip(), err=True)
+        click.echo(f"the cell crashed: {wanted.name}", err=True)
+        return 4
     for row in found.outcome.rows:
         error = f" +- {row.standard_error!r}" if row.standard_error else ""
         against = f"  {row.predictor}: {row.prediction!r}" if row.predictor else ""
@@ -37,6 +51,12 @@ def command(cell: str, folder: str) -> int:
     if found.equal:
         click.echo(f"equal to the bit to {run.folder}: {len(found.stored.rows)} rows")
         return 0
+    grid = {wanted.study: wanted.parameters.model_dump()}
+    _show_difference(found, run, file_hashes(grid))
+    return 1
+
+
+def _show_difference(found: Repetition, run: Run, files: Mapping[str, str]) -> None:
     for old, new in found.different:
         now = "not measured" if new is None else repr(new.value)
         click.echo(
@@ -44,5 +64,8 @@ def command(cell: str, folder: str) -> int:
         )
     changed = differences(run.manifest["versions"], versions())
     reason = f"; other versions: {'; '.join(changed)}" if changed else ""
+    held = run.manifest.get("files", {})
+    others = [name for name in files if held.get(name) not in (None, files[name])]
+    if others:
+        reason += f"; its plug-in is another one now: {', '.join(others)}"
     click.echo(f"not equal to {run.folder}{reason}")
-    return 1

@@ -8,6 +8,7 @@ from typing import Any
 import click
 import numpy as np
 
+from simval.cli.options import refuse_if, stated
 from simval.errors import InputError
 from simval.scene import Recording, find_scene, record, render_file, scenes
 from simval.scene.signal import write_signal
@@ -59,8 +60,20 @@ def command(
     sensor of --sensor (ideal without one) and the truth beside them: a test signal for
     any calibrator.
     """
+    refuse_if(
+        stated("seed") and sensor is None,
+        "`--seed` is of the noise of a `--sensor`; give that too",
+    )
+    refuse_if(
+        stated("seconds") and picture is None,
+        "`--seconds` is of the animation that `--render` writes; give that file too",
+    )
     parameters = parsed(name, settings)
     described_sensor = None if sensor is None else load_sensor(sensor)
+    refuse_if(
+        sensor is not None and out is None,
+        "`--sensor` distorts what `--out` writes; give that file too",
+    )
     recording = record(name, **parameters)
     readings = None
     if described_sensor is not None:

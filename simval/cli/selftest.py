@@ -9,6 +9,7 @@ from rich.markup import escape
 from rich.progress import Progress
 from rich.table import Table
 
+from simval.cli.options import refuse_if, stated
 from simval.selftest.matrix import Result, faults, inject_all
 from simval.selftest.rates import (
     Rate,
@@ -45,6 +46,13 @@ def command(quick: bool, rates: bool, share: float) -> int:
     pass, else 1. With --rates, 22 000 clean runs and 400 with each fault (40 minutes
     of one processor) measure how often the gate is wrong.
     """
+    refuse_if(
+        quick and rates, "`--quick` is of the faults and not of `--rates`; give one"
+    )
+    refuse_if(
+        stated("share") and not rates,
+        "`--share` is of the runs of `--rates`; give that too",
+    )
     return _measure(share) if rates else _inject(quick)
 
 

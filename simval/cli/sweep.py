@@ -8,10 +8,12 @@ from pathlib import Path
 
 import click
 
+from simval.cli.options import refuse_if, stated
 from simval.cli.progress import Bar, Lines
 from simval.plugins.describe import overrides_of
 from simval.studies import find_study
 from simval.sweep import Suite, load_suite, store
+from simval.sweep.paths import require_found
 from simval.sweep.run import RUNS
 from simval.sweep.runner import Progress, Silence, drive
 
@@ -73,8 +75,17 @@ def command(
     The last line printed is the folder of the run. Exit code 0 when every cell was
     computed, 4 when one crashed; the numbers are judged by `simval gate`.
     """
+    refuse_if(
+        resume and out is None,
+        "`--resume` goes on with a run; name its folder with `--out`",
+    )
+    refuse_if(
+        scheduler is not None and stated("workers"),
+        "`--workers` is of this machine and `--scheduler` has its own; give one",
+    )
     loaded = load_suite(suite, (*overrides_of(plugins), *overrides), seed)
     if dry_run:
+        require_found(loaded.cells)
         return _plan(loaded, workers)
     folder = out or _fresh(loaded)
     progress: Progress = Silence()

@@ -116,9 +116,11 @@ def findings(result: GateResult) -> tuple[Finding, ...]:
 def _incomplete(result: GateResult) -> Iterator[Finding]:
     gaps = [("gap", gap.cell, gap.reason) for gap in result.gaps]
     for cell in result.unfinished:
-        last = (cell.error.strip().splitlines() or [""])[-1]
-        reason = f"the cell crashed: {last}" if cell.status == "failed" else "never run"
-        gaps.append((cell.status, cell.name, reason))
+        if cell.status == "failed":
+            last = (cell.error.strip().splitlines() or [""])[-1]
+            gaps.append(("failed", cell.name, f"the cell crashed: {last}"))
+    if result.never_run:
+        gaps.append(("pending", "", result.never_run))
     if not result.verdicts:
         gaps.append(("gap", "", "no row was judged: nothing measured never passes"))
     if result.first:

@@ -5,6 +5,7 @@ in its own way; characters that XML does not know are replaced.
 """
 
 import re
+from collections import Counter
 from typing import Literal
 from xml.etree import ElementTree
 
@@ -20,6 +21,9 @@ SHOWN = 40
 
 ANNOTATIONS = 10
 """GitHub shows no more than ten annotations of each kind and step."""
+
+DOT = "\N{MIDDLE DOT}"
+"""For the dots of a class in JUnit XML: readers take it for a path of packages."""
 
 Word = Literal["pass", "fail", "inconclusive"]
 _NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -134,26 +138,29 @@ def to_junit(result: GateResult) -> str:
     -------
     str
         XML. An inconclusive finding is an ``error``, so that no reader shows it green.
+        The class is the cell, its dots as `DOT`. The findings of a cell share its
+        processor time evenly.
     """
     found = findings(result)
+    shared = Counter(f.cell for f in found)
+    own = {one_line(name): value for name, value in result.seconds.items()}
+    seconds = {name: own.get(name, 0.0) / count for name, count in shared.items()}
+    total = sum(seconds[f.cell] for f in found)
     title = f"simval gate: {result.answer.upper()}: {headline(result)}"
-    root = ElementTree.Element("testsuites", name=title)
+    head = {"name": title} | _counted(found) | {"time": f"{total:.6f}"}
+    root = ElementTree.Element("testsuites", head)
     for study in dict.fromkeys(f.study for f in found):
-        members = [f for f in found if f.study == study]
-        suite = ElementTree.SubElement(
-            root,
-            "testsuite",
-            name=_xml(study),
-            tests=str(len(members)),
-            failures=str(sum(f.answer == "fail" for f in members)),
-            errors=str(sum(f.answer == "inconclusive" for f in members)),
-        )
+        members = tuple(f for f in found if f.study == study)
+        spent = sum(seconds[f.cell] for f in members)
+        head = {"name": _xml(study)} | _counted(members) | {"time": f"{spent:.6f}"}
+        suite = ElementTree.SubElement(root, "testsuite", head)
         for f in members:
             case = ElementTree.SubElement(
                 suite,
                 "testcase",
-                classname=_xml(f.cell or "run"),
+                classname=_xml((f.cell or "run").replace(".", DOT)),
                 name=_xml(f"{f.tier} {f.check} {f.statistic}".rstrip()),
+                time=f"{seconds[f.cell]:.6f}",
             )
             if f.answer != "pass":
                 tag = "failure" if f.answer == "fail" else "error"
@@ -163,6 +170,16 @@ def to_junit(result: GateResult) -> str:
                 detail.text = _xml("\n".join(details(f)))
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _counted(found: tuple[Finding, ...]) -> dict[str, str]:
+    number = counts(found)
+    return {
+        "tests": str(len(found)),
+        "failures": str(number["fail"]),
+        "errors": str(number["inconclusive"]),
+        "skipped": "0",
+    }
 
 
 def details(finding: Finding) -> list[str]:

@@ -4,8 +4,9 @@ The answer is the worst of three: theory's verdicts, the comparisons with the ba
 and the gaps, which are what should have been measured and was not.
 """
 
+import shlex
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from simval.gate.baseline import environment as environment_of
@@ -55,6 +56,8 @@ class GateResult:
         False-alarm rate of everything together.
     folder : str
         The run, as it was named.
+    seconds : mapping
+        Processor time of each cell, by its name, s.
     first : str
         Why nothing was compared where a baseline was asked for; empty otherwise.
     notes : tuple of str
@@ -68,6 +71,7 @@ class GateResult:
     environment: tuple[str, ...]
     alpha: float
     folder: str = "latest"
+    seconds: Mapping[str, float] = field(default_factory=dict)
     first: str = ""
     notes: tuple[str, ...] = ()
 
@@ -80,6 +84,18 @@ class GateResult:
             return "fail"
         incomplete = self.unfinished or self.gaps or answers != {"pass"}
         return "inconclusive" if incomplete else "pass"
+
+    @property
+    def never_run(self) -> str:
+        """How many cells were never run, and what to do, in words; empty for none."""
+        pending = [cell.name for cell in self.unfinished if cell.status == "pending"]
+        if not pending:
+            return ""
+        number = "1 cell was" if len(pending) == 1 else f"{len(pending)} cells were"
+        return (
+            f"{number} never run, the first is {pending[0]}; go on with "
+            f"`simval sweep SUITE --out {shlex.quote(self.folder)} --resume`"
+        )
 
     @property
     def exit_code(self) -> int:
@@ -127,6 +143,7 @@ def judge_run(
         environment=environment,
         alpha=alpha,
         folder=str(run.folder),
+        seconds={cell.name: cell.seconds for cell in run.cells},
     )
 
 

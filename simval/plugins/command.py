@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array
-from simval.plugins.errors import PluginError
+from simval.plugins.errors import PluginError, UnusablePluginError
 from simval.plugins.process import ending
 from simval.plugins.protocol import Calibrator
 from simval.plugins.recording import recorded
@@ -49,21 +49,21 @@ def command_calibrator(algorithm: str) -> Calibrator:
 
     Raises
     ------
-    PluginError
+    UnusablePluginError
         If the words cannot be split, or no file is asked for.
     """
     try:
         words = shlex.split(algorithm.removeprefix(COMMAND))
     except ValueError as error:
         msg = f"`{algorithm}` cannot be split into words: {error}"
-        raise PluginError(msg) from None
+        raise UnusablePluginError(msg) from None
     text = " ".join(words)
     if not words or not any(place in text for place in PLACES):
         msg = (
             f"`{algorithm}` must name a program and where its file goes: "
             f"`{COMMAND} PROGRAM {{poses}}` or `{COMMAND} PROGRAM {{log}}`"
         )
-        raise PluginError(msg)
+        raise UnusablePluginError(msg)
 
     def calibrate(poses: Array, g: float, noise_std: float) -> Any:
         return _answer(words, poses, g, noise_std)

@@ -5,6 +5,8 @@ It is code of a user's, and loading it runs it.
 
 import json
 import os
+import shlex
+import shutil
 import subprocess
 import sys
 from importlib import metadata
@@ -12,8 +14,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from simval.errors import SimvalError
-from simval.plugins.command import COMMAND
-from simval.plugins.errors import PluginError, told
+from simval.plugins.command import COMMAND, command_calibrator
+from simval.plugins.errors import UnusablePluginError, told
 from simval.plugins.loading import GROUP, plugins_of
 from simval.plugins.process import ending, run_group
 from simval.plugins.protocol import Calibrator, Estimator
@@ -43,16 +45,16 @@ def overrides_of(plugins: tuple[str, ...]) -> list[str]:
 
     Raises
     ------
-    PluginError
+    UnusablePluginError
         If one cannot be used, or holds no plug-in.
     """
     values: dict[str, list[str]] = {}
     for plugin in plugins:
         if "," in plugin:
             msg = f"`{plugin}` has a comma, which separates values; rename it"
-            raise PluginError(msg)
+            raise UnusablePluginError(msg)
         command = plugin.startswith(COMMAND)
-        held = [("calibrator", plugin)] if command else _held(plugin)
+        held = [_command(plugin)] if command else _held(plugin)
         for kind, word in held:
             values.setdefault(STUDIES[kind], []).append(word)
     return [f"{key}={','.join(words)}" for key, words in values.items()]
@@ -73,6 +75,18 @@ def installed() -> list[tuple[str, str]]:
     )
 
 
+def _command(plugin: str) -> tuple[str, str]:
+    command_calibrator(plugin)  # its words can be split and ask for a file
+    program = shlex.split(plugin.removeprefix(COMMAND))[0]
+    if shutil.which(program) is None:
+        msg = (
+            f"`{plugin}`: there is no program `{program}` here that can be run; give "
+            "its path, or put its folder into PATH"
+        )
+        raise UnusablePluginError(msg)
+    return "calibrator", plugin
+
+
 def _held(plugin: str) -> list[tuple[str, str]]:
     """Kind of each plug-in that is meant, and the word that a suite has for it."""
     path, _, name = plugin.partition(".py:")
@@ -85,14 +99,14 @@ def _held(plugin: str) -> list[tuple[str, str]]:
             "FILE.py:NAME), and no installed package offers one of that name "
             f"(installed: {names})"
         )
-        raise PluginError(msg)
+        raise UnusablePluginError(msg)
     file = f"{path}.py" if name else plugin
     offered = _asked(file)
     held = [(kind, own) for kind, own in offered if not name or own == name]
     if not held:
         names = ", ".join(own for _, own in offered)
         msg = f"{file} holds no plug-in named {name}; it has: {names}"
-        raise PluginError(msg)
+        raise UnusablePluginError(msg)
     return [(kind, file if kind == "scene" else f"{file}:{own}") for kind, own in held]
 
 
@@ -105,13 +119,13 @@ def _asked(file: str) -> list[tuple[str, str]]:
             found = json.loads(answer.read_text(encoding="utf-8"))
         except subprocess.TimeoutExpired:
             msg = f"{file} was not read within {TIME_LIMIT:g} s"
-            raise PluginError(msg) from None
+            raise UnusablePluginError(msg) from None
         except (OSError, ValueError):
             msg = f"the process that read {file} {ending(code)}"
-            raise PluginError(msg) from None
+            raise UnusablePluginError(msg) from None
     if "error" in found:
         error = str(found["error"])
-        raise PluginError(error)
+        raise UnusablePluginError(error)
     return [(str(kind), str(name)) for kind, name in found["held"]]
 
 
@@ -145,7 +159,7 @@ def _load(name: str) -> list[Estimator | Calibrator | Scene]:
         values = [point.load() for point in points]
     except Exception as error:  # whatever an installed package may raise
         msg = f"the entry point `{name}` fails with {told(error)}"
-        raise PluginError(msg) from error
+        raise UnusablePluginError(msg) from error
     return [v for v in values if isinstance(v, (Estimator, Calibrator, Scene))]
 
 

@@ -21,6 +21,12 @@ class PluginError(RefusedError):
         super().__init__(one_line(message))
 
 
+class UnusablePluginError(PluginError):
+    """A plug-in that is not there, or cannot be loaded as it was given."""
+
+    exit_code = 2
+
+
 def one_line(text: str) -> str:
     """Make a message of somebody else's fit for one line of a terminal or a table.
 

@@ -19,7 +19,7 @@ from types import ModuleType
 from typing import Any, TypeVar
 
 from simval.plugins.command import COMMAND, command_calibrator
-from simval.plugins.errors import PluginError, told
+from simval.plugins.errors import UnusablePluginError, told
 from simval.plugins.protocol import Calibrator, Estimator
 
 GROUP = "simval.plugins"
@@ -43,13 +43,13 @@ def find_plugin(algorithm: str, kind: type[Kind]) -> Kind:
 
     Raises
     ------
-    PluginError
+    UnusablePluginError
         If there is none, or more than one.
     """
     if algorithm.startswith(COMMAND):
         if kind is not Calibrator:
             msg = f"`{algorithm}`: only a calibrator can be a command"
-            raise PluginError(msg)
+            raise UnusablePluginError(msg)
         found: Any = command_calibrator(algorithm)
         return found
     path, _, name = algorithm.partition(".py:")
@@ -77,17 +77,17 @@ def plugins_of(file: Path, *others: type) -> list[Any]:
 
     Raises
     ------
-    PluginError
+    UnusablePluginError
         If the file is missing or fails, or two plug-ins of a kind share a name.
     """
     if not file.is_file():
         msg = f"the plug-in file {file} does not exist; give the path of a Python file"
-        raise PluginError(msg)
+        raise UnusablePluginError(msg)
     try:
         content = vars(_imported(file.resolve()))
     except Exception as error:  # whatever a user's file may raise
         msg = f"the plug-in file {file} fails with {told(error)}"
-        raise PluginError(msg) from error
+        raise UnusablePluginError(msg) from error
     kinds = (Estimator, Calibrator, *others)
     held = [value for value in content.values() if isinstance(value, kinds)]
     found: list[Any] = list({id(value): value for value in held}.values())
@@ -98,7 +98,7 @@ def plugins_of(file: Path, *others: type) -> list[Any]:
                 f"{file} holds two {type(value).__name__}s named `{value.name}`; give "
                 "each a name of its own"
             )
-            raise PluginError(msg)
+            raise UnusablePluginError(msg)
         names.add((type(value), value.name))
     return found
 
@@ -132,7 +132,7 @@ def _chosen(held: list[Any], kind: type[Kind], name: str, where: str) -> Kind:
             f"{f' named {name}' if name else ''}; it must hold one, or be given as "
             f"FILE:NAME (it has: {names})"
         )
-        raise PluginError(msg)
+        raise UnusablePluginError(msg)
     return fitting[0]
 
 
@@ -146,16 +146,16 @@ def _entry_point(name: str, kind: type[Kind]) -> Kind:
             f"in the group {GROUP} (installed: {names}); a file is given as FILE.py or "
             f"FILE.py:NAME, a command as `{COMMAND} PROGRAM {{poses}}`"
         )
-        raise PluginError(msg)
+        raise UnusablePluginError(msg)
     try:
         value = chosen[0].load()
     except Exception as error:  # whatever an installed package may raise
         msg = f"the entry point `{name}` fails with {told(error)}"
-        raise PluginError(msg) from error
+        raise UnusablePluginError(msg) from error
     if not isinstance(value, kind):
         msg = (
             f"the entry point `{name}` = {chosen[0].value} is of type "
             f"{type(value).__name__}; it must be a simval.plugins.{kind.__name__}"
         )
-        raise PluginError(msg)
+        raise UnusablePluginError(msg)
     return value

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from markupsafe import Markup
 
@@ -31,6 +32,16 @@ class Context:
     run: Run
     judged: GateResult
     titles: Mapping[str, str]
+
+    @property
+    def folder(self) -> str:
+        """The run for a command: from the working folder where it is below, else named.
+
+        A page goes to others, so it never says where on a machine a run lies.
+        """
+        path, here = self.run.folder.absolute(), Path.cwd()
+        inside = path != here and path.is_relative_to(here)
+        return str(path.relative_to(here)) if inside else path.resolve().name
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:

@@ -14,9 +14,11 @@ import os
 import platform
 import re
 import shlex
-from collections.abc import Iterator, Mapping
+import sys
+from collections.abc import Container, Iterator, Mapping
 from importlib import metadata
 from pathlib import Path
+from tempfile import gettempdir
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field, PrivateAttr
@@ -24,12 +26,16 @@ from pydantic import AfterValidator, Field, PrivateAttr
 from simval.plugins import PluginError
 from simval.plugins.command import COMMAND
 from simval.plugins.loading import GROUP
-from simval.studies.study import (
-    StudyParameters,
+from simval.scene import scenes
+from simval.studies.files import (
+    NamesFiles,
     file_of,
     is_path,
+    portable,
     with_words,
+    without_folders,
 )
+from simval.studies.study import StudyParameters
 
 NAME_LIMIT = 255
 """Greatest length of a file's name: longer strings name none."""
@@ -87,8 +93,39 @@ def sources(text: str) -> dict[str, str]:
     return found
 
 
+def missing(text: str, held: Container[str] = ()) -> str:
+    """Say what a value names that is not here.
+
+    Parameters
+    ----------
+    text : str
+        As `located` returns it.
+    held : container of str, optional
+        Names of files that words of a command stood for once.
+
+    Returns
+    -------
+    str
+        In words; empty where all is here.
+    """
+    if not text:
+        return "no plug-in is given"
+    if text.startswith(COMMAND):
+        program, *words = _split(text) or [""]
+        files = [word for word in words if portable(word) in held]
+        if "/" in program:
+            files.append(program)
+    elif is_path(text):
+        files = [file_of(text)]
+    else:
+        known = text in scenes() or any(metadata.entry_points(group=GROUP, name=text))
+        return "" if known else f"no installed package offers a plug-in `{text}`"
+    gone = next((f for f in files if not _is_file(Path(f))), None)
+    return "" if gone is None else f"the file {gone} does not exist"
+
+
 PluginName = Annotated[
-    str, Field(min_length=1, max_length=4096), AfterValidator(located)
+    str, Field(min_length=1, max_length=4096), AfterValidator(located), NamesFiles()
 ]
 """A value that names a plug-in, its files by absolute paths."""
 
@@ -107,6 +144,11 @@ class PluginParameters(StudyParameters):
             Not used.
         """
         self._sources = self._found()
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Paths of all files that the code is made of."""
+        return tuple(path for path in self._sources if os.path.isabs(path))
 
     def require_same_sources(self) -> None:
         """Check that the code is what it was when these parameters were made.
@@ -131,6 +173,27 @@ class PluginParameters(StudyParameters):
             if isinstance(value, str) and value:
                 found |= sources(value)
         return found
+
+
+def told_anywhere(text: str, parameters: StudyParameters) -> str:
+    """Say what became of a cell so that it can be shown to anybody.
+
+    Parameters
+    ----------
+    text : str
+        A message or a traceback.
+    parameters : StudyParameters
+        Of the cell.
+
+    Returns
+    -------
+    str
+        Without the folders of this machine: a module's file as it is imported, a
+        plug-in's from its own folder on, any other by its name.
+    """
+    own = parameters.files if isinstance(parameters, PluginParameters) else ()
+    places = (str(Path.cwd()), str(Path.home()), gettempdir())
+    return without_folders(text, (*sys.path, *map(os.path.dirname, own), *places))
 
 
 def _changes(old: Mapping[str, str], new: Mapping[str, str]) -> Iterator[str]:

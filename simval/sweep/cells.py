@@ -9,7 +9,6 @@ import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import pairwise
 from math import isfinite
 from typing import Any
 
@@ -17,7 +16,8 @@ from pydantic import ValidationError
 
 from simval.results import Row
 from simval.studies import STUDIES
-from simval.studies.study import canonical, is_path
+from simval.studies.files import portable_fields
+from simval.studies.study import canonical
 from simval.sweep import store
 from simval.sweep.documents import DamagedError, read_json
 from simval.sweep.plausible import row_of
@@ -228,36 +228,30 @@ def _parameters(cell: sqlite3.Row) -> dict[str, Any]:
     if not isinstance(found, dict):
         msg = f"its `parameters` are {found!r:.60}, no object"
         raise DamagedError(msg)
-    _require_named(cell, found)
     if cell["study"] in STUDIES:
+        # a store of an earlier version holds paths
+        found = portable_fields(STUDIES[cell["study"]].parameters, found)
         _require_possible(cell["study"], found)
+    _require_named(cell, found)
     return found
 
 
 def _require_named(cell: sqlite3.Row, parameters: Mapping[str, Any]) -> None:
-    """The name says study, seed and parameters; of a file no more than its name."""
+    """The name says study, seed and parameters."""
     start, end = f"{cell['study']}(", f")@{cell['seed']}"
     if not (cell["cell"].startswith(start) and cell["cell"].endswith(end)):
         msg = f"it is stored as {cell['study']} with {cell['seed']}"
         raise DamagedError(msg)
     rest = "," + cell["cell"].removeprefix(start).removesuffix(end)
-    told = [(key, _told(key, value)) for key, value in sorted(parameters.items())]
-    for (key, words), (_, following) in pairwise([*told, ("", "")]):
+    for key, value in sorted(parameters.items()):
+        words = f",{key}={canonical(value)}"
         if not rest.startswith(words):
-            msg = f"its parameter `{key}` is {parameters[key]!r:.60}; its name differs"
+            msg = f"its parameter `{key}` is {value!r:.60}; its name differs"
             raise DamagedError(msg)
         rest = rest.removeprefix(words)
-        if words.endswith("="):  # what follows is the name of a file
-            rest = rest[rest.find(following) :] if following in rest[1:] else ""
     if rest.strip(","):
         msg = f"its parameters lack {rest[1:]!r:.60}, which its name has"
         raise DamagedError(msg)
-
-
-def _told(key: str, value: Any) -> str:
-    """What the name of a cell says of a parameter, as far as the value alone tells."""
-    filed = isinstance(value, str) and is_path(value)
-    return f",{key}=" if filed else f",{key}={canonical(value)}"
 
 
 def _require_possible(study: str, parameters: Mapping[str, Any]) -> None:

@@ -58,7 +58,11 @@ class _Manifest(_Document):
     files: dict[str, str] = Field(default_factory=dict)
 
 
-class _Timing(_Document):
+class _Started(_Document):
+    plugins: dict[str, dict[str, str]] = {}
+
+
+class _Timing(_Started):
     wall_seconds: Seconds
     cpu_seconds: Seconds
     workers: Count | str
@@ -96,7 +100,7 @@ def read_timing(folder: Path) -> dict[str, Any]:
     Returns
     -------
     dict
-        Empty while the run is unfinished.
+        Where the plug-ins lay alone while the run is unfinished.
 
     Raises
     ------
@@ -106,7 +110,11 @@ def read_timing(folder: Path) -> dict[str, Any]:
     file = folder / "timing.json"
     try:
         text = file.read_text(encoding="utf-8") if file.is_file() else None
-        return {} if text is None else _checked("file", text, _Timing)
+        if text is None:
+            return {}
+        content = _checked("file", text, _Started)
+        started = content.keys() <= {"plugins"}
+        return content if started else _checked("file", text, _Timing)
     except (OSError, ValueError) as error:
         msg = f"{file} is damaged: {error}; run the suite again, or remove the file"
         raise InputError(msg) from None

@@ -9,7 +9,7 @@ import os
 import signal
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
     CancelledError,
@@ -20,6 +20,7 @@ from concurrent.futures import (
 )
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from functools import partial
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection
 from multiprocessing.connection import wait as wait_for_any
@@ -30,6 +31,7 @@ from simval.errors import InputError
 from simval.plugins.errors import described, one_line, told
 from simval.results import Outcome
 from simval.studies import find_study
+from simval.studies.sources import told_anywhere
 from simval.studies.study import Cell
 from simval.sweep import provenance
 
@@ -40,6 +42,9 @@ LOST: tuple[type[BaseException], ...] = (BrokenProcessPool, OSError)
 
 Done = tuple[int, Outcome | str, float]
 """Place of the cell, its outcome or the traceback of its failure, CPU seconds."""
+
+Compute = Callable[[Sequence[Cell], Sequence[int]], Iterator[Done]]
+"""From the cells of a suite and the places of those to compute to what each gave."""
 
 
 def execute(cell: Cell) -> Outcome:
@@ -77,7 +82,7 @@ def attempt(position: int, cell: Cell) -> Done:
     try:
         outcome: Outcome | str = execute(cell)
     except (Exception, SystemExit) as error:  # whatever it does, the others go on
-        outcome = described(error)
+        outcome = told_anywhere(described(error), cell.parameters)
     return position, outcome, time.process_time() - start
 
 
@@ -133,27 +138,22 @@ def pooled(
                 yield _alone(position, cells[position])
 
 
-def clustered(
-    cells: Sequence[Cell], pending: Sequence[int], address: str
-) -> Iterator[Done]:
-    """Compute cells on a running dask.distributed cluster.
+@contextmanager
+def clustered(address: str) -> Iterator[Compute]:
+    """Connect to a running dask.distributed cluster.
 
     A cell whose worker is lost is given to another by the scheduler; one that loses
     worker after worker is recorded as failed.
 
     Parameters
     ----------
-    cells : sequence of Cell
-        The cells of the suite.
-    pending : sequence of int
-        Places of those to compute.
     address : str
         Of the scheduler, such as ``tcp://host:8786``.
 
     Yields
     ------
-    Done
-        As each ends.
+    Compute
+        As `serial`, while the connection lasts.
 
     Raises
     ------
@@ -163,7 +163,6 @@ def clustered(
     """
     try:
         from distributed import Client
-        from distributed.scheduler import KilledWorker
     except ImportError:
         msg = "a scheduler needs the extra `cluster`: pip install 'simval[cluster]'"
         raise InputError(msg) from None
@@ -174,23 +173,35 @@ def clustered(
         raise InputError(msg) from None
     with client:
         threads = _checked_workers(client, address)
-        flying: dict[Future[Done], int] = {}
-        queue = deque(pending)
         executor = client.get_executor(pure=False)
-        while queue or flying:
-            try:
-                yield from _windowed(
-                    executor, cells, queue, flying, 2 * threads, (KilledWorker,)
-                )
-            except KilledWorker as error:
-                for future in [f for f in flying if f.done() and f.exception()]:
-                    yield flying.pop(future), f"every worker was lost: {error}", 0.0
-            except (CancelledError, OSError) as error:
-                msg = (
-                    f"lost the scheduler at {address}: {error}; finished cells are "
-                    "kept, so go on with --resume"
-                )
-                raise InputError(msg) from None
+        yield partial(_by_cluster, executor, 2 * threads, address)
+
+
+def _by_cluster(
+    executor: Executor,
+    window: int,
+    address: str,
+    cells: Sequence[Cell],
+    pending: Sequence[int],
+) -> Iterator[Done]:
+    from distributed.scheduler import KilledWorker
+
+    flying: dict[Future[Done], int] = {}
+    queue = deque(pending)
+    while queue or flying:
+        try:
+            yield from _windowed(
+                executor, cells, queue, flying, window, (KilledWorker,)
+            )
+        except KilledWorker as error:
+            for future in [f for f in flying if f.done() and f.exception()]:
+                yield flying.pop(future), f"every worker was lost: {error}", 0.0
+        except (CancelledError, OSError) as error:
+            msg = (
+                f"lost the scheduler at {address}: {error}; finished cells are "
+                "kept, so go on with --resume"
+            )
+            raise InputError(msg) from None
 
 
 def _checked_workers(client: object, address: str) -> int:

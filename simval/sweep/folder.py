@@ -4,6 +4,7 @@ import fcntl
 import io
 import json
 import os
+import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -86,8 +87,12 @@ def create(folder: Path, suite: Suite, known: Mapping[str, Any], resume: bool) -
         msg = f"cannot make {folder}: {error}; choose a folder that can be written"
         raise InputError(msg) from None
     # The store appears under its name only when it is whole.
-    store.create(folder / PART, suite.cells, json.dumps(known))
-    (folder / PART).rename(folder / "run.sqlite")
+    try:
+        store.create(folder / PART, suite.cells, json.dumps(known))
+        (folder / PART).rename(folder / "run.sqlite")
+    except BaseException:  # what is not begun must not stand in the way
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
 
 
 def check_same(folder: Path, suite: Suite, known: Mapping[str, Any]) -> None:

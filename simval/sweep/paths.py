@@ -1,17 +1,19 @@
-"""Paths in a suite file: relative to the file, and never out of its folder.
+"""Paths in a suite file: relative to the file, never out of its folder, and there.
 
 A command may run any program, so its words are not held to the folder; those that are
 files there are meant.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
 from simval.errors import InputError
 from simval.plugins.command import COMMAND
-from simval.studies.sources import located
-from simval.studies.study import file_of, is_path
+from simval.studies import STUDIES
+from simval.studies.files import file_fields, file_of, is_path
+from simval.studies.sources import located, missing
+from simval.studies.study import Cell
 
 
 def kept_inside(name: str, content: Mapping[str, Any], folder: Path) -> dict[str, Any]:
@@ -29,7 +31,7 @@ def kept_inside(name: str, content: Mapping[str, Any], folder: Path) -> dict[str
     Returns
     -------
     dict
-        The content, paths absolute.
+        The content; where a study's field names files, their paths absolute.
 
     Raises
     ------
@@ -38,17 +40,49 @@ def kept_inside(name: str, content: Mapping[str, Any], folder: Path) -> dict[str
     """
 
     def kept(value: Any, key: str) -> Any:
-        if isinstance(value, Mapping):
-            return {k: kept(v, str(k)) for k, v in value.items()}
         if isinstance(value, list):
             return [kept(v, key) for v in value]
-        if key != "title" and isinstance(value, str) and is_path(value):
-            if not value.startswith(COMMAND):
-                _require_inside(name, key, value, folder)
-            return located(value, str(folder))
-        return value
+        if not (isinstance(value, str) and is_path(value)):
+            return value
+        if not value.startswith(COMMAND):
+            _require_inside(name, key, value, folder)
+        return located(value, str(folder))
 
-    return {str(key): kept(value, str(key)) for key, value in content.items()}
+    found = dict(content)
+    for study in found.keys() & STUDIES.keys():
+        table, fields = found[study], file_fields(STUDIES[study].parameters)
+        if isinstance(table, Mapping):
+            found[study] = {
+                k: kept(v, k) if k in fields else v for k, v in table.items()
+            }
+    return found
+
+
+def require_found(cells: Iterable[Cell]) -> None:
+    """Check that the plug-ins of some cells are here, before anything is computed.
+
+    Parameters
+    ----------
+    cells : iterable of Cell
+        Of a suite.
+
+    Raises
+    ------
+    InputError
+        With the key that names what is missing.
+    """
+    named = {
+        (cell.study, key, str(getattr(cell.parameters, key)))
+        for cell in cells
+        for key in file_fields(type(cell.parameters))
+    }
+    for study, key, text in sorted(named):
+        if gone := missing(text):
+            msg = (
+                f"`{study}.{key}`: {gone}; give FILE.py, FILE.py:NAME or the name of "
+                "an installed plug-in, in a suite relative to its file"
+            )
+            raise InputError(msg)
 
 
 def _require_inside(name: str, key: str, text: str, folder: Path) -> None:

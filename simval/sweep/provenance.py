@@ -7,7 +7,7 @@ kernels. Times, host and dates are kept apart, outside every comparison.
 import hashlib
 import platform
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 
 from simval.scene import models_folder
+from simval.studies import STUDIES
+from simval.studies.files import file_fields, is_path, portable, portable_fields
 from simval.studies.sources import located, sources
-from simval.studies.study import is_path, portable
 from simval.sweep.suite import Suite
 
 PACKAGES = ("simval", "numpy", "scipy", "mujoco-core", "pydantic")
@@ -122,15 +123,35 @@ def portable_grid(grid: Mapping[str, Any]) -> dict[str, Any]:
     dict
         The same wherever the suite is run from.
     """
+    return {
+        key: portable_fields(STUDIES[key].parameters, value)
+        if key in STUDIES and isinstance(value, Mapping)
+        else value
+        for key, value in grid.items()
+    }
 
-    def plain(value: Any) -> Any:
-        if isinstance(value, Mapping):
-            return {key: plain(v) for key, v in value.items()}
-        if isinstance(value, list):
-            return [plain(v) for v in value]
-        return portable(value) if isinstance(value, str) and is_path(value) else value
 
-    return {key: plain(value) for key, value in grid.items()}
+def named_files(grid: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
+    """Values of a suite that may name files.
+
+    Parameters
+    ----------
+    grid : mapping
+        The grid of a suite.
+
+    Yields
+    ------
+    study, key, text : str
+        Study, field and value, which is given its absolute paths.
+    """
+    for study, table in grid.items():
+        if study not in STUDIES or not isinstance(table, Mapping):
+            continue
+        for key in sorted(file_fields(STUDIES[study].parameters) & table.keys()):
+            value = table[key]
+            for text in value if isinstance(value, list) else [value]:
+                if text:
+                    yield study, key, located(text)
 
 
 def file_hashes(grid: Mapping[str, Any]) -> dict[str, str]:
@@ -144,23 +165,44 @@ def file_hashes(grid: Mapping[str, Any]) -> dict[str, str]:
     Returns
     -------
     dict
-        Name of each file to its SHA-256, of several with one name to all of theirs;
-        name of the distribution of a plug-in to its version.
+        Name of each file to its SHA-256; where different files have one name, it and
+        the study whose they are, to all of theirs. Name of the distribution of a
+        plug-in to its version.
     """
-    words = [
-        w
-        for table in grid.values()
-        if isinstance(table, Mapping)
-        for value in table.values()
-        for w in (value if isinstance(value, list) else [value])
-        if isinstance(w, str)
-    ]
-    found = {path: d for word in words for path, d in sources(located(word)).items()}
-    named: dict[str, set[str]] = {}
-    for path, digest in found.items():
-        if digest:
-            named.setdefault(portable(path), set()).add(digest)
-    return {name: "+".join(sorted(named[name])) for name in sorted(named)}
+    named: dict[str, dict[str, set[str]]] = {}
+    for study, _, text in named_files(grid):
+        for path, digest in sources(text).items():
+            if digest:
+                whose = named.setdefault(portable(path), {})
+                whose.setdefault(study, set()).add(digest)
+    found: dict[str, set[str]] = {}
+    for name, whose in named.items():
+        alike = len(set().union(*whose.values())) == 1
+        for study, digests in whose.items():
+            found.setdefault(name if alike else f"{name} of {study}", set()).update(
+                digests
+            )
+    return {name: "+".join(sorted(found[name])) for name in sorted(found)}
+
+
+def places(grid: Mapping[str, Any]) -> dict[str, dict[str, str]]:
+    """Where the plug-ins of a suite lie on this machine.
+
+    Parameters
+    ----------
+    grid : mapping
+        The grid of a suite.
+
+    Returns
+    -------
+    dict
+        ``STUDY.KEY`` to a dict: value as cells name it, to the value with its paths.
+    """
+    found: dict[str, dict[str, str]] = {}
+    for study, key, text in named_files(grid):
+        if is_path(text):
+            found.setdefault(f"{study}.{key}", {})[portable(text)] = text
+    return found
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:

@@ -1,13 +1,17 @@
 """One cell again, from its name, and whether it is the same to the bit."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from simval.errors import InputError
+from simval.plugins.command import COMMAND
 from simval.results import Outcome, Row
 from simval.studies import find_study
-from simval.studies.study import Cell
-from simval.sweep.executors import execute
+from simval.studies.files import file_fields, file_of, portable
+from simval.studies.sources import located, missing
+from simval.studies.study import Cell, portable_values
+from simval.sweep.executors import attempt
 from simval.sweep.run import CellResult, Run
 from simval.sweep.suite import literal, validated
 
@@ -21,7 +25,9 @@ class Repetition:
     Attributes
     ----------
     outcome : Outcome
-        What it gave now.
+        What it gave now; no rows where it crashed.
+    error : str
+        Why it crashed; empty where it did not.
     stored : CellResult or None
         What the run holds; None where it has no finished cell of that name.
     different : tuple of (Row, Row or None)
@@ -29,6 +35,7 @@ class Repetition:
     """
 
     outcome: Outcome
+    error: str
     stored: CellResult | None
     different: tuple[tuple[Row, Row | None], ...]
 
@@ -80,15 +87,18 @@ def parse_cell(name: str) -> Cell:
     )
 
 
-def find_cell(name: str, run: Run | None) -> Cell:
+def find_cell(name: str, run: Run | None, plugins: Sequence[str] = ()) -> Cell:
     """Cell of a name, with the run's own parameters where it holds the cell.
 
     Parameters
     ----------
     name : str
-        As in a results table. It has only the names of files; the run knows the paths.
+        As in a results table. It has only the names of files.
     run : Run or None
-        Where to look first.
+        Where to look first; it knows where its plug-ins lay.
+    plugins : sequence of str, optional
+        Where they lie now: a plug-in as `simval sweep` takes it, with the file name
+        that the cell has.
 
     Returns
     -------
@@ -98,15 +108,46 @@ def find_cell(name: str, run: Run | None) -> Cell:
     Raises
     ------
     InputError
-        As `parse_cell`.
+        As `parse_cell`; or if a plug-in is not where it was, or the cell has none of
+        the names that are given.
     """
     held = next((c for c in run.cells if c.name == name), None) if run else None
     if held is None:
-        return parse_cell(name)
-    model = find_study(held.study).parameters
-    return Cell(
-        held.study, validated(f"cell {name}", model, held.parameters), held.seed
-    )
+        cell = parse_cell(name)
+        study, seed, values = cell.study, cell.seed, portable_values(cell.parameters)
+    else:
+        study, seed, values = held.study, held.seed, dict(held.parameters)
+    model = find_study(study).parameters
+    named = {key: str(values[key]) for key in file_fields(model) & values.keys()}
+    places = run.places if run is not None and held is not None else {}
+    for key, text in named.items():
+        values[key] = places.get(f"{study}.{key}", {}).get(text, text)
+    for plugin in map(located, plugins):
+        meant = {k: v for k, text in named.items() if (v := _completed(plugin, text))}
+        if not meant:
+            msg = f"cell {name} has no plug-in `{portable(plugin)}`; leave it out"
+            raise InputError(msg)
+        values |= meant
+    found = Cell(study, validated(f"cell {name}", model, values), seed)
+    _require_found(found, run)
+    return found
+
+
+def _completed(given: str, text: str) -> str:
+    """Value for a cell that names `text`, if `given` is its file; else nothing."""
+    name = "" if text.startswith(COMMAND) else text.removeprefix(file_of(text))
+    return next((v for v in (given, given + name) if portable(v) == text), "")
+
+
+def _require_found(cell: Cell, run: Run | None) -> None:
+    held = run.manifest.get("files", {}) if run is not None else {}
+    for key in file_fields(type(cell.parameters)):
+        if gone := missing(str(getattr(cell.parameters, key)), held):
+            msg = (
+                f"cell {cell.name}: {gone}; if its plug-in lies elsewhere now, give it "
+                "with --plugin"
+            )
+            raise InputError(msg)
 
 
 def repeat(cell: Cell, run: Run | None) -> Repetition:
@@ -124,7 +165,8 @@ def repeat(cell: Cell, run: Run | None) -> Repetition:
     Repetition
         The outcome and the rows that differ.
     """
-    outcome = execute(cell)
+    _, done, _ = attempt(0, cell)
+    error, outcome = (done, Outcome(rows=())) if isinstance(done, str) else ("", done)
     held = run.cells if run is not None else ()
     stored = next((c for c in held if c.name == cell.name and c.status == "done"), None)
     now = {(row.statistic, row.predictor): row for row in outcome.rows}
@@ -133,7 +175,7 @@ def repeat(cell: Cell, run: Run | None) -> Repetition:
         for row in (stored.rows if stored is not None else ())
         if not _same(row, now.get((row.statistic, row.predictor)))
     )
-    return Repetition(outcome=outcome, stored=stored, different=different)
+    return Repetition(outcome=outcome, error=error, stored=stored, different=different)
 
 
 def _same(old: Row, new: Row | None) -> bool:

@@ -3,7 +3,7 @@
 run.sqlite      cells and rows, written while the run goes on
 results.csv     the tidy long table: a row for each cell and statistic
 manifest.json   all that the numbers depend on
-timing.json     times, host and dates, outside every comparison
+timing.json     times, host, dates, and where plug-ins lay, outside every comparison
 artifacts/      what the studies leave for the report: npz, png
 """
 
@@ -11,13 +11,12 @@ import csv
 import sqlite3
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from simval.arguments import file_path
 from simval.errors import InputError
-from simval.studies.study import is_path, portable
 from simval.sweep import store
 from simval.sweep.cells import CellResult, read_cell, read_cells, read_heads
 from simval.sweep.documents import read_timing
@@ -64,12 +63,15 @@ class Run:
         All that the numbers depend on.
     timing : mapping
         Times; empty while the run is unfinished.
+    places : mapping
+        Where its plug-ins lay: see `simval.sweep.provenance.places`.
     """
 
     folder: Path
     cells: tuple[CellResult, ...]
     manifest: Mapping[str, Any]
     timing: Mapping[str, Any]
+    places: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     def of(self, study: str) -> tuple[CellResult, ...]:
         """Finished cells of one study, in the order of the suite.
@@ -108,7 +110,11 @@ def load_run(folder: str | Path) -> Run:
     path = run_folder(folder)
     with opened_run(path) as (database, manifest):
         cells = tuple(read_cells(database))
-    return Run(folder=path, cells=cells, manifest=manifest, timing=read_timing(path))
+    timing = read_timing(path)
+    places = timing.pop("plugins", {})
+    return Run(
+        folder=path, cells=cells, manifest=manifest, timing=timing, places=places
+    )
 
 
 @contextmanager
@@ -177,8 +183,6 @@ def write_table(database: sqlite3.Connection, path: Path) -> None:
 def _exact(value: Any) -> Any:
     if value is None or value != value:  # what was not measured is an empty field
         return ""
-    if isinstance(value, str) and is_path(value):
-        return portable(value)
     return repr(value) if isinstance(value, float) else value
 
 

@@ -9,8 +9,10 @@ import os
 import platform
 import sqlite3
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Literal, Protocol
 
@@ -19,8 +21,9 @@ from simval.errors import InputError
 from simval.results import Row
 from simval.sweep import provenance, store
 from simval.sweep.cells import read_cells
-from simval.sweep.executors import Done, clustered, pooled, serial
+from simval.sweep.executors import Compute, clustered, pooled, serial
 from simval.sweep.folder import check_same, create, keep, locked, write
+from simval.sweep.paths import require_found
 from simval.sweep.run import Run, load_run, write_table
 from simval.sweep.seal import seal, unseal
 from simval.sweep.suite import Suite, load_suite
@@ -174,19 +177,35 @@ def drive(
         As `run_suite`.
     """
     workers = whole_number("workers", workers, 1, 4096)
+    require_found(suite.cells)
     known = provenance.manifest(suite)
-    file = folder / "run.sqlite"
-    if resume and _is_file(file):
-        check_same(folder, suite, known)
-    else:
-        create(folder, suite, known, resume)
+    where = workers if scheduler is None else scheduler
+    with _computing(workers, scheduler) as compute:
+        # nothing is made before it is known that cells can be computed
+        if resume and _is_file(folder / "run.sqlite"):
+            check_same(folder, suite, known)
+        else:
+            create(folder, suite, known, resume)
+        _fill(folder, suite, compute, progress, where)
+
+
+def _fill(
+    folder: Path,
+    suite: Suite,
+    compute: Compute,
+    progress: Progress,
+    where: int | str,
+) -> None:
+    """Compute what a run lacks, and write its table."""
     started, wall = datetime.now(UTC), time.perf_counter()
-    with locked(folder), store.writing(file) as database:
+    places = provenance.places(suite.grid)
+    with locked(folder), store.writing(folder / "run.sqlite") as database:
         unseal(database)
+        write(folder / "timing.json", json.dumps({"plugins": places}) + "\n")
         pending = store.unfinished(database)
         done = len(suite.cells) - len(pending)
         progress.start(len(suite.cells), done, _worst_stored(database, suite))
-        for position, outcome, seconds in _results(suite, pending, workers, scheduler):
+        for position, outcome, seconds in compute(suite.cells, pending):
             name = suite.cells[position].name
             if isinstance(outcome, str):
                 store.fail(database, position, outcome, seconds)
@@ -203,12 +222,13 @@ def drive(
         timing = {
             "started": started.isoformat(timespec="seconds"),
             "wall_seconds": round(time.perf_counter() - wall, 3),
-            "workers": scheduler or workers,
+            "workers": where,
             "host": platform.node(),
             "finished_before": done,
             "cpu_seconds": round(sum(spent.values()), 3),
             "processors": os.cpu_count(),
             "cells": {name: round(value, 4) for name, value in spent.items()},
+            "plugins": places,
         }
         manifest = store.manifest(database)
         write_table(database, folder / "results.csv")
@@ -256,11 +276,7 @@ def worse(first: Ending, second: Ending) -> Ending:
     return max(first, second, key=ENDINGS.index)
 
 
-def _results(
-    suite: Suite, pending: list[int], workers: int, scheduler: str | None
-) -> Iterator[Done]:
+def _computing(workers: int, scheduler: str | None) -> AbstractContextManager[Compute]:
     if scheduler is not None:
-        return clustered(suite.cells, pending, scheduler)
-    if workers == 1:
-        return serial(suite.cells, pending)
-    return pooled(suite.cells, pending, workers)
+        return clustered(scheduler)
+    return nullcontext(serial if workers == 1 else partial(pooled, workers=workers))

@@ -12,6 +12,7 @@ from what the sweep wrote (`simval.sweep.cells`). Stores of schema 1 have none.
 """
 
 import hashlib
+import json
 import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
@@ -22,7 +23,7 @@ from typing import Any
 from simval.errors import InputError
 from simval.plugins.errors import printable
 from simval.results import Row
-from simval.studies.study import Cell
+from simval.studies.study import Cell, portable_values
 from simval.sweep.documents import DamagedError, checked_manifest
 
 SCHEMA_VERSION = 2
@@ -180,7 +181,7 @@ def create(path: Path, cells: Iterable[Cell], manifest: str) -> None:
             "INSERT INTO cells (position, cell, study, seed, parameters, status) "
             "VALUES (?, ?, ?, ?, ?, 'pending')",
             (
-                (i, c.name, c.study, c.seed, c.parameters.model_dump_json())
+                (i, c.name, c.study, c.seed, json.dumps(portable_values(c.parameters)))
                 for i, c in enumerate(cells)
             ),
         )

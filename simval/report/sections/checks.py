@@ -29,7 +29,7 @@ def section(context: Context) -> Section | None:
     return made(
         "checks",
         "Checks",
-        tables=[_families(context), _each(verdicts, figures)],
+        tables=[_families(context), _each(verdicts, figures, context.folder)],
         open=bool(verdicts) and verdicts[0].answer != "pass",
         alpha=context.alpha,
         linked=linked,
@@ -59,7 +59,9 @@ def _families(context: Context) -> Table:
     )
 
 
-def _each(verdicts: list[Verdict], figures: dict[tuple[str, str, str], str]) -> Table:
+def _each(
+    verdicts: list[Verdict], figures: dict[tuple[str, str, str], str], folder: str
+) -> Table:
     rows = [
         (
             v.answer,
@@ -74,7 +76,7 @@ def _each(verdicts: list[Verdict], figures: dict[tuple[str, str, str], str]) -> 
             v.limit if v.limit == v.limit else None,
             v.row.n,
             figures.get(key_of(v)) if v.answer == "fail" else None,
-            reproduce(v.cell) or v.cell,
+            reproduce(v.cell, folder) or v.cell,
         )
         for v in verdicts
     ]

@@ -50,7 +50,10 @@ def section(context: Context) -> Section | None:
         "Failing checks",
         drawings,
         failing=len(failing),
-        reasons=[(reproduce(v.cell), v.row, v.reason) for v in failing[:MAX_FIGURES]],
+        reasons=[
+            (reproduce(v.cell, context.folder), v.row, v.reason)
+            for v in failing[:MAX_FIGURES]
+        ],
         kinds=kinds,
         shown=len(drawings),
     )
