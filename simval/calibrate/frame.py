@@ -9,6 +9,8 @@ from simval.calibrate import quadric
 from simval.calibrate.positive import solve_positive, trace
 from simval.sensor import forms
 
+_LEAST = 1e-61  # raw units; squares of the results stay finite
+
 
 def normalized(poses: Array) -> tuple[Array, Array, Array]:
     """Move readings to their mean and scale them to unit size.
@@ -32,9 +34,9 @@ def normalized(poses: Array) -> tuple[Array, Array, Array]:
     z = poses - centre[:, None]
     flat = z.reshape(len(z), -1)
     scale = np.sqrt(np.vecdot(flat, flat) / count)
-    scale = np.where(scale > 0.0, scale, 1.0)
-    z /= scale[:, None, None]
-    return z, centre, scale
+    one = scale <= _LEAST  # all readings are one
+    z /= np.where(one, np.inf, scale)[:, None, None]
+    return z, centre, np.where(one, 1.0, scale)
 
 
 def direction_condition(model: str, theta: Array, moments: Array, usable: Any) -> Array:
