@@ -29,10 +29,10 @@ _KINDS: Final = {
     "T": "holds text",
     "V": "is a table with named columns",
 }
-# Readings, forces and scales as a user gives them: their fourth powers, and those of
-# their inverses, neither over- nor underflow.
-GREATEST: Final = 1e60
-LEAST: Final = 1e-60
+# Readings and gravity as a user gives them. A scale is one over the other, from 1e-72
+# to 1e72, and its fourth power, the highest that a moment takes, stays finite.
+GREATEST: Final = 1e36
+LEAST: Final = 1e-36
 
 
 def finite_array(name: str, value: Any, tail: Sequence[int | None]) -> Array:
@@ -70,7 +70,9 @@ def finite_array(name: str, value: Any, tail: Sequence[int | None]) -> Array:
     return array
 
 
-def physical_array(name: str, value: Any, tail: Sequence[int | None]) -> Array:
+def physical_array(
+    name: str, value: Any, tail: Sequence[int | None], most: float = GREATEST
+) -> Array:
     """`finite_array` of values whose powers can be worked with.
 
     Parameters
@@ -81,6 +83,8 @@ def physical_array(name: str, value: Any, tail: Sequence[int | None]) -> Array:
         What the caller gave.
     tail : sequence of int or None
         Required lengths of the last axes; None accepts any length.
+    most : float, default GREATEST
+        Greatest size of a value.
 
     Returns
     -------
@@ -90,13 +94,13 @@ def physical_array(name: str, value: Any, tail: Sequence[int | None]) -> Array:
     Raises
     ------
     InputError
-        As `finite_array`, or if a value is beyond `GREATEST`.
+        As `finite_array`, or if a value is greater.
     """
     array = finite_array(name, value, tail)
     greatest = float(np.max(np.abs(array), initial=0.0))
-    if not greatest <= GREATEST:
+    if not greatest <= most:
         msg = (
-            f"`{name}` has a value of {greatest:g}, beyond {GREATEST:g}; no sensor "
+            f"`{name}` has a value of {greatest:g}, beyond {most:g}; no sensor "
             "reads that, so check its unit"
         )
         raise InputError(msg)

@@ -7,7 +7,6 @@ import numpy as np
 
 from simval.arguments import choice, shown, switch, whole_number
 from simval.arrays import (
-    GREATEST,
     Array,
     noise_levels,
     positive_number,
@@ -22,6 +21,7 @@ from simval.sensor import forms
 # Above it (singular values 1e4 apart) the moments, whose condition is the square, keep
 # under eight digits, and 1 mm/s^2 of noise becomes 0.6 m/s^2 of bias or more.
 CONDITION_LIMIT = 1e3
+_GREATEST = 1e60  # fourth powers stay finite
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -160,10 +160,10 @@ def checked_readings(poses: Any) -> Array:
         greatest = float(
             np.max(np.abs(readings), initial=0.0, where=np.isfinite(readings))
         )
-    if greatest > GREATEST:
+    if not (greatest == 0.0 or 1.0 / _GREATEST <= greatest <= _GREATEST):
         msg = (
-            f"`poses` has a reading of {greatest:g}, beyond {GREATEST:g}; give raw "
-            "counts or m/s^2"
+            f"the greatest reading of `poses` is {greatest:g}, outside "
+            f"{1.0 / _GREATEST:g} to {_GREATEST:g}; give raw counts or m/s^2"
         )
         raise InputError(msg)
     return readings

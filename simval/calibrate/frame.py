@@ -10,6 +10,7 @@ from simval.calibrate.positive import solve_positive, trace
 from simval.poses import cube_corners, cube_edges, cube_faces, direction_jacobian
 from simval.sensor import forms
 
+_LEAST = 1e-61  # raw units; squares of the results stay finite
 # w'Ew in the six parameters of E, one row for each direction w
 _SCALES = (
     direction_jacobian(np.concatenate([cube_faces(), cube_edges(), cube_corners()]))
@@ -40,9 +41,9 @@ def normalized(poses: Array) -> tuple[Array, Array, Array]:
     z = poses - centre[:, None]
     flat = z.reshape(len(z), -1)
     scale = np.sqrt(np.vecdot(flat, flat) / count)
-    scale = np.where(scale > 0.0, scale, 1.0)
-    z /= scale[:, None, None]
-    return z, centre, scale
+    one = scale <= _LEAST  # all readings are one
+    z /= np.where(one, np.inf, scale)[:, None, None]
+    return z, centre, np.where(one, 1.0, scale)
 
 
 def direction_condition(

@@ -19,7 +19,7 @@ positive: norms cannot tell the sign of an axis.
 import numpy as np
 
 from simval.arguments import choice
-from simval.arrays import Array, finite_array, physical_array, shaped_array
+from simval.arrays import GREATEST, Array, finite_array, physical_array, shaped_array
 from simval.errors import InputError
 
 MODELS = ("triangular", "upper", "symmetric")
@@ -297,7 +297,7 @@ def convert(
     source, target = choice("source", source, MODELS), choice("target", target, MODELS)
     parameters = shaped_array("parameters", parameters, (9,))
     given = ~np.isnan(parameters).any(axis=-1)  # a refused trial of a batch is NaN
-    physical_array("parameters", parameters[given], (9,))
+    physical_array("parameters", parameters[given], (9,), GREATEST**2)
     m = matrix(source, parameters)
     gram = np.swapaxes(m, -1, -2) @ m
     result = from_gram(target, gram, parameters[..., 6:])

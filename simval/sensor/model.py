@@ -51,13 +51,13 @@ class AccelerometerModel:
     noise_std: float = 0.0
 
     def __post_init__(self) -> None:
-        scale = physical_array("K", self.K, ())
+        scale = physical_array("K", self.K, (), GREATEST**2)
         if scale.shape not in ((3,), (3, 3)):
             msg = f"`K` has shape {scale.shape}; it must be (3,) or (3, 3)"
             raise InputError(msg)
         shapes = {"T": (3, 3), "K": scale.shape, "B": (3,)}
         for name, shape in shapes.items():
-            value = physical_array(name, getattr(self, name), shape)
+            value = physical_array(name, getattr(self, name), shape, GREATEST**2)
             if value.shape != shape:
                 msg = f"`{name}` has shape {value.shape}; one sensor needs {shape}"
                 raise InputError(msg)
@@ -65,10 +65,10 @@ class AccelerometerModel:
         noise = nonnegative_number("noise_std", self.noise_std, "raw units")
         object.__setattr__(self, "noise_std", noise)
         values = np.linalg.svd(self.matrix, compute_uv=False)
-        if not (values[0] <= GREATEST and (values[0] == 0.0 or values[0] >= LEAST)):
+        if not (values[0] == 0.0 or LEAST**2 <= values[0] <= GREATEST**2):
             msg = (
-                f"T K has size {values[0]:.1e}; from {LEAST:g} to {GREATEST:g} m/s^2 "
-                "per raw unit can be worked with, so check the unit of K"
+                f"T K has size {values[0]:.1e}; from {LEAST**2:g} to {GREATEST**2:g} "
+                "m/s^2 per raw unit can be worked with, so check the unit of K"
             )
             raise InputError(msg)
         condition = values[0] / values[2] if values[2] > 0.0 else np.inf
@@ -120,7 +120,7 @@ class AccelerometerModel:
             The sensor.
         """
         model = forms.check_model(model)
-        values = physical_array("parameters", parameters, (9,))
+        values = physical_array("parameters", parameters, (9,), GREATEST**2)
         if values.ndim != 1:
             msg = f"`parameters` has shape {values.shape}; one sensor has nine: (9,)"
             raise InputError(msg)

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simval.arguments import whole_number
-from simval.arrays import Array, positive_number, shaped_array
+from simval.arguments import shown, whole_number
+from simval.arrays import Array, real_number, shaped_array
 from simval.errors import InputError, RefusedError
 from simval.statics.intervals import Intervals
 from simval.statics.variance import WINDOW, checked_samples, variance_magnitude
@@ -174,7 +174,9 @@ def intervals_below(
         If `minimum` is below 1 or `trim` below 0.
     """
     minimum, trim = whole_number("minimum", minimum, 1), whole_number("trim", trim, 0)
-    threshold = positive_number("threshold", threshold, "(reading unit)^2")
+    if not real_number("threshold", threshold, "(reading unit)^2") > 0.0:
+        msg = f"`threshold` is {shown(threshold)}; it must be above 0"
+        raise InputError(msg)
     spread = shaped_array("spread", spread, (None,))
     if spread.ndim != 1:
         msg = f"`spread` has shape {spread.shape}; give that of one log, (n,)"
