@@ -96,7 +96,15 @@ def _times(
 
 
 def require_finite(table: Table, values: Array) -> None:
-    """Raise InputError for the first row with a value that is not a finite number."""
+    """Raise InputError for the first row with a value that is not a finite number.
+
+    Parameters
+    ----------
+    table : Table
+        The log.
+    values : Array
+        Columns that are needed, (n, k).
+    """
     bad = ~np.isfinite(values).all(axis=1)
     if bad.any():
         msg = (

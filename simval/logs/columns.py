@@ -82,7 +82,20 @@ def chosen(table: Table, columns: str | Sequence[str] | None) -> tuple[Column, .
 
 
 def template(width: int, taken: dict[int, str] | None = None) -> str:
-    """Names for `--columns`, with a hyphen where none is taken."""
+    """Names for `--columns`, with a hyphen where none is taken.
+
+    Parameters
+    ----------
+    width : int
+        Number of columns.
+    taken : dict of int to str, optional
+        Role by place; None takes the usual order.
+
+    Returns
+    -------
+    str
+        Words.
+    """
     roles = taken or dict(enumerate(NAMES[:4] if width > 3 else NAMES[1:4]))
     return ",".join(roles.get(k, SKIP) for k in range(width))
 
@@ -102,9 +115,9 @@ def _given(table: Table, columns: str | Sequence[str]) -> tuple[Column, ...]:
     complete = {"ax", "ay", "az"} <= set(used) and len(gyro) in (0, 3)
     if not (all(found) and complete and len(set(used)) == len(used)):
         msg = (
-            f"`columns` is {','.join(names)}; each of ax, ay, az is needed once, t once "
-            "at most (t[ms], t[us], t[ns] for a clock not in seconds), wx, wy, wz all "
-            "or none, and - marks a column to ignore"
+            f"`columns` is {','.join(names)}; each of ax, ay, az is needed once, t "
+            "once at most (t[ms], t[us], t[ns] for a clock not in seconds), wx, wy, wz "
+            "all or none, and - marks a column to ignore"
         )
         raise InputError(msg)
     headers = table.names or ("",) * table.width
@@ -150,7 +163,20 @@ def _by_header(table: Table, names: tuple[str, ...]) -> tuple[Column, ...]:
 
 
 def triples(channels: list[Channel], kind: Kind) -> list[Triple]:
-    """Places of x, y and z of each sensor of a kind that has each of them once."""
+    """Places of x, y and z of each sensor of a kind that has each of them once.
+
+    Parameters
+    ----------
+    channels : list of Channel
+        What each column holds.
+    kind : str
+        As of `Channel`.
+
+    Returns
+    -------
+    list of Triple
+        Places of x, y, z.
+    """
     groups: dict[str, dict[str, list[int]]] = {}
     for place, found in enumerate(channels):
         if found.kind == kind and found.axis:
@@ -249,6 +275,6 @@ def _question(
     say = " or ".join(f"--columns {line}" for line in lines) or "--columns"
     return InputError(
         f"{table.path}: which columns are the accelerometer's x, y and z? The header "
-        f"has {listed}{more}; {why}. Name each column in its order, {form} {say} (t, ax, "
-        "ay, az, wx, wy, wz, - for one to ignore)"
+        f"has {listed}{more}; {why}. Name each column in its order, "
+        f"{form} {say} (t, ax, ay, az, wx, wy, wz, - for one to ignore)"
     )

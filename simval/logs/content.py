@@ -12,7 +12,7 @@ _KINDS = {  # first bytes: what the file is, and what to do
     b"\xfd7zXZ": "compressed by xz; unpack it first (unxz)",
     b"\x28\xb5\x2f\xfd": "compressed by zstd; unpack it first (unzstd)",
     b"7z\xbc\xaf": "a 7-zip archive; unpack it first",
-    b"PK\x03\x04": "a zip archive or a spreadsheet (.xlsx); unpack it, or save it as CSV",
+    b"PK\x03\x04": "a zip archive or a spreadsheet (.xlsx); unpack or save it as CSV",
     b"\xd0\xcf\x11\xe0": "an old spreadsheet (.xls); save it as CSV",
     b"\x89HDF": "HDF5 (also MATLAB 7.3); save it as text, or in MATLAB with -v7",
     b"MATLAB 7.3": "a MATLAB 7.3 file; save it with -v7, or as text",

@@ -29,7 +29,18 @@ class Dialect:
     width: int = 0
 
     def fields(self, line: str) -> list[str]:
-        """Fields of a line, without quotes and blanks around them."""
+        """Fields of a line, without quotes and blanks around them.
+
+        Parameters
+        ----------
+        line : str
+            A line of the file.
+
+        Returns
+        -------
+        list of str
+            Texts, one to a row or field.
+        """
         fields = line.split(self.mark)
         if '"' in line and self.mark is not None:
             try:
@@ -39,7 +50,18 @@ class Dialect:
         return [field.strip().strip("\"'").strip() for field in fields]
 
     def is_number(self, field: str) -> bool:
-        """Return whether a field is a number, NaN and infinity among them."""
+        """Return whether a field is a number, NaN and infinity among them.
+
+        Parameters
+        ----------
+        field : str
+            Text of one field.
+
+        Returns
+        -------
+        bool
+            The answer.
+        """
         if self.comma:
             if "." in field:
                 return False
@@ -51,7 +73,18 @@ class Dialect:
         return "_" not in field
 
     def numbers(self, line: str) -> list[bool]:
-        """Return which fields of a line are numbers."""
+        """Return which fields of a line are numbers.
+
+        Parameters
+        ----------
+        line : str
+            A line of the file.
+
+        Returns
+        -------
+        list of bool
+            One to a field.
+        """
         return [self.is_number(field) for field in self.fields(line)]
 
 
@@ -64,7 +97,18 @@ DIALECTS = (
 
 
 def judged(lines: Sequence[str]) -> Dialect:
-    """Return the dialect in which the greatest part of the fields are numbers."""
+    """Return the dialect in which the greatest part of the fields are numbers.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        Lines that are no remarks.
+
+    Returns
+    -------
+    Dialect
+        Separator, decimal mark and width.
+    """
     picked = np.unique(np.linspace(0, len(lines) - 1, SAMPLE).astype(int))
     sample = [lines[k] for k in picked]
     best = max(DIALECTS, key=lambda each: _share(each, sample))

@@ -40,7 +40,18 @@ def header_names(line: str, mark: str | None = "") -> list[str]:
 
 
 def is_names(fields: list[str]) -> bool:
-    """Return whether fields name three axes or more, as no sentence does."""
+    """Return whether fields name three axes or more, as no sentence does.
+
+    Parameters
+    ----------
+    fields : list of str
+        Fields of a line.
+
+    Returns
+    -------
+    bool
+        The answer.
+    """
     found = [channel(field) for field in fields]
     return sum(each.axis != "" and each.kind != "other" for each in found) >= 3
 

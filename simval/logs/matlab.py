@@ -44,8 +44,8 @@ def matlab_table(path: str, content: bytes) -> ArrayTable:
     except Exception as error:  # a damaged file makes scipy raise nearly anything
         msg = (
             f"{path} is not a MATLAB file that can be read "
-            f"({type(error).__name__}: {str(error)[:80]}); save the log again with -v7, "
-            "or as rows of numbers in text"
+            f"({type(error).__name__}: {str(error)[:80]}); save the log again with "
+            "-v7, or as rows of numbers in text"
         )
         raise InputError(msg) from None
     found = {

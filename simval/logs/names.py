@@ -41,9 +41,9 @@ _OTHER = _listed(
     "cov covariance covar std sd stddev var variance bias offset drift err error sum "
     "norm abs absolute magnitude mean avg rms quat quaternion q orientation ori euler "
     "angle angles roll pitch yaw pos position vel velocity speed jerk world earth ned "
-    "enu global nav navigation ref reference true truth gt desired cmd command setpoint "
-    "scale misalignment delta diff inc increment integral dv dq noise temp temperature "
-    "vector rot rotvec heading status accuracy"
+    "enu global nav navigation ref reference true truth gt desired cmd command "
+    "setpoint scale misalignment delta diff inc increment integral dv dq noise temp "
+    "temperature vector rot rotvec heading status accuracy"
 )
 _TIME = _listed(
     "t time times timestamp timestamps stamp ts clock elapsed timer uptime epoch "
@@ -62,7 +62,8 @@ SECONDS = {word: size for size, words in _SECONDS.items() for word in words.spli
 _UNITS: dict[Kind, frozenset[str]] = {
     "force": _listed("ms2 mss ms-2 mps2 mpss g mg μg ug gs gee cms2 mms2 fts2 gal"),
     "gyro": _listed(
-        "rads rads-1 radsec radps mrads degs degs-1 degsec °s °s-1 °sec °ps dps mdps rps rpm"
+        "rads rads-1 radsec radps mrads degs degs-1 degsec °s °s-1 °sec °ps dps "
+        "mdps rps rpm"
     ),
     "mag": _listed("ut μt nt mt t gauss mgauss g mg gs"),
 }
@@ -71,7 +72,8 @@ _ANY_UNIT = _listed(
 )
 _STRANGE_UNIT = _listed("° deg rad degree degrees c °c degc k f °f pa hpa mbar %")
 _FUSED = re.compile(
-    r"(?P<word>acce?l?|accelerometer|acceleration|gyro?|gyroscope|magn?|magnetometer|gf|a|w|g|m|b)"
+    r"(?P<word>acce?l?|accelerometer|acceleration|gyro?|gyroscope|magn?|magnetometer"
+    r"|gf|a|w|g|m|b)"
     r"(?P<number>\d*)(?P<axis>[xyz])(?P<behind>\d*)"
     r"|(?P<axis2>[xyz])(?P<word2>acce?l?|gyro?|magn?)"
 )
@@ -107,7 +109,18 @@ class Channel:
 
 
 def is_unit(text: str) -> bool:
-    """Return whether a text is a unit and nothing else."""
+    """Return whether a text is a unit and nothing else.
+
+    Parameters
+    ----------
+    text : str
+        What may be one.
+
+    Returns
+    -------
+    bool
+        The answer.
+    """
     unit = _compact(text)
     known = (*_UNITS.values(), frozenset(SECONDS), _ANY_UNIT, _STRANGE_UNIT)
     bracketed = bool(_BRACKETS.fullmatch(text.strip()))
@@ -115,7 +128,18 @@ def is_unit(text: str) -> bool:
 
 
 def channel(name: str) -> Channel:
-    """Return what a column's name says."""
+    """Return what a column's name says.
+
+    Parameters
+    ----------
+    name : str
+        As the header has it.
+
+    Returns
+    -------
+    Channel
+        Kind, axis, unit and stem.
+    """
     if _ROS.search(name.strip()):  # as in sensor_msgs/Imu: with gravity
         return Channel("force", name.strip()[-1], "", name.strip()[:-1])
     inside = [text.strip() for text in _BRACKETS.findall(name)]

@@ -26,16 +26,60 @@ class Table(Protocol):
         """Return the number of rows."""
 
     def numbers(self, places: list[int]) -> Array:
-        """Return the columns at these places, (n, len(places))."""
+        """Return the columns at these places, (n, len(places)).
+
+        Parameters
+        ----------
+        places : list of int
+            Places in the row, from 0.
+
+        Returns
+        -------
+        Array
+            Numbers, (n, len(places)).
+        """
 
     def texts(self, place: int) -> list[str]:
-        """Return one column as it is written."""
+        """Return one column as it is written.
+
+        Parameters
+        ----------
+        place : int
+            Place in the row, from 0.
+
+        Returns
+        -------
+        list of str
+            Texts, one to a row or field.
+        """
 
     def where(self, row: int) -> str:
-        """Say where a row stands in the file."""
+        """Say where a row stands in the file.
+
+        Parameters
+        ----------
+        row : int
+            Number of the row, from 0.
+
+        Returns
+        -------
+        str
+            Words.
+        """
 
     def is_text(self, place: int) -> bool:
-        """Return whether the first row has no number there."""
+        """Return whether the first row has no number there.
+
+        Parameters
+        ----------
+        place : int
+            Place in the row, from 0.
+
+        Returns
+        -------
+        bool
+            The answer.
+        """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -69,18 +113,62 @@ class ArrayTable:
         return len(self.values)
 
     def numbers(self, places: list[int]) -> Array:
-        """Return the columns at these places, (n, len(places))."""
+        """Return the columns at these places, (n, len(places)).
+
+        Parameters
+        ----------
+        places : list of int
+            Places in the row, from 0.
+
+        Returns
+        -------
+        Array
+            Numbers, (n, len(places)).
+        """
         return self.values[:, places]
 
     def texts(self, place: int) -> list[str]:
-        """No column of numbers is text."""
+        """No column of numbers is text.
+
+        Parameters
+        ----------
+        place : int
+            Place in the row, from 0.
+
+        Returns
+        -------
+        list of str
+            Texts, one to a row or field.
+        """
         msg = f"{self.path}, column {place + 1}: it holds numbers, not text"
         raise InputError(msg)
 
     def where(self, row: int) -> str:
-        """Say where a row stands in the file."""
+        """Say where a row stands in the file.
+
+        Parameters
+        ----------
+        row : int
+            Number of the row, from 0.
+
+        Returns
+        -------
+        str
+            Words.
+        """
         return f"{self.path}, row {row + 1}"
 
     def is_text(self, place: int) -> bool:
-        """No column of numbers is text."""
+        """No column of numbers is text.
+
+        Parameters
+        ----------
+        place : int
+            Place in the row, from 0.
+
+        Returns
+        -------
+        bool
+            The answer.
+        """
         return False

@@ -45,6 +45,16 @@ class TextTable:
     def numbers(self, places: list[int]) -> Array:
         """Return the columns at these places, (n, len(places)).
 
+        Parameters
+        ----------
+        places : list of int
+            Places in the row, from 0.
+
+        Returns
+        -------
+        Array
+            Numbers, (n, len(places)).
+
         Raises
         ------
         InputError
@@ -86,15 +96,48 @@ class TextTable:
         return f"{self.path} cannot be read as rows of numbers; export it again"
 
     def texts(self, place: int) -> list[str]:
-        """Return one column as it is written."""
+        """Return one column as it is written.
+
+        Parameters
+        ----------
+        place : int
+            Place in the row, from 0.
+
+        Returns
+        -------
+        list of str
+            Texts, one to a row or field.
+        """
         return [self.dialect.fields(line)[place] for _, line in self.lines]
 
     def where(self, row: int) -> str:
-        """Say where a row stands in the file."""
+        """Say where a row stands in the file.
+
+        Parameters
+        ----------
+        row : int
+            Number of the row, from 0.
+
+        Returns
+        -------
+        str
+            Words.
+        """
         return f"{self.path}, line {self.lines[row][0]}"
 
     def is_text(self, place: int) -> bool:
-        """Return whether the first row has no number there."""
+        """Return whether the first row has no number there.
+
+        Parameters
+        ----------
+        place : int
+            Place in the row, from 0.
+
+        Returns
+        -------
+        bool
+            The answer.
+        """
         return not self.dialect.numbers(self.lines[0][1])[place]
 
 

@@ -20,9 +20,9 @@ RATE = 100.0  # Hz; rows that come faster are averaged to ticks of about this ra
 # span of the variance's window, and of the shortest interval, which is a window shorter
 # than its rest: 1 s as the method's authors use it; the other for rests of 1 s
 WINDOWS = (1.0, 0.5)  # s
-# limits of `EvenLog.wander`. Noise of a band f wanders by rate / (2 pi f) at most, and no
-# accelerometer's band is below half a hertz, 0.3 s: measured 1.1 on real sensors, 16 for
-# 1 Hz at 100 Hz, and 80 to 1000 where a slow motion without any rest was taken for one
+# limits of `EvenLog.wander`. Noise of a band f wanders by rate / (2 pi f) at most, and
+# no accelerometer's band is below half a hertz, 0.3 s: measured 1.1 on real sensors, 16
+# for 1 Hz at 100 Hz, and 80 to 1000 where a slow motion was taken for a rest
 SLOWEST_NOISE = 0.3  # s
 WHITE = 1.5  # white noise has 1, with 50 ticks less than this in all but 1e-4 of rests
 SLOWEST = 5.0  # Hz; windows of 5 ticks: every rest of tests/test_rates.py still found

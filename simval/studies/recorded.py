@@ -15,20 +15,15 @@ from simval.calibrate import FitResult, calibrate
 from simval.calibrate.diagnosis import Diagnosis, diagnose
 from simval.errors import RefusedError
 from simval.logs import Log
-from simval.poses import PARAMETERS, observability
+from simval.poses import observability
 from simval.statics import (
-    SLOWEST_NOISE,
-    WHITE,
-    WINDOWS,
-    EvenLog,
     Intervals,
     Rest,
-    evened,
     first_samples,
     interval_counts,
     interval_means,
-    variance_magnitude,
 )
+from simval.studies.rests import find_rests, too_few
 from simval.theory.calibration import CalibrationMoments, calibration_moments
 
 _RAIL_SHARE = 0.3
@@ -121,7 +116,7 @@ def calibrate_log(
         the fits is a calibration.
     """
     samples = log.accelerometer
-    even, start, usable = _rests(log, rest, multipliers)
+    even, start, usable = find_rests(log, rest, multipliers)
     best: tuple[float, float, FitResult, Intervals] | None = None
     refusal: RefusedError | None = None
     for multiplier, intervals in _plateau(usable):
@@ -145,7 +140,7 @@ def calibrate_log(
         if best is None or score < best[0]:
             best = (score, multiplier, fit, intervals)
     if best is None:
-        raise refusal or _too_few(0)
+        raise refusal or too_few(0)
     _, multiplier, fit, intervals = best
     means = interval_means(samples, intervals)
     sigma = white_noise(samples, intervals, even.block)
@@ -258,57 +253,9 @@ def _require_unsaturated(log: Log, intervals: Intervals, limit: float | None) ->
             raise RefusedError(msg)
 
 
-def _rests(
-    log: Log, rest: float | None, multipliers: tuple[float, ...]
-) -> tuple[EvenLog, Rest, list[tuple[float, Intervals]]]:
-    # the log on an even clock, its initial rest, and the intervals of each threshold that
-    # has enough: of the longest window that sees them. A short one is trusted only where
-    # the rest is white noise, since in half a second a slow motion, too, looks still
-    count = None if rest is None else log.rows_within(rest)
-    refusal: RefusedError | None = None
-    for window in WINDOWS:
-        even = evened(log.time, log.accelerometer, window)
-        spread = variance_magnitude(even.samples, even.window)
-        try:
-            start = even.initial_rest(count, spread)
-            limit = WHITE if refusal else 1.0 + SLOWEST_NOISE * even.rate
-            if start.found or refusal:
-                _require_noise(log, start, even.wander(start, spread), limit)
-        except RefusedError as error:
-            refusal = refusal or error
-            continue
-        found = [(m, even.intervals(spread, m * start.variance)) for m in multipliers]
-        usable = [(m, part) for m, part in found if len(part) >= PARAMETERS]
-        if usable:
-            return even, start, usable
-        refusal = refusal or _too_few(max(len(part) for _, part in found))
-    raise refusal or _too_few(0)
-
-
-def _require_noise(log: Log, rest: Rest, wander: float, limit: float) -> None:
-    if not wander <= limit:
-        msg = (
-            f"no initial rest found: even where the log is most quiet, from "
-            f"{log.time[rest.start]:.2f} s to {log.time[rest.stop - 1]:.2f} s, its "
-            f"variance is {wander:.3g} times what it is from row to row, and the noise "
-            f"of a sensor at rest leaves {limit:.3g} at most; it is moving there, so "
-            "record with rests, or state the initial one (--rest SECONDS)"
-        )
-        raise RefusedError(msg)
-
-
 def _plateau(found: list[tuple[float, Intervals]]) -> list[tuple[float, Intervals]]:
     # thresholds that agree on the number of rests: one seen at a single threshold
     # only is a rest cut in two, or a slow motion
     counts = [len(intervals) for _, intervals in found]
     agreed = max(counts, key=lambda count: (counts.count(count), count))
     return [entry for entry in found if len(entry[1]) == agreed]
-
-
-def _too_few(most: int) -> RefusedError:
-    return RefusedError(
-        f"at most {most} static interval(s) found, and a calibration needs "
-        f"{PARAMETERS} or more, each from a rest of two seconds or longer; hold the "
-        "sensor still in more poses, or state the initial rest (--rest SECONDS) if it "
-        "was found wrongly"
-    )
