@@ -7,11 +7,13 @@ from typing import Any
 import numpy as np
 from matplotlib.ticker import LogFormatter
 
+from simval.report.layout import LINE, legend_below
 from simval.report.panels import COLOURS, GREY, BarPanel, Panel, Series, SpherePanel
 
 INK = "#010203"
 # label minor ticks only where an axis has less than one decade, and then only some
 MINOR_THRESHOLDS = (1.0, 0.4)
+TICK_LABELS = 0.25  # their height and the space about them, inches
 STEP = 0.012  # of the axis, between points that are set side by side
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -75,8 +77,21 @@ def _(panel: Panel, axes: Any) -> None:
     axes.set_title(panel.title, y=1.0)  # a place of its own costs a third more time
     axes.set_xlabel(panel.x_label)
     axes.set_ylabel(panel.y_label)
-    if any(series.label for series in panel.series):
+    _legend(panel, axes)
+
+
+def _legend(panel: Panel, axes: Any) -> None:
+    """Among the curves, or below the axes where it would hide them."""
+    if not any(series.label for series in panel.series):
+        return
+    if not legend_below(panel):
         axes.legend()
+        return
+    words = LINE * (panel.x_label.count("\n") + 1) + TICK_LABELS
+    height = axes.get_position().height * axes.figure.get_figheight()
+    axes.legend(
+        loc="upper center", bbox_to_anchor=(0.5, -words / height), borderaxespad=0.0
+    )
 
 
 def _drawable(panel: Panel) -> Panel:

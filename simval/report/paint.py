@@ -13,24 +13,20 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from simval.report.axes import INK, paint
-from simval.report.panels import GREY, BarPanel, Drawing
+from simval.report.layout import RIGHT, SIZE, SMALL, TITLE, laid_out
+from simval.report.panels import GREY, Drawing
 
 DOTS_PER_INCH = 160
-# size of a panel and the margins about its axes, inches: fixed, because fitting them
-# to the labels would double the time that a figure takes
-WIDTH, HEIGHT = 4.3, 3.6
-LEFT, RIGHT, BOTTOM, TOP = 0.85, 0.15, 0.55, 0.35
-NAMES = 0.9  # more at the left, for the names of bars
 STYLE: dict[str, Any] = {
     "svg.fonttype": "none",
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],  # its metrics; a reader without it has another
-    "font.size": 10,
+    "font.size": SIZE,
     "text.color": INK,
     "axes.edgecolor": INK,
     "axes.labelcolor": INK,
     "axes.titlecolor": INK,
-    "axes.titlesize": 11,
+    "axes.titlesize": TITLE,
     "axes.grid": True,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -40,7 +36,7 @@ STYLE: dict[str, Any] = {
     "grid.alpha": 0.35,
     "grid.linewidth": 0.5,
     "legend.frameon": False,
-    "legend.fontsize": 8.5,
+    "legend.fontsize": SMALL,
     "figure.facecolor": "none",
     "axes.facecolor": "none",
     "savefig.facecolor": "none",
@@ -159,20 +155,18 @@ def _rounded(tag: re.Match[str]) -> str:
 def _figure(drawing: Drawing) -> Figure:
     columns = min(len(drawing.panels), drawing.columns)
     rows = -(-len(drawing.panels) // columns)
-    named = any(isinstance(panel, BarPanel) for panel in drawing.panels)
-    left = LEFT + NAMES if named else LEFT
-    wide = drawing.columns == 1
-    each = HEIGHT * 0.7 if wide else HEIGHT
-    width, height = WIDTH * columns * (2 if wide else 1), each * rows
+    room = laid_out(drawing)
+    width, height = room.width * columns, room.height * rows
     figure = Figure(figsize=(width, height))
+    beside, above = room.left + RIGHT, room.bottom + room.top
     figure.subplots_adjust(
-        left=left / width,
+        left=room.left / width,
         right=1.0 - RIGHT / width,
-        bottom=BOTTOM / height,
-        top=1.0 - TOP / height,
-        wspace=(left + RIGHT) / (width / columns - left - RIGHT),
-        hspace=(BOTTOM + TOP) / (each - BOTTOM - TOP),
+        bottom=room.bottom / height,
+        top=1.0 - room.top / height,
+        wspace=beside / (room.width - beside),
+        hspace=above / (room.height - above),
     )
-    for i, panel in enumerate(drawing.panels):
+    for i, panel in enumerate(room.drawing.panels):
         paint(panel, figure.add_subplot(rows, columns, i + 1))
     return figure

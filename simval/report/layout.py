@@ -1,0 +1,196 @@
+"""Room for the words of a figure: what is too long is broken into lines.
+
+The size of a panel is fixed; titles, axis labels, names of bars and legends are broken
+at the width they have, and the margins grow with the lines. Widths are those of DejaVu
+Sans; `SLACK` is kept for readers that show another font.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+from matplotlib.font_manager import FontProperties
+from matplotlib.textpath import text_to_path
+
+from simval.report.panels import AnyPanel, BarPanel, Drawing, Panel
+
+# size of a panel and the least margins about its axes, inches
+WIDTH, HEIGHT = 4.3, 3.6
+LEFT, RIGHT, BOTTOM, TOP = 0.85, 0.15, 0.55, 0.35
+NAMES = 1.6  # at most, for the names of bars
+TICK = 0.15  # between a name and its axis
+POINTS = 72.0  # in an inch
+LINE = 0.18  # from one line of words to the next
+SIZE, TITLE, SMALL = 10.0, 11.0, 8.5  # of labels, titles and legends, points
+HANDLE = 0.6  # a legend's mark and the space about it
+INSIDE = 9  # lines of a legend that leave the curves their place
+SLACK = 0.92
+"""Share of the room that is used: Liberation Sans and Arial are narrower, Verdana is
+as wide as DejaVu Sans."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Layout:
+    """A drawing with its words in lines, and the room that they need, in inches.
+
+    Attributes
+    ----------
+    drawing : Drawing
+        With line breaks in its words.
+    left, bottom, top : float
+        Margins about the axes of each panel.
+    width, height : float
+        Of each panel with its margins.
+    """
+
+    drawing: Drawing
+    left: float
+    bottom: float
+    top: float
+    width: float
+    height: float
+
+
+def laid_out(drawing: Drawing) -> Layout:
+    """Break the words of a drawing into lines and find the margins.
+
+    Parameters
+    ----------
+    drawing : Drawing
+        What is to be drawn.
+
+    Returns
+    -------
+    Layout
+        All panels have the same margins.
+    """
+    wide = drawing.columns == 1
+    width = WIDTH * (2 if wide else 1)
+    up = HEIGHT * (0.7 if wide else 1.0) - BOTTOM - TOP
+    panels = [_names_broken(panel) for panel in drawing.panels]
+    up = max(up, *(LINE * _rows(panel) for panel in panels))
+    panels = [_changed(panel, "y_label", up) for panel in panels]
+    sides = [_names_width(panel) + LINE * _more(panel, "y_label") for panel in panels]
+    left = LEFT + max(sides)
+    axes = width - left - RIGHT
+    for word in ("title", "x_label"):
+        panels = [_changed(panel, word, axes) for panel in panels]
+    panels = [_legend_broken(panel, axes) for panel in panels]
+    top = TOP + LINE * max(_more(panel, "title") for panel in panels)
+    under = [_more(panel, "x_label") + legend_below(panel) for panel in panels]
+    bottom = BOTTOM + LINE * max(under)
+    return Layout(
+        drawing=replace(drawing, panels=panels),
+        left=left,
+        bottom=bottom,
+        top=top,
+        width=width,
+        height=up + bottom + top,
+    )
+
+
+def legend_below(panel: AnyPanel) -> int:
+    """Lines of a legend that has no place within the axes.
+
+    Parameters
+    ----------
+    panel : Panel, SpherePanel or BarPanel
+        With its words in lines.
+
+    Returns
+    -------
+    int
+        0 where it stands among the curves.
+    """
+    if not isinstance(panel, Panel):
+        return 0
+    lines = sum(s.label.count("\n") + 1 for s in panel.series if s.label)
+    return lines if lines > INSIDE else 0
+
+
+def broken(text: str, room: float, size: float = SIZE) -> str:
+    """Break words into lines, between them or, where one is too long, within.
+
+    Parameters
+    ----------
+    text : str
+        Words.
+    room : float
+        Width of a line, inches.
+    size : float, default 10
+        Of the letters, points.
+
+    Returns
+    -------
+    str
+        Lines.
+    """
+    lines = [""]
+    for word in text.split(" "):
+        longer = f"{lines[-1]} {word}" if lines[-1] else word
+        if _width(longer, size) <= SLACK * room:
+            lines[-1] = longer
+            continue
+        lines += [word] if lines[-1] else []
+        lines[-1] = word
+        while _width(lines[-1], size) > SLACK * room and len(lines[-1]) > 1:
+            most = _fitting(lines[-1], room, size)
+            lines[-1:] = [lines[-1][:most], lines[-1][most:]]
+    return "\n".join(lines)
+
+
+def _fitting(word: str, room: float, size: float) -> int:
+    """Letters of a word that fit a line, one at least."""
+    fit = (n for n in range(len(word), 1, -1) if _width(word[:n], size) <= SLACK * room)
+    return next(fit, 1)
+
+
+@cache
+def _width(text: str, size: float) -> float:
+    font = FontProperties(family="DejaVu Sans", size=size)
+    width, _, _ = text_to_path.get_text_width_height_descent(text, font, False)
+    return float(width) / POINTS
+
+
+def _changed(panel: AnyPanel, word: str, room: float) -> AnyPanel:
+    if not hasattr(panel, word):
+        return panel
+    size = TITLE if word == "title" else SIZE
+    changes: Any = {word: broken(getattr(panel, word), room, size)}
+    return replace(panel, **changes)
+
+
+def _more(panel: AnyPanel, word: str) -> int:
+    """Lines beyond the first, which the least margin holds."""
+    return str(getattr(panel, word, "")).count("\n")
+
+
+def _names_broken(panel: AnyPanel) -> AnyPanel:
+    if not isinstance(panel, BarPanel):
+        return panel
+    return replace(panel, names=[broken(name, NAMES) for name in panel.names])
+
+
+def _names_width(panel: AnyPanel) -> float:
+    """What the names of bars need beyond the place of a number."""
+    if not isinstance(panel, BarPanel):
+        return 0.0
+    lines = [line for name in panel.names for line in name.split("\n")]
+    widest = max((_width(line, SIZE) for line in lines), default=0.0)
+    return max(0.0, widest / SLACK + TICK - LEFT)
+
+
+def _rows(panel: AnyPanel) -> int:
+    """Lines that the names of bars take, a little apart."""
+    if not isinstance(panel, BarPanel):
+        return 0
+    return max(name.count("\n") + 1 for name in panel.names) * len(panel.names)
+
+
+def _legend_broken(panel: AnyPanel, axes: float) -> AnyPanel:
+    if not isinstance(panel, Panel):
+        return panel
+    series = [
+        replace(s, label=broken(s.label, axes - HANDLE, SMALL)) for s in panel.series
+    ]
+    return replace(panel, series=series)
