@@ -1,4 +1,4 @@
-"""Every workflow in the documentation, line by line, as a runner would go through it."""
+"""Every workflow in the documentation, line by line, as a runner does."""
 
 import os
 import re
