@@ -205,7 +205,7 @@ def test_a_failing_check_comes_first_with_its_figure(tiny_run):
     assert first["statistic"] == "bias[x]"
     assert f'id="figure-{first["figure"]}"' in page
     name = first["reproduce the cell"]
-    assert name == f"simval repro '{run.cells[3].name}'"
+    assert name == f"simval repro --run tiny '{run.cells[3].name}'"
 
 
 def test_a_pooled_check_that_fails_needs_no_cell(tiny_run, undrawn):

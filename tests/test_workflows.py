@@ -1,4 +1,4 @@
-"""Every workflow of the documentation, line by line, as a runner goes through it."""
+"""Every workflow in the documentation, line by line, as a runner does."""
 
 import os
 import re

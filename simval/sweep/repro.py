@@ -2,7 +2,10 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
 
 from simval.errors import InputError
 from simval.plugins.command import COMMAND
@@ -179,5 +182,13 @@ def repeat(cell: Cell, run: Run | None) -> Repetition:
 
 
 def _same(old: Row, new: Row | None) -> bool:
-    # repr tells every two different floats apart and NaN is the same as NaN
-    return new is not None and repr(old) == repr(new)
+    return new is not None and all(
+        _exact(getattr(old, f.name)) == _exact(getattr(new, f.name))
+        for f in fields(Row)
+    )
+
+
+def _exact(value: Any) -> str:
+    # repr tells every two different floats apart, and NaN is the same as NaN; a study
+    # may leave NumPy's numbers, of which the store makes plain ones
+    return repr(value.item() if isinstance(value, np.generic) else value)

@@ -1,0 +1,254 @@
+"""Exit code 2: what cannot be read is refused in words, before anything is made."""
+
+import re
+import shlex
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from simval.errors import InputError
+from simval.gate import judge_run
+from simval.plugins.errors import UnusablePluginError
+from simval.report.section import Context
+from simval.report.sections import checks
+from simval.sweep import executors, load_run, load_suite, run_suite, store
+
+ROOT = Path(__file__).resolve().parents[1]
+
+SUITES = {
+    "file": "[estimator]\nalgorithm = 'gone.py'\n",
+    "named": "[estimator]\nalgorithm = ['gone.py:one', 'gone.py:two']\n",
+    "scene": "[custom_scene]\nscene = 'gone.py'\n",
+    "program": "[calibrator]\nalgorithm = 'command: ./gone {poses}'\n",
+    "package": "[calibrator]\nalgorithm = 'gone'\n",
+    "nothing": "[calibrator]\nposes = 24\n",
+}
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """A folder with inputs of every unreadable kind; the working folder."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("dir", "dir.py", "run"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "empty").write_bytes(b"")
+    for name in ("binary", "binary.py", "run/run.sqlite"):
+        (tmp_path / name).write_bytes(bytes(range(256)) * 40)
+    (tmp_path / "broken.py").write_text("x = (")
+    (tmp_path / "none.py").write_text("x = 1\n")
+    (tmp_path / "good.toml").write_text("[attitude]\nsamples = 65_536\n")
+    (tmp_path / "short.csv").write_text("1,2\n")
+    for name, text in SUITES.items():
+        (tmp_path / f"{name}.toml").write_text(text)
+    return tmp_path
+
+
+INPUTS = ("gone", "dir", "empty", "binary")
+
+TABLE = {
+    "a suite": [f"sweep {name} --out out" for name in INPUTS],
+    "a plug-in of a suite": [
+        line
+        for name in SUITES
+        for line in (f"sweep {name}.toml --out out", f"sweep {name}.toml --dry-run")
+    ],
+    "no plug-in": [
+        f"sweep good.toml --out out --plugin {shlex.quote(plugin)}"
+        for plugin in (
+            *("gone.py", "gone.py:x", "dir.py", "gone", "a,b.py", ""),
+            *("command: ./gone {poses}", "command: gone {poses}", "command: ls"),
+            *("command: ", "command: 'ls {poses}"),
+        )
+    ],
+    "a run": [
+        line
+        for name in (*INPUTS, "run")
+        for line in (
+            *(f"report {name}", f"gate {name}", f"compare {name} {name}"),
+            *(f"export {name}", f"repro --run {name} 'attitude()@1'"),
+        )
+    ],
+    "a cell": [
+        "repro 'estimator(algorithm=gone.py)@1'",
+        "repro 'estimator(algorithm=gone)@1'",
+        "repro 'custom_scene(scene=gone.py)@1'",
+        "repro 'calibrator(algorithm=command: ./gone {poses})@1'",
+        "repro 'attitude()@1' --plugin gone.py",
+    ],
+    "data": [
+        line
+        for name in (*INPUTS, "short.csv")
+        for line in (
+            *(f"calibrate {name}", f"correct short.csv --calibration {name}"),
+            *(f"plan --noise-std 1 --{key} {name}" for key in ("directions", "sensor")),
+            f"scene --sensor {name}",
+        )
+    ],
+    "options that would be ignored": [
+        *("sweep good.toml --resume", "report run --only attitude"),
+        "sweep good.toml --scheduler tcp://127.0.0.1:1 --workers 2",
+        *("gate run --baseline x --no-baseline", "selftest --quick --rates"),
+        *("selftest --share 0.5", "plan --noise-std 1 --hold 2"),
+        "plan --poses faces --directions short.csv --noise-std 1",
+        *("scene --seed 3", "scene --seconds 3"),
+    ],
+}
+
+
+@pytest.mark.parametrize("kind", TABLE)
+def test_what_cannot_be_used_is_exit_code_2(kind, here, simval):
+    before = sorted(here.rglob("*"))
+    for line in TABLE[kind]:
+        code, _, err = simval(*shlex.split(line))
+        assert code == 2, line
+        assert re.search(r"(?i)error: .{15}", err), line
+        assert "Traceback" not in err
+        assert sorted(here.rglob("*")) == before, line
+
+
+@pytest.mark.slow  # a process for each file
+def test_a_file_that_is_no_plugin_is_exit_code_2(here, simval):
+    for name in ("broken.py", "none.py", "none.py:x", "binary.py"):
+        code, _, err = simval("sweep", "good.toml", "--plugin", name, "--out", "out")
+        assert (code, (here / "out").exists()) == (2, False), err
+
+
+def test_a_plugin_that_cannot_be_loaded_is_one_kind_of_error():
+    assert UnusablePluginError.exit_code == InputError.exit_code == 2
+
+
+def refused(*arguments):
+    msg = "there is no scheduler"
+    raise InputError(msg)
+
+
+@pytest.mark.parametrize("where", ["connection", "store", "interrupt"])
+def test_a_start_that_fails_leaves_no_folder(
+    where, tiny_suite, tmp_path, simval, monkeypatch
+):
+    words = ["sweep", tiny_suite, "--out", tmp_path / "deep" / "run", "--quiet"]
+    more, code = [], 2
+    if where == "connection":
+        pytest.importorskip("distributed", reason="the extra `cluster` is missing")
+        monkeypatch.setattr(executors, "CONNECT_TIMEOUT", 0.5)
+        more = ["--scheduler", "tcp://127.0.0.1:1"]
+    elif where == "store":
+        monkeypatch.setattr(store, "create", refused)
+    else:
+
+        def interrupted(*arguments):
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr(store, "create", interrupted)
+        code = 130
+    assert simval(*words, *more)[0] == code
+    assert not (tmp_path / "deep" / "run").exists()
+    monkeypatch.undo()
+    assert simval(*words, "--workers", 1)[0] == 0  # nothing is in the way
+
+
+def test_a_cell_that_crashes_again_is_exit_code_4(simval, tiny_run, monkeypatch):
+    def broken(cell):
+        msg = "on purpose"
+        raise RuntimeError(msg)
+
+    monkeypatch.setattr(executors, "execute", broken)
+    name = load_run(tiny_run).cells[0].name
+    code, _, err = simval("repro", "--run", tiny_run, name)
+    assert code == 4
+    assert "RuntimeError: on purpose" in err
+    assert f"the cell crashed: {name}" in err
+
+
+def unfinished(tmp_path, monkeypatch, simval, seeds=30):
+    """A run of sixty cells that was stopped before the third."""
+    execute, done = executors.execute, []
+
+    def stopping(cell):
+        done.append(cell)
+        if len(done) > 2:
+            raise KeyboardInterrupt
+        return execute(cell)
+
+    monkeypatch.setattr(executors, "execute", stopping)
+    suite = tmp_path / "many.toml"
+    suite.write_text(
+        f"seed = {list(range(1, seeds + 1))}\n"
+        "[attitude]\nnoise_std = [0.01, 0.02]\nsamples = 65_536\n"
+    )
+    run = tmp_path / "my run"
+    assert simval("sweep", suite, "--out", run, "--workers", 1)[0] == 130
+    monkeypatch.undo()
+    return run
+
+
+def test_what_was_never_run_is_one_line(simval, tmp_path, monkeypatch):
+    run = unfinished(tmp_path, monkeypatch, simval)
+    files = [tmp_path / name for name in ("g.md", "g.xml")]
+    words = ("--no-baseline", "--summary", files[0], "--junit", files[1])
+    code, out, _ = simval("gate", run, *words)
+    assert code == 3
+    lines = out.splitlines()
+    assert len(lines) <= 3  # it, the note, and the answer
+    assert "58 cells were never run" in lines[0]
+    assert f"--out '{run}' --resume" in lines[0]
+    for file in files:
+        assert file.read_text().count("never run") <= 2  # message and text of one
+    assert simval("report", run)[0] == 0
+    page = (run / "report.html").read_text(encoding="utf-8")
+    assert page.count("never run") == 1
+
+
+def commands_of(run):
+    """What the page gives to compute the cells of its checks again."""
+    context = Context(run=run, judged=judge_run(run), titles={})
+    (table,) = [t for t in checks.section(context).tables if t.name == "verdicts"]
+    place = [column.title for column in table.columns].index("reproduce the cell")
+    return {row[place] for row in table.rows if "simval" in row[place]}
+
+
+def test_the_page_s_commands_name_the_run(simval, tiny_run, monkeypatch):
+    run = load_run(tiny_run)
+    for folder, name in ((tiny_run.parent, "tiny"), (tiny_run.parents[1], None)):
+        monkeypatch.chdir(folder)
+        name = name or str(tiny_run.relative_to(folder))
+        commands = commands_of(run)
+        assert len(commands) == len(run.cells)
+        assert all(c.startswith(f"simval repro --run {name} ") for c in commands)
+    for command in commands:  # as it stands there; every study's rows are equal
+        code, out, _ = simval(*shlex.split(command)[1:])
+        assert code == 0, out
+    # from elsewhere the run is named, and never by its folders
+    monkeypatch.chdir(ROOT)
+    assert all(c.startswith("simval repro --run tiny ") for c in commands_of(run))
+
+
+def test_junit_has_times_and_classes_in_one_piece(simval, tiny_run, tmp_path):
+    file = tmp_path / "g.xml"
+    simval("gate", tiny_run, "--no-baseline", "--junit", file)
+    root = ElementTree.parse(file).getroot()
+    cells = {c.name: c.seconds for c in load_run(tiny_run).cells}
+    found = {}
+    for case in root.iter("testcase"):
+        assert "." not in case.get("classname")
+        name = case.get("classname").replace("\N{MIDDLE DOT}", ".")
+        found[name] = found.get(name, 0.0) + float(case.get("time"))
+    count = len(list(root.iter("testcase")))
+    for name, seconds in cells.items():
+        # six decimals of each
+        assert found[name] == pytest.approx(seconds, abs=count * 1e-6)
+    for suite in root:
+        times = [float(case.get("time")) for case in suite]
+        assert float(suite.get("time")) == pytest.approx(sum(times), abs=count * 1e-6)
+    assert float(root.get("time")) == pytest.approx(
+        sum(cells.values()), abs=count * 1e-6
+    )
+
+
+def test_a_missing_plugin_is_refused_from_python(tmp_path):
+    suite = tmp_path / "s.toml"
+    suite.write_text(SUITES["file"])
+    with pytest.raises(InputError, match=r"`estimator\.algorithm`: the file .*gone"):
+        run_suite(load_suite(str(suite)), tmp_path / "run")
+    assert not (tmp_path / "run").exists()

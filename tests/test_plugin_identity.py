@@ -1,0 +1,245 @@
+"""A plug-in is who it is, not where it lies: names, streams, stores, tables, pages."""
+
+import json
+import os
+import re
+import shlex
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from simval.errors import InputError
+from simval.results import Outcome, Row
+from simval.studies.files import portable, without_folders
+from simval.sweep import executors, load_run, load_suite, provenance, run_suite
+from simval.sweep.repro import find_cell
+from simval.sweep.suite import expand
+
+ROOT = Path(__file__).resolve().parents[1]
+EXAMPLES = ROOT / "docs" / "examples"
+
+SUITE = """
+[estimator]
+algorithm = "plug/align.py"
+
+[calibrator]
+algorithm = "command: python plug/command.py {poses} {g}"
+
+[custom_scene]
+scene = "plug/scene.py"
+"""
+
+
+@pytest.fixture
+def checkouts(tmp_path, monkeypatch):
+    """The same suite with the same plug-ins in two folders; cells cost nothing.
+
+    What a cell gives is drawn from its streams, so that equal numbers mean equal
+    streams; the calibrator's crashes, and tells of its file.
+    """
+
+    def drawn(cell):
+        if cell.study == "calibrator":
+            raise FileNotFoundError(
+                2, "gone", shlex.split(cell.parameters.algorithm)[2]
+            )
+        value = float(cell.streams.block(0).standard_normal())
+        return Outcome(rows=(Row(statistic="drawn", value=value, n=1, unit="1"),))
+
+    monkeypatch.setattr(executors, "execute", drawn)
+    folders = [tmp_path / "one" / "proj", tmp_path / "some where" / "else" / "proj"]
+    for folder in folders:
+        (folder / "plug").mkdir(parents=True)
+        for name in ("align.py", "command.py"):
+            shutil.copy(EXAMPLES / name, folder / "plug")
+        (folder / "plug" / "scene.py").write_text("x = 1\n")
+        (folder / "suite.toml").write_text(SUITE)
+    return folders
+
+
+def test_two_checkouts_compare(checkouts, simval):
+    runs = [folder / "run" for folder in checkouts]
+    for folder, run in zip(checkouts, runs, strict=True):
+        simval("sweep", folder / "suite.toml", "--out", run, "--workers", 1, "--quiet")
+    a, b = map(load_run, runs)
+    assert [c.name for c in a.cells] == [c.name for c in b.cells]
+    assert [c.parameters for c in a.cells] == [c.parameters for c in b.cells]
+    # the noise does not depend on the folder either
+    drawn = [[row.value for c in run.cells for row in c.rows] for run in (a, b)]
+    assert drawn[0] == drawn[1]
+    assert len(drawn[0]) == 2
+    code, out, _ = simval("compare", *runs)
+    assert code == 0
+    assert "0 of 2 common statistics changed" in out
+    assert "only in" not in out
+    for name in ("results.csv", "manifest.json"):
+        assert (runs[0] / name).read_bytes() == (runs[1] / name).read_bytes()
+
+
+def test_nothing_that_is_shown_tells_of_folders(checkouts, simval, monkeypatch):
+    pytest.importorskip("pyarrow")
+    folder = checkouts[1]
+    run = folder / "run"
+    monkeypatch.chdir(folder)
+    simval("sweep", "suite.toml", "--out", "run", "--workers", 1, "--quiet")
+    simval("report", "run")
+    simval("export", "run")
+    simval("gate", "run", "--json", "g.json", "--junit", "g.xml", "--summary", "g.md")
+    simval("compare", "run", "run", "--out", "compared.html")
+    files = [
+        *(p for p in run.iterdir() if p.name != "timing.json"),
+        *folder.glob("g.*"),
+    ]
+    assert len(files) >= 8
+    for file in (*files, folder / "compared.html"):
+        content = file.read_bytes()
+        for place in (folder.parents[1], ROOT, Path.home()):
+            assert str(place).encode() not in content, (file, place)
+    assert "command.py" in load_run(run).cells[1].error  # which file is still told
+
+
+def test_a_cell_is_found_again_where_its_plugin_lay(checkouts):
+    folder = checkouts[0]
+    run_suite(str(folder / "suite.toml"), folder / "run")
+    run = load_run(folder / "run")
+    for cell in run.cells:
+        found = find_cell(cell.name, run)
+        assert found.name == cell.name
+        values = " ".join(map(str, found.parameters.model_dump().values()))
+        assert str(folder / "plug") in values
+    # elsewhere now: refused with the place, until it is given
+    moved = folder / "plug" / "moved"
+    moved.mkdir()
+    for name in ("align.py", "command.py", "scene.py"):
+        (folder / "plug" / name).rename(moved / name)
+    given = {
+        "estimator": f"{moved}/align.py",
+        "calibrator": f"command: python {moved}/command.py {{poses}} {{g}}",
+        "custom_scene": f"{moved}/scene.py",
+    }
+    for cell in run.cells:
+        with pytest.raises(InputError, match=r"plug/.* does not exist; .*--plugin"):
+            find_cell(cell.name, run)
+        found = find_cell(cell.name, run, [given[cell.study]])
+        assert found.name == cell.name
+        assert str(moved) in str(found.parameters.model_dump())
+        with pytest.raises(InputError, match=r"has no plug-in `other\.py`"):
+            find_cell(cell.name, run, ["other.py"])
+
+
+def test_an_unfinished_run_knows_where_its_plugins_lie(checkouts, monkeypatch):
+    def interrupted(cell):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(executors, "execute", interrupted)
+    folder = checkouts[0]
+    with pytest.raises(KeyboardInterrupt):
+        run_suite(str(folder / "suite.toml"), folder / "run")
+    run = load_run(folder / "run")
+    assert run.timing == {}
+    text = find_cell(run.cells[0].name, run).parameters.algorithm
+    assert text == str(folder / "plug" / "align.py")
+
+
+def test_a_store_of_an_earlier_version_is_read_without_its_paths(checkouts):
+    from simval.sweep import store
+
+    folder = checkouts[0]
+    run_suite(str(folder / "suite.toml"), folder / "run")
+    before = load_run(folder / "run").cells[0].parameters
+    with store.opened(folder / "run" / "run.sqlite") as database, database:
+        old = json.dumps({**before, "algorithm": "/home/me/plug/align.py"})
+        database.execute("UPDATE cells SET parameters = ? WHERE position = 0", (old,))
+    assert load_run(folder / "run").cells[0].parameters == before
+
+
+def test_files_of_one_name_are_told_apart(tmp_path):
+    for folder, text in (("a", "x = 1\n"), ("b", "x = 2\n")):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "mine.py").write_text(text)
+    places = {name: str(tmp_path / name / "mine.py") for name in "ab"}
+    grid = {"estimator": {"algorithm": places["a"]}, "calibrator": {"algorithm": ""}}
+    assert list(provenance.file_hashes(grid)) == ["mine.py"]
+    grid["calibrator"]["algorithm"] = places["b"]
+    both = provenance.file_hashes(grid)
+    assert list(both) == ["mine.py of calibrator", "mine.py of estimator"]
+    grid["estimator"], grid["calibrator"] = grid["calibrator"], grid["estimator"]
+    assert provenance.file_hashes(grid) != both  # exchanged is not the same
+    with pytest.raises(InputError, match="rename one of the files"):
+        expand("s", {"estimator": {"algorithm": list(places.values())}})
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("attitude.noise_std", "0.01 m/s^2"),
+        ("attitude.samples", "../65536"),
+        ("calibration.poses", "C:\\\\12"),
+        ("calibration.scene", "/gimbal"),
+        ("estimator.noise_std", "1/100"),
+        ("custom_scene.time_limit", "limit.toml"),
+    ],
+)
+def test_only_fields_that_name_files_are_paths(tmp_path, key, value):
+    study, _, field = key.partition(".")
+    suite = tmp_path / "s.toml"
+    for text in (f'"{value}"', f'["{value}"]'):
+        suite.write_text(f'title = "m/s.py"\n[{study}]\n{field} = {text}\n')
+        with pytest.raises(InputError) as caught:
+            load_suite(str(suite))
+        words = str(caught.value).removeprefix(f"suite {suite}").replace("\\\\", "\\")
+        assert f"`{key}`" in words
+        assert f"(given '{value.replace(chr(92) * 2, chr(92))}')" in words
+        assert str(tmp_path) not in words
+        assert "leaves the folder" not in words
+
+
+@pytest.mark.parametrize(
+    ("text", "left"),
+    [
+        ('File "/home/u/x/mine.py", line 3', 'File "x/mine.py", line 3'),
+        ("'/home/u/my stuff/a b.csv'", "'my stuff/a b.csv'"),
+        ("PATH=/usr/bin:/home/u/bin/x", "PATH=bin:bin/x"),
+        ("file:///home/u/a.txt", "file://a.txt"),
+        ("/etc/x, /opt/a/b", "x, b"),
+        *((same, same) for same in ("0.01 m/s^2", "rad/s /m", "1 / 2 / 3", "../x/y")),
+        *((same, same) for same in ("https://h.org/a/b", "tcp://h:8786", "~/x/y")),
+    ],
+)
+def test_a_text_without_folders(text, left):
+    assert without_folders(text, ["/home/u", "/"]) == left
+    assert without_folders(left, ["/home/u", "/"]) == left
+
+
+def _random_name(rng):
+    letters = list("abcxyz059._- äß'")
+    word = "".join(rng.choice(letters, size=rng.integers(1, 9)))
+    return f"n{word.strip()}"
+
+
+@pytest.mark.slow
+def test_a_name_is_the_same_in_any_folder():
+    # a thousand random folders, files and kinds of value, with a fixed seed
+    rng = np.random.default_rng(12)
+    for _ in range(1000):
+        places = [
+            os.path.join("/", *(_random_name(rng) for _ in range(rng.integers(1, 6))))
+            for _ in range(2)
+        ]
+        file, inner = f"{_random_name(rng)}.py", _random_name(rng)
+        quoted = re.sub(r"([^\w/.-])", r"\\\1", file)
+        for form in (
+            "{place}/" + file,
+            "{place}/" + file + f":{inner}",
+            "command: {quoted}/" + quoted + " {{poses}} --g {{g}} m/s",
+            "command: python {quoted}/" + quoted + " {{log}}",
+        ):
+            names = set()
+            for place in places:
+                escaped = re.sub(r"([^\w/.-])", r"\\\1", place)
+                names.add(portable(form.format(place=place, quoted=escaped)))
+            (name,) = names
+            assert not any(place in name for place in places)
+            assert portable(name) == name
