@@ -128,6 +128,19 @@ def test_table_of_cases(case, axis, angle, r1, r2):
         assert attitude_error(q, found.q) < 40 * EPS
 
 
+@pytest.mark.parametrize("near", [0, 1])
+def test_an_axis_close_to_a_vector_is_taken_from_the_other(near):
+    """Case D with one half difference of 1e-8, so known to 1e-8 of itself only."""
+    r = np.stack([X, normalize(X + Y)])
+    axis = normalize(r[near] + 1e-8 * r[1 - near])
+    q = np.append(axis, 0.0)
+    A = attitude_matrix(q)
+    found = singular_solution(A @ r[0], A @ r[1], *r)
+    assert Case(int(found.case)) is Case.D
+    # rounding of the vectors over the longer difference, sine 0.7
+    assert attitude_error(q, found.q) < 40 * EPS
+
+
 def test_empty_batches():
     none = np.empty((0, 3))
     assert singular_solution(none, none, none, none).q.shape == (0, 4)
