@@ -202,6 +202,12 @@ def test_the_mask_at_the_edges_of_its_limits():
         A = attitude_matrix(np.array([0, 0, np.sin(half), np.cos(half)]))
         assert code(A @ x, A @ y, x, y, "plain") is expected
         assert code(A @ x, A @ y, x, y) is Validity.VALID
+    # ... and a sample near one that is singular is judged by itself
+    q = np.array([[0, 0, np.sin(half), np.cos(half)] for half in (0.0, 1e-6)])
+    A = attitude_matrix(q)
+    found = estimate_attitude(A @ x, A @ y, x, y, "plain")
+    assert found.valid.tolist() == [False, True]
+    assert attitude_error(q[1], found.q[1]) < 8 * EPS / 1e-6
     assert code(1e60 * x, y, 1e60 * x, y) is Validity.LENGTH
     assert code(1e-60 * x, y, 1e-60 * x, y) is Validity.LENGTH
     assert code(np.full(3, 1e300), y, np.full(3, 1e300), y) is Validity.LENGTH

@@ -146,12 +146,27 @@ def test_nothing_measured_never_passes():
     assert overall(judge([("cell", changed(check="record"))])) == "inconclusive"
 
 
+def test_every_row_gets_its_own_verdict_in_order():
+    rows = [
+        ("limit", changed(check="limit", prediction=1.0)),
+        ("few", changed(n=9)),
+        ("plain", changed()),
+        ("nees", changed(check="nees")),
+    ]
+    found = judge([("left out", changed(check="record")), *rows])
+    assert [(verdict.cell, verdict.row) for verdict in found] == rows
+
+
 def test_checks_without_chance():
     exact = changed(value=1.05, prediction=1.0, remainder=0.1, check="exact")
     limit = changed(value=2.0, prediction=1.0, check="limit")
     first, second = judge([("a", exact), ("b", limit)])
     assert (first.answer, second.answer) == ("pass", "fail")
     assert "above the limit" in second.reason
+    assert (first.limit, second.limit) == (0.1, 1.0)
+    (third,) = judge([("c", dataclasses.replace(exact, value=1.25))])
+    assert third.answer == "fail"
+    assert "1.25 is 0.25 from 1; 0.1 is allowed" in third.reason
     assert first.p_value is None
 
 
