@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from simval.attitude import Validity, estimate_attitude, two_vector_quaternion
+from simval.attitude.checks import block_validity
 from simval.attitude.kernel import raw_quaternion
 from simval.errors import GeometryError, InputError
 from simval.geometry import (
@@ -169,6 +170,24 @@ def test_length_tolerance():
     two_vector_quaternion(1e9 * x, y, x, y, length_tolerance=np.inf)
     with pytest.raises(InputError, match="`length_tolerance`"):
         two_vector_quaternion(x, y, x, y, length_tolerance=float("nan"))
+
+
+def test_a_block_without_a_bad_sample_has_no_codes():
+    x, y, _ = np.eye(3)
+    for length in (1.0, 9.8):  # the two pairs in the same unit, and in others
+        block = np.concatenate([length * x, y, length * x, y])[:, None]
+        assert block_validity(block, 0.5) is None
+        assert block_validity(block, 0.0) is None  # equal lengths agree exactly
+        block[6] *= 2.0 + 1e-9
+        assert block_validity(block, 0.5).tolist() == [Validity.LENGTHS_DISAGREE]
+
+
+def test_lengths_out_of_range_are_codes_for_a_caller_who_raises_on_underflow():
+    x, y, _ = np.eye(3)
+    with np.errstate(all="raise"):
+        for length in (1e-200, 1e200):
+            found = estimate_attitude(length * x, y, length * x, y)
+            assert Validity(int(found.validity)) is Validity.LENGTH
 
 
 def test_empty_batches():

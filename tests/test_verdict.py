@@ -163,7 +163,7 @@ def test_checks_without_chance():
     first, second = judge([("a", exact), ("b", limit)])
     assert (first.answer, second.answer) == ("pass", "fail")
     assert "above the limit" in second.reason
-    assert (first.limit, second.limit) == (0.1, 1.0)
+    assert (first.limit, second.limit, first.reason) == (0.1, 1.0, "")
     (third,) = judge([("c", dataclasses.replace(exact, value=1.25))])
     assert third.answer == "fail"
     assert "1.25 is 0.25 from 1; 0.1 is allowed" in third.reason

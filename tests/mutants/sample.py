@@ -80,18 +80,18 @@ def drawn(pattern: str, count: int, seed: str) -> dict[str, Change]:
     return sample
 
 
-def survivors(pattern: str, sample: dict[str, Change]) -> list[Change]:
-    """The changes of a sample that no test saw."""
+def survivors(pattern: str, sample: dict[str, Change]) -> dict[str, Change]:
+    """The mutants of a sample that no test saw when they were last run."""
     codes: dict[str, int | None] = {}
     for path in set(generated(pattern).values()):
         data = SourceFileMutationData(path=path)
         data.load()
         codes |= data.exit_code_by_key
-    return [
-        what
+    return {
+        name: what
         for name, what in sample.items()
         if status_by_exit_code[codes[name]] in SURVIVED
-    ]
+    }
 
 
 def kept() -> set[Change]:
@@ -125,6 +125,9 @@ def main() -> int:
     parser.add_argument("packages", nargs="*", help="which; default, all")
     parser.add_argument("--count", type=int, default=200, help="of each; 0 for all")
     parser.add_argument("--seed", default="1", help="of the sample")
+    parser.add_argument(
+        "--again", action="store_true", help="run only what was not seen the last time"
+    )
     parser.add_argument("--jobs", type=int, default=2, help="mutants at a time")
     options = parser.parse_args()
     patterns = packages()
@@ -139,7 +142,11 @@ def main() -> int:
         name: drawn(patterns[name], options.count, f"{options.seed} {name}")
         for name in chosen
     }
-    names = [name for sample in samples.values() for name in sample]
+    names = [
+        name
+        for package, sample in samples.items()
+        for name in (survivors(patterns[package], sample) if options.again else sample)
+    ]
     run = ["mutmut", "run", "--max-children", str(options.jobs), *names]
     with Path("mutants/run.log").open("w", encoding="utf-8") as log:
         done = subprocess.run(
@@ -152,7 +159,7 @@ def main() -> int:
         print("mutmut could not run; see mutants/run.log")
         return 2
     good = [
-        judged(name, sample, survivors(patterns[name], sample))
+        judged(name, sample, list(survivors(patterns[name], sample).values()))
         for name, sample in samples.items()
     ]
     return 0 if all(good) else 1
