@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: report test check nightly lowest sample clean
+.PHONY: report test check nightly mutants lowest sample clean
 
 report: .venv/installed
 	@mkdir -p reports/runs
@@ -23,6 +23,15 @@ nightly: check
 	HYPOTHESIS_PROFILE=nightly $(BIN)/python -m pytest
 	$(BIN)/simval selftest
 	$(BIN)/simval selftest --rates
+	$(MAKE) mutants
+
+# faults put into the code one at a time: a sample of each package, or PACKAGES, COUNT, SEED
+COUNT ?= 200
+SEED ?= 1
+mutants: .venv/installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[nightly]'
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
+	  $(BIN)/python tests/mutants/sample.py --count $(COUNT) --seed $(SEED) $(PACKAGES)
 
 # the committed sample report and the README's figures
 sample: .venv/installed
@@ -45,4 +54,4 @@ lowest:
 	touch $@
 
 clean:
-	rm -rf .venv .venv-lowest dist build .mypy_cache .ruff_cache .pytest_cache
+	rm -rf .venv .venv-lowest dist build mutants .mypy_cache .ruff_cache .pytest_cache

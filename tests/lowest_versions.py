@@ -4,7 +4,13 @@ import sys
 import tomllib
 from pathlib import Path
 
-LINTERS = ("ruff", "mypy", "import-linter", "numpydoc")  # not what the tests run on
+LINTERS = (
+    "ruff",
+    "mypy",
+    "import-linter",
+    "numpydoc",
+    "mutmut",
+)  # not what the tests run on
 
 project = tomllib.loads(Path("pyproject.toml").read_text())["project"]
 wanted = list(project["dependencies"])

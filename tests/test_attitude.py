@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from simval.attitude import Validity, estimate_attitude, two_vector_quaternion
+from simval.attitude.checks import block_validity
 from simval.attitude.kernel import raw_quaternion
 from simval.errors import GeometryError, InputError
 from simval.geometry import (
@@ -171,6 +172,24 @@ def test_length_tolerance():
         two_vector_quaternion(x, y, x, y, length_tolerance=float("nan"))
 
 
+def test_a_block_without_a_bad_sample_has_no_codes():
+    x, y, _ = np.eye(3)
+    for length in (1.0, 9.8):  # the two pairs in the same unit, and in others
+        block = np.concatenate([length * x, y, length * x, y])[:, None]
+        assert block_validity(block, 0.5) is None
+        assert block_validity(block, 0.0) is None  # equal lengths agree exactly
+        block[6] *= 2.0 + 1e-9
+        assert block_validity(block, 0.5).tolist() == [Validity.LENGTHS_DISAGREE]
+
+
+def test_lengths_out_of_range_are_codes_for_a_caller_who_raises_on_underflow():
+    x, y, _ = np.eye(3)
+    with np.errstate(all="raise"):
+        for length in (1e-200, 1e200):
+            found = estimate_attitude(length * x, y, length * x, y)
+            assert Validity(int(found.validity)) is Validity.LENGTH
+
+
 def test_empty_batches():
     none = np.empty((0, 3))
     assert two_vector_quaternion(none, none, none, none).shape == (0, 4)
@@ -202,6 +221,12 @@ def test_the_mask_at_the_edges_of_its_limits():
         A = attitude_matrix(np.array([0, 0, np.sin(half), np.cos(half)]))
         assert code(A @ x, A @ y, x, y, "plain") is expected
         assert code(A @ x, A @ y, x, y) is Validity.VALID
+    # ... and a sample near one that is singular is judged by itself
+    q = np.array([[0, 0, np.sin(half), np.cos(half)] for half in (0.0, 1e-6)])
+    A = attitude_matrix(q)
+    found = estimate_attitude(A @ x, A @ y, x, y, "plain")
+    assert found.valid.tolist() == [False, True]
+    assert attitude_error(q[1], found.q[1]) < 8 * EPS / 1e-6
     assert code(1e60 * x, y, 1e60 * x, y) is Validity.LENGTH
     assert code(1e-60 * x, y, 1e-60 * x, y) is Validity.LENGTH
     assert code(np.full(3, 1e300), y, np.full(3, 1e300), y) is Validity.LENGTH

@@ -85,8 +85,9 @@ def test_comparators_refuse_what_the_estimator_refuses():
             estimator(x, y, x, np.array([0, np.nan, 1]))
         with pytest.raises(InputError, match="differ in length"):
             estimator(x, 9.8 * y, x, y)
-    with pytest.raises(InputError, match="`weights`"):
-        davenport(x, y, x, y, weights=(1.0, float("nan")))
+    for weights in ((1.0, float("nan")), (0.0, 1.0), (1.0, float("inf"))):
+        with pytest.raises(InputError, match="`weights`"):
+            davenport(x, y, x, y, weights=weights)
     bad = np.tile(x, (6000, 1))
     bad[5000] = 0
     with pytest.raises(InputError, match=r"sample \(5000,\)"):

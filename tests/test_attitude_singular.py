@@ -128,6 +128,30 @@ def test_table_of_cases(case, axis, angle, r1, r2):
         assert attitude_error(q, found.q) < 40 * EPS
 
 
+@pytest.mark.parametrize(("share", "case"), [(0.099, Case.D), (0.101, Case.REGULAR)])
+@pytest.mark.parametrize("sine", [1.0, 0.3])
+def test_the_tolerance_is_a_share_of_the_lengths(share, case, sine):
+    # a turn about the normal has |qbar| / |n| = the sine of its half angle; d1 and d2
+    # are as long, and short of the tolerance's zero only for the smaller turn
+    r1, r2 = X, np.array([np.sqrt(1 - sine**2), sine, 0.0])
+    A = attitude_matrix(np.array([0.0, 0.0, share, np.sqrt(1 - share**2)]))
+    found = singular_solution(A @ r1, A @ r2, r1, r2, tolerance=0.1)
+    assert Case(int(found.case)) is (case if case is Case.REGULAR else Case.A)
+
+
+@pytest.mark.parametrize("near", [0, 1])
+def test_an_axis_close_to_a_vector_is_taken_from_the_other(near):
+    """Case D with one half difference of 1e-8, so known to 1e-8 of itself only."""
+    r = np.stack([X, normalize(X + Y)])
+    axis = normalize(r[near] + 1e-8 * r[1 - near])
+    q = np.append(axis, 0.0)
+    A = attitude_matrix(q)
+    found = singular_solution(A @ r[0], A @ r[1], *r)
+    assert Case(int(found.case)) is Case.D
+    # rounding of the vectors over the longer difference, sine 0.7
+    assert attitude_error(q, found.q) < 40 * EPS
+
+
 def test_empty_batches():
     none = np.empty((0, 3))
     assert singular_solution(none, none, none, none).q.shape == (0, 4)
@@ -141,8 +165,9 @@ def test_batches_and_bad_options():
     assert sequential_quaternion(r1, r2, X, Y).turn.shape == (2, 3)
     assert turn_is_singular(r1, r2, X, Y, 0).all()
     assert not turn_is_singular(r1, r2, X, Y, 2).any()
-    with pytest.raises(InputError, match="`tolerance`"):
-        singular_solution(X, Y, X, Y, tolerance=float("nan"))
+    for tolerance in (float("nan"), 0.0, 1.0):
+        with pytest.raises(InputError, match="`tolerance`"):
+            singular_solution(X, Y, X, Y, tolerance=tolerance)
     with pytest.raises(InputError, match="`threshold`"):
         sequential_quaternion(X, Y, X, Y, threshold=0.6)
     with pytest.raises(InputError, match="`axis`"):

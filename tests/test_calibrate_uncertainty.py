@@ -79,6 +79,21 @@ def test_type_a_of_every_residual_agrees():
         assert np.all(np.abs(ratio - 1) < 0.005)
 
 
+def test_type_a_of_a_robust_loss_is_the_measured_covariance():
+    """Huber's factor of order 9/n included, 1.10 on the variance at 20 poses."""
+    trials, n = 800, 20
+    clean = MODEL.distort(G * fibonacci_sphere(n), np.random.default_rng(0))
+    noise = np.random.default_rng(4).standard_normal((trials, n, 3))
+    fit = calibrate(clean + SIGMA * noise, G, loss="soft_l1")
+    stated, measured = fit.covariance.mean(axis=0), np.cov(fit.parameters.T)
+    ratio = np.trace(np.linalg.solve(stated, measured)) / 9
+    # nine independent variances: sd of their mean sqrt(2 / 9 / 800) = 1.7 %, one
+    # false alarm in 1e4; the next order of the factor is 0.05^2
+    limit = 3.9 * np.sqrt(2 / 9 / trials) + 0.05**2
+    assert abs(ratio - 1) < limit
+    assert abs(ratio * 1.10 - 1) > limit  # power: the factor left out
+
+
 def test_nine_poses_have_no_type_a_interval():
     clean = MODEL.distort(G * fibonacci_sphere(9), np.random.default_rng(0))
     noise = np.random.default_rng(2).standard_normal((9, 3))

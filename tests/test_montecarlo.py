@@ -1,5 +1,8 @@
 """Streaming moments against direct formulas, known distributions and shuffled work."""
 
+from concurrent.futures import ThreadPoolExecutor
+from time import sleep
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -12,6 +15,7 @@ from simval.montecarlo import (
     simulate,
     sums_of,
 )
+from simval.montecarlo.plain import _in_order
 from simval.streams import Streams, cell_key
 
 MIX = np.array([[1.0, 0.0], [0.6, 0.8]])
@@ -105,6 +109,24 @@ def test_threads_do_not_change_the_bits(threads):
     many = simulate(sampler, streams, threads=threads, **setting)
     assert np.array_equal(one.mean, many.mean)
     assert np.array_equal(one.scatter, many.scatter)
+
+
+def test_results_leave_the_pool_in_the_order_of_the_groups():
+    """Fewer may wait than there are groups, and the first to start ends last."""
+    groups = [range(k, k + 1) for k in range(12)]
+    started = []
+
+    def work(group):
+        started.append(group)
+        sleep(2e-3 * (group.start % 3 == 0))
+        return group
+
+    with ThreadPoolExecutor(3) as pool:
+        found = []
+        for group in _in_order(pool, work, groups, ahead=4):
+            found.append(group)
+            assert len(started) <= len(found) + 4  # no more than that wait
+    assert found == groups
 
 
 def test_bad_requests_are_refused_in_words():

@@ -84,6 +84,7 @@ def test_pose_noise_against_simulated_white_noise():
             "exactly one",
         ),
         ({"hold": 1.0, "noise_density": -1.0}, "`noise_density`"),
+        ({"hold": 1.0, "velocity_random_walk": -1.0}, "`velocity_random_walk`"),
     ],
 )
 def test_pose_noise_refuses(arguments, words):

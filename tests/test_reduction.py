@@ -76,6 +76,16 @@ def test_every_reduction_reduces_what_it_is_for():
     assert found("sobol").covariance_error[0, 0] < 0.3 * plain.covariance_error[0, 0]
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_the_same_streams_give_the_same_bits_and_others_do_not(method):
+    first, again, other = (found(method, 2**12, seed) for seed in (3, 3, 4))
+    for name in ("bias", "covariance", "covariance_error"):
+        assert np.array_equal(getattr(first, name), getattr(again, name))
+    assert not np.array_equal(first.covariance, other.covariance)
+    # a pair of evaluations is one sample; Sobol points are rounded up to 32 times 2^k
+    assert first.samples == 2**12 / (2 if method in ("antithetic", "both") else 1)
+
+
 def test_taylor_polynomial_is_that_of_the_errors():
     polynomial = taylor(errors, 3)
     # central differences leave STEP^2 / 6 of the third derivative (6 c) in the slope

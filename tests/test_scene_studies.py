@@ -222,6 +222,24 @@ def test_the_carried_covariance_is_the_derivative_of_the_whole_chain():
         np.testing.assert_allclose(got, expected, rtol=0, atol=atol)
 
 
+def test_the_carriers_jacobian_is_that_of_a_direction():
+    """Central differences of f / |f|; what is along f does not turn it."""
+    _, wanted = end_to_end.tumbles(12, 5)
+    sensor = AccelerometerModel.from_parameters(VALUES)
+    h = 1e-5
+    for k, force in enumerate(wanted.force):
+        raw = np.linalg.solve(sensor.matrix, force) + sensor.B
+        steps = [
+            normalize(corrected(VALUES + h * e, raw))
+            - normalize(corrected(VALUES - h * e, raw))
+            for e in np.eye(9)
+        ]
+        found = carrier(sensor, wanted, k, 0.0, 0.0).jacobian
+        expected = np.stack(steps, axis=1) / (2 * h)
+        # h^2 of curvature and eps / h of rounding, 1e-10 each, gains of up to 1
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
+
+
 def test_the_corrected_reading_is_the_models():
     raw = np.array([1.0, -7.0, 4.0])
     model = AccelerometerModel.from_parameters(VALUES)

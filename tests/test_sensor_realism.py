@@ -89,6 +89,19 @@ def test_vibration_is_one_line_of_the_spectrum():
     )
 
 
+def test_a_recording_starts_at_any_phase_of_the_vibration():
+    effects = Effects(vibration_m_s2=2.0, vibration_hz=12.5)
+    starts = [
+        read_sensor(MODEL, effects, TIME[:1], FORCE[:1], stream(seed, KEY, 0))
+        for seed in range(120)
+    ]
+    values = np.concatenate([start.vibration_m_s2[0] for start in starts])
+    # the sine of a uniform phase has the arcsine law on (-amplitude, amplitude)
+    law = stats.arcsine(loc=-2.0, scale=4.0)
+    assert stats.kstest(values, law.cdf).pvalue > 1e-4
+    assert stats.kstest(np.abs(values), law.cdf).pvalue < 1e-4  # power: half a turn
+
+
 def test_quantisation_rounds_to_the_nearest_step():
     quantum = 0.25
     ramp = np.linspace(-20, 20, N)[:, None] * np.array([1.0, 0.7, -0.3])

@@ -58,6 +58,21 @@ def test_sixth_order_of_a_polynomial():
     assert found.covariance[0, 0] == pytest.approx(expected, rel=1e-13)
 
 
+def test_sixth_order_of_two_components():
+    # e = (n^2, n^4) of one normal of standard deviation s: the biases s^2 and 3 s^4
+    # are of different order, so only one of the two products in cov = E[n^6] - s^2
+    # 3 s^4 = 12 s^6 is not zero, and it stands on both sides of the diagonal
+    s = 0.3
+    cov = np.zeros((1, 3, 3))
+    cov[0, 0, 0] = s**2
+    found = series_moments(
+        lambda v: [-(v[0] ** 2), -(v[0] ** 4)], np.zeros((1, 3)), cov, order=6
+    )
+    expected = [[2 * s**4, 12 * s**6], [12 * s**6, 0.0]]  # V[n^4] is of order 8
+    np.testing.assert_allclose(found.covariance, expected, rtol=1e-13, atol=0)
+    np.testing.assert_allclose(found.bias, [s**2, 3 * s**4], rtol=1e-13)
+
+
 def test_bad_input_is_refused():
     one, cov = np.ones((1, 3)), np.eye(3)[None]
     with pytest.raises(InputError, match="`order`"):

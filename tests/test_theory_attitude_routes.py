@@ -5,6 +5,8 @@ forms of `simval.theory.orders` share no step with it: they use the Legendre ser
 the normalisation and Isserlis' theorem, the series and the cubature neither.
 """
 
+from itertools import permutations
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from simval.geometry import attitude_matrix, normalize, random_quaternions
 from simval.theory import attitude_moments
 from simval.theory.cubature import cubature_moments
 from simval.theory.noise import noise_covariances, tangent_covariances
+from simval.theory.orders import quadratic_form
 from simval.theory.series import series_moments
 
 
@@ -42,6 +45,21 @@ def full_covariances(rng, sigma):
 
 def relative(value, exact):
     return np.linalg.norm(value - exact) / np.linalg.norm(exact)
+
+
+def test_the_second_order_term_is_a_symmetric_cubic():
+    """So the order of its indices is free wherever it is contracted.
+
+    The term of (O1) is the gradient of the cubic u r / 2 - u^3 / 2 of x.
+    """
+    q = random_quaternions(1, np.random.default_rng(2))[0]
+    T = quadratic_form(q)
+    for axes in permutations(range(3)):
+        np.testing.assert_allclose(T.transpose(axes), T, rtol=0, atol=4 * 2.3e-16)
+    x = np.array([0.3, -0.2, 0.5, 0.1])
+    u, r = q @ x, x @ x
+    expected = u * x + (r / 2 - 1.5 * u * u) * q
+    np.testing.assert_allclose(T @ x @ x, expected, rtol=1e-14)
 
 
 @pytest.mark.parametrize("seed", range(5))

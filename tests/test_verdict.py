@@ -2,6 +2,7 @@
 
 import dataclasses
 import re
+from math import sqrt
 
 import numpy as np
 import pytest
@@ -145,26 +146,51 @@ def test_nothing_measured_never_passes():
     assert overall(judge([("cell", changed(check="record"))])) == "inconclusive"
 
 
+def test_every_row_gets_its_own_verdict_in_order():
+    rows = [
+        ("limit", changed(check="limit", prediction=1.0)),
+        ("few", changed(n=9)),
+        ("plain", changed()),
+        ("nees", changed(check="nees")),
+    ]
+    found = judge([("left out", changed(check="record")), *rows])
+    assert [(verdict.cell, verdict.row) for verdict in found] == rows
+
+
 def test_checks_without_chance():
     exact = changed(value=1.05, prediction=1.0, remainder=0.1, check="exact")
     limit = changed(value=2.0, prediction=1.0, check="limit")
     first, second = judge([("a", exact), ("b", limit)])
     assert (first.answer, second.answer) == ("pass", "fail")
     assert "above the limit" in second.reason
+    assert (first.limit, second.limit, first.reason) == (0.1, 1.0, "")
+    (third,) = judge([("c", dataclasses.replace(exact, value=1.25))])
+    assert third.answer == "fail"
+    assert "1.25 is 0.25 from 1; 0.1 is allowed" in third.reason
     assert first.p_value is None
 
 
 finite = st.floats(-1e6, 1e6)
 
 
-@given(values=st.lists(st.tuples(finite, st.floats(1e-6, 1e6)), min_size=1, max_size=8))
+@given(
+    values=st.lists(
+        st.tuples(finite, st.floats(1e-6, 1e6), st.floats(0.0, 0.49)),
+        min_size=1,
+        max_size=8,
+    )
+)
 def test_a_wider_remainder_never_turns_a_pass_into_a_fail(values):
-    rows = [
-        ("cell", changed(value=value, standard_error=error)) for value, error in values
-    ]
+    """As long as it refuses no row: one row less leaves the others a higher limit."""
+    rows = [("cell", changed(value=v, standard_error=e)) for v, e, _ in values]
     strict = judge(rows, 0.01)
     wide = judge(
-        [(cell, dataclasses.replace(row, remainder=1.0)) for cell, row in rows], 0.01
+        [
+            # a share below 1/2 of one sample's own spread is never refused
+            (cell, dataclasses.replace(row, remainder=share * error * sqrt(row.n)))
+            for (cell, row), (_, error, share) in zip(rows, values, strict=True)
+        ],
+        0.01,
     )
     for a, b in zip(strict, wide, strict=True):
         assert not (a.answer == "pass" and b.answer == "fail")

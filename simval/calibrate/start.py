@@ -67,7 +67,9 @@ def fit_ellipsoid(moments: Array) -> Ellipsoid:
     bias = bias[..., 0]
     level = 1.0 + np.vecdot(bias, np.matvec(gram, bias))
     gram /= level[:, None, None]
-    proper = (lowest > 0.0) & (level > 0.0)
     return Ellipsoid(
-        gram=gram, bias=bias, determined=pivot > _LEAST_PIVOT, proper=proper
+        gram=gram,
+        bias=bias,
+        determined=pivot > _LEAST_PIVOT,
+        proper=lowest > 0.0,  # the level is then 1 or more
     )

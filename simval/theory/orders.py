@@ -45,7 +45,7 @@ def quadratic_form(q: Array) -> Array:
     Returns
     -------
     Array
-        Symmetric in the last two axes, (4, 4, 4).
+        Symmetric in all three axes, (4, 4, 4).
     """
     half = 0.5 * np.eye(4)[:, :, None] * q
     return half + half.swapaxes(1, 2) + 0.5 * q[:, None, None] * normalization_matrix(q)
