@@ -126,7 +126,7 @@ def calibrate_log(
     usable = [(m, part) for m, part in found if len(part) >= PARAMETERS]
     if not usable:
         raise _too_few(max(len(part) for _, part in found))
-    fit: FitResult | None = None
+    chosen: tuple[float, FitResult, Intervals] | None = None
     refusal: RefusedError | None = None
     for multiplier, intervals in _plateau(usable):
         _require_unsaturated(log, intervals, full_scale)
@@ -145,9 +145,11 @@ def calibrate_log(
         except RefusedError as error:
             refusal = error
             continue
+        chosen = (multiplier, fit, intervals)
         break
-    if fit is None:
+    if chosen is None:
         raise refusal or _too_few(0)
+    multiplier, fit, intervals = chosen
     means, sigma = interval_means(samples, intervals), white_noise(samples, intervals)
     quiet = bool(np.any(sigma == 0.0))
     return RecordedCalibration(
