@@ -9,11 +9,18 @@ where that is known (weighted, sampson), and
 .. math:: \mathrm{Cov} = N^{-1} \Big(\sum_k 4 q_k a_k^2 \sigma_k^2 d_k d_k^T\Big)
    N^{-1}, \quad N = \sum_k a_k d_k d_k^T  \tag{U1}
 
-when sigma is known. Type A takes for it the scatter of the distances to the
-ellipsoid, :math:`s^2 = \sum c_k^2/4q_k/(n-9)`  (U2); the textbook
-:math:`s^2 (J^T J)^{-1}` would hold the residuals c for equally noisy, which they are
-not where the axes differ in scale (5 % of spread costs 3 % of a sd). For a robust
-loss with influence function :math:`\psi`, both cases take Huber's
+when sigma is known. Type A takes for it the least scatter of the distances to an
+ellipsoid nearby,
+
+.. math:: s^2 = \min_\delta \sum_k \frac{(c_k + d_k^T \delta)^2}{4 q_k} \Big/ (n-9)
+   \tag{U2}
+
+which is :math:`\sigma^2 \chi^2_{n-9}/(n-9)` to first order; at the minimum of the
+weighted and Sampson residuals :math:`\delta = 0`. The scatter about the squared or norm
+residual's own ellipsoid is greater where the axes differ in scale, by a third at 12
+poses and scales 1 to 3. The textbook :math:`s^2 (J^T J)^{-1}` would hold the
+residuals c for equally noisy, which they then are not (5 % of spread costs 3 % of a
+sd). For a robust loss with influence function :math:`\psi`, both cases take Huber's
 :math:`s^2 = \kappa^2 \sum\psi_k^2 / (n-9) / \overline{\psi'}^2`  (U3),
 :math:`\kappa = 1 + (9/n) \mathrm{var}(\psi')/\overline{\psi'}^2`, which a few
 outliers do not move.
@@ -25,7 +32,7 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.calibrate import quadric
-from simval.calibrate.moments import moment_matrix
+from simval.calibrate.moments import moment_matrix, weighted_sum
 from simval.calibrate.positive import solve_positive
 from simval.calibrate.residuals import LOSSES, WEIGHTED
 
@@ -100,9 +107,7 @@ def summarize(
     """
     c, q = quadric.residual_values(model, theta, z)
     dof = z.shape[1] - 9
-    a = 0.25 / q if residual in WEIGHTED else None
-    if a is not None and shares is not None:
-        a = a * shares
+    a = _weights(residual, q, shares)
     squares = c * c if a is None else a * c * c
     total = squares.sum(axis=-1)
     distance2 = 0.25 * c * c / q
@@ -113,13 +118,17 @@ def summarize(
         chi2 = (distance2 / sigma**2).sum(axis=-1) / dof
     matrix = np.full((len(z), 9, 9), np.nan)
     if covariance and (dof > 0 or (sigma is not None and ratio is None)):
-        variance = (spread * spread)[:, None] if sigma is None else sigma**2
+        dv = quadric.value_derivatives(quadric.residual_quadric(model, theta))
         if ratio is not None:
             weight = np.ones(z.shape[1]) if shares is None else shares
             variance = _huber_variance(np.sqrt(distance2 * weight), ratio, loss)
             variance = variance[:, None] / weight
+        elif sigma is not None:
+            variance = sigma**2
+        else:
+            own = spread * spread if a is not None else _least_scatter(dv, z, c, q)
+            variance = own[:, None]
         middle = 4.0 * q * variance
-        dv = quadric.value_derivatives(quadric.residual_quadric(model, theta))
         matrix = _sandwich(dv, z, a, middle)
     norm = np.sqrt(np.maximum(1.0 + c, 0.0)) - 1.0
     if residual == "norm":
@@ -132,6 +141,22 @@ def summarize(
         distance_std=spread,
         steepness=2.0 * np.sqrt(q.mean(axis=-1)),
     )
+
+
+def _weights(residual: str, q: Array, shares: Array | None) -> Array | None:
+    # a of eq. (U1), (t, n); None for 1
+    if residual not in WEIGHTED:
+        return None
+    return 0.25 / q if shares is None else 0.25 / q * shares
+
+
+def _least_scatter(dv: Array, z: Array, c: Array, q: Array) -> Array:
+    # eq. (U2), (t,)
+    w = 0.25 / q
+    pull = np.vecmat(weighted_sum(z, w * c), dv)
+    back = solve_positive(_contract(dv, moment_matrix(z, w)), pull[..., None])[0]
+    least = np.vecdot(w * c, c) - np.vecdot(pull, back[..., 0])
+    return np.maximum(least, 0.0) / (z.shape[1] - 9)  # rounding may leave -1e-32
 
 
 def _huber_variance(distance: Array, ratio: Array, loss: str) -> Array:

@@ -1,9 +1,10 @@
-"""A recorded log: log -> static intervals -> best threshold -> calibration.
+"""A recorded log: log -> static intervals -> a threshold -> calibration.
 
 The detector's threshold is a multiple of the variance of the initial rest. Each
-multiple gives its own intervals. Of those that agree on the number of intervals,
-the best is the one whose fit to the mean readings leaves the least residual variance
-by degree of freedom (not the least total cost, which favours few intervals).
+multiple gives its own intervals. Of those that agree on the number of intervals, the
+middle one is taken, so that the choice never sees the residuals: the multiple whose
+fit leaves the least of them, as IMU-TK takes it, is the luckiest one, and its error
+bars are too small (`docs/decisions/0055-threshold-without-residuals.md`).
 """
 
 from dataclasses import dataclass
@@ -107,7 +108,7 @@ def calibrate_log(
     Returns
     -------
     RecordedCalibration
-        The best threshold's calibration.
+        The calibration of the middle threshold that gives one.
 
     Raises
     ------
@@ -117,7 +118,7 @@ def calibrate_log(
     """
     samples = log.accelerometer
     even, start, usable = find_rests(log, rest, multipliers)
-    best: tuple[float, float, FitResult, Intervals] | None = None
+    chosen: tuple[float, FitResult, Intervals] | None = None
     refusal: RefusedError | None = None
     for multiplier, intervals in _plateau(usable):
         _require_unsaturated(log, intervals, full_scale)
@@ -136,12 +137,11 @@ def calibrate_log(
         except RefusedError as error:
             refusal = error
             continue
-        score = float(fit.rms) ** 2 * len(intervals) / max(fit.dof, 1)
-        if best is None or score < best[0]:
-            best = (score, multiplier, fit, intervals)
-    if best is None:
+        chosen = (multiplier, fit, intervals)
+        break
+    if chosen is None:
         raise refusal or too_few(0)
-    _, multiplier, fit, intervals = best
+    multiplier, fit, intervals = chosen
     means = interval_means(samples, intervals)
     sigma = white_noise(samples, intervals, even.block)
     quiet = bool(np.any(sigma == 0.0))
@@ -255,7 +255,10 @@ def _require_unsaturated(log: Log, intervals: Intervals, limit: float | None) ->
 
 def _plateau(found: list[tuple[float, Intervals]]) -> list[tuple[float, Intervals]]:
     # thresholds that agree on the number of rests: one seen at a single threshold
-    # only is a rest cut in two, or a slow motion
+    # only is a rest cut in two, or a slow motion; the middle one first
     counts = [len(intervals) for _, intervals in found]
     agreed = max(counts, key=lambda count: (counts.count(count), count))
-    return [entry for entry in found if len(entry[1]) == agreed]
+    level = [entry for entry in found if len(entry[1]) == agreed]
+    middle = (len(level) - 1) / 2
+    order = sorted(range(len(level)), key=lambda k: abs(k - middle))
+    return [level[k] for k in order]
