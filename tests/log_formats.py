@@ -123,7 +123,7 @@ def columns(rng, time, force, gyro, accelerometer=True):
 
 
 def spelled(rng, accelerometer=True):
-    """Return one random file that must be read, or without its accelerometer refused."""
+    """Return a random file that is read, or refused without its accelerometer."""
     time, force, gyro = rows(rng)
     table, has_gyro = columns(rng, time, force, gyro, accelerometer)
     separator = pick(rng, SEPARATORS)

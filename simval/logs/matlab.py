@@ -78,8 +78,8 @@ def _variables(path: str, content: bytes) -> dict[str, Array]:
         said = done.stderr.decode(errors="replace").strip().splitlines()
         why = said[-1][:80] if said else "the reader crashed"
     msg = (
-        f"{path} is not a MATLAB file that can be read ({why}); save the log again with "
-        "-v7, or as rows of numbers in text"
+        f"{path} is not a MATLAB file that can be read ({why}); save the log again "
+        "with -v7, or as rows of numbers in text"
     )
     raise InputError(msg)
 
