@@ -18,6 +18,7 @@ _OTHER_FILES = re.compile(
     r"gyr|mag|gravity|linear|user|orient|euler|rotation|quat", re.I
 )
 _SHOWN = 12  # names of a header that a message lists
+WIDEST = 60  # columns for which a message writes a whole `--columns`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,6 +97,8 @@ def template(width: int, taken: dict[int, str] | None = None) -> str:
     str
         Words.
     """
+    if width > WIDEST:
+        return f"... ({width} names)"
     roles = taken or dict(enumerate(NAMES[:4] if width > 3 else NAMES[1:4]))
     return ",".join(roles.get(k, SKIP) for k in range(width))
 

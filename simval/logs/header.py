@@ -4,7 +4,7 @@ import re
 
 from simval.errors import InputError
 from simval.logs.dialect import Dialect
-from simval.logs.names import channel, is_unit
+from simval.logs.names import channel, is_known, is_unit
 
 Line = tuple[int, str]
 _BLANK = re.compile(r"\s+(?![^\[(]*[\])])")  # white space outside of brackets
@@ -90,7 +90,7 @@ def header_of(
     for number, line in reversed(above):
         remark = line.lstrip().startswith(comments)
         bare = line.lstrip().lstrip("#%/").strip() if remark else line
-        if names is None and not (remark and not is_names(header_names(bare))):
+        if names is None and not (remark and _is_sentence(dialect, bare)):
             fields = _fitting(dialect, bare)
             if not others and fields and not units and _all_units(fields):
                 units = fields
@@ -102,6 +102,13 @@ def header_of(
         if not remark:
             others.append((number, line))
     return names, others[::-1]
+
+
+def _is_sentence(dialect: Dialect, remark: str) -> bool:
+    # a remark is a header if it names axes, or has a word for each column, mostly known
+    fields = _fitting(dialect, remark)
+    known = 2 * sum(map(is_known, fields)) >= max(len(fields), 1)
+    return not (known or is_names(header_names(remark)))
 
 
 def _fitting(dialect: Dialect, line: str) -> list[str]:

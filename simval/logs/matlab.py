@@ -1,6 +1,8 @@
 """A log saved by MATLAB (format 4 or 5) as a table."""
 
 import io
+import subprocess
+import sys
 from collections import defaultdict
 from typing import Any
 
@@ -12,6 +14,7 @@ from simval.errors import InputError
 from simval.logs.names import channel
 from simval.logs.table import ArrayTable
 
+TIME_LIMIT = 60.0  # s; a minute reads gigabytes
 ROWS = 10  # an array with fewer is no column of a log
 
 
@@ -39,29 +42,14 @@ def matlab_table(path: str, content: bytes) -> ArrayTable:
     InputError
         If it cannot be read, or has no variable with rows of numbers.
     """
-    try:
-        variables = scipy.io.loadmat(io.BytesIO(content), squeeze_me=False)
-    except Exception as error:  # a damaged file makes scipy raise nearly anything
-        msg = (
-            f"{path} is not a MATLAB file that can be read "
-            f"({type(error).__name__}: {str(error)[:80]}); save the log again with "
-            "-v7, or as rows of numbers in text"
-        )
-        raise InputError(msg) from None
-    found = {
-        name: array
-        for key, value in variables.items()
-        if not key.startswith("__")
-        for name, array in _arrays(key, value)
-    }
+    found = _variables(path, content)
     by_length: dict[int, dict[str, Array]] = defaultdict(dict)
     for name, array in found.items():
         by_length[len(array)][name] = array
     if not by_length:
-        listed = ", ".join(key for key in variables if not key.startswith("__"))
         msg = (
-            f"{path} has no variable with rows of numbers (it has {listed or 'none'}); "
-            "save the accelerometer as a matrix of n rows and 3 columns"
+            f"{path} has no variable with {ROWS} rows of numbers or more; save the "
+            "accelerometer as a matrix of n rows and 3 columns"
         )
         raise InputError(msg)
     group = max(by_length.values(), key=lambda each: (_force(each), len(each)))
@@ -71,6 +59,46 @@ def matlab_table(path: str, content: bytes) -> ArrayTable:
     names = tuple(name for name, _ in columns)
     values = np.column_stack([values for _, values in columns])
     return ArrayTable(path=path, names=names, values=values)
+
+
+def _variables(path: str, content: bytes) -> dict[str, Array]:
+    # read in a process of its own: a damaged file can crash the interpreter in scipy
+    program = [sys.executable, "-c", "from simval.logs.matlab import send; send()"]
+    try:
+        done = subprocess.run(
+            program, input=content, capture_output=True, timeout=TIME_LIMIT, check=False
+        )
+    except subprocess.TimeoutExpired:
+        why = f"not done after {TIME_LIMIT:g} s"
+    else:
+        if done.returncode == 0:
+            with np.load(io.BytesIO(done.stdout), allow_pickle=False) as sent:
+                names = [str(name) for name in sent["names"]]
+                return {name: sent[f"array{k}"] for k, name in enumerate(names)}
+        said = done.stderr.decode(errors="replace").strip().splitlines()
+        why = said[-1][:80] if said else "the reader crashed"
+    msg = (
+        f"{path} is not a MATLAB file that can be read ({why}); save the log again "
+        "with -v7, or as rows of numbers in text"
+    )
+    raise InputError(msg)
+
+
+def send() -> None:
+    """Read a MATLAB file from the input and write its arrays as ``.npz`` to the output.
+
+    Raises what scipy raises: the process that asked looks at the exit code.
+    """
+    variables = scipy.io.loadmat(io.BytesIO(sys.stdin.buffer.read()))
+    pairs = [
+        pair
+        for key, value in variables.items()
+        if not key.startswith("__")
+        for pair in _arrays(key, value)
+    ]
+    arrays = {f"array{k}": array for k, (_, array) in enumerate(pairs)}
+    names = np.array([name for name, _ in pairs], dtype=np.str_)
+    np.savez(sys.stdout.buffer, allow_pickle=False, names=names, **arrays)
 
 
 def _arrays(name: str, value: Any) -> list[tuple[str, Array]]:

@@ -73,7 +73,7 @@ _ANY_UNIT = _listed(
 _STRANGE_UNIT = _listed("° deg rad degree degrees c °c degc k f °f pa hpa mbar %")
 _FUSED = re.compile(
     r"(?P<word>acce?l?|accelerometer|acceleration|gyro?|gyroscope|magn?|magnetometer"
-    r"|gf|a|w|g|m|b)"
+    r"|gf|a|w|g|m|b|q)"
     r"(?P<number>\d*)(?P<axis>[xyz])(?P<behind>\d*)"
     r"|(?P<axis2>[xyz])(?P<word2>acce?l?|gyro?|magn?)"
 )
@@ -106,6 +106,24 @@ class Channel:
     unit: str = ""
     stem: str = ""
     plain: bool = False
+
+
+def is_known(name: str) -> bool:
+    """Return whether a name says anything at all, be it that it is not needed.
+
+    Parameters
+    ----------
+    name : str
+        A name, or a word of a remark.
+
+    Returns
+    -------
+    bool
+        The answer.
+    """
+    found = channel(name)
+    words = set(found.stem.split())
+    return found.kind != "other" or bool(found.axis or words & _OTHER)
 
 
 def is_unit(text: str) -> bool:

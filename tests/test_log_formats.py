@@ -1,0 +1,288 @@
+"""A log in any spelling reads the same; a file that is none ends in a sentence."""
+
+import contextlib
+import gzip
+import io
+import re
+
+import numpy as np
+import pytest
+import scipy.io
+from log_formats import pick, spelled
+
+from simval.cli import run
+from simval.errors import InputError, SimvalError
+from simval.logs import read_log
+from simval.logs.names import channel
+
+
+def check_read(tmp_path, seed):
+    case = spelled(np.random.default_rng([12, seed]))
+    path = tmp_path / "log.csv"
+    path.write_bytes(case.content)
+    log = read_log(path)
+    np.testing.assert_array_equal(log.accelerometer, case.force)
+    # six digits are printed, of nanoseconds as of seconds; the unit rounds once more
+    np.testing.assert_allclose(log.time, case.time, rtol=1e-15, atol=1e-6)
+    if case.gyro is not None:
+        np.testing.assert_array_equal(log.gyro, case.gyro)
+    assert [each.role for each in log.columns][:4] == ["t", "ax", "ay", "az"]
+
+
+def check_asked(tmp_path, seed):
+    case = spelled(np.random.default_rng([13, seed]), accelerometer=False)
+    path = tmp_path / "log.csv"
+    path.write_bytes(case.content)
+    with pytest.raises(InputError):
+        read_log(path)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_log_in_any_spelling_reads_the_same(tmp_path, seed):
+    check_read(tmp_path, seed)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_log_that_names_no_accelerometer_is_a_question(tmp_path, seed):
+    check_asked(tmp_path, seed)
+
+
+@pytest.mark.slow
+def test_a_thousand_spellings(tmp_path):
+    """Exact: none may be lost, and none without an accelerometer accepted."""
+    for seed in range(1000, 2000):
+        check_read(tmp_path, seed)
+        check_asked(tmp_path, seed)
+
+
+def write(tmp_path, header, columns=7, name="log.csv", rate=100.0):
+    rng = np.random.default_rng(1)
+    rows = rng.normal(size=(30, columns))
+    rows[:, 0] = np.arange(30) / rate
+    if "elapsed" in header:
+        rows[:, 1] = rows[:, 0]
+    path = tmp_path / name
+    lines = [header, *(",".join(f"{x:.9g}" for x in row) for row in rows)]
+    path.write_text("\n".join(lines), encoding="latin-1")
+    return path, np.array([[float(f"{x:.9g}") for x in row] for row in rows])
+
+
+@pytest.mark.parametrize(
+    ("header", "places"),
+    [
+        ("t,mx,my,mz,acc_x,acc_y,acc_z", [4, 5, 6]),
+        ("Time (s),Linear Acceleration x (m/s^2),Linear Acceleration y (m/s^2),"
+         "Linear Acceleration z (m/s^2),Acceleration x (m/s^2),Acceleration y (m/s^2),"
+         "Acceleration z (m/s^2)", [4, 5, 6]),
+        ("t,Mag_X,Mag_Y,Mag_Z,Acc_Z,Acc_Y,Acc_X", [6, 5, 4]),
+        ("time,gFx,gFy,gFz,ax,ay,az", [1, 2, 3]),
+        ("%time,field.header.seq,field.linear_acceleration.x,"
+         "field.linear_acceleration.y,field.linear_acceleration.z,"
+         "field.linear_acceleration_covariance0,q", [2, 3, 4]),
+        ("t,accelerometer_m_s2[0],accelerometer_m_s2[1],accelerometer_m_s2[2],"
+         "gyro_rad[0],gyro_rad[1],gyro_rad[2]", [1, 2, 3]),
+        ("seconds_elapsed,time (ns),z (m/s\xb2),y (m/s\xb2),x (m/s\xb2),a,b",
+         [4, 3, 2]),
+    ],
+)  # fmt: skip
+def test_the_header_says_which_columns(tmp_path, header, places):
+    path, rows = write(tmp_path, header)
+    log = read_log(path)
+    np.testing.assert_array_equal(log.accelerometer, rows[:, places])
+    assert [each.place for each in log.columns][1:4] == places
+
+
+@pytest.mark.parametrize(
+    ("header", "why"),
+    [
+        ("t,one,two,three", "no three of them"),
+        ("t,mx,my,mz", "no three of them"),
+        ("t,gyr_x,gyr_y,gyr_z", "no three of them"),
+        ("# t, mag_x, mag_y, mag_z", "no three of them"),
+        ("t,acc_x,acc_y,temp", "exactly once"),
+        ("t,acc_x,acc_y,acc_y", "exactly once"),
+        ("t,Linear Acceleration x,Linear Acceleration y,Linear Acceleration z",
+         "without gravity"),
+        ("t,FreeAcc_X,FreeAcc_Y,FreeAcc_Z", "without gravity"),
+        ("t,imu1_ax,imu1_ay,imu1_az,imu2_ax,imu2_ay,imu2_az", "2 accelerometers"),
+        ("time,ax,ay,az,aT", "leaves gravity out"),
+        ("time,ax (uT),ay (uT),az (uT)", "no three of them"),
+        ("time,seconds_elapsed,z,y,x", "Sensor Logger"),
+        ("time,x (rad/s),y (rad/s),z (rad/s)", "no three of them"),
+    ],
+)  # fmt: skip
+def test_an_unclear_header_is_a_question(tmp_path, header, why, capsys):
+    path, rows = write(tmp_path, header, len(header.split(",")))
+    assert run(["calibrate", str(path)]) == 2
+    said = capsys.readouterr().err
+    assert why in said
+    # the line that it proposes, or the first of them, is one that is understood
+    line = re.search(r"--columns (\S+)", said).group(1).rstrip(",")
+    assert len(line.split(",")) == rows.shape[1]
+    assert read_log(path, columns=line, rate=100.0).accelerometer.shape == (30, 3)
+
+
+def test_a_bare_axis_is_not_taken_from_another_sensors_file(tmp_path):
+    assert read_log(write(tmp_path, "t,x,y,z", 4)[0]).columns[1].name == "x"
+    for name in ("Gyroscope.csv", "Magnetometer.csv", "LinearAcceleration.csv"):
+        with pytest.raises(InputError, match="which columns"):
+            read_log(write(tmp_path, "t,x,y,z", 4, name)[0])
+
+
+@pytest.mark.parametrize(
+    "name", ["temp", "dt", "PacketCounter", "orientation.x", "", "fx"]
+)
+def test_names_that_are_no_channel(name):
+    assert channel(name).kind == "other"
+
+
+UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
+
+@pytest.mark.parametrize("rate", [10.0, 100.0, 2000.0])
+@pytest.mark.parametrize("unit", UNITS)
+def test_a_clock_is_in_seconds_or_a_question(tmp_path, unit, rate):
+    size = UNITS[unit]
+    stated, _ = write(tmp_path, f"t [{unit}],ax,ay,az", 4, rate=rate * size)
+    log = read_log(stated)
+    assert log.rate == pytest.approx(rate, rel=1e-6)  # nine digits are written
+    assert log.second == size
+    bare, _ = write(tmp_path, "t,ax,ay,az", 4, "bare.csv", rate=rate * size)
+    by_caller = read_log(bare, columns=f"t[{unit}],ax,ay,az")
+    np.testing.assert_array_equal(by_caller.time, log.time)
+    np.testing.assert_array_equal(read_log(bare, rate=rate).time, log.time)
+    if unit == "s":
+        np.testing.assert_array_equal(read_log(bare).time, log.time)
+    else:
+        with pytest.raises(InputError, match=r"what is its unit\? .* t\[ms\]"):
+            read_log(bare)
+
+
+def test_a_date_in_nanoseconds_tells_its_unit(tmp_path):
+    path = tmp_path / "ros.csv"
+    stamps = 1_710_000_000_000_000_000 + 10_000_000 * np.arange(30)
+    path.write_text("time,ax,ay,az\n" + "".join(f"{t},1,2,3\n" for t in stamps))
+    # float64 holds these stamps to 256 ns
+    assert read_log(path).rate == pytest.approx(100.0, rel=1e-5)
+    path.write_text("time,ax,ay,az\n" + "".join(f"{t},1,2,3\n" for t in range(30)))
+    with pytest.raises(InputError, match="only a counter"):
+        read_log(path)
+
+
+def test_a_clock_of_dates(tmp_path):
+    path = tmp_path / "log.csv"
+    times = [f"2024-03-01T23:59:{58 + k // 100:02d}.{k % 100:02d}Z" for k in range(200)]
+    path.write_text("Time;ax;ay;az\n" + "".join(f"{t};1,5;2;3\n" for t in times))
+    np.testing.assert_allclose(read_log(path).time, np.arange(200) / 100, atol=1e-9)
+    path.write_text("Time;ax;ay;az\n" + "".join(f"at {k};1;2;3\n" for k in range(9)))
+    with pytest.raises(InputError, match="is not a time in numbers"):
+        read_log(path)
+    assert read_log(path, rate=50.0).rate == 50.0
+
+
+def test_a_text_column_that_is_left_out_may_be_text(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("".join(f"walk,{k / 100},1,2,{k}\n" for k in range(20)))
+    log = read_log(path, columns="-,t,ax,ay,az")
+    np.testing.assert_array_equal(log.accelerometer[:, 2], np.arange(20))
+
+
+def matlab(**variables):
+    content = io.BytesIO()
+    scipy.io.savemat(content, variables)
+    return content.getvalue()
+
+
+ACC, CLOCK = (
+    np.random.default_rng(3).normal(size=(40, 3)),
+    np.arange(40.0)[:, None] / 50,
+)
+
+
+@pytest.mark.parametrize(
+    "form",
+    [
+        {"imu_acc": ACC, "imu_mag": ACC + 1, "t": CLOCK, "fs": 50.0, "info": "text"},
+        {"imu": {"acc": ACC.T, "time_ms": 1000 * CLOCK.T}},
+        {"data": np.hstack([CLOCK, ACC])},
+    ],
+)
+def test_matlab_files(tmp_path, form):
+    path = tmp_path / "log.mat"
+    path.write_bytes(matlab(**form))
+    log = read_log(path)
+    np.testing.assert_array_equal(log.accelerometer, ACC)
+    assert log.rate == pytest.approx(50.0, rel=1e-12)
+
+
+def test_a_damaged_matlab_file_ends_in_a_sentence(tmp_path):
+    """A type of element that does not exist: scipy's reader ends the interpreter."""
+    content = bytearray(matlab(data=np.hstack([CLOCK, ACC])))
+    content[176] = 0
+    path = tmp_path / "log.mat"
+    path.write_bytes(content)
+    with pytest.raises(
+        InputError, match=r"reader crashed.*save the log again with -v7"
+    ):
+        read_log(path)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (gzip.compress(b"1,2,3"), "compressed by gzip"),
+        (b"PK\x03\x04rest", "spreadsheet"),
+        (b"MATLAB 7.3 MAT-file", "with -v7"),
+        (b"SQLite format 3\x00", "ROS 2 bag"),
+        (b"x" * 10**6, "no row of numbers"),
+        (b"1" * 10**6, "1 columns"),
+        (b"1," * 10**5, "columns"),
+        ((b'"' + b"1" * 200_000 + b'",2,3\n') * 3, "columns"),
+        (
+            b"t,ax,ay,az\n0,0,9,81,0,1,2,3\n0,1,9,81,0,1,2,3\n",
+            "4 names, but a row has 8",
+        ),
+    ],
+)
+def test_what_is_no_log_ends_in_a_sentence(tmp_path, content, words, capsys):
+    path = tmp_path / "log.csv"
+    path.write_bytes(content)
+    assert run(["calibrate", str(path), "--rate", "100"]) == 2
+    said = capsys.readouterr().err
+    assert words in said
+    assert len(said) < 1000 + len(str(path))
+
+
+def damaged(rng):
+    """A log with a few bytes lost, changed, put in or doubled."""
+    content = bytearray(spelled(rng).content)
+    for _ in range(int(rng.integers(1, 6))):
+        at = int(rng.integers(len(content)))
+        new = pick(
+            rng, [b'",;', b"\x00", b"nan", b"1e999", b'"', b"((", b"[[0]", b"1_0"]
+        )
+        end = at + int(rng.integers(0, 30))
+        content[at:end] = pick(rng, [b"", new, content[at // 2 : at], new * 500])
+        content = content or bytearray(b"x")
+    return bytes(content)
+
+
+def check_damaged(tmp_path, seed):
+    rng = np.random.default_rng([14, seed])
+    path = tmp_path / "log.csv"
+    path.write_bytes(damaged(rng))
+    with contextlib.suppress(SimvalError):
+        log = read_log(path)
+        assert np.isfinite(log.accelerometer).all()
+        assert np.all(np.diff(log.time) > 0)
+
+
+def test_damaged_logs_end_in_a_sentence(tmp_path):
+    for seed in range(100):
+        check_damaged(tmp_path, seed)
+
+
+@pytest.mark.slow
+def test_a_thousand_damaged_logs_end_in_a_sentence(tmp_path):
+    for seed in range(1000, 2000):
+        check_damaged(tmp_path, seed)
