@@ -153,6 +153,8 @@ def calibrate(
             condition=float(block.condition[0]),
         )
     numbers = {f.name: getattr(block, f.name) for f in fields(_Block)}
+    ends = batch.min(axis=1), batch.max(axis=1)
+    numbers["raw_range"] = np.stack(ends, axis=-1)
     if single:
         numbers = {name: value[0] for name, value in numbers.items()}
     code = numbers.pop("code")
