@@ -1,4 +1,10 @@
-"""A calibration as a JSON file: written, read back exactly, and checked."""
+"""A calibration as a JSON file: written, read back exactly, and checked.
+
+A file states one thing in several ways: parameters, T, K, B and their product, a
+covariance and the error bars in it. Any of them can be left out, as long as the
+sensor is determined: by `parameters` with `model`, or by T, K and B. What is there is
+held against the rest, so that no edit by hand is ignored: it counts, or it is refused.
+"""
 
 import json
 from os import PathLike
@@ -6,14 +12,23 @@ from typing import Any
 
 import numpy as np
 
-from simval.arguments import file_path, instance
-from simval.arrays import Array, positive_number
-from simval.calibrate.result import FitResult
+from simval.arguments import file_path, instance, shown, whole_number
+from simval.arrays import Array, positive_number, shaped_array
+from simval.calibrate.result import STANDARD_GRAVITY, FitResult
+from simval.calibrate.statements import (
+    array,
+    derived,
+    plain,
+    require_agreement,
+    require_possible,
+)
 from simval.errors import InputError
 from simval.sensor import forms
 
 FORMAT = "simval calibration 1"
 _NUMBERS = ("cost", "condition", "rms", "chi2_per_dof", "gradient_norm")
+_WORDS = ("method", "residual", "loss")
+_KINDS = ("known sigma", "type A", "none")
 
 
 def to_json(fit: FitResult) -> dict[str, Any]:
@@ -37,33 +52,24 @@ def to_json(fit: FitResult) -> dict[str, Any]:
     if instance("fit", fit, FitResult).parameters.ndim != 1:
         msg = f"a batch of {len(fit.parameters)} fits is not one calibration; pick one"
         raise InputError(msg)
-    numbers = {name: _plain(getattr(fit, name)) for name in _NUMBERS}
     return {
         "format": FORMAT,
-        "model": fit.model,
-        "method": fit.method,
-        "residual": fit.residual,
-        "loss": fit.loss,
+        **{name: getattr(fit, name) for name in ("model", *_WORDS)},
         "g": fit.g,
-        "names": list(fit.names),
-        "parameters": _plain(fit.parameters),
-        "sd": _plain(fit.sd),
-        "T": _plain(fit.T),
-        "K": _plain(fit.K),
-        "B": _plain(fit.B),
-        "matrix": _plain(fit.matrix),
-        "covariance": _plain(fit.covariance),
         "covariance_kind": fit.covariance_kind,
-        "confidence_95": _plain(fit.intervals),
         "dof": fit.dof,
         "status": str(fit.status),
         "iterations": int(fit.iterations),
-        **numbers,
+        **{name: plain(getattr(fit, name)) for name in _NUMBERS},
+        "parameters": plain(fit.parameters),
+        "covariance": plain(fit.covariance),
+        "raw_range": plain(fit.raw_range),
+        **derived(fit),
     }
 
 
 def from_json(data: Any, source: str = "the calibration") -> FitResult:
-    """Rebuild a fit from what `to_json` made.
+    """Rebuild a fit from what `to_json` made, or from T, K and B.
 
     Parameters
     ----------
@@ -75,51 +81,69 @@ def from_json(data: Any, source: str = "the calibration") -> FitResult:
     Returns
     -------
     FitResult
-        The same fit, bit for bit.
+        The same fit, bit for bit; NaN, and no covariance, where the file is silent.
 
     Raises
     ------
     InputError
-        If a value is missing or wrong, or T and K contradict the parameters.
+        If a value is missing or wrong, or two of them contradict each other.
     """
-    if not isinstance(data, dict) or data.get("format") != FORMAT:
+    if not isinstance(data, dict) or data.get("format", FORMAT) != FORMAT:
         msg = f"{source} is not a calibration file (no format {FORMAT!r}); write one "
         raise InputError(msg + "with `simval calibrate LOG --out FILE`")
     try:
-        model = forms.check_model(data["model"])
+        model, parameters = _parameters(data)
+        words = {name: _word(data, name, "not stated") for name in _WORDS}
+        numbers: dict[str, Any] = {name: array(data, name, ()) for name in _NUMBERS}
         fit = FitResult(
             model=model,
-            method=str(data["method"]),
-            residual=str(data["residual"]),
-            loss=str(data["loss"]),
-            g=positive_number("g", data["g"], "m/s^2"),
-            parameters=_array(data, "parameters", (9,)),
-            covariance=_array(data, "covariance", (9, 9)),
-            covariance_kind=str(data["covariance_kind"]),
-            dof=int(data["dof"]),
-            status=np.str_(data["status"]),
-            iterations=np.int64(data["iterations"]),
-            **{name: _array(data, name, ()) for name in _NUMBERS},
+            parameters=parameters,
+            method=words["method"],
+            residual=words["residual"],
+            loss=words["loss"],
+            g=positive_number("g", data.get("g", STANDARD_GRAVITY), "m/s^2"),
+            status=np.str_(_word(data, "status", "converged")),
+            iterations=np.int64(_count(data, "iterations")),
+            covariance=array(data, "covariance", (9, 9)),
+            covariance_kind=_kind(data),
+            dof=_count(data, "dof"),
+            raw_range=array(data, "raw_range", (3, 2)),
+            **numbers,
         )
-        stated = _array(data, "matrix", (3, 3))
-    except KeyError as error:
-        msg = f"{source} lacks {error}; write it again with `simval calibrate --out`"
+        require_possible(fit)
+        require_agreement(data, fit)
+    except InputError as error:
+        msg = f"{source}: {error}"
         raise InputError(msg) from None
-    except (TypeError, ValueError, OverflowError) as error:
-        msg = f"{source} has a value that cannot be used: {error}; write it again"
-        raise InputError(msg) from None
-    if not np.isfinite(fit.parameters).all():
-        msg = f"{source} has parameters that are not finite; calibrate again"
-        raise InputError(msg)
-    # the matrix is a product of two parameters, so equal to a few roundings
-    scale = np.abs(fit.matrix).max()
-    if not np.abs(stated - fit.matrix).max() <= 1e-12 * scale:
-        msg = (
-            f"{source}: `matrix` does not belong to `parameters`; it was edited by "
-            "hand in one place only: change both, or calibrate again"
-        )
-        raise InputError(msg)
     return fit
+
+
+def _parameters(data: dict[str, Any]) -> tuple[str, Array]:
+    # the form and the nine parameters, or those that T, K and B amount to
+    if "parameters" in data and "model" in data:
+        parameters = array(data, "parameters", (9,))
+        if not np.isfinite(parameters).all():
+            msg = "`parameters` are not finite; calibrate again"
+            raise InputError(msg)
+        return forms.check_model(data["model"]), parameters
+    if not all(name in data for name in ("T", "K", "B")):
+        missing = [n for n in ("model", "parameters", "T", "K", "B") if n not in data]
+        msg = (
+            f"lacks {', '.join(map(repr, missing))}; a calibration is `model` with "
+            "`parameters`, or T, K and B: write it with `simval calibrate --out`"
+        )
+        raise InputError(msg)
+    bias = shaped_array("B", data["B"], (3,))
+    for model in [data["model"]] if "model" in data else forms.MODELS:
+        found = forms.from_factors(forms.check_model(model), data["T"], data["K"], bias)
+        if found is not None:
+            return model, found
+    msg = (
+        f"`T` is {shown(data['T'])} and `K` {shown(data['K'])}; three scales with a T "
+        "of unit diagonal and zeros above or below it, or T the identity and a "
+        "symmetric K, are needed"
+    )
+    raise InputError(msg)
 
 
 def write_json(path: str | PathLike[str], data: dict[str, Any]) -> None:
@@ -165,7 +189,8 @@ def load_calibration(path: str | PathLike[str]) -> FitResult:
     Parameters
     ----------
     path : path-like
-        File that `save_calibration` or ``simval calibrate`` wrote.
+        File that `save_calibration` or ``simval calibrate`` wrote, or one with T, K
+        and B (and g, m/s^2) written by hand.
 
     Returns
     -------
@@ -175,12 +200,12 @@ def load_calibration(path: str | PathLike[str]) -> FitResult:
     Raises
     ------
     InputError
-        If the file is missing or is not a calibration.
+        If the file is missing, is not a calibration, or contradicts itself.
     """
     path = file_path("path", path)
     try:
         text = path.read_text(encoding="utf-8")
-        data = json.loads(text)
+        data = json.loads(text, object_pairs_hook=_once)
     except OSError as error:
         msg = f"cannot read {path}: {error.strerror}; give the path of a calibration"
         raise InputError(msg) from None
@@ -190,17 +215,28 @@ def load_calibration(path: str | PathLike[str]) -> FitResult:
     return from_json(data, str(path))
 
 
-def _plain(value: Any) -> Any:
-    # lists of floats, NaN as None
-    array = np.asarray(value, dtype=float)
-    plain = array.astype(object)
-    plain[~np.isfinite(array)] = None
-    return plain.tolist()
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    # the last of two entries of one name would silence the first
+    data = dict(pairs)
+    if len(data) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        msg = f"{twice!r} stands in it twice"
+        raise ValueError(msg)
+    return data
 
 
-def _array(data: dict[str, Any], name: str, shape: tuple[int, ...]) -> Array:
-    array = np.array(data[name], dtype=float)  # null becomes NaN
-    if array.shape != shape:
-        msg = f"`{name}` has shape {array.shape}, not {shape}"
+def _word(data: dict[str, Any], name: str, default: str) -> str:
+    return instance(name, data.get(name, default), str)
+
+
+def _count(data: dict[str, Any], name: str) -> int:
+    return whole_number(name, data.get(name, 0), 0)
+
+
+def _kind(data: dict[str, Any]) -> str:
+    kind = _word(data, "covariance_kind", "none")
+    if kind not in _KINDS:
+        msg = f"`covariance_kind` is {kind!r}; it must be one of {', '.join(_KINDS)}"
         raise InputError(msg)
-    return array
+    return kind

@@ -156,6 +156,8 @@ def calibrate(
             half_width=float(block.half_width[0]),
         )
     numbers = {f.name: getattr(block, f.name) for f in fields(_Block)}
+    ends = batch.min(axis=1), batch.max(axis=1)
+    numbers["raw_range"] = np.stack(ends, axis=-1)
     if single:
         numbers = {name: value[0] for name, value in numbers.items()}
     code, _ = numbers.pop("code"), numbers.pop("half_width")

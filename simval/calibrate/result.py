@@ -11,6 +11,8 @@ from simval.arrays import Array, frozen, real_number
 from simval.errors import ConvergenceError, InputError
 from simval.sensor import AccelerometerModel, forms
 
+STANDARD_GRAVITY = 9.80665  # m/s^2
+
 _ARRAYS = (
     "parameters",
     "covariance",
@@ -19,7 +21,27 @@ _ARRAYS = (
     "rms",
     "chi2_per_dof",
     "gradient_norm",
+    "raw_range",
 )
+
+
+def raw_unit(length: float) -> str:
+    """Unit of a reading, by its size at rest.
+
+    Parameters
+    ----------
+    length : float
+        Raw units at one g.
+
+    Returns
+    -------
+    str
+        ``m/s^2``, ``g`` or ``counts``; a sensor's scale is within 30 % of its own.
+    """
+    for name, size in (("m/s^2", STANDARD_GRAVITY), ("g", 1.0)):
+        if 0.7 < length / size < 1.4:
+            return name
+    return "counts"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -65,6 +87,9 @@ class FitResult:
         (...); NaN without sigma or without a degree of freedom.
     gradient_norm : Array
         Norm of the last gradient in the scaled units of the fit, (...).
+    raw_range : Array
+        Least and greatest reading of each axis that it was made from, raw units,
+        (..., 3, 2); NaN where that is not known.
     """
 
     model: str
@@ -83,6 +108,7 @@ class FitResult:
     rms: Array
     chi2_per_dof: Array
     gradient_norm: Array
+    raw_range: Array
 
     def __post_init__(self) -> None:
         for name in _ARRAYS:
@@ -119,6 +145,19 @@ class FitResult:
         if self.model == "symmetric":
             return np.linalg.inv(self.K)
         return 1.0 / self.K
+
+    @property
+    def raw_per_g(self) -> Array:
+        """What each axis reads for the gravity of the fit, raw units, (..., 3)."""
+        scale = self.sensor_scale
+        if self.model == "symmetric":
+            scale = np.diagonal(scale, axis1=-2, axis2=-1)
+        return self.g * scale
+
+    @property
+    def raw_unit(self) -> str:
+        """Unit of the raw readings of one fit, by their size at rest."""
+        return raw_unit(float(np.mean(np.abs(self.raw_per_g))))
 
     @property
     def converged(self) -> Any:

@@ -8,10 +8,12 @@ import click
 import numpy as np
 
 from simval.arrays import Array
+from simval.calibrate import FitResult
 from simval.calibrate.arguments import choices
 from simval.calibrate.files import to_json, write_json
 from simval.cli.options import COLUMNS
 from simval.logs import Log, read_log
+from simval.sensor import forms
 from simval.studies.recorded import RecordedCalibration, calibrate_log
 
 _CHOICES = choices()
@@ -155,12 +157,9 @@ def described(result: RecordedCalibration) -> list[str]:
         "",
         f"{fit.model} form, 95 % intervals: {_kind(fit)}",
         "                  value           sd        bound   95 % interval",
-    ]
-    columns = (fit.names, fit.parameters, fit.sd, _bound(result), fit.intervals)
-    for name, value, sd, bound, (low, high) in zip(*columns, strict=True):
-        numbers = f"{value:15.8g} {sd:12.3g} {bound:12.3g}"
-        lines.append(f"  {name:5s} {numbers}   {low:.8g} to {high:.8g}")
-    lines += [
+        *_entry_lines(result),
+        "",
+        *_matrix_lines(fit),
         "",
         f"residual RMS      {float(fit.rms):.4g} m/s^2 of | |TK(y - B)| - g |",
         f"chi2 per dof      {found.chi2_per_dof:.3g} with {fit.dof} degrees of freedom",
@@ -183,6 +182,27 @@ def described(result: RecordedCalibration) -> list[str]:
             "use --loss cauchy"
         )
     return lines
+
+
+def _entry_lines(result: RecordedCalibration) -> list[str]:
+    # each entry of T, K and B with its error bars; S_zx is minus the entry of T
+    fit, lines = result.fit, []
+    columns = (fit.parameters, fit.sd, _bound(result), fit.intervals)
+    for (name, sign), value, sd, bound, ends in zip(
+        forms.entries(fit.model), *columns, strict=True
+    ):
+        low, high = sorted(sign * ends)
+        numbers = f"{sign * value:15.8g} {sd:12.3g} {bound:12.3g}"
+        lines.append(f"  {name:7s} {numbers}   {low:.8g} to {high:.8g}")
+    return lines
+
+
+def _matrix_lines(fit: FitResult) -> list[str]:
+    # the product in words, and T (or K where T is the identity) as it stands there
+    name, matrix = ("K", fit.K) if fit.model == "symmetric" else ("T", fit.T)
+    product = "K (reading - b)" if name == "K" else "T diag(K) (reading - B)"
+    rows = ["  ".join(f"{entry:15.8g}" for entry in row) for row in matrix]
+    return [f"force = {product}, with {name} =", *(f"  {row}" for row in rows)]
 
 
 def _bound(result: RecordedCalibration) -> Array:

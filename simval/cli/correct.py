@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 import numpy as np
 
+from simval.calibrate.applied import require_same_sensor
 from simval.calibrate.files import load_calibration
 from simval.cli.options import COLUMNS
 from simval.errors import InputError
@@ -22,15 +23,21 @@ from simval.logs import read_log
 )
 @click.option("--rate", type=float, metavar="HZ", help="Rows per second.")
 @click.option("--columns", help=COLUMNS)
+@click.option(
+    "--unchecked", is_flag=True, help="Write the force even if it cannot be one."
+)
 @click.option("--out", type=click.Path(path_type=Path), help="File instead of stdout.")
 def command(
     log: Path,
     calibration: Path,
     rate: float | None,
     columns: str | None,
+    unchecked: bool,
     out: Path | None,
 ) -> None:
     """Apply a calibration to a recorded LOG.
+
+    A log of another unit or sensor is refused: its rests would not be g.
 
     Writes comma-separated rows t,ax,ay,az with the specific force in m/s^2, every
     digit kept; a gyro in the log follows as it is, and the time is in seconds. Which
@@ -38,6 +45,8 @@ def command(
     """
     fit = load_calibration(calibration).require_converged()
     recording = read_log(log, rate, columns)
+    if not unchecked:
+        require_same_sensor(fit, recording.accelerometer, recording.rate)
     force = fit.sensor().correct(recording.accelerometer)
     columns_out, names = [recording.time[:, None], force], ["t", "ax", "ay", "az"]
     if recording.gyro is not None:

@@ -326,7 +326,9 @@ def mean_square(sums: Sums, weight: Array) -> tuple[float, float]:
     """
     instance("sums", sums, Sums)
     weight = physical_array("weight", weight, (sums.size, sums.size))
-    if weight.ndim != 2 or not np.array_equal(weight, weight.T):
+    # an inverse is symmetric to its rounding only
+    skew = np.max(np.abs(weight - np.swapaxes(weight, -1, -2)))
+    if weight.ndim != 2 or not skew <= 1e-6 * np.max(np.abs(weight)):
         msg = f"`weight` has shape {weight.shape}; one symmetric matrix is needed"
         raise InputError(msg)
     rows, columns = _upper(sums.size)

@@ -16,6 +16,8 @@ All functions accept leading batch axes. The diagonal of :math:`M` is taken
 positive: norms cannot tell the sign of an axis.
 """
 
+from typing import Any
+
 import numpy as np
 
 from simval.arguments import choice
@@ -75,6 +77,27 @@ def names(model: str) -> tuple[str, ...]:
     return _NAMES[check_model(model)]
 
 
+def entries(model: str) -> tuple[tuple[str, float], ...]:
+    """The parameters as entries of T, K and B, each with its sign.
+
+    Parameters
+    ----------
+    model : str
+        Name of a form.
+
+    Returns
+    -------
+    tuple of (str, float)
+        Nine entries in the order of `names`, rows and columns counted from 0; a
+        parameter is the entry times the sign, which is -1 for ``S_zx`` alone.
+    """
+    known = tuple((name, 1.0) for name in names(model))
+    if model == "symmetric":
+        return known
+    off = tuple((f"T[{i}][{j}]", sign) for i, j, sign in _OFF_DIAGONAL[model])
+    return off + known[3:]
+
+
 def matrix(model: str, parameters: Array) -> Array:
     """Matrix M of a form.
 
@@ -130,6 +153,41 @@ def factors(model: str, parameters: Array) -> tuple[Array, Array, Array]:
     for index, (row, column, sign) in enumerate(_OFF_DIAGONAL[model]):
         misalignment[..., row, column] = sign * parameters[..., index]
     return misalignment, parameters[..., 3:6].copy(), bias
+
+
+def from_factors(model: str, T: Any, K: Any, bias: Any) -> Array | None:
+    """Parameters of a form from its factors, the inverse of `factors`.
+
+    Parameters
+    ----------
+    model : str
+        Name of a form.
+    T : array_like
+        Misalignment, (3, 3).
+    K : array_like
+        Scale, (3,), or for the symmetric form (3, 3).
+    bias : array_like
+        B in raw units, (3,).
+
+    Returns
+    -------
+    Array or None
+        Nine parameters, (9,); None where the factors are not of this form.
+    """
+    misalignment, scale = physical_array("T", T, ()), physical_array("K", K, ())
+    symmetric = model == "symmetric"
+    if scale.shape != ((3, 3) if symmetric else (3,)) or misalignment.shape != (3, 3):
+        return None
+    parameters = np.empty(9)
+    parameters[6:] = bias
+    if symmetric:
+        parameters[:6] = [scale[place] for place in _SYMMETRIC]
+    else:
+        parameters[:3] = [s * misalignment[i, j] for i, j, s in _OFF_DIAGONAL[model]]
+        parameters[3:6] = scale
+    made = factors(model, parameters)
+    same = np.array_equal(made[0], misalignment) and np.array_equal(made[1], scale)
+    return parameters if same else None
 
 
 def matrix_derivatives(model: str, parameters: Array) -> Array:
