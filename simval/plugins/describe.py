@@ -5,8 +5,6 @@ It is code of a user's, and loading it runs it.
 
 import json
 import os
-import shlex
-import shutil
 import subprocess
 import sys
 from importlib import metadata
@@ -54,7 +52,9 @@ def overrides_of(plugins: tuple[str, ...]) -> list[str]:
             msg = f"`{plugin}` has a comma, which separates values; rename it"
             raise UnusablePluginError(msg)
         command = plugin.startswith(COMMAND)
-        held = [_command(plugin)] if command else _held(plugin)
+        if command:
+            command_calibrator(plugin)  # its words can be split and ask for a file
+        held = [("calibrator", plugin)] if command else _held(plugin)
         for kind, word in held:
             values.setdefault(STUDIES[kind], []).append(word)
     return [f"{key}={','.join(words)}" for key, words in values.items()]
@@ -73,18 +73,6 @@ def installed() -> list[tuple[str, str]]:
         (point.name, f"{point.dist.name} {point.dist.version}" if point.dist else "")
         for point in points
     )
-
-
-def _command(plugin: str) -> tuple[str, str]:
-    command_calibrator(plugin)  # its words can be split and ask for a file
-    program = shlex.split(plugin.removeprefix(COMMAND))[0]
-    if shutil.which(program) is None:
-        msg = (
-            f"`{plugin}`: there is no program `{program}` here that can be run; give "
-            "its path, or put its folder into PATH"
-        )
-        raise UnusablePluginError(msg)
-    return "calibrator", plugin
 
 
 def _held(plugin: str) -> list[tuple[str, str]]:

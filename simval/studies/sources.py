@@ -14,6 +14,7 @@ import os
 import platform
 import re
 import shlex
+import shutil
 import sys
 from collections.abc import Container, Iterator, Mapping
 from importlib import metadata
@@ -113,8 +114,8 @@ def missing(text: str, held: Container[str] = ()) -> str:
     if text.startswith(COMMAND):
         program, *words = _split(text) or [""]
         files = [word for word in words if portable(word) in held]
-        if "/" in program:
-            files.append(program)
+        if shutil.which(program) is None:
+            return f"there is no program `{program}` here that can be run"
     elif is_path(text):
         files = [file_of(text)]
     else:
