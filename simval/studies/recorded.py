@@ -7,6 +7,7 @@ by degree of freedom (not the least total cost, which favours few intervals).
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from simval.statics import (
     intervals_below,
     variance_magnitude,
 )
+from simval.studies.log_health import explained, require_sound
 from simval.theory.calibration import CalibrationMoments, calibration_moments
 
 _RAIL_SHARE = 0.3
@@ -114,20 +116,46 @@ def calibrate_log(
     Raises
     ------
     RefusedError
-        If there is no rest, no threshold gives nine static intervals, or none of
-        the fits is a calibration.
+        If there is no rest, no threshold gives nine static intervals, none of the
+        fits is a calibration, or the log shows a fault of the sensor or the logger.
     """
+
+    def detect(part: Log) -> Intervals:
+        return _detected(part, None if part is not log else rest, multipliers)[1][0][1]
+
+    try:
+        result = _calibrated(
+            log,
+            rest=rest,
+            multipliers=multipliers,
+            g=g,
+            model=model,
+            method=method,
+            residual=residual,
+            loss=loss,
+            full_scale=full_scale,
+        )
+    except RefusedError as refusal:
+        raise explained(log, refusal, g, detect) from refusal
+    require_sound(log, result.fit, result.intervals, result.diagnosis, detect)
+    return result
+
+
+def _calibrated(
+    log: Log,
+    *,
+    rest: float | None,
+    multipliers: tuple[float, ...],
+    g: float,
+    residual: str,
+    full_scale: float | None,
+    **choices: Any,
+) -> RecordedCalibration:
     samples = log.accelerometer
-    count = None if rest is None else log.rows_within(rest)
-    start = initial_rest(samples, count)
-    spread = variance_magnitude(samples)
-    found = [(m, intervals_below(spread, m * start.variance)) for m in multipliers]
-    usable = [(m, part) for m, part in found if len(part) >= PARAMETERS]
-    if not usable:
-        raise _too_few(max(len(part) for _, part in found))
+    start, usable = _detected(log, rest, multipliers)
     best: tuple[float, float, FitResult, Intervals] | None = None
     refusal: RefusedError | None = None
-    for multiplier, intervals in _plateau(usable):
+    for multiplier, intervals in usable:
         _require_unsaturated(log, intervals, full_scale)
         sigma = white_noise(samples, intervals)
         try:
@@ -135,11 +163,9 @@ def calibrate_log(
                 interval_means(samples, intervals),
                 g,
                 noise_std=sigma if residual == "adjusted" else None,
-                model=model,
-                method=method,
                 residual=residual,
-                loss=loss,
                 full_scale=full_scale,
+                **choices,
             ).require_converged()
         except RefusedError as error:
             refusal = error
@@ -164,6 +190,21 @@ def calibrate_log(
         predicted=None if quiet else _predicted(fit, means, sigma),
         next_direction=observability(fit.sensor().correct(means)).next_direction,
     )
+
+
+def _detected(
+    log: Log, rest: float | None, multipliers: tuple[float, ...]
+) -> tuple[Rest, list[tuple[float, Intervals]]]:
+    # the initial rest, and the rests at each threshold that gives the same number
+    samples = log.accelerometer
+    count = None if rest is None else log.rows_within(rest)
+    start = initial_rest(samples, count)
+    spread = variance_magnitude(samples)
+    found = [(m, intervals_below(spread, m * start.variance)) for m in multipliers]
+    usable = [(m, part) for m, part in found if len(part) >= PARAMETERS]
+    if not usable:
+        raise _too_few(max(len(part) for _, part in found))
+    return start, _plateau(usable)
 
 
 def calibrate_samples(
