@@ -299,7 +299,7 @@ def pushed(rec, rng):
     x = rec.samples.copy()
     for start, stop in _some(rec, rng):
         push = normalize(rng.standard_normal(3)) * rng.uniform(0.5, 5) * _gain(rec)
-        x[start:stop] += push
+        x[start:stop] += np.round(push) if _gain(rec) > 10 else push
     return _with(rec, x)
 
 

@@ -1,5 +1,6 @@
 """Refusals: pose sets from which no honest calibration can come."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -95,6 +96,7 @@ def refuse(
     full_scale: float | None,
     limit: float,
     condition: float,
+    suspects: Sequence[tuple[int, float]] = (),
 ) -> None:
     """Raise the error that says what is wrong with one pose set.
 
@@ -110,6 +112,8 @@ def refuse(
         Limit of the condition number.
     condition : float
         The condition number found; infinite where there is none.
+    suspects : sequence of (int, float)
+        Outliers without which the set calibrates, and their standard deviations off.
 
     Raises
     ------
@@ -134,7 +138,22 @@ def refuse(
             "the force, so remove the pose or use a wider range"
         )
         raise RefusedError(msg)
+    if suspects:
+        raise RefusedError(_outlier_message(len(poses), suspects))
     raise GeometryError(_geometry_message(code, poses, condition, limit))
+
+
+def _outlier_message(count: int, suspects: Sequence[tuple[int, float]]) -> str:
+    named = " and ".join(
+        f"pose {pose} ({off:.3g} standard deviations off)" for pose, off in suspects
+    )
+    what = "do not lie" if len(suspects) > 1 else "does not lie"
+    them = "them" if len(suspects) > 1 else "it"
+    return (
+        f"{named} {what} on the ellipsoid of the other {count - len(suspects)} poses, "
+        f"and without {them} they calibrate: look at the hold for a push, a collision "
+        f"or another unit, leave {them} out and calibrate again"
+    )
 
 
 def _geometry_message(code: int, poses: Array, condition: float, limit: float) -> str:

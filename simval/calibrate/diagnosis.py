@@ -162,7 +162,7 @@ def diagnose(fit: FitResult, poses: Any, noise_std: Any = None) -> Diagnosis:
         outliers=tuple(int(k) for k in np.flatnonzero(rest.flagged)),
         chi2_per_dof=float(found.chi2_per_dof),
         p_value=float(found.p_value),
-        verdict=full_verdict(_evidence(fit, readings, rest)),
+        verdict=full_verdict(_evidence(fit, readings, rest, float(found.chi2_per_dof))),
     )
 
 
@@ -190,8 +190,11 @@ def _judged(
     return found, rests
 
 
-def _evidence(fit: FitResult, readings: Array, rest: Outliers) -> Evidence:
-    chi2 = rest.chi2 / rest.dof if rest.dof > 0 else np.nan
+def _evidence(fit: FitResult, readings: Array, rest: Outliers, chi2: float) -> Evidence:
+    # outliers and a robust loss leave a chi-square of another law than that of the
+    # least squares over the poses that belong
+    if rest.flagged.any() or fit.loss != "linear":
+        chi2 = rest.chi2 / rest.dof if rest.dof > 0 else np.nan
     directions = normalize(fit.sensor().correct(readings[~rest.flagged]))
     scales = [0, 3, 5] if fit.model == "symmetric" else [3, 4, 5]
     low, high = fit.intervals[scales].T

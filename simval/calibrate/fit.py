@@ -22,6 +22,7 @@ from simval.calibrate.arguments import (
 )
 from simval.calibrate.frame import direction_condition, normalized
 from simval.calibrate.moments import moment_matrix, unbiased_moment_matrix
+from simval.calibrate.outliers import find_outliers
 from simval.calibrate.residuals import SLOPES
 from simval.calibrate.result import FitResult
 from simval.calibrate.reweight import minimize_reweighted
@@ -151,6 +152,7 @@ def calibrate(
             full_scale=full_scale,
             limit=condition_limit,
             condition=float(block.condition[0]),
+            suspects=_suspects(batch[0], sigma, options),
         )
     numbers = {f.name: getattr(block, f.name) for f in fields(_Block)}
     if single:
@@ -172,6 +174,24 @@ def calibrate(
         status=checks.status_text(code),
         **numbers,
     )
+
+
+def _suspects(
+    poses: Array, sigma: Array | None, options: Options
+) -> list[tuple[int, float]]:
+    # outliers without which the set would not be refused, and how far off they are
+    if len(poses) <= PARAMETERS or not np.isfinite(poses).all():
+        return []
+    found = find_outliers(poses, sigma)
+    keep = ~found.flagged
+    if keep.all():
+        return []
+    rest = _fit_block(
+        poses[None, keep], None if sigma is None else sigma[keep], options
+    )
+    if rest.code[0] >= Code.NON_FINITE:
+        return []
+    return [(int(k), abs(found.standardized[k])) for k in np.flatnonzero(found.flagged)]
 
 
 def _fit_block(poses: Array, sigma: Array | None, options: Options) -> _Block:

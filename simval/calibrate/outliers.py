@@ -10,10 +10,12 @@ For each number k the k poses are sought whose removal lowers the sum of squares
 .. math:: \binom{n}{k}\, P\{F_{k,\,n-9-k} > F_K\} \le \alpha/m, \quad k \le m, \tag{O1}
 
 and each member once more by itself, the others removed, at :math:`\alpha`. The
-greatest k whose members all pass is taken. (O1) bounds over all sets of poses that
-could be chosen, so a clean set has an outlier with a chance of at most
-:math:`\alpha`, whatever the geometry. With a sigma that explains the poses that are
-left, the chi-square of the drop is asked too, and the two share :math:`\alpha`.
+greatest k whose members all pass is taken; where fewer passed before, only what is
+new is tested against them, so that a gross outlier does not pull clean poses along.
+(O1) bounds over all sets of poses that could be chosen, so a clean set has an outlier
+with a chance of at most :math:`\alpha`, whatever the geometry. With a sigma that
+explains the poses that are left, the chi-square of the drop is asked too, and the two
+share :math:`\alpha`.
 """
 
 from dataclasses import dataclass
@@ -90,6 +92,7 @@ def find_outliers(poses: Array, sigma: Array | None = None) -> Outliers:
         before, chosen = chosen, _choose(deletion, known)
         if chosen == before:
             break
+    deletion = _deletion(design, _slope(deletion.p, z) * relative, chosen, floor)
     return _result(deletion, chosen, known, relative * scale)
 
 
@@ -244,13 +247,14 @@ def _choose(deletion: _Deletion, known: float | None) -> list[int]:
     most = min(_MOST, dof - _LEFT, max(3, count // 5))
     if most < 1 or deletion.rank < 9:
         return []
-    total = deletion.squares([])
     chosen: list[int] = []
     subset: list[int] = []
     for k in range(1, most + 1):
         subset = _worst(deletion, subset, k)
         test = _Test(rest=deletion.squares(subset), dof=dof - k, known=known)
-        together = special.binom(count, k) * test.chance(total, k)
+        more, left = k - len(chosen), count - len(chosen)
+        together = test.chance(deletion.squares(chosen), more)
+        together *= special.binom(left, more)
         if not together <= FALSE_ALARM / most:
             continue
         alone = [deletion.squares([j for j in subset if j != i]) for i in subset]

@@ -137,21 +137,29 @@ def full_verdict(found: Evidence) -> str:
     parts = []
     if found.outliers:
         parts.append(_outliers_named(found))
-    if not found.geometry <= GEOMETRY_LIMIT:
-        factor = f"{found.geometry:.0f} times" if found.geometry < 1e6 else "far beyond"
-        parts.append(
-            "the geometry is the limit: the worst error bar is "
-            f"{factor} that of as many poses all over the sphere; add poses where "
-            "there are none"
-        )
-    said = verdict(found.chi2_per_dof, found.dof, first=not parts)
-    parts.append(f"without that, {said}" if found.outliers else said)
+    wide = not found.geometry <= GEOMETRY_LIMIT
+    said = verdict(found.chi2_per_dof, found.dof, first=not (parts or wide))
+    scatter = f"without that, {said}" if found.outliers else said
+    if not wide:
+        parts.append(scatter)
+    elif "poses are the limit" in said:
+        parts += [scatter, f"the geometry costs as well: {_geometry_named(found)}"]
+    else:
+        parts += [f"the geometry is the limit: {_geometry_named(found)}", scatter]
     if found.widest > _WIDE:
         parts.append(
             f"a scale is known to {100.0 * found.widest:.2g} % only, at 95 %: not yet "
             "a calibration"
         )
     return "; ".join(parts)
+
+
+def _geometry_named(found: Evidence) -> str:
+    factor = f"{found.geometry:.0f} times" if found.geometry < 1e6 else "far beyond"
+    return (
+        f"the worst error bar is {factor} that of as many poses all over the sphere; "
+        "add poses where there are none"
+    )
 
 
 def _outliers_named(found: Evidence) -> str:

@@ -14,15 +14,18 @@ from simval.calibrate import FitResult, calibrate
 from simval.calibrate.outliers import find_break, find_outliers
 from simval.errors import SimvalError
 from simval.logs import Log
+from simval.poses import PARAMETERS
 from simval.statics import Intervals, interval_means
 from simval.studies.log_faults import AXES, Rests
 
-Detector = Callable[[Log], Intervals]
+Detector = Callable[[Log, int], Intervals]  # the rests of a log, at least so many
 
+_BETTER = 1.5  # times less scatter; undoing the jumps of a sound log makes it worse
 _VANISHES = 4.0  # times less scatter: a slow drift halves with the part left out
 _CHANCE = 1e-6  # of a cut as good in a clean log
 _SOUND = 0.02  # of gravity, residual of a calibration that can be believed
 _UNUSED = 15.0  # s without a rest, long enough for several of another unit
+_SEVERAL = 3  # rests that agree on another unit
 _OTHER_UNIT = 0.3  # of gravity, off from it: readings in motion average to 5 %
 
 
@@ -57,14 +60,17 @@ def wrapped(log: Log, misfit: float, g: float, detect: Detector) -> str | None:
     try:
         periods = _periods(samples, widest)
         undone = [samples + turns * period for period in periods]
-        intervals = detect(replace(log, accelerometer=undone[0]))
+        intervals = detect(replace(log, accelerometer=undone[0]), PARAMETERS)
         means = np.array([interval_means(part, intervals) for part in undone])
         fits = calibrate(means, g, covariance=False, repeats=True)
     except SimvalError:
         return None
+    laps = np.array([np.median(turns[a:b], axis=0) for a, b in intervals])
+    if not np.ptp(laps, axis=0).any():
+        return None  # spikes: no rest was on another lap than the rest
     residual = np.where(fits.converged, fits.rms / g, np.inf)
     best = int(np.argmin(residual))
-    if not (residual[best] < _SOUND and residual[best] * _VANISHES < misfit):
+    if not (residual[best] < _SOUND and residual[best] * _BETTER < misfit):
         return None
     axis = int(suspects[np.argmax(jumps.sum(axis=0)[suspects])])
     row = int(np.argmax(jumps[:, axis]))
@@ -150,11 +156,11 @@ def other_unit(rests: Rests, fit: FitResult, detect: Detector) -> str | None:
             gyro=None,
         )
         try:
-            inside = interval_means(part.accelerometer, detect(part))
+            inside = interval_means(part.accelerometer, detect(part, _SEVERAL))
         except SimvalError:
             continue  # no rests there: motion
         length = np.linalg.norm(fit.sensor().correct(inside), axis=-1) / fit.g
-        typical = float(np.median(length)) if len(length) >= 3 else 1.0
+        typical = float(np.median(length)) if len(length) >= _SEVERAL else 1.0
         if abs(typical - 1.0) > _OTHER_UNIT:
             return (
                 f"{len(inside)} rests {rests.rows(int(start), int(stop))} read "

@@ -15,7 +15,12 @@ from simval.logs import Log
 from simval.statics import Intervals, interval_means
 
 AXES = "xyz"
-_RUN = 25  # equal rows: 0.28^24 by chance where the noise is a step of the converter
+_RUN = 25  # equal readings, or rows equal to earlier ones, in a row
+# Share of equal neighbours in noise, 0.28 steps of the converter by its sd: 0.36^24
+# is 2e-11, so that no log of a million rows has such a run by chance.
+_NOISY = 0.36
+_BY_CHANCE = 1e-9  # of a stretch that equals any other of a log
+_LONGEST = 1000  # rows; noise so coarse that more would be needed tells nothing
 _FLAT = 0.02  # of the spread of the other axes: misalignments leave far more
 _WEAK = 0.3  # the least spread of an axis in poses of less than half the sphere is 0.3
 _ODD_SCALE = 3.0  # ratio of two axes' scales that no sensor has
@@ -36,15 +41,19 @@ class Rests:
         Mean reading of each, raw units, (m, 3).
     noise : Array
         Median standard deviation within a rest, each axis, raw units, (3,).
-    step : Array
-        Least difference of two readings of each axis, raw units, (3,).
+    same : Array
+        Median share of readings equal to the one before, each axis, (3,); small
+        where the noise is a step of the converter or more.
+    same_rows : float
+        Share of rows equal to the one before that nine rests of ten stay below.
     """
 
     log: Log
     intervals: Intervals
     means: Array
     noise: Array
-    step: Array
+    same: Array
+    same_rows: float
 
     def span(self, rest: int) -> str:
         """Say when a rest was.
@@ -95,14 +104,18 @@ def rests_of(log: Log, intervals: Intervals) -> Rests:
         For the checks.
     """
     samples = log.accelerometer
-    inside = [samples[start:stop].std(axis=0) for start, stop in intervals]
-    gaps = [np.diff(np.unique(samples[:, axis])) for axis in range(3)]
+    parts = [samples[start:stop] for start, stop in intervals]
+    spread = np.array([part.std(axis=0) for part in parts]).reshape(-1, 3)
+    equal = [np.diff(part, axis=0) == 0.0 for part in parts]
+    same = np.array([part.mean(axis=0) for part in equal]).reshape(-1, 3)
+    rows = np.array([part.all(axis=1).mean() for part in equal])
     return Rests(
         log=log,
         intervals=intervals,
         means=interval_means(samples, intervals),
-        noise=np.median(np.array(inside).reshape(-1, 3), axis=0),
-        step=np.array([gap.min(initial=np.inf) for gap in gaps]),
+        noise=np.median(spread, axis=0) if parts else np.full(3, np.nan),
+        same=np.median(same, axis=0) if parts else np.ones(3),
+        same_rows=float(np.quantile(rows, 0.9)) if parts else 1.0,
     )
 
 
@@ -170,7 +183,7 @@ def frozen(rests: Rests) -> str | None:
     samples = rests.log.accelerometer
     # at the ends of the range it is saturated, which is told elsewhere
     rails = np.stack([samples.min(axis=0), samples.max(axis=0)], axis=1)
-    for axis in np.flatnonzero(rests.noise >= rests.step):
+    for axis in np.flatnonzero(rests.same <= _NOISY):
         same = np.diff(samples[:, axis]) == 0.0
         for index, (start, stop) in enumerate(rests.intervals):
             length, end = _longest_run(same[start : stop - 1])
@@ -198,14 +211,15 @@ def repeated(rests: Rests) -> str | None:
     str or None
         The fault in words.
     """
-    if not np.all(rests.noise >= 0.5 * rests.step):
-        return None  # too coarse: equal rows come by themselves
     samples = rests.log.accelerometer
+    run = _telling_run(len(samples), rests.same_rows)
+    if run > min(_LONGEST, len(samples) // 2):
+        return None
     _, code = np.unique(samples, axis=0, return_inverse=True)
     codes: NDArray[np.uint64] = code.ravel().astype(np.uint64)
-    # a polynomial in the codes of _RUN rows, modulo 2^64, stands for them
-    total: NDArray[np.uint64] = np.zeros(len(codes) - _RUN + 1, dtype=np.uint64)
-    for k in range(_RUN):
+    # a polynomial in the codes of a run of rows, modulo 2^64, stands for them
+    total: NDArray[np.uint64] = np.zeros(len(codes) - run + 1, dtype=np.uint64)
+    for k in range(run):
         total *= np.uint64(0x9E3779B97F4A7C15)
         total += codes[k : k + len(total)] + np.uint64(1)
     order = np.argsort(total, kind="stable")
@@ -223,6 +237,14 @@ def repeated(rests: Rests) -> str | None:
         f"{rests.rows(first, first + length)} again, bit for bit: a buffer was "
         "written twice; cut the second out"
     )
+
+
+def _telling_run(rows: int, same: float) -> int:
+    # rows that no pair of stretches of a log has in common by chance
+    if same >= 1.0:
+        return _LONGEST + 1
+    chance = np.log(_BY_CHANCE / rows**2) / np.log(max(same, 1e-3))
+    return max(_RUN, int(np.ceil(chance)))
 
 
 def flat_axis(

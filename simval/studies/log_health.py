@@ -13,6 +13,7 @@ from simval.calibrate import Diagnosis, FitResult, calibrate
 from simval.calibrate.outliers import find_outliers
 from simval.errors import ConvergenceError, RefusedError, SimvalError
 from simval.logs import Log
+from simval.poses import PARAMETERS
 from simval.statics import Intervals
 from simval.studies import log_breaks, log_faults
 from simval.studies.log_breaks import Detector
@@ -66,9 +67,11 @@ def require_sound(
     for check in checks:
         said = check()
         if said is not None:
-            raise RefusedError(f"{log.path}: {said}")
+            msg = f"{log.path}: {said}"
+            raise RefusedError(msg)
     if not misfit <= _MISFIT:
-        raise RefusedError(f"{log.path}: {_misfit(rests, misfit, diagnosis)}")
+        msg = f"{log.path}: {_misfit(rests, misfit, diagnosis)}"
+        raise RefusedError(msg)
 
 
 def explained(log: Log, refusal: RefusedError, g: float, detect: Detector) -> Exception:
@@ -91,7 +94,7 @@ def explained(log: Log, refusal: RefusedError, g: float, detect: Detector) -> Ex
         To be raised.
     """
     try:
-        intervals = detect(log)
+        intervals = detect(log, PARAMETERS)
     except SimvalError:
         intervals = np.empty((0, 2), dtype=np.intp)
     rests = rests_of(log, intervals)
@@ -114,10 +117,10 @@ def explained(log: Log, refusal: RefusedError, g: float, detect: Detector) -> Ex
             return RefusedError(f"{log.path}: {said}")
     if isinstance(refusal, ConvergenceError):
         return ConvergenceError(
-            f"{log.path}: the fit to {len(intervals)} rests did not settle: they hardly "
-            "fix an ellipsoid, or are not all of gravity; hold the sensor in more "
-            "poses all over the sphere, and check the columns, the wiring and the "
-            "units of each axis"
+            f"{log.path}: the fit to {len(intervals)} rests did not settle: they "
+            "hardly fix an ellipsoid, or are not all of gravity; hold the sensor in "
+            "more poses all over the sphere, and check the columns, the wiring and "
+            "the units of each axis"
         )
     return refusal
 

@@ -120,8 +120,9 @@ def calibrate_log(
         fits is a calibration, or the log shows a fault of the sensor or the logger.
     """
 
-    def detect(part: Log) -> Intervals:
-        return _detected(part, None if part is not log else rest, multipliers)[1][0][1]
+    def detect(part: Log, least: int) -> Intervals:
+        known = rest if part.time[0] == log.time[0] else None
+        return _detected(part, known, multipliers, least)[1][0][1]
 
     try:
         result = _calibrated(
@@ -152,7 +153,7 @@ def _calibrated(
     **choices: Any,
 ) -> RecordedCalibration:
     samples = log.accelerometer
-    start, usable = _detected(log, rest, multipliers)
+    start, usable = _detected(log, rest, multipliers, PARAMETERS)
     best: tuple[float, float, FitResult, Intervals] | None = None
     refusal: RefusedError | None = None
     for multiplier, intervals in usable:
@@ -193,7 +194,7 @@ def _calibrated(
 
 
 def _detected(
-    log: Log, rest: float | None, multipliers: tuple[float, ...]
+    log: Log, rest: float | None, multipliers: tuple[float, ...], least: int
 ) -> tuple[Rest, list[tuple[float, Intervals]]]:
     # the initial rest, and the rests at each threshold that gives the same number
     samples = log.accelerometer
@@ -201,7 +202,7 @@ def _detected(
     start = initial_rest(samples, count)
     spread = variance_magnitude(samples)
     found = [(m, intervals_below(spread, m * start.variance)) for m in multipliers]
-    usable = [(m, part) for m, part in found if len(part) >= PARAMETERS]
+    usable = [(m, part) for m, part in found if len(part) >= least]
     if not usable:
         raise _too_few(max(len(part) for _, part in found))
     return start, _plateau(usable)
