@@ -80,8 +80,8 @@ def require_right(motion, log):
     assert len(middle) == POSES
     assert np.all((motion.start < middle) & (middle < motion.stop))
     error = (result.fit.parameters - SENSOR.parameters) / result.fit.sd
-    # nine t values with 15 degrees of freedom: beyond 10 one in 1e7 each; what is sought
-    # is a false rest, which is off by hundreds
+    # nine t values with 15 degrees of freedom: beyond 10 one in 1e7 each; what is
+    # sought is a false rest, which is off by hundreds
     assert np.abs(error).max() < 10.0
     return result
 

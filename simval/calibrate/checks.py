@@ -1,5 +1,6 @@
 """Refusals: pose sets from which no honest calibration can come."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -74,6 +75,7 @@ def refuse(
     limit: float,
     condition: float,
     half_width: float,
+    suspects: Sequence[tuple[int, float]] = (),
 ) -> None:
     """Raise the error that says what is wrong with one pose set.
 
@@ -91,6 +93,8 @@ def refuse(
         The condition number found; infinite where there is none.
     half_width : float
         95 percent half-width of the scale, relative; NaN where there is none.
+    suspects : sequence of (int, float)
+        Outliers without which the set calibrates, and their standard deviations off.
 
     Raises
     ------
@@ -115,6 +119,8 @@ def refuse(
             "the force, so remove the pose or use a wider range"
         )
         raise RefusedError(msg)
+    if suspects:
+        raise RefusedError(_outlier_message(len(poses), suspects))
     if code == Code.WIDE:
         msg = (
             f"the scale is uncertain by {100.0 * half_width:.0f} percent along some "
@@ -123,6 +129,19 @@ def refuse(
         )
         raise RefusedError(msg)
     raise GeometryError(_geometry_message(code, poses, condition, limit))
+
+
+def _outlier_message(count: int, suspects: Sequence[tuple[int, float]]) -> str:
+    named = " and ".join(
+        f"pose {pose} ({off:.3g} standard deviations off)" for pose, off in suspects
+    )
+    what = "do not lie" if len(suspects) > 1 else "does not lie"
+    them = "them" if len(suspects) > 1 else "it"
+    return (
+        f"{named} {what} on the ellipsoid of the other {count - len(suspects)} poses, "
+        f"and without {them} they calibrate: look at the hold for a push, a collision "
+        f"or another unit, leave {them} out and calibrate again"
+    )
 
 
 def _directions(poses: Array) -> Array:

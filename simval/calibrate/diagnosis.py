@@ -1,11 +1,12 @@
 r"""Whether a fit is as good as its noise, and whether every pose belongs.
 
 The distance of a reading to the fitted ellipsoid is, to first order,
-:math:`r_k = c_k / |\partial c/\partial y|`  (D1), in raw units. Standardised by its
-own standard deviation, which is smaller where the pose has leverage :math:`h_k`,
-it is a normal variable with a known sigma that the chi-square bears out, and else
-Student's t with n - 10 degrees of freedom, the scatter taken from the other poses
-(externally studentised).
+:math:`r_k = c_k / |\partial c/\partial y|`  (D1), in raw units. Whether a pose belongs
+is asked of the readings (`outliers`), not of the fit, which outliers bend and which
+a robust loss bends otherwise: the standardised residual of a pose is its distance to
+the ellipsoid of the poses that belong, the pose itself left out, by its standard
+deviation. That is normal with a known sigma that the chi-square bears out, and else
+Student's t with n - 10 degrees of freedom, the scatter taken from the other poses.
 """
 
 from dataclasses import dataclass
@@ -16,14 +17,24 @@ from scipy import special
 
 from simval.arguments import instance, shown
 from simval.arrays import Array, frozen, noise_levels, physical_array
+from simval.calibrate.outliers import (
+    BELIEVED,
+    FALSE_ALARM,
+    Outliers,
+    find_outliers,
+)
 from simval.calibrate.result import FitResult
+from simval.calibrate.verdict import (
+    Evidence,
+    full_verdict,
+    geometry_loss,
+    verdict,
+)
 from simval.errors import InputError
+from simval.geometry import normalize
 from simval.sensor import forms
 
-_TAIL = 0.01  # of the chi-square, on either side, beyond which sigma is not believed
-_NO_ROOM = 1e-9  # a pose that its own parameters follow leaves no residual
-GAUSS_MAD = 1.4826  # standard deviation over median absolute value, Gaussian
-FALSE_ALARM = 0.01  # chance that any pose of a clean set is called an outlier
+__all__ = ["FALSE_ALARM", "Diagnosis", "Residuals", "diagnose", "residuals", "verdict"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -39,7 +50,8 @@ class Diagnosis:
     standardized : Array
         Standardised residuals, (n,); NaN where leverage or freedom leaves none.
     outliers : tuple of int
-        Poses whose standardised residual exceeds what chance allows.
+        Poses that are not on the ellipsoid of the others; any of a clean set with a
+        chance of 1 %, eq. (O1) of `outliers`.
     chi2_per_dof : float
         Chi-square per degree of freedom; NaN without sigma or freedom.
     p_value : float
@@ -73,8 +85,10 @@ class Residuals:
         Share of each pose in its own fit, (..., n).
     standardized : Array
         Standardised residuals, (..., n); NaN where there is no freedom.
+    outlier : Array of bool
+        Poses that are not on the ellipsoid of the others, (..., n).
     limit : Array
-        What the greatest of n exceeds with a chance of `FALSE_ALARM`, (...).
+        What the greatest of a clean set exceeds with a chance of `FALSE_ALARM`, (...).
     chi2_per_dof : Array
         Chi-square per degree of freedom, (...); NaN without sigma or freedom.
     p_value : Array
@@ -84,6 +98,7 @@ class Residuals:
     distance: Array
     leverage: Array
     standardized: Array
+    outlier: Any
     limit: Array
     chi2_per_dof: Array
     p_value: Array
@@ -111,41 +126,7 @@ def residuals(fit: FitResult, poses: Any, noise_std: Any = None) -> Residuals:
     InputError
         If the poses are not those of the fit, or the noise is not above zero.
     """
-    instance("fit", fit, FitResult)
-    readings = physical_array("poses", poses, (None, 3))
-    count = fit.dof + 9
-    if readings.shape[:-1] != (*fit.parameters.shape[:-1], count):
-        msg = (
-            f"`poses` has shape {readings.shape} and the fit was made from {count} "
-            f"poses, shape {(*fit.parameters.shape[:-1], count, 3)}; give the same"
-        )
-        raise InputError(msg)
-    sigma = noise_levels("noise_std", 1.0 if noise_std is None else noise_std, count)
-    if not np.all(sigma > 0.0):
-        msg = f"`noise_std` is {shown(noise_std)}; it must be above 0 raw units"
-        raise InputError(msg)
-    distance, rows, steep = _distances(fit, readings)
-    ratio = distance / sigma
-    total = np.sum(ratio * ratio, axis=-1)
-    p_value = np.full(total.shape, np.nan)
-    if noise_std is not None and fit.dof > 0:
-        p_value = np.asarray(special.gammaincc(fit.dof / 2, total / 2))
-    leverage, room = _leverage(fit, rows, steep, sigma)
-    # a sigma that does not explain the scatter would call half the poses outliers
-    known = np.asarray(p_value >= _TAIL)
-    tail = FALSE_ALARM / (2.0 * count)
-    standardized = _scattered(ratio, room, fit)
-    limit = float(-special.stdtrit(fit.dof - 1, tail)) if fit.dof > 1 else np.inf
-    with np.errstate(divide="ignore", invalid="ignore"):
-        plain = np.where(room > _NO_ROOM, ratio / np.sqrt(room), np.nan)
-    return Residuals(
-        distance=distance,
-        leverage=leverage,
-        standardized=np.where(known[..., None], plain, standardized),
-        limit=np.where(known, float(-special.ndtri(tail)), limit),
-        chi2_per_dof=np.where(np.isfinite(p_value), total / max(fit.dof, 1), np.nan),
-        p_value=p_value,
-    )
+    return _judged(fit, *_checked(fit, poses, noise_std))[0]
 
 
 def diagnose(fit: FitResult, poses: Any, noise_std: Any = None) -> Diagnosis:
@@ -173,53 +154,89 @@ def diagnose(fit: FitResult, poses: Any, noise_std: Any = None) -> Diagnosis:
     if instance("fit", fit, FitResult).parameters.ndim != 1:
         msg = f"a batch of {len(fit.parameters)} fits is not one set; pick one"
         raise InputError(msg)
-    found = residuals(fit, poses, noise_std)
-    outliers = np.flatnonzero(np.abs(found.standardized) > found.limit)
-    chi2 = float(found.chi2_per_dof)
+    readings, sigma = _checked(fit, poses, noise_std)
+    found, (rest,) = _judged(fit, readings, sigma)
     return Diagnosis(
         distance=found.distance,
         leverage=found.leverage,
         standardized=found.standardized,
-        outliers=tuple(int(k) for k in outliers),
-        chi2_per_dof=chi2,
+        outliers=tuple(int(k) for k in np.flatnonzero(rest.flagged)),
+        chi2_per_dof=float(found.chi2_per_dof),
         p_value=float(found.p_value),
-        verdict=verdict(chi2, fit.dof),
+        verdict=full_verdict(_evidence(fit, readings, rest, float(found.chi2_per_dof))),
     )
 
 
-def verdict(chi2_per_dof: float, dof: int) -> str:
-    """Say what a chi-square per degree of freedom means.
+def _judged(
+    fit: FitResult, readings: Array, sigma: Array | None
+) -> tuple[Residuals, list[Outliers]]:
+    count = readings.shape[-2]
+    distance, rows, steep = _distances(fit, readings)
+    ratio = distance / (1.0 if sigma is None else sigma)
+    total = np.sum(ratio * ratio, axis=-1)
+    p_value = np.full(total.shape, np.nan)
+    if sigma is not None and fit.dof > 0:
+        p_value = np.asarray(special.gammaincc(fit.dof / 2, total / 2))
+    rests = [find_outliers(one, sigma) for one in readings.reshape(-1, count, 3)]
+    shape = distance.shape
+    found = Residuals(
+        distance=distance,
+        leverage=_leverage(fit, rows, steep),
+        standardized=np.array([one.standardized for one in rests]).reshape(shape),
+        outlier=np.array([one.flagged for one in rests]).reshape(shape),
+        limit=np.array([_limit(one, count) for one in rests]).reshape(total.shape),
+        chi2_per_dof=np.where(np.isfinite(p_value), total / max(fit.dof, 1), np.nan),
+        p_value=p_value,
+    )
+    return found, rests
 
-    Parameters
-    ----------
-    chi2_per_dof : float
-        Chi-square per degree of freedom, NaN where there is none.
-    dof : int
-        Degrees of freedom.
 
-    Returns
-    -------
-    str
-        Noise, poses, or not known; judged at 1 percent on either side.
-    """
-    if dof == 0:
-        return "nine poses fit exactly: the residuals say nothing; add poses"
-    if not np.isfinite(chi2_per_dof):
-        return "not judged: the noise of a pose mean is not known"
-    low, high = 2.0 * special.gammaincinv(dof / 2, [_TAIL, 1.0 - _TAIL]) / dof
-    factor = np.sqrt(chi2_per_dof)
-    if chi2_per_dof > high:
-        return (
-            f"the poses are the limit, not the noise: residuals are {factor:.1f} times "
-            "what white noise explains (moved holds, drift, a sensor that is not "
-            "linear); trust the Type A error bars, more averaging will not help"
+def _evidence(fit: FitResult, readings: Array, rest: Outliers, chi2: float) -> Evidence:
+    # outliers and a robust loss leave a chi-square of another law than that of the
+    # least squares over the poses that belong
+    if rest.flagged.any() or fit.loss != "linear":
+        chi2 = rest.chi2 / rest.dof if rest.dof > 0 else np.nan
+    directions = normalize(fit.sensor().correct(readings[~rest.flagged]))
+    scales = [0, 3, 5] if fit.model == "symmetric" else [3, 4, 5]
+    low, high = fit.intervals[scales].T
+    named = np.flatnonzero(rest.flagged)
+    return Evidence(
+        chi2_per_dof=float(chi2),
+        dof=rest.dof,
+        outliers=[(int(k), float(abs(rest.standardized[k]))) for k in named],
+        geometry=geometry_loss(directions),
+        widest=float(np.max((high - low) / 2.0 / np.abs(fit.parameters[scales]))),
+    )
+
+
+def _checked(fit: FitResult, poses: Any, noise_std: Any) -> tuple[Array, Array | None]:
+    # the readings of the fit, (..., n, 3), and the noise of each, (n,)
+    readings = physical_array("poses", poses, (None, 3))
+    count = instance("fit", fit, FitResult).dof + 9
+    if readings.shape[:-1] != (*fit.parameters.shape[:-1], count):
+        msg = (
+            f"`poses` has shape {readings.shape} and the fit was made from {count} "
+            f"poses, shape {(*fit.parameters.shape[:-1], count, 3)}; give the same"
         )
-    if chi2_per_dof < low:
-        return (
-            f"residuals are {factor:.2f} times what the noise explains: the noise is "
-            "overstated, or the poses are not independent"
-        )
-    return "noise is the limit: the residuals are what the noise explains"
+        raise InputError(msg)
+    if noise_std is None:
+        return readings, None
+    sigma = noise_levels("noise_std", noise_std, count)
+    if not np.all(sigma > 0.0):
+        msg = f"`noise_std` is {shown(noise_std)}; it must be above 0 raw units"
+        raise InputError(msg)
+    return readings, sigma
+
+
+def _limit(found: Outliers, count: int) -> float:
+    # quantile of the greatest standardised residual of a clean set of as many poses
+    tail = FALSE_ALARM / (2.0 * count)
+    if np.isfinite(found.chi2) and found.dof > 0:
+        # a sigma that does not explain the scatter would call half the poses outliers
+        p_value = special.gammaincc(found.dof / 2.0, found.chi2 / 2.0)
+        if p_value >= BELIEVED:
+            return float(-special.ndtri(tail))
+    return float(-special.stdtrit(found.dof - 1, tail)) if found.dof > 1 else np.inf
 
 
 def _distances(fit: FitResult, readings: Array) -> tuple[Array, Array, Array]:
@@ -239,36 +256,9 @@ def _distances(fit: FitResult, readings: Array) -> tuple[Array, Array, Array]:
     return c / steep, rows / steep[..., None], steep
 
 
-def _leverage(
-    fit: FitResult, rows: Array, steep: Array, sigma: Array
-) -> tuple[Array, Array]:
-    # leverage, and variance of each fitted residual over that of its noise,
-    # (..., n): the estimate weighs c by `a`, so with H the hat matrix of sqrt(a) J
-    # and D the variance of sqrt(a) c, residuals have covariance (I - H) D (I - H)
+def _leverage(fit: FitResult, rows: Array, steep: Array) -> Array:
+    # diagonal of the hat matrix of sqrt(a) J, the estimate weighing c by `a`, (..., n)
     own = fit.residual in ("weighted", "sampson")
-    root = np.ones_like(steep) if own else steep
-    weighted = rows * root[..., None]
+    weighted = rows if own else rows * steep[..., None]
     q, _ = np.linalg.qr(weighted / np.linalg.norm(weighted, axis=-2, keepdims=True))
-    leverage = np.minimum(np.sum(q * q, axis=-1), 1.0)
-    variance = (root * sigma) ** 2
-    inner = np.swapaxes(q * variance[..., None], -1, -2) @ q
-    spread = np.sum((q @ inner) * q, axis=-1)
-    return leverage, np.maximum(1.0 - 2.0 * leverage + spread / variance, 0.0)
-
-
-def _scattered(ratio: Array, room: Array, fit: FitResult) -> Array:
-    # residuals standardised by the scatter of the other poses; of a robust fit by
-    # the median, which outliers do not move
-    if fit.dof < 2:
-        return np.full_like(ratio, np.nan)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        square = ratio * ratio / room
-        if fit.loss == "linear":
-            total = np.sum(ratio * ratio, axis=-1, keepdims=True)
-            floor = np.finfo(float).eps * total + np.finfo(float).tiny
-            variance = np.maximum(total - square, floor) / (fit.dof - 1)
-        else:
-            middle = np.median(np.sqrt(square), axis=-1, keepdims=True)
-            variance = (GAUSS_MAD * middle) ** 2
-        result = np.sign(ratio) * np.sqrt(square / variance)
-    return np.where(room > _NO_ROOM, result, np.nan)
+    return np.minimum(np.sum(q * q, axis=-1), 1.0)

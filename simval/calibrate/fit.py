@@ -23,6 +23,7 @@ from simval.calibrate.arguments import (
 from simval.calibrate.evidence import weigh
 from simval.calibrate.frame import direction_condition, normalized
 from simval.calibrate.moments import moment_matrix, unbiased_moment_matrix
+from simval.calibrate.outliers import find_outliers
 from simval.calibrate.residuals import SLOPES, noise_shares
 from simval.calibrate.result import FitResult
 from simval.calibrate.reweight import minimize_reweighted
@@ -154,6 +155,7 @@ def calibrate(
             limit=options.condition_limit,
             condition=float(block.condition[0]),
             half_width=float(block.half_width[0]),
+            suspects=_suspects(batch[0], sigma, options),
         )
     numbers = {f.name: getattr(block, f.name) for f in fields(_Block)}
     ends = batch.min(axis=1), batch.max(axis=1)
@@ -177,6 +179,24 @@ def calibrate(
         status=checks.status_text(code),
         **numbers,
     )
+
+
+def _suspects(
+    poses: Array, sigma: Array | None, options: Options
+) -> list[tuple[int, float]]:
+    # outliers without which the set would not be refused, and how far off they are
+    if len(poses) <= PARAMETERS or not np.isfinite(poses).all():
+        return []
+    found = find_outliers(poses, sigma)
+    keep = ~found.flagged
+    if keep.all():
+        return []
+    rest = _fit_block(
+        poses[None, keep], None if sigma is None else sigma[keep], options
+    )
+    if rest.code[0] >= Code.NON_FINITE:
+        return []
+    return [(int(k), abs(found.standardized[k])) for k in np.flatnonzero(found.flagged)]
 
 
 def _fit_block(poses: Array, sigma: Array | None, options: Options) -> _Block:

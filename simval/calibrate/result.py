@@ -12,6 +12,7 @@ from simval.errors import ConvergenceError, InputError
 from simval.sensor import AccelerometerModel, forms
 
 STANDARD_GRAVITY = 9.80665  # m/s^2
+_AMPLE = 200  # steps, the default: sets that can be fitted take 5 to 20
 
 _ARRAYS = (
     "parameters",
@@ -264,10 +265,14 @@ class FitResult:
         bad = np.flatnonzero(~np.atleast_1d(self.converged))
         if bad.size:
             status = np.atleast_1d(self.status)[bad[0]]
+            turns = int(np.atleast_1d(self.iterations)[bad[0]])
+            few = status == "max iterations" and turns < _AMPLE
+            more = " (or raise `max_iterations`)" if few else ""
             msg = (
                 f"{bad.size} trial(s) did not converge, the first is trial {bad[0]} "
-                f"({status}) after {np.atleast_1d(self.iterations)[bad[0]]} "
-                "iterations; check its poses or allow more iterations"
+                f"({status}) after {turns} "
+                "iterations: its poses hardly fix an ellipsoid, or some do not belong; "
+                f"add poses over more of the sphere, and look for outliers{more}"
             )
             raise ConvergenceError(msg)
         return self

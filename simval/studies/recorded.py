@@ -8,6 +8,7 @@ bars are too small (`docs/decisions/0055-threshold-without-residuals.md`).
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from simval.statics import (
     interval_counts,
     interval_means,
 )
+from simval.studies.log_health import explained, require_sound
 from simval.studies.rests import find_rests, too_few
 from simval.theory.calibration import CalibrationMoments, calibration_moments
 
@@ -113,14 +115,49 @@ def calibrate_log(
     Raises
     ------
     RefusedError
-        If there is no rest, no threshold gives nine static intervals, or none of
-        the fits is a calibration.
+        If there is no rest, no threshold gives nine static intervals, none of the
+        fits is a calibration, or the log shows a fault of the sensor or the logger.
     """
+
+    def detect(part: Log, least: int) -> Intervals:
+        known = rest if part.time[0] == log.time[0] else None
+        found = find_rests(part, known, multipliers, least)[2]
+        return _plateau(found)[0][1]
+
+    try:
+        result = _calibrated(
+            log,
+            rest=rest,
+            multipliers=multipliers,
+            g=g,
+            model=model,
+            method=method,
+            residual=residual,
+            loss=loss,
+            full_scale=full_scale,
+        )
+    except RefusedError as refusal:
+        raise explained(log, refusal, g, detect) from refusal
+    require_sound(log, result.fit, result.intervals, result.diagnosis, detect)
+    return result
+
+
+def _calibrated(
+    log: Log,
+    *,
+    rest: float | None,
+    multipliers: tuple[float, ...],
+    g: float,
+    residual: str,
+    full_scale: float | None,
+    **choices: Any,
+) -> RecordedCalibration:
     samples = log.accelerometer
-    even, start, usable = find_rests(log, rest, multipliers)
+    even, start, found = find_rests(log, rest, multipliers)
+    usable = _plateau(found)
     chosen: tuple[float, FitResult, Intervals] | None = None
     refusal: RefusedError | None = None
-    for multiplier, intervals in _plateau(usable):
+    for multiplier, intervals in usable:
         _require_unsaturated(log, intervals, full_scale)
         sigma = white_noise(samples, intervals, even.block)
         try:
@@ -128,11 +165,9 @@ def calibrate_log(
                 interval_means(samples, intervals),
                 g,
                 noise_std=sigma if residual == "adjusted" else None,
-                model=model,
-                method=method,
                 residual=residual,
-                loss=loss,
                 full_scale=full_scale,
+                **choices,
             ).require_converged()
         except RefusedError as error:
             refusal = error

@@ -16,7 +16,10 @@ from simval.statics import (
 
 
 def find_rests(
-    log: Log, rest: float | None, multipliers: tuple[float, ...]
+    log: Log,
+    rest: float | None,
+    multipliers: tuple[float, ...],
+    least: int = PARAMETERS,
 ) -> tuple[EvenLog, Rest, list[tuple[float, Intervals]]]:
     """Find the rests of a log with the longest window that sees enough of them.
 
@@ -28,6 +31,8 @@ def find_rests(
         Length of the initial rest, s; None finds it.
     multipliers : tuple of float
         Thresholds to try, in variances of the rest.
+    least : int
+        Intervals that a threshold must find.
 
     Returns
     -------
@@ -36,12 +41,12 @@ def find_rests(
     rest : Rest
         Its initial rest, in rows.
     usable : list of (float, Intervals)
-        Static intervals, in rows, of each threshold that finds nine or more.
+        Static intervals, in rows, of each threshold that finds enough.
 
     Raises
     ------
     RefusedError
-        If there is no rest, or no threshold finds nine.
+        If there is no rest, or no threshold finds enough.
 
     Notes
     -----
@@ -62,7 +67,7 @@ def find_rests(
             refusal = refusal or error
             continue
         found = [(m, even.intervals(spread, m * start.variance)) for m in multipliers]
-        usable = [(m, part) for m, part in found if len(part) >= PARAMETERS]
+        usable = [(m, part) for m, part in found if len(part) >= least]
         if usable:
             return even, start, usable
         refusal = refusal or too_few(max(len(part) for _, part in found))

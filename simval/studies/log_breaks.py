@@ -1,0 +1,171 @@
+"""What changes in the course of a log: a counter that wraps, a gain, a sign, a unit.
+
+Such a log looks sound row by row; what gives it away is that undoing the change, or
+leaving a part out, makes the residuals vanish.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.calibrate import FitResult, calibrate
+from simval.calibrate.outliers import find_break, find_outliers
+from simval.errors import SimvalError
+from simval.logs import Log
+from simval.poses import PARAMETERS
+from simval.statics import Intervals, interval_means
+from simval.studies.log_faults import AXES, Rests
+
+Detector = Callable[[Log, int], Intervals]  # the rests of a log, at least so many
+
+_BETTER = 1.5  # times less scatter; undoing the jumps of a sound log makes it worse
+_VANISHES = 4.0  # times less scatter: a slow drift halves with the part left out
+_CHANCE = 1e-6  # of a cut as good in a clean log
+_SOUND = 0.02  # of gravity, residual of a calibration that can be believed
+_UNUSED = 15.0  # s without a rest, long enough for several of another unit
+_SEVERAL = 3  # rests that agree on another unit
+_OTHER_UNIT = 0.3  # of gravity, off from it: readings in motion average to 5 %
+
+
+def wrapped(log: Log, misfit: float, g: float, detect: Detector) -> str | None:
+    """An axis whose readings leave at one end of a range and return at the other.
+
+    Parameters
+    ----------
+    log : Log
+        The recording.
+    misfit : float
+        Residual of the calibration over gravity; infinite where there is none.
+    g : float
+        Gravity, m/s^2.
+    detect : callable
+        Finds the rests of a log.
+
+    Returns
+    -------
+    str or None
+        The fault in words.
+    """
+    samples = log.accelerometer
+    steps = np.diff(samples, axis=0)
+    span = np.ptp(samples, axis=0)
+    jumps = np.abs(steps) > 0.5 * span
+    suspects = np.flatnonzero(jumps.any(axis=0))
+    if suspects.size == 0:
+        return None
+    turns = np.concatenate([np.zeros((1, 3)), np.cumsum(-np.sign(steps) * jumps, 0)])
+    widest = float(span[suspects].max())
+    try:
+        periods = _periods(samples, widest)
+        undone = [samples + turns * period for period in periods]
+        intervals = detect(replace(log, accelerometer=undone[0]), PARAMETERS)
+        means = np.array([interval_means(part, intervals) for part in undone])
+        fits = calibrate(means, g, covariance=False, repeats=True)
+    except SimvalError:
+        return None
+    laps = np.array([np.median(turns[a:b], axis=0) for a, b in intervals])
+    if not np.ptp(laps, axis=0).any():
+        return None  # spikes: no rest was on another lap than the rest
+    residual = np.where(fits.converged, fits.rms / g, np.inf)
+    best = int(np.argmin(residual))
+    if not (residual[best] < _SOUND and residual[best] * _BETTER < misfit):
+        return None
+    axis = int(suspects[np.argmax(jumps.sum(axis=0)[suspects])])
+    row = int(np.argmax(jumps[:, axis]))
+    before, after = samples[row, axis], samples[row + 1, axis]
+    return (
+        f"axis {AXES[axis]} jumps from {before:g} to {after:g} between "
+        f"{log.time[row]:.2f} s and {log.time[row + 1]:.2f} s, and at "
+        f"{int(jumps.sum())} places in all: the readings wrap around a range of "
+        f"{periods[best]:.6g}, and lie on an ellipsoid once that is undone; read the "
+        "counts as signed or unsigned as the sensor writes them, or unwrap them by "
+        f"{periods[best]:.6g}, and calibrate again"
+    )
+
+
+def _periods(samples: Array, span: float) -> Array:
+    # what a counter could wrap around: a power of two, or a little over what is seen,
+    # since the ends of the range are seen to within one step of the motion
+    if np.all(samples == np.round(samples)):
+        power = 2.0 ** np.ceil(np.log2(span + 1.0))
+        if power < 1.1 * span:
+            return np.array([power])
+    return span * np.linspace(1.0, 1.1, 41)
+
+
+def changed(rests: Rests) -> str | None:
+    """A time from which the rests lie on another ellipsoid.
+
+    Parameters
+    ----------
+    rests : Rests
+        Of the log.
+
+    Returns
+    -------
+    str or None
+        The fault in words.
+    """
+    found = find_break(rests.means)
+    if found is None or not (found.chance <= _CHANCE and found.drop >= _VANISHES):
+        return None
+    single = find_outliers(rests.means)
+    if single.flagged.any():
+        belong = single.distance[~single.flagged]
+        scatter = np.sqrt(np.sum(belong**2) / max(single.dof, 1))
+        if scatter < 2.0 * found.scatter:
+            return None  # a few bad rests say the same with less
+    earlier, later = rests.span(found.index - 1), rests.span(found.index)
+    return (
+        f"the rests up to the one {earlier} and those since the one {later} do not lie "
+        f"on one ellipsoid; the {'earlier' if found.later else 'later'} ones alone "
+        f"scatter {found.drop:.3g} times less: scale, bias, sign or order of the axes "
+        "changed in between (range setting, cable, temperature); cut the log there "
+        "and calibrate one part"
+    )
+
+
+def other_unit(rests: Rests, fit: FitResult, detect: Detector) -> str | None:
+    """A long stretch whose rests were passed over because they read another gravity.
+
+    Parameters
+    ----------
+    rests : Rests
+        Of the log.
+    fit : FitResult
+        Its calibration.
+    detect : callable
+        Finds the rests of a log.
+
+    Returns
+    -------
+    str or None
+        The fault in words.
+    """
+    log = rests.log
+    edges = np.concatenate([[0], rests.intervals.ravel(), [len(log.time)]])
+    for start, stop in edges.reshape(-1, 2):
+        if log.time[stop - 1] - log.time[min(start, stop - 1)] < _UNUSED:
+            continue
+        part = replace(
+            log,
+            time=log.time[start:stop],
+            accelerometer=log.accelerometer[start:stop],
+            gyro=None,
+        )
+        try:
+            inside = interval_means(part.accelerometer, detect(part, _SEVERAL))
+        except SimvalError:
+            continue  # no rests there: motion
+        length = np.linalg.norm(fit.sensor().correct(inside), axis=-1) / fit.g
+        typical = float(np.median(length)) if len(length) >= _SEVERAL else 1.0
+        if abs(typical - 1.0) > _OTHER_UNIT:
+            return (
+                f"{len(inside)} rests {rests.rows(int(start), int(stop))} read "
+                f"{typical:.3g} times the gravity of the others, on x, y and z: the "
+                "unit or the range changed; bring all rows to one unit, or calibrate "
+                "the parts by themselves"
+            )
+    return None

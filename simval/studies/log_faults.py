@@ -1,0 +1,321 @@
+"""What is wrong with a recorded log: a fault of the sensor, the cable or the logger.
+
+Each check looks for the mark of one fault in the rests and says it in a sentence that
+names the axis, the time and the remedy, or returns nothing. They are asked of every
+log: most of what they find still gives nine numbers and error bars.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simval.arrays import Array
+from simval.logs import Log
+from simval.statics import Intervals, interval_means
+
+AXES = "xyz"
+_RUN = 25  # equal readings, or rows equal to earlier ones, in a row
+# Share of equal neighbours in noise, 0.28 steps of the converter by its sd: 0.36^24
+# is 2e-11, so that no log of a million rows has such a run by chance.
+_NOISY = 0.36
+_BY_CHANCE = 1e-9  # of a stretch that equals any other of a log
+_LONGEST = 1000  # rows; noise so coarse that more would be needed tells nothing
+_FLAT = 0.02  # of the spread of the other axes: misalignments leave far more
+_WEAK = 0.3  # the least spread of an axis in poses of less than half the sphere is 0.3
+_ODD_SCALE = 3.0  # ratio of two axes' scales that no sensor has
+_BAD_FIT = 0.02  # of gravity: residuals of holds by hand are some 1e-3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rests:
+    """The rests of a log, and what the checks need of them.
+
+    Attributes
+    ----------
+    log : Log
+        The recording.
+    intervals : Intervals
+        Samples start <= k < stop of each rest, (m, 2).
+    means : Array
+        Mean reading of each, raw units, (m, 3).
+    noise : Array
+        Median standard deviation within a rest, each axis, raw units, (3,).
+    same : Array
+        Median share of readings equal to the one before, each axis, (3,); small
+        where the noise is a step of the converter or more.
+    same_rows : float
+        Share of rows equal to the one before that nine rests of ten stay below.
+    """
+
+    log: Log
+    intervals: Intervals
+    means: Array
+    noise: Array
+    same: Array
+    same_rows: float
+
+    def span(self, rest: int) -> str:
+        """Say when a rest was.
+
+        Parameters
+        ----------
+        rest : int
+            Its index.
+
+        Returns
+        -------
+        str
+            Seconds of the log.
+        """
+        start, stop = self.intervals[rest]
+        return self.rows(int(start), int(stop))
+
+    def rows(self, start: int, stop: int) -> str:
+        """Say when rows were.
+
+        Parameters
+        ----------
+        start, stop : int
+            Rows start <= k < stop.
+
+        Returns
+        -------
+        str
+            Seconds of the log.
+        """
+        time = self.log.time
+        return f"from {time[start]:.2f} s to {time[stop - 1]:.2f} s"
+
+
+def rests_of(log: Log, intervals: Intervals) -> Rests:
+    """Gather what the checks need.
+
+    Parameters
+    ----------
+    log : Log
+        The recording.
+    intervals : Intervals
+        Its rests, (m, 2).
+
+    Returns
+    -------
+    Rests
+        For the checks.
+    """
+    samples = log.accelerometer
+    parts = [samples[start:stop] for start, stop in intervals]
+    spread = np.array([part.std(axis=0) for part in parts]).reshape(-1, 3)
+    equal = [np.diff(part, axis=0) == 0.0 for part in parts]
+    same = np.array([part.mean(axis=0) for part in equal]).reshape(-1, 3)
+    rows = np.array([part.all(axis=1).mean() for part in equal])
+    return Rests(
+        log=log,
+        intervals=intervals,
+        means=interval_means(samples, intervals),
+        noise=np.median(spread, axis=0) if parts else np.full(3, np.nan),
+        same=np.median(same, axis=0) if parts else np.ones(3),
+        same_rows=float(np.quantile(rows, 0.9)) if parts else 1.0,
+    )
+
+
+def constant_axis(rests: Rests) -> str | None:
+    """An axis that shows one value in the whole log.
+
+    Parameters
+    ----------
+    rests : Rests
+        Of the log.
+
+    Returns
+    -------
+    str or None
+        The fault in words.
+    """
+    samples = rests.log.accelerometer
+    for axis in range(3):
+        if np.ptp(samples[:, axis]) == 0.0:
+            return (
+                f"axis {AXES[axis]} shows {samples[0, axis]:g} in every row "
+                f"{rests.rows(0, len(samples))}: it is not connected or stuck; check "
+                "its wire and the columns (--columns), and record again"
+            )
+    return None
+
+
+def zero_rows(rests: Rests) -> str | None:
+    """Rows of three zeros, which stand for lost data.
+
+    Parameters
+    ----------
+    rests : Rests
+        Of the log.
+
+    Returns
+    -------
+    str or None
+        The fault in words.
+    """
+    zero = np.all(rests.log.accelerometer == 0.0, axis=1)
+    for index, (start, stop) in enumerate(rests.intervals):
+        if np.count_nonzero(zero[start:stop]) >= 2:
+            return (
+                f"x, y and z are all exactly 0 in {np.count_nonzero(zero)} rows, among "
+                f"them the rest {rests.span(index)}: a sensor at rest reads gravity, "
+                "so these rows stand for lost data; cut them out"
+            )
+    return None
+
+
+def frozen(rests: Rests) -> str | None:
+    """A rest in which an axis repeats one value although it is noisy elsewhere.
+
+    Parameters
+    ----------
+    rests : Rests
+        Of the log.
+
+    Returns
+    -------
+    str or None
+        The fault in words.
+    """
+    samples = rests.log.accelerometer
+    # at the ends of the range it is saturated, which is told elsewhere
+    rails = np.stack([samples.min(axis=0), samples.max(axis=0)], axis=1)
+    for axis in np.flatnonzero(rests.same <= _NOISY):
+        same = np.diff(samples[:, axis]) == 0.0
+        for index, (start, stop) in enumerate(rests.intervals):
+            length, end = _longest_run(same[start : stop - 1])
+            row = int(start) + end - length
+            if length >= _RUN and samples[row, axis] not in rails[axis]:
+                return (
+                    f"axis {AXES[axis]} shows {samples[row, axis]:g} in every row "
+                    f"{rests.rows(row, row + length + 1)}, within the rest "
+                    f"{rests.span(index)}, and varies by {rests.noise[axis]:.2g} in "
+                    "other rests: the sensor or the logger froze; cut that stretch out"
+                )
+    return None
+
+
+def repeated(rests: Rests) -> str | None:
+    """A stretch of rows that is an earlier one again, bit for bit.
+
+    Parameters
+    ----------
+    rests : Rests
+        Of the log.
+
+    Returns
+    -------
+    str or None
+        The fault in words.
+    """
+    samples = rests.log.accelerometer
+    run = _telling_run(len(samples), rests.same_rows)
+    if run > min(_LONGEST, len(samples) // 2):
+        return None
+    _, code = np.unique(samples, axis=0, return_inverse=True)
+    codes: NDArray[np.uint64] = code.ravel().astype(np.uint64)
+    # a polynomial in the codes of a run of rows, modulo 2^64, stands for them
+    total: NDArray[np.uint64] = np.zeros(len(codes) - run + 1, dtype=np.uint64)
+    for k in range(run):
+        total *= np.uint64(0x9E3779B97F4A7C15)
+        total += codes[k : k + len(total)] + np.uint64(1)
+    order = np.argsort(total, kind="stable")
+    twins = np.flatnonzero(np.diff(total[order]) == 0)
+    if twins.size == 0:
+        return None
+    pairs = np.stack([order[twins], order[twins + 1]], axis=1)
+    first, second = pairs[np.argmin(pairs[:, 1])]
+    length = 0
+    longest = min(len(codes) - second, second - first)
+    while length < longest and codes[first + length] == codes[second + length]:
+        length += 1
+    return (
+        f"the {length} rows {rests.rows(second, second + length)} are those "
+        f"{rests.rows(first, first + length)} again, bit for bit: a buffer was "
+        "written twice; cut the second out"
+    )
+
+
+def _telling_run(rows: int, same: float) -> int:
+    # rows that no pair of stretches of a log has in common by chance
+    if same >= 1.0:
+        return _LONGEST + 1
+    chance = np.log(_BY_CHANCE / rows**2) / np.log(max(same, 1e-3))
+    return max(_RUN, int(np.ceil(chance)))
+
+
+def flat_axis(
+    rests: Rests, scale: Array | None = None, misfit: float = np.inf
+) -> str | None:
+    """An axis that does not take part, or repeats another.
+
+    Parameters
+    ----------
+    rests : Rests
+        Of the log.
+    scale : Array or None
+        Scales of the axes in the fit, (3,); None where there is none.
+    misfit : float
+        Residual of the fit over gravity; infinite where there is none.
+
+    Returns
+    -------
+    str or None
+        The fault in words.
+    """
+    centred = rests.means - rests.means.mean(axis=0)
+    spread = np.sqrt(np.mean(centred**2, axis=0))
+    one, two = _most_alike(centred)
+    own = _left_over(centred, two)
+    if own < _FLAT * spread.max() and spread.min() > _FLAT * spread.max():
+        likeness = "the same" if centred[:, one] @ centred[:, two] > 0 else "opposite"
+        return (
+            f"axes {AXES[one]} and {AXES[two]} show {likeness} signal(s) in all "
+            f"{len(centred)} rests {_whole(rests)}: two columns are one channel; "
+            "check the wiring and the columns (--columns), and record again"
+        )
+    axis = int(np.argmin(spread))
+    other = float(np.median(spread))
+    odd = misfit > _BAD_FIT
+    if scale is not None:
+        odd |= float(np.abs(scale[axis])) > _ODD_SCALE * np.median(np.abs(scale))
+    if spread[axis] < _FLAT * other or (spread[axis] < _WEAK * other and odd):
+        return (
+            f"axis {AXES[axis]} varies by {spread[axis]:.2g} over the {len(centred)} "
+            f"rests {_whole(rests)}, the others by {other:.2g}: it shows noise "
+            "instead of gravity, or was never tipped; check its wire, tip the sensor "
+            "so that each axis points up and down, and record again"
+        )
+    return None
+
+
+def _whole(rests: Rests) -> str:
+    return rests.rows(int(rests.intervals[0, 0]), int(rests.intervals[-1, 1]))
+
+
+def _most_alike(centred: Array) -> tuple[int, int]:
+    size = np.linalg.norm(centred, axis=0)
+    size[size == 0.0] = 1.0
+    alike = np.abs((centred / size).T @ (centred / size))
+    pairs = ((0, 1), (0, 2), (1, 2))
+    return max(pairs, key=lambda pair: float(alike[pair]))
+
+
+def _left_over(centred: Array, axis: int) -> float:
+    # root mean square of an axis that the other two do not explain
+    others = np.delete(centred, axis, axis=1)
+    part = np.linalg.lstsq(others, centred[:, axis], rcond=None)[0]
+    return float(np.sqrt(np.mean((centred[:, axis] - others @ part) ** 2)))
+
+
+def _longest_run(flag: Array) -> tuple[int, int]:
+    # length and end of the longest run of True
+    edges = np.diff(np.concatenate([[0], flag.astype(np.int8), [0]]))
+    starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    if len(starts) == 0:
+        return 0, 0
+    best = int(np.argmax(stops - starts))
+    return int(stops[best] - starts[best]), int(stops[best])

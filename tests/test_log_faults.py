@@ -1,0 +1,101 @@
+"""Logs of broken sensors, cables and loggers: found and named, no good one lost."""
+
+import re
+
+import bad_logs
+import numpy as np
+import pytest
+
+from simval.cli import run
+from simval.errors import RefusedError, SimvalError
+from simval.studies.recorded import calibrate_log
+
+# what the refusal says, of the faults that nothing else could be taken for
+WORDS = {
+    "stuck_axis": "shows .* in every row .* not connected or stuck; check",
+    "dead_axis": "check its wire|check the wiring|every row",
+    "same_channel": "two columns are one channel; check the wiring",
+    "wrap": "wrap around a range of .* unwrap them",
+    "frozen_sensor": "froze; cut that stretch out",
+    "repeated_block": "again, bit for bit: .* cut the second out",
+    "units": "times the gravity of the others, .* one unit",
+    "swapped_axes": "do not lie on one ellipsoid; .* cut the log there",
+}
+
+
+def recording(name, seed):
+    rng = np.random.default_rng([71, len(name), sum(map(ord, name)), seed])
+    rec = bad_logs.good(rng)
+    return rec if name == "good" else bad_logs.FAULTS[name](rec, rng)
+
+
+def outcome(rec):
+    """The result, or the words of the refusal."""
+    try:
+        return calibrate_log(rec.log), ""
+    except SimvalError as error:
+        return None, str(error)
+
+
+@pytest.mark.parametrize("name", WORDS)
+def test_a_fault_is_refused_and_named(name):
+    rec = recording(name, 0)
+    with pytest.raises(RefusedError) as caught:
+        calibrate_log(rec.log)
+    assert re.search(WORDS[name], str(caught.value)), str(caught.value)
+    assert re.search(r"from \d|between \d", str(caught.value))  # the time
+    assert caught.value.exit_code == 3
+
+
+def test_good_logs_are_kept():
+    for seed in range(3):
+        rec = recording("good", seed)
+        result, words = outcome(rec)
+        assert result is not None, words
+        assert not bad_logs.wrong(rec, result.fit)
+
+
+def silently_wrong(rec):
+    """An answer off by more than its error bars, and not a word about a pose."""
+    result, _ = outcome(rec)
+    if result is None or not bad_logs.wrong(rec, result.fit):
+        return False
+    return not result.diagnosis.outliers
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", bad_logs.FAULTS)
+def test_no_bad_log_is_silently_wrong(name):
+    """60 of each of 19 kinds, 1140 in all: at most one of a kind.
+
+    What is left are changes within the noise of the rests or at their very end.
+    """
+    wrong = [seed for seed in range(60) if silently_wrong(recording(name, seed))]
+    assert len(wrong) <= 1, wrong
+
+
+@pytest.mark.slow
+def test_no_good_log_is_lost():
+    """300 good logs, in counts or m/s^2, coarse or fine: not one refused or wrong."""
+    lost = [seed for seed in range(300) if outcome(recording("good", seed))[0] is None]
+    assert lost == []
+
+
+def test_the_command_says_it_in_one_sentence(capsys, tmp_path):
+    path = tmp_path / "wrapped.log"
+    np.savetxt(path, recording("wrap", 1).samples, fmt="%.7g")
+    assert run(["calibrate", str(path), "--rate", "100"]) == 3
+    said = capsys.readouterr().err
+    assert re.search(WORDS["wrap"], said)
+    assert "Traceback" not in said
+
+
+def test_a_spike_is_no_wrap_and_a_flip_no_fault():
+    """A jump of the whole range that no rest takes part in, and a log that skips the
+    turns between its rests, are what they are."""
+    rec = recording("good", 4)
+    x = rec.samples.copy()
+    x[rec.holds[3, 0] - 20, 0] += 4 * np.ptp(x[:, 0])
+    assert calibrate_log(bad_logs._with(rec, x).log).fit.converged
+    keep = np.concatenate([np.arange(*hold) for hold in rec.holds])
+    assert calibrate_log(bad_logs._with(rec, rec.samples[keep]).log).fit.converged
