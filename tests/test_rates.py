@@ -80,8 +80,8 @@ def require_right(motion, log):
     assert len(middle) == POSES
     assert np.all((motion.start < middle) & (middle < motion.stop))
     error = (result.fit.parameters - SENSOR.parameters) / result.fit.sd
-    # nine t values with 15 degrees of freedom: beyond 10 one in 1e7 each; what is sought
-    # is a false rest, which is off by hundreds
+    # nine t values with 15 degrees of freedom: beyond 10 one in 1e7 each; what is
+    # sought is a false rest, which is off by hundreds
     assert np.abs(error).max() < 10.0
     return result
 
@@ -152,7 +152,7 @@ def test_the_detector_at_100_hz_is_that_of_its_authors():
     # the same span of time, and rests of two seconds, at each rate
     for rate in (10.0, 15.0, 25.0, 99.0, 285.7, 1000.0, 2000.0):
         even = evened(np.arange(3000) / rate, np.zeros((3000, 3)))
-        assert abs(even.window / even.rate - 1.0) <= 1.5 / even.rate
+        assert abs(even.window / even.rate - 1.0) <= 2.0 / even.rate  # odd
         assert (
             abs((even.window + even.minimum - 1) / even.rate - 2.0) <= 0.5 / even.rate
         )
