@@ -75,7 +75,8 @@ def chosen(table: Table, columns: str | Sequence[str] | None) -> tuple[Column, .
         roles = LAYOUTS[table.width]
         return tuple(Column(role=role, place=k) for k, role in enumerate(roles))
     msg = (
-        f"{table.path} has {table.width} columns and no names for them; 3 (ax ay az), "
+        f"{table.path} has {table.width} column{'s' * (table.width > 1)} and no names "
+        "for them; 3 (ax ay az), "
         "4 (t ax ay az), 6 (with wx wy wz) or 7 (both) are understood, so name them: "
         f"--columns {template(table.width)}, - for one to ignore"
     )
@@ -264,7 +265,11 @@ def _question(
 ) -> InputError:
     clock = _clock(table, channels)
     start = {} if clock is None else {clock: "t"}
-    free = [k for k in range(table.width) if k != clock and not table.is_text(k)]
+    numbers = [k for k in range(table.width) if k != clock and not table.is_text(k)]
+    free = [k for k in numbers if channels[k].kind in ("bare", "force", "other")]
+    form = "one of" if len(candidates) > 1 else "for example"
+    if not candidates and len(free) < 3:  # all are known, as something else
+        form, free = "but only if the names are wrong", numbers
     fitting = candidates[:3] or (
         [(free[0], free[1], free[2])] if len(free) >= 3 else []
     )
@@ -274,7 +279,6 @@ def _question(
     ]
     listed = ", ".join(repr(name) for name in names[:_SHOWN])
     more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-    form = "one of" if len(lines) > 1 else "for example"
     say = " or ".join(f"--columns {line}" for line in lines) or "--columns"
     return InputError(
         f"{table.path}: which columns are the accelerometer's x, y and z? The header "
