@@ -2,8 +2,9 @@
 
 A calibration turns any numbers into some force; only their size tells that they are
 of another unit or another sensor. At rest, whatever the pose, the force is g. A log
-without a rest can say less: its typical force is not far from g, as nobody falls or
-is shaken at many g from end to end.
+without a rest says less: the mean of :math:`|f|` is at least that of the mean force in
+the world, which is g but for the change of velocity over the time of the log, and
+nothing that is carried is shaken at many g from end to end.
 """
 
 import numpy as np
@@ -12,11 +13,11 @@ from simval.arrays import Array
 from simval.calibrate.result import FitResult, raw_unit
 from simval.errors import RefusedError
 
-# Biases of 0.1 g and scales 3 % off are another temperature; the least mistake of a
-# unit or a range is a factor of 2. Between them, on a log scale: 2^0.5.
-_REST = 0.3
-# |f| of a moving log, in g: m/s^2 for g and the reverse is a factor of 9.8
-_MOVING = (0.2, 8.0)
+# Another temperature moves a bias by 0.1 g and a scale by 3 %; the least mistake of a
+# unit or a range is a factor of 2.
+_REST = (0.75, 1.25)
+# Mean |f| of a moving log, in g: g for m/s^2 is a factor of 9.8.
+_MOVING = (0.75, 8.0)
 _WINDOW = 0.5  # s; a hand at rest holds still for as long
 _FEWEST = 10  # rows of which a scatter says something
 _QUIET = 0.05  # scatter of a window at rest over its mean; a cheap sensor has 0.02
@@ -37,18 +38,16 @@ def require_same_sensor(fit: FitResult, raw: Array, rate: float) -> None:
     Raises
     ------
     RefusedError
-        If the log's rests are not near g, or, without rests, its typical force is
-        far from it.
+        If the log's rests are not near g, or, without rests, its mean is far from it.
     """
     force = fit.sensor().correct(raw) / fit.g
     rests = rest_forces(force, rate)
     if rests.size:
-        typical, low, high = float(np.median(rests)), 1.0 - _REST, 1.0 + _REST
+        typical, (low, high) = float(np.median(rests)), _REST
         what = f"{rests.size} stretches at rest"
     else:
-        low, high = _MOVING
-        typical = float(np.median(np.linalg.norm(force, axis=1)))
-        what = "typical reading"
+        typical, (low, high) = float(np.linalg.norm(force, axis=1).mean()), _MOVING
+        what = "mean reading, in motion,"
     if low <= typical <= high:
         return
     length = float(np.median(np.linalg.norm(raw, axis=1)))

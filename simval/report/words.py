@@ -46,6 +46,23 @@ def measured(value: float, error: float) -> str:
     return f"({value / scale:.{places}f} ± {error / scale:.{places}f})e{exponent}"
 
 
+def sign_of_entries(statistics: Iterable[str]) -> str:
+    """Tell how a parameter's sign goes with the matrix T, where it is among them.
+
+    Parameters
+    ----------
+    statistics : iterable of str
+        Names that a table shows.
+
+    Returns
+    -------
+    str
+        Words to end a caption with; none where no such parameter is shown.
+    """
+    named = any("[S_zx]" in name for name in statistics)
+    return "; S_zx is minus the entry T[2][0]" if named else ""
+
+
 def slug(text: str) -> str:
     """Spell words so that they serve as an id, a selector and a file name.
 

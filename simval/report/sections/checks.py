@@ -4,6 +4,7 @@ from simval.gate.finding import reproduce
 from simval.report.section import Context, Section, made
 from simval.report.sections.disagreements import figure_names, key_of
 from simval.report.table import Column, Table
+from simval.report.words import sign_of_entries
 from simval.verdict import Verdict
 
 ORDER = {"fail": 0, "inconclusive": 1, "pass": 2}
@@ -82,7 +83,8 @@ def _each(
     ]
     return Table(
         name="verdicts",
-        caption="Each check: failing ones first, then by p-value",
+        caption="Each check: failing ones first, then by p-value"
+        + sign_of_entries(v.row.statistic for v in verdicts),
         columns=(
             Column("verdict", "answer"),
             Column("statistic"),

@@ -2,6 +2,7 @@
 
 from simval.report.section import Context, Section, made
 from simval.report.table import Column, Table
+from simval.report.words import sign_of_entries
 
 SHOWN = 500
 
@@ -36,7 +37,8 @@ def section(context: Context) -> Section | None:
         return None
     table = Table(
         name="numbers",
-        caption="Value ± standard error of each statistic",
+        caption="Value ± standard error of each statistic"
+        + sign_of_entries(row[1] for row in rows),
         columns=(
             Column("cell", "code"),
             Column("statistic"),

@@ -1,0 +1,53 @@
+"""T is printed as it stands in the file: S_zx is minus its entry."""
+
+import numpy as np
+import pytest
+
+from simval.report.words import sign_of_entries
+from simval.sensor import MODELS, AccelerometerModel, forms
+
+G = 9.80665
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_entries_are_those_of_the_matrices(model):
+    rng = np.random.default_rng(2)
+    parameters = rng.uniform(0.5, 2.0, 9)
+    T, K, B = forms.factors(model, parameters)
+    places = {"T": T, "k": K, "K": K, "B": B, "b": B}
+    for (name, sign), value in zip(forms.entries(model), parameters, strict=True):
+        if name.startswith("T"):
+            found = T[int(name[2]), int(name[5])]
+        elif model == "symmetric" and name[0] == "k":
+            found = K[int(name[1]) - 1, int(name[2]) - 1]
+        else:
+            found = places[name[0]]["xyz".index(name[2])]
+        assert sign * value == found
+
+
+def test_the_command_prints_the_entry_of_T(tmp_path, simval):
+    rng = np.random.default_rng(3)
+    sensor = AccelerometerModel.from_parameters(
+        np.array([0.01, 0.02, 0.03, 1.0, 1.0, 1.0, 0.1, 0.2, 0.3]), noise_std=0.005
+    )
+    u = rng.standard_normal((24, 3))
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    rows = []
+    for direction in u:
+        rows += [np.tile(G * direction, (300, 1)), 9 * rng.standard_normal((60, 3))]
+    np.savetxt(tmp_path / "log.txt", sensor.distort(np.vstack(rows), rng))
+    code, out, err = simval("calibrate", tmp_path / "log.txt", "--rate", 100)
+    assert code == 0, err
+    (line,) = [x for x in out.splitlines() if "T[2][0]" in x]
+    value, low, high = (float(line.split()[i]) for i in (1, 4, 6))
+    assert abs(value + 0.02) < 0.005  # T[2][0] = -S_zx
+    assert low < value < high
+    assert "S_zx" not in out
+    rows = out.partition("with T =")[2].splitlines()[1:4]
+    T = np.array([row.split() for row in rows], dtype=float)
+    assert abs(T[2, 0] + 0.02) < 0.005
+
+
+def test_tables_that_name_it_say_its_sign():
+    assert "minus the entry T[2][0]" in sign_of_entries(["sd[K_x]", "bias[S_zx]"])
+    assert sign_of_entries(["sd[K_x]"]) == ""
