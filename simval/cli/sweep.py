@@ -13,7 +13,6 @@ from simval.cli.progress import Bar, Lines
 from simval.plugins.describe import overrides_of
 from simval.studies import find_study
 from simval.sweep import Suite, load_suite, store
-from simval.sweep.paths import require_found
 from simval.sweep.run import RUNS
 from simval.sweep.runner import Progress, Silence, drive
 
@@ -85,7 +84,6 @@ def command(
     )
     loaded = load_suite(suite, (*overrides_of(plugins), *overrides), seed)
     if dry_run:
-        require_found(loaded.cells)
         return _plan(loaded, workers)
     folder = out or _fresh(loaded)
     progress: Progress = Silence()
