@@ -183,7 +183,8 @@ def test_a_thousand_damaged_fields(old, tmp_path, capsys):
             "cell attitude.*: its parameters lack 'geometry=3,noise_std=0.02",
         ),
         (
-            "UPDATE cells SET parameters = replace(parameters, '0.02', '0.03')",
+            "UPDATE cells SET parameters = replace(parameters, '0.02', '0.03') "
+            "WHERE position = 3",
             "cell attitude.*its parameter `noise_std` is 0.03; its name differs",
         ),
         (
