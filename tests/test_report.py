@@ -93,7 +93,9 @@ def test_the_page_is_complete_and_needs_no_network(page):
     ):
         assert f'<section id="{anchor}"' in page
         assert f'href="#{anchor}"' in page
-    assert "<strong>PASS</strong>: all 89 checks against theory agree" in page
+    assert re.search(
+        r"<strong>PASS</strong>: all \d+ checks against theory agree", page
+    )
     # no address is loaded: only data and anchors of the page itself
     links = re.findall(r'(?:src|href)="([^"]*)"', page)
     assert links

@@ -35,11 +35,13 @@ from simval.sweep import Run
 
 SHOWN = {
     "calibration": ("calibration", "rms|sd|bias|recovery"),
+    "poses": ("scene", "condition"),
     "ladder": ("ladder", r"scale_bias|bias\[K.*"),
     "attitude": ("attitude", "bias|covariance"),
     "orders": ("attitude_order", "(bias|covariance)_(error|order)"),
     "closeness": ("attitude_limits", "limit_ratio|flip_rate|other_selection_rate"),
     "estimators": ("attitude_efficiency", "(simulated_)?rms_ratio"),
+    "statistics": ("coverage", "coverage|nees"),
     "statics": ("detector", "precision|recall|impure|nees"),
     "budget": ("end_to_end", "budget"),
 }

@@ -163,7 +163,8 @@ def _variance(
     variance = shaped(file, content, "variance", len(time))
     references: tuple[tuple[float, str], ...] = ()
     if "threshold" in content:
-        threshold = shaped(file, content, "threshold", 1)
+        given = {"threshold": np.atleast_1d(content["threshold"])}
+        threshold = shaped(file, given, "threshold", 1)
         references = ((float(threshold[0]), "threshold"),)
     return Panel(
         title=f"windowed variance, and {told}",
