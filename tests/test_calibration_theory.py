@@ -168,8 +168,8 @@ def test_bias_grows_as_the_square_and_sd_as_sigma():
     np.testing.assert_allclose(large.sd, 1e2 * small.sd, rtol=1e-12)
 
 
-def test_raw_counts_are_only_a_unit():
-    counts = 6250.0
+@pytest.mark.parametrize("counts", [6250.0, 1e9])
+def test_raw_counts_are_only_a_unit(counts):
     raw = AccelerometerModel(T=MODEL.T, K=MODEL.K / counts, B=MODEL.B * counts)
     si = calibration_moments(MODEL, fibonacci_sphere(20), G, 0.01)
     found = calibration_moments(raw, fibonacci_sphere(20), G, 0.01 * counts)

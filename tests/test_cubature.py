@@ -85,5 +85,7 @@ def test_bad_input_is_refused():
     one = np.ones((1, 3))
     with pytest.raises(InputError, match="covariances"):
         cubature_moments(lambda v: v, one, np.ones((2, 3, 3)), one[0])
+    with pytest.raises(InputError, match="covariances"):
+        cubature_moments(lambda v: v, one, np.full((1, 3, 3), np.nan), one[0])
     with pytest.raises(RefusedError, match="not finite"):
         cubature_moments(lambda v: v * np.nan, one, np.eye(3)[None], one[0])

@@ -138,7 +138,20 @@ def test_bad_requests_are_refused_in_words():
     def broken(rng, count):
         errors = sampler(rng, count)
         errors[0, 7] = np.nan
+        errors[:, [2, 9]] = np.inf
         return errors
 
-    with pytest.raises(InputError, match="1 of 16 trials in block 0"):
+    with pytest.raises(InputError, match="3 of 16 trials in block 0"):
         simulate(broken, Streams(1, (1,)), samples=16, block=16, batch=1)
+    for name in ("samples", "block", "batch", "threads"):
+        words = {"samples": 16, "block": 16, "batch": 1, "threads": 1, name: 0}
+        with pytest.raises(InputError, match=f"`{name}`=0"):
+            simulate(sampler, Streams(1, (1,)), **words)
+
+
+def test_two_batches_have_a_standard_error():
+    errors = sampler(np.random.default_rng(4), 2)
+    # sd of two values over the root of two: half their difference
+    expected = np.abs(errors[:, 0] - errors[:, 1]) / 2
+    found = moments_of(sums(errors, 1)).bias_error
+    np.testing.assert_allclose(found, expected, rtol=1e-14)

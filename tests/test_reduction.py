@@ -97,6 +97,18 @@ def test_taylor_polynomial_is_that_of_the_errors():
         )
 
 
+def test_a_mixed_second_derivative_is_found_too():
+    polynomial = taylor(lambda x: (x[0] * x[2] + 0.5 * x[1] ** 2)[None], 3)
+    expected = [[[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]]
+    np.testing.assert_allclose(polynomial.bend, expected, rtol=0, atol=1e-11)
+
+
+def test_a_block_may_be_a_single_batch():
+    streams = Streams(1, cell_key("one batch"))
+    setting = {"dimension": 3, "method": "plain", "samples": 512}
+    assert simulate_reduced(errors, streams, block=256, **setting).batches == 2
+
+
 def test_known_features_match_quadrature():
     polynomial = taylor(errors, 3)
     nodes, weights = np.polynomial.hermite_e.hermegauss(4)  # exact to degree 7

@@ -118,6 +118,13 @@ def test_too_few_nodes_are_noticed():
     assert np.linalg.norm(found[1] - fine[1]) < 1e-10 * np.linalg.norm(fine[1])
 
 
+def test_rules_agree_relative_to_what_they_find():
+    bias = np.array([1e-4, 0.0, 0.0, 0.0])
+    assert oracle._relative(1.01 * bias, bias) == pytest.approx(0.01, rel=0.02)
+    # below 1e-6 a bias of rounded quaternions has no such digits to give
+    assert oracle._relative(1e-15 + 0.0 * bias, 0.0 * bias) < 3e-9
+
+
 @pytest.mark.parametrize("std", [0.0, [0.0, 0.1, 0.0, 0.1], [0.1, 0.0, 0.1, 0.0]])
 def test_some_or_no_noise(std):
     q, r1, r2 = np.array([0.5, -0.4, 0.6, 0.45]), np.eye(3)[0], np.eye(3)[1]

@@ -164,6 +164,8 @@ def test_checks_without_chance():
     assert (first.answer, second.answer) == ("pass", "fail")
     assert "above the limit" in second.reason
     assert (first.limit, second.limit, first.reason) == (0.1, 1.0, "")
+    same = dataclasses.replace(exact, value=1.0, remainder=0.0)
+    assert judge([("d", same)])[0].answer == "pass"
     (third,) = judge([("c", dataclasses.replace(exact, value=1.25))])
     assert third.answer == "fail"
     assert "1.25 is 0.25 from 1; 0.1 is allowed" in third.reason
