@@ -27,6 +27,10 @@ class GeometryError(RefusedError):
     """Poses or vectors that leave part of the answer unobservable."""
 
 
+class SaturatedError(RefusedError):
+    """Readings at the end of the sensor's range."""
+
+
 class ConvergenceError(RefusedError):
     """An iterative solver that stopped before it reached its tolerance."""
 

@@ -169,10 +169,13 @@ def find_break(poses: Array) -> Break | None:
 def _scaled(poses: Array) -> tuple[Array, float, float]:
     # readings of unit size about their mean, the unit, and the square of a distance
     # in it that is rounding only
-    centre = poses.mean(axis=0)
-    scale = float(np.sqrt(np.mean(np.sum((poses - centre) ** 2, axis=-1)))) or 1.0
-    floor = (_ROUNDING * max(1.0, float(np.abs(poses).max()) / scale)) ** 2
-    return (poses - centre) / scale, scale, floor
+    offset = poses - poses.mean(axis=0)
+    greatest = float(np.abs(offset).max()) or 1.0  # squares of it may be out of range
+    offset = offset / greatest
+    own = float(np.sqrt(np.mean(np.sum(offset**2, axis=-1)))) or 1.0
+    scale = own * greatest
+    floor = (_ROUNDING * max(1.0, float(np.abs(poses).max() / scale))) ** 2
+    return offset / own, scale, floor
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -133,8 +133,9 @@ def constant_axis(rests: Rests) -> str | None:
         The fault in words.
     """
     samples = rests.log.accelerometer
-    for axis in range(3):
-        if np.ptp(samples[:, axis]) == 0.0:
+    still = np.ptp(samples, axis=0) == 0.0
+    for axis in np.flatnonzero(still):
+        if not still.all():  # else nothing was recorded at all
             return (
                 f"axis {AXES[axis]} shows {samples[0, axis]:g} in every row "
                 f"{rests.rows(0, len(samples))}: it is not connected or stuck; check "
@@ -224,9 +225,10 @@ def repeated(rests: Rests) -> str | None:
         total += codes[k : k + len(total)] + np.uint64(1)
     order = np.argsort(total, kind="stable")
     twins = np.flatnonzero(np.diff(total[order]) == 0)
-    if twins.size == 0:
-        return None
     pairs = np.stack([order[twins], order[twins + 1]], axis=1)
+    pairs = pairs[pairs[:, 1] - pairs[:, 0] >= run]  # closer ones are a frozen stretch
+    if len(pairs) == 0:
+        return None
     first, second = pairs[np.argmin(pairs[:, 1])]
     length = 0
     longest = min(len(codes) - second, second - first)

@@ -11,7 +11,12 @@ import numpy as np
 
 from simval.calibrate import Diagnosis, FitResult, calibrate
 from simval.calibrate.outliers import find_outliers
-from simval.errors import ConvergenceError, RefusedError, SimvalError
+from simval.errors import (
+    ConvergenceError,
+    RefusedError,
+    SaturatedError,
+    SimvalError,
+)
 from simval.logs import Log
 from simval.poses import PARAMETERS
 from simval.statics import Intervals
@@ -104,8 +109,10 @@ def explained(log: Log, refusal: RefusedError, g: float, detect: Detector) -> Ex
         partial(log_breaks.wrapped, log, np.inf, g, detect),
     ]
     if len(intervals):
+        checks.append(partial(log_faults.frozen, rests))
+    # what a saturated rest has spoilt is not its own fault
+    if len(intervals) and not isinstance(refusal, SaturatedError):
         checks += [
-            partial(log_faults.frozen, rests),
             partial(log_faults.repeated, rests),
             partial(log_faults.flat_axis, rests),
             partial(log_breaks.changed, rests),

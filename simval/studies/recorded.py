@@ -15,7 +15,7 @@ import numpy as np
 from simval.arrays import Array, frozen
 from simval.calibrate import FitResult, calibrate
 from simval.calibrate.diagnosis import Diagnosis, diagnose
-from simval.errors import RefusedError
+from simval.errors import RefusedError, SaturatedError
 from simval.logs import Log
 from simval.poses import observability
 from simval.statics import (
@@ -285,7 +285,7 @@ def _require_unsaturated(log: Log, intervals: Intervals, limit: float | None) ->
                 f"{log.time[stop - 1]:.2f} s; a reading at the rail says nothing about "
                 "the force: cut that rest out, or record with a wider range"
             )
-            raise RefusedError(msg)
+            raise SaturatedError(msg)
 
 
 def _plateau(found: list[tuple[float, Intervals]]) -> list[tuple[float, Intervals]]:
