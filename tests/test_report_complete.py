@@ -362,4 +362,4 @@ def test_no_label_is_clipped(tmp_path):
 def test_no_label_of_many_is_clipped(tmp_path):
     for drawing in drawings(made(tmp_path)):
         assert not clipped(drawing), drawing.name
-    whole(300, 1212)
+    whole(150, 1212)

@@ -16,8 +16,8 @@ ROWS = 100_000
 MEBIBYTE = 1 << 20
 
 
-def _name(study, parameters):
-    return Cell(study, STUDIES[study].parameters(**parameters), 1).name
+def _name(study, parameters, seed):
+    return Cell(study, STUDIES[study].parameters(**parameters), seed).name
 
 
 def grown(folder, rows):
@@ -37,7 +37,7 @@ def grown(folder, rows):
             ).fetchall()
             for position, _, _ in cells
         }
-        count, place, step = sum(map(len, content.values())), len(cells), 0
+        count, place, step = sum(map(len, content.values())), len(cells), 1
         marks = ", ".join("?" * (2 + len(columns)))
         while count < rows:
             step += 1
@@ -46,11 +46,12 @@ def grown(folder, rows):
                 key = "geometry" if study == "attitude" else "poses"
                 parameters[key] += step % 40
                 parameters["noise_std"] *= 1.0 + 0.01 * (step // 40)
+                name = _name(study, parameters, step)
                 database.execute(
                     "INSERT INTO cells "
                     "(position, cell, study, seed, parameters, status) "
-                    "VALUES (?, ?, ?, 1, ?, 'done')",
-                    (place, _name(study, parameters), study, json.dumps(parameters)),
+                    "VALUES (?, ?, ?, ?, ?, 'done')",
+                    (place, name, study, step, json.dumps(parameters)),
                 )
                 database.executemany(
                     f"INSERT INTO rows VALUES ({marks})",
@@ -73,9 +74,6 @@ def grown(folder, rows):
 # in a process of its own, whose time and peak memory are its alone
 PROBE = """
 import resource, sys, time
-from simval.studies import STUDIES
-from simval.studies.study import Cell
-from stores import rewritten
 from simval.cli import run
 code = run(["report", sys.argv[1]])
 used = resource.getrusage(resource.RUSAGE_SELF)

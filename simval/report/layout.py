@@ -16,7 +16,8 @@ from simval.report.panels import AnyPanel, BarPanel, Drawing, Panel
 
 # size of a panel and the least margins about its axes, inches
 WIDTH, HEIGHT = 4.3, 3.6
-LEFT, RIGHT, BOTTOM, TOP = 0.85, 0.15, 0.55, 0.35
+# left: a tick of eight digits and a line; right: half of such a tick
+LEFT, RIGHT, BOTTOM, TOP = 0.95, 0.35, 0.55, 0.35
 NAMES = 1.6  # at most, for the names of bars
 TICK = 0.15  # between a name and its axis
 POINTS = 72.0  # in an inch
