@@ -111,10 +111,12 @@ def test_families_share_the_rate_by_weight():
 
 def test_holm_keeps_all_after_the_first_kept():
     # p = 0.001, 0.02, 0.03 at alpha 0.05: steps 0.0167, 0.025, 0.05: all rejected;
-    # p = 0.001, 0.03, 0.04: the second stops at 0.025, so the third is kept too
+    # p = 0.001, 0.03, 0.04: the second stops at 0.025, so the third is kept too;
+    # p = 0.001, 0.02, 0.06: only the third is kept, and the second has its own step
     for p, answers in (
         ((0.001, 0.02, 0.03), ["fail", "fail", "fail"]),
         ((0.001, 0.03, 0.04), ["fail", "pass", "pass"]),
+        ((0.001, 0.02, 0.06), ["fail", "fail", "pass"]),
     ):
         z = stats.norm.isf(np.array(p) / 2)
         assert [v.answer for v in judge(rows_of(z), 0.05)] == answers
@@ -139,6 +141,20 @@ def test_what_was_not_measured_is_inconclusive(values):
     (verdict,) = judge([("cell", changed(**values))])
     assert verdict.answer == "inconclusive"
     assert verdict.reason
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e6])
+def test_answers_do_not_depend_on_the_unit(unit):
+    for value, remainder, answer in (
+        (2.0, 0.0, "pass"),
+        (9.0, 0.0, "fail"),
+        (9.0, 15.0, "pass"),  # below half of a sample's spread, sqrt(1000) / 2 = 15.8
+        (9.0, 16.0, "inconclusive"),
+    ):
+        row = changed(
+            value=value * unit, standard_error=unit, remainder=remainder * unit
+        )
+        assert judge([("cell", row)])[0].answer == answer
 
 
 def test_nothing_measured_never_passes():
@@ -261,6 +277,8 @@ def test_pooled_nees_sees_what_no_cell_does():
     assert pooled.cell == "attitude, all cells"
     assert pooled.sigmas == pytest.approx(2.5 * np.sqrt(5), rel=1e-12)
     assert pooled.row.n == 20_000
+    assert pooled.row.statistic == "nees, pooled"
+    assert pooled.row.predictor == verdicts[0].row.predictor
     # the allowed remainders are pooled with the values
     wide = [
         (cell, dataclasses.replace(row, remainder=0.075))
