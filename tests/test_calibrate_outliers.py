@@ -7,7 +7,8 @@ import pytest
 from scipy import stats
 
 from simval.calibrate import calibrate, diagnose
-from simval.calibrate.outliers import FALSE_ALARM, find_break, find_outliers
+from simval.calibrate.breaks import find_break
+from simval.calibrate.outliers import FALSE_ALARM, find_outliers
 from simval.errors import SimvalError
 from simval.geometry import normalize
 from simval.poses import fibonacci_sphere, random_directions
@@ -68,17 +69,17 @@ def test_clean_sets_have_no_outliers_of_any_number(count, geometry, known):
 
 
 @pytest.mark.parametrize(
-    ("bad", "size", "least"), [(1, 5.0, 0.9), (2, 5.0, 0.8), (3, 5.0, 0.75)]
+    ("count", "bad", "least"), [(24, 1, 0.9), (24, 2, 0.8), (24, 3, 0.8), (16, 3, 0.85)]
 )
-def test_outliers_in_24_poses_are_named(bad, size, least):
+def test_outliers_are_named(count, bad, least):
     """A push of 5 m/s^2 in any direction, some along the ellipsoid.
 
-    Over 1000 sets 97 to 99 % are named, all and no other; of three at once by the
-    greatest residuals of least squares 2 %.
+    Of 80 sets 95 to 99 % are named, all and no other; of three at once by the greatest
+    residuals of least squares 2 %, and in 16 poses, if not all triples are tried, 71 %.
     """
     exact = 0
     for seed in range(20):
-        y, which = spoiled(np.random.default_rng([11, bad, seed]), 24, bad, size)
+        y, which = spoiled(np.random.default_rng([11, bad, seed]), count, bad, 5.0)
         exact += set(np.flatnonzero(find_outliers(y).flagged)) == which
     assert exact >= least * 20
 

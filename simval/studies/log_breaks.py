@@ -11,12 +11,14 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.calibrate import FitResult, calibrate
-from simval.calibrate.outliers import find_break, find_outliers
+from simval.calibrate.breaks import find_break
+from simval.calibrate.outliers import find_outliers
 from simval.errors import SimvalError
 from simval.logs import Log
 from simval.poses import PARAMETERS
 from simval.statics import Intervals, interval_means
-from simval.studies.log_faults import AXES, Rests
+from simval.studies.log_faults import AXES
+from simval.studies.log_rests import Rests
 
 Detector = Callable[[Log, int], Intervals]  # the rests of a log, at least so many
 

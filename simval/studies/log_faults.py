@@ -5,14 +5,11 @@ names the axis, the time and the remedy, or returns nothing. They are asked of e
 log: most of what they find still gives nine numbers and error bars.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from simval.arrays import Array
-from simval.logs import Log
-from simval.statics import Intervals, interval_means
+from simval.studies.log_rests import Rests
 
 AXES = "xyz"
 _RUN = 25  # equal readings, or rows equal to earlier ones, in a row
@@ -21,102 +18,12 @@ _RUN = 25  # equal readings, or rows equal to earlier ones, in a row
 _NOISY = 0.36
 _BY_CHANCE = 1e-9  # of a stretch that equals any other of a log
 _LONGEST = 1000  # rows; noise so coarse that more would be needed tells nothing
+_FAR = 10.0  # robust standard deviations of a spike; noise has none in 1e22 rows
+_SHIFT = 2e-3  # of the readings' radius, by which spikes may move the mean of a rest
 _FLAT = 0.02  # of the spread of the other axes: misalignments leave far more
 _WEAK = 0.3  # the least spread of an axis in poses of less than half the sphere is 0.3
 _ODD_SCALE = 3.0  # ratio of two axes' scales that no sensor has
 _BAD_FIT = 0.02  # of gravity: residuals of holds by hand are some 1e-3
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Rests:
-    """The rests of a log, and what the checks need of them.
-
-    Attributes
-    ----------
-    log : Log
-        The recording.
-    intervals : Intervals
-        Samples start <= k < stop of each rest, (m, 2).
-    means : Array
-        Mean reading of each, raw units, (m, 3).
-    noise : Array
-        Median standard deviation within a rest, each axis, raw units, (3,).
-    same : Array
-        Median share of readings equal to the one before, each axis, (3,); small
-        where the noise is a step of the converter or more.
-    same_rows : float
-        Share of rows equal to the one before that nine rests of ten stay below.
-    """
-
-    log: Log
-    intervals: Intervals
-    means: Array
-    noise: Array
-    same: Array
-    same_rows: float
-
-    def span(self, rest: int) -> str:
-        """Say when a rest was.
-
-        Parameters
-        ----------
-        rest : int
-            Its index.
-
-        Returns
-        -------
-        str
-            Seconds of the log.
-        """
-        start, stop = self.intervals[rest]
-        return self.rows(int(start), int(stop))
-
-    def rows(self, start: int, stop: int) -> str:
-        """Say when rows were.
-
-        Parameters
-        ----------
-        start, stop : int
-            Rows start <= k < stop.
-
-        Returns
-        -------
-        str
-            Seconds of the log.
-        """
-        time = self.log.time
-        return f"from {time[start]:.2f} s to {time[stop - 1]:.2f} s"
-
-
-def rests_of(log: Log, intervals: Intervals) -> Rests:
-    """Gather what the checks need.
-
-    Parameters
-    ----------
-    log : Log
-        The recording.
-    intervals : Intervals
-        Its rests, (m, 2).
-
-    Returns
-    -------
-    Rests
-        For the checks.
-    """
-    samples = log.accelerometer
-    parts = [samples[start:stop] for start, stop in intervals]
-    spread = np.array([part.std(axis=0) for part in parts]).reshape(-1, 3)
-    equal = [np.diff(part, axis=0) == 0.0 for part in parts]
-    same = np.array([part.mean(axis=0) for part in equal]).reshape(-1, 3)
-    rows = np.array([part.all(axis=1).mean() for part in equal])
-    return Rests(
-        log=log,
-        intervals=intervals,
-        means=interval_means(samples, intervals),
-        noise=np.median(spread, axis=0) if parts else np.full(3, np.nan),
-        same=np.median(same, axis=0) if parts else np.ones(3),
-        same_rows=float(np.quantile(rows, 0.9)) if parts else 1.0,
-    )
 
 
 def constant_axis(rests: Rests) -> str | None:
@@ -197,6 +104,43 @@ def frozen(rests: Rests) -> str | None:
                     "other rests: the sensor or the logger froze; cut that stretch out"
                 )
     return None
+
+
+def spikes(rests: Rests) -> str | None:
+    """Single rows far off, often enough to shift the means of the rests.
+
+    Parameters
+    ----------
+    rests : Rests
+        Of the log.
+
+    Returns
+    -------
+    str or None
+        The fault in words.
+    """
+    samples = rests.log.accelerometer
+    radius = np.sqrt(np.sum(np.var(rests.means, axis=0)))
+    shifts, first, count = [], -1, 0
+    for start, stop in rests.intervals:
+        offset = samples[start:stop] - np.median(samples[start:stop], axis=0)
+        scale = np.quantile(np.abs(offset), 0.95, axis=0) / 2.0
+        far = np.abs(offset) > _FAR * np.maximum(scale, np.finfo(float).tiny)
+        far &= scale > 0.0  # else too coarse to tell
+        shifts.append(np.where(far, offset, 0.0).mean(axis=0))
+        count += int(np.count_nonzero(far))
+        if first < 0 and far.any():
+            first = int(start) + int(np.argmax(far.any(axis=1)))
+    shift = np.mean(shifts, axis=0)
+    axis = int(np.argmax(np.abs(shift)))
+    if not abs(shift[axis]) > _SHIFT * radius:
+        return None
+    return (
+        f"axis {AXES[axis]} has spikes, {count} readings in the rests, the first at "
+        f"{rests.log.time[first]:.2f} s, which move its mean by {shift[axis]:.2g}: "
+        "data is damaged on its way (cable, bus, clock); take those rows out, or "
+        "record again"
+    )
 
 
 def repeated(rests: Rests) -> str | None:

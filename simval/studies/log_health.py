@@ -22,7 +22,7 @@ from simval.poses import PARAMETERS
 from simval.statics import Intervals
 from simval.studies import log_breaks, log_faults
 from simval.studies.log_breaks import Detector
-from simval.studies.log_faults import Rests, rests_of
+from simval.studies.log_rests import Rests, rests_of
 
 # Of gravity. Real holds leave some 1e-3 (the recordings in docs/calibration.md 1e-4 to
 # 3e-3), and what is left here says that the readings are not those of gravity at rest.
@@ -63,6 +63,7 @@ def require_sound(
         partial(log_faults.constant_axis, rests),
         partial(log_faults.zero_rows, rests),
         partial(log_faults.frozen, rests),
+        partial(log_faults.spikes, rests),
         partial(log_faults.repeated, rests),
         partial(log_faults.flat_axis, rests, scale, misfit),
         partial(log_breaks.wrapped, log, misfit, fit.g, detect),

@@ -1,0 +1,192 @@
+r"""Leaving poses out of an ellipsoid, by linear algebra.
+
+The rows of eq. (E1), :math:`D p = 1` with nine monomials of a reading each, are divided
+by the length s of :math:`\partial c/\partial y`, so that residuals are distances. With
+Q an orthonormal basis of their columns and :math:`P = I - QQ^T`, the residuals without
+the poses K are :math:`r - P_K (P_{KK})^{-1} r_K`.  (O2)
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.calibrate.moments import PAIRS
+
+NO_ROOM = 1e-9  # a pose that the parameters follow leaves no residual
+LEFT = 2  # degrees of freedom that outliers must leave: with one, any pose will do
+_ROUNDING = 64.0 * np.finfo(float).eps  # of a distance, readings of unit size
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Deletion:
+    """Least squares over all poses, and what is left when some are taken out.
+
+    Attributes
+    ----------
+    p : Array
+        Coefficients without the poses that were named at the start, (9,).
+    q : Array
+        Orthonormal columns of the weighted rows, (n, 9).
+    residual : Array
+        Residuals of all poses, (n,).
+    floor : float
+        Square of a distance that is rounding only.
+    rank : int
+        Rank of the rows, 9 where the poses fix the coefficients.
+    """
+
+    p: Array
+    q: Array
+    residual: Array
+    floor: float
+    rank: int
+
+    def without(self, subset: list[int]) -> tuple[Array, Array]:
+        """Residuals (O2) and the room of each, both 0 in the subset.
+
+        Parameters
+        ----------
+        subset : list of int
+            Poses left out.
+
+        Returns
+        -------
+        residual, room : Array
+            Each (n,); a residual's variance is its room.
+        """
+        room = 1.0 - np.sum(self.q**2, axis=1)
+        if not subset:
+            return self.residual, room
+        columns = -self.q @ self.q[subset].T
+        columns[subset, range(len(subset))] += 1.0
+        values, vectors = np.linalg.eigh(columns[subset])
+        good = values > NO_ROOM
+        half = columns @ (vectors[:, good] / np.sqrt(values[good]))
+        back = (vectors[:, good] / np.sqrt(values[good])).T @ self.residual[subset]
+        residual, room = self.residual - half @ back, room - np.sum(half**2, axis=1)
+        residual[subset] = room[subset] = 0.0
+        return residual, room
+
+    def squares(self, subset: list[int]) -> float:
+        """Sum of squares of the poses kept.
+
+        Parameters
+        ----------
+        subset : list of int
+            Poses left out.
+
+        Returns
+        -------
+        float
+            At least what rounding leaves.
+        """
+        residual = self.without(subset)[0]
+        return max(float(residual @ residual), len(residual) * self.floor)
+
+    def greatest_drop(self, subset: list[int]) -> int:
+        """Pose whose removal, after those, lowers the sum of squares most.
+
+        Parameters
+        ----------
+        subset : list of int
+            Poses left out already.
+
+        Returns
+        -------
+        int
+            Its index.
+        """
+        residual, room = self.without(subset)
+        return int(np.argmax(_drop(residual, room)))
+
+
+def deletion_of(
+    design: Array, slope: Array, left_out: list[int], floor: float
+) -> Deletion:
+    """Set the algebra up.
+
+    Parameters
+    ----------
+    design : Array
+        Nine monomials of each reading, (n, 9).
+    slope : Array
+        Length of the derivative by the reading, times the pose's noise, (n,).
+    left_out : list of int
+        Poses without which the coefficients are found.
+    floor : float
+        Square of a distance that is rounding only.
+
+    Returns
+    -------
+    Deletion
+        Of all poses.
+    """
+    rows, target = design / slope[:, None], 1.0 / slope
+    sizes = np.linalg.norm(rows, axis=0)
+    sizes[sizes == 0.0] = 1.0
+    q, r = np.linalg.qr(rows / sizes)
+    kept = np.delete(np.arange(len(rows)), left_out)
+    p = np.linalg.lstsq(rows[kept] / sizes, target[kept], rcond=None)[0] / sizes
+    pivots = np.abs(np.diagonal(r))
+    residual = target - q @ (q.T @ target)
+    return Deletion(
+        p=p,
+        q=q,
+        residual=residual - q @ (q.T @ residual),
+        floor=floor,
+        rank=int(np.count_nonzero(pivots > NO_ROOM)),
+    )
+
+
+def slope_of(p: Array, z: Array) -> Array:
+    """Length of the derivative of eq. (E1) by the reading.
+
+    Parameters
+    ----------
+    p : Array
+        Coefficients, (9,).
+    z : Array
+        Scaled readings, (n, 3).
+
+    Returns
+    -------
+    Array
+        (n,), bounded from below: it vanishes in the middle of the ellipsoid.
+    """
+    matrix = np.diag(p[:3])
+    for index, (i, j) in enumerate(PAIRS):
+        matrix[i, j] = matrix[j, i] = p[3 + index] / 2.0
+    length = np.linalg.norm(2.0 * z @ matrix + p[6:], axis=-1)
+    return np.asarray(np.maximum(length, 0.2 * np.median(length)))
+
+
+def scaled(poses: Array) -> tuple[Array, float, float]:
+    """Readings of unit size about their mean.
+
+    Parameters
+    ----------
+    poses : Array
+        Raw readings, (n, 3).
+
+    Returns
+    -------
+    z : Array
+        Scaled readings, (n, 3).
+    scale : float
+        Their unit, raw units.
+    floor : float
+        Square of a distance in it that is rounding only.
+    """
+    offset = poses - poses.mean(axis=0)
+    greatest = float(np.abs(offset).max()) or 1.0  # squares of it may be out of range
+    offset = offset / greatest
+    own = float(np.sqrt(np.mean(np.sum(offset**2, axis=-1)))) or 1.0
+    scale = own * greatest
+    floor = (_ROUNDING * max(1.0, float(np.abs(poses).max() / scale))) ** 2
+    return offset / own, scale, floor
+
+
+def _drop(residual: Array, room: Array) -> Array:
+    good = room > NO_ROOM
+    return np.where(good, residual**2 / np.where(good, room, 1.0), -np.inf)
