@@ -242,13 +242,13 @@ def test_the_threshold_is_not_the_luckiest(tmp_path, seed):
     assert abs(agreed.index(result.multiplier) - (len(agreed) - 1) / 2) <= 0.5
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [7, 9, 18])  # accepted, before
 def test_a_circle_in_a_log_is_refused(tmp_path, seed):
-    """Two parallel circles and 40 mm/s^2: a quarter of such logs were accepted."""
-    turn = np.arange(14) * 2.4
-    low, high = np.split(np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=-1), 2)
-    circles = np.concatenate([low, [0.0, 0.0, 0.5] + np.sqrt(0.75) * high])
-    rows, _ = synthetic(circles, sigma=0.04, seed=seed)
+    """Twelve poses of one tilt, 40 mm/s^2: one log in six was accepted."""
+    turn = np.random.default_rng(0).permutation(2 * np.pi * np.arange(12) / 12)
+    radius = np.sqrt(0.84)
+    ring = [radius * np.cos(turn), radius * np.sin(turn), 0 * turn + 0.4]
+    rows, _ = synthetic(np.stack(ring, axis=-1), sigma=0.04, seed=seed)
     log = read_log(write(tmp_path / "c", rows), rate=100.0)
     with pytest.raises(RefusedError, match="add poses"):
         calibrate_log(log, g=9.81)
