@@ -183,10 +183,10 @@ def test_a_block_without_a_bad_sample_has_no_codes():
 
 
 def test_lengths_out_of_range_are_codes_for_a_caller_who_raises_on_underflow():
-    x, y, _ = np.eye(3)
     with np.errstate(all="raise"):
-        for length in (1e-200, 1e200):
-            found = estimate_attitude(length * x, y, length * x, y)
+        for length in (1e-200, 1e-120, 1e200):  # squares, and fourth powers
+            x, y, _ = length * np.eye(3)
+            found = estimate_attitude(x, y, x, y)
             assert Validity(int(found.validity)) is Validity.LENGTH
 
 

@@ -16,7 +16,9 @@ import re
 import subprocess
 import sys
 import tomllib
+from contextlib import redirect_stdout
 from fnmatch import fnmatch
+from io import StringIO
 from pathlib import Path
 from random import Random
 
@@ -135,9 +137,10 @@ def main() -> int:
     if unknown := set(chosen) - set(patterns):
         parser.error(f"no package {sorted(unknown)}; there are {sorted(patterns)}")
     Path("mutants").mkdir(exist_ok=True)
-    mutmut.copy_src_dir()
-    mutmut.copy_also_copy_files()
-    mutmut.create_mutants(options.jobs)
+    with redirect_stdout(StringIO()):  # it prints the name of each file
+        mutmut.copy_src_dir()
+        mutmut.copy_also_copy_files()
+        mutmut.create_mutants(options.jobs)
     samples = {
         name: drawn(patterns[name], options.count, f"{options.seed} {name}")
         for name in chosen
