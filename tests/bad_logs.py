@@ -82,7 +82,8 @@ def good(rng):
     counts = rng.random() < 0.5
     gain = 2.0 ** rng.integers(11, 16) / (rng.choice([2, 4, 8]) * G) if counts else 1.0
     sensor = sensor_of(rng, gain)
-    sigma = 10 ** rng.uniform(-2.5, -1.3)
+    # noise below a third of a count leaves rests of one value, which set no threshold
+    sigma = max(10 ** rng.uniform(-2.5, -1.3), 0.3 / gain if counts else 0.0)
     force, holds = path_of(spread_poses(rng), rng)
     raw = sensor.distort(G * force, rng)
     raw = raw + sigma * gain * rng.standard_normal(raw.shape)

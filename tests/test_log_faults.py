@@ -55,23 +55,26 @@ def test_good_logs_are_kept():
         assert not bad_logs.wrong(rec, result.fit)
 
 
-def silently_wrong(rec):
-    """An answer off by more than its error bars, and not a word about a pose."""
+def misled(rec):
+    """Whether an answer is off by more than its error bars, and whether silently: no
+    word that the poses, and not the noise, are the limit."""
     result, _ = outcome(rec)
-    if result is None or not bad_logs.wrong(rec, result.fit):
-        return False
-    return not result.diagnosis.outliers
+    wrong = result is not None and bad_logs.wrong(rec, result.fit)
+    words = wrong and "the poses are the limit" in result.diagnosis.verdict
+    return wrong, wrong and not words
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", bad_logs.FAULTS)
 def test_no_bad_log_is_silently_wrong(name):
-    """60 of each of 19 kinds, 1140 in all: at most one of a kind.
+    """60 of each of 19 kinds, 1140 in all: at most one of a kind without a word.
 
-    What is left are changes within the noise of the rests or at their very end.
+    With the word that the poses are the limit, at most six: a change in the middle of
+    so few rests that neither part can be judged by itself (3 of 39 jumps of a bias).
     """
-    wrong = [seed for seed in range(60) if silently_wrong(recording(name, seed))]
-    assert len(wrong) <= 1, wrong
+    found = [misled(recording(name, seed)) for seed in range(60)]
+    assert sum(silent for _, silent in found) <= 1
+    assert sum(wrong for wrong, _ in found) <= 6
 
 
 @pytest.mark.slow
