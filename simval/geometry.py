@@ -100,10 +100,14 @@ def matching(name1: str, first: Array, name2: str, second: Array) -> None:
 
     Parameters
     ----------
-    name1, name2 : str
-        The arguments' names, for the message.
-    first, second : Array
-        The arrays.
+    name1 : str
+        The first argument's name, for the message.
+    first : Array
+        It.
+    name2 : str
+        The second argument's name.
+    second : Array
+        It.
 
     Raises
     ------

@@ -41,8 +41,8 @@ def noise_covariances(noise_std: Any) -> Array:
     if value.shape in ((), (4,)):
         if not np.all((value == 0.0) | (value >= LEAST)):
             msg = (
-                f"`noise_std` is {shown(noise_std)}; a standard deviation is 0, or "
-                f"{LEAST:g} or more"
+                f"`noise_std` is {shown(noise_std)}; standard deviations must be 0 or "
+                f"more, and where they are not 0 at least {LEAST:g}"
             )
             raise InputError(msg)
         return np.broadcast_to(value, (4,))[:, None, None] ** 2 * np.eye(3)
