@@ -1,7 +1,8 @@
 """One measured number beside its prediction: the row of every results table.
 
 A study returns an `Outcome`: rows, and artifacts for the report to draw from. How
-a row is judged is said by its `check`; the judging itself is in `verdict`.
+a row is judged is said by its `check`; the judging itself is in `verdict`. Each check
+has its constructor, which takes one statistic or several and broadcasts:
 
 ======== =====================================================================
 check    meaning
@@ -11,17 +12,23 @@ plain    sampling against theory: the mean of plain samples, tested with its
 control  the same, sampled with control variates (blind to a wrong noise
          generator, so never without a plain row beside it)
 nees     the same, for a normalised squared error pooled over parameters
-exact    no chance involved: |value - prediction| must not exceed the remainder
-limit    no chance involved: the value must not exceed the prediction
+exact    deterministic: |value - prediction| must not exceed the remainder
+limit    deterministic: the value must not exceed the prediction
 record   reported, not judged
 ======== =====================================================================
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from functools import partial
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import ConfigDict, TypeAdapter
 
 from simval.arrays import Array
+from simval.statistics import NEES, Statistic
 
 Check = Literal["plain", "control", "nees", "exact", "limit", "record"]
 
@@ -32,20 +39,18 @@ class Row:
 
     Attributes
     ----------
-    statistic : str
-        Name, unique in the cell together with `predictor`: ``bias[K_x]``.
+    statistic : Statistic
+        What was measured; unique in the cell together with `predictor`.
     value : float
-        What was measured.
-    unit : str
-        Unit of the value; ``1`` where it has none.
+        The measured value, in the statistic's unit.
     standard_error : float, default 0.0
-        Standard error of the value; 0 where no chance is involved.
+        Standard error of the value; 0 where it is deterministic.
     n : int, default 0
         Number of independent samples behind the value.
     prediction : float, optional
         What theory says it should be.
     predictor : str, default ""
-        Which theory: ``exact``, ``order 4``, ``first order`` and so on.
+        Which theory, see `simval.statistics`.
     remainder : float, default 0.0
         What the prediction itself may be off by: the stated size of the terms it
         leaves out.
@@ -53,15 +58,167 @@ class Row:
         How the row is judged.
     """
 
-    statistic: str
+    statistic: Statistic
     value: float
-    unit: str
     standard_error: float = 0.0
     n: int = 0
     prediction: float | None = None
     predictor: str = ""
     remainder: float = 0.0
     check: Check = "record"
+
+    __pydantic_config__ = ConfigDict(strict=True, ser_json_inf_nan="constants")
+
+    @property
+    def unit(self) -> str:
+        """Unit of the value."""
+        return self.statistic.unit
+
+    @property
+    def tidy(self) -> dict[str, Any]:
+        """The columns of a results table, in their order."""
+        return {
+            "statistic": str(self.statistic),
+            "predictor": self.predictor,
+            "value": self.value,
+            "standard_error": self.standard_error,
+            "n": self.n,
+            "prediction": self.prediction,
+            "remainder": self.remainder,
+            "unit": self.unit,
+            "check": self.check,
+        }
+
+    @property
+    def key(self) -> tuple[Statistic, str]:
+        """What tells the row from the others of its cell."""
+        return self.statistic, self.predictor
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class CellName:
+    """Which cell of a run a row belongs to.
+
+    Attributes
+    ----------
+    study : str
+        Name of its study; empty for the run as a whole.
+    name : str, default ""
+        Its unique name in the run; empty for all cells of the study together.
+    """
+
+    study: str
+    name: str = ""
+
+    def __str__(self) -> str:
+        return self.name or (f"{self.study}, all cells" if self.study else "")
+
+
+COLUMNS = tuple(Row(statistic=NEES(), value=0.0).tidy)
+"""Names of the columns of a results table."""
+
+
+Statistics = Statistic | Sequence[Statistic]
+"""One statistic, or several for which the numbers are arrays."""
+
+
+def _sampled(
+    check: Check,
+    statistics: Statistics,
+    value: ArrayLike,
+    standard_error: ArrayLike,
+    n: int,
+    prediction: ArrayLike,
+    predictor: str,
+    remainder: ArrayLike = 0.0,
+) -> tuple[Row, ...]:
+    """Rows of sampled values against theory."""
+    numbers = _numbers(value, standard_error, prediction, remainder)
+    return _rows(check, statistics, n, predictor, **numbers)
+
+
+plain = partial(_sampled, "plain")
+"""Rows of plain samples."""
+
+control = partial(_sampled, "control")
+"""Rows of samples with control variates."""
+
+nees = partial(_sampled, "nees")
+"""Rows of a normalised squared error."""
+
+
+def exact(
+    statistics: Statistics,
+    value: ArrayLike,
+    prediction: ArrayLike,
+    predictor: str,
+    remainder: ArrayLike,
+    n: int = 0,
+) -> tuple[Row, ...]:
+    """Deterministic rows that must meet the prediction within the remainder."""
+    numbers = _numbers(value, 0.0, prediction, remainder)
+    return _rows("exact", statistics, n, predictor, **numbers)
+
+
+def limit(
+    statistics: Statistics,
+    value: ArrayLike,
+    most: ArrayLike,
+    predictor: str,
+    n: int = 0,
+) -> tuple[Row, ...]:
+    """Deterministic rows that must not exceed a limit."""
+    numbers = _numbers(value, 0.0, most, 0.0)
+    return _rows("limit", statistics, n, predictor, **numbers)
+
+
+def unjudged(
+    statistics: Statistics,
+    value: ArrayLike,
+    standard_error: ArrayLike = 0.0,
+    n: int = 0,
+    prediction: ArrayLike | None = None,
+    predictor: str = "",
+    remainder: ArrayLike = 0.0,
+) -> tuple[Row, ...]:
+    """Rows that are reported and not judged."""
+    numbers = _numbers(value, standard_error, prediction, remainder)
+    return _rows("record", statistics, n, predictor, **numbers)
+
+
+def _numbers(
+    value: ArrayLike,
+    standard_error: ArrayLike,
+    prediction: ArrayLike | None,
+    remainder: ArrayLike,
+) -> dict[str, ArrayLike | None]:
+    return {
+        "value": value,
+        "standard_error": standard_error,
+        "prediction": prediction,
+        "remainder": remainder,
+    }
+
+
+def _rows(
+    check: Check, statistics: Statistics, n: int, predictor: str, **numbers: Any
+) -> tuple[Row, ...]:
+    members = (statistics,) if isinstance(statistics, Statistic) else tuple(statistics)
+    columns = {
+        name: np.broadcast_to(np.asarray(value, dtype=float), len(members)).tolist()
+        for name, value in numbers.items()
+        if value is not None
+    }
+    return tuple(
+        Row(
+            statistic=statistic,
+            n=int(n),
+            predictor=predictor,
+            check=check,
+            **{name: column[i] for name, column in columns.items()},
+        )
+        for i, statistic in enumerate(members)
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,3 +237,7 @@ class Outcome:
 
     rows: tuple[Row, ...]
     artifacts: Mapping[str, Mapping[str, Array] | bytes] = field(default_factory=dict)
+
+
+ROWS: TypeAdapter[tuple[Row, ...]] = TypeAdapter(tuple[Row, ...])
+"""Rows from and to JSON, as they cross between processes."""

@@ -42,7 +42,8 @@ from typing import Literal
 import numpy as np
 from scipy.special import ndtri, stdtr, stdtrit
 
-from simval.results import Row
+from simval.results import CellName, Row, nees
+from simval.statistics import POOLED_NEES
 
 Answer = Literal["pass", "fail", "inconclusive"]
 
@@ -76,8 +77,8 @@ class Verdict:
 
     Attributes
     ----------
-    cell : str
-        Name of the cell.
+    cell : CellName
+        The cell, or all cells of a study for what is pooled over them.
     row : Row
         What was judged.
     answer : str
@@ -94,7 +95,7 @@ class Verdict:
         `POWER`; None where no chance is involved.
     """
 
-    cell: str
+    cell: CellName
     row: Row
     answer: Answer
     p_value: float | None
@@ -132,13 +133,15 @@ def p_value(row: Row) -> float:
     return float(stdtr(freedom, -low) + stdtr(freedom, -high))
 
 
-def judge(rows: Iterable[tuple[str, Row]], alpha: float = 1e-3) -> tuple[Verdict, ...]:
+def judge(
+    rows: Iterable[tuple[CellName, Row]], alpha: float = 1e-3
+) -> tuple[Verdict, ...]:
     """Judge the rows of a run together.
 
     Parameters
     ----------
-    rows : iterable of (str, Row)
-        Name of the cell and the row; rows with check ``record`` are left out.
+    rows : iterable of (CellName, Row)
+        The cell and the row; rows with check ``record`` are left out.
     alpha : float, default 1e-3
         False-alarm rate that all rows share.
 
@@ -170,33 +173,30 @@ def judge(rows: Iterable[tuple[str, Row]], alpha: float = 1e-3) -> tuple[Verdict
     return tuple(answers[i] for i in range(len(judged)))
 
 
-def _pooled(judged: Sequence[tuple[str, Row]]) -> list[tuple[str, Row]]:
+def _pooled(judged: Sequence[tuple[CellName, Row]]) -> list[tuple[CellName, Row]]:
     """Mean of each study's normalised squared errors, relative to the prediction."""
     # weighted by the numbers of samples, which do not depend on what was seen
     groups: dict[tuple[str, str], list[Row]] = {}
     for cell, row in judged:
         if row.check == "nees" and not _obstacle(row) and row.prediction:
-            study = cell.partition("(")[0]
-            groups.setdefault((study, row.predictor), []).append(row)
-    pooled = []
+            groups.setdefault((cell.study, row.predictor), []).append(row)
+    pooled: list[tuple[CellName, Row]] = []
     for (study, predictor), rows in groups.items():
         if len(rows) < 2:
             continue
         n = np.array([row.n for row in rows], dtype=float)
         weights = n / n.sum() / [row.prediction for row in rows]
         errors = [row.standard_error for row in rows]
-        row = Row(
-            statistic="nees, pooled",
-            value=float(weights @ [row.value for row in rows]),
-            standard_error=float(np.linalg.norm(weights * errors)),
-            n=int(n.sum()),
-            prediction=1.0,
-            predictor=predictor,
-            remainder=float(np.abs(weights) @ [row.remainder for row in rows]),
-            unit="1",
-            check="nees",
+        (row,) = nees(
+            POOLED_NEES(),
+            float(weights @ [row.value for row in rows]),
+            float(np.linalg.norm(weights * errors)),
+            int(n.sum()),
+            1.0,
+            predictor,
+            float(np.abs(weights) @ [row.remainder for row in rows]),
         )
-        pooled.append((f"{study}, all cells", row))
+        pooled.append((CellName(study), row))
     return pooled
 
 
@@ -244,7 +244,7 @@ def _size(row: Row) -> float:
     return max(abs(row.prediction or 0.0), spread)
 
 
-def _inconclusive(cell: str, row: Row, reason: str) -> Verdict:
+def _inconclusive(cell: CellName, row: Row, reason: str) -> Verdict:
     return Verdict(
         cell=cell,
         row=row,
@@ -255,7 +255,7 @@ def _inconclusive(cell: str, row: Row, reason: str) -> Verdict:
     )
 
 
-def _without_chance(cell: str, row: Row) -> Verdict:
+def _without_chance(cell: CellName, row: Row) -> Verdict:
     assert row.prediction is not None
     if row.check == "limit":
         good, limit = row.value <= row.prediction, row.prediction
@@ -277,7 +277,9 @@ def _without_chance(cell: str, row: Row) -> Verdict:
     )
 
 
-def _by_chance(cell: str, row: Row, p: float, limit: float, tail: float) -> Verdict:
+def _by_chance(
+    cell: CellName, row: Row, p: float, limit: float, tail: float
+) -> Verdict:
     assert row.prediction is not None
     beyond = abs(row.value - row.prediction) - row.remainder
     quantile = -float(stdtrit(row.n / SAMPLES_PER_FREEDOM, tail))

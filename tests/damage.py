@@ -13,7 +13,7 @@ from math import inf, isfinite
 import numpy as np
 from stores import raw
 
-from simval.studies.ranges import range_of
+from simval.statistics import FAMILIES
 from simval.sweep.store import ROW_FIELDS
 
 WORDS = ("abc", "", "1.5", b"\x00\xff", "9" * 400, "a/b.py", "-")
@@ -30,7 +30,7 @@ class Damage:
     """What was done."""
 
     words: str
-    impossible: bool = False  # so even a store without digests must not pass
+    impossible: bool = False  # so it must not pass whatever the digests say
 
 
 def damage(folder, rng):
@@ -54,7 +54,7 @@ def _row(folder, rng):
         database.execute(
             f'UPDATE rows SET "{name}" = ? WHERE rowid = ?', (value, now["rowid"])
         )
-        words = f"{now['statistic']} `{name}`: {now[name]!r:.40} -> {value!r:.40}"
+        words = f"{now['family']} `{name}`: {now[name]!r:.40} -> {value!r:.40}"
     return Damage(words, _impossible(now, name, value))
 
 
@@ -67,20 +67,21 @@ def _turned(value):
 def _impossible(row, name, value):
     """Whether a judged number, or any of its type, cannot be what it is now."""
     number = isinstance(value, int | float)
-    if name in ("statistic", "unit", "predictor"):
+    if name in ("family", "entries", "check"):
+        return True  # none of the values is one
+    if name in ("unit", "predictor"):
         return not isinstance(value, str)
-    if name == "check":
-        return True  # none of the values is a check
-    if name == "n":
-        return not (type(value) is int and 0 <= value < 2**53)
+    if name in ("n", "controlled"):
+        most = 2**53 if name == "n" else 2
+        return not (type(value) is int and 0 <= value < most)
     if value is None or (number and not isfinite(value)):
         return row["check"] != "record"  # not measured: reported, and never judged
     if not number:
         return True
     if name in ("standard_error", "remainder"):
         return value < 0
-    low, high = range_of(row["statistic"])
-    return not low <= value <= high
+    family = FAMILIES[row["family"]]
+    return not family.least <= value <= family.most
 
 
 def _cell(folder, rng):
@@ -151,9 +152,9 @@ def _rows(folder, rng):
         database.execute(
             (
                 f"DELETE FROM rows {where}",
-                f"INSERT INTO rows SELECT cell, ordinal + 1000, statistic, value, unit,"
-                f' standard_error, n, prediction, predictor, remainder, "check" '
-                f"FROM rows {where}",
+                "INSERT INTO rows SELECT cell, ordinal + 1000, "
+                + ", ".join(f'"{field}"' for field in ROW_FIELDS)
+                + f" FROM rows {where}",
                 f"UPDATE rows SET ordinal = 1000 {where}",
                 f"UPDATE rows SET cell = 99, ordinal = 0 {where}",
                 f"DELETE FROM cells WHERE position = {cell}",
@@ -163,9 +164,9 @@ def _rows(folder, rng):
 
 
 def _swap(folder, rng):
-    column = _pick(("cell", "parameters", "study", "statistic"), rng)
+    column = _pick(("cell", "parameters", "study", "family"), rng)
     with raw(folder) as database:
-        table = "rows" if column == "statistic" else "cells"
+        table = "rows" if column == "family" else "cells"
         query = f"SELECT rowid, {column} FROM {table}"
         entries = database.execute(query).fetchall()
         (a, old), (b, new) = _pick(entries, rng), _pick(entries, rng)

@@ -21,15 +21,7 @@ def rewritten(folder):
     with raw(folder) as database:
         yield database
         _as_swept(database)
-        (text,) = database.execute(
-            "SELECT value FROM meta WHERE key = 'manifest'"
-        ).fetchone()
-        changes = [("manifest digest", store.digest_of(text))]
-        database.execute("DELETE FROM meta WHERE key IN ('manifest digest', 'files')")
-        database.executemany("INSERT INTO meta VALUES (?, ?)", changes)
-        places = database.execute("SELECT position FROM cells").fetchall()
-        for (position,) in places:
-            store.sign(database, position)
+        _sign(database)
 
 
 def _as_swept(database):
@@ -55,9 +47,19 @@ def edited(folder, *statements):
             database.execute(sql)
 
 
-def without_digests(folder):
-    """Make the store of a run one of schema 1, which had no digests."""
+def signed_anew(folder):
+    """Give a damaged store the digests of what it holds now, and none of its files."""
     with raw(folder) as database:
-        database.execute("ALTER TABLE cells DROP COLUMN digest")
-        database.execute("UPDATE meta SET value = '1' WHERE key = 'schema'")
-        database.execute("DELETE FROM meta WHERE key IN ('manifest digest', 'files')")
+        _sign(database)
+
+
+def _sign(database):
+    (text,) = database.execute(
+        "SELECT value FROM meta WHERE key = 'manifest'"
+    ).fetchone()
+    database.execute("DELETE FROM meta WHERE key IN ('manifest digest', 'files')")
+    database.execute(
+        "INSERT INTO meta VALUES ('manifest digest', ?)", (store.digest_of(text),)
+    )
+    for (position,) in database.execute("SELECT position FROM cells").fetchall():
+        store.sign(database, position)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from rows_by_name import named
 
 from simval.attitude.kernel import raw_quaternion
 from simval.errors import GeometryError
@@ -20,11 +21,11 @@ def run(study, seed=1, **parameters):
 
 
 def answers(outcome):
-    return [v.answer for v in judge([("cell", row) for row in outcome.rows])]
+    return [v.answer for v in judge(named(outcome.rows))]
 
 
 def values(outcome, statistic):
-    return {r.predictor: r.value for r in outcome.rows if r.statistic == statistic}
+    return {r.predictor: r.value for r in outcome.rows if str(r.statistic) == statistic}
 
 
 @pytest.mark.parametrize("noise", ["isotropic", "full", "tangent"])
@@ -64,7 +65,7 @@ def test_efficiency():
     row = next(
         r
         for r in outcome.rows
-        if r.statistic == "squared_error_over_predicted[combined]"
+        if str(r.statistic) == "squared_error_over_predicted[combined]"
     )
     assert abs(row.value - 0.9) > 4 * row.standard_error + row.remainder
 

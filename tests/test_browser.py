@@ -32,7 +32,8 @@ def pages(_tiny_run, tmp_path_factory):
     edited(
         run,
         "UPDATE rows SET value = value + 20 * standard_error "
-        "WHERE statistic = 'bias[x]' AND cell = 3",
+        "WHERE family = 'bias' AND controlled = 0 "
+        "AND entries = json_array('x') AND cell = 3",
     )
     (run / "artifacts").mkdir(exist_ok=True)
     time = np.arange(5000) / 100.0

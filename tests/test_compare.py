@@ -6,12 +6,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+import rows_by_name
 import stores
 
 from simval.cli.compare import command
 from simval.compare import compare_runs, match
 from simval.report import render_comparison
-from simval.results import Row
 from simval.sweep import load_run
 from simval.sweep.run import CellResult, Run
 
@@ -38,10 +38,8 @@ def cell(rows, seed=1, **parameters):
     )
 
 
-def row(statistic, value, error=0.0, **more):
-    return Row(
-        statistic=statistic, value=float(value), standard_error=error, unit="1", **more
-    )
+def row(name, value, error=0.0, **more):
+    return rows_by_name.row(name, value, standard_error=error, **more)
 
 
 def run(tmp_path, *cells):
@@ -87,7 +85,7 @@ def test_a_change_of_six_standard_errors_is_found(tmp_path):
             for s, line in enumerate(values)
         )
         changed = compare_runs(a, b).of("changed")
-        found += any(d.a.statistic == "x7" for d in changed)
+        found += any(str(d.a.statistic) == "x7" for d in changed)
     assert found >= 85  # 95.5 expected, standard deviation 2.1
 
 
@@ -96,14 +94,16 @@ def test_changes_are_sorted_and_named(tiny_run, tmp_path):
     new = edited(
         tiny_run,
         "UPDATE rows SET value = value + 9 * standard_error "
-        "WHERE statistic = 'bias[x]' AND cell = 2",
+        "WHERE family = 'bias' AND controlled = 0 "
+        "AND entries = json_array('x') AND cell = 2",
         "UPDATE rows SET value = value + 30 * standard_error "
-        "WHERE statistic = 'bias[y]' AND cell = 3",
+        "WHERE family = 'bias' AND controlled = 0 "
+        "AND entries = json_array('y') AND cell = 3",
     )
     found = compare_runs(old, new)
     changed = found.of("changed")
-    assert {d.a.statistic for d in changed} == {"bias[x]", "bias[y]"}
-    assert changed[0].a.statistic == "bias[y]"
+    assert {str(d.a.statistic) for d in changed} == {"bias[x]", "bias[y]"}
+    assert str(changed[0].a.statistic) == "bias[y]"
     distances = [abs(d.sigmas) for d in changed]
     assert distances == sorted(distances, reverse=True)
     # the error of a difference is that of two independent values
@@ -116,12 +116,13 @@ def test_on_the_same_noise_a_small_step_is_told_from_rounding(tiny_run):
     new = edited(
         tiny_run,
         "UPDATE rows SET value = value + 0.1 * standard_error "
-        "WHERE statistic = 'bias[x]' AND cell = 2",
+        "WHERE family = 'bias' AND controlled = 0 "
+        "AND entries = json_array('x') AND cell = 2",
         "UPDATE rows SET value = value * (1 + 1e-15) WHERE cell = 3",
     )
     found = compare_runs(old, new)
     assert found.of("changed") == ()
-    assert {d.a.statistic for d in found.of("moved")} == {"bias[x]"}
+    assert {str(d.a.statistic) for d in found.of("moved")} == {"bias[x]"}
 
 
 def test_values_without_chance_change_by_size_and_limits_by_side(tmp_path):
@@ -133,7 +134,7 @@ def test_values_without_chance_change_by_size_and_limits_by_side(tmp_path):
         tmp_path,
         cell([row("x", 1.0 + 1e-8), row("y", 1.0 + 1e-5), limit(0.9), row("z", 0.0)]),
     )
-    kinds = {d.a.statistic: d.kind for d in compare_runs(a, b).differences}
+    kinds = {str(d.a.statistic): d.kind for d in compare_runs(a, b).differences}
     assert kinds == {"x": "same", "y": "changed", "limit": "same", "z": "same"}
     c = run(tmp_path, cell([limit(1.1)]))
     assert compare_runs(a, c).differences[0].kind == "changed"
@@ -204,7 +205,8 @@ def test_the_page_draws_both_curves_and_is_the_same_each_time(tiny_run, tmp_path
     new = edited(
         tiny_run,
         "UPDATE rows SET value = value + 30 * standard_error "
-        "WHERE statistic = 'bias[y]' AND cell = 3",
+        "WHERE family = 'bias' AND controlled = 0 "
+        "AND entries = json_array('y') AND cell = 3",
     )
     found = compare_runs(old, new)
     page = render_comparison(old, new, found)
@@ -223,7 +225,9 @@ def test_the_page_draws_both_curves_and_is_the_same_each_time(tiny_run, tmp_path
 def test_the_page_escapes_what_comes_from_data(tiny_run):
     bad = "<img src=x onerror=alert(1)>"
     old = load_run(tiny_run)
-    new = edited(tiny_run, f"UPDATE rows SET statistic = '{bad}' WHERE ordinal = 0")
+    new = edited(
+        tiny_run, f"UPDATE rows SET entries = json_array('{bad}') WHERE ordinal = 0"
+    )
     page = render_comparison(old, new, compare_runs(old, new))
     assert "onerror" in page
     assert "<img src=x" not in page
@@ -244,7 +248,8 @@ def test_the_command_prints_what_changed(capsys, tiny_run, tmp_path):
     edited(
         other,
         "UPDATE rows SET value = value + 30 * standard_error "
-        "WHERE statistic = 'bias[y]' AND cell = 3",
+        "WHERE family = 'bias' AND controlled = 0 "
+        "AND entries = json_array('y') AND cell = 3",
     )
     code, out = call(capsys, tiny_run, other, "--out", tmp_path / "page.html")
     assert code == 0

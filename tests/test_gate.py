@@ -13,6 +13,8 @@ from stores import edited, rewritten
 
 from simval.errors import InputError
 from simval.gate import findings, judge_run, read_baseline, write_baseline
+from simval.gate.baseline import StoredCell
+from simval.results import CellName
 from simval.sweep import load_run
 
 
@@ -39,10 +41,10 @@ def test_a_baseline_is_sorted_and_a_line_for_each_statistic(tiny_run, tmp_path):
     write_baseline(path, load_run(tiny_run), "why")
     content = read_baseline(path)
     assert content["reason"] == "why"
-    for statistics in content["cells"].values():
-        assert list(statistics) == sorted(statistics)
+    for cell in content["cells"].values():
+        assert list(cell.statistics) == sorted(cell.statistics)
     lines = path.read_text().splitlines()
-    entries = sum(len(s) for s in content["cells"].values())
+    entries = sum(len(c.statistics) for c in content["cells"].values())
     assert sum(line.startswith("   ") and "[" in line[6:] for line in lines) >= entries
     with pytest.raises(InputError, match="needs its reason"):
         write_baseline(path, load_run(tiny_run), "  ")
@@ -53,17 +55,21 @@ def test_a_baseline_is_sorted_and_a_line_for_each_statistic(tiny_run, tmp_path):
     [
         (
             "UPDATE rows SET value = value + 10 * standard_error "
-            "WHERE statistic = 'bias[x]'",
+            "WHERE family = 'bias' AND controlled = 0 AND entries = json_array('x')",
             "standard errors",
         ),
         # within sampling error of theory, but not the stored number: only the
         # baseline can see it
         (
             "UPDATE rows SET value = value + 0.01 * standard_error "
-            "WHERE statistic = 'bias[x]'",
+            "WHERE family = 'bias' AND controlled = 0 AND entries = json_array('x')",
             r"fail: .*bias\[x\]: .*in the baseline, now",
         ),
-        ("DELETE FROM rows WHERE statistic = 'bias[x]'", "no longer measured"),
+        (
+            "DELETE FROM rows WHERE family = 'bias' AND controlled = 0 "
+            "AND entries = json_array('x')",
+            "no longer measured",
+        ),
     ],
 )
 def test_changes_fail_and_are_named(simval, tiny_run, tmp_path, sql, words):
@@ -140,7 +146,8 @@ def test_green_is_one_line_and_red_names_the_command(simval, tiny_run, tmp_path)
     edited(
         tiny_run,
         "UPDATE rows SET value = prediction + remainder + 9 * standard_error "
-        "WHERE statistic = 'bias[x]' AND cell = 2",
+        "WHERE family = 'bias' AND controlled = 0 "
+        "AND entries = json_array('x') AND cell = 2",
     )
     code, out, _ = simval("gate", tiny_run, "--baseline", baseline)
     assert code == 1
@@ -200,10 +207,11 @@ GOOD = '{"b": [1.0, 0.5, 5, {"plain exact": [1.0, 0.0]}]}'
 )
 def test_a_baseline_that_would_accept_anything_is_refused(tmp_path, cell):
     path = tmp_path / "baseline.json"
-    head = '{"schema": 2, "reason": "", "environment": {}, "cells": {"a": '
-    path.write_text(head + GOOD + "}}")
-    assert read_baseline(path)["cells"]["a"]["b"].n == 5
-    path.write_text(head + cell + "}}")
+    head = '{"schema": 3, "reason": "", "environment": {}, "cells": {"a": {'
+    head += '"study": "s", "parameters": {}, "statistics": '
+    path.write_text(head + GOOD + "}}}")
+    assert read_baseline(path)["cells"]["a"].statistics["b"].n == 5
+    path.write_text(head + cell + "}}}")
     with pytest.raises(InputError, match="is not a baseline of simval"):
         read_baseline(path)
 
@@ -212,7 +220,7 @@ def test_a_baseline_that_would_accept_anything_is_refused(tmp_path, cell):
     ("text", "words"),
     [
         ("[" * 100_000, "is not a baseline of simval"),
-        ('{"schema": 1}', "has schema 1 and this program reads 2"),
+        ('{"schema": 1}', "has schema 1 and this program reads 3"),
         ('{"schema": true}', "has schema True"),
     ],
 )
@@ -240,14 +248,14 @@ JUDGED = "\"check\" IN ('plain', 'control', 'nees')"
         (f"UPDATE rows SET prediction = value WHERE {JUDGED}", "theory"),
         (
             "UPDATE rows SET remainder = 0.4 * abs(prediction) "
-            f"WHERE {JUDGED} AND statistic LIKE 'cov%'",
+            f"WHERE {JUDGED} AND family LIKE 'cov%'",
             "theory",
         ),
         ("UPDATE rows SET prediction = 1e300 WHERE \"check\" = 'limit'", "theory"),
         # only some rows of a statistic: then they no longer hold one value
         (
             "UPDATE rows SET value = prediction WHERE predictor = 'order 2' "
-            "AND statistic LIKE 'bias%'",
+            "AND family LIKE 'bias%'",
             "missing",
         ),
     ],
@@ -269,7 +277,8 @@ def test_a_row_twice_and_a_cell_that_crashed_are_said_once(tiny_run, tmp_path):
     write_baseline(path, load_run(tiny_run), "before")
     edited(
         tiny_run,
-        "UPDATE rows SET statistic = 'bias[x]' WHERE statistic = 'bias[y]'",
+        "UPDATE rows SET family = 'bias', entries = json_array('x') "
+        "WHERE family = 'bias' AND controlled = 0 AND entries = json_array('y')",
     )
     reasons = [gap.reason for gap in judge_run(load_run(tiny_run)).gaps]
     assert "it has bias[x] against order 2 twice" in reasons
@@ -277,13 +286,17 @@ def test_a_row_twice_and_a_cell_that_crashed_are_said_once(tiny_run, tmp_path):
     result = judge_run(load_run(tiny_run), read_baseline(path))
     assert (result.answer, result.exit_code) == ("fail", 4)
     lost = result.unfinished[0].name
-    assert [f.check for f in findings(result) if f.cell == lost] == ["failed"]
+    assert [f.check for f in findings(result) if f.cell.name == lost] == ["failed"]
 
 
 @pytest.mark.parametrize(
     ("sql", "words"),
     [
-        ("UPDATE rows SET n = 9223372036854775807 WHERE statistic = 'nees'", "`n` is"),
+        (
+            "UPDATE rows SET n = 9223372036854775807 "
+            "WHERE family = 'nees' AND controlled = 0 AND entries = json_array()",
+            "`n` is",
+        ),
         ("UPDATE rows SET cell = -1 WHERE cell = 0", "cell -1"),
         ("UPDATE cells SET seed = 99 WHERE position = 0", "is stored as .* with 99"),
         ("UPDATE cells SET study = 'scene' WHERE position = 0", "is stored as scene"),
@@ -375,7 +388,11 @@ def test_a_limit_that_is_no_longer_judged_fails(tiny_run, tmp_path):
     assert {c.reason for c in result.comparisons if c.reason} == {
         "no longer judged as the baseline says"
     }
-    edited(tiny_run, "DELETE FROM rows WHERE statistic = 'recovery[T]'")
+    edited(
+        tiny_run,
+        "DELETE FROM rows WHERE family = 'recovery' AND controlled = 0 "
+        "AND entries = json_array('T')",
+    )
     changes = [c.change for c in judge_run(load_run(tiny_run), baseline).comparisons]
     assert changes.count("missing") == 1
 
@@ -384,9 +401,10 @@ def test_a_cell_of_the_baseline_that_holds_nothing_is_missed_too(tiny_run, tmp_p
     path = tmp_path / "baseline.json"
     write_baseline(path, load_run(tiny_run), "before")
     baseline = read_baseline(path)
-    baseline["cells"]["scene(scene=die)@1"] = {}
+    baseline["cells"]["scene(scene=die)@1"] = StoredCell("scene", {}, {})
     result = judge_run(load_run(tiny_run), baseline)
-    assert [c.cell for c in result.comparisons if c.reason] == ["scene(scene=die)@1"]
+    (missed,) = [c.cell for c in result.comparisons if c.reason]
+    assert missed == CellName("scene", "scene(scene=die)@1")
     assert result.exit_code == 1
 
 
@@ -396,7 +414,9 @@ def test_a_prediction_that_is_no_longer_beside_a_value_fails(tiny_run, tmp_path)
     write_baseline(path, load_run(tiny_run), "before")
     edited(
         tiny_run,
-        "DELETE FROM rows WHERE statistic = 'bias[x]' AND predictor = 'order 2'",
+        "DELETE FROM rows "
+        "WHERE family = 'bias' AND controlled = 0 "
+        "AND entries = json_array('x') AND predictor = 'order 2'",
     )
     result = judge_run(load_run(tiny_run), read_baseline(path))
     assert {c.change for c in result.comparisons if c.reason} == {"unjudged"}
@@ -415,7 +435,7 @@ def test_a_run_that_fails_never_becomes_the_first_baseline(simval, tiny_run, tmp
     edited(
         tiny_run,
         "UPDATE rows SET value = value + 20 * standard_error "
-        "WHERE statistic = 'bias[x]'",
+        "WHERE family = 'bias' AND controlled = 0 AND entries = json_array('x')",
     )
     baseline = tmp_path / "baseline.json"
     assert simval("gate", tiny_run, "--baseline", baseline)[0] == 1

@@ -5,29 +5,29 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rows_by_name import row
 from scipy import stats
 
-from simval.gate.baseline import entries
+from simval.gate.baseline import StoredCell, entries, question
 from simval.gate.compare import compare, has_partners
-from simval.gate.equivalence import COVARIANCE_MARGIN, RMSE_MARGIN
 from simval.gate.judgement import judge_run
-from simval.results import Row
+from simval.statistics import COVARIANCE, RMS
 from simval.sweep.run import CellResult, Run
 from simval.verdict import SAMPLES_PER_FREEDOM
 
 NAME = "attitude(geometry=3,noise_std=0.01,samples={samples})@{seed}"
 
 
-def run_of(statistics, seed=2, samples=4000, error=0.001, value_n=4000):
+def run_of(statistics, seed=2, samples=4000, error=0.001, value_n=4000, noise=0.01):
     rows = tuple(
-        Row(statistic=name, value=value, standard_error=error, n=value_n, unit="1")
+        row(name, value, standard_error=error, n=value_n)
         for name, value in statistics.items()
     )
     cell = CellResult(
         name=NAME.format(seed=seed, samples=samples),
         study="attitude",
         seed=seed,
-        parameters={},
+        parameters={"geometry": 3, "noise_std": noise, "samples": samples},
         status="done",
         error="",
         seconds=0.0,
@@ -38,7 +38,9 @@ def run_of(statistics, seed=2, samples=4000, error=0.001, value_n=4000):
 
 
 def stored_of(run):
-    return {c.name: entries(c.rows) for c in run.cells}
+    return {
+        c.name: StoredCell(c.study, question(c), entries(c.rows)) for c in run.cells
+    }
 
 
 def changes(old, new, alpha=1e-3):
@@ -73,7 +75,9 @@ def test_other_noise_with_the_same_numbers_is_a_copy():
 def test_a_cell_with_another_noise_level_is_missing_and_new():
     old = run_of({"rms": 1.0}, seed=1)
     cell = dataclasses.replace(
-        old.cells[0], name="attitude(geometry=3,noise_std=0.02,samples=4000)@2"
+        old.cells[0],
+        name="attitude(geometry=3,noise_std=0.02,samples=4000)@2",
+        parameters={"geometry": 3, "noise_std": 0.02, "samples": 4000},
     )
     found = compare(dataclasses.replace(old, cells=(cell,)), stored_of(old), 1e-3)
     assert sorted(c.change for c in found) == ["missing", "new"]
@@ -92,7 +96,7 @@ def test_a_cell_with_another_noise_level_is_missing_and_new():
 def test_three_answers_for_a_size(step, error, answer):
     old = run_of({"rms": 1.0}, seed=1, error=error)
     found = changes(old, run_of({"rms": 1.0 + step}, error=error))["rms"]
-    assert found.margin == RMSE_MARGIN
+    assert found.margin == RMS.margin
     assert found.answer == answer
     assert bool(found.reason) == (answer != "pass")
 
@@ -115,11 +119,11 @@ def test_margins_of_covariances_and_biases():
     old = run_of(entries, seed=1)
     found = changes(old, run_of({k: 1.001 * v for k, v in entries.items()}))
     # off the diagonal: 2 % of the root of the product of the variances
-    assert found["covariance[x,y]"].margin == pytest.approx(COVARIANCE_MARGIN * 6.0)
-    assert found["covariance[x,x]"].margin == pytest.approx(COVARIANCE_MARGIN * 4.0)
+    assert found["covariance[x,y]"].margin == pytest.approx(COVARIANCE.margin * 6.0)
+    assert found["covariance[x,x]"].margin == pytest.approx(COVARIANCE.margin * 4.0)
     assert found["nees"].margin == pytest.approx(0.06)
     control = found["control covariance[x,y]"]
-    assert control.margin == pytest.approx(COVARIANCE_MARGIN * 6.0)
+    assert control.margin == pytest.approx(COVARIANCE.margin * 6.0)
     # 2 % of a sample's standard deviation: as the cell gives it, else s sqrt(n)
     assert found["bias[x]"].margin == pytest.approx(0.02 * 2.0)
     assert found["control bias[x]"].margin == pytest.approx(0.02 * 2.0)
@@ -139,10 +143,9 @@ def test_an_unresolved_change_says_how_many_samples_it_takes():
 def test_rounding_of_values_without_chance_is_no_change():
     def pair(value, moved, remainder, check="exact"):
         rows = [
-            Row(
-                statistic="x",
-                value=v,
-                unit="1",
+            row(
+                "rms",
+                v,
                 prediction=value,
                 check=check,
                 predictor="p",
@@ -157,7 +160,7 @@ def test_rounding_of_values_without_chance_is_no_change():
             )
             for run, row in zip((old, new), rows, strict=True)
         )
-        return changes(old, new)["x"].change
+        return changes(old, new)["rms"].change
 
     assert pair(1e-12, 1.05e-12, 0.0) == "close"  # both are rounding of numbers near 1
     assert pair(6.0, 6.0013, 0.1) == "close"  # an order within a tenth of its remainder
@@ -185,22 +188,22 @@ def test_size_and_power_of_the_equivalence_test():
 
     # the margin is 1 % of the stored value, itself 0.2 % off, so the size moves by
     # its slope times 1e-2 * 0.002: nothing beside the sampling error of the count
-    assert rate(RMSE_MARGIN, "equivalent") <= stats.binom.isf(1e-4, runs, 0.05)
+    assert rate(RMS.margin, "equivalent") <= stats.binom.isf(1e-4, runs, 0.05)
     # z = (0.01 - 1.645 * 0.00283) / 0.00283 = 1.89 on either side
     power = 1 - 2 * stats.norm.sf((0.01 / np.hypot(error, error)) - 1.645)
     low, high = stats.binom.interval(1 - 1e-4, runs, power)
     assert low - 0.01 * runs <= rate(0.0, "equivalent") <= high + 0.01 * runs
     # beyond the margin by 6 standard errors: shown as a change
-    assert rate(RMSE_MARGIN + 6 * 0.00283, "changed") >= 0.99 * runs
+    assert rate(RMS.margin + 6 * 0.00283, "changed") >= 0.99 * runs
 
 
 def test_other_noise_halves_the_rate_of_theory():
     z = 4.5
-    row = {"value": z, "prediction": 0.0, "standard_error": 1.0, "check": "plain"}
+    values = {"value": z, "prediction": 0.0, "standard_error": 1.0, "check": "plain"}
     old = run_of({"rms": 1.0}, seed=1)
     new = run_of({"rms": 1.0}, seed=2)
     cell = new.cells[0]
-    judged = Row(statistic="bias[x]", n=4000, unit="1", **row)
+    judged = row("bias[x]", n=4000, **values)
     new = dataclasses.replace(
         new, cells=(dataclasses.replace(cell, rows=(*cell.rows, judged)),)
     )

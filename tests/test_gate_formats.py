@@ -5,11 +5,11 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+import rows_by_name
 from stores import edited
 
 from simval.gate import judge_run, write_baseline
 from simval.gate.formats import Document, annotations, to_json, to_junit, to_markdown
-from simval.results import Row
 from simval.sweep import load_run
 from simval.sweep.run import CellResult, Run
 
@@ -20,19 +20,19 @@ def broken(folder):
     edited(
         folder,
         "UPDATE rows SET value = value + 20 * standard_error "
-        "WHERE statistic = 'bias[x]' AND cell = 2",
+        "WHERE family = 'bias' AND controlled = 0 "
+        "AND entries = json_array('x') AND cell = 2",
     )
 
 
 def evil_run():
-    row = Row(
-        statistic=EVIL,
-        value=9.0,
+    row = rows_by_name.row(
+        "bias[x]",
+        9.0,
         standard_error=1.0,
         n=5000,
         prediction=0.0,
         predictor=EVIL,
-        unit="1",
         check="plain",
     )
     cells = [

@@ -7,12 +7,13 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+import rows_by_name
 from stores import edited
 
 from simval.gate import Gap, GateResult, headline, judge_run
 from simval.gate.comparison import Comparison
 from simval.report import render
-from simval.results import Row
+from simval.results import CellName
 from simval.sweep import load_run
 from simval.sweep.run import CellResult
 from simval.verdict import Verdict
@@ -21,15 +22,20 @@ NUMBER = r"([\d,]+)"
 
 
 def verdict(answer):
-    row = Row(statistic="a", value=0.0, unit="1", prediction=0.0, check="exact")
+    row = rows_by_name.row("bias[x]", 0.0, prediction=0.0, check="exact")
     return Verdict(
-        cell="a()@1", row=row, answer=answer, p_value=None, limit=0.0, reason=""
+        cell=CellName("a", "a()@1"),
+        row=row,
+        answer=answer,
+        p_value=None,
+        limit=0.0,
+        reason="",
     )
 
 
 def comparison(change):
     return Comparison(
-        cell="a()@1",
+        cell=CellName("a", "a()@1"),
         statistic="a",
         change=change,
         stored=0.0,

@@ -14,7 +14,7 @@ from simval.studies.recorded import calibrate_log
 WORDS = {
     "stuck_axis": "shows .* in every row .* not connected or stuck; check",
     "dead_axis": "check its wire|check the wiring|every row",
-    "same_channel": "two columns are one channel; check the wiring",
+    "same_channel": "two columns are one channel, or .*; check the wiring",
     "wrap": "wrap around a range of .* unwrap them",
     "frozen_sensor": "froze; cut that stretch out",
     "repeated_block": "again, bit for bit: .* cut the second out",

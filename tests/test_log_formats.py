@@ -247,7 +247,17 @@ def test_a_damaged_matlab_file_ends_in_a_sentence(tmp_path):
             "4 names, but a row has 8",
         ),
     ],
-    ids=lambda value: value if isinstance(value, str) else "bytes",
+    ids=[
+        "gzip",
+        "zip",
+        "matlab 7.3",
+        "sqlite",
+        "letters",
+        "one column",
+        "many columns",
+        "long fields",
+        "fewer names than columns",
+    ],
 )
 def test_what_is_no_log_ends_in_a_sentence(tmp_path, content, words, capsys):
     path = tmp_path / "log.csv"

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rows_by_name
 from click.testing import CliRunner
 
 from simval.attitude import two_vector_quaternion
@@ -83,7 +84,7 @@ def limits(plugin, monkeypatch, noise_std=0.05, geometry=3):
         algorithm="any", noise_std=noise_std, geometry=geometry, samples=1024
     )
     rows = estimator.compute(parameters, STREAMS).rows
-    return {row.statistic: row for row in rows if row.check == "limit"}
+    return {str(row.statistic): row for row in rows if row.check == "limit"}
 
 
 def beyond(function, size):
@@ -247,7 +248,7 @@ def answering(monkeypatch, **more):
     monkeypatch.setattr(calibrator, "find_plugin", lambda *_: plugin)
     parameters = calibrator.Parameters(algorithm="any", trials=32)
     rows = calibrator.compute(parameters, STREAMS).rows
-    return next(row.value for row in rows if row.statistic == "nees")
+    return next(row.value for row in rows if str(row.statistic) == "nees")
 
 
 def test_a_type_a_covariance_is_judged_by_its_own_law(monkeypatch):
@@ -458,8 +459,8 @@ def test_the_documented_scenes_are_judged_as_documented(tmp_path):
         path.write_text("#" + code)
         parameters = custom_scene.Parameters(scene=str(path))
         rows = custom_scene.compute(parameters, STREAMS).rows
-        judged = judge(("scene", row) for row in rows)
-        answers[name] = {v.row.statistic: v.answer for v in judged}
+        judged = judge(rows_by_name.named(rows))
+        answers[name] = {str(v.row.statistic): v.answer for v in judged}
         assert all(
             f"`{row.statistic}`" in text for row in rows if row.check != "record"
         )

@@ -25,7 +25,6 @@ from simval.plugins.answers import calibration_of
 from simval.plugins.errors import LIMIT
 from simval.plugins.probe import probe_sensor
 from simval.poses import fibonacci_sphere
-from simval.results import Row
 from simval.streams import Streams
 from simval.studies import calibrator, custom_scene, estimator, isolation
 from simval.sweep import load_run, run_suite
@@ -140,10 +139,10 @@ def alive(pid):
     return False
 
 
+STATISTIC = {"family": "bias", "entries": ["x"], "controlled": False, "unit": "1"}
 ROW = {
-    "statistic": "bias",
+    "statistic": STATISTIC,
     "value": 0.1,
-    "unit": "1",
     "standard_error": 0.1,
     "n": 1,
     "predictor": "",
@@ -156,17 +155,21 @@ ROW = {
 @pytest.mark.parametrize(
     ("answer", "words"),
     [
-        ({"rows": [{}]}, "no readable answer .an entry that is no row"),
-        ({"rows": [ROW | {"value": 10**400}]}, "no readable answer .int too large"),
-        ({"rows": [ROW | {"n": float("inf")}]}, "no readable answer .cannot convert"),
+        ({"rows": [{}]}, "no readable answer"),
+        ({"rows": [ROW | {"n": float("inf")}]}, "no readable answer"),
         ({"rows": [ROW | {"n": 2**63}]}, "an entry that no store can hold"),
-        ({"rows": [ROW | {"statistic": "\udcff"}]}, "an entry that no store can hold"),
+        ({"rows": [ROW | {"statistic": "bias[x]"}]}, "no readable answer"),
+        *(
+            ({"rows": [ROW | {"statistic": STATISTIC | bad}]}, "no readable answer")
+            for bad in ({"family": "no such"}, {"entries": ["\x07"]}, {"unit": "\n"})
+        ),
         ({"rows": [ROW | {"standard_error": -1.0}]}, "an entry that no store can hold"),
-        ({"rows": [ROW | {"check": []}]}, "an entry that is no row"),
+        ({"rows": [ROW | {"check": []}]}, "no readable answer"),
         ({"rows": [3]}, "no readable answer"),
         ({"rows": []}, "measured nothing"),
-        ({"error": "bad \udcff\nand worse"}, r"^bad \\udcff \| and worse$"),
-        ({"error": ["x" * 10**5]}, r"^\['x{900}"),
+        ({"error": "bad\nand worse"}, r"^bad \| and worse$"),
+        ({"error": "x" * 10**5}, r"^x{900}"),
+        ({"error": ["x"]}, "no readable answer"),
         ("error", "no readable answer"),
         (3, "no readable answer"),
     ],
@@ -177,7 +180,8 @@ def test_a_forged_answer_is_refused(tmp_path, answer, words):
         isolation._answer(tmp_path, 0)
     assert len(str(caught.value)) <= LIMIT
     (tmp_path / "answer.json").write_text(json.dumps({"rows": [ROW]}))
-    assert isolation._answer(tmp_path, 0) == (Row(**ROW),)
+    (row,) = isolation._answer(tmp_path, 0)
+    assert (str(row.statistic), row.value, row.n) == ("bias[x]", 0.1, 1)
 
 
 @pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
@@ -225,7 +229,7 @@ align = Estimator(name="align", estimate=_align, components="xyzs", matrix="acti
             algorithm=str(path), noise_std=0.05, samples=1024
         )
         found = estimator.compute(parameters, Streams(1, (1,))).rows
-        rows[claim] = {row.statistic: row for row in found}
+        rows[claim] = {str(row.statistic): row for row in found}
     earned = rows["2"]["claim_off_at_half_noise"]
     assert 0.0 < earned.value <= earned.prediction
     assert rows["2"]["nees"].remainder > 0.0
@@ -245,7 +249,7 @@ def test_a_scene_of_ones_own(tmp_path):
     )
     parameters = custom_scene.Parameters(scene=str(path))
     rows = custom_scene.run(parameters, Streams(1, (1,))).rows
-    assert {row.statistic for row in rows} >= {"rest_force", "rank", "rate_lag"}
+    assert {str(row.statistic) for row in rows} >= {"rest_force", "rank", "rate_lag"}
     with pytest.raises(PluginError, match="never rests"):
         custom_scene.run(custom_scene.Parameters(scene="freefall"), Streams(1, (1,)))
 

@@ -177,8 +177,9 @@ def test_everything_from_data_is_escaped(tiny_run, undrawn):
     run = edited(
         tiny_run,
         f"UPDATE rows SET predictor = '{bad}' WHERE predictor = 'first order'",
-        f"UPDATE rows SET statistic = '{bad}', \"check\" = 'exact' WHERE ordinal = 0",
-        f"UPDATE rows SET unit = '{bad}' WHERE ordinal = 1",
+        f"UPDATE rows SET entries = json_array('{bad}'), \"check\" = 'exact' "
+        "WHERE ordinal = 0",
+        f"UPDATE rows SET entries = json_array('{bad}') WHERE ordinal = 1",
     )
     run = with_cells(
         run, lambda c: replace(c, name=f"{c.study}({bad})@1") if c.position == 2 else c
@@ -192,7 +193,8 @@ def test_a_failing_check_comes_first_with_its_figure(tiny_run):
     run = edited(
         tiny_run,
         "UPDATE rows SET value = value + 20 * standard_error "
-        "WHERE statistic = 'bias[x]' AND cell = 3",
+        "WHERE family = 'bias' AND controlled = 0 "
+        "AND entries = json_array('x') AND cell = 3",
     )
     page = render(run)
     assert "<strong>FAIL</strong>" in page
@@ -212,7 +214,9 @@ def test_a_failing_check_comes_first_with_its_figure(tiny_run):
 
 def test_a_pooled_check_that_fails_needs_no_cell(tiny_run, undrawn):
     run = edited(
-        tiny_run, "UPDATE rows SET value = value * 1.5 WHERE statistic = 'nees'"
+        tiny_run,
+        "UPDATE rows SET value = value * 1.5 "
+        "WHERE family = 'nees' AND controlled = 0 AND entries = json_array()",
     )
     page = render(run)
     assert "nees, pooled" in page
@@ -365,7 +369,8 @@ def test_a_budget_becomes_a_figure(tiny_run):
     run = edited(
         tiny_run,
         "DELETE FROM rows WHERE ordinal > 1",
-        "UPDATE rows SET statistic = 'budget[noise]' WHERE ordinal = 0 AND cell = 2",
+        "UPDATE rows SET family = 'budget', entries = json_array('noise') "
+        "WHERE ordinal = 0 AND cell = 2",
     )
     page = render(run)
     assert '<section id="budget"' in page

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import rows_by_name
 
 from simval.gate import judge_run
 from simval.report import drawings, render, tables
@@ -14,7 +15,6 @@ from simval.report.paint import STYLE, _figure
 from simval.report.panels import BarPanel, Drawing, Panel, Series
 from simval.report.section import Context
 from simval.report.sections import attitude, convergence, statistics
-from simval.results import Row
 from simval.studies import STUDIES
 from simval.studies.study import Cell
 from simval.sweep.run import CellResult, Run
@@ -75,11 +75,10 @@ def cell_of(study, rows, factor=1.0, **parameters):
     )
 
 
-def row(statistic, predictor="", prediction=1.0, value=1.0):
-    return Row(
-        statistic=statistic,
-        value=value,
-        unit="1",
+def row(name, predictor="", prediction=1.0, value=1.0):
+    return rows_by_name.row(
+        name,
+        value,
         standard_error=0.01,
         n=1000,
         prediction=prediction if predictor else None,
@@ -224,8 +223,10 @@ def test_every_statistic_is_shown_or_named(anchor, tmp_path):
     judged = judge_run(run)
     before = shown(anchor, run, judged)
     (told,) = (s.elsewhere for s in sections(run) if s.anchor == anchor)
-    for name in sorted({r.statistic for c in run.cells for r in c.rows}):
-        now = shown(anchor, changed(run, lambda c, r, n=name: r.statistic == n), judged)
+    for name in sorted({str(r.statistic) for c in run.cells for r in c.rows}):
+        now = shown(
+            anchor, changed(run, lambda c, r, n=name: str(r.statistic) == n), judged
+        )
         said = name in told or name.partition("[")[0] in told
         assert (content(before) != content(now)) != said, name
 

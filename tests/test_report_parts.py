@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+import rows_by_name
 
 from simval.gate.finding import reproduce
 from simval.report.curves import grouped, varying
@@ -13,7 +14,8 @@ from simval.report.slope import fitted_slope, order, simultaneous
 from simval.report.table import Column, Table, csv_text, sort_key, text
 from simval.report.thinning import COLUMNS, MAX_POINTS, thinned
 from simval.report.words import measured, slugs
-from simval.results import Row
+from simval.results import CellName
+from simval.statistics import BIAS, COVARIANCE, EXACT
 from simval.sweep.run import CellResult
 
 
@@ -36,10 +38,11 @@ def test_numbers_show_the_digits_that_mean_something(value, error, text):
 
 
 def test_a_cell_is_quoted_for_the_shell():
-    assert reproduce("a(b=1)@2") == "simval repro 'a(b=1)@2'"
-    assert reproduce("a(b=1)@2", "my run") == "simval repro --run 'my run' 'a(b=1)@2'"
-    assert reproduce("a, all cells") == ""
-    assert reproduce(r"a(b=\x1b)@2") == ""
+    cell = CellName("a", "a(b=1)@2")
+    assert reproduce(cell) == "simval repro 'a(b=1)@2'"
+    assert reproduce(cell, "my run") == "simval repro --run 'my run' 'a(b=1)@2'"
+    assert reproduce(CellName("a")) == ""
+    assert reproduce(CellName("a", r"a(b=\x1b)@2")) == ""
 
 
 def test_slugs_are_different_and_safe():
@@ -212,17 +215,16 @@ def test_the_projected_moment_is_unbiased_where_the_norm_is_not():
     for _ in range(4000):
         seen = truth + error * rng.standard_normal(3)
         rows = [
-            Row(
-                statistic=f"bias[{n}]",
-                value=float(v),
+            rows_by_name.row(
+                f"bias[{n}]",
+                v,
                 standard_error=error,
                 prediction=float(p),
                 predictor="exact",
-                unit="1",
             )
             for n, v, p in zip("xyz", seen, truth, strict=True)
         ]
-        value, spread, size = moment("bias", "exact")(cell("c", rows))
+        value, spread, size = moment(BIAS, EXACT)(cell("c", rows))
         values.append(value)
         norms.append(np.linalg.norm(seen))
     assert size == pytest.approx(5e-4, rel=1e-12)
@@ -235,18 +237,17 @@ def test_the_projected_moment_is_unbiased_where_the_norm_is_not():
 def test_an_off_diagonal_entry_counts_twice():
     matrix = np.array([[2.0, 1.0], [1.0, 3.0]])
     rows = [
-        Row(
-            statistic=f"covariance[{a},{b}]",
-            value=matrix[i, j],
+        rows_by_name.row(
+            f"covariance[{a},{b}]",
+            matrix[i, j],
             standard_error=0.1,
             prediction=matrix[i, j],
             predictor="exact",
-            unit="1",
         )
         for i, a in enumerate("xy")
         for j, b in enumerate("xy")
         if j >= i
     ]
-    value, _, size = moment("covariance", "exact")(cell("c", rows))
+    value, _, size = moment(COVARIANCE, EXACT)(cell("c", rows))
     assert size == pytest.approx(np.linalg.norm(matrix), rel=1e-14)
     assert value == pytest.approx(np.linalg.norm(matrix), rel=1e-14)

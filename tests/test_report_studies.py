@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from simval.report import drawings, render, tables
+from simval.statistics import SCALE_BIAS, SECOND_ORDER
 from simval.sweep import load_run, run_suite
 
 SUITE = """
@@ -85,7 +86,7 @@ def test_the_ladder_holds_the_rows_of_its_smallest_noise(run, figures, found):
             for c in run.of("ladder")
             if c.parameters["residual"] == name and c.parameters["noise_std"] == 0.2
         )
-        row = cell.row("scale_bias", "second order")
+        row = cell.row(SCALE_BIAS(), SECOND_ORDER)
         assert (value, predicted) == (row.value, row.prediction)
     many = {row[0]: row[3] for row in found["ladder"].rows}
     assert many == {"squared": -3.5, "norm": -2.0}  # theory.md, section 7
@@ -152,5 +153,5 @@ def test_the_budget_has_its_parts_and_their_predictions(run, figures):
     assert np.isfinite(panel.predicted).all()
     (cell,) = run.of("end_to_end")
     for name, value in zip(panel.names, panel.measured, strict=True):
-        (row,) = (r for r in cell.rows if r.statistic == f"budget[{name}]")
+        (row,) = (r for r in cell.rows if str(r.statistic) == f"budget[{name}]")
         assert value == row.value

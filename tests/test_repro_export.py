@@ -40,7 +40,8 @@ def test_repro_says_whether_the_bits_are_equal(simval, tiny_run):
     assert "equal to the bit" in out
     edited(
         tiny_run,
-        "UPDATE rows SET value = value * (1 + 1e-15) WHERE statistic = 'bias[x]'",
+        "UPDATE rows SET value = value * (1 + 1e-15) "
+        "WHERE family = 'bias' AND controlled = 0 AND entries = json_array('x')",
     )
     code, out, _ = simval("repro", name, "--run", tiny_run)
     assert code == 1

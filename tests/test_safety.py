@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from stores import raw, rewritten, without_digests
+from stores import raw, rewritten, signed_anew
 
 from simval.cli import run as simval_command
 from simval.errors import SimvalError
@@ -285,12 +285,13 @@ PLAIN = (
 def test_html_escapes_what_comes_from_data_and_plugins(tiny_run, tmp_path, capsys):
     with rewritten(tiny_run) as db:
         for table, column, where in (
-            ("rows", "statistic", "cell = 0 AND ordinal = 0"),
+            ("rows", "entries", "cell = 0 AND ordinal = 0"),
             ("rows", "predictor", "cell = 1 AND ordinal = 2"),
             ("rows", "unit", "cell = 1 AND ordinal = 3"),
             ("cells", "error", "position = 2"),
         ):
-            db.execute(f"UPDATE {table} SET {column} = ? WHERE {where}", (HOSTILE,))
+            value = json.dumps([HOSTILE]) if column == "entries" else HOSTILE
+            db.execute(f"UPDATE {table} SET {column} = ? WHERE {where}", (value,))
         db.execute("UPDATE cells SET status = 'failed' WHERE position = 2")
         db.execute(
             "UPDATE cells SET cell = 'hostile(x=' || ? || ')@1', study = 'hostile', "
@@ -322,7 +323,9 @@ class Payload:
 
 def test_no_pickle_is_loaded_from_a_run_folder(tiny_run, tmp_path, capsys):
     mark = tmp_path / "executed"
-    without_digests(tiny_run)  # which would refuse the files before they are opened
+    signed_anew(
+        tiny_run
+    )  # the digests of its files would refuse the files before they are opened
     folder = tiny_run / "artifacts"
     folder.mkdir(exist_ok=True)
     data = pickle.dumps(np.array([Payload(mark)], dtype=object))

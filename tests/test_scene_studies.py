@@ -12,7 +12,13 @@ from simval.sensor import AccelerometerModel
 from simval.streams import Streams, cell_key
 from simval.studies import detector, end_to_end
 from simval.studies.carry import PARTS, UP, carrier, corrected
-from simval.studies.scoring import STILL_FORCE, nees, pure, score, thinned
+from simval.studies.scoring import (
+    STILL_FORCE,
+    normalized_square,
+    pure,
+    score,
+    thinned,
+)
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -26,8 +32,12 @@ def streams(name):
     return Streams(11, cell_key(name))
 
 
+def scored(*known):
+    return {family.name: value for family, value in score(*known).items()}
+
+
 def rows_of(outcome):
-    return {row.statistic: row for row in outcome.rows}
+    return {str(row.statistic): row for row in outcome.rows}
 
 
 def detected(**setting):
@@ -39,7 +49,7 @@ def test_the_score_of_a_case_by_hand():
     still = np.array([1, 1, 1, 1, 0, 0, 1, 1, 1, 0, 0, 1], bool)
     hold = np.array([0, 0, 0, -1, -1, -1, 1, 1, 1, -1, -1, -1])
     intervals = np.array([[1, 3], [3, 6], [7, 10]])
-    assert score(intervals, still, hold) == {
+    assert scored(intervals, still, hold) == {
         "precision": 5 / 8,  # rows 1 2 3 7 8 of 1 2 3 4 5 7 8 9
         "recall": 4 / 6,  # rows 1 2 7 8 of 0 1 2 6 7 8
         "rests_found": 1.0,
@@ -48,7 +58,7 @@ def test_the_score_of_a_case_by_hand():
         "outside": 1.0,  # the second
     }
     np.testing.assert_array_equal(pure(intervals, still), [True, False, False])
-    nothing = score(np.zeros((0, 2), int), still, hold)
+    nothing = scored(np.zeros((0, 2), int), still, hold)
     assert nothing["recall"] == nothing["precision"] == nothing["intervals"] == 0.0
 
 
@@ -134,7 +144,9 @@ def test_the_figure_of_the_detector_has_what_the_report_draws():
 
 def test_a_fit_that_cannot_be_had_is_not_a_number():
     sensor = AccelerometerModel(T=np.eye(3), K=np.ones(3), B=np.zeros(3), noise_std=1.0)
-    assert np.isnan(nees(np.zeros((50, 3)), np.zeros((0, 2), int), sensor, 9.8))
+    assert np.isnan(
+        normalized_square(np.zeros((50, 3)), np.zeros((0, 2), int), sensor, 9.8)
+    )
 
 
 @pytest.mark.parametrize("window", [50, 1])

@@ -5,6 +5,7 @@ import pytest
 
 from simval.report.words import sign_of_entries
 from simval.sensor import MODELS, AccelerometerModel, forms
+from simval.statistics import BIAS, SD
 
 G = 9.80665
 
@@ -49,5 +50,5 @@ def test_the_command_prints_the_entry_of_T(tmp_path, simval):
 
 
 def test_tables_that_name_it_say_its_sign():
-    assert "minus the entry T[2][0]" in sign_of_entries(["sd[K_x]", "bias[S_zx]"])
-    assert sign_of_entries(["sd[K_x]"]) == ""
+    assert "minus the entry T[2][0]" in sign_of_entries([SD("K_x"), BIAS("S_zx")])
+    assert sign_of_entries([SD("K_x")]) == ""

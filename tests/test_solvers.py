@@ -1,6 +1,7 @@
 """The study of the solvers: all end at the same place, Newton in fewest steps."""
 
 import numpy as np
+from rows_by_name import named
 
 from simval.studies import solvers
 from simval.studies.study import Cell
@@ -14,7 +15,7 @@ def outcome(noise_std):
 
 def test_every_method_ends_at_the_same_parameters():
     found = outcome(0.3)
-    assert overall(judge([("cell", row) for row in found.rows])) == "pass"
+    assert overall(judge(named(found.rows))) == "pass"
 
 
 def test_newton_is_quadratic_and_the_others_are_linear():

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from rows_by_name import named
 
 from simval.errors import InputError
 from simval.studies import STUDIES, attitude, calibration, find_study, scene
@@ -18,12 +19,14 @@ def outcome(study, parameters, seed=1):
 
 def row(found, statistic, predictor):
     return next(
-        r for r in found.rows if r.statistic == statistic and r.predictor == predictor
+        r
+        for r in found.rows
+        if str(r.statistic) == statistic and r.predictor == predictor
     )
 
 
 def verdicts(found):
-    return judge([("cell", r) for r in found.rows])
+    return judge(named(found.rows))
 
 
 def test_noise_free_recovery_from_the_scene():
@@ -51,12 +54,12 @@ def test_rms_error_is_within_5_percent_of_the_predicted(recovered):
 def test_a_prediction_off_by_7_percent_fails(recovered):
     wrong = [
         dataclasses.replace(r, prediction=1.07 * r.prediction)
-        if r.statistic == "sd[K_x]"
+        if str(r.statistic) == "sd[K_x]"
         else r
         for r in recovered.rows
     ]
-    (failed,) = [v for v in judge([("c", r) for r in wrong]) if v.answer == "fail"]
-    assert failed.row.statistic == "sd[K_x]"
+    (failed,) = [v for v in judge(named(wrong)) if v.answer == "fail"]
+    assert str(failed.row.statistic) == "sd[K_x]"
 
 
 def test_attitude_moments_agree_with_every_judged_theory():
@@ -72,12 +75,12 @@ def test_attitude_moments_agree_with_every_judged_theory():
         for r in rows
         if r.predictor == "order 2"
     ]
-    assert overall(judge([("cell", r) for r in strict])) == "fail"
+    assert overall(judge(named(strict))) == "fail"
 
 
 def test_expansions_are_not_judged_outside_their_range():
     found = outcome("attitude", attitude.Parameters(noise_std=0.1, samples=65536))
-    ratio = next(r for r in found.rows if r.statistic == "norm_over_noise").value
+    ratio = next(r for r in found.rows if str(r.statistic) == "norm_over_noise").value
     assert ratio < attitude.RANGE
     judged = {v.row.predictor for v in verdicts(found)}
     assert judged == {"exact"}

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rows_by_name import row
 from scipy import optimize, stats
 
-from simval.results import Row
+from simval.results import CellName
+from simval.statistics import NEES
 from simval.verdict import (
     POWER,
     PRACTICAL,
@@ -20,16 +22,16 @@ from simval.verdict import (
     p_value,
 )
 
-GOOD = Row(
-    statistic="bias[x]",
-    value=0.5,
+GOOD = row(
+    "bias[x]",
+    0.5,
     standard_error=1.0,
     n=1000,
     prediction=0.0,
     predictor="exact",
-    unit="1",
     check="plain",
 )
+NAME = CellName("study", "cell")
 
 
 def changed(**values):
@@ -40,7 +42,10 @@ LAW = stats.t(GOOD.n / SAMPLES_PER_FREEDOM)
 
 
 def rows_of(z, **values):
-    return [(f"cell{i}", changed(value=float(v), **values)) for i, v in enumerate(z)]
+    return [
+        (CellName("study", f"cell{i}"), changed(value=float(v), **values))
+        for i, v in enumerate(z)
+    ]
 
 
 def test_p_value_is_the_greatest_over_the_interval():
@@ -102,8 +107,11 @@ def test_families_share_the_rate_by_weight():
     alpha = 0.01
     edge = LAW.isf(alpha / 2 / 2)
     for factor, answer in ((0.999, "pass"), (1.001, "fail")):
-        plain = ("a", changed(value=factor * edge))
-        nees = ("a", changed(value=0.0, check="nees", statistic="nees"))
+        plain = (CellName("study", "a"), changed(value=factor * edge))
+        nees = (
+            CellName("study", "a"),
+            changed(value=0.0, check="nees", statistic=NEES()),
+        )
         verdicts = judge([plain, nees], alpha)
         assert verdicts[0].answer == answer
         assert verdicts[1].answer == "pass"
@@ -138,7 +146,7 @@ def test_holm_keeps_all_after_the_first_kept():
     ],
 )
 def test_what_was_not_measured_is_inconclusive(values):
-    (verdict,) = judge([("cell", changed(**values))])
+    (verdict,) = judge([(NAME, changed(**values))])
     assert verdict.answer == "inconclusive"
     assert verdict.reason
 
@@ -159,7 +167,7 @@ def test_answers_do_not_depend_on_the_unit(unit):
 
 def test_nothing_measured_never_passes():
     assert overall(judge([])) == "inconclusive"
-    assert overall(judge([("cell", changed(check="record"))])) == "inconclusive"
+    assert overall(judge([(NAME, changed(check="record"))])) == "inconclusive"
 
 
 def test_every_row_gets_its_own_verdict_in_order():
@@ -176,7 +184,9 @@ def test_every_row_gets_its_own_verdict_in_order():
 def test_checks_without_chance():
     exact = changed(value=1.05, prediction=1.0, remainder=0.1, check="exact")
     limit = changed(value=2.0, prediction=1.0, check="limit")
-    first, second = judge([("a", exact), ("b", limit)])
+    first, second = judge(
+        [(CellName("study", "a"), exact), (CellName("study", "b"), limit)]
+    )
     assert (first.answer, second.answer) == ("pass", "fail")
     assert "above the limit" in second.reason
     assert (first.limit, second.limit, first.reason) == (0.1, 1.0, "")
@@ -200,7 +210,7 @@ finite = st.floats(-1e6, 1e6)
 )
 def test_a_wider_remainder_never_turns_a_pass_into_a_fail(values):
     """As long as it refuses no row: one row less leaves the others a higher limit."""
-    rows = [("cell", changed(value=v, standard_error=e)) for v, e, _ in values]
+    rows = [(NAME, changed(value=v, standard_error=e)) for v, e, _ in values]
     strict = judge(rows, 0.01)
     wide = judge(
         [
@@ -224,11 +234,11 @@ def test_a_pass_means_that_a_discrepancy_would_have_been_seen():
 
     enough = int(np.ceil(optimize.brentq(short, 256, 4096)))
     for n, answer in ((enough, "pass"), (enough - 1, "inconclusive")):
-        (verdict,) = judge([("cell", changed(value=0.0, n=n))], alpha)
+        (verdict,) = judge([(NAME, changed(value=0.0, n=n))], alpha)
         assert verdict.answer == answer
     assert f"about {enough} samples" in verdict.reason
     # from far below, the estimate is off by what the quantile still changes
-    (verdict,) = judge([("cell", changed(value=0.0, n=260))], alpha)
+    (verdict,) = judge([(NAME, changed(value=0.0, n=260))], alpha)
     said = int(re.search(r"about (\d+) samples", verdict.reason)[1])
     assert enough <= said <= 1.5 * enough
     # the promise itself: with that many samples, shifts of the margin are found
@@ -236,33 +246,33 @@ def test_a_pass_means_that_a_discrepancy_would_have_been_seen():
     shift = PRACTICAL * np.sqrt(enough)
     runs = 4000
     found = sum(
-        judge([("cell", changed(value=float(v), n=enough))], alpha)[0].answer == "fail"
+        judge([(NAME, changed(value=float(v), n=enough))], alpha)[0].answer == "fail"
         for v in shift + rng.standard_normal(runs)
     )
     assert found >= stats.binom.isf(1 - 1e-4, runs, POWER)
     # what is seen to be wrong fails, however few the samples
-    (verdict,) = judge([("cell", changed(value=9.0, n=300))], alpha)
+    (verdict,) = judge([(NAME, changed(value=9.0, n=300))], alpha)
     assert verdict.answer == "fail"
 
 
 def test_a_large_prediction_sets_the_margin_too():
     # 0.1 of the prediction would be found, though n alone says nothing
     values = {"value": 100.0, "prediction": 100.0, "n": 300}
-    (verdict,) = judge([("cell", changed(**values))])
+    (verdict,) = judge([(NAME, changed(**values))])
     assert verdict.answer == "pass"
 
 
 def nees_cells(relative, count=5, error=0.01, n=4000):
     return [
         (
-            f"attitude(cell={i})",
+            CellName("attitude", f"attitude(cell={i})"),
             changed(
                 value=3.0 * (1 + float(r)),
                 prediction=3.0,
                 standard_error=3.0 * error,
                 n=n,
                 check="nees",
-                statistic="nees",
+                statistic=NEES(),
             ),
         )
         for i, r in zip(range(count), relative, strict=True)
@@ -274,10 +284,10 @@ def test_pooled_nees_sees_what_no_cell_does():
     verdicts = judge(nees_cells([0.025] * 5), 1e-3)
     assert [v.answer for v in verdicts] == ["pass"] * 5 + ["fail"]
     pooled = verdicts[-1]
-    assert pooled.cell == "attitude, all cells"
+    assert str(pooled.cell) == "attitude, all cells"
     assert pooled.sigmas == pytest.approx(2.5 * np.sqrt(5), rel=1e-12)
     assert pooled.row.n == 20_000
-    assert pooled.row.statistic == "nees, pooled"
+    assert str(pooled.row.statistic) == "nees, pooled"
     assert pooled.row.predictor == verdicts[0].row.predictor
     # the allowed remainders are pooled with the values
     wide = [
@@ -287,7 +297,7 @@ def test_pooled_nees_sees_what_no_cell_does():
     assert judge(wide, 1e-3)[-1].answer == "pass"
     # one cell has nothing to pool, and another study is another pool
     one = nees_cells([0.0], count=1)
-    other = [("calibration(cell=0)", one[0][1])]
+    other = [(CellName("calibration", "calibration(cell=0)"), one[0][1])]
     assert len(judge(one + other)) == 2
 
 

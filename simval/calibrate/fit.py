@@ -33,6 +33,7 @@ from simval.calibrate.uncertainty import summarize
 from simval.poses import PARAMETERS
 from simval.sensor import forms
 
+_EXPLAINED = 4.0  # standard deviations; of 100 clean poses one in 160 sets has more
 _BLOCK = 1 << 16  # poses worked at once: 5 MB of monomials
 
 
@@ -188,15 +189,18 @@ def _suspects(
     if len(poses) <= PARAMETERS or not np.isfinite(poses).all():
         return []
     found = find_outliers(poses, sigma)
+    off = np.abs(found.standardized)
     keep = ~found.flagged
-    if keep.all():
+    # what the stated noise explains is no outlier, however well the others agree
+    explained = sigma is not None and np.any(off[~keep] < _EXPLAINED)
+    if keep.all() or explained:
         return []
     rest = _fit_block(
         poses[None, keep], None if sigma is None else sigma[keep], options
     )
     if rest.code[0] >= Code.NON_FINITE:
         return []
-    return [(int(k), abs(found.standardized[k])) for k in np.flatnonzero(found.flagged)]
+    return [(int(k), float(off[k])) for k in np.flatnonzero(found.flagged)]
 
 
 def _fit_block(poses: Array, sigma: Array | None, options: Options) -> _Block:

@@ -1,107 +1,50 @@
-"""Progress of a sweep: a bar on a terminal, plain lines elsewhere."""
+"""Progress on standard error: a bar on a terminal, a line now and then in a log."""
 
-import time
-from types import TracebackType
+import sys
+from typing import Any
 
-import click
-from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TaskID,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from tqdm import tqdm
 
 from simval.sweep.runner import Ending, worse
 
+LOG_INTERVAL = 5.0
+"""Seconds between the lines of a log; a terminal is drawn ten times a second."""
 
-class Bar:
-    """A rich progress bar on standard error, to be used as a context."""
+
+def bar(total: int, what: str, *, done: int = 0, unit: str = " runs") -> "tqdm[Any]":
+    """Return a progress bar, to be used as a context."""
+    return tqdm(
+        total=total,
+        initial=done,
+        desc=what,
+        unit=unit,
+        dynamic_ncols=True,
+        mininterval=0.1 if sys.stderr.isatty() else LOG_INTERVAL,
+    )
+
+
+class CellBar:
+    """Progress of a sweep, with the worst ending so far; used as a context."""
 
     def __init__(self) -> None:
-        self._progress = Progress(
-            TextColumn("cells"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("{task.fields[rate]}"),
-            TimeElapsedColumn(),
-            TextColumn("left"),
-            TimeRemainingColumn(),
-            TextColumn("worst: {task.fields[worst]}"),
-            console=Console(stderr=True),
-        )
-        self._task = TaskID(0)
+        self._bar: tqdm[Any] | None = None
         self._worst: Ending = "recorded"
-        self._begun, self._ended = time.monotonic(), 0
 
-    def __enter__(self) -> "Bar":
-        self._progress.start()
+    def __enter__(self) -> "CellBar":
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._progress.stop()
+    def __exit__(self, *error: object) -> None:
+        if self._bar is not None:
+            self._bar.close()
 
     def start(self, total: int, done: int, worst: Ending) -> None:
         """Begin: `total` cells, `done` of them finished earlier."""
         self._worst = worst
-        self._task = self._progress.add_task(
-            "cells",
-            total=total,
-            completed=done,
-            worst=worst if done else "none yet",
-            rate="",
-        )
-        self._begun = time.monotonic()
+        self._bar = bar(total, "cells", done=done, unit=" cells")
 
     def advance(self, name: str, ending: Ending) -> None:
         """Note that one more cell has ended."""
+        assert self._bar is not None  # a sweep starts before it advances
         self._worst = worse(self._worst, ending)
-        self._ended += 1
-        rate = self._ended / max(time.monotonic() - self._begun, 1e-9)
-        self._progress.update(
-            self._task, advance=1, worst=self._worst, rate=f"{rate:.2g}/s"
-        )
-
-
-class Lines:
-    """A line on standard error every few seconds, for logs."""
-
-    def __init__(self, interval: float = 5.0) -> None:
-        self._interval = interval
-        self._total = self._done = self._ended = 0
-        self._worst: Ending = "recorded"
-        self._begun = self._last = time.monotonic()
-
-    def start(self, total: int, done: int, worst: Ending) -> None:
-        """Begin: `total` cells, `done` of them finished earlier."""
-        self._worst = worst
-        self._total, self._done = total, done
-        self._begun = self._last = time.monotonic()
-        earlier = f", {done} finished earlier" if done else ""
-        click.echo(f"{total} cells{earlier}", err=True)
-
-    def advance(self, name: str, ending: Ending) -> None:
-        """Note that one more cell has ended."""
-        self._done += 1
-        self._ended += 1
-        self._worst = worse(self._worst, ending)
-        now = time.monotonic()
-        last = self._done == self._total
-        if not (last or ending == "failed" or now - self._last > self._interval):
-            return
-        self._last = now
-        rate = self._ended / max(now - self._begun, 1e-9)
-        left = "" if last else f", {(self._total - self._done) / rate:.0f} s left"
-        click.echo(
-            f"{self._done} of {self._total} cells, {rate:.2g}/s{left}, "
-            f"worst: {self._worst}",
-            err=True,
-        )
+        self._bar.set_postfix_str(f"worst: {self._worst}", refresh=False)
+        self._bar.update()

@@ -1,15 +1,12 @@
 """`simval selftest`."""
 
-import sys
-from functools import partial
-
 import click
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import Progress
 from rich.table import Table
 
 from simval.cli.options import refuse_if, stated
+from simval.cli.progress import bar
 from simval.selftest.matrix import Result, faults, inject_all
 from simval.selftest.rates import (
     Rate,
@@ -58,9 +55,8 @@ def command(quick: bool, rates: bool, share: float) -> int:
 
 def _inject(quick: bool) -> int:
     chosen = faults()[::QUICK] if quick else faults()
-    with _progress() as progress:
-        task = progress.add_task("faults", total=len(chosen))
-        results = list(inject_all(chosen, lambda: progress.advance(task)))
+    with bar(len(chosen), "faults") as progress:
+        results = list(inject_all(chosen, progress.update))
     table = Table(title="injected faults and what the gate said")
     for heading in ("part", "fault", "with it", "without", "first finding"):
         table.add_column(heading, overflow="fold")
@@ -84,29 +80,18 @@ def _words(result: Result) -> list[str]:
     return [fault.part, fault.name, result.seen, result.twin, reason]
 
 
-def _progress() -> Progress:
-    return Progress(console=Console(stderr=True), disable=not sys.stderr.isatty())
-
-
 def _measure(share: float) -> int:
     faulty = max(1, round(share * POWER_RUNS))
     alarms: list[Rate] = []
-    with _progress() as progress:
-        for what, clean, wanted, seed in (
-            ("clean attitude", attitude_rows, CLEAN_RUNS, CLEAN_SEED),
-            (
-                "clean calibration",
-                calibration_rows,
-                CALIBRATION_RUNS,
-                CALIBRATION_SEED,
-            ),
-        ):
-            runs = {alpha: max(1, round(share * n)) for alpha, n in wanted.items()}
-            task = progress.add_task(what, total=max(runs.values()))
-            advance = partial(progress.advance, task)
-            alarms += false_alarm_rates(clean, runs, seed, advance)
-        task = progress.add_task("runs with faults", total=faulty)
-        found = powers(faulty, POWER_SEED, lambda: progress.advance(task))
+    for what, clean, wanted, seed in (
+        ("clean attitude", attitude_rows, CLEAN_RUNS, CLEAN_SEED),
+        ("clean calibration", calibration_rows, CALIBRATION_RUNS, CALIBRATION_SEED),
+    ):
+        runs = {alpha: max(1, round(share * n)) for alpha, n in wanted.items()}
+        with bar(max(runs.values()), what) as progress:
+            alarms += false_alarm_rates(clean, runs, seed, progress.update)
+    with bar(faulty, "runs with faults") as progress:
+        found = powers(faulty, POWER_SEED, progress.update)
     console = Console(highlight=False)
     console.print(_table("false alarms: at most the stated rate", alarms))
     console.print(_table("faults found: at least the stated rate", found))

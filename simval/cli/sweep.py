@@ -1,7 +1,6 @@
 """`simval sweep`."""
 
 import os
-import sys
 from contextlib import nullcontext
 from datetime import datetime
 from pathlib import Path
@@ -9,12 +8,11 @@ from pathlib import Path
 import click
 
 from simval.cli.options import refuse_if, stated
-from simval.cli.progress import Bar, Lines
+from simval.cli.progress import CellBar
 from simval.plugins.describe import overrides_of
-from simval.studies import find_study
 from simval.sweep import Suite, load_suite, store
 from simval.sweep.run import RUNS
-from simval.sweep.runner import Progress, Silence, drive
+from simval.sweep.runner import Silence, drive
 
 BYTES_PER_ROW = 340
 """Of the store and the table together, measured on the accuracy suite."""
@@ -86,10 +84,7 @@ def command(
     if dry_run:
         return _plan(loaded, workers)
     folder = out or _fresh(loaded)
-    progress: Progress = Silence()
-    if not quiet:
-        progress = Bar() if sys.stderr.isatty() else Lines()
-    with progress if isinstance(progress, Bar) else nullcontext():
+    with nullcontext(Silence()) if quiet else CellBar() as progress:
         drive(
             loaded,
             folder,
@@ -116,7 +111,7 @@ def _plan(suite: Suite, workers: int) -> int:
     """List the cells with an estimate of time and space."""
     total_seconds = total_rows = 0.0
     for cell in suite.cells:
-        cost = find_study(cell.study).cost(cell.parameters)
+        cost = cell.parameters.cost()
         total_seconds += cost.seconds
         total_rows += cost.rows
         click.echo(f"{cell.name}  {cost.seconds:.2g} s")

@@ -29,6 +29,7 @@ from simval.compare.matching import (
     rows_of,
 )
 from simval.results import Row
+from simval.statistics import Statistic
 from simval.sweep.provenance import differences
 from simval.sweep.run import Run
 
@@ -166,8 +167,8 @@ def compare_runs(a: Run, b: Run, alpha: float = 1e-3) -> RunComparison:
     )
 
 
-def _named(key: tuple[str, str]) -> str:
-    return f"{key[0]} against {key[1]}" if key[1] else key[0]
+def _named(key: tuple[Statistic, str]) -> str:
+    return f"{key[0]} against {key[1]}" if key[1] else str(key[0])
 
 
 def _dependencies(run: Run) -> Mapping[str, object]:

@@ -5,6 +5,7 @@ samples, and among equals by the seed or, where no seed is common, by the order.
 """
 
 from simval.results import Row
+from simval.statistics import Statistic
 from simval.sweep.run import CellResult, Run
 
 EXACT_BOUND = 1e-6
@@ -111,7 +112,7 @@ def _by_key(run: Run) -> dict[str, list[CellResult]]:
     return groups
 
 
-def rows_of(cell: CellResult) -> dict[tuple[str, str], Row]:
+def rows_of(cell: CellResult) -> dict[tuple[Statistic, str], Row]:
     """Index the rows of a cell.
 
     Parameters
@@ -124,4 +125,4 @@ def rows_of(cell: CellResult) -> dict[tuple[str, str], Row]:
     dict
         By statistic and predictor.
     """
-    return {(row.statistic, row.predictor): row for row in cell.rows}
+    return {row.key: row for row in cell.rows}

@@ -12,12 +12,30 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from simval.compare import EFFORT
 from simval.errors import InputError
-from simval.results import Row
-from simval.sweep.run import MAX_SAMPLES, Run
+from simval.results import Check, Row
+from simval.statistics import Statistic
+from simval.sweep.run import MAX_SAMPLES, CellResult, Run
 
 BASELINE = Path("reports") / "baseline.json"
-SCHEMA = 2
+SCHEMA = 3
+
+
+class Judged(NamedTuple):
+    """What a value is judged by.
+
+    Attributes
+    ----------
+    prediction, remainder : float
+        Of theory.
+    check : Check or None, default None
+        By which rule; None where it was read from a file.
+    """
+
+    prediction: float
+    remainder: float
+    check: Check | None = None
 
 
 class Entry(NamedTuple):
@@ -34,16 +52,43 @@ class Entry(NamedTuple):
     judged : mapping
         ``check predictor`` of each row of the statistic that is judged, with its
         prediction and remainder.
+    statistic : Statistic or None, default None
+        What it is; None where it was read from a file, which keeps only its name.
     """
 
     value: float | None
     error: float
     n: int
-    judged: Mapping[str, tuple[float, float]]
+    judged: Mapping[str, Judged]
+    statistic: Statistic | None = None
+
+    @property
+    def kept(self) -> tuple[Any, ...]:
+        """What a baseline keeps of it."""
+        claims = {name: [j.prediction, j.remainder] for name, j in self.judged.items()}
+        return self.value, self.error, self.n, claims
 
 
-Stored = Mapping[str, Mapping[str, Entry]]
-"""Each statistic of each cell."""
+class StoredCell(NamedTuple):
+    """One cell of a baseline.
+
+    Attributes
+    ----------
+    study : str
+        Name of its study.
+    parameters : mapping
+        Its parameters, but for those that say how much was computed.
+    statistics : mapping
+        Its statistics by name.
+    """
+
+    study: str
+    parameters: Mapping[str, Any]
+    statistics: Mapping[str, Entry]
+
+
+Stored = Mapping[str, StoredCell]
+"""Each cell by its name."""
 
 
 def read_baseline(path: Path) -> dict[str, Any]:
@@ -85,12 +130,16 @@ def read_baseline(path: Path) -> dict[str, Any]:
             )
             raise InputError(msg)
         cells = {
-            cell: {name: _entry(entry) for name, entry in statistics.items()}
-            for cell, statistics in content["cells"].items()
+            name: StoredCell(
+                str(cell["study"]),
+                dict(cell["parameters"]),
+                {key: _entry(entry) for key, entry in cell["statistics"].items()},
+            )
+            for name, cell in content["cells"].items()
         }
         environment = dict(content["environment"])
         reason = str(content["reason"])
-        if not any(cells.values()):
+        if not any(cell.statistics for cell in cells.values()):
             msg = "it holds no statistic"
             raise ValueError(msg)
     except InputError:
@@ -143,7 +192,9 @@ def write_baseline(path: Path, run: Run, reason: str) -> None:
         )
         raise InputError(msg)
     cells = ",\n".join(
-        f"  {json.dumps(cell.name)}: {{\n{_lines(cell.name, cell.rows)}\n  }}"
+        f'  {json.dumps(cell.name)}: {{\n   "study": {json.dumps(cell.study)},\n'
+        f'   "parameters": {json.dumps(question(cell))},\n'
+        f'   "statistics": {{\n{_lines(cell.name, cell.rows)}\n   }}\n  }}'
         for cell in sorted(run.cells, key=lambda c: c.name)
     )
     head = {
@@ -158,6 +209,11 @@ def write_baseline(path: Path, run: Run, reason: str) -> None:
     except OSError as error:
         msg = f"cannot write {path}: {error}; choose a file that can be written"
         raise InputError(msg) from None
+
+
+def question(cell: CellResult) -> dict[str, Any]:
+    """Parameters of a cell but for those that say how much was computed."""
+    return {k: v for k, v in sorted(cell.parameters.items()) if k not in EFFORT}
 
 
 def environment(manifest: Mapping[str, Any]) -> dict[str, Any]:
@@ -203,33 +259,35 @@ def entries(rows: Sequence[Row]) -> dict[str, Entry]:
         Sorted by name: the statistic, or ``statistic against predictor`` where its
         rows hold different values.
     """
-    groups: dict[str, list[Row]] = {}
+    groups: dict[Statistic, list[Row]] = {}
     for row in rows:
         groups.setdefault(row.statistic, []).append(row)
     kept: dict[str, Entry] = {}
-    for name, group in groups.items():
+    for statistic, group in groups.items():
         if len({(row.value, row.standard_error, row.n) for row in group}) == 1:
-            kept[name] = _kept(group)
+            kept[str(statistic)] = _entry_of(group)
         else:
             for row in group:
-                kept[f"{name} against {row.predictor}"] = _kept([row])
+                kept[f"{statistic} against {row.predictor}"] = _entry_of([row])
     return dict(sorted(kept.items()))
 
 
-def _kept(rows: Sequence[Row]) -> Entry:
+def _entry_of(rows: Sequence[Row]) -> Entry:
     first = rows[0]
     return Entry(
         None if any(row.check == "limit" for row in rows) else first.value,
         first.standard_error,
         first.n,
         {
-            f"{row.check} {row.predictor}".rstrip(): (
+            f"{row.check} {row.predictor}".rstrip(): Judged(
                 math.nan if row.prediction is None else row.prediction,
                 row.remainder,
+                row.check,
             )
             for row in sorted(rows, key=lambda row: (row.check, row.predictor))
             if row.check != "record"
         },
+        first.statistic,
     )
 
 
@@ -247,7 +305,8 @@ def _without_repeats(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
 
 def _entry(entry: Any) -> Entry:
     value, error, n, judged = entry
-    found = Entry(value, error, n, {key: (p, r) for key, (p, r) in judged.items()})
+    claims = {key: Judged(p, r) for key, (p, r) in judged.items()}
+    found = Entry(value, error, n, claims)
     numbers = _numbers(found)
     if not (
         all(type(x) in (int, float) and math.isfinite(x) for x in numbers)
@@ -262,7 +321,7 @@ def _entry(entry: Any) -> Entry:
 
 def _numbers(entry: Entry) -> Iterable[float]:
     value = 0.0 if entry.value is None else entry.value
-    claimed = (x for pair in entry.judged.values() for x in pair)
+    claimed = (x for j in entry.judged.values() for x in (j.prediction, j.remainder))
     return (value, entry.error, *claimed)
 
 
@@ -276,5 +335,6 @@ def _lines(cell: str, rows: Sequence[Row]) -> str:
         )
         raise InputError(msg)
     return ",\n".join(
-        f"   {json.dumps(name)}: {json.dumps(entry)}" for name, entry in kept.items()
+        f"    {json.dumps(name)}: {json.dumps(entry.kept)}"
+        for name, entry in kept.items()
     )

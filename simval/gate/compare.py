@@ -6,14 +6,16 @@ false alarm is spent. A cell that differs from the stored one in its seed or num
 samples only has other noise (`equivalence`).
 """
 
-import re
+from collections.abc import Mapping
+from typing import Any
 
 from scipy.special import ndtri
 
-from simval.gate.baseline import Stored, entries
+from simval.gate.baseline import Stored, entries, question
 from simval.gate.comparison import Comparison
 from simval.gate.equivalence import unpaired
 from simval.gate.paired import paired
+from simval.results import CellName
 from simval.sweep.run import Run
 
 
@@ -35,17 +37,20 @@ def compare(run: Run, stored: Stored, alpha: float) -> tuple[Comparison, ...]:
         Sorted by cell and statistic.
     """
     now = {c.name: entries(c.rows) for c in run.cells if c.status == "done"}
-    partner = _partners(sorted(stored), sorted(now))
+    old = {name: cell.statistics for name, cell in stored.items()}
+    named = {name: CellName(cell.study, name) for name, cell in stored.items()}
+    named |= {cell.name: cell.named for cell in run.cells}
+    partner = _partners(stored, run)
     alone = {*stored, *now} - {*partner.keys(), *partner.values()}
-    count = sum(len(stored[old]) for old in partner)
+    count = sum(len(old[cell]) for cell in partner)
     quantile = float(-ndtri(alpha / max(count, 1) / 2.0))
     found: list[Comparison] = []
     # what is not finished is said once, by its cell
     alone -= {c.name for c in run.cells if c.status != "done"}
     for cell in alone:
-        found += paired(cell, stored.get(cell, {}), now.get(cell, {}))
-    for old, new in partner.items():
-        found += unpaired(new, stored[old], now[new], quantile)
+        found += paired(named[cell], old.get(cell, {}), now.get(cell, {}))
+    for cell, other in partner.items():
+        found += unpaired(named[other], old[cell], now[other], quantile)
     return tuple(sorted(found, key=lambda c: (c.cell, c.statistic)))
 
 
@@ -64,24 +69,24 @@ def has_partners(run: Run, stored: Stored) -> bool:
     bool
         True if `compare` will spend false alarms.
     """
-    now = sorted(c.name for c in run.cells if c.status == "done")
-    return bool(_partners(sorted(stored), now))
+    return bool(_partners(stored, run))
 
 
-def _partners(stored: list[str], now: list[str]) -> dict[str, str]:
+def _partners(stored: Stored, run: Run) -> dict[str, str]:
     """Stored cells that the run has with another seed or number of samples only."""
     free: dict[str, list[str]] = {}
-    for cell in now:
-        if cell not in stored:
-            free.setdefault(_question(cell), []).append(cell)
+    done = sorted((c for c in run.cells if c.status == "done"), key=lambda c: c.name)
+    for cell in done:
+        if cell.name not in stored:
+            free.setdefault(_asked(cell.study, question(cell)), []).append(cell.name)
+    known = {cell.name for cell in done}
     found = {}
-    for cell in stored:
-        matches = free.get(_question(cell), [])
-        if cell not in now and matches:
-            found[cell] = matches.pop(0)
+    for name, old in sorted(stored.items()):
+        matches = free.get(_asked(old.study, old.parameters), [])
+        if name not in known and matches:
+            found[name] = matches.pop(0)
     return found
 
 
-def _question(cell: str) -> str:
-    """Name of a cell without its seed and its number of samples."""
-    return re.sub(r"\b(samples|trials)=\d+,?", "", cell.rpartition("@")[0])
+def _asked(study: str, parameters: Mapping[str, Any]) -> str:
+    return f"{study} {sorted(parameters.items())}"

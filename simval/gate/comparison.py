@@ -6,6 +6,7 @@ from typing import Literal
 
 from scipy.special import ndtri
 
+from simval.results import CellName
 from simval.verdict import POWER, Answer
 
 TOST_QUANTILE = float(ndtri(0.95))
@@ -40,8 +41,10 @@ class Comparison:
 
     Attributes
     ----------
-    cell, statistic : str
-        What is compared; the cell as the run names it, or the baseline where missing.
+    cell : CellName
+        The cell as the run names it, or the baseline where missing.
+    statistic : str
+        What is compared.
     change : str
         ``same`` to the bit, ``close`` within the paired bound, ``equivalent`` by eq.
         (B1), ``changed`` beyond either, ``unresolved`` between, ``copied`` equal to
@@ -61,7 +64,7 @@ class Comparison:
         What else is another than in the baseline.
     """
 
-    cell: str
+    cell: CellName
     statistic: str
     change: Change
     stored: float | None

@@ -11,38 +11,32 @@ change; and anything between is not resolved by so many samples. Other noise can
 the same numbers: where every sampled statistic of a cell, three at least, is equal to
 the bit, the noise was not drawn anew.
 
-The margins are 2 % of a covariance (off the diagonal, of the root of the product of the
-two variances) or of a normalised square, 1 % of an RMS, a standard deviation or any
-other size, and for a bias 2 % of the standard deviation of one sample.
+The margin of a statistic is its family's (`simval.statistics`).
 """
 
-import re
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from math import hypot, sqrt
 
 from simval.gate.baseline import Entry
 from simval.gate.comparison import TOST_QUANTILE, Change, Comparison
 from simval.gate.paired import EXACT_BOUND, ROUNDING, known, paired
-
-COVARIANCE_MARGIN = 0.02
-RMSE_MARGIN = 0.01
-BIAS_MARGIN = 0.02
+from simval.results import CellName
+from simval.statistics import COVARIANCE, SD, Statistic
 
 MIN_COPIED = 3
 """Sampled statistics that must be equal to the bit before a cell counts as copied: a
 single one, a fraction of some hundred trials, can be equal by chance."""
 
-_NAME = re.compile(r"(control |)(\w*)\[?([^\]]*)", re.DOTALL)
-
 
 def unpaired(
-    cell: str, old: Mapping[str, Entry], new: Mapping[str, Entry], quantile: float
+    cell: CellName, old: Mapping[str, Entry], new: Mapping[str, Entry], quantile: float
 ) -> Iterator[Comparison]:
     """Compare a cell with other noise.
 
     Parameters
     ----------
-    cell : str
+    cell : CellName
         Its name in the run.
     old, new : mapping
         Its statistics in the baseline and in the run.
@@ -73,7 +67,7 @@ def unpaired(
         both = hypot(entry.error, now.error)
         margin = max(EXACT_BOUND * abs(entry.value), ROUNDING)
         if both > 0:
-            margin = _margin(statistic, entry.value, old)
+            margin = _margin(now.statistic, entry, old)
         yield Comparison(
             cell=cell,
             statistic=statistic,
@@ -106,25 +100,32 @@ def _unpaired_change(
     return "unresolved"
 
 
-def _margin(statistic: str, value: float, old: Mapping[str, Entry]) -> float:
-    found = _NAME.match(statistic)
-    control, name, inside = found.groups() if found else ("", "", "")
-    if name == "covariance":
-        keys = [f"{control}covariance[{k},{k}]" for k in inside.split(",")]
-        variances = [old[key].value or 0.0 for key in keys if key in old]
-        whole = abs(value)
+def _margin(
+    statistic: Statistic | None, entry: Entry, old: Mapping[str, Entry]
+) -> float:
+    assert statistic is not None  # it is the run's own
+    family, size = statistic.family, abs(entry.value or 0.0)
+    if family.scale == "variances":
+        own = [replace(statistic, entries=(k, k)) for k in statistic.entries]
+        variances = [v for s in own if (v := _value(s, old)) is not None]
         if len(variances) == 2:
-            whole = sqrt(abs(variances[0] * variances[1]))
-        return COVARIANCE_MARGIN * whole
-    if name == "bias":
-        return BIAS_MARGIN * _spread(statistic, inside, old)
-    return (COVARIANCE_MARGIN if name == "nees" else RMSE_MARGIN) * abs(value)
+            size = sqrt(abs(variances[0] * variances[1]))
+    if family.scale == "sample":
+        size = _spread(statistic, entry, old)
+    return family.margin * size
 
 
-def _spread(statistic: str, inside: str, old: Mapping[str, Entry]) -> float:
+def _spread(statistic: Statistic, entry: Entry, old: Mapping[str, Entry]) -> float:
     """Standard deviation of one sample: as the cell gives it, else from the error."""
-    if f"sd[{inside}]" in old:
-        return abs(old[f"sd[{inside}]"].value or 0.0)
-    if f"covariance[{inside},{inside}]" in old:
-        return sqrt(abs(old[f"covariance[{inside},{inside}]"].value or 0.0))
-    return old[statistic].error * sqrt(old[statistic].n)
+    sd = _value(SD(*statistic.entries), old)
+    if sd is not None:
+        return abs(sd)
+    variance = _value(COVARIANCE(*statistic.entries, *statistic.entries), old)
+    if variance is not None:
+        return sqrt(abs(variance))
+    return entry.error * sqrt(entry.n)
+
+
+def _value(statistic: Statistic, old: Mapping[str, Entry]) -> float | None:
+    entry = old.get(str(statistic))
+    return None if entry is None else entry.value or 0.0

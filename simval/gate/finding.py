@@ -8,6 +8,7 @@ from math import isfinite
 from simval.gate.comparison import Comparison
 from simval.gate.judgement import GateResult
 from simval.plugins.errors import one_line
+from simval.results import CellName
 from simval.verdict import Answer, Verdict
 
 
@@ -19,8 +20,10 @@ class Finding:
     ----------
     tier : str
         ``complete`` (was it measured), ``theory`` or ``baseline``.
-    cell, statistic, check : str
-        What was judged, and by which rule.
+    cell : CellName
+        Where; without a study for the run as a whole.
+    statistic, against, check : str
+        What was judged, beside which theory, and by which rule.
     answer : str
         ``pass``, ``fail`` or ``inconclusive``.
     expected, seen : float or None
@@ -36,8 +39,9 @@ class Finding:
     """
 
     tier: str
-    cell: str
+    cell: CellName
     statistic: str
+    against: str
     check: str
     answer: Answer
     expected: float | None
@@ -50,7 +54,7 @@ class Finding:
     @property
     def study(self) -> str:
         """Name of the study, or of the run as a whole."""
-        return self.cell.partition("(")[0].partition(",")[0] or "run"
+        return self.cell.study or "run"
 
     @property
     def command(self) -> str:
@@ -58,19 +62,24 @@ class Finding:
         return reproduce(self.cell, self.run)
 
     @property
+    def what(self) -> str:
+        """Statistic, and the theory that it is judged against."""
+        return " against ".join(filter(None, (self.statistic, self.against)))
+
+    @property
     def line(self) -> str:
         """One line for people."""
-        what = f"{self.cell} {self.statistic}".strip()
+        what = f"{self.cell} {self.what}".strip()
         return ": ".join(filter(None, (self.answer, what, self.reason)))
 
 
-def reproduce(cell: str, run: str = "") -> str:
+def reproduce(cell: CellName, run: str = "") -> str:
     """Spell the command that computes one cell again.
 
     Parameters
     ----------
-    cell : str
-        Name of the cell.
+    cell : CellName
+        The cell.
     run : str, optional
         Folder of the run to compare with; left out where the words must not depend on
         where a run lies.
@@ -81,9 +90,9 @@ def reproduce(cell: str, run: str = "") -> str:
         Quoted for a shell; empty for what is pooled over cells, and for a name with
         escapes in it, which is not the cell's own.
     """
-    if "@" not in cell or "\\" in cell:
+    if not cell.name or "\\" in cell.name:
         return ""
-    words = ["simval", "repro", *(["--run", run] if run else []), cell]
+    words = ["simval", "repro", *(["--run", run] if run else []), cell.name]
     return shlex.join(words)
 
 
@@ -118,18 +127,21 @@ def _incomplete(result: GateResult) -> Iterator[Finding]:
     for cell in result.unfinished:
         if cell.status == "failed":
             last = (cell.error.strip().splitlines() or [""])[-1]
-            gaps.append(("failed", cell.name, f"the cell crashed: {last}"))
+            gaps.append(("failed", cell.named, f"the cell crashed: {last}"))
     if result.never_run:
-        gaps.append(("pending", "", result.never_run))
+        gaps.append(("pending", CellName(""), result.never_run))
     if not result.verdicts:
-        gaps.append(("gap", "", "no row was judged: nothing measured never passes"))
+        gaps.append(
+            ("gap", CellName(""), "no row was judged: nothing measured never passes")
+        )
     if result.first:
-        gaps.append(("first", "", result.first))
+        gaps.append(("first", CellName(""), result.first))
     for check, name, reason in gaps:
         yield Finding(
             tier="baseline" if check == "first" else "complete",
-            cell=one_line(name),
+            cell=_shown(name),
             statistic="",
+            against="",
             check=check,
             answer="fail" if check in ("failed", "first") else "inconclusive",
             expected=None,
@@ -143,12 +155,12 @@ def _incomplete(result: GateResult) -> Iterator[Finding]:
 
 def _of_theory(verdict: Verdict, run: str) -> Finding:
     row = verdict.row
-    against = f" against {row.predictor}" if row.predictor else ""
     sampled = verdict.p_value is not None
     return Finding(
         tier="theory",
-        cell=one_line(verdict.cell),
-        statistic=one_line(f"{row.statistic}{against}"),
+        cell=_shown(verdict.cell),
+        statistic=one_line(str(row.statistic)),
+        against=one_line(row.predictor),
         check=row.check,
         answer=verdict.answer,
         expected=_number(row.prediction),
@@ -163,8 +175,9 @@ def _of_theory(verdict: Verdict, run: str) -> Finding:
 def _of_baseline(comparison: Comparison, run: str) -> Finding:
     return Finding(
         tier="baseline",
-        cell=one_line(comparison.cell),
+        cell=_shown(comparison.cell),
         statistic=one_line(comparison.statistic),
+        against="",
         check=comparison.change,
         answer=comparison.answer,
         # where the values agree and what they are judged by does not, they say nothing
@@ -175,6 +188,10 @@ def _of_baseline(comparison: Comparison, run: str) -> Finding:
         reason=one_line(comparison.reason),
         run=run,
     )
+
+
+def _shown(cell: CellName) -> CellName:
+    return CellName(one_line(cell.study), one_line(cell.name))
 
 
 def _number(value: float | None) -> float | None:

@@ -15,6 +15,7 @@ from simval.gate.finding import Finding, findings
 from simval.gate.headline import headline
 from simval.gate.judgement import GateResult
 from simval.plugins.errors import one_line
+from simval.results import CellName
 
 SHOWN = 40
 """Findings written one by one in the summary; the rest is counted."""
@@ -91,8 +92,8 @@ def to_json(result: GateResult, exit_code: int) -> str:
         findings=[
             Entry(
                 tier=f.tier,  # type: ignore[arg-type]  # checked by the model
-                cell=f.cell,
-                statistic=f.statistic,
+                cell=str(f.cell),
+                statistic=f.what,
                 check=f.check,
                 answer=f.answer,
                 expected=f.expected,
@@ -144,7 +145,7 @@ def to_junit(result: GateResult) -> str:
     found = findings(result)
     shared = Counter(f.cell for f in found)
     own = {one_line(name): value for name, value in result.seconds.items()}
-    seconds = {name: own.get(name, 0.0) / count for name, count in shared.items()}
+    seconds = {name: own.get(name.name, 0.0) / count for name, count in shared.items()}
     total = sum(seconds[f.cell] for f in found)
     title = f"simval gate: {result.answer.upper()}: {headline(result)}"
     head = {"name": title} | _counted(found) | {"time": f"{total:.6f}"}
@@ -158,8 +159,8 @@ def to_junit(result: GateResult) -> str:
             case = ElementTree.SubElement(
                 suite,
                 "testcase",
-                classname=_xml((f.cell or "run").replace(".", DOT)),
-                name=_xml(f"{f.tier} {f.check} {f.statistic}".rstrip()),
+                classname=_xml((str(f.cell) or "run").replace(".", DOT)),
+                name=_xml(f"{f.tier} {f.check} {f.what}".rstrip()),
                 time=f"{seconds[f.cell]:.6f}",
             )
             if f.answer != "pass":
@@ -258,14 +259,14 @@ def annotations(result: GateResult) -> list[str]:
     list of str
         At most ten lines, one for each statistic of a cell.
     """
-    bad: dict[tuple[str, str], Finding] = {}
+    bad: dict[tuple[CellName, str], Finding] = {}
     for f in findings(result):
         if f.answer != "pass":
-            bad.setdefault((f.cell, f.statistic.partition(" against ")[0]), f)
+            bad.setdefault((f.cell, f.statistic), f)
     lines = []
     for f in list(bad.values())[:ANNOTATIONS]:
         kind = "error" if f.answer == "fail" else "warning"
-        title = _escaped(f"simval: {f.cell} {f.statistic}".rstrip())
+        title = _escaped(f"simval: {f.cell} {f.what}".rstrip())
         title = title.replace(":", "%3A").replace(",", "%2C")
         lines.append(f"::{kind} title={title}::{_escaped(chr(10).join(details(f)))}")
     return lines
@@ -274,7 +275,7 @@ def annotations(result: GateResult) -> list[str]:
 def _table_row(f: Finding) -> str:
     sigmas = "" if f.sigmas is None else f"{f.sigmas:+.1f}"
     numbers = ["" if x is None else f"{x:.6g}" for x in (f.expected, f.seen)]
-    words = [f.answer, f.cell, f.statistic, *numbers, sigmas, f.reason]
+    words = [f.answer, str(f.cell), f.what, *numbers, sigmas, f.reason]
     return "| " + " | ".join(_markdown(word) for word in words) + " |"
 
 

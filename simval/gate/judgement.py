@@ -12,6 +12,7 @@ from typing import Any
 from simval.gate.baseline import environment as environment_of
 from simval.gate.compare import compare, has_partners
 from simval.gate.comparison import Comparison
+from simval.results import CellName
 from simval.sweep.provenance import differences
 from simval.sweep.run import CellResult, Run
 from simval.verdict import WEIGHTS, Answer, Verdict, judge, overall
@@ -26,13 +27,13 @@ class Gap:
 
     Attributes
     ----------
-    cell : str
-        Name of the cell; empty for the run as a whole.
+    cell : CellName
+        The cell; without a study for the run as a whole.
     reason : str
         What is missing, in words.
     """
 
-    cell: str
+    cell: CellName
     reason: str
 
 
@@ -125,7 +126,7 @@ def judge_run(
     GateResult
         Verdicts, comparisons, gaps and the exit code.
     """
-    rows = [(c.name, row) for c in run.cells if c.status == "done" for row in c.rows]
+    rows = [(c.named, row) for c in run.cells if c.status == "done" for row in c.rows]
     compared: tuple[Comparison, ...] = ()
     environment: tuple[str, ...] = ()
     share = alpha
@@ -151,7 +152,7 @@ def _gaps(run: Run) -> Iterator[Gap]:
     stated = run.manifest.get("cells")
     if isinstance(stated, int) and stated != len(run.cells):
         reason = f"the suite has {stated} cells, the run holds {len(run.cells)}"
-        yield Gap(cell="", reason=reason)
+        yield Gap(cell=CellName(""), reason=reason)
     for cell in run.cells:
         if cell.status == "done":
             yield from _cell_gaps(cell)
@@ -159,13 +160,13 @@ def _gaps(run: Run) -> Iterator[Gap]:
 
 def _cell_gaps(cell: CellResult) -> Iterator[Gap]:
     if not cell.rows:
-        yield Gap(cell=cell.name, reason="the cell is done but measured nothing")
+        yield Gap(cell=cell.named, reason="the cell is done but measured nothing")
         return
-    names = [(row.statistic, row.predictor) for row in cell.rows]
+    names = [row.key for row in cell.rows]
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
-        reason = f"it has {' against '.join(filter(None, twice))} twice"
-        yield Gap(cell=cell.name, reason=reason)
+        reason = f"it has {' against '.join(filter(None, map(str, twice)))} twice"
+        yield Gap(cell=cell.named, reason=reason)
     sampled = [row.n for row in cell.rows if row.check in WEIGHTS]
     for name in STATED_SAMPLES:
         stated = cell.parameters.get(name)
@@ -173,4 +174,4 @@ def _cell_gaps(cell: CellResult) -> Iterator[Gap]:
             reason = (
                 f"its parameters say {name}={stated}, its rows rest on {max(sampled)}"
             )
-            yield Gap(cell=cell.name, reason=reason)
+            yield Gap(cell=cell.named, reason=reason)

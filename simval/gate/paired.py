@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 
 from simval.gate.baseline import Entry
 from simval.gate.comparison import Change, Comparison
+from simval.results import CellName
 
 PAIRED_BOUND = 1e-3
 """Standard errors that a value drawn from the same noise may move."""
@@ -29,13 +30,13 @@ JUDGING_BOUND = 1e-3
 
 
 def paired(
-    cell: str, old: Mapping[str, Entry], new: Mapping[str, Entry]
+    cell: CellName, old: Mapping[str, Entry], new: Mapping[str, Entry]
 ) -> Iterator[Comparison]:
     """Compare a cell with the same noise.
 
     Parameters
     ----------
-    cell : str
+    cell : CellName
         Its name.
     old, new : mapping
         Its statistics in the baseline and in the run.
@@ -47,7 +48,7 @@ def paired(
     """
     for statistic in sorted({*old, *new}):
         entry, now = old.get(statistic), new.get(statistic)
-        bound = 0.0 if entry is None else _bound(entry)
+        bound = 0.0 if entry is None else _bound(entry, now)
         change = known(entry, now)
         detail = ""
         if change is None and entry is not None and now is not None:
@@ -78,10 +79,13 @@ def paired(
         )
 
 
-def _bound(entry: Entry) -> float:
+def _bound(entry: Entry, now: Entry | None) -> float:
     if entry.error > 0.0:
         return PAIRED_BOUND * entry.error
-    remainders = [r for key, (_, r) in entry.judged.items() if key.startswith("exact")]
+    checks = {} if now is None else {k: j.check for k, j in now.judged.items()}
+    remainders = (
+        j.remainder for key, j in entry.judged.items() if checks.get(key) == "exact"
+    )
     allowed = min(remainders, default=0.0)
     size = abs(entry.value or 0.0)
     return max(EXACT_BOUND * size, ROUNDING, PAIRED_SHARE * allowed)
@@ -125,9 +129,9 @@ def _judging(old: Entry, new: Entry, bound: float) -> Iterator[tuple[Change, str
             f"a standard error of {old.error:.6g} from {old.n} samples in the "
             f"baseline, now {new.error:.6g} from {new.n}",
         )
-    for key, (prediction, remainder) in old.judged.items():
-        predicted, left = new.judged[key]
-        relative = JUDGING_BOUND if key.startswith("limit") else EXACT_BOUND
+    for key, (prediction, remainder, _) in old.judged.items():
+        predicted, left, check = new.judged[key]
+        relative = JUDGING_BOUND if check == "limit" else EXACT_BOUND
         allowed = max(bound, relative * abs(prediction))
         if not (
             abs(predicted - prediction) <= allowed

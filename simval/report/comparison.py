@@ -9,13 +9,14 @@ from simval.report.panels import COLOURS, Drawing, Panel, Series
 from simval.report.section import Section, made
 from simval.report.slope import simultaneous
 from simval.report.table import Column, Table
+from simval.statistics import Statistic
 from simval.sweep import Run
 from simval.sweep.run import CellResult
 
 MAX_FIGURES = 12
 SHOWN = 400
 
-Key = tuple[str, str, str, str]
+Key = tuple[str, str, Statistic, str]
 """Study, group of cells, statistic and predictor: what one figure shows."""
 
 
@@ -147,7 +148,7 @@ def _drawing(
         alternative=f"{name} of {where} over {axis} in both runs, with their bands",
         panels=[
             Panel(
-                title=name,
+                title=str(name),
                 x_label=axis.replace("_", " "),
                 y_label=f"value, {difference.a.unit}",
                 series=tuple(series),
@@ -198,7 +199,7 @@ def _table(found: RunComparison) -> Table:
         (
             d.kind,
             d.cells[1],
-            d.a.statistic,
+            str(d.a.statistic),
             "; ".join(d.predictors),
             (d.a.value, d.a.standard_error),
             (d.b.value, d.b.standard_error),

@@ -9,6 +9,7 @@ from simval.arrays import Array
 from simval.compare import EFFORT
 from simval.report.panels import COLOURS, MARKERS, Series
 from simval.results import Row
+from simval.statistics import FAMILIES, Statistic
 from simval.sweep.run import CellResult
 
 PREFERRED = ("noise_std", "poses")
@@ -147,16 +148,16 @@ def position(cell: CellResult, axis: str) -> float | None:
     value = cell.parameters.get(axis)
     if isinstance(value, int | float) and not isinstance(value, bool):
         return float(value)
-    row = cell.row(axis)
+    row = cell.row(FAMILIES[axis]()) if axis in FAMILIES else None
     return None if row is None else row.value
 
 
-def statistic(name: str, predictor: str = "") -> Measure:
+def statistic(name: Statistic, predictor: str = "") -> Measure:
     """Measure that reads one row.
 
     Parameters
     ----------
-    name : str
+    name : Statistic
         The statistic.
     predictor : str, default ""
         The theory.

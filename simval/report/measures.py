@@ -4,6 +4,7 @@ import numpy as np
 
 from simval.report.curves import Measure
 from simval.results import Row
+from simval.statistics import EXACT, RMS, Family
 from simval.sweep.run import CellResult
 
 GROUPS = {"T": "misalignment T", "K": "scale K", "B": "bias B"}
@@ -27,7 +28,7 @@ def together(predictor: str) -> Measure:
     """
 
     def measure(cell: CellResult) -> tuple[float, float, float] | None:
-        rows = [cell.row(f"rms[{name}]", predictor) for name in GROUPS]
+        rows = [cell.row(RMS(name), predictor) for name in GROUPS]
         if any(row is None or row.prediction is None for row in rows):
             return None
         units = (1.0, 1.0, STANDARD_GRAVITY)
@@ -49,13 +50,13 @@ def together(predictor: str) -> Measure:
     return measure
 
 
-def part(kind: str, name: str, predictor: str) -> Measure:
+def part(family: Family, name: str, predictor: str) -> Measure:
     """RMS over the three entries of T, K or B of their sd or bias.
 
     Parameters
     ----------
-    kind : {"sd", "bias"}
-        Which statistic.
+    family : Family
+        `SD` or `BIAS`.
     name : {"T", "K", "B"}
         Which parameters: all rows that start with the letter, or with S for T.
     predictor : str
@@ -67,13 +68,15 @@ def part(kind: str, name: str, predictor: str) -> Measure:
         Value, standard error and prediction of a cell. The bias is projected on the
         direction of the predicted one, so its noise averages to zero.
     """
-    starts = tuple(f"{kind}[{letter}" for letter in ("ST" if name == "T" else name))
+    letters = tuple("ST" if name == "T" else name)
 
     def measure(cell: CellResult) -> tuple[float, float, float] | None:
         rows = [
             row
             for row in cell.rows
-            if row.predictor == predictor and row.statistic.startswith(starts)
+            if row.predictor == predictor
+            and row.statistic.family == family
+            and row.statistic.entries[0].startswith(letters)
         ]
         if not rows or any(row.prediction is None for row in rows):
             return None
@@ -90,13 +93,13 @@ def part(kind: str, name: str, predictor: str) -> Measure:
     return measure
 
 
-def moment(part: str, predictor: str) -> Measure:
+def moment(family: Family, predictor: str) -> Measure:
     """Bias vector or covariance matrix, projected on the direction of the prediction.
 
     Parameters
     ----------
-    part : {"bias", "covariance"}
-        Which moment of the attitude error.
+    family : Family
+        `BIAS` or `COVARIANCE` of the attitude error.
     predictor : str
         Theory.
 
@@ -110,7 +113,7 @@ def moment(part: str, predictor: str) -> Measure:
     """
 
     def measure(cell: CellResult) -> tuple[float, float, float] | None:
-        rows = _entries(cell, part, predictor)
+        rows = _entries(cell, family, predictor)
         predicted = np.array([row.prediction for row in rows], dtype=float)
         twice = np.array([_times(row) for row in rows])
         size = float(np.sqrt(np.sum(twice * predicted**2)))
@@ -125,13 +128,13 @@ def moment(part: str, predictor: str) -> Measure:
     return measure
 
 
-def left_out(part: str, predictor: str, reference: str = "exact") -> Measure:
+def left_out(family: Family, predictor: str, reference: str = EXACT) -> Measure:
     """How far a prediction is from a better one: what it leaves out.
 
     Parameters
     ----------
-    part : {"bias", "covariance"}
-        Which moment of the attitude error.
+    family : Family
+        `BIAS` or `COVARIANCE` of the attitude error.
     predictor : str
         Theory.
     reference : str, default "exact"
@@ -144,8 +147,8 @@ def left_out(part: str, predictor: str, reference: str = "exact") -> Measure:
     """
 
     def measure(cell: CellResult) -> tuple[float, float, float] | None:
-        truth = {r.statistic: r for r in _entries(cell, part, reference)}
-        rows = [r for r in _entries(cell, part, predictor) if r.statistic in truth]
+        truth = {r.statistic: r for r in _entries(cell, family, reference)}
+        rows = [r for r in _entries(cell, family, predictor) if r.statistic in truth]
         if not rows:
             return None
         twice = np.array([_times(row) for row in rows])
@@ -157,17 +160,17 @@ def left_out(part: str, predictor: str, reference: str = "exact") -> Measure:
     return measure
 
 
-def _entries(cell: CellResult, part: str, predictor: str) -> list[Row]:
+def _entries(cell: CellResult, family: Family, predictor: str) -> list[Row]:
     return [
         row
         for row in cell.rows
         if row.predictor == predictor
-        and row.statistic.startswith(f"{part}[")
+        and row.statistic.family == family
+        and not row.statistic.controlled
         and row.prediction is not None
     ]
 
 
 def _times(row: Row) -> float:
     """How often an entry of the upper triangle occurs in the matrix."""
-    inside = row.statistic.partition("[")[2].rstrip("]").split(",")
-    return 2.0 if len(inside) == 2 and inside[0] != inside[1] else 1.0
+    return 2.0 if len(set(row.statistic.entries)) == 2 else 1.0

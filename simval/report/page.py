@@ -1,6 +1,6 @@
 """The page: the sections in order, in one template."""
 
-import re
+from collections.abc import Mapping
 from dataclasses import replace
 
 from simval.errors import InputError
@@ -30,23 +30,52 @@ from simval.report.sections import (
     summary,
 )
 from simval.report.table import Table
+from simval.statistics import (
+    BIAS,
+    BIAS_ERROR,
+    BIAS_ORDER,
+    BUDGET,
+    CONDITION,
+    COVARIANCE,
+    COVARIANCE_ERROR,
+    COVARIANCE_ORDER,
+    COVERAGE,
+    FLIP_RATE,
+    IMPURE,
+    LIMIT_RATIO,
+    NEES,
+    OTHER_SELECTION_RATE,
+    PRECISION,
+    RECALL,
+    RECOVERY,
+    RMS,
+    RMS_RATIO,
+    SCALE_BIAS,
+    SD,
+    SIMULATED_RMS_RATIO,
+    Family,
+    Statistic,
+)
 from simval.studies import STUDIES
 from simval.sweep import Run
 
-SHOWN = {
-    "calibration": ("calibration", "rms|sd|bias|recovery"),
-    "poses": ("scene", "condition"),
-    "ladder": ("ladder", r"scale_bias|bias\[K.*"),
-    "attitude": ("attitude", "bias|covariance"),
-    "orders": ("attitude_order", "(bias|covariance)_(error|order)"),
-    "closeness": ("attitude_limits", "limit_ratio|flip_rate|other_selection_rate"),
-    "estimators": ("attitude_efficiency", "(simulated_)?rms_ratio"),
-    "statistics": ("coverage", "coverage|nees"),
-    "statics": ("detector", "precision|recall|impure|nees"),
-    "budget": ("end_to_end", "budget"),
+SHOWN: Mapping[str, tuple[str, tuple[Family | Statistic, ...]]] = {
+    "calibration": ("calibration", (RMS, SD, BIAS, RECOVERY)),
+    "poses": ("scene", (CONDITION,)),
+    "ladder": ("ladder", (SCALE_BIAS, *BIAS.each(("K_x", "K_y", "K_z")))),
+    "attitude": ("attitude", (BIAS, COVARIANCE)),
+    "orders": (
+        "attitude_order",
+        (BIAS_ERROR, BIAS_ORDER, COVARIANCE_ERROR, COVARIANCE_ORDER),
+    ),
+    "closeness": ("attitude_limits", (LIMIT_RATIO, FLIP_RATE, OTHER_SELECTION_RATE)),
+    "estimators": ("attitude_efficiency", (RMS_RATIO, SIMULATED_RMS_RATIO)),
+    "statistics": ("coverage", (COVERAGE, NEES)),
+    "statics": ("detector", (PRECISION, RECALL, IMPURE, NEES)),
+    "budget": ("end_to_end", (BUDGET,)),
 }
-"""Study of a section, and which of its statistics the section draws or tabulates: a
-statistic, or its name before the bracket. The others are named below it."""
+"""Study of a section, and which families or single statistics of it the section draws
+or tabulates. The others are named below it."""
 
 SECTIONS = (
     summary.section,
@@ -132,14 +161,16 @@ def _elsewhere(context: Context, anchor: str) -> tuple[str, ...]:
     if anchor not in SHOWN:
         return ()
     study, shown = SHOWN[anchor]
+    partly = {each.family for each in shown if isinstance(each, Statistic)}
     names: dict[str, None] = {}
     for cell in context.cells(study):
         for row in cell.rows:
-            family = row.statistic.partition("[")[0]
-            if not any(re.fullmatch(shown, name) for name in (row.statistic, family)):
-                # where a part of a family is shown, the others by their full names
-                partly = re.search(rf"\b{re.escape(family)}\\\[", shown)
-                names[row.statistic if partly else family] = None
+            what = row.statistic
+            if what in shown or (what.family in shown and not what.controlled):
+                continue
+            # where a part of a family is shown, the others by their full names
+            whole = what if what.family in partly else replace(what, entries=())
+            names[str(whole)] = None
     return tuple(names)
 
 

@@ -3,6 +3,8 @@
 import re
 from collections.abc import Iterable
 
+from simval.statistics import Statistic
+
 
 def number(value: float | None, digits: int = 6) -> str:
     """Spell a number for a person.
@@ -46,20 +48,20 @@ def measured(value: float, error: float) -> str:
     return f"({value / scale:.{places}f} ± {error / scale:.{places}f})e{exponent}"
 
 
-def sign_of_entries(statistics: Iterable[str]) -> str:
+def sign_of_entries(statistics: Iterable[Statistic]) -> str:
     """Tell how a parameter's sign goes with the matrix T, where it is among them.
 
     Parameters
     ----------
-    statistics : iterable of str
-        Names that a table shows.
+    statistics : iterable of Statistic
+        What a table shows.
 
     Returns
     -------
     str
         Words to end a caption with; none where no such parameter is shown.
     """
-    named = any("[S_zx]" in name for name in statistics)
+    named = any("S_zx" in statistic.entries for statistic in statistics)
     return "; S_zx is minus the entry T[2][0]" if named else ""
 
 

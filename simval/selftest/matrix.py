@@ -85,7 +85,7 @@ def faults() -> tuple[Fault, ...]:
 
 
 def inject_all(
-    chosen: tuple[Fault, ...], advance: Callable[[], None] = lambda: None
+    chosen: tuple[Fault, ...], advance: Callable[[], object] = lambda: None
 ) -> Iterator[Result]:
     """Run each fault and its twin through the gate.
 

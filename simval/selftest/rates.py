@@ -16,13 +16,14 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
-import numpy as np
+from scipy import stats
 
 from simval.arrays import Array
 from simval.montecarlo import simulate
 from simval.montecarlo.reduction import simulate_reduced
-from simval.results import Check, Row
+from simval.results import CellName, Check, Row, plain
 from simval.selftest.fault import replaced
+from simval.statistics import EXACT, RMS
 from simval.streams import Streams, cell_key
 from simval.studies import attitude, calibration, coverage, ladder
 from simval.theory.attitude import AttitudeMoments, attitude_moments
@@ -36,7 +37,7 @@ SOUND_ROWS: dict[Check, int] = {"plain": 2000, "control": 200, "nees": 100}
 
 ALPHA = 1e-3
 
-Rows = list[tuple[str, Row]]
+Rows = list[tuple[CellName, Row]]
 """Name of a cell and one of its rows."""
 
 Clean = Callable[[int], dict[str, Rows]]
@@ -65,15 +66,12 @@ class Rate:
     @property
     def interval(self) -> tuple[float, float]:
         """Wilson's interval of 95 %."""
-        z = 1.959963984540054
-        n, p = self.runs, self.count / self.runs
-        centre = (p + z * z / (2 * n)) / (1 + z * z / n)
-        half = z * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n)) / (1 + z * z / n)
-        return max(0.0, float(centre - half)), min(1.0, float(centre + half))
+        found = stats.binomtest(self.count, self.runs).proportion_ci(0.95, "wilson")
+        return float(found.low), float(found.high)
 
 
 def false_alarm_rates(
-    clean: Clean, runs: dict[float, int], seed: int, advance: Callable[[], None]
+    clean: Clean, runs: dict[float, int], seed: int, advance: Callable[[], object]
 ) -> list[Rate]:
     """Judge clean runs on fresh seeds.
 
@@ -121,7 +119,7 @@ def attitude_rows(seed: int) -> dict[str, Rows]:
         All of them, and those with an exact prediction alone.
     """
     rows = [r for noise in CLEAN_NOISE for r in _rows(noise, CLEAN_SAMPLES, seed)]
-    certain = [entry for entry in rows if entry[1].predictor == "exact"]
+    certain = [entry for entry in rows if entry[1].predictor == EXACT]
     return {"attitude": rows, "attitude, exact": certain}
 
 
@@ -139,9 +137,10 @@ def calibration_rows(seed: int) -> dict[str, Rows]:
         All of them.
     """
     rows: Rows = []
-    for study, parameters in _calibration_cells():
-        name = f"{study.__name__.rpartition('.')[2]}({parameters})"
-        outcome = study.run(parameters, Streams(seed, cell_key(name)))
+    for module, parameters in _calibration_cells():
+        study = module.__name__.rpartition(".")[2]
+        name = CellName(study, f"{study}({parameters})")
+        outcome = module.run(parameters, Streams(seed, cell_key(name.name)))
         rows += [(name, row) for row in outcome.rows]
     return {"calibration": rows}
 
@@ -182,7 +181,7 @@ def formula_faults() -> dict[str, tuple[float, Claim]]:
     }
 
 
-def powers(runs: int, seed: int, advance: Callable[[], None]) -> list[Rate]:
+def powers(runs: int, seed: int, advance: Callable[[], object]) -> list[Rate]:
     """Judge one cell of default size with each fault.
 
     Parameters
@@ -299,25 +298,17 @@ def _rows(noise: float, samples: int, seed: int) -> Rows:
     parameters = attitude.Parameters(geometry=3, noise_std=noise, samples=samples)
     name = f"attitude(geometry=3,noise_std={noise},samples={samples})"
     outcome = attitude.run(parameters, Streams(seed, cell_key(name)))
-    return [(name, row) for row in outcome.rows]
+    return [(CellName("attitude", name), row) for row in outcome.rows]
 
 
-def _sound() -> Iterator[tuple[str, Row]]:
-    row = Row(
-        statistic="sound",
-        value=1.0,
-        standard_error=1e-3,
-        n=DEFAULT_SAMPLES,
-        prediction=1.0,
-        predictor="exact",
-        unit="1",
-    )
+def _sound() -> Iterator[tuple[CellName, Row]]:
+    (row,) = plain(RMS(), 1.0, 1e-3, DEFAULT_SAMPLES, 1.0, EXACT)
     for check, count in SOUND_ROWS.items():
         for number in range(count):
-            yield f"sound{number}(check={check})", replace(row, check=check)
+            yield CellName(f"sound{number}", check), replace(row, check=check)
 
 
-def _caught(rows: Sequence[tuple[str, Row]]) -> bool:
+def _caught(rows: Sequence[tuple[CellName, Row]]) -> bool:
     return overall(judge(rows, ALPHA)) == "fail"
 
 

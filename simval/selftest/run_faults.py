@@ -7,6 +7,7 @@ import numpy as np
 
 from simval.results import Outcome
 from simval.selftest.fault import Fault, after, wrapped
+from simval.statistics import NEES
 from simval.studies import attitude
 from simval.sweep import executors, runner, store
 
@@ -160,7 +161,7 @@ def _rows() -> list[Fault]:
         ),
         rows(
             "a statistic no longer measured",
-            lambda rows: [r for r in rows if r.statistic != "nees"],
+            lambda rows: [r for r in rows if r.statistic != NEES()],
             baseline=True,
         ),
         rows(

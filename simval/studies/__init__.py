@@ -4,16 +4,24 @@ A study wires the layers below it into one experiment:
 
     scene -> readings -> algorithm -> errors -> moments, beside theory's prediction
 
-It is a module with two names:
+It is a module with four names:
 
+- ``TITLE``: one line for people;
 - ``Parameters``: a pydantic model (subclass of `StudyParameters`) of one cell's
-  parameters, scalars only, each with its unit in the description and a default;
+  parameters, scalars only, each with its unit in the description and a default, and
+  with ``cost()``, what a cell takes;
 - ``run(parameters, streams) -> Outcome``: a pure function of these parameters and
   of the cell's random streams (``streams.block(i)`` is the generator of block i).
-  It returns rows (`simval.results.Row`) and artifacts for the report.
+  It returns rows (`simval.results`) of statistics (`simval.statistics`), and
+  artifacts for the report;
+- ``SECTION``: the section of the report that shows it, or None: then its numbers are
+  drawn and tabulated along what varies.
 
-To add a study, write the module and add its line to `STUDIES`; suites, the command
-line and the report take it by its name. A study never draws, prints or judges.
+A study that runs a user's code has a fifth, ``compute``: what ``run`` asks a child
+process to do.
+
+To add a study, write the module and put it into `_MODULES`; suites, the command line,
+the gate and the report take it from there. A study never draws, prints or judges.
 """
 
 from collections.abc import Mapping
@@ -36,108 +44,30 @@ from simval.studies import (
     scene,
     solvers,
 )
-from simval.studies.study import Study, StudyParameters
+from simval.studies.study import Study, StudyParameters, study_of
 
 __all__ = ["STUDIES", "Study", "StudyParameters", "find_study"]
 
+_MODULES = (
+    scene,
+    calibration,
+    ladder,
+    coverage,
+    solvers,
+    attitude,
+    attitude_order,
+    attitude_efficiency,
+    attitude_limits,
+    detector,
+    end_to_end,
+    estimator,
+    calibrator,
+    custom_scene,
+)
+"""In the order of the page."""
+
 STUDIES: Mapping[str, Study] = MappingProxyType(
-    {
-        "scene": Study(
-            "scene",
-            "Scenes: is rest at rest, and do the poses suffice?",
-            scene.Parameters,
-            scene.run,
-            scene.cost,
-        ),
-        "calibration": Study(
-            "calibration",
-            "Calibration recovery: tumble, distort, average the holds, calibrate",
-            calibration.Parameters,
-            calibration.run,
-            calibration.cost,
-        ),
-        "ladder": Study(
-            "ladder",
-            "Bias ladder: bias, spread and efficiency of each calibration residual",
-            ladder.Parameters,
-            ladder.run,
-            ladder.cost,
-        ),
-        "coverage": Study(
-            "coverage",
-            "Coverage: do the reported error bars of a calibration hold?",
-            coverage.Parameters,
-            coverage.run,
-            coverage.cost,
-        ),
-        "solvers": Study(
-            "solvers",
-            "Solvers: how each method of the calibration comes to the same answer",
-            solvers.Parameters,
-            solvers.run,
-            solvers.cost,
-        ),
-        "attitude": Study(
-            "attitude",
-            "Attitude moments: bias and covariance of the two-vector quaternion",
-            attitude.Parameters,
-            attitude.run,
-            attitude.cost,
-        ),
-        "attitude_order": Study(
-            "attitude_order",
-            "Convergence order: how fast each attitude formula becomes exact",
-            attitude_order.Parameters,
-            attitude_order.run,
-            attitude_order.cost,
-        ),
-        "attitude_efficiency": Study(
-            "attitude_efficiency",
-            "Efficiency: what the closed form costs beside the Cramer-Rao bound",
-            attitude_efficiency.Parameters,
-            attitude_efficiency.run,
-            attitude_efficiency.cost,
-        ),
-        "attitude_limits": Study(
-            "attitude_limits",
-            "Limits: the noise at which each attitude formula stops to hold",
-            attitude_limits.Parameters,
-            attitude_limits.run,
-            attitude_limits.cost,
-        ),
-        "detector": Study(
-            "detector",
-            "Static detector: scored against what the simulation knows to be at rest",
-            detector.Parameters,
-            detector.run,
-            detector.cost,
-        ),
-        "end_to_end": Study(
-            "end_to_end",
-            "Error budget: tumble, detect, calibrate, gravity and field to attitude",
-            end_to_end.Parameters,
-            end_to_end.run,
-            end_to_end.cost,
-        ),
-        "estimator": Study(
-            "estimator",
-            "An attitude estimator of one's own, in a process of its own",
-            estimator.Parameters,
-            estimator.run,
-        ),
-        "calibrator": Study(
-            "calibrator",
-            "A calibrator of one's own, in a process of its own",
-            calibrator.Parameters,
-            calibrator.run,
-        ),
-        "custom_scene": Study(
-            "custom_scene",
-            "A scene of one's own, in a process of its own",
-            custom_scene.Parameters,
-            custom_scene.run,
-        ),
-    }
+    {study.name: study for study in map(study_of, _MODULES)}
 )
 
 

@@ -6,13 +6,10 @@ minus estimate, with the formula's own sign. Its empirical bias and covariance a
 beside four predictions: second order, the source's fourth order, the complete fourth
 order and the exact answer.
 
-A truncated formula is allowed a remainder. For the second order it is twice the
-complete fourth-order term :math:`|F_4 - F_2|`; for the complete fourth order twice
-the next term, which is estimated as :math:`|F_4 - F_2|` times the largest relative
-size of the fourth-order term of the covariance (a geometric series). Below
-:math:`|\bar q|/\sigma` = `RANGE` that estimate is too small, so there the expansions
-are recorded and not judged; nor is the source's fourth order anywhere, because it
-leaves out terms of its own order.
+A truncated formula is allowed the remainder that theory states for it
+(`simval.theory.remainder`). Where :math:`|\bar q|/\sigma` is below `RANGE` the
+expansions are reported and not judged; nor is the source's fourth order anywhere,
+because it leaves out terms of its own order.
 
 Beside the plain samples, one in `CONTROLLED` is drawn again in antithetic pairs with
 the Taylor polynomial as a control variate; its moments have a standard error of the
@@ -34,10 +31,25 @@ from simval.montecarlo import (
     simulate,
     simulate_reduced,
 )
-from simval.results import Check, Outcome, Row
+from simval.results import Outcome, Row, control, nees, plain, unjudged
+from simval.statistics import (
+    BIAS,
+    COVARIANCE,
+    EXACT,
+    NEES,
+    NORM_OVER_NOISE,
+    ORDER_2,
+    ORDER_4,
+    ORDER_4_SOURCE,
+    RMS,
+)
 from simval.streams import Streams
 from simval.studies.study import Cost, StudyParameters
 from simval.theory.attitude import AttitudeMoments, attitude_moments
+from simval.theory.remainder import RANGE, expansion_remainders
+
+TITLE = "Attitude moments: bias and covariance of the two-vector quaternion"
+SECTION = "attitude"
 
 BLOCK = 16384
 BATCH = 256
@@ -46,13 +58,17 @@ MIN_BATCHES = 256
 gate's false-alarm rate was measured as 1.9e-3 where 1e-3 was stated."""
 CONTROLLED = 16
 CONTROL_STREAM = 1
-RANGE = 5.0
 COMPONENTS = ("x", "y", "z", "s")
 PREDICTORS: tuple[tuple[int | str, str], ...] = (
-    (2, "order 2"),
-    ("4-paper", "order 4, source"),
-    (4, "order 4, complete"),
-    ("exact", "exact"),
+    (2, ORDER_2),
+    ("4-paper", ORDER_4_SOURCE),
+    (4, ORDER_4),
+    ("exact", EXACT),
+)
+_UPPER = np.triu_indices(4)
+_BIAS = BIAS.each(COMPONENTS)
+_COVARIANCE = tuple(
+    COVARIANCE(COMPONENTS[i], COMPONENTS[j]) for i, j in zip(*_UPPER, strict=True)
 )
 
 
@@ -68,6 +84,10 @@ class Parameters(StudyParameters):
     samples: Annotated[int, Field(ge=MIN_BATCHES * BATCH)] = Field(
         default=1_000_000, description="Trials; rounded up to whole blocks of 16384."
     )
+
+    def cost(self) -> Cost:
+        """Cost of a cell: a quarter of a second for a million samples."""
+        return Cost(0.05 + 2.5e-7 * self.samples, 76)
 
 
 def random_geometry(number: int) -> tuple[Array, Array, Array]:
@@ -92,22 +112,6 @@ def random_geometry(number: int) -> tuple[Array, Array, Array]:
     )
 
 
-def cost(parameters: Parameters) -> Cost:
-    """Cost of a cell: a quarter of a second for a million samples.
-
-    Parameters
-    ----------
-    parameters : Parameters
-        The number of samples.
-
-    Returns
-    -------
-    Cost
-        Seconds and rows.
-    """
-    return Cost(0.05 + 2.5e-7 * parameters.samples, 76)
-
-
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Simulate one cell and set it beside every prediction.
 
@@ -129,7 +133,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         label: attitude_moments(q, r1, r2, sigma, order=order)
         for order, label in PREDICTORS
     }
-    exact = predictions["exact"]
+    exact = predictions[EXACT]
     A = attitude_matrix(q)
     truth = np.stack([A @ r1, A @ r2, r1, r2]).reshape(12, 1)
 
@@ -157,112 +161,56 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
             block=BLOCK,
         )
     )
-    rows = [
-        Row(statistic="norm_over_noise", value=exact.norm / sigma, unit="1"),
-        *_moment_rows(measured, predictions, exact.norm / sigma >= RANGE),
-        *_control_rows(controlled, exact),
-        *_rms_rows(mean_square(sums, np.eye(4)), measured.samples, predictions),
-    ]
-    weight = np.linalg.pinv(predictions["order 2"].covariance, rcond=1e-8)
-    nees, error = mean_square(sums, weight)
-    rows.append(
-        Row(
-            statistic="nees",
-            value=nees,
-            standard_error=error,
-            n=measured.samples,
-            prediction=float(np.sum(weight * exact.second_moment)),
-            predictor="exact",
-            unit="1",
-            check="nees",
+    weight = np.linalg.pinv(predictions[ORDER_2].covariance, rcond=1e-8)
+    square, error = mean_square(sums, weight)
+    expected = float(np.sum(weight * exact.second_moment))
+    return Outcome(
+        rows=(
+            *unjudged(NORM_OVER_NOISE(), exact.norm / sigma),
+            *_moment_rows(measured, predictions, exact.norm / sigma >= RANGE),
+            *_control_rows(controlled, exact),
+            *_rms_rows(mean_square(sums, np.eye(4)), measured.samples, predictions),
+            *nees(NEES(), square, error, measured.samples, expected, EXACT),
         )
     )
-    return Outcome(rows=tuple(rows))
 
 
 def _moment_rows(
     measured: Moments, predictions: dict[str, AttitudeMoments], inside: bool
 ) -> list[Row]:
-    remainders = _remainders(predictions)
-    rows = []
-    for label, predicted in predictions.items():
-        judged = label == "exact" or (inside and label != "order 4, source")
-        check: Check = "plain" if judged else "record"
-        off_bias, off_covariance = remainders[label]
-        for k, name in enumerate(COMPONENTS):
-            rows.append(
-                Row(
-                    statistic=f"bias[{name}]",
-                    value=float(measured.bias[k]),
-                    standard_error=float(measured.bias_error[k]),
-                    n=measured.samples,
-                    prediction=float(predicted.bias[k]),
-                    predictor=label,
-                    remainder=off_bias,
-                    unit="1",
-                    check=check,
-                )
-            )
-        for i, j in zip(*np.triu_indices(4), strict=True):
-            rows.append(
-                Row(
-                    statistic=f"covariance[{COMPONENTS[i]},{COMPONENTS[j]}]",
-                    value=float(measured.covariance[i, j]),
-                    standard_error=float(measured.covariance_error[i, j]),
-                    n=measured.samples,
-                    prediction=float(predicted.covariance[i, j]),
-                    predictor=label,
-                    remainder=off_covariance,
-                    unit="1",
-                    check=check,
-                )
-            )
+    remainders = expansion_remainders(predictions[ORDER_2], predictions[ORDER_4])
+    n, covariance = measured.samples, measured.covariance[_UPPER]
+    error = measured.covariance_error[_UPPER]
+    rows: list[Row] = []
+    for order, label in PREDICTORS:
+        predicted, left = predictions[label], remainders[order]
+        judged = label == EXACT or (inside and label != ORDER_4_SOURCE)
+        write = plain if judged else unjudged
+        rows += write(
+            _BIAS, measured.bias, measured.bias_error, n, predicted.bias, label,
+            left.bias,
+        )  # fmt: skip
+        rows += write(
+            _COVARIANCE, covariance, error, n, predicted.covariance[_UPPER], label,
+            left.covariance,
+        )  # fmt: skip
     return rows
 
 
-def _control_rows(controlled: Moments, exact: AttitudeMoments) -> list[Row]:
+def _control_rows(controlled: Moments, exact: AttitudeMoments) -> tuple[Row, ...]:
     """Bias and covariance under the Taylor control variate, beside the exact ones."""
-    pairs = [(i, j) for i in range(4) for j in range(i, 4)]
-    names = [f"bias[{name}]" for name in COMPONENTS]
-    names += [f"covariance[{COMPONENTS[i]},{COMPONENTS[j]}]" for i, j in pairs]
 
-    def flat(bias: Array, covariance: Array) -> list[float]:
-        return [*map(float, bias), *(float(covariance[i, j]) for i, j in pairs)]
+    def flat(bias: Array, covariance: Array) -> Array:
+        return np.concatenate([bias, covariance[_UPPER]])
 
-    values = flat(controlled.bias, controlled.covariance)
-    errors = flat(controlled.bias_error, controlled.covariance_error)
-    predictions = flat(exact.bias, exact.covariance)
-    return [
-        Row(
-            statistic=f"control {name}",
-            value=value,
-            standard_error=error,
-            n=controlled.samples,
-            prediction=prediction,
-            predictor="exact",
-            unit="1",
-            check="control",
-        )
-        for name, value, error, prediction in zip(
-            names, values, errors, predictions, strict=True
-        )
-    ]
-
-
-def _remainders(
-    predictions: dict[str, AttitudeMoments],
-) -> dict[str, tuple[float, float]]:
-    """What each prediction of the bias and of the covariance may be off by."""
-    second, fourth = predictions["order 2"], predictions["order 4, complete"]
-    bias = float(np.abs(fourth.bias - second.bias).max())
-    covariance = float(np.abs(fourth.covariance - second.covariance).max())
-    ratio = covariance / float(np.abs(second.covariance).max())
-    return {
-        "order 2": (2 * bias, 2 * covariance),
-        "order 4, source": (2 * bias, 2 * covariance),
-        "order 4, complete": (2 * ratio * bias, 2 * ratio * covariance),
-        "exact": (0.0, 0.0),
-    }
+    return control(
+        [statistic.control for statistic in _BIAS + _COVARIANCE],
+        flat(controlled.bias, controlled.covariance),
+        flat(controlled.bias_error, controlled.covariance_error),
+        controlled.samples,
+        flat(exact.bias, exact.covariance),
+        EXACT,
+    )
 
 
 def _rms_rows(
@@ -270,15 +218,8 @@ def _rms_rows(
 ) -> list[Row]:
     """Length of the error's RMS and mean: what the report draws over the noise."""
     rms = float(np.sqrt(mean[0]))
-    return [
-        Row(
-            statistic="rms",
-            value=rms,
-            standard_error=mean[1] / (2 * rms),
-            n=samples,
-            prediction=float(np.sqrt(np.trace(predicted.second_moment))),
-            predictor=label,
-            unit="1",
-        )
-        for label, predicted in predictions.items()
-    ]
+    rows: list[Row] = []
+    for label, predicted in predictions.items():
+        expected = float(np.sqrt(np.trace(predicted.second_moment)))
+        rows += unjudged(RMS(), rms, mean[1] / (2 * rms), samples, expected, label)
+    return rows

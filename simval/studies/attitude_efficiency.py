@@ -19,12 +19,21 @@ from simval.arrays import Array
 from simval.attitude import two_vector_quaternion
 from simval.attitude.comparators import davenport, triad
 from simval.geometry import attitude_error, normalize, random_quaternions
-from simval.results import Check, Outcome, Row
+from simval.results import Outcome, Row, limit, plain, unjudged
+from simval.statistics import (
+    FIRST_ORDER,
+    RMS_RATIO,
+    SIMULATED_RMS_RATIO,
+    SQUARED_ERROR,
+)
 from simval.streams import Streams
 from simval.studies.study import Cost, StudyParameters
 from simval.theory.attitude import attitude_moments
 from simval.theory.cramer_rao import attitude_bound
 from simval.theory.two_vector import true_vectors
+
+TITLE = "Efficiency: what the closed form costs beside the Cramer-Rao bound"
+SECTION = "estimators"
 
 MIN_SINE = 0.3
 """Of the angle between r1 and r2."""
@@ -57,21 +66,9 @@ class Parameters(StudyParameters):
         default=1e-3, description="Noise per axis of each unit vector, 1."
     )
 
-
-def cost(parameters: Parameters) -> Cost:
-    """Cost of a cell.
-
-    Parameters
-    ----------
-    parameters : Parameters
-        What it does.
-
-    Returns
-    -------
-    Cost
-        Seconds and rows.
-    """
-    return Cost(1.0 + 1.5e-5 * parameters.geometries * parameters.trials, 20)
+    def cost(self) -> Cost:
+        """Cost of a cell."""
+        return Cost(1.0 + 1.5e-5 * self.geometries * self.trials, 20)
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
@@ -108,10 +105,10 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     # as if both mean squares were independent: they share their noise, so at most this
     error = simulated * np.hypot(relative, relative[:, best, None]) / 2.0
     scaled = squares / (predicted * parameters.noise_std**2)
-    rows = []
+    rows: list[Row] = []
     for k, name in enumerate(names):
         rows += _ratio_rows(name, ratios[:, k], simulated[:, k], error[:, k])
-        rows.append(_scale_row(name, scaled[:, k], parameters.trials))
+        rows += _scale_row(name, scaled[:, k], parameters.trials)
     artifact = {"predicted": ratios, "simulated": simulated}
     return Outcome(
         rows=tuple(rows), artifacts={"attitude-efficiency.npz": dict(artifact)}
@@ -161,47 +158,28 @@ def _simulated(
 def _ratio_rows(
     name: str, predicted: Array, simulated: Array, error: Array
 ) -> list[Row]:
-    limits = {"median": MEDIAN_LIMIT, "worst": WORST_LIMIT}
-    check: Check = "limit" if name == "combined" else "record"
-    rows = []
-    for what, pick in (("median", np.median), ("worst", np.max)):
-        if name != "TRIAD":
-            rows.append(
-                Row(
-                    statistic=f"rms_ratio[{name},{what}]",
-                    value=float(pick(predicted)),
-                    prediction=limits[what] if check == "limit" else None,
-                    predictor="first order",
-                    unit="1",
-                    check=check,
-                )
-            )
-        rows.append(
-            Row(
-                statistic=f"simulated_rms_ratio[{name},{what}]",
-                value=float(pick(simulated)),
-                # that of the geometry which it is, or is next to
-                standard_error=float(
-                    error[np.argmin(np.abs(simulated - pick(simulated)))]
-                ),
-                n=len(simulated),
-                unit="1",
-            )
-        )
+    rows: list[Row] = []
+    for what, pick, most in (
+        ("median", np.median, MEDIAN_LIMIT),
+        ("worst", np.max, WORST_LIMIT),
+    ):
+        ratio, at = RMS_RATIO(name, what), float(pick(predicted))
+        if name == "combined":
+            rows += limit(ratio, at, most, FIRST_ORDER)
+        elif name != "TRIAD":
+            rows += unjudged(ratio, at, predictor=FIRST_ORDER)
+        value = float(pick(simulated))
+        # that of the geometry which it is, or is next to
+        near = error[np.argmin(np.abs(simulated - value))]
+        rows += unjudged(SIMULATED_RMS_RATIO(name, what), value, near, len(simulated))
     return rows
 
 
-def _scale_row(name: str, scaled: Array, trials: int) -> Row:
+def _scale_row(name: str, scaled: Array, trials: int) -> tuple[Row, ...]:
     # free selection follows the noise, and TRIAD is not predicted: not judged
-    judged = name in ("combined", "q-method")
-    return Row(
-        statistic=f"squared_error_over_predicted[{name}]",
-        value=float(np.mean(scaled)),
-        standard_error=float(np.std(scaled, ddof=1) / np.sqrt(len(scaled))),
-        n=len(scaled) * trials,
-        prediction=1.0 if judged else None,
-        predictor="first order",
-        remainder=REMAINDER if judged else 0.0,
-        unit="1",
-        check="plain" if judged else "record",
-    )
+    statistic, n = SQUARED_ERROR(name), len(scaled) * trials
+    value = float(np.mean(scaled))
+    error = float(np.std(scaled, ddof=1) / np.sqrt(len(scaled)))
+    if name in ("combined", "q-method"):
+        return plain(statistic, value, error, n, 1.0, FIRST_ORDER, REMAINDER)
+    return unjudged(statistic, value, error, n, predictor=FIRST_ORDER)

@@ -14,7 +14,13 @@ from pydantic import Field
 
 from simval.arrays import Array
 from simval.attitude.kernel import column_matrix, raw_quaternion
-from simval.results import Check, Outcome, Row
+from simval.results import Outcome, Row, plain, unjudged
+from simval.statistics import (
+    EXACT,
+    FLIP_RATE,
+    LIMIT_RATIO,
+    OTHER_SELECTION_RATE,
+)
 from simval.streams import Streams
 from simval.studies.attitude import PREDICTORS
 from simval.studies.study import Cost, StudyParameters
@@ -22,6 +28,9 @@ from simval.theory.attitude import attitude_moments
 from simval.theory.noise import noise_covariances
 from simval.theory.oracle import flip_probability
 from simval.theory.two_vector import true_vectors, two_vector_geometry
+
+TITLE = "Limits: the noise at which each attitude formula breaks down"
+SECTION = "closeness"
 
 BLOCK = 4096
 SHARES = {"1%": 0.01, "10%": 0.1}
@@ -45,6 +54,10 @@ class Parameters(StudyParameters):
         default=400_000, description="Trials; rounded up to whole blocks of 4096."
     )
 
+    def cost(self) -> Cost:
+        """Cost of a cell."""
+        return Cost(0.2 + 6e-7 * self.samples, 20)
+
 
 def geometry_of_norm(norm: float) -> tuple[Array, Array, Array]:
     """An attitude whose plain column has a given length, r1 and r2 at right angles.
@@ -63,22 +76,6 @@ def geometry_of_norm(norm: float) -> tuple[Array, Array, Array]:
     r1, r2 = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
     across = np.sqrt(max(0.0, 0.64 - norm**2))
     return np.array([0.8 * across, 0.6 * across, norm, 0.6]), r1, r2
-
-
-def cost(parameters: Parameters) -> Cost:
-    """Cost of a cell.
-
-    Parameters
-    ----------
-    parameters : Parameters
-        What it does.
-
-    Returns
-    -------
-    Cost
-        Seconds and rows.
-    """
-    return Cost(0.2 + 6e-7 * parameters.samples, 20)
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
@@ -107,7 +104,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 def _limit_rows(q: Array, r1: Array, r2: Array) -> list[Row]:
     norm = two_vector_geometry(q, r1, r2, "plain").norm
     exact = [attitude_moments(q, r1, r2, norm / r, "exact", "plain") for r in RATIOS]
-    rows = []
+    rows: list[Row] = []
     for order, label in PREDICTORS:
         if order == "exact":
             continue
@@ -122,16 +119,8 @@ def _limit_rows(q: Array, r1: Array, r2: Array) -> list[Row]:
             )
             for share, limit in SHARES.items():
                 ratio = _crossing(off, limit)
-                if ratio is None:
-                    continue
-                rows.append(
-                    Row(
-                        statistic=f"limit_ratio[{what},{share}]",
-                        value=ratio,
-                        predictor=label,
-                        unit="1",
-                    )
-                )
+                if ratio is not None:
+                    rows += unjudged(LIMIT_RATIO(what, share), ratio, predictor=label)
     return rows
 
 
@@ -148,7 +137,7 @@ def _crossing(off: Array, limit: float) -> float | None:
 
 def _flip_rows(
     q: Array, r1: Array, r2: Array, sigma: float, samples: int, streams: Streams
-) -> list[Row]:
+) -> tuple[Row, ...]:
     geometry = two_vector_geometry(q, r1, r2, "plain")
     chance = flip_probability(geometry, noise_covariances(sigma))
     truth = true_vectors(q, r1, r2)[1].reshape(12, 1)
@@ -160,26 +149,13 @@ def _flip_rows(
         flips += int(np.sum(geometry.q_true @ raw_quaternion(vectors, "plain") < 0.0))
         changes += int(np.sum(np.argmax(_norms(vectors), axis=0) != best))
     n = blocks * BLOCK
-    judged: Check = "plain" if n * chance >= MIN_EVENTS else "record"
-    return [
-        Row(
-            statistic="flip_rate",
-            value=flips / n,
-            standard_error=float(np.sqrt(chance * (1.0 - chance) / n)),
-            n=n,
-            prediction=chance,
-            predictor="exact",
-            unit="1",
-            check=judged,
-        ),
-        Row(
-            statistic="other_selection_rate",
-            value=changes / n,
-            standard_error=float(np.sqrt(changes * (1.0 - changes / n)) / n),
-            n=n,
-            unit="1",
-        ),
-    ]
+    write = plain if n * chance >= MIN_EVENTS else unjudged
+    error = np.sqrt(chance * (1.0 - chance) / n)
+    other_error = np.sqrt(changes * (1.0 - changes / n)) / n
+    return (
+        *write(FLIP_RATE(), flips / n, error, n, chance, EXACT),
+        *unjudged(OTHER_SELECTION_RATE(), changes / n, other_error, n),
+    )
 
 
 def _norms(vectors: Array) -> Array:

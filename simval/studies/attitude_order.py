@@ -18,7 +18,15 @@ from simval.arrays import Array
 from simval.attitude import two_vector_quaternion
 from simval.errors import GeometryError
 from simval.moments import Moments
-from simval.results import Outcome, Row
+from simval.results import Outcome, Row, exact, unjudged
+from simval.statistics import (
+    BIAS_ERROR,
+    BIAS_ORDER,
+    COVARIANCE_ERROR,
+    COVARIANCE_ORDER,
+    NORM,
+    Family,
+)
 from simval.streams import Streams
 from simval.studies.attitude import PREDICTORS, random_geometry
 from simval.studies.study import Cost, StudyParameters
@@ -26,6 +34,9 @@ from simval.theory.attitude import AttitudeMoments, attitude_moments
 from simval.theory.cubature import cubature_moments
 from simval.theory.noise import noise_covariances, tangent_covariances
 from simval.theory.two_vector import true_vectors
+
+TITLE = "Convergence order: how fast each attitude formula becomes exact"
+SECTION = "orders"
 
 LEVELS = tuple(np.geomspace(0.005, 0.02, 5).tolist())
 """Noise levels; the largest standard deviation of any vector in any direction."""
@@ -42,6 +53,9 @@ FLOOR = 3e-14
 ORDERS: dict[int | str, float] = {2: 4.0, "4-paper": 4.0, 4: 6.0}
 """The slope that each formula's error must have."""
 
+FAMILIES = ((BIAS_ORDER, BIAS_ERROR), (COVARIANCE_ORDER, COVARIANCE_ERROR))
+"""Slope and distance of each moment."""
+
 
 class Parameters(StudyParameters):
     """One cell: a geometry and a shape of the noise."""
@@ -55,21 +69,9 @@ class Parameters(StudyParameters):
         "tangent to each unit vector.",
     )
 
-
-def cost(parameters: Parameters) -> Cost:
-    """Cost of a cell.
-
-    Parameters
-    ----------
-    parameters : Parameters
-        What it does.
-
-    Returns
-    -------
-    Cost
-        Seconds and rows.
-    """
-    return Cost(0.1, 40)
+    def cost(self) -> Cost:
+        """Cost of a cell."""
+        return Cost(0.1, 40)
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
@@ -114,10 +116,10 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
                     float(np.linalg.norm(moments.covariance - truth.covariance)),
                 )
             )
-    rows = [Row(statistic="norm", value=norm, unit="1")]
+    rows = list(unjudged(NORM(), norm))
     for order, pairs in gaps.items():
-        for what, gap in zip(("bias", "covariance"), np.transpose(pairs), strict=True):
-            rows += _rows(what, labels[order], gap, ORDERS[order])
+        for families, gap in zip(FAMILIES, np.transpose(pairs), strict=True):
+            rows += _rows(*families, labels[order], gap, ORDERS[order])
     return Outcome(rows=tuple(rows))
 
 
@@ -147,32 +149,18 @@ def _truth(
     )
 
 
-def _rows(what: str, label: str, gap: Array, order: float) -> list[Row]:
+def _rows(
+    slope: Family, distance: Family, label: str, gap: Array, order: float
+) -> tuple[Row, ...]:
     fitted = gap > FLOOR
     levels = np.log(LEVELS)
-    slope = (
+    value = (
         float(np.polyfit(levels[fitted], np.log(gap[fitted]), 1)[0])
         if fitted.sum() >= 2
         else float("nan")  # judged inconclusive
     )
-    rows = [
-        Row(
-            statistic=f"{what}_order",
-            value=slope,
-            prediction=order,
-            predictor=label,
-            remainder=TOLERANCE,
-            unit="1",
-            check="exact",
-        )
-    ]
-    for level, value in zip(LEVELS, gap, strict=True):
-        rows.append(
-            Row(
-                statistic=f"{what}_error[{level:.4g}]",
-                value=float(value),
-                predictor=label,
-                unit="1",
-            )
-        )
-    return rows
+    statistics = distance.each(f"{level:.4g}" for level in LEVELS)
+    return (
+        *exact(slope(), value, order, label, TOLERANCE),
+        *unjudged(statistics, gap, predictor=label),
+    )

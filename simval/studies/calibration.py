@@ -6,13 +6,12 @@ error is estimate minus truth, in the nine parameters of the model. Beside its b
 and standard deviation stand the second-order bias and the first-order covariance of
 theory; beside both, the Cramer-Rao bound.
 
-Both predictions leave out terms that are smaller by :math:`(\sigma/g)^2`, with
-:math:`\sigma` the noise of a pose mean; `NEXT_ORDER` times that is the relative
-remainder that they are allowed. With ``noise_std = 0`` the cell is one noise-free
-trial that must recover the truth to `RECOVERY`, or to what the scene's rests allow.
+Both predictions are allowed the remainder that theory states for them
+(`simval.theory.calibration`). With ``noise_std = 0`` the cell is one noise-free
+trial that must recover the truth to `RECOVERED`, or to what the scene's rests allow.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated, Literal
 
@@ -22,16 +21,31 @@ from pydantic import Field
 from simval.arrays import Array, frozen
 from simval.calibrate import calibrate
 from simval.montecarlo import Sums, mean_square, moments_of, simulate
-from simval.results import Outcome, Row
+from simval.results import Outcome, Row, limit, nees, plain, unjudged
 from simval.scene import recorded
 from simval.sensor import AccelerometerModel
+from simval.statistics import (
+    BIAS,
+    CRAMER_RAO,
+    EFFICIENCY,
+    FIRST_ORDER,
+    NEES,
+    NOISE_OF_MEAN,
+    RECOVERY,
+    RMS,
+    SD,
+    SECOND_ORDER,
+    TRUTH,
+)
 from simval.streams import Streams
 from simval.studies.study import Cost, StudyParameters
 from simval.theory.calibration import CalibrationMoments, calibration_moments
 
+TITLE = "Calibration recovery: tumble, distort, average the holds, calibrate"
+SECTION = "calibration"
+
 BLOCK = 64
-RECOVERY = 1e-9
-NEXT_ORDER = 30.0
+RECOVERED = 1e-9
 UNITS = ("1",) * 6 + ("m/s²",) * 3
 GROUPS = (("T", slice(0, 3), "1"), ("K", slice(3, 6), "1"), ("B", slice(6, 9), "m/s²"))
 
@@ -54,6 +68,13 @@ class Parameters(StudyParameters):
     trials: Annotated[int, Field(ge=2 * BLOCK)] = Field(
         default=2048, description="Trials; rounded up to whole blocks of 64."
     )
+
+    def cost(self) -> Cost:
+        """Cost of a cell: the tumble once, then every sample of every trial."""
+        readings = self.poses * self.hold_time * 500.0  # at 500 Hz
+        trials = self.trials if self.noise_std > 0.0 else 0
+        seconds = 0.006 * self.poses + trials * (5e-5 + 1e-7 * readings)
+        return Cost(seconds, 35 if trials else 3)
 
 
 def true_sensor(noise_std: float) -> AccelerometerModel:
@@ -126,25 +147,6 @@ def simulated_rests(scene: str, poses: int, hold_time: float) -> Rests:
     )
 
 
-def cost(parameters: Parameters) -> Cost:
-    """Cost of a cell: the tumble once, then every sample of every hold of every trial.
-
-    Parameters
-    ----------
-    parameters : Parameters
-        Poses, length of a hold, and trials.
-
-    Returns
-    -------
-    Cost
-        Seconds and rows.
-    """
-    readings = parameters.poses * parameters.hold_time * 500.0  # at 500 Hz
-    trials = parameters.trials if parameters.noise_std > 0.0 else 0
-    seconds = 0.006 * parameters.poses + trials * (5e-5 + 1e-7 * readings)
-    return Cost(seconds, 35 if trials else 3)
-
-
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Simulate one cell and set it beside theory.
 
@@ -176,13 +178,12 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         return (fit.parameters - sensor.parameters).T
 
     sums = simulate(errors, streams, samples=parameters.trials, block=BLOCK, batch=1)
-    remainder = NEXT_ORDER * (noise / g) ** 2
     return Outcome(
         rows=(
-            Row(statistic="noise_of_mean", value=float(noise), unit="m/s²"),
-            *_parameter_rows(sums, predicted, remainder),
+            *unjudged(NOISE_OF_MEAN(), noise),
+            *_parameter_rows(sums, predicted),
             *_group_rows(sums, predicted),
-            _nees_row(sums, predicted, remainder),
+            *_nees_row(sums, predicted),
         )
     )
 
@@ -196,107 +197,58 @@ def _recovery(sensor: AccelerometerModel, rests: Rests) -> tuple[Row, ...]:
     raw = sensor.distort(rests.forces, np.random.default_rng(0)).mean(axis=1)
     fit = calibrate(raw, g=rests.g)  # there was no noise to draw
     error = fit.parameters - sensor.parameters
-    limit = RECOVERY + float(fit.condition) * rests.rest_force / rests.g
-    rows = []
-    for name, part, _ in GROUPS:
-        size = np.abs(sensor.parameters[part]).max()
-        rows.append(
-            Row(
-                statistic=f"recovery[{name}]",
-                value=float(np.abs(error[part]).max() / size),
-                n=1,
-                prediction=limit,
-                predictor="truth",
-                unit="1",
-                check="limit",
-            )
-        )
-    return tuple(rows)
+    most = RECOVERED + float(fit.condition) * rests.rest_force / rests.g
+    relative = [
+        np.abs(error[part]).max() / np.abs(sensor.parameters[part]).max()
+        for _, part, _ in GROUPS
+    ]
+    names = [name for name, _, _ in GROUPS]
+    return limit(RECOVERY.each(names), relative, most, TRUTH, n=1)
 
 
-def _parameter_rows(
-    sums: Sums, predicted: CalibrationMoments, remainder: float
-) -> list[Row]:
-    measured = moments_of(sums)
-    bound = np.sqrt(np.diagonal(predicted.cramer_rao))
-    rows = []
-    for k, (name, unit) in enumerate(zip(predicted.names, UNITS, strict=True)):
-        sd, expected = float(measured.sd[k]), float(predicted.sd[k])
-        rows += [
-            Row(
-                statistic=f"bias[{name}]",
-                value=float(measured.bias[k]),
-                standard_error=float(measured.bias_error[k]),
-                n=measured.samples,
-                prediction=float(predicted.bias[k]),
-                predictor="second order",
-                remainder=abs(float(predicted.bias[k])) * remainder,
-                unit=unit,
-                check="plain",
-            ),
-            Row(
-                statistic=f"sd[{name}]",
-                value=sd,
-                standard_error=float(measured.covariance_error[k, k]) / (2 * sd),
-                n=measured.samples,
-                prediction=expected,
-                predictor="first order",
-                remainder=expected * remainder,
-                unit=unit,
-                check="plain",
-            ),
-            Row(
-                statistic=f"efficiency[{name}]",
-                value=float(bound[k] / sd) ** 2,
-                standard_error=float(
-                    (bound[k] / sd) ** 2 * measured.covariance_error[k, k] / sd**2
-                ),
-                n=measured.samples,
-                prediction=float(bound[k] / expected) ** 2,
-                predictor="first order",
-                unit="1",
-            ),
-        ]
-    return rows
+def _parameter_rows(sums: Sums, predicted: CalibrationMoments) -> list[Row]:
+    measured, n = moments_of(sums), sums.samples
+    names, units = predicted.names, UNITS
+    sd, expected = measured.sd, predicted.sd
+    variance_error = np.diagonal(measured.covariance_error)
+    share = (np.sqrt(np.diagonal(predicted.cramer_rao)) / sd) ** 2
+    return [
+        *plain(
+            BIAS.each(names, units), measured.bias, measured.bias_error, n,
+            predicted.bias, SECOND_ORDER, predicted.bias_remainder,
+        ),
+        *plain(
+            SD.each(names, units), sd, variance_error / (2 * sd), n,
+            expected, FIRST_ORDER, predicted.sd_remainder,
+        ),
+        *unjudged(
+            EFFICIENCY.each(names), share, share * variance_error / sd**2, n,
+            (np.sqrt(np.diagonal(predicted.cramer_rao)) / expected) ** 2, FIRST_ORDER,
+        ),
+    ]  # fmt: skip
 
 
 def _group_rows(sums: Sums, predicted: CalibrationMoments) -> list[Row]:
     """RMS error of T, K and B over their three entries, and the bound on it."""
-    rows = []
+    rows: list[Row] = []
     second_moment = predicted.covariance + np.outer(predicted.bias, predicted.bias)
+    theories = ((FIRST_ORDER, second_moment), (CRAMER_RAO, predicted.cramer_rao))
     for name, part, unit in GROUPS:
         weight = np.zeros((9, 9))
         weight[part, part] = np.eye(3) / 3.0
         square, error = mean_square(sums, weight)
-        rms = float(np.sqrt(square))
-        row = Row(
-            statistic=f"rms[{name}]",
-            value=rms,
-            standard_error=error / (2 * rms),
-            n=sums.samples,
-            unit=unit,
-        )
-        for predictor, matrix in (
-            ("first order", second_moment),
-            ("Cramer-Rao", predicted.cramer_rao),
-        ):
+        rms, n = float(np.sqrt(square)), sums.samples
+        for predictor, matrix in theories:
             expected = float(np.sqrt(np.trace(weight @ matrix)))
-            rows.append(replace(row, prediction=expected, predictor=predictor))
+            rows += unjudged(
+                RMS(name, unit=unit), rms, error / (2 * rms), n, expected, predictor
+            )
     return rows
 
 
-def _nees_row(sums: Sums, predicted: CalibrationMoments, remainder: float) -> Row:
+def _nees_row(sums: Sums, predicted: CalibrationMoments) -> tuple[Row, ...]:
     weight = np.linalg.inv(predicted.covariance)
     value, error = mean_square(sums, weight)
     expected = 9.0 + float(predicted.bias @ weight @ predicted.bias)
-    return Row(
-        statistic="nees",
-        value=value,
-        standard_error=error,
-        n=sums.samples,
-        prediction=expected,
-        predictor="first order",
-        remainder=2 * expected * remainder,
-        unit="1",
-        check="nees",
-    )
+    left = expected * predicted.variance_remainder
+    return nees(NEES(), value, error, sums.samples, expected, FIRST_ORDER, left)

@@ -6,14 +6,15 @@ error is estimate minus truth in the nine parameters of the triangular form, to 
 every answer is brought: norms fix no more.
 
 Nobody knows the plug-in's bias. Every residual of the theory is biased by at most
-3.5 :math:`\sigma^2/g^2` in scale, so a scale is allowed `BIAS` of that, a misalignment
-likewise and a bias `BIAS` :math:`\sigma^2/g` of raw units; a greater one fails. Where
-it gives a covariance, the mean normalised square must be 9, but for the square of that
-bias and `NEXT_ORDER` :math:`(\sigma/g)^2`. A covariance of ``type A``, from residuals
-with :math:`\nu` degrees of freedom (`dof`), makes it :math:`9 F(9, \nu)` instead of
-chi-square, with the mean :math:`9\nu/(\nu - 2)`; it is judged times
-:math:`(\nu - 2)/\nu`, for whose sake every one is allowed `FREEDOM` more. The spread
-is set beside the bound and kept for the baseline.
+3.5 :math:`\sigma^2/g^2` in scale, so a scale is allowed `BIAS_ALLOWED`
+:math:`\sigma^2/g^2`, a misalignment likewise and a bias `BIAS_ALLOWED`
+:math:`\sigma^2/g` of raw units; a greater one fails. Where it gives a covariance, the
+mean normalised square must be 9, but for the square of that bias and the remainder of a
+variance that theory states. A covariance of ``type A``, from residuals with :math:`\nu`
+degrees of freedom (`dof`), makes it :math:`9 F(9, \nu)` instead of chi-square, with the
+mean :math:`9\nu/(\nu - 2)`; it is judged times :math:`(\nu - 2)/\nu`, for whose sake
+every one is allowed `FREEDOM` more. The spread is set beside the bound and kept for the
+baseline.
 
 A command is a process for each trial, so its time limit is for every `CALLS` of them.
 """
@@ -32,16 +33,30 @@ from simval.plugins.answers import calibration_of
 from simval.plugins.command import COMMAND
 from simval.plugins.probe import TOLERANCE, probe_sensor
 from simval.poses import fibonacci_sphere
-from simval.results import Outcome, Row
+from simval.results import Outcome, Row, limit, nees, plain, unjudged
 from simval.sensor import forms
+from simval.statistics import (
+    BIAS,
+    CLAIM,
+    CRAMER_RAO,
+    EFFICIENCY,
+    NEES,
+    NO_BIAS,
+    PROBE,
+    SD,
+    TRUTH,
+)
 from simval.streams import Streams
 from simval.studies.isolation import isolated
 from simval.studies.sources import PluginName, PluginParameters
 from simval.theory.calibration import CalibrationMoments, calibration_moments
 
+TITLE = "A user's calibrator, in a process of its own"
+SECTION = None
+
 BLOCK = 16
-BIAS = 7.0
-NEXT_ORDER = 30.0
+BIAS_ALLOWED = 7.0
+"""Twice the greatest bias of the ladder's residuals, 3.5."""
 FREEDOM = 0.003
 """Relative, of a Type A variance: unequal scales take a little more than nine degrees
 of freedom, see `simval.studies.coverage`."""
@@ -128,18 +143,10 @@ def compute(parameters: Parameters, streams: Streams) -> Outcome:
     sums = simulate(errors, streams, samples=parameters.trials, block=BLOCK, batch=1)
     measured = moments_of(sums)
     relative = (parameters.noise_std / G) ** 2
-    probe = Row(
-        statistic="probe",
-        value=off,
-        n=1,
-        prediction=TOLERANCE,
-        predictor="truth",
-        unit="1",
-        check="limit",
-    )
-    rows = [probe, *_parameter_rows(measured, predicted, relative)]
+    rows = limit(PROBE(), off, TOLERANCE, TRUTH, n=1)
+    rows += _parameter_rows(measured, predicted, relative)
     if sums.size == 10:
-        rows.append(_nees_row(measured, predicted, relative))
+        rows += _nees_row(measured, predicted)
     return Outcome(rows=tuple(rows))
 
 
@@ -160,62 +167,36 @@ def _error(plugin: Calibrator, poses: Array, noise: float) -> Array:
 
 def _parameter_rows(
     measured: Moments, predicted: CalibrationMoments, relative: float
-) -> list[Row]:
+) -> tuple[Row, ...]:
     bound = np.sqrt(np.diagonal(predicted.cramer_rao))
     sizes = np.abs(probe_sensor().parameters)
     sizes[:3] = 1.0
     sizes[6:] = G / np.abs(probe_sensor().K).min()
-    rows = []
-    for k, name in enumerate(predicted.names):
-        unit = "raw" if k >= 6 else "1"
-        sd = float(measured.sd[k])
-        rows += [
-            Row(
-                statistic=f"bias[{name}]",
-                value=float(measured.bias[k]),
-                standard_error=float(measured.bias_error[k]),
-                n=measured.samples,
-                prediction=0.0,
-                predictor="no bias",
-                remainder=float(BIAS * relative * sizes[k]),
-                unit=unit,
-                check="plain",
-            ),
-            Row(
-                statistic=f"sd[{name}]",
-                value=sd,
-                standard_error=float(measured.covariance_error[k, k]) / (2 * sd),
-                n=measured.samples,
-                prediction=float(bound[k]),
-                predictor="Cramer-Rao",
-                unit=unit,
-            ),
-            Row(
-                statistic=f"efficiency[{name}]",
-                value=float(bound[k] / sd) ** 2,
-                standard_error=float(
-                    (bound[k] / sd) ** 2 * measured.covariance_error[k, k] / sd**2
-                ),
-                n=measured.samples,
-                unit="1",
-            ),
-        ]
-    return rows
+    units = ("1",) * 6 + ("raw",) * 3
+    sd, n = measured.sd[:9], measured.samples
+    variance_error = np.diagonal(measured.covariance_error)[:9]
+    efficiency = (bound / sd) ** 2
+    return (
+        *plain(
+            BIAS.each(predicted.names, units), measured.bias[:9],
+            measured.bias_error[:9], n, 0.0, NO_BIAS, BIAS_ALLOWED * relative * sizes,
+        ),
+        *unjudged(
+            SD.each(predicted.names, units), sd, variance_error / (2 * sd), n,
+            bound, CRAMER_RAO,
+        ),
+        *unjudged(
+            EFFICIENCY.each(predicted.names), efficiency,
+            efficiency * variance_error / sd**2, n,
+        ),
+    )  # fmt: skip
 
 
-def _nees_row(measured: Moments, predicted: CalibrationMoments, relative: float) -> Row:
+def _nees_row(measured: Moments, predicted: CalibrationMoments) -> tuple[Row, ...]:
     weight = np.linalg.inv(predicted.cramer_rao)
     bias = measured.bias[:9]
-    return Row(
-        statistic="nees",
-        value=float(measured.bias[9]),
-        standard_error=float(measured.bias_error[9]),
-        n=measured.samples,
-        prediction=9.0,
-        predictor="claim",
-        remainder=float(bias @ weight @ bias)
-        + 18.0 * NEXT_ORDER * relative
-        + 9.0 * FREEDOM,
-        unit="1",
-        check="nees",
-    )
+    left = bias @ weight @ bias + 9.0 * (predicted.variance_remainder + FREEDOM)
+    return nees(
+        NEES(), measured.bias[9], measured.bias_error[9], measured.samples,
+        9.0, CLAIM, left,
+    )  # fmt: skip

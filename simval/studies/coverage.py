@@ -5,9 +5,9 @@ of each parameter holds the truth, and whether the truth lies within the reporte
 ellipsoid of all nine: the normalised squared error (NEES) against chi-square(9) with
 a known sigma, against 9 F(9, N - 9) with a Type A covariance.
 
-The laws are those of first order. The next one changes a reported variance by
-60 (sigma/g)^2 at most (`ladder`), and Type A takes n - 9 degrees of freedom where
-unequal scales make it a little more: 0.3 % of the variance for scales within 5 %.
+The laws are those of first order. The next one changes a reported variance by what
+theory states (`simval.theory.calibration`), and Type A takes n - 9 degrees of freedom
+where unequal scales make it a little more: 0.3 % of the variance for scales within 5 %.
 A relative error e of a standard deviation moves a 95 % interval's coverage by
 0.23 e, and that of the nine-dimensional ellipsoid by 0.54 e; both come from the
 density of the law at its quantile.
@@ -24,15 +24,27 @@ from simval.arrays import Array
 from simval.calibrate import FitResult, calibrate
 from simval.montecarlo import moments_of, simulate
 from simval.poses import fibonacci_sphere
-from simval.results import Outcome, Row
+from simval.results import Outcome, nees, plain, unjudged
 from simval.sensor import AccelerometerModel, names
+from simval.statistics import (
+    CHI_SQUARE,
+    COVERAGE,
+    COVERAGE_NORMAL,
+    F_LAW,
+    NEES,
+    NORMAL,
+    STUDENT,
+)
 from simval.streams import Streams
 from simval.studies.study import Cost, StudyParameters
+from simval.theory.calibration import calibration_moments
+
+TITLE = "Coverage: do the reported error bars of a calibration hold?"
+SECTION = "statistics"
 
 BLOCK = 512
 G = 9.80665
 LEVEL = 0.95
-VARIANCE_NEXT = 60.0
 FREEDOM = 0.003
 INTERVAL_SLOPE = 0.23
 ELLIPSOID_SLOPE = 0.54
@@ -59,21 +71,9 @@ class Parameters(StudyParameters):
         default=10_240, description="Trials; rounded up to whole blocks of 512."
     )
 
-
-def cost(parameters: Parameters) -> Cost:
-    """Cost of a cell: one fit with its covariance for each trial.
-
-    Parameters
-    ----------
-    parameters : Parameters
-        Poses and trials.
-
-    Returns
-    -------
-    Cost
-        Seconds and rows.
-    """
-    return Cost(parameters.trials * (4e-5 + 1e-6 * parameters.poses), 12)
+    def cost(self) -> Cost:
+        """Cost of a cell: one fit with its covariance for each trial."""
+        return Cost(self.trials * (4e-5 + 1e-6 * self.poses), 12)
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
@@ -108,7 +108,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         ).require_converged()
         low, high = np.moveaxis(fit.confidence_intervals(LEVEL), -1, 0)
         inside = (low <= sensor.parameters) & (sensor.parameters <= high)
-        squares = nees(fit, sensor.parameters)
+        squares = normalized_square(fit, sensor.parameters)
         plain = np.abs(fit.parameters - sensor.parameters) <= 1.96 * fit.sd
         columns = [inside, squares[:, None] <= limit, plain.mean(axis=1)[:, None]]
         if known:
@@ -119,51 +119,33 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         indicators, streams, samples=parameters.trials, block=BLOCK, batch=1
     )
     measured = moments_of(sums)
-    law = "Student t" if not known else "normal"
-    relative = (VARIANCE_NEXT * (parameters.noise_std / G) ** 2 + FREEDOM) / 2.0
-    statistics = [f"coverage[{name}]" for name in names("triangular")]
-    rows = [
-        _row(name, measured.bias[k], sums.samples, law, relative)
-        for k, name in enumerate(statistics)
-    ]
-    ellipsoid = "chi-square" if known else "F"
-    slope = ELLIPSOID_SLOPE * relative
-    rows.append(
-        _row(
-            "coverage[ellipsoid]",
-            measured.bias[9],
-            sums.samples,
-            ellipsoid,
-            slope / INTERVAL_SLOPE,
-        )
-    )
-    rows.append(
-        Row(
-            statistic="coverage_normal",
-            value=float(measured.bias[10]),
-            standard_error=float(measured.bias_error[10]),
-            n=sums.samples,
-            unit="1",
-        )
-    )
+    n, covered = sums.samples, measured.bias
+    predicted = calibration_moments(sensor, directions, G, parameters.noise_std)
+    relative = (predicted.variance_remainder + FREEDOM) / 2.0
+    slopes = np.array([INTERVAL_SLOPE] * 9 + [ELLIPSOID_SLOPE])
+    # that of the predicted fraction: the fraction seen is the larger the smaller
+    # its own standard error, which makes chance look like a fault
+    error = sqrt(LEVEL * (1.0 - LEVEL) / n)
+    rows = (
+        *plain(
+            COVERAGE.each(names("triangular")), covered[:9], error, n,
+            LEVEL, NORMAL if known else STUDENT, slopes[:9] * relative,
+        ),
+        *plain(
+            COVERAGE("ellipsoid"), covered[9], error, n,
+            LEVEL, CHI_SQUARE if known else F_LAW, slopes[9] * relative,
+        ),
+        *unjudged(COVERAGE_NORMAL(), covered[10], measured.bias_error[10], n),
+    )  # fmt: skip
     if known:
-        rows.append(
-            Row(
-                statistic="nees",
-                value=float(measured.bias[11]),
-                standard_error=float(measured.bias_error[11]),
-                n=sums.samples,
-                prediction=9.0,
-                predictor="chi-square",
-                remainder=9.0 * 2.0 * relative,
-                unit="1",
-                check="nees",
-            )
-        )
-    return Outcome(rows=tuple(rows))
+        rows += nees(
+            NEES(), covered[11], measured.bias_error[11], n,
+            9.0, CHI_SQUARE, 9.0 * 2.0 * relative,
+        )  # fmt: skip
+    return Outcome(rows=rows)
 
 
-def nees(fit: FitResult, truth: Array) -> Array:
+def normalized_square(fit: FitResult, truth: Array) -> Array:
     """Normalised squared error of each trial under its reported covariance.
 
     Parameters
@@ -202,19 +184,3 @@ def nees_quantile(level: float, dof: int | None) -> float:
     if dof is None:
         return float(2.0 * special.gammaincinv(4.5, level))
     return float(9.0 * special.fdtri(9, dof, level))
-
-
-def _row(name: str, value: float, n: int, law: str, relative: float) -> Row:
-    return Row(
-        statistic=name,
-        value=float(value),
-        # that of the predicted fraction: the fraction seen is the larger the smaller
-        # its own standard error, which makes chance look like a fault
-        standard_error=sqrt(LEVEL * (1.0 - LEVEL) / n),
-        n=n,
-        prediction=LEVEL,
-        predictor=law,
-        remainder=INTERVAL_SLOPE * relative,
-        unit="1",
-        check="plain",
-    )

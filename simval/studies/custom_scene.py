@@ -16,6 +16,9 @@ from simval.studies.isolation import isolated
 from simval.studies.scene import judged_rows
 from simval.studies.sources import PluginName, PluginParameters
 
+TITLE = "A user's scene, in a process of its own"
+SECTION = None
+
 
 class Parameters(PluginParameters):
     """One cell: a scene."""

@@ -18,15 +18,24 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from simval.arrays import Array
-from simval.results import Outcome, Row
+from simval.results import Outcome, Row, nees, unjudged
 from simval.scene import recorded
 from simval.sensor import AccelerometerModel
 from simval.statics import Intervals
+from simval.statistics import CHI_SQUARE_9, FITTED, NEES, Family
 from simval.streams import Streams
-from simval.studies.scoring import Tumble, detect, nees, pure, score, thinned
+from simval.studies.scoring import (
+    Tumble,
+    detect,
+    normalized_square,
+    pure,
+    score,
+    thinned,
+)
 from simval.studies.study import Cost, StudyParameters
 
-NAMES = ("precision", "recall", "rests_found", "intervals", "impure", "outside")
+TITLE = "Static detector: scored against what the simulation knows to be at rest"
+SECTION = "statics"
 
 
 class Parameters(StudyParameters):
@@ -60,6 +69,10 @@ class Parameters(StudyParameters):
             raise ValueError(msg)
         return value
 
+    def cost(self) -> Cost:
+        """Cost of a cell."""
+        return Cost(0.2 + 8e-3 * self.trials, 20)
+
 
 @lru_cache(maxsize=16)
 def tumble(scene: str, poses: int) -> Tumble:
@@ -84,22 +97,6 @@ def tumble(scene: str, poses: int) -> Tumble:
     return thinned(recorded(scene, **setting))
 
 
-def cost(parameters: Parameters) -> Cost:
-    """Cost of a cell.
-
-    Parameters
-    ----------
-    parameters : Parameters
-        What it does.
-
-    Returns
-    -------
-    Cost
-        Seconds and rows.
-    """
-    return Cost(0.2 + 8e-3 * parameters.trials, 20)
-
-
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Score the detector in one cell.
 
@@ -119,48 +116,48 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     values = np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
     sensor = AccelerometerModel.from_parameters(values, noise_std=parameters.noise_std)
     settings = (parameters.multiplier, parameters.window, parameters.trim)
-    scores: list[dict[str, float]] = []
+    scores: list[dict[Family, float]] = []
+    squares: list[tuple[float, float]] = []
     for trial in range(parameters.trials):
         raw = sensor.distort(truth.force, streams.block(trial))
         intervals, spread, threshold = detect(raw, *settings)
         clean = intervals[pure(intervals, truth.still)]
-        every = nees(raw, intervals, sensor, truth.g)
+        every = normalized_square(raw, intervals, sensor, truth.g)
         same = len(clean) == len(intervals)
-        scores.append(
-            score(intervals, truth.still, truth.hold)
-            | {"nees[all]": every}
-            | {"nees[pure]": every if same else nees(raw, clean, sensor, truth.g)}
+        scores.append(score(intervals, truth.still, truth.hold))
+        squares.append(
+            (
+                every,
+                every if same else normalized_square(raw, clean, sensor, truth.g),
+            )
         )
         if trial == 0:
             artifact = _artifact(truth, raw, intervals, spread, threshold)
     name = f"static-{parameters.scene}-{parameters.noise_std:g}-{parameters.trim}.npz"
-    return Outcome(rows=_rows(scores), artifacts={name: artifact})
+    rows = _rows(scores, np.array(squares))
+    return Outcome(rows=rows, artifacts={name: artifact})
 
 
-def _rows(scores: list[dict[str, float]]) -> tuple[Row, ...]:
-    rows = [_row(name, np.array([each[name] for each in scores])) for name in NAMES]
-    for name in ("nees[all]", "nees[pure]"):
-        values = np.array([each[name] for each in scores])
-        fitted = values[np.isfinite(values)]
-        rows.append(_row(f"fitted[{name[5:-1]}]", np.isfinite(values).astype(float)))
-        if len(fitted) >= 2:
-            theory = name == "nees[pure]" and len(fitted) == len(values)
-            rows.append(_row(name, fitted, expected=9.0 if theory else None))
-    return tuple(rows)
+def _rows(scores: list[dict[Family, float]], squares: Array) -> tuple[Row, ...]:
+    rows: tuple[Row, ...] = ()
+    for family in scores[0]:
+        rows += unjudged(family(), *_mean(np.array([each[family] for each in scores])))
+    for name, values in zip(("all", "pure"), squares.T, strict=True):
+        fitted = np.isfinite(values)
+        rows += unjudged(FITTED(name), *_mean(fitted.astype(float)))
+        if fitted.sum() >= 2:
+            mean = _mean(values[fitted])
+            rows += (
+                nees(NEES(name), *mean, 9.0, CHI_SQUARE_9)
+                if name == "pure" and fitted.all()
+                else unjudged(NEES(name), *mean)
+            )
+    return rows
 
 
-def _row(name: str, values: Array, expected: float | None = None) -> Row:
+def _mean(values: Array) -> tuple[float, float, int]:
     error = float(values.std(ddof=1)) / np.sqrt(len(values))
-    return Row(
-        statistic=name,
-        value=float(values.mean()),
-        standard_error=float(error),
-        n=len(values),
-        unit="1",
-        prediction=expected,
-        predictor="" if expected is None else "chi-square, 9",
-        check="record" if expected is None else "nees",
-    )
+    return float(values.mean()), float(error), len(values)
 
 
 def _artifact(

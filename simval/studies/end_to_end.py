@@ -22,15 +22,19 @@ from simval.attitude import two_vector_quaternion
 from simval.calibrate import calibrate
 from simval.geometry import attitude_error, compose, conjugate, normalize
 from simval.poses import fibonacci_sphere
-from simval.results import Outcome, Row
+from simval.results import Outcome, nees, plain, unjudged
 from simval.scene import Recording, recorded
 from simval.sensor import AccelerometerModel
 from simval.statics import Intervals, interval_counts, interval_means
+from simval.statistics import BUDGET, CARRIED, CHI_SQUARE_3, IMPURE, NEES
 from simval.streams import Streams
 from simval.studies.carry import PARTS, UP, Wanted, carrier
 from simval.studies.scoring import detect, pure, thinned
 from simval.studies.study import Cost, StudyParameters
 from simval.theory import calibration_moments
+
+TITLE = "Error budget: tumble, detect, calibrate, gravity and field to attitude"
+SECTION = "budget"
 
 SETTINGS = (6.0, 51, 15)  # the detector's multiplier, window and trim, in samples
 NEXT_ORDER = 30.0  # relative remainder of a second-order variance, by sigma^2
@@ -55,6 +59,10 @@ class Parameters(StudyParameters):
         default=100, description="Samples in a mean whose attitude is estimated."
     )
     trials: Annotated[int, Field(ge=2)] = Field(default=256, description="Trials.")
+
+    def cost(self) -> Cost:
+        """Cost of a cell."""
+        return Cost(0.5 + 8e-3 * self.trials, 20)
 
 
 @lru_cache(maxsize=8)
@@ -92,22 +100,6 @@ def _rotation() -> Array:
     return np.asarray(orthogonal)
 
 
-def cost(parameters: Parameters) -> Cost:
-    """Cost of a cell.
-
-    Parameters
-    ----------
-    parameters : Parameters
-        What it does.
-
-    Returns
-    -------
-    Cost
-        Seconds and rows.
-    """
-    return Cost(0.5 + 8e-3 * parameters.trials, 20)
-
-
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Measure the error budget of one cell beside its prediction.
 
@@ -133,7 +125,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     carriers = [
         carrier(sensor, wanted, k, force_std, field_std) for k in range(len(wanted.q))
     ]
-    measured, predicted, nees, impure = [], [], [], []
+    measured, predicted, squares, impure = [], [], [], []
     for trial in range(parameters.trials):
         rng = streams.block(trial)
         raw = sensor.distort(truth.force, rng)
@@ -147,11 +139,21 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         covariance = _calibration_covariance(sensor, truth.force, intervals, truth.g)
         parts = np.array([each.parts(covariance) for each in carriers])
         predicted.append(np.trace(parts, axis1=2, axis2=3).mean(axis=0))
-        nees.append(_nees(estimates[3], wanted.q, parts[:, 3]))
+        squares.append(_normalized_square(estimates[3], wanted.q, parts[:, 3]))
     size = max(force_std / truth.g, field_std / np.linalg.norm(recording.magnetic))
-    rows = _budget(np.array(measured), np.array(predicted), NEXT_ORDER * size**2)
-    found = _mean_row("impure", np.array(impure))
-    return Outcome(rows=(*rows, _nees_row(np.array(nees), size), found))
+    remainder = NEXT_ORDER * size**2
+    rms, error = _root_mean_square(np.transpose(measured))
+    expected = np.sqrt(np.mean(np.ascontiguousarray(np.transpose(predicted)), axis=1))
+    return Outcome(
+        rows=(
+            *plain(
+                BUDGET.each(PARTS), rms, error, parameters.trials,
+                expected, CARRIED, expected * remainder,
+            ),
+            *nees(NEES(), *_mean(squares), 3.0, CHI_SQUARE_3, 3.0 * remainder),
+            *unjudged(IMPURE(), *_mean(impure)),
+        )
+    )  # fmt: skip
 
 
 def _estimates(
@@ -190,7 +192,7 @@ def _calibration_covariance(
     return calibration_moments(sensor, directions, g, std).covariance
 
 
-def _nees(estimate: Array, truth: Array, covariances: Array) -> float:
+def _normalized_square(estimate: Array, truth: Array, covariances: Array) -> float:
     # mean over the poses of one trial, which share its calibration
     step = compose(conjugate(truth), estimate)
     rotation = 2.0 * step[:, :3] * np.sign(step[:, 3:])
@@ -198,48 +200,14 @@ def _nees(estimate: Array, truth: Array, covariances: Array) -> float:
     return float(np.mean(np.sum(rotation * solved, axis=1)))
 
 
-def _budget(measured: Array, predicted: Array, remainder: float) -> list[Row]:
-    rows = []
-    trials = len(measured)
-    for j, part in enumerate(PARTS):
-        rms = float(np.sqrt(measured[:, j].mean()))
-        error = float(measured[:, j].std(ddof=1)) / np.sqrt(trials) / (2.0 * rms)
-        expected = float(np.sqrt(predicted[:, j].mean()))
-        rows.append(
-            Row(
-                statistic=f"budget[{part}]",
-                value=rms,
-                standard_error=float(error),
-                n=trials,
-                prediction=expected,
-                predictor="first order, carried through",
-                remainder=expected * remainder,
-                unit="rad",
-                check="plain",
-            )
-        )
-    return rows
+def _root_mean_square(squares: Array) -> tuple[Array, Array]:
+    # of each row, with its standard error; contiguous, so that sums are pairwise
+    squares = np.ascontiguousarray(squares)
+    rms = np.sqrt(squares.mean(axis=1))
+    error = squares.std(axis=1, ddof=1) / np.sqrt(squares.shape[1])
+    return rms, error / (2.0 * rms)
 
 
-def _nees_row(values: Array, size: float) -> Row:
-    return Row(
-        statistic="nees",
-        value=float(values.mean()),
-        standard_error=float(values.std(ddof=1)) / float(np.sqrt(len(values))),
-        n=len(values),
-        prediction=3.0,
-        predictor="chi-square, 3",
-        remainder=3.0 * NEXT_ORDER * size**2,
-        unit="1",
-        check="nees",
-    )
-
-
-def _mean_row(name: str, values: Array) -> Row:
-    return Row(
-        statistic=name,
-        value=float(values.mean()),
-        standard_error=float(values.std(ddof=1)) / float(np.sqrt(len(values))),
-        n=len(values),
-        unit="1",
-    )
+def _mean(values: list[float]) -> tuple[float, float, int]:
+    error = float(np.std(values, ddof=1)) / float(np.sqrt(len(values)))
+    return float(np.mean(values)), error, len(values)

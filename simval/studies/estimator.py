@@ -35,12 +35,34 @@ from simval.moments import Moments
 from simval.montecarlo import Sums, mean_square, moments_of, simulate
 from simval.plugins import Estimator, find_plugin, probe_estimator
 from simval.plugins.probe import TOLERANCE
-from simval.results import Outcome, Row
+from simval.results import Outcome, Row, limit, nees, plain, unjudged
+from simval.statistics import (
+    BIAS,
+    CLAIM_OFF,
+    CLAIM_OFF_HALF,
+    COVARIANCE,
+    CRAMER_RAO,
+    CUBATURE,
+    CUBATURE_BIAS,
+    CUBATURE_BIAS_SMALL,
+    CUBATURE_ERROR,
+    EFFICIENCY,
+    NEES,
+    PROBE,
+    RMS,
+    SECOND_ORDER,
+    TRUTH,
+    claim_of,
+    order,
+)
 from simval.streams import Streams
 from simval.studies.estimator_setting import Setting, claim_off
 from simval.studies.isolation import isolated
 from simval.studies.sources import PluginName, PluginParameters
 from simval.theory.cramer_rao import attitude_bound
+
+TITLE = "A user's attitude estimator, in a process of its own"
+SECTION = None
 
 BLOCK = 1024
 BATCH = 8
@@ -128,15 +150,7 @@ def compute(parameters: Parameters, streams: Streams) -> Outcome:
     cubature = setting.cubature(parameters.noise_std, 7)
     coarser = setting.cubature(parameters.noise_std, 5)
     rows = [
-        Row(
-            statistic="probe",
-            value=off,
-            n=1,
-            prediction=TOLERANCE,
-            predictor="truth",
-            unit="rad",
-            check="limit",
-        ),
+        *limit(PROBE(unit="rad"), off, TOLERANCE, TRUTH, n=1),
         *_bias_rows(setting, cubature, coarser),
         *_moment_rows(moments_of(sums), cubature, coarser),
         *_size_rows(setting, sums, parameters.noise_std),
@@ -152,68 +166,43 @@ def compute(parameters: Parameters, streams: Streams) -> Outcome:
 
 def _bias_rows(
     setting: Setting, predicted: tuple[Array, Array], coarser: tuple[Array, Array]
-) -> list[Row]:
+) -> tuple[Row, ...]:
     """Bias by cubature, and the most that is of second order."""
     mean, covariance = predicted
     unresolved = 2.0 * float(np.linalg.norm((mean - coarser[0])[:3]))
     bound = attitude_bound(setting.q, setting.r1, setting.r2, SMALL)
-    most = {
-        "cubature_bias": float(np.trace(covariance[:3, :3])) + unresolved + TOLERANCE,
-        "cubature_bias_at_small_noise": float(np.trace(bound.rotation)) + ROUNDING,
-    }
-    found = (mean, setting.cubature(SMALL, 7)[0])
-    return [
-        Row(
-            statistic=name,
-            value=float(np.linalg.norm(bias[:3])),
-            n=1,
-            prediction=limit,
-            predictor="second order",
-            unit="rad",
-            check="limit",
-        )
-        for (name, limit), bias in zip(most.items(), found, strict=True)
+    most = (
+        float(np.trace(covariance[:3, :3])) + unresolved + TOLERANCE,
+        float(np.trace(bound.rotation)) + ROUNDING,
+    )
+    found = [
+        float(np.linalg.norm(bias[:3]))
+        for bias in (mean, setting.cubature(SMALL, 7)[0])
     ]
+    families = (CUBATURE_BIAS(), CUBATURE_BIAS_SMALL())
+    return limit(families, found, most, SECOND_ORDER, n=1)
 
 
 def _moment_rows(
     measured: Moments, predicted: tuple[Array, Array], coarser: tuple[Array, Array]
-) -> list[Row]:
+) -> tuple[Row, ...]:
     mean, covariance = predicted
     off = [2.0 * np.abs(a - b) for a, b in zip(predicted, coarser, strict=True)]
-    rows = []
-    for k, name in enumerate(AXES):
-        rows.append(
-            Row(
-                statistic=f"bias[{name}]",
-                value=float(measured.bias[k]),
-                standard_error=float(measured.bias_error[k]),
-                n=measured.samples,
-                prediction=float(mean[k]),
-                predictor="cubature",
-                remainder=float(off[0][:3].max()),
-                unit="rad",
-                check="plain",
-            )
-        )
-    for i, j in zip(*np.triu_indices(3), strict=True):
-        rows.append(
-            Row(
-                statistic=f"covariance[{AXES[i]},{AXES[j]}]",
-                value=float(measured.covariance[i, j]),
-                standard_error=float(measured.covariance_error[i, j]),
-                n=measured.samples,
-                prediction=float(covariance[i, j]),
-                predictor="cubature",
-                remainder=float(off[1][:3, :3].max()),
-                unit="rad²",
-                check="plain",
-            )
-        )
-    return rows
+    upper = np.triu_indices(3)
+    pairs = [
+        COVARIANCE(AXES[i], AXES[j], unit="rad²") for i, j in zip(*upper, strict=True)
+    ]
+    n = measured.samples
+    return plain(
+        BIAS.each(AXES, ["rad"] * 3), measured.bias[:3], measured.bias_error[:3], n,
+        mean[:3], CUBATURE, float(off[0][:3].max()),
+    ) + plain(
+        pairs, measured.covariance[upper], measured.covariance_error[upper], n,
+        covariance[upper], CUBATURE, float(off[1][:3, :3].max()),
+    )  # fmt: skip
 
 
-def _size_rows(setting: Setting, sums: Sums, noise: float) -> list[Row]:
+def _size_rows(setting: Setting, sums: Sums, noise: float) -> tuple[Row, ...]:
     """RMS angle and how it compares with the Cramer-Rao bound."""
     weight = np.zeros((sums.size, sums.size))
     weight[:3, :3] = np.eye(3)
@@ -221,55 +210,31 @@ def _size_rows(setting: Setting, sums: Sums, noise: float) -> list[Row]:
     bound = attitude_bound(setting.q, setting.r1, setting.r2, noise)
     least = float(np.trace(bound.rotation))
     rms = float(np.sqrt(square))
-    return [
-        Row(
-            statistic="rms",
-            value=rms,
-            standard_error=error / (2 * rms),
-            n=sums.samples,
-            prediction=float(np.sqrt(least)),
-            predictor="Cramer-Rao",
-            unit="rad",
+    n = sums.samples
+    return (
+        *unjudged(
+            RMS(unit="rad"),
+            rms,
+            error / (2 * rms),
+            n,
+            float(np.sqrt(least)),
+            CRAMER_RAO,
         ),
-        Row(
-            statistic="efficiency",
-            value=least / square,
-            standard_error=least * error / square**2,
-            n=sums.samples,
-            unit="1",
-        ),
-    ]
+        *unjudged(EFFICIENCY(), least / square, least * error / square**2, n),
+    )
 
 
 def _claim_rows(
     claim: int | str, measured: Moments, off: float, half: float, unresolved: float
-) -> list[Row]:
+) -> tuple[Row, ...]:
     """Mean normalised square, and whether the claim is earned without chance."""
     if isinstance(claim, str):
-        name, value, allowed = "claim_off", abs(off), 0.0
-        limit, predictor = 2.0 * unresolved, "cubature's own error"
+        statistic, value, allowed = CLAIM_OFF(), abs(off), 0.0
+        most, predictor = 2.0 * unresolved, CUBATURE_ERROR
     else:
-        name, value, allowed = "claim_off_at_half_noise", abs(half), 6.0 * abs(off)
-        limit, predictor = abs(off) / 2.0 ** (claim - 0.5), f"order {claim}"
-    return [
-        Row(
-            statistic="nees",
-            value=float(measured.bias[3]),
-            standard_error=float(measured.bias_error[3]),
-            n=measured.samples,
-            prediction=3.0,
-            predictor=f"claim: {claim}",
-            remainder=allowed,
-            unit="1",
-            check="nees",
-        ),
-        Row(
-            statistic=name,
-            value=value,
-            n=1,
-            prediction=max(limit, RESOLVED),
-            predictor=predictor,
-            unit="1",
-            check="limit",
-        ),
-    ]
+        statistic, value, allowed = CLAIM_OFF_HALF(), abs(half), 6.0 * abs(off)
+        most, predictor = abs(off) / 2.0 ** (claim - 0.5), order(claim)
+    return nees(
+        NEES(), measured.bias[3], measured.bias_error[3], measured.samples,
+        3.0, claim_of(claim), allowed,
+    ) + limit(statistic, value, max(most, RESOLVED), predictor, n=1)  # fmt: skip

@@ -10,28 +10,25 @@ child, so it is the same under every scheduler.
 import contextlib
 import ctypes
 import faulthandler
-import importlib
 import json
 import os
 import resource
 import signal
 import subprocess
 import sys
-from dataclasses import asdict, fields
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, get_args
+from typing import Any
+
+from pydantic import BaseModel
 
 from simval.errors import SimvalError
 from simval.plugins import PluginError
 from simval.plugins.errors import told
 from simval.plugins.process import ending, run_group
-from simval.results import Check, Outcome, Row
+from simval.results import ROWS, Outcome, Row
 from simval.streams import Streams
 from simval.studies.study import StudyParameters
-
-STUDIES = ("estimator", "calibrator", "custom_scene")
-"""Modules beside this one whose ``compute(parameters, streams)`` runs in the child."""
 
 START = f"import sys; from {__name__} import main; main(sys.argv[1])"
 """What the child runs; ``-m`` would run this module a second time, and warn of it."""
@@ -54,7 +51,7 @@ def isolated(
     Parameters
     ----------
     study : str
-        One of `STUDIES`.
+        Name of a study with ``compute``.
     parameters : StudyParameters
         Of the cell.
     streams : Streams
@@ -95,49 +92,33 @@ def isolated(
         return Outcome(rows=_answer(Path(folder), code))
 
 
+class _Answer(BaseModel):
+    """What the child leaves: rows, or why there are none."""
+
+    error: str = ""
+    rows: tuple[Row, ...] = ()
+
+
 def _answer(folder: Path, code: int) -> tuple[Row, ...]:
     file = folder / "answer.json"
     if not file.is_file():
         msg = f"the plug-in's process {ending(code)} without an answer{_tail(folder)}"
         raise PluginError(msg)
     try:
-        answer = json.loads(file.read_text(encoding="utf-8"))
-        if "error" in answer:
-            error = str(answer["error"])
-            raise PluginError(error)
-        rows = tuple(_row(entry) for entry in answer["rows"])
+        answer = _Answer.model_validate_json(file.read_bytes())
+        rows = answer.rows
+        if not all(0 <= row.n < 2**63 and not row.standard_error < 0.0 for row in rows):
+            msg = "an entry that no store can hold"
+            raise ValueError(msg)
     except UNREADABLE as error:
         msg = f"the plug-in's process left no readable answer ({error}){_tail(folder)}"
         raise PluginError(msg) from None
+    if answer.error:
+        raise PluginError(answer.error)
     if not rows:
         msg = "the plug-in's process measured nothing"
         raise PluginError(msg)
     return rows
-
-
-def _row(entry: dict[str, Any]) -> Row:
-    if set(entry) != {f.name for f in fields(Row)} or entry["check"] not in get_args(
-        Check
-    ):
-        msg = "an entry that is no row"
-        raise ValueError(msg)
-    texts = [str(entry[name]) for name in ("statistic", "unit", "predictor")]
-    count, error = int(entry["n"]), float(entry["standard_error"])
-    if not all(map(str.isprintable, texts)) or not 0 <= count < 2**63 or error < 0.0:
-        msg = "an entry that no store can hold"
-        raise ValueError(msg)
-    prediction = entry["prediction"]
-    return Row(
-        statistic=texts[0],
-        value=float(entry["value"]),
-        unit=texts[1],
-        standard_error=error,
-        n=count,
-        predictor=texts[2],
-        remainder=float(entry["remainder"]),
-        prediction=None if prediction is None else float(prediction),
-        check=entry["check"],
-    )
 
 
 def _tail(folder: Path) -> str:
@@ -161,7 +142,7 @@ def main(place: str) -> None:
     request = json.loads((folder / "request.json").read_text())
     _restrain(float(request["time_limit"]))
     try:
-        answer: dict[str, Any] = {"rows": [asdict(row) for row in _compute(request)]}
+        answer = {"rows": ROWS.dump_python(_compute(request), mode="json")}
     except SimvalError as error:
         answer = {"error": str(error)}
     except BaseException as error:  # SystemExit too: a plug-in must not end the cell
@@ -174,14 +155,15 @@ def main(place: str) -> None:
 
 
 def _compute(request: dict[str, Any]) -> tuple[Row, ...]:
-    if request["study"] not in STUDIES:
+    from simval.studies import find_study  # they import this module
+
+    study = find_study(request["study"])
+    if study.compute is None:
         msg = f"{request['study']!r} is no study of plug-ins"
         raise ValueError(msg)
-    module = importlib.import_module(f"simval.studies.{request['study']}")
-    parameters = module.Parameters.model_validate(request["parameters"])
+    parameters = study.parameters.model_validate(request["parameters"])
     streams = Streams(request["seed"], tuple(request["key"]))
-    outcome: Outcome = module.compute(parameters, streams)
-    return outcome.rows
+    return study.compute(parameters, streams).rows
 
 
 def _restrain(time_limit: float) -> None:

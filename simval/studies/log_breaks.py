@@ -28,6 +28,7 @@ _CHANCE = 1e-6  # of a cut as good in a clean log
 _SOUND = 0.02  # of gravity, residual of a calibration that can be believed
 _UNUSED = 15.0  # s without a rest, long enough for several of another unit
 _SEVERAL = 3  # rests that agree on another unit
+_OTHER_SIZE = 1.0  # the same without a calibration: biases count as readings
 _OTHER_UNIT = 0.3  # of gravity, off from it: readings in motion average to 5 %
 
 
@@ -129,15 +130,20 @@ def changed(rests: Rests) -> str | None:
     )
 
 
-def other_unit(rests: Rests, fit: FitResult, detect: Detector) -> str | None:
+def _gravity(means: Array, fit: FitResult | None) -> float:
+    force = means if fit is None else fit.sensor().correct(means)
+    return float(np.median(np.linalg.norm(force, axis=-1)))
+
+
+def other_unit(rests: Rests, fit: FitResult | None, detect: Detector) -> str | None:
     """A long stretch whose rests were passed over because they read another gravity.
 
     Parameters
     ----------
     rests : Rests
         Of the log.
-    fit : FitResult
-        Its calibration.
+    fit : FitResult or None
+        Its calibration; without one, readings are compared by their own length.
     detect : callable
         Finds the rests of a log.
 
@@ -147,6 +153,7 @@ def other_unit(rests: Rests, fit: FitResult, detect: Detector) -> str | None:
         The fault in words.
     """
     log = rests.log
+    most = _OTHER_UNIT if fit is not None else _OTHER_SIZE
     edges = np.concatenate([[0], rests.intervals.ravel(), [len(log.time)]])
     for start, stop in edges.reshape(-1, 2):
         if log.time[stop - 1] - log.time[min(start, stop - 1)] < _UNUSED:
@@ -161,9 +168,10 @@ def other_unit(rests: Rests, fit: FitResult, detect: Detector) -> str | None:
             inside = interval_means(part.accelerometer, detect(part, _SEVERAL))
         except SimvalError:
             continue  # no rests there: motion
-        length = np.linalg.norm(fit.sensor().correct(inside), axis=-1) / fit.g
-        typical = float(np.median(length)) if len(length) >= _SEVERAL else 1.0
-        if abs(typical - 1.0) > _OTHER_UNIT:
+        if len(inside) < _SEVERAL:
+            continue
+        typical = _gravity(inside, fit) / _gravity(rests.means, fit)
+        if max(typical, 1.0 / typical) > 1.0 + most:
             return (
                 f"{len(inside)} rests {rests.rows(int(start), int(stop))} read "
                 f"{typical:.3g} times the gravity of the others, on x, y and z: the "

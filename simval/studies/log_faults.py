@@ -20,6 +20,7 @@ _BY_CHANCE = 1e-9  # of a stretch that equals any other of a log
 _LONGEST = 1000  # rows; noise so coarse that more would be needed tells nothing
 _FAR = 10.0  # robust standard deviations of a spike; noise has none in 1e22 rows
 _SHIFT = 2e-3  # of the readings' radius, by which spikes may move the mean of a rest
+_LIKE = 0.25  # least ratio of the scales of two columns that may be one channel
 _FLAT = 0.02  # of the spread of the other axes: misalignments leave far more
 _WEAK = 0.3  # the least spread of an axis in poses of less than half the sphere is 0.3
 _ODD_SCALE = 3.0  # ratio of two axes' scales that no sensor has
@@ -216,12 +217,14 @@ def flat_axis(
     spread = np.sqrt(np.mean(centred**2, axis=0))
     one, two = _most_alike(centred)
     own = _left_over(centred, two)
-    if own < _FLAT * spread.max() and spread.min() > _FLAT * spread.max():
+    like = min(spread[one], spread[two]) > _LIKE * max(spread[one], spread[two])
+    if like and own < _FLAT * spread.max() and spread.min() > _FLAT * spread.max():
         likeness = "the same" if centred[:, one] @ centred[:, two] > 0 else "opposite"
         return (
             f"axes {AXES[one]} and {AXES[two]} show {likeness} signal(s) in all "
-            f"{len(centred)} rests {_whole(rests)}: two columns are one channel; "
-            "check the wiring and the columns (--columns), and record again"
+            f"{len(centred)} rests {_whole(rests)}: two columns are one channel, or "
+            "the sensor was turned about one axis alone; check the wiring and the "
+            "columns (--columns), add poses, and record again"
         )
     axis = int(np.argmin(spread))
     other = float(np.median(spread))

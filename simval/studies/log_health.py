@@ -117,6 +117,7 @@ def explained(log: Log, refusal: RefusedError, g: float, detect: Detector) -> Ex
             partial(log_faults.repeated, rests),
             partial(log_faults.flat_axis, rests),
             partial(log_breaks.changed, rests),
+            partial(log_breaks.other_unit, rests, None, detect),
             partial(_healing, rests, g),
         ]
     for check in checks:

@@ -15,14 +15,35 @@ from simval.arrays import Array
 from simval.errors import GeometryError, InputError
 from simval.geometry import attitude_matrix, compose, conjugate
 from simval.poses import observability
-from simval.results import Outcome, Row
+from simval.results import Outcome, Row, exact, limit, unjudged
 from simval.scene import Recording, record
 from simval.scene.render import render
+from simval.statistics import (
+    ATTITUDE,
+    CONDITION,
+    FIELD_MISMATCH,
+    OBSERVABILITY,
+    RANK,
+    RATE_LAG,
+    RATE_SCALE,
+    REST_FORCE,
+    REST_RATE,
+    RESTS,
+    SAME_ROW,
+    SCENE_BOUND,
+)
+from simval.statistics import ROUNDING as BY_ROUNDING
 from simval.streams import Streams
 from simval.studies.study import Cost, StudyParameters
 
+TITLE = "Scenes: is rest at rest, and do the poses suffice?"
+SECTION = "scene"
+
 ROUNDING = 1e-12
 """Relative; a reading and a matrix of unit vectors, some ten roundings each."""
+
+LAG_ROUNDING = 1e-9
+"""Steps; quaternions of turns of 1e-6 rad keep nine digits of the turn."""
 
 
 class Parameters(StudyParameters):
@@ -35,21 +56,9 @@ class Parameters(StudyParameters):
         default=40, description="Poses of the gimbal, or throws of the die."
     )
 
-
-def cost(parameters: Parameters) -> Cost:
-    """Cost of a cell.
-
-    Parameters
-    ----------
-    parameters : Parameters
-        What it does.
-
-    Returns
-    -------
-    Cost
-        Seconds and rows.
-    """
-    return Cost(1.0, 5)
+    def cost(self) -> Cost:
+        """Cost of a cell."""
+        return Cost(1.0, 5)
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
@@ -107,36 +116,14 @@ def judged_rows(recording: Recording) -> tuple[Row, ...]:
     rate = np.linalg.norm(recording.angular_velocity[resting], axis=1)
     directions = recording.hold_means() / recording.g
     judged = observability(directions)
+    n = int(resting.sum())
     return (
-        Row(
-            statistic="rest_force",
-            value=float(np.abs(force).max()),
-            n=int(resting.sum()),
-            prediction=recording.rest_force,
-            predictor="scene's bound",
-            unit="m/s²",
-            check="limit",
-        ),
-        Row(
-            statistic="rest_rate",
-            value=float(rate.max()),
-            n=int(resting.sum()),
-            prediction=recording.rest_rate,
-            predictor="scene's bound",
-            unit="rad/s",
-            check="limit",
-        ),
-        Row(
-            statistic="rank",
-            value=float(judged.rank),
-            prediction=9.0,
-            predictor="observability",
-            unit="1",
-            check="exact",
-        ),
+        *limit(REST_FORCE(), np.abs(force).max(), recording.rest_force, SCENE_BOUND, n),
+        *limit(REST_RATE(), rate.max(), recording.rest_rate, SCENE_BOUND, n),
+        *exact(RANK(), judged.rank, 9.0, OBSERVABILITY, 0.0),
         *_same_instant(recording),
-        Row(statistic="condition", value=judged.condition, unit="1"),
-        Row(statistic="rests", value=float(len(directions)), unit="1"),
+        *unjudged(CONDITION(), judged.condition),
+        *unjudged(RESTS(), len(directions)),
     )
 
 
@@ -162,34 +149,12 @@ def _same_instant(recording: Recording) -> tuple[Row, ...]:
     step = np.diff(recording.angular_velocity, axis=0)
     mean = recording.angular_velocity[:-1] + step / 2.0
     late = rate - mean
+    off = np.abs(mismatch).max() / field
+    lag = np.sum(late * step) / np.sum(step * step)
+    scale = np.sum(rate * mean) / np.sum(mean * mean)
+    left = np.linalg.norm(step) / np.linalg.norm(mean) / 2.0
     return (
-        Row(
-            statistic="field_mismatch",
-            value=float(np.abs(mismatch).max() / field),
-            n=len(mismatch),
-            prediction=ROUNDING,
-            predictor="rounding",
-            unit="1",
-            check="limit",
-        ),
-        Row(
-            statistic="rate_lag",
-            value=float(np.sum(late * step) / np.sum(step * step)),
-            n=len(step),
-            prediction=0.25,
-            predictor="same row",
-            remainder=0.5,
-            unit="steps",
-            check="exact",
-        ),
-        Row(
-            statistic="rate_scale",
-            value=float(np.sum(rate * mean) / np.sum(mean * mean)),
-            n=len(step),
-            prediction=1.0,
-            predictor="attitude",
-            remainder=float(np.linalg.norm(step) / np.linalg.norm(mean) / 2.0),
-            unit="1",
-            check="exact",
-        ),
+        *limit(FIELD_MISMATCH(), off, ROUNDING, BY_ROUNDING, len(mismatch)),
+        *exact(RATE_LAG(), lag, 0.0, SAME_ROW, 0.5 + LAG_ROUNDING, len(step)),
+        *exact(RATE_SCALE(), scale, 1.0, ATTITUDE, left, len(step)),
     )

@@ -24,6 +24,15 @@ from simval.statics import (
     intervals_below,
     variance_magnitude,
 )
+from simval.statistics import (
+    IMPURE,
+    INTERVALS,
+    OUTSIDE,
+    PRECISION,
+    RECALL,
+    RESTS_FOUND,
+    Family,
+)
 
 RATE = 100.0  # Hz, of the log that is made from a recording
 STILL_FORCE = 1e-4  # m/s^2
@@ -83,7 +92,7 @@ def thinned(recording: Recording) -> Tumble:
 
 def score(
     intervals: Intervals, still: NDArray[np.bool_], hold: NDArray[np.intp]
-) -> dict[str, float]:
+) -> dict[Family, float]:
     """Compare intervals with the truth.
 
     Parameters
@@ -97,11 +106,10 @@ def score(
 
     Returns
     -------
-    dict of str to float
-        ``precision``: still rows among those found; ``recall``: found rows among those
-        of the rests; ``rests_found``: rests with a row found, over all rests;
-        ``intervals``, ``impure``, ``outside``: how many there are, hold a moving row,
-        and touch no rest.
+    dict of Family to float
+        `PRECISION`: still rows among those found; `RECALL`: found rows among those of
+        the rests; `RESTS_FOUND`: rests with a row found, over all rests; `INTERVALS`,
+        `IMPURE`, `OUTSIDE`: how many there are, hold a moving row, and touch no rest.
     """
     found = np.zeros(len(still), bool)
     for start, stop in intervals:
@@ -110,12 +118,12 @@ def score(
     touched = np.unique(hold[found & (hold >= 0)])
     outside = [not np.any(hold[a:b] >= 0) for a, b in intervals]
     return {
-        "precision": float(still[found].mean()) if found.any() else 0.0,
-        "recall": float(found[hold >= 0].mean()) if len(rests) else 0.0,
-        "rests_found": len(touched) / max(len(rests), 1),
-        "intervals": float(len(intervals)),
-        "impure": float(np.sum(~pure(intervals, still))),
-        "outside": float(np.sum(outside)),
+        PRECISION: float(still[found].mean()) if found.any() else 0.0,
+        RECALL: float(found[hold >= 0].mean()) if len(rests) else 0.0,
+        RESTS_FOUND: len(touched) / max(len(rests), 1),
+        INTERVALS: float(len(intervals)),
+        IMPURE: float(np.sum(~pure(intervals, still))),
+        OUTSIDE: float(np.sum(outside)),
     }
 
 
@@ -169,7 +177,7 @@ def detect(
     return intervals_below(spread, threshold, minimum, trim), spread, threshold
 
 
-def nees(
+def normalized_square(
     raw: Array, intervals: Intervals, sensor: AccelerometerModel, g: float
 ) -> float:
     """Normalised squared error of a calibration from some intervals.

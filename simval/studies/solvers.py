@@ -13,14 +13,18 @@ from pydantic import Field
 from simval.arrays import Array
 from simval.calibrate import calibrate
 from simval.poses import fibonacci_sphere
-from simval.results import Outcome, Row
+from simval.results import Outcome, Row, limit, unjudged
+from simval.statistics import APART, FIRST_SOLVER, STEPS
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
 from simval.studies.study import Cost, StudyParameters
 
+TITLE = "Solvers: how each method of the calibration comes to the same answer"
+SECTION = "convergence"
+
 G = 9.80665
-METHODS = ("lm", "gauss-newton", "newton")
-STEPS = 30
+METHODS = (FIRST_SOLVER, "gauss-newton", "newton")
+SHOWN = 30
 AGREEMENT = 1e-9
 """Relative; each method stops at 1e-12 of its own step, some digits are the data's."""
 
@@ -35,21 +39,9 @@ class Parameters(StudyParameters):
         default=40, description="Poses, spread evenly over the sphere."
     )
 
-
-def cost(parameters: Parameters) -> Cost:
-    """Cost of a cell.
-
-    Parameters
-    ----------
-    parameters : Parameters
-        What it does.
-
-    Returns
-    -------
-    Cost
-        Seconds and rows.
-    """
-    return Cost(0.1, 6)
+    def cost(self) -> Cost:
+        """Cost of a cell."""
+        return Cost(0.1, 6)
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
@@ -71,26 +63,17 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     force = G * fibonacci_sphere(parameters.poses)
     raw = sensor.distort(force, streams.block(0))
     ends = {method: calibrate(raw, g=G, method=method) for method in METHODS}
-    first = ends["lm"].parameters
+    first = ends[FIRST_SOLVER].parameters
     ways: dict[str, Array] = {}
-    rows = []
+    rows: list[Row] = []
     for method, fit in ends.items():
         size = np.abs(first).max()
         apart = float(np.abs(fit.parameters - first).max() / size)
-        rows += [
-            Row(statistic=f"steps[{method}]", value=float(fit.iterations), unit="1"),
-            Row(
-                statistic=f"apart[{method}]",
-                value=apart,
-                prediction=AGREEMENT,
-                predictor="lm",
-                unit="1",
-                check="limit",
-            ),
-        ]
+        rows += unjudged(STEPS(method), int(fit.iterations))
+        rows += limit(APART(method), apart, AGREEMENT, FIRST_SOLVER)
         way = [
             calibrate(raw, g=G, method=method, max_iterations=k).parameters
-            for k in range(1, min(STEPS, int(fit.iterations)) + 1)
+            for k in range(1, min(SHOWN, int(fit.iterations)) + 1)
         ]
         distance = np.abs(np.array(way) - fit.parameters).max(axis=1) / size
         ways[method] = distance[distance > 0.0]

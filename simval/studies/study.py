@@ -11,14 +11,6 @@ from simval.streams import Streams, cell_key
 from simval.studies.files import portable_fields
 
 
-class StudyParameters(BaseModel):
-    """Base of every study's parameters: frozen, no unknown keys, finite numbers."""
-
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", strict=True, allow_inf_nan=False
-    )
-
-
 @dataclass(frozen=True, slots=True)
 class Cost:
     """What a cell is expected to cost, for planning only.
@@ -35,20 +27,16 @@ class Cost:
     rows: int
 
 
-def ordinary_cost(parameters: StudyParameters) -> Cost:
-    """Cost of a cell of a study that does not say what its cells cost.
+class StudyParameters(BaseModel):
+    """Base of every study's parameters: frozen, no unknown keys, finite numbers."""
 
-    Parameters
-    ----------
-    parameters : StudyParameters
-        Not used.
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False
+    )
 
-    Returns
-    -------
-    Cost
-        A second and fifty rows.
-    """
-    return Cost(1.0, 50)
+    def cost(self) -> Cost:
+        """What a cell takes where a study does not say: a second and fifty rows."""
+        return Cost(1.0, 50)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,22 +46,37 @@ class Study:
     Attributes
     ----------
     name : str
-        As suites and the command line call it.
+        As suites and the command line call it: the name of its module.
     title : str
         One line for people.
     parameters : type of StudyParameters
         Model of one cell's parameters.
     run : callable
         ``run(parameters, streams) -> Outcome``, pure.
-    cost : callable, optional
-        ``cost(parameters) -> Cost``, measured once and rough.
+    section : str or None
+        Section of the report that shows it; None draws it along what varies.
+    compute : callable or None
+        What `run` asks a child process to do, for a study of a user's code.
     """
 
     name: str
     title: str
     parameters: type[StudyParameters]
     run: Callable[[Any, Streams], Outcome]
-    cost: Callable[[Any], Cost] = ordinary_cost
+    section: str | None
+    compute: Callable[[Any, Streams], Outcome] | None
+
+
+def study_of(module: Any) -> Study:
+    """Study of a module with the names that `simval.studies` asks for."""
+    return Study(
+        name=module.__name__.rpartition(".")[2],
+        title=module.TITLE,
+        parameters=module.Parameters,
+        run=module.run,
+        section=module.SECTION,
+        compute=getattr(module, "compute", None),
+    )
 
 
 @dataclass(frozen=True, slots=True)

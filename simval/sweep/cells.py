@@ -2,7 +2,7 @@
 
 Three questions, the one whose answer says most first: can each field be what it is,
 do the name and the parameters of a cell agree, and is all of it what the sweep stored,
-by its digest. A store of an earlier version has no digests and is asked the first two.
+by its digest.
 """
 
 import sqlite3
@@ -14,13 +14,13 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from simval.results import Row
+from simval.results import CellName, Row
+from simval.statistics import Statistic
 from simval.studies import STUDIES
-from simval.studies.files import portable_fields
 from simval.studies.study import canonical
 from simval.sweep import store
 from simval.sweep.documents import DamagedError, read_json
-from simval.sweep.plausible import row_of
+from simval.sweep.plausible import name_of, row_of
 
 STATUSES = ("pending", "done", "failed")
 OTHER_VERSION = ("missing", "extra_forbidden")
@@ -63,13 +63,18 @@ class CellResult:
     seconds: float
     rows: tuple[Row, ...]
 
-    def row(self, statistic: str, predictor: str = "") -> Row | None:
+    @property
+    def named(self) -> CellName:
+        """The cell by its name."""
+        return CellName(self.study, self.name)
+
+    def row(self, statistic: Statistic, predictor: str = "") -> Row | None:
         """Find the row of a statistic.
 
         Parameters
         ----------
-        statistic : str
-            Its name.
+        statistic : Statistic
+            What was measured.
         predictor : str, default ""
             The theory it is set beside.
 
@@ -78,14 +83,8 @@ class CellResult:
         Row or None
             None where the cell has no such row.
         """
-        return next(
-            (
-                row
-                for row in self.rows
-                if row.statistic == statistic and row.predictor == predictor
-            ),
-            None,
-        )
+        key = (statistic, predictor)
+        return next((row for row in self.rows if row.key == key), None)
 
 
 def read_cells(database: sqlite3.Connection) -> Iterator[CellResult]:
@@ -169,8 +168,7 @@ def read_cell(database: sqlite3.Connection, position: int) -> CellResult:
     rows = database.execute(query, (position,)).fetchall()
     with _named(cell):
         found = _result(cell, rows)
-        signed = store.has_digests(database)
-        if signed and cell["digest"] != store.digest_of_cell(cell, rows):
+        if cell["digest"] != store.digest_of_cell(cell, rows):
             msg = "its entry or its rows are not what the sweep stored (by SHA-256)"
             raise DamagedError(msg)
     return found
@@ -219,7 +217,7 @@ def _rows(entries: Sequence[sqlite3.Row]) -> Iterator[Row]:
         try:
             yield row_of(entry)
         except DamagedError as error:
-            msg = f"row {number}, {entry['statistic']!s:.60}: {error}"
+            msg = f"row {number}, {name_of(entry)}: {error}"
             raise DamagedError(msg) from None
 
 
@@ -229,8 +227,6 @@ def _parameters(cell: sqlite3.Row) -> dict[str, Any]:
         msg = f"its `parameters` are {found!r:.60}, no object"
         raise DamagedError(msg)
     if cell["study"] in STUDIES:
-        # a store of an earlier version holds paths
-        found = portable_fields(STUDIES[cell["study"]].parameters, found)
         _require_possible(cell["study"], found)
     _require_named(cell, found)
     return found

@@ -6,9 +6,10 @@ from itertools import islice
 from pathlib import Path
 
 from simval.errors import InputError
+from simval.results import COLUMNS
 from simval.studies.study import canonical
 from simval.sweep.cells import read_cells, read_heads
-from simval.sweep.run import ROW_COLUMNS, opened_run
+from simval.sweep.run import opened_run
 
 CHUNK = 100_000
 """Rows in memory at a time."""
@@ -52,7 +53,7 @@ def export_parquet(folder: Path, path: Path) -> int:
         schema = pa.schema(
             [("cell", pa.string()), ("study", pa.string()), ("seed", pa.int64())]
             + [(key, getattr(pa, kinds[key])()) for key in keys]
-            + [(n, getattr(pa, _TYPES.get(n, "string"))()) for n in ROW_COLUMNS]
+            + [(n, getattr(pa, _TYPES.get(n, "string"))()) for n in COLUMNS]
         )
         part = path.with_name(path.name + ".part")
         try:
@@ -80,7 +81,7 @@ def _lines(
             key: _as(kind, cell.parameters.get(key)) for key, kind in kinds.items()
         }
         for row in cell.rows:
-            yield head | values | {name: getattr(row, name) for name in ROW_COLUMNS}
+            yield head | values | row.tidy
 
 
 def _kind(values: Sequence[object]) -> str:

@@ -5,18 +5,23 @@ which no judgement passes; an infinite one is no pass either. All else must be o
 type and within what the field, or the statistic, can be.
 """
 
+import json
 import math
 import sqlite3
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, get_args
 
+from pydantic import TypeAdapter
+
 from simval.results import Check, Row
-from simval.studies.ranges import range_of
+from simval.statistics import FAMILIES, Statistic
 from simval.sweep.documents import DamagedError
 
 MAX_SAMPLES = 2**53
 """Above it a number of samples is no longer exact as a float: none was ever drawn."""
+
+STATISTIC: TypeAdapter[Statistic] = TypeAdapter(Statistic)
 
 CHECKS = get_args(Check)
 
@@ -25,6 +30,15 @@ Problem = str | None
 
 def _text(value: Any) -> Problem:
     return None if isinstance(value, str) else "must be a text"
+
+
+def _family(value: Any) -> Problem:
+    known = isinstance(value, str) and value in FAMILIES
+    return None if known else "must be a family of statistics of this version"
+
+
+def _flag(value: Any) -> Problem:
+    return None if value in (0, 1) else "must be 0 or 1"
 
 
 def _number(value: Any) -> Problem:
@@ -47,9 +61,11 @@ def _check(value: Any) -> Problem:
 
 _FIELDS: Mapping[str, Callable[[Any], Problem]] = MappingProxyType(
     {
-        "statistic": _text,
-        "value": _number,
+        "family": _family,
+        "entries": _text,
+        "controlled": _flag,
         "unit": _text,
+        "value": _number,
         "standard_error": _size,
         "n": _count,
         "prediction": _number,
@@ -83,16 +99,16 @@ def row_of(entry: sqlite3.Row) -> Row:
         if problem:
             msg = f"`{name}` is {_shown(entry[name])}; it {problem}"
             raise DamagedError(msg)
-    low, high = range_of(entry["statistic"])
+    statistic = _statistic(entry)
+    low, high = statistic.family.least, statistic.family.most
     for name in ("value", "prediction"):
         number = entry[name]
         if number is not None and not low <= number <= high:
             msg = f"`{name}` is {number!r}; such a statistic is {_spelled(low, high)}"
             raise DamagedError(msg)
     return Row(
-        statistic=entry["statistic"],
+        statistic=statistic,
         value=_measured(entry["value"]),
-        unit=entry["unit"],
         standard_error=_measured(entry["standard_error"]),
         n=entry["n"],
         prediction=None if entry["prediction"] is None else float(entry["prediction"]),
@@ -100,6 +116,31 @@ def row_of(entry: sqlite3.Row) -> Row:
         remainder=_measured(entry["remainder"]),
         check=entry["check"],
     )
+
+
+def name_of(entry: sqlite3.Row) -> str:
+    """Name of the statistic of an entry, as far as it can be read."""
+    try:
+        return str(_statistic(entry))
+    except (DamagedError, ValueError):
+        return f"{entry['family']!s:.60}"
+
+
+def _statistic(entry: sqlite3.Row) -> Statistic:
+    try:
+        return STATISTIC.validate_python(
+            {
+                "family": entry["family"],
+                "entries": tuple(json.loads(entry["entries"])),
+                "controlled": bool(entry["controlled"]),
+                "unit": entry["unit"],
+            }
+        )
+    except (ValueError, TypeError, RecursionError):
+        msg = (
+            f"`entries` is {_shown(entry['entries'])}; it must be a JSON list of words"
+        )
+        raise DamagedError(msg) from None
 
 
 def _measured(value: float | None) -> float:

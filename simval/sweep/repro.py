@@ -172,11 +172,11 @@ def repeat(cell: Cell, run: Run | None) -> Repetition:
     error, outcome = (done, Outcome(rows=())) if isinstance(done, str) else ("", done)
     held = run.cells if run is not None else ()
     stored = next((c for c in held if c.name == cell.name and c.status == "done"), None)
-    now = {(row.statistic, row.predictor): row for row in outcome.rows}
+    now = {row.key: row for row in outcome.rows}
     different = tuple(
-        (row, now.get((row.statistic, row.predictor)))
+        (row, now.get(row.key))
         for row in (stored.rows if stored is not None else ())
-        if not _same(row, now.get((row.statistic, row.predictor)))
+        if not _same(row, now.get(row.key))
     )
     return Repetition(outcome=outcome, error=error, stored=stored, different=different)
 

@@ -17,6 +17,7 @@ from typing import Any
 
 from simval.arguments import file_path
 from simval.errors import InputError
+from simval.results import COLUMNS
 from simval.sweep import store
 from simval.sweep.cells import CellResult, read_cell, read_cells, read_heads
 from simval.sweep.documents import read_timing
@@ -25,7 +26,6 @@ from simval.sweep.seal import check_files
 
 __all__ = [
     "MAX_SAMPLES",
-    "ROW_COLUMNS",
     "RUNS",
     "CellResult",
     "Run",
@@ -36,17 +36,6 @@ __all__ = [
 ]
 
 RUNS = Path("reports") / "runs"
-ROW_COLUMNS = (
-    "statistic",
-    "predictor",
-    "value",
-    "standard_error",
-    "n",
-    "prediction",
-    "remainder",
-    "unit",
-    "check",
-)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -166,12 +155,12 @@ def write_table(database: sqlite3.Connection, path: Path) -> None:
     try:
         with part.open("w", encoding="utf-8", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(["cell", "study", "seed", *keys, *ROW_COLUMNS])
+            writer.writerow(["cell", "study", "seed", *keys, *COLUMNS])
             for cell in done:
                 values = [_exact(cell.parameters.get(key)) for key in keys]
-                rows = read_cell(database, cell.position).rows
-                for row in sorted(rows, key=lambda r: (r.statistic, r.predictor)):
-                    fields = [_exact(getattr(row, name)) for name in ROW_COLUMNS]
+                tidy = [row.tidy for row in read_cell(database, cell.position).rows]
+                for row in sorted(tidy, key=lambda r: (r["statistic"], r["predictor"])):
+                    fields = [_exact(value) for value in row.values()]
                     head = [cell.name, cell.study, cell.seed]
                     writer.writerow([*head, *values, *fields])
         part.replace(path)

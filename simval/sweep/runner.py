@@ -18,7 +18,8 @@ from typing import Literal, Protocol
 
 from simval.arguments import file_path, instance, switch, whole_number
 from simval.errors import InputError
-from simval.results import Row
+from simval.results import CellName, Row
+from simval.studies.study import Cell
 from simval.sweep import provenance, store
 from simval.sweep.cells import read_cells
 from simval.sweep.executors import Compute, clustered, pooled, serial
@@ -213,7 +214,7 @@ def _fill(
                 continue
             keep(folder / "artifacts", outcome.artifacts)
             store.finish(database, position, outcome.rows, seconds)
-            progress.advance(name, _ending(name, outcome.rows, suite))
+            progress.advance(name, _ending(suite.cells[position], outcome.rows, suite))
         left = len(store.unfinished(database)) - len(store.failures(database))
         if left:
             msg = f"{left} cells came back neither finished nor failed"
@@ -245,8 +246,9 @@ def _is_file(path: Path) -> bool:
         raise InputError(msg) from None
 
 
-def _ending(name: str, rows: Sequence[Row], suite: Suite) -> Ending:
+def _ending(cell: Cell, rows: Sequence[Row], suite: Suite) -> Ending:
     """Verdict of one cell by itself, at its part of the false-alarm rate."""
+    name = CellName(cell.study, cell.name)
     verdicts = judge(((name, row) for row in rows), ALPHA / len(suite.cells))
     return overall(verdicts) if verdicts else "recorded"
 
@@ -256,7 +258,7 @@ def _worst_stored(database: sqlite3.Connection, suite: Suite) -> Ending:
     worst: Ending = "recorded"
     for cell in read_cells(database):
         if cell.status == "done":
-            worst = worse(worst, _ending(cell.name, cell.rows, suite))
+            worst = worse(worst, _ending(suite.cells[cell.position], cell.rows, suite))
     return worst
 
 

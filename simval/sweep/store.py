@@ -8,7 +8,7 @@ again.
 
 Each cell carries a digest of all that is stored of it, written in the same
 transaction, and the manifest has one too: a store that was damaged afterwards is told
-from what the sweep wrote (`simval.sweep.cells`). Stores of schema 1 have none.
+from what the sweep wrote (`simval.sweep.cells`).
 """
 
 import hashlib
@@ -16,7 +16,6 @@ import json
 import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -27,9 +26,20 @@ from simval.studies.study import Cell, portable_values
 from simval.sweep.documents import DamagedError, checked_manifest
 
 SCHEMA_VERSION = 2
-WITHOUT_DIGESTS = 1
-"""The schema before digests: read, but no longer written."""
-ROW_FIELDS = tuple(f.name for f in fields(Row))
+ROW_FIELDS = (
+    "family",
+    "entries",
+    "controlled",
+    "unit",
+    "value",
+    "standard_error",
+    "n",
+    "prediction",
+    "predictor",
+    "remainder",
+    "check",
+)
+"""Fields of a row and of its statistic, whose entries are a JSON list."""
 CELL_FIELDS = (
     "position",
     "cell",
@@ -90,35 +100,15 @@ def _connected(path: Path) -> Iterator[sqlite3.Connection]:
         raise InputError(msg)
     with _explained(path), closing(sqlite3.connect(path)) as database:
         version = entry(database, "schema")
-        if version not in (str(SCHEMA_VERSION), str(WITHOUT_DIGESTS)):
+        if version != str(SCHEMA_VERSION):
             found = "no schema" if version is None else f"schema {version}"
             msg = (
-                f"{path} has {found}; this program reads {WITHOUT_DIGESTS} and "
-                f"{SCHEMA_VERSION}; use the version of simval that wrote it"
+                f"{path} has {found}; this program reads {SCHEMA_VERSION}; use the "
+                "version of simval that wrote it"
             )
             raise InputError(msg)
-        columns = [line[1] for line in database.execute("PRAGMA table_info(cells)")]
-        if ("digest" in columns) != has_digests(database):
-            msg = f"it says schema {version} and does not have its columns"
-            raise DamagedError(msg)
         database.row_factory = sqlite3.Row
         yield database
-
-
-def has_digests(database: sqlite3.Connection) -> bool:
-    """Whether the store keeps digests of its cells and its manifest.
-
-    Parameters
-    ----------
-    database : sqlite3.Connection
-        The store.
-
-    Returns
-    -------
-    bool
-        False for one that an earlier version wrote.
-    """
-    return entry(database, "schema") == str(SCHEMA_VERSION)
 
 
 @contextmanager
@@ -272,10 +262,7 @@ def finish(
     with database:
         database.executemany(
             f"INSERT INTO rows VALUES ({marks})",
-            [
-                (position, i, *(getattr(row, name) for name in ROW_FIELDS))
-                for i, row in enumerate(rows)
-            ],
+            [(position, i, *_fields(row)) for i, row in enumerate(rows)],
         )
         database.execute(
             "UPDATE cells SET status = 'done', error = '', seconds = ? "
@@ -283,6 +270,18 @@ def finish(
             (seconds, position),
         )
         sign(database, position)
+
+
+def _fields(row: Row) -> tuple[Any, ...]:
+    """What is stored of a row, in the order of `ROW_FIELDS`."""
+    what = row.statistic
+    named = (
+        what.family.name,
+        json.dumps(what.entries, separators=(",", ":")),
+        what.controlled,
+        what.unit,
+    )
+    return (*named, *(getattr(row, name) for name in ROW_FIELDS[len(named) :]))
 
 
 def fail(
@@ -325,7 +324,7 @@ def manifest(database: sqlite3.Connection) -> dict[str, Any]:
     """
     text = entry(database, "manifest")
     found = checked_manifest(text)
-    if has_digests(database) and entry(database, "manifest digest") != digest_of(text):
+    if entry(database, "manifest digest") != digest_of(text):
         msg = "the manifest is not what the sweep stored (its SHA-256 is another)"
         raise DamagedError(msg)
     return found

@@ -27,6 +27,17 @@ gives the covariance, left out is :math:`O(\sigma^4)`, and the bias, also to
 leaves one equation for each pose, and the Cramer-Rao bound
 
 .. math:: \sigma^2 (J^T W J)^{-1}, \quad J_i = d_i, \quad W_{ii} = 1/4q_i. \tag{K2}
+
+What is left out grows with :math:`u = (\sigma K_{max}/g)^2`, the squared relative noise
+of the corrected reading on its worst axis. Of an entry of natural size s (1 for a
+misalignment, K for a scale, g/K for a bias) the bias may be off by, and a variance
+relative to itself by,
+
+.. math:: 40\, u^2 s \tag{K3}, \qquad 60\, u. \tag{K4}
+
+Both are bounds that were measured with each residual at :math:`\sigma/g` of 0.03 and
+0.06 and 12 to 200 poses (at most 31 and 47), and at a spread of scales of 0.9 (31
+again); `tests/test_calibration_theory.py` measures them.
 """
 
 from dataclasses import dataclass
@@ -42,6 +53,8 @@ from simval.poses import PARAMETERS, observability, one_set
 from simval.sensor import AccelerometerModel, forms
 
 RESIDUALS = ("squared", "norm", "weighted", "sampson", "adjusted")
+BIAS_NEXT = 40.0  # of eq. (K3)
+VARIANCE_NEXT = 60.0  # of eq. (K4)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -58,21 +71,32 @@ class CalibrationMoments:
         First-order covariance, (9, 9).
     cramer_rao : Array
         Cramer-Rao bound with the directions as nuisance parameters, (9, 9).
+    bias_remainder : Array
+        What the bias may be off by, eq. (K3), (9,).
+    variance_remainder : float
+        What a variance may be off by relative to itself, eq. (K4).
     """
 
     names: tuple[str, ...]
     bias: Array
     covariance: Array
     cramer_rao: Array
+    bias_remainder: Array
+    variance_remainder: float
 
     def __post_init__(self) -> None:
-        for name in ("bias", "covariance", "cramer_rao"):
+        for name in ("bias", "covariance", "cramer_rao", "bias_remainder"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
     def sd(self) -> Array:
         """Standard deviation of each parameter, (9,)."""
         return np.sqrt(np.diagonal(self.covariance))
+
+    @property
+    def sd_remainder(self) -> Array:
+        """What a standard deviation may be off by, half of eq. (K4), (9,)."""
+        return self.sd * (self.variance_remainder / 2.0)
 
     @property
     def efficiency(self) -> Array:
@@ -158,12 +182,24 @@ def calibration_moments(
     information = (scaled.d * (weight / weight.max())[:, None]).T @ scaled.d
     bound = np.linalg.inv(information) / weight.max()
     size = np.outer(unit, unit)
+    scale = np.linalg.norm(model.matrix, axis=1)
+    noise = float((sigma.max() * scale.max() / g) ** 2)
     return CalibrationMoments(
         names=forms.names(form),
         bias=bias * unit,
         covariance=covariance * size,
         cramer_rao=bound * size,
+        bias_remainder=BIAS_NEXT * noise**2 * _natural_sizes(form, scale, g),
+        variance_remainder=VARIANCE_NEXT * noise,
     )
+
+
+def _natural_sizes(form: str, scale: Array, g: float) -> Array:
+    # of the nine parameters, see eq. (K3)
+    first = np.full(6, scale.max())
+    if form != "symmetric":
+        first = np.concatenate([np.ones(3), scale])
+    return np.concatenate([first, g / scale])
 
 
 def _true_parameters(model: AccelerometerModel, form: str) -> Array:

@@ -13,19 +13,28 @@ from simval.report.section import Context, Section, made
 from simval.report.slope import order, simultaneous
 from simval.report.table import Column, Table
 from simval.report.words import slugs
+from simval.statistics import (
+    BIAS,
+    COVARIANCE,
+    EXACT,
+    ORDER_2,
+    ORDER_4,
+    ORDER_4_SOURCE,
+    Family,
+)
 from simval.sweep.run import CellResult
 
 STYLES = {
-    "order 2": (COLOURS[4], "--"),
-    "order 4, source": (COLOURS[3], "-."),
-    "order 4, complete": (COLOURS[2], "-"),
-    "exact": (COLOURS[0], ":"),
+    ORDER_2: (COLOURS[4], "--"),
+    ORDER_4_SOURCE: (COLOURS[3], "-."),
+    ORDER_4: (COLOURS[2], "-"),
+    EXACT: (COLOURS[0], ":"),
 }
-CLAIMED = {"order 2": 4.0, "order 4, source": 6.0, "order 4, complete": 6.0}
+CLAIMED = {ORDER_2: 4.0, ORDER_4_SOURCE: 6.0, ORDER_4: 6.0}
 """Power of the noise with which what is left out should fall, as each name claims."""
 
 NOISE = "noise of each unit vector, 1"
-PARTS = ("bias", "covariance")
+PARTS = (BIAS, COVARIANCE)
 
 
 def section(context: Context) -> Section | None:
@@ -62,14 +71,14 @@ def section(context: Context) -> Section | None:
     )
 
 
-def remainders(cells: Sequence[CellResult], part: str) -> Panel:
+def remainders(cells: Sequence[CellResult], part: Family) -> Panel:
     """What each truncated formula leaves out, beside the moment itself.
 
     Parameters
     ----------
     cells : sequence of CellResult
         Cells that differ in the noise alone.
-    part : {"bias", "covariance"}
+    part : Family
         Which moment.
 
     Returns
@@ -83,9 +92,9 @@ def remainders(cells: Sequence[CellResult], part: str) -> Panel:
         if found is None or not np.any(found.value > 0.0):
             continue
         if not series:
-            series.append(_line(found.x, found.prediction, "exact", f"the {part}"))
+            series.append(_line(found.x, found.prediction, EXACT, f"the {part.words}"))
         series.append(_line(found.x, found.value, predictor, f"left out, {predictor}"))
-    sampled = curve("", cells, "noise_std", moment(part, "exact"))
+    sampled = curve("", cells, "noise_std", moment(part, EXACT))
     if sampled is not None:
         series.append(
             Series(
@@ -97,7 +106,7 @@ def remainders(cells: Sequence[CellResult], part: str) -> Panel:
             )
         )
     return Panel(
-        title=f"{part}: what is left out",
+        title=f"{part.words}: what is left out",
         x_label=NOISE,
         y_label="Frobenius norm, 1",
         series=tuple(series),
@@ -110,9 +119,7 @@ def _line(x: np.ndarray, y: np.ndarray, predictor: str, label: str) -> Series:
 
 
 def _drawing(name: str, label: str, cells: Sequence[CellResult]) -> Drawing:
-    found = {
-        part: curve("", cells, "noise_std", moment(part, "exact")) for part in PARTS
-    }
+    found = {part: curve("", cells, "noise_std", moment(part, EXACT)) for part in PARTS}
     z = simultaneous(sum(len(c.x) for c in found.values() if c is not None))
     panels = [_measured(part, cells, z) for part in PARTS]
     panels += [remainders(cells, part) for part in PARTS]
@@ -137,9 +144,9 @@ def _drawing(name: str, label: str, cells: Sequence[CellResult]) -> Drawing:
     )
 
 
-def _measured(part: str, cells: Sequence[CellResult], z: float) -> Panel:
+def _measured(part: Family, cells: Sequence[CellResult], z: float) -> Panel:
     series: list[Series] = []
-    points = curve("simulated", cells, "noise_std", moment(part, "exact"))
+    points = curve("simulated", cells, "noise_std", moment(part, EXACT))
     if points is not None:
         series.append(points.points(z))
     for predictor in STYLES:
@@ -147,7 +154,10 @@ def _measured(part: str, cells: Sequence[CellResult], z: float) -> Panel:
         if found is not None:
             series.append(_line(found.x, found.prediction, predictor, predictor))
     return Panel(
-        title=part, x_label=NOISE, y_label="Frobenius norm, 1", series=tuple(series)
+        title=part.words,
+        x_label=NOISE,
+        y_label="Frobenius norm, 1",
+        series=tuple(series),
     )
 
 
@@ -165,7 +175,7 @@ def _orders(groups: Mapping[str, Sequence[CellResult]]) -> Table:
                     if len(found.x) < 2
                     else f"{found.x[0]:g} to {_second(found.x):g}"
                 )
-                rows.append((label, part, predictor, at, slope, claimed))
+                rows.append((label, part.words, predictor, at, slope, claimed))
     return Table(
         name="attitude-orders",
         caption=(
@@ -194,9 +204,9 @@ def _slopes(groups: Mapping[str, Sequence[CellResult]]) -> Table:
     rows = []
     for label, cells in groups.items():
         for part in PARTS:
-            found = curve(label, cells, "noise_std", moment(part, "exact"))
+            found = curve(label, cells, "noise_std", moment(part, EXACT))
             if found is not None:
-                rows.append((label, part, *slope_cells(found), 2.0))
+                rows.append((label, part.words, *slope_cells(found), 2.0))
     return Table(
         name="attitude-slopes",
         caption="Slopes of the simulated moments in the noise, with 95 % intervals",

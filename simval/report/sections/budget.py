@@ -1,16 +1,13 @@
 """Error budget: what each source of error contributes, measured and predicted."""
 
-import re
-
 import numpy as np
 
 from simval.report.curves import MAX_GROUPS, grouped
 from simval.report.panels import BarPanel, Drawing
 from simval.report.section import Context, Section, made
 from simval.report.slope import simultaneous
+from simval.statistics import BUDGET
 from simval.sweep.run import CellResult
-
-PART = re.compile(r"budget\[(.+)\]")
 
 
 def section(context: Context) -> Section | None:
@@ -29,7 +26,7 @@ def section(context: Context) -> Section | None:
     cells = [
         cell
         for cell in context.run.cells
-        if any(PART.fullmatch(row.statistic) for row in cell.rows)
+        if any(row.statistic.family == BUDGET for row in cell.rows)
     ]
     if not cells:
         return None
@@ -57,13 +54,13 @@ def section(context: Context) -> Section | None:
 
 
 def _panel(cell: CellResult, label: str) -> BarPanel:
-    rows = [row for row in cell.rows if PART.fullmatch(row.statistic)]
+    rows = [row for row in cell.rows if row.statistic.family == BUDGET]
     rows = list({row.statistic: row for row in rows}.values())
     z = simultaneous(len(rows))
     return BarPanel(
         title=label or cell.study.replace("_", " "),
         x_label=f"contribution, {rows[0].unit}",
-        names=[PART.fullmatch(row.statistic)[1] for row in rows],  # type: ignore[index]
+        names=[row.statistic.entries[0] for row in rows],
         measured=np.array([row.value for row in rows]),
         band=np.array([z * row.standard_error for row in rows]),
         predicted=np.array(

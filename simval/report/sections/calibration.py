@@ -11,6 +11,16 @@ from simval.report.panels import Drawing
 from simval.report.section import Context, Section, made
 from simval.report.slope import simultaneous
 from simval.report.table import Column, Table
+from simval.statistics import (
+    BIAS,
+    CRAMER_RAO,
+    FIRST_ORDER,
+    RECOVERY,
+    RMS,
+    SD,
+    SECOND_ORDER,
+    Family,
+)
 from simval.sweep.run import CellResult
 
 NOISE = "noise per sample, m/s²"
@@ -64,7 +74,7 @@ def _rms(groups: Groups) -> Drawing | None:
         (
             title,
             _unit(name),
-            *_with_bound(groups, partial(statistic, f"rms[{name}]")),
+            *_with_bound(groups, partial(statistic, RMS(name))),
         )
         for name, title in GROUPS.items()
     ]
@@ -98,16 +108,16 @@ def _with_bound(
     groups: Groups, measure: Callable[[str], Measure]
 ) -> tuple[list[Curve], list[Curve]]:
     return (
-        curves(groups, measure("first order")),
-        curves(groups, measure("Cramer-Rao")),
+        curves(groups, measure(FIRST_ORDER)),
+        curves(groups, measure(CRAMER_RAO)),
     )
 
 
 def _spread(groups: Groups) -> Drawing | None:
     return _apart(
         groups,
-        "sd",
-        "first order",
+        SD,
+        FIRST_ORDER,
         "calibration-sd",
         "standard deviation",
         "Standard deviation alone, RMS over the three entries. Expected slope: 1.",
@@ -117,8 +127,8 @@ def _spread(groups: Groups) -> Drawing | None:
 def _bias(groups: Groups) -> Drawing | None:
     return _apart(
         groups,
-        "bias",
-        "second order",
+        BIAS,
+        SECOND_ORDER,
         "calibration-bias",
         "bias",
         "Bias alone (estimate minus truth), projected on the direction that theory "
@@ -128,9 +138,9 @@ def _bias(groups: Groups) -> Drawing | None:
 
 
 def _apart(
-    groups: Groups, kind: str, predictor: str, name: str, words: str, caption: str
+    groups: Groups, family: Family, predictor: str, name: str, words: str, caption: str
 ) -> Drawing | None:
-    sets = [(key, curves(groups, part(kind, key, predictor))) for key in GROUPS]
+    sets = [(key, curves(groups, part(family, key, predictor))) for key in GROUPS]
     sets = [entry for entry in sets if entry[1]]
     if not sets:
         return None
@@ -152,11 +162,11 @@ def _apart(
 def _slopes(groups: Groups) -> Table:
     rows = []
     measures: list[tuple[str, int, Measure]] = [
-        (f"rms of {n}", 1, statistic(f"rms[{n}]", "first order")) for n in GROUPS
+        (f"rms of {n}", 1, statistic(RMS(n), FIRST_ORDER)) for n in GROUPS
     ]
-    measures.append(("rms together", 1, together("first order")))
-    measures += [(f"sd of {n}", 1, part("sd", n, "first order")) for n in GROUPS]
-    measures += [(f"bias of {n}", 2, part("bias", n, "second order")) for n in GROUPS]
+    measures.append(("rms together", 1, together(FIRST_ORDER)))
+    measures += [(f"sd of {n}", 1, part(SD, n, FIRST_ORDER)) for n in GROUPS]
+    measures += [(f"bias of {n}", 2, part(BIAS, n, SECOND_ORDER)) for n in GROUPS]
     for words, expected, measure in measures:
         for c in curves(groups, measure):
             rows.append((words, c.label, *slope_cells(c), float(expected)))
@@ -176,10 +186,10 @@ def _slopes(groups: Groups) -> Table:
 
 def _recoveries(cells: Sequence[CellResult]) -> Table:
     rows = [
-        (cell.name, row.statistic, row.value, row.prediction)
+        (cell.name, str(row.statistic), row.value, row.prediction)
         for cell in cells
         for row in cell.rows
-        if row.statistic.startswith("recovery")
+        if row.statistic.family == RECOVERY
     ]
     return Table(
         name="calibration-recovery",

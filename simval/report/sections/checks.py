@@ -2,9 +2,10 @@
 
 from simval.gate.finding import reproduce
 from simval.report.section import Context, Section, made
-from simval.report.sections.disagreements import figure_names, key_of
+from simval.report.sections.disagreements import Key, figure_names, key_of
 from simval.report.table import Column, Table
 from simval.report.words import sign_of_entries
+from simval.results import CellName
 from simval.verdict import Verdict
 
 ORDER = {"fail": 0, "inconclusive": 1, "pass": 2}
@@ -40,7 +41,7 @@ def section(context: Context) -> Section | None:
 def _families(context: Context) -> Table:
     groups: dict[tuple[str, str, str], list[str]] = {}
     for v in context.verdicts:
-        key = (v.cell.partition("(")[0], v.row.predictor, str(v.row.check))
+        key = (v.cell.study, v.row.predictor, str(v.row.check))
         groups.setdefault(key, []).append(v.answer)
     return Table(
         name="families",
@@ -60,13 +61,11 @@ def _families(context: Context) -> Table:
     )
 
 
-def _each(
-    verdicts: list[Verdict], figures: dict[tuple[str, str, str], str], folder: str
-) -> Table:
+def _each(verdicts: list[Verdict], figures: dict[Key, str], folder: str) -> Table:
     rows = [
         (
             v.answer,
-            v.row.statistic,
+            str(v.row.statistic),
             v.row.predictor,
             (v.row.value, v.row.standard_error),
             v.row.unit,
@@ -77,7 +76,7 @@ def _each(
             v.limit if v.limit == v.limit else None,
             v.row.n,
             figures.get(key_of(v)) if v.answer == "fail" else None,
-            reproduce(v.cell, folder) or v.cell,
+            reproduce(v.cell, folder) or str(v.cell),
         )
         for v in verdicts
     ]
@@ -105,6 +104,6 @@ def _each(
     )
 
 
-def _rank(verdict: Verdict) -> tuple[int, float, str]:
+def _rank(verdict: Verdict) -> tuple[int, float, CellName]:
     p = verdict.p_value if verdict.p_value is not None else 1.0
     return ORDER[verdict.answer], p, verdict.cell

@@ -11,10 +11,23 @@ from simval.report.section import Context, Section, made
 from simval.report.sections.attitude import CLAIMED, STYLES
 from simval.report.slope import simultaneous
 from simval.report.table import Column, Table
+from simval.statistics import (
+    COVARIANCE,
+    EXACT,
+    FLIP_RATE,
+    LIMIT_RATIO,
+    NORM_OVER_NOISE,
+    ORDER_2,
+    ORDER_4,
+    ORDER_4_SOURCE,
+    OTHER_SELECTION_RATE,
+    RMS,
+)
 from simval.sweep.run import CellResult
 
-AXIS = "norm_over_noise"
-MARKS = {"order 2": "o", "order 4, source": "s", "order 4, complete": "^"}
+LENGTH = NORM_OVER_NOISE()
+AXIS = NORM_OVER_NOISE.name
+MARKS = {ORDER_2: "o", ORDER_4_SOURCE: "s", ORDER_4: "^"}
 
 
 def section(context: Context) -> Section | None:
@@ -30,7 +43,7 @@ def section(context: Context) -> Section | None:
     Section or None
         None where no attitude cell tells how close to singular it is.
     """
-    cells = [c for c in context.cells("attitude") if c.row(AXIS) is not None]
+    cells = [c for c in context.cells("attitude") if c.row(LENGTH) is not None]
     limits = context.cells("attitude_limits")
     drawings = [_closeness(cells)] if cells else []
     tables = []
@@ -67,7 +80,7 @@ def _limits(cells: tuple[CellResult, ...]) -> Drawing:
         for predictor in CLAIMED:
             colour, line = STYLES[predictor]
             for share, style in (("1%", line), ("10%", ":")):
-                name = f"limit_ratio[{part},{share}]"
+                name = LIMIT_RATIO(part, share)
                 found = curve("", cells, "norm", statistic(name, predictor))
                 if found is not None:
                     label = predictor if share == "1%" else ""
@@ -105,8 +118,8 @@ def _limits(cells: tuple[CellResult, ...]) -> Drawing:
 def _table(cells: tuple[CellResult, ...]) -> Table:
     rows = []
     for cell in cells:
-        flips = cell.row("flip_rate", "exact")
-        other = cell.row("other_selection_rate")
+        flips = cell.row(FLIP_RATE(), EXACT)
+        other = cell.row(OTHER_SELECTION_RATE())
         if flips is None or other is None:
             continue
         rows.append(
@@ -135,7 +148,7 @@ def _table(cells: tuple[CellResult, ...]) -> Table:
 def _formulas(cells: list[CellResult]) -> Panel:
     series = []
     for predictor in CLAIMED:
-        found = curve(predictor, cells, AXIS, left_out("covariance", predictor))
+        found = curve(predictor, cells, AXIS, left_out(COVARIANCE, predictor))
         if found is None:
             continue
         series.append(
@@ -158,7 +171,7 @@ def _formulas(cells: list[CellResult]) -> Panel:
 
 def _growth(cells: list[CellResult]) -> Panel:
     def over_noise(cell: CellResult) -> tuple[float, float, float] | None:
-        row = cell.row("rms", "exact")
+        row = cell.row(RMS(), EXACT)
         if row is None or row.prediction is None:
             return None
         sigma = float(cell.parameters["noise_std"])
@@ -178,7 +191,7 @@ def _growth(cells: list[CellResult]) -> Panel:
                 label="exact",
                 x=lengths.value[order],
                 y=found.prediction[order],
-                colour=STYLES["exact"][0],
+                colour=STYLES[EXACT][0],
                 marker="+",
             ),
         ]
@@ -192,7 +205,7 @@ def _growth(cells: list[CellResult]) -> Panel:
 
 def _length(cell: CellResult) -> tuple[float, float, float] | None:
     """Length of the un-normalised quaternion, from its length in units of noise."""
-    row = cell.row(AXIS)
-    if row is None or cell.row("rms", "exact") is None:
+    row = cell.row(LENGTH)
+    if row is None or cell.row(RMS(), EXACT) is None:
         return None
     return row.value * float(cell.parameters["noise_std"]), 0.0, np.nan

@@ -10,12 +10,13 @@ from simval.report.panels import COLOURS, GREY, Drawing, Panel, Series
 from simval.report.section import Context, Section, made
 from simval.report.slope import simultaneous
 from simval.results import Row
+from simval.statistics import Statistic
 from simval.sweep.run import CellResult
 from simval.verdict import Verdict
 
 MAX_FIGURES = 6
 
-Key = tuple[str, str, str]
+Key = tuple[str, Statistic, str]
 """Study, statistic and predictor: what one figure shows."""
 
 
@@ -74,7 +75,7 @@ def figure_names(verdicts: Sequence[Verdict]) -> dict[Key, str]:
         them, in the order of the run. What is pooled over cells has no figure.
     """
     kinds = dict.fromkeys(
-        key_of(v) for v in verdicts if v.answer == "fail" and "@" in v.cell
+        key_of(v) for v in verdicts if v.answer == "fail" and v.cell.name
     )
     return {key: f"failing{i}" for i, key in enumerate(kinds) if i < MAX_FIGURES}
 
@@ -89,17 +90,16 @@ def key_of(verdict: Verdict) -> Key:
 
     Returns
     -------
-    tuple of str
+    Key
         A key of `figure_names`.
     """
-    study = verdict.cell.partition("(")[0].partition(",")[0]
-    return study, verdict.row.statistic, verdict.row.predictor
+    return verdict.cell.study, verdict.row.statistic, verdict.row.predictor
 
 
 def _drawing(context: Context, verdict: Verdict, name: str) -> Drawing | None:
     study, what, predictor = key_of(verdict)
     cells = context.cells(study)
-    failed = next((cell for cell in cells if cell.name == verdict.cell), None)
+    failed = next((cell for cell in cells if cell.named == verdict.cell), None)
     if failed is None:
         return None
     axis = axis_of(cells)
@@ -132,7 +132,7 @@ def _values(cells: Sequence[CellResult], axis: str, row: Row) -> Panel:
             series.append(_mark(found.x, found.prediction, row.predictor))
     positive = found is not None and bool(np.all(found.x > 0.0))
     return Panel(
-        title=row.statistic,
+        title=str(row.statistic),
         x_label=axis.replace("_", " "),
         y_label=f"value, {row.unit}",
         series=tuple(series),

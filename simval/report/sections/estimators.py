@@ -1,6 +1,5 @@
 """What each attitude estimator costs in accuracy, over many geometries."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -10,9 +9,9 @@ from simval.report.artifacts import arrays
 from simval.report.panels import COLOURS, Drawing, Panel, Series
 from simval.report.section import Context, Section, made
 from simval.report.table import Column, Table
+from simval.statistics import FIRST_ORDER, RMS_RATIO, SIMULATED_RMS_RATIO
 from simval.sweep.run import CellResult
 
-NAME = re.compile(r"simulated_rms_ratio\[(.+),median\]")
 LINES = ("-", "--", ":", "-.")
 
 
@@ -81,7 +80,12 @@ def _drawing(names: list[str], ratios: np.ndarray) -> Drawing:
 
 
 def _names(cell: CellResult) -> list[str]:
-    return [m[1] for row in cell.rows if (m := NAME.fullmatch(row.statistic))]
+    return [
+        row.statistic.entries[0]
+        for row in cell.rows
+        if row.statistic.family == SIMULATED_RMS_RATIO
+        and row.statistic.entries[1] == "median"
+    ]
 
 
 def _table(cells: Sequence[CellResult]) -> Table:
@@ -90,10 +94,10 @@ def _table(cells: Sequence[CellResult]) -> Table:
         values = [
             None if (row := cell.row(statistic, predictor)) is None else row.value
             for statistic, predictor in (
-                (f"rms_ratio[{name},median]", "first order"),
-                (f"simulated_rms_ratio[{name},median]", ""),
-                (f"rms_ratio[{name},worst]", "first order"),
-                (f"simulated_rms_ratio[{name},worst]", ""),
+                (RMS_RATIO(name, "median"), FIRST_ORDER),
+                (SIMULATED_RMS_RATIO(name, "median"), ""),
+                (RMS_RATIO(name, "worst"), FIRST_ORDER),
+                (SIMULATED_RMS_RATIO(name, "worst"), ""),
             )
         ]
         rows.append((name, *values, cell.name))

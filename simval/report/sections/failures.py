@@ -29,7 +29,7 @@ def section(context: Context) -> Section | None:
         "failures",
         "What was not measured",
         cells=cells[:SHOWN],
-        commands=[reproduce(cell.name, context.folder) for cell in cells[:SHOWN]],
+        commands=[reproduce(cell.named, context.folder) for cell in cells[:SHOWN]],
         pending=[cell.name for cell in unfinished if cell.status == "pending"],
         folder=shlex.quote(context.folder),
         gaps=gaps[:SHOWN],

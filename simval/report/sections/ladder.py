@@ -12,10 +12,11 @@ from simval.report.section import Context, Section, made
 from simval.report.slope import simultaneous
 from simval.report.table import Column, Table
 from simval.results import Row
+from simval.statistics import BIAS, MANY_POSES, SCALE_BIAS, SECOND_ORDER
 from simval.sweep.run import CellResult
 
 NOISE = "noise of a pose mean, m/s²"
-THEORY = "second order"
+THEORY = SECOND_ORDER
 MAX_SETTINGS = 4
 """Sensors and pose counts drawn, each a row of the figure with all its residuals."""
 MAX_BARS = 16
@@ -35,7 +36,7 @@ def section(context: Context) -> Section | None:
     Section or None
         None where the run has no such study.
     """
-    cells = [c for c in context.cells("ladder") if c.row("scale_bias", THEORY)]
+    cells = [c for c in context.cells("ladder") if c.row(SCALE_BIAS(), THEORY)]
     if not cells:
         return None
     return made("ladder", "Bias ladder", [_drawing(cells)], [_table(cells)])
@@ -48,7 +49,7 @@ def _drawing(cells: Sequence[CellResult]) -> Drawing:
     for setting, members in settings.items():
         rungs = _lowest(members)
         lines = _by_residual(members)
-        found = curves(lines, part("bias", "K", THEORY))
+        found = curves(lines, part(BIAS, "K", THEORY))
         words = f": {setting}" if setting else ""
         panels.append(_bars(rungs[:MAX_BARS], f"the ladder{words}"))
         panels.append(panel(f"bias of scale K{words}", NOISE, "bias, 1", found))
@@ -92,7 +93,7 @@ def _lowest(cells: Sequence[CellResult]) -> list[tuple[str, Row]]:
         least = min(float(c.parameters["noise_std"]) for c in members)
         chosen = [c for c in members if c.parameters["noise_std"] == least]
         for cell in chosen:
-            row = cell.row("scale_bias", THEORY)
+            row = cell.row(SCALE_BIAS(), THEORY)
             assert row is not None  # the section leaves out cells without it
             several = f", seed {cell.seed}" if len(chosen) > 1 else ""
             found.append((f"{name}{several}", row))
@@ -115,10 +116,10 @@ def _bars(rungs: Sequence[tuple[str, Row]], title: str) -> BarPanel:
 def _table(cells: Sequence[CellResult]) -> Table:
     rows = []
     for label, members in grouped(cells, "noise_std").items():
-        lines = curves({label: members}, part("bias", "K", THEORY))
+        lines = curves({label: members}, part(BIAS, "K", THEORY))
         slopes = slope_cells(lines[0]) if lines else ("no bias at this order", None)
         for cell in members:
-            row, many = (cell.row("scale_bias", by) for by in (THEORY, "many poses"))
+            row, many = (cell.row(SCALE_BIAS(), by) for by in (THEORY, MANY_POSES))
             assert row is not None  # the section leaves out cells without it
             rows.append(
                 (

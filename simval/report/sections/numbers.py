@@ -23,7 +23,7 @@ def section(context: Context) -> Section | None:
     rows = [
         (
             cell.name,
-            row.statistic,
+            str(row.statistic),
             (row.value, row.standard_error),
             row.unit,
             row.n,
@@ -38,7 +38,9 @@ def section(context: Context) -> Section | None:
     table = Table(
         name="numbers",
         caption="Value ± standard error of each statistic"
-        + sign_of_entries(row[1] for row in rows),
+        + sign_of_entries(
+            row.statistic for cell in context.run.cells for row in cell.rows
+        ),
         columns=(
             Column("cell", "code"),
             Column("statistic"),

@@ -1,7 +1,5 @@
 """Convergence order: how fast each attitude formula becomes exact."""
 
-import re
-
 import numpy as np
 
 from simval.report.curves import first, grouped
@@ -9,10 +7,14 @@ from simval.report.panels import Drawing, Panel, Series
 from simval.report.section import Context, Section, made
 from simval.report.sections.attitude import CLAIMED, STYLES
 from simval.report.table import Column, Table
+from simval.statistics import BIAS_ERROR, BIAS_ORDER, COVARIANCE_ERROR, COVARIANCE_ORDER
 from simval.sweep.run import CellResult
 
-LEVEL = re.compile(r"(bias|covariance)_error\[(.+)\]")
-PARTS = ("bias", "covariance")
+PARTS = {
+    "bias": (BIAS_ORDER, BIAS_ERROR),
+    "covariance": (COVARIANCE_ORDER, COVARIANCE_ERROR),
+}
+"""Slope and distance of each moment."""
 
 
 def section(context: Context) -> Section | None:
@@ -34,7 +36,7 @@ def section(context: Context) -> Section | None:
     groups, left_out = first(grouped(cells, "geometry"))
     panels = [
         _panel(part, label, members)
-        for part in reversed(PARTS)
+        for part in reversed(list(PARTS))
         for label, members in groups.items()
     ]
     drawing = Drawing(
@@ -60,11 +62,9 @@ def section(context: Context) -> Section | None:
 
 def _points(cell: CellResult, part: str, predictor: str) -> tuple[np.ndarray, ...]:
     found = [
-        (float(match[2]), row.value)
+        (float(row.statistic.entries[0]), row.value)
         for row in cell.rows
-        if row.predictor == predictor
-        and (match := LEVEL.fullmatch(row.statistic))
-        and match[1] == part
+        if row.predictor == predictor and row.statistic.family == PARTS[part][1]
     ]
     return tuple(np.array(sorted(found), dtype=float).reshape(-1, 2).T)
 
@@ -103,7 +103,7 @@ def _table(cells: tuple[CellResult, ...]) -> Table:
                 found = [
                     row.value
                     for cell in members
-                    if (row := cell.row(f"{part}_order", predictor)) is not None
+                    if (row := cell.row(PARTS[part][0](), predictor)) is not None
                 ]
                 if found:
                     low, high = min(found), max(found)

@@ -18,22 +18,11 @@ from simval.report.section import Context, Section, made
 from simval.report.slope import simultaneous
 from simval.report.table import Column, Table
 from simval.report.words import slug
+from simval.statistics import BUDGET, COVERAGE, COVERAGE_NORMAL, EFFICIENCY, NEES
+from simval.studies import STUDIES
 from simval.sweep.run import CellResult
 
-COVERED = (
-    "scene",
-    "calibration",
-    "ladder",
-    "solvers",
-    "coverage",
-    "attitude",
-    "attitude_order",
-    "attitude_efficiency",
-    "attitude_limits",
-    "detector",
-    "end_to_end",
-)
-ELSEWHERE = ("efficiency", "coverage", "nees", "budget")
+ELSEWHERE = (EFFICIENCY, COVERAGE, COVERAGE_NORMAL, NEES, BUDGET)
 MAX_PANELS = 6
 SHOWN = 40
 
@@ -55,7 +44,7 @@ def section(context: Context) -> Section | None:
     parts = []
     for study in studies:
         cells = context.cells(study)
-        if study in COVERED or not cells:
+        if _has_section(study) or not cells:
             continue
         parts.append(
             (
@@ -75,13 +64,17 @@ def section(context: Context) -> Section | None:
     )
 
 
+def _has_section(study: str) -> bool:
+    return study in STUDIES and STUDIES[study].section is not None
+
+
 def _drawing(study: str, cells: Sequence[CellResult]) -> Drawing | None:
     axis = axis_of(cells)
     keys = dict.fromkeys(
         (row.statistic, row.predictor, row.unit)
         for cell in cells
         for row in cell.rows
-        if row.prediction is not None and not row.statistic.startswith(ELSEWHERE)
+        if row.prediction is not None and row.statistic.family not in ELSEWHERE
     )
     keys = keys or dict.fromkeys(
         (row.statistic, row.predictor, row.unit) for cell in cells for row in cell.rows
@@ -95,11 +88,11 @@ def _drawing(study: str, cells: Sequence[CellResult]) -> Drawing | None:
             if (c := curve(label, members, axis, statistic(name, predictor)))
         ]
         if any(len(np.unique(c.x)) > 1 for c in found):
-            panels.append(scored(name, axis, unit, found, predictor))
+            panels.append(scored(str(name), axis, unit, found, predictor))
     if not panels:
         return None
     drawn = {panel.title for panel in panels[:MAX_PANELS]}
-    every = dict.fromkeys(_spelled(row.statistic) for c in cells for row in c.rows)
+    every = dict.fromkeys(_spelled(str(row.statistic)) for c in cells for row in c.rows)
     rest = [name for name in every if name not in drawn]
     return Drawing(
         name=slug(f"study {study}"),
@@ -178,7 +171,7 @@ def numbers(study: str, cells: Sequence[CellResult]) -> Table:
     rows = [
         (
             *(cell.parameters.get(key) for key in keys),
-            row.statistic,
+            str(row.statistic),
             (row.value, row.standard_error),
             row.unit,
             row.n,

@@ -12,6 +12,7 @@ from simval.report.panels import Drawing, Panel
 from simval.report.section import Context, Section, made
 from simval.report.slope import simultaneous
 from simval.report.table import Column, Table
+from simval.statistics import CONDITION, CRAMER_RAO, FIRST_ORDER, RMS
 from simval.sweep.run import CellResult
 
 COUNT = "number of poses, 1"
@@ -62,8 +63,8 @@ def _error(groups: Mapping[str, Sequence[CellResult]]) -> Drawing | None:
     sets = []
     for name, title in GROUPS.items():
         unit = "m/s²" if name == "B" else "1"
-        found = curves(groups, statistic(f"rms[{name}]", "first order"), "poses")
-        bounds = curves(groups, statistic(f"rms[{name}]", "Cramer-Rao"), "poses")
+        found = curves(groups, statistic(RMS(name), FIRST_ORDER), "poses")
+        bounds = curves(groups, statistic(RMS(name), CRAMER_RAO), "poses")
         if found:
             sets.append((title, unit, found, bounds))
     if not sets:
@@ -89,9 +90,9 @@ def _error(groups: Mapping[str, Sequence[CellResult]]) -> Drawing | None:
 
 def _conditions(context: Context) -> list[Curve]:
     found: list[Curve] = []
-    cells = [c for c in context.cells("scene") if c.row("condition") is not None]
+    cells = [c for c in context.cells("scene") if c.row(CONDITION()) is not None]
     if cells:
-        found = curves(grouped(cells, "poses"), statistic("condition"), "poses")
+        found = curves(grouped(cells, "poses"), statistic(CONDITION()), "poses")
     return [c for c in found if np.isfinite(c.value).all()]
 
 
@@ -121,7 +122,7 @@ def _geometry(found: Sequence[Curve]) -> Drawing | None:
 def _slopes(groups: Mapping[str, Sequence[CellResult]]) -> Table:
     rows = [
         (c.label, *slope_cells(c), -0.5)
-        for c in curves(groups, together("first order"), "poses")
+        for c in curves(groups, together(FIRST_ORDER), "poses")
     ]
     return Table(
         name="poses-slopes",

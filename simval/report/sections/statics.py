@@ -13,15 +13,16 @@ from simval.report.panels import COLOURS, Drawing, Panel, Series
 from simval.report.section import Context, Section, made
 from simval.report.sections.other import scored
 from simval.report.words import slug
+from simval.statistics import CHI_SQUARE_9, IMPURE, NEES, PRECISION, RECALL
 from simval.sweep.run import CellResult
 
 MAX_RECORDINGS = 2
 SCORES = (
-    ("precision", ""),
-    ("recall", ""),
-    ("impure", ""),
-    ("nees[all]", ""),
-    ("nees[pure]", "chi-square, 9"),
+    (PRECISION(), ""),
+    (RECALL(), ""),
+    (IMPURE(), ""),
+    (NEES("all"), ""),
+    (NEES("pure"), CHI_SQUARE_9),
 )
 NEEDED = ("time", "signal", "intervals")
 
@@ -74,7 +75,7 @@ def _scores(cells: Sequence[CellResult]) -> Drawing | None:
             if (c := curve(label, members, axis, statistic(name, predictor)))
         ]
         if found:
-            panels.append(scored(name, axis, "1", found, predictor))
+            panels.append(scored(str(name), axis, "1", found, predictor))
     return Drawing(
         name="detector",
         caption=(

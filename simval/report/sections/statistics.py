@@ -1,6 +1,5 @@
 """Efficiency, coverage of the error bars, and NEES, of any study that has them."""
 
-import re
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -19,6 +18,7 @@ from simval.report.panels import Drawing, Panel
 from simval.report.section import Context, Section, made
 from simval.report.slope import simultaneous
 from simval.results import Row
+from simval.statistics import COVERAGE, EFFICIENCY, NEES, Family, Statistic
 from simval.sweep.run import CellResult
 
 MAX_PANELS = 9
@@ -50,7 +50,7 @@ def section(context: Context) -> Section | None:
 
 
 def _efficiency(context: Context) -> Drawing | None:
-    panels, rest = _panels(context, "efficiency", "efficiency, 1", lambda c: c)
+    panels, rest = _panels(context, EFFICIENCY, "efficiency, 1", lambda c: c)
     if not panels:
         return None
     return Drawing(
@@ -67,7 +67,7 @@ def _efficiency(context: Context) -> Drawing | None:
 
 
 def _coverage(context: Context) -> Drawing | None:
-    panels, rest = _panels(context, "coverage", "share that covers, 1", lambda c: c)
+    panels, rest = _panels(context, COVERAGE, "share that covers, 1", lambda c: c)
     if not panels:
         return None
     return Drawing(
@@ -84,7 +84,7 @@ def _coverage(context: Context) -> Drawing | None:
 
 def _nees(context: Context) -> Drawing | None:
     label = "measured / predicted, 1"
-    panels, rest = _panels(context, "nees", label, _over_prediction, True)
+    panels, rest = _panels(context, NEES, label, _over_prediction, True)
     if not panels:
         return None
     return Drawing(
@@ -112,7 +112,7 @@ def _over_prediction(c: Curve) -> Curve:
 
 def _panels(
     context: Context,
-    family: str,
+    family: Family,
     y_label: str,
     change: Callable[[Curve], Curve],
     one: bool = False,
@@ -153,12 +153,12 @@ def _spelled(name: str) -> str:
     return name.replace("_", " ")
 
 
-def _belongs(row: Row, family: str) -> bool:
-    return re.match(rf"{family}($|\[)", row.statistic) is not None
+def _belongs(row: Row, family: Family) -> bool:
+    return row.statistic.family == family and not row.statistic.controlled
 
 
 def _curves(
-    cells: Sequence[CellResult], family: str, change: Callable[[Curve], Curve]
+    cells: Sequence[CellResult], family: Family, change: Callable[[Curve], Curve]
 ) -> tuple[list[Curve], bool]:
     """Curves of a family in a study, and whether they are means over statistics."""
     keys = tuple(
@@ -181,7 +181,7 @@ def _curves(
 
 
 def _panel(
-    words: tuple[str, str, str], curves: Sequence[Curve], family: str, one: bool
+    words: tuple[str, str, str], curves: Sequence[Curve], family: Family, one: bool
 ) -> Panel:
     """One panel: title and labels in words, points and, unless `one`, predictions."""
     z = simultaneous(sum(len(c.x) for c in curves))
@@ -198,13 +198,13 @@ def _panel(
         series=tuple(series),
         log_x=all(bool(np.all(c.x > 0.0)) for c in curves),
         log_y=False,
-        references=((1.0, ""),) if family != "coverage" else ((0.95, ""),),
+        references=((1.0, ""),) if family != COVERAGE else ((0.95, ""),),
         dodge=True,
     )
 
 
 def _measures(
-    family: str, keys: Sequence[tuple[str, str]]
+    family: Family, keys: Sequence[tuple[Statistic, str]]
 ) -> tuple[dict[str, Measure], bool]:
     """What is drawn, by its label, and whether it is a mean over the statistics."""
     predictors = tuple(dict.fromkeys(predictor for _, predictor in keys))
@@ -212,14 +212,11 @@ def _measures(
     if len(keys) > MAX_KINDS:
         return {p if many else "": _mean(family, p) for p in predictors}, True
     return {
-        _label(name.partition("[")[2].rstrip("]"), p if many else ""): statistic(
-            name, p
-        )
-        for name, p in keys
+        _label(",".join(s.entries), p if many else ""): statistic(s, p) for s, p in keys
     }, False
 
 
-def _mean(family: str, predictor: str) -> Measure:
+def _mean(family: Family, predictor: str) -> Measure:
     """Mean over the statistics of a family; its error is at most the mean error."""
 
     def measure(cell: CellResult) -> tuple[float, float, float] | None:

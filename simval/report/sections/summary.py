@@ -9,6 +9,7 @@ from simval.report.panels import Drawing, Panel, Series
 from simval.report.section import Context, Section, made
 from simval.report.sections.attitude import NOISE, STYLES, remainders
 from simval.report.slope import simultaneous
+from simval.statistics import COVARIANCE, CRAMER_RAO, EXACT, FIRST_ORDER, RMS
 from simval.sweep.run import CellResult
 
 
@@ -66,13 +67,11 @@ def calibration_figure(context: Context) -> Drawing | None:
         return None
     label, members = _longest(grouped(cells, "noise_std"))
     found = {
-        name: curve(
-            name, members, "noise_std", statistic(f"rms[{name}]", "first order")
-        )
+        name: curve(name, members, "noise_std", statistic(RMS(name), FIRST_ORDER))
         for name in GROUPS
     }
     bounds = {
-        name: curve(name, members, "noise_std", statistic(f"rms[{name}]", "Cramer-Rao"))
+        name: curve(name, members, "noise_std", statistic(RMS(name), CRAMER_RAO))
         for name in GROUPS
     }
     z = simultaneous(sum(len(c.x) for c in found.values() if c is not None))
@@ -124,12 +123,12 @@ def attitude_figure(context: Context) -> Drawing | None:
     if not cells:
         return None
     label, members = _longest(grouped(cells, "noise_std"))
-    measured = curve("simulated", members, "noise_std", statistic("rms", "exact"))
+    measured = curve("simulated", members, "noise_std", statistic(RMS(), EXACT))
     if measured is None:
         return None
     series = [measured.points(simultaneous(len(measured.x)))]
     for predictor, (colour, style) in STYLES.items():
-        c = curve("", members, "noise_std", statistic("rms", predictor))
+        c = curve("", members, "noise_std", statistic(RMS(), predictor))
         if c is not None:
             series.append(
                 Series(
@@ -144,8 +143,8 @@ def attitude_figure(context: Context) -> Drawing | None:
             series=tuple(series),
         )
     ]
-    if curve("", members, "noise_std", moment("covariance", "exact")) is not None:
-        panels.append(remainders(members, "covariance"))
+    if curve("", members, "noise_std", moment(COVARIANCE, EXACT)) is not None:
+        panels.append(remainders(members, COVARIANCE))
     return Drawing(
         name="summary-attitude",
         caption=(

@@ -1,0 +1,255 @@
+"""The vocabulary: what can be measured, and the theories that it is set beside.
+
+A statistic is a member of a family: ``BIAS("K_x")`` is the bias of one entry,
+``NEES()`` stands alone, and `controlled` says that it was sampled with control
+variates. Studies name what they measure with it; gate, comparison and report ask it
+instead of reading a name. `str` spells it as ``results.csv`` does:
+``control covariance[x,y]``.
+
+A new statistic is a new line under `FAMILIES`.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from math import inf
+from types import MappingProxyType
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, PlainSerializer
+
+from simval.errors import InputError
+
+Scale = Literal["value", "variances", "sample"]
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """A kind of statistic.
+
+    Attributes
+    ----------
+    name : str
+        As ``results.csv`` spells it.
+    words : str
+        What a person calls it.
+    unit : str, default "1"
+        Unit of its members, where they do not say another.
+    margin : float, default 0.01
+        Change that is no change where the noise is another: a share of `scale`.
+    scale : Scale, default "value"
+        What the margin is a share of: the value itself; of an off-diagonal covariance
+        the root of its two variances; or the standard deviation of one sample.
+    """
+
+    name: str
+    words: str
+    unit: str = "1"
+    margin: float = 0.01
+    scale: Scale = "value"
+    least: float = -inf
+    most: float = inf
+
+    def __call__(self, *entries: str, unit: str | None = None) -> "Statistic":
+        """Return a member of the family."""
+        return Statistic(
+            family=self, entries=entries, unit=self.unit if unit is None else unit
+        )
+
+    def each(self, entries: Iterable[str], units: Iterable[str] | None = None) -> Any:
+        """Return a member for each entry, in units of their own if given."""
+        if units is None:
+            return tuple(self(entry) for entry in entries)
+        pairs = zip(entries, units, strict=True)
+        return tuple(self(entry, unit=unit) for entry, unit in pairs)
+
+
+# An equivalence margin of 2 % of a covariance is 1 % of a standard deviation; that of a
+# bias is 2 % of one sample's own spread, which adds 0.02 % to its RMS.
+BIAS = Family("bias", "bias", margin=0.02, scale="sample")
+SD = Family("sd", "standard deviation", least=0.0)
+COVARIANCE = Family("covariance", "covariance", margin=0.02, scale="variances")
+RMS = Family("rms", "RMS error", least=0.0)
+EFFICIENCY = Family("efficiency", "efficiency", least=0.0)
+NEES = Family("nees", "normalised squared error", margin=0.02, least=0.0)
+POOLED_NEES = Family(
+    "nees, pooled", "normalised squared error, pooled", margin=0.02, least=0.0
+)
+COVERAGE = Family("coverage", "coverage of the stated intervals", least=0.0, most=1.0)
+COVERAGE_NORMAL = Family(
+    "coverage_normal", "coverage of 1.96 standard deviations", least=0.0, most=1.0
+)
+
+RECOVERY = Family("recovery", "error of a noise-free recovery", least=0.0)
+NOISE_OF_MEAN = Family("noise_of_mean", "noise of a pose mean", unit="m/s²", least=0.0)
+SCALE_BIAS = Family("scale_bias", "mean relative bias of the scales", unit="σ²/g²")
+STEPS = Family("steps", "steps of the solver", least=0.0)
+APART = Family("apart", "distance from the first solver's answer", least=0.0)
+BUDGET = Family("budget", "contribution to the attitude error", unit="rad", least=0.0)
+
+NORM = Family("norm", "|q̄|", least=0.0)
+NORM_OVER_NOISE = Family("norm_over_noise", "|q̄| / σ", least=0.0)
+BIAS_ORDER = Family("bias_order", "order of what a formula of the bias leaves out")
+COVARIANCE_ORDER = Family(
+    "covariance_order", "order of what a formula of the covariance leaves out"
+)
+BIAS_ERROR = Family("bias_error", "what a formula of the bias leaves out", least=0.0)
+COVARIANCE_ERROR = Family(
+    "covariance_error", "what a formula of the covariance leaves out", least=0.0
+)
+LIMIT_RATIO = Family("limit_ratio", "least |q̄| / σ at which a formula holds", least=0.0)
+FLIP_RATE = Family("flip_rate", "share of flipped signs", least=0.0, most=1.0)
+OTHER_SELECTION_RATE = Family(
+    "other_selection_rate", "share of other frames selected", least=0.0, most=1.0
+)
+RMS_RATIO = Family("rms_ratio", "predicted RMS error over the q-method's", least=0.0)
+SIMULATED_RMS_RATIO = Family(
+    "simulated_rms_ratio", "simulated RMS error over the q-method's", least=0.0
+)
+SQUARED_ERROR = Family(
+    "squared_error_over_predicted",
+    "mean square error over the predicted one",
+    least=0.0,
+)
+
+PROBE = Family("probe", "error of the noise-free probe")
+CUBATURE_BIAS = Family("cubature_bias", "bias by cubature", unit="rad")
+CUBATURE_BIAS_SMALL = Family(
+    "cubature_bias_at_small_noise", "bias by cubature at small noise", unit="rad"
+)
+CLAIM_OFF = Family("claim_off", "error of a covariance that is claimed exact")
+CLAIM_OFF_HALF = Family(
+    "claim_off_at_half_noise", "error of a claimed covariance at half the noise"
+)
+
+PRECISION = Family(
+    "precision", "share of the rows found that are still", least=0.0, most=1.0
+)
+RECALL = Family(
+    "recall", "share of the rests' rows that are found", least=0.0, most=1.0
+)
+RESTS_FOUND = Family(
+    "rests_found", "share of the rests that are found", least=0.0, most=1.0
+)
+INTERVALS = Family("intervals", "intervals found", least=0.0)
+IMPURE = Family("impure", "intervals with a moving row", least=0.0)
+OUTSIDE = Family("outside", "intervals outside every rest", least=0.0)
+FITTED = Family("fitted", "share of trials with a fit", least=0.0, most=1.0)
+
+REST_FORCE = Family(
+    "rest_force", "worst residual force at rest", unit="m/s²", least=0.0
+)
+REST_RATE = Family("rest_rate", "worst rate at rest", unit="rad/s", least=0.0)
+RANK = Family("rank", "rank of the poses", least=0.0)
+CONDITION = Family("condition", "condition of the poses", least=0.0)
+RESTS = Family("rests", "rests", least=0.0)
+FIELD_MISMATCH = Family(
+    "field_mismatch", "field against the attitude of its row", least=0.0
+)
+RATE_LAG = Family("rate_lag", "lag of the rate", unit="steps")
+RATE_SCALE = Family("rate_scale", "rate over the attitude's own")
+
+FAMILIES: Mapping[str, Family] = MappingProxyType(
+    {value.name: value for value in tuple(globals().values()) if type(value) is Family}
+)
+"""Every family by its name."""
+
+
+def family(name: Any) -> Family:
+    """Family of a name, or the family itself.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name.
+    """
+    if isinstance(name, Family):
+        return name
+    if name not in FAMILIES:
+        msg = (
+            f"{str(name)[:60]!r} is no family of statistics of this version of simval; "
+            "use the version that wrote it"
+        )
+        raise InputError(msg)
+    return FAMILIES[name]
+
+
+@dataclass(frozen=True, slots=True)
+class Statistic:
+    """What a row measures: a family, which of its entries, and how it was sampled.
+
+    Attributes
+    ----------
+    family : Family
+        The kind.
+    entries : tuple of str, default ()
+        Which member: a parameter, two axes, a noise level; none where there is one.
+    controlled : bool, default False
+        Whether it was sampled with control variates.
+    unit : str, default "1"
+        Unit of the value; two statistics that differ in it alone are equal.
+
+    Raises
+    ------
+    ValueError
+        If an entry or the unit is not printable.
+    """
+
+    family: Annotated[
+        Family, BeforeValidator(family), PlainSerializer(lambda value: value.name)
+    ]
+    entries: tuple[str, ...] = ()
+    controlled: bool = False
+    unit: str = field(default="1", compare=False)
+
+    def __post_init__(self) -> None:
+        if not all(text.isprintable() for text in (*self.entries, self.unit)):
+            msg = f"entries {self.entries} in {self.unit!r} cannot be printed"
+            raise ValueError(msg)
+
+    def __str__(self) -> str:
+        inside = f"[{','.join(self.entries)}]" if self.entries else ""
+        return f"{'control ' if self.controlled else ''}{self.family.name}{inside}"
+
+    @property
+    def control(self) -> "Statistic":
+        """The same, sampled with control variates."""
+        return replace(self, controlled=True)
+
+
+# predictors: the theory that a value is set beside
+EXACT = "exact"
+ORDER_2 = "order 2"
+ORDER_4_SOURCE = "order 4, source"
+ORDER_4 = "order 4, complete"
+FIRST_ORDER = "first order"
+SECOND_ORDER = "second order"
+CARRIED = "first order, carried through"
+CRAMER_RAO = "Cramer-Rao"
+MANY_POSES = "many poses"
+TRUTH = "truth"
+CUBATURE = "cubature"
+CUBATURE_ERROR = "cubature's own error"
+NO_BIAS = "no bias"
+CLAIM = "claim"
+STUDENT = "Student t"
+NORMAL = "normal"
+CHI_SQUARE = "chi-square"
+CHI_SQUARE_3 = "chi-square, 3"
+CHI_SQUARE_9 = "chi-square, 9"
+F_LAW = "F"
+SCENE_BOUND = "scene's bound"
+OBSERVABILITY = "observability"
+ROUNDING = "rounding"
+SAME_ROW = "same row"
+ATTITUDE = "attitude"
+FIRST_SOLVER = "lm"
+
+
+def claim_of(order: int | str) -> str:
+    """Predictor of a covariance that an algorithm states for itself."""
+    return f"claim: {order}"
+
+
+def order(number: int) -> str:
+    """Predictor of a claim's order in the noise."""
+    return f"order {number}"
