@@ -10,13 +10,12 @@ report: .venv/installed
 	$(BIN)/simval sweep accuracy --out "$$run" && $(BIN)/simval report "$$run"
 
 test: check
-	$(BIN)/python -m pytest -m "not slow and not wheel"
+	$(BIN)/python -m pytest -n auto -m "not slow and not wheel"
 
 check: .venv/installed
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-	find simval -name '*.py' | xargs $(BIN)/numpydoc lint
 	$(BIN)/lint-imports
 
 nightly: check

@@ -28,8 +28,12 @@ if TYPE_CHECKING:
     from simval.sensor import AccelerometerModel
     from simval.sweep import load_run, run_suite
 
+__version__: str
+"""Version of the installed distribution."""
+
 __all__ = [
     "AccelerometerModel",
+    "__version__",
     "calibrate",
     "load_run",
     "run_suite",
@@ -48,8 +52,16 @@ _HOMES = {
 def __getattr__(name: str) -> Any:
     """Import a public name when it is first used, so that `simval --help` is quick."""
     import importlib
+    from importlib import metadata
 
+    if name == "__version__":
+        return metadata.version("simval")
     if name not in _HOMES:
         msg = f"module 'simval' has no attribute {name!r}"
         raise AttributeError(msg)
     return getattr(importlib.import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    """List the public names too, though they are not imported yet."""
+    return sorted({*globals(), *__all__})
