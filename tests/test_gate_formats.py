@@ -1,6 +1,7 @@
 """The gate's files: JUnit, Markdown, JSON with its schema, annotations."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -8,10 +9,21 @@ import pytest
 import rows_by_name
 from stores import edited
 
-from simval.gate import judge_run, write_baseline
-from simval.gate.formats import Document, annotations, to_json, to_junit, to_markdown
+from simval.gate import GateResult, headline, judge_run, write_baseline
+from simval.gate.comparison import Comparison
+from simval.gate.formats import (
+    ANNOTATIONS,
+    SHOWN,
+    Document,
+    annotations,
+    to_json,
+    to_junit,
+    to_markdown,
+)
+from simval.results import CellName
 from simval.sweep import load_run
 from simval.sweep.run import CellResult, Run
+from simval.verdict import Verdict
 
 EVIL = 'a"<b>&|`\x00\x1b[31m\n::error::%0A](x)'
 
@@ -141,3 +153,189 @@ def test_a_file_that_cannot_be_written_is_exit_code_2(simval, tiny_run, tmp_path
     )
     assert code == 2
     assert "cannot write" in err
+
+
+def small_result():
+    """A fail of theory and one of the baseline, a crash, a cell never run, a pass."""
+
+    def cell(name, status, error=""):
+        return CellResult(
+            name=name,
+            study=name.partition("(")[0],
+            seed=1,
+            parameters={},
+            status=status,
+            error=error,
+            seconds=0.0,
+            rows=(),
+        )
+
+    def verdict(name, value, answer, p_value=1e-9):
+        fields = {"standard_error": 0.25, "n": 1024, "prediction": 1.0}
+        seen = rows_by_name.row(
+            "rms", value, predictor="order 2", check="plain", remainder=0.125, **fields
+        )
+        place = CellName(name.partition("(")[0], name)
+        return Verdict(
+            cell=place,
+            row=seen,
+            answer=answer,
+            p_value=p_value,
+            limit=1e-5,
+            reason="" if answer == "pass" else "too far",
+        )
+
+    moved = Comparison(
+        cell=CellName("b", "b(x=0.5)@1"),
+        statistic="nees",
+        change="changed",
+        stored=2.0,
+        value=2.5,
+        standard_error=0.0,
+        margin=0.1,
+    )
+    return GateResult(
+        verdicts=(
+            verdict("a(x=0.5)@1", 1.0, "pass"),
+            verdict("a(x=0.5)@1", 3.5, "fail"),
+        ),
+        comparisons=(moved, replace(moved, change="new")),
+        unfinished=(
+            cell("c(x=1)@1", "failed", "Traceback\nboom: 7\n"),
+            cell("c(x=2)@1", "pending"),
+        ),
+        gaps=(),
+        environment=("numpy 1 here, 2 there",),
+        alpha=1e-3,
+        folder="runs/one",
+        seconds={"a(x=0.5)@1": 3.0, "b(x=0.5)@1": 0.25},
+        notes=("a note",),
+    )
+
+
+def test_each_finding_keeps_its_place_its_numbers_and_its_time_in_junit():
+    root = ElementTree.fromstring(to_junit(small_result()))
+    line = headline(small_result())
+    assert root.attrib == {
+        "name": f"simval gate: FAIL: {line}",
+        "tests": "5",
+        "failures": "3",
+        "errors": "1",
+        "skipped": "0",
+        "time": "3.250000",
+    }
+    suites = {suite.get("name"): suite for suite in root}
+    assert {name: suite.get("time") for name, suite in suites.items()} == {
+        "c": "0.000000",
+        "a": "3.000000",
+        "b": "0.250000",
+        "run": "0.000000",
+    }
+    assert [suites[name].get("failures") for name in "abc"] == ["1", "1", "1"]
+    fail, good = suites["a"]
+    dot = "\N{MIDDLE DOT}"
+    for case in (fail, good):
+        assert case.attrib == {
+            "classname": f"a(x=0{dot}5)@1",
+            "name": "theory plain rms against order 2",
+            "time": "1.500000",
+        }
+    assert list(good) == []
+    (detail,) = fail
+    assert (detail.tag, detail.attrib) == (
+        "failure",
+        {"type": "fail", "message": "too far"},
+    )
+    assert detail.text.splitlines() == [
+        "fail: a(x=0.5)@1 rms against order 2: too far",
+        "expected 1, seen 3.5, allowed 0.125, +10.00 standard errors",
+        "reproduce: simval repro --run runs/one 'a(x=0.5)@1'",
+    ]
+    ((crash,),) = suites["c"]
+    assert crash.get("message") == "the cell crashed: boom: 7"
+    ((never,),) = suites["run"]
+    assert (never.tag, suites["run"][0].get("classname")) == ("error", "run")
+    assert never.get("message").startswith("1 cell was never run, the first is c(x=2)")
+    # no chance is involved: no standard errors
+    assert suites["b"][0][0].text.splitlines()[1] == "expected 2, seen 2.5, allowed 0.1"
+
+
+def test_markdown_has_a_line_for_each_finding_and_every_command_once():
+    lines = to_markdown(small_result()).splitlines()
+    assert lines[:4] == [
+        "### simval gate: FAIL",
+        "",
+        f"{headline(small_result())}; false-alarm rate 0.001 for all together.",
+        "",
+    ]
+    head, rule, *body = lines[4 : lines.index("", 4)]
+    assert head.count("|") == rule.count("|") == 8
+    rows = [[part.strip() for part in line.split("|")[1:-1]] for line in body]
+    assert [row[0] for row in rows] == ["fail", "fail", "fail", "inconclusive"]
+    assert rows[1] == [
+        "fail",
+        "a(x=0.5)@1",
+        "rms against order 2",
+        "1",
+        "3.5",
+        "+10.0",
+        "too far",
+    ]
+    assert rows[2][3:6] == ["2", "2.5", ""]
+    after = lines.index("To reproduce:")
+    assert lines[after:] == [
+        "To reproduce:",
+        "",
+        "```",
+        "simval repro --run runs/one 'c(x=1)@1'",
+        "simval repro --run runs/one 'a(x=0.5)@1'",
+        "simval repro --run runs/one 'b(x=0.5)@1'",
+        "```",
+        "",
+        "- a note",
+    ]
+
+
+def test_annotations_are_one_line_for_each_statistic_of_a_cell():
+    assert annotations(small_result())[1] == (
+        "::error title=simval%3A a(x=0.5)@1 rms against order 2::"
+        "fail: a(x=0.5)@1 rms against order 2: too far%0A"
+        "expected 1, seen 3.5, allowed 0.125, +10.00 standard errors%0A"
+        "reproduce: simval repro --run runs/one 'a(x=0.5)@1'"
+    )
+    kinds = [line[2:].partition(" ")[0] for line in annotations(small_result())]
+    assert kinds == ["error", "error", "error", "warning"]
+
+
+def test_long_lists_are_cut_and_the_rest_is_counted():
+    many = small_result()
+    names = [f"c(x={i})@1" for i in range(SHOWN + 5)]
+    crashed = tuple(replace(many.unfinished[0], name=name) for name in names)
+    many = replace(many, verdicts=many.verdicts[:1], comparisons=(), unfinished=crashed)
+    text = to_markdown(many)
+    assert text.count("| fail |") == text.count("simval repro") == SHOWN
+    assert "\n... and 5 more.\n" in text
+    assert len(annotations(many)) == ANNOTATIONS
+
+
+def test_the_document_holds_what_the_findings_say():
+    written = Document.model_validate_json(to_json(small_result(), 4), strict=True)
+    assert written.headline == headline(small_result())
+    assert (written.answer, written.exit_code, written.alpha) == ("fail", 4, 1e-3)
+    assert written.counts == {"pass": 1, "fail": 3, "inconclusive": 1}
+    assert written.environment == ["numpy 1 here, 2 there"]
+    assert written.notes == ["a note"]
+    entry = written.findings[1].model_dump()
+    assert entry == {
+        "tier": "theory",
+        "cell": "a(x=0.5)@1",
+        "statistic": "rms against order 2",
+        "check": "plain",
+        "answer": "fail",
+        "expected": 1.0,
+        "seen": 3.5,
+        "allowed": 0.125,
+        "sigmas": 10.0,
+        "reason": "too far",
+        "command": "simval repro --run runs/one 'a(x=0.5)@1'",
+    }
