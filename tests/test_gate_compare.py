@@ -72,6 +72,22 @@ def test_other_noise_with_the_same_numbers_is_a_copy():
     assert {c.change for c in exact.values()} == {"equivalent"}
 
 
+def test_a_value_without_chance_says_nothing_of_a_copy():
+    def run(values, seed, order):
+        found = run_of(values, seed)
+        (cell,) = found.cells
+        cell = dataclasses.replace(cell, rows=(*cell.rows, row("bias_order", order)))
+        return dataclasses.replace(found, cells=(cell,))
+
+    three = {"rms": 1.0, "nees": 3.0, "bias[x]": 0.1}
+    found = changes(run(three, 1, 2.0), run(three, 2, 3.0))
+    assert found.pop("bias_order").change == "changed"
+    assert {c.change for c in found.values()} == {"copied"}
+    two = {"rms": 1.0, "nees": 3.0}  # with the order it would be three
+    found = changes(run(two, 1, 2.0), run(two, 2, 2.0))
+    assert "copied" not in {c.change for c in found.values()}
+
+
 def test_a_cell_with_another_noise_level_is_missing_and_new():
     old = run_of({"rms": 1.0}, seed=1)
     cell = dataclasses.replace(

@@ -1,6 +1,7 @@
 """The gate's files: JUnit, Markdown, JSON with its schema, annotations."""
 
 import json
+import shlex
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -9,8 +10,9 @@ import pytest
 import rows_by_name
 from stores import edited
 
-from simval.gate import GateResult, headline, judge_run, write_baseline
+from simval.gate import Gap, GateResult, headline, judge_run, write_baseline
 from simval.gate.comparison import Comparison
+from simval.gate.finding import findings, reproduce
 from simval.gate.formats import (
     ANNOTATIONS,
     SHOWN,
@@ -127,6 +129,7 @@ def test_hostile_names_stay_text_in_every_format():
             bare = line.replace("\\|", "")
             assert bare.count("|") == 8  # seven columns: no cell broke out
             assert "<b>" not in line
+            assert r"\>&amp;\|" in line
     for line in annotations(result):
         assert "\n" not in line
         assert "\r" not in line
@@ -216,6 +219,7 @@ def small_result():
 def test_each_finding_keeps_its_place_its_numbers_and_its_time_in_junit():
     root = ElementTree.fromstring(to_junit(small_result()))
     line = headline(small_result())
+    assert [root.tag, *{suite.tag for suite in root}] == ["testsuites", "testsuite"]
     assert root.attrib == {
         "name": f"simval gate: FAIL: {line}",
         "tests": "5",
@@ -254,7 +258,12 @@ def test_each_finding_keeps_its_place_its_numbers_and_its_time_in_junit():
     ((crash,),) = suites["c"]
     assert crash.get("message") == "the cell crashed: boom: 7"
     ((never,),) = suites["run"]
-    assert (never.tag, suites["run"][0].get("classname")) == ("error", "run")
+    assert never.tag == "error"
+    assert suites["run"][0].attrib == {
+        "classname": "run",
+        "name": "complete pending",
+        "time": "0.000000",
+    }
     assert never.get("message").startswith("1 cell was never run, the first is c(x=2)")
     # no chance is involved: no standard errors
     assert suites["b"][0][0].text.splitlines()[1] == "expected 2, seen 2.5, allowed 0.1"
@@ -339,3 +348,64 @@ def test_the_document_holds_what_the_findings_say():
         "reason": "too far",
         "command": "simval repro --run runs/one 'a(x=0.5)@1'",
     }
+
+
+def test_findings_in_their_order_with_the_numbers_of_their_kind():
+    small = small_result()
+    good, bad = small.verdicts
+    exact = replace(bad, p_value=None, limit=0.5, answer="inconclusive")
+    unknown = replace(bad, row=replace(bad.row, value=float("nan"), prediction=None))
+    claim = replace(
+        small.comparisons[0], change="theory", standard_error=1.0, detail="judged by"
+    )
+    shift = replace(small.comparisons[0], standard_error=0.25, change="unresolved")
+    found = findings(
+        replace(
+            small,
+            verdicts=(good, exact, unknown),
+            comparisons=(claim, shift),
+            gaps=(Gap(cell=CellName("d", "d()@1"), reason="two\nlines"),),
+            first="nothing to compare with",
+        )
+    )
+    assert [(f.answer, f.tier, f.check, f.study) for f in found] == [
+        ("fail", "complete", "failed", "c"),
+        ("fail", "baseline", "first", "run"),
+        ("fail", "theory", "plain", "a"),
+        ("fail", "baseline", "theory", "b"),
+        ("inconclusive", "complete", "gap", "d"),
+        ("inconclusive", "complete", "pending", "run"),
+        ("inconclusive", "theory", "plain", "a"),
+        ("inconclusive", "baseline", "unresolved", "b"),
+        ("pass", "theory", "plain", "a"),
+    ]
+    numbers = [(f.expected, f.seen, f.allowed, f.sigmas) for f in found]
+    none = (None, None, None, None)
+    assert numbers == [
+        none,
+        none,
+        (None, None, 0.125, None),  # what is not finite is no number
+        (None, None, 0.1, None),  # the claim moved, not the value
+        none,
+        none,
+        (1.0, 3.5, 0.5, None),  # no chance is involved
+        (2.0, 2.5, 0.1, 2.0),
+        (1.0, 1.0, 0.125, 0.0),
+    ]
+    assert {f.run for f in found} == {"runs/one"}
+    assert found[1].reason == "nothing to compare with"
+    assert found[3].reason == "judged by"
+    assert found[4].reason == r"two | lines"
+    whole, one = found[5], found[7]
+    assert (whole.command, whole.what, str(whole.cell)) == ("", "", "")
+    assert whole.line.startswith("inconclusive: 1 cell was never run")
+    assert (one.statistic, one.against, one.what) == ("nees", "", "nees")
+    assert (found[2].statistic, found[2].against) == ("rms", "order 2")
+
+
+def test_a_command_is_quoted_for_a_shell_and_only_of_a_cell():
+    cell = CellName("a", "a(x=0.5)@1")
+    assert reproduce(cell) == "simval repro 'a(x=0.5)@1'"
+    words = shlex.split(reproduce(cell, "my runs/it's"))
+    assert words == ["simval", "repro", "--run", "my runs/it's", "a(x=0.5)@1"]
+    assert reproduce(CellName("a", "a\\x00@1")) == reproduce(CellName("a")) == ""
