@@ -44,6 +44,9 @@ def test_a_baseline_is_sorted_and_a_line_for_each_statistic(tiny_run, tmp_path):
     for cell in content["cells"].values():
         assert list(cell.statistics) == sorted(cell.statistics)
     lines = path.read_text().splitlines()
+    # a blank for each level, so that another reason is one changed line
+    assert lines[:3] == ["{", ' "schema": 3,', ' "reason": "why",']
+    assert {len(line) - len(line.lstrip()) for line in lines} == set(range(5))
     entries = sum(len(c.statistics) for c in content["cells"].values())
     assert sum(line.startswith("   ") and "[" in line[6:] for line in lines) >= entries
     with pytest.raises(InputError, match="needs its reason"):
@@ -373,6 +376,15 @@ def test_a_baseline_is_not_written_from_values_that_are_not_finite(tiny_run, tmp
     run = dataclasses.replace(run, cells=(*run.cells[:-1], broken))
     with pytest.raises(InputError, match="not finite"):
         write_baseline(tmp_path / "baseline.json", run, "why")
+    lost = dataclasses.replace(cell, status="pending", rows=())
+    with pytest.raises(
+        InputError, match=re.escape(f"1 cells are unfinished ({lost.name})")
+    ):
+        write_baseline(
+            tmp_path / "baseline.json",
+            dataclasses.replace(run, cells=(*run.cells[:-1], lost)),
+            "why",
+        )
     nothing = dataclasses.replace(run, cells=())
     with pytest.raises(InputError, match="the run has none"):
         write_baseline(tmp_path / "baseline.json", nothing, "why")

@@ -229,3 +229,7 @@ def test_other_noise_halves_the_rate_of_theory():
         result = judge_run(new, baseline, alpha)
         assert result.verdicts[0].answer == answer
         assert result.verdicts[0].limit == pytest.approx(alpha / 2)
+    # beside its own noise no chance is involved, and theory keeps the whole
+    baseline = {"environment": {}, "cells": stored_of(new)}
+    assert judge_run(new, baseline, p * 1.5).answer == "fail"
+    assert judge_run(new, None, p * 1.5).answer == "fail"
