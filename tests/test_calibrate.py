@@ -168,6 +168,24 @@ def test_robust_rows_are_independent_too():
         np.testing.assert_array_equal(one.parameters, many.parameters[row])
 
 
+@pytest.mark.parametrize(
+    ("residual", "loss"), [*((r, "linear") for r in RESIDUALS), ("weighted", "huber")]
+)
+def test_the_last_gradient_is_that_of_the_last_step(residual, loss):
+    """|J'J| times a last step below the tolerance, 1e-12; an early one is above."""
+    batch = noisy(4, 20, 0.05, seed=9)
+    options = {"residual": residual, "loss": loss, "noise_std": 0.05}
+    # |y| is about one in the units of the fit: elements of J are at most some 2.2,
+    # so |J'J| is below 20 * 9 * 4.9, and nine elements step
+    at_most = 20 * 9 * 4.9 * 3 * 1e-12
+    for method in METHODS:
+        norm = calibrate(batch, G, method=method, **options).gradient_norm
+        assert norm.shape == (4,)
+        assert ((norm >= 0.0) & (norm < at_most)).all()
+    early = calibrate(batch, G, tolerance=1e-2, **options).gradient_norm
+    assert (early > at_most).any()  # a round of weights may start where it ends
+
+
 def test_rows_do_not_depend_on_the_block():
     """More trials than one block of 2^14 poses holds."""
     poses = 12

@@ -1,6 +1,7 @@
 """Outliers, one or several: the rate of false ones, the power, and the words."""
 
 import itertools
+import re
 
 import numpy as np
 import pytest
@@ -8,8 +9,10 @@ from scipy import stats
 
 from simval.calibrate import calibrate, diagnose
 from simval.calibrate.breaks import find_break
+from simval.calibrate.checks import refuse
 from simval.calibrate.outliers import FALSE_ALARM, find_outliers
-from simval.errors import SimvalError
+from simval.calibrate.solver import Code
+from simval.errors import RefusedError, SimvalError
 from simval.geometry import normalize
 from simval.poses import fibonacci_sphere, random_directions
 from simval.sensor import AccelerometerModel
@@ -157,6 +160,35 @@ def test_a_set_that_outliers_spoil_is_never_told_to_add_poses(bad, known):
         named += all(f"pose {k} " in said for k in which)
     assert named >= 15
     assert refused >= 1  # both kinds of words were seen
+
+
+@pytest.mark.parametrize(
+    ("suspects", "said", "rest", "them"),
+    [
+        (
+            [(3, 21.54)],
+            r"pose 3 \(21\.5 standard deviations off\) does not lie",
+            23,
+            "it",
+        ),
+        ([(3, 21.54), (7, 9.0)], r"pose 3 .* and pose 7 \(9 .* do not lie", 22, "them"),
+    ],
+)
+def test_one_suspect_or_several(suspects, said, rest, them):
+    y = poses_of(np.random.default_rng(33), 24, 0.005)
+    with pytest.raises(RefusedError) as caught:
+        refuse(
+            int(Code.WIDE),
+            y,
+            full_scale=None,
+            limit=100.0,
+            condition=2.0,
+            half_width=0.5,
+            suspects=suspects,
+        )
+    words = f"{said} on the ellipsoid of the other {rest} poses, and without {them} "
+    assert re.match(words, str(caught.value))
+    assert f"leave {them} out" in str(caught.value)
 
 
 def test_rounding_is_no_outlier():
