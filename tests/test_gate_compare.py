@@ -233,3 +233,30 @@ def test_other_noise_halves_the_rate_of_theory():
     baseline = {"environment": {}, "cells": stored_of(new)}
     assert judge_run(new, baseline, p * 1.5).answer == "fail"
     assert judge_run(new, None, p * 1.5).answer == "fail"
+
+
+def test_what_a_baseline_keeps_of_a_cell():
+    sample = {"standard_error": 0.5, "n": 300}
+    second = {"prediction": 1.0, "predictor": "order 2", "remainder": 0.125}
+    rows = [
+        row("rms", 2.0, check="plain", **sample, **second),
+        row("rms", 2.0, check="exact", **sample, prediction=1.5),
+        row("rms", 2.0, predictor="order 4", **sample, prediction=9.0),  # a record
+        row("nees", 3e-16, check="limit", prediction=1e-12),
+        row("bias[x]", 0.5, check="plain", **sample, **second),
+        row("bias[x]", 0.25, check="control", predictor="p", **sample),
+    ]
+    kept = entries(rows)
+    assert list(kept) == ["bias[x] against order 2", "bias[x] against p", "nees", "rms"]
+    assert kept["rms"].kept == (
+        2.0,
+        0.5,
+        300,
+        {"exact": [1.5, 0.0], "plain order 2": [1.0, 0.125]},
+    )
+    # below its own limit a value is rounding noise
+    assert kept["nees"].kept == (None, 0.0, 0, {"limit": [1e-12, 0.0]})
+    assert [kept[name].value for name in list(kept)[:2]] == [0.5, 0.25]
+    assert np.isnan(kept["bias[x] against p"].judged["control p"].prediction)
+    checks = {name: claim.check for name, claim in kept["rms"].judged.items()}
+    assert checks == {"exact": "exact", "plain order 2": "plain"}
