@@ -137,15 +137,8 @@ def test_no_option_is_advised_that_the_caller_has_not():
 
 def _open_cap():
     """A cap of 60 degrees and much noise, on which the solver runs out of steps."""
-    for seed in range(400):
-        rng = np.random.default_rng([59, seed])
-        directions = random_directions(200, rng)
-        y = reading(directions[directions[:, 2] > 0.5][:12], rng, 0.3)
-        try:
-            fit = calibrate(y, G, method="gauss-newton")
-        except SimvalError:
-            continue
-        if fit.status == "max iterations":
-            return y
-    pytest.fail("no such cap")
-    return None
+    rng = np.random.default_rng([59, 87])  # the first of its kind that does
+    directions = random_directions(200, rng)
+    y = reading(directions[directions[:, 2] > 0.5][:12], rng, 0.3)
+    assert calibrate(y, G, method="gauss-newton").status == "max iterations"
+    return y
