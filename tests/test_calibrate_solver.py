@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from simval.calibrate.positive import solve_positive, trace
 from simval.calibrate.solver import Code, Local, Rules, minimize
 
 TRUTH = np.arange(-4.0, 5.0)
@@ -55,3 +56,64 @@ def test_damping_turns_the_step_from_gauss_newtons_to_the_gradients():
     np.testing.assert_allclose(steps[0], full / np.linalg.norm(full), atol=1e-4)
     # at the last, 1e12 of the mean, the elements of J'J are 1e-12 beside it
     np.testing.assert_allclose(steps[-1], np.full(9, 1.0 / 3.0), atol=1e-11)
+
+
+@pytest.mark.parametrize("method", ["lm", "gauss-newton", "newton"])
+def test_steps_do_not_depend_on_the_unit_of_the_cost(method):
+    """Powers of two scale exactly, so the steps are equal to the bit."""
+
+    def tried(unit):
+        points = []
+
+        def objective(theta, rows):
+            points.append(theta[0].copy())
+            found = arctangents(theta, rows)
+            parts = ("cost", "gradient", "normal", "hessian")
+            return Local(**{name: unit * getattr(found, name) for name in parts})
+
+        rules = Rules(method=method, step=1.0, tolerance=1e-9, max_iterations=20)
+        minimize(objective, TRUTH[None] + 0.5, rules, 0.0)
+        return points
+
+    one = tried(1.0)
+    assert len(one) > 3
+    for unit in (2.0**-40, 2.0**40):
+        np.testing.assert_array_equal(tried(unit), one)
+
+
+@pytest.mark.filterwarnings("error")
+def test_batched_solutions_and_pivots():
+    rng = np.random.default_rng(41)
+    root = rng.standard_normal((6, 12, 5))
+    matrices = np.swapaxes(root, -1, -2) @ root
+    units = 10.0 ** rng.uniform(-3, 3, (6, 5))
+    matrices *= units[:, :, None] * units[:, None, :]
+    right = rng.standard_normal((6, 5, 2))
+    found, pivot = solve_positive(matrices, right)
+    for one, b, x, p in zip(matrices, right, found, pivot, strict=True):
+        diagonal = np.sqrt(np.diag(one))
+        scaled = one / np.outer(diagonal, diagonal)
+        expected = np.linalg.solve(scaled, b / diagonal[:, None]) / diagonal[:, None]
+        # Cholesky and LU each: p^2 roundings, amplified by the condition
+        bound = 2 * 25 * np.finfo(float).eps * np.linalg.cond(scaled)
+        assert np.abs(x - expected).max() <= bound * np.abs(expected).max()
+        # pivots of L D L' are the squares of Cholesky's diagonal
+        least = np.min(np.diag(np.linalg.cholesky(scaled)) ** 2)
+        assert abs(p - least) <= bound
+    np.testing.assert_allclose(
+        trace(matrices), np.einsum("tii->t", matrices), rtol=5 * np.finfo(float).eps
+    )
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_matrix_that_is_not_positive_has_no_solution_and_no_warning():
+    good = np.eye(3)
+    bad = [np.diag([1.0, -1.0, 1.0]), np.zeros((3, 3)), np.full((3, 3), 2.0)]
+    # scaled to a unit diagonal, its other elements overflow
+    far = np.array([[1e-300, 1e200, 0.0], [1e200, 1e-300, 0.0], [0.0, 0.0, 1.0]])
+    matrices = np.stack([good, *bad, far])
+    found, pivot = solve_positive(matrices, np.ones((5, 3, 1)))
+    np.testing.assert_array_equal(found[0], np.ones((3, 1)))
+    assert pivot[0] == 1.0
+    assert np.isnan(found[1:]).all()
+    assert not (pivot[1:] > 0.0).any()
