@@ -13,6 +13,7 @@ from simval.arrays import Array
 from simval.calibrate import FitResult, calibrate
 from simval.calibrate.breaks import find_break
 from simval.calibrate.outliers import find_outliers
+from simval.calibrate.steps import find_step
 from simval.errors import SimvalError
 from simval.logs import Log
 from simval.poses import PARAMETERS
@@ -24,7 +25,8 @@ Detector = Callable[[Log, int], Intervals]  # the rests of a log, at least so ma
 
 _BETTER = 1.5  # times less scatter; undoing the jumps of a sound log makes it worse
 _VANISHES = 4.0  # times less scatter: a slow drift halves with the part left out
-_CHANCE = 1e-6  # of a cut as good in a clean log
+_CHANCE = 1e-6  # of a cut or a step as good in a clean log
+_HALF = 1e-3  # its root: of a step where the chi-square has a chance as small
 _SOUND = 0.02  # of gravity, residual of a calibration that can be believed
 _UNUSED = 15.0  # s without a rest, long enough for several of another unit
 _SEVERAL = 3  # rests that agree on another unit
@@ -114,12 +116,8 @@ def changed(rests: Rests) -> str | None:
     found = find_break(rests.means)
     if found is None or not (found.chance <= _CHANCE and found.drop >= _VANISHES):
         return None
-    single = find_outliers(rests.means)
-    if single.flagged.any():
-        belong = single.distance[~single.flagged]
-        scatter = np.sqrt(np.sum(belong**2) / max(single.dof, 1))
-        if scatter < 2.0 * found.scatter:
-            return None  # a few bad rests say the same with less
+    if _few_say_it(rests, found.scatter):
+        return None
     earlier, later = rests.span(found.index - 1), rests.span(found.index)
     return (
         f"the rests up to the one {earlier} and those since the one {later} do not lie "
@@ -128,6 +126,50 @@ def changed(rests: Rests) -> str | None:
         "changed in between (range setting, cable, temperature); cut the log there "
         "and calibrate one part"
     )
+
+
+def stepped(rests: Rests, p_value: float = np.nan) -> str | None:
+    """A time at which biases or scales change, of rests too few to be cut in two.
+
+    In white noise the share of the residuals that a step explains does not depend on
+    their size, so that its chance and that of the chi-square may be multiplied.
+
+    Parameters
+    ----------
+    rests : Rests
+        Of the log.
+    p_value : float
+        Chance of a chi-square as high as that of the fit; NaN where it is not known.
+
+    Returns
+    -------
+    str or None
+        The fault in words.
+    """
+    known = bool(np.isfinite(p_value))
+    if known and p_value > _HALF:
+        return None
+    found = find_step(rests.means)
+    if found is None or not found.chance <= (_HALF if known else _CHANCE):
+        return None
+    if found.drop < _VANISHES or _few_say_it(rests, found.scatter):
+        return None
+    earlier, later = rests.span(found.index - 1), rests.span(found.index)
+    return (
+        f"{found.what} changed between the rest {earlier} and the one {later}: with "
+        f"such a step the rests scatter {found.drop:.3g} times less (range setting, "
+        "cable, shock, temperature); cut the log there and calibrate one part, or "
+        "record again"
+    )
+
+
+def _few_say_it(rests: Rests, scatter: float) -> bool:
+    # whether a few bad rests explain as much as a change for good, with less
+    single = find_outliers(rests.means)
+    if not single.flagged.any():
+        return False
+    belong = single.distance[~single.flagged]
+    return bool(np.sqrt(np.sum(belong**2) / max(single.dof, 1)) < 2.0 * scatter)
 
 
 def _gravity(means: Array, fit: FitResult | None) -> float:

@@ -69,6 +69,7 @@ def require_sound(
         partial(log_breaks.wrapped, log, misfit, fit.g, detect),
         partial(log_breaks.other_unit, rests, fit, detect),
         partial(log_breaks.changed, rests),
+        partial(log_breaks.stepped, rests, diagnosis.p_value),
     )
     for check in checks:
         said = check()
@@ -117,6 +118,7 @@ def explained(log: Log, refusal: RefusedError, g: float, detect: Detector) -> Ex
             partial(log_faults.repeated, rests),
             partial(log_faults.flat_axis, rests),
             partial(log_breaks.changed, rests),
+            partial(log_breaks.stepped, rests),
             partial(log_breaks.other_unit, rests, None, detect),
             partial(_healing, rests, g),
         ]

@@ -1,0 +1,153 @@
+r"""A sensor whose biases or scales step to other values in the course of the poses.
+
+From pose k on the readings are those of another sensor; undone,
+
+.. math:: u_i = z_i + [i \ge k]\,(d + s \circ (z_i - o)),  \tag{S1}
+
+they lie on the ellipsoid (E1) of the earlier ones, o its centre. Each of ten changes
+(one bias, three; one scale, all alike, three; all six) at each place is fitted by
+Gauss-Newton, in distances, and held against no change by
+
+.. math:: N\,P\{F_{m,\,n-9-m} > F\}, \tag{S2}
+
+N the number of changes and places tried, m of the parameters of the change: at most
+the chance that a clean series shows any such step. A part of its own needs nine poses
+and more (`breaks`), one bias a single degree of freedom.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import special
+
+from simval.arrays import Array
+from simval.calibrate.deletion import LEFT, deletion_of, scaled, slope_of
+from simval.calibrate.moments import PAIRS, monomials
+
+_ITERATIONS = 6  # of Gauss-Newton; a step not yet settled lowers the sum less
+_SIDE = 3  # poses on either side: fewer are outliers, not a step
+_LOST = 1e-9  # singular values below, relative, are not fixed by the poses
+# Of the readings' radius, and of a scale: what changes by more leaves several percent
+# of gravity, and freely a part shrinks to a point, which lies on any ellipsoid.
+_GREATEST = 0.5
+
+# what may change, as columns by (bias x, y, z, scale x, y, z)
+_UNIT = np.eye(6)
+CHANGES: dict[str, Array] = {
+    "the bias of x": _UNIT[:, [0]],
+    "the bias of y": _UNIT[:, [1]],
+    "the bias of z": _UNIT[:, [2]],
+    "the scale of x": _UNIT[:, [3]],
+    "the scale of y": _UNIT[:, [4]],
+    "the scale of z": _UNIT[:, [5]],
+    "the scale of all axes": _UNIT[:, 3:].sum(axis=1, keepdims=True),
+    "the biases": _UNIT[:, :3],
+    "the scales": _UNIT[:, 3:],
+    "biases and scales": _UNIT,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Step:
+    """Where a series of poses steps to another bias or scale.
+
+    Attributes
+    ----------
+    index : int
+        First pose after the step.
+    what : str
+        What changed, in words.
+    chance : float
+        Chance that the best step of a clean series is as good.
+    drop : float
+        Scatter without a step over that with it.
+    scatter : float
+        Scatter with the step, raw units.
+    """
+
+    index: int
+    what: str
+    chance: float
+    drop: float
+    scatter: float
+
+
+def find_step(poses: Array) -> Step | None:
+    """Look for the step that explains a series of poses best.
+
+    Parameters
+    ----------
+    poses : Array
+        Readings in order of time, raw units, (n, 3).
+
+    Returns
+    -------
+    Step or None
+        The least likely by chance; None where no degrees of freedom are left to tell.
+    """
+    z, scale, floor = scaled(poses)
+    count, dof = len(poses), len(poses) - 9
+    tried = {k: v for k, v in CHANGES.items() if dof - v.shape[1] >= LEFT}
+    sides = {what: max(_SIDE, v.shape[1] + 1) for what, v in tried.items()}
+    number = sum(max(count - 2 * side + 1, 0) for side in sides.values())
+    none = deletion_of(monomials(z)[:, :9], np.full(count, 2.0), [], floor)
+    if none.rank < 9:
+        return None
+    none = deletion_of(monomials(z)[:, :9], slope_of(none.p, z), [], floor)
+    total = none.squares([])
+    best: Step | None = None
+    for what, columns in tried.items():
+        m, left = columns.shape[1], dof - columns.shape[1]
+        places = np.arange(sides[what], count - sides[what] + 1)
+        if len(places) == 0:
+            continue
+        sums = np.maximum(_squares(z, none.p, places, columns), count * floor)
+        at = int(np.argmin(sums))
+        chance = special.betainc(left / 2, m / 2, min(sums[at] / total, 1.0))
+        found = Step(
+            index=int(places[at]),
+            what=what,
+            chance=float(min(1.0, number * chance)),
+            drop=float(np.sqrt(total / dof / (sums[at] / left))),
+            scatter=float(np.sqrt(sums[at] / left)) * scale,
+        )
+        if best is None or (found.chance, -found.drop) < (best.chance, -best.drop):
+            best = found
+    return best
+
+
+def _squares(z: Array, start: Array, places: Array, columns: Array) -> Array:
+    # least sum of squared distances with a step at each place, (places,)
+    later = np.arange(len(z)) >= places[:, None]
+    p = np.tile(start, (len(places), 1))
+    centre = -np.linalg.solve(2.0 * _quadratic(start[None])[0], start[6:])
+    change = np.zeros((len(places), columns.shape[1]))
+    least = np.full(len(places), np.inf)
+    for _ in range(_ITERATIONS):
+        full = change @ columns.T
+        moved = full[:, None, :3] + full[:, None, 3:] * (z - centre)
+        u = z + later[..., None] * moved
+        gradient = 2.0 * u @ _quadratic(p) + p[:, None, 6:]
+        stretch = 1.0 + later[..., None] * full[:, None, 3:]
+        slope = np.linalg.norm(gradient * stretch, axis=-1)  # by the reading itself
+        slope = np.maximum(slope, 0.2 * np.median(slope, axis=-1, keepdims=True))
+        by_change = np.concatenate([gradient, gradient * (z - centre)], axis=-1)
+        by_change = later[..., None] * (by_change @ columns)
+        rows = monomials(u)[..., :9] / slope[..., None]
+        own = np.linalg.pinv(rows, rcond=_LOST)
+        p_now = np.matvec(own, 1.0 / slope)
+        residual = 1.0 / slope - np.matvec(rows, p_now)
+        least = np.minimum(least, np.sum(residual**2, axis=-1))
+        both = np.concatenate([rows, by_change / slope[..., None]], axis=-1)
+        step = np.matvec(np.linalg.pinv(both, rcond=_LOST), 1.0 / slope)
+        p, change = p_now, np.clip(change + step[:, 9:], -_GREATEST, _GREATEST)
+    return least
+
+
+def _quadratic(p: Array) -> Array:
+    # symmetric matrices of the quadratic parts, (t, 3, 3)
+    matrix = np.zeros((len(p), 3, 3))
+    matrix[:, range(3), range(3)] = p[:, :3]
+    for index, (i, j) in enumerate(PAIRS):
+        matrix[:, i, j] = matrix[:, j, i] = p[:, 3 + index] / 2.0
+    return matrix
