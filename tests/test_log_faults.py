@@ -56,25 +56,16 @@ def test_good_logs_are_kept():
 
 
 def misled(rec):
-    """Whether an answer is off by more than its error bars, and whether silently: no
-    word that the poses, and not the noise, are the limit."""
+    """Whether an answer is accepted that is wrong beyond six of its error bars."""
     result, _ = outcome(rec)
-    wrong = result is not None and bad_logs.wrong(rec, result.fit)
-    words = wrong and "the poses are the limit" in result.diagnosis.verdict
-    return wrong, wrong and not words
+    return result is not None and bad_logs.wrong(rec, result.fit)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", bad_logs.FAULTS)
-def test_no_bad_log_is_silently_wrong(name):
-    """60 of each of 19 kinds, 1140 in all: at most one of a kind without a word.
-
-    With the word that the poses are the limit, at most six: a change in the middle of
-    so few rests that neither part can be judged by itself (3 of 39 jumps of a bias).
-    """
-    found = [misled(recording(name, seed)) for seed in range(60)]
-    assert sum(silent for _, silent in found) <= 1
-    assert sum(wrong for wrong, _ in found) <= 6
+def test_no_bad_log_is_accepted_with_a_wrong_answer(name):
+    """60 of each of 19 kinds, 1140 in all: at most one of a kind, whatever it says."""
+    assert sum(misled(recording(name, seed)) for seed in range(60)) <= 1
 
 
 @pytest.mark.slow

@@ -4,9 +4,10 @@ From pose k on the readings are those of another sensor; undone,
 
 .. math:: u_i = z_i + [i \ge k]\,(d + s \circ (z_i - o)),  \tag{S1}
 
-they lie on the ellipsoid (E1) of the earlier ones, o its centre. Each of ten changes
-(one bias, three; one scale, all alike, three; all six) at each place is fitted by
-Gauss-Newton, in distances, and held against no change by
+they lie on the ellipsoid (E1) of the earlier ones; a scale multiplies about o, the
+zero of the counter if that is near the centre, or else the centre itself. Each of ten
+changes (one bias, three; one scale, all alike, three; all six) at each place is fitted
+by Gauss-Newton, in distances, and held against no change by
 
 .. math:: N\,P\{F_{m,\,n-9-m} > F\}, \tag{S2}
 
@@ -25,6 +26,7 @@ from simval.calibrate.deletion import LEFT, deletion_of, scaled, slope_of
 from simval.calibrate.moments import PAIRS, monomials
 
 _ITERATIONS = 6  # of Gauss-Newton; a step not yet settled lowers the sum less
+_MOST = 64  # poses, some 0.5 s; of more the parts are judged by themselves (`breaks`)
 _SIDE = 3  # poses on either side: fewer are outliers, not a step
 _LOST = 1e-9  # singular values below, relative, are not fixed by the poses
 # Of the readings' radius, and of a scale: what changes by more leaves several percent
@@ -63,6 +65,8 @@ class Step:
         Scatter without a step over that with it.
     scatter : float
         Scatter with the step, raw units.
+    dof : int
+        Degrees of freedom that the step leaves.
     """
 
     index: int
@@ -70,6 +74,7 @@ class Step:
     chance: float
     drop: float
     scatter: float
+    dof: int
 
 
 def find_step(poses: Array) -> Step | None:
@@ -83,7 +88,8 @@ def find_step(poses: Array) -> Step | None:
     Returns
     -------
     Step or None
-        The least likely by chance; None where no degrees of freedom are left to tell.
+        The least likely by chance; None where no degrees of freedom are left to tell,
+        or more than 64 poses leave enough for `breaks`.
     """
     z, scale, floor = scaled(poses)
     count, dof = len(poses), len(poses) - 9
@@ -91,17 +97,21 @@ def find_step(poses: Array) -> Step | None:
     sides = {what: max(_SIDE, v.shape[1] + 1) for what, v in tried.items()}
     number = sum(max(count - 2 * side + 1, 0) for side in sides.values())
     none = deletion_of(monomials(z)[:, :9], np.full(count, 2.0), [], floor)
-    if none.rank < 9:
+    if count > _MOST or none.rank < 9:
         return None
     none = deletion_of(monomials(z)[:, :9], slope_of(none.p, z), [], floor)
     total = none.squares([])
+    centre = -np.linalg.solve(2.0 * _quadratic(none.p[None])[0], none.p[6:])
+    zero = -poses.mean(axis=0) / scale
+    if np.linalg.norm(zero - centre) > _GREATEST:
+        zero = centre
     best: Step | None = None
     for what, columns in tried.items():
         m, left = columns.shape[1], dof - columns.shape[1]
         places = np.arange(sides[what], count - sides[what] + 1)
         if len(places) == 0:
             continue
-        sums = np.maximum(_squares(z, none.p, places, columns), count * floor)
+        sums = np.maximum(_squares(z, none.p, zero, places, columns), count * floor)
         at = int(np.argmin(sums))
         chance = special.betainc(left / 2, m / 2, min(sums[at] / total, 1.0))
         found = Step(
@@ -110,28 +120,30 @@ def find_step(poses: Array) -> Step | None:
             chance=float(min(1.0, number * chance)),
             drop=float(np.sqrt(total / dof / (sums[at] / left))),
             scatter=float(np.sqrt(sums[at] / left)) * scale,
+            dof=left,
         )
         if best is None or (found.chance, -found.drop) < (best.chance, -best.drop):
             best = found
     return best
 
 
-def _squares(z: Array, start: Array, places: Array, columns: Array) -> Array:
+def _squares(
+    z: Array, start: Array, zero: Array, places: Array, columns: Array
+) -> Array:
     # least sum of squared distances with a step at each place, (places,)
     later = np.arange(len(z)) >= places[:, None]
     p = np.tile(start, (len(places), 1))
-    centre = -np.linalg.solve(2.0 * _quadratic(start[None])[0], start[6:])
     change = np.zeros((len(places), columns.shape[1]))
     least = np.full(len(places), np.inf)
     for _ in range(_ITERATIONS):
         full = change @ columns.T
-        moved = full[:, None, :3] + full[:, None, 3:] * (z - centre)
+        moved = full[:, None, :3] + full[:, None, 3:] * (z - zero)
         u = z + later[..., None] * moved
         gradient = 2.0 * u @ _quadratic(p) + p[:, None, 6:]
         stretch = 1.0 + later[..., None] * full[:, None, 3:]
         slope = np.linalg.norm(gradient * stretch, axis=-1)  # by the reading itself
         slope = np.maximum(slope, 0.2 * np.median(slope, axis=-1, keepdims=True))
-        by_change = np.concatenate([gradient, gradient * (z - centre)], axis=-1)
+        by_change = np.concatenate([gradient, gradient * (z - zero)], axis=-1)
         by_change = later[..., None] * (by_change @ columns)
         rows = monomials(u)[..., :9] / slope[..., None]
         own = np.linalg.pinv(rows, rcond=_LOST)

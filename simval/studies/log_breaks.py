@@ -8,11 +8,12 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from scipy import special
 
 from simval.arrays import Array
 from simval.calibrate import FitResult, calibrate
 from simval.calibrate.breaks import find_break
-from simval.calibrate.outliers import find_outliers
+from simval.calibrate.outliers import BELIEVED, find_outliers
 from simval.calibrate.steps import find_step
 from simval.errors import SimvalError
 from simval.logs import Log
@@ -26,7 +27,7 @@ Detector = Callable[[Log, int], Intervals]  # the rests of a log, at least so ma
 _BETTER = 1.5  # times less scatter; undoing the jumps of a sound log makes it worse
 _VANISHES = 4.0  # times less scatter: a slow drift halves with the part left out
 _CHANCE = 1e-6  # of a cut or a step as good in a clean log
-_HALF = 1e-3  # its root: of a step where the chi-square has a chance as small
+BEYOND = 1e-3  # its root: of a step where the chi-square has a chance as small
 _SOUND = 0.02  # of gravity, residual of a calibration that can be believed
 _UNUSED = 15.0  # s without a rest, long enough for several of another unit
 _SEVERAL = 3  # rests that agree on another unit
@@ -128,39 +129,73 @@ def changed(rests: Rests) -> str | None:
     )
 
 
-def stepped(rests: Rests, p_value: float = np.nan) -> str | None:
+def stepped(rests: Rests, chi2: float = np.nan) -> str | None:
     """A time at which biases or scales change, of rests too few to be cut in two.
 
     In white noise the share of the residuals that a step explains does not depend on
-    their size, so that its chance and that of the chi-square may be multiplied.
+    their size, so that its chance and that of the chi-square may be multiplied. A step
+    that leaves what the noise explains is refused whatever its own chance: of a dozen
+    rests nothing tells it from moved holds, and those would leave a right answer.
 
     Parameters
     ----------
     rests : Rests
         Of the log.
-    p_value : float
-        Chance of a chi-square as high as that of the fit; NaN where it is not known.
+    chi2 : float
+        Chi-square of the fit per degree of freedom; NaN where it is not known.
 
     Returns
     -------
     str or None
         The fault in words.
     """
-    known = bool(np.isfinite(p_value))
-    if known and p_value > _HALF:
+    known, dof = bool(np.isfinite(chi2)), len(rests.means) - PARAMETERS
+    if known and not beyond_noise(chi2, dof):
         return None
     found = find_step(rests.means)
-    if found is None or not found.chance <= (_HALF if known else _CHANCE):
+    if found is None or found.drop < _VANISHES:
         return None
-    if found.drop < _VANISHES or _few_say_it(rests, found.scatter):
+    healed = known and _tail(chi2 / found.drop**2, found.dof) >= BELIEVED
+    if not (found.chance <= (BEYOND if known else _CHANCE) or healed):
+        return None
+    if _few_say_it(rests, found.scatter):
         return None
     earlier, later = rests.span(found.index - 1), rests.span(found.index)
+    sure = found.chance <= BEYOND
     return (
-        f"{found.what} changed between the rest {earlier} and the one {later}: with "
-        f"such a step the rests scatter {found.drop:.3g} times less (range setting, "
-        "cable, shock, temperature); cut the log there and calibrate one part, or "
-        "record again"
+        f"{found.what} {'changed' if sure else 'may have changed'} between the rest "
+        f"{earlier} and the one {later}: with such a step the {len(rests.means)} rests "
+        f"scatter {found.drop:.3g} times less (range setting, cable, shock, "
+        "temperature); "
+        + (
+            "cut the log there and calibrate one part, or record again"
+            if sure
+            else "so few rests do not tell it from holds that moved, record more"
+        )
     )
+
+
+def beyond_noise(chi2: float, dof: int) -> bool:
+    """Whether white noise leaves such residuals in less than one log of a thousand.
+
+    Parameters
+    ----------
+    chi2 : float
+        Chi-square per degree of freedom; NaN where it is not known.
+    dof : int
+        Degrees of freedom.
+
+    Returns
+    -------
+    bool
+        False where it is not known.
+    """
+    return dof > 0 and _tail(chi2, dof) < BEYOND
+
+
+def _tail(chi2: float, dof: int) -> float:
+    # chance of at least such a chi-square per degree of freedom
+    return float(special.gammaincc(dof / 2.0, chi2 * dof / 2.0))
 
 
 def _few_say_it(rests: Rests, scatter: float) -> bool:

@@ -8,8 +8,10 @@ more than the geometry it has ruined.
 from functools import partial
 
 import numpy as np
+from scipy import special
 
 from simval.calibrate import Diagnosis, FitResult, calibrate
+from simval.calibrate.deletion import LEFT
 from simval.calibrate.outliers import find_outliers
 from simval.errors import (
     ConvergenceError,
@@ -27,6 +29,9 @@ from simval.studies.log_rests import Rests, rests_of
 # Of gravity. Real holds leave some 1e-3 (the recordings in docs/calibration.md 1e-4 to
 # 3e-3), and what is left here says that the readings are not those of gravity at rest.
 _MISFIT = 0.02
+_RARELY = 0.05  # chance that a scatter beyond the limit leaves as little as is seen
+# Degrees of freedom: one for the least step, and two to tell it by.
+_TELLING = LEFT + 1
 
 
 def require_sound(
@@ -69,15 +74,22 @@ def require_sound(
         partial(log_breaks.wrapped, log, misfit, fit.g, detect),
         partial(log_breaks.other_unit, rests, fit, detect),
         partial(log_breaks.changed, rests),
-        partial(log_breaks.stepped, rests, diagnosis.p_value),
+        partial(log_breaks.stepped, rests, diagnosis.chi2_per_dof),
     )
     for check in checks:
         said = check()
         if said is not None:
             msg = f"{log.path}: {said}"
             raise RefusedError(msg)
-    if not misfit <= _MISFIT:
-        msg = f"{log.path}: {_misfit(rests, misfit, diagnosis)}"
+    dof = len(intervals) - PARAMETERS
+    if dof < _TELLING and log_breaks.beyond_noise(diagnosis.chi2_per_dof, dof):
+        msg = f"{log.path}: {_undecided(len(intervals), diagnosis)}"
+        raise RefusedError(msg)
+    possible = misfit
+    if log_breaks.beyond_noise(diagnosis.chi2_per_dof, dof):
+        possible *= np.sqrt(len(intervals) / special.chdtri(dof, 1.0 - _RARELY))
+    if not max(misfit, possible) <= _MISFIT:
+        msg = f"{log.path}: {_misfit(rests, misfit, possible, diagnosis)}"
         raise RefusedError(msg)
 
 
@@ -157,7 +169,7 @@ def _healing(rests: Rests, g: float) -> str | None:
     )
 
 
-def _misfit(rests: Rests, misfit: float, diagnosis: Diagnosis) -> str:
+def _misfit(rests: Rests, misfit: float, possible: float, diagnosis: Diagnosis) -> str:
     named = [f"{k} {rests.span(k)}" for k in diagnosis.outliers]
     what = (
         f"rest {', rest '.join(named)} does not lie on the ellipsoid of the others; "
@@ -167,9 +179,19 @@ def _misfit(rests: Rests, misfit: float, diagnosis: Diagnosis) -> str:
         f"still; the rest farthest off is the one {rests.span(_farthest(diagnosis))}"
     )
     return (
-        f"the rests miss gravity by {100.0 * misfit:.2g} % (root mean square; at most "
-        f"{100.0 * _MISFIT:g} % is accepted), so these are not readings of gravity "
-        f"on three axes: {what}"
+        f"the rests miss gravity by {100.0 * misfit:.2g} % (root mean square), what is "
+        f"behind it may be {100.0 * possible:.2g} % with so many rests, and at most "
+        f"{100.0 * _MISFIT:g} % is accepted: these are not readings of gravity on "
+        f"three axes; {what}"
+    )
+
+
+def _undecided(count: int, diagnosis: Diagnosis) -> str:
+    return (
+        f"the residuals of {count} rests are {np.sqrt(diagnosis.chi2_per_dof):.1f} "
+        "times what their noise explains, and so few rests do not tell a hold that "
+        "moved from a sensor that changed, which would make every number wrong; "
+        f"record at least {PARAMETERS + _TELLING} rests, better 20"
     )
 
 
