@@ -64,6 +64,29 @@ def test_standardised_residuals_are_standard(residual):
     assert leverage.max() < 1.0 + 1e-12
 
 
+@pytest.mark.parametrize("residual", ["squared", "norm", "weighted", "sampson"])
+@pytest.mark.parametrize("known", [True, False])
+def test_leverage_is_what_a_pose_pulls_its_own_fit_by(residual, known):
+    """A reading moved by e along its normal changes its distance by (1 - h) e."""
+    y = poses(14, seed=8)[0]
+    noise = SIGMA * np.geomspace(0.3, 3.0, 14)
+    given = {"noise_std": noise} if known else {}
+    fit = calibrate(y, G, residual=residual, **given)
+    leverage = diagnose(fit, y, noise).leverage
+    step = 1e-4
+    for k in (0, 6, 13):
+        normal = (y[k] - fit.B) @ fit.matrix.T @ fit.matrix
+        moved = []
+        for sign in (1, -1):
+            other = y.copy()
+            other[k] += sign * step * normal / np.linalg.norm(normal)
+            refit = calibrate(other, G, residual=residual, **given)
+            moved.append(diagnose(refit, other, noise).distance[k])
+        pulled = 1.0 - (moved[0] - moved[1]) / (2 * step)
+        # residuals of 0.5 % of the radius leave second derivatives of as much
+        assert abs(pulled - leverage[k]) < 0.02
+
+
 def test_type_a_standardised_residuals_follow_student():
     trials, n = 1200, 12
     batch = poses(n, trials, seed=2)

@@ -23,6 +23,7 @@ from simval.calibrate.outliers import (
     Outliers,
     find_outliers,
 )
+from simval.calibrate.residuals import WEIGHTED, noise_shares
 from simval.calibrate.result import FitResult
 from simval.calibrate.verdict import (
     Evidence,
@@ -181,7 +182,7 @@ def _judged(
     shape = distance.shape
     found = Residuals(
         distance=distance,
-        leverage=_leverage(fit, rows, steep),
+        leverage=_leverage(fit, rows, steep, sigma),
         standardized=np.array([one.standardized for one in rests]).reshape(shape),
         outlier=np.array([one.flagged for one in rests]).reshape(shape),
         limit=np.array([_limit(one, count) for one in rests]).reshape(total.shape),
@@ -256,9 +257,11 @@ def _distances(fit: FitResult, readings: Array) -> tuple[Array, Array, Array]:
     return c / steep, rows / steep[..., None], steep
 
 
-def _leverage(fit: FitResult, rows: Array, steep: Array) -> Array:
+def _leverage(fit: FitResult, rows: Array, steep: Array, sigma: Array | None) -> Array:
     # diagonal of the hat matrix of sqrt(a) J, the estimate weighing c by `a`, (..., n)
-    own = fit.residual in ("weighted", "sampson")
-    weighted = rows if own else rows * steep[..., None]
+    shares = noise_shares(fit.residual, sigma)
+    weighted = rows if fit.residual in WEIGHTED else rows * steep[..., None]
+    if fit.covariance_kind == "known sigma" and shares is not None:
+        weighted = weighted * np.sqrt(shares)[:, None]
     q, _ = np.linalg.qr(weighted / np.linalg.norm(weighted, axis=-2, keepdims=True))
     return np.minimum(np.sum(q * q, axis=-1), 1.0)
