@@ -173,3 +173,14 @@ def test_the_symmetric_form_as_a_sensor():
     assert np.array_equal(model.T, np.eye(3))
     assert model.K.shape == (3, 3)
     np.testing.assert_allclose(model.parameters, PARAMETERS, rtol=1e-14, atol=1e-15)
+
+
+def test_a_refused_argument_is_named_with_its_unit():
+    for name in ("source", "target"):
+        forms_of = {"source": "triangular", "target": "symmetric", name: "square"}
+        with pytest.raises(InputError, match=f"^`{name}` is 'square'"):
+            convert(PARAMETERS, None, **forms_of)
+    with pytest.raises(
+        InputError, match=r"^`noise_std` is -1.0; .* 0 raw units or more"
+    ):
+        AccelerometerModel.from_parameters(PARAMETERS, noise_std=-1.0)
