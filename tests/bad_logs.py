@@ -78,11 +78,14 @@ def path_of(directions, rng):
 
 
 def good(rng):
-    """A good log: m/s^2, or counts of 12 to 16 bits over 2 to 8 g."""
+    """A good log: m/s^2, or counts of 12 to 16 bits over 2 to 8 g.
+
+    Its noise is a third of a count or more; of less see `coarse`.
+    """
     counts = rng.random() < 0.5
     gain = 2.0 ** rng.integers(11, 16) / (rng.choice([2, 4, 8]) * G) if counts else 1.0
     sensor = sensor_of(rng, gain)
-    # noise below a third of a count leaves rests of one value, which set no threshold
+    # less leaves rests of one value, which set no threshold
     sigma = max(10 ** rng.uniform(-2.5, -1.3), 0.3 / gain if counts else 0.0)
     force, holds = path_of(spread_poses(rng), rng)
     raw = sensor.distort(G * force, rng)
@@ -93,6 +96,17 @@ def good(rng):
         bias = sensor.B + (32768.0 if shift else 0.0)
         sensor = AccelerometerModel(T=sensor.T, K=sensor.K, B=bias)
     return Recorded(samples=raw, sensor=sensor, holds=holds, sigma=sigma * gain)
+
+
+def coarse(rng, least, most):
+    """A log in counts whose noise is far below one, `least` to `most` of it."""
+    gain = 2.0 ** rng.integers(11, 16) / (rng.choice([2, 4, 8]) * G)
+    sensor = sensor_of(rng, gain)
+    sigma = rng.uniform(least, most)
+    force, holds = path_of(spread_poses(rng), rng)
+    raw = sensor.distort(G * force, rng)
+    raw = np.round(raw + sigma * rng.standard_normal(raw.shape))
+    return Recorded(samples=raw, sensor=sensor, holds=holds, sigma=sigma)
 
 
 def _with(rec, samples):

@@ -22,6 +22,8 @@ WORDS = {
     "swapped_axes": "do not lie on one ellipsoid; .* cut the log there",
 }
 
+STEPS = {"bias_jump": (33, 35), "gain_change": (66, 67)}  # of fewer than 22 rests
+
 
 def recording(name, seed):
     rng = np.random.default_rng([71, len(name), sum(map(ord, name)), seed])
@@ -73,6 +75,37 @@ def test_no_good_log_is_lost():
     """300 good logs, in counts or m/s^2, coarse or fine: not one refused or wrong."""
     lost = [seed for seed in range(300) if outcome(recording("good", seed))[0] is None]
     assert lost == []
+
+
+def test_a_log_without_noise_is_refused_in_words():
+    """Rests of one value each: nothing tells a rest from a stuck sensor."""
+    for seed in range(3):
+        rec = bad_logs.coarse(np.random.default_rng([83, seed]), 0.0, 0.05)
+        result, words = outcome(rec)
+        assert result is None
+        assert re.search("do(es)? not vary at all.* (finer|coarse)", words)
+
+
+@pytest.mark.slow
+def test_coarse_logs_are_right_or_refused():
+    """Noise of 0.05 to 0.3 counts: 150 logs, not one wrong beyond its error bars."""
+    rngs = [np.random.default_rng([85, seed]) for seed in range(150)]
+    assert not any(misled(bad_logs.coarse(rng, 0.05, 0.3)) for rng in rngs)
+
+
+@pytest.mark.parametrize(
+    ("name", "what"), [("bias_jump", "the bias of"), ("gain_change", "the scale of")]
+)
+def test_a_step_in_few_rests_is_named(name, what):
+    """Fewer than 22 rests, no part of which can be judged by itself: 4 of 150 logs
+    with a jump of a bias were accepted with a wrong answer."""
+    said = []
+    for seed in range(*STEPS[name]):
+        rng = np.random.default_rng([900, len(name), sum(map(ord, name)), seed])
+        rec = bad_logs.FAULTS[name](bad_logs.good(rng), rng)
+        assert len(rec.holds) < 22
+        said.append(outcome(rec)[1])
+    assert all(re.search(f"{what} .* changed between the rest", s) for s in said), said
 
 
 def test_the_command_says_it_in_one_sentence(capsys, tmp_path):

@@ -93,6 +93,13 @@ def initial_rest(
         if spread is None:
             spread = variance_magnitude(samples, window)
         floor = float(np.quantile(spread[np.isfinite(spread)], FLOOR_QUANTILE))
+        if not floor > 0.0:
+            msg = (
+                "no initial rest found: the stillest rows do not vary at all, so noise "
+                "sets no threshold: it is far below one step of the converter, or the "
+                "sensor is stuck; record with a narrower range or a finer resolution"
+            )
+            raise RefusedError(msg)
         runs = _runs(spread < FLOOR_MULTIPLE * floor)
         runs = runs[runs[:, 1] - runs[:, 0] >= minimum]
         if len(runs) == 0:
