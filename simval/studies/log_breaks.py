@@ -31,7 +31,8 @@ BEYOND = 1e-3  # its root: of a step where the chi-square has a chance as small
 _SOUND = 0.02  # of gravity, residual of a calibration that can be believed
 _UNUSED = 15.0  # s without a rest, long enough for several of another unit
 _SEVERAL = 3  # rests that agree on another unit
-_OTHER_SIZE = 1.0  # the same without a calibration: biases count as readings
+_MANY = 6  # rests all over a sphere, whose spread is its radius within a factor of two
+_FAR_UNIT = 2.0  # of that spread, off from it
 _OTHER_UNIT = 0.3  # of gravity, off from it: readings in motion average to 5 %
 
 
@@ -207,11 +208,6 @@ def _few_say_it(rests: Rests, scatter: float) -> bool:
     return bool(np.sqrt(np.sum(belong**2) / max(single.dof, 1)) < 2.0 * scatter)
 
 
-def _gravity(means: Array, fit: FitResult | None) -> float:
-    force = means if fit is None else fit.sensor().correct(means)
-    return float(np.median(np.linalg.norm(force, axis=-1)))
-
-
 def other_unit(rests: Rests, fit: FitResult | None, detect: Detector) -> str | None:
     """A long stretch whose rests were passed over because they read another gravity.
 
@@ -220,7 +216,7 @@ def other_unit(rests: Rests, fit: FitResult | None, detect: Detector) -> str | N
     rests : Rests
         Of the log.
     fit : FitResult or None
-        Its calibration; without one, readings are compared by their own length.
+        Its calibration; None where there is none, and the spheres are compared.
     detect : callable
         Finds the rests of a log.
 
@@ -230,7 +226,9 @@ def other_unit(rests: Rests, fit: FitResult | None, detect: Detector) -> str | N
         The fault in words.
     """
     log = rests.log
-    most = _OTHER_UNIT if fit is not None else _OTHER_SIZE
+    if len(rests.means) < _SEVERAL:
+        return None
+    several, off = (_SEVERAL, _OTHER_UNIT) if fit else (_MANY, _FAR_UNIT)
     edges = np.concatenate([[0], rests.intervals.ravel(), [len(log.time)]])
     for start, stop in edges.reshape(-1, 2):
         if log.time[stop - 1] - log.time[min(start, stop - 1)] < _UNUSED:
@@ -245,10 +243,8 @@ def other_unit(rests: Rests, fit: FitResult | None, detect: Detector) -> str | N
             inside = interval_means(part.accelerometer, detect(part, _SEVERAL))
         except SimvalError:
             continue  # no rests there: motion
-        if len(inside) < _SEVERAL:
-            continue
-        typical = _gravity(inside, fit) / _gravity(rests.means, fit)
-        if max(typical, 1.0 / typical) > 1.0 + most:
+        typical = _gravity(inside, rests.means, fit) if len(inside) >= several else 1.0
+        if abs(np.log(typical)) > np.log1p(off):
             return (
                 f"{len(inside)} rests {rests.rows(int(start), int(stop))} read "
                 f"{typical:.3g} times the gravity of the others, on x, y and z: the "
@@ -256,3 +252,12 @@ def other_unit(rests: Rests, fit: FitResult | None, detect: Detector) -> str | N
                 "the parts by themselves"
             )
     return None
+
+
+def _gravity(inside: Array, others: Array, fit: FitResult | None) -> float:
+    # of some rests over that of the others
+    if fit is not None:
+        length = np.linalg.norm(fit.sensor().correct(inside), axis=-1) / fit.g
+        return float(np.median(length))
+    radii = [np.sqrt(np.sum(np.var(part, axis=0))) for part in (inside, others)]
+    return float(max(radii[0], np.finfo(float).tiny) / radii[1])

@@ -129,6 +129,7 @@ def explained(log: Log, refusal: RefusedError, g: float, detect: Detector) -> Ex
         checks += [
             partial(log_faults.repeated, rests),
             partial(log_faults.flat_axis, rests),
+            partial(log_breaks.other_unit, rests, None, detect),
             partial(log_breaks.changed, rests),
             partial(log_breaks.stepped, rests),
             partial(log_breaks.other_unit, rests, None, detect),
