@@ -8,6 +8,7 @@ import pytest
 
 from simval.cli import run
 from simval.errors import RefusedError, SimvalError
+from simval.poses import fibonacci_sphere
 from simval.studies.recorded import calibrate_log
 
 # what the refusal says, of the faults that nothing else could be taken for
@@ -106,6 +107,28 @@ def test_a_step_in_few_rests_is_named(name, what):
         assert len(rec.holds) < 22
         said.append(outcome(rec)[1])
     assert all(re.search(f"{what} .* changed between the rest", s) for s in said), said
+
+
+@pytest.mark.parametrize(
+    ("count", "said"),
+    [(11, "so few rests do not tell"), (12, "changed between the rest")],
+)
+def test_a_jump_in_a_dozen_rests_is_refused(monkeypatch, count, said):
+    """One or two degrees of freedom say that something moved and not what; from three
+    on a step is named. The same rests without a jump are accepted."""
+    directions = fibonacci_sphere(count)
+    monkeypatch.setattr(
+        bad_logs, "spread_poses", lambda rng: rng.permutation(directions)
+    )
+    words = []
+    for seed in range(4):
+        rng = np.random.default_rng([87, count, seed])
+        rec = bad_logs.good(rng)
+        assert outcome(rec)[0] is not None
+        result, refusal = outcome(bad_logs.bias_jump(rec, rng))
+        assert result is None
+        words.append(refusal)
+    assert any(said in refusal for refusal in words), words
 
 
 def test_the_command_says_it_in_one_sentence(capsys, tmp_path):
