@@ -132,7 +132,6 @@ def explained(log: Log, refusal: RefusedError, g: float, detect: Detector) -> Ex
             partial(log_breaks.other_unit, rests, None, detect),
             partial(log_breaks.changed, rests),
             partial(log_breaks.stepped, rests),
-            partial(log_breaks.other_unit, rests, None, detect),
             partial(_healing, rests, g),
         ]
     for check in checks:
