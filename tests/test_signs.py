@@ -1,5 +1,7 @@
 """T is printed as it stands in the file: S_zx is minus its entry."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -52,3 +54,16 @@ def test_the_command_prints_the_entry_of_T(tmp_path, simval):
 def test_tables_that_name_it_say_its_sign():
     assert "minus the entry T[2][0]" in sign_of_entries([SD("K_x"), BIAS("S_zx")])
     assert sign_of_entries([SD("K_x")]) == ""
+
+
+def test_a_plan_says_entries_of_the_matrix(simval):
+    """The bias of T[2][0] is minus that of S_zx, which JSON keeps."""
+    words = ("plan", "--poses", "fibonacci:20", "--noise-std", "0.1")
+    code, out, _ = simval(*words)
+    assert code == 0
+    assert "S_zx" not in out
+    line = next(line for line in out.splitlines() if "T[2][0]" in line)
+    plain = json.loads(simval(*words, "--json")[1])
+    place = plain["names"].index("S_zx")
+    bias = float(f"{-plain['bias'][place]:.2g}")
+    assert float(line.split()[3]) == bias

@@ -13,6 +13,7 @@ from simval.cli.options import refuse_if, stated
 from simval.errors import InputError
 from simval.poses import cube_corners, cube_edges, cube_faces, fibonacci_sphere
 from simval.sensor import MODELS
+from simval.sensor.forms import entries
 from simval.theory.planning import Plan, plan, pose_noise
 
 SETS = {"faces": cube_faces, "edges": cube_edges, "corners": cube_corners}
@@ -67,7 +68,7 @@ def command(
     if as_json:
         click.echo(json.dumps(as_object(result), allow_nan=False))
         return
-    for line in described(result):
+    for line in described(result, model):
         click.echo(line)
 
 
@@ -217,13 +218,15 @@ def as_object(result: Plan) -> dict[str, Any]:
     }
 
 
-def described(result: Plan) -> list[str]:
+def described(result: Plan, form: str) -> list[str]:
     """Say a plan in lines of text.
 
     Parameters
     ----------
     result : Plan
         A plan.
+    form : str
+        Form of the parameters; they are said as entries of T, K and B.
 
     Returns
     -------
@@ -239,9 +242,10 @@ def described(result: Plan) -> list[str]:
         "",
         "            predicted sd      bound       bias   with the next pose",
     ]
-    columns = (result.names, result.sd, result.bound, result.bias, result.sd_next)
-    for name, sd, bound, bias, after in zip(*columns, strict=True):
-        lines.append(f"  {name:5s} {sd:16.4g} {bound:10.4g} {bias:10.2g} {after:20.4g}")
+    columns = (entries(form), result.sd, result.bound, result.bias, result.sd_next)
+    for (name, sign), sd, bound, bias, after in zip(*columns, strict=True):
+        numbers = f"{sd:14.4g} {bound:10.4g} {sign * bias:10.2g} {after:20.4g}"
+        lines.append(f"  {name:7s} {numbers}")
     if result.rank < 9:
         lines += [
             "",

@@ -93,7 +93,8 @@ class EvenLog:
         ticks = slice(self.tick[rest.start], self.tick[rest.stop - 1] + 1)
         steps = np.mean(np.diff(self.samples[ticks], axis=0) ** 2, axis=0)
         whole = spread[ticks][np.isfinite(spread[ticks])]
-        return float(np.median(whole) / np.linalg.norm(0.5 * steps))
+        noise = float(np.linalg.norm(0.5 * steps))
+        return float(np.median(whole)) / noise if noise > 0.0 else np.inf
 
     def intervals(self, spread: Array, threshold: float) -> Intervals:
         """Static intervals below a threshold, in rows.
