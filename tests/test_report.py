@@ -41,7 +41,7 @@ def with_cells(run, change):
 
 
 def test_figures_are_drawn_whatever_the_numbers(tiny_run):
-    """Values that are infinite, none, zero or negative, all in one run."""
+    """Values that are infinite, huge, none, zero or negative, all in one run."""
 
     def odd(number, row):
         changes = {}
@@ -52,6 +52,8 @@ def test_figures_are_drawn_whatever_the_numbers(tiny_run):
             changes["prediction"] = None
         if number % 11 == 4:
             changes["standard_error"] = inf
+        if number % 13 == 5:  # an axis that ends here overflows
+            changes["value"] = changes["standard_error"] = 1.7e308
         return replace(row, **changes)
 
     run = with_cells(

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.ticker import LogFormatter
 
+from simval.arrays import Array
 from simval.report.layout import LINE, legend_below
 from simval.report.panels import COLOURS, GREY, BarPanel, Panel, Series, SpherePanel
 
@@ -14,6 +15,7 @@ INK = "#010203"
 # label minor ticks only where an axis has less than one decade, and then only some
 MINOR_THRESHOLDS = (1.0, 0.4)
 TICK_LABELS = 0.25  # their height and the space about them, inches
+FARTHEST = 1e290  # an axis multiplies its ends by some factors of ten
 STEP = 0.012  # of the axis, between points that are set side by side
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -94,15 +96,20 @@ def _legend(panel: Panel, axes: Any) -> None:
     )
 
 
+def _near(values: Array) -> Any:
+    """Whether values have a place on an axis: finite, and not near overflow."""
+    return np.abs(values) < FARTHEST  # NaN is not
+
+
 def _drawable(panel: Panel) -> Panel:
     """Leave out what has no place on the axes; without data they are linear."""
     series = []
     for s in panel.series:
         top = s.y if s.line or s.band is None else s.y + s.band  # of an upper limit
-        good = np.isfinite(s.x) & np.isfinite(s.y) & np.isfinite(top)
+        good = _near(s.x) & _near(s.y) & _near(top)
         good &= (s.x > 0.0) | (not panel.log_x)
         good &= (top > 0.0) | (not panel.log_y)
-        band = None if s.band is None else np.nan_to_num(s.band[good], posinf=0.0)
+        band = None if s.band is None else np.where(_near(s.band), s.band, 0.0)[good]
         series.append(replace(s, x=s.x[good], y=s.y[good], band=band))
     any_left = any(len(s.x) for s in series)
     return replace(
@@ -239,19 +246,21 @@ def _(panel: SpherePanel, axes: Any) -> None:
 @paint.register
 def _(panel: BarPanel, axes: Any) -> None:
     places = np.arange(len(panel.names))[::-1]
+    measured, band, predicted = (
+        np.where(_near(values), values, np.nan)
+        for values in (panel.measured, panel.band, panel.predicted)
+    )
     axes.barh(
         places,
-        panel.measured,
+        measured,
         height=0.6,
         color=COLOURS[5],
         label="measured",
         alpha=0.8,
     )
-    axes.errorbar(
-        panel.measured, places, xerr=panel.band, linestyle="none", color=INK, capsize=2
-    )
+    axes.errorbar(measured, places, xerr=band, linestyle="none", color=INK, capsize=2)
     axes.plot(
-        panel.predicted,
+        predicted,
         places,
         "D",
         color=COLOURS[1],

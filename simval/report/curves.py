@@ -118,12 +118,13 @@ def curve(
     Curve or None
         None where no cell has it.
     """
-    found = [
-        (place, *values)
-        for cell in cells
-        if (place := position(cell, axis)) is not None
-        if (values := measure(cell)) is not None
-    ]
+    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is not drawn
+        found = [
+            (place, *values)
+            for cell in cells
+            if (place := position(cell, axis)) is not None
+            if (values := measure(cell)) is not None
+        ]
     if not found:
         return None
     x, value, error, prediction = np.array(sorted(found), dtype=float).T
