@@ -23,22 +23,6 @@ Kind = TypeVar("Kind")
 def whole_number(name: str, value: Any, least: int, most: int = MOST) -> int:
     """Convert to an integer within its limits.
 
-    Parameters
-    ----------
-    name : str
-        The argument's name, for the message.
-    value : int
-        What the caller gave.
-    least : int
-        Smallest value allowed.
-    most : int, default 10**12
-        Greatest value allowed.
-
-    Returns
-    -------
-    int
-        The value.
-
     Raises
     ------
     InputError
@@ -58,20 +42,6 @@ def whole_number(name: str, value: Any, least: int, most: int = MOST) -> int:
 def choice(name: str, value: Any, allowed: Sequence[Any]) -> Any:
     """Require one of the values of an option.
 
-    Parameters
-    ----------
-    name : str
-        The argument's name, for the message.
-    value : str
-        What the caller gave.
-    allowed : sequence
-        The values there are; the type counts as well.
-
-    Returns
-    -------
-    str
-        The value.
-
     Raises
     ------
     InputError
@@ -88,18 +58,6 @@ def choice(name: str, value: Any, allowed: Sequence[Any]) -> Any:
 def switch(name: str, value: Any) -> bool:
     """Require True or False.
 
-    Parameters
-    ----------
-    name : str
-        The argument's name, for the message.
-    value : bool
-        What the caller gave.
-
-    Returns
-    -------
-    bool
-        The value.
-
     Raises
     ------
     InputError
@@ -113,20 +71,6 @@ def switch(name: str, value: Any) -> bool:
 
 def instance(name: str, value: Any, kind: type[Kind]) -> Kind:
     """Require an object of a type.
-
-    Parameters
-    ----------
-    name : str
-        The argument's name, for the message.
-    value : object
-        What the caller gave.
-    kind : type
-        What it must be.
-
-    Returns
-    -------
-    object
-        The value.
 
     Raises
     ------
@@ -142,18 +86,6 @@ def instance(name: str, value: Any, kind: type[Kind]) -> Kind:
 def function(name: str, value: Any) -> Callable[..., Any]:
     """Require something that can be called.
 
-    Parameters
-    ----------
-    name : str
-        The argument's name, for the message.
-    value : callable
-        What the caller gave.
-
-    Returns
-    -------
-    callable
-        The value.
-
     Raises
     ------
     InputError
@@ -167,18 +99,6 @@ def function(name: str, value: Any) -> Callable[..., Any]:
 
 def file_path(name: str, value: Any) -> Path:
     """Convert to a path.
-
-    Parameters
-    ----------
-    name : str
-        The argument's name, for the message.
-    value : path-like
-        What the caller gave.
-
-    Returns
-    -------
-    Path
-        The path.
 
     Raises
     ------
@@ -194,17 +114,6 @@ def file_path(name: str, value: Any) -> Path:
 
 
 def shown(value: Any) -> str:
-    """A value as a message shows it, cut where it is long.
-
-    Parameters
-    ----------
-    value : object
-        What the caller gave.
-
-    Returns
-    -------
-    str
-        Sixty characters at most.
-    """
+    """A value as a message shows it, cut where it is long."""
     text = " ".join(repr(value).split())
     return text if len(text) <= 60 else f"{text[:57]}..."

@@ -12,6 +12,7 @@ from numbers import Real
 from typing import Any, Final
 
 import numpy as np
+from jaxtyping import Float
 from numpy.typing import NDArray
 
 from simval.arguments import shown
@@ -38,20 +39,6 @@ LEAST: Final = 1e-36
 def finite_array(name: str, value: Any, tail: Sequence[int | None]) -> Array:
     """Convert to a float64 array whose last axes have the given lengths.
 
-    Parameters
-    ----------
-    name : str
-        The argument's name, for the message.
-    value : array_like
-        What the caller gave.
-    tail : sequence of int or None
-        Required lengths of the last axes; None accepts any length.
-
-    Returns
-    -------
-    Array
-        A float64 array of shape ``(..., *tail)``; not a copy where none is needed.
-
     Raises
     ------
     InputError
@@ -75,22 +62,6 @@ def physical_array(
 ) -> Array:
     """`finite_array` of values whose powers can be worked with.
 
-    Parameters
-    ----------
-    name : str
-        The argument's name, for the message.
-    value : array_like
-        What the caller gave.
-    tail : sequence of int or None
-        Required lengths of the last axes; None accepts any length.
-    most : float, default GREATEST
-        Greatest size of a value.
-
-    Returns
-    -------
-    Array
-        A float64 array of shape ``(..., *tail)``; not a copy where none is needed.
-
     Raises
     ------
     InputError
@@ -107,22 +78,8 @@ def physical_array(
     return array
 
 
-def noise_levels(name: str, value: Any, count: int) -> Array:
+def noise_levels(name: str, value: Any, count: int) -> Float[Array, " count"]:
     """Standard deviations of poses, one for all or one for each.
-
-    Parameters
-    ----------
-    name : str
-        The argument's name, for the message.
-    value : float or array_like
-        What the caller gave.
-    count : int
-        Number of poses.
-
-    Returns
-    -------
-    Array
-        (count,), each 0 or from `LEAST` to `GREATEST`.
 
     Raises
     ------
@@ -148,20 +105,6 @@ def noise_levels(name: str, value: Any, count: int) -> Array:
 def shaped_array(name: str, value: Any, tail: Sequence[int | None]) -> Array:
     """Convert to a float64 array of the given trailing shape, finite or not.
 
-    Parameters
-    ----------
-    name : str
-        The argument's name, for the message.
-    value : array_like
-        What the caller gave.
-    tail : sequence of int or None
-        Required lengths of the last axes; None accepts any length.
-
-    Returns
-    -------
-    Array
-        A float64 array of shape ``(..., *tail)``; not a copy where none is needed.
-
     Raises
     ------
     InputError
@@ -182,20 +125,6 @@ def shaped_array(name: str, value: Any, tail: Sequence[int | None]) -> Array:
 def positive_number(name: str, value: Any, unit: str) -> float:
     """Convert to a finite float above zero.
 
-    Parameters
-    ----------
-    name : str
-        The argument's name, for the message.
-    value : float
-        What the caller gave.
-    unit : str
-        Unit of the quantity, for the message.
-
-    Returns
-    -------
-    float
-        The value.
-
     Raises
     ------
     InputError
@@ -211,20 +140,6 @@ def positive_number(name: str, value: Any, unit: str) -> float:
 
 def nonnegative_number(name: str, value: Any, unit: str) -> float:
     """Convert to a finite float that is zero or more.
-
-    Parameters
-    ----------
-    name : str
-        The argument's name, for the message.
-    value : float
-        What the caller gave.
-    unit : str
-        Unit of the quantity, for the message.
-
-    Returns
-    -------
-    float
-        The value.
 
     Raises
     ------
@@ -242,20 +157,6 @@ def nonnegative_number(name: str, value: Any, unit: str) -> float:
 
 def real_number(name: str, value: Any, unit: str) -> float:
     """Convert to a finite float.
-
-    Parameters
-    ----------
-    name : str
-        The argument's name, for the message.
-    value : float
-        What the caller gave.
-    unit : str
-        Unit of the quantity, for the message.
-
-    Returns
-    -------
-    float
-        The value.
 
     Raises
     ------
@@ -331,18 +232,7 @@ def _leaves(value: Any) -> Iterator[Any]:
 
 
 def frozen(array: Any) -> Array:
-    """Copy to a read-only float64 array, for a frozen dataclass to keep.
-
-    Parameters
-    ----------
-    array : array_like
-        Any numeric array.
-
-    Returns
-    -------
-    Array
-        A read-only copy.
-    """
+    """Copy to a read-only float64 array, for a frozen dataclass to keep."""
     copy = np.array(_real_array("array", array))
     copy.flags.writeable = False
     return copy

@@ -19,6 +19,7 @@ and composition follows the source paper (Peng and Choukroun, eq. 38),
 from typing import Any, Final
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arguments import instance, whole_number
 from simval.arrays import Array, finite_array
@@ -30,18 +31,8 @@ UNIT_TOLERANCE: Final = 1e-6
 MOST: Final = 10_000_000  # quaternions at once: a third of a gigabyte
 
 
-def normalize(v: Array) -> Array:
+def normalize(v: Float[Array, "... n"]) -> Float[Array, "... n"]:
     """Vectors scaled to unit length.
-
-    Parameters
-    ----------
-    v : Array
-        Vectors or quaternions, (..., n), none of them zero.
-
-    Returns
-    -------
-    Array
-        Unit vectors, (..., n).
 
     Raises
     ------
@@ -61,20 +52,8 @@ def normalize(v: Array) -> Array:
     return scaled / np.linalg.norm(scaled, axis=-1, keepdims=True)
 
 
-def unit_quaternions(name: str, q: Any) -> Array:
+def unit_quaternions(name: str, q: Any) -> Float[Array, "... 4"]:
     """Require quaternions of unit length.
-
-    Parameters
-    ----------
-    name : str
-        The argument's name, for the message.
-    q : array_like
-        What the caller gave.
-
-    Returns
-    -------
-    Array
-        Quaternions as they are, (..., 4).
 
     Raises
     ------
@@ -98,17 +77,6 @@ def unit_quaternions(name: str, q: Any) -> Array:
 def matching(name1: str, first: Array, name2: str, second: Array) -> None:
     """Require arrays whose leading axes broadcast.
 
-    Parameters
-    ----------
-    name1 : str
-        The first argument's name, for the message.
-    first : Array
-        It.
-    name2 : str
-        The second argument's name.
-    second : Array
-        It.
-
     Raises
     ------
     InputError
@@ -124,19 +92,8 @@ def matching(name1: str, first: Array, name2: str, second: Array) -> None:
         raise InputError(msg) from None
 
 
-def attitude_matrix(q: Array) -> Array:
-    """Matrix that takes reference coordinates to body coordinates, eq. (G1).
-
-    Parameters
-    ----------
-    q : Array
-        Unit quaternions, vector first, (..., 4).
-
-    Returns
-    -------
-    Array
-        Orthogonal matrices, (..., 3, 3).
-    """
+def attitude_matrix(q: Float[Array, "... 4"]) -> Float[Array, "... 3 3"]:
+    """Matrix that takes reference coordinates to body coordinates, eq. (G1)."""
     q = unit_quaternions("q", q)
     e, s = q[..., :3], q[..., 3, None, None]
     outer = e[..., :, None] * e[..., None, :]
@@ -144,19 +101,8 @@ def attitude_matrix(q: Array) -> Array:
     return (s * s - squared) * np.eye(3) + 2.0 * outer - 2.0 * s * cross_matrix(e)
 
 
-def cross_matrix(v: Array) -> Array:
-    """Matrix of the cross product, ``cross_matrix(v) @ w == cross(v, w)``.
-
-    Parameters
-    ----------
-    v : Array
-        Vectors, (..., 3).
-
-    Returns
-    -------
-    Array
-        Skew-symmetric matrices, (..., 3, 3).
-    """
+def cross_matrix(v: Float[Array, "... 3"]) -> Float[Array, "... 3 3"]:
+    """Matrix of the cross product, ``cross_matrix(v) @ w == cross(v, w)``."""
     v = finite_array("v", v, (3,))
     zero = np.zeros_like(v[..., 0])
     x, y, z = v[..., 0], v[..., 1], v[..., 2]
@@ -164,19 +110,10 @@ def cross_matrix(v: Array) -> Array:
     return np.stack(rows, axis=-1).reshape(*v.shape[:-1], 3, 3)
 
 
-def compose(q1: Array, q2: Array) -> Array:
-    """Composition of quaternions, eq. (G2): first `q1`, then `q2`.
-
-    Parameters
-    ----------
-    q1, q2 : Array
-        Quaternions, vector first, (..., 4).
-
-    Returns
-    -------
-    Array
-        Quaternions, (..., 4).
-    """
+def compose(
+    q1: Float[Array, "... 4"], q2: Float[Array, "... 4"]
+) -> Float[Array, "... 4"]:
+    """Composition of quaternions, eq. (G2): first `q1`, then `q2`."""
     q1, q2 = finite_array("q1", q1, (4,)), finite_array("q2", q2, (4,))
     matching("q1", q1, "q2", q2)
     e1, s1 = q1[..., :3], q1[..., 3:]
@@ -186,56 +123,23 @@ def compose(q1: Array, q2: Array) -> Array:
     return np.concatenate([vector, scalar], axis=-1)
 
 
-def conjugate(q: Array) -> Array:
-    """Inverse of unit quaternions.
-
-    Parameters
-    ----------
-    q : Array
-        Quaternions, vector first, (..., 4).
-
-    Returns
-    -------
-    Array
-        Quaternions with the vector part negated, (..., 4).
-    """
+def conjugate(q: Float[Array, "... 4"]) -> Float[Array, "... 4"]:
+    """Inverse of unit quaternions."""
     return finite_array("q", q, (4,)) * np.array([-1.0, -1.0, -1.0, 1.0])
 
 
-def attitude_error(q1: Array, q2: Array) -> Array:
-    """Angle of the rotation between two attitudes, blind to the sign of either.
-
-    Parameters
-    ----------
-    q1, q2 : Array
-        Unit quaternions, vector first, (..., 4).
-
-    Returns
-    -------
-    Array
-        Angle in radians, 0 to pi, (...); accurate to rounding at both ends.
-    """
+def attitude_error(
+    q1: Float[Array, "... 4"], q2: Float[Array, "... 4"]
+) -> Float[Array, "..."]:
+    """Angle of the rotation between two attitudes, blind to the sign of either."""
     q1, q2 = unit_quaternions("q1", q1), unit_quaternions("q2", q2)
     difference = compose(conjugate(q1), q2)
     sine = np.linalg.norm(difference[..., :3], axis=-1)
     return 2.0 * np.arctan2(sine, np.abs(difference[..., 3]))
 
 
-def random_quaternions(count: int, rng: np.random.Generator) -> Array:
-    """Attitudes drawn uniformly from the rotation group.
-
-    Parameters
-    ----------
-    count : int
-        How many.
-    rng : numpy.random.Generator
-        The stream to draw from.
-
-    Returns
-    -------
-    Array
-        Unit quaternions, vector first, (count, 4).
-    """
+def random_quaternions(count: int, rng: np.random.Generator) -> Float[Array, "count 4"]:
+    """Attitudes drawn uniformly from the rotation group."""
     count = whole_number("count", count, 0, MOST)
     instance("rng", rng, np.random.Generator)
     return normalize(rng.standard_normal((count, 4)))

@@ -7,6 +7,7 @@ number of samples and the standard errors. Comparing the two is `verdict`'s work
 from dataclasses import dataclass, field
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array, frozen
 
@@ -31,11 +32,11 @@ class Moments:
         Standard error of each entry of `covariance`, (p, p); zero for a prediction.
     """
 
-    bias: Array
-    covariance: Array
+    bias: Float[Array, " p"]
+    covariance: Float[Array, "p p"]
     samples: int = 0
-    bias_error: Array = field(default_factory=lambda: np.zeros(0))
-    covariance_error: Array = field(default_factory=lambda: np.zeros(0))
+    bias_error: Float[Array, " p"] = field(default_factory=lambda: np.zeros(0))
+    covariance_error: Float[Array, "p p"] = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         for name, like in (("bias", ""), ("covariance", ""), *_ERRORS):
@@ -45,16 +46,16 @@ class Moments:
             object.__setattr__(self, name, frozen(value))
 
     @property
-    def sd(self) -> Array:
+    def sd(self) -> Float[Array, " p"]:
         """Standard deviation of each entry, (p,)."""
         return np.sqrt(np.diagonal(self.covariance))
 
     @property
-    def second_moment(self) -> Array:
+    def second_moment(self) -> Float[Array, "p p"]:
         """Mean of the outer product of the error with itself, (p, p)."""
         return self.covariance + np.outer(self.bias, self.bias)
 
     @property
-    def rms(self) -> Array:
+    def rms(self) -> Float[Array, " p"]:
         """Root mean square of each entry, (p,)."""
         return np.sqrt(np.diagonal(self.second_moment))

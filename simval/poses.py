@@ -23,6 +23,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arguments import instance, whole_number
 from simval.arrays import Array, finite_array, frozen, physical_array
@@ -35,19 +36,8 @@ _RANK_TOLERANCE = 1e-8  # relative; rounding leaves 1e-15, a pose 1 arcsecond of
 _SAME_DIRECTION = np.radians(5.0)
 
 
-def fibonacci_sphere(count: int) -> Array:
-    """Directions spread evenly over the sphere along a golden spiral.
-
-    Parameters
-    ----------
-    count : int
-        How many, 1 or more.
-
-    Returns
-    -------
-    Array
-        Unit vectors, (count, 3).
-    """
+def fibonacci_sphere(count: int) -> Float[Array, "count 3"]:
+    """Directions spread evenly over the sphere along a golden spiral."""
     count = whole_number("count", count, 1, MOST)
     index = np.arange(count) + 0.5
     z = 1.0 - 2.0 * index / count
@@ -56,45 +46,20 @@ def fibonacci_sphere(count: int) -> Array:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=-1)
 
 
-def random_directions(count: int, rng: np.random.Generator) -> Array:
-    """Directions drawn uniformly from the sphere.
-
-    Parameters
-    ----------
-    count : int
-        How many.
-    rng : numpy.random.Generator
-        The stream to draw from.
-
-    Returns
-    -------
-    Array
-        Unit vectors, (count, 3).
-    """
+def random_directions(count: int, rng: np.random.Generator) -> Float[Array, "count 3"]:
+    """Directions drawn uniformly from the sphere."""
     count = whole_number("count", count, 0, MOST)
     instance("rng", rng, np.random.Generator)
     return normalize(rng.standard_normal((count, 3)))
 
 
-def cube_faces() -> Array:
-    """Six directions along the axes: the classical six-position set.
-
-    Returns
-    -------
-    Array
-        Unit vectors, (6, 3).
-    """
+def cube_faces() -> Float[Array, "6 3"]:
+    """Six directions along the axes: the classical six-position set."""
     return np.concatenate([np.eye(3), -np.eye(3)])
 
 
-def cube_edges() -> Array:
-    """Twelve directions to the middles of a cube's edges.
-
-    Returns
-    -------
-    Array
-        Unit vectors, (12, 3).
-    """
+def cube_edges() -> Float[Array, "12 3"]:
+    """Twelve directions to the middles of a cube's edges."""
     signs = [(a, b) for a in (1.0, -1.0) for b in (1.0, -1.0)]
     rows = [[0.0, a, b] for a, b in signs]
     rows += [[a, 0.0, b] for a, b in signs]
@@ -102,14 +67,8 @@ def cube_edges() -> Array:
     return normalize(np.array(rows))
 
 
-def cube_corners() -> Array:
-    """Eight directions to the corners of a cube.
-
-    Returns
-    -------
-    Array
-        Unit vectors, (8, 3).
-    """
+def cube_corners() -> Float[Array, "8 3"]:
+    """Eight directions to the corners of a cube."""
     grid = np.array(np.meshgrid(*[[1.0, -1.0]] * 3)).reshape(3, 8).T
     return normalize(grid)
 
@@ -132,44 +91,23 @@ class Observability:
 
     rank: int
     condition: float
-    singular_values: Array
-    next_direction: Array
+    singular_values: Float[Array, "9"]
+    next_direction: Float[Array, "3"]
 
     def __post_init__(self) -> None:
         for name in ("singular_values", "next_direction"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
 
-def direction_jacobian(directions: Array) -> Array:
-    """Jacobian of the squared norm by the nine parameters, eq. (P1).
-
-    Parameters
-    ----------
-    directions : Array
-        Unit vectors, (..., n, 3).
-
-    Returns
-    -------
-    Array
-        Rows j(u), (..., n, 9).
-    """
+def direction_jacobian(directions: Float[Array, "... n 3"]) -> Float[Array, "... n 9"]:
+    """Jacobian of the squared norm by the nine parameters, eq. (P1)."""
     u = physical_array("directions", directions, (None, 3))
     products = u[..., [0, 0, 1]] * u[..., [1, 2, 2]]
     return 2.0 * np.concatenate([products, u * u, -u], axis=-1)
 
 
-def observability(directions: Array) -> Observability:
+def observability(directions: Float[Array, "n 3"]) -> Observability:
     """Judge a pose set before any data is taken.
-
-    Parameters
-    ----------
-    directions : Array
-        Directions of the specific force, (n, 3), of any length but zero.
-
-    Returns
-    -------
-    Observability
-        Rank, condition and the next direction that helps.
 
     Raises
     ------
@@ -193,20 +131,8 @@ def observability(directions: Array) -> Observability:
     )
 
 
-def one_set(name: str, directions: Any) -> Array:
+def one_set(name: str, directions: Any) -> Float[Array, "n 3"]:
     """Require the directions of one pose set.
-
-    Parameters
-    ----------
-    name : str
-        The argument's name, for the message.
-    directions : array_like
-        What the caller gave.
-
-    Returns
-    -------
-    Array
-        (n, 3), n of 1 or more.
 
     Raises
     ------
@@ -220,22 +146,12 @@ def one_set(name: str, directions: Any) -> Array:
     return array
 
 
-def best_next_direction(jacobian: Array) -> Array:
+def best_next_direction(jacobian: Float[Array, "n 9"]) -> Float[Array, "3"]:
     """Direction whose addition lowers the sum of the nine variances most.
 
     One more row j changes the inverse of N = J'J by the Sherman-Morrison formula,
     so the trace falls by ``|N^-1 j|^2 / (1 + j' N^-1 j)``. A trace of the identity
     is added to N, so that below rank nine the missing combinations lead.
-
-    Parameters
-    ----------
-    jacobian : Array
-        Rows of the poses there are, (n, 9).
-
-    Returns
-    -------
-    Array
-        Unit vector, (3,), out of faces, edges and corners of a cube and 600 others.
     """
     named = [cube_faces(), cube_edges(), cube_corners()]
     candidates = np.concatenate([*named, fibonacci_sphere(600)])
@@ -250,20 +166,8 @@ def best_next_direction(jacobian: Array) -> Array:
     return candidates[np.flatnonzero(near_best)[0]]
 
 
-def describe(directions: Array) -> str:
-    """Say in words what a pose set is, for a message.
-
-    Parameters
-    ----------
-    directions : Array
-        Unit vectors, (n, 3).
-
-    Returns
-    -------
-    str
-        The six faces of a cube where they are that; else the number of directions
-        that differ by more than 5 degrees.
-    """
+def describe(directions: Float[Array, "n 3"]) -> str:
+    """Say in words what a pose set is, for a message."""
     distinct: list[Array] = []
     for u in normalize(one_set("directions", directions)):
         if all(float(u @ v) < np.cos(_SAME_DIRECTION) for v in distinct):

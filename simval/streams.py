@@ -15,39 +15,13 @@ from simval.arguments import whole_number
 
 
 def cell_key(name: str) -> tuple[int, ...]:
-    """Spawn key of a cell: its canonical name's SHA-256 as eight 32-bit words.
-
-    Parameters
-    ----------
-    name : str
-        Canonical name of the cell (study and sorted parameters).
-
-    Returns
-    -------
-    tuple of int
-        Eight words, each below 2**32.
-    """
+    """Spawn key of a cell: its canonical name's SHA-256 as eight 32-bit words."""
     digest = hashlib.sha256(name.encode()).digest()
     return tuple(int.from_bytes(digest[i : i + 4], "big") for i in range(0, 32, 4))
 
 
 def stream(seed: int, key: tuple[int, ...], block: int) -> np.random.Generator:
-    """Generator of one block of one cell.
-
-    Parameters
-    ----------
-    seed : int
-        The run's seed, 0 or more.
-    key : tuple of int
-        From `cell_key`.
-    block : int
-        Number of the block, 0 or more.
-
-    Returns
-    -------
-    numpy.random.Generator
-        SFC64, a quarter faster than PCG64 for normals.
-    """
+    """Generator of one block of one cell."""
     seed, block = whole_number("seed", seed, 0), whole_number("block", block, 0)
     sequence = np.random.SeedSequence(seed, spawn_key=(*key, block))
     return np.random.Generator(np.random.SFC64(sequence))
@@ -69,16 +43,5 @@ class Streams:
     key: tuple[int, ...]
 
     def block(self, number: int) -> np.random.Generator:
-        """Generator of one block, made anew at each call.
-
-        Parameters
-        ----------
-        number : int
-            Number of the block, 0 or more.
-
-        Returns
-        -------
-        numpy.random.Generator
-            The block's own stream.
-        """
+        """Generator of one block, made anew at each call."""
         return stream(self.seed, self.key, number)

@@ -113,18 +113,7 @@ class Verdict:
 
 
 def p_value(row: Row) -> float:
-    """Probability of eq. (V1) for a sampling row.
-
-    Parameters
-    ----------
-    row : Row
-        With a prediction and a standard error above 0.
-
-    Returns
-    -------
-    float
-        Of a difference at least this large.
-    """
+    """Probability of eq. (V1) for a sampling row."""
     assert row.prediction is not None
     distance = abs(row.value - row.prediction)
     low = (distance - row.remainder) / row.standard_error
@@ -136,20 +125,7 @@ def p_value(row: Row) -> float:
 def judge(
     rows: Iterable[tuple[CellName, Row]], alpha: float = 1e-3
 ) -> tuple[Verdict, ...]:
-    """Judge the rows of a run together.
-
-    Parameters
-    ----------
-    rows : iterable of (CellName, Row)
-        The cell and the row; rows with check ``record`` are left out.
-    alpha : float, default 1e-3
-        False-alarm rate that all rows share.
-
-    Returns
-    -------
-    tuple of Verdict
-        In the order of the rows, then the pooled ones.
-    """
+    """Judge the rows of a run together."""
     judged = [(cell, row) for cell, row in rows if row.check != "record"]
     judged += _pooled(judged)
     answers: dict[int, Verdict] = {}
@@ -201,19 +177,7 @@ def _pooled(judged: Sequence[tuple[CellName, Row]]) -> list[tuple[CellName, Row]
 
 
 def overall(verdicts: Sequence[Verdict]) -> Answer:
-    """One answer for all: the worst of them.
-
-    Parameters
-    ----------
-    verdicts : sequence of Verdict
-        As from `judge`.
-
-    Returns
-    -------
-    str
-        ``fail`` if any failed, else ``inconclusive`` if any is, or there is none at
-        all: nothing measured never passes. Else ``pass``.
-    """
+    """One answer for all: the worst of them."""
     answers = {verdict.answer for verdict in verdicts}
     if "fail" in answers:
         return "fail"

@@ -10,6 +10,7 @@ from enum import IntEnum
 from typing import Final
 
 import numpy as np
+from jaxtyping import Float
 from numpy.typing import NDArray
 
 from simval.arrays import Array
@@ -60,22 +61,10 @@ _MESSAGES: Final = {
 }
 
 
-def block_validity(vectors: Array, length_tolerance: float) -> Codes | None:
-    """Validity of each column of a block, or None where all are valid.
-
-    Parameters
-    ----------
-    vectors : Array
-        Components of b1, b2, r1, r2 by row, (12, n).
-    length_tolerance : float
-        Largest relative difference of the lengths of a body vector and its
-        reference vector.
-
-    Returns
-    -------
-    Array or None
-        Codes of `Validity`, (n,).
-    """
+def block_validity(
+    vectors: Float[Array, "12 n"], length_tolerance: float
+) -> Codes | None:
+    """Validity of each column of a block, or None where all are valid."""
     lengths, dots = _products(vectors)
     shortest, longest = lengths.min(), lengths.max()
     if LENGTHS[0] ** 2 < shortest and longest < LENGTHS[1] ** 2:  # no NaN either
@@ -122,21 +111,10 @@ def _codes(
     return codes
 
 
-def singular_columns(vectors: Array, squared: Array) -> Mask | None:
-    """Which columns of a fixed frame are singular, or None where none is.
-
-    Parameters
-    ----------
-    vectors : Array
-        Components of b1, b2, r1, r2 by row, valid, (12, n).
-    squared : Array
-        Squared norms of the un-normalised quaternions, (n,).
-
-    Returns
-    -------
-    Array or None
-        Booleans, (n,).
-    """
+def singular_columns(
+    vectors: Float[Array, "12 n"], squared: Float[Array, " n"]
+) -> Mask | None:
+    """Which columns of a fixed frame are singular, or None where none is."""
     r = vectors[6:].reshape(2, 3, -1)
     lengths = np.einsum("kjn,kjn->kn", r, r)
     if squared.min() >= MIN_NORM**2 * lengths.max() ** 2:
@@ -147,13 +125,6 @@ def singular_columns(vectors: Array, squared: Array) -> Mask | None:
 
 def refuse(codes: Codes, shape: Sequence[int]) -> None:
     """Raise the error of the first sample that is not valid, if there is one.
-
-    Parameters
-    ----------
-    codes : Array
-        Codes of `Validity`, (n,).
-    shape : sequence of int
-        Shape of the batch, to name the sample by its index.
 
     Raises
     ------

@@ -11,6 +11,7 @@ from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
+from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from simval.arrays import Array
@@ -21,26 +22,12 @@ from simval.geometry import normalize
 
 def davenport(
     b1: Any, b2: Any, r1: Any, r2: Any, weights: tuple[float, float] = (1.0, 1.0)
-) -> Array:
+) -> Float[Array, "... 4"]:
     r"""Davenport's q-method: the optimum of Wahba's problem, batched.
 
     The gain :math:`\sum_i w_i b_i^T A(q) r_i = q^T K q` is greatest for the
     eigenvector of the largest eigenvalue of K. With weights :math:`1/(\sigma_{bi}^2 +
     \sigma_{ri}^2)` it is the maximum-likelihood estimate for isotropic noise.
-
-    Parameters
-    ----------
-    b1, b2 : array_like
-        Body vectors, (..., 3).
-    r1, r2 : array_like
-        Reference vectors, (..., 3).
-    weights : tuple of float, default (1, 1)
-        Weight of each pair, above 0.
-
-    Returns
-    -------
-    Array
-        Unit quaternions, (..., 4).
 
     Raises
     ------
@@ -65,20 +52,8 @@ def davenport(
     return _finish(np.linalg.eigh(K)[1][..., 3], shape)
 
 
-def triad(b1: Any, b2: Any, r1: Any, r2: Any) -> Array:
+def triad(b1: Any, b2: Any, r1: Any, r2: Any) -> Float[Array, "... 4"]:
     """TRIAD: the first pair exactly, the second only for the turn about it.
-
-    Parameters
-    ----------
-    b1, b2 : array_like
-        Body vectors, (..., 3).
-    r1, r2 : array_like
-        Reference vectors, (..., 3).
-
-    Returns
-    -------
-    Array
-        Unit quaternions, (..., 4).
 
     Raises
     ------
@@ -90,20 +65,8 @@ def triad(b1: Any, b2: Any, r1: Any, r2: Any) -> Array:
     return _finish(Rotation.from_matrix(body_to_reference).as_quat(), shape)
 
 
-def align_vectors(b1: Any, b2: Any, r1: Any, r2: Any) -> Array:
+def align_vectors(b1: Any, b2: Any, r1: Any, r2: Any) -> Float[Array, "... 4"]:
     """SciPy's `Rotation.align_vectors` sample by sample: Kabsch's SVD.
-
-    Parameters
-    ----------
-    b1, b2 : array_like
-        Body vectors, (..., 3).
-    r1, r2 : array_like
-        Reference vectors, (..., 3).
-
-    Returns
-    -------
-    Array
-        Unit quaternions, (..., 4).
 
     Raises
     ------

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arguments import choice, shown
 from simval.arrays import Array, real_number, shaped_array
@@ -38,7 +39,7 @@ class AttitudeEstimate:
         Codes of `Validity`, (...).
     """
 
-    q: Array
+    q: Float[Array, "... 4"]
     validity: Codes
 
     @property
@@ -47,7 +48,7 @@ class AttitudeEstimate:
         mask: Mask = self.validity == Validity.VALID
         return mask
 
-    def require_valid(self) -> Array:
+    def require_valid(self) -> Float[Array, "... 4"]:
         """The attitudes, refused if one sample is not valid.
 
         Returns
@@ -72,7 +73,7 @@ def two_vector_quaternion(
     frame: str = "best",
     *,
     length_tolerance: float = 0.5,
-) -> Array:
+) -> Float[Array, "... 4"]:
     r"""Attitude from two vector observations in closed form, eq. (K1).
 
     Parameters
@@ -175,20 +176,6 @@ def valid_batch(
     b1: Any, b2: Any, r1: Any, r2: Any, *, length_tolerance: float = 0.5
 ) -> tuple[list[Array], tuple[int, ...]]:
     """Flatten a batch of vector pairs, every sample of it valid.
-
-    Parameters
-    ----------
-    b1, b2, r1, r2 : array_like
-        Vectors, (..., 3).
-    length_tolerance : float, default 0.5
-        As in `two_vector_quaternion`.
-
-    Returns
-    -------
-    arrays : list of Array
-        The four, (n, 3) each.
-    shape : tuple of int
-        Shape of the batch.
 
     Raises
     ------

@@ -24,6 +24,7 @@ Blocks of `BLOCK` columns stay in the processor's cache.
 from typing import Final
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 
@@ -47,24 +48,12 @@ _PLACES: Final = {
 }
 
 
-def raw_quaternion(vectors: Array, frame: str, out: Array | None = None) -> Array:
-    """Un-normalised quaternions of a fixed frame, eq. (K1) with its raw sign.
-
-    Parameters
-    ----------
-    vectors : Array
-        Components of b1, b2, r1, r2 by row, one sample per column, (4, 3, n) or
-        (12, n).
-    frame : {"plain", "x", "y", "z"}
-        Axis of the half turn of the reference frame, or none.
-    out : Array, optional
-        Where to write, (4, n).
-
-    Returns
-    -------
-    Array
-        Quaternions, vector first, not normalised, (4, n).
-    """
+def raw_quaternion(
+    vectors: Float[Array, "4 3 n"] | Float[Array, "12 n"],
+    frame: str,
+    out: Float[Array, "4 n"] | None = None,
+) -> Float[Array, "4 n"]:
+    """Un-normalised quaternions of a fixed frame, eq. (K1) with its raw sign."""
     b1, b2, r1, r2 = vectors.reshape(4, 3, -1)
     d1, d2, s1 = np.empty_like(b1), np.empty_like(b1), np.empty_like(b1)
     for j, kept in enumerate(_KEPT[frame]):
@@ -90,23 +79,10 @@ def raw_quaternion(vectors: Array, frame: str, out: Array | None = None) -> Arra
     return out
 
 
-def column_matrix(vectors: Array, *, symmetric: bool) -> Array:
-    """The four columns M of eq. (K2), un-normalised, with noise.
-
-    Parameters
-    ----------
-    vectors : Array
-        Components of b1, b2, r1, r2 by row, one sample per column, (4, 3, n) or
-        (12, n).
-    symmetric : bool
-        Use the symmetric scalar part instead of the one of eq. (8).
-
-    Returns
-    -------
-    Array
-        M with the column's index first, then the quaternion's component,
-        (4, 4, n); columns in the order x, y, z, plain.
-    """
+def column_matrix(
+    vectors: Float[Array, "4 3 n"] | Float[Array, "12 n"], *, symmetric: bool
+) -> Float[Array, "4 4 n"]:
+    """The four columns M of eq. (K2), un-normalised, with noise."""
     b1, b2, r1, r2 = vectors.reshape(4, 3, -1)
     # [False]: differences d, [True]: sums s; the factor 1/4 is applied once
     first = (0.25 * (b1 - r1), 0.25 * (b1 + r1))
@@ -135,19 +111,8 @@ def column_matrix(vectors: Array, *, symmetric: bool) -> Array:
     return out
 
 
-def best_quaternion(columns: Array) -> Array:
-    """The greatest of the four columns, un-normalised, with its raw sign.
-
-    Parameters
-    ----------
-    columns : Array
-        From `column_matrix`, (4, 4, n).
-
-    Returns
-    -------
-    Array
-        Quaternions, not normalised, (4, n).
-    """
+def best_quaternion(columns: Float[Array, "4 4 n"]) -> Float[Array, "4 n"]:
+    """The greatest of the four columns, un-normalised, with its raw sign."""
     norms = np.einsum("kin,kin->kn", columns, columns)
     first, first_norm = _longer(columns[0], norms[0], columns[1], norms[1])
     second, second_norm = _longer(columns[2], norms[2], columns[3], norms[3])
@@ -159,54 +124,21 @@ def _longer(a: Array, a_norm: Array, b: Array, b_norm: Array) -> tuple[Array, Ar
     return np.where(pick, a, b), np.maximum(a_norm, b_norm)
 
 
-def combined_quaternion(columns: Array) -> Array:
-    """One power step from the greatest column towards the top left singular vector.
-
-    Parameters
-    ----------
-    columns : Array
-        From `column_matrix` with the symmetric scalar, (4, 4, n).
-
-    Returns
-    -------
-    Array
-        :math:`M M^T c` for the greatest column c, not normalised, (4, n).
-    """
+def combined_quaternion(columns: Float[Array, "4 4 n"]) -> Float[Array, "4 n"]:
+    """One power step from the greatest column towards the top left singular vector."""
     best = best_quaternion(columns)
     weights = np.einsum("kin,in->kn", columns, best)
     total: Array = np.einsum("kin,kn->in", columns, weights)
     return total
 
 
-def squared_norm(v: Array) -> Array:
-    """Sum of squares over the rows.
-
-    Parameters
-    ----------
-    v : Array
-        Components by row, (m, n).
-
-    Returns
-    -------
-    Array
-        Squared norms, (n,).
-    """
+def squared_norm(v: Float[Array, "m n"]) -> Float[Array, " n"]:
+    """Sum of squares over the rows."""
     total: Array = np.einsum("in,in->n", v, v)
     return total
 
 
-def normalize_columns(q: Array) -> Array:
-    """Divide each column by its length, in place.
-
-    Parameters
-    ----------
-    q : Array
-        Quaternions by column, none of them zero, (4, n).
-
-    Returns
-    -------
-    Array
-        The same array, (4, n).
-    """
+def normalize_columns(q: Float[Array, "4 n"]) -> Float[Array, "4 n"]:
+    """Divide each column by its length, in place."""
     q /= np.sqrt(squared_norm(q))
     return q

@@ -30,6 +30,7 @@ from enum import IntEnum
 from typing import Any, Final
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arguments import shown, whole_number
 from simval.arrays import Array, real_number
@@ -68,8 +69,8 @@ class SingularSolution:
         Codes of `Case`, (...).
     """
 
-    q: Array
-    case: Array
+    q: Float[Array, "... 4"]
+    case: Float[Array, "..."]
 
     @property
     def valid(self) -> Mask:
@@ -160,8 +161,8 @@ class SequentialEstimate:
         0 for none, 1, 2, 3 for a half turn of the reference about x, y, z, (...).
     """
 
-    q: Array
-    turn: Array
+    q: Float[Array, "... 4"]
+    turn: Float[Array, "..."]
 
 
 def sequential_quaternion(

@@ -22,18 +22,7 @@ SAMPLES = 2**19
 
 
 def noisy_vectors(count: int) -> tuple[Array, Array, Array, Array]:
-    """Draw noisy observations of one geometry.
-
-    Parameters
-    ----------
-    count : int
-        How many.
-
-    Returns
-    -------
-    b1, b2, r1, r2 : Array
-        Each (count, 3).
-    """
+    """Draw noisy observations of one geometry."""
     q, r1, r2 = random_geometry(3)
     A = attitude_matrix(q)
     rng = np.random.default_rng(1)
@@ -51,13 +40,7 @@ def _geometry() -> tuple[Array, Array]:
 
 
 def estimators() -> list[Contender]:
-    """List the estimators; the reference is a loop over SciPy's `align_vectors`.
-
-    Returns
-    -------
-    list of Contender
-        Checks of the input included.
-    """
+    """List the estimators; the reference is a loop over SciPy's `align_vectors`."""
     few, many = noisy_vectors(FEW), noisy_vectors(MANY)
 
     def counted(function: partial[Array], count: int) -> int:
@@ -96,13 +79,7 @@ def _ahrs(vectors: tuple[Array, Array, Array, Array]) -> int:
 
 
 def predictions() -> list[Contender]:
-    """List the predictions of one cell; the reference is the exact answer.
-
-    Returns
-    -------
-    list of Contender
-        One prediction an item.
-    """
+    """List the predictions of one cell; the reference is the exact answer."""
     q, r1, r2 = random_geometry(3)
 
     def once(order: int | str, times: int) -> int:
@@ -148,13 +125,7 @@ def _monte_carlo(samples: int, threads: int) -> int:
 
 
 def monte_carlo() -> list[Contender]:
-    """List the full pass beside the generator's own rate, one thread.
-
-    Returns
-    -------
-    list of Contender
-        The reference draws the normals and does nothing else.
-    """
+    """List the full pass beside the generator's own rate, one thread."""
     return [
         Contender(name="SFC64 normals, 12 a sample", run=partial(_normals, SAMPLES)),
         Contender(name="full pass", run=partial(_monte_carlo, SAMPLES, 1)),
@@ -162,13 +133,7 @@ def monte_carlo() -> list[Contender]:
 
 
 def threads() -> list[Contender]:
-    """List the full pass in one thread and in two.
-
-    Returns
-    -------
-    list of Contender
-        To be raced by the wall clock.
-    """
+    """List the full pass in one thread and in two."""
     return [
         Contender(name="one thread", run=partial(_monte_carlo, 2 * SAMPLES, 1)),
         Contender(name="two threads", run=partial(_monte_carlo, 2 * SAMPLES, 2)),
@@ -176,14 +141,7 @@ def threads() -> list[Contender]:
 
 
 def reductions() -> list[Contender]:
-    """List the variance reductions by what they save at equal error.
-
-    Returns
-    -------
-    list of Contender
-        An item is one plain sample's worth of precision of the covariance's trace:
-        the samples that plain Monte Carlo would need for the same standard error.
-    """
+    """List the variance reductions by what they save at equal error."""
     q, truth = _geometry()
     plain = _plain_variance(truth, q)
 

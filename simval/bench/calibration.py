@@ -3,6 +3,7 @@
 from functools import partial
 
 import numpy as np
+from jaxtyping import Float
 from scipy.optimize import least_squares
 
 from simval.arrays import Array
@@ -21,38 +22,16 @@ AGREEMENT = 1e-9
 """Relative; every contender's answers are held to the first one's."""
 
 
-def noisy_poses(count: int) -> Array:
-    """Draw noisy pose sets of one sensor.
-
-    Parameters
-    ----------
-    count : int
-        How many.
-
-    Returns
-    -------
-    Array
-        Raw readings, m/s^2, (count, 40, 3).
-    """
+def noisy_poses(count: int) -> Float[Array, "count 40 3"]:
+    """Draw noisy pose sets of one sensor."""
     values = np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
     sensor = AccelerometerModel.from_parameters(values, noise_std=NOISE)
     forces = G * np.broadcast_to(fibonacci_sphere(POSES), (count, POSES, 3))
     return sensor.distort(forces, np.random.default_rng(1))
 
 
-def ellipsoid_start(readings: Array) -> Array:
-    """Closed-form start of one pose set, as a user of SciPy would write it.
-
-    Parameters
-    ----------
-    readings : Array
-        Raw readings, (n, 3).
-
-    Returns
-    -------
-    Array
-        Triangular parameters, (9,).
-    """
+def ellipsoid_start(readings: Float[Array, "n 3"]) -> Float[Array, "9"]:
+    """Closed-form start of one pose set, as a user of SciPy would write it."""
     x, y, z = readings.T
     columns = np.stack([x * x, y * y, z * z, x * y, x * z, y * z, x, y, z], axis=-1)
     p = np.linalg.lstsq(columns, np.ones(len(readings)), rcond=None)[0]
@@ -68,21 +47,10 @@ def ellipsoid_start(readings: Array) -> Array:
     return np.concatenate([off, scale, bias])
 
 
-def scipy_loop(readings: Array, method: str) -> Array:
-    """Fit each set by `scipy.optimize.least_squares` with the analytic Jacobian.
-
-    Parameters
-    ----------
-    readings : Array
-        Raw readings, (trials, n, 3).
-    method : str
-        SciPy's ``trf`` (its default) or ``lm``.
-
-    Returns
-    -------
-    Array
-        Parameters, (trials, 9).
-    """
+def scipy_loop(
+    readings: Float[Array, "trials n 3"], method: str
+) -> Float[Array, "trials 9"]:
+    """Fit each set by `scipy.optimize.least_squares` with the analytic Jacobian."""
     options = {"method": method, "xtol": TOLERANCE, "ftol": TOLERANCE}
     return np.array(
         [
@@ -103,11 +71,6 @@ def batch() -> list[Contender]:
 
     Every contender starts from its own ellipsoid, stops at 1e-12 and sees the same
     data; a contender that disagrees by more than 1e-9 is an error.
-
-    Returns
-    -------
-    list of Contender
-        Parameters only, but for the last.
     """
     readings = noisy_poses(MANY)
     expected = calibrate(readings, G, tolerance=TOLERANCE, covariance=False).parameters
@@ -135,13 +98,7 @@ def batch() -> list[Contender]:
 
 
 def residuals() -> list[Contender]:
-    """List the residuals, a batch each; the reference is the squared one.
-
-    Returns
-    -------
-    list of Contender
-        Covariance included.
-    """
+    """List the residuals, a batch each; the reference is the squared one."""
     readings = noisy_poses(MANY // 4)
 
     def fit(residual: str) -> int:
@@ -153,13 +110,7 @@ def residuals() -> list[Contender]:
 
 
 def samples() -> list[Contender]:
-    """List sizes of one set; the reference has the fewest samples.
-
-    Returns
-    -------
-    list of Contender
-        Items are samples: a rate that does not fall with the size is one pass.
-    """
+    """List sizes of one set; the reference has the fewest samples."""
     flat = noisy_poses(25_000).reshape(-1, 3)
 
     def fit(count: int) -> int:

@@ -5,13 +5,7 @@ from simval.scene.speed import recording_and_bare_loop
 
 
 def recording() -> list[Contender]:
-    """List both ways to advance the gimbal; the reference is the bare loop in C.
-
-    Returns
-    -------
-    list of Contender
-        A step an item.
-    """
+    """List both ways to advance the gimbal; the reference is the bare loop in C."""
     recorded, bare = recording_and_bare_loop("gimbal")
     return [
         Contender(name="mj_step, nstep at once, nothing kept", run=bare),

@@ -8,6 +8,7 @@ nothing that is carried is shaken at many g from end to end.
 """
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate.result import FitResult, raw_unit
@@ -23,17 +24,8 @@ _FEWEST = 10  # rows of which a scatter says something
 _QUIET = 0.05  # scatter of a window at rest over its mean; a cheap sensor has 0.02
 
 
-def require_same_sensor(fit: FitResult, raw: Array, rate: float) -> None:
+def require_same_sensor(fit: FitResult, raw: Float[Array, "n 3"], rate: float) -> None:
     """Refuse readings whose corrected force cannot be one.
-
-    Parameters
-    ----------
-    fit : FitResult
-        The calibration, of one set.
-    raw : Array
-        Readings of a log, raw units, (n, 3).
-    rate : float
-        Rows per second, Hz.
 
     Raises
     ------
@@ -61,21 +53,8 @@ def require_same_sensor(fit: FitResult, raw: Array, rate: float) -> None:
     raise RefusedError(msg)
 
 
-def rest_forces(force: Array, rate: float) -> Array:
-    """Length of the mean force of each stretch at rest.
-
-    Parameters
-    ----------
-    force : Array
-        Corrected force in any unit, (n, 3).
-    rate : float
-        Rows per second, Hz.
-
-    Returns
-    -------
-    Array
-        (m,), m of 0 or more: of the half seconds whose readings scatter little.
-    """
+def rest_forces(force: Float[Array, "n 3"], rate: float) -> Float[Array, " m"]:
+    """Length of the mean force of each stretch at rest."""
     size = max(_FEWEST, round(_WINDOW * rate))
     count = len(force) // size
     windows = force[: count * size].reshape(count, size, 3)

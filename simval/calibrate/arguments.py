@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arguments import choice, shown, switch, whole_number
 from simval.arrays import (
@@ -102,13 +103,7 @@ class Options:
 
 
 def choices() -> dict[str, tuple[str, ...]]:
-    """Values of each option that is a choice.
-
-    Returns
-    -------
-    dict
-        Option name to the names allowed.
-    """
+    """Values of each option that is a choice."""
     return {
         "model": forms.MODELS,
         "method": METHODS,
@@ -117,18 +112,8 @@ def choices() -> dict[str, tuple[str, ...]]:
     }
 
 
-def checked_readings(poses: Any) -> Array:
+def checked_readings(poses: Any) -> Float[Array, "n 3"] | Float[Array, "trials n 3"]:
     """Return the readings as an array of nine poses or more.
-
-    Parameters
-    ----------
-    poses : array_like
-        What the caller gave.
-
-    Returns
-    -------
-    Array
-        Raw readings, (n, 3) or (trials, n, 3); a batch may have NaN in it.
 
     Raises
     ------
@@ -169,22 +154,10 @@ def checked_readings(poses: Any) -> Array:
     return readings
 
 
-def checked_noise(noise_std: Any, count: int, residual: str) -> Array | None:
+def checked_noise(
+    noise_std: Any, count: int, residual: str
+) -> Float[Array, " n"] | None:
     """Return the noise of each pose.
-
-    Parameters
-    ----------
-    noise_std : float, array_like or None
-        What the caller gave, raw units.
-    count : int
-        Number of poses n.
-    residual : str
-        The residual; adjusted needs the noise.
-
-    Returns
-    -------
-    Array or None
-        Standard deviation of each axis of each pose mean, (n,).
 
     Raises
     ------

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 from scipy import special
 
 from simval.arrays import Array
@@ -35,21 +36,11 @@ class Break:
     scatter: float
 
 
-def find_break(poses: Array) -> Break | None:
+def find_break(poses: Float[Array, "n 3"]) -> Break | None:
     """Look for the cut that best parts a series of poses in two.
 
     The longer part fits an ellipsoid and the shorter one, taken as outliers all
     together, does not: (O1) with the number of cuts for the binomial.
-
-    Parameters
-    ----------
-    poses : Array
-        Readings in order of time, raw units, (n, 3).
-
-    Returns
-    -------
-    Break or None
-        The best cut; None where no part is long enough to tell.
     """
     z, scale, floor = scaled(poses)
     count, dof = len(poses), len(poses) - 9

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate.evidence import WIDEST
@@ -18,23 +19,10 @@ _FEW = 3  # degrees of freedom; below, the factor of eq. (N2) of `pencil` exceed
 _RANK_TOLERANCE = 1e-7  # relative; what a scatter matrix of readings can resolve
 
 
-def screen(poses: Array, *, full_scale: float | None, repeats: bool) -> Any:
-    """Code of each trial from its readings alone.
-
-    Parameters
-    ----------
-    poses : Array
-        Raw readings, (t, n, 3).
-    full_scale : float or None
-        Greatest reading of the sensor, raw units, either sign; None if not known.
-    repeats : bool
-        Whether readings may repeat exactly.
-
-    Returns
-    -------
-    Array of int
-        A `Code` for each trial, (t,); CONVERGED where nothing is wrong.
-    """
+def screen(
+    poses: Float[Array, "t n 3"], *, full_scale: float | None, repeats: bool
+) -> Any:
+    """Code of each trial from its readings alone."""
     code = np.full(poses.shape[0], int(Code.CONVERGED))
     finite = np.isfinite(poses).all(axis=(-2, -1))
     if not repeats:
@@ -50,26 +38,15 @@ def screen(poses: Array, *, full_scale: float | None, repeats: bool) -> Any:
     return code
 
 
-def repeated_poses(poses: Array) -> Any:
-    """Indices of the readings that equal an earlier one in every bit.
-
-    Parameters
-    ----------
-    poses : Array
-        Raw readings, (n, 3).
-
-    Returns
-    -------
-    Array of int
-        Indices, in rising order.
-    """
+def repeated_poses(poses: Float[Array, "n 3"]) -> Any:
+    """Indices of the readings that equal an earlier one in every bit."""
     _, first = np.unique(poses, axis=0, return_index=True)
     return np.setdiff1d(np.arange(len(poses)), first)
 
 
 def refuse(
     code: int,
-    poses: Array,
+    poses: Float[Array, "n 3"],
     *,
     full_scale: float | None,
     limit: float,
@@ -78,23 +55,6 @@ def refuse(
     suspects: Sequence[tuple[int, float]] = (),
 ) -> None:
     """Raise the error that says what is wrong with one pose set.
-
-    Parameters
-    ----------
-    code : int
-        A `Code` that means refused.
-    poses : Array
-        Raw readings, (n, 3).
-    full_scale : float or None
-        Greatest reading of the sensor, raw units.
-    limit : float
-        Limit of the condition number.
-    condition : float
-        The condition number found; infinite where there is none.
-    half_width : float
-        95 percent half-width of the scale, relative; NaN where there is none.
-    suspects : sequence of (int, float)
-        Outliers without which the set calibrates, and their standard deviations off.
 
     Raises
     ------
@@ -225,16 +185,5 @@ def _rounded(poses: Array) -> Array:
 
 
 def status_text(code: Any) -> Any:
-    """Status of each trial in words.
-
-    Parameters
-    ----------
-    code : Array of int
-        Codes, (...).
-
-    Returns
-    -------
-    Array of str
-        Words, (...).
-    """
+    """Status of each trial in words."""
     return STATUS_NAMES[code]

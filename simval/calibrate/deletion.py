@@ -9,6 +9,7 @@ the poses K are :math:`r - P_K (P_{KK})^{-1} r_K`.  (O2)
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate.moments import PAIRS
@@ -36,25 +37,14 @@ class Deletion:
         Rank of the rows, 9 where the poses fix the coefficients.
     """
 
-    p: Array
-    q: Array
-    residual: Array
+    p: Float[Array, "9"]
+    q: Float[Array, "n 9"]
+    residual: Float[Array, " n"]
     floor: float
     rank: int
 
     def without(self, subset: list[int]) -> tuple[Array, Array]:
-        """Residuals (O2) and the room of each, both 0 in the subset.
-
-        Parameters
-        ----------
-        subset : list of int
-            Poses left out.
-
-        Returns
-        -------
-        residual, room : Array
-            Each (n,); a residual's variance is its room.
-        """
+        """Residuals (O2) and the room of each, both 0 in the subset."""
         room = 1.0 - np.sum(self.q**2, axis=1)
         if not subset:
             return self.residual, room
@@ -69,59 +59,23 @@ class Deletion:
         return residual, room
 
     def squares(self, subset: list[int]) -> float:
-        """Sum of squares of the poses kept.
-
-        Parameters
-        ----------
-        subset : list of int
-            Poses left out.
-
-        Returns
-        -------
-        float
-            At least what rounding leaves.
-        """
+        """Sum of squares of the poses kept."""
         residual = self.without(subset)[0]
         return max(float(residual @ residual), len(residual) * self.floor)
 
     def greatest_drop(self, subset: list[int]) -> int:
-        """Pose whose removal, after those, lowers the sum of squares most.
-
-        Parameters
-        ----------
-        subset : list of int
-            Poses left out already.
-
-        Returns
-        -------
-        int
-            Its index.
-        """
+        """Pose whose removal, after those, lowers the sum of squares most."""
         residual, room = self.without(subset)
         return int(np.argmax(_drop(residual, room)))
 
 
 def deletion_of(
-    design: Array, slope: Array, left_out: list[int], floor: float
+    design: Float[Array, "n 9"],
+    slope: Float[Array, " n"],
+    left_out: list[int],
+    floor: float,
 ) -> Deletion:
-    """Set the algebra up.
-
-    Parameters
-    ----------
-    design : Array
-        Nine monomials of each reading, (n, 9).
-    slope : Array
-        Length of the derivative by the reading, times the pose's noise, (n,).
-    left_out : list of int
-        Poses without which the coefficients are found.
-    floor : float
-        Square of a distance that is rounding only.
-
-    Returns
-    -------
-    Deletion
-        Of all poses.
-    """
+    """Set the algebra up."""
     rows, target = design / slope[:, None], 1.0 / slope
     sizes = np.linalg.norm(rows, axis=0)
     sizes[sizes == 0.0] = 1.0
@@ -139,21 +93,8 @@ def deletion_of(
     )
 
 
-def slope_of(p: Array, z: Array) -> Array:
-    """Length of the derivative of eq. (E1) by the reading.
-
-    Parameters
-    ----------
-    p : Array
-        Coefficients, (9,).
-    z : Array
-        Scaled readings, (n, 3).
-
-    Returns
-    -------
-    Array
-        (n,), bounded from below: it vanishes in the middle of the ellipsoid.
-    """
+def slope_of(p: Float[Array, "9"], z: Float[Array, "n 3"]) -> Float[Array, " n"]:
+    """Length of the derivative of eq. (E1) by the reading."""
     matrix = np.diag(p[:3])
     for index, (i, j) in enumerate(PAIRS):
         matrix[i, j] = matrix[j, i] = p[3 + index] / 2.0
@@ -161,23 +102,8 @@ def slope_of(p: Array, z: Array) -> Array:
     return np.asarray(np.maximum(length, 0.2 * np.median(length)))
 
 
-def scaled(poses: Array) -> tuple[Array, float, float]:
-    """Readings of unit size about their mean.
-
-    Parameters
-    ----------
-    poses : Array
-        Raw readings, (n, 3).
-
-    Returns
-    -------
-    z : Array
-        Scaled readings, (n, 3).
-    scale : float
-        Their unit, raw units.
-    floor : float
-        Square of a distance in it that is rounding only.
-    """
+def scaled(poses: Float[Array, "n 3"]) -> tuple[Array, float, float]:
+    """Readings of unit size about their mean."""
     offset = poses - poses.mean(axis=0)
     greatest = float(np.abs(offset).max()) or 1.0  # squares of it may be out of range
     offset = offset / greatest

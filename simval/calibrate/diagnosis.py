@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from scipy import special
 
 from simval.arguments import instance, shown
@@ -61,9 +62,9 @@ class Diagnosis:
         What limits the calibration, in words.
     """
 
-    distance: Array
-    leverage: Array
-    standardized: Array
+    distance: Float[Array, " n"]
+    leverage: Float[Array, " n"]
+    standardized: Float[Array, " n"]
     outliers: tuple[int, ...]
     chi2_per_dof: float
     p_value: float
@@ -96,31 +97,17 @@ class Residuals:
         Chance of a chi-square at least as high, (...).
     """
 
-    distance: Array
-    leverage: Array
-    standardized: Array
+    distance: Float[Array, "... n"]
+    leverage: Float[Array, "... n"]
+    standardized: Float[Array, "... n"]
     outlier: Any
-    limit: Array
-    chi2_per_dof: Array
-    p_value: Array
+    limit: Float[Array, "..."]
+    chi2_per_dof: Float[Array, "..."]
+    p_value: Float[Array, "..."]
 
 
 def residuals(fit: FitResult, poses: Any, noise_std: Any = None) -> Residuals:
     """Standardise the residuals of a fit or of a batch of fits.
-
-    Parameters
-    ----------
-    fit : FitResult
-        One fit or a batch, converged.
-    poses : array_like
-        The readings it was made from, raw units, (..., n, 3).
-    noise_std : float or array_like, optional
-        Noise of each axis of a pose mean, raw units, one number or (n,).
-
-    Returns
-    -------
-    Residuals
-        Of each pose.
 
     Raises
     ------

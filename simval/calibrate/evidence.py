@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate.moments import moment_matrix
@@ -37,21 +38,10 @@ class Evidence:
 
     ambiguous: Any
     stretched: Any
-    half_width: Array
+    half_width: Float[Array, " t"]
 
     def judge(self, code: Any) -> Any:
-        """Refuse the trials whose answer lacks evidence, and say why others have none.
-
-        Parameters
-        ----------
-        code : Array of int
-            Codes of the solver, (t,).
-
-        Returns
-        -------
-        Array of int
-            Codes, (t,).
-        """
+        """Refuse the trials whose answer lacks evidence; say why others have none."""
         found = np.where(self.half_width > WIDEST, int(Code.WIDE), code)
         found = np.where(self.stretched, int(Code.NOISE_RANK), found)
         found = np.where(code == Code.CONVERGED, found, code)
@@ -59,37 +49,16 @@ class Evidence:
 
 
 def weigh(
-    z: Array,
-    moments: Array,
-    noise: Array | None,
+    z: Float[Array, "t n 3"],
+    moments: Float[Array, "t 10 10"],
+    noise: Float[Array, "t n"] | None,
     summary: Summary,
-    shares: Array | None,
+    shares: Float[Array, " n"] | None,
     *,
-    condition: Array,
-    stretch: Array,
+    condition: Float[Array, " t"],
+    stretch: Float[Array, " t"],
 ) -> Evidence:
-    """Weigh the poses and their noise.
-
-    Parameters
-    ----------
-    z : Array
-        Scaled readings, (t, n, 3).
-    moments : Array
-        Their moment matrices, (t, 10, 10).
-    noise : Array or None
-        Noise of each pose, scaled, where it is known, (t, n).
-    summary : Summary
-        Statistics of the fit.
-    shares : Array or None
-        Weight of each pose by its noise in the fit, (n,).
-    condition, stretch : Array
-        As of `direction_condition`, (t,).
-
-    Returns
-    -------
-    Evidence
-        Of each trial.
-    """
+    """Weigh the poses and their noise."""
     level = summary.distance_std
     if noise is not None:  # a noise that is stated too low hides nothing
         known, chi = _mean_noise(noise, shares), np.sqrt(summary.chi2_per_dof)

@@ -34,16 +34,6 @@ _KINDS = ("known sigma", "type A", "none")
 def to_json(fit: FitResult) -> dict[str, Any]:
     """Return one fit as plain JSON values; NaN becomes null.
 
-    Parameters
-    ----------
-    fit : FitResult
-        Fit of one set.
-
-    Returns
-    -------
-    dict
-        Everything that `from_json` needs, and T, K, matrix, sd and names to read.
-
     Raises
     ------
     InputError
@@ -70,18 +60,6 @@ def to_json(fit: FitResult) -> dict[str, Any]:
 
 def from_json(data: Any, source: str = "the calibration") -> FitResult:
     """Rebuild a fit from what `to_json` made, or from T, K and B.
-
-    Parameters
-    ----------
-    data : dict
-        Plain JSON values.
-    source : str, default "the calibration"
-        Where they came from, for messages.
-
-    Returns
-    -------
-    FitResult
-        The same fit, bit for bit; NaN, and no covariance, where the file is silent.
 
     Raises
     ------
@@ -148,13 +126,6 @@ def _parameters(data: dict[str, Any]) -> tuple[str, Array]:
 
 def write_json(path: str | PathLike[str], data: dict[str, Any]) -> None:
     """Write a JSON object to a file.
-
-    Parameters
-    ----------
-    path : path-like
-        File to write.
-    data : dict
-        Plain JSON values.
 
     Raises
     ------

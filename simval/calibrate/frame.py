@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate import quadric
@@ -19,23 +20,8 @@ _SCALES = (
 _SCALES.setflags(write=False)
 
 
-def normalized(poses: Array) -> tuple[Array, Array, Array]:
-    """Move readings to their mean and scale them to unit size.
-
-    Parameters
-    ----------
-    poses : Array
-        Raw readings, (t, n, 3).
-
-    Returns
-    -------
-    z : Array
-        Scaled readings, (t, n, 3).
-    centre : Array
-        Mean of each trial, raw units, (t, 3).
-    scale : Array
-        Root mean square distance from it, raw units, (t,).
-    """
+def normalized(poses: Float[Array, "t n 3"]) -> tuple[Array, Array, Array]:
+    """Move readings to their mean and scale them to unit size."""
     count = poses.shape[1]
     centre = np.vecmat(np.ones(count), poses) / count
     z = poses - centre[:, None]
@@ -47,30 +33,14 @@ def normalized(poses: Array) -> tuple[Array, Array, Array]:
 
 
 def direction_condition(
-    model: str, theta: Array, moments: Array, usable: Any
+    model: str,
+    theta: Float[Array, "t 9"],
+    moments: Float[Array, "t 10 10"],
+    usable: Any,
 ) -> tuple[Array, Array]:
     """Condition of the corrected directions, eq. (P2) of `poses`, and their stretch.
 
     A step E of the natural parameters changes the scale along a direction w by w'Ew.
-
-    Parameters
-    ----------
-    model : str
-        Form of the parameters.
-    theta : Array
-        Nine parameters, scaled units, (t, 9).
-    moments : Array
-        Moment matrices of the scaled readings, (t, 10, 10).
-    usable : Array of bool
-        Which trials have parameters, (t,).
-
-    Returns
-    -------
-    condition : Array
-        Condition, (t,); infinite where there is none.
-    stretch : Array
-        Variance of the scale along the direction where it is greatest, out of faces,
-        edges and corners of a cube, for residuals of unit variance, (t,).
     """
     safe = np.where(
         usable[:, None], theta, forms.from_gram(model, np.eye(3), np.zeros(3))

@@ -7,6 +7,7 @@ every sum over poses that a step needs is a form in the moment matrix
 """
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 
@@ -26,19 +27,8 @@ _EXPONENTS = (
 )
 
 
-def monomials(z: Array) -> Array:
-    """The ten monomials xx yy zz xy xz yz x y z 1 of a reading.
-
-    Parameters
-    ----------
-    z : Array
-        Readings, (..., 3).
-
-    Returns
-    -------
-    Array
-        Monomials, (..., 10).
-    """
+def monomials(z: Float[Array, "... 3"]) -> Float[Array, "... 10"]:
+    """The ten monomials xx yy zz xy xz yz x y z 1 of a reading."""
     result = np.empty((*z.shape[:-1], 10))
     np.multiply(z, z, out=result[..., :3])
     for index, (i, j) in enumerate(PAIRS):
@@ -48,21 +38,10 @@ def monomials(z: Array) -> Array:
     return result
 
 
-def moment_matrix(z: Array, weights: Array | None = None) -> Array:
-    """Moment matrix G of the monomials, eq. (Q2).
-
-    Parameters
-    ----------
-    z : Array
-        Readings, (t, n, 3).
-    weights : Array, optional
-        Weight of each pose, (t, n); 1 if not given.
-
-    Returns
-    -------
-    Array
-        G, (t, 10, 10).
-    """
+def moment_matrix(
+    z: Float[Array, "t n 3"], weights: Float[Array, "t n"] | None = None
+) -> Float[Array, "t 10 10"]:
+    """Moment matrix G of the monomials, eq. (Q2)."""
     total = np.zeros((z.shape[0], 10, 10))
     for start in range(0, z.shape[1], CHUNK):
         part = slice(start, start + CHUNK)
@@ -72,24 +51,14 @@ def moment_matrix(z: Array, weights: Array | None = None) -> Array:
     return total
 
 
-def unbiased_moment_matrix(z: Array, noise_std: Array) -> Array:
+def unbiased_moment_matrix(
+    z: Float[Array, "t n 3"], noise_std: Float[Array, "t n"]
+) -> Float[Array, "t 10 10"]:
     """Moment matrix whose mean is that of the noise-free readings.
 
     A power of a reading with Gaussian noise is replaced by the Hermite polynomial
     whose mean is the power of the true value: x, x^2 - s^2, x^3 - 3 s^2 x,
     x^4 - 6 s^2 x^2 + 3 s^4.
-
-    Parameters
-    ----------
-    z : Array
-        Readings, (t, n, 3).
-    noise_std : Array
-        Noise of each reading and axis s, in the unit of `z`, (t, n).
-
-    Returns
-    -------
-    Array
-        Corrected G, (t, 10, 10).
     """
     total = np.zeros((z.shape[0], 10, 10))
     for start in range(0, z.shape[1], CHUNK):
@@ -114,21 +83,10 @@ def unbiased_moment_matrix(z: Array, noise_std: Array) -> Array:
     return total + np.swapaxes(lower, -1, -2)
 
 
-def weighted_sum(z: Array, weights: Array) -> Array:
-    """Weighted sum of the monomials over poses.
-
-    Parameters
-    ----------
-    z : Array
-        Readings, (t, n, 3).
-    weights : Array
-        Weight of each pose, (t, n).
-
-    Returns
-    -------
-    Array
-        Sum of w_k m_k, (t, 10).
-    """
+def weighted_sum(
+    z: Float[Array, "t n 3"], weights: Float[Array, "t n"]
+) -> Float[Array, "t 10"]:
+    """Weighted sum of the monomials over poses."""
     total = np.zeros((z.shape[0], 10))
     for start in range(0, z.shape[1], CHUNK):
         part = slice(start, start + CHUNK)

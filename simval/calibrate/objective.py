@@ -7,6 +7,7 @@ quadrics' ten coefficients, so no Jacobian of poses by parameters is ever formed
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate import quadric
@@ -15,23 +16,10 @@ from simval.calibrate.residuals import SLOPES
 from simval.calibrate.solver import Local, Objective
 
 
-def moment_objective(model: str, moments: Array, *, newton: bool) -> Objective:
-    """Cost v'Gv/2 of the squared residual: no pass over the poses.
-
-    Parameters
-    ----------
-    model : str
-        Form of the parameters.
-    moments : Array
-        Moment matrix of each trial, weighted or corrected, (t, 10, 10).
-    newton : bool
-        Add the second derivatives of the residual to the Hessian.
-
-    Returns
-    -------
-    callable
-        Maps parameters and rows to a `Local`.
-    """
+def moment_objective(
+    model: str, moments: Float[Array, "t 10 10"], *, newton: bool
+) -> Objective:
+    """Cost v'Gv/2 of the squared residual: no pass over the poses."""
 
     def objective(theta: Array, rows: Any) -> Local:
         g = moments if rows.size == moments.shape[0] else moments[rows]
@@ -54,28 +42,14 @@ def moment_objective(model: str, moments: Array, *, newton: bool) -> Objective:
 
 
 def pose_objective(
-    model: str, residual: str, z: Array, shares: Array | None = None, *, newton: bool
+    model: str,
+    residual: str,
+    z: Float[Array, "t n 3"],
+    shares: Float[Array, " n"] | None = None,
+    *,
+    newton: bool,
 ) -> Objective:
-    """Cost of a residual that needs a pass over the poses for each step.
-
-    Parameters
-    ----------
-    model : str
-        Form of the parameters.
-    residual : str
-        A key of `SLOPES`.
-    z : Array
-        Scaled readings, (t, n, 3).
-    shares : Array, optional
-        Weight of each pose, (n,).
-    newton : bool
-        Use the full Hessian.
-
-    Returns
-    -------
-    callable
-        Maps parameters and rows to a `Local`.
-    """
+    """Cost of a residual that needs a pass over the poses for each step."""
 
     def objective(theta: Array, rows: Any) -> Local:
         x = z if rows.size == z.shape[0] else z[rows]

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from scipy import special
 
 from simval.arrays import Array
@@ -62,28 +63,16 @@ class Outliers:
     """
 
     flagged: Any
-    distance: Array
-    standardized: Array
+    distance: Float[Array, " n"]
+    standardized: Float[Array, " n"]
     chi2: float
     dof: int
 
 
-def find_outliers(poses: Array, sigma: Array | None = None) -> Outliers:
-    """Name the poses that do not lie on the ellipsoid of the others.
-
-    Parameters
-    ----------
-    poses : Array
-        Readings, raw units, (n, 3).
-    sigma : Array or None
-        Noise of each pose, raw units, (n,).
-
-    Returns
-    -------
-    Outliers
-        None flagged where there are fewer than two degrees of freedom, or the poses
-        do not fix nine coefficients.
-    """
+def find_outliers(
+    poses: Float[Array, "n 3"], sigma: Float[Array, " n"] | None = None
+) -> Outliers:
+    """Name the poses that do not lie on the ellipsoid of the others."""
     count = len(poses)
     z, scale, floor = scaled(poses)
     unit = np.ones(count) if sigma is None else sigma / scale

@@ -28,6 +28,7 @@ found in the residuals by a factor that is great where few of them are left.
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate.moments import PAIRS
@@ -61,21 +62,8 @@ _GRADIENTS = _gradients()
 _GRADIENTS.setflags(write=False)
 
 
-def pencil(moments: Array) -> tuple[Array, Array]:
-    """The two matrices of eq. (N1).
-
-    Parameters
-    ----------
-    moments : Array
-        Moment matrices of the readings, (t, 10, 10).
-
-    Returns
-    -------
-    scatter : Array
-        G_c, (t, 9, 9).
-    noise : Array
-        C, the scatter that noise of unit variance adds, (t, 9, 9).
-    """
+def pencil(moments: Float[Array, "t 10 10"]) -> tuple[Array, Array]:
+    """The two matrices of eq. (N1)."""
     mean = moments[:, :9, 9]
     total = moments[:, 9, 9, None, None]
     scatter = moments[:, :9, :9] - mean[:, :, None] * mean[:, None, :] / total
@@ -83,42 +71,17 @@ def pencil(moments: Array) -> tuple[Array, Array]:
     return scatter, by_axis[:, 0] + by_axis[:, 1] + by_axis[:, 2]
 
 
-def second_noise(moments: Array) -> float:
-    """Noise that lets a second quadric through one pose set, s_2 of eq. (N1).
-
-    Parameters
-    ----------
-    moments : Array
-        Moment matrix of the readings, (10, 10).
-
-    Returns
-    -------
-    float
-        In the unit of the readings.
-    """
+def second_noise(moments: Float[Array, "10 10"]) -> float:
+    """Noise that lets a second quadric through one pose set, s_2 of eq. (N1)."""
     scatter, noise = pencil(moments[None])
     values = np.linalg.eigvals(np.linalg.solve(noise[0], scatter[0])).real
     return float(np.sqrt(max(np.sort(values)[1], 0.0)))
 
 
-def required_noise(level: Array, dof: int, *, known: bool) -> Array:
-    """Least s_2 that is accepted, in the unit of the level.
-
-    Parameters
-    ----------
-    level : Array
-        Noise of a pose, known or from the residuals, of readings scaled to unit
-        size, (t,); NaN where there is none.
-    dof : int
-        Poses less nine.
-    known : bool
-        Whether the noise is known, so that no chance can make it look small.
-
-    Returns
-    -------
-    Array
-        Limits, (t,).
-    """
+def required_noise(
+    level: Float[Array, " t"], dof: int, *, known: bool
+) -> Float[Array, " t"]:
+    """Least s_2 that is accepted, in the unit of the level."""
     factor = NOISE_MARGIN
     if not known and dof > 0:
         tail = FALSE_ACCEPTANCE ** (1.0 / dof)
@@ -126,23 +89,11 @@ def required_noise(level: Array, dof: int, *, known: bool) -> Array:
     return np.fmin(factor * level, GREATEST_NOISE)
 
 
-def ambiguous(moments: Array, limit: Array) -> Any:
+def ambiguous(moments: Float[Array, "t 10 10"], limit: Float[Array, " t"]) -> Any:
     """Whether a second quadric passes through the poses.
 
     By Sylvester's law of inertia the roots of (N1) below the limit are as many as the
     negative pivots of G_c - limit^2 C.
-
-    Parameters
-    ----------
-    moments : Array
-        Moment matrices of the scaled readings, (t, 10, 10).
-    limit : Array
-        Least s_2 that is accepted, (t,).
-
-    Returns
-    -------
-    Array of bool
-        Whether two roots or more are below it, (t,).
     """
     scatter, noise = pencil(moments)
     return negative_pivots(scatter - (limit * limit)[:, None, None] * noise) > 1

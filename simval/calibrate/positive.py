@@ -7,28 +7,15 @@ when one matrix is singular.
 """
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 
 
-def solve_positive(matrices: Array, right: Array) -> tuple[Array, Array]:
-    """Solve N x = r by Cholesky after scaling N to a unit diagonal.
-
-    Parameters
-    ----------
-    matrices : Array
-        Symmetric matrices N, (t, p, p).
-    right : Array
-        Right-hand sides r, (t, p, k).
-
-    Returns
-    -------
-    solution : Array
-        x, (t, p, k); NaN where N is not positive definite.
-    pivot : Array
-        Smallest pivot of the scaled N, (t,): at most 1, zero or less (or NaN)
-        where N is singular or indefinite.
-    """
+def solve_positive(
+    matrices: Float[Array, "t p p"], right: Float[Array, "t p k"]
+) -> tuple[Array, Array]:
+    """Solve N x = r by Cholesky after scaling N to a unit diagonal."""
     size = matrices.shape[-1]
     n = np.moveaxis(matrices, 0, -1).copy()
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
@@ -51,19 +38,8 @@ def solve_positive(matrices: Array, right: Array) -> tuple[Array, Array]:
     return np.moveaxis(x, -1, 0), pivot
 
 
-def negative_pivots(matrices: Array) -> Array:
-    """How many eigenvalues of each symmetric matrix are below zero.
-
-    Parameters
-    ----------
-    matrices : Array
-        Symmetric matrices, (t, p, p).
-
-    Returns
-    -------
-    Array
-        Numbers of negative pivots of L D L', (t,); what is zero or NaN counts.
-    """
+def negative_pivots(matrices: Float[Array, "t p p"]) -> Float[Array, " t"]:
+    """How many eigenvalues of each symmetric matrix are below zero."""
     n = np.moveaxis(matrices, 0, -1).copy()
     count = np.zeros(n.shape[-1])
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
@@ -74,19 +50,8 @@ def negative_pivots(matrices: Array) -> Array:
     return count
 
 
-def trace(matrices: Array) -> Array:
-    """Trace of each matrix, summed in the same order for every size of batch.
-
-    Parameters
-    ----------
-    matrices : Array
-        Square matrices, (t, p, p).
-
-    Returns
-    -------
-    Array
-        Traces, (t,).
-    """
+def trace(matrices: Float[Array, "t p p"]) -> Float[Array, " t"]:
+    """Trace of each matrix, summed in the same order for every size of batch."""
     total = matrices[:, 0, 0].copy()
     for i in range(1, matrices.shape[-1]):
         total += matrices[:, i, i]

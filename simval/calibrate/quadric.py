@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate.moments import CHUNK, PAIRS, monomials
@@ -38,52 +39,27 @@ class Quadric:
         The ten coefficients v, (t, 10).
     """
 
-    gram: Array
-    slopes: Array
-    bias: Array
-    values: Array
+    gram: Float[Array, "t 3 3"]
+    slopes: Float[Array, "t 6 3 3"]
+    bias: Float[Array, "t 3"]
+    values: Float[Array, "t 10"]
 
 
-def residual_quadric(model: str, theta: Array) -> Quadric:
-    """The quadric c of eq. (Q1).
-
-    Parameters
-    ----------
-    model : str
-        Form of the parameters.
-    theta : Array
-        Nine parameters, (t, 9).
-
-    Returns
-    -------
-    Quadric
-        Coefficients of c.
-    """
+def residual_quadric(model: str, theta: Float[Array, "t 9"]) -> Quadric:
+    """The quadric c of eq. (Q1)."""
     m = forms.matrix(model, theta)
     gram = np.swapaxes(m, -1, -2) @ m
     slopes = forms.gram_derivatives(model, theta)
     return _quadric(gram, slopes, theta[:, 6:], constant=-1.0)
 
 
-def direction_quadric(model: str, theta: Array) -> Quadric:
+def direction_quadric(model: str, theta: Float[Array, "t 9"]) -> Quadric:
     """The quadric c with its slopes by the natural parameters of the directions.
 
     A step E of the natural parameters turns M into (1 + E) M with E lower triangular
     and moves b by M^-1; the derivatives of c are then those of an ideal sensor at
     the corrected directions, eq. (P1) of `poses`, up to the order and sign of
     columns.
-
-    Parameters
-    ----------
-    model : str
-        Form of the parameters.
-    theta : Array
-        Nine parameters, (t, 9).
-
-    Returns
-    -------
-    Quadric
-        Coefficients of c; its bias moves by M^-1, not by 1.
     """
     m = forms.matrix(model, theta)
     slopes = np.empty((len(m), 6, 3, 3))
@@ -95,18 +71,7 @@ def direction_quadric(model: str, theta: Array) -> Quadric:
 
 
 def distance_quadric(residual: Quadric) -> Quadric:
-    """The quadric q = |M'M (y - b)|^2, a quarter of the squared gradient of c.
-
-    Parameters
-    ----------
-    residual : Quadric
-        The quadric c.
-
-    Returns
-    -------
-    Quadric
-        Coefficients of q.
-    """
+    """The quadric q = |M'M (y - b)|^2, a quarter of the squared gradient of c."""
     half = residual.slopes @ residual.gram[:, None]
     slopes = half + np.swapaxes(half, -1, -2)
     gram = residual.gram @ residual.gram
@@ -125,23 +90,10 @@ def _quadric(gram: Array, slopes: Array, bias: Array, *, constant: float) -> Qua
     return Quadric(gram=gram, slopes=slopes, bias=bias, values=values)
 
 
-def residual_values(model: str, theta: Array, z: Array) -> tuple[Array, Array]:
-    """The quadrics c and q of each reading, without derivatives.
-
-    Parameters
-    ----------
-    model : str
-        Form of the parameters.
-    theta : Array
-        Nine parameters, (t, 9).
-    z : Array
-        Readings, (t, n, 3).
-
-    Returns
-    -------
-    c, q : Array
-        Values, (t, n).
-    """
+def residual_values(
+    model: str, theta: Float[Array, "t 9"], z: Float[Array, "t n 3"]
+) -> tuple[Array, Array]:
+    """The quadrics c and q of each reading, without derivatives."""
     m = forms.matrix(model, theta)
     gram = np.swapaxes(m, -1, -2) @ m
     bias, none = theta[:, 6:], np.zeros((len(m), 0, 3, 3))
@@ -155,21 +107,8 @@ def residual_values(model: str, theta: Array, z: Array) -> tuple[Array, Array]:
     return c, q
 
 
-def evaluate(quadrics: Sequence[Quadric], z: Array) -> list[Array]:
-    """Values of some quadrics at each reading, in one pass.
-
-    Parameters
-    ----------
-    quadrics : sequence of Quadric
-        The quadrics.
-    z : Array
-        Readings, (t, n, 3).
-
-    Returns
-    -------
-    list of Array
-        Values of each quadric, (t, n).
-    """
+def evaluate(quadrics: Sequence[Quadric], z: Float[Array, "t n 3"]) -> list[Array]:
+    """Values of some quadrics at each reading, in one pass."""
     columns = np.stack([quadric.values for quadric in quadrics], axis=-1)
     result = np.empty((len(quadrics), *z.shape[:-1]))
     for start in range(0, z.shape[1], CHUNK):
@@ -179,19 +118,8 @@ def evaluate(quadrics: Sequence[Quadric], z: Array) -> list[Array]:
     return list(result)
 
 
-def value_derivatives(quadric: Quadric) -> Array:
-    """Derivatives of the ten coefficients by the nine parameters.
-
-    Parameters
-    ----------
-    quadric : Quadric
-        A quadric.
-
-    Returns
-    -------
-    Array
-        dv/dtheta, (t, 10, 9).
-    """
+def value_derivatives(quadric: Quadric) -> Float[Array, "t 10 9"]:
+    """Derivatives of the ten coefficients by the nine parameters."""
     result = np.zeros((quadric.gram.shape[0], 10, 9))
     slopes, bias = quadric.slopes, quadric.bias
     for axis in range(3):
@@ -206,7 +134,9 @@ def value_derivatives(quadric: Quadric) -> Array:
     return result
 
 
-def curvature(quadric: Quadric, seconds: Array, weights: Array) -> Array:
+def curvature(
+    quadric: Quadric, seconds: Float[Array, "t 6 6 3 3"], weights: Float[Array, "t 10"]
+) -> Float[Array, "t 9 9"]:
     r"""Weighted sum of the second derivatives of the ten coefficients.
 
     With the weights folded into a symmetric matrix :math:`S` (quadratic part), a
@@ -217,20 +147,6 @@ def curvature(quadric: Quadric, seconds: Array, weights: Array) -> Array:
 
     so the derivatives are tr(d2A W) by two parameters of A, -2 dA (l - s_0 b) by
     one of them and b, and 2 s_0 A by b twice.
-
-    Parameters
-    ----------
-    quadric : Quadric
-        A quadric.
-    seconds : Array
-        Second derivatives of its quadratic part, (t, 6, 6, 3, 3).
-    weights : Array
-        Weight s of each coefficient, (t, 10).
-
-    Returns
-    -------
-    Array
-        Sum over i of s_i d2v_i, (t, 9, 9).
     """
     bias, linear, constant = quadric.bias, weights[:, 6:9], weights[:, 9]
     w = np.zeros_like(quadric.gram)
@@ -251,21 +167,10 @@ def curvature(quadric: Quadric, seconds: Array, weights: Array) -> Array:
     return result
 
 
-def residual_seconds(model: str, theta: Array) -> Array:
-    """Second derivatives of A = M'M by the first six parameters.
-
-    Parameters
-    ----------
-    model : str
-        Form of the parameters.
-    theta : Array
-        Nine parameters, (t, 9).
-
-    Returns
-    -------
-    Array
-        d2A, (t, 6, 6, 3, 3).
-    """
+def residual_seconds(
+    model: str, theta: Float[Array, "t 9"]
+) -> Float[Array, "t 6 6 3 3"]:
+    """Second derivatives of A = M'M by the first six parameters."""
     m = forms.matrix(model, theta)[:, None, None]
     first = forms.matrix_derivatives(model, theta)
     bent = np.swapaxes(forms.matrix_second_derivatives(model), -1, -2) @ m
@@ -274,21 +179,10 @@ def residual_seconds(model: str, theta: Array) -> Array:
     return half + np.swapaxes(half, -1, -2)
 
 
-def distance_seconds(residual: Quadric, seconds: Array) -> Array:
-    """Second derivatives of A^2 by the first six parameters.
-
-    Parameters
-    ----------
-    residual : Quadric
-        The quadric c, of A.
-    seconds : Array
-        Second derivatives of A, (t, 6, 6, 3, 3).
-
-    Returns
-    -------
-    Array
-        Second derivatives of A^2, (t, 6, 6, 3, 3).
-    """
+def distance_seconds(
+    residual: Quadric, seconds: Float[Array, "t 6 6 3 3"]
+) -> Float[Array, "t 6 6 3 3"]:
+    """Second derivatives of A^2 by the first six parameters."""
     half = seconds @ residual.gram[:, None, None]
     half += residual.slopes[:, :, None] @ residual.slopes[:, None]
     return half + np.swapaxes(half, -1, -2)

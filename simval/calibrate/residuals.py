@@ -23,6 +23,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 
@@ -30,21 +31,10 @@ RESIDUALS = ("squared", "norm", "weighted", "sampson", "adjusted")
 WEIGHTED = ("weighted", "sampson")  # by the variance of the residual
 
 
-def noise_shares(residual: str, sigma: Array | None) -> Array | None:
-    """Weight of each pose by its noise, over that of the best one.
-
-    Parameters
-    ----------
-    residual : str
-        The residual.
-    sigma : Array or None
-        Noise of each pose, (n,), where it is known.
-
-    Returns
-    -------
-    Array or None
-        Weights up to 1, (n,); None where all are alike or the residual has none.
-    """
+def noise_shares(
+    residual: str, sigma: Float[Array, " n"] | None
+) -> Float[Array, " n"] | None:
+    """Weight of each pose by its noise, over that of the best one."""
     if sigma is None or residual not in WEIGHTED or np.all(sigma == sigma[0]):
         return None
     return (sigma.min() / sigma) ** 2
@@ -64,46 +54,24 @@ class Slopes:
         Curvature used in the step, (t, n).
     """
 
-    cost: Array
-    c: Array
-    q: Array
-    cc: Array
-    cq: Array
-    qq: Array
+    cost: Float[Array, "t n"]
+    c: Float[Array, "t n"]
+    q: Float[Array, "t n"]
+    cc: Float[Array, "t n"]
+    cq: Float[Array, "t n"]
+    qq: Float[Array, "t n"]
 
-    def weighted(self, shares: Array | None) -> "Slopes":
-        """Multiply the cost of each pose by a weight.
-
-        Parameters
-        ----------
-        shares : Array or None
-            Weights, (n,); None for 1.
-
-        Returns
-        -------
-        Slopes
-            Of the weighted cost.
-        """
+    def weighted(self, shares: Float[Array, " n"] | None) -> "Slopes":
+        """Multiply the cost of each pose by a weight."""
         if shares is None:
             return self
         return Slopes(**{k: getattr(self, k) * shares for k in self.__slots__})
 
 
-def norm_slopes(c: Array, q: Array, *, newton: bool) -> Slopes:
-    """Slopes of the norm residual |M(y - b)| - 1.
-
-    Parameters
-    ----------
-    c, q : Array
-        Quadrics of each pose, (t, n).
-    newton : bool
-        Full curvature instead of the product of first derivatives.
-
-    Returns
-    -------
-    Slopes
-        Slopes by (c, q).
-    """
+def norm_slopes(
+    c: Float[Array, "t n"], q: Float[Array, "t n"], *, newton: bool
+) -> Slopes:
+    """Slopes of the norm residual |M(y - b)| - 1."""
     r = np.sqrt(np.maximum(1.0 + c, np.finfo(float).tiny))
     e = r - 1.0
     zero = np.zeros_like(c)
@@ -111,21 +79,10 @@ def norm_slopes(c: Array, q: Array, *, newton: bool) -> Slopes:
     return Slopes(cost=e * e / 2, c=e / (2 * r), q=zero, cc=curve, cq=zero, qq=zero)
 
 
-def sampson_slopes(c: Array, q: Array, *, newton: bool) -> Slopes:
-    """Slopes of the Sampson residual c / 2 sqrt(q).
-
-    Parameters
-    ----------
-    c, q : Array
-        Quadrics of each pose, (t, n).
-    newton : bool
-        Full curvature instead of the product of first derivatives.
-
-    Returns
-    -------
-    Slopes
-        Slopes by (c, q).
-    """
+def sampson_slopes(
+    c: Float[Array, "t n"], q: Float[Array, "t n"], *, newton: bool
+) -> Slopes:
+    """Slopes of the Sampson residual c / 2 sqrt(q)."""
     ratio = c / q
     cc = 0.25 / q
     cross, square = (2.0, 4.0) if newton else (1.0, 1.0)

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from scipy import special
 
 from simval.arguments import shown
@@ -27,18 +28,7 @@ _ARRAYS = (
 
 
 def raw_unit(length: float) -> str:
-    """Unit of a reading, by its size at rest.
-
-    Parameters
-    ----------
-    length : float
-        Raw units at one g.
-
-    Returns
-    -------
-    str
-        ``m/s^2``, ``g`` or ``counts``; a sensor's scale is within 30 % of its own.
-    """
+    """Unit of a reading, by its size at rest."""
     for name, size in (("m/s^2", STANDARD_GRAVITY), ("g", 1.0)):
         if 0.7 < length / size < 1.4:
             return name
@@ -98,18 +88,18 @@ class FitResult:
     residual: str
     loss: str
     g: float
-    parameters: Array
-    covariance: Array
+    parameters: Float[Array, "... 9"]
+    covariance: Float[Array, "... 9 9"]
     covariance_kind: str
     dof: int
     status: Any
     iterations: Any
-    cost: Array
-    condition: Array
-    rms: Array
-    chi2_per_dof: Array
-    gradient_norm: Array
-    raw_range: Array
+    cost: Float[Array, "..."]
+    condition: Float[Array, "..."]
+    rms: Float[Array, "..."]
+    chi2_per_dof: Float[Array, "..."]
+    gradient_norm: Float[Array, "..."]
+    raw_range: Float[Array, "... 3 2"]
 
     def __post_init__(self) -> None:
         for name in _ARRAYS:
@@ -121,22 +111,22 @@ class FitResult:
         return forms.names(self.model)
 
     @property
-    def T(self) -> Array:
+    def T(self) -> Float[Array, "... 3 3"]:
         """Misalignment, (..., 3, 3); the identity for the symmetric form."""
         return forms.factors(self.model, self.parameters)[0]
 
     @property
-    def K(self) -> Array:
+    def K(self) -> Float[Array, "... 3"]:
         """Scale, m/s^2 per raw unit, (..., 3); symmetric form: matrix (..., 3, 3)."""
         return forms.factors(self.model, self.parameters)[1]
 
     @property
-    def B(self) -> Array:
+    def B(self) -> Float[Array, "... 3"]:
         """Bias, raw units, (..., 3)."""
         return self.parameters[..., 6:]
 
     @property
-    def matrix(self) -> Array:
+    def matrix(self) -> Float[Array, "... 3 3"]:
         """M = T K, raw units to m/s^2, (..., 3, 3)."""
         return forms.matrix(self.model, self.parameters)
 
@@ -148,7 +138,7 @@ class FitResult:
         return 1.0 / self.K
 
     @property
-    def raw_per_g(self) -> Array:
+    def raw_per_g(self) -> Float[Array, "... 3"]:
         """What each axis reads for the gravity of the fit, raw units, (..., 3)."""
         scale = self.sensor_scale
         if self.model == "symmetric":
@@ -166,17 +156,17 @@ class FitResult:
         return self.status == "converged"
 
     @property
-    def sd(self) -> Array:
+    def sd(self) -> Float[Array, "... 9"]:
         """Standard deviation of each parameter, (..., 9); NaN where there is none."""
         variance = np.diagonal(self.covariance, axis1=-2, axis2=-1)
         return np.sqrt(variance)
 
     @property
-    def intervals(self) -> Array:
+    def intervals(self) -> Float[Array, "... 9 2"]:
         """Confidence intervals at 95 percent, (..., 9, 2)."""
         return self.confidence_intervals(0.95)
 
-    def confidence_intervals(self, level: float) -> Array:
+    def confidence_intervals(self, level: float) -> Float[Array, "... 9 2"]:
         """Confidence interval of each parameter.
 
         Normal quantiles with a known sigma; Student's t with `dof` degrees of

@@ -8,6 +8,7 @@ one weighted moment matrix and one solution; the rounds end by the same stop rul
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate import quadric
@@ -25,44 +26,14 @@ def minimize_reweighted(
     model: str,
     residual: str,
     loss: str,
-    z: Array,
-    theta: Array,
-    noise: Array | None,
+    z: Float[Array, "t n 3"],
+    theta: Float[Array, "t 9"],
+    noise: Float[Array, "t n"] | None,
     rules: Rules,
     slack: float,
-    shares: Array | None = None,
+    shares: Float[Array, " n"] | None = None,
 ) -> tuple[Solution, Array | None]:
-    """Solve with weights renewed between rounds.
-
-    Parameters
-    ----------
-    model : str
-        Form of the parameters.
-    residual : str
-        squared or weighted.
-    loss : str
-        linear or a key of `LOSSES`.
-    z : Array
-        Scaled readings, (t, n, 3).
-    theta : Array
-        Starts, (t, 9).
-    noise : Array or None
-        Noise of each pose, scaled, (t, n); the scale of the loss, where known.
-    rules : Rules
-        Method, step and stop rule.
-    slack : float
-        Rise of the cost that rounding alone can cause.
-    shares : Array, optional
-        Weight of each pose by its noise, (n,); `noise` is then that of weight one.
-
-    Returns
-    -------
-    solution : Solution
-        Parameters and status of each trial.
-    ratio : Array or None
-        Distance of each pose over the scale of the loss at the solution, (t, n); None
-        for the linear loss.
-    """
+    """Solve with weights renewed between rounds."""
     count = len(theta)
     result, gradient = theta.copy(), np.full(count, np.nan)
     code = np.full(count, int(Code.MAX_ITERATIONS))

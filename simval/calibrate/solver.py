@@ -18,6 +18,7 @@ from enum import IntEnum
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate.positive import solve_positive, trace
@@ -79,10 +80,10 @@ class Local:
         The full Hessian for Newton's method; `normal` for the others, (t, 9, 9).
     """
 
-    cost: Array
-    gradient: Array
-    normal: Array
-    hessian: Array
+    cost: Float[Array, " t"]
+    gradient: Float[Array, "t 9"]
+    normal: Float[Array, "t 9 9"]
+    hessian: Float[Array, "t 9 9"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -123,34 +124,19 @@ class Solution:
         Norm of the last gradient that was needed, (t,).
     """
 
-    theta: Array
+    theta: Float[Array, "t 9"]
     code: Any
     iterations: Any
-    gradient_norm: Array
+    gradient_norm: Float[Array, " t"]
 
 
 Objective = Callable[[Array, Any], Local]  # (parameters, rows of the batch)
 
 
-def minimize(objective: Objective, theta: Array, rules: Rules, slack: Any) -> Solution:
-    """Minimise each trial's cost from its own start.
-
-    Parameters
-    ----------
-    objective : callable
-        Maps parameters, (a, 9), and their rows in the batch, (a,), to a `Local`.
-    theta : Array
-        Starts, (t, 9).
-    rules : Rules
-        Method, step and stop rule.
-    slack : float or Array
-        Rise of the cost that rounding alone can cause, one or for each trial (t,).
-
-    Returns
-    -------
-    Solution
-        Parameters and status of each trial.
-    """
+def minimize(
+    objective: Objective, theta: Float[Array, "t 9"], rules: Rules, slack: Any
+) -> Solution:
+    """Minimise each trial's cost from its own start."""
     count = len(theta)
     ended = Solution(
         theta=theta.copy(),

@@ -14,46 +14,23 @@ They are an independent second implementation: the tests hold the solver to them
 """
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 
 
-def imu_tk_residual(parameters: Array, reading: Array, g: float) -> Array:
-    """Residual of the IMU-TK derivation.
-
-    Parameters
-    ----------
-    parameters : Array
-        Triangular parameters, (9,).
-    reading : Array
-        Raw readings, (n, 3).
-    g : float
-        Gravity, m/s^2.
-
-    Returns
-    -------
-    Array
-        g^2 - |h|^2, (n,).
-    """
+def imu_tk_residual(
+    parameters: Float[Array, "9"], reading: Float[Array, "n 3"], g: float
+) -> Float[Array, " n"]:
+    """Residual of the IMU-TK derivation."""
     h, _, _ = _imu_tk(parameters, reading)
     return g**2 - (h * h).sum(axis=-1)
 
 
-def imu_tk_jacobian(parameters: Array, reading: Array) -> Array:
-    """Jacobian of the IMU-TK derivation in matrix form, eq. (R1).
-
-    Parameters
-    ----------
-    parameters : Array
-        Triangular parameters, (9,).
-    reading : Array
-        Raw readings, (n, 3).
-
-    Returns
-    -------
-    Array
-        J, (n, 9).
-    """
+def imu_tk_jacobian(
+    parameters: Float[Array, "9"], reading: Float[Array, "n 3"]
+) -> Float[Array, "n 9"]:
+    """Jacobian of the IMU-TK derivation in matrix form, eq. (R1)."""
     h, T, K = _imu_tk(parameters, reading)
     offset = reading - parameters[6:]
     scaled = offset * K
@@ -74,21 +51,10 @@ def _imu_tk(parameters: Array, reading: Array) -> tuple[Array, Array, Array]:
     return ((reading - parameters[6:]) * K) @ T.T, T, K
 
 
-def chain_rule_jacobian(parameters: Array, reading: Array) -> Array:
-    """Jacobian of g^2 - |a|^2 entry by entry, eq. (R2).
-
-    Parameters
-    ----------
-    parameters : Array
-        Triangular parameters, (9,).
-    reading : Array
-        Raw readings, (n, 3).
-
-    Returns
-    -------
-    Array
-        J, (n, 9).
-    """
+def chain_rule_jacobian(
+    parameters: Float[Array, "9"], reading: Float[Array, "n 3"]
+) -> Float[Array, "n 9"]:
+    """Jacobian of g^2 - |a|^2 entry by entry, eq. (R2)."""
     s_yx, s_zx, s_zy, k_x, k_y, k_z = parameters[:6]
     x, y, z = (reading - parameters[6:]).T
     a_x = x * k_x
@@ -109,23 +75,10 @@ def chain_rule_jacobian(parameters: Array, reading: Array) -> Array:
     return np.stack(columns, axis=-1)
 
 
-def symmetric_residual(parameters: Array, reading: Array, g: float) -> Array:
-    """Residual of the symmetric derivation.
-
-    Parameters
-    ----------
-    parameters : Array
-        Symmetric parameters, (9,).
-    reading : Array
-        Raw readings, (n, 3).
-    g : float
-        Gravity, m/s^2.
-
-    Returns
-    -------
-    Array
-        |K (a - B)|^2 - g^2, (n,).
-    """
+def symmetric_residual(
+    parameters: Float[Array, "9"], reading: Float[Array, "n 3"], g: float
+) -> Float[Array, " n"]:
+    """Residual of the symmetric derivation."""
     A, B, C, D, E, F = _form(parameters)
     x, y, z = (reading - parameters[6:]).T
     square = A * x * x + B * y * y + C * z * z + D * x * y + E * y * z + F * z * x
@@ -144,21 +97,10 @@ def _form(parameters: Array) -> tuple[Array, ...]:
     )
 
 
-def symmetric_jacobian(parameters: Array, reading: Array) -> Array:
-    """Gradient of the symmetric residual for each reading.
-
-    Parameters
-    ----------
-    parameters : Array
-        Symmetric parameters, (9,).
-    reading : Array
-        Raw readings, (n, 3).
-
-    Returns
-    -------
-    Array
-        J, (n, 9).
-    """
+def symmetric_jacobian(
+    parameters: Float[Array, "9"], reading: Float[Array, "n 3"]
+) -> Float[Array, "n 9"]:
+    """Gradient of the symmetric residual for each reading."""
     A, B, C, D, E, F = _form(parameters)
     k11, k12, k13, k22, k23, k33 = parameters[:6]
     x, y, z = (reading - parameters[6:]).T
@@ -176,21 +118,10 @@ def symmetric_jacobian(parameters: Array, reading: Array) -> Array:
     return np.stack(columns, axis=-1)
 
 
-def symmetric_hessian(parameters: Array, reading: Array) -> Array:
-    """All 45 second derivatives of the symmetric residual, eq. (R3).
-
-    Parameters
-    ----------
-    parameters : Array
-        Symmetric parameters, (9,).
-    reading : Array
-        Raw readings, (n, 3).
-
-    Returns
-    -------
-    Array
-        Hessians, (n, 9, 9).
-    """
+def symmetric_hessian(
+    parameters: Float[Array, "9"], reading: Float[Array, "n 3"]
+) -> Float[Array, "n 9 9"]:
+    """All 45 second derivatives of the symmetric residual, eq. (R3)."""
     A, B, C, D, E, F = _form(parameters)
     k11, k12, k13, k22, k23, k33 = parameters[:6]
     x, y, z = (reading - parameters[6:]).T

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate.positive import solve_positive
@@ -36,25 +37,14 @@ class Ellipsoid:
         Whether the quadric is an ellipsoid, (t,) of bool.
     """
 
-    gram: Array
-    bias: Array
+    gram: Float[Array, "t 3 3"]
+    bias: Float[Array, "t 3"]
     determined: Any
     proper: Any
 
 
-def fit_ellipsoid(moments: Array) -> Ellipsoid:
-    """Linear least squares of eq. (E1) from the moment matrices.
-
-    Parameters
-    ----------
-    moments : Array
-        Moment matrices of the centred, scaled poses, (t, 10, 10).
-
-    Returns
-    -------
-    Ellipsoid
-        The start of each trial.
-    """
+def fit_ellipsoid(moments: Float[Array, "t 10 10"]) -> Ellipsoid:
+    """Linear least squares of eq. (E1) from the moment matrices."""
     count = len(moments)
     solution, pivot = solve_positive(moments[:, :9, :9], moments[:, :9, 9:])
     p = solution[..., 0]

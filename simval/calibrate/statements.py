@@ -20,18 +20,7 @@ _REACH = 1.5  # readings at rest, over g; the fit's own residuals are far below 
 
 
 def derived(fit: FitResult) -> dict[str, Any]:
-    """Statements that follow from the others.
-
-    Parameters
-    ----------
-    fit : FitResult
-        Fit of one set.
-
-    Returns
-    -------
-    dict
-        Plain JSON values by name.
-    """
+    """Statements that follow from the others."""
     return {
         "names": list(fit.names),
         "T": plain(fit.T),
@@ -47,11 +36,6 @@ def derived(fit: FitResult) -> dict[str, Any]:
 
 def require_possible(fit: FitResult) -> None:
     """Refuse values that no calibration has.
-
-    Parameters
-    ----------
-    fit : FitResult
-        What a file states.
 
     Raises
     ------
@@ -88,13 +72,6 @@ def require_possible(fit: FitResult) -> None:
 
 def require_agreement(data: dict[str, Any], fit: FitResult) -> None:
     """Refuse a statement that is not what follows from the others.
-
-    Parameters
-    ----------
-    data : dict
-        The file's statements.
-    fit : FitResult
-        What they amount to.
 
     Raises
     ------
@@ -137,18 +114,7 @@ def _contradiction(field: str, stated: Any, derived: Any) -> str:
 
 
 def plain(value: Any) -> Any:
-    """Lists of floats, what is not finite as None.
-
-    Parameters
-    ----------
-    value : array_like
-        Numbers.
-
-    Returns
-    -------
-    list or float
-        Plain JSON values.
-    """
+    """Lists of floats, what is not finite as None."""
     numbers = np.asarray(value, dtype=float)
     plain = numbers.astype(object)
     plain[~np.isfinite(numbers)] = None
@@ -157,20 +123,6 @@ def plain(value: Any) -> Any:
 
 def array(data: dict[str, Any], name: str, shape: tuple[int, ...]) -> Array:
     """Numbers of a file; null, and what is not there, becomes NaN.
-
-    Parameters
-    ----------
-    data : dict
-        Plain JSON values.
-    name : str
-        Which of them.
-    shape : tuple of int
-        Shape required.
-
-    Returns
-    -------
-    Array
-        Finite numbers or NaN.
 
     Raises
     ------

@@ -19,6 +19,7 @@ and more (`breaks`), one bias a single degree of freedom.
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 from scipy import special
 
 from simval.arrays import Array
@@ -77,20 +78,8 @@ class Step:
     dof: int
 
 
-def find_step(poses: Array) -> Step | None:
-    """Look for the step that explains a series of poses best.
-
-    Parameters
-    ----------
-    poses : Array
-        Readings in order of time, raw units, (n, 3).
-
-    Returns
-    -------
-    Step or None
-        The least likely by chance; None where no degrees of freedom are left to tell,
-        or more than 64 poses leave enough for `breaks`.
-    """
+def find_step(poses: Float[Array, "n 3"]) -> Step | None:
+    """Look for the step that explains a series of poses best."""
     z, scale, floor = scaled(poses)
     count, dof = len(poses), len(poses) - 9
     tried = {k: v for k, v in CHANGES.items() if dof - v.shape[1] >= LEFT}

@@ -29,6 +29,7 @@ outliers do not move.
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate import quadric
@@ -57,54 +58,27 @@ class Summary:
         Root mean square of the gradient of c, (t,).
     """
 
-    covariance: Array
-    cost: Array
-    rms: Array
-    chi2_per_dof: Array
-    distance_std: Array
-    steepness: Array
+    covariance: Float[Array, "t 9 9"]
+    cost: Float[Array, " t"]
+    rms: Float[Array, " t"]
+    chi2_per_dof: Float[Array, " t"]
+    distance_std: Float[Array, " t"]
+    steepness: Float[Array, " t"]
 
 
 def summarize(
     model: str,
     residual: str,
-    theta: Array,
-    z: Array,
+    theta: Float[Array, "t 9"],
+    z: Float[Array, "t n 3"],
     *,
-    sigma: Array | None,
+    sigma: Float[Array, "t n"] | None,
     loss: str = "linear",
-    ratio: Array | None = None,
-    shares: Array | None = None,
+    ratio: Float[Array, "t n"] | None = None,
+    shares: Float[Array, " n"] | None = None,
     covariance: bool = True,
 ) -> Summary:
-    """Covariance and statistics of each trial at its solution.
-
-    Parameters
-    ----------
-    model : str
-        Form of the parameters.
-    residual : str
-        The residual that was minimised.
-    theta : Array
-        Parameters, (t, 9).
-    z : Array
-        Scaled readings, (t, n, 3).
-    sigma : Array or None
-        Noise of each pose, scaled, (t, n).
-    loss : str, default "linear"
-        Loss of the fit.
-    ratio : Array, optional
-        Distances over the scale of a robust loss, (t, n).
-    shares : Array, optional
-        Weight of each pose by its noise in the fit, (n,).
-    covariance : bool, default True
-        Whether to work out the covariance.
-
-    Returns
-    -------
-    Summary
-        Statistics of each trial.
-    """
+    """Covariance and statistics of each trial at its solution."""
     c, q = quadric.residual_values(model, theta, z)
     dof = z.shape[1] - 9
     a = _weights(residual, q, shares)

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 from scipy import special
 
 from simval.arrays import Array
@@ -51,19 +52,8 @@ class Evidence:
     widest: float
 
 
-def geometry_loss(directions: Array) -> float:
-    """Factor that the worst error bar loses to the choice of poses, eq. (V1).
-
-    Parameters
-    ----------
-    directions : Array
-        Directions of the specific force, unit vectors, (n, 3).
-
-    Returns
-    -------
-    float
-        1 for poses spread evenly; infinite below rank nine.
-    """
+def geometry_loss(directions: Float[Array, "n 3"]) -> float:
+    """Factor that the worst error bar loses to the choice of poses, eq. (V1)."""
     # moments of a uniform direction: 1/3 of u_i^2, 1/15 of u_i^2 u_j^2, 1/5 of u_i^4
     even = np.zeros((PARAMETERS, PARAMETERS))
     even[:3, :3] = np.eye(3) / 15.0
@@ -78,22 +68,7 @@ def geometry_loss(directions: Array) -> float:
 
 
 def verdict(chi2_per_dof: float, dof: int, *, first: bool = True) -> str:
-    """Say what a chi-square per degree of freedom means.
-
-    Parameters
-    ----------
-    chi2_per_dof : float
-        Chi-square per degree of freedom, NaN where there is none.
-    dof : int
-        Degrees of freedom.
-    first : bool, default True
-        Whether nothing else limits the calibration more.
-
-    Returns
-    -------
-    str
-        Noise, poses, or not known; judged at 1 percent on either side.
-    """
+    """Say what a chi-square per degree of freedom means."""
     if dof == 0:
         return "nine poses fit exactly: the residuals say nothing; add poses"
     if not np.isfinite(chi2_per_dof):
@@ -122,18 +97,7 @@ def verdict(chi2_per_dof: float, dof: int, *, first: bool = True) -> str:
 
 
 def full_verdict(found: Evidence) -> str:
-    """Say what limits a calibration, the gravest first.
-
-    Parameters
-    ----------
-    found : Evidence
-        What is known of the fit.
-
-    Returns
-    -------
-    str
-        Outliers, geometry, scatter, and scales that are hardly known.
-    """
+    """Say what limits a calibration, the gravest first."""
     parts = []
     if found.outliers:
         parts.append(_outliers_named(found))

@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate.files import load_calibration
@@ -120,7 +121,7 @@ def noise_of(
     )
 
 
-def named_poses(text: str) -> Array:
+def named_poses(text: str) -> Float[Array, "n 3"]:
     """Return the directions of a named pose set.
 
     Parameters
@@ -154,7 +155,7 @@ def named_poses(text: str) -> Array:
     return np.concatenate(parts)
 
 
-def read_directions(path: Path) -> Array:
+def read_directions(path: Path) -> Float[Array, "n 3"]:
     """Read rows of x y z from a text file.
 
     Parameters

@@ -57,19 +57,7 @@ def match(
 
 
 def pairs_of(old: CellResult, new: CellResult) -> list[Pair]:
-    """Pair the statistics of two cells.
-
-    Parameters
-    ----------
-    old, new : CellResult
-        The cells.
-
-    Returns
-    -------
-    list of Pair
-        One that is set beside several theories counts once, unless theory moved or a
-        limit judges.
-    """
+    """Pair the statistics of two cells."""
     known, found = rows_of(old), rows_of(new)
     merged: dict[tuple[object, ...], tuple[Row, Row, list[str]]] = {}
     for key, a in known.items():
@@ -85,18 +73,7 @@ def pairs_of(old: CellResult, new: CellResult) -> list[Pair]:
 
 
 def prediction_changed(a: Row, b: Row) -> bool:
-    """Whether theory says something else of the same statistic.
-
-    Parameters
-    ----------
-    a, b : Row
-        The statistic in both runs.
-
-    Returns
-    -------
-    bool
-        False for rounding.
-    """
+    """Whether theory says something else of the same statistic."""
     if a.prediction is None or b.prediction is None:
         return a.prediction is not b.prediction
     size = max(abs(a.prediction), abs(b.prediction))
@@ -113,16 +90,5 @@ def _by_key(run: Run) -> dict[str, list[CellResult]]:
 
 
 def rows_of(cell: CellResult) -> dict[tuple[Statistic, str], Row]:
-    """Index the rows of a cell.
-
-    Parameters
-    ----------
-    cell : CellResult
-        The cell.
-
-    Returns
-    -------
-    dict
-        By statistic and predictor.
-    """
+    """Index the rows of a cell."""
     return {row.key: row for row in cell.rows}

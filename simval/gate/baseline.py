@@ -219,16 +219,6 @@ def question(cell: CellResult) -> dict[str, Any]:
 def environment(manifest: Mapping[str, Any]) -> dict[str, Any]:
     """What a run's last bits depend on, out of its manifest.
 
-    Parameters
-    ----------
-    manifest : mapping
-        Of a run.
-
-    Returns
-    -------
-    dict
-        ``suite``, ``versions`` and ``machine``.
-
     Raises
     ------
     InputError
@@ -246,19 +236,7 @@ def environment(manifest: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def entries(rows: Sequence[Row]) -> dict[str, Entry]:
-    """What a baseline keeps of the rows of a cell, by statistic.
-
-    Parameters
-    ----------
-    rows : sequence of Row
-        Of one cell.
-
-    Returns
-    -------
-    dict
-        Sorted by name: the statistic, or ``statistic against predictor`` where its
-        rows hold different values.
-    """
+    """What a baseline keeps of the rows of a cell, by statistic."""
     groups: dict[Statistic, list[Row]] = {}
     for row in rows:
         groups.setdefault(row.statistic, []).append(row)

@@ -20,22 +20,7 @@ from simval.sweep.run import Run
 
 
 def compare(run: Run, stored: Stored, alpha: float) -> tuple[Comparison, ...]:
-    """Compare the finished cells of a run with a baseline.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-    stored : mapping
-        The cells of a baseline.
-    alpha : float
-        False-alarm rate that the comparisons of other noise share.
-
-    Returns
-    -------
-    tuple of Comparison
-        Sorted by cell and statistic.
-    """
+    """Compare the finished cells of a run with a baseline."""
     now = {c.name: entries(c.rows) for c in run.cells if c.status == "done"}
     old = {name: cell.statistics for name, cell in stored.items()}
     named = {name: CellName(cell.study, name) for name, cell in stored.items()}
@@ -55,20 +40,7 @@ def compare(run: Run, stored: Stored, alpha: float) -> tuple[Comparison, ...]:
 
 
 def has_partners(run: Run, stored: Stored) -> bool:
-    """Whether a cell of the run meets the baseline with other noise.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-    stored : mapping
-        The cells of a baseline.
-
-    Returns
-    -------
-    bool
-        True if `compare` will spend false alarms.
-    """
+    """Whether a cell of the run meets the baseline with other noise."""
     return bool(_partners(stored, run))
 
 

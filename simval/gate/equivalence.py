@@ -32,22 +32,7 @@ single one, a fraction of some hundred trials, can be equal by chance."""
 def unpaired(
     cell: CellName, old: Mapping[str, Entry], new: Mapping[str, Entry], quantile: float
 ) -> Iterator[Comparison]:
-    """Compare a cell with other noise.
-
-    Parameters
-    ----------
-    cell : CellName
-        Its name in the run.
-    old, new : mapping
-        Its statistics in the baseline and in the run.
-    quantile : float
-        Standard errors beyond the margin that show a change.
-
-    Yields
-    ------
-    Comparison
-        One for each statistic.
-    """
+    """Compare a cell with other noise."""
     copied = _copied(old, new)
     for statistic in sorted({*old, *new}):
         entry, now = old.get(statistic), new.get(statistic)

@@ -74,22 +74,7 @@ class Finding:
 
 
 def reproduce(cell: CellName, run: str = "") -> str:
-    """Spell the command that computes one cell again.
-
-    Parameters
-    ----------
-    cell : CellName
-        The cell.
-    run : str, optional
-        Folder of the run to compare with; left out where the words must not depend on
-        where a run lies.
-
-    Returns
-    -------
-    str
-        Quoted for a shell; empty for what is pooled over cells, and for a name with
-        escapes in it, which is not the cell's own.
-    """
+    """Spell the command that computes one cell again."""
     if not cell.name or "\\" in cell.name:
         return ""
     words = ["simval", "repro", *(["--run", run] if run else []), cell.name]

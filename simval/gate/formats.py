@@ -65,20 +65,7 @@ class Document(BaseModel):
 
 
 def to_json(result: GateResult, exit_code: int) -> str:
-    """Write the result as JSON, by the schema of `Document`.
-
-    Parameters
-    ----------
-    result : GateResult
-        From `judge_run`.
-    exit_code : int
-        What the command will return.
-
-    Returns
-    -------
-    str
-        JSON with a final line break.
-    """
+    """Write the result as JSON, by the schema of `Document`."""
     found = findings(result)
     document = Document(
         schema_version=3,
@@ -110,38 +97,14 @@ def to_json(result: GateResult, exit_code: int) -> str:
 
 
 def counts(found: tuple[Finding, ...]) -> dict[Word, int]:
-    """Count findings by verdict.
-
-    Parameters
-    ----------
-    found : tuple of Finding
-        From `findings`.
-
-    Returns
-    -------
-    dict
-        ``pass``, ``fail`` and ``inconclusive``.
-    """
+    """Count findings by verdict."""
     answers = [f.answer for f in found]
     words: tuple[Word, ...] = ("pass", "fail", "inconclusive")
     return {word: answers.count(word) for word in words}
 
 
 def to_junit(result: GateResult) -> str:
-    """Write the result as JUnit XML: a suite for each study, a case for each finding.
-
-    Parameters
-    ----------
-    result : GateResult
-        From `judge_run`.
-
-    Returns
-    -------
-    str
-        XML. An inconclusive finding is an ``error``, so that no reader shows it green.
-        The class is the cell, its dots as `DOT`. The findings of a cell share its
-        processor time evenly.
-    """
+    """Write JUnit XML: a suite for each study, a case for each finding."""
     found = findings(result)
     shared = Counter(f.cell for f in found)
     own = {one_line(name): value for name, value in result.seconds.items()}
@@ -184,18 +147,7 @@ def _counted(found: tuple[Finding, ...]) -> dict[str, str]:
 
 
 def details(finding: Finding) -> list[str]:
-    """What a person needs to know about a finding, a line each.
-
-    Parameters
-    ----------
-    finding : Finding
-        Not a pass.
-
-    Returns
-    -------
-    list of str
-        Check, expected, seen, distance, and the command that reproduces it.
-    """
+    """What a person needs to know about a finding, a line each."""
     lines = [finding.line]
     if finding.expected is not None and finding.seen is not None:
         words = f"expected {finding.expected:.9g}, seen {finding.seen:.9g}"
@@ -210,18 +162,7 @@ def details(finding: Finding) -> list[str]:
 
 
 def to_markdown(result: GateResult) -> str:
-    """Write the result as Markdown, for a pull request or a step summary.
-
-    Parameters
-    ----------
-    result : GateResult
-        From `judge_run`.
-
-    Returns
-    -------
-    str
-        A heading, the counts, a table of what is no pass, and the notes.
-    """
+    """Write the result as Markdown, for a pull request or a step summary."""
     found = findings(result)
     lines = [
         f"### simval gate: {result.answer.upper()}",
@@ -247,18 +188,7 @@ def to_markdown(result: GateResult) -> str:
 
 
 def annotations(result: GateResult) -> list[str]:
-    """GitHub workflow commands that mark what is no pass.
-
-    Parameters
-    ----------
-    result : GateResult
-        From `judge_run`.
-
-    Returns
-    -------
-    list of str
-        At most ten lines, one for each statistic of a cell.
-    """
+    """GitHub workflow commands that mark what is no pass."""
     bad: dict[tuple[CellName, str], Finding] = {}
     for f in findings(result):
         if f.answer != "pass":

@@ -32,20 +32,7 @@ JUDGING_BOUND = 1e-3
 def paired(
     cell: CellName, old: Mapping[str, Entry], new: Mapping[str, Entry]
 ) -> Iterator[Comparison]:
-    """Compare a cell with the same noise.
-
-    Parameters
-    ----------
-    cell : CellName
-        Its name.
-    old, new : mapping
-        Its statistics in the baseline and in the run.
-
-    Yields
-    ------
-    Comparison
-        One for each statistic.
-    """
+    """Compare a cell with the same noise."""
     for statistic in sorted({*old, *new}):
         entry, now = old.get(statistic), new.get(statistic)
         bound = 0.0 if entry is None else _bound(entry, now)
@@ -92,18 +79,7 @@ def _bound(entry: Entry, now: Entry | None) -> float:
 
 
 def known(old: Entry | None, new: Entry | None) -> Change | None:
-    """Say what can be said without looking at the numbers.
-
-    Parameters
-    ----------
-    old, new : Entry or None
-        A statistic in the baseline and in the run.
-
-    Returns
-    -------
-    str or None
-        ``missing``, ``new`` or ``unjudged``; None where the numbers decide.
-    """
+    """Say what can be said without looking at the numbers."""
     if new is None:
         return "missing"
     if old is None:

@@ -8,6 +8,7 @@ if the times are dates of this century and the rate fits too, or the caller's ra
 import re
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.errors import InputError
@@ -34,24 +35,6 @@ def read_clock(
     table: Table, column: Column | None, rate: float | None
 ) -> tuple[Array, float, float]:
     """Return the times of a log's rows, their rate, and the clock's unit.
-
-    Parameters
-    ----------
-    table : Table
-        The log.
-    column : Column or None
-        Its clock.
-    rate : float or None
-        Rows per second as the caller states it, Hz.
-
-    Returns
-    -------
-    time : Array
-        Seconds, (n,), strictly increasing.
-    rate : float
-        Rows per second, measured where there is a clock, Hz.
-    second : float
-        Unit of the clock, s; zero where no clock was used.
 
     Raises
     ------
@@ -95,16 +78,8 @@ def _times(
     raise InputError(msg)
 
 
-def require_finite(table: Table, values: Array) -> None:
-    """Raise InputError for the first row with a value that is not a finite number.
-
-    Parameters
-    ----------
-    table : Table
-        The log.
-    values : Array
-        Columns that are needed, (n, k).
-    """
+def require_finite(table: Table, values: Float[Array, "n k"]) -> None:
+    """Raise InputError for the first row with a value that is not a finite number."""
     bad = ~np.isfinite(values).all(axis=1)
     if bad.any():
         msg = (

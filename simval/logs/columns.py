@@ -50,18 +50,6 @@ class Column:
 def chosen(table: Table, columns: str | Sequence[str] | None) -> tuple[Column, ...]:
     """Choose the columns of a log.
 
-    Parameters
-    ----------
-    table : Table
-        The log.
-    columns : str or sequence of str or None
-        The caller's names, as of `simval.logs.read_log`.
-
-    Returns
-    -------
-    tuple of Column
-        At least ``ax``, ``ay``, ``az``, in the order of `NAMES`.
-
     Raises
     ------
     InputError
@@ -84,20 +72,7 @@ def chosen(table: Table, columns: str | Sequence[str] | None) -> tuple[Column, .
 
 
 def template(width: int, taken: dict[int, str] | None = None) -> str:
-    """Names for `--columns`, with a hyphen where none is taken.
-
-    Parameters
-    ----------
-    width : int
-        Number of columns.
-    taken : dict of int to str, optional
-        Role by place; None takes the usual order.
-
-    Returns
-    -------
-    str
-        Words.
-    """
+    """Names for `--columns`, with a hyphen where none is taken."""
     if width > WIDEST:
         return f"... ({width} names)"
     roles = taken or dict(enumerate(NAMES[:4] if width > 3 else NAMES[1:4]))
@@ -167,20 +142,7 @@ def _by_header(table: Table, names: tuple[str, ...]) -> tuple[Column, ...]:
 
 
 def triples(channels: list[Channel], kind: Kind) -> list[Triple]:
-    """Places of x, y and z of each sensor of a kind that has each of them once.
-
-    Parameters
-    ----------
-    channels : list of Channel
-        What each column holds.
-    kind : str
-        As of `Channel`.
-
-    Returns
-    -------
-    list of Triple
-        Places of x, y, z.
-    """
+    """Places of x, y and z of each sensor of a kind that has each of them once."""
     groups: dict[str, dict[str, list[int]]] = {}
     for place, found in enumerate(channels):
         if found.kind == kind and found.axis:

@@ -29,16 +29,6 @@ _PLAIN_CONTROLS = "\t\n\r\f\v\x1a"  # the last ends a file of DOS
 def file_bytes(path: str | PathLike[str]) -> bytes:
     """Read a file whole.
 
-    Parameters
-    ----------
-    path : path-like
-        Any file.
-
-    Returns
-    -------
-    bytes
-        Its content.
-
     Raises
     ------
     InputError
@@ -53,20 +43,7 @@ def file_bytes(path: str | PathLike[str]) -> bytes:
 
 
 def is_matlab(path: str, content: bytes) -> bool:
-    """Whether a file is one of MATLAB 5 by its first bytes, or of 4 by its name.
-
-    Parameters
-    ----------
-    path : str
-        Name of the file.
-    content : bytes
-        The file.
-
-    Returns
-    -------
-    bool
-        Of a text with the ending of MATLAB, False.
-    """
+    """Whether a file is one of MATLAB 5 by its first bytes, or of 4 by its name."""
     if content.startswith(b"MATLAB 5.0"):
         return True
     named = path.lower().endswith(".mat") and b"\0" in content[:20]
@@ -78,18 +55,6 @@ def decoded(path: str | PathLike[str], content: bytes) -> str:
 
     Compatibility characters become plain ones (NFKC): a superscript 2 is a 2, and the
     two Greek mu are one.
-
-    Parameters
-    ----------
-    path : path-like
-        Where the bytes come from, for messages.
-    content : bytes
-        The file.
-
-    Returns
-    -------
-    str
-        The text.
 
     Raises
     ------

@@ -29,18 +29,7 @@ class Dialect:
     width: int = 0
 
     def fields(self, line: str) -> list[str]:
-        """Fields of a line, without quotes and blanks around them.
-
-        Parameters
-        ----------
-        line : str
-            A line of the file.
-
-        Returns
-        -------
-        list of str
-            Texts, one to a row or field.
-        """
+        """Fields of a line, without quotes and blanks around them."""
         fields = line.split(self.mark)
         if '"' in line and self.mark is not None:
             try:
@@ -50,18 +39,7 @@ class Dialect:
         return [field.strip().strip("\"'").strip() for field in fields]
 
     def is_number(self, field: str) -> bool:
-        """Return whether a field is a number, NaN and infinity among them.
-
-        Parameters
-        ----------
-        field : str
-            Text of one field.
-
-        Returns
-        -------
-        bool
-            The answer.
-        """
+        """Return whether a field is a number, NaN and infinity among them."""
         if self.comma:
             if "." in field:
                 return False
@@ -73,18 +51,7 @@ class Dialect:
         return "_" not in field
 
     def numbers(self, line: str) -> list[bool]:
-        """Return which fields of a line are numbers.
-
-        Parameters
-        ----------
-        line : str
-            A line of the file.
-
-        Returns
-        -------
-        list of bool
-            One to a field.
-        """
+        """Return which fields of a line are numbers."""
         return [self.is_number(field) for field in self.fields(line)]
 
 
@@ -97,18 +64,7 @@ DIALECTS = (
 
 
 def judged(lines: Sequence[str]) -> Dialect:
-    """Return the dialect in which the greatest part of the fields are numbers.
-
-    Parameters
-    ----------
-    lines : sequence of str
-        Lines that are no remarks.
-
-    Returns
-    -------
-    Dialect
-        Separator, decimal mark and width.
-    """
+    """Return the dialect in which the greatest part of the fields are numbers."""
     picked = np.unique(np.linspace(0, len(lines) - 1, SAMPLE).astype(int))
     sample = [lines[k] for k in picked]
     best = max(DIALECTS, key=lambda each: _share(each, sample))

@@ -11,21 +11,7 @@ _BLANK = re.compile(r"\s+(?![^\[(]*[\])])")  # white space outside of brackets
 
 
 def header_names(line: str, mark: str | None = "") -> list[str]:
-    """Split a line of names.
-
-    Parameters
-    ----------
-    line : str
-        Without a mark of comment.
-    mark : str or None
-        Separator; None is white space outside of brackets, and "" the first of tab,
-        semicolon and comma that occurs.
-
-    Returns
-    -------
-    list of str
-        Names with their units.
-    """
+    """Split a line of names."""
     if mark == "":
         mark = next((each for each in "\t;,|" if each in line), None)
     if mark is not None:
@@ -40,18 +26,7 @@ def header_names(line: str, mark: str | None = "") -> list[str]:
 
 
 def is_names(fields: list[str]) -> bool:
-    """Return whether fields name three axes or more, as no sentence does.
-
-    Parameters
-    ----------
-    fields : list of str
-        Fields of a line.
-
-    Returns
-    -------
-    bool
-        The answer.
-    """
+    """Return whether fields name three axes or more, as no sentence does."""
     found = [channel(field) for field in fields]
     return sum(each.axis != "" and each.kind != "other" for each in found) >= 3
 
@@ -60,24 +35,6 @@ def header_of(
     path: str, dialect: Dialect, above: list[Line], comments: tuple[str, ...]
 ) -> tuple[tuple[str, ...] | None, list[Line]]:
     """Find the names of the columns among the lines above the rows.
-
-    Parameters
-    ----------
-    path : str
-        The file, for messages.
-    dialect : Dialect
-        Of the rows.
-    above : list of (int, str)
-        Lines before the first row, remarks among them.
-    comments : tuple of str
-        What a remark starts with. One that names a channel is a header, too.
-
-    Returns
-    -------
-    names : tuple of str or None
-        As many as a row has fields; None where no line names them.
-    others : list of (int, str)
-        Lines that are neither header nor units nor remarks.
 
     Raises
     ------

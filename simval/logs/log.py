@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from os import PathLike
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array, frozen, positive_number
 from simval.logs.clock import read_clock, require_finite
@@ -38,9 +39,9 @@ class Log:
     """
 
     path: str
-    time: Array
-    accelerometer: Array
-    gyro: Array | None
+    time: Float[Array, " n"]
+    accelerometer: Float[Array, "n 3"]
+    gyro: Float[Array, "n 3"] | None
     rate: float
     columns: tuple[Column, ...] = ()
     second: float = 1.0

@@ -25,18 +25,6 @@ def matlab_table(path: str, content: bytes) -> ArrayTable:
     three with ``_x``, ``_y``, ``_z`` behind it; structures are looked into. One matrix
     alone has no names.
 
-    Parameters
-    ----------
-    path : str
-        Where the bytes come from, for messages.
-    content : bytes
-        The file.
-
-    Returns
-    -------
-    ArrayTable
-        Columns of one length.
-
     Raises
     ------
     InputError

@@ -109,36 +109,14 @@ class Channel:
 
 
 def is_known(name: str) -> bool:
-    """Return whether a name says anything at all, be it that it is not needed.
-
-    Parameters
-    ----------
-    name : str
-        A name, or a word of a remark.
-
-    Returns
-    -------
-    bool
-        The answer.
-    """
+    """Return whether a name says anything at all, be it that it is not needed."""
     found = channel(name)
     words = set(found.stem.split())
     return found.kind != "other" or bool(found.axis or words & _OTHER)
 
 
 def is_unit(text: str) -> bool:
-    """Return whether a text is a unit and nothing else.
-
-    Parameters
-    ----------
-    text : str
-        What may be one.
-
-    Returns
-    -------
-    bool
-        The answer.
-    """
+    """Return whether a text is a unit and nothing else."""
     unit = _compact(text)
     known = (*_UNITS.values(), frozenset(SECONDS), _ANY_UNIT, _STRANGE_UNIT)
     bracketed = bool(_BRACKETS.fullmatch(text.strip()))
@@ -146,18 +124,7 @@ def is_unit(text: str) -> bool:
 
 
 def channel(name: str) -> Channel:
-    """Return what a column's name says.
-
-    Parameters
-    ----------
-    name : str
-        As the header has it.
-
-    Returns
-    -------
-    Channel
-        Kind, axis, unit and stem.
-    """
+    """Return what a column's name says."""
     if _ROS.search(name.strip()):  # as in sensor_msgs/Imu: with gravity
         return Channel("force", name.strip()[-1], "", name.strip()[:-1])
     inside = [text.strip() for text in _BRACKETS.findall(name)]

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Protocol
 
+from jaxtyping import Float
+
 from simval.arrays import Array, frozen
 from simval.errors import InputError
 
@@ -26,60 +28,16 @@ class Table(Protocol):
         """Return the number of rows."""
 
     def numbers(self, places: list[int]) -> Array:
-        """Return the columns at these places, (n, len(places)).
-
-        Parameters
-        ----------
-        places : list of int
-            Places in the row, from 0.
-
-        Returns
-        -------
-        Array
-            Numbers, (n, len(places)).
-        """
+        """Return the columns at these places, (n, len(places))."""
 
     def texts(self, place: int) -> list[str]:
-        """Return one column as it is written.
-
-        Parameters
-        ----------
-        place : int
-            Place in the row, from 0.
-
-        Returns
-        -------
-        list of str
-            Texts, one to a row or field.
-        """
+        """Return one column as it is written."""
 
     def where(self, row: int) -> str:
-        """Say where a row stands in the file.
-
-        Parameters
-        ----------
-        row : int
-            Number of the row, from 0.
-
-        Returns
-        -------
-        str
-            Words.
-        """
+        """Say where a row stands in the file."""
 
     def is_text(self, place: int) -> bool:
-        """Return whether the first row has no number there.
-
-        Parameters
-        ----------
-        place : int
-            Place in the row, from 0.
-
-        Returns
-        -------
-        bool
-            The answer.
-        """
+        """Return whether the first row has no number there."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -98,7 +56,7 @@ class ArrayTable:
 
     path: str
     names: tuple[str, ...] | None
-    values: Array
+    values: Float[Array, "n columns"]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", frozen(self.values))
@@ -113,62 +71,18 @@ class ArrayTable:
         return len(self.values)
 
     def numbers(self, places: list[int]) -> Array:
-        """Return the columns at these places, (n, len(places)).
-
-        Parameters
-        ----------
-        places : list of int
-            Places in the row, from 0.
-
-        Returns
-        -------
-        Array
-            Numbers, (n, len(places)).
-        """
+        """Return the columns at these places, (n, len(places))."""
         return self.values[:, places]
 
     def texts(self, place: int) -> list[str]:
-        """No column of numbers is text.
-
-        Parameters
-        ----------
-        place : int
-            Place in the row, from 0.
-
-        Returns
-        -------
-        list of str
-            Texts, one to a row or field.
-        """
+        """No column of numbers is text."""
         msg = f"{self.path}, column {place + 1}: it holds numbers, not text"
         raise InputError(msg)
 
     def where(self, row: int) -> str:
-        """Say where a row stands in the file.
-
-        Parameters
-        ----------
-        row : int
-            Number of the row, from 0.
-
-        Returns
-        -------
-        str
-            Words.
-        """
+        """Say where a row stands in the file."""
         return f"{self.path}, row {row + 1}"
 
     def is_text(self, place: int) -> bool:
-        """No column of numbers is text.
-
-        Parameters
-        ----------
-        place : int
-            Place in the row, from 0.
-
-        Returns
-        -------
-        bool
-            The answer.
-        """
+        """No column of numbers is text."""
         return False

@@ -45,16 +45,6 @@ class TextTable:
     def numbers(self, places: list[int]) -> Array:
         """Return the columns at these places, (n, len(places)).
 
-        Parameters
-        ----------
-        places : list of int
-            Places in the row, from 0.
-
-        Returns
-        -------
-        Array
-            Numbers, (n, len(places)).
-
         Raises
         ------
         InputError
@@ -96,65 +86,20 @@ class TextTable:
         return f"{self.path} cannot be read as rows of numbers; export it again"
 
     def texts(self, place: int) -> list[str]:
-        """Return one column as it is written.
-
-        Parameters
-        ----------
-        place : int
-            Place in the row, from 0.
-
-        Returns
-        -------
-        list of str
-            Texts, one to a row or field.
-        """
+        """Return one column as it is written."""
         return [self.dialect.fields(line)[place] for _, line in self.lines]
 
     def where(self, row: int) -> str:
-        """Say where a row stands in the file.
-
-        Parameters
-        ----------
-        row : int
-            Number of the row, from 0.
-
-        Returns
-        -------
-        str
-            Words.
-        """
+        """Say where a row stands in the file."""
         return f"{self.path}, line {self.lines[row][0]}"
 
     def is_text(self, place: int) -> bool:
-        """Return whether the first row has no number there.
-
-        Parameters
-        ----------
-        place : int
-            Place in the row, from 0.
-
-        Returns
-        -------
-        bool
-            The answer.
-        """
+        """Return whether the first row has no number there."""
         return not self.dialect.numbers(self.lines[0][1])[place]
 
 
 def text_table(path: str, text: str) -> TextTable:
     """Find the rows of a text, and the header above them.
-
-    Parameters
-    ----------
-    path : str
-        Where the text comes from, for messages.
-    text : str
-        All of it.
-
-    Returns
-    -------
-    TextTable
-        Rows of one width.
 
     Raises
     ------

@@ -23,6 +23,7 @@ from dataclasses import dataclass
 from functools import cache, reduce
 
 import numpy as np
+from jaxtyping import Float
 from numpy.typing import NDArray
 
 from simval.arguments import function, instance, whole_number
@@ -60,7 +61,7 @@ class Sums:
     batch: int
     size: int
     mean: Array
-    scatter: Array
+    scatter: Float[Array, "m m"]
 
     @property
     def samples(self) -> int:
@@ -92,7 +93,7 @@ class Sums:
         )
 
 
-def batch_means(errors: Array, batch: int) -> Array:
+def batch_means(errors: Float[Array, "p n"], batch: int) -> Array:
     """Features averaged over batches of consecutive samples.
 
     Parameters
@@ -127,7 +128,7 @@ def batch_means(errors: Array, batch: int) -> Array:
     return means
 
 
-def sums_of(means: Array, size: int, batch: int) -> Sums:
+def sums_of(means: Float[Array, "batches m"], size: int, batch: int) -> Sums:
     """Sums of some batch means.
 
     Parameters
@@ -301,7 +302,7 @@ def moments_of(sums: Sums) -> Moments:
     )
 
 
-def mean_square(sums: Sums, weight: Array) -> tuple[float, float]:
+def mean_square(sums: Sums, weight: Float[Array, "p p"]) -> tuple[float, float]:
     """Mean of the weighted square ``e' W e`` and its standard error.
 
     With the inverse of a predicted covariance as the weight this is the mean
@@ -344,7 +345,7 @@ def _upper(p: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return np.triu_indices(p)
 
 
-def _variance(sums: Sums) -> Array:
+def _variance(sums: Sums) -> Float[Array, " M1"]:
     """Covariance of the mean features, eq. (M1)."""
     if not sums.batches >= 2:
         msg = f"{sums.batches} batch of samples has no standard error; use 2 or more"

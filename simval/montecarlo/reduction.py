@@ -29,6 +29,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from jaxtyping import Float
 from scipy.special import ndtri
 from scipy.stats import qmc
 
@@ -74,26 +75,15 @@ class Taylor:
         Second derivatives H, (p, d, d).
     """
 
-    slope: Array
-    bend: Array
+    slope: Float[Array, "p d"]
+    bend: Float[Array, "p d d"]
 
     def __post_init__(self) -> None:
         for name in ("slope", "bend"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
-    def __call__(self, x: Array) -> Array:
-        """Value of the polynomial.
-
-        Parameters
-        ----------
-        x : Array
-            Standard normal noise, (d, n).
-
-        Returns
-        -------
-        Array
-            Errors, (p, n).
-        """
+    def __call__(self, x: Float[Array, "d n"]) -> Float[Array, "p n"]:
+        """Value of the polynomial."""
         p, d, _ = self.bend.shape
         bent = (self.bend.reshape(p * d, d) @ x).reshape(p, d, -1)
         return self.slope @ x + 0.5 * np.einsum("pdn,dn->pn", bent, x)

@@ -10,6 +10,7 @@ from numbers import Real
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array, finite_array
 from simval.errors import InputError
@@ -41,43 +42,24 @@ class Calibration:
         Degrees of freedom of a covariance of type A; None where its size is known.
     """
 
-    matrix: Array
-    bias: Array
-    covariance: Array | None = None
+    matrix: Float[Array, "3 3"]
+    bias: Float[Array, "3"]
+    covariance: Float[Array, "9 9"] | None = None
     dof: int | None = None
 
     def parameters(self, form: str) -> Array:
-        """Bring it to one of the forms: norms fix no more.
-
-        Parameters
-        ----------
-        form : str
-            ``triangular``, ``upper`` or ``symmetric``.
-
-        Returns
-        -------
-        Array
-            The nine parameters.
-        """
+        """Bring it to one of the forms: norms fix no more."""
         return forms.from_gram(form, self.matrix.T @ self.matrix, self.bias)
 
 
 def quaternions_of(
-    estimator: Estimator, b1: Array, b2: Array, r1: Array, r2: Array
-) -> Array:
+    estimator: Estimator,
+    b1: Float[Array, "n 3"],
+    b2: Float[Array, "n 3"],
+    r1: Float[Array, "n 3"],
+    r2: Float[Array, "n 3"],
+) -> Float[Array, "n 4"]:
     """Estimate attitudes and bring them to the package's convention.
-
-    Parameters
-    ----------
-    estimator : Estimator
-        The plug-in.
-    b1, b2, r1, r2 : Array
-        Body and reference vectors, (n, 3).
-
-    Returns
-    -------
-    Array
-        Unit quaternions, vector first, passive, (n, 4).
 
     Raises
     ------
@@ -97,23 +79,10 @@ def quaternions_of(
     return package_quaternion(q, estimator.components, estimator.matrix)
 
 
-def package_quaternion(q: Array, components: str, matrix: str) -> Array:
-    """Bring quaternions of a declared convention to the package's.
-
-    Parameters
-    ----------
-    q : Array
-        Quaternions, (n, 4).
-    components : {"xyzs", "sxyz"}
-        Their order.
-    matrix : {"active", "passive"}
-        Their direction.
-
-    Returns
-    -------
-    Array
-        Vector first, passive, (n, 4).
-    """
+def package_quaternion(
+    q: Float[Array, "n 4"], components: str, matrix: str
+) -> Float[Array, "n 4"]:
+    """Bring quaternions of a declared convention to the package's."""
     last = np.roll(q, -1, axis=-1) if components == "sxyz" else np.array(q)
     if matrix == "active":
         last[..., :3] *= -1.0
@@ -121,23 +90,14 @@ def package_quaternion(q: Array, components: str, matrix: str) -> Array:
 
 
 def covariances_of(
-    estimator: Estimator, b1: Array, b2: Array, r1: Array, r2: Array, noise_std: float
-) -> Array:
+    estimator: Estimator,
+    b1: Float[Array, "n 3"],
+    b2: Float[Array, "n 3"],
+    r1: Float[Array, "n 3"],
+    r2: Float[Array, "n 3"],
+    noise_std: float,
+) -> Float[Array, "n 3 3"]:
     """Ask an estimator for its covariances.
-
-    Parameters
-    ----------
-    estimator : Estimator
-        With a covariance.
-    b1, b2, r1, r2 : Array
-        Body and reference vectors, (n, 3).
-    noise_std : float
-        Noise per axis of each vector.
-
-    Returns
-    -------
-    Array
-        Symmetric and positive definite, rad^2, (n, 3, 3).
 
     Raises
     ------
@@ -154,25 +114,9 @@ def covariances_of(
 
 
 def calibration_of(
-    calibrator: Calibrator, poses: Array, g: float, noise_std: float
+    calibrator: Calibrator, poses: Float[Array, "n 3"], g: float, noise_std: float
 ) -> Calibration:
     """Calibrate one set of poses.
-
-    Parameters
-    ----------
-    calibrator : Calibrator
-        The plug-in.
-    poses : Array
-        Mean reading of each pose, raw units, (n, 3).
-    g : float
-        Gravity, m/s^2.
-    noise_std : float
-        Noise of a pose mean, passed on where the plug-in asks for it.
-
-    Returns
-    -------
-    Calibration
-        Checked.
 
     Raises
     ------

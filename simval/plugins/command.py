@@ -37,16 +37,6 @@ ANSWER_LIMIT = 1 << 20
 def command_calibrator(algorithm: str) -> Calibrator:
     """Build the calibrator that runs a command.
 
-    Parameters
-    ----------
-    algorithm : str
-        ``command: PROGRAM WORDS...`` with ``{poses}`` or ``{log}`` among them.
-
-    Returns
-    -------
-    Calibrator
-        Named by its program.
-
     Raises
     ------
     UnusablePluginError

@@ -7,6 +7,7 @@ theory of ours stands behind the verdict.
 from itertools import product
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.geometry import compose, conjugate
@@ -25,21 +26,10 @@ TOLERANCE = 1e-3
 or unit is off by far more."""
 
 
-def rotation_error(truth: Array, estimate: Array, side: str) -> Array:
-    """Rotation vector from the true attitude to the estimate.
-
-    Parameters
-    ----------
-    truth, estimate : Array
-        Unit quaternions, the package's convention, (..., 4).
-    side : {"body", "reference"}
-        Of the error.
-
-    Returns
-    -------
-    Array
-        Rotation vector, rad, (..., 3).
-    """
+def rotation_error(
+    truth: Float[Array, "... 4"], estimate: Float[Array, "... 4"], side: str
+) -> Float[Array, "... 3"]:
+    """Rotation vector from the true attitude to the estimate."""
     if side == "body":
         difference = compose(conjugate(truth), estimate)
     else:
@@ -50,17 +40,10 @@ def rotation_error(truth: Array, estimate: Array, side: str) -> Array:
     return angle * vector / np.maximum(sine, np.finfo(float).tiny)
 
 
-def probe_covariance(estimator: Estimator, truth: Array, vectors: list[Array]) -> None:
+def probe_covariance(
+    estimator: Estimator, truth: Float[Array, "n 4"], vectors: list[Array]
+) -> None:
     """Check the leading term of a covariance.
-
-    Parameters
-    ----------
-    estimator : Estimator
-        With a covariance.
-    truth : Array
-        True attitudes, the package's convention, (n, 4).
-    vectors : list of Array
-        Exact body and reference vectors, (n, 3) each.
 
     Raises
     ------

@@ -30,17 +30,6 @@ STUDIES = {
 def overrides_of(plugins: tuple[str, ...]) -> list[str]:
     """Overrides that put some plug-ins into a suite.
 
-    Parameters
-    ----------
-    plugins : tuple of str
-        ``FILE.py``, ``FILE.py:NAME``, the name of an entry point, or
-        ``command: PROGRAM ...``.
-
-    Returns
-    -------
-    list of str
-        ``STUDY.KEY=VALUE[,VALUE...]``, as the command line's ``--set`` takes them.
-
     Raises
     ------
     UnusablePluginError
@@ -61,13 +50,7 @@ def overrides_of(plugins: tuple[str, ...]) -> list[str]:
 
 
 def installed() -> list[tuple[str, str]]:
-    """Plug-ins that installed packages offer; none is loaded.
-
-    Returns
-    -------
-    list of tuple
-        Name, and distribution with its version.
-    """
+    """Plug-ins that installed packages offer; none is loaded."""
     points = metadata.entry_points(group=GROUP)
     return sorted(
         (point.name, f"{point.dist.name} {point.dist.version}" if point.dist else "")

@@ -28,19 +28,7 @@ class UnusablePluginError(PluginError):
 
 
 def one_line(text: str) -> str:
-    """Make a message of somebody else's fit for one line of a terminal or a table.
-
-    Parameters
-    ----------
-    text : str
-        Any text: of many lines, of any length, with any characters.
-
-    Returns
-    -------
-    str
-        Its lines joined by bars, `printable`, at most `LIMIT` characters. Doing it
-        again changes nothing.
-    """
+    """Make a message of somebody else's fit for one line of a terminal or a table."""
     lines = [line.strip() for line in text.splitlines()]
     joined = printable(" | ".join(line for line in lines if line))
     if len(joined) <= LIMIT:
@@ -52,19 +40,7 @@ def one_line(text: str) -> str:
 
 
 def printable(text: str) -> str:
-    r"""Replace what a terminal obeys, and what no file can hold, by its escape.
-
-    Parameters
-    ----------
-    text : str
-        Any text.
-
-    Returns
-    -------
-    str
-        The text, with control characters other than tab and newline, lone surrogates
-        and the like written as ``\x1b`` or ``\udcff``.
-    """
+    r"""Replace what a terminal obeys, and what no file can hold, by its escape."""
     return "".join(
         c if c.isprintable() or c in "\t\n" else c.encode("unicode_escape").decode()
         for c in text
@@ -72,18 +48,7 @@ def printable(text: str) -> str:
 
 
 def told(error: BaseException) -> str:
-    """Say what an error is, even one that cannot say so itself.
-
-    Parameters
-    ----------
-    error : BaseException
-        Of a user's code.
-
-    Returns
-    -------
-    str
-        Type and message.
-    """
+    """Say what an error is, even one that cannot say so itself."""
     try:
         words = str(error)
     except Exception:  # whatever a user's `__str__` may raise
@@ -92,18 +57,6 @@ def told(error: BaseException) -> str:
 
 
 def described(error: BaseException) -> str:
-    """Traceback of an error, whose last line is the whole message.
-
-    Parameters
-    ----------
-    error : BaseException
-        As caught.
-
-    Returns
-    -------
-    str
-        The traceback, and below it, where the message has several lines, type and
-        message in one.
-    """
+    """Traceback of an error, whose last line is the whole message."""
     trace, message = "".join(traceback.format_exception(error)), one_line(told(error))
     return trace if trace.endswith(f"{message}\n") else f"{trace}{message}\n"

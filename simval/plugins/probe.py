@@ -129,13 +129,7 @@ def probe_calibrator(calibrator: Calibrator) -> float:
 
 
 def probe_sensor() -> AccelerometerModel:
-    """Give the sensor that the probe of a calibrator uses, free of noise.
-
-    Returns
-    -------
-    AccelerometerModel
-        Raw units are not m/s^2, so that scale and bias cannot be mixed up.
-    """
+    """Give the sensor that the probe of a calibrator uses, free of noise."""
     values = np.array([0.03, -0.02, 0.05, 2.06, 1.92, 2.1, 0.3, -0.2, 0.1])
     return AccelerometerModel.from_parameters(values)
 

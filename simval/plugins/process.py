@@ -16,23 +16,6 @@ def run_group(
 ) -> int:
     """Run a program in a process group of its own, and end the whole group with it.
 
-    Parameters
-    ----------
-    words : list of str
-        Program and arguments.
-    output : int or binary file
-        Where it prints to: never a pipe, which a process that is left behind would
-        keep open.
-    time_limit : float
-        Seconds of wall time.
-    environment : mapping, optional
-        Its environment; default, ours.
-
-    Returns
-    -------
-    int
-        Exit code, or the negative number of the signal that killed it.
-
     Raises
     ------
     subprocess.TimeoutExpired
@@ -55,18 +38,7 @@ def run_group(
 
 
 def ending(code: int) -> str:
-    """Say how a process ended.
-
-    Parameters
-    ----------
-    code : int
-        As `subprocess` gives it.
-
-    Returns
-    -------
-    str
-        Exit code, or the name of the signal and what it means.
-    """
+    """Say how a process ended."""
     if code >= 0:
         return f"ended with exit code {code}"
     try:

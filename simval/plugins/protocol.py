@@ -27,40 +27,14 @@ class Estimate(Protocol):
     """Attitudes from two vectors each."""
 
     def __call__(self, b1: Array, b2: Array, r1: Array, r2: Array, /) -> Any:
-        """Estimate attitudes.
-
-        Parameters
-        ----------
-        b1, b2, r1, r2 : Array
-            Body and reference vectors, (n, 3).
-
-        Returns
-        -------
-        array_like
-            Unit quaternions, as declared, (n, 4).
-        """
+        """Estimate attitudes."""
 
 
 class Calibrate(Protocol):
     """A calibration from readings at rest."""
 
     def __call__(self, poses: Array, g: float, /) -> Any:
-        """Calibrate one set of poses.
-
-        Parameters
-        ----------
-        poses : Array
-            Mean reading of each pose, raw units, (n, 3).
-        g : float
-            Gravity, m/s^2.
-
-        Returns
-        -------
-        tuple or mapping
-            A pair (matrix, bias) with ``matrix @ (raw - bias)`` the specific force, a
-            triple with the covariance of the parameters as well, or a mapping with
-            ``matrix`` (or ``T`` and ``K``), ``B`` and perhaps ``covariance``.
-        """
+        """Calibrate one set of poses."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

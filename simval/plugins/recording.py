@@ -15,6 +15,7 @@ agree where the rests are.
 """
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 
@@ -24,22 +25,8 @@ QUIET = 1e-9
 """Least noise of a sample, of the greatest reading: a log without any has no rests."""
 
 
-def recorded(poses: Array, noise_std: float) -> Array:
-    """Log of a sensor that is turned from pose to pose.
-
-    Parameters
-    ----------
-    poses : Array
-        Reading of each pose, raw units, (n, 3).
-    noise_std : float
-        Noise of a pose mean; that of a sample is greater by the root of their number.
-
-    Returns
-    -------
-    Array
-        Time in s and reading, (m, 4). The same for the same poses: they seed the noise,
-        rounded to single precision, so that their last bits do not matter.
-    """
+def recorded(poses: Float[Array, "n 3"], noise_std: float) -> Float[Array, "m 4"]:
+    """Log of a sensor that is turned from pose to pose."""
     seed = np.ascontiguousarray(poses, dtype=np.float32).view(np.uint32)
     rng = np.random.default_rng(seed.ravel())
     rest, move = round(REST * RATE), round(MOVE * RATE)

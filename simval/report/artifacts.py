@@ -17,16 +17,6 @@ UNREADABLE = (OSError, ValueError, EOFError, AttributeError, KeyError, TypeError
 def arrays(file: Path) -> Mapping[str, Array]:
     """Read the arrays of an npz file; no pickle is ever loaded.
 
-    Parameters
-    ----------
-    file : Path
-        In the folder ``artifacts`` of a run.
-
-    Returns
-    -------
-    mapping
-        Name to array.
-
     Raises
     ------
     InputError
@@ -49,22 +39,6 @@ def shaped(
     file: Path, content: Mapping[str, Array], name: str, *shape: int | None
 ) -> Array:
     """One array of a file, of the shape that it must have.
-
-    Parameters
-    ----------
-    file : Path
-        Where it is from, for the message.
-    content : mapping
-        As from `arrays`.
-    name : str
-        Which.
-    *shape : int or None
-        Each length; None is any, of one at least.
-
-    Returns
-    -------
-    Array
-        As floats.
 
     Raises
     ------

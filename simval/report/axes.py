@@ -24,20 +24,7 @@ class Decades(LogFormatter):
     """Labels of a logarithmic axis in plain text: 0.1, 10⁻⁵, 3×10⁻⁵."""
 
     def __call__(self, x: float, pos: int | None = None) -> str:
-        """Spell a tick, or leave it empty where the axis has enough without it.
-
-        Parameters
-        ----------
-        x : float
-            Where it is.
-        pos : int, optional
-            Which one it is.
-
-        Returns
-        -------
-        str
-            Its label.
-        """
+        """Spell a tick, or leave it empty where the axis has enough without it."""
         mantissa = f"{x:.0e}"[0]
         if not super().__call__(x, pos) or mantissa not in "125":
             return ""  # labels at 1, 2 and 5 never touch
@@ -50,15 +37,7 @@ class Decades(LogFormatter):
 
 @singledispatch
 def paint(panel: object, axes: Any) -> None:
-    """Draw a panel.
-
-    Parameters
-    ----------
-    panel : Panel, SpherePanel or BarPanel
-        What to draw.
-    axes : matplotlib.axes.Axes
-        Where to draw it.
-    """
+    """Draw a panel."""
     raise TypeError(type(panel))
 
 

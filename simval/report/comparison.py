@@ -44,20 +44,7 @@ def render_comparison(a: Run, b: Run, found: RunComparison) -> str:
 
 
 def comparison_sections(a: Run, b: Run, found: RunComparison) -> tuple[Section, ...]:
-    """Make the sections of the page.
-
-    Parameters
-    ----------
-    a, b : Run
-        Before and after.
-    found : RunComparison
-        What differs.
-
-    Returns
-    -------
-    tuple of Section
-        What changed, the table, and what the runs depend on.
-    """
+    """Make the sections of the page."""
     drawings = _drawings(a, b, found)
     kinds = {k: len(found.of(k)) for k in ("changed", "moved", "same")}
     moved = sum(d.prediction_changed for d in found.differences)

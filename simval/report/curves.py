@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.compare import EFFORT
@@ -34,28 +35,13 @@ class Curve:
     """
 
     label: str
-    x: Array
-    value: Array
-    error: Array
-    prediction: Array
+    x: Float[Array, " n"]
+    value: Float[Array, " n"]
+    error: Float[Array, " n"]
+    prediction: Float[Array, " n"]
 
     def points(self, z: float, place: int = 0, label: str | None = None) -> Series:
-        """Measured points with bands.
-
-        Parameters
-        ----------
-        z : float
-            Half width of the bands in standard errors.
-        place : int, default 0
-            Which colour and marker.
-        label : str, optional
-            Instead of the curve's own.
-
-        Returns
-        -------
-        Series
-            Points.
-        """
+        """Measured points with bands."""
         return Series(
             label=self.label if label is None else label,
             x=self.x,
@@ -67,22 +53,7 @@ class Curve:
         )
 
     def predicted(self, place: int = 0, line: str = "-", label: str = "") -> Series:
-        """Line of the prediction.
-
-        Parameters
-        ----------
-        place : int, default 0
-            Which colour.
-        line : str, default "-"
-            Style of the line.
-        label : str, default ""
-            For the legend.
-
-        Returns
-        -------
-        Series
-            A line, one point for each x.
-        """
+        """Line of the prediction."""
         x, first = np.unique(self.x, return_index=True)
         return Series(
             label=label,
@@ -100,24 +71,7 @@ Measure = Callable[[CellResult], tuple[float, float, float] | None]
 def curve(
     label: str, cells: Sequence[CellResult], axis: str, measure: Measure
 ) -> Curve | None:
-    """Measure each cell and sort along an axis.
-
-    Parameters
-    ----------
-    label : str
-        Of the curve.
-    cells : sequence of CellResult
-        One group.
-    axis : str
-        Parameter or row (`position`) along which it runs.
-    measure : callable
-        What is measured.
-
-    Returns
-    -------
-    Curve or None
-        None where no cell has it.
-    """
+    """Measure each cell and sort along an axis."""
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is not drawn
         found = [
             (place, *values)
@@ -132,20 +86,7 @@ def curve(
 
 
 def position(cell: CellResult, axis: str) -> float | None:
-    """Place of a cell along an axis.
-
-    Parameters
-    ----------
-    cell : CellResult
-        The cell.
-    axis : str
-        Name of a parameter, or of a statistic without predictor.
-
-    Returns
-    -------
-    float or None
-        None where the cell has neither, or it is no number.
-    """
+    """Place of a cell along an axis."""
     value = cell.parameters.get(axis)
     if isinstance(value, int | float) and not isinstance(value, bool):
         return float(value)
@@ -154,20 +95,7 @@ def position(cell: CellResult, axis: str) -> float | None:
 
 
 def statistic(name: Statistic, predictor: str = "") -> Measure:
-    """Measure that reads one row.
-
-    Parameters
-    ----------
-    name : Statistic
-        The statistic.
-    predictor : str, default ""
-        The theory.
-
-    Returns
-    -------
-    callable
-        Value, standard error and prediction (NaN without one) of a cell.
-    """
+    """Measure that reads one row."""
 
     def measure(cell: CellResult) -> tuple[float, float, float] | None:
         row = cell.row(name, predictor)
@@ -177,18 +105,7 @@ def statistic(name: Statistic, predictor: str = "") -> Measure:
 
 
 def triple(row: Row) -> tuple[float, float, float]:
-    """Value, standard error and prediction of a row.
-
-    Parameters
-    ----------
-    row : Row
-        The row.
-
-    Returns
-    -------
-    tuple of float
-        The prediction is NaN where there is none.
-    """
+    """Value, standard error and prediction of a row."""
     return (
         row.value,
         row.standard_error,
@@ -199,20 +116,7 @@ def triple(row: Row) -> tuple[float, float, float]:
 def grouped(
     cells: Sequence[CellResult], *axes: str
 ) -> Mapping[str, tuple[CellResult, ...]]:
-    """Group cells that differ only along some axes (and in effort and seed).
-
-    Parameters
-    ----------
-    cells : sequence of CellResult
-        Cells of one study.
-    *axes : str
-        Parameters along which a curve may run.
-
-    Returns
-    -------
-    mapping
-        Label to cells; the label names the other parameters that vary.
-    """
+    """Group cells that differ only along some axes (and in effort and seed)."""
     skipped = {*axes, *EFFORT}
     keys = [k for k in varying(cells) if k not in skipped]
     groups: dict[str, list[CellResult]] = {}
@@ -225,57 +129,19 @@ def grouped(
 def first(
     groups: Mapping[str, tuple[CellResult, ...]], limit: int = MAX_GROUPS
 ) -> tuple[dict[str, tuple[CellResult, ...]], tuple[str, ...]]:
-    """The first groups, and the names of the others.
-
-    Parameters
-    ----------
-    groups : mapping
-        As from `grouped`.
-    limit : int, default `MAX_GROUPS`
-        How many are kept.
-
-    Returns
-    -------
-    kept : dict
-        Label to cells.
-    left_out : tuple of str
-        Labels of the rest, for `Drawing.left_out`.
-    """
+    """The first groups, and the names of the others."""
     labels = list(groups)
     return {k: groups[k] for k in labels[:limit]}, tuple(labels[limit:])
 
 
 def varying(cells: Sequence[CellResult]) -> list[str]:
-    """Parameters that are not the same in all cells.
-
-    Parameters
-    ----------
-    cells : sequence of CellResult
-        Any.
-
-    Returns
-    -------
-    list of str
-        Sorted names.
-    """
+    """Parameters that are not the same in all cells."""
     keys = sorted({key for cell in cells for key in cell.parameters})
     return [k for k in keys if len({repr(c.parameters.get(k)) for c in cells}) > 1]
 
 
 def axis_of(cells: Sequence[CellResult]) -> str:
-    """Parameter along which the curves of a study run.
-
-    Parameters
-    ----------
-    cells : sequence of CellResult
-        Cells of one study.
-
-    Returns
-    -------
-    str
-        The noise or the number of poses where it varies, else the first number that
-        does; where nothing does, the noise, or any number that there is.
-    """
+    """Parameter along which the curves of a study run."""
     keys = [key for key in varying(cells) if _numeric(cells, key)]
     fixed = sorted({k for c in cells for k in c.parameters if _numeric(cells, k)})
     ranked = sorted(

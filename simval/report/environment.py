@@ -20,29 +20,12 @@ NAMED = 100
 
 
 def template(name: str) -> Template:
-    """Load a template of this package.
-
-    Parameters
-    ----------
-    name : str
-        File name without its ending.
-
-    Returns
-    -------
-    Template
-        Ready to render.
-    """
+    """Load a template of this package."""
     return _environment().get_template(f"{name}.html.j2")
 
 
 def script() -> dict[str, Any]:
-    """The page's only script and its hash for the content security policy.
-
-    Returns
-    -------
-    dict
-        ``text`` and ``digest``, the SHA-256 in base 64.
-    """
+    """The page's only script and its hash for the content security policy."""
     file = resources.files("simval.report") / "templates" / "sort.js"
     content = file.read_text(encoding="utf-8")
     digest = b64encode(hashlib.sha256(content.encode()).digest()).decode()

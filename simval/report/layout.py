@@ -53,18 +53,7 @@ class Layout:
 
 
 def laid_out(drawing: Drawing) -> Layout:
-    """Break the words of a drawing into lines and find the margins.
-
-    Parameters
-    ----------
-    drawing : Drawing
-        What is to be drawn.
-
-    Returns
-    -------
-    Layout
-        All panels have the same margins.
-    """
+    """Break the words of a drawing into lines and find the margins."""
     wide = drawing.columns == 1
     width = WIDTH * (2 if wide else 1)
     up = HEIGHT * (0.7 if wide else 1.0) - BOTTOM - TOP
@@ -91,18 +80,7 @@ def laid_out(drawing: Drawing) -> Layout:
 
 
 def legend_below(panel: AnyPanel) -> int:
-    """Lines of a legend that has no place within the axes.
-
-    Parameters
-    ----------
-    panel : Panel, SpherePanel or BarPanel
-        With its words in lines.
-
-    Returns
-    -------
-    int
-        0 where it stands among the curves.
-    """
+    """Lines of a legend that has no place within the axes."""
     if not isinstance(panel, Panel):
         return 0
     lines = sum(s.label.count("\n") + 1 for s in panel.series if s.label)
@@ -110,22 +88,7 @@ def legend_below(panel: AnyPanel) -> int:
 
 
 def broken(text: str, room: float, size: float = SIZE) -> str:
-    """Break words into lines, between them or, where one is too long, within.
-
-    Parameters
-    ----------
-    text : str
-        Words.
-    room : float
-        Width of a line, inches.
-    size : float, default 10
-        Of the letters, points.
-
-    Returns
-    -------
-    str
-        Lines.
-    """
+    """Break words into lines, between them or, where one is too long, within."""
     lines = [""]
     for word in text.split(" "):
         longer = f"{lines[-1]} {word}" if lines[-1] else word

@@ -13,19 +13,7 @@ STANDARD_GRAVITY = 9.80665
 
 
 def together(predictor: str) -> Measure:
-    """RMS error of all nine parameters, the bias in units of standard gravity.
-
-    Parameters
-    ----------
-    predictor : str
-        Theory whose prediction is returned with it.
-
-    Returns
-    -------
-    callable
-        Value, standard error and prediction of a cell. The errors of the three parts
-        are added as if fully correlated, so the standard error is at most this.
-    """
+    """RMS error of all nine parameters, the bias in units of standard gravity."""
 
     def measure(cell: CellResult) -> tuple[float, float, float] | None:
         rows = [cell.row(RMS(name), predictor) for name in GROUPS]
@@ -51,23 +39,7 @@ def together(predictor: str) -> Measure:
 
 
 def part(family: Family, name: str, predictor: str) -> Measure:
-    """RMS over the three entries of T, K or B of their sd or bias.
-
-    Parameters
-    ----------
-    family : Family
-        `SD` or `BIAS`.
-    name : {"T", "K", "B"}
-        Which parameters: all rows that start with the letter, or with S for T.
-    predictor : str
-        Theory.
-
-    Returns
-    -------
-    callable
-        Value, standard error and prediction of a cell. The bias is projected on the
-        direction of the predicted one, so its noise averages to zero.
-    """
+    """RMS over the three entries of T, K or B of their sd or bias."""
     letters = tuple("ST" if name == "T" else name)
 
     def measure(cell: CellResult) -> tuple[float, float, float] | None:
@@ -94,23 +66,7 @@ def part(family: Family, name: str, predictor: str) -> Measure:
 
 
 def moment(family: Family, predictor: str) -> Measure:
-    """Bias vector or covariance matrix, projected on the direction of the prediction.
-
-    Parameters
-    ----------
-    family : Family
-        `BIAS` or `COVARIANCE` of the attitude error.
-    predictor : str
-        Theory.
-
-    Returns
-    -------
-    callable
-        Value, standard error and prediction of a cell; the prediction is the Frobenius
-        norm (an off-diagonal entry counts twice). The value is linear in the entries,
-        so their noise averages to zero in it; the entries' errors are taken as
-        independent.
-    """
+    """Bias or covariance, projected on the direction of the prediction."""
 
     def measure(cell: CellResult) -> tuple[float, float, float] | None:
         rows = _entries(cell, family, predictor)
@@ -129,22 +85,7 @@ def moment(family: Family, predictor: str) -> Measure:
 
 
 def left_out(family: Family, predictor: str, reference: str = EXACT) -> Measure:
-    """How far a prediction is from a better one: what it leaves out.
-
-    Parameters
-    ----------
-    family : Family
-        `BIAS` or `COVARIANCE` of the attitude error.
-    predictor : str
-        Theory.
-    reference : str, default "exact"
-        The better one.
-
-    Returns
-    -------
-    callable
-        Norm of the difference, 0, and the norm of the reference.
-    """
+    """How far a prediction is from a better one: what it leaves out."""
 
     def measure(cell: CellResult) -> tuple[float, float, float] | None:
         truth = {r.statistic: r for r in _entries(cell, family, reference)}

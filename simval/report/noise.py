@@ -13,22 +13,7 @@ Groups = Mapping[str, Sequence[CellResult]]
 
 
 def curves(groups: Groups, measure: Measure, axis: str = "noise_std") -> list[Curve]:
-    """One curve for each group that has the statistic.
-
-    Parameters
-    ----------
-    groups : mapping
-        Label to cells.
-    measure : callable
-        What is measured.
-    axis : str, default "noise_std"
-        Along which parameter.
-
-    Returns
-    -------
-    list of Curve
-        In the order of the groups.
-    """
+    """One curve for each group that has the statistic."""
     found = [curve(label, cells, axis, measure) for label, cells in groups.items()]
     return [c for c in found if c is not None]
 
@@ -41,24 +26,7 @@ def panel(
     bounds: Sequence[Curve] = (),
     z: float | None = None,
 ) -> Panel:
-    """Points, predicted lines and bounds over the noise.
-
-    Parameters
-    ----------
-    title, x_label, y_label : str
-        Words, with units.
-    measured : sequence of Curve
-        Points with their predictions.
-    bounds : sequence of Curve
-        Curves whose prediction is the Cramer-Rao bound.
-    z : float, optional
-        Half width of the bands; by default for all points of this panel.
-
-    Returns
-    -------
-    Panel
-        Logarithmic axes.
-    """
+    """Points, predicted lines and bounds over the noise."""
     if z is None:
         z = simultaneous(sum(len(c.x) for c in measured))
     series = []
@@ -70,20 +38,7 @@ def panel(
 
 
 def slope_cells(c: Curve) -> tuple[str, float | None]:
-    """Spell the fitted slope of a curve, and the slope of its prediction.
-
-    Parameters
-    ----------
-    c : Curve
-        Points with standard errors.
-
-    Returns
-    -------
-    fitted : str
-        Slope and interval, or why there is none.
-    predicted : float or None
-        Slope fitted with the same weights to the prediction.
-    """
+    """Spell the fitted slope of a curve, and the slope of its prediction."""
     if len(np.unique(c.x)) < 2:
         return "needs two noise levels", None
     fitted = fitted_slope(c.x, c.value, c.error)

@@ -130,20 +130,7 @@ def render(run: Run, alpha: float = 1e-3) -> str:
 
 
 def sections(run: Run, alpha: float = 1e-3) -> tuple[Section, ...]:
-    """Make the sections of the page.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-    alpha : float, default 1e-3
-        False-alarm rate that the sampling checks share.
-
-    Returns
-    -------
-    tuple of Section
-        In the order of the page.
-    """
+    """Make the sections of the page."""
     names = dict.fromkeys((*STUDIES, *(cell.study for cell in run.cells)))
     titles = {n: STUDIES[n].title if n in STUDIES else n for n in names}
     _require_parameters(run)

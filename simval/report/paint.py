@@ -45,34 +45,12 @@ STYLE: dict[str, Any] = {
 
 
 def root(drawing: Drawing) -> str:
-    """Id of the ``svg`` element, and prefix of every id in it.
-
-    Parameters
-    ----------
-    drawing : Drawing
-        Any.
-
-    Returns
-    -------
-    str
-        Unlike the ids of the page around it.
-    """
+    """Id of the ``svg`` element, and prefix of every id in it."""
     return f"svg-{drawing.name}"
 
 
 def svg(drawing: Drawing) -> str:
-    """Draw as an ``svg`` element with prefixed ids and a text alternative.
-
-    Parameters
-    ----------
-    drawing : Drawing
-        What to draw.
-
-    Returns
-    -------
-    str
-        Well-formed; scales with its container; the same bytes for the same data.
-    """
+    """Draw as an ``svg`` element with prefixed ids and a text alternative."""
     name = root(drawing)
     buffer = io.StringIO()
     nothing = {"Date": None, "Creator": None, "Format": None, "Type": None}

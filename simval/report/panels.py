@@ -6,6 +6,8 @@ No drawing here: a section computes panels, a panel is arrays and words.
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from jaxtyping import Float
+
 from simval.arrays import Array
 from simval.report.words import slug
 
@@ -38,9 +40,9 @@ class Series:
     """
 
     label: str
-    x: Array
-    y: Array
-    band: Array | None = None
+    x: Float[Array, " n"]
+    y: Float[Array, " n"]
+    band: Float[Array, " n"] | None = None
     colour: str = COLOURS[0]
     line: str = ""
     marker: str = "o"
@@ -92,7 +94,7 @@ class SpherePanel:
     """
 
     title: str
-    directions: Array
+    directions: Float[Array, "n 3"]
     sign: float
 
 
@@ -114,9 +116,9 @@ class BarPanel:
     title: str
     x_label: str
     names: Sequence[str]
-    measured: Array
-    band: Array
-    predicted: Array
+    measured: Float[Array, " n"]
+    band: Float[Array, " n"]
+    predicted: Float[Array, " n"]
 
 
 AnyPanel = Panel | SpherePanel | BarPanel

@@ -54,18 +54,7 @@ class Context:
         return self.judged.alpha
 
     def cells(self, study: str) -> tuple[CellResult, ...]:
-        """Finished cells of one study that left rows.
-
-        Parameters
-        ----------
-        study : str
-            Name of the study.
-
-        Returns
-        -------
-        tuple of CellResult
-            In the order of the suite.
-        """
+        """Finished cells of one study that left rows."""
         return tuple(cell for cell in self.run.of(study) if cell.rows)
 
 
@@ -104,26 +93,7 @@ def made(
     tables: Sequence[Table] = (),
     **values: object,
 ) -> Section:
-    """Render a section from the template of the same name.
-
-    Parameters
-    ----------
-    anchor : str
-        Id of the section and name of its template.
-    title : str
-        Heading.
-    drawings : sequence of Drawing, default ()
-        Its figures; given to the template too.
-    tables : sequence of Table, default ()
-        Its tables; given to the template too.
-    **values : object
-        What the template needs besides.
-
-    Returns
-    -------
-    Section
-        With its HTML.
-    """
+    """Render a section from the template of the same name."""
     text = template(anchor).render(drawings=drawings, tables=tables, **values)
     return Section(
         anchor=anchor,

@@ -8,6 +8,7 @@ counts with its sign, so no point has to be left out, which would bias the slope
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 from scipy.optimize import minimize_scalar
 from scipy.special import ndtri
 
@@ -38,24 +39,10 @@ class Slope:
         return f"{self.value:.3f} ± {self.half_width:.3f}"
 
 
-def fitted_slope(x: Array, y: Array, error: Array) -> Slope | None:
-    """Weighted least-squares exponent k of y = a x^k.
-
-    Parameters
-    ----------
-    x : Array
-        Positive, (n,).
-    y : Array
-        Values of any sign, (n,).
-    error : Array
-        Standard errors of y, all above zero, (n,).
-
-    Returns
-    -------
-    Slope or None
-        None with fewer than two different x, without errors, or where the data do not
-        tell the slope: the curve cannot be told from zero.
-    """
+def fitted_slope(
+    x: Float[Array, " n"], y: Float[Array, " n"], error: Float[Array, " n"]
+) -> Slope | None:
+    """Weighted least-squares exponent k of y = a x^k."""
     if len(np.unique(x)) < 2 or not (np.all(error > 0) and np.all(np.isfinite(y))):
         return None
     z, weighted = np.log(x) - np.log(x).mean(), y / error
@@ -96,19 +83,8 @@ def _shape(k: float, z: Array, error: Array) -> Array:
     return curve / np.linalg.norm(curve)
 
 
-def order(x: Array, y: Array) -> float | None:
-    """Slope between the two smallest x of a curve without chance.
-
-    Parameters
-    ----------
-    x, y : Array
-        Points, (n,); those that are not positive are left out.
-
-    Returns
-    -------
-    float or None
-        None with fewer than two different x.
-    """
+def order(x: Float[Array, " n"], y: Float[Array, " n"]) -> float | None:
+    """Slope between the two smallest x of a curve without chance."""
     good = (x > 0) & (y > 0) & np.isfinite(y)
     xs, first = np.unique(x[good], return_index=True)
     if len(xs) < 2:
@@ -118,20 +94,6 @@ def order(x: Array, y: Array) -> float | None:
 
 
 def simultaneous(count: int, confidence: float = 0.95) -> float:
-    """Half width, in standard errors, of bands that hold for all points together.
-
-    Parameters
-    ----------
-    count : int
-        Number of bands.
-    confidence : float, default 0.95
-        Probability that all of them cover, for independent points (Sidak) and at
-        least that for Gaussian ones however correlated.
-
-    Returns
-    -------
-    float
-        1.96 for one band.
-    """
+    """Half width, in standard errors, of bands that hold for all points together."""
     single = confidence ** (1.0 / max(count, 1))
     return float(ndtri(0.5 + 0.5 * single))

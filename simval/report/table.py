@@ -71,20 +71,7 @@ class Table:
 
 
 def text(value: Any, column: Column) -> str:
-    """Spell a cell for a person.
-
-    Parameters
-    ----------
-    value : object
-        What the row holds.
-    column : Column
-        Its column.
-
-    Returns
-    -------
-    str
-        Not yet escaped.
-    """
+    """Spell a cell for a person."""
     if value is None:
         return ""
     if column.kind == "measured":
@@ -93,20 +80,7 @@ def text(value: Any, column: Column) -> str:
 
 
 def sort_key(value: Any, column: Column) -> str:
-    """Value by which the page sorts a cell of a numeric column.
-
-    Parameters
-    ----------
-    value : object
-        What the row holds.
-    column : Column
-        Its column.
-
-    Returns
-    -------
-    str
-        Exact decimal, empty for no value; empty for a column of words.
-    """
+    """Value by which the page sorts a cell of a numeric column."""
     if value is None or not column.numeric:
         return ""
     return repr(float(value[0] if column.kind == "measured" else value))

@@ -24,20 +24,7 @@ COLUMNS = 800
 
 
 def thinned(drawing: Drawing) -> tuple[Drawing, int, int]:
-    """Thin the series of a drawing.
-
-    Parameters
-    ----------
-    drawing : Drawing
-        Any number of points.
-
-    Returns
-    -------
-    drawing : Drawing
-        With at most `MAX_POINTS` points or 2 `COLUMNS` points of a line a series.
-    drawn, given : int
-        Points drawn and points given, over all series.
-    """
+    """Thin the series of a drawing."""
     panels = [_thinned_panel(panel) for panel in drawing.panels]
     return (
         replace(drawing, panels=tuple(panels)),

@@ -7,36 +7,12 @@ from simval.statistics import Statistic
 
 
 def number(value: float | None, digits: int = 6) -> str:
-    """Spell a number for a person.
-
-    Parameters
-    ----------
-    value : float or None
-        The number.
-    digits : int, default 6
-        Significant digits.
-
-    Returns
-    -------
-    str
-        A dash for None.
-    """
+    """Spell a number for a person."""
     return "–" if value is None else f"{value:.{digits}g}"  # noqa: RUF001
 
 
 def measured(value: float, error: float) -> str:
-    """Spell a value and its standard error with digits that mean something.
-
-    Parameters
-    ----------
-    value, error : float
-        The value and its standard error.
-
-    Returns
-    -------
-    str
-        Two digits of the error, the value to the same place.
-    """
+    """Spell a value and its standard error with digits that mean something."""
     if not error > 0.0 or not abs(value) < float("inf") or error == float("inf"):
         return number(value)
     exponent = int(f"{max(abs(value), error):e}".partition("e")[2])
@@ -49,53 +25,18 @@ def measured(value: float, error: float) -> str:
 
 
 def sign_of_entries(statistics: Iterable[Statistic]) -> str:
-    """Tell how a parameter's sign goes with the matrix T, where it is among them.
-
-    Parameters
-    ----------
-    statistics : iterable of Statistic
-        What a table shows.
-
-    Returns
-    -------
-    str
-        Words to end a caption with; none where no such parameter is shown.
-    """
+    """Tell how a parameter's sign goes with the matrix T, where it is among them."""
     named = any("S_zx" in statistic.entries for statistic in statistics)
     return "; S_zx is minus the entry T[2][0]" if named else ""
 
 
 def slug(text: str) -> str:
-    """Spell words so that they serve as an id, a selector and a file name.
-
-    Parameters
-    ----------
-    text : str
-        Any.
-
-    Returns
-    -------
-    str
-        Lower-case letters, digits and single hyphens, none at the ends.
-    """
+    """Spell words so that they serve as an id, a selector and a file name."""
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
 
 
 def slugs(stem: str, labels: Iterable[str]) -> list[str]:
-    """Name the figures of several groups.
-
-    Parameters
-    ----------
-    stem : str
-        What they all show; itself a slug.
-    labels : iterable of str
-        What tells them apart.
-
-    Returns
-    -------
-    list of str
-        All different; the stem alone for an empty label.
-    """
+    """Name the figures of several groups."""
     names: list[str] = []
     for label in labels:
         name = slug(f"{stem} {label}")

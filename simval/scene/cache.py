@@ -28,14 +28,7 @@ from simval.scene.script import Scene
 
 
 def cache_folder() -> Path:
-    """Folder of the kept recordings.
-
-    Returns
-    -------
-    Path
-        ``SIMVAL_CACHE`` where it is set, else ``simval`` in ``XDG_CACHE_HOME`` or in
-        ``~/.cache``.
-    """
+    """Folder of the kept recordings."""
     own = os.environ.get("SIMVAL_CACHE")
     if own:
         return Path(own)
@@ -69,18 +62,7 @@ def recorded(scene: str | Scene = "gimbal", **parameters: Any) -> Recording:
 
 
 def content_key(plan: Plan) -> str:
-    """Hash of everything that a recording's bits depend on.
-
-    Parameters
-    ----------
-    plan : Plan
-        A run that is ready to be simulated.
-
-    Returns
-    -------
-    str
-        SHA-256, hexadecimal.
-    """
+    """Hash of everything that a recording's bits depend on."""
     digest = hashlib.sha256()
     provenance = json.dumps(plan.provenance, sort_keys=True, default=_exact)
     versions = f"numpy {np.__version__} {platform.machine()} {platform.system()}"

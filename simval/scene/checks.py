@@ -10,6 +10,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from jaxtyping import Float
 from numpy.typing import NDArray
 
 from simval.arrays import Array
@@ -20,7 +21,7 @@ CLOCK_TOLERANCE = 1e-6  # of a step: a sum of 1e7 steps is off by 1e7 eps = 2e-9
 
 def check_run(
     scene: str,
-    rows: Array,
+    rows: Float[Array, "n 14"],
     warnings: NDArray[np.int64],
     messages: Sequence[str],
     timestep: float,
@@ -28,23 +29,6 @@ def check_run(
     rate_limit: float,
 ) -> None:
     """Raise an error unless a run is what it claims to be.
-
-    Parameters
-    ----------
-    scene : str
-        Its name, for the message.
-    rows : Array
-        Specific force, angular rate, field, quaternion and clock, (n, 14).
-    warnings : NDArray[np.int64]
-        MuJoCo's counters of the run, (mjNWARNING, 2): last info and number.
-    messages : sequence of str
-        What MuJoCo said during the run.
-    timestep : float
-        Step of the integration, s.
-    force_limit : float
-        Greatest believable specific force, m/s^2.
-    rate_limit : float
-        Greatest believable angular rate, rad/s.
 
     Raises
     ------
@@ -81,22 +65,13 @@ def check_run(
             _fail(scene, what, row, expected, "the integration is not stable")
 
 
-def check_reach(scene: str, path: Array, timestep: float, reach: float) -> None:
+def check_reach(
+    scene: str, path: Float[Array, " n"], timestep: float, reach: float
+) -> None:
     """Raise an error where the body has left its scene.
 
     A die that slips through a wall falls for ever, and its data is regular, finite and
     within all limits.
-
-    Parameters
-    ----------
-    scene : str
-        Its name, for the message.
-    path : Array
-        Distance of the sensor from where it began, m, (n,).
-    timestep : float
-        Step of the integration, s.
-    reach : float
-        Greatest believable distance, m.
 
     Raises
     ------
@@ -121,30 +96,6 @@ def settled_rests(
     strict: bool,
 ) -> tuple[NDArray[np.intp], tuple[int, ...]]:
     """Rests that are at rest within the stated bounds, and the indices of the others.
-
-    Parameters
-    ----------
-    scene : str
-        Its name, for the message.
-    rows : Array
-        Specific force and angular rate in the first six columns, (n, 6 or more).
-    hold : NDArray[np.intp]
-        Planned rests, (n,).
-    g : float
-        Length of gravity, m/s^2.
-    rest_force : float
-        Bound on the deviation of the specific force's length from g, m/s^2.
-    rest_rate : float
-        Bound on the angular rate, rad/s.
-    strict : bool
-        Whether a planned rest that moves is an error.
-
-    Returns
-    -------
-    hold : NDArray[np.intp]
-        With -1 in place of the rests that moved, (n,).
-    unsettled : tuple of int
-        Their indices.
 
     Raises
     ------

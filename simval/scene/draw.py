@@ -14,14 +14,7 @@ CAMERA = "view"
 
 
 def draw(folder: Path) -> None:
-    """Draw every frame of a job.
-
-    Parameters
-    ----------
-    folder : Path
-        Holds ``model.mjb`` and ``job.npz``; receives ``frames.npy``, (frames, height,
-        width, 3) bytes.
-    """
+    """Draw every frame of a job."""
     model = mujoco.MjModel.from_binary_path(str(folder / "model.mjb"))
     job = np.load(folder / "job.npz")
     width, height = (int(value) for value in job["size"])

@@ -2,6 +2,7 @@
 
 import mujoco
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array, finite_array
 from simval.errors import InputError
@@ -15,18 +16,8 @@ MOST_POSES = 100_000
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
 
-def pose_directions(directions: object) -> Array:
+def pose_directions(directions: object) -> Float[Array, "k 3"]:
     """Unit directions of the specific force: given ones, or a number of them.
-
-    Parameters
-    ----------
-    directions : int or array_like
-        How many to spread over a Fibonacci sphere, or the vectors, (k, 3).
-
-    Returns
-    -------
-    Array
-        Unit vectors in sensor axes, (k, 3).
 
     Raises
     ------
@@ -47,24 +38,12 @@ def pose_directions(directions: object) -> Array:
     return given
 
 
-def gimbal_angles(directions: Array) -> Array:
+def gimbal_angles(directions: Float[Array, "k 3"]) -> Float[Array, "k 3"]:
     r"""Yaw, pitch and roll that put a direction along the world's vertical.
 
     With :math:`R_{wb} = R_z(\psi) R_y(\theta) R_x(\phi)` the vertical has the body
     coordinates :math:`[-\sin\theta, \sin\phi\cos\theta, \cos\phi\cos\theta]`. Yaw is
     free; it advances by the golden angle, so that the field is seen from all sides.
-
-    Parameters
-    ----------
-    directions : Array
-        Unit vectors in body axes, (k, 3).
-
-    Returns
-    -------
-    Array
-        Joint angles, rad, (k, 3), each within half a turn of zero: a servo holds an
-        angle to its rounding, and that of many turns would shake the sensor by more
-        than 1e-12 m/s^2.
     """
     x, y, z = directions.T
     pitch = np.arctan2(-x, np.hypot(y, z))
@@ -82,24 +61,7 @@ def drive_gimbal(
     settle_time: float = 0.6,
     hold_time: float = 1.0,
 ) -> Script:
-    """Tumble the gimbal through poses, with a rest in each.
-
-    Parameters
-    ----------
-    model : mujoco.MjModel
-        The gimbal.
-    directions : int or array_like
-        Directions of the specific force in sensor axes, or how many of them.
-    first_hold : float
-        Length of the rest in the first pose, s.
-    move_time, settle_time, hold_time : float
-        Length of each minimum-jerk move, of settling after it, and of each rest, s.
-
-    Returns
-    -------
-    Script
-        Servo targets; it starts at rest in the first pose.
-    """
+    """Tumble the gimbal through poses, with a rest in each."""
     h = model.opt.timestep
     angles = gimbal_angles(pose_directions(directions))
     targets, rests = visit(
@@ -127,24 +89,7 @@ def drive_shaker(
     hold_time: float = 1.0,
     seed: int = 0,
 ) -> Script:
-    """Tip a closed box about two axes, again and again, with a die loose inside.
-
-    Parameters
-    ----------
-    model : mujoco.MjModel
-        The box on its two servos.
-    poses : int
-        Number of rests; the first follows the drop to the box's floor.
-    move_time, settle_time, hold_time : float
-        Length of each minimum-jerk move, of settling after it, and of each rest, s.
-    seed : int
-        Of the box's angles, drawn evenly from a whole turn.
-
-    Returns
-    -------
-    Script
-        Servo targets; a die that still slides when its rest begins is left out.
-    """
+    """Tip a closed box about two axes, again and again, with a die loose inside."""
     h = model.opt.timestep
     if not poses >= 1:
         msg = f"`poses` is {poses}; one rest at least is needed"

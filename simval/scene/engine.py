@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
+from jaxtyping import Float
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
@@ -45,31 +46,16 @@ class Rollout(NamedTuple):
         What MuJoCo said.
     """
 
-    rows: Array
+    rows: Float[Array, "runs n 14"]
     warnings: NDArray[np.int64]
-    travel: Array
+    travel: Float[Array, " runs"]
     messages: list[str]
 
 
 def simulate(
     model: mujoco.MjModel, scripts: Sequence[Script], threads: int = 1
 ) -> Rollout:
-    """Run scripts of one length together.
-
-    Parameters
-    ----------
-    model : mujoco.MjModel
-        Compiled and checked.
-    scripts : sequence of Script
-        One run each, all of one length and with the same inputs.
-    threads : int
-        Threads to use; the numbers do not depend on it.
-
-    Returns
-    -------
-    Rollout
-        One run for each script.
-    """
+    """Run scripts of one length together."""
     with captured_messages() as messages:
         batch, record = _rolled_out(model, scripts, "sensordata", threads)
         warnings = np.array(batch.warning, dtype=np.int64)
@@ -84,23 +70,10 @@ def simulate(
     return Rollout(record, warnings, np.array(travel), messages)
 
 
-def path_length(model: mujoco.MjModel, script: Script, qpos: Array) -> Array:
-    """Distance of the sensor from where it begins, for some positions.
-
-    Parameters
-    ----------
-    model : mujoco.MjModel
-        Compiled and checked.
-    script : Script
-        The run, for its start.
-    qpos : Array
-        Generalised positions, (m, nq).
-
-    Returns
-    -------
-    Array
-        Metres, (m,).
-    """
+def path_length(
+    model: mujoco.MjModel, script: Script, qpos: Float[Array, "m nq"]
+) -> Float[Array, " m"]:
+    """Distance of the sensor from where it begins, for some positions."""
     data = mujoco.MjData(model)
     start = model.qpos0 if script.qpos is None else script.qpos
     places = np.empty((len(qpos) + 1, 3))
@@ -111,24 +84,10 @@ def path_length(model: mujoco.MjModel, script: Script, qpos: Array) -> Array:
     return np.linalg.norm(places[1:] - places[0], axis=1)
 
 
-def positions(model: mujoco.MjModel, script: Script, rows: NDArray[np.intp]) -> Array:
-    """Generalised positions of a run at some rows, for pictures.
-
-    Parameters
-    ----------
-    model : mujoco.MjModel
-        Compiled and checked.
-    script : Script
-        The run.
-    rows : NDArray[np.intp]
-        Row numbers, (m,).
-
-    Returns
-    -------
-    Array
-        (m, nq). The record of a step is the position after it, so row k is found in
-        the record of step k - 1, and row 0 is the start.
-    """
+def positions(
+    model: mujoco.MjModel, script: Script, rows: NDArray[np.intp]
+) -> Float[Array, "m nq"]:
+    """Generalised positions of a run at some rows, for pictures."""
     with captured_messages():
         _, record = _rolled_out(model, [script], "qpos", 1)
     start = model.qpos0 if script.qpos is None else script.qpos

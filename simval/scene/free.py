@@ -27,26 +27,6 @@ def drive_pivot(
     The specific force differs from gravity by
     :math:`\alpha\times r+\omega\times(\omega\times r)`, which is of order
     :math:`\omega^2 r`: a model violation with two knobs.
-
-    Parameters
-    ----------
-    model : mujoco.MjModel
-        A body on a ball joint at its centre of mass.
-    spin_rate : float
-        Angular rate at the start, rad/s.
-    turns : float
-        Length of the run in turns at that rate.
-    poses : int
-        Number of short windows, spread over the run, that pass for rests.
-    hold_time : float
-        Length of each, s.
-
-    Returns
-    -------
-    Script
-        Nothing is applied. Its bounds follow from the inertia: energy is conserved, so
-        :math:`\omega^2 \le \omega_0' I \omega_0 / I_{min}`, and with Euler's equations
-        :math:`|\alpha| \le \omega^2 (I_{max}/I_{min} - 1)/\sqrt3`.
     """
     spin_rate = positive_number("spin_rate", spin_rate, "rad/s")
     h = model.opt.timestep
@@ -75,22 +55,7 @@ def drive_pivot(
 def drive_freefall(
     model: mujoco.MjModel, *, spin_rate: float = 4.0, seconds: float = 20.0
 ) -> Script:
-    """Let a spinning body fall: at its centre of mass it reads zero.
-
-    Parameters
-    ----------
-    model : mujoco.MjModel
-        A free body.
-    spin_rate : float
-        Angular rate at the start, rad/s.
-    seconds : float
-        Length of the run, s.
-
-    Returns
-    -------
-    Script
-        Nothing is applied and nothing is called a rest.
-    """
+    """Let a spinning body fall: at its centre of mass it reads zero."""
     spin_rate = nonnegative_number("spin_rate", spin_rate, "rad/s")
     count = steps(seconds, model.opt.timestep, "seconds")
     require_rows(count)

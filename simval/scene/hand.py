@@ -2,6 +2,7 @@
 
 import mujoco
 import numpy as np
+from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from simval.arrays import Array, nonnegative_number
@@ -27,30 +28,7 @@ def drive_handheld(
     tremor_path: float = 3e-5,
     seed: int = 0,
 ) -> Script:
-    r"""Carry a body through poses in a hand that trembles.
-
-    Parameters
-    ----------
-    model : mujoco.MjModel
-        A free body welded softly to a mocap body, the hand.
-    directions : int or array_like
-        Directions of the specific force in sensor axes, or how many of them.
-    first_hold : float
-        Length of the rest in the first pose, s.
-    move_time, settle_time, hold_time : float
-        Length of each minimum-jerk move, of settling after it, and of each rest, s.
-    tremor_angle, tremor_path : float
-        Greatest tremor about, rad, and along each axis, m: sums of sines of 6 to 12 Hz.
-    seed : int
-        Of the tremor.
-
-    Returns
-    -------
-    Script
-        The hand's path. The weld is critically damped and passes no more than the hand
-        does, so a rest's bound is the hand's greatest acceleration there,
-        :math:`\sqrt3 (2\pi f)^2` (path + angle times arm) plus the centripetal term.
-    """
+    r"""Carry a body through poses in a hand that trembles."""
     angle = nonnegative_number("tremor_angle", tremor_angle, "rad")
     path = nonnegative_number("tremor_path", tremor_path, "m")
     h = model.opt.timestep
@@ -85,25 +63,8 @@ def drive_handheld(
 
 def tremor(
     count: int, timestep: float, amplitude: float, rng: np.random.Generator
-) -> Array:
-    """Band-limited tremor of three axes.
-
-    Parameters
-    ----------
-    count : int
-        Rows.
-    timestep : float
-        Their distance, s.
-    amplitude : float
-        Greatest value of each axis, any unit.
-    rng : numpy.random.Generator
-        Of frequencies and phases.
-
-    Returns
-    -------
-    Array
-        (count, 3), in the unit of `amplitude`.
-    """
+) -> Float[Array, "count 3"]:
+    """Band-limited tremor of three axes."""
     frequency = rng.uniform(*TREMOR_BAND, (SINES, 3))
     phase = rng.uniform(0.0, 2.0 * np.pi, (SINES, 3))
     time = timestep * np.arange(count)[:, None, None]

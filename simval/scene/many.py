@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array, frozen
 from simval.errors import InputError, SimulationError
@@ -37,10 +38,10 @@ class RestMeans:
         Of the first run; the others differ in the parameters they were given.
     """
 
-    specific_force: Array
-    angular_velocity: Array
-    magnetic_field: Array
-    attitude: Array
+    specific_force: Float[Array, "runs k 3"]
+    angular_velocity: Float[Array, "runs k 3"]
+    magnetic_field: Float[Array, "runs k 3"]
+    attitude: Float[Array, "runs k 4"]
     provenance: Mapping[str, Any]
 
     def __post_init__(self) -> None:

@@ -8,13 +8,7 @@ import mujoco
 
 @contextmanager
 def captured_messages() -> Iterator[list[str]]:
-    """Collect MuJoCo's warnings instead of letting it write a log file.
-
-    Yields
-    ------
-    list of str
-        Filled while the context lasts.
-    """
+    """Collect MuJoCo's warnings instead of letting it write a log file."""
     messages: list[str] = []
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(messages.append)

@@ -89,23 +89,6 @@ def load_model(
 ) -> Physics:
     """Compile a model file, with parameters set in memory, and check it.
 
-    Parameters
-    ----------
-    path : path-like
-        MJCF file.
-    site_offset : array_like or None
-        Position of the IMU's site in its body's axes, m, (3,); None keeps the file's.
-    timestep : float or None
-        Step of the integration, s; None keeps the file's.
-    integrator : str or None
-        One of ``Euler``, ``RK4``, ``implicit``, ``implicitfast``; None keeps the
-        file's.
-
-    Returns
-    -------
-    Physics
-        The compiled model.
-
     Raises
     ------
     InputError
@@ -149,13 +132,6 @@ def _integrator(name: str) -> mujoco.mjtIntegrator:
 
 def check_model(model: mujoco.MjModel, path: str) -> None:
     """Refuse a model whose data would be wrong without a word.
-
-    Parameters
-    ----------
-    model : mujoco.MjModel
-        Compiled model.
-    path : str
-        Its file, for the message.
 
     Raises
     ------

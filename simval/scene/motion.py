@@ -8,6 +8,7 @@ with zero velocity and acceleration at both ends (Flash and Hogan 1985).
 """
 
 import numpy as np
+from jaxtyping import Float
 from numpy.typing import NDArray
 
 from simval.arrays import Array
@@ -16,39 +17,14 @@ from simval.errors import InputError
 MOST_ROWS = 10_000_000  # 1.1 GB of sensor data
 
 
-def minimum_jerk(t: Array) -> Array:
-    """Position of a minimum-jerk move, eq. (M1).
-
-    Parameters
-    ----------
-    t : Array
-        Time as a fraction of the move's, (...); outside 0 to 1 it rests at the ends.
-
-    Returns
-    -------
-    Array
-        Position as a fraction of the way, (...).
-    """
+def minimum_jerk(t: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Position of a minimum-jerk move, eq. (M1)."""
     t = np.clip(t, 0.0, 1.0)
     return t * t * t * (10.0 + t * (6.0 * t - 15.0))
 
 
 def steps(seconds: float, timestep: float, name: str) -> int:
     """Whole number of steps of a duration.
-
-    Parameters
-    ----------
-    seconds : float
-        Duration, s, 0 or more.
-    timestep : float
-        Step of the integration, s.
-    name : str
-        The parameter's name, for the message.
-
-    Returns
-    -------
-    int
-        Nearest number of steps.
 
     Raises
     ------
@@ -64,11 +40,6 @@ def steps(seconds: float, timestep: float, name: str) -> int:
 def require_rows(count: int) -> None:
     """Raise an error where a run would not fit into memory.
 
-    Parameters
-    ----------
-    count : int
-        Rows of the run.
-
     Raises
     ------
     InputError
@@ -83,24 +54,9 @@ def require_rows(count: int) -> None:
 
 
 def visit(
-    poses: Array, first: int, move: int, settle: int, hold: int
+    poses: Float[Array, "k m"], first: int, move: int, settle: int, hold: int
 ) -> tuple[Array, NDArray[np.intp]]:
-    """Targets that visit poses one after the other, and the planned rests.
-
-    Parameters
-    ----------
-    poses : Array
-        Joint positions of each pose, (k, m).
-    first, move, settle, hold : int
-        Steps of the first rest, of each move, of settling after it, and of each rest.
-
-    Returns
-    -------
-    targets : Array
-        Position at each step, (n, m).
-    rests : NDArray[np.intp]
-        Pose that each step rests in, -1 for none, (n,).
-    """
+    """Targets that visit poses one after the other, and the planned rests."""
     poses = np.asarray(poses)
     require_rows(first + (len(poses) - 1) * (move + settle + hold))
     after = minimum_jerk(np.arange(1, move + settle + hold + 1) / max(move, 1))

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from numpy.typing import NDArray
 
 from simval.arrays import Array, frozen
@@ -45,15 +46,15 @@ class Recording:
         parameters.
     """
 
-    time: Array
-    specific_force: Array
-    angular_velocity: Array
-    magnetic_field: Array
-    attitude: Array
+    time: Float[Array, " n"]
+    specific_force: Float[Array, "n 3"]
+    angular_velocity: Float[Array, "n 3"]
+    magnetic_field: Float[Array, "n 3"]
+    attitude: Float[Array, "n 4"]
     hold: NDArray[np.intp]
     unsettled: tuple[int, ...]
-    gravity: Array
-    magnetic: Array
+    gravity: Float[Array, "3"]
+    magnetic: Float[Array, "3"]
     rest_force: float
     rest_rate: float
     provenance: Mapping[str, Any]
@@ -85,7 +86,9 @@ class Recording:
         """
         return np.unique(self.hold[self.hold >= 0])
 
-    def hold_means(self, values: Array | None = None) -> Array:
+    def hold_means(
+        self, values: Float[Array, "n k"] | None = None
+    ) -> Float[Array, "m k"]:
         """Mean over the rows of each rest, of the specific force or of other rows.
 
         Parameters
@@ -115,21 +118,11 @@ _ARRAYS = (
 )
 
 
-def attitude_from_mujoco(quaternion: Array) -> Array:
+def attitude_from_mujoco(quaternion: Float[Array, "... 4"]) -> Float[Array, "... 4"]:
     """MuJoCo's quaternions in the package's order: the one place that converts them.
 
     MuJoCo's ``framequat`` of a site takes site to world, scalar first. Reordered scalar
     last, the same four numbers are the package's quaternion of world to site, whose
     matrix is the transpose.
-
-    Parameters
-    ----------
-    quaternion : Array
-        Scalar first, (..., 4).
-
-    Returns
-    -------
-    Array
-        Vector first, world to site, (..., 4).
     """
     return np.roll(np.asarray(quaternion), -1, axis=-1)

@@ -126,23 +126,6 @@ def draw_frames(
 ) -> Frames:
     """Draw a scene at some times.
 
-    Parameters
-    ----------
-    scene : str or Scene
-        A name, the path of a user's scene file, or a scene.
-    times : list of float or None
-        Times in the run, s; those beyond its end are left out. None is one frame at a
-        third of the run.
-    width, height : int
-        Size, pixels.
-    parameters : dict
-        Of the scene, and ``site_offset``, ``timestep``, ``integrator``.
-
-    Returns
-    -------
-    Frames
-        (frames, height, width, 3) bytes, red, green, blue.
-
     Raises
     ------
     InputError

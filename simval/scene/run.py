@@ -93,22 +93,7 @@ def plan_run(
     integrator: str | None = None,
     **parameters: Any,
 ) -> Plan:
-    """Compile the model and write the script of a run.
-
-    Parameters
-    ----------
-    scene : str or Scene
-        A scene's name, the path of a user's scene file, or a scene.
-    site_offset, timestep, integrator : object
-        As in `record`.
-    **parameters : Any
-        The scene's own.
-
-    Returns
-    -------
-    Plan
-        Ready for `run_plan`.
-    """
+    """Compile the model and write the script of a run."""
     chosen = find_scene(scene)
     physics = load_model(chosen.model, site_offset, timestep, integrator)
     script = write_script(chosen, physics, parameters)
@@ -118,18 +103,7 @@ def plan_run(
 
 
 def run_plan(plan: Plan) -> Recording:
-    """Simulate a plan and check its data.
-
-    Parameters
-    ----------
-    plan : Plan
-        From `plan_run`.
-
-    Returns
-    -------
-    Recording
-        Rows of one instant each, every check passed.
-    """
+    """Simulate a plan and check its data."""
     return checked_recording(plan, simulate(plan.physics.model, [plan.script]))
 
 
@@ -137,20 +111,6 @@ def write_script(
     scene: Scene, physics: Physics, parameters: Mapping[str, Any]
 ) -> Script:
     """Script of a scene for some parameters.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-    physics : Physics
-        Its compiled model.
-    parameters : Mapping
-        Of the driver, by name; the others keep their defaults.
-
-    Returns
-    -------
-    Script
-        What to simulate.
 
     Raises
     ------
@@ -189,23 +149,7 @@ def write_script(
 def describe(
     scene: Scene, physics: Physics, parameters: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """All that a recording's numbers depend on, as plain values.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-    physics : Physics
-        Its compiled model.
-    parameters : Mapping
-        As given by the caller.
-
-    Returns
-    -------
-    dict
-        Scene, hash of the model file, MuJoCo's version, step, and every parameter,
-        defaults included.
-    """
+    """All that a recording's numbers depend on, as plain values."""
     given = {**scene.parameters(), **parameters}
     plain = {
         name: np.asarray(value).tolist() if isinstance(value, np.ndarray) else value
@@ -222,22 +166,7 @@ def describe(
 
 
 def checked_recording(plan: Plan, rollout: Rollout, number: int = 0) -> Recording:
-    """Check one simulated run and name its columns.
-
-    Parameters
-    ----------
-    plan : Plan
-        What was simulated.
-    rollout : Rollout
-        The runs that came out.
-    number : int, default 0
-        Which of them is the plan's.
-
-    Returns
-    -------
-    Recording
-        Rows of one instant each, every check passed.
-    """
+    """Check one simulated run and name its columns."""
     model, scene, script = plan.physics.model, plan.scene, plan.script
     option, rows = model.opt, rollout.rows[number]
     check_run(

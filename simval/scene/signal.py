@@ -4,6 +4,7 @@ from os import PathLike
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.errors import InputError
@@ -17,7 +18,9 @@ HEADER = (
 
 
 def write_signal(
-    path: str | PathLike[str], recording: Recording, raw: Array | None = None
+    path: str | PathLike[str],
+    recording: Recording,
+    raw: Float[Array, "n 3"] | None = None,
 ) -> None:
     """Write a recording as comma-separated text, one row of one instant each.
 
@@ -25,15 +28,6 @@ def write_signal(
     sensor axes; the attitude world to sensor, vector first; the index of the rest that
     the row belongs to, -1 for none. ``simval calibrate`` reads the raw readings by
     their names, and any other calibrator the first four columns.
-
-    Parameters
-    ----------
-    path : path-like
-        File to write.
-    recording : Recording
-        The truth.
-    raw : Array or None
-        Raw readings, (n, 3); None writes those of an ideal sensor.
 
     Raises
     ------

@@ -19,22 +19,7 @@ MOST_STEPS = 10_000
 
 
 def recording_and_bare_loop(name: str) -> tuple[Callable[[], int], Callable[[], int]]:
-    """Make the two ways to advance a scene, for a race.
-
-    Parameters
-    ----------
-    name : str
-        A scene of the package.
-
-    Returns
-    -------
-    recording : callable
-        Runs the scene `TOGETHER` times side by side, every row kept; returns the
-        number of steps.
-    bare : callable
-        The same steps by ``mj_step(model, data, nstep)``, a loop in C that keeps
-        nothing.
-    """
+    """Make the two ways to advance a scene, for a race."""
     plan = plan_run(name)
     model, steps = plan.physics.model, min(len(plan.script.hold), MOST_STEPS)
     held = {

@@ -24,27 +24,7 @@ def drive_thrown(
     kick_rate: float = 20.0,
     seed: int = 0,
 ) -> Script:
-    """Kick a body up from the floor, let it tumble and come to rest, and again.
-
-    Parameters
-    ----------
-    model : mujoco.MjModel
-        A free body named ``body`` above a floor.
-    throws : int
-        Number of rests; the first one follows a drop in a random attitude.
-    settle_time, hold_time : float
-        Time from each kick to its rest, and length of the rest, s.
-    kick_speed, kick_rate : float
-        Upward velocity, m/s, and angular rate about a random axis, rad/s, that each
-        kick gives.
-    seed : int
-        Of the attitude of the drop and of the kicks' axes.
-
-    Returns
-    -------
-    Script
-        A wrench of 20 ms at the start of each throw; nothing is teleported.
-    """
+    """Kick a body up from the floor, let it tumble and come to rest, and again."""
     h = model.opt.timestep
     rng = stream(seed, cell_key("thrown"), 0)
     settle, hold = (

@@ -24,13 +24,7 @@ class _Generator:
 
 
 def attitude_faults() -> list[Fault]:
-    """All faults of the attitude chain.
-
-    Returns
-    -------
-    list of Fault
-        Estimator, formula, order, noise.
-    """
+    """All faults of the attitude chain."""
     return [*_estimator(), *_formula(), *_order(), *_noise()]
 
 

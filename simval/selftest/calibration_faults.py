@@ -14,13 +14,7 @@ from simval.theory import calibration as theory
 
 
 def calibration_faults() -> list[Fault]:
-    """All faults of the calibration chain.
-
-    Returns
-    -------
-    list of Fault
-        Scene, sensor, calibrator, formula.
-    """
+    """All faults of the calibration chain."""
     return [*_scene(), *_sensor(), *_calibrator(), *_formula()]
 
 

@@ -43,22 +43,7 @@ class Fault:
 
 @contextmanager
 def replaced(owner: Any, name: str, value: Any) -> Iterator[None]:
-    """Replace an attribute while the context lasts.
-
-    Parameters
-    ----------
-    owner : object
-        Module or class that has the attribute itself.
-    name : str
-        Of the attribute.
-    value : object
-        What stands there meanwhile.
-
-    Yields
-    ------
-    None
-        While it is in force.
-    """
+    """Replace an attribute while the context lasts."""
     before = owner.__dict__[name]
     setattr(owner, name, value)
     try:
@@ -70,22 +55,7 @@ def replaced(owner: Any, name: str, value: Any) -> Iterator[None]:
 def wrapped(
     owner: Any, name: str, change: Callable[..., Any]
 ) -> Callable[[], AbstractContextManager[None]]:
-    """Wrap a function of the flow: ``change(original, *arguments)`` takes its place.
-
-    Parameters
-    ----------
-    owner : object
-        Module or class that holds it.
-    name : str
-        Its name.
-    change : callable
-        Called with the original and the arguments.
-
-    Returns
-    -------
-    callable
-        Gives the context, for `Fault.inject`.
-    """
+    """Wrap a function of the flow: ``change(original, *arguments)`` takes its place."""
 
     def inject() -> AbstractContextManager[None]:
         original = owner.__dict__[name]
@@ -101,22 +71,7 @@ def wrapped(
 def after(
     owner: Any, name: str, change: Callable[[Any], Any]
 ) -> Callable[[], AbstractContextManager[None]]:
-    """Change what a function of the flow returns.
-
-    Parameters
-    ----------
-    owner : object
-        Module or class that holds it.
-    name : str
-        Its name.
-    change : callable
-        From the right result to the wrong one.
-
-    Returns
-    -------
-    callable
-        Gives the context, for `Fault.inject`.
-    """
+    """Change what a function of the flow returns."""
 
     def broken(original: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
         return change(original(*arguments, **options))

@@ -74,33 +74,14 @@ class Result:
 
 
 def faults() -> tuple[Fault, ...]:
-    """Every fault, in the order of the flow.
-
-    Returns
-    -------
-    tuple of Fault
-        At least thirty.
-    """
+    """Every fault, in the order of the flow."""
     return (*calibration_faults(), *attitude_faults(), *run_faults())
 
 
 def inject_all(
     chosen: tuple[Fault, ...], advance: Callable[[], object] = lambda: None
 ) -> Iterator[Result]:
-    """Run each fault and its twin through the gate.
-
-    Parameters
-    ----------
-    chosen : tuple of Fault
-        Which ones.
-    advance : callable, optional
-        Called after each.
-
-    Yields
-    ------
-    Result
-        In the same order.
-    """
+    """Run each fault and its twin through the gate."""
     with TemporaryDirectory(prefix="simval-selftest-") as folder:
         twins = {
             name: _Twin.of(name, Path(folder) / f"{name}-twin")

@@ -73,24 +73,7 @@ class Rate:
 def false_alarm_rates(
     clean: Clean, runs: dict[float, int], seed: int, advance: Callable[[], object]
 ) -> list[Rate]:
-    """Judge clean runs on fresh seeds.
-
-    Parameters
-    ----------
-    clean : callable
-        `attitude_rows` or `calibration_rows`: what a run holds, by name.
-    runs : dict
-        Number of runs for each stated rate; a run is used for all that ask for it.
-    seed : int
-        First seed; the runs take the ones after it.
-    advance : callable
-        Called after each run.
-
-    Returns
-    -------
-    list of Rate
-        For each stated rate and name.
-    """
+    """Judge clean runs on fresh seeds."""
     counts: dict[tuple[float, str], int] = {}
     with known_theory():
         for number in range(max(runs.values())):
@@ -106,36 +89,14 @@ def false_alarm_rates(
 
 
 def attitude_rows(seed: int) -> dict[str, Rows]:
-    """Rows of the attitude study.
-
-    Parameters
-    ----------
-    seed : int
-        Of the run.
-
-    Returns
-    -------
-    dict
-        All of them, and those with an exact prediction alone.
-    """
+    """Rows of the attitude study."""
     rows = [r for noise in CLEAN_NOISE for r in _rows(noise, CLEAN_SAMPLES, seed)]
     certain = [entry for entry in rows if entry[1].predictor == EXACT]
     return {"attitude": rows, "attitude, exact": certain}
 
 
 def calibration_rows(seed: int) -> dict[str, Rows]:
-    """Rows of the studies calibration, ladder and coverage together.
-
-    Parameters
-    ----------
-    seed : int
-        Of the run.
-
-    Returns
-    -------
-    dict
-        All of them.
-    """
+    """Rows of the studies calibration, ladder and coverage together."""
     rows: Rows = []
     for module, parameters in _calibration_cells():
         study = module.__name__.rpartition(".")[2]
@@ -164,15 +125,7 @@ Claim = Callable[[AttitudeMoments, int | str], AttitudeMoments]
 
 
 def formula_faults() -> dict[str, tuple[float, Claim]]:
-    """Faults in a prediction: the noise level of the cell that has it, and the change.
-
-    Returns
-    -------
-    dict
-        By name. Each is put where it is hardest to see: a bias grows with the square
-        of the noise, so the smallest of the suite; a fourth-order term is lost in
-        sampling error below 0.02, and a run holds cells above.
-    """
+    """Faults in a prediction: noise level of the cell that has it, and the change."""
     return {
         "covariance 1 % too large": (0.003, _scaled(1.01)),
         "covariance 1 % too small": (0.003, _scaled(0.99)),
@@ -182,22 +135,7 @@ def formula_faults() -> dict[str, tuple[float, Claim]]:
 
 
 def powers(runs: int, seed: int, advance: Callable[[], object]) -> list[Rate]:
-    """Judge one cell of default size with each fault.
-
-    Parameters
-    ----------
-    runs : int
-        Runs for each fault.
-    seed : int
-        First seed.
-    advance : callable
-        Called after each run.
-
-    Returns
-    -------
-    list of Rate
-        How often each fault was found at `ALPHA`.
-    """
+    """Judge one cell of default size with each fault."""
     faults = formula_faults()
     found = dict.fromkeys([*faults, "noise 1 % larger"], 0)
     sound = list(_sound())
@@ -221,13 +159,7 @@ def powers(runs: int, seed: int, advance: Callable[[], object]) -> list[Rate]:
 
 @contextmanager
 def known_theory() -> Iterator[None]:
-    """Compute each prediction of the attitude study once only.
-
-    Yields
-    ------
-    None
-        While it is in force.
-    """
+    """Compute each prediction of the attitude study once only."""
     once = cache(
         lambda geometry, noise, order: attitude_moments(
             *attitude.random_geometry(geometry), noise, order=order
@@ -245,13 +177,7 @@ def known_theory() -> Iterator[None]:
 
 @contextmanager
 def drawn_once() -> Iterator[None]:
-    """Draw the samples of the attitude study once only, for several claims.
-
-    Yields
-    ------
-    None
-        While it is in force.
-    """
+    """Draw the samples of the attitude study once only, for several claims."""
     with (
         replaced(attitude, "simulate", _once(simulate)),
         replaced(attitude, "simulate_reduced", _once(simulate_reduced)),
@@ -272,18 +198,7 @@ def _once(function: Callable[..., Any]) -> Callable[..., Any]:
 
 @contextmanager
 def claimed(claim: Claim) -> Iterator[None]:
-    """Put a fault into the predictions of the attitude study.
-
-    Parameters
-    ----------
-    claim : callable
-        Changes a prediction, given its order.
-
-    Yields
-    ------
-    None
-        While it is in force.
-    """
+    """Put a fault into the predictions of the attitude study."""
 
     def wrong(
         q: Array, r1: Array, r2: Array, noise: float, *, order: int | str

@@ -13,13 +13,7 @@ from simval.sweep import executors, runner, store
 
 
 def run_faults() -> list[Fault]:
-    """All faults of the machinery.
-
-    Returns
-    -------
-    list of Fault
-        With part ``run``.
-    """
+    """All faults of the machinery."""
     return [*_samples(), *_cells(), *_rows()]
 
 

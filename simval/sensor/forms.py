@@ -19,6 +19,7 @@ positive: norms cannot tell the sign of an axis.
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arguments import choice
 from simval.arrays import GREATEST, Array, finite_array, physical_array, shaped_array
@@ -42,16 +43,6 @@ _SYMMETRIC = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 def check_model(model: str) -> str:
     """Refuse a form that does not exist.
-
-    Parameters
-    ----------
-    model : str
-        Name of a form.
-
-    Returns
-    -------
-    str
-        The same name.
 
     Raises
     ------
@@ -78,19 +69,7 @@ def names(model: str) -> tuple[str, ...]:
 
 
 def entries(model: str) -> tuple[tuple[str, float], ...]:
-    """The parameters as entries of T, K and B, each with its sign.
-
-    Parameters
-    ----------
-    model : str
-        Name of a form.
-
-    Returns
-    -------
-    tuple of (str, float)
-        Nine entries in the order of `names`, rows and columns counted from 0; a
-        parameter is the entry times the sign, which is -1 for ``S_zx`` alone.
-    """
+    """The parameters as entries of T, K and B, each with its sign."""
     known = tuple((name, 1.0) for name in names(model))
     if model == "symmetric":
         return known
@@ -98,21 +77,8 @@ def entries(model: str) -> tuple[tuple[str, float], ...]:
     return off + known[3:]
 
 
-def matrix(model: str, parameters: Array) -> Array:
-    """Matrix M of a form.
-
-    Parameters
-    ----------
-    model : str
-        Name of a form.
-    parameters : Array
-        Nine parameters, (..., 9); the last three are not used.
-
-    Returns
-    -------
-    Array
-        M, raw units to m/s^2, (..., 3, 3).
-    """
+def matrix(model: str, parameters: Float[Array, "... 9"]) -> Float[Array, "... 3 3"]:
+    """Matrix M of a form."""
     result = np.zeros((*parameters.shape[:-1], 3, 3), parameters.dtype)
     if model == "symmetric":
         for index, (row, column) in enumerate(_SYMMETRIC):
@@ -127,25 +93,10 @@ def matrix(model: str, parameters: Array) -> Array:
     return result
 
 
-def factors(model: str, parameters: Array) -> tuple[Array, Array, Array]:
-    """Factors T and K, and bias B, of a form.
-
-    Parameters
-    ----------
-    model : str
-        Name of a form.
-    parameters : Array
-        Nine parameters, (..., 9).
-
-    Returns
-    -------
-    T : Array
-        Misalignment, (..., 3, 3); the identity for the symmetric form.
-    K : Array
-        Scale, (..., 3); the full matrix, (..., 3, 3), for the symmetric form.
-    B : Array
-        Bias in raw units, (..., 3).
-    """
+def factors(
+    model: str, parameters: Float[Array, "... 9"]
+) -> tuple[Array, Array, Array]:
+    """Factors T and K, and bias B, of a form."""
     bias = parameters[..., 6:].copy()
     misalignment = np.zeros((*parameters.shape[:-1], 3, 3)) + np.eye(3)
     if model == "symmetric":
@@ -155,25 +106,8 @@ def factors(model: str, parameters: Array) -> tuple[Array, Array, Array]:
     return misalignment, parameters[..., 3:6].copy(), bias
 
 
-def from_factors(model: str, T: Any, K: Any, bias: Any) -> Array | None:
-    """Parameters of a form from its factors, the inverse of `factors`.
-
-    Parameters
-    ----------
-    model : str
-        Name of a form.
-    T : array_like
-        Misalignment, (3, 3).
-    K : array_like
-        Scale, (3,), or for the symmetric form (3, 3).
-    bias : array_like
-        B in raw units, (3,).
-
-    Returns
-    -------
-    Array or None
-        Nine parameters, (9,); None where the factors are not of this form.
-    """
+def from_factors(model: str, T: Any, K: Any, bias: Any) -> Float[Array, "9"] | None:
+    """Parameters of a form from its factors, the inverse of `factors`."""
     misalignment, scale = physical_array("T", T, ()), physical_array("K", K, ())
     symmetric = model == "symmetric"
     if scale.shape != ((3, 3) if symmetric else (3,)) or misalignment.shape != (3, 3):
@@ -190,21 +124,10 @@ def from_factors(model: str, T: Any, K: Any, bias: Any) -> Array | None:
     return parameters if same else None
 
 
-def matrix_derivatives(model: str, parameters: Array) -> Array:
-    """First derivatives of M by the six parameters that it depends on.
-
-    Parameters
-    ----------
-    model : str
-        Name of a form.
-    parameters : Array
-        Nine parameters, (..., 9).
-
-    Returns
-    -------
-    Array
-        Derivatives, (..., 6, 3, 3): the parameter, then row and column of M.
-    """
+def matrix_derivatives(
+    model: str, parameters: Float[Array, "... 9"]
+) -> Float[Array, "... 6 3 3"]:
+    """First derivatives of M by the six parameters that it depends on."""
     result = np.zeros((*parameters.shape[:-1], 6, 3, 3), parameters.dtype)
     if model == "symmetric":
         for index, (row, column) in enumerate(_SYMMETRIC):
@@ -219,19 +142,8 @@ def matrix_derivatives(model: str, parameters: Array) -> Array:
     return result
 
 
-def matrix_second_derivatives(model: str) -> Array:
-    """Second derivatives of M, the same for every value of the parameters.
-
-    Parameters
-    ----------
-    model : str
-        Name of a form.
-
-    Returns
-    -------
-    Array
-        Derivatives, (6, 6, 3, 3); zero for the symmetric form, which is linear.
-    """
+def matrix_second_derivatives(model: str) -> Float[Array, "6 6 3 3"]:
+    """Second derivatives of M, the same for every value of the parameters."""
     result = np.zeros((6, 6, 3, 3))
     for index, (row, column, sign) in enumerate(_OFF_DIAGONAL.get(model, ())):
         result[index, 3 + column, row, column] = sign
@@ -239,25 +151,13 @@ def matrix_second_derivatives(model: str) -> Array:
     return result
 
 
-def from_gram(model: str, gram: Array, bias: Array) -> Array:
+def from_gram(
+    model: str, gram: Float[Array, "... 3 3"], bias: Float[Array, "... 3"]
+) -> Float[Array, "... 9"]:
     """Parameters of the form whose M has the given M'M, eq. (F1).
 
     The triangular forms are Cholesky factors (from the last axis up, or from the
     first down), the symmetric one is the square root.
-
-    Parameters
-    ----------
-    model : str
-        Name of a form.
-    gram : Array
-        A = M'M, (..., 3, 3), symmetric.
-    bias : Array
-        B in raw units, (..., 3).
-
-    Returns
-    -------
-    Array
-        Nine parameters, (..., 9); NaN where `gram` is not positive definite.
     """
     result = np.empty((*gram.shape[:-2], 9))
     result[..., 6:] = bias
@@ -301,28 +201,21 @@ def _square_root(gram: Array) -> Array:
     return (vectors * roots[..., None, :]) @ np.swapaxes(vectors, -1, -2)
 
 
-def gram_derivatives(model: str, parameters: Array) -> Array:
-    """Derivatives of A = M'M by the six parameters that it depends on.
-
-    Parameters
-    ----------
-    model : str
-        Name of a form.
-    parameters : Array
-        Nine parameters, (..., 9).
-
-    Returns
-    -------
-    Array
-        Derivatives, (..., 6, 3, 3), symmetric in the last two axes.
-    """
+def gram_derivatives(
+    model: str, parameters: Float[Array, "... 9"]
+) -> Float[Array, "... 6 3 3"]:
+    """Derivatives of A = M'M by the six parameters that it depends on."""
     slopes = matrix_derivatives(model, parameters)
     half = np.swapaxes(slopes, -1, -2) @ matrix(model, parameters)[..., None, :, :]
     return half + np.swapaxes(half, -1, -2)
 
 
 def convert(
-    parameters: Array, covariance: Array | None, *, source: str, target: str
+    parameters: Float[Array, "... 9"],
+    covariance: Float[Array, "... 9 9"] | None,
+    *,
+    source: str,
+    target: str,
 ) -> tuple[Array, Array | None]:
     """Carry a calibration, and its covariance, from one form to another.
 
@@ -380,28 +273,16 @@ def convert(
 
 
 def conversion_jacobian(
-    parameters: Array, result: Array, *, source: str, target: str
-) -> Array:
+    parameters: Float[Array, "... 9"],
+    result: Float[Array, "... 9"],
+    *,
+    source: str,
+    target: str,
+) -> Float[Array, "... 9 9"]:
     """Derivative of the target's parameters by the source's.
 
     Both forms describe the same A, so ``dA_target d(target) = dA_source d(source)``,
     six equations in the six distinct entries of A.
-
-    Parameters
-    ----------
-    parameters : Array
-        Nine parameters of the source form, (..., 9).
-    result : Array
-        The same calibration in the target form, (..., 9).
-    source : str
-        Form of `parameters`.
-    target : str
-        Form of `result`.
-
-    Returns
-    -------
-    Array
-        Jacobian, (..., 9, 9); the block of B is the identity.
     """
     rows, columns = np.array(_SYMMETRIC).T
     # (..., entry of A, parameter)

@@ -10,6 +10,7 @@ r"""The accelerometer of the IMU-TK derivation.
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arguments import instance
 from simval.arrays import (
@@ -45,9 +46,9 @@ class AccelerometerModel:
         If an argument has the wrong shape, is not finite, or T K is singular.
     """
 
-    T: Array
-    K: Array
-    B: Array
+    T: Float[Array, "3 3"]
+    K: Float[Array, "3"]
+    B: Float[Array, "3"]
     noise_std: float = 0.0
 
     def __post_init__(self) -> None:
@@ -80,7 +81,7 @@ class AccelerometerModel:
             raise InputError(msg)
 
     @property
-    def matrix(self) -> Array:
+    def matrix(self) -> Float[Array, "3 3"]:
         """M = T K, raw units to m/s^2, (3, 3)."""
         scale = np.diag(self.K) if self.K.ndim == 1 else self.K
         return self.T @ scale
@@ -91,7 +92,7 @@ class AccelerometerModel:
         return self.matrix
 
     @property
-    def parameters(self) -> Array:
+    def parameters(self) -> Float[Array, "9"]:
         """The nine parameters of the triangular form, (9,); exact only in that form."""
         if self.K.ndim == 1 and np.array_equal(self.T, np.tril(self.T)):
             off = [self.T[1, 0], -self.T[2, 0], self.T[2, 1]]
@@ -101,7 +102,11 @@ class AccelerometerModel:
 
     @classmethod
     def from_parameters(
-        cls, parameters: Array, *, model: str = "triangular", noise_std: float = 0.0
+        cls,
+        parameters: Float[Array, "9"],
+        *,
+        model: str = "triangular",
+        noise_std: float = 0.0,
     ) -> "AccelerometerModel":
         """Build the sensor from nine parameters.
 
@@ -127,7 +132,9 @@ class AccelerometerModel:
         T, K, B = forms.factors(model, values)
         return cls(T=T, K=K, B=B, noise_std=noise_std)
 
-    def distort(self, f_s: Array, rng: np.random.Generator) -> Array:
+    def distort(
+        self, f_s: Float[Array, "... 3"], rng: np.random.Generator
+    ) -> Float[Array, "... 3"]:
         """Raw readings of a specific force, eq. (S1).
 
         Parameters
@@ -150,7 +157,7 @@ class AccelerometerModel:
             return raw
         return raw + self.noise_std * rng.standard_normal(raw.shape)
 
-    def correct(self, raw: Array) -> Array:
+    def correct(self, raw: Float[Array, "... 3"]) -> Float[Array, "... 3"]:
         """Specific force of raw readings, the inverse of eq. (S1) without noise.
 
         Parameters

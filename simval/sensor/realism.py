@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from numpy.typing import NDArray
 
 from simval.arguments import instance, shown
@@ -105,10 +106,10 @@ class Readings:
         Where the converter stopped, (n, 3).
     """
 
-    raw: Array
-    vibration_m_s2: Array
-    bias_walk_raw: Array
-    noise_raw: Array
+    raw: Float[Array, "n 3"]
+    vibration_m_s2: Float[Array, "n 3"]
+    bias_walk_raw: Float[Array, "n 3"]
+    noise_raw: Float[Array, "n 3"]
     out_of_range: NDArray[np.bool_]
     saturated: NDArray[np.bool_]
 
@@ -120,8 +121,8 @@ class Readings:
 def read_sensor(
     model: AccelerometerModel,
     effects: Effects,
-    time: Array,
-    specific_force: Array,
+    time: Float[Array, " n"],
+    specific_force: Float[Array, "n 3"],
     rng: np.random.Generator,
 ) -> Readings:
     """Readings of an imperfect sensor, eqs. (E1) to (E3).
@@ -220,16 +221,6 @@ def _limits(value: Any) -> tuple[float, float]:
 
 def effects_from(values: dict[str, Any]) -> Effects:
     """Effects from plain values, as a file holds them.
-
-    Parameters
-    ----------
-    values : dict
-        By the names of `Effects`.
-
-    Returns
-    -------
-    Effects
-        The effects.
 
     Raises
     ------

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 from numpy.typing import NDArray
 
 from simval.arguments import shown, whole_number
@@ -37,7 +38,7 @@ class Rest:
 
 
 def initial_rest(
-    samples: Array,
+    samples: Float[Array, "n 3"],
     count: int | None = None,
     window: int = WINDOW,
     minimum: int = MINIMUM,
@@ -122,7 +123,7 @@ def initial_rest(
 
 
 def static_intervals(
-    samples: Array,
+    samples: Float[Array, "n 3"],
     threshold: float,
     window: int = WINDOW,
     minimum: int = MINIMUM,
@@ -155,7 +156,7 @@ def static_intervals(
 
 
 def intervals_below(
-    spread: Array, threshold: float, minimum: int = MINIMUM, trim: int = 0
+    spread: Float[Array, " n"], threshold: float, minimum: int = MINIMUM, trim: int = 0
 ) -> Intervals:
     """Intervals below a threshold, from a variance magnitude already computed.
 

@@ -10,6 +10,7 @@ neither for nor against a rest.
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array, finite_array, frozen
 from simval.errors import InputError, RefusedError
@@ -49,7 +50,7 @@ class EvenLog:
         Least number of ticks of an interval.
     """
 
-    samples: Array
+    samples: Float[Array, "n 3"]
     tick: Intervals
     rate: float
     block: int
@@ -152,7 +153,9 @@ class EvenLog:
         )
 
 
-def evened(time: Array, samples: Array, window: float = WINDOWS[0]) -> EvenLog:
+def evened(
+    time: Float[Array, " n"], samples: Float[Array, "n 3"], window: float = WINDOWS[0]
+) -> EvenLog:
     """Put a log on an even clock.
 
     Parameters

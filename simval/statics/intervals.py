@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from numpy.typing import NDArray
 
 from simval.arguments import MOST, whole_number
@@ -12,18 +13,8 @@ from simval.errors import InputError
 Intervals = NDArray[np.intp]
 
 
-def one_log(samples: Any) -> Array:
+def one_log(samples: Any) -> Float[Array, "n 3"]:
     """Require the readings of one log.
-
-    Parameters
-    ----------
-    samples : array_like
-        What the caller gave.
-
-    Returns
-    -------
-    Array
-        (n, 3).
 
     Raises
     ------
@@ -39,18 +30,6 @@ def one_log(samples: Any) -> Array:
 
 def checked_intervals(intervals: Any, count: int | None = None) -> Intervals:
     """Require intervals of whole samples, none of them empty.
-
-    Parameters
-    ----------
-    intervals : array_like
-        What the caller gave.
-    count : int, optional
-        Samples that there are.
-
-    Returns
-    -------
-    Intervals
-        [start, stop) rows, (m, 2).
 
     Raises
     ------
@@ -87,7 +66,9 @@ def interval_counts(intervals: Intervals) -> Intervals:
     return np.asarray(intervals[:, 1] - intervals[:, 0])
 
 
-def interval_means(samples: Array, intervals: Intervals) -> Array:
+def interval_means(
+    samples: Float[Array, "n 3"], intervals: Intervals
+) -> Float[Array, "m 3"]:
     """Mean reading of each interval.
 
     Parameters
@@ -108,7 +89,9 @@ def interval_means(samples: Array, intervals: Intervals) -> Array:
     return np.array(means).reshape(-1, 3)
 
 
-def first_samples(samples: Array, intervals: Intervals, count: int) -> Array:
+def first_samples(
+    samples: Float[Array, "n 3"], intervals: Intervals, count: int
+) -> Float[Array, "m count 3"]:
     """First readings of each interval, as IMU-TK takes them.
 
     Parameters

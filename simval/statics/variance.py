@@ -1,6 +1,7 @@
 """Windowed variance magnitude of a log, eq. (D1) of `simval.statics`."""
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arguments import whole_number
 from simval.arrays import Array, physical_array
@@ -9,7 +10,9 @@ from simval.errors import InputError
 WINDOW = 101  # samples; one second at 100 Hz
 
 
-def variance_magnitude(samples: Array, window: int = WINDOW) -> Array:
+def variance_magnitude(
+    samples: Float[Array, "n 3"], window: int = WINDOW
+) -> Float[Array, " n"]:
     """Variance magnitude of the window centred on each sample, eq. (D1).
 
     Parameters
@@ -76,20 +79,8 @@ def _running(cube: Array) -> tuple[Array, Array]:
     return total / count, np.maximum(spread, 0.0)
 
 
-def checked_samples(samples: Array, window: int) -> Array:
+def checked_samples(samples: Float[Array, "n 3"], window: int) -> Float[Array, "n 3"]:
     """Check that a log is one of finite rows and longer than a window.
-
-    Parameters
-    ----------
-    samples : Array
-        Readings, (n, 3).
-    window : int
-        Samples in a window.
-
-    Returns
-    -------
-    Array
-        (n, 3), float64.
 
     Raises
     ------

@@ -91,19 +91,7 @@ class Parameters(StudyParameters):
 
 
 def random_geometry(number: int) -> tuple[Array, Array, Array]:
-    """True quaternion and reference vectors of a numbered geometry.
-
-    Parameters
-    ----------
-    number : int
-        Seed of NumPy's default generator, from which q, r1 and r2 are drawn in this
-        order as normalised standard normals.
-
-    Returns
-    -------
-    q, r1, r2 : Array
-        Unit vectors, (4,), (3,), (3,).
-    """
+    """True quaternion and reference vectors of a numbered geometry."""
     rng = np.random.default_rng(number)
     return (
         normalize(rng.standard_normal(4)),
@@ -113,20 +101,7 @@ def random_geometry(number: int) -> tuple[Array, Array, Array]:
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
-    """Simulate one cell and set it beside every prediction.
-
-    Parameters
-    ----------
-    parameters : Parameters
-        Geometry, noise and number of trials.
-    streams : Streams
-        The cell's random streams.
-
-    Returns
-    -------
-    Outcome
-        Bias, covariance, RMS attitude error and NEES.
-    """
+    """Simulate one cell and set it beside every prediction."""
     q, r1, r2 = random_geometry(parameters.geometry)
     sigma = parameters.noise_std
     predictions = {

@@ -72,20 +72,7 @@ class Parameters(StudyParameters):
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
-    """Predict and simulate the RMS errors of one cell.
-
-    Parameters
-    ----------
-    parameters : Parameters
-        Numbers of geometries and trials, noise.
-    streams : Streams
-        The block of its number is the noise of each geometry.
-
-    Returns
-    -------
-    Outcome
-        Median and worst ratios to the bound, predicted and simulated.
-    """
+    """Predict and simulate the RMS errors of one cell."""
     # always the same geometries, so that the predicted ratios involve no chance
     rng = np.random.default_rng(parameters.geometries)
     problems = _geometries(parameters.geometries, rng)

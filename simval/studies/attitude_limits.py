@@ -60,18 +60,7 @@ class Parameters(StudyParameters):
 
 
 def geometry_of_norm(norm: float) -> tuple[Array, Array, Array]:
-    """An attitude whose plain column has a given length, r1 and r2 at right angles.
-
-    Parameters
-    ----------
-    norm : float
-        Length of qbar, 0 to 0.8.
-
-    Returns
-    -------
-    q, r1, r2 : Array
-        Quaternion (4,) and unit vectors (3,).
-    """
+    """An attitude whose plain column has a given length, r1 and r2 at right angles."""
     # e.n = norm with |e| = 0.8: the part of e in the plane of r1 and r2 is the rest
     r1, r2 = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
     across = np.sqrt(max(0.0, 0.64 - norm**2))
@@ -79,21 +68,7 @@ def geometry_of_norm(norm: float) -> tuple[Array, Array, Array]:
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
-    """Find the limits and count the flips of one cell.
-
-    Parameters
-    ----------
-    parameters : Parameters
-        Length of qbar, noise and number of trials.
-    streams : Streams
-        The cell's random streams.
-
-    Returns
-    -------
-    Outcome
-        |qbar|/sigma at each limit, flip rate, rate of another selection. A formula
-        that stays within a limit down to 1.5 has no row for it.
-    """
+    """Find the limits and count the flips of one cell."""
     q, r1, r2 = geometry_of_norm(parameters.norm)
     rows = _limit_rows(q, r1, r2)
     sigma = parameters.norm / parameters.ratio

@@ -77,18 +77,6 @@ class Parameters(StudyParameters):
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Measure the slopes of one cell.
 
-    Parameters
-    ----------
-    parameters : Parameters
-        Geometry and noise.
-    streams : Streams
-        Not drawn from: no chance is involved.
-
-    Returns
-    -------
-    Outcome
-        A slope for bias and covariance of each formula, and the differences.
-
     Raises
     ------
     GeometryError

@@ -16,6 +16,7 @@ from functools import lru_cache
 from typing import Annotated, Literal
 
 import numpy as np
+from jaxtyping import Float
 from pydantic import Field
 
 from simval.arrays import Array, frozen
@@ -78,18 +79,7 @@ class Parameters(StudyParameters):
 
 
 def true_sensor(noise_std: float) -> AccelerometerModel:
-    """Sensor whose parameters are to be recovered.
-
-    Parameters
-    ----------
-    noise_std : float
-        Noise per axis and sample, raw units (here m/s^2).
-
-    Returns
-    -------
-    AccelerometerModel
-        Misalignments of a few hundredths, scales off by up to 5 %, biases up to 0.3.
-    """
+    """Sensor whose parameters are to be recovered."""
     values = np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
     return AccelerometerModel.from_parameters(values, noise_std=noise_std)
 
@@ -109,29 +99,14 @@ class Rests:
         How far from g the scene lets the length of a rest's force be, m/s^2.
     """
 
-    forces: Array
+    forces: Float[Array, "rests samples 3"]
     g: float
     rest_force: float
 
 
 @lru_cache(maxsize=32)
 def simulated_rests(scene: str, poses: int, hold_time: float) -> Rests:
-    """Simulate a scene and keep the samples of its rests.
-
-    Parameters
-    ----------
-    scene : str
-        ``gimbal`` or ``die``.
-    poses : int
-        Poses or throws.
-    hold_time : float
-        Length of a hold, s.
-
-    Returns
-    -------
-    Rests
-        Each of the same number of samples.
-    """
+    """Simulate a scene and keep the samples of its rests."""
     if scene == "gimbal":
         recording = recorded(scene, directions=poses, hold_time=hold_time)
     else:
@@ -148,20 +123,7 @@ def simulated_rests(scene: str, poses: int, hold_time: float) -> Rests:
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
-    """Simulate one cell and set it beside theory.
-
-    Parameters
-    ----------
-    parameters : Parameters
-        Scene, poses, noise and number of trials.
-    streams : Streams
-        The cell's random streams.
-
-    Returns
-    -------
-    Outcome
-        Bias, standard deviation, RMS, NEES and efficiency.
-    """
+    """Simulate one cell and set it beside theory."""
     sensor = true_sensor(parameters.noise_std)
     rests = simulated_rests(parameters.scene, parameters.poses, parameters.hold_time)
     forces, g = rests.forces, rests.g

@@ -91,20 +91,7 @@ class Parameters(PluginParameters):
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
-    """Measure the plug-in in a child process.
-
-    Parameters
-    ----------
-    parameters : Parameters
-        Plug-in, poses, noise and number of trials.
-    streams : Streams
-        The cell's random streams.
-
-    Returns
-    -------
-    Outcome
-        Probe, bias, standard deviation, efficiency and NEES.
-    """
+    """Measure the plug-in in a child process."""
     parameters.require_same_sources()
     limit = parameters.time_limit
     if parameters.algorithm.startswith(COMMAND):
@@ -113,20 +100,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 
 
 def compute(parameters: Parameters, streams: Streams) -> Outcome:
-    """Measure the plug-in in this process.
-
-    Parameters
-    ----------
-    parameters : Parameters
-        As `run`.
-    streams : Streams
-        As `run`.
-
-    Returns
-    -------
-    Outcome
-        As `run`.
-    """
+    """Measure the plug-in in this process."""
     plugin = find_plugin(parameters.algorithm, Calibrator)
     off = probe_calibrator(plugin)
     sensor = probe_sensor()

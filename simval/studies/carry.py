@@ -17,6 +17,7 @@ of samples in each interval that was found.
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.geometry import compose, conjugate
@@ -44,10 +45,10 @@ class Wanted:
         Direction of the field in world axes, (3,).
     """
 
-    force: Array
-    field: Array
-    q: Array
-    field_world: Array
+    force: Float[Array, "k 3"]
+    field: Float[Array, "k 3"]
+    q: Float[Array, "k 4"]
+    field_world: Float[Array, "3"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -67,24 +68,13 @@ class Carrier:
         The same from the magnetometer's, (3, 3).
     """
 
-    jacobian: Array
-    rotation: Array
-    noise: Array
-    field: Array
+    jacobian: Float[Array, "3 9"]
+    rotation: Float[Array, "3 3 3 3"]
+    noise: Float[Array, "3 3"]
+    field: Float[Array, "3 3"]
 
-    def parts(self, covariance: Array) -> Array:
-        """Covariance of the small rotation by source of error.
-
-        Parameters
-        ----------
-        covariance : Array
-            Of the nine parameters, (9, 9).
-
-        Returns
-        -------
-        Array
-            rad^2, for each of `PARTS`, (4, 3, 3).
-        """
+    def parts(self, covariance: Float[Array, "9 9"]) -> Float[Array, "4 3 3"]:
+        """Covariance of the small rotation by source of error."""
         b1 = self.jacobian @ covariance @ self.jacobian.T
         calibration = np.einsum("abij,ij->ab", self.rotation, b1)
         total = calibration + self.noise + self.field
@@ -98,26 +88,7 @@ def carrier(
     force_std: float,
     field_std: float,
 ) -> Carrier:
-    """Linearise the way from the readings to the attitude at one pose, eq. (B1).
-
-    Parameters
-    ----------
-    sensor : AccelerometerModel
-        The truth.
-    wanted : Wanted
-        True vectors and attitudes.
-    k : int
-        Which of them.
-    force_std : float
-        Noise of a mean raw reading, m/s^2.
-    field_std : float
-        Noise of a mean field, T.
-
-    Returns
-    -------
-    Carrier
-        Its maps.
-    """
+    """Linearise the way from the readings to the attitude at one pose, eq. (B1)."""
     force = wanted.force[k]
     g, strength = np.linalg.norm(force), np.linalg.norm(wanted.field[k])
     raw = np.linalg.solve(sensor.matrix, force) + sensor.B
@@ -158,21 +129,8 @@ def _rotation_covariance(q: Array, field_world: Array, b1: Array, b2: Array) -> 
     return covariance
 
 
-def corrected(theta: Array, raw: Array) -> Array:
-    """Specific force M (y - B) in the triangular form, analytic in the parameters.
-
-    Parameters
-    ----------
-    theta : Array
-        The nine parameters, real or complex, (9,).
-    raw : Array
-        Raw reading, (3,).
-
-    Returns
-    -------
-    Array
-        m/s^2, (3,).
-    """
+def corrected(theta: Float[Array, "9"], raw: Float[Array, "3"]) -> Float[Array, "3"]:
+    """Specific force M (y - B) in the triangular form, analytic in the parameters."""
     s_yx, s_zx, s_zy = theta[:3]
     x, y, z = theta[3:6] * (raw - theta[6:])
     return np.array([x, s_yx * x + y, -s_zx * x + s_zy * y + z])

@@ -17,6 +17,7 @@ from math import sqrt
 from typing import Annotated, Literal
 
 import numpy as np
+from jaxtyping import Float
 from pydantic import Field
 from scipy import special
 
@@ -77,20 +78,7 @@ class Parameters(StudyParameters):
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
-    """Simulate one cell.
-
-    Parameters
-    ----------
-    parameters : Parameters
-        Kind of error bars, residual, poses, noise and trials.
-    streams : Streams
-        The cell's random streams.
-
-    Returns
-    -------
-    Outcome
-        Coverage of each interval and of the ellipsoid.
-    """
+    """Simulate one cell."""
     sensor = AccelerometerModel.from_parameters(np.array(TRUTH))
     directions = fibonacci_sphere(parameters.poses)
     clean = sensor.distort(G * directions, np.random.default_rng(0))  # draws nothing
@@ -145,21 +133,10 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     return Outcome(rows=rows)
 
 
-def normalized_square(fit: FitResult, truth: Array) -> Array:
-    """Normalised squared error of each trial under its reported covariance.
-
-    Parameters
-    ----------
-    fit : FitResult
-        A batch.
-    truth : Array
-        True parameters, (9,).
-
-    Returns
-    -------
-    Array
-        e' C^-1 e, (trials,).
-    """
+def normalized_square(
+    fit: FitResult, truth: Float[Array, "9"]
+) -> Float[Array, " trials"]:
+    """Normalised squared error of each trial under its reported covariance."""
     error = fit.parameters - truth
     scaled = fit.covariance / (fit.sd[:, :, None] * fit.sd[:, None, :])
     ratio = error / fit.sd
@@ -167,20 +144,7 @@ def normalized_square(fit: FitResult, truth: Array) -> Array:
 
 
 def nees_quantile(level: float, dof: int | None) -> float:
-    """Value that the NEES exceeds with probability 1 - level.
-
-    Parameters
-    ----------
-    level : float
-        Probability, between 0 and 1.
-    dof : int or None
-        Degrees of freedom of a Type A covariance; None for a known sigma.
-
-    Returns
-    -------
-    float
-        Quantile of chi-square(9), or of 9 F(9, dof).
-    """
+    """Value that the NEES exceeds with probability 1 - level."""
     if dof is None:
         return float(2.0 * special.gammaincinv(4.5, level))
     return float(9.0 * special.fdtri(9, dof, level))

@@ -32,37 +32,11 @@ class Parameters(PluginParameters):
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
-    """Simulate the scene in a child process.
-
-    Parameters
-    ----------
-    parameters : Parameters
-        The scene.
-    streams : Streams
-        Not drawn from: a scene has no chance in it.
-
-    Returns
-    -------
-    Outcome
-        As of the study of the built-in scenes.
-    """
+    """Simulate the scene in a child process."""
     parameters.require_same_sources()
     return isolated("custom_scene", parameters, streams, parameters.time_limit)
 
 
 def compute(parameters: Parameters, streams: Streams) -> Outcome:
-    """Simulate the scene in this process.
-
-    Parameters
-    ----------
-    parameters : Parameters
-        As `run`.
-    streams : Streams
-        As `run`.
-
-    Returns
-    -------
-    Outcome
-        As `run`.
-    """
+    """Simulate the scene in this process."""
     return Outcome(rows=judged_rows(record(parameters.scene)))

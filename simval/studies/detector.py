@@ -76,20 +76,7 @@ class Parameters(StudyParameters):
 
 @lru_cache(maxsize=16)
 def tumble(scene: str, poses: int) -> Tumble:
-    """Simulate a scene, or find it kept, and thin it to the rate of a log.
-
-    Parameters
-    ----------
-    scene : str
-        Name of the scene.
-    poses : int
-        Rests that it plans.
-
-    Returns
-    -------
-    Tumble
-        Truth at 100 Hz.
-    """
+    """Simulate a scene, or find it kept, and thin it to the rate of a log."""
     count = {"gimbal": "directions", "handheld": "directions", "die": "throws"}
     setting: dict[str, Any] = {count.get(scene, "poses"): poses, "hold_time": 2.0}
     if scene in ("gimbal", "handheld"):
@@ -98,20 +85,7 @@ def tumble(scene: str, poses: int) -> Tumble:
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
-    """Score the detector in one cell.
-
-    Parameters
-    ----------
-    parameters : Parameters
-        Scene, noise and settings.
-    streams : Streams
-        The cell's random streams; block i is trial i.
-
-    Returns
-    -------
-    Outcome
-        Scores, and the normalised squared errors with all and with pure intervals.
-    """
+    """Score the detector in one cell."""
     truth = tumble(parameters.scene, parameters.poses)
     values = np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
     sensor = AccelerometerModel.from_parameters(values, noise_std=parameters.noise_std)

@@ -67,20 +67,7 @@ class Parameters(StudyParameters):
 
 @lru_cache(maxsize=8)
 def tumbles(poses: int, attitudes: int) -> tuple[Recording, Wanted]:
-    """Simulate both tumbles, or find them kept.
-
-    Parameters
-    ----------
-    poses, attitudes : int
-        Rests of the first and of the second.
-
-    Returns
-    -------
-    first : Recording
-        For the calibration.
-    second : Wanted
-        What is to be estimated, in directions the calibration has not seen.
-    """
+    """Simulate both tumbles, or find them kept."""
     first = recorded("gimbal", directions=poses, hold_time=2.0, first_hold=5.0)
     turned = fibonacci_sphere(attitudes) @ _rotation()
     second = recorded("gimbal", directions=turned, hold_time=0.2)
@@ -101,20 +88,7 @@ def _rotation() -> Array:
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
-    """Measure the error budget of one cell beside its prediction.
-
-    Parameters
-    ----------
-    parameters : Parameters
-        Poses, noise and number of trials.
-    streams : Streams
-        The cell's random streams; block i is trial i.
-
-    Returns
-    -------
-    Outcome
-        Root mean square angle by source, and the normalised squared error.
-    """
+    """Measure the error budget of one cell beside its prediction."""
     recording, wanted = tumbles(parameters.poses, parameters.attitudes)
     truth = thinned(recording)
     values = np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])

@@ -98,39 +98,13 @@ class Parameters(PluginParameters):
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
-    """Measure the plug-in in a child process.
-
-    Parameters
-    ----------
-    parameters : Parameters
-        Plug-in, geometry, noise and number of trials.
-    streams : Streams
-        The cell's random streams.
-
-    Returns
-    -------
-    Outcome
-        Probe, bias, covariance, RMS, efficiency and NEES.
-    """
+    """Measure the plug-in in a child process."""
     parameters.require_same_sources()
     return isolated("estimator", parameters, streams, parameters.time_limit)
 
 
 def compute(parameters: Parameters, streams: Streams) -> Outcome:
-    """Measure the plug-in in this process.
-
-    Parameters
-    ----------
-    parameters : Parameters
-        As `run`.
-    streams : Streams
-        As `run`.
-
-    Returns
-    -------
-    Outcome
-        As `run`.
-    """
+    """Measure the plug-in in this process."""
     plugin = find_plugin(parameters.algorithm, Estimator)
     off = probe_estimator(plugin)
     setting = Setting(plugin, parameters.geometry)

@@ -1,6 +1,7 @@
 """An estimator of one's own at one geometry: its errors, drawn or by cubature."""
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.geometry import attitude_matrix
@@ -12,15 +13,7 @@ from simval.theory.cubature import cubature_moments
 
 
 class Setting:
-    """A plug-in at one geometry.
-
-    Parameters
-    ----------
-    plugin : Estimator
-        The plug-in.
-    geometry : int
-        Number of the random attitude and vectors.
-    """
+    """A plug-in at one geometry."""
 
     def __init__(self, plugin: Estimator, geometry: int) -> None:
         self.plugin = plugin
@@ -28,21 +21,8 @@ class Setting:
         A = attitude_matrix(self.q)
         self.truth = np.stack([A @ self.r1, A @ self.r2, self.r1, self.r2])
 
-    def errors(self, vectors: Array, noise: float) -> Array:
-        """Errors of some trials.
-
-        Parameters
-        ----------
-        vectors : Array
-            Body and reference vectors, (n, 4, 3).
-        noise : float
-            Noise per axis that a covariance is asked for.
-
-        Returns
-        -------
-        Array
-            Rotation vectors, rad, and with a claim the normalised square, (n, 3 or 4).
-        """
+    def errors(self, vectors: Float[Array, "n 4 3"], noise: float) -> Array:
+        """Errors of some trials."""
         b1, b2, r1, r2 = np.moveaxis(vectors, 1, 0)
         q = quaternions_of(self.plugin, b1, b2, r1, r2)
         error = rotation_error(self.q, q, self.plugin.side)
@@ -53,20 +33,7 @@ class Setting:
         return np.column_stack([error, np.sum(error * solved, axis=1)])
 
     def cubature(self, noise: float, degree: int) -> tuple[Array, Array]:
-        """Mean and covariance of `errors` under the noise.
-
-        Parameters
-        ----------
-        noise : float
-            Noise per axis.
-        degree : int
-            Of the cubature.
-
-        Returns
-        -------
-        tuple of Array
-            (3 or 4,) and (3 or 4, 3 or 4).
-        """
+        """Mean and covariance of `errors` under the noise."""
         count = 4 if self.plugin.covariance is not None else 3
         found = cubature_moments(
             lambda *vectors: self.errors(np.stack(vectors, axis=1), noise),
@@ -79,16 +46,5 @@ class Setting:
 
 
 def claim_off(moments: tuple[Array, Array]) -> float:
-    """By how much the mean normalised square is off 3.
-
-    Parameters
-    ----------
-    moments : tuple of Array
-        From `Setting.cubature`, of an estimator with a covariance.
-
-    Returns
-    -------
-    float
-        Relative.
-    """
+    """By how much the mean normalised square is off 3."""
     return float(moments[0][3]) / 3.0 - 1.0

@@ -35,18 +35,7 @@ class NamesFiles:
 
 @cache
 def file_fields(model: type[BaseModel]) -> frozenset[str]:
-    """Fields of a study's parameters that may name files.
-
-    Parameters
-    ----------
-    model : type of BaseModel
-        The parameters.
-
-    Returns
-    -------
-    frozenset of str
-        Those that are marked with `NamesFiles`.
-    """
+    """Fields of a study's parameters that may name files."""
     return frozenset(
         key
         for key, info in model.model_fields.items()
@@ -57,20 +46,7 @@ def file_fields(model: type[BaseModel]) -> frozenset[str]:
 def portable_fields(
     model: type[BaseModel], values: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Values of a study's fields, files by their names alone.
-
-    Parameters
-    ----------
-    model : type of BaseModel
-        The study's parameters.
-    values : mapping
-        Field to value, or to a list of values.
-
-    Returns
-    -------
-    dict
-        The same where nothing names a file.
-    """
+    """Values of a study's fields, files by their names alone."""
 
     def plain(value: Any) -> Any:
         if isinstance(value, list):
@@ -82,54 +58,20 @@ def portable_fields(
 
 
 def is_path(text: str) -> bool:
-    """Tell whether a value of a field that may name files does.
-
-    Parameters
-    ----------
-    text : str
-        The value; else it is the name of something installed.
-
-    Returns
-    -------
-    bool
-        Of ``command:`` too: words of it may be files.
-    """
+    """Tell whether a value of a field that may name files does."""
     if text.startswith(COMMAND):
         return True
     return "/" in text or "\\" in text or ".py:" in text or text.endswith(SUFFIXES)
 
 
 def file_of(text: str) -> str:
-    """Path of the file that a value names.
-
-    Parameters
-    ----------
-    text : str
-        A path, with ``:NAME`` after it where it names something inside.
-
-    Returns
-    -------
-    str
-        The path alone.
-    """
+    """Path of the file that a value names."""
     path, colon, _ = text.partition(".py:")
     return f"{path}.py" if colon else path
 
 
 def portable(text: str) -> str:
-    """Name of a file without its folder, and what the text names inside it.
-
-    Parameters
-    ----------
-    text : str
-        A value that names files.
-
-    Returns
-    -------
-    str
-        ``mine.py:estimate`` of ``plugins/mine.py:estimate``; of a command the same
-        words, those that are absolute paths by their names alone.
-    """
+    """Name of a file without its folder, and what the text names inside it."""
     if text.startswith(COMMAND):
         return with_words(text, lambda _, word: _shortened(word))
     path = file_of(text)
@@ -137,21 +79,7 @@ def portable(text: str) -> str:
 
 
 def with_words(text: str, change: Callable[[int, str], str]) -> str:
-    """Change words of a command.
-
-    Parameters
-    ----------
-    text : str
-        ``command: PROGRAM WORDS...``.
-    change : callable
-        From the place of a word and the word to the new one.
-
-    Returns
-    -------
-    str
-        The command; the very same text where no word is another one, or it cannot be
-        split.
-    """
+    """Change words of a command."""
     try:
         words = shlex.split(text.removeprefix(COMMAND))
     except ValueError:  # the study says so, in words
@@ -169,20 +97,7 @@ def _shortened(word: str) -> str:
 
 
 def without_folders(text: str, folders: Iterable[str] = ()) -> str:
-    """Take the folders of this machine out of a text.
-
-    Parameters
-    ----------
-    text : str
-        A message, a traceback, or a word of a command.
-    folders : iterable of str
-        Folders whose files keep the rest of their path, the longest first.
-
-    Returns
-    -------
-    str
-        Any other absolute path is its last part alone.
-    """
+    """Take the folders of this machine out of a text."""
     known = {f.rstrip(os.sep) for f in folders if os.path.isabs(f)} - {""}
     for folder in sorted(known, key=len, reverse=True):
         text = re.sub(f"{_BEFORE}{re.escape(folder)}/", "", text)

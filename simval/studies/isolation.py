@@ -48,22 +48,6 @@ def isolated(
 ) -> Outcome:
     """Compute a cell in a child process.
 
-    Parameters
-    ----------
-    study : str
-        Name of a study with ``compute``.
-    parameters : StudyParameters
-        Of the cell.
-    streams : Streams
-        Of the cell.
-    time_limit : float
-        Seconds of wall time.
-
-    Returns
-    -------
-    Outcome
-        The child's rows.
-
     Raises
     ------
     PluginError
@@ -131,13 +115,7 @@ def _tail(folder: Path) -> str:
 
 
 def main(place: str) -> None:
-    """Answer one request, in the child.
-
-    Parameters
-    ----------
-    place : str
-        Folder that holds ``request.json``; ``answer.json`` is left there.
-    """
+    """Answer one request, in the child."""
     folder = Path(place)
     request = json.loads((folder / "request.json").read_text())
     _restrain(float(request["time_limit"]))

@@ -74,37 +74,13 @@ class Parameters(StudyParameters):
 
 
 def true_sensor(scale_spread: float) -> AccelerometerModel:
-    """Return an ideal sensor but for its scales.
-
-    Parameters
-    ----------
-    scale_spread : float
-        Scales are 1 - spread, 1 and 1 + spread.
-
-    Returns
-    -------
-    AccelerometerModel
-        No misalignment, no bias.
-    """
+    """Return an ideal sensor but for its scales."""
     scale = np.array([1.0 - scale_spread, 1.0, 1.0 + scale_spread])
     return AccelerometerModel(T=np.eye(3), K=scale, B=np.zeros(3))
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
-    """Simulate one cell and set it beside theory.
-
-    Parameters
-    ----------
-    parameters : Parameters
-        Residual, noise, poses, spread and number of pairs.
-    streams : Streams
-        The cell's random streams.
-
-    Returns
-    -------
-    Outcome
-        Bias and rung, standard deviation, efficiency.
-    """
+    """Simulate one cell and set it beside theory."""
     sensor = true_sensor(parameters.scale_spread)
     directions = fibonacci_sphere(parameters.poses)
     clean = sensor.distort(G * directions, np.random.default_rng(0))  # draws nothing

@@ -37,24 +37,7 @@ _OTHER_UNIT = 0.3  # of gravity, off from it: readings in motion average to 5 %
 
 
 def wrapped(log: Log, misfit: float, g: float, detect: Detector) -> str | None:
-    """An axis whose readings leave at one end of a range and return at the other.
-
-    Parameters
-    ----------
-    log : Log
-        The recording.
-    misfit : float
-        Residual of the calibration over gravity; infinite where there is none.
-    g : float
-        Gravity, m/s^2.
-    detect : callable
-        Finds the rests of a log.
-
-    Returns
-    -------
-    str or None
-        The fault in words.
-    """
+    """An axis whose readings leave at one end of a range and return at the other."""
     samples = log.accelerometer
     steps = np.diff(samples, axis=0)
     span = np.ptp(samples, axis=0)
@@ -103,18 +86,7 @@ def _periods(samples: Array, span: float) -> Array:
 
 
 def changed(rests: Rests) -> str | None:
-    """A time from which the rests lie on another ellipsoid.
-
-    Parameters
-    ----------
-    rests : Rests
-        Of the log.
-
-    Returns
-    -------
-    str or None
-        The fault in words.
-    """
+    """A time from which the rests lie on another ellipsoid."""
     found = find_break(rests.means)
     if found is None or not (found.chance <= _CHANCE and found.drop >= _VANISHES):
         return None
@@ -137,18 +109,6 @@ def stepped(rests: Rests, chi2: float = np.nan) -> str | None:
     their size, so that its chance and that of the chi-square may be multiplied. A step
     that leaves what the noise explains is refused whatever its own chance: of a dozen
     rests nothing tells it from moved holds, and those would leave a right answer.
-
-    Parameters
-    ----------
-    rests : Rests
-        Of the log.
-    chi2 : float
-        Chi-square of the fit per degree of freedom; NaN where it is not known.
-
-    Returns
-    -------
-    str or None
-        The fault in words.
     """
     known, dof = bool(np.isfinite(chi2)), len(rests.means) - PARAMETERS
     if known and not beyond_noise(chi2, dof):
@@ -177,20 +137,7 @@ def stepped(rests: Rests, chi2: float = np.nan) -> str | None:
 
 
 def beyond_noise(chi2: float, dof: int) -> bool:
-    """Whether white noise leaves such residuals in less than one log of a thousand.
-
-    Parameters
-    ----------
-    chi2 : float
-        Chi-square per degree of freedom; NaN where it is not known.
-    dof : int
-        Degrees of freedom.
-
-    Returns
-    -------
-    bool
-        False where it is not known.
-    """
+    """Whether white noise leaves such residuals in less than one log of a thousand."""
     return dof > 0 and _tail(chi2, dof) < BEYOND
 
 
@@ -209,22 +156,7 @@ def _few_say_it(rests: Rests, scatter: float) -> bool:
 
 
 def other_unit(rests: Rests, fit: FitResult | None, detect: Detector) -> str | None:
-    """A long stretch whose rests were passed over because they read another gravity.
-
-    Parameters
-    ----------
-    rests : Rests
-        Of the log.
-    fit : FitResult or None
-        Its calibration; None where there is none, and the spheres are compared.
-    detect : callable
-        Finds the rests of a log.
-
-    Returns
-    -------
-    str or None
-        The fault in words.
-    """
+    """A long stretch whose rests were passed over because they read another gravity."""
     log = rests.log
     if len(rests.means) < _SEVERAL:
         return None

@@ -6,6 +6,7 @@ log: most of what they find still gives nine numbers and error bars.
 """
 
 import numpy as np
+from jaxtyping import Float
 from numpy.typing import NDArray
 
 from simval.arrays import Array
@@ -28,18 +29,7 @@ _BAD_FIT = 0.02  # of gravity: residuals of holds by hand are some 1e-3
 
 
 def constant_axis(rests: Rests) -> str | None:
-    """An axis that shows one value in the whole log.
-
-    Parameters
-    ----------
-    rests : Rests
-        Of the log.
-
-    Returns
-    -------
-    str or None
-        The fault in words.
-    """
+    """An axis that shows one value in the whole log."""
     samples = rests.log.accelerometer
     still = np.ptp(samples, axis=0) == 0.0
     for axis in np.flatnonzero(still):
@@ -53,18 +43,7 @@ def constant_axis(rests: Rests) -> str | None:
 
 
 def zero_rows(rests: Rests) -> str | None:
-    """Rows of three zeros, which stand for lost data.
-
-    Parameters
-    ----------
-    rests : Rests
-        Of the log.
-
-    Returns
-    -------
-    str or None
-        The fault in words.
-    """
+    """Rows of three zeros, which stand for lost data."""
     zero = np.all(rests.log.accelerometer == 0.0, axis=1)
     for index, (start, stop) in enumerate(rests.intervals):
         if np.count_nonzero(zero[start:stop]) >= 2:
@@ -77,18 +56,7 @@ def zero_rows(rests: Rests) -> str | None:
 
 
 def frozen(rests: Rests) -> str | None:
-    """A rest in which an axis repeats one value although it is noisy elsewhere.
-
-    Parameters
-    ----------
-    rests : Rests
-        Of the log.
-
-    Returns
-    -------
-    str or None
-        The fault in words.
-    """
+    """A rest in which an axis repeats one value although it is noisy elsewhere."""
     samples = rests.log.accelerometer
     # at the ends of the range it is saturated, which is told elsewhere
     rails = np.stack([samples.min(axis=0), samples.max(axis=0)], axis=1)
@@ -108,18 +76,7 @@ def frozen(rests: Rests) -> str | None:
 
 
 def spikes(rests: Rests) -> str | None:
-    """Single rows far off, often enough to shift the means of the rests.
-
-    Parameters
-    ----------
-    rests : Rests
-        Of the log.
-
-    Returns
-    -------
-    str or None
-        The fault in words.
-    """
+    """Single rows far off, often enough to shift the means of the rests."""
     samples = rests.log.accelerometer
     radius = np.sqrt(np.sum(np.var(rests.means, axis=0)))
     shifts, first, count = [], -1, 0
@@ -145,18 +102,7 @@ def spikes(rests: Rests) -> str | None:
 
 
 def repeated(rests: Rests) -> str | None:
-    """A stretch of rows that is an earlier one again, bit for bit.
-
-    Parameters
-    ----------
-    rests : Rests
-        Of the log.
-
-    Returns
-    -------
-    str or None
-        The fault in words.
-    """
+    """A stretch of rows that is an earlier one again, bit for bit."""
     samples = rests.log.accelerometer
     run = _telling_run(len(samples), rests.same_rows)
     if run > min(_LONGEST, len(samples) // 2):
@@ -195,24 +141,9 @@ def _telling_run(rows: int, same: float) -> int:
 
 
 def flat_axis(
-    rests: Rests, scale: Array | None = None, misfit: float = np.inf
+    rests: Rests, scale: Float[Array, "3"] | None = None, misfit: float = np.inf
 ) -> str | None:
-    """An axis that does not take part, or repeats another.
-
-    Parameters
-    ----------
-    rests : Rests
-        Of the log.
-    scale : Array or None
-        Scales of the axes in the fit, (3,); None where there is none.
-    misfit : float
-        Residual of the fit over gravity; infinite where there is none.
-
-    Returns
-    -------
-    str or None
-        The fault in words.
-    """
+    """An axis that does not take part, or repeats another."""
     centred = rests.means - rests.means.mean(axis=0)
     spread = np.sqrt(np.mean(centred**2, axis=0))
     one, two = _most_alike(centred)

@@ -43,19 +43,6 @@ def require_sound(
 ) -> None:
     """Refuse a calibration whose log shows a fault.
 
-    Parameters
-    ----------
-    log : Log
-        The recording.
-    fit : FitResult
-        Its calibration.
-    intervals : Intervals
-        Its rests.
-    diagnosis : Diagnosis
-        Of the calibration.
-    detect : callable
-        Finds the rests of a log.
-
     Raises
     ------
     RefusedError
@@ -94,24 +81,7 @@ def require_sound(
 
 
 def explained(log: Log, refusal: RefusedError, g: float, detect: Detector) -> Exception:
-    """Return the refusal, or one that names the fault behind it.
-
-    Parameters
-    ----------
-    log : Log
-        The recording.
-    refusal : RefusedError
-        Why it was not calibrated.
-    g : float
-        Gravity, m/s^2.
-    detect : callable
-        Finds the rests of a log.
-
-    Returns
-    -------
-    RefusedError
-        To be raised.
-    """
+    """Return the refusal, or one that names the fault behind it."""
     try:
         intervals = detect(log, PARAMETERS)
     except SimvalError:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.logs import Log
@@ -32,59 +33,24 @@ class Rests:
 
     log: Log
     intervals: Intervals
-    means: Array
-    noise: Array
-    same: Array
+    means: Float[Array, "m 3"]
+    noise: Float[Array, "3"]
+    same: Float[Array, "3"]
     same_rows: float
 
     def span(self, rest: int) -> str:
-        """Say when a rest was.
-
-        Parameters
-        ----------
-        rest : int
-            Its index.
-
-        Returns
-        -------
-        str
-            Seconds of the log.
-        """
+        """Say when a rest was."""
         start, stop = self.intervals[rest]
         return self.rows(int(start), int(stop))
 
     def rows(self, start: int, stop: int) -> str:
-        """Say when rows were.
-
-        Parameters
-        ----------
-        start, stop : int
-            Rows start <= k < stop.
-
-        Returns
-        -------
-        str
-            Seconds of the log.
-        """
+        """Say when rows were."""
         time = self.log.time
         return f"from {time[start]:.2f} s to {time[stop - 1]:.2f} s"
 
 
 def rests_of(log: Log, intervals: Intervals) -> Rests:
-    """Gather what the checks need.
-
-    Parameters
-    ----------
-    log : Log
-        The recording.
-    intervals : Intervals
-        Its rests, (m, 2).
-
-    Returns
-    -------
-    Rests
-        For the checks.
-    """
+    """Gather what the checks need."""
     samples = log.accelerometer
     parts = [samples[start:stop] for start, stop in intervals]
     spread = np.array([part.std(axis=0) for part in parts]).reshape(-1, 3)

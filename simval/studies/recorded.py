@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array, frozen
 from simval.calibrate import FitResult, calibrate
@@ -68,10 +69,10 @@ class RecordedCalibration:
     rest_seconds: float
     multiplier: float
     intervals: Intervals
-    poses: Array
-    noise_std: Array
+    poses: Float[Array, "m 3"]
+    noise_std: Float[Array, " m"]
     predicted: CalibrationMoments | None
-    next_direction: Array
+    next_direction: Float[Array, "3"]
 
     def __post_init__(self) -> None:
         for name in ("poses", "noise_std", "next_direction"):
@@ -91,26 +92,6 @@ def calibrate_log(
     multipliers: tuple[float, ...] = MULTIPLIERS,
 ) -> RecordedCalibration:
     """Calibrate the accelerometer of a recorded log.
-
-    Parameters
-    ----------
-    log : Log
-        The recording.
-    g : float, default 9.80665
-        Local gravity, m/s^2.
-    model, method, residual, loss : str
-        As of `simval.calibrate.calibrate`.
-    rest : float, optional
-        Length of the initial rest, s; found from the data if not given.
-    full_scale : float, optional
-        Greatest reading of the sensor, raw units.
-    multipliers : tuple of float
-        Thresholds to try, in variances of the rest.
-
-    Returns
-    -------
-    RecordedCalibration
-        The calibration of the middle threshold that gives one.
 
     Raises
     ------
@@ -201,46 +182,18 @@ def calibrate_samples(
 
     Its error bars take the samples of an interval as independent, which they are
     not where the poses are the limit; for comparison only.
-
-    Parameters
-    ----------
-    log : Log
-        The recording.
-    intervals : Intervals
-        Static intervals, (m, 2).
-    count : int
-        Samples to take from the start of each.
-    g : float
-        Local gravity, m/s^2.
-
-    Returns
-    -------
-    FitResult
-        Norm residual, triangular form.
     """
     samples = first_samples(log.accelerometer, intervals, count).reshape(-1, 3)
     return calibrate(samples, g, residual="norm", repeats=True)
 
 
-def white_noise(samples: Array, intervals: Intervals, block: int = 1) -> Array:
+def white_noise(
+    samples: Float[Array, "n 3"], intervals: Intervals, block: int = 1
+) -> Float[Array, " m"]:
     """Standard deviation that white noise leaves in each interval's mean.
 
     The variance within intervals is pooled over them and over the axes. Rows that come
     faster than the sensor's band are not independent; their means over blocks are.
-
-    Parameters
-    ----------
-    samples : Array
-        Readings, (n, 3).
-    intervals : Intervals
-        Static intervals, (m, 2).
-    block : int
-        Rows whose noise is taken as one.
-
-    Returns
-    -------
-    Array
-        Raw units, (m,).
     """
     counts = interval_counts(intervals) // block
     parts = [

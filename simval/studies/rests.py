@@ -23,26 +23,6 @@ def find_rests(
 ) -> tuple[EvenLog, Rest, list[tuple[float, Intervals]]]:
     """Find the rests of a log with the longest window that sees enough of them.
 
-    Parameters
-    ----------
-    log : Log
-        The recording.
-    rest : float or None
-        Length of the initial rest, s; None finds it.
-    multipliers : tuple of float
-        Thresholds to try, in variances of the rest.
-    least : int
-        Intervals that a threshold must find.
-
-    Returns
-    -------
-    even : EvenLog
-        The log on an even clock.
-    rest : Rest
-        Its initial rest, in rows.
-    usable : list of (float, Intervals)
-        Static intervals, in rows, of each threshold that finds enough.
-
     Raises
     ------
     RefusedError
@@ -87,18 +67,7 @@ def _require_noise(log: Log, rest: Rest, wander: float, limit: float) -> None:
 
 
 def too_few(most: int) -> RefusedError:
-    """Refusal of a log in which at most so many rests were found.
-
-    Parameters
-    ----------
-    most : int
-        Static intervals.
-
-    Returns
-    -------
-    RefusedError
-        To be raised.
-    """
+    """Refusal of a log in which at most so many rests were found."""
     return RefusedError(
         f"at most {most} static interval(s) found, and a calibration needs "
         f"{PARAMETERS} or more, each from a rest of two seconds or longer; hold the "

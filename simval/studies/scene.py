@@ -62,20 +62,7 @@ class Parameters(StudyParameters):
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
-    """Simulate the scene and measure its rests.
-
-    Parameters
-    ----------
-    parameters : Parameters
-        Scene and number of poses.
-    streams : Streams
-        Not drawn from: a scene has no chance in it.
-
-    Returns
-    -------
-    Outcome
-        Worst residual force and rate at rest, rank and condition of the poses.
-    """
+    """Simulate the scene and measure its rests."""
     count = "directions" if parameters.scene == "gimbal" else "throws"
     setting: dict[str, Any] = {count: parameters.poses}
     recording = record(parameters.scene, **setting)
@@ -92,16 +79,6 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 
 def judged_rows(recording: Recording) -> tuple[Row, ...]:
     """Judge a recording: its rests, its instants and its poses.
-
-    Parameters
-    ----------
-    recording : Recording
-        Of any scene.
-
-    Returns
-    -------
-    tuple of Row
-        Worst residual force and rate at rest, rank and condition of the poses.
 
     Raises
     ------

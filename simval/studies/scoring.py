@@ -8,6 +8,7 @@ hundredth of the noise in it. An interval is impure if one of its rows is not st
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 from numpy.typing import NDArray
 
 from simval.arrays import Array
@@ -57,26 +58,15 @@ class Tumble:
         Length of gravity, m/s^2.
     """
 
-    time: Array
-    force: Array
+    time: Float[Array, " n"]
+    force: Float[Array, "n 3"]
     still: NDArray[np.bool_]
     hold: NDArray[np.intp]
     g: float
 
 
 def thinned(recording: Recording) -> Tumble:
-    """Thin a recording to the rate of a log.
-
-    Parameters
-    ----------
-    recording : Recording
-        At a multiple of 100 Hz.
-
-    Returns
-    -------
-    Tumble
-        Every so many rows of it.
-    """
+    """Thin a recording to the rate of a log."""
     every = slice(None, None, max(round(recording.rate / RATE), 1))
     force = recording.specific_force[every]
     rate = np.linalg.norm(recording.angular_velocity[every], axis=1)
@@ -93,24 +83,7 @@ def thinned(recording: Recording) -> Tumble:
 def score(
     intervals: Intervals, still: NDArray[np.bool_], hold: NDArray[np.intp]
 ) -> dict[Family, float]:
-    """Compare intervals with the truth.
-
-    Parameters
-    ----------
-    intervals : Intervals
-        Rows ``start <= k < stop``, (m, 2).
-    still : NDArray[np.bool_]
-        Rows at rest, (n,).
-    hold : NDArray[np.intp]
-        Planned rest of each row, -1 for none, (n,).
-
-    Returns
-    -------
-    dict of Family to float
-        `PRECISION`: still rows among those found; `RECALL`: found rows among those of
-        the rests; `RESTS_FOUND`: rests with a row found, over all rests; `INTERVALS`,
-        `IMPURE`, `OUTSIDE`: how many there are, hold a moving row, and touch no rest.
-    """
+    """Compare intervals with the truth."""
     found = np.zeros(len(still), bool)
     for start, stop in intervals:
         found[start:stop] = True
@@ -128,48 +101,14 @@ def score(
 
 
 def pure(intervals: Intervals, still: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which intervals hold still rows only.
-
-    Parameters
-    ----------
-    intervals : Intervals
-        (m, 2).
-    still : NDArray[np.bool_]
-        Rows at rest, (n,).
-
-    Returns
-    -------
-    NDArray[np.bool_]
-        (m,).
-    """
+    """Return which intervals hold still rows only."""
     return np.array([still[a:b].all() for a, b in intervals], dtype=bool)
 
 
 def detect(
-    raw: Array, multiplier: float, window: int, trim: int
+    raw: Float[Array, "n 3"], multiplier: float, window: int, trim: int
 ) -> tuple[Intervals, Array, float]:
-    """Find the static intervals of a log as a user would have them found.
-
-    Parameters
-    ----------
-    raw : Array
-        Readings, (n, 3).
-    multiplier : float
-        Threshold over the variance of the initial rest, which is found, too.
-    window : int
-        Window of the variance, samples.
-    trim : int
-        Samples cut off at both ends.
-
-    Returns
-    -------
-    intervals : Intervals
-        At least half a window long, (m, 2).
-    spread : Array
-        Windowed variance magnitude, (n,).
-    threshold : float
-        Its limit.
-    """
+    """Find the static intervals of a log as a user would have them found."""
     minimum = window // 2
     spread = variance_magnitude(raw, window)
     rest = initial_rest(raw, None, window, minimum, spread)
@@ -178,27 +117,9 @@ def detect(
 
 
 def normalized_square(
-    raw: Array, intervals: Intervals, sensor: AccelerometerModel, g: float
+    raw: Float[Array, "n 3"], intervals: Intervals, sensor: AccelerometerModel, g: float
 ) -> float:
-    """Normalised squared error of a calibration from some intervals.
-
-    Parameters
-    ----------
-    raw : Array
-        Readings, raw units, (n, 3).
-    intervals : Intervals
-        (m, 2).
-    sensor : AccelerometerModel
-        The truth, and its noise per sample.
-    g : float
-        Length of gravity, m/s^2.
-
-    Returns
-    -------
-    float
-        Of the nine parameters under the covariance that the fit states for itself;
-        NaN where the fit is refused.
-    """
+    """Normalised squared error of a calibration from some intervals."""
     if len(intervals) < PARAMETERS:
         return float("nan")
     try:

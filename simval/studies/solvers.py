@@ -45,20 +45,7 @@ class Parameters(StudyParameters):
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
-    """Follow each method step by step.
-
-    Parameters
-    ----------
-    parameters : Parameters
-        Noise and number of poses.
-    streams : Streams
-        Block 0 is the noise.
-
-    Returns
-    -------
-    Outcome
-        Steps of each method, how far apart they end, and the ways there.
-    """
+    """Follow each method step by step."""
     sensor = true_sensor(parameters.noise_std)
     force = G * fibonacci_sphere(parameters.poses)
     raw = sensor.distort(force, streams.block(0))

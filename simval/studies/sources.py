@@ -46,21 +46,7 @@ _XML_FOLDER = re.compile(r"""\b(?:asset|mesh|texture)dir\s*=\s*["']([^"'<>]+)["'
 
 
 def located(text: str, folder: str = "") -> str:
-    """Give the files that a value names their absolute paths.
-
-    Parameters
-    ----------
-    text : str
-        A path, ``FILE.py:NAME``, ``command: PROGRAM WORDS...``, or a name.
-    folder : str, optional
-        What relative paths are relative to; the working folder if not given.
-
-    Returns
-    -------
-    str
-        The same with absolute paths. Of a command those words that are files; the
-        program only where it has a slash, for else it is looked up in PATH.
-    """
+    """Give the files that a value names their absolute paths."""
     if not is_path(text):
         return text
     if text.startswith(COMMAND):
@@ -70,19 +56,7 @@ def located(text: str, folder: str = "") -> str:
 
 
 def sources(text: str) -> dict[str, str]:
-    """Everything that the code behind a value is made of.
-
-    Parameters
-    ----------
-    text : str
-        As `located` returns it.
-
-    Returns
-    -------
-    dict
-        Path of each file to its SHA-256, empty where there is no such file; or name
-        of an installed distribution to its version.
-    """
+    """Everything that the code behind a value is made of."""
     if not is_path(text):
         return _installed(text)
     if not text.startswith(COMMAND):
@@ -95,20 +69,7 @@ def sources(text: str) -> dict[str, str]:
 
 
 def missing(text: str, held: Container[str] = ()) -> str:
-    """Say what a value names that is not here.
-
-    Parameters
-    ----------
-    text : str
-        As `located` returns it.
-    held : container of str, optional
-        Names of files that words of a command stood for once.
-
-    Returns
-    -------
-    str
-        In words; empty where all is here.
-    """
+    """Say what a value names that is not here."""
     if not text:
         return "no plug-in is given"
     if text.startswith(COMMAND):
@@ -137,13 +98,7 @@ class PluginParameters(StudyParameters):
     _sources: dict[str, str] = PrivateAttr(default_factory=dict)
 
     def model_post_init(self, context: Any, /) -> None:
-        """Note what the code is made of, here and now.
-
-        Parameters
-        ----------
-        context : Any
-            Not used.
-        """
+        """Note what the code is made of, here and now."""
         self._sources = self._found()
 
     @property
@@ -177,21 +132,7 @@ class PluginParameters(StudyParameters):
 
 
 def told_anywhere(text: str, parameters: StudyParameters) -> str:
-    """Say what became of a cell so that it can be shown to anybody.
-
-    Parameters
-    ----------
-    text : str
-        A message or a traceback.
-    parameters : StudyParameters
-        Of the cell.
-
-    Returns
-    -------
-    str
-        Without the folders of this machine: a module's file as it is imported, a
-        plug-in's from its own folder on, any other by its name.
-    """
+    """Say what became of a cell so that it can be shown to anybody."""
     own = parameters.files if isinstance(parameters, PluginParameters) else ()
     places = (str(Path.cwd()), str(Path.home()), gettempdir())
     return without_folders(text, (*sys.path, *map(os.path.dirname, own), *places))

@@ -116,35 +116,12 @@ class Cell:
 
 
 def portable_values(parameters: StudyParameters) -> dict[str, Any]:
-    """Parameters as a name, a store and a table hold them.
-
-    Parameters
-    ----------
-    parameters : StudyParameters
-        Of a cell, its files by absolute paths.
-
-    Returns
-    -------
-    dict
-        Field to value, files by their names alone: so it does not matter where a suite
-        is run from.
-    """
+    """Parameters as a name, a store and a table hold them."""
     return portable_fields(type(parameters), parameters.model_dump())
 
 
 def canonical(value: Any) -> str:
-    """One spelling for each parameter value, as used in cell names.
-
-    Parameters
-    ----------
-    value : bool, int, float or str
-        The value.
-
-    Returns
-    -------
-    str
-        ``true`` or ``false``, the shortest exact decimal of a number, or the text.
-    """
+    """One spelling for each parameter value, as used in cell names."""
     if isinstance(value, bool):
         return str(value).lower()
     return repr(value) if isinstance(value, float) else str(value)

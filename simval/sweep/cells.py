@@ -69,36 +69,13 @@ class CellResult:
         return CellName(self.study, self.name)
 
     def row(self, statistic: Statistic, predictor: str = "") -> Row | None:
-        """Find the row of a statistic.
-
-        Parameters
-        ----------
-        statistic : Statistic
-            What was measured.
-        predictor : str, default ""
-            The theory it is set beside.
-
-        Returns
-        -------
-        Row or None
-            None where the cell has no such row.
-        """
+        """Find the row of a statistic."""
         key = (statistic, predictor)
         return next((row for row in self.rows if row.key == key), None)
 
 
 def read_cells(database: sqlite3.Connection) -> Iterator[CellResult]:
     """Read the cells of a store one by one, each with its rows.
-
-    Parameters
-    ----------
-    database : sqlite3.Connection
-        The store, as `simval.sweep.store.opened` gives it.
-
-    Yields
-    ------
-    CellResult
-        In the order of the suite.
 
     Raises
     ------
@@ -118,16 +95,6 @@ def read_cells(database: sqlite3.Connection) -> Iterator[CellResult]:
 def read_heads(database: sqlite3.Connection) -> Iterator[CellResult]:
     """Read the cells of a store without their rows.
 
-    Parameters
-    ----------
-    database : sqlite3.Connection
-        The store.
-
-    Yields
-    ------
-    CellResult
-        In the order of the suite, with no rows.
-
     Raises
     ------
     DamagedError
@@ -144,18 +111,6 @@ def read_heads(database: sqlite3.Connection) -> Iterator[CellResult]:
 
 def read_cell(database: sqlite3.Connection, position: int) -> CellResult:
     """Read one cell of a store with its rows.
-
-    Parameters
-    ----------
-    database : sqlite3.Connection
-        The store.
-    position : int
-        Place of the cell in the suite.
-
-    Returns
-    -------
-    CellResult
-        The cell.
 
     Raises
     ------

@@ -71,16 +71,6 @@ class _Timing(_Started):
 def checked_manifest(text: Any) -> dict[str, Any]:
     """Read a manifest.
 
-    Parameters
-    ----------
-    text : object
-        JSON, as the store keeps it.
-
-    Returns
-    -------
-    dict
-        What it says.
-
     Raises
     ------
     DamagedError
@@ -91,16 +81,6 @@ def checked_manifest(text: Any) -> dict[str, Any]:
 
 def read_timing(folder: Path) -> dict[str, Any]:
     """Read the times of a run.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the run.
-
-    Returns
-    -------
-    dict
-        Where the plug-ins lay alone while the run is unfinished.
 
     Raises
     ------
@@ -122,18 +102,6 @@ def read_timing(folder: Path) -> dict[str, Any]:
 
 def read_json(name: str, text: Any) -> Any:
     """Read JSON of which each word can be written again.
-
-    Parameters
-    ----------
-    name : str
-        What it is, for the message.
-    text : object
-        What the store or a file holds.
-
-    Returns
-    -------
-    object
-        Its content.
 
     Raises
     ------

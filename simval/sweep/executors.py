@@ -48,36 +48,12 @@ Compute = Callable[[Sequence[Cell], Sequence[int]], Iterator[Done]]
 
 
 def execute(cell: Cell) -> Outcome:
-    """Compute one cell.
-
-    Parameters
-    ----------
-    cell : Cell
-        Study, parameters and seed.
-
-    Returns
-    -------
-    Outcome
-        Its rows and artifacts.
-    """
+    """Compute one cell."""
     return find_study(cell.study).run(cell.parameters, cell.streams)
 
 
 def attempt(position: int, cell: Cell) -> Done:
-    """Compute one cell, or say why that failed.
-
-    Parameters
-    ----------
-    position : int
-        Place of the cell in the suite.
-    cell : Cell
-        What to compute.
-
-    Returns
-    -------
-    Done
-        Outcome or traceback.
-    """
+    """Compute one cell, or say why that failed."""
     start = time.process_time()
     try:
         outcome: Outcome | str = execute(cell)
@@ -87,20 +63,7 @@ def attempt(position: int, cell: Cell) -> Done:
 
 
 def serial(cells: Sequence[Cell], pending: Sequence[int]) -> Iterator[Done]:
-    """Compute cells one after the other in this process.
-
-    Parameters
-    ----------
-    cells : sequence of Cell
-        The cells of the suite.
-    pending : sequence of int
-        Places of those to compute.
-
-    Yields
-    ------
-    Done
-        As each ends.
-    """
+    """Compute cells one after the other in this process."""
     for position in pending:
         yield attempt(position, cells[position])
 
@@ -112,20 +75,6 @@ def pooled(
 
     When a worker dies, the pool is made anew and the cells that were in flight are
     computed one at a time, so that only the one that kills its worker fails.
-
-    Parameters
-    ----------
-    cells : sequence of Cell
-        The cells of the suite.
-    pending : sequence of int
-        Places of those to compute.
-    workers : int
-        Processes.
-
-    Yields
-    ------
-    Done
-        As each ends.
     """
     queue = deque(pending)
     while queue:
@@ -144,16 +93,6 @@ def clustered(address: str) -> Iterator[Compute]:
 
     A cell whose worker is lost is given to another by the scheduler; one that loses
     worker after worker is recorded as failed.
-
-    Parameters
-    ----------
-    address : str
-        Of the scheduler, such as ``tcp://host:8786``.
-
-    Yields
-    ------
-    Compute
-        As `serial`, while the connection lasts.
 
     Raises
     ------

@@ -21,18 +21,6 @@ _TYPES |= {"remainder": "float64", "n": "int64"}
 def export_parquet(folder: Path, path: Path) -> int:
     """Write the table of a run as one Parquet file.
 
-    Parameters
-    ----------
-    folder : Path
-        The run folder.
-    path : Path
-        File to write.
-
-    Returns
-    -------
-    int
-        Rows written.
-
     Raises
     ------
     InputError

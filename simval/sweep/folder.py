@@ -26,16 +26,6 @@ PART = "run.sqlite.part"
 def locked(folder: Path) -> Iterator[None]:
     """Keep a run folder for one driver.
 
-    Parameters
-    ----------
-    folder : Path
-        The folder.
-
-    Yields
-    ------
-    None
-        While it is ours.
-
     Raises
     ------
     InputError
@@ -54,17 +44,6 @@ def locked(folder: Path) -> Iterator[None]:
 
 def create(folder: Path, suite: Suite, known: Mapping[str, Any], resume: bool) -> None:
     """Make the folder of a new run, with every cell pending.
-
-    Parameters
-    ----------
-    folder : Path
-        Must not exist, unless `resume` and a run was stopped while it was being made.
-    suite : Suite
-        What is to be run.
-    known : mapping
-        The manifest.
-    resume : bool
-        Whether what an earlier run left may be gone on with.
 
     Raises
     ------
@@ -98,15 +77,6 @@ def create(folder: Path, suite: Suite, known: Mapping[str, Any], resume: bool) -
 def check_same(folder: Path, suite: Suite, known: Mapping[str, Any]) -> None:
     """Refuse to go on with a run of another suite, version or source.
 
-    Parameters
-    ----------
-    folder : Path
-        Of the earlier run.
-    suite : Suite
-        What is to be run now.
-    known : mapping
-        The manifest of now.
-
     Raises
     ------
     InputError
@@ -133,13 +103,6 @@ def check_same(folder: Path, suite: Suite, known: Mapping[str, Any]) -> None:
 def keep(folder: Path, artifacts: Mapping[str, Any]) -> None:
     """Write the artifacts of a cell.
 
-    Parameters
-    ----------
-    folder : Path
-        Folder of the artifacts.
-    artifacts : mapping
-        File name to arrays or bytes.
-
     Raises
     ------
     InputError
@@ -156,13 +119,6 @@ def keep(folder: Path, artifacts: Mapping[str, Any]) -> None:
 
 def write(path: Path, content: str | bytes) -> None:
     """Write a file that appears when it is whole.
-
-    Parameters
-    ----------
-    path : Path
-        The file; its folder is made.
-    content : str or bytes
-        What it holds.
 
     Raises
     ------

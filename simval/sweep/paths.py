@@ -19,20 +19,6 @@ from simval.studies.study import Cell
 def kept_inside(name: str, content: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Check the paths of a suite file and resolve them.
 
-    Parameters
-    ----------
-    name : str
-        Of the suite, for the message.
-    content : mapping
-        As read from TOML.
-    folder : Path
-        Folder of the suite file.
-
-    Returns
-    -------
-    dict
-        The content; where a study's field names files, their paths absolute.
-
     Raises
     ------
     InputError
@@ -60,11 +46,6 @@ def kept_inside(name: str, content: Mapping[str, Any], folder: Path) -> dict[str
 
 def require_found(cells: Iterable[Cell]) -> None:
     """Check that the plug-ins of some cells are here, before anything is computed.
-
-    Parameters
-    ----------
-    cells : iterable of Cell
-        Of a suite.
 
     Raises
     ------

@@ -79,16 +79,6 @@ _FIELDS: Mapping[str, Callable[[Any], Problem]] = MappingProxyType(
 def row_of(entry: sqlite3.Row) -> Row:
     """Row of an entry of the store.
 
-    Parameters
-    ----------
-    entry : sqlite3.Row
-        With the fields of a row.
-
-    Returns
-    -------
-    Row
-        Checked.
-
     Raises
     ------
     DamagedError

@@ -24,18 +24,7 @@ PACKAGES = ("simval", "numpy", "scipy", "mujoco-core", "pydantic")
 
 
 def manifest(suite: Suite) -> dict[str, Any]:
-    """Everything that the numbers of a suite depend on.
-
-    Parameters
-    ----------
-    suite : Suite
-        The suite that is to be run.
-
-    Returns
-    -------
-    dict
-        Ready for JSON: suite, grid, versions, git, source, models, files, machine.
-    """
+    """Everything that the numbers of a suite depend on."""
     return {
         "suite": suite.name,
         "title": suite.title,
@@ -55,25 +44,13 @@ def manifest(suite: Suite) -> dict[str, Any]:
 
 
 def versions() -> dict[str, str]:
-    """Versions of Python and of the packages that the numbers depend on.
-
-    Returns
-    -------
-    dict
-        Name to version.
-    """
+    """Versions of Python and of the packages that the numbers depend on."""
     found = {name: metadata.version(name) for name in PACKAGES}
     return {"python": platform.python_version(), **found}
 
 
 def git_state() -> dict[str, Any]:
-    """Commit of the checkout that the package runs from, if it is one.
-
-    Returns
-    -------
-    dict
-        ``commit`` and ``dirty``; both None outside a checkout.
-    """
+    """Commit of the checkout that the package runs from, if it is one."""
     root = Path(__file__).resolve().parents[2]
     if not (root / ".git").exists():
         return {"commit": None, "dirty": None}
@@ -83,25 +60,13 @@ def git_state() -> dict[str, Any]:
 
 
 def model_hashes() -> dict[str, str]:
-    """SHA-256 of each model file.
-
-    Returns
-    -------
-    dict
-        File name to digest.
-    """
+    """SHA-256 of each model file."""
     files = sorted(models_folder().glob("*.xml"))
     return {f.name: hashlib.sha256(f.read_bytes()).hexdigest() for f in files}
 
 
 def source_hash() -> str:
-    """SHA-256 of all the package's own Python source.
-
-    Returns
-    -------
-    str
-        One digest for names and contents.
-    """
+    """SHA-256 of all the package's own Python source."""
     package = Path(__file__).resolve().parents[1]
     digest = hashlib.sha256()
     for file in sorted(package.rglob("*.py")):
@@ -111,18 +76,7 @@ def source_hash() -> str:
 
 
 def portable_grid(grid: Mapping[str, Any]) -> dict[str, Any]:
-    """Grid of a suite with files by their names alone.
-
-    Parameters
-    ----------
-    grid : mapping
-        As the suite holds it, with paths from where we are.
-
-    Returns
-    -------
-    dict
-        The same wherever the suite is run from.
-    """
+    """Grid of a suite with files by their names alone."""
     return {
         key: portable_fields(STUDIES[key].parameters, value)
         if key in STUDIES and isinstance(value, Mapping)
@@ -132,18 +86,7 @@ def portable_grid(grid: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def named_files(grid: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
-    """Values of a suite that may name files.
-
-    Parameters
-    ----------
-    grid : mapping
-        The grid of a suite.
-
-    Yields
-    ------
-    study, key, text : str
-        Study, field and value, which is given its absolute paths.
-    """
+    """Values of a suite that may name files."""
     for study, table in grid.items():
         if study not in STUDIES or not isinstance(table, Mapping):
             continue
@@ -155,20 +98,7 @@ def named_files(grid: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
 
 
 def file_hashes(grid: Mapping[str, Any]) -> dict[str, str]:
-    """What the files are that a suite names, and those that they name in turn.
-
-    Parameters
-    ----------
-    grid : mapping
-        The grid of a suite.
-
-    Returns
-    -------
-    dict
-        Name of each file to its SHA-256; where different files have one name, it and
-        the study whose they are, to all of theirs. Name of the distribution of a
-        plug-in to its version.
-    """
+    """What the files are that a suite names, and those that they name in turn."""
     named: dict[str, dict[str, set[str]]] = {}
     for study, _, text in named_files(grid):
         for path, digest in sources(text).items():
@@ -186,18 +116,7 @@ def file_hashes(grid: Mapping[str, Any]) -> dict[str, str]:
 
 
 def places(grid: Mapping[str, Any]) -> dict[str, dict[str, str]]:
-    """Where the plug-ins of a suite lie on this machine.
-
-    Parameters
-    ----------
-    grid : mapping
-        The grid of a suite.
-
-    Returns
-    -------
-    dict
-        ``STUDY.KEY`` to a dict: value as cells name it, to the value with its paths.
-    """
+    """Where the plug-ins of a suite lie on this machine."""
     found: dict[str, dict[str, str]] = {}
     for study, key, text in named_files(grid):
         if is_path(text):
@@ -206,18 +125,7 @@ def places(grid: Mapping[str, Any]) -> dict[str, dict[str, str]]:
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
-    """Where two manifests differ, one line each.
-
-    Parameters
-    ----------
-    old, new : mapping
-        Manifests, or parts of them.
-
-    Returns
-    -------
-    list of str
-        ``key: old -> new`` with the path to the key; empty where they agree.
-    """
+    """Where two manifests differ, one line each."""
     lines = []
     for key in sorted({*old, *new}):
         a, b = old.get(key), new.get(key)

@@ -53,17 +53,6 @@ class Repetition:
 def parse_cell(name: str) -> Cell:
     """Cell of a canonical name.
 
-    Parameters
-    ----------
-    name : str
-        ``study(key=value,...)@seed``, as in a results table; parameters that are
-        left out take the study's defaults.
-
-    Returns
-    -------
-    Cell
-        Ready to be computed.
-
     Raises
     ------
     InputError
@@ -92,21 +81,6 @@ def parse_cell(name: str) -> Cell:
 
 def find_cell(name: str, run: Run | None, plugins: Sequence[str] = ()) -> Cell:
     """Cell of a name, with the run's own parameters where it holds the cell.
-
-    Parameters
-    ----------
-    name : str
-        As in a results table. It has only the names of files.
-    run : Run or None
-        Where to look first; it knows where its plug-ins lay.
-    plugins : sequence of str, optional
-        Where they lie now: a plug-in as `simval sweep` takes it, with the file name
-        that the cell has.
-
-    Returns
-    -------
-    Cell
-        Ready to be computed.
 
     Raises
     ------
@@ -154,20 +128,7 @@ def _require_found(cell: Cell, run: Run | None) -> None:
 
 
 def repeat(cell: Cell, run: Run | None) -> Repetition:
-    """Compute a cell again and compare it with what a run holds.
-
-    Parameters
-    ----------
-    cell : Cell
-        What to compute.
-    run : Run or None
-        The run to compare with.
-
-    Returns
-    -------
-    Repetition
-        The outcome and the rows that differ.
-    """
+    """Compute a cell again and compare it with what a run holds."""
     _, done, _ = attempt(0, cell)
     error, outcome = (done, Outcome(rows=())) if isinstance(done, str) else ("", done)
     held = run.cells if run is not None else ()

@@ -110,18 +110,6 @@ def load_run(folder: str | Path) -> Run:
 def opened_run(folder: Path) -> Iterator[tuple[sqlite3.Connection, dict[str, Any]]]:
     """Open a run folder whose files and manifest are what the sweep wrote.
 
-    Parameters
-    ----------
-    folder : Path
-        The folder.
-
-    Yields
-    ------
-    database : sqlite3.Connection
-        The store, to be read with `simval.sweep.cells`, which checks the cells.
-    manifest : dict
-        All that the numbers depend on.
-
     Raises
     ------
     InputError
@@ -134,14 +122,6 @@ def opened_run(folder: Path) -> Iterator[tuple[sqlite3.Connection, dict[str, Any
 
 def write_table(database: sqlite3.Connection, path: Path) -> None:
     """Write the tidy long table of the finished cells: sorted, floats exact.
-
-    Parameters
-    ----------
-    database : sqlite3.Connection
-        The store.
-    path : Path
-        CSV file to write: a header, then a row for each cell and statistic, with a
-        column for each parameter that any cell has. It appears when it is whole.
 
     Raises
     ------
@@ -177,16 +157,6 @@ def _exact(value: Any) -> Any:
 
 def run_folder(run: str | Path) -> Path:
     """Folder of a run.
-
-    Parameters
-    ----------
-    run : str or Path
-        The folder, or ``latest`` for the newest under ``reports/runs``.
-
-    Returns
-    -------
-    Path
-        The folder.
 
     Raises
     ------

@@ -43,56 +43,20 @@ class Progress(Protocol):
     """What the driver tells while it works."""
 
     def start(self, total: int, done: int, worst: Ending) -> None:
-        """Begin.
-
-        Parameters
-        ----------
-        total : int
-            Cells of the suite.
-        done : int
-            Those that were finished earlier.
-        worst : str
-            The worst ending among these.
-        """
+        """Begin."""
 
     def advance(self, name: str, ending: Ending) -> None:
-        """Note that one more cell has ended.
-
-        Parameters
-        ----------
-        name : str
-            Of the cell.
-        ending : str
-            How it ended.
-        """
+        """Note that one more cell has ended."""
 
 
 class Silence:
     """A progress that says nothing."""
 
     def start(self, total: int, done: int, worst: Ending) -> None:
-        """Say nothing.
-
-        Parameters
-        ----------
-        total : int
-            Not used.
-        done : int
-            Not used.
-        worst : str
-            Not used.
-        """
+        """Say nothing."""
 
     def advance(self, name: str, ending: Ending) -> None:
-        """Say nothing.
-
-        Parameters
-        ----------
-        name : str
-            Not used.
-        ending : str
-            Not used.
-        """
+        """Say nothing."""
 
 
 def run_suite(
@@ -156,21 +120,6 @@ def drive(
     progress: Progress,
 ) -> None:
     """Run a suite into a folder; memory does not grow with the number of rows.
-
-    Parameters
-    ----------
-    suite : Suite
-        What to run.
-    folder : Path
-        Folder of the run.
-    workers : int
-        Local processes.
-    scheduler : str or None
-        Address of a scheduler that computes the cells instead.
-    resume : bool
-        Go on with an interrupted run.
-    progress : Progress
-        Told of each cell that ends.
 
     Raises
     ------
@@ -263,18 +212,7 @@ def _worst_stored(database: sqlite3.Connection, suite: Suite) -> Ending:
 
 
 def worse(first: Ending, second: Ending) -> Ending:
-    """Choose the worse of two endings.
-
-    Parameters
-    ----------
-    first, second : str
-        Endings.
-
-    Returns
-    -------
-    str
-        One of them.
-    """
+    """Choose the worse of two endings."""
     return max(first, second, key=ENDINGS.index)
 
 

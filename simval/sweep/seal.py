@@ -19,15 +19,7 @@ NAMES = ("results.csv", "manifest.json", "timing.json")
 
 
 def seal(database: sqlite3.Connection, folder: Path) -> None:
-    """Keep the digests of the files that the sweep has written.
-
-    Parameters
-    ----------
-    database : sqlite3.Connection
-        The store.
-    folder : Path
-        Of the run.
-    """
+    """Keep the digests of the files that the sweep has written."""
     files = [folder / name for name in NAMES]
     files += sorted((folder / "artifacts").rglob("*"))
     digests = {f.relative_to(folder).as_posix(): _digest(f) for f in files if _whole(f)}
@@ -35,25 +27,12 @@ def seal(database: sqlite3.Connection, folder: Path) -> None:
 
 
 def unseal(database: sqlite3.Connection) -> None:
-    """Forget the digests of the files, before they are written anew.
-
-    Parameters
-    ----------
-    database : sqlite3.Connection
-        The store.
-    """
+    """Forget the digests of the files, before they are written anew."""
     store.keep(database, KEY, None)
 
 
 def check_files(database: sqlite3.Connection, folder: Path) -> None:
     """Refuse a run with a file that is not what the sweep wrote.
-
-    Parameters
-    ----------
-    database : sqlite3.Connection
-        The store.
-    folder : Path
-        Of the run.
 
     Raises
     ------

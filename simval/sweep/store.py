@@ -71,17 +71,6 @@ CREATE TABLE rows (
 def opened(path: Path) -> Iterator[sqlite3.Connection]:
     """Open the store of a run.
 
-    Parameters
-    ----------
-    path : Path
-        The store.
-
-    Yields
-    ------
-    sqlite3.Connection
-        In one transaction, so that a run that is being written is read as it was at
-        one moment; closed at the end of the context.
-
     Raises
     ------
     InputError
@@ -115,16 +104,6 @@ def _connected(path: Path) -> Iterator[sqlite3.Connection]:
 def writing(path: Path) -> Iterator[sqlite3.Connection]:
     """Open the store of a run to add to it.
 
-    Parameters
-    ----------
-    path : Path
-        The store.
-
-    Yields
-    ------
-    sqlite3.Connection
-        One transaction costs a tenth of a millisecond, not a turn of the disk.
-
     Raises
     ------
     InputError
@@ -140,15 +119,6 @@ def writing(path: Path) -> Iterator[sqlite3.Connection]:
 
 def create(path: Path, cells: Iterable[Cell], manifest: str) -> None:
     """Make a new store with every cell pending.
-
-    Parameters
-    ----------
-    path : Path
-        File to create; must not exist.
-    cells : iterable of Cell
-        The cells of the suite, in order.
-    manifest : str
-        What the numbers depend on, as JSON.
 
     Raises
     ------
@@ -181,15 +151,7 @@ def create(path: Path, cells: Iterable[Cell], manifest: str) -> None:
 
 
 def sign(database: sqlite3.Connection, position: int) -> None:
-    """Write the digest of all that is stored of a cell, within a transaction.
-
-    Parameters
-    ----------
-    database : sqlite3.Connection
-        The store.
-    position : int
-        Place of the cell in the suite.
-    """
+    """Write the digest of all that is stored of a cell, within a transaction."""
     cursor = database.cursor()
     cursor.row_factory = sqlite3.Row
     query = "SELECT * FROM cells WHERE position = ?"
@@ -203,20 +165,7 @@ def sign(database: sqlite3.Connection, position: int) -> None:
 
 
 def digest_of_cell(cell: sqlite3.Row, rows: Sequence[sqlite3.Row]) -> str:
-    """Digest of all that is stored of a cell.
-
-    Parameters
-    ----------
-    cell : sqlite3.Row
-        Its entry.
-    rows : sequence of sqlite3.Row
-        Its rows, in order.
-
-    Returns
-    -------
-    str
-        As of `digest_of`.
-    """
+    """Digest of all that is stored of a cell."""
     names = ("ordinal", *ROW_FIELDS)
     return digest_of(
         [
@@ -227,37 +176,14 @@ def digest_of_cell(cell: sqlite3.Row, rows: Sequence[sqlite3.Row]) -> str:
 
 
 def digest_of(content: Any) -> str:
-    """SHA-256 of numbers, words and lists of them, exact and by type.
-
-    Parameters
-    ----------
-    content : object
-        Of SQLite's own types.
-
-    Returns
-    -------
-    str
-        In hexadecimal.
-    """
+    """SHA-256 of numbers, words and lists of them, exact and by type."""
     return hashlib.sha256(repr(content).encode()).hexdigest()
 
 
 def finish(
     database: sqlite3.Connection, position: int, rows: Iterable[Row], seconds: float
 ) -> None:
-    """Keep the rows of a finished cell, in one transaction.
-
-    Parameters
-    ----------
-    database : sqlite3.Connection
-        The store.
-    position : int
-        Place of the cell in the suite.
-    rows : iterable of Row
-        Its statistics.
-    seconds : float
-        CPU time that it took, s.
-    """
+    """Keep the rows of a finished cell, in one transaction."""
     marks = ", ".join("?" * (2 + len(ROW_FIELDS)))
     with database:
         database.executemany(
@@ -287,19 +213,7 @@ def _fields(row: Row) -> tuple[Any, ...]:
 def fail(
     database: sqlite3.Connection, position: int, error: str, seconds: float
 ) -> None:
-    """Record that a cell failed, and why.
-
-    Parameters
-    ----------
-    database : sqlite3.Connection
-        The store.
-    position : int
-        Place of the cell in the suite.
-    error : str
-        The traceback or message; kept as `simval.plugins.errors.printable`.
-    seconds : float
-        CPU time that it took, s.
-    """
+    """Record that a cell failed, and why."""
     with database:
         database.execute(
             "UPDATE cells SET status = 'failed', error = ?, seconds = ? "
@@ -310,18 +224,7 @@ def fail(
 
 
 def manifest(database: sqlite3.Connection) -> dict[str, Any]:
-    """Read what the numbers of the run depend on.
-
-    Parameters
-    ----------
-    database : sqlite3.Connection
-        The store.
-
-    Returns
-    -------
-    dict
-        The manifest.
-    """
+    """Read what the numbers of the run depend on."""
     text = entry(database, "manifest")
     found = checked_manifest(text)
     if entry(database, "manifest digest") != digest_of(text):
@@ -331,17 +234,7 @@ def manifest(database: sqlite3.Connection) -> dict[str, Any]:
 
 
 def keep(database: sqlite3.Connection, key: str, value: str | None) -> None:
-    """Set an entry of the store, in one transaction.
-
-    Parameters
-    ----------
-    database : sqlite3.Connection
-        The store.
-    key : str
-        Its name.
-    value : str or None
-        What it says; None takes it out.
-    """
+    """Set an entry of the store, in one transaction."""
     with database:
         database.execute("DELETE FROM meta WHERE key = ?", (key,))
         if value is not None:
@@ -349,89 +242,32 @@ def keep(database: sqlite3.Connection, key: str, value: str | None) -> None:
 
 
 def entry(database: sqlite3.Connection, key: str) -> Any:
-    """Read an entry of the store.
-
-    Parameters
-    ----------
-    database : sqlite3.Connection
-        The store.
-    key : str
-        Its name.
-
-    Returns
-    -------
-    object
-        What it says, a text where nothing is damaged; None where there is none.
-    """
+    """Read an entry of the store."""
     query = "SELECT value FROM meta WHERE key = ?"
     found = database.execute(query, (key,)).fetchone()
     return found[0] if found else None
 
 
 def unfinished(database: sqlite3.Connection) -> list[int]:
-    """List the cells that have no result.
-
-    Parameters
-    ----------
-    database : sqlite3.Connection
-        The store.
-
-    Returns
-    -------
-    list of int
-        Their places, in order.
-    """
+    """List the cells that have no result."""
     query = "SELECT position FROM cells WHERE status != 'done' ORDER BY position"
     return [entry[0] for entry in database.execute(query)]
 
 
 def failures(database: sqlite3.Connection) -> list[tuple[str, str]]:
-    """List the cells that failed.
-
-    Parameters
-    ----------
-    database : sqlite3.Connection
-        The store.
-
-    Returns
-    -------
-    list of (str, str)
-        Name and traceback, in the order of the suite.
-    """
+    """List the cells that failed."""
     query = "SELECT cell, error FROM cells WHERE status = 'failed' ORDER BY position"
     return [(entry[0], entry[1]) for entry in database.execute(query)]
 
 
 def seconds(database: sqlite3.Connection) -> dict[str, float]:
-    """Read the CPU time of each cell.
-
-    Parameters
-    ----------
-    database : sqlite3.Connection
-        The store.
-
-    Returns
-    -------
-    dict
-        Name of the cell to seconds.
-    """
+    """Read the CPU time of each cell."""
     query = "SELECT cell, seconds FROM cells ORDER BY position"
     return {entry[0]: entry[1] for entry in database.execute(query)}
 
 
 def names(database: sqlite3.Connection) -> list[str]:
-    """List the names of the cells.
-
-    Parameters
-    ----------
-    database : sqlite3.Connection
-        The store.
-
-    Returns
-    -------
-    list of str
-        In the order of the suite.
-    """
+    """List the names of the cells."""
     query = "SELECT cell FROM cells ORDER BY position"
     return [found[0] for found in database.execute(query)]
 

@@ -56,13 +56,7 @@ class Suite:
 
 
 def builtin_suites() -> tuple[str, ...]:
-    """Names of the suites that are shipped with the package.
-
-    Returns
-    -------
-    tuple of str
-        Sorted names.
-    """
+    """Names of the suites that are shipped with the package."""
     folder = resources.files("simval.sweep") / "suites"
     return tuple(
         sorted(p.name[:-5] for p in folder.iterdir() if p.name[-5:] == ".toml")
@@ -71,13 +65,7 @@ def builtin_suites() -> tuple[str, ...]:
 
 @cache
 def suite_model() -> type[BaseModel]:
-    """Pydantic model of a suite file: one optional table for each study.
-
-    Returns
-    -------
-    type of BaseModel
-        With a scalar or a non-empty list for each parameter of each study.
-    """
+    """Pydantic model of a suite file: one optional table for each study."""
     strict = ConfigDict(extra="forbid", frozen=True, strict=True)
     tables: dict[str, Any] = {}
     for name, study in STUDIES.items():
@@ -153,18 +141,6 @@ def load_suite(
 
 def expand(name: str, content: Mapping[str, Any]) -> Suite:
     """Validate the content of a suite and expand its grid to cells.
-
-    Parameters
-    ----------
-    name : str
-        Name of the suite.
-    content : mapping
-        As read from TOML.
-
-    Returns
-    -------
-    Suite
-        With its cells.
 
     Raises
     ------
@@ -268,18 +244,7 @@ def _override(content: dict[str, Any], override: str) -> None:
 
 
 def literal(text: str) -> Any:
-    """Value of one word: a TOML literal, else the word itself.
-
-    Parameters
-    ----------
-    text : str
-        From a command line or the name of a cell.
-
-    Returns
-    -------
-    bool, int, float or str
-        Its value.
-    """
+    """Value of one word: a TOML literal, else the word itself."""
     try:
         found = tomllib.loads(f"value = {text}")
     except (tomllib.TOMLDecodeError, RecursionError):
@@ -289,20 +254,6 @@ def literal(text: str) -> Any:
 
 def validated(where: str, model: type[Model], content: Mapping[str, Any]) -> Model:
     """Check some content against a model.
-
-    Parameters
-    ----------
-    where : str
-        What the content is part of, for the message.
-    model : type of BaseModel
-        What it must be.
-    content : mapping
-        Keys and values.
-
-    Returns
-    -------
-    BaseModel
-        The checked content.
 
     Raises
     ------

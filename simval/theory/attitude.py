@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arguments import choice, instance, switch
 from simval.arrays import Array, frozen
@@ -62,7 +63,7 @@ class AttitudeMoments(Moments):
         the sooner every expansion fails.
     """
 
-    q_true: Array
+    q_true: Float[Array, "4"]
     frame: str
     norm: float
 

@@ -44,6 +44,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arguments import choice, instance
 from simval.arrays import Array, frozen, noise_levels, positive_number
@@ -78,10 +79,10 @@ class CalibrationMoments:
     """
 
     names: tuple[str, ...]
-    bias: Array
-    covariance: Array
-    cramer_rao: Array
-    bias_remainder: Array
+    bias: Float[Array, "9"]
+    covariance: Float[Array, "9 9"]
+    cramer_rao: Float[Array, "9 9"]
+    bias_remainder: Float[Array, "9"]
     variance_remainder: float
 
     def __post_init__(self) -> None:
@@ -89,17 +90,17 @@ class CalibrationMoments:
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
-    def sd(self) -> Array:
+    def sd(self) -> Float[Array, "9"]:
         """Standard deviation of each parameter, (9,)."""
         return np.sqrt(np.diagonal(self.covariance))
 
     @property
-    def sd_remainder(self) -> Array:
+    def sd_remainder(self) -> Float[Array, "9"]:
         """What a standard deviation may be off by, half of eq. (K4), (9,)."""
         return self.sd * (self.variance_remainder / 2.0)
 
     @property
-    def efficiency(self) -> Array:
+    def efficiency(self) -> Float[Array, "9"]:
         """Bound over variance of each parameter, (9,); at most 1."""
         return np.diagonal(self.cramer_rao) / np.diagonal(self.covariance)
 

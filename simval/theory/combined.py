@@ -23,6 +23,7 @@ tie of two columns the fourth-order remainder is not smooth in the noise.
 """
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.theory.cubature import covariance_roots
@@ -30,19 +31,13 @@ from simval.theory.second_order import tangent_projector
 from simval.theory.two_vector import column_maps
 
 
-def column_matrix(b1: Array, b2: Array, r1: Array, r2: Array) -> Array:
-    """Four columns with the symmetric scalar, mapped back, from any vectors.
-
-    Parameters
-    ----------
-    b1, b2, r1, r2 : Array
-        Vectors, (..., 3).
-
-    Returns
-    -------
-    Array
-        Columns x, y, z, plain of quaternions, (..., 4, 4).
-    """
+def column_matrix(
+    b1: Float[Array, "... 3"],
+    b2: Float[Array, "... 3"],
+    r1: Float[Array, "... 3"],
+    r2: Float[Array, "... 3"],
+) -> Float[Array, "... 4 4"]:
+    """Four columns with the symmetric scalar, mapped back, from any vectors."""
     columns = []
     for turn, back in column_maps():
         d1, s1 = (b1 - turn * r1) / 2, (b1 + turn * r1) / 2
@@ -54,26 +49,12 @@ def column_matrix(b1: Array, b2: Array, r1: Array, r2: Array) -> Array:
 
 
 def combined_moments(
-    vectors: Array, q: Array, noise: Array, means: Array
+    vectors: Float[Array, "4 3"],
+    q: Float[Array, "4"],
+    noise: Float[Array, "4 3 3"],
+    means: Float[Array, "4 3"],
 ) -> tuple[Array, Array]:
-    """Bias and covariance of q - qhat of the combined estimator, to second order.
-
-    Parameters
-    ----------
-    vectors : Array
-        True b1, b2, r1, r2, (4, 3).
-    q : Array
-        True quaternion, (4,).
-    noise : Array
-        Covariances of the four, (4, 3, 3).
-    means : Array
-        Mean noise, of second order, (4, 3).
-
-    Returns
-    -------
-    tuple of Array
-        Bias (4,) and covariance (4, 4); the next terms are of fourth order.
-    """
+    """Bias and covariance of q - qhat of the combined estimator, to second order."""
     M = column_matrix(*vectors)
     changes = _changes(vectors, _noise_directions(noise))
     p = q @ M

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array, frozen
 from simval.errors import InputError
@@ -38,8 +39,8 @@ class AttitudeBound:
         Covariance of the additive quaternion error, (4, 4), of rank 3.
     """
 
-    rotation: Array
-    quaternion: Array
+    rotation: Float[Array, "3 3"]
+    quaternion: Float[Array, "4 4"]
 
     def __post_init__(self) -> None:
         for name in ("rotation", "quaternion"):

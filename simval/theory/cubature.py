@@ -20,6 +20,7 @@ from math import comb, fsum
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arguments import function, whole_number
 from simval.arrays import Array, physical_array, shaped_array
@@ -38,18 +39,6 @@ Node = tuple[tuple[int, float], ...]
 @lru_cache(maxsize=8)
 def smolyak_hermite(dimension: int, degree: int) -> tuple[Array, Array]:
     """Nodes and weights of the rule (S1) for independent standard normals.
-
-    Parameters
-    ----------
-    dimension : int
-        Number of variables, 1 or more.
-    degree : int
-        Odd total degree that is integrated exactly, 1 to 15.
-
-    Returns
-    -------
-    tuple of Array
-        Nodes (n, dimension) and weights (n,), read-only; weights sum to 1.
 
     Raises
     ------
@@ -215,21 +204,11 @@ def _centre(points: Array) -> int:
     return int(np.argmin(np.abs(points).max(axis=1)))
 
 
-def covariance_roots(covariances: Array) -> Array:
+def covariance_roots(covariances: Float[Array, "k n n"]) -> Float[Array, "k n n"]:
     """Symmetric roots R, R R' equal to each covariance, singular ones included.
 
     The symmetric root alone does not depend on the eigenvectors that a processor's
     kernels happen to choose where eigenvalues are equal.
-
-    Parameters
-    ----------
-    covariances : Array
-        Symmetric positive semidefinite matrices, (k, n, n).
-
-    Returns
-    -------
-    Array
-        Roots, (k, n, n).
     """
     values, vectors = np.linalg.eigh(covariances)
     scaled = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]

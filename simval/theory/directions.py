@@ -38,20 +38,7 @@ _CUT: Final = 9.5
 def direction_rules(
     geometry: TwoVectorGeometry, tau1: float, tau2: float
 ) -> Iterator[tuple[Array, Array]]:
-    """Rules that refine, the cheapest first.
-
-    Parameters
-    ----------
-    geometry : TwoVectorGeometry
-        The noise-free vectors.
-    tau1, tau2 : float
-        Standard deviations of d1 and of d2, per axis.
-
-    Yields
-    ------
-    tuple of Array
-        Unit vectors u (n, 3) and weights (n,) that include the density.
-    """
+    """Rules that refine, the cheapest first."""
     for count in _ABOUT_D2:
         yield _about_d2(geometry.d2, tau2, (2 * count, count))
     d1 = np.linalg.norm(geometry.d1)

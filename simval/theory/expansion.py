@@ -17,6 +17,7 @@ the mean of x and every odd moment vanish.
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.geometry import cross_matrix
@@ -42,25 +43,14 @@ class ScaledErrorMoments:
         Mean of the bilinear part times the linear part twice, (4, 4, 4).
     """
 
-    q: Array
-    P: Array
-    V: Array
-    G: Array
+    q: Float[Array, "4"]
+    P: Float[Array, "4 4"]
+    V: Float[Array, "4 4"]
+    G: Float[Array, "4 4 4"]
 
 
 def linear_maps(geometry: TwoVectorGeometry) -> tuple[Array, Array]:
-    """Matrices J1 and J2 of eq. (X1), source eqs. (54) to (58).
-
-    Parameters
-    ----------
-    geometry : TwoVectorGeometry
-        The noise-free vectors.
-
-    Returns
-    -------
-    tuple of Array
-        J1 (4, 6) on (dd1, ds1) and J2 (4, 3) on dd2.
-    """
+    """Matrices J1 and J2 of eq. (X1), source eqs. (54) to (58)."""
     J1, J2 = np.zeros((4, 6)), np.zeros((4, 3))
     J1[:3, :3] = cross_matrix(geometry.d2)
     J1[3, 3:] = -geometry.d2
@@ -69,61 +59,28 @@ def linear_maps(geometry: TwoVectorGeometry) -> tuple[Array, Array]:
     return J1 / geometry.norm, J2 / geometry.norm
 
 
-def bilinear_map(geometry: TwoVectorGeometry) -> Array:
-    """Tensor B of eq. (X1), the last terms of source eq. (39).
-
-    Parameters
-    ----------
-    geometry : TwoVectorGeometry
-        The noise-free vectors.
-
-    Returns
-    -------
-    Array
-        B[a] is the 6 x 3 form of component a, (4, 6, 3).
-    """
+def bilinear_map(geometry: TwoVectorGeometry) -> Float[Array, "4 6 3"]:
+    """Tensor B of eq. (X1), the last terms of source eq. (39)."""
     B = np.zeros((4, 6, 3))
     B[:3, :3] = -_LEVI_CIVITA.swapaxes(0, 1)
     B[3, 3:] = -np.eye(3)
     return B / geometry.norm
 
 
-def half_noise(geometry: TwoVectorGeometry, noise: Array) -> tuple[Array, Array]:
-    """Covariances of (dd1, ds1) and of dd2 in the turned frame.
-
-    Parameters
-    ----------
-    geometry : TwoVectorGeometry
-        Says how the reference vectors are turned.
-    noise : Array
-        Covariances of b1, b2, r1, r2 in the original frame, (4, 3, 3).
-
-    Returns
-    -------
-    tuple of Array
-        C1 (6, 6) and C2 (3, 3).
-    """
+def half_noise(
+    geometry: TwoVectorGeometry, noise: Float[Array, "4 3 3"]
+) -> tuple[Array, Array]:
+    """Covariances of (dd1, ds1) and of dd2 in the turned frame."""
     turn = geometry.turn[:, None] * geometry.turn
     b1, b2, r1, r2 = noise[0], noise[1], turn * noise[2], turn * noise[3]
     own, cross = (b1 + r1) / 4.0, (b1 - r1) / 4.0
     return np.block([[own, cross], [cross, own]]), (b2 + r2) / 4.0
 
 
-def mean_linear_error(geometry: TwoVectorGeometry, means: Array) -> Array:
-    """Mean of the linear part of x when the noise has a mean.
-
-    Parameters
-    ----------
-    geometry : TwoVectorGeometry
-        The noise-free vectors.
-    means : Array
-        Mean noise of b1, b2, r1, r2 in the original frame, (4, 3).
-
-    Returns
-    -------
-    Array
-        Mean of x1 in the geometry's frame, (4,).
-    """
+def mean_linear_error(
+    geometry: TwoVectorGeometry, means: Float[Array, "4 3"]
+) -> Float[Array, "4"]:
+    """Mean of the linear part of x when the noise has a mean."""
     J1, J2 = linear_maps(geometry)
     b1, b2, r1, r2 = means[0], means[1], geometry.turn * means[2], means[3]
     dd1, ds1, dd2 = (b1 - r1) / 2, (b1 + r1) / 2, (b2 - geometry.turn * r2) / 2
@@ -132,23 +89,9 @@ def mean_linear_error(geometry: TwoVectorGeometry, means: Array) -> Array:
 
 
 def scaled_error_moments(
-    geometry: TwoVectorGeometry, noise: Array
+    geometry: TwoVectorGeometry, noise: Float[Array, "4 3 3"]
 ) -> ScaledErrorMoments:
-    """Moments P, V and G of eq. (X2).
-
-    Parameters
-    ----------
-    geometry : TwoVectorGeometry
-        The noise-free vectors.
-    noise : Array
-        Covariances of b1, b2, r1, r2 in the original frame, (4, 3, 3).
-
-    Returns
-    -------
-    ScaledErrorMoments
-        Exact for Gaussian noise that is independent from vector to vector; P and V
-        need no Gaussian distribution.
-    """
+    """Moments P, V and G of eq. (X2)."""
     J1, J2 = linear_maps(geometry)
     B = bilinear_map(geometry)
     C1, C2 = half_noise(geometry, noise)

@@ -3,6 +3,7 @@
 from typing import Any, Final
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arguments import shown
 from simval.arrays import GREATEST, LEAST, Array, finite_array
@@ -12,18 +13,8 @@ MAX_NOISE: Final = 1e6
 """Of unit vectors; fourth powers of it neither overflow nor mean anything."""
 
 
-def noise_covariances(noise_std: Any) -> Array:
+def noise_covariances(noise_std: Any) -> Float[Array, "4 3 3"]:
     """Covariances of the noise on b1, b2, r1, r2 from any accepted form.
-
-    Parameters
-    ----------
-    noise_std : array_like
-        One standard deviation for all, or four, or four 3 x 3 covariances.
-
-    Returns
-    -------
-    Array
-        Covariances, (4, 3, 3).
 
     Raises
     ------
@@ -55,20 +46,8 @@ def noise_covariances(noise_std: Any) -> Array:
     return checked_covariances("noise_std", value)
 
 
-def checked_covariances(name: str, matrices: Any) -> Array:
+def checked_covariances(name: str, matrices: Any) -> Float[Array, "k 3 3"]:
     """Require symmetric positive semidefinite matrices.
-
-    Parameters
-    ----------
-    name : str
-        The argument's name, for the message.
-    matrices : array_like
-        What the caller gave.
-
-    Returns
-    -------
-    Array
-        (k, 3, 3).
 
     Raises
     ------
@@ -95,7 +74,9 @@ def checked_covariances(name: str, matrices: Any) -> Array:
     return value
 
 
-def normalized_noise(vectors: Array, noise: Array) -> tuple[Array, Array]:
+def normalized_noise(
+    vectors: Float[Array, "k 3"], noise: Float[Array, "k 3 3"]
+) -> tuple[Array, Array]:
     r"""Mean and covariance of the noise left when each vector is normalised after it.
 
     For a unit vector v and :math:`\Pi = I - v v^T`, :math:`(v + n)/|v + n| - v` is
@@ -103,18 +84,6 @@ def normalized_noise(vectors: Array, noise: Array) -> tuple[Array, Array]:
     :math:`-\Pi\Sigma v - \mathrm{tr}(\Pi\Sigma) v/2` (shortened, and turned if the
     noise along v is correlated with the noise across) and its covariance
     :math:`\Pi\Sigma\Pi`.
-
-    Parameters
-    ----------
-    vectors : Array
-        True unit vectors, (k, 3).
-    noise : Array
-        Covariance of the noise before the normalisation, (k, 3, 3).
-
-    Returns
-    -------
-    tuple of Array
-        Means (k, 3) and covariances (k, 3, 3); the next terms are of fourth order.
     """
     planes = np.eye(3) - vectors[:, :, None] * vectors[:, None, :]
     across = planes @ noise
@@ -123,20 +92,9 @@ def normalized_noise(vectors: Array, noise: Array) -> tuple[Array, Array]:
     return -turned - shortened, across @ planes
 
 
-def tangent_covariances(vectors: Array, std: Any) -> Array:
-    r"""Covariances of noise in the plane tangent to each unit vector.
-
-    Parameters
-    ----------
-    vectors : Array
-        True unit vectors b1, b2, r1, r2, (4, 3).
-    std : array_like
-        Standard deviation, one for all or four.
-
-    Returns
-    -------
-    Array
-        :math:`\sigma^2 (I - v v^T)` for each, (4, 3, 3).
-    """
+def tangent_covariances(
+    vectors: Float[Array, "4 3"], std: Any
+) -> Float[Array, "4 3 3"]:
+    r"""Covariances of noise in the plane tangent to each unit vector."""
     planes = np.eye(3) - vectors[:, :, None] * vectors[:, None, :]
     return np.broadcast_to(np.asarray(std), (4,))[:, None, None] ** 2 * planes

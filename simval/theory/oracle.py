@@ -24,6 +24,7 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
+from jaxtyping import Float
 from scipy import special
 
 from simval.arrays import Array
@@ -39,21 +40,10 @@ _TOLERANCE: Final = 1e-9
 _SERIES_RHO: Final = 1e-2
 
 
-def exact_moments(geometry: TwoVectorGeometry, noise: Array) -> tuple[Array, Array]:
+def exact_moments(
+    geometry: TwoVectorGeometry, noise: Float[Array, "4 3 3"]
+) -> tuple[Array, Array]:
     """Exact bias and covariance of q - qhat in the turned frame.
-
-    Parameters
-    ----------
-    geometry : TwoVectorGeometry
-        The noise-free vectors.
-    noise : Array
-        Isotropic covariances of b1, b2, r1, r2, (4, 3, 3).
-
-    Returns
-    -------
-    tuple of Array
-        Bias (4,) and covariance (4, 4) of truth minus estimate, the estimate with
-        its raw sign.
 
     Raises
     ------
@@ -66,24 +56,14 @@ def exact_moments(geometry: TwoVectorGeometry, noise: Array) -> tuple[Array, Arr
     return bias, covariance
 
 
-def flip_probability(geometry: TwoVectorGeometry, noise: Array) -> float:
+def flip_probability(
+    geometry: TwoVectorGeometry, noise: Float[Array, "4 3 3"]
+) -> float:
     r"""Probability that the raw estimate has the other sign than the truth.
 
     Given u, :math:`q^T\bar q/|d_2|` is Gaussian with mean :math:`q^T m` and variance
     :math:`\tau_1^2 (1 - (e^T u)^2)`. Every prediction here keeps the raw sign; one who
     aligns the sign sample by sample sees another error in this share of the samples.
-
-    Parameters
-    ----------
-    geometry : TwoVectorGeometry
-        The noise-free vectors.
-    noise : Array
-        Isotropic covariances of b1, b2, r1, r2, (4, 3, 3).
-
-    Returns
-    -------
-    float
-        Probability, absolute error below 1e-9.
 
     Raises
     ------
@@ -188,19 +168,8 @@ def _flips_given_directions(
     return (np.array([share, 1.0 - share]),)
 
 
-def one_minus_a(rho: Array) -> Array:
-    """1 - A of eq. (E1): the shortening of the mean of a projected Gaussian.
-
-    Parameters
-    ----------
-    rho : Array
-        Length of the mean over the standard deviation, 0 to inf, (n,).
-
-    Returns
-    -------
-    Array
-        1 at rho = 0, 1/rho^2 for large rho, (n,).
-    """
+def one_minus_a(rho: Float[Array, " n"]) -> Float[Array, " n"]:
+    """1 - A of eq. (E1): the shortening of the mean of a projected Gaussian."""
     safe = np.maximum(rho, _SERIES_RHO)
     squared = safe * safe
     closed = (
@@ -213,19 +182,8 @@ def one_minus_a(rho: Array) -> Array:
     return np.where(rho < _SERIES_RHO, series, closed)
 
 
-def one_minus_b(rho: Array) -> Array:
-    """1 - B of eq. (E1): the share of the second moment across the mean.
-
-    Parameters
-    ----------
-    rho : Array
-        Length of the mean over the standard deviation, 0 to inf, (n,).
-
-    Returns
-    -------
-    Array
-        2/3 at rho = 0, 2/rho^2 for large rho, (n,).
-    """
+def one_minus_b(rho: Float[Array, " n"]) -> Float[Array, " n"]:
+    """1 - B of eq. (E1): the share of the second moment across the mean."""
     safe = np.maximum(rho, _SERIES_RHO)
     dawson = special.dawsn(safe / np.sqrt(2.0))
     closed = 2.0 / safe**2 - 2.0 * np.sqrt(2.0) * dawson / safe / safe**2

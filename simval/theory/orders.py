@@ -23,6 +23,7 @@ accurate to second order, like the linear one (docs/attitude.md).
 """
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.theory.expansion import ScaledErrorMoments
@@ -34,38 +35,16 @@ from simval.theory.second_order import (
 )
 
 
-def quadratic_form(q: Array) -> Array:
-    """Tensor T of the second-order term of (O1): component b is x' T[b] x.
-
-    Parameters
-    ----------
-    q : Array
-        True quaternion, (4,).
-
-    Returns
-    -------
-    Array
-        Symmetric in all three axes, (4, 4, 4).
-    """
+def quadratic_form(q: Float[Array, "4"]) -> Float[Array, "4 4 4"]:
+    """Tensor T of the second-order term of (O1): component b is x' T[b] x."""
     half = 0.5 * np.eye(4)[:, :, None] * q
     return half + half.swapaxes(1, 2) + 0.5 * q[:, None, None] * normalization_matrix(q)
 
 
-def quadratic_covariance(q: Array, P: Array) -> Array:
-    """Covariance of Q2(x1, x1): Terms 1 to 6 of source section 5, less the mean.
-
-    Parameters
-    ----------
-    q : Array
-        True quaternion, (4,).
-    P : Array
-        Covariance of the linear part of x, (4, 4).
-
-    Returns
-    -------
-    Array
-        :math:`2 tr(T_a P T_b P)` by Isserlis' theorem, (4, 4).
-    """
+def quadratic_covariance(
+    q: Float[Array, "4"], P: Float[Array, "4 4"]
+) -> Float[Array, "4 4"]:
+    """Covariance of Q2(x1, x1): Terms 1 to 6 of source section 5, less the mean."""
     scaled = quadratic_form(q) @ P
     covariance: Array = (
         2.0 * scaled.reshape(4, 16) @ (scaled.swapaxes(1, 2).reshape(4, 16).T)
@@ -73,24 +52,14 @@ def quadratic_covariance(q: Array, P: Array) -> Array:
     return covariance
 
 
-def paper_fourth_terms(q: Array, P: Array) -> Array:
+def paper_fourth_terms(
+    q: Float[Array, "4"], P: Float[Array, "4 4"]
+) -> Float[Array, "6 4 4"]:
     r"""Terms 1 to 6 of source section 5, each by Isserlis' theorem.
 
     They are the products of :math:`u x`, :math:`r q/2` and :math:`-3u^2 q/2` in pairs;
     Terms 2 and 3 are made symmetric, which the source's are not. Their sum less the
     mean times its transpose is `quadratic_covariance`.
-
-    Parameters
-    ----------
-    q : Array
-        True quaternion, (4,).
-    P : Array
-        Covariance of the scaled error, (4, 4).
-
-    Returns
-    -------
-    Array
-        The six terms with their factors, (6, 4, 4).
     """
     Pq, trace = P @ q, np.trace(P)
     along = q @ Pq
@@ -109,37 +78,15 @@ def paper_fourth_terms(q: Array, P: Array) -> Array:
     )
 
 
-def paper_fourth_covariance(q: Array, P: Array) -> Array:
-    """The source's fourth-order covariance, its section 5, misprints put right.
-
-    Parameters
-    ----------
-    q : Array
-        True quaternion, (4,).
-    P : Array
-        Covariance of the scaled error, (4, 4).
-
-    Returns
-    -------
-    Array
-        Covariance, (4, 4); its error is of fourth order too.
-    """
+def paper_fourth_covariance(
+    q: Float[Array, "4"], P: Float[Array, "4 4"]
+) -> Float[Array, "4 4"]:
+    """The source's fourth-order covariance, its section 5, misprints put right."""
     return second_order_covariance(q, P) + quadratic_covariance(q, P)
 
 
-def complete_fourth_covariance(moments: ScaledErrorMoments) -> Array:
-    """Covariance of q - qhat through fourth order, eq. (O2).
-
-    Parameters
-    ----------
-    moments : ScaledErrorMoments
-        P, V and G of the scaled error.
-
-    Returns
-    -------
-    Array
-        Covariance, (4, 4); the next term is of sixth order.
-    """
+def complete_fourth_covariance(moments: ScaledErrorMoments) -> Float[Array, "4 4"]:
+    """Covariance of q - qhat through fourth order, eq. (O2)."""
     q, P, G = moments.q, moments.P, moments.G
     T = quadratic_form(q)
     projector = tangent_projector(q)
@@ -152,19 +99,8 @@ def complete_fourth_covariance(moments: ScaledErrorMoments) -> Array:
     return paper_fourth_covariance(q, P) + bilinear + half + half.T
 
 
-def complete_fourth_bias(moments: ScaledErrorMoments) -> Array:
-    """Mean of q - qhat through fourth order.
-
-    Parameters
-    ----------
-    moments : ScaledErrorMoments
-        P, V and G of the scaled error.
-
-    Returns
-    -------
-    Array
-        Bias, (4,); the next term is of sixth order.
-    """
+def complete_fourth_bias(moments: ScaledErrorMoments) -> Float[Array, "4"]:
+    """Mean of q - qhat through fourth order."""
     q, P = moments.q, moments.P
     from_bilinear = quadratic_form(q).reshape(4, 16) @ moments.V.reshape(16)
     return (

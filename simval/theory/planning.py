@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arguments import choice, instance
 from simval.arrays import Array, frozen, positive_number
@@ -48,14 +49,14 @@ class Plan:
     """
 
     names: tuple[str, ...]
-    sd: Array
-    bound: Array
-    bias: Array
+    sd: Float[Array, "9"]
+    bound: Float[Array, "9"]
+    bias: Float[Array, "9"]
     poses: int
     rank: int
     condition: float
-    next_direction: Array
-    sd_next: Array
+    next_direction: Float[Array, "3"]
+    sd_next: Float[Array, "9"]
     noise_std: float
 
     def __post_init__(self) -> None:

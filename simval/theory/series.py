@@ -16,6 +16,7 @@ from math import prod
 from typing import Any, Union
 
 import numpy as np
+from jaxtyping import Float
 from numpy.typing import NDArray
 
 from simval.arguments import choice, function
@@ -49,24 +50,13 @@ class Algebra:
     dimension: int
     degree: int
     degrees: NDArray[np.intp]
-    means: Array
+    means: Float[Array, " m"]
     left: NDArray[np.intp]
     right: NDArray[np.intp]
     target: NDArray[np.intp]
 
     def variable(self, index: int) -> "Series":
-        """One of the variables as a series.
-
-        Parameters
-        ----------
-        index : int
-            Which, 0 to dimension - 1.
-
-        Returns
-        -------
-        Series
-            The variable.
-        """
+        """One of the variables as a series."""
         coefficients = np.zeros(self.means.size)
         coefficients[1 + index] = 1.0
         return Series(coefficients, self)
@@ -74,20 +64,7 @@ class Algebra:
 
 @lru_cache(maxsize=16)
 def algebra(dimension: int, degree: int) -> Algebra:
-    """Tables of the truncated polynomials; the constant comes first.
-
-    Parameters
-    ----------
-    dimension : int
-        Number of variables.
-    degree : int
-        Highest total degree kept.
-
-    Returns
-    -------
-    Algebra
-        The tables, built once.
-    """
+    """Tables of the truncated polynomials; the constant comes first."""
     # a monomial is the sorted tuple of its variables, repeated by exponent
     monomials = [
         combination
@@ -123,15 +100,7 @@ def _normal_moment(monomial: tuple[int, ...]) -> float:
 
 
 class Series:
-    """A number with its derivatives: a truncated polynomial in the noise.
-
-    Parameters
-    ----------
-    coefficients : Array
-        One per monomial of the algebra, (m,).
-    tables : Algebra
-        The algebra.
-    """
+    """A number with its derivatives: a truncated polynomial in the noise."""
 
     __slots__ = ("algebra", "coefficients")
 
@@ -187,13 +156,7 @@ class Series:
         return self._power(float(exponent))
 
     def sqrt(self) -> "Series":
-        """Square root; also what `numpy.sqrt` of an array of series calls.
-
-        Returns
-        -------
-        Series
-            The root.
-        """
+        """Square root; also what `numpy.sqrt` of an array of series calls."""
         return self._power(0.5)
 
     def _power(self, exponent: float) -> "Series":
@@ -212,13 +175,7 @@ class Series:
         return total * constant**exponent
 
     def mean(self) -> float:
-        """Expectation over independent standard normal variables.
-
-        Returns
-        -------
-        float
-            The mean of the truncated polynomial.
-        """
+        """Expectation over independent standard normal variables."""
         return float(self.coefficients @ self.algebra.means)
 
 

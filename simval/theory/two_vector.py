@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array, finite_array, frozen
 from simval.errors import GeometryError, InputError
@@ -50,13 +51,13 @@ class TwoVectorGeometry:
     """
 
     frame: str
-    q: Array
-    d1: Array
-    s1: Array
-    d2: Array
+    q: Float[Array, "4"]
+    d1: Float[Array, "3"]
+    s1: Float[Array, "3"]
+    d2: Float[Array, "3"]
     norm: float
-    back: Array
-    turn: Array
+    back: Float[Array, "4 4"]
+    turn: Float[Array, "3"]
 
     def __post_init__(self) -> None:
         for name in ("q", "d1", "s1", "d2", "back", "turn"):
@@ -69,14 +70,7 @@ class TwoVectorGeometry:
 
 
 def column_maps() -> list[tuple[Array, Array]]:
-    """The half turns of the reference frame and the ways back, in the order of M.
-
-    Returns
-    -------
-    list of tuple of Array
-        Signs of r (3,) and the matrix back to the original frame (4, 4), for x, y,
-        z and plain.
-    """
+    """The half turns of the reference frame and the ways back, in the order of M."""
     return [(turn, _way_back(frame)) for frame, turn in _TURNS.items()]
 
 
@@ -88,22 +82,10 @@ def _way_back(frame: str) -> Array:
     return compose(half_turn, np.eye(4)).T
 
 
-def column_norms(q: Array, r1: Array, r2: Array) -> Array:
-    r"""Signed lengths of the four noise-free columns x, y, z, plain.
-
-    Parameters
-    ----------
-    q : Array
-        True quaternions, vector first, (..., 4).
-    r1, r2 : Array
-        True reference vectors, (..., 3).
-
-    Returns
-    -------
-    Array
-        :math:`[e \times n - s n; e^T n]` with :math:`n = r_1 \times r_2`, (..., 4);
-        the sum of squares is :math:`|n|^2`.
-    """
+def column_norms(
+    q: Float[Array, "... 4"], r1: Float[Array, "... 3"], r2: Float[Array, "... 3"]
+) -> Float[Array, "... 4"]:
+    r"""Signed lengths of the four noise-free columns x, y, z, plain."""
     n = np.cross(r1, r2)
     e, s = q[..., :3], q[..., 3:]
     plain = np.sum(e * n, axis=-1, keepdims=True)
@@ -114,20 +96,6 @@ def two_vector_geometry(
     q: Any, r1: Any, r2: Any, frame: str | None = None
 ) -> TwoVectorGeometry:
     """Geometry of one attitude in one frame.
-
-    Parameters
-    ----------
-    q : array_like
-        True quaternion, reference to body, vector first, (4,); normalised here.
-    r1, r2 : array_like
-        True reference vectors, (3,); normalised here.
-    frame : {"plain", "x", "y", "z"}, optional
-        Default: the frame whose noise-free column is the greatest.
-
-    Returns
-    -------
-    TwoVectorGeometry
-        The noise-free vectors.
 
     Raises
     ------
@@ -159,18 +127,6 @@ def two_vector_geometry(
 
 def true_vectors(q: Any, r1: Any, r2: Any) -> tuple[Array, Array, Array]:
     """Noise-free vectors of one attitude.
-
-    Parameters
-    ----------
-    q : array_like
-        True quaternion, reference to body, (4,); normalised here.
-    r1, r2 : array_like
-        True reference vectors, (3,); normalised here.
-
-    Returns
-    -------
-    tuple of Array
-        Unit quaternion (4,), unit vectors b1, b2, r1, r2 (4, 3), matrix A(q) (3, 3).
 
     Raises
     ------

@@ -38,18 +38,7 @@ PARTS = (BIAS, COVARIANCE)
 
 
 def section(context: Context) -> Section | None:
-    """Make the section.
-
-    Parameters
-    ----------
-    context : Context
-        The run and its verdicts.
-
-    Returns
-    -------
-    Section or None
-        None where the run has no such study.
-    """
+    """Make the section."""
     cells = context.cells("attitude")
     if not cells:
         return None
@@ -72,20 +61,7 @@ def section(context: Context) -> Section | None:
 
 
 def remainders(cells: Sequence[CellResult], part: Family) -> Panel:
-    """What each truncated formula leaves out, beside the moment itself.
-
-    Parameters
-    ----------
-    cells : sequence of CellResult
-        Cells that differ in the noise alone.
-    part : Family
-        Which moment.
-
-    Returns
-    -------
-    Panel
-        On logarithmic axes, where a power of the noise is a slope.
-    """
+    """What each truncated formula leaves out, beside the moment itself."""
     series: list[Series] = []
     for predictor in CLAIMED:
         found = curve("", cells, "noise_std", left_out(part, predictor))

@@ -11,18 +11,7 @@ from simval.sweep.run import CellResult
 
 
 def section(context: Context) -> Section | None:
-    """Make the section.
-
-    Parameters
-    ----------
-    context : Context
-        The run and its verdicts.
-
-    Returns
-    -------
-    Section or None
-        None where no study has rows ``budget[part]``.
-    """
+    """Make the section."""
     cells = [
         cell
         for cell in context.run.cells

@@ -27,18 +27,7 @@ NOISE = "noise per sample, m/s²"
 
 
 def section(context: Context) -> Section | None:
-    """Make the section.
-
-    Parameters
-    ----------
-    context : Context
-        The run and its verdicts.
-
-    Returns
-    -------
-    Section or None
-        None where the run has no such study.
-    """
+    """Make the section."""
     cells = context.cells("calibration")
     if not cells:
         return None

@@ -13,18 +13,7 @@ SHOWN = 300
 
 
 def section(context: Context) -> Section | None:
-    """Make the section.
-
-    Parameters
-    ----------
-    context : Context
-        The run and its verdicts.
-
-    Returns
-    -------
-    Section or None
-        Always a section.
-    """
+    """Make the section."""
     verdicts = sorted(context.verdicts, key=_rank)
     figures = figure_names(context.verdicts)
     linked = sorted({figures[k] for v in verdicts if (k := key_of(v)) in figures})

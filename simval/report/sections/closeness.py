@@ -31,18 +31,7 @@ MARKS = {ORDER_2: "o", ORDER_4_SOURCE: "s", ORDER_4: "^"}
 
 
 def section(context: Context) -> Section | None:
-    """Make the section.
-
-    Parameters
-    ----------
-    context : Context
-        The run and its verdicts.
-
-    Returns
-    -------
-    Section or None
-        None where no attitude cell tells how close to singular it is.
-    """
+    """Make the section."""
     cells = [c for c in context.cells("attitude") if c.row(LENGTH) is not None]
     limits = context.cells("attitude_limits")
     drawings = [_closeness(cells)] if cells else []

@@ -13,18 +13,7 @@ from simval.report.sections.other import numbers
 
 
 def section(context: Context) -> Section | None:
-    """Make the section.
-
-    Parameters
-    ----------
-    context : Context
-        The run and its verdicts.
-
-    Returns
-    -------
-    Section or None
-        None where no study left the trace of a solver.
-    """
+    """Make the section."""
     files = sorted((context.run.folder / "artifacts").glob("convergence-*.npz"))
     panels = [panel for file in files[:MAX_GROUPS] if (panel := _panel(file))]
     cells = context.cells("solvers")

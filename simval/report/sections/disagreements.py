@@ -21,18 +21,7 @@ Key = tuple[str, Statistic, str]
 
 
 def section(context: Context) -> Section | None:
-    """Make the section.
-
-    Parameters
-    ----------
-    context : Context
-        The run and its verdicts.
-
-    Returns
-    -------
-    Section or None
-        None where no check fails.
-    """
+    """Make the section."""
     failing = [v for v in context.verdicts if v.answer == "fail"]
     if not failing:
         return None
@@ -61,19 +50,7 @@ def section(context: Context) -> Section | None:
 
 
 def figure_names(verdicts: Sequence[Verdict]) -> dict[Key, str]:
-    """Name the figure of each kind of failing check.
-
-    Parameters
-    ----------
-    verdicts : sequence of Verdict
-        All checks.
-
-    Returns
-    -------
-    dict
-        Study, statistic and predictor to the name of the figure; `MAX_FIGURES` of
-        them, in the order of the run. What is pooled over cells has no figure.
-    """
+    """Name the figure of each kind of failing check."""
     kinds = dict.fromkeys(
         key_of(v) for v in verdicts if v.answer == "fail" and v.cell.name
     )
@@ -81,18 +58,7 @@ def figure_names(verdicts: Sequence[Verdict]) -> dict[Key, str]:
 
 
 def key_of(verdict: Verdict) -> Key:
-    """Study, statistic and predictor of a verdict.
-
-    Parameters
-    ----------
-    verdict : Verdict
-        Any.
-
-    Returns
-    -------
-    Key
-        A key of `figure_names`.
-    """
+    """Study, statistic and predictor of a verdict."""
     return verdict.cell.study, verdict.row.statistic, verdict.row.predictor
 
 

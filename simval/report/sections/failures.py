@@ -9,18 +9,7 @@ SHOWN = 200
 
 
 def section(context: Context) -> Section | None:
-    """Make the section.
-
-    Parameters
-    ----------
-    context : Context
-        The run and its verdicts.
-
-    Returns
-    -------
-    Section or None
-        None where every cell is done and measured what it says.
-    """
+    """Make the section."""
     unfinished, gaps = context.judged.unfinished, context.judged.gaps
     if not unfinished and not gaps:
         return None

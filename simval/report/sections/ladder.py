@@ -24,18 +24,7 @@ MAX_BARS = 16
 
 
 def section(context: Context) -> Section | None:
-    """Make the section.
-
-    Parameters
-    ----------
-    context : Context
-        The run and its verdicts.
-
-    Returns
-    -------
-    Section or None
-        None where the run has no such study.
-    """
+    """Make the section."""
     cells = [c for c in context.cells("ladder") if c.row(SCALE_BIAS(), THEORY)]
     if not cells:
         return None

@@ -8,18 +8,7 @@ SHOWN = 500
 
 
 def section(context: Context) -> Section | None:
-    """Make the section.
-
-    Parameters
-    ----------
-    context : Context
-        The run and its verdicts.
-
-    Returns
-    -------
-    Section or None
-        None where nothing was measured.
-    """
+    """Make the section."""
     rows = [
         (
             cell.name,

@@ -18,18 +18,7 @@ PARTS = {
 
 
 def section(context: Context) -> Section | None:
-    """Make the section.
-
-    Parameters
-    ----------
-    context : Context
-        The run and its verdicts.
-
-    Returns
-    -------
-    Section or None
-        None where the run has no such study.
-    """
+    """Make the section."""
     cells = context.cells("attitude_order")
     if not cells:
         return None

@@ -28,18 +28,7 @@ SHOWN = 40
 
 
 def section(context: Context) -> Section | None:
-    """Make the section.
-
-    Parameters
-    ----------
-    context : Context
-        The run and its verdicts.
-
-    Returns
-    -------
-    Section or None
-        None where every study has a section of its own.
-    """
+    """Make the section."""
     studies = dict.fromkeys(cell.study for cell in context.run.cells)
     parts = []
     for study in studies:
@@ -113,22 +102,7 @@ def _spelled(name: str) -> str:
 def scored(
     name: str, axis: str, unit: str, found: Sequence[Curve], predictor: str = ""
 ) -> Panel:
-    """A statistic of several groups along an axis, with predictions where there are.
-
-    Parameters
-    ----------
-    name, axis, unit : str
-        What is drawn, over what.
-    found : sequence of Curve
-        One for each group.
-    predictor : str, default ""
-        Whose predictions the lines are.
-
-    Returns
-    -------
-    Panel
-        Logarithmic where the values span more than a factor of ten.
-    """
+    """A statistic of several groups along an axis, with predictions where there are."""
     z = simultaneous(sum(len(c.x) for c in found))
     series: list[Series] = []
     for i, c in enumerate(found):
@@ -153,20 +127,7 @@ def _spread(values: Sequence[np.ndarray]) -> bool:
 
 
 def numbers(study: str, cells: Sequence[CellResult]) -> Table:
-    """Every row of a study, with the parameters that vary.
-
-    Parameters
-    ----------
-    study : str
-        Its name.
-    cells : sequence of CellResult
-        Its cells.
-
-    Returns
-    -------
-    Table
-        A line for each row.
-    """
+    """Every row of a study, with the parameters that vary."""
     keys = varying(cells)
     rows = [
         (

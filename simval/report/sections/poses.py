@@ -19,18 +19,7 @@ COUNT = "number of poses, 1"
 
 
 def section(context: Context) -> Section | None:
-    """Make the section.
-
-    Parameters
-    ----------
-    context : Context
-        The run and its verdicts.
-
-    Returns
-    -------
-    Section or None
-        None where no study varies the number of poses.
-    """
+    """Make the section."""
     noisy = [
         cell
         for cell in context.cells("calibration")

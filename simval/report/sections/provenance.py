@@ -13,18 +13,7 @@ FILE = "simval sweep suite.toml"
 
 
 def section(context: Context) -> Section | None:
-    """Make the section.
-
-    Parameters
-    ----------
-    context : Context
-        The run and its verdicts.
-
-    Returns
-    -------
-    Section or None
-        Always a section.
-    """
+    """Make the section."""
     manifest = context.run.manifest
     git = manifest["git"]
     return made(
@@ -40,19 +29,7 @@ def section(context: Context) -> Section | None:
 
 
 def command(manifest: Mapping[str, Any]) -> str:
-    """Spell the command that makes the run again.
-
-    Parameters
-    ----------
-    manifest : mapping
-        Of the run.
-
-    Returns
-    -------
-    str
-        ``simval sweep`` with the built-in suite and what was set differently, or with
-        the file that `suite_text` gives.
-    """
+    """Spell the command that makes the run again."""
     grid = manifest["grid"]
     try:
         known = load_suite(manifest["suite"]).grid
@@ -81,18 +58,7 @@ def _settings(known: Mapping[str, Any], grid: Mapping[str, Any]) -> list[str]:
 
 
 def suite_text(manifest: Mapping[str, Any]) -> str:
-    """Spell the whole grid as a suite file.
-
-    Parameters
-    ----------
-    manifest : mapping
-        Of the run.
-
-    Returns
-    -------
-    str
-        TOML that ``simval sweep`` takes.
-    """
+    """Spell the whole grid as a suite file."""
     grid = manifest["grid"]
     lines = [f"title = {_toml(manifest['title'])}", f"seed = {_toml(grid['seed'])}"]
     for study, table in grid.items():

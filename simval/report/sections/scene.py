@@ -16,18 +16,7 @@ MAX_PICTURE = 600_000
 
 
 def section(context: Context) -> Section | None:
-    """Make the section.
-
-    Parameters
-    ----------
-    context : Context
-        The run and its verdicts.
-
-    Returns
-    -------
-    Section or None
-        None where no study left the poses of a scene.
-    """
+    """Make the section."""
     files = sorted((context.run.folder / "artifacts").glob("scene-*.npz"))
     scenes = [scene for file in files[:MAX_SCENES] if (scene := _scene(file))]
     if not scenes:

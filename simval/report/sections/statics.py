@@ -28,18 +28,7 @@ NEEDED = ("time", "signal", "intervals")
 
 
 def section(context: Context) -> Section | None:
-    """Make the section.
-
-    Parameters
-    ----------
-    context : Context
-        The run and its verdicts.
-
-    Returns
-    -------
-    Section or None
-        None where no study left a recorded signal.
-    """
+    """Make the section."""
     files = sorted((context.run.folder / "artifacts").glob("static-*.npz"))
     count = min(len(files), MAX_RECORDINGS)
     chosen = np.linspace(0, len(files) - 1, count).astype(int)  # first and last

@@ -27,18 +27,7 @@ MAX_KINDS = 4
 
 
 def section(context: Context) -> Section | None:
-    """Make the section.
-
-    Parameters
-    ----------
-    context : Context
-        The run and its verdicts.
-
-    Returns
-    -------
-    Section or None
-        None where no study measures any of them.
-    """
+    """Make the section."""
     drawings = [
         drawing
         for drawing in (_efficiency(context), _coverage(context), _nees(context))

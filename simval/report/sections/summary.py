@@ -14,18 +14,7 @@ from simval.sweep.run import CellResult
 
 
 def section(context: Context) -> Section | None:
-    """Make the section.
-
-    Parameters
-    ----------
-    context : Context
-        The run and its verdicts.
-
-    Returns
-    -------
-    Section or None
-        Always a section.
-    """
+    """Make the section."""
     run, verdicts = context.run, context.verdicts
     studies: dict[str, int] = {}
     for cell in run.cells:
@@ -46,18 +35,7 @@ def section(context: Context) -> Section | None:
 
 
 def calibration_figure(context: Context) -> Drawing | None:
-    """Calibration error against noise with the Cramer-Rao bound.
-
-    Parameters
-    ----------
-    context : Context
-        The run.
-
-    Returns
-    -------
-    Drawing or None
-        None where no calibration met noise.
-    """
+    """Calibration error against noise with the Cramer-Rao bound."""
     cells = [
         cell
         for cell in context.cells("calibration")
@@ -107,18 +85,7 @@ def calibration_figure(context: Context) -> Drawing | None:
 
 
 def attitude_figure(context: Context) -> Drawing | None:
-    """Attitude error against noise with all predictions, and what each leaves out.
-
-    Parameters
-    ----------
-    context : Context
-        The run.
-
-    Returns
-    -------
-    Drawing or None
-        None where the run has no attitude study.
-    """
+    """Attitude error against noise with all predictions, and what each leaves out."""
     cells = context.cells("attitude")
     if not cells:
         return None
