@@ -18,16 +18,26 @@ from simval.attitude.singular import (
     singular_solution,
     turn_is_singular,
 )
+from simval.attitude.wahba import (
+    Consistency,
+    consistency,
+    wahba_covariance,
+    wahba_quaternion,
+)
 
 __all__ = [
     "AttitudeEstimate",
     "Case",
+    "Consistency",
     "SequentialEstimate",
     "SingularSolution",
     "Validity",
+    "consistency",
     "estimate_attitude",
     "sequential_quaternion",
     "singular_solution",
     "turn_is_singular",
     "two_vector_quaternion",
+    "wahba_covariance",
+    "wahba_quaternion",
 ]

@@ -10,6 +10,7 @@ from simval.theory.cramer_rao import AttitudeBound, attitude_bound
 from simval.theory.cubature import cubature_moments
 from simval.theory.planning import Plan, plan, pose_noise
 from simval.theory.series import series_moments
+from simval.theory.wahba import loss_noncentrality, wahba_bound, wahba_moments
 
 __all__ = [
     "AttitudeBound",
@@ -20,8 +21,11 @@ __all__ = [
     "attitude_moments",
     "calibration_moments",
     "cubature_moments",
+    "loss_noncentrality",
     "multiplicative_moments",
     "plan",
     "pose_noise",
     "series_moments",
+    "wahba_bound",
+    "wahba_moments",
 ]

@@ -22,7 +22,7 @@ from jaxtyping import Float
 
 from simval.arrays import Array, frozen
 from simval.errors import InputError
-from simval.geometry import cross_matrix
+from simval.geometry import attitude_matrix, cross_matrix
 from simval.theory.noise import noise_covariances
 from simval.theory.two_vector import true_vectors
 
@@ -71,22 +71,36 @@ def attitude_bound(q: Any, r1: Any, r2: Any, noise_std: Any) -> AttitudeBound:
     GeometryError
         If the vectors are parallel.
     """
-    unit_q, vectors, A = true_vectors(q, r1, r2)
-    noise = noise_covariances(noise_std)
+    unit_q, vectors, _ = true_vectors(q, r1, r2)
+    return bound_of(unit_q, vectors, noise_covariances(noise_std))
+
+
+def bound_of(
+    unit_q: Float[Array, "4"],
+    vectors: Float[Array, "m 3"],
+    noise: Float[Array, "m 3 3"],
+) -> AttitudeBound:
+    """The bound from true body vectors, then as many reference vectors.
+
+    Raises
+    ------
+    InputError
+        If a noise covariance is singular.
+    """
     if not np.all(np.linalg.eigvalsh(noise)[:, 0] > 0.0):
         msg = (
             "`noise_std` has a direction without noise, whose information is infinite; "
             "the bound needs regular covariances, so give each direction some noise"
         )
         raise InputError(msg)
-    information = np.zeros((3, 3))
-    for i in (0, 1):
-        b, r = vectors[i], vectors[2 + i]
+    information, n, A = np.zeros((3, 3)), len(vectors) // 2, attitude_matrix(unit_q)
+    for i in range(n):
+        b, r = vectors[i], vectors[n + i]
         B = cross_matrix(b)
         T = np.linalg.svd(r[None, :])[2][1:].T
         W_B = np.linalg.solve(noise[i], B)
         W_AT = np.linalg.solve(noise[i], A @ T)
-        nuisance = (A @ T).T @ W_AT + T.T @ np.linalg.solve(noise[2 + i], T)
+        nuisance = (A @ T).T @ W_AT + T.T @ np.linalg.solve(noise[n + i], T)
         mixed = B.T @ W_AT
         information += B.T @ W_B - mixed @ np.linalg.solve(nuisance, mixed.T)
     rotation = np.linalg.solve(information, np.eye(3))

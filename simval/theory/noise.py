@@ -13,8 +13,8 @@ MAX_NOISE: Final = 1e6
 """Of unit vectors; fourth powers of it neither overflow nor mean anything."""
 
 
-def noise_covariances(noise_std: Any) -> Float[Array, "4 3 3"]:
-    """Covariances of the noise on b1, b2, r1, r2 from any accepted form.
+def noise_covariances(noise_std: Any, count: int = 4) -> Float[Array, "count 3 3"]:
+    """Covariances of the noise on b1, b2, r1, r2, or on `count` vectors.
 
     Raises
     ------
@@ -29,18 +29,18 @@ def noise_covariances(noise_std: Any) -> Float[Array, "4 3 3"]:
             f"1, and above {MAX_NOISE:g} nothing is left of them, so check its unit"
         )
         raise InputError(msg)
-    if value.shape in ((), (4,)):
+    if value.shape in ((), (count,)):
         if not np.all((value == 0.0) | (value >= LEAST)):
             msg = (
                 f"`noise_std` is {shown(noise_std)}; standard deviations must be 0 or "
                 f"more, and where they are not 0 at least {LEAST:g}"
             )
             raise InputError(msg)
-        return np.broadcast_to(value, (4,))[:, None, None] ** 2 * np.eye(3)
-    if value.shape != (4, 3, 3):
+        return np.broadcast_to(value, (count,))[:, None, None] ** 2 * np.eye(3)
+    if value.shape != (count, 3, 3):
         msg = (
-            f"`noise_std` has shape {value.shape}; give one number, four, or four "
-            "3 x 3 covariances (4, 3, 3), in the order b1, b2, r1, r2"
+            f"`noise_std` has shape {value.shape}; give one number, {count}, or as many "
+            f"3 x 3 covariances ({count}, 3, 3), in the order b1, b2, ..., r1, r2, ..."
         )
         raise InputError(msg)
     return checked_covariances("noise_std", value)

@@ -1,0 +1,209 @@
+"""The weighted attitude of n vectors: estimator, moments, bound and test of its loss."""
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.spatial.transform import Rotation
+
+from simval.attitude import consistency, wahba_covariance, wahba_quaternion
+from simval.errors import GeometryError, InputError
+from simval.geometry import attitude_matrix, cross_matrix, normalize
+from simval.theory import (
+    attitude_bound,
+    cubature_moments,
+    loss_noncentrality,
+    wahba_bound,
+    wahba_moments,
+)
+
+
+def problem(seed, n):
+    """True quaternion, scalar positive, body and reference vectors."""
+    rng = np.random.default_rng(seed)
+    q = normalize(rng.standard_normal(4))
+    q *= np.sign(q[3])
+    r = normalize(rng.standard_normal((n, 3)))
+    return rng, q, r @ attitude_matrix(q).T, r
+
+
+def rotation_covariance(q, covariance):
+    """Of the body-frame angles, from that of the quaternion."""
+    xi = np.vstack([q[3] * np.eye(3) + cross_matrix(q[:3]), -q[:3]])
+    return 4.0 * xi.T @ covariance @ xi
+
+
+@pytest.mark.parametrize("n", [2, 3, 7])
+def test_agrees_with_scipy(n):
+    rng, _, b, r = problem(n, n)
+    b = b + 0.1 * rng.standard_normal((50, n, 3))
+    weights = rng.uniform(0.1, 3.0, (50, n))
+    q = wahba_quaternion(b, np.broadcast_to(r, b.shape), weights)
+    for i in range(50):
+        unit = b[i] / np.linalg.norm(b[i], axis=1, keepdims=True)
+        other = Rotation.align_vectors(r, unit, weights[i])[0].as_quat()
+        # SciPy's svd and our eigh: eps over the gap of the eigenvalues
+        assert abs(q[i] @ other) == pytest.approx(1.0, abs=1e-13)
+
+
+@pytest.mark.parametrize(("n", "form"), [(2, "one"), (3, "each"), (4, "full")])
+def test_moments_against_cubature(n, form):
+    """The estimator as a black box; what second order leaves out falls as sigma^4."""
+    rng, q, b, r = problem(10 + n, n)
+    weights = rng.uniform(0.5, 2.0, n)
+    if form == "full":
+        roots = rng.standard_normal((2 * n, 3, 3))
+        unit = roots @ roots.swapaxes(1, 2) / 3.0
+    else:
+        std = np.ones(2 * n) if form == "one" else rng.uniform(0.3, 2.0, 2 * n)
+        unit = std[:, None, None] ** 2 * np.eye(3)
+
+    def estimator(*vectors):
+        body, reference = np.stack(vectors[:n], 1), np.stack(vectors[n:], 1)
+        return wahba_quaternion(body, reference, weights)
+
+    differences = []
+    sigmas = np.array([0.005, 0.01])
+    for sigma in sigmas:
+        noise = sigma**2 * unit
+        truth = cubature_moments(estimator, np.vstack([b, r]), noise, q, degree=5)
+        predicted = wahba_moments(q, r, noise, weights)
+        differences.append(
+            [
+                np.linalg.norm(truth.bias - predicted.bias),
+                np.linalg.norm(truth.covariance - predicted.covariance),
+            ]
+        )
+    slopes = np.log2(np.divide(differences[1], differences[0]))
+    assert slopes == pytest.approx([4.0, 4.0], abs=0.05)  # the next even order
+    assert differences[1][0] < 0.01 * np.linalg.norm(predicted.bias)
+
+
+def test_one_sort_of_noise_for_two_forms():
+    _, q, _, r = problem(3, 3)
+    std = np.array([0.01, 0.02, 0.03, 0.0, 0.01, 0.02])
+    one = wahba_moments(q, r, std)
+    other = wahba_moments(q, r, std[:, None, None] ** 2 * np.eye(3))
+    assert one.covariance == pytest.approx(other.covariance, rel=1e-12)
+
+
+@pytest.mark.parametrize("n", [2, 3, 6])
+def test_best_weights_reach_the_bound(n):
+    rng, q, b, r = problem(20 + n, n)
+    std = rng.uniform(0.001, 0.1, (2, n))
+    weights = 1.0 / np.sum(std**2, axis=0)
+    bound = wahba_bound(q, r, std.reshape(-1)).rotation
+    reached = rotation_covariance(
+        q, wahba_moments(q, r, std.reshape(-1), weights).covariance
+    )
+    scale = np.abs(bound).max()
+    assert reached == pytest.approx(bound, abs=1e-9 * scale)  # condition 1e4, eps
+    measured = wahba_covariance(b, r, std)
+    assert measured == pytest.approx(bound, abs=1e-9 * scale)
+    # other weights are worse, in every direction
+    equal = rotation_covariance(q, wahba_moments(q, r, std.reshape(-1)).covariance)
+    assert np.linalg.eigvalsh(equal - bound).min() > -1e-9 * scale
+    assert np.trace(equal) > 1.001 * np.trace(bound)
+    assert wahba_covariance(b, r, std, np.ones(n)) == pytest.approx(
+        equal, abs=1e-9 * scale
+    )
+
+
+def test_the_bound_of_two_is_the_two_vector_bound():
+    _, q, _, r = problem(5, 2)
+    noise = [0.01, 0.03, 0.02, 0.005]
+    ours, theirs = wahba_bound(q, r, noise), attitude_bound(q, r[0], r[1], noise)
+    assert np.array_equal(ours.rotation, theirs.rotation)
+
+
+@pytest.mark.parametrize("n", [2, 3, 6])
+def test_the_loss_is_chi_square(n):
+    """Kolmogorov-Smirnov over 20 000 samples at a false-alarm rate of 1e-3."""
+    rng, _, b, r = problem(30 + n, n)
+    std = rng.uniform(1e-4, 1e-3, (2, n))
+    noise = std[..., None] * rng.standard_normal((20_000, 2, n, 3))
+    tested = consistency(b + noise[:, 0], r + noise[:, 1], std)
+    assert tested.freedom == 2 * n - 3
+    assert stats.kstest(tested.probability, "uniform").pvalue > 1e-3
+    # the test has power: 3 % more noise than stated is seen
+    less = consistency(b + noise[:, 0], r + noise[:, 1], std / 1.03)
+    assert stats.kstest(less.probability, "uniform").pvalue < 1e-3
+
+
+@pytest.mark.parametrize("n", [2, 4])
+def test_power_against_a_wrong_vector(n):
+    """The share that is flagged at 1 % beside the non-central chi-square."""
+    rng, q, b, r = problem(40 + n, n)
+    std = np.full((2, n), 1e-3)
+    shift = np.zeros((n, 3))
+    shift[1] = 4e-3 * normalize(np.cross(b[1], np.cross(b[0], b[1])))
+    noise = std[..., None] * rng.standard_normal((20_000, 2, n, 3))
+    tested = consistency(b + shift + noise[:, 0], r + noise[:, 1], std)
+    share = np.mean(tested.probability < 0.01)
+    distance = loss_noncentrality(q, r, shift, 1.0 / np.sum(std**2, axis=0))
+    law = stats.ncx2(tested.freedom, distance)
+    power = law.sf(stats.chi2(tested.freedom).isf(0.01))
+    error = np.sqrt(power * (1.0 - power) / 20_000)
+    assert 0.1 < power < 0.9
+    assert share == pytest.approx(power, abs=4.0 * error)  # 6e-5 of false alarm
+
+
+def test_two_vectors_test_the_angle_between_them():
+    rng, _, b, r = problem(50, 2)
+    body = b + 1e-4 * rng.standard_normal((100, 2, 3))
+    tested = consistency(body, r, [[1e-4, 3e-4], [0.0, 2e-4]])
+    unit = normalize(body)
+    angle = np.arctan2(
+        np.linalg.norm(np.cross(unit[:, 0], unit[:, 1]), axis=1),
+        np.sum(unit[:, 0] * unit[:, 1], axis=1),
+    )
+    true = np.arctan2(np.linalg.norm(np.cross(r[0], r[1])), r[0] @ r[1])
+    z = (angle - true) / np.sqrt(1e-8 + 9e-8 + 4e-8)
+    # the loss is quadratic in the angle up to (1e-4)^2
+    assert tested.statistic == pytest.approx(z**2, rel=1e-6, abs=1e-7)
+
+
+def test_a_body_angle_that_disagrees_is_found():
+    """Body vectors 0.06 degrees apart, reference vectors 90."""
+    b = [[1.0, 0.0, 0.0], [1.0, 1e-3, 0.0]]
+    r = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+    assert consistency(b, r, 0.01).probability < 1e-300
+
+
+BAD = {
+    "one vector": ([[1.0, 0, 0]], [[1.0, 0, 0]], InputError, "two or more"),
+    "other number": (np.eye(3), np.eye(3)[:2], InputError, "same number"),
+    "zero": ([[1.0, 0, 0], [0, 0, 0]], np.eye(3)[:2], InputError, "length 0"),
+    "NaN": ([[1.0, 0, 0], [0, np.nan, 0]], np.eye(3)[:2], InputError, "finite"),
+    "parallel": ([[1.0, 0, 0], [-2.0, 0, 0]], np.eye(3)[:2], GeometryError, "parallel"),
+    "flat": (np.eye(3)[:2, :2], np.eye(3)[:2], InputError, "last axes"),
+    "batches": (np.ones((2, 2, 3)), np.ones((3, 2, 3)), InputError, "leading axes"),
+    "ambiguous": (np.eye(3), -np.eye(3), GeometryError, "fit equally well"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_refusals(case):
+    b, r, kind, words = BAD[case]
+    with pytest.raises(kind, match=words):
+        wahba_quaternion(b, r)
+
+
+@pytest.mark.parametrize(
+    ("noise", "words"),
+    [
+        (0.0, "above"),
+        (-0.1, "above"),
+        (2.0, "below 1"),
+        ([0.1, 0.1], "a row"),
+        ([[1e-12, 0.1], [0.0, 0.0]], "within a factor"),
+    ],
+)
+def test_noise_that_is_none(noise, words):
+    with pytest.raises(InputError, match=words):
+        consistency(np.eye(3)[:2], np.eye(3)[:2], noise)
+
+
+@pytest.mark.parametrize("weights", [[1.0], [1.0, 0.0], [1.0, -1.0], [1.0, np.inf]])
+def test_weights_that_are_none(weights):
+    with pytest.raises(InputError, match="weights"):
+        wahba_quaternion(np.eye(3)[:2], np.eye(3)[:2], weights)
