@@ -5,7 +5,14 @@ import pytest
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from simval.attitude import consistency, wahba_covariance, wahba_quaternion
+from simval.attitude import (
+    Validity,
+    consistency,
+    estimate_attitude,
+    two_vector_quaternion,
+    wahba_covariance,
+    wahba_quaternion,
+)
 from simval.errors import GeometryError, InputError
 from simval.geometry import attitude_matrix, cross_matrix, normalize
 from simval.theory import (
@@ -207,3 +214,99 @@ def test_noise_that_is_none(noise, words):
 def test_weights_that_are_none(weights):
     with pytest.raises(InputError, match="weights"):
         wahba_quaternion(np.eye(3)[:2], np.eye(3)[:2], weights)
+
+
+@pytest.mark.parametrize("frame", ["best", "combined", "plain"])
+@pytest.mark.parametrize("sigma", [1e-7, 1e-3, 0.3])
+def test_weighted_closed_form_is_the_optimum(frame, sigma):
+    rng, _, b, r = problem(60, 2)
+    body = b + sigma * rng.standard_normal((500, 2, 3))
+    weights = rng.uniform(0.01, 10.0, (500, 2))
+    options = {"weights": weights, "length_tolerance": np.inf}
+    closed = two_vector_quaternion(body[:, 0], body[:, 1], *r, frame, **options)
+    optimum = wahba_quaternion(body, np.broadcast_to(r, body.shape), weights)
+    cosine = np.abs(np.sum(closed * optimum, axis=1))
+    # angles below 1e-7 do not show in a cosine
+    assert 1.0 - cosine.min() < 1e-13
+    # by the loss, to which an attitude error of d adds d^2
+    loss = [
+        np.sum(weights * np.sum((unit(body) - turned(q, r)) ** 2, axis=2), axis=1)
+        for q in (closed, optimum)
+    ]
+    # residuals of sigma, each rounded by eps, times weights up to 10
+    assert loss[0] == pytest.approx(loss[1], abs=40 * 2.0**-52 * sigma * 10)
+
+
+def unit(vectors):
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def turned(q, r):
+    return np.einsum("nij,kj->nki", attitude_matrix(q), r)
+
+
+def test_weights_of_a_precise_and_a_coarse_pair():
+    """RMS over the bound at noises of 1e-4 and 1e-2: 1 with weights, 1.1 without."""
+    rng, q, b, r = problem(61, 2)
+    std = np.array([[1e-4, 1e-2], [0.0, 0.0]])
+    body = b + std[0, :, None] * rng.standard_normal((20_000, 2, 3))
+    bound = np.trace(wahba_bound(q, r, [1e-4, 1e-2, 1e-9, 1e-9]).rotation)
+    weights = 1.0 / std[0] ** 2
+
+    def ratio(**options):
+        found = two_vector_quaternion(body[:, 0], body[:, 1], r[0], r[1], **options)
+        sign = np.sign(found @ q)[:, None]
+        return np.sqrt(4.0 * np.mean(np.sum((sign * found - q) ** 2, axis=1)) / bound)
+
+    # five standard errors of the root of a mean of squares, one of them dominant
+    assert ratio(weights=weights) == pytest.approx(1.0, abs=5 / np.sqrt(2 * 20_000))
+    assert ratio() > 1.03
+    assert ratio(frame="combined") > 1.03
+
+
+def test_inconsistent_pairs_are_not_valid():
+    rng, _, b, r = problem(62, 2)
+    body = b + 1e-3 * rng.standard_normal((100_000, 2, 3))
+    body[7, 1] = unit(np.cross(b[0], b[1])) + 0.2 * b[0]  # quite another vector
+    estimate = estimate_attitude(
+        body[:, 0],
+        body[:, 1],
+        r[0],
+        r[1],
+        noise_std=[1e-3, 1e-3, 0, 0],
+        false_alarm=1e-3,
+    )
+    assert estimate.validity[7] == Validity.INCONSISTENT
+    assert np.isnan(estimate.q[7]).all()
+    flagged = np.count_nonzero(estimate.validity == Validity.INCONSISTENT) - 1
+    assert abs(flagged - 100) < 4 * np.sqrt(100)  # binomial, four standard errors
+    with pytest.raises(InputError, match="explains"):
+        estimate.require_valid()
+
+
+def test_a_sample_does_not_depend_on_its_company_when_weighted():
+    rng, _, b, r = problem(63, 2)
+    body = b + 0.1 * rng.standard_normal((9000, 2, 3))
+    weights = [1.0, 3.0]
+    whole = two_vector_quaternion(body[:, 0], body[:, 1], *r, weights=weights)
+    for i in (0, 4095, 4096, 8999):
+        alone = two_vector_quaternion(body[i, 0], body[i, 1], *r, weights=weights)
+        assert np.array_equal(alone, whole[i])
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("weights", [1.0]),
+        ("weights", [0.0, 1.0]),
+        ("weights", np.ones((3, 2))),
+        ("noise_std", 0.0),
+        ("noise_std", [1.0, 2.0]),
+        ("noise_std", "x"),
+        ("false_alarm", 0.0),
+        ("false_alarm", 1.0),
+    ],
+)
+def test_options_of_the_closed_form_that_are_none(option, value):
+    with pytest.raises(InputError, match=option):
+        estimate_attitude(*np.eye(3)[[0, 1, 0, 1]], **{option: value})

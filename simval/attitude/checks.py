@@ -7,13 +7,15 @@ length, so unit vectors, m/s^2 and tesla all work, but not a mixture.
 
 from collections.abc import Sequence
 from enum import IntEnum
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
+from scipy import special
 
-from simval.arrays import Array
+from simval.arguments import shown
+from simval.arrays import Array, finite_array, real_number
 from simval.errors import GeometryError, InputError, SimvalError
 
 Codes = NDArray[np.int8]
@@ -38,6 +40,7 @@ class Validity(IntEnum):
     LENGTHS_DISAGREE = 3
     COLLINEAR = 4
     SINGULAR = 5
+    INCONSISTENT = 6
 
 
 _MESSAGES: Final = {
@@ -57,6 +60,10 @@ _MESSAGES: Final = {
     Validity.SINGULAR: (
         f"the chosen frame is singular there (|qbar| below {MIN_NORM:g}): use "
         'frame="best" or "combined", which never are'
+    ),
+    Validity.INCONSISTENT: (
+        "the angle between the body vectors differs from that of the references by "
+        "more than `noise_std` explains; check which pair is wrong, and remove it"
     ),
 }
 
@@ -121,6 +128,32 @@ def singular_columns(
         return None
     mask: Mask = ~(squared >= MIN_NORM**2 * lengths[0] * lengths[1])
     return mask if mask.any() else None
+
+
+def widest_difference(noise_std: Any, false_alarm: Any) -> float:
+    """Difference of the two angles, rad, that noise exceeds in a share of the samples.
+
+    Raises
+    ------
+    InputError
+        If the noise or the share is none.
+    """
+    rate = real_number("false_alarm", false_alarm, "of the samples")
+    if not 0.0 < rate < 1.0:
+        msg = f"`false_alarm` is {shown(false_alarm)}; it must be between 0 and 1"
+        raise InputError(msg)
+    if noise_std is None:
+        return np.inf
+    std = finite_array("noise_std", noise_std, ())
+    if std.shape not in ((), (4,)) or not (np.all(std >= 0.0) and 0.0 < std.max() <= 1):
+        msg = (
+            f"`noise_std` is {shown(noise_std)}; give one standard deviation of the "
+            "unit vectors, or four for b1, b2, r1, r2, from 0 to 1 and one above 0"
+        )
+        raise InputError(msg)
+    # each vector's noise in the plane of the pair turns it by that angle
+    total = float(np.sqrt(np.sum(np.broadcast_to(std, (4,)) ** 2)))
+    return total * float(-special.ndtri(rate / 2.0))
 
 
 def refuse(codes: Codes, shape: Sequence[int]) -> None:

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from simval.arrays import Array
 from simval.attitude.estimator import two_vector_quaternion, valid_batch
+from simval.attitude.wahba import profile_matrix
 from simval.errors import InputError
 from simval.geometry import normalize
 
@@ -38,17 +39,8 @@ def davenport(
         msg = f"`weights` is {weights}; both must be finite and above 0"
         raise InputError(msg)
     (v1, v2, u1, u2), shape = _unit_batch(b1, b2, r1, r2)
-    profile = (
-        weights[0] * v1[:, :, None] * u1[:, None, :]
-        + weights[1] * v2[:, :, None] * u2[:, None, :]
-    )
-    trace = np.trace(profile, axis1=1, axis2=2)
-    K = np.empty((len(v1), 4, 4))
-    K[:, :3, :3] = profile + profile.swapaxes(1, 2)
-    K[:, [0, 1, 2], [0, 1, 2]] -= trace[:, None]
-    K[:, :3, 3] = weights[0] * np.cross(v1, u1) + weights[1] * np.cross(v2, u2)
-    K[:, 3, :3] = K[:, :3, 3]
-    K[:, 3, 3] = trace
+    body, reference = np.stack([v1, v2], axis=1), np.stack([u1, u2], axis=1)
+    K = profile_matrix(body, reference, np.broadcast_to(weights, body.shape[:2]))
     return _finish(np.linalg.eigh(K)[1][..., 3], shape)
 
 

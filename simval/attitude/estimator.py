@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from simval.arguments import choice, shown
-from simval.arrays import Array, real_number, shaped_array
+from simval.arrays import GREATEST, Array, finite_array, real_number, shaped_array
 from simval.attitude import kernel
 from simval.attitude.checks import (
     Codes,
@@ -20,6 +20,7 @@ from simval.attitude.checks import (
     block_validity,
     refuse,
     singular_columns,
+    widest_difference,
 )
 from simval.errors import InputError
 
@@ -72,6 +73,7 @@ def two_vector_quaternion(
     r2: Any,
     frame: str = "best",
     *,
+    weights: Any = None,
     length_tolerance: float = 0.5,
 ) -> Float[Array, "... 4"]:
     r"""Attitude from two vector observations in closed form, eq. (K1).
@@ -87,6 +89,12 @@ def two_vector_quaternion(
         ``best`` takes the greatest of the four columns of eq. (K2), ``combined``
         all of them; neither is ever singular. The others are one column: ``plain``
         is eq. (8) of the source, the rest a half turn of the reference frame.
+    weights : array_like, optional
+        Weights of the two pairs, (2,) or (..., 2), above zero. With them the body
+        vectors are first turned in their plane until one attitude fits both, eq.
+        (K3), and the answer of every frame is the weighted optimum of Wahba's
+        problem. The inverse of the summed variances of b and r is best. Without
+        them the formula is taken as it is.
     length_tolerance : float, default 0.5
         Largest relative difference of length between a body vector and its
         reference vector; ``inf`` accepts any.
@@ -112,7 +120,7 @@ def two_vector_quaternion(
     order sigma / |qbar|; `simval.theory.attitude_moments` predicts it.
     """
     estimate = estimate_attitude(
-        b1, b2, r1, r2, frame, length_tolerance=length_tolerance
+        b1, b2, r1, r2, frame, weights=weights, length_tolerance=length_tolerance
     )
     return estimate.require_valid()
 
@@ -124,6 +132,9 @@ def estimate_attitude(
     r2: Any,
     frame: str = "best",
     *,
+    weights: Any = None,
+    noise_std: Any = None,
+    false_alarm: float = 1e-6,
     length_tolerance: float = 0.5,
 ) -> AttitudeEstimate:
     """`two_vector_quaternion` with a validity per sample instead of an error.
@@ -136,6 +147,13 @@ def estimate_attitude(
         The same vectors in the reference frame and the same unit, (..., 3).
     frame : {"best", "combined", "plain", "x", "y", "z"}, default "best"
         As in `two_vector_quaternion`.
+    weights : array_like, optional
+        As in `two_vector_quaternion`.
+    noise_std : array_like, optional
+        Noise of the unit vectors for each axis: one standard deviation, or four for b1,
+        b2, r1, r2. With it, a sample whose pairs fit no common attitude is not valid.
+    false_alarm : float, default 1e-6
+        Share of good samples that this test may refuse.
     length_tolerance : float, default 0.5
         As in `two_vector_quaternion`.
 
@@ -151,8 +169,10 @@ def estimate_attitude(
     """
     frame = choice("frame", frame, SELECTIONS)
     length_tolerance = _tolerance(length_tolerance)
+    widest = widest_difference(noise_std, false_alarm)
     arrays, shape = _flat_batch(b1, b2, r1, r2)
     count = arrays[0].shape[0]
+    shares = None if weights is None else _pair_weights(weights, shape)
     q = np.empty((count, 4))
     validity: Codes = np.zeros(count, dtype=np.int8)
     block = np.empty((12, max(2, min(count, kernel.BLOCK))))
@@ -164,7 +184,12 @@ def estimate_attitude(
         vectors = block[:, : max(2, width)]
         for i, array in enumerate(arrays):
             vectors[3 * i : 3 * i + 3] = array[rows].T
-        raw, scale, codes = _estimate_block(vectors, frame, length_tolerance)
+        codes = _block_codes(vectors, length_tolerance, widest)
+        if shares is not None:
+            pair = np.ones((2, vectors.shape[1]))
+            pair[:, :width] = shares[:, rows]
+            kernel.fit_pairs(vectors, pair)
+        raw, scale, codes = _estimate_block(vectors, frame, codes)
         np.multiply(raw[:, :width], scale[:width], out=q[rows].T)
         if codes is not None:
             validity[rows] = codes[:width]
@@ -205,13 +230,41 @@ def _tolerance(value: Any) -> float:
     return float(number)
 
 
+def _pair_weights(weights: Any, shape: tuple[int, ...]) -> Array:
+    # (2, n), one pair for all samples or one for each
+    value = finite_array("weights", weights, (2,))
+    if not (np.all(value > 0.0) and np.all(value <= GREATEST)):
+        msg = f"`weights` is {shown(weights)}; both must be above 0 and finite"
+        raise InputError(msg)
+    if value.shape not in ((2,), (*shape, 2)):
+        msg = (
+            f"`weights` has shape {value.shape}; give two, (2,), or two for each "
+            f"sample, {(*shape, 2)}"
+        )
+        raise InputError(msg)
+    return np.broadcast_to(value, (*shape, 2)).reshape(-1, 2).T
+
+
+def _block_codes(
+    vectors: Array, length_tolerance: float, widest: float
+) -> Codes | None:
+    # codes if any is bad, with a harmless sample in place of each bad one
+    codes = block_validity(vectors, length_tolerance)
+    if codes is not None:
+        vectors[:, codes != 0] = _HARMLESS
+    if widest < np.pi:
+        apart = np.abs(kernel.angle_difference(vectors)) > widest
+        if apart.any():
+            codes = np.zeros(apart.shape, dtype=np.int8) if codes is None else codes
+            codes[apart] = Validity.INCONSISTENT
+            vectors[:, apart] = _HARMLESS
+    return codes
+
+
 def _estimate_block(
-    vectors: Array, frame: str, length_tolerance: float
+    vectors: Array, frame: str, codes: Codes | None
 ) -> tuple[Array, Array, Codes | None]:
     # un-normalised quaternions (4, n), what to multiply them with, codes if any is bad
-    codes = block_validity(vectors, length_tolerance)
-    if codes is not None:  # a harmless sample in place of each bad one
-        vectors[:, codes != 0] = _HARMLESS
     if frame == "best":
         raw = kernel.best_quaternion(kernel.column_matrix(vectors, symmetric=False))
     elif frame == "combined":

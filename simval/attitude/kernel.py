@@ -17,6 +17,17 @@ column is never shorter than :math:`|n|/2`. Replacing the scalar
 :math:`s_1^T d_2` by the symmetric :math:`(s_1^T d_2 - s_2^T d_1)/2` leaves (K2)
 alone and halves that entry's noise.
 
+Where the angle between the body vectors differs from that of the references by
+:math:`\delta`, no attitude fits both pairs. Wahba's optimum for weights a1 and a2
+turns b1 by :math:`\varphi_1` towards b2 and b2 by :math:`\varphi_2` towards b1,
+
+.. math:: \tan\varphi_1 = \frac{a_2 \sin\delta}{a_1 + a_2\cos\delta}, \quad
+   \varphi_1 + \varphi_2 = \delta, \tag{K3}
+
+in their plane: an optimum takes plane to plane and balances :math:`a_1\sin\varphi_1 =
+a_2\sin\varphi_2` (Markley 2002). The turned pairs fit one attitude, which every column
+of (K2) then gives.
+
 A block holds one sample per column: rows are the components of b1, b2, r1, r2.
 Blocks of `BLOCK` columns stay in the processor's cache.
 """
@@ -136,6 +147,39 @@ def squared_norm(v: Float[Array, "m n"]) -> Float[Array, " n"]:
     """Sum of squares over the rows."""
     total: Array = np.einsum("in,in->n", v, v)
     return total
+
+
+def fit_pairs(vectors: Float[Array, "12 n"], weights: Float[Array, "2 n"]) -> None:
+    """Turn the body vectors, in place, until one attitude fits both pairs, (K3)."""
+    v = vectors.reshape(4, 3, -1)
+    v /= np.sqrt(np.einsum("kjn,kjn->kn", v, v))[:, None]
+    cosines, sines = _angles(v)
+    sin, cos = _difference(cosines, sines)
+    # towards the other vector, along the unit tangents in the plane of b1 and b2
+    tangents = (v[1::-1] - cosines[0] * v[:2]) / sines[0]
+    shares = np.stack([weights[1], weights[0]])
+    angles = np.arctan2(shares * sin, shares[::-1] + shares * cos)[:, None]
+    v[:2] = np.cos(angles) * v[:2] + np.sin(angles) * tangents
+
+
+def angle_difference(vectors: Float[Array, "12 n"]) -> Float[Array, " n"]:
+    """Angle between the body vectors less that between the references, radians."""
+    return np.arctan2(*_difference(*_angles(vectors.reshape(4, 3, -1))))
+
+
+def _angles(v: Array) -> tuple[Array, Array]:
+    # cosine and sine between b1 and b2, and r1 and r2, times the lengths, (2, n)
+    normals = np.cross(v[::2], v[1::2], axis=1)
+    sines = np.sqrt(np.einsum("kjn,kjn->kn", normals, normals))
+    return np.einsum("kjn,kjn->kn", v[::2], v[1::2]), sines
+
+
+def _difference(cosines: Array, sines: Array) -> tuple[Array, Array]:
+    # sine and cosine of the first angle less the second
+    return (
+        sines[0] * cosines[1] - cosines[0] * sines[1],
+        cosines[0] * cosines[1] + sines[0] * sines[1],
+    )
 
 
 def normalize_columns(q: Float[Array, "4 n"]) -> Float[Array, "4 n"]:

@@ -39,8 +39,8 @@ def noise_covariances(noise_std: Any, count: int = 4) -> Float[Array, "count 3 3
         return np.broadcast_to(value, (count,))[:, None, None] ** 2 * np.eye(3)
     if value.shape != (count, 3, 3):
         msg = (
-            f"`noise_std` has shape {value.shape}; give one number, {count}, or as many "
-            f"3 x 3 covariances ({count}, 3, 3), in the order b1, b2, ..., r1, r2, ..."
+            f"`noise_std` has shape {value.shape}; give one number, {count} numbers "
+            f"or ({count}, 3, 3) covariances, in the order b1, b2, ..., r1, r2, ..."
         )
         raise InputError(msg)
     return checked_covariances("noise_std", value)

@@ -7,16 +7,16 @@ eigenvector of its greatest eigenvalue. With R the pseudo-inverse of
 .. math:: \hat q - q = R\,dK q + R\,dK R\,dK q - (q^T dK q) R^2 dK q
    - \tfrac12 |R\,dK q|^2 q.  \tag{W1}
 
-The bilinear part of dK has mean zero for independent noise; what normalising the vectors
+The bilinear part of dK has mean zero for independent noise; what normalising vectors
 adds is the mean of `normalized_noise`. So, over independent directions j of the noise
 and with :math:`\bar n` its mean,
 
 .. math:: C = \sum_j (R\,dK_j q)(R\,dK_j q)^T, \quad
    m = -R\,dK[\bar n] q - \sum_j \big(\dots\big),  \tag{W2}
 
-the bracket being the last three terms of (W1). When weights are inverse variances and the
-noise is isotropic, twice the smallest loss is chi-square with 2n - 3 degrees of freedom;
-body vectors displaced by :math:`c_i` make it non-central,
+the bracket being the last three terms of (W1). When weights are inverse variances and
+the noise is isotropic, twice the smallest loss is chi-square with 2n - 3 degrees of
+freedom; body vectors displaced by :math:`c_i` make it non-central,
 
 .. math:: \delta = \min_\theta \sum_i a_i |c_i - [b_i\times]\theta|^2.  \tag{W3}
 """
