@@ -110,6 +110,12 @@ SQUARED_ERROR = Family(
     "mean square error over the predicted one",
     least=0.0,
 )
+RMS_OVER_BOUND = Family(
+    "rms_over_bound", "RMS error over the Cramer-Rao bound", least=0.0
+)
+INCONSISTENT_RATE = Family(
+    "inconsistent_rate", "share of samples called inconsistent", least=0.0, most=1.0
+)
 
 PROBE = Family("probe", "error of the noise-free probe")
 CUBATURE_BIAS = Family("cubature_bias", "bias by cubature", unit="rad")

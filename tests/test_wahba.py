@@ -1,4 +1,4 @@
-"""The weighted attitude of n vectors: estimator, moments, bound and test of its loss."""
+"""The weighted attitude of n vectors: estimator, moments, bound, test of the loss."""
 
 import numpy as np
 import pytest
@@ -15,6 +15,8 @@ from simval.attitude import (
 )
 from simval.errors import GeometryError, InputError
 from simval.geometry import attitude_matrix, cross_matrix, normalize
+from simval.streams import Streams
+from simval.studies import attitude_vectors
 from simval.theory import (
     attitude_bound,
     cubature_moments,
@@ -310,3 +312,49 @@ def test_a_sample_does_not_depend_on_its_company_when_weighted():
 def test_options_of_the_closed_form_that_are_none(option, value):
     with pytest.raises(InputError, match=option):
         estimate_attitude(*np.eye(3)[[0, 1, 0, 1]], **{option: value})
+
+
+@pytest.fixture(scope="module")
+def cell():
+    """A small cell of the study at unequal noise."""
+    parameters = attitude_vectors.Parameters(vectors=3, ratio=30.0, samples=8192)
+    return {row.key: row for row in run_cell(parameters)}
+
+
+def run_cell(parameters):
+    return attitude_vectors.run(parameters, Streams(1, (1,))).rows
+
+
+def distance(row):
+    """Standard errors beyond the remainder."""
+    return (abs(row.value - row.prediction) - row.remainder) / row.standard_error
+
+
+def test_the_study_agrees_with_theory(cell):
+    judged = [row for row in cell.values() if row.check in ("plain", "nees")]
+    assert len(judged) == 5
+    assert max(distance(row) for row in judged) < 4.0  # 3e-4 of false alarm
+
+
+def test_the_study_sees_noise_that_is_told_wrong(monkeypatch):
+    """10 % more noise than told shows in error, covariance and test."""
+    draw = attitude_vectors.Setting.draw
+    monkeypatch.setattr(
+        attitude_vectors.Setting,
+        "draw",
+        lambda self, count, rng: self.body + 1.1 * (draw(self, count, rng) - self.body),
+    )
+    parameters = attitude_vectors.Parameters(vectors=3, ratio=30.0, samples=8192)
+    rows = [row for row in run_cell(parameters) if row.check in ("plain", "nees")]
+    assert sum(distance(row) > 4.0 for row in rows) >= 4
+
+
+def test_a_bound_with_a_reference_that_is_known():
+    """The bound with almost no reference noise tends to that with none."""
+    _, q, _, r = problem(70, 3)
+    body = [0.01, 0.02, 0.03]
+    known = wahba_bound(q, r, [*body, 0.0, 0.0, 0.0]).rotation
+    nearly = wahba_bound(q, r, [*body, 1e-8, 1e-8, 1e-8]).rotation
+    assert nearly == pytest.approx(known, rel=1e-9)  # (1e-8 / 0.01)^2 and rounding
+    with pytest.raises(InputError, match="without noise"):
+        wahba_bound(q, r, [0.0, 0.02, 0.03, 0.0, 0.0, 0.0])

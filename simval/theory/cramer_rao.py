@@ -9,9 +9,9 @@ angles each, which nobody asked for. With W the inverse noise covariances,
    T_i^T (A^T W_{bi} A + W_{ri}) T_i \end{bmatrix},\quad B_i = [b_i^t \times],
    \tag{R1}
 
-T_i the plane tangent at :math:`r_i^t`; the bound on :math:`\theta` is the inverse of
-the Schur complement of the nuisance block. A quaternion error is
-:math:`\Delta q = \Xi\, \theta/2` to first order.
+T_i the plane tangent at :math:`r_i^t`, whose rows fall away where it is known exactly;
+the bound on :math:`\theta` is the inverse of the Schur complement of the nuisance
+block. A quaternion error is :math:`\Delta q = \Xi\, \theta/2` to first order.
 """
 
 from dataclasses import dataclass
@@ -57,7 +57,8 @@ def attitude_bound(q: Any, r1: Any, r2: Any, noise_std: Any) -> AttitudeBound:
     r1, r2 : array_like
         True reference vectors, (3,).
     noise_std : array_like
-        As in `simval.theory.attitude_moments`; full covariances must be regular.
+        As in `simval.theory.attitude_moments`; full covariances must be regular, but a
+        reference may have no noise at all.
 
     Returns
     -------
@@ -87,24 +88,33 @@ def bound_of(
     InputError
         If a noise covariance is singular.
     """
-    if not np.all(np.linalg.eigvalsh(noise)[:, 0] > 0.0):
+    n, A = len(vectors) // 2, attitude_matrix(unit_q)
+    known = [i >= n and not matrix.any() for i, matrix in enumerate(noise)]
+    if not np.all((np.linalg.eigvalsh(noise)[:, 0] > 0.0) | known):
         msg = (
             "`noise_std` has a direction without noise, whose information is infinite; "
-            "the bound needs regular covariances, so give each direction some noise"
+            "the bound needs regular covariances, or references without any noise, so "
+            "give each direction some noise"
         )
         raise InputError(msg)
-    information, n, A = np.zeros((3, 3)), len(vectors) // 2, attitude_matrix(unit_q)
+    information = np.zeros((3, 3))
     for i in range(n):
         b, r = vectors[i], vectors[n + i]
         B = cross_matrix(b)
-        T = np.linalg.svd(r[None, :])[2][1:].T
-        W_B = np.linalg.solve(noise[i], B)
-        W_AT = np.linalg.solve(noise[i], A @ T)
-        nuisance = (A @ T).T @ W_AT + T.T @ np.linalg.solve(noise[n + i], T)
-        mixed = B.T @ W_AT
-        information += B.T @ W_B - mixed @ np.linalg.solve(nuisance, mixed.T)
+        own = B.T @ np.linalg.solve(noise[i], B)
+        information += own if known[n + i] else own - _lost(B, A, r, noise[[i, n + i]])
     rotation = np.linalg.solve(information, np.eye(3))
     rotation = (rotation + rotation.T) / 2.0
     e, s = unit_q[:3], unit_q[3]
     half_xi = 0.5 * np.vstack([s * np.eye(3) + cross_matrix(e), -e])
     return AttitudeBound(rotation=rotation, quaternion=half_xi @ rotation @ half_xi.T)
+
+
+def _lost(B: Array, A: Array, r: Array, noise: Array) -> Array:
+    # information that the unknown direction of r takes away
+    T = np.linalg.svd(r[None, :])[2][1:].T
+    W_AT = np.linalg.solve(noise[0], A @ T)
+    nuisance = (A @ T).T @ W_AT + T.T @ np.linalg.solve(noise[1], T)
+    mixed = B.T @ W_AT
+    lost: Array = mixed @ np.linalg.solve(nuisance, mixed.T)
+    return lost

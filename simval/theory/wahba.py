@@ -24,7 +24,6 @@ freedom; body vectors displaced by :math:`c_i` make it non-central,
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array, finite_array
 from simval.errors import GeometryError, InputError
@@ -185,8 +184,8 @@ def _true_pairs(q: Any, references: Any) -> tuple[Array, Array]:
     sine = float(np.linalg.norm(np.cross(r[0], r), axis=1).max())
     if not sine >= MIN_NORM:
         msg = (
-            f"the sine of the greatest angle between `references` is {sine:.2e}; theory "
-            f"needs {MIN_NORM:g} or more, so choose vectors that are farther apart"
+            f"the sine of the greatest angle between `references` is {sine:.2e}; it "
+            f"must be {MIN_NORM:g} or more, so choose vectors that are farther apart"
         )
         raise GeometryError(msg)
     return unit_q, np.concatenate([r @ attitude_matrix(unit_q).T, r])

@@ -1,0 +1,244 @@
+r"""Two or more vectors with weights: error, stated covariance, test of the loss.
+
+One geometry of n vector pairs; the first pair has the noise `noise_std`, the others
+`ratio` times as much. Four things are measured: the mean square error of each estimator
+over the one that first-order theory predicts; the normalised squared error of the
+covariance that is computed from the measured vectors of each sample; how often the
+chi-square test of the loss calls good samples inconsistent; and how often it finds a
+second vector that is turned by `shift` standard deviations of its angle.
+
+What the first order leaves out is computed: Gaussian cubature of the same quantities,
+of degree 5, gives their means to the next order, and twice its distance from the first
+order is the remainder.
+"""
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+from scipy import stats
+
+from simval.arrays import Array
+from simval.attitude import (
+    consistency,
+    two_vector_quaternion,
+    wahba_covariance,
+    wahba_quaternion,
+)
+from simval.geometry import (
+    attitude_matrix,
+    compose,
+    conjugate,
+    normalize,
+    random_quaternions,
+)
+from simval.results import Outcome, Row, nees, plain, unjudged
+from simval.statistics import (
+    CHI_SQUARE,
+    CHI_SQUARE_3,
+    FIRST_ORDER,
+    INCONSISTENT_RATE,
+    NEES,
+    RMS_OVER_BOUND,
+    SQUARED_ERROR,
+)
+from simval.streams import Streams
+from simval.studies.study import Cost, StudyParameters
+from simval.theory import (
+    attitude_moments,
+    cubature_moments,
+    loss_noncentrality,
+    wahba_bound,
+    wahba_moments,
+)
+
+TITLE = "Two or more weighted vectors: error, covariance and test of the loss"
+SECTION = None
+
+FALSE_ALARM = 1e-2
+"""Of the chi-square test: rare, and seen 655 times in the default number of samples."""
+
+
+class Parameters(StudyParameters):
+    """One cell: how many vectors, and how unequal their noise is."""
+
+    vectors: Annotated[int, Field(ge=2, le=6)] = Field(
+        default=2, description="Vector pairs."
+    )
+    noise_std: Annotated[float, Field(ge=1e-5, le=1e-2)] = Field(
+        default=1e-4, description="Noise per axis of the first pair, body vector, 1."
+    )
+    ratio: Annotated[float, Field(ge=1.0, le=1e3)] = Field(
+        default=1.0, description="Noise of the other pairs over that of the first, 1."
+    )
+    shift: Annotated[float, Field(ge=0.0, le=10.0)] = Field(
+        default=3.0, description="Turn of the wrong vector, standard deviations, 1."
+    )
+    geometry: Annotated[int, Field(ge=0)] = Field(
+        default=0, description="Number of the random geometry."
+    )
+    samples: Annotated[int, Field(ge=4096)] = Field(
+        default=65_536, description="Trials."
+    )
+
+    def cost(self) -> Cost:
+        """Cost of a cell."""
+        return Cost(0.3 + 2e-6 * self.samples * self.vectors, 50)
+
+
+class Setting:
+    """One geometry with its noise, and what first-order theory says of it."""
+
+    def __init__(self, parameters: Parameters) -> None:
+        n = self.n = parameters.vectors
+        rng = np.random.default_rng(parameters.geometry)
+        self.q = random_quaternions(1, rng)[0]
+        self.references = normalize(rng.standard_normal((n, 3)))
+        self.body = self.references @ attitude_matrix(self.q).T
+        self.std = parameters.noise_std * np.append(1.0, [parameters.ratio] * (n - 1))
+        self.noise_std = np.stack([self.std, np.zeros(n)])
+        self.weights = 1.0 / self.std**2
+        noise = self.noise_std.reshape(-1)
+        self.bound = float(
+            np.trace(wahba_bound(self.q, self.references, noise).rotation)
+        )
+        moments = {
+            "weighted": wahba_moments(self.q, self.references, noise, self.weights),
+            "equal weights": wahba_moments(self.q, self.references, noise),
+        }
+        if n == 2:
+            r1, r2 = self.references
+            for name, frame in (("combined", "combined"), ("best of four", None)):
+                moments[name] = attitude_moments(self.q, r1, r2, noise, 2, frame)
+        self.predicted = {
+            name: 4.0 * float(np.trace(moment.covariance))
+            for name, moment in moments.items()
+        }
+
+    def estimates(self, body: Array) -> dict[str, Array]:
+        """Attitudes of each estimator, (n, 4), in the order of `predicted`."""
+        references = np.broadcast_to(self.references, body.shape)
+        found = {
+            "weighted": wahba_quaternion(body, references, self.weights),
+            "equal weights": wahba_quaternion(body, references),
+        }
+        if self.n == 2:
+            b1, b2, (r1, r2) = body[:, 0], body[:, 1], self.references
+            for name, frame in (("combined", "combined"), ("best of four", self.frame)):
+                found[name] = two_vector_quaternion(b1, b2, r1, r2, frame)
+        return found
+
+    @property
+    def frame(self) -> str:
+        """The greatest column of the truth, which predictions hold for."""
+        r1, r2 = self.references
+        return attitude_moments(self.q, r1, r2, 0.0).frame
+
+    def features(self, body: Array) -> Array:
+        """Squared errors over predicted, normalised square, and loss, by sample."""
+        attitudes = self.estimates(body)
+        errors = {name: turn_between(self.q, q) for name, q in attitudes.items()}
+        squares = [
+            np.sum(errors[name] ** 2, axis=1) / predicted
+            for name, predicted in self.predicted.items()
+        ]
+        references = np.broadcast_to(self.references, body.shape)
+        covariance = wahba_covariance(body, references, self.noise_std)
+        own = errors["weighted"]
+        solved = np.linalg.solve(covariance, own[..., None])[..., 0]
+        loss = consistency(body, references, self.noise_std)
+        return np.stack(
+            [*squares, np.sum(own * solved, axis=1), loss.statistic], axis=1
+        )
+
+    @property
+    def first_order(self) -> Array:
+        """Means of `features` to first order."""
+        return np.append(np.ones(len(self.predicted)), [3.0, 2.0 * self.n - 3.0])
+
+    def left_out(self, first_order: Array, shift: Array) -> Array:
+        """Twice the distance of the means by cubature of degree 5 from the first."""
+        moments = cubature_moments(
+            lambda *body: self.features(np.stack(body, axis=1)),
+            self.body + shift,
+            self.std[:, None, None] ** 2 * np.eye(3),
+            first_order,
+            degree=5,
+        )
+        return 2.0 * np.abs(moments.bias)
+
+    def draw(self, count: int, rng: np.random.Generator) -> Array:
+        """Body vectors with noise, (count, n, 3)."""
+        return self.body + self.std[:, None] * rng.standard_normal((count, self.n, 3))
+
+
+def turn_between(q: Array, estimate: Array) -> Array:
+    """Rotation vector from the truth to each estimate, body axes, rad."""
+    difference = compose(conjugate(q), estimate)
+    sign = np.where(difference[:, 3:] < 0.0, -1.0, 1.0)
+    sine = np.linalg.norm(difference[:, :3], axis=1, keepdims=True)
+    angle = 2.0 * np.arctan2(sine, np.abs(difference[:, 3:]))
+    return sign * difference[:, :3] * np.where(sine > 0.0, angle / sine, 2.0)
+
+
+def run(parameters: Parameters, streams: Streams) -> Outcome:
+    """Measure and predict one cell."""
+    setting, n = Setting(parameters), parameters.samples
+    values = setting.features(setting.draw(n, streams.block(0)))
+    mean, error = values.mean(axis=0), values.std(axis=0, ddof=1) / np.sqrt(n)
+    off = setting.left_out(setting.first_order, np.zeros((setting.n, 3)))
+    rows: list[Row] = []
+    for k, (name, predicted) in enumerate(setting.predicted.items()):
+        rows += plain(
+            SQUARED_ERROR(name), mean[k], error[k], n, 1.0, FIRST_ORDER, off[k]
+        )
+        ratio, root = np.sqrt(predicted / setting.bound), np.sqrt(mean[k])
+        rows += unjudged(
+            RMS_OVER_BOUND(name),
+            ratio * root,
+            ratio * error[k] / (2.0 * root),
+            n,
+            ratio,
+            FIRST_ORDER,
+        )
+    rows += nees(NEES(), mean[-2], error[-2], n, 3.0, CHI_SQUARE_3, off[-2])
+    rows += _test_rows(setting, parameters, streams, values[:, -1], off[-1])
+    return Outcome(rows=tuple(rows))
+
+
+def _test_rows(
+    setting: Setting, parameters: Parameters, streams: Streams, good: Array, off: float
+) -> tuple[Row, ...]:
+    # share of good samples, and of samples with a wrong vector, above the threshold
+    freedom, n = 2 * setting.n - 3, parameters.samples
+    threshold = float(stats.chi2(freedom).isf(FALSE_ALARM))
+    between = np.cross(setting.body[0], setting.body[1])
+    tangent = normalize(np.cross(between, setting.body[1]))
+    shift = np.zeros((setting.n, 3))
+    shift[1] = parameters.shift * float(np.hypot(*setting.std[:2])) * tangent
+    rng = streams.block(1)
+    wrong = setting.draw(n, rng) + shift
+    references = np.broadcast_to(setting.references, wrong.shape)
+    found = consistency(wrong, references, setting.noise_std).statistic
+    distance = loss_noncentrality(setting.q, setting.references, shift, setting.weights)
+    means = setting.first_order
+    means[-1] += distance
+    off_wrong = setting.left_out(means, shift)[-1]
+    rows: tuple[Row, ...] = ()
+    for name, statistic, apart, left_out in (
+        ("good", good, 0.0, off),
+        ("wrong vector", found, distance, off_wrong),
+    ):
+        chance, steeper = (_share(threshold, k, apart) for k in (freedom, freedom + 2))
+        share = float(np.mean(statistic > threshold))
+        left = 0.5 * (steeper - chance) * left_out  # by the non-centrality
+        error = np.sqrt(chance * (1.0 - chance) / n)
+        rows += plain(
+            INCONSISTENT_RATE(name), share, error, n, chance, CHI_SQUARE, left
+        )
+    return rows
+
+
+def _share(threshold: float, freedom: int, apart: float) -> float:
+    law = stats.ncx2(freedom, apart) if apart else stats.chi2(freedom)
+    return float(law.sf(threshold))
