@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from random_attitudes import problems
 from scipy.spatial.transform import Rotation
 
 from simval.attitude import two_vector_quaternion
@@ -11,20 +12,7 @@ from simval.geometry import (
     attitude_error,
     attitude_matrix,
     normalize,
-    random_quaternions,
 )
-
-
-def problems(count, seed):
-    rng = np.random.default_rng(seed)
-    q = random_quaternions(count, rng)
-    r1, r2 = normalize(rng.standard_normal((2, count, 3)))
-    A = attitude_matrix(q)
-    return (
-        q,
-        np.stack([np.einsum("nij,nj->ni", A, r) for r in (r1, r2)] + [r1, r2]),
-        rng,
-    )
 
 
 @pytest.mark.parametrize("name", sorted(ESTIMATORS))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from hypothesis import example, given
+from rounding import EPS
 from strategies_attitude import Problem, problems
 
 from simval.attitude import estimate_attitude, two_vector_quaternion
@@ -16,7 +17,6 @@ from simval.attitude.singular import (
 from simval.errors import InputError
 from simval.geometry import attitude_error, attitude_matrix, normalize
 
-EPS = np.finfo(float).eps
 X, Y, Z = np.eye(3)
 HALF_TURN = Problem(np.array([1.0, 0, 0, 0]), np.stack([X, -Y, X, Y]))
 IDENTITY = Problem(np.array([0, 0, 0, 1.0]), np.stack([X, Y, X, Y]))

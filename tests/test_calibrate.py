@@ -7,21 +7,19 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rounding import EPS
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
+from true_sensor import MODEL, PARAMETERS, G
 
 from simval.calibrate import calibrate, sources
 from simval.calibrate.moments import unbiased_moment_matrix
+from simval.calibrate.residuals import RESIDUALS
+from simval.calibrate.solver import METHODS
 from simval.errors import ConvergenceError
 from simval.poses import fibonacci_sphere, random_directions
 from simval.sensor import MODELS, AccelerometerModel, convert
 
-EPS = np.finfo(float).eps
-G = 9.81
-METHODS = ("lm", "gauss-newton", "newton")
-RESIDUALS = ("squared", "norm", "weighted", "sampson", "adjusted")
-PARAMETERS = np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
-MODEL = AccelerometerModel.from_parameters(PARAMETERS)
 FIELDS = ("parameters", "covariance", "cost", "condition", "rms", "chi2_per_dof")
 
 

@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from true_sensor import MODEL, G
 
 from simval.calibrate import calibrate
 from simval.calibrate.applied import require_same_sensor
@@ -19,11 +20,6 @@ from simval.cli.correct import command
 from simval.errors import ConvergenceError, InputError, RefusedError, SimvalError
 from simval.poses import fibonacci_sphere, random_directions
 from simval.sensor import MODELS, AccelerometerModel
-
-G = 9.81
-MODEL = AccelerometerModel.from_parameters(
-    np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
-)
 
 
 def fit(model="triangular", n=12):

@@ -2,16 +2,11 @@
 
 import numpy as np
 import pytest
+from true_sensor import MODEL, G
 
 from simval.calibrate import calibrate
 from simval.errors import GeometryError, InputError, RefusedError
 from simval.poses import cube_corners, cube_edges, cube_faces, fibonacci_sphere
-from simval.sensor import AccelerometerModel
-
-G = 9.81
-MODEL = AccelerometerModel.from_parameters(
-    np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
-)
 
 
 def poses_of(directions, sigma=0.0, seed=0):

@@ -3,19 +3,16 @@
 import numpy as np
 import pytest
 from scipy import stats
+from true_sensor import MODEL, G
 
 from simval.calibrate import calibrate
 from simval.errors import InputError
 from simval.poses import fibonacci_sphere
-from simval.sensor import MODELS, AccelerometerModel
+from simval.sensor import MODELS
 from simval.theory.calibration import calibration_moments
 
-G = 9.81
 SIGMA = 0.01
 TRIALS = 10_000
-MODEL = AccelerometerModel.from_parameters(
-    np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
-)
 
 
 def fits(n, noise_std=None, seed=0, residual="squared"):

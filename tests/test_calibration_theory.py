@@ -8,17 +8,13 @@ parameter gives the bound; Monte Carlo gives both with sampling error.
 import numpy as np
 import pytest
 from scipy import stats
+from true_sensor import MODEL, G
 
 from simval.calibrate import calibrate
 from simval.errors import GeometryError, InputError
 from simval.poses import cube_faces, fibonacci_sphere
 from simval.sensor import MODELS, AccelerometerModel, forms
 from simval.theory.calibration import RESIDUALS, calibration_moments
-
-G = 9.81
-MODEL = AccelerometerModel.from_parameters(
-    np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
-)
 
 
 @pytest.mark.parametrize("residual", RESIDUALS)

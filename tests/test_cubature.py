@@ -5,6 +5,7 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 import pytest
+from rounding import EPS
 
 from simval.errors import InputError, RefusedError
 from simval.theory.cubature import (
@@ -30,7 +31,7 @@ def test_exact_to_its_degree_and_not_beyond(dimension, degree):
             value = np.prod(points[:, list(monomial)], axis=1) @ weights
             # rounding: sum of |weight * product| times a few eps
             scale = np.abs(weights) @ np.abs(np.prod(points[:, list(monomial)], axis=1))
-            assert abs(value - normal_moment(monomial)) < 50 * 2.3e-16 * max(1.0, scale)
+            assert abs(value - normal_moment(monomial)) < 50 * EPS * max(1.0, scale)
     # The square of (degree + 1) / 2 different variables is the first that needs a
     # tensor product outside the rule, which gives 0 for its mean of 1.
     if dimension >= (degree + 1) // 2:

@@ -15,7 +15,7 @@ from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import pytest
-from conftest import ROOT
+from places import ROOT
 
 from simval.errors import InputError
 from simval.sweep import executors, load_run, load_suite, run_suite, store

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from rounding import EPS
 from scipy.spatial.transform import Rotation
 
 from simval.errors import InputError
@@ -20,8 +21,6 @@ from simval.geometry import (
     normalize,
     random_quaternions,
 )
-
-EPS = np.finfo(float).eps
 
 
 def quaternions(count, seed=0):

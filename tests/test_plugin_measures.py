@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import rows_by_name
 from click.testing import CliRunner
+from places import EXAMPLES
 
 from simval.attitude import two_vector_quaternion
 from simval.calibrate import calibrate
@@ -42,7 +43,6 @@ from simval.sweep import provenance, run_suite
 from simval.sweep.suite import expand, load_suite
 from simval.verdict import judge
 
-EXAMPLES = Path(__file__).resolve().parents[1] / "docs" / "examples"
 GOOD = Estimator(
     name="two",
     estimate=two_vector_quaternion,

@@ -14,6 +14,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from places import EXAMPLES, ROOT
 
 from simval.plugins import (
     Calibrator,
@@ -29,9 +30,6 @@ from simval.streams import Streams
 from simval.studies import calibrator, custom_scene, estimator, isolation
 from simval.sweep import load_run, run_suite
 from simval.sweep.suite import expand
-
-ROOT = Path(__file__).resolve().parents[1]
-EXAMPLES = ROOT / "docs" / "examples"
 
 HEAD = """
 import os, signal, sys, tempfile, time

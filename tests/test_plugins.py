@@ -4,11 +4,11 @@ import dataclasses
 import pickle
 import sys
 import textwrap
-from pathlib import Path
 from typing import get_type_hints
 
 import numpy as np
 import pytest
+from places import EXAMPLES
 from scipy.spatial.transform import Rotation
 
 from simval.calibrate import calibrate
@@ -27,8 +27,6 @@ from simval.plugins.describe import overrides_of
 from simval.plugins.errors import LIMIT, one_line, told
 from simval.plugins.probe import probe_sensor, rotation_error
 from simval.sweep.suite import expand, load_suite
-
-EXAMPLES = Path(__file__).resolve().parents[1] / "docs" / "examples"
 
 
 def align(b1, b2, r1, r2):

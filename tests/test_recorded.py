@@ -2,11 +2,11 @@
 
 import itertools
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from places import RECORDINGS
 
 from simval.calibrate import calibrate
 from simval.cli import run
@@ -29,12 +29,11 @@ from simval.studies.recorded import (
     white_noise,
 )
 
-DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 XSENS_G = 9.81744
 
 
 def recording(name):
-    path = DATA / name
+    path = RECORDINGS / name
     if not path.exists():
         pytest.skip(f"the recording {path} is not on this machine")
     return path

@@ -9,30 +9,18 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-import stores
-from conftest import ROOT
+from places import ROOT
+from stores import edited_run
 
 from simval.report import drawings, png, render, svg_file, tables
 from simval.report.sections.provenance import command, suite_text
 from simval.sweep import load_run, load_suite
 
 
-def edited(folder, *statements):
-    """Change the store of a run and load it."""
-    stores.edited(folder, *statements)
-    return load_run(folder)
-
-
 @pytest.fixture(scope="module")
 def page(_tiny_run):
     """The report of a clean run."""
     return render(load_run(_tiny_run))
-
-
-@pytest.fixture
-def undrawn(monkeypatch):
-    """Leave the figures out, for tests of the words around them: drawing is slow."""
-    monkeypatch.setattr("simval.report.environment.svg", lambda drawing: "<svg/>")
 
 
 def with_cells(run, change):
@@ -138,7 +126,7 @@ def test_the_first_screen_has_the_verdict_and_two_figures(page):
 def test_the_report_says_what_the_gate_says(tiny_run, undrawn):
     from simval.gate import judge_run
 
-    run = edited(tiny_run, "UPDATE rows SET n = 4000 WHERE cell > 1 AND n > 0")
+    run = edited_run(tiny_run, "UPDATE rows SET n = 4000 WHERE cell > 1 AND n > 0")
     judged = judge_run(run)
     assert judged.answer == "inconclusive"  # fewer samples than the cells say
     page = render(run)
@@ -147,7 +135,7 @@ def test_the_report_says_what_the_gate_says(tiny_run, undrawn):
 
 
 def test_missing_and_failed_cells_are_shown_and_escaped(tiny_run, undrawn):
-    run = edited(
+    run = edited_run(
         tiny_run,
         "UPDATE cells SET status = 'failed', error = '<b>x</b>'",
         "DELETE FROM rows",
@@ -161,7 +149,7 @@ def test_missing_and_failed_cells_are_shown_and_escaped(tiny_run, undrawn):
 
 @pytest.mark.parametrize("position", [0, 1, 2, 3])
 def test_a_run_without_one_cell_renders(tiny_run, undrawn, position):
-    run = edited(
+    run = edited_run(
         tiny_run,
         f"DELETE FROM rows WHERE cell = {position}",
         f"UPDATE cells SET status = 'pending' WHERE position = {position}",
@@ -170,13 +158,15 @@ def test_a_run_without_one_cell_renders(tiny_run, undrawn, position):
 
 
 def test_numbers_that_are_none_are_shown_as_inconclusive(tiny_run, undrawn):
-    page = render(edited(tiny_run, "UPDATE rows SET value = 9e999 WHERE ordinal = 3"))
+    page = render(
+        edited_run(tiny_run, "UPDATE rows SET value = 9e999 WHERE ordinal = 3")
+    )
     assert "<strong>INCONCLUSIVE</strong>" in page
 
 
 def test_everything_from_data_is_escaped(tiny_run, undrawn):
     bad = '<img src=x onerror=alert(1)>"'
-    run = edited(
+    run = edited_run(
         tiny_run,
         f"UPDATE rows SET predictor = '{bad}' WHERE predictor = 'first order'",
         f"UPDATE rows SET entries = json_array('{bad}'), \"check\" = 'exact' "
@@ -192,7 +182,7 @@ def test_everything_from_data_is_escaped(tiny_run, undrawn):
 
 
 def test_a_failing_check_comes_first_with_its_figure(tiny_run):
-    run = edited(
+    run = edited_run(
         tiny_run,
         "UPDATE rows SET value = value + 20 * standard_error "
         "WHERE family = 'bias' AND controlled = 0 "
@@ -215,7 +205,7 @@ def test_a_failing_check_comes_first_with_its_figure(tiny_run):
 
 
 def test_a_pooled_check_that_fails_needs_no_cell(tiny_run, undrawn):
-    run = edited(
+    run = edited_run(
         tiny_run,
         "UPDATE rows SET value = value * 1.5 "
         "WHERE family = 'nees' AND controlled = 0 AND entries = json_array()",
@@ -226,7 +216,7 @@ def test_a_pooled_check_that_fails_needs_no_cell(tiny_run, undrawn):
 
 
 def test_figures_and_tables_as_files(simval, tiny_run, tmp_path):
-    run = edited(  # one recovery and the numbers of a study without a section
+    run = edited_run(  # one recovery and the numbers of a study without a section
         tiny_run,
         "DELETE FROM rows WHERE cell IN (1, 3) OR ordinal > 20",
         "UPDATE cells SET status = 'pending' WHERE position IN (1, 3)",
@@ -368,7 +358,7 @@ def test_artifacts_become_figures(tiny_run):
 
 
 def test_a_budget_becomes_a_figure(tiny_run):
-    run = edited(
+    run = edited_run(
         tiny_run,
         "DELETE FROM rows WHERE ordinal > 1",
         "UPDATE rows SET family = 'budget', entries = json_array('noise') "
@@ -386,7 +376,7 @@ RENAMED = (
 
 
 def test_a_study_without_a_section_is_shown_all_the_same(tiny_run):
-    run = edited(tiny_run, RENAMED.format("of_a_plugin"))
+    run = edited_run(tiny_run, RENAMED.format("of_a_plugin"))
     page = render(run)
     assert '<section id="other"' in page
     assert "<h3>of_a_plugin</h3>" in page
@@ -394,14 +384,16 @@ def test_a_study_without_a_section_is_shown_all_the_same(tiny_run):
 
 
 def test_names_from_data_cannot_leave_the_folder(simval, tiny_run, tmp_path, undrawn):
-    edited(tiny_run, RENAMED.format("../../x y"))
+    edited_run(tiny_run, RENAMED.format("../../x y"))
     assert simval("report", tiny_run, "--tables", tmp_path / "a" / "t")[0] == 0
     assert (tmp_path / "a" / "t" / "study-x-y.csv").is_file()
     assert sorted(p.name for p in tmp_path.iterdir() if p.name != "tiny") == ["a"]
 
 
 def test_an_empty_run_renders(tiny_run):
-    run = edited(tiny_run, "DELETE FROM rows", "UPDATE cells SET status = 'pending'")
+    run = edited_run(
+        tiny_run, "DELETE FROM rows", "UPDATE cells SET status = 'pending'"
+    )
     page = render(run)
     assert "INCONCLUSIVE" in page
     assert "<svg" not in page

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 import rows_by_name
+from rows_by_name import cell
 
 from simval.gate.finding import reproduce
 from simval.report.curves import grouped, varying
@@ -16,7 +17,6 @@ from simval.report.thinning import COLUMNS, MAX_POINTS, thinned
 from simval.report.words import measured, slugs
 from simval.results import CellName
 from simval.statistics import BIAS, COVARIANCE, EXACT
-from simval.sweep.run import CellResult
 
 
 @pytest.mark.parametrize(
@@ -181,22 +181,9 @@ def test_sort_keys_are_numbers_and_empty_cells_are_empty():
     assert sort_key("a", Column("t")) == ""
 
 
-def cell(name, rows=(), **parameters):
-    return CellResult(
-        name=name,
-        study="s",
-        seed=1,
-        parameters=parameters,
-        status="done",
-        error="",
-        seconds=0.0,
-        rows=tuple(rows),
-    )
-
-
 def test_cells_are_grouped_by_what_varies_beside_the_axis():
     cells = [
-        cell(f"{p}{s}{n}", poses=p, scene=s, noise_std=n, trials=int(1 / n), fixed=3)
+        cell(poses=p, scene=s, noise_std=n, trials=int(1 / n), fixed=3)
         for p in (12, 40)
         for s in ("gimbal", "die")
         for n in (0.1, 0.2)
@@ -224,7 +211,7 @@ def test_the_projected_moment_is_unbiased_where_the_norm_is_not():
             )
             for n, v, p in zip("xyz", seen, truth, strict=True)
         ]
-        value, spread, size = moment(BIAS, EXACT)(cell("c", rows))
+        value, spread, size = moment(BIAS, EXACT)(cell(rows))
         values.append(value)
         norms.append(np.linalg.norm(seen))
     assert size == pytest.approx(5e-4, rel=1e-12)
@@ -248,6 +235,6 @@ def test_an_off_diagonal_entry_counts_twice():
         for j, b in enumerate("xy")
         if j >= i
     ]
-    value, _, size = moment(COVARIANCE, EXACT)(cell("c", rows))
+    value, _, size = moment(COVARIANCE, EXACT)(cell(rows))
     assert size == pytest.approx(np.linalg.norm(matrix), rel=1e-14)
     assert value == pytest.approx(np.linalg.norm(matrix), rel=1e-14)

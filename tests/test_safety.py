@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 from stores import raw, rewritten, signed_anew
 
 from simval.cli import run as simval_command
@@ -30,7 +31,6 @@ from simval.poses import fibonacci_sphere
 from simval.scene.models import load_model
 from simval.sweep import load_run
 
-ROOT = Path(__file__).resolve().parents[1]
 QUICK, NIGHTLY = 34, 334  # times six kinds: 204 and 2004
 LIMIT = 60  # s, for what takes less than one: a hang, not a slow machine
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy import stats
+from true_sensor import MODEL, PARAMETERS
 
 from simval.attitude import two_vector_quaternion
 from simval.errors import SimvalError
@@ -156,7 +157,6 @@ def test_a_window_must_be_odd(window):
 
 
 TRIALS = 64
-VALUES = np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
 
 
 @pytest.fixture(scope="module")
@@ -208,11 +208,10 @@ def rotation_between(q, truth):
 def test_the_carried_covariance_is_the_derivative_of_the_whole_chain():
     """Against central differences through correction and estimator, no formula."""
     _, wanted = end_to_end.tumbles(12, 5)
-    sensor = AccelerometerModel.from_parameters(VALUES)
     root = np.random.default_rng(3).standard_normal((9, 9))
     covariance = root @ root.T
     for k in range(5):
-        raw = np.linalg.solve(sensor.matrix, wanted.force[k]) + sensor.B
+        raw = np.linalg.solve(MODEL.matrix, wanted.force[k]) + MODEL.B
 
         def turned(theta, raw=raw, field=wanted.field[k], truth=wanted.q[k]):
             model = AccelerometerModel.from_parameters(theta)
@@ -222,12 +221,12 @@ def test_the_carried_covariance_is_the_derivative_of_the_whole_chain():
 
         h = 1e-5
         steps = [
-            (turned(VALUES + h * e) - turned(VALUES - h * e)) / (2 * h)
+            (turned(PARAMETERS + h * e) - turned(PARAMETERS - h * e)) / (2 * h)
             for e in np.eye(9)
         ]
         gain = np.stack(steps, axis=1)
         expected = gain @ covariance @ gain.T
-        got = carrier(sensor, wanted, k, 0.0, 0.0).parts(covariance)[0]
+        got = carrier(MODEL, wanted, k, 0.0, 0.0).parts(covariance)[0]
         # central differences: h^2 of curvature and eps / h of rounding, 1e-10 each,
         # relative to gains of up to 10
         atol = 1e-8 * np.abs(expected).max()
@@ -237,16 +236,15 @@ def test_the_carried_covariance_is_the_derivative_of_the_whole_chain():
 def test_the_carriers_jacobian_is_that_of_a_direction():
     """Central differences of f / |f|; what is along f does not turn it."""
     _, wanted = end_to_end.tumbles(12, 5)
-    sensor = AccelerometerModel.from_parameters(VALUES)
     h = 1e-5
     for k, force in enumerate(wanted.force):
-        raw = np.linalg.solve(sensor.matrix, force) + sensor.B
+        raw = np.linalg.solve(MODEL.matrix, force) + MODEL.B
         steps = [
-            normalize(corrected(VALUES + h * e, raw))
-            - normalize(corrected(VALUES - h * e, raw))
+            normalize(corrected(PARAMETERS + h * e, raw))
+            - normalize(corrected(PARAMETERS - h * e, raw))
             for e in np.eye(9)
         ]
-        found = carrier(sensor, wanted, k, 0.0, 0.0).jacobian
+        found = carrier(MODEL, wanted, k, 0.0, 0.0).jacobian
         expected = np.stack(steps, axis=1) / (2 * h)
         # h^2 of curvature and eps / h of rounding, 1e-10 each, gains of up to 1
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
@@ -254,8 +252,9 @@ def test_the_carriers_jacobian_is_that_of_a_direction():
 
 def test_the_corrected_reading_is_the_models():
     raw = np.array([1.0, -7.0, 4.0])
-    model = AccelerometerModel.from_parameters(VALUES)
-    np.testing.assert_allclose(corrected(VALUES, raw), model.correct(raw), rtol=1e-14)
+    np.testing.assert_allclose(
+        corrected(PARAMETERS, raw), MODEL.correct(raw), rtol=1e-14
+    )
 
 
 def test_the_true_attitude_is_what_the_true_vectors_give():

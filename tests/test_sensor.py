@@ -5,12 +5,12 @@ import pytest
 import scipy.linalg
 from hypothesis import example, given
 from hypothesis import strategies as st
+from rounding import EPS
+from true_sensor import PARAMETERS
 
 from simval.errors import InputError
 from simval.sensor import MODELS, AccelerometerModel, convert, forms
 
-EPS = np.finfo(float).eps
-PARAMETERS = np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
 COUNTS = np.array([-0.0036, 0.0092, -0.021, 2.4e-3, 2.43e-3, 2.41e-3, 33e3, 33e3, 32e3])
 
 

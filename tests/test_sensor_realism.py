@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from rounding import EPS
 from scipy import stats
 
 from simval.errors import InputError
@@ -29,7 +30,7 @@ def test_without_effects_it_is_the_plain_model():
     readings = read(Effects())
     plain = MODEL.distort(FORCE, np.random.default_rng(0))
     # two orders of a 3 x 3 solve, condition 1.1
-    np.testing.assert_allclose(readings.raw, plain, rtol=0, atol=64 * 2.3e-16 * 10)
+    np.testing.assert_allclose(readings.raw, plain, rtol=0, atol=64 * EPS * 10)
     for name in ("vibration_m_s2", "bias_walk_raw", "noise_raw"):
         assert not getattr(readings, name).any()
     assert not readings.out_of_range.any()

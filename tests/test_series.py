@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from rounding import EPS
 
 from simval.errors import InputError, RefusedError
 from simval.theory.cubature import cubature_moments
@@ -24,7 +25,7 @@ def test_arithmetic_against_a_symbolic_expansion():
     monomials += [(3 - k, k) for k in range(4)] + [(4 - k, k) for k in range(5)]
     expected = [float(polynomial.coeff_monomial(x**i * y**j)) for i, j in monomials]
     # some thirty operations on numbers below 10
-    np.testing.assert_allclose(found.coefficients, expected, rtol=0, atol=300 * 2.3e-16)
+    np.testing.assert_allclose(found.coefficients, expected, rtol=0, atol=300 * EPS)
 
 
 def test_moments_of_the_length_of_a_vector():

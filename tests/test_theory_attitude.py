@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from rounding import relative
 
 from simval.errors import GeometryError, InputError, SimvalError
 from simval.geometry import normalize, random_quaternions
@@ -15,10 +16,6 @@ def table_geometry():
     rng = np.random.default_rng(3)
     q, r1, r2 = (normalize(rng.standard_normal(n)) for n in (4, 3, 3))
     return q, r1, r2
-
-
-def relative(value, exact):
-    return np.linalg.norm(value - exact) / np.linalg.norm(exact)
 
 
 def slope(sigmas, errors):

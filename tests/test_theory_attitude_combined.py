@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from random_attitudes import apart, full_covariances, geometry
+from rounding import EPS, relative
 
 from simval.attitude import two_vector_quaternion
 from simval.attitude.comparators import davenport
@@ -21,32 +23,12 @@ from simval.theory.cubature import cubature_moments
 from simval.theory.series import series_moments
 
 
-def geometry(seed, sine=0.3):
-    rng = np.random.default_rng(seed)
-    while True:
-        q = random_quaternions(1, rng)[0]
-        r1, r2 = normalize(rng.standard_normal((2, 3)))
-        if np.linalg.norm(np.cross(r1, r2)) > sine:
-            A = attitude_matrix(q)
-            return q, np.stack([A @ r1, A @ r2, r1, r2]), rng
-
-
-def full_covariances(rng, sigma):
-    F = rng.standard_normal((4, 3, 3))
-    S = F @ F.swapaxes(1, 2)
-    return sigma**2 * S / np.linalg.eigvalsh(S)[:, -1, None, None]
-
-
-def relative(value, exact):
-    return np.linalg.norm(value - exact) / np.linalg.norm(exact)
-
-
 def test_columns_of_theory_and_estimator_agree():
     # two separately written forms: bilinear maps with half turns, and sign patterns
-    _, vectors, rng = geometry(1)
+    _, vectors, rng = geometry(1, apart)
     noisy = vectors + 0.1 * rng.standard_normal((4, 3))
     kernel = column_matrix(noisy.reshape(12, 1), symmetric=True)[..., 0].T
-    np.testing.assert_allclose(theory_columns(*noisy), kernel, atol=20 * 2.3e-16)
+    np.testing.assert_allclose(theory_columns(*noisy), kernel, atol=20 * EPS)
 
 
 def arithmetic(vectors, q_true):
@@ -65,7 +47,7 @@ def arithmetic(vectors, q_true):
 @pytest.mark.parametrize("seed", range(6))
 def test_second_order_equals_the_series_to_rounding(seed):
     # The series differentiates the estimator's arithmetic and knows no closed form.
-    q, vectors, rng = geometry(seed)
+    q, vectors, rng = geometry(seed, apart)
     noise = full_covariances(rng, 0.01)
     predicted = attitude_moments(q, *vectors[2:], noise, 2, "combined")
     series = series_moments(
@@ -81,7 +63,7 @@ def test_error_of_the_second_order_is_of_fourth_order():
     # Not seed 1: its two greatest columns tie within 1 %, and which one starts the
     # power step matters from the third order on, so the remainder is not smooth.
     for seed in (0, 2, 3, 4):
-        q, vectors, rng = geometry(seed)
+        q, vectors, rng = geometry(seed, apart)
         unit = full_covariances(rng, 1.0)
         norms = np.sort(np.abs(q @ theory_columns(*vectors)))
         assert norms[-1] > 1.2 * norms[-2]
@@ -110,7 +92,7 @@ def test_error_of_the_second_order_is_of_fourth_order():
 def test_fourth_order_from_the_series_alone():
     # No closed form of this order exists here: the series gives it for free. Against
     # cubature through the public estimator its error is of sixth order.
-    q, vectors, rng = geometry(2)
+    q, vectors, rng = geometry(2, apart)
     unit = full_covariances(rng, 1.0)
     q_true = attitude_moments(q, *vectors[2:], unit, 2, "combined").q_true
     sigmas = np.array([0.006, 0.012])
@@ -135,7 +117,7 @@ def test_fourth_order_from_the_series_alone():
 
 
 def test_one_power_step_is_the_singular_vector_to_second_order():
-    _, vectors, rng = geometry(3)
+    _, vectors, rng = geometry(3, apart)
     directions = rng.standard_normal((12, 400))
     gaps = []
     for sigma in (1e-3, 1e-2):
@@ -219,7 +201,7 @@ def test_ratio_in_simulation():
 
 def test_bound_equals_the_quest_covariance():
     # Shuster and Oh: P^-1 = sum (I - b b') / (sb^2 + sr^2), derived from Wahba's loss
-    q, vectors, _ = geometry(2)
+    q, vectors, _ = geometry(2, apart)
     std = np.array([0.01, 0.03, 0.02, 0.05])
     variances = (std[0] ** 2 + std[2] ** 2, std[1] ** 2 + std[3] ** 2)
     information = sum(
@@ -233,7 +215,7 @@ def test_bound_equals_the_quest_covariance():
 def test_bound_equals_the_full_fisher_matrix():
     # All seven unknowns at once, by central differences of the measurements in other
     # coordinates: right factor of the quaternion, spherical angles of each vector.
-    q, vectors, rng = geometry(4)
+    q, vectors, rng = geometry(4, apart)
     noise = full_covariances(rng, 0.02)
     angles = [(np.arccos(v[2]), np.arctan2(v[1], v[0])) for v in vectors[2:]]
 
@@ -264,7 +246,7 @@ def test_bound_equals_the_full_fisher_matrix():
 
 
 def test_weighted_q_method_reaches_the_bound():
-    q, vectors, rng = geometry(6)
+    q, vectors, rng = geometry(6, apart)
     std = np.array([1e-3, 1e-2, 1e-3, 1e-2])
     count = 20_000
     noisy = vectors[:, None] + std[:, None, None] * rng.standard_normal((4, count, 3))
@@ -279,7 +261,7 @@ def test_weighted_q_method_reaches_the_bound():
 
 
 def test_refusals():
-    q, vectors, _ = geometry(1)
+    q, vectors, _ = geometry(1, apart)
     with pytest.raises(InputError, match="theory of order 2 only"):
         attitude_moments(q, *vectors[2:], 0.01, 4, "combined")
     with pytest.raises(GeometryError, match="farther apart"):

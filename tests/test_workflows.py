@@ -3,13 +3,12 @@
 import os
 import re
 import shlex
-from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 import yaml
+from places import ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
 BLOCKS = [
     (file.name, yaml.safe_load(block))
     for file in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
