@@ -41,7 +41,7 @@ def test_fixed_frames_are_exact_where_regular(frame):
 
 
 def test_greatest_column_bound():
-    _, *vectors = problems(5000, 3)
+    _, vectors, _ = problems(5000, 3)
     block = np.concatenate([v.T for v in vectors])
     norms = [np.linalg.norm(raw_quaternion(block, f), axis=0) for f in FRAMES]
     n = np.linalg.norm(np.cross(vectors[2], vectors[3]), axis=-1)
@@ -51,7 +51,7 @@ def test_greatest_column_bound():
 
 @pytest.mark.parametrize("frame", ["best", "combined", "x"])
 def test_a_sample_does_not_depend_on_its_company(frame):
-    _, *vectors = problems(67, 12)
+    _, vectors, _ = problems(67, 12)
     whole = two_vector_quaternion(*vectors, frame)
     for count in range(1, 20):
         rows = slice(17, 17 + count)
@@ -60,7 +60,7 @@ def test_a_sample_does_not_depend_on_its_company(frame):
 
 
 def test_batch_axes_broadcast():
-    q, b1, b2, r1, r2 = problems(6, 4)
+    q, (b1, b2, r1, r2), _ = problems(6, 4)
     shaped = two_vector_quaternion(
         b1.reshape(2, 3, 3),
         b2.reshape(2, 3, 3),
@@ -107,7 +107,7 @@ def test_fixed_frame_moments_match_the_exact_oracle(frame):
 
 
 def test_bad_rows_are_named_and_lose_nothing_else():
-    _, b1, b2, r1, r2 = problems(5000, 5)
+    _, (b1, b2, r1, r2), _ = problems(5000, 5)
     b1[7, 1] = np.nan
     r2[4321] = 0.0
     b2[100] *= 9.8
@@ -190,7 +190,7 @@ def test_empty_batches():
 
 
 def test_inputs_are_left_alone():
-    _, *vectors = problems(10, 6)
+    _, vectors, _ = problems(10, 6)
     vectors[0][3] = np.nan
     copies = [v.copy() for v in vectors]
     estimate_attitude(*vectors)
