@@ -37,7 +37,8 @@ def test_fixed_frames_are_exact_where_regular(frame):
     estimate = estimate_attitude(*vectors, frame)
     error = attitude_error(q, estimate.q)[estimate.valid]
     assert np.max(error * norm[estimate.valid]) < 20 * EPS
-    assert estimate.valid.mean() > 0.99
+    # |qbar| below 1e-8 of 5000 random attitudes: of order 1e-8 each, so all are valid
+    assert estimate.valid.all()
 
 
 def test_greatest_column_bound():
@@ -45,7 +46,9 @@ def test_greatest_column_bound():
     block = np.concatenate([v.T for v in vectors])
     norms = [np.linalg.norm(raw_quaternion(block, f), axis=0) for f in FRAMES]
     n = np.linalg.norm(np.cross(vectors[2], vectors[3]), axis=-1)
-    np.testing.assert_allclose(np.sum(np.square(norms), axis=0), n**2, atol=20 * EPS)
+    np.testing.assert_allclose(
+        np.sum(np.square(norms), axis=0), n**2, rtol=0, atol=20 * EPS
+    )
     assert np.all(np.max(norms, axis=0) >= n / 2 - 20 * EPS)
 
 
@@ -74,7 +77,8 @@ def test_batch_axes_broadcast():
     fixed = attitude_matrix(q) @ r1[0]
     other = attitude_matrix(q) @ r2[0]
     found = two_vector_quaternion(fixed, other, r1[0], r2[0])
-    assert np.max(attitude_error(q, found)) < 1e-14 / np.linalg.norm(
+    # inputs rounded to eps turn the attitude by eps / sine; a dozen operations
+    assert np.max(attitude_error(q, found)) < 20 * EPS / np.linalg.norm(
         np.cross(r1[0], r2[0])
     )
 
@@ -149,7 +153,9 @@ def test_refusals():
 def test_common_lengths_cancel(scale):
     x, y, z = np.eye(3)
     found = two_vector_quaternion(scale * y, 3 * z, scale * x, 3 * y)
-    np.testing.assert_allclose(found, two_vector_quaternion(y, z, x, y), atol=4 * EPS)
+    np.testing.assert_allclose(
+        found, two_vector_quaternion(y, z, x, y), rtol=0, atol=4 * EPS
+    )
 
 
 def test_length_tolerance():
@@ -217,6 +223,7 @@ def test_the_mask_at_the_edges_of_its_limits():
     A = attitude_matrix(q)
     found = estimate_attitude(A @ x, A @ y, x, y, "plain")
     assert found.valid.tolist() == [False, True]
+    # the components of qbar, off by some eps, over |qbar| = sin(1e-6)
     assert attitude_error(q[1], found.q[1]) < 8 * EPS / 1e-6
     assert code(1e60 * x, y, 1e60 * x, y) is Validity.LENGTH
     assert code(1e-60 * x, y, 1e-60 * x, y) is Validity.LENGTH

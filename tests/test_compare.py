@@ -88,7 +88,7 @@ def test_changes_are_sorted_and_named(tiny_run, tmp_path):
     distances = [abs(d.sigmas) for d in changed]
     assert distances == sorted(distances, reverse=True)
     # the error of a difference is that of two independent values
-    assert distances[0] == pytest.approx(30.0 / np.sqrt(2.0), rel=1e-9)
+    assert distances[0] == pytest.approx(30.0 / np.sqrt(2.0), rel=1e-9, abs=0)
     assert found.differences[: len(changed)] == changed
 
 

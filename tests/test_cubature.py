@@ -62,9 +62,10 @@ def test_moments_of_a_known_function():
     found = cubature_moments(
         lambda v: np.sum(v * v, axis=1, keepdims=True), mean, S[None], [5.25], degree=5
     )
-    assert found.bias[0] == pytest.approx(-np.trace(S), rel=1e-13)
+    assert found.bias[0] == pytest.approx(-np.trace(S), rel=1e-13, abs=0)
     variance = 4 * mean[0] @ S @ mean[0] + 2 * np.trace(S @ S)
-    assert found.covariance[0, 0] == pytest.approx(variance, rel=1e-13)
+    # some ten weights of either sign, numbers below 1
+    assert found.covariance[0, 0] == pytest.approx(variance, rel=100 * EPS, abs=0)
 
 
 def test_roots_are_the_symmetric_ones_where_eigenvalues_are_equal():

@@ -133,9 +133,8 @@ def attacked(run, folder, capsys, count, seed, *, old):
 
 @pytest.mark.parametrize("old", [False, True])
 def test_one_damaged_field_is_no_traceback_and_no_pass(
-    old, tiny_run, tmp_path, capsys, monkeypatch
+    old, tiny_run, tmp_path, capsys, undrawn
 ):
-    monkeypatch.setattr("simval.report.environment.svg", lambda drawing: "<svg/>")
     attacked(tiny_run, tmp_path, capsys, QUICK, [16, old], old=old)
 
 

@@ -236,6 +236,7 @@ def test_junit_has_times_and_classes_in_one_piece(simval, tiny_run, tmp_path):
     for suite in root:
         times = [float(case.get("time")) for case in suite]
         assert float(suite.get("time")) == pytest.approx(sum(times), abs=count * 1e-6)
+    # each time is printed to a microsecond
     assert float(root.get("time")) == pytest.approx(
         sum(cells.values()), abs=count * 1e-6
     )

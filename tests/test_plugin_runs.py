@@ -274,12 +274,20 @@ def gated(folder, *plugin):
     return load_run(folder / "first")
 
 
+def test_a_worked_example_is_gated(simval, tmp_path, monkeypatch):
+    shutil.copy(EXAMPLES / "align.py", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    Path("suite.toml").write_text("[attitude]\nsamples = 4096\n")
+    words = ("sweep", "suite.toml", "--plugin", "align.py", "--workers", 1, "--quiet")
+    fewer = ("--set", "estimator.samples=4096")
+    assert simval(*words, *fewer, "--out", "first")[0] == 0
+    assert [simval("gate", "first")[0] for _ in range(2)] == [1, 0]
+    assert len(load_run(tmp_path / "first").of("estimator")) == 1
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("plugin", "study"),
-    [
-        ("align.py", "estimator"),
-        pytest.param("ellipsoid.py", "calibrator", marks=pytest.mark.slow),
-    ],
+    ("plugin", "study"), [("align.py", "estimator"), ("ellipsoid.py", "calibrator")]
 )
 def test_worked_examples_from_an_empty_folder_to_a_gated_run(tmp_path, plugin, study):
     shutil.copy(EXAMPLES / plugin, tmp_path)

@@ -9,6 +9,7 @@ from typing import get_type_hints
 import numpy as np
 import pytest
 from places import EXAMPLES
+from rounding import EPS
 from scipy.spatial.transform import Rotation
 
 from simval.calibrate import calibrate
@@ -66,7 +67,8 @@ def test_a_wrong_convention_is_refused_with_the_right_one(estimate, declared):
         probe_estimator(wrong)
     words = str(caught.value).partition("; declare ")[2].partition(" instead")[0]
     right = dict(part.split("=") for part in words.replace('"', "").split(", "))
-    assert probe_estimator(changed(estimate=estimate, **right)) <= 1e-13
+    # a dozen operations over the sine of the probe's vectors
+    assert probe_estimator(changed(estimate=estimate, **right)) <= 40 * EPS
 
 
 class Mute:
@@ -151,7 +153,9 @@ def test_the_sides_of_the_error_are_what_they_say():
     ):
         estimate = conjugate(Rotation.from_matrix(turned).as_quat())
         # rounding of a quaternion, 1e-16, over nothing smaller than 1
-        np.testing.assert_allclose(rotation_error(q, estimate, side), theta, atol=1e-14)
+        np.testing.assert_allclose(
+            rotation_error(q, estimate, side), theta, rtol=0, atol=1e-14
+        )
 
 
 def fitted(poses, g):
@@ -382,7 +386,7 @@ def test_the_log_of_a_command_rests_in_its_poses():
     first = log[:1000, 1:]
     # each rest keeps its pose's mean; test_plugin_measures has the noise about it
     np.testing.assert_allclose(first.mean(axis=0), poses[0], rtol=1e-12)
-    np.testing.assert_allclose(np.diff(log[:, 0]), 0.01, atol=1e-12)
+    np.testing.assert_allclose(np.diff(log[:, 0]), 0.01, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize(

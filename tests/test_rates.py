@@ -190,6 +190,7 @@ def test_decimated_recordings_give_the_same_answer(step):
         calibrate_log(each, g=9.81744) for each in (log, decimated(log, step))
     )
     assert abs(len(part.intervals) - 38) <= 2
+    # a rest is found to a row or some at either end: 0.08 s each at 12.5 Hz
     assert abs(part.rest_seconds - whole.rest_seconds) < 1.0
     error = (part.fit.parameters - whole.fit.parameters) / whole.fit.sd
     assert np.abs(error).max() < 2.0

@@ -13,14 +13,30 @@ from places import ROOT
 from stores import edited_run
 
 from simval.report import drawings, png, render, svg_file, tables
+from simval.report.paint import svg
 from simval.report.sections.provenance import command, suite_text
+from simval.report.thinning import thinned
 from simval.sweep import load_run, load_suite
 
 
 @pytest.fixture(scope="module")
-def page(_tiny_run):
+def page_and_figures(_tiny_run):
+    """The report of a clean run, and each of its figures by its name."""
+    figures = {}
+
+    def kept(drawing):
+        figures[drawing.name] = svg(drawing)
+        return figures[drawing.name]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("simval.report.environment.svg", kept)
+        return render(load_run(_tiny_run)), figures
+
+
+@pytest.fixture(scope="module")
+def page(page_and_figures):
     """The report of a clean run."""
-    return render(load_run(_tiny_run))
+    return page_and_figures[0]
 
 
 def with_cells(run, change):
@@ -54,9 +70,21 @@ def test_figures_are_drawn_whatever_the_numbers(tiny_run):
         ElementTree.fromstring(figure)
 
 
-def test_the_same_run_gives_the_same_bytes(tiny_run, page):
+@pytest.mark.slow
+def test_the_same_run_gives_the_same_page(tiny_run, page):
+    assert render(load_run(tiny_run)) == page
+
+
+def test_the_same_run_gives_the_same_bytes(tiny_run, page_and_figures, monkeypatch):
+    """The words around the figures, and three of the figures, drawn once more."""
     run = load_run(tiny_run)
+    page, figures = page_and_figures
+    monkeypatch.setattr(
+        "simval.report.environment.svg", lambda drawing: figures[drawing.name]
+    )
     assert render(run) == page
+    again = {d.name: svg(d) for d in drawings(run) if d.name in ("nees", "efficiency")}
+    assert again == {name: figures[name] for name in ("nees", "efficiency")}
     drawing = drawings(run)[0]
     assert png(drawing) == png(drawing)
     assert svg_file(drawing) == svg_file(drawing)
@@ -103,7 +131,7 @@ def test_every_anchor_that_is_linked_exists_and_no_id_is_double(page):
 
 
 def test_figures_are_well_formed_have_a_text_and_keep_their_style(page):
-    figures = re.findall(r"<svg.*?</svg>", page, flags=re.DOTALL)
+    figures = re.findall(r"<svg.*?</svg>\n", page, flags=re.DOTALL)
     assert len(figures) >= 6
     for figure in figures:
         root = ElementTree.fromstring(figure)
@@ -181,7 +209,7 @@ def test_everything_from_data_is_escaped(tiny_run, undrawn):
     assert "<img src=x" not in page
 
 
-def test_a_failing_check_comes_first_with_its_figure(tiny_run):
+def test_a_failing_check_comes_first_with_its_figure(tiny_run, undrawn):
     run = edited_run(
         tiny_run,
         "UPDATE rows SET value = value + 20 * standard_error "
@@ -215,7 +243,7 @@ def test_a_pooled_check_that_fails_needs_no_cell(tiny_run, undrawn):
     assert "attitude, all cells" in page
 
 
-def test_figures_and_tables_as_files(simval, tiny_run, tmp_path):
+def test_figures_and_tables_as_files(simval, tiny_run, tmp_path, undrawn):
     run = edited_run(  # one recovery and the numbers of a study without a section
         tiny_run,
         "DELETE FROM rows WHERE cell IN (1, 3) OR ordinal > 20",
@@ -333,7 +361,7 @@ def test_a_suite_of_ones_own_is_reproduced_from_its_file(tiny_suite):
     assert command(manifest) == "simval sweep suite.toml"
 
 
-def test_artifacts_become_figures(tiny_run):
+def test_artifacts_become_figures(tiny_run, undrawn):
     artifacts = tiny_run / "artifacts"
     artifacts.mkdir(exist_ok=True)
     time = np.arange(50_000) / 100.0
@@ -348,7 +376,11 @@ def test_artifacts_become_figures(tiny_run):
     np.savez(
         artifacts / "convergence-x.npz", lm=[1.0, 1e-3, 1e-9], newton=[1.0, 1e-8, 0.0]
     )
-    page = render(load_run(tiny_run))
+    run = load_run(tiny_run)
+    for drawing in drawings(run):
+        if drawing.name.startswith(("static", "convergence")):
+            ElementTree.fromstring(svg(thinned(drawing)[0]))
+    page = render(run)
     assert '<section id="statics"' in page
     assert '<section id="convergence"' in page
     # 4 lines of 50 000 points, each drawn by at most 2 extremes of 800 columns
@@ -375,8 +407,10 @@ RENAMED = (
 )
 
 
-def test_a_study_without_a_section_is_shown_all_the_same(tiny_run):
+def test_a_study_without_a_section_is_shown_all_the_same(tiny_run, undrawn):
     run = edited_run(tiny_run, RENAMED.format("of_a_plugin"))
+    (drawing,) = (d for d in drawings(run) if d.name == "study-of-a-plugin")
+    ElementTree.fromstring(svg(drawing))
     page = render(run)
     assert '<section id="other"' in page
     assert "<h3>of_a_plugin</h3>" in page

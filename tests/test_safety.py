@@ -215,8 +215,8 @@ KINDS = ("sqlite", "json", "toml", "csv", "log", "xml")
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_damaged_files_end_in_words(kind, tiny_run, tmp_path, capsys):
-    # a damaged store goes through every command, 0.6 s each; test_damaged_runs has more
+def test_damaged_files_end_in_words(kind, tiny_run, tmp_path, capsys, undrawn):
+    # a damaged store goes through every command; test_damaged_runs has more
     count = 8 if kind == "sqlite" else QUICK
     damage(kind, 20_265, count, Files(tmp_path, tiny_run, capsys))
 
@@ -323,7 +323,7 @@ class Payload:
         return Path.touch, (self.mark,)
 
 
-def test_no_pickle_is_loaded_from_a_run_folder(tiny_run, tmp_path, capsys):
+def test_no_pickle_is_loaded_from_a_run_folder(tiny_run, tmp_path, capsys, undrawn):
     mark = tmp_path / "executed"
     signed_anew(
         tiny_run

@@ -46,6 +46,7 @@ def agree(rng, trials):
         assert fit.status == plain.status
         off = np.abs(fit.parameters - want) / sizes
         assert off.max() < room, (raw, g, offset, options)
+        # the sd is of an inverse: its condition, 1e2, once more
         assert np.abs(fit.sd / sizes / plain.sd - 1.0).max() < 1e2 * room
         assert np.isfinite(diagnose(fit, (readings + offset) * raw).distance).all()
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from rounding import EPS
 from scipy import stats
 from true_sensor import MODEL, PARAMETERS
 
@@ -102,6 +103,7 @@ def test_clean_rests_are_found_whole_and_calibrate_as_predicted():
 
 def test_more_noise_lets_moving_rows_in_and_trimming_keeps_them_out():
     raw = detected(noise_std=0.05, trim=0, trials=20)
+    # power: without the trim there are moving rows in some rests, 7 of them are seen
     assert raw["impure"].value > 1.0
     assert raw["precision"].value < 1.0
     trimmed = detected(noise_std=0.05, trim=15, trials=20)
@@ -113,6 +115,7 @@ def test_more_noise_lets_moving_rows_in_and_trimming_keeps_them_out():
 def test_impure_windows_harm_the_parameters():
     """With little noise a slow motion looks like rest, and the fit believes it."""
     found = detected(noise_std=0.02, multiplier=200.0, trim=0, trials=12)
+    # power: 32 are seen
     assert found["impure"].value > 10.0
     assert found["nees[all]"].value > chi_square_limits(9, 12, 1e-4)[1]
     pure_only = detected(noise_std=0.02, multiplier=6.0, trim=15, trials=12)
@@ -179,7 +182,7 @@ def test_every_part_of_the_budget_is_as_predicted(budget):
 def test_the_parts_add_up(budget):
     predicted = [budget[f"budget[{part}]"].prediction ** 2 for part in PARTS]
     # the mean over trials of a sum is the sum of the means: rounding only
-    assert sum(predicted[:3]) == pytest.approx(predicted[3], rel=1e-12)
+    assert sum(predicted[:3]) == pytest.approx(predicted[3], rel=1e-12, abs=0)
     measured = [budget[f"budget[{part}]"].value ** 2 for part in PARTS]
     spread = [
         2 * budget[f"budget[{p}]"].value * budget[f"budget[{p}]"].standard_error
@@ -253,7 +256,10 @@ def test_the_carriers_jacobian_is_that_of_a_direction():
 def test_the_corrected_reading_is_the_models():
     raw = np.array([1.0, -7.0, 4.0])
     np.testing.assert_allclose(
-        corrected(PARAMETERS, raw), MODEL.correct(raw), rtol=1e-14
+        # three by three, solved in two ways, condition 1.1
+        corrected(PARAMETERS, raw),
+        MODEL.correct(raw),
+        rtol=12 * EPS,
     )
 
 

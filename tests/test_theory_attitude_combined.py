@@ -28,7 +28,7 @@ def test_columns_of_theory_and_estimator_agree():
     _, vectors, rng = geometry(1, apart)
     noisy = vectors + 0.1 * rng.standard_normal((4, 3))
     kernel = column_matrix(noisy.reshape(12, 1), symmetric=True)[..., 0].T
-    np.testing.assert_allclose(theory_columns(*noisy), kernel, atol=20 * EPS)
+    np.testing.assert_allclose(theory_columns(*noisy), kernel, rtol=0, atol=20 * EPS)
 
 
 def arithmetic(vectors, q_true):
@@ -66,6 +66,7 @@ def test_error_of_the_second_order_is_of_fourth_order():
         q, vectors, rng = geometry(seed, apart)
         unit = full_covariances(rng, 1.0)
         norms = np.sort(np.abs(q @ theory_columns(*vectors)))
+        # no tie of the two greatest columns
         assert norms[-1] > 1.2 * norms[-2]
         errors = []
         for sigma in sigmas:
@@ -86,7 +87,8 @@ def test_error_of_the_second_order_is_of_fourth_order():
                 ]
             )
         slopes = np.polyfit(np.log(sigmas), np.log(errors), 1)[0]
-        np.testing.assert_allclose(slopes, 4.0, atol=0.1)
+        # the next term bends a slope by 0.002 (measured); a term missing is 2 away
+        np.testing.assert_allclose(slopes, 4.0, rtol=0, atol=0.1)
 
 
 def test_fourth_order_from_the_series_alone():
@@ -113,7 +115,9 @@ def test_fourth_order_from_the_series_alone():
         )
     # the next term, c (sigma/|p|)^2 with |p| = 0.46 and c below 100, is 7 % at 0.012;
     # it adds log2 of that to a slope over an octave
-    np.testing.assert_allclose(np.diff(np.log2(errors), axis=0)[0], 6.0, atol=0.1)
+    np.testing.assert_allclose(
+        np.diff(np.log2(errors), axis=0)[0], 6.0, rtol=0, atol=0.1
+    )
 
 
 def test_one_power_step_is_the_singular_vector_to_second_order():
@@ -136,7 +140,7 @@ def test_one_power_step_is_the_singular_vector_to_second_order():
     assert np.log10(gaps[1] / gaps[0]) == pytest.approx(3.0, abs=0.1)
 
 
-def five_hundred():
+def well_apart():
     rng = np.random.default_rng(5)
     while True:
         q = random_quaternions(1, rng)[0]
@@ -145,10 +149,16 @@ def five_hundred():
             yield q, r1, r2
 
 
-def test_price_of_the_closed_form():
+MANY = pytest.mark.parametrize(
+    "count", [100, pytest.param(500, marks=pytest.mark.slow)]
+)  # geometries: each has bounds of its own to keep, more of them find rarer ones
+
+
+@MANY
+def test_price_of_the_closed_form(count):
     """RMS error over the Cramer-Rao bound, which the q-method reaches."""
     ratios = []
-    for _, (q, r1, r2) in zip(range(500), five_hundred(), strict=False):
+    for _, (q, r1, r2) in zip(range(count), well_apart(), strict=False):
         bound = np.trace(attitude_bound(q, r1, r2, 1.0).quaternion)
         ratios.append(
             [
@@ -164,39 +174,42 @@ def test_price_of_the_closed_form():
     assert np.median(best) > 1.2
 
 
-def test_ratio_in_simulation():
-    # Same noise for both estimators. 500 geometries, 200 trials each.
+@MANY
+def test_ratio_in_simulation(count):
+    # Same noise for both estimators, 200 trials for each geometry.
     rng = np.random.default_rng(8)
-    truth, count, sigma = [], 200, 1e-3
-    for _, (q, r1, r2) in zip(range(500), five_hundred(), strict=False):
+    truth, trials, sigma = [], 200, 1e-3
+    for _, (q, r1, r2) in zip(range(count), well_apart(), strict=False):
         A = attitude_matrix(q)
         truth.append((q, np.stack([A @ r1, A @ r2, r1, r2])))
-    q = np.repeat([t[0] for t in truth], count, axis=0)
-    vectors = np.repeat([t[1] for t in truth], count, axis=0)
+    q = np.repeat([t[0] for t in truth], trials, axis=0)
+    vectors = np.repeat([t[1] for t in truth], trials, axis=0)
     noisy = np.moveaxis(vectors + sigma * rng.standard_normal(vectors.shape), 1, 0)
     squares = [
-        attitude_error(q, estimate).reshape(500, count) ** 2
+        attitude_error(q, estimate).reshape(count, trials) ** 2
         for estimate in (two_vector_quaternion(*noisy, "combined"), davenport(*noisy))
     ]
     ratio = np.sqrt(squares[0].mean(axis=1) / squares[1].mean(axis=1))
     halves = np.sqrt(
-        squares[0].reshape(500, 2, -1).mean(axis=2)
-        / squares[1].reshape(500, 2, -1).mean(axis=2)
+        squares[0].reshape(count, 2, -1).mean(axis=2)
+        / squares[1].reshape(count, 2, -1).mean(axis=2)
     )
     # standard error of one ratio, from the two halves of its trials, pooled
     error = np.sqrt(np.mean((halves[:, 0] - halves[:, 1]) ** 2)) / 2
     assert error < 0.02
     assert np.median(ratio) < 1.03
-    assert ratio.max() < 1.12 + 4.4 * error  # 5e-6 one-sided, 500 of them: 3e-3
+    assert ratio.max() < 1.12 + 4.4 * error  # 5e-6 one-sided, of 500: 3e-3
     # against the prediction, pooled over geometries
     predicted = [
         np.trace(attitude_moments(q, *v[2:], sigma, 2, "combined").covariance)
         for q, v in truth
     ]
-    # angle^2 = 4 |dq|^2; a pooled mean of 1e5 squares, each with relative spread
-    # below 1.5: standard error 0.5 %, limit 4 of them
+    # angle^2 = 4 |dq|^2; a pooled mean of squares, each with relative spread below
+    # 1.5: four standard errors
     normalised = squares[0].mean(axis=1) / (4 * np.array(predicted))
-    assert normalised.mean() == pytest.approx(1.0, abs=4 * 0.005)
+    assert normalised.mean() == pytest.approx(
+        1.0, abs=4 * 1.5 / np.sqrt(count * trials)
+    )
 
 
 def test_bound_equals_the_quest_covariance():
@@ -209,7 +222,8 @@ def test_bound_equals_the_quest_covariance():
         for b, v in zip(vectors[:2], variances, strict=True)
     )
     found = attitude_bound(q, *vectors[2:], std).rotation
-    np.testing.assert_allclose(found @ information, np.eye(3), atol=1e-12)
+    # eps times the condition of the information, 1e2
+    np.testing.assert_allclose(found @ information, np.eye(3), rtol=0, atol=1e3 * EPS)
 
 
 def test_bound_equals_the_full_fisher_matrix():

@@ -39,7 +39,8 @@ def test_the_second_order_term_is_a_symmetric_cubic():
     x = np.array([0.3, -0.2, 0.5, 0.1])
     u, r = q @ x, x @ x
     expected = u * x + (r / 2 - 1.5 * u * u) * q
-    np.testing.assert_allclose(T @ x @ x, expected, rtol=1e-14)
+    # 64 products against ten, entries of one size
+    np.testing.assert_allclose(T @ x @ x, expected, rtol=20 * EPS)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -117,6 +118,7 @@ def test_convergence_order_against_cubature(kind):
             moments = {
                 order: attitude_moments(q, r1, r2, noise, order) for order, _ in ORDERS
             }
+            # the condition that the geometry was chosen by
             assert moments[2].norm >= 0.15
             truth = cubature_moments(
                 lambda *v, frame=frame: two_vector_quaternion(*v, frame),
