@@ -12,6 +12,7 @@ from places import EXAMPLES
 from rounding import EPS
 from scipy.spatial.transform import Rotation
 
+from simval.attitude.comparators import davenport
 from simval.calibrate import calibrate
 from simval.errors import InputError
 from simval.geometry import attitude_matrix, conjugate
@@ -30,13 +31,9 @@ from simval.plugins.probe import probe_sensor, rotation_error
 from simval.sweep.suite import expand, load_suite
 
 
-def align(b1, b2, r1, r2):
-    return np.array(
-        [
-            Rotation.align_vectors([u, v], [p, q])[0].as_quat()
-            for u, v, p, q in zip(b1, b2, r1, r2, strict=True)
-        ]
-    )
+def align(*vectors):
+    """SciPy's align_vectors, for all rows at once and in its convention."""
+    return conjugate(davenport(*vectors))
 
 
 GOOD = Estimator(name="align", estimate=align, components="xyzs", matrix="active")
