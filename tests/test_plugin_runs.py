@@ -15,6 +15,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from places import EXAMPLES, ROOT
+from quick_align import ALIGN
 
 from simval.plugins import (
     Calibrator,
@@ -209,15 +210,8 @@ def test_the_numbers_of_a_plugin_do_not_depend_on_the_process():
 
 def test_a_claimed_covariance_is_judged(tmp_path):
     # the sound one of the probe's tests, written out, and one that claims too much
-    text = """
-import numpy as np
-from simval.attitude.comparators import davenport
-from simval.geometry import conjugate
-from simval.plugins import Estimator
-
-def _align(*vectors):
-    return conjugate(davenport(*vectors))
-
+    text = ALIGN.partition("align = ")[0]
+    text += """
 def _covariance(b1, b2, r1, r2, noise_std):
     size = (b1**2 + b2**2).sum(axis=1)[:, None, None]
     H = size * np.eye(3) - b1[:, :, None] * b1[:, None] - b2[:, :, None] * b2[:, None]
