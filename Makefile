@@ -9,8 +9,10 @@ report: .venv/installed
 	@run="reports/runs/accuracy-$$(date +%Y%m%d-%H%M%S)"; \
 	$(BIN)/simval sweep accuracy --out "$$run" && $(BIN)/simval report "$$run"
 
+# a file's tests stay together, for what they share; one thread for each process
 test: check
-	$(BIN)/python -m pytest -n auto -m "not slow and not wheel"
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto \
+	  --dist loadfile --no-loadscope-reorder -m "not slow and not wheel"
 
 check: .venv/installed
 	$(BIN)/ruff format --check .

@@ -2,7 +2,6 @@
 
 import os
 import shutil
-from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -20,8 +19,6 @@ for name, examples, fixed in (
         print_blob=True,
     )
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "dev"))
-
-ROOT = Path(__file__).resolve().parents[1]
 
 TINY = """
 title = "Tiny"
@@ -75,3 +72,9 @@ def simval(capsys):
         return code, captured.out, captured.err
 
     return call
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Leave the figures out, for tests of the words around them: drawing is slow."""
+    monkeypatch.setattr("simval.report.environment.svg", lambda drawing: "<svg/>")

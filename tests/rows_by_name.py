@@ -1,7 +1,8 @@
-"""Statistics by the name that a results table gives them, for tests only."""
+"""Statistics, rows and cells by their names, for tests only."""
 
 from simval.results import CellName, Row
 from simval.statistics import FAMILIES, Family, Statistic
+from simval.sweep.run import CellResult
 
 
 def statistic(name, unit="1"):
@@ -21,3 +22,18 @@ def row(name, value, unit="1", **fields):
 def named(rows, cell="study(cell)@1"):
     """Rows as those of one cell, to be judged."""
     return [(CellName(cell.partition("(")[0], cell), row) for row in rows]
+
+
+def cell(rows=(), seed=1, **parameters):
+    """A finished cell of a study `s` with these rows."""
+    inside = ",".join(f"{k}={v}" for k, v in sorted(parameters.items()))
+    return CellResult(
+        name=f"s({inside})@{seed}",
+        study="s",
+        seed=seed,
+        parameters=parameters,
+        status="done",
+        error="",
+        seconds=0.0,
+        rows=tuple(rows),
+    )

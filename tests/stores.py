@@ -3,7 +3,7 @@
 import sqlite3
 from contextlib import closing, contextmanager
 
-from simval.sweep import store
+from simval.sweep import load_run, store
 
 
 @contextmanager
@@ -45,6 +45,12 @@ def edited(folder, *statements):
     with rewritten(folder) as database:
         for sql in statements:
             database.execute(sql)
+
+
+def edited_run(folder, *statements):
+    """Change the store of a run and load it."""
+    edited(folder, *statements)
+    return load_run(folder)
 
 
 def signed_anew(folder):

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from random_attitudes import problems
+from rounding import EPS
 
 from simval.attitude import Validity, estimate_attitude, two_vector_quaternion
 from simval.attitude.checks import block_validity
@@ -11,26 +13,15 @@ from simval.geometry import (
     attitude_error,
     attitude_matrix,
     normalize,
-    random_quaternions,
 )
 from simval.theory import attitude_moments
 
 FRAMES = ("plain", "x", "y", "z")
-EPS = np.finfo(float).eps
-
-
-def problems(count, seed):
-    rng = np.random.default_rng(seed)
-    q = random_quaternions(count, rng)
-    r1, r2 = normalize(rng.standard_normal((2, count, 3)))
-    A = attitude_matrix(q)
-    b1, b2 = (np.einsum("nij,nj->ni", A, r) for r in (r1, r2))
-    return q, b1, b2, r1, r2
 
 
 @pytest.mark.parametrize("frame", ["best", "combined"])
 def test_exact_without_noise(frame):
-    q, *vectors = problems(5000, 1)
+    q, vectors, _ = problems(5000, 1)
     estimate = two_vector_quaternion(*vectors, frame)
     sine = np.linalg.norm(np.cross(vectors[2], vectors[3]), axis=-1)
     # inputs rounded to eps rotate the attitude by eps / sine; a dozen operations
@@ -40,27 +31,30 @@ def test_exact_without_noise(frame):
 
 @pytest.mark.parametrize("frame", FRAMES)
 def test_fixed_frames_are_exact_where_regular(frame):
-    q, *vectors = problems(5000, 2)
+    q, vectors, _ = problems(5000, 2)
     raw = raw_quaternion(np.concatenate([v.T for v in vectors]), frame)
     norm = np.linalg.norm(raw, axis=0)
     estimate = estimate_attitude(*vectors, frame)
     error = attitude_error(q, estimate.q)[estimate.valid]
     assert np.max(error * norm[estimate.valid]) < 20 * EPS
-    assert estimate.valid.mean() > 0.99
+    # |qbar| below 1e-8 of 5000 random attitudes: of order 1e-8 each, so all are valid
+    assert estimate.valid.all()
 
 
 def test_greatest_column_bound():
-    _, *vectors = problems(5000, 3)
+    _, vectors, _ = problems(5000, 3)
     block = np.concatenate([v.T for v in vectors])
     norms = [np.linalg.norm(raw_quaternion(block, f), axis=0) for f in FRAMES]
     n = np.linalg.norm(np.cross(vectors[2], vectors[3]), axis=-1)
-    np.testing.assert_allclose(np.sum(np.square(norms), axis=0), n**2, atol=20 * EPS)
+    np.testing.assert_allclose(
+        np.sum(np.square(norms), axis=0), n**2, rtol=0, atol=20 * EPS
+    )
     assert np.all(np.max(norms, axis=0) >= n / 2 - 20 * EPS)
 
 
 @pytest.mark.parametrize("frame", ["best", "combined", "x"])
 def test_a_sample_does_not_depend_on_its_company(frame):
-    _, *vectors = problems(67, 12)
+    _, vectors, _ = problems(67, 12)
     whole = two_vector_quaternion(*vectors, frame)
     for count in range(1, 20):
         rows = slice(17, 17 + count)
@@ -69,7 +63,7 @@ def test_a_sample_does_not_depend_on_its_company(frame):
 
 
 def test_batch_axes_broadcast():
-    q, b1, b2, r1, r2 = problems(6, 4)
+    q, (b1, b2, r1, r2), _ = problems(6, 4)
     shaped = two_vector_quaternion(
         b1.reshape(2, 3, 3),
         b2.reshape(2, 3, 3),
@@ -83,7 +77,8 @@ def test_batch_axes_broadcast():
     fixed = attitude_matrix(q) @ r1[0]
     other = attitude_matrix(q) @ r2[0]
     found = two_vector_quaternion(fixed, other, r1[0], r2[0])
-    assert np.max(attitude_error(q, found)) < 1e-14 / np.linalg.norm(
+    # inputs rounded to eps turn the attitude by eps / sine; a dozen operations
+    assert np.max(attitude_error(q, found)) < 20 * EPS / np.linalg.norm(
         np.cross(r1[0], r2[0])
     )
 
@@ -116,7 +111,7 @@ def test_fixed_frame_moments_match_the_exact_oracle(frame):
 
 
 def test_bad_rows_are_named_and_lose_nothing_else():
-    _, b1, b2, r1, r2 = problems(5000, 5)
+    _, (b1, b2, r1, r2), _ = problems(5000, 5)
     b1[7, 1] = np.nan
     r2[4321] = 0.0
     b2[100] *= 9.8
@@ -158,7 +153,9 @@ def test_refusals():
 def test_common_lengths_cancel(scale):
     x, y, z = np.eye(3)
     found = two_vector_quaternion(scale * y, 3 * z, scale * x, 3 * y)
-    np.testing.assert_allclose(found, two_vector_quaternion(y, z, x, y), atol=4 * EPS)
+    np.testing.assert_allclose(
+        found, two_vector_quaternion(y, z, x, y), rtol=0, atol=4 * EPS
+    )
 
 
 def test_length_tolerance():
@@ -199,7 +196,7 @@ def test_empty_batches():
 
 
 def test_inputs_are_left_alone():
-    _, *vectors = problems(10, 6)
+    _, vectors, _ = problems(10, 6)
     vectors[0][3] = np.nan
     copies = [v.copy() for v in vectors]
     estimate_attitude(*vectors)
@@ -226,6 +223,7 @@ def test_the_mask_at_the_edges_of_its_limits():
     A = attitude_matrix(q)
     found = estimate_attitude(A @ x, A @ y, x, y, "plain")
     assert found.valid.tolist() == [False, True]
+    # the components of qbar, off by some eps, over |qbar| = sin(1e-6)
     assert attitude_error(q[1], found.q[1]) < 8 * EPS / 1e-6
     assert code(1e60 * x, y, 1e60 * x, y) is Validity.LENGTH
     assert code(1e-60 * x, y, 1e-60 * x, y) is Validity.LENGTH

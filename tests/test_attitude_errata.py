@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rounding import EPS
 
 from simval.geometry import (
     attitude_matrix,
@@ -252,12 +253,13 @@ def test_the_six_terms_are_the_moment_of_the_quadratic_error():
             value = evaluate(gaussian_mean(polynomial), q, P)
             terms[k, i - 1, j - 1] += factor * value
     # 50 to 350 products of numbers below 1
-    np.testing.assert_allclose(paper_fourth_terms(q, P), terms, atol=1e-13)
+    np.testing.assert_allclose(paper_fourth_terms(q, P), terms, rtol=0, atol=1e-13)
     total = terms.sum(axis=0)
     mean = np.einsum("bcd,cd->b", quadratic_form(q), P)
-    np.testing.assert_allclose(mean, second_order_bias(q, P), atol=1e-14)
+    np.testing.assert_allclose(mean, second_order_bias(q, P), rtol=0, atol=1e-14)
     found = quadratic_covariance(q, P) + np.outer(mean, mean)
-    np.testing.assert_allclose(found, total, atol=1e-13)
+    # six terms of up to 350 products of numbers below 1
+    np.testing.assert_allclose(found, total, rtol=0, atol=400 * EPS)
 
 
 def test_terms_2_and_3_as_printed_are_not_symmetric():
@@ -276,6 +278,7 @@ def test_terms_2_and_3_as_printed_are_not_symmetric():
         lambda i, j: times(R, U, X[i], Q[j]),
     ):
         as_printed = matrix(term)
+        # power: 0.03, against rounding of 400 eps
         assert np.abs(as_printed - as_printed.T).max() > 1e-3
 
 
@@ -285,7 +288,7 @@ def test_composition_with_the_printed_scalar_breaks_the_multiplicative_error():
     other = random_quaternions(1, rng)[0]
     right = compose(conjugate(q), other)
     np.testing.assert_allclose(
-        right, -multiplicative_matrix(q) @ other, atol=1e-15
+        right, -multiplicative_matrix(q) @ other, rtol=0, atol=1e-15
     )  # (47)
     e1, s1, e2, s2 = -q[:3], q[3], other[:3], other[3]
     printed_scalar = e1 @ e2 - s1 * s2
@@ -329,10 +332,15 @@ def test_eq60_lacks_the_correlation_of_s1_and_d1():
     printed_upper = cross_matrix(d1) @ second @ s1
     printed_lower = -d2 @ first @ cross_matrix(d2).T + s1 @ second @ cross_matrix(d1).T
     exact = 4 * exact_qbar_covariance(vectors, noise)
-    np.testing.assert_allclose(exact[:3, :3], upper_left, atol=1e-13)
-    assert exact[3, 3] == pytest.approx(lower_right, abs=1e-13)
+    # a sum of 12 products, entries of the noise up to 10, times 4
+    rounding = 12 * 4 * 10 * EPS
+    # entries below 10 from 144 products with random covariances: 144 eps times 10
+    np.testing.assert_allclose(exact[:3, :3], upper_left, rtol=0, atol=rounding)
+    assert exact[3, 3] == pytest.approx(lower_right, abs=rounding)
     missing = -cross_matrix(d2) @ (noise[0] - noise[2]) @ d2
-    np.testing.assert_allclose(exact[:3, 3], printed_upper + missing, atol=1e-13)
+    np.testing.assert_allclose(
+        exact[:3, 3], printed_upper + missing, rtol=0, atol=rounding
+    )
     # as printed, the two corners are neither right nor each other's transpose
     assert np.abs(exact[:3, 3] - printed_upper).max() > 0.1
     assert np.abs(exact[3, :3] - printed_lower).max() > 0.1
@@ -349,8 +357,10 @@ def test_eq61_holds_for_isotropic_and_not_for_tangent_noise():
         [[square, corner[:, None]], [corner[None], np.array([[d2 @ d2 + s1 @ s1]])]]
     )
     isotropic = exact_qbar_covariance(vectors, np.stack([np.eye(3)] * 4))
-    np.testing.assert_allclose(isotropic, printed61, atol=1e-14)
+    # sums of 12 products of numbers below 1
+    np.testing.assert_allclose(isotropic, printed61, rtol=0, atol=12 * EPS)
     tangent = np.stack([np.eye(3) - np.outer(v, v) for v in vectors])
+    # power: 0.6, a term of order one
     assert np.abs(exact_qbar_covariance(vectors, tangent) - printed61).max() > 0.01
 
 
@@ -367,8 +377,9 @@ def test_eqs_21_to_23_lose_the_sign_of_the_angle():
         d2, s2 = (b2 - r2) / 2, (b2 + r2) / 2
         printed21 = np.append(r1 * np.linalg.norm(d2), np.linalg.norm(s2))
         signed = np.append(np.cross(d2, s2), s2 @ s2) / np.linalg.norm(s2)
-        np.testing.assert_allclose(signed, q, atol=1e-15)
-        assert (np.abs(printed21 - q).max() < 1e-15) == right
+        # a dozen operations on numbers below 1, no cancellation
+        np.testing.assert_allclose(signed, q, rtol=0, atol=4 * EPS)
+        assert (np.abs(printed21 - q).max() < 4 * EPS) == right
 
 
 def test_eqs_25_and_26_need_the_third_vectors():
@@ -379,9 +390,11 @@ def test_eqs_25_and_26_need_the_third_vectors():
     _, b1, b2 = half_turn_free(axis, angle, r1, r2)
     b3, r3 = normalize(np.cross(b1, b2)), normalize(np.cross(r1, r2))
     u = np.cross(b3, r3) / np.linalg.norm(np.cross(b3, r3))
-    np.testing.assert_allclose(u, axis, atol=1e-14)
-    assert b3 @ r3 == pytest.approx(np.cos(angle), abs=1e-14)
+    # a dozen operations, over |b3 x r3| = 0.4 and the sine of r1 and r2
+    np.testing.assert_allclose(u, axis, rtol=0, atol=40 * EPS)
+    assert b3 @ r3 == pytest.approx(np.cos(angle), abs=40 * EPS)
     printed = np.cross(b3, r3) / np.linalg.norm(np.cross(b2, r2))
+    # power: 0.016 and 1.3, against rounding of 40 eps
     assert abs(np.linalg.norm(printed) - 1.0) > 0.01
     assert abs(b2 @ r3 - np.cos(angle)) > 0.01
 
@@ -410,8 +423,9 @@ def test_table_2_case_b_needs_or_and_no_free_constant():
         d1C, d2C = (r1 - R @ r1) / 2, (b2 - R @ r2) / 2
         if np.linalg.norm(n) > 0.5:
             found = np.linalg.norm(np.cross(d1C, d2C))
-            assert found < 1e-14
+            # two cross products of numbers below 1: 20 operations
+            assert found < 20 * EPS
             k = (b2 + r2)[1] * r1[2] - (b2 + r2)[2] * r1[1]
-            assert abs(k) < 1e-14  # with k = 1
+            assert abs(k) < 20 * EPS  # with k = 1
             assert np.linalg.norm(d1C) > 0.1  # b1 is not along x
     assert found is not None

@@ -198,6 +198,7 @@ def test_ink_and_paper_keep_their_contrast(tab, pages):
         paper, *inks = (_luminance(colour) for colour in tab.run(probe))
         for ink in inks:
             low, high = sorted((ink, paper))
+            # WCAG 2.1, criterion 1.4.3, level AA: 4.5 for text of normal size
             assert (high + 0.05) / (low + 0.05) >= 4.5
 
 

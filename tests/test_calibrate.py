@@ -7,21 +7,19 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rounding import EPS
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
+from true_sensor import MODEL, PARAMETERS, G
 
 from simval.calibrate import calibrate, sources
 from simval.calibrate.moments import unbiased_moment_matrix
+from simval.calibrate.residuals import RESIDUALS
+from simval.calibrate.solver import METHODS
 from simval.errors import ConvergenceError
 from simval.poses import fibonacci_sphere, random_directions
 from simval.sensor import MODELS, AccelerometerModel, convert
 
-EPS = np.finfo(float).eps
-G = 9.81
-METHODS = ("lm", "gauss-newton", "newton")
-RESIDUALS = ("squared", "norm", "weighted", "sampson", "adjusted")
-PARAMETERS = np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
-MODEL = AccelerometerModel.from_parameters(PARAMETERS)
 FIELDS = ("parameters", "covariance", "cost", "condition", "rms", "chi2_per_dof")
 
 
@@ -131,7 +129,10 @@ def test_adjusted_by_brute_force_over_the_noise():
                 )
                 total += (wi * wj * wk / (2 * np.pi) ** 1.5) * (m.T @ m).real
     found = unbiased_moment_matrix(z, np.full((1, 6), sigma))[0]
-    np.testing.assert_allclose(found, total, rtol=0, atol=1e-13 * np.abs(total).max())
+    # a sum of 40 products in two orders
+    np.testing.assert_allclose(
+        found, total, rtol=0, atol=40 * EPS * np.abs(total).max()
+    )
 
 
 @pytest.mark.parametrize("residual", RESIDUALS)
@@ -229,9 +230,10 @@ def test_scaling_of_readings_is_exact():
 def test_a_wrong_g_is_a_wrong_scale():
     poses = noisy(1, 20, 0.05, seed=10)[0]
     right, wrong = calibrate(poses, G), calibrate(poses, G * 1.001)
-    np.testing.assert_allclose(wrong.K, right.K * 1.001, rtol=1e-13)
-    np.testing.assert_allclose(wrong.T, right.T, atol=1e-13)
-    np.testing.assert_allclose(wrong.B, right.B, atol=1e-12)
+    # the same fit in scaled numbers: rounding of a well-conditioned Newton step
+    np.testing.assert_allclose(wrong.K, right.K * 1.001, rtol=40 * EPS)
+    np.testing.assert_allclose(wrong.T, right.T, rtol=0, atol=40 * EPS)
+    np.testing.assert_allclose(wrong.B, right.B, rtol=0, atol=40 * EPS)
 
 
 @pytest.mark.parametrize("step", [0.3, 0.7])
@@ -280,11 +282,13 @@ def test_newton_converges_quadratically():
     newton = calibrate(poses, G, method="newton")
     plain = calibrate(poses, G, method="gauss-newton")
     both = newton.converged & plain.converged
+    # measured: 0.99 converge in both; three of 100 fewer would be news
     assert both.mean() > 0.95
+    # second order against a linear rate: 3.0 steps to 4.4 here
     assert newton.iterations[both].mean() < 0.8 * plain.iterations[both].mean()
     # linear convergence stops at 1e-12 r/(1-r) with r below 0.9 or so
     np.testing.assert_allclose(
-        newton.parameters[both], plain.parameters[both], atol=1e-10 * G
+        newton.parameters[both], plain.parameters[both], rtol=0, atol=1e-10 * G
     )
 
 
@@ -318,10 +322,15 @@ def test_ellipsoid_follows_a_change_of_axes(angles, offset, stretch):
     expected = turn @ gram @ turn.T / stretch**2
     found = after.matrix.T @ after.matrix
     np.testing.assert_allclose(
-        found, expected, rtol=0, atol=1e-10 * np.abs(expected).max()
+        # eps times the condition of the change of axes, 1e2, and of the fit, 1e2:
+        # measured 2e-15 of the largest entry
+        found,
+        expected,
+        rtol=0,
+        atol=1e4 * EPS * np.abs(expected).max(),
     )
     bias = stretch * turn @ before.B + np.array(offset)
-    np.testing.assert_allclose(after.B, bias, rtol=0, atol=1e-10 * G * stretch)
+    np.testing.assert_allclose(after.B, bias, rtol=0, atol=1e4 * EPS * G * stretch)
 
 
 @given(order=st.permutations(range(15)))
@@ -331,7 +340,9 @@ def test_the_order_of_poses_does_not_matter(order):
         calibrate(poses[order], G).parameters,
         calibrate(poses, G).parameters,
         rtol=0,
-        atol=1e-11,
+        # sums in another order: eps times the condition of the fit, 1e2, over a scale
+        # of 10
+        atol=1e3 * EPS * G,
     )
 
 
@@ -348,7 +359,10 @@ def test_result_is_read_only_and_named():
     np.testing.assert_array_equal(symmetric.T, np.eye(3))
     assert symmetric.K.shape == (3, 3)
     np.testing.assert_allclose(
-        symmetric.matrix @ symmetric.matrix, fit.matrix.T @ fit.matrix, rtol=1e-13
+        # the off-diagonal entries, 0.02 of the largest, are differences: 50 eps each
+        symmetric.matrix @ symmetric.matrix,
+        fit.matrix.T @ fit.matrix,
+        rtol=400 * EPS,
     )
     np.testing.assert_array_equal(fit.sensor().matrix, fit.matrix)
 

@@ -7,17 +7,16 @@ model) and the complex step; neither shares a step with the code.
 import numpy as np
 import pytest
 import sympy as sp
+from rounding import EPS
+from true_sensor import PARAMETERS, G
 
 from simval.calibrate import quadric, sources
 from simval.calibrate.moments import moment_matrix, monomials
 from simval.calibrate.objective import moment_objective, pose_objective
 from simval.sensor import MODELS, forms
 
-EPS = np.finfo(float).eps
-PARAMETERS = np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
 SYMMETRIC = np.array([1.03, 0.02, -0.03, 0.96, 0.04, 1.05, 0.3, -0.2, 0.1])
 READINGS = np.random.default_rng(0).normal(size=(8, 3)) * 3.0
-G = 9.81
 
 
 def complex_step(fun, parameters, h=1e-30):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from rounding import EPS
 from scipy import stats
 
 from simval.calibrate import calibrate
@@ -61,7 +62,8 @@ def test_standardised_residuals_are_standard(residual):
     assert np.all(np.abs(variance - 1) < 5 * np.sqrt(2 / trials) + 0.05)
     leverage = diagnose(calibrate(batch[0], G, residual=residual), batch[0]).leverage
     np.testing.assert_allclose(leverage.sum(), 9.0, rtol=1e-10)
-    assert leverage.max() < 1.0 + 1e-12
+    # a diagonal of a projector is 1 at most, up to rounding of the sum of nine
+    assert leverage.max() < 1.0 + 100 * EPS
 
 
 @pytest.mark.parametrize("residual", ["squared", "norm", "weighted", "sampson"])
@@ -92,6 +94,7 @@ def test_type_a_standardised_residuals_follow_student():
     batch = poses(n, trials, seed=2)
     values = residuals(calibrate(batch, G), batch).standardized[:, 3]
     law = stats.t(n - 10)
+    # false-alarm rate 1e-4; the power below rejects the wrong law at the same level
     assert stats.kstest(values, law.cdf).pvalue > 1e-4
     assert stats.kstest(values, stats.norm.cdf).pvalue < 1e-4  # power
 
@@ -145,6 +148,7 @@ def test_robust_loss_costs_little_on_clean_data():
     plain = calibrate(batch, G)
     for loss in ("huber", "cauchy"):
         robust = calibrate(batch, G, loss=loss)
+        # as the plain fit on clean data: all of them converge
         assert robust.converged.mean() > 0.99
         good = robust.converged
         growth = robust.parameters[good].std(axis=0) / plain.parameters[good].std(

@@ -21,7 +21,14 @@ def peak(poses, **options):
         tracemalloc.stop()
 
 
-@pytest.mark.parametrize("residual", ["squared", "norm", "weighted", "sampson"])
+@pytest.mark.parametrize(
+    "residual",
+    [
+        "squared",
+        "sampson",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("norm", "weighted")),
+    ],
+)
 def test_ten_thousand_trials_of_forty_poses(residual):
     noise = np.random.default_rng(0).standard_normal((10_000, 40, 3))
     poses = G * fibonacci_sphere(40) + 0.02 * noise

@@ -152,6 +152,8 @@ def test_every_triple_is_tried():
         every = itertools.combinations(range(14), 3)
         best = min(deletion.squares(list(three)) for three in every)
         chosen = deletion.squares(outliers._worst(deletion, [], 3))
+        # the same sets, so the same sum of squares up to the rounding of the deletion,
+        # eps times its condition of 1e6
         np.testing.assert_allclose(chosen, best, rtol=1e-9)
 
 
@@ -240,10 +242,12 @@ def test_a_break_is_found_where_it_is():
     rng = np.random.default_rng(37)
     y = poses_of(rng, 30, 0.005)
     clean = find_break(y)
+    # false-alarm rate 1e-4 of one fixed seed; with the break the chance is 2e-9
     assert clean.chance > 1e-4
     y[18:, 2] *= 1.1
     found = find_break(y)
     assert (found.index, found.later) == (18, True)
+    # power: 2e-9 and 16 are seen; ten percent are 36 standard deviations of z
     assert found.chance < 1e-6
     assert found.drop > 4.0
     assert find_break(y[:10]) is None

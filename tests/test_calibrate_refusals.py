@@ -2,16 +2,12 @@
 
 import numpy as np
 import pytest
+from rounding import EPS
+from true_sensor import MODEL, G
 
 from simval.calibrate import calibrate
 from simval.errors import GeometryError, InputError, RefusedError
 from simval.poses import cube_corners, cube_edges, cube_faces, fibonacci_sphere
-from simval.sensor import AccelerometerModel
-
-G = 9.81
-MODEL = AccelerometerModel.from_parameters(
-    np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
-)
 
 
 def poses_of(directions, sigma=0.0, seed=0):
@@ -84,7 +80,8 @@ def test_ranks_are_right_in_any_unit(directions, rank, counts):
 @pytest.mark.parametrize("directions", [cube_edges(), cap(90), fibonacci_sphere(9)])
 def test_sets_that_are_enough(directions):
     fit = calibrate(poses_of(directions), G)
-    np.testing.assert_allclose(fit.parameters, MODEL.parameters, atol=1e-9)
+    # without noise: eps times the condition, 1e2, over g
+    np.testing.assert_allclose(fit.parameters, MODEL.parameters, rtol=0, atol=1e3 * EPS)
 
 
 def test_a_small_cap_is_ill_conditioned():
@@ -95,8 +92,12 @@ def test_a_small_cap_is_ill_conditioned():
     ):
         calibrate(poses_of(cap(20)), G)
     fit = calibrate(poses_of(cap(20)), G, condition_limit=1e6)
+    # six faces and three poses nearby: far worse than the 1e2 of a sphere
     assert fit.condition > 1e3
-    np.testing.assert_allclose(fit.parameters, MODEL.parameters, atol=1e-5)
+    # eps times the condition, 1.8e3, squared: the moments are used
+    np.testing.assert_allclose(
+        fit.parameters, MODEL.parameters, rtol=0, atol=10 * EPS * fit.condition**2
+    )
 
 
 def test_a_cap_that_noise_fills_is_never_a_success():
@@ -158,6 +159,7 @@ def test_random_numbers_are_not_a_calibration():
     batch = rng.uniform(-1, 1, (300, 12, 3))
     fit = calibrate(batch, G)
     taken = fit.converged
+    # seen: not one of the 300 is taken; one that is has a residual of 1/20 of g or more
     assert taken.mean() < 0.2
     assert np.all(fit.rms[taken] > 0.05 * G)
 
@@ -223,7 +225,8 @@ def test_any_unit_that_floats_can_square(unit):
     fit = calibrate(poses, G)
     assert fit.status == "converged"
     assert np.isfinite(fit.covariance).all()
-    np.testing.assert_allclose(fit.K * unit, calibrate(poses / unit, G).K, rtol=1e-12)
+    # the fit works in scaled numbers: only the scaling itself rounds
+    np.testing.assert_allclose(fit.K * unit, calibrate(poses / unit, G).K, rtol=8 * EPS)
 
 
 @pytest.mark.parametrize("unit", [1e-320, 1e-200, 1e70, 1e200, 1e308])

@@ -2,20 +2,18 @@
 
 import numpy as np
 import pytest
+from rounding import EPS
 from scipy import stats
+from true_sensor import MODEL, G
 
 from simval.calibrate import calibrate
 from simval.errors import InputError
 from simval.poses import fibonacci_sphere
-from simval.sensor import MODELS, AccelerometerModel
+from simval.sensor import MODELS
 from simval.theory.calibration import calibration_moments
 
-G = 9.81
 SIGMA = 0.01
 TRIALS = 10_000
-MODEL = AccelerometerModel.from_parameters(
-    np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
-)
 
 
 def fits(n, noise_std=None, seed=0, residual="squared"):
@@ -29,7 +27,10 @@ def nees(fit):
     return np.sum(error * np.linalg.solve(fit.covariance, error[..., None])[..., 0], -1)
 
 
-@pytest.mark.parametrize("n", [12, 20, 40])
+POSES = pytest.mark.parametrize("n", [12, pytest.param(20, marks=pytest.mark.slow), 40])
+
+
+@POSES
 @pytest.mark.parametrize("known", [True, False])
 def test_95_percent_intervals_cover_95_percent(n, known):
     """To 1 %; sampling has a sd of sqrt(.05 * .95 / 1e4) = 0.2 %."""
@@ -45,7 +46,7 @@ def test_95_percent_intervals_cover_95_percent(n, known):
         assert np.all(narrow.mean(axis=0) < 0.88)
 
 
-@pytest.mark.parametrize("n", [12, 20, 40])
+@POSES
 @pytest.mark.parametrize("known", [True, False])
 def test_nees_distribution(n, known):
     """Chi-square(9) with a known sigma, 9 F(9, N-9) with a Type A covariance."""
@@ -76,6 +77,7 @@ def test_type_a_of_every_residual_agrees():
     base = fits(20)
     for residual in ("norm", "weighted", "sampson"):
         ratio = fits(20, residual=residual).sd.mean(axis=0) / base.sd.mean(axis=0)
+        # 0.3 %, and three standard errors of 7 % / sqrt(trials) = 0.07 %
         assert np.all(np.abs(ratio - 1) < 0.005)
 
 
@@ -113,6 +115,7 @@ def test_nine_poses_have_no_type_a_interval():
 def test_chi_square(n):
     values = fits(n, SIGMA).chi2_per_dof * (n - 9)
     law = stats.chi2(n - 9)
+    # two tests, 1e-4 in all; power: a sigma 2.5 % too small is rejected at that level
     assert stats.kstest(values, law.cdf).pvalue > 1e-4 / 2
     assert stats.kstest(values * 1.05, law.cdf).pvalue < 1e-4 / 2
 
@@ -127,7 +130,11 @@ def test_covariance_follows_the_form():
         carried = fit.to_form(model).covariance[:50]
         scale = np.abs(own.covariance).max(axis=(1, 2), keepdims=True)
         np.testing.assert_allclose(
-            carried / scale, own.covariance / scale, rtol=0, atol=1e-10
+            # eps times the condition of the change of form, 1e2
+            carried / scale,
+            own.covariance / scale,
+            rtol=0,
+            atol=100 * EPS,
         )
 
 
@@ -139,6 +146,7 @@ def test_noise_of_each_pose():
     clean = MODEL.distort(G * fibonacci_sphere(n), np.random.default_rng(0))
     noise = np.random.default_rng(3).standard_normal((TRIALS, n, 3))
     fit = calibrate(clean + sigma[:, None] * noise, G, noise_std=sigma)
+    # five standard errors of a mean of chi-square of nine, and 1 % of second order
     assert abs(nees(fit).mean() / 9 - 1) < 5 * np.sqrt(2 / 9 / TRIALS) + 0.01
 
 

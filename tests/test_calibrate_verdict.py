@@ -120,6 +120,7 @@ def test_geometry_loss_is_one_for_the_whole_sphere():
     own = np.linalg.inv(direction_jacobian(u).T @ direction_jacobian(u))
     expected = np.sqrt(np.max(np.diagonal(own) * 25 / best))
     np.testing.assert_allclose(geometry_loss(u), expected, rtol=0.01)
+    # sixty points of a spiral are the whole sphere to 1/60
     assert geometry_loss(fibonacci_sphere(60)) < 1.02
     assert geometry_loss(np.tile(np.eye(3), (4, 1))) == np.inf
     assert geometry_loss(half(np.random.default_rng(1))) > GEOMETRY_LIMIT

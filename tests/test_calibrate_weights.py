@@ -62,7 +62,8 @@ def test_newton_finds_the_same_minimum(residual):
     poses, sigma = readings(sensor(), 20, uneven(20), 30), uneven(20)
     first = calibrate(poses, G, residual=residual, noise_std=sigma)
     newton = calibrate(poses, G, method="newton", residual=residual, noise_std=sigma)
-    np.testing.assert_allclose(newton.parameters, first.parameters, atol=1e-8)
+    # both end where a step is below 1e-9 of the scale; measured 1e-14
+    np.testing.assert_allclose(newton.parameters, first.parameters, rtol=0, atol=1e-11)
     alone = calibrate(poses[7], G, residual=residual, noise_std=sigma)
     np.testing.assert_array_equal(alone.parameters, first.parameters[7])
     np.testing.assert_array_equal(alone.covariance, first.covariance[7])
@@ -105,7 +106,10 @@ def test_a_pose_without_noise_among_noisy_ones():
     assert calibrate(poses, G, noise_std=sigma).status == "converged"
 
 
-@pytest.mark.parametrize("count", [12, 20, 40])
+# the effect is greatest with the fewest poses
+@pytest.mark.parametrize(
+    "count", [12, *(pytest.param(n, marks=pytest.mark.slow) for n in (20, 40))]
+)
 @pytest.mark.parametrize("residual", ["squared", "norm", "weighted"])
 def test_type_a_covers_with_unequal_scales(count, residual):
     """Scales 0.5, 1, 1.5: 96.3 to 97.0 % of 12 poses were covered where 95 is stated.

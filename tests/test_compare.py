@@ -7,35 +7,16 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import rows_by_name
-import stores
+from rows_by_name import cell
+from stores import edited_run
 
 from simval.cli.compare import command
 from simval.compare import compare_runs, match
 from simval.report import render_comparison
 from simval.sweep import load_run
-from simval.sweep.run import CellResult, Run
+from simval.sweep.run import Run
 
 MANIFEST = {"versions": {"simval": "1"}, "suite": "s"}
-
-
-def edited(folder, *statements):
-    """Change the store of a run and load it."""
-    stores.edited(folder, *statements)
-    return load_run(folder)
-
-
-def cell(rows, seed=1, **parameters):
-    inside = ",".join(f"{k}={v}" for k, v in sorted(parameters.items()))
-    return CellResult(
-        name=f"s({inside})@{seed}",
-        study="s",
-        seed=seed,
-        parameters=parameters,
-        status="done",
-        error="",
-        seconds=0.0,
-        rows=tuple(rows),
-    )
 
 
 def row(name, value, error=0.0, **more):
@@ -91,7 +72,7 @@ def test_a_change_of_six_standard_errors_is_found(tmp_path):
 
 def test_changes_are_sorted_and_named(tiny_run, tmp_path):
     old = load_run(tiny_run)
-    new = edited(
+    new = edited_run(
         tiny_run,
         "UPDATE rows SET value = value + 9 * standard_error "
         "WHERE family = 'bias' AND controlled = 0 "
@@ -107,13 +88,13 @@ def test_changes_are_sorted_and_named(tiny_run, tmp_path):
     distances = [abs(d.sigmas) for d in changed]
     assert distances == sorted(distances, reverse=True)
     # the error of a difference is that of two independent values
-    assert distances[0] == pytest.approx(30.0 / np.sqrt(2.0), rel=1e-9)
+    assert distances[0] == pytest.approx(30.0 / np.sqrt(2.0), rel=1e-9, abs=0)
     assert found.differences[: len(changed)] == changed
 
 
 def test_on_the_same_noise_a_small_step_is_told_from_rounding(tiny_run):
     old = load_run(tiny_run)
-    new = edited(
+    new = edited_run(
         tiny_run,
         "UPDATE rows SET value = value + 0.1 * standard_error "
         "WHERE family = 'bias' AND controlled = 0 "
@@ -202,7 +183,7 @@ def test_missing_statistics_and_changed_theory_are_told(tmp_path):
 
 def test_the_page_draws_both_curves_and_is_the_same_each_time(tiny_run, tmp_path):
     old = load_run(tiny_run)
-    new = edited(
+    new = edited_run(
         tiny_run,
         "UPDATE rows SET value = value + 30 * standard_error "
         "WHERE family = 'bias' AND controlled = 0 "
@@ -225,7 +206,7 @@ def test_the_page_draws_both_curves_and_is_the_same_each_time(tiny_run, tmp_path
 def test_the_page_escapes_what_comes_from_data(tiny_run):
     bad = "<img src=x onerror=alert(1)>"
     old = load_run(tiny_run)
-    new = edited(
+    new = edited_run(
         tiny_run, f"UPDATE rows SET entries = json_array('{bad}') WHERE ordinal = 0"
     )
     page = render_comparison(old, new, compare_runs(old, new))
@@ -245,7 +226,7 @@ def test_the_command_prints_what_changed(capsys, tiny_run, tmp_path):
 
     other = tmp_path / "other"
     shutil.copytree(tiny_run, other)
-    edited(
+    edited_run(
         other,
         "UPDATE rows SET value = value + 30 * standard_error "
         "WHERE family = 'bias' AND controlled = 0 "
@@ -269,7 +250,7 @@ def test_runs_with_nothing_in_common_are_no_success(capsys, tiny_run, tmp_path):
 
     other = tmp_path / "other"
     shutil.copytree(tiny_run, other)
-    edited(other, "DELETE FROM rows")
+    edited_run(other, "DELETE FROM rows")
     code, out = call(capsys, tiny_run, other)
     assert code == 3
     assert "nothing in common" in out

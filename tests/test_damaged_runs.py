@@ -2,11 +2,12 @@
 
 import shutil
 from math import inf
-from pathlib import Path
 
 import numpy as np
 import pytest
 from damage import damage
+from every_study import SUITE
+from places import EXAMPLES
 from stores import raw, signed_anew
 
 from simval.cli import run as simval_command
@@ -15,13 +16,9 @@ from simval.gate import write_baseline
 from simval.statistics import BIAS, COVARIANCE
 from simval.sweep import load_run, run_suite
 
-WIDE = """
-title = "Each study once, a plug-in and a crash"
-[ladder]
-residual = ["squared", "adjusted"]
-noise_std = [0.2, 0.4]
-poses = 20
-trials = 1024
+WIDE = (
+    SUITE.replace('norm"', 'adjusted"')
+    + """
 [scene]
 scene = "die"
 poses = 12
@@ -31,27 +28,9 @@ poses = 12
 hold_time = 0.02
 trials = 1024
 [solvers]
-[coverage]
-sigma = ["known", "type A"]
-poses = 12
-trials = 1024
 [attitude]
 noise_std = [0.01, 0.02]
 samples = 65536
-[attitude_order]
-geometry = 3
-[attitude_efficiency]
-geometries = 100
-trials = 10
-[attitude_limits]
-norm = [0.3, 0.6]
-samples = 4096
-[detector]
-trials = 2
-[end_to_end]
-poses = 12
-attitudes = 4
-trials = 4
 [estimator]
 algorithm = "align.py"
 samples = 4096
@@ -59,6 +38,7 @@ samples = 4096
 algorithm = "broken.py"
 trials = 512
 """
+)
 BROKEN = """
 from simval.plugins import Calibrator
 
@@ -68,7 +48,6 @@ def work(poses, g):
 calibrator = Calibrator(name="broken", calibrate=work)
 """
 QUICK, NIGHTLY = 25, 1000
-EXAMPLES = Path(__file__).resolve().parents[1] / "docs" / "examples"
 
 
 def wide_run(folder, examples):
@@ -154,9 +133,8 @@ def attacked(run, folder, capsys, count, seed, *, old):
 
 @pytest.mark.parametrize("old", [False, True])
 def test_one_damaged_field_is_no_traceback_and_no_pass(
-    old, tiny_run, tmp_path, capsys, monkeypatch
+    old, tiny_run, tmp_path, capsys, undrawn
 ):
-    monkeypatch.setattr("simval.report.environment.svg", lambda drawing: "<svg/>")
     attacked(tiny_run, tmp_path, capsys, QUICK, [16, old], old=old)
 
 

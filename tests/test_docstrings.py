@@ -4,14 +4,13 @@ import importlib
 import inspect
 import pkgutil
 import tomllib
-from pathlib import Path
 
 import pytest
 from numpydoc.validate import validate
+from places import ROOT
 
 import simval
 
-ROOT = Path(__file__).resolve().parents[1]
 RULES = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"][
     "numpydoc_validation"
 ]["checks"]

@@ -15,7 +15,7 @@ from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import pytest
-from conftest import ROOT
+from places import ROOT
 
 from simval.errors import InputError
 from simval.sweep import executors, load_run, load_suite, run_suite, store
@@ -214,8 +214,9 @@ def survives_kills(tiny_suite, tiny_run, tmp_path, kills, seed):
     assert digest(folder) == digest(tiny_run)
 
 
-def test_a_run_killed_at_random_moments_ends_the_same(tiny_suite, tiny_run, tmp_path):
-    survives_kills(tiny_suite, tiny_run, tmp_path, kills=3, seed=11)
+def test_a_run_killed_in_the_middle_ends_the_same(tiny_suite, tiny_run, tmp_path):
+    # after its first cell; at random moments in the nightly runs
+    survives_kills(tiny_suite, tiny_run, tmp_path, kills=1, seed=11)
 
 
 @pytest.mark.slow

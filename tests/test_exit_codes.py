@@ -2,10 +2,10 @@
 
 import re
 import shlex
-from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from places import ROOT
 
 from simval.errors import InputError
 from simval.gate import judge_run
@@ -13,8 +13,6 @@ from simval.plugins.errors import UnusablePluginError
 from simval.report.section import Context
 from simval.report.sections import checks
 from simval.sweep import executors, load_run, load_suite, run_suite, store
-
-ROOT = Path(__file__).resolve().parents[1]
 
 SUITES = {
     "file": "[estimator]\nalgorithm = 'gone.py'\n",
@@ -238,6 +236,7 @@ def test_junit_has_times_and_classes_in_one_piece(simval, tiny_run, tmp_path):
     for suite in root:
         times = [float(case.get("time")) for case in suite]
         assert float(suite.get("time")) == pytest.approx(sum(times), abs=count * 1e-6)
+    # each time is printed to a microsecond
     assert float(root.get("time")) == pytest.approx(
         sum(cells.values()), abs=count * 1e-6
     )

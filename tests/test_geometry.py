@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from rounding import EPS
 from scipy.spatial.transform import Rotation
 
 from simval.errors import InputError
@@ -20,8 +21,6 @@ from simval.geometry import (
     normalize,
     random_quaternions,
 )
-
-EPS = np.finfo(float).eps
 
 
 def quaternions(count, seed=0):
@@ -37,11 +36,12 @@ def test_matrix_is_the_transpose_of_scipys():
     found = attitude_matrix(q)
     # a dozen products of numbers below 1
     np.testing.assert_allclose(
-        found, Rotation.from_quat(q).as_matrix().swapaxes(1, 2), atol=12 * EPS
+        found, Rotation.from_quat(q).as_matrix().swapaxes(1, 2), rtol=0, atol=12 * EPS
     )
     np.testing.assert_allclose(
         found @ found.swapaxes(1, 2),
         np.broadcast_to(np.eye(3), found.shape),
+        rtol=0,
         atol=20 * EPS,
     )
     assert np.all(np.linalg.det(found) > 0.0)
@@ -52,18 +52,20 @@ def test_matrix_is_the_transpose_of_mujocos():
         matrix = np.zeros(9)
         mujoco.mju_quat2Mat(matrix, scalar_first(q))
         np.testing.assert_allclose(
-            attitude_matrix(q), matrix.reshape(3, 3).T, atol=12 * EPS
+            attitude_matrix(q), matrix.reshape(3, 3).T, rtol=0, atol=12 * EPS
         )
 
 
 def test_attitude_takes_reference_to_body():
     # a body turned by +90 degrees about z sees the world's x axis along its -y axis
     q = np.array([0, 0, np.sin(np.pi / 4), np.cos(np.pi / 4)])
-    np.testing.assert_allclose(attitude_matrix(q) @ [1, 0, 0], [0, -1, 0], atol=4 * EPS)
+    np.testing.assert_allclose(
+        attitude_matrix(q) @ [1, 0, 0], [0, -1, 0], rtol=0, atol=4 * EPS
+    )
     # MuJoCo: the site's orientation rotates body vectors into the world
     world = np.zeros(3)
     mujoco.mju_rotVecQuat(world, np.array([0.0, -1.0, 0.0]), scalar_first(q))
-    np.testing.assert_allclose(world, [1, 0, 0], atol=4 * EPS)
+    np.testing.assert_allclose(world, [1, 0, 0], rtol=0, atol=4 * EPS)
 
 
 def test_composition_against_mujoco_and_scipy():
@@ -72,15 +74,16 @@ def test_composition_against_mujoco_and_scipy():
     for q1, q2, q in zip(first, second, found, strict=True):
         product = np.zeros(4)
         mujoco.mju_mulQuat(product, scalar_first(q1), scalar_first(q2))
-        np.testing.assert_allclose(scalar_first(q), product, atol=6 * EPS)
+        np.testing.assert_allclose(scalar_first(q), product, rtol=0, atol=6 * EPS)
     scipys = (Rotation.from_quat(first) * Rotation.from_quat(second)).as_matrix()
     np.testing.assert_allclose(
-        attitude_matrix(found), scipys.swapaxes(1, 2), atol=30 * EPS
+        attitude_matrix(found), scipys.swapaxes(1, 2), rtol=0, atol=30 * EPS
     )
     # (G2): first q1, then q2
     np.testing.assert_allclose(
         attitude_matrix(found),
         attitude_matrix(second) @ attitude_matrix(first),
+        rtol=0,
         atol=30 * EPS,
     )
 
@@ -90,7 +93,9 @@ def test_conjugate_against_mujoco():
         negative = np.zeros(4)
         mujoco.mju_negQuat(negative, scalar_first(q))
         np.testing.assert_array_equal(scalar_first(conjugate(q)), negative)
-        np.testing.assert_allclose(compose(conjugate(q), q), [0, 0, 0, 1], atol=6 * EPS)
+        np.testing.assert_allclose(
+            compose(conjugate(q), q), [0, 0, 0, 1], rtol=0, atol=6 * EPS
+        )
 
 
 angles = st.sampled_from(
@@ -117,7 +122,7 @@ def test_attitude_error_at_every_size(angle, seed, sign):
 def test_attitude_error_against_scipys_magnitude():
     a, b = quaternions(200, 5), quaternions(200, 6)
     expected = (Rotation.from_quat(a).inv() * Rotation.from_quat(b)).magnitude()
-    np.testing.assert_allclose(attitude_error(a, b), expected, atol=20 * EPS)
+    np.testing.assert_allclose(attitude_error(a, b), expected, rtol=0, atol=20 * EPS)
     np.testing.assert_array_equal(attitude_error(a, -a), attitude_error(a, a))
 
 
@@ -125,7 +130,7 @@ def test_cross_matrix():
     rng = np.random.default_rng(7)
     v, w = rng.standard_normal((2, 5, 4, 3))
     found = np.einsum("...ij,...j->...i", cross_matrix(v), w)
-    np.testing.assert_allclose(found, np.cross(v, w), atol=8 * EPS)
+    np.testing.assert_allclose(found, np.cross(v, w), rtol=0, atol=8 * EPS)
     np.testing.assert_array_equal(cross_matrix(v), -cross_matrix(v).swapaxes(-1, -2))
 
 

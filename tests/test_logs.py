@@ -1,15 +1,14 @@
 """Recorded logs: every layout that is promised, and every bad file by its message."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import RECORDINGS
 
 from simval.errors import InputError
 from simval.logs import read_log
 
-DATA = Path(__file__).parents[1].parent / "shared" / "data"
 ROWS = np.arange(70.0).reshape(10, 7) / 7.0
 ROWS[:, 0] = 0.01 * np.arange(10)
 
@@ -46,7 +45,9 @@ def test_the_number_of_columns_tells_what_they_are(tmp_path, columns, rate, has_
     assert (log.gyro is not None) == has_gyro
     if has_gyro:
         np.testing.assert_array_equal(log.gyro, ROWS[:, 4:])
-    assert log.rate == pytest.approx(100.0, rel=1e-12)  # 9 steps of 0.01, rounding
+    assert log.rate == pytest.approx(
+        100.0, rel=1e-12, abs=0
+    )  # 9 steps of 0.01, rounding
 
 
 def test_columns_are_named_by_the_caller_or_by_the_header(tmp_path):
@@ -141,13 +142,13 @@ def test_names_that_do_not_fit_are_refused(tmp_path, columns):
 
 
 def test_real_logs_read_whole():
-    if not DATA.is_dir():
-        pytest.skip(f"the real recordings are not there: {DATA}")
-    log = read_log(DATA / "xsens" / "xsens_acc.mat")
+    if not RECORDINGS.is_dir():
+        pytest.skip(f"the real recordings are not there: {RECORDINGS}")
+    log = read_log(RECORDINGS / "xsens" / "xsens_acc.mat")
     assert log.accelerometer.shape == (51175, 3)
     assert abs(log.rate - 100.0) < 0.1  # nominal 100 Hz, its clock is 1e-4 off
     np.testing.assert_array_equal(log.accelerometer[0], [33108.0, 33329.0, 36429.0])
-    other = read_log(DATA / "mpu9150" / "imu0.log", rate=100.0)
+    other = read_log(RECORDINGS / "mpu9150" / "imu0.log", rate=100.0)
     np.testing.assert_array_equal(other.accelerometer[0], [-8.42090, 0.06710, 5.24511])
     assert other.gyro is not None
     np.testing.assert_array_equal(other.gyro[0], [0.03515, 0.00213, 0.04155])

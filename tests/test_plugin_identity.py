@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import EXAMPLES, ROOT
 
 from simval.errors import InputError
 from simval.results import Outcome, unjudged
@@ -16,9 +17,6 @@ from simval.studies.files import portable, without_folders
 from simval.sweep import executors, load_run, load_suite, provenance, run_suite
 from simval.sweep.repro import find_cell
 from simval.sweep.suite import expand
-
-ROOT = Path(__file__).resolve().parents[1]
-EXAMPLES = ROOT / "docs" / "examples"
 
 SUITE = """
 [estimator]

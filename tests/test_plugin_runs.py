@@ -14,6 +14,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from places import EXAMPLES, ROOT
+from quick_align import ALIGN
 
 from simval.plugins import (
     Calibrator,
@@ -29,9 +31,6 @@ from simval.streams import Streams
 from simval.studies import calibrator, custom_scene, estimator, isolation
 from simval.sweep import load_run, run_suite
 from simval.sweep.suite import expand
-
-ROOT = Path(__file__).resolve().parents[1]
-EXAMPLES = ROOT / "docs" / "examples"
 
 HEAD = """
 import os, signal, sys, tempfile, time
@@ -211,7 +210,7 @@ def test_the_numbers_of_a_plugin_do_not_depend_on_the_process():
 
 def test_a_claimed_covariance_is_judged(tmp_path):
     # the sound one of the probe's tests, written out, and one that claims too much
-    text = (EXAMPLES / "align.py").read_text().partition("align = ")[0]
+    text = ALIGN.partition("align = ")[0]
     text += """
 def _covariance(b1, b2, r1, r2, noise_std):
     size = (b1**2 + b2**2).sum(axis=1)[:, None, None]
@@ -276,12 +275,20 @@ def gated(folder, *plugin):
     return load_run(folder / "first")
 
 
+def test_a_worked_example_is_gated(simval, tmp_path, monkeypatch):
+    shutil.copy(EXAMPLES / "align.py", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    Path("suite.toml").write_text("[attitude]\nsamples = 65536\n")
+    words = ("sweep", "suite.toml", "--plugin", "align.py", "--workers", 1, "--quiet")
+    fewer = ("--set", "estimator.samples=4096")
+    assert simval(*words, *fewer, "--out", "first")[0] == 0
+    assert [simval("gate", "first")[0] for _ in range(2)] == [1, 0]
+    assert len(load_run(tmp_path / "first").of("estimator")) == 1
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("plugin", "study"),
-    [
-        ("align.py", "estimator"),
-        pytest.param("ellipsoid.py", "calibrator", marks=pytest.mark.slow),
-    ],
+    ("plugin", "study"), [("align.py", "estimator"), ("ellipsoid.py", "calibrator")]
 )
 def test_worked_examples_from_an_empty_folder_to_a_gated_run(tmp_path, plugin, study):
     shutil.copy(EXAMPLES / plugin, tmp_path)

@@ -11,6 +11,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from true_sensor import MODEL, G
 
 import simval
 from simval import attitude, geometry, montecarlo, poses, sensor, statics, theory
@@ -117,11 +118,7 @@ def bad_values(kind, good):
 
 
 rng = np.random.default_rng(3)
-G = 9.81
 DIRECTIONS = poses.fibonacci_sphere(14)
-MODEL = AccelerometerModel.from_parameters(
-    np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
-)
 READINGS = MODEL.distort(G * DIRECTIONS, rng) + 0.003 * rng.standard_normal((14, 3))
 FIT = calibrate(READINGS, G)
 Q = geometry.random_quaternions(1, rng)[0]

@@ -1,26 +1,21 @@
 """One motion at any rate: the same rests, the same answer, and none without a rest."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import RECORDINGS
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
+from true_sensor import MODEL, G
 
 from simval.cli import run
 from simval.errors import InputError, RefusedError
 from simval.logs import Log, read_log
 from simval.poses import fibonacci_sphere
-from simval.sensor import AccelerometerModel
 from simval.statics import evened
 from simval.studies.recorded import calibrate_log
 
-DATA = Path(__file__).parents[1].parent / "shared" / "data"
-G = 9.81
-SENSOR = AccelerometerModel.from_parameters(
-    np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
-)
 POSES = 24
 
 
@@ -66,7 +61,7 @@ def noise(rng, n, rate, sigma=0.01, band=None):
 def recorded(motion, rate, rng, jitter=0.0, lost=0.0, **of_noise):
     """Log of a motion; its clock may jitter by a share of a row, and rows be lost."""
     t = np.arange(0.0, motion.stop[-1], 1.0 / rate)
-    raw = SENSOR.distort(motion.force(t), rng) + noise(rng, len(t), rate, **of_noise)
+    raw = MODEL.distort(motion.force(t), rng) + noise(rng, len(t), rate, **of_noise)
     clock = t + jitter / rate * rng.uniform(-1.0, 1.0, len(t))
     keep = rng.random(len(t)) >= lost
     keep[[0, -1]] = True
@@ -81,7 +76,7 @@ def require_right(motion, log):
     middle = log.time[(result.intervals[:, 0] + result.intervals[:, 1]) // 2]
     assert len(middle) == POSES
     assert np.all((motion.start < middle) & (middle < motion.stop))
-    error = (result.fit.parameters - SENSOR.parameters) / result.fit.sd
+    error = (result.fit.parameters - MODEL.parameters) / result.fit.sd
     # nine t values with 15 degrees of freedom: beyond 10 one in 1e7 each; what is
     # sought is a false rest, which is off by hundreds
     assert np.abs(error).max() < 10.0
@@ -133,7 +128,7 @@ def restless(rng, rate, seconds=90.0):
     force = G * u / np.linalg.norm(u, axis=1, keepdims=True)
     shaken = np.sin(2 * np.pi * 10 ** rng.uniform(-1, 0.5, 3) * t[:, None])
     force += 10 ** rng.uniform(-2, 0.5) * shaken
-    raw = SENSOR.distort(force, rng) + noise(
+    raw = MODEL.distort(force, rng) + noise(
         rng, len(t), rate, 10 ** rng.uniform(-3, -1)
     )
     return Log(path="log", time=t, accelerometer=raw, gyro=None, rate=rate)
@@ -188,13 +183,14 @@ def test_decimated_recordings_give_the_same_answer(step):
     Poses and their errors are the same, and the rows left are a part of the others; the
     two answers differ by the noise of the means, a fifth of what limits them at 100 Hz.
     """
-    if not DATA.is_dir():
-        pytest.skip(f"the real recordings are not there: {DATA}")
-    log = read_log(DATA / "xsens" / "xsens_acc.mat")
+    if not RECORDINGS.is_dir():
+        pytest.skip(f"the real recordings are not there: {RECORDINGS}")
+    log = read_log(RECORDINGS / "xsens" / "xsens_acc.mat")
     whole, part = (
         calibrate_log(each, g=9.81744) for each in (log, decimated(log, step))
     )
     assert abs(len(part.intervals) - 38) <= 2
+    # a rest is found to a row or some at either end: 0.08 s each at 12.5 Hz
     assert abs(part.rest_seconds - whole.rest_seconds) < 1.0
     error = (part.fit.parameters - whole.fit.parameters) / whole.fit.sd
     assert np.abs(error).max() < 2.0

@@ -2,7 +2,7 @@
 
 import re
 
-from conftest import ROOT
+from places import ROOT
 
 
 def test_the_example_runs(capsys):

@@ -9,30 +9,34 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-import stores
-from conftest import ROOT
+from places import ROOT
+from stores import edited_run
 
 from simval.report import drawings, png, render, svg_file, tables
+from simval.report.paint import svg
 from simval.report.sections.provenance import command, suite_text
+from simval.report.thinning import thinned
 from simval.sweep import load_run, load_suite
 
 
-def edited(folder, *statements):
-    """Change the store of a run and load it."""
-    stores.edited(folder, *statements)
-    return load_run(folder)
+@pytest.fixture(scope="module")
+def page_and_figures(_tiny_run):
+    """The report of a clean run, and each of its figures by its name."""
+    figures = {}
+
+    def kept(drawing):
+        figures[drawing.name] = svg(drawing)
+        return figures[drawing.name]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("simval.report.environment.svg", kept)
+        return render(load_run(_tiny_run)), figures
 
 
 @pytest.fixture(scope="module")
-def page(_tiny_run):
+def page(page_and_figures):
     """The report of a clean run."""
-    return render(load_run(_tiny_run))
-
-
-@pytest.fixture
-def undrawn(monkeypatch):
-    """Leave the figures out, for tests of the words around them: drawing is slow."""
-    monkeypatch.setattr("simval.report.environment.svg", lambda drawing: "<svg/>")
+    return page_and_figures[0]
 
 
 def with_cells(run, change):
@@ -66,9 +70,21 @@ def test_figures_are_drawn_whatever_the_numbers(tiny_run):
         ElementTree.fromstring(figure)
 
 
-def test_the_same_run_gives_the_same_bytes(tiny_run, page):
+@pytest.mark.slow
+def test_the_same_run_gives_the_same_page(tiny_run, page):
+    assert render(load_run(tiny_run)) == page
+
+
+def test_the_same_run_gives_the_same_bytes(tiny_run, page_and_figures, monkeypatch):
+    """The words around the figures, and three of the figures, drawn once more."""
     run = load_run(tiny_run)
+    page, figures = page_and_figures
+    monkeypatch.setattr(
+        "simval.report.environment.svg", lambda drawing: figures[drawing.name]
+    )
     assert render(run) == page
+    again = {d.name: svg(d) for d in drawings(run) if d.name in ("nees", "efficiency")}
+    assert again == {name: figures[name] for name in ("nees", "efficiency")}
     drawing = drawings(run)[0]
     assert png(drawing) == png(drawing)
     assert svg_file(drawing) == svg_file(drawing)
@@ -115,7 +131,7 @@ def test_every_anchor_that_is_linked_exists_and_no_id_is_double(page):
 
 
 def test_figures_are_well_formed_have_a_text_and_keep_their_style(page):
-    figures = re.findall(r"<svg.*?</svg>", page, flags=re.DOTALL)
+    figures = re.findall(r"<svg.*?</svg>\n", page, flags=re.DOTALL)
     assert len(figures) >= 6
     for figure in figures:
         root = ElementTree.fromstring(figure)
@@ -138,7 +154,7 @@ def test_the_first_screen_has_the_verdict_and_two_figures(page):
 def test_the_report_says_what_the_gate_says(tiny_run, undrawn):
     from simval.gate import judge_run
 
-    run = edited(tiny_run, "UPDATE rows SET n = 4000 WHERE cell > 1 AND n > 0")
+    run = edited_run(tiny_run, "UPDATE rows SET n = 4000 WHERE cell > 1 AND n > 0")
     judged = judge_run(run)
     assert judged.answer == "inconclusive"  # fewer samples than the cells say
     page = render(run)
@@ -147,7 +163,7 @@ def test_the_report_says_what_the_gate_says(tiny_run, undrawn):
 
 
 def test_missing_and_failed_cells_are_shown_and_escaped(tiny_run, undrawn):
-    run = edited(
+    run = edited_run(
         tiny_run,
         "UPDATE cells SET status = 'failed', error = '<b>x</b>'",
         "DELETE FROM rows",
@@ -161,7 +177,7 @@ def test_missing_and_failed_cells_are_shown_and_escaped(tiny_run, undrawn):
 
 @pytest.mark.parametrize("position", [0, 1, 2, 3])
 def test_a_run_without_one_cell_renders(tiny_run, undrawn, position):
-    run = edited(
+    run = edited_run(
         tiny_run,
         f"DELETE FROM rows WHERE cell = {position}",
         f"UPDATE cells SET status = 'pending' WHERE position = {position}",
@@ -170,13 +186,15 @@ def test_a_run_without_one_cell_renders(tiny_run, undrawn, position):
 
 
 def test_numbers_that_are_none_are_shown_as_inconclusive(tiny_run, undrawn):
-    page = render(edited(tiny_run, "UPDATE rows SET value = 9e999 WHERE ordinal = 3"))
+    page = render(
+        edited_run(tiny_run, "UPDATE rows SET value = 9e999 WHERE ordinal = 3")
+    )
     assert "<strong>INCONCLUSIVE</strong>" in page
 
 
 def test_everything_from_data_is_escaped(tiny_run, undrawn):
     bad = '<img src=x onerror=alert(1)>"'
-    run = edited(
+    run = edited_run(
         tiny_run,
         f"UPDATE rows SET predictor = '{bad}' WHERE predictor = 'first order'",
         f"UPDATE rows SET entries = json_array('{bad}'), \"check\" = 'exact' "
@@ -191,8 +209,8 @@ def test_everything_from_data_is_escaped(tiny_run, undrawn):
     assert "<img src=x" not in page
 
 
-def test_a_failing_check_comes_first_with_its_figure(tiny_run):
-    run = edited(
+def test_a_failing_check_comes_first_with_its_figure(tiny_run, undrawn):
+    run = edited_run(
         tiny_run,
         "UPDATE rows SET value = value + 20 * standard_error "
         "WHERE family = 'bias' AND controlled = 0 "
@@ -215,7 +233,7 @@ def test_a_failing_check_comes_first_with_its_figure(tiny_run):
 
 
 def test_a_pooled_check_that_fails_needs_no_cell(tiny_run, undrawn):
-    run = edited(
+    run = edited_run(
         tiny_run,
         "UPDATE rows SET value = value * 1.5 "
         "WHERE family = 'nees' AND controlled = 0 AND entries = json_array()",
@@ -225,8 +243,8 @@ def test_a_pooled_check_that_fails_needs_no_cell(tiny_run, undrawn):
     assert "attitude, all cells" in page
 
 
-def test_figures_and_tables_as_files(simval, tiny_run, tmp_path):
-    run = edited(  # one recovery and the numbers of a study without a section
+def test_figures_and_tables_as_files(simval, tiny_run, tmp_path, undrawn):
+    run = edited_run(  # one recovery and the numbers of a study without a section
         tiny_run,
         "DELETE FROM rows WHERE cell IN (1, 3) OR ordinal > 20",
         "UPDATE cells SET status = 'pending' WHERE position IN (1, 3)",
@@ -343,7 +361,7 @@ def test_a_suite_of_ones_own_is_reproduced_from_its_file(tiny_suite):
     assert command(manifest) == "simval sweep suite.toml"
 
 
-def test_artifacts_become_figures(tiny_run):
+def test_artifacts_become_figures(tiny_run, undrawn):
     artifacts = tiny_run / "artifacts"
     artifacts.mkdir(exist_ok=True)
     time = np.arange(50_000) / 100.0
@@ -358,7 +376,11 @@ def test_artifacts_become_figures(tiny_run):
     np.savez(
         artifacts / "convergence-x.npz", lm=[1.0, 1e-3, 1e-9], newton=[1.0, 1e-8, 0.0]
     )
-    page = render(load_run(tiny_run))
+    run = load_run(tiny_run)
+    for drawing in drawings(run):
+        if drawing.name.startswith(("static", "convergence")):
+            ElementTree.fromstring(svg(thinned(drawing)[0]))
+    page = render(run)
     assert '<section id="statics"' in page
     assert '<section id="convergence"' in page
     # 4 lines of 50 000 points, each drawn by at most 2 extremes of 800 columns
@@ -368,7 +390,7 @@ def test_artifacts_become_figures(tiny_run):
 
 
 def test_a_budget_becomes_a_figure(tiny_run):
-    run = edited(
+    run = edited_run(
         tiny_run,
         "DELETE FROM rows WHERE ordinal > 1",
         "UPDATE rows SET family = 'budget', entries = json_array('noise') "
@@ -385,8 +407,10 @@ RENAMED = (
 )
 
 
-def test_a_study_without_a_section_is_shown_all_the_same(tiny_run):
-    run = edited(tiny_run, RENAMED.format("of_a_plugin"))
+def test_a_study_without_a_section_is_shown_all_the_same(tiny_run, undrawn):
+    run = edited_run(tiny_run, RENAMED.format("of_a_plugin"))
+    (drawing,) = (d for d in drawings(run) if d.name == "study-of-a-plugin")
+    ElementTree.fromstring(svg(drawing))
     page = render(run)
     assert '<section id="other"' in page
     assert "<h3>of_a_plugin</h3>" in page
@@ -394,14 +418,16 @@ def test_a_study_without_a_section_is_shown_all_the_same(tiny_run):
 
 
 def test_names_from_data_cannot_leave_the_folder(simval, tiny_run, tmp_path, undrawn):
-    edited(tiny_run, RENAMED.format("../../x y"))
+    edited_run(tiny_run, RENAMED.format("../../x y"))
     assert simval("report", tiny_run, "--tables", tmp_path / "a" / "t")[0] == 0
     assert (tmp_path / "a" / "t" / "study-x-y.csv").is_file()
     assert sorted(p.name for p in tmp_path.iterdir() if p.name != "tiny") == ["a"]
 
 
 def test_an_empty_run_renders(tiny_run):
-    run = edited(tiny_run, "DELETE FROM rows", "UPDATE cells SET status = 'pending'")
+    run = edited_run(
+        tiny_run, "DELETE FROM rows", "UPDATE cells SET status = 'pending'"
+    )
     page = render(run)
     assert "INCONCLUSIVE" in page
     assert "<svg" not in page

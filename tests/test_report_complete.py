@@ -44,11 +44,7 @@ VARIED = {
 }
 SECTION = {study: anchor for anchor, (study, _) in SHOWN.items()}
 SECTION["solvers"] = "convergence"
-
-
-@pytest.fixture(autouse=True)
-def undrawn(monkeypatch):
-    monkeypatch.setattr("simval.report.environment.svg", lambda drawing: "<svg/>")
+pytestmark = pytest.mark.usefixtures("undrawn")
 
 
 def cells_of(study, rows, **axes):

@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 from stores import raw, rewritten, signed_anew
 
 from simval.cli import run as simval_command
@@ -30,7 +31,6 @@ from simval.poses import fibonacci_sphere
 from simval.scene.models import load_model
 from simval.sweep import load_run
 
-ROOT = Path(__file__).resolve().parents[1]
 QUICK, NIGHTLY = 34, 334  # times six kinds: 204 and 2004
 LIMIT = 60  # s, for what takes less than one: a hang, not a slow machine
 
@@ -215,8 +215,8 @@ KINDS = ("sqlite", "json", "toml", "csv", "log", "xml")
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_damaged_files_end_in_words(kind, tiny_run, tmp_path, capsys):
-    # a damaged store goes through every command, 0.6 s each; test_damaged_runs has more
+def test_damaged_files_end_in_words(kind, tiny_run, tmp_path, capsys, undrawn):
+    # a damaged store goes through every command; test_damaged_runs has more
     count = 8 if kind == "sqlite" else QUICK
     damage(kind, 20_265, count, Files(tmp_path, tiny_run, capsys))
 
@@ -323,7 +323,7 @@ class Payload:
         return Path.touch, (self.mark,)
 
 
-def test_no_pickle_is_loaded_from_a_run_folder(tiny_run, tmp_path, capsys):
+def test_no_pickle_is_loaded_from_a_run_folder(tiny_run, tmp_path, capsys, undrawn):
     mark = tmp_path / "executed"
     signed_anew(
         tiny_run

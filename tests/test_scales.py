@@ -2,26 +2,23 @@
 
 import numpy as np
 import pytest
+from true_sensor import MODEL
 
 from simval.calibrate import calibrate, diagnose
+from simval.calibrate.residuals import RESIDUALS
+from simval.calibrate.solver import METHODS
 from simval.errors import SimvalError
 from simval.poses import fibonacci_sphere
-from simval.sensor import MODELS, AccelerometerModel
-
-TRUTH = np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
-SOLVERS = ("lm", "gauss-newton", "newton")
-RESIDUALS = ("squared", "norm", "weighted", "sampson", "adjusted")
+from simval.sensor import MODELS
 
 
 def one(rng):
     """Options and readings at g = 1, and a scale of the readings and one of g."""
     n = int(rng.integers(12, 30))
     turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
-    clean = AccelerometerModel.from_parameters(TRUTH).distort(
-        fibonacci_sphere(n) @ turn, rng
-    )
+    clean = MODEL.distort(fibonacci_sphere(n) @ turn, rng)
     readings = clean + 1e-3 * rng.standard_normal((n, 3))
-    names = {"model": MODELS, "method": SOLVERS, "residual": RESIDUALS}
+    names = {"model": MODELS, "method": METHODS, "residual": RESIDUALS}
     options = {name: str(rng.choice(values)) for name, values in names.items()}
     return readings, options
 
@@ -49,6 +46,7 @@ def agree(rng, trials):
         assert fit.status == plain.status
         off = np.abs(fit.parameters - want) / sizes
         assert off.max() < room, (raw, g, offset, options)
+        # the sd is of an inverse: its condition, 1e2, once more
         assert np.abs(fit.sd / sizes / plain.sd - 1.0).max() < 1e2 * room
         assert np.isfinite(diagnose(fit, (readings + offset) * raw).distance).all()
 

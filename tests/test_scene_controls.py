@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from simval.calibrate import calibrate
+from simval.calibrate.solver import METHODS
 from simval.cli import run
 from simval.errors import GeometryError, RefusedError
 from simval.poses import observability
@@ -15,7 +16,6 @@ from simval.sensor import AccelerometerModel
 SENSOR = AccelerometerModel.from_parameters(
     np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1]), noise_std=0.01
 )
-METHODS = ("lm", "gauss-newton", "newton")
 RESIDUALS = ("squared", "norm", "weighted", "sampson")
 
 

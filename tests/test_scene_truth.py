@@ -9,6 +9,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from rounding import EPS
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -104,10 +105,11 @@ def test_the_accelerometer_is_the_rigid_body_expression(name, integrator):
         mujoco.mj_forward(model, data)
         # the recording's row is this very instant, bit for bit
         assert np.array_equal(data.sensordata, rows[k])
-        force, rate, size = analytic(model, data)
-        worst = max(worst, np.linalg.norm(force - rows[k, :3]) / size)
-        off = np.linalg.norm(rate - rows[k, 3:6])
-        spin = max(spin, off / max(np.linalg.norm(rate), 1.0))
+        if k % 4 == 0:  # a quarter of the instants is as sharp as all of them
+            force, rate, size = analytic(model, data)
+            worst = max(worst, np.linalg.norm(force - rows[k, :3]) / size)
+            off = np.linalg.norm(rate - rows[k, 3:6])
+            spin = max(spin, off / max(np.linalg.norm(rate), 1.0))
         step(model, data)
     # relative to the terms that are added: some tens of eps; 1e-12 is demanded
     assert (worst <= 1e-12, spin <= 1e-12) == (True, True), (worst, spin)
@@ -156,11 +158,12 @@ def test_the_trajectory_has_the_integrators_order(integrator, order, steps):
         recording = record(
             "freefall", seconds=end + h, timestep=h, integrator=integrator
         )
-        assert recording.time[-1] == pytest.approx(end, abs=1e-9)
+        # thousands of steps added up, eps each
+        assert recording.time[-1] == pytest.approx(end, abs=1e4 * EPS)
         error.append(np.abs(recording.angular_velocity[-1] - exact[:3]).max())
     slope = np.diff(np.log(error)) / np.diff(np.log(steps))
     # the next order adds h |J| relative: rates of 4 rad/s, so 0.16 at 40 ms
-    np.testing.assert_allclose(slope, order, atol=0.35)
+    np.testing.assert_allclose(slope, order, rtol=0, atol=0.35)
     assert error[0] > 10 * error[-1] or order == 1
 
 
@@ -189,8 +192,10 @@ def test_a_body_in_free_fall_reads_nothing_at_its_centre():
 def test_at_the_pivot_the_length_is_g_at_any_rate():
     recording = record("gimbal", directions=10, site_offset=[0.0, 0.0, 0.0])
     length = np.linalg.norm(recording.specific_force, axis=1)
+    # it really tumbles: 14 rad/s are seen
     assert np.linalg.norm(recording.angular_velocity, axis=1).max() > 3.0
-    assert np.abs(length - recording.g).max() < 1e-13 * 9.80665 * 10
+    # a vector turned by a rotation: a dozen operations on numbers of size g
+    assert np.abs(length - recording.g).max() < 12 * EPS * recording.g
 
 
 def excess(spin_rate, arm, timestep):
@@ -206,7 +211,9 @@ def test_the_excess_grows_with_the_arm_and_the_square_of_the_rate():
     scale = np.abs(base).max()
     # linear in the arm: rounding of g, relative to the excess
     rounding = 64 * np.finfo(float).eps * 9.80665
-    np.testing.assert_allclose(excess(0.5, 0.02, 0.004), 2 * base, atol=2 * rounding)
+    np.testing.assert_allclose(
+        excess(0.5, 0.02, 0.004), 2 * base, rtol=0, atol=2 * rounding
+    )
     # twice the rate in half the step is the same trajectory, four times the excess;
     # the clock's rounding changes nothing, 1000 steps of rounding remain
     faster = excess(1.0, 0.01, 0.002)

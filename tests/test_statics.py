@@ -2,12 +2,12 @@
 
 import json
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from places import RECORDINGS
 
 from simval.errors import InputError, RefusedError
 from simval.logs import read_log
@@ -20,8 +20,6 @@ from simval.statics import (
     static_intervals,
     variance_magnitude,
 )
-
-DATA = Path(__file__).parents[1].parent / "shared" / "data"
 
 
 def plain_variance(samples, window):
@@ -172,10 +170,12 @@ def test_logs_without_a_usable_rest_are_refused():
 
 @pytest.fixture(scope="module")
 def xsens():
-    if not DATA.is_dir():
-        pytest.skip(f"the real recordings are not there: {DATA}")
-    log = read_log(DATA / "xsens" / "xsens_acc.mat")
-    reference = json.loads((DATA / "xsens" / "reference_results.json").read_text())
+    if not RECORDINGS.is_dir():
+        pytest.skip(f"the real recordings are not there: {RECORDINGS}")
+    log = read_log(RECORDINGS / "xsens" / "xsens_acc.mat")
+    reference = json.loads(
+        (RECORDINGS / "xsens" / "reference_results.json").read_text()
+    )
     return log, reference
 
 

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from rounding import EPS
 from rows_by_name import named
 
 from simval.errors import InputError
@@ -32,7 +33,8 @@ def verdicts(found):
 def test_noise_free_recovery_from_the_scene():
     found = outcome("calibration", calibration.Parameters(noise_std=0.0))
     for name in ("T", "K", "B"):
-        assert row(found, f"recovery[{name}]", "truth").value < 1e-9
+        # without noise: eps times the condition, 1e2, of numbers of size 10
+        assert row(found, f"recovery[{name}]", "truth").value < 1e3 * EPS
     assert overall(verdicts(found)) == "pass"
 
 
@@ -90,6 +92,7 @@ def test_scenes_rest_and_leave_their_poses():
     found = outcome("scene", scene.Parameters(scene="gimbal", poses=12))
     assert overall(verdicts(found)) == "pass"
     directions = found.artifacts["scene-gimbal-12.npz"]["directions"]
+    # means over the rest that the scene allows to wander by 1e-12 of g
     np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0, rtol=1e-12)
 
 

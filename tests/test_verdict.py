@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rounding import EPS
 from rows_by_name import row
 from scipy import optimize, stats
 
@@ -53,7 +54,7 @@ def test_p_value_is_the_greatest_over_the_interval():
     # the expectation that makes |value| >= 3 most likely is the interval's end
     means = np.linspace(-1.0, 1.0, 201)
     tails = LAW.sf(3.0 - means) + LAW.cdf(-3.0 - means)
-    assert p_value(row) == pytest.approx(tails.max(), rel=1e-12)
+    assert p_value(row) == pytest.approx(tails.max(), rel=1e-12, abs=0)
     assert p_value(changed(value=2.0)) == pytest.approx(2 * LAW.sf(2.0))
 
 
@@ -66,6 +67,7 @@ def test_the_tail_of_skewed_rows_is_the_stated_one(n, p):
     chi, c = stats.chi2(n), t / np.sqrt(2 * n)
     sd = chi.cdf(n / (1 + c) ** 2) + chi.sf(n / (1 - c) ** 2)
     inverse = chi.cdf(n * (1 - 2 * c)) + chi.sf(n * (1 + 2 * c))
+    # what SAMPLES_PER_FREEDOM was chosen for: no tail above 1.4 times the stated one
     assert max(sd, inverse) <= 1.4 * p
     for k in (3, 9):
         chi, c = stats.chi2(n * k), t / np.sqrt(n * k / 2)
@@ -85,7 +87,7 @@ def test_the_tail_of_skewed_rows_is_the_stated_one(n, p):
 
 def test_false_alarm_rate_of_a_family_is_the_stated_one():
     rng = np.random.default_rng(20_261)
-    runs, alpha = 4000, 0.05
+    runs, alpha = 2000, 0.05
     alarms = sum(
         overall(judge(rows_of(LAW.rvs(20, random_state=rng)), alpha)) == "fail"
         for _ in range(runs)
@@ -285,7 +287,8 @@ def test_pooled_nees_sees_what_no_cell_does():
     assert [v.answer for v in verdicts] == ["pass"] * 5 + ["fail"]
     pooled = verdicts[-1]
     assert str(pooled.cell) == "attitude, all cells"
-    assert pooled.sigmas == pytest.approx(2.5 * np.sqrt(5), rel=1e-12)
+    # a tail probability of 1e-8 and back: relative condition of 30 to 40
+    assert pooled.sigmas == pytest.approx(2.5 * np.sqrt(5), rel=100 * EPS, abs=0)
     assert pooled.row.n == 20_000
     assert str(pooled.row.statistic) == "nees, pooled"
     assert pooled.row.predictor == verdicts[0].row.predictor

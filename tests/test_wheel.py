@@ -6,7 +6,7 @@ import sys
 import venv
 
 import pytest
-from conftest import ROOT
+from places import ROOT
 
 pytestmark = pytest.mark.wheel
 

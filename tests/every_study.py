@@ -1,0 +1,28 @@
+"""A small suite of the studies that have a section of their own in the report."""
+
+SUITE = """
+title = "Each study once"
+[ladder]
+residual = ["squared", "norm"]
+noise_std = [0.2, 0.4]
+poses = 20
+trials = 1024
+[coverage]
+sigma = ["known", "type A"]
+poses = [12, 20]
+trials = 1024
+[attitude_order]
+geometry = 3
+[attitude_efficiency]
+geometries = 100
+trials = 10
+[attitude_limits]
+norm = [0.3, 0.6]
+samples = 4096
+[detector]
+trials = 2
+[end_to_end]
+poses = 12
+attitudes = 4
+trials = 4
+"""
