@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 from simval.cli import run
 from simval.errors import InputError, RefusedError
 from simval.logs import Log, read_log
+from simval.multiposition import calibrate_log
 from simval.poses import fibonacci_sphere
 from simval.sensor import AccelerometerModel
 from simval.statics import evened
-from simval.studies.recorded import calibrate_log
 
 DATA = Path(__file__).parents[1].parent / "shared" / "data"
 G = 9.81

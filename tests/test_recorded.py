@@ -13,6 +13,9 @@ from simval.cli import run
 from simval.cli.calibrate import command
 from simval.errors import RefusedError
 from simval.logs import read_log
+from simval.multiposition import calibrate_log
+from simval.multiposition.calibration import white_noise
+from simval.multiposition.rests import MULTIPLIERS
 from simval.poses import cube_faces, fibonacci_sphere
 from simval.sensor import AccelerometerModel
 from simval.statics import (
@@ -21,12 +24,6 @@ from simval.statics import (
     intervals_below,
     static_intervals,
     variance_magnitude,
-)
-from simval.studies.recorded import (
-    MULTIPLIERS,
-    calibrate_log,
-    calibrate_samples,
-    white_noise,
 )
 
 DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
@@ -133,8 +130,9 @@ def test_xsens_means_in_three_forms(xsens, model):
 def test_xsens_samples_in_three_forms(xsens, model):
     """Sample mode: the first 100 samples of each interval, as the C++ program."""
     log, reference = xsens
-    intervals = reference_intervals(reference)
-    fit = calibrate_samples(log, intervals, 100, XSENS_G).to_form(model)
+    starts = reference_intervals(reference)[:, :1]
+    samples = log.accelerometer[starts + np.arange(100)].reshape(-1, 3)
+    fit = calibrate(samples, XSENS_G, residual="norm", repeats=True).to_form(model)
     expected = reference["fits"][f"first_100_samples_each/{FORMS[model]}"]
     scale = np.abs(expected["M"]).max()
     np.testing.assert_allclose(fit.matrix, expected["M"], rtol=0, atol=1e-7 * scale)

@@ -13,8 +13,8 @@ from simval.calibrate.arguments import choices
 from simval.calibrate.files import to_json, write_json
 from simval.cli.options import COLUMNS
 from simval.logs import Log, read_log
+from simval.multiposition import LogCalibration, calibrate_log
 from simval.sensor import forms
-from simval.studies.recorded import RecordedCalibration, calibrate_log
 
 _CHOICES = choices()
 
@@ -102,12 +102,12 @@ def log_object(log: Log) -> dict[str, Any]:
     return {"columns": taken, "rate": log.rate, "clock_unit_seconds": log.second}
 
 
-def as_object(result: RecordedCalibration) -> dict[str, Any]:
+def as_object(result: LogCalibration) -> dict[str, Any]:
     """Return the result as one JSON object; a calibration file with more in it.
 
     Parameters
     ----------
-    result : RecordedCalibration
+    result : LogCalibration
         The calibration of a log.
 
     Returns
@@ -133,12 +133,12 @@ def as_object(result: RecordedCalibration) -> dict[str, Any]:
     }
 
 
-def described(result: RecordedCalibration) -> list[str]:
+def described(result: LogCalibration) -> list[str]:
     """Say the result in lines of text.
 
     Parameters
     ----------
-    result : RecordedCalibration
+    result : LogCalibration
         The calibration of a log.
 
     Returns
@@ -184,7 +184,7 @@ def described(result: RecordedCalibration) -> list[str]:
     return lines
 
 
-def _entry_lines(result: RecordedCalibration) -> list[str]:
+def _entry_lines(result: LogCalibration) -> list[str]:
     # each entry of T, K and B with its error bars; S_zx is minus the entry of T
     fit, lines = result.fit, []
     columns = (fit.parameters, fit.sd, _bound(result), fit.intervals)
@@ -205,7 +205,7 @@ def _matrix_lines(fit: FitResult) -> list[str]:
     return [f"force = {product}, with {name} =", *(f"  {row}" for row in rows)]
 
 
-def _bound(result: RecordedCalibration) -> Array:
+def _bound(result: LogCalibration) -> Array:
     # square root of the Cramer-Rao bound on each variance, (9,)
     if result.predicted is None:
         return np.full(9, np.nan)

@@ -4,12 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from numpy.typing import NDArray
 
 from simval.arguments import shown, whole_number
 from simval.arrays import Array, real_number, shaped_array
 from simval.errors import InputError, RefusedError
-from simval.statics.intervals import Intervals
+from simval.statics.intervals import Intervals, runs_of
 from simval.statics.variance import WINDOW, checked_samples, variance_magnitude
 
 MINIMUM = 100  # samples
@@ -101,7 +100,7 @@ def initial_rest(
                 "sensor is stuck; record with a narrower range or a finer resolution"
             )
             raise RefusedError(msg)
-        runs = _runs(spread < FLOOR_MULTIPLE * floor)
+        runs = runs_of(spread < FLOOR_MULTIPLE * floor)
         runs = runs[runs[:, 1] - runs[:, 0] >= minimum]
         if len(runs) == 0:
             long = f"{minimum} samples" if rate is None else f"{minimum / rate:.3g} s"
@@ -189,13 +188,6 @@ def intervals_below(
     if spread.ndim != 1:
         msg = f"`spread` has shape {spread.shape}; give that of one log, (n,)"
         raise InputError(msg)
-    runs = _runs(spread < threshold) + np.array([trim, -trim])
+    runs = runs_of(spread < threshold) + np.array([trim, -trim])
     kept: Intervals = runs[runs[:, 1] - runs[:, 0] >= minimum]
     return kept
-
-
-def _runs(flag: NDArray[np.bool_]) -> Intervals:
-    # runs of True as [start, stop) rows, (m, 2)
-    edges = np.diff(np.concatenate([[False], flag, [False]]).astype(np.int8))
-    starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    return np.stack([starts, stops], axis=1)

@@ -121,3 +121,9 @@ def first_samples(
         msg = f"`count` is {count}; it must be from 1 to the shortest's {shortest}"
         raise InputError(msg)
     return samples[intervals[:, :1] + np.arange(count)]
+
+
+def runs_of(flag: NDArray[np.bool_]) -> Intervals:
+    """Runs of True as rows start <= k < stop, (m, 2)."""
+    edges = np.diff(np.concatenate([[False], flag, [False]]).astype(np.int8))
+    return np.stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)], axis=1)
