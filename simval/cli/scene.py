@@ -10,7 +10,7 @@ import numpy as np
 
 from simval.cli.options import refuse_if, stated
 from simval.errors import InputError
-from simval.scene import Recording, find_scene, record, render_file, scenes
+from simval.scene import Trajectory, find_scene, render_file, scenes, simulate
 from simval.scene.signal import write_signal
 from simval.sensor.files import load_sensor
 from simval.sensor.realism import read_sensor
@@ -53,7 +53,7 @@ def command(
     seconds: float,
     as_json: bool,
 ) -> None:
-    """Simulate the scene NAME and write its recording, or a picture of it.
+    """Simulate the scene NAME and write its trajectory, or a picture of it.
 
     NAME is gimbal (default), die, shaker, pivot, handheld, cube, freefall, or the path
     of a Python file that holds a Scene. With --out the log has the raw readings of the
@@ -74,23 +74,23 @@ def command(
         sensor is not None and out is None,
         "`--sensor` distorts what `--out` writes; give that file too",
     )
-    recording = record(name, **parameters)
+    trajectory = simulate(name, **parameters)
     readings = None
     if described_sensor is not None:
         model, effects = described_sensor
         rng = stream(seed, cell_key("sensor of simval scene"), 0)
         read = read_sensor(
-            model, effects, recording.time, recording.specific_force, rng
+            model, effects, trajectory.time, trajectory.specific_force, rng
         )
         readings = read.raw
     if out is not None:
-        write_signal(out, recording, readings)
+        write_signal(out, trajectory, readings)
     if picture is not None:
         render_file(picture, name, seconds=seconds, **parameters)
     if as_json:
-        click.echo(json.dumps(dict(recording.provenance), default=_plain))
+        click.echo(json.dumps(dict(trajectory.provenance), default=_plain))
         return
-    for line in described(recording):
+    for line in described(trajectory):
         click.echo(line)
     for path in (out, picture):
         if path is not None:
@@ -134,33 +134,33 @@ def parsed(name: str, settings: tuple[str, ...]) -> dict[str, Any]:
     return found
 
 
-def described(recording: Recording) -> list[str]:
-    """Say what a recording holds, in lines of text.
+def described(trajectory: Trajectory) -> list[str]:
+    """Say what a trajectory holds, in lines of text.
 
     Parameters
     ----------
-    recording : Recording
-        The recording.
+    trajectory : Trajectory
+        The trajectory.
 
     Returns
     -------
     list of str
         Lines.
     """
-    source = recording.provenance
-    rests = len(recording.hold_indices())
+    source = trajectory.provenance
+    rests = len(trajectory.hold_indices())
     lines = [
         f"scene     {source['scene']}: {_summary(str(source['scene']))}",
         f"model     {source['model_file']}, sha256 {source['model_sha256'][:16]}, "
         f"MuJoCo {source['mujoco']}",
-        f"rows      {len(recording.time)} at {recording.rate:g} Hz, "
-        f"{recording.time[-1]:.3f} s",
-        f"rests     {rests}; each row of one within {recording.rest_force:.3g} m/s^2 "
-        f"of g and {recording.rest_rate:.3g} rad/s",
+        f"rows      {len(trajectory.time)} at {trajectory.rate:g} Hz, "
+        f"{trajectory.time[-1]:.3f} s",
+        f"rests     {rests}; each row of one within {trajectory.rest_force:.3g} m/s^2 "
+        f"of g and {trajectory.rest_rate:.3g} rad/s",
     ]
-    if recording.unsettled:
-        left = ", ".join(str(k) for k in recording.unsettled)
-        lines.append(f"left out  {len(recording.unsettled)} that still moved: {left}")
+    if trajectory.unsettled:
+        left = ", ".join(str(k) for k in trajectory.unsettled)
+        lines.append(f"left out  {len(trajectory.unsettled)} that still moved: {left}")
     return lines
 
 

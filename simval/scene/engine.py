@@ -52,22 +52,22 @@ class Rollout(NamedTuple):
     messages: list[str]
 
 
-def simulate(
+def roll_out(
     model: mujoco.MjModel, scripts: Sequence[Script], threads: int = 1
 ) -> Rollout:
     """Run scripts of one length together."""
     with captured_messages() as messages:
-        batch, record = _rolled_out(model, scripts, "sensordata", threads)
+        batch, rows = _batch(model, scripts, "sensordata", threads)
         warnings = np.array(batch.warning, dtype=np.int64)
         ends = np.array(batch.bind("qpos"))
     order = np.concatenate([_columns(model, name) for name in SENSORS])
-    if not np.array_equal(order, np.arange(record.shape[2])):
-        record = record[:, :, order]
+    if not np.array_equal(order, np.arange(rows.shape[2])):
+        rows = rows[:, :, order]
     travel = [
         float(np.max(path_length(model, script, end[None])))
         for script, end in zip(scripts, ends, strict=True)
     ]
-    return Rollout(record, warnings, np.array(travel), messages)
+    return Rollout(rows, warnings, np.array(travel), messages)
 
 
 def path_length(
@@ -89,12 +89,12 @@ def positions(
 ) -> Float[Array, "m nq"]:
     """Generalised positions of a run at some rows, for pictures."""
     with captured_messages():
-        _, record = _rolled_out(model, [script], "qpos", 1)
+        _, qpos = _batch(model, [script], "qpos", 1)
     start = model.qpos0 if script.qpos is None else script.qpos
-    return np.concatenate([np.asarray(start)[None], record[0]])[rows]
+    return np.concatenate([np.asarray(start)[None], qpos[0]])[rows]
 
 
-def _rolled_out(
+def _batch(
     model: mujoco.MjModel, scripts: Sequence[Script], what: str, threads: int
 ) -> tuple[Batch, Array]:
     spec, control = _controls(model, scripts)
@@ -107,9 +107,9 @@ def _rolled_out(
     steps = len(scripts[0].hold)
     width = model.nsensordata if what == "sensordata" else model.nq
     # an array of numpy's own, in huge pages: MuJoCo's would cost 7 % in page faults
-    record = np.empty((len(scripts), steps, width))
-    batch.rollout(steps, control, spec, record=(what,), out={what: record})
-    return batch, record
+    out = np.empty((len(scripts), steps, width))
+    batch.rollout(steps, control, spec, record=(what,), out={what: out})
+    return batch, out
 
 
 def _columns(model: mujoco.MjModel, sensor: str) -> NDArray[np.intp]:

@@ -1,4 +1,4 @@
-"""From a scene and its parameters to a checked recording."""
+"""From a scene and its parameters to a checked trajectory."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,21 +10,21 @@ import numpy as np
 from simval.errors import InputError, SimvalError
 from simval.scene.catalogue import find_scene
 from simval.scene.checks import check_reach, check_run, settled_rests
-from simval.scene.engine import Rollout, path_length, positions, simulate
+from simval.scene.engine import Rollout, path_length, positions, roll_out
 from simval.scene.models import Physics, load_model
 from simval.scene.motion import require_rows
-from simval.scene.recording import Recording, attitude_from_mujoco
 from simval.scene.script import Scene, Script
+from simval.scene.trajectory import Trajectory, attitude_from_mujoco
 
 
-def record(
+def simulate(
     scene: str | Scene = "gimbal",
     *,
     site_offset: object = None,
     timestep: float | None = None,
     integrator: str | None = None,
     **parameters: Any,
-) -> Recording:
+) -> Trajectory:
     """Simulate a scene and return what an ideal sensor reads.
 
     Parameters
@@ -43,7 +43,7 @@ def record(
 
     Returns
     -------
-    Recording
+    Trajectory
         Rows of one instant each, every check passed.
 
     Raises
@@ -102,9 +102,9 @@ def plan_run(
     return Plan(scene=chosen, physics=physics, script=script, provenance=provenance)
 
 
-def run_plan(plan: Plan) -> Recording:
+def run_plan(plan: Plan) -> Trajectory:
     """Simulate a plan and check its data."""
-    return checked_recording(plan, simulate(plan.physics.model, [plan.script]))
+    return checked_trajectory(plan, roll_out(plan.physics.model, [plan.script]))
 
 
 def write_script(
@@ -149,7 +149,7 @@ def write_script(
 def describe(
     scene: Scene, physics: Physics, parameters: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """All that a recording's numbers depend on, as plain values."""
+    """All that a trajectory's numbers depend on, as plain values."""
     given = {**scene.parameters(), **parameters}
     plain = {
         name: np.asarray(value).tolist() if isinstance(value, np.ndarray) else value
@@ -165,7 +165,7 @@ def describe(
     }
 
 
-def checked_recording(plan: Plan, rollout: Rollout, number: int = 0) -> Recording:
+def checked_trajectory(plan: Plan, rollout: Rollout, number: int = 0) -> Trajectory:
     """Check one simulated run and name its columns."""
     model, scene, script = plan.physics.model, plan.scene, plan.script
     option, rows = model.opt, rollout.rows[number]
@@ -192,7 +192,7 @@ def checked_recording(plan: Plan, rollout: Rollout, number: int = 0) -> Recordin
         script.rest_rate,
         script.strict,
     )
-    return Recording(
+    return Trajectory(
         time=rows[:, 13],
         specific_force=rows[:, :3],
         angular_velocity=rows[:, 3:6],

@@ -19,7 +19,7 @@ from pydantic import Field, field_validator
 
 from simval.arrays import Array
 from simval.results import Outcome, Row, nees, unjudged
-from simval.scene import recorded
+from simval.scene import simulate_cached
 from simval.sensor import AccelerometerModel
 from simval.statics import Intervals
 from simval.statistics import CHI_SQUARE_9, FITTED, NEES, Family
@@ -81,7 +81,7 @@ def tumble(scene: str, poses: int) -> Tumble:
     setting: dict[str, Any] = {count.get(scene, "poses"): poses, "hold_time": 2.0}
     if scene in ("gimbal", "handheld"):
         setting["first_hold"] = 5.0
-    return thinned(recorded(scene, **setting))
+    return thinned(simulate_cached(scene, **setting))
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
