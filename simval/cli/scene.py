@@ -40,7 +40,9 @@ COMMON = ("site_offset", "timestep", "integrator")
     metavar="KEY=VALUE",
     help="A parameter of the scene, or site_offset, timestep, integrator.",
 )
-@click.option("--seed", type=click.IntRange(min=0), default=0, help="Of the noise.")
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=0, help="Seed of the noise."
+)
 @click.option("--seconds", type=float, default=8.0, help="Length of an animation, s.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def command(
@@ -53,20 +55,20 @@ def command(
     seconds: float,
     as_json: bool,
 ) -> None:
-    """Simulate the scene NAME and write its trajectory, or a picture of it.
+    """Simulate the scene NAME and write its readings, or a picture of it.
 
     NAME is gimbal (default), die, shaker, pivot, handheld, cube, freefall, or the path
-    of a Python file that holds a Scene. With --out the log has the raw readings of the
-    sensor of --sensor (ideal without one) and the truth beside them: a test signal for
-    any calibrator.
+    of a Python file that holds a Scene. --out writes a log with the raw readings of the
+    sensor of --sensor (an ideal one without it) and the truth beside them: a test
+    signal for any calibrator.
     """
     refuse_if(
         stated("seed") and sensor is None,
-        "`--seed` is of the noise of a `--sensor`; give that too",
+        "`--seed` is for the noise of a `--sensor`; give that too",
     )
     refuse_if(
         stated("seconds") and picture is None,
-        "`--seconds` is of the animation that `--render` writes; give that file too",
+        "`--seconds` is for the animation that `--render` writes; give that file too",
     )
     parameters = parsed(name, settings)
     described_sensor = None if sensor is None else load_sensor(sensor)
@@ -98,19 +100,7 @@ def command(
 
 
 def parsed(name: str, settings: tuple[str, ...]) -> dict[str, Any]:
-    """Parameters from KEY=VALUE words.
-
-    Parameters
-    ----------
-    name : str
-        The scene.
-    settings : tuple of str
-        Values as in Python: a number, a list, or a bare word.
-
-    Returns
-    -------
-    dict
-        By name.
+    """Return the parameters that words KEY=VALUE set.
 
     Raises
     ------
@@ -118,7 +108,7 @@ def parsed(name: str, settings: tuple[str, ...]) -> dict[str, Any]:
         If a word has no ``=`` or names nothing that the scene has.
     """
     known = [*find_scene(name).parameters(), *COMMON]
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for word in settings:
         key, equals, value = word.partition("=")
         if not equals or key not in known:
@@ -128,25 +118,14 @@ def parsed(name: str, settings: tuple[str, ...]) -> dict[str, Any]:
             )
             raise InputError(msg)
         try:
-            found[key] = ast.literal_eval(value)
+            values[key] = ast.literal_eval(value)
         except (ValueError, SyntaxError):
-            found[key] = value
-    return found
+            values[key] = value
+    return values
 
 
 def described(trajectory: Trajectory) -> list[str]:
-    """Say what a trajectory holds, in lines of text.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        The trajectory.
-
-    Returns
-    -------
-    list of str
-        Lines.
-    """
+    """Say what a trajectory holds, in lines of text."""
     source = trajectory.provenance
     rests = len(trajectory.hold_indices())
     lines = [
