@@ -22,7 +22,6 @@ from simval.statics import (
     initial_rest,
     interval_means,
     intervals_below,
-    static_intervals,
     variance_magnitude,
 )
 
@@ -149,7 +148,7 @@ def test_xsens_samples_in_three_forms(xsens, model):
 def test_xsens_detector_gives_the_reference_intervals(xsens):
     log, reference = xsens
     rest = initial_rest(log.accelerometer, log.rows_within(50.0))
-    found = static_intervals(log.accelerometer, 6 * rest.variance)
+    found = intervals_below(variance_magnitude(log.accelerometer), 6 * rest.variance)
     bounds = reference_intervals(reference)
     assert len(found) == len(bounds) == 38
     assert np.abs(found - bounds).max() <= 2

@@ -19,12 +19,10 @@ from simval.statics.detector import (
     Rest,
     initial_rest,
     intervals_below,
-    static_intervals,
 )
-from simval.statics.even import SLOWEST_NOISE, WHITE, WINDOWS, EvenLog, evened
+from simval.statics.even import SLOWEST_NOISE, WHITE, WINDOWS, evened
 from simval.statics.intervals import (
     Intervals,
-    first_samples,
     interval_counts,
     interval_means,
 )
@@ -36,15 +34,12 @@ __all__ = [
     "WHITE",
     "WINDOW",
     "WINDOWS",
-    "EvenLog",
     "Intervals",
     "Rest",
     "evened",
-    "first_samples",
     "initial_rest",
     "interval_counts",
     "interval_means",
     "intervals_below",
-    "static_intervals",
     "variance_magnitude",
 ]
