@@ -60,12 +60,9 @@ class TextTable:
                 return np.array(
                     [[self._number(row[k]) for k in places] for row in fields]
                 )
+            mark = self.dialect.mark
             return np.loadtxt(
-                rows,
-                delimiter=self.dialect.mark,
-                ndmin=2,
-                comments=None,
-                usecols=places,
+                rows, delimiter=mark, ndmin=2, comments=None, usecols=places
             )
         except ValueError:
             raise InputError(self._first_bad_field(places)) from None
@@ -129,7 +126,7 @@ def text_table(path: str, text: str) -> TextTable:
 
 
 def _first_row(dialect: Dialect, lines: list[Line]) -> int | None:
-    # the first line of the usual width most of whose usual numbers are numbers
+    # the first line of the usual width with numbers where most of the last lines have
     usual = _usual_numbers(dialect, lines)
     for k, (_, line) in enumerate(lines):
         numbers = np.array(dialect.numbers(line))

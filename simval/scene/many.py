@@ -13,7 +13,7 @@ from simval.geometry import normalize
 from simval.scene.catalogue import find_scene
 from simval.scene.engine import roll_out
 from simval.scene.models import load_model
-from simval.scene.run import Plan, checked_trajectory, describe, write_script
+from simval.scene.run import Plan, checked_trajectory, plan_of
 from simval.scene.script import Scene
 from simval.scene.trajectory import Trajectory
 
@@ -94,13 +94,11 @@ def simulate_many(
     setting = {"site_offset": site_offset, "integrator": integrator}
 
     def plan(number: int) -> Plan:
-        given = parameter_sets[number]
-        provenance = describe(chosen, physics, {**setting, **given})
-        return Plan(
+        single = plan_of(chosen, physics, setting, parameter_sets[number])
+        return replace(
+            single,
             scene=replace(chosen, name=f"{chosen.name} (run {number})"),
-            physics=physics,
-            script=write_script(chosen, physics, given),
-            provenance={**provenance, "runs": len(parameter_sets)},
+            provenance={**single.provenance, "runs": len(parameter_sets)},
         )
 
     means: list[list[Array]] = []

@@ -96,10 +96,23 @@ def plan_run(
     """Compile the model and write the script of a run."""
     chosen = find_scene(scene)
     physics = load_model(chosen.model, site_offset, timestep, integrator)
-    script = write_script(chosen, physics, parameters)
     setting = {"site_offset": site_offset, "integrator": integrator}
-    provenance = describe(chosen, physics, {**setting, **parameters})
-    return Plan(scene=chosen, physics=physics, script=script, provenance=provenance)
+    return plan_of(chosen, physics, setting, parameters)
+
+
+def plan_of(
+    scene: Scene,
+    physics: Physics,
+    setting: Mapping[str, Any],
+    parameters: Mapping[str, Any],
+) -> Plan:
+    """Write the script of a run of a compiled model."""
+    return Plan(
+        scene=scene,
+        physics=physics,
+        script=write_script(scene, physics, parameters),
+        provenance=describe(scene, physics, {**setting, **parameters}),
+    )
 
 
 def run_plan(plan: Plan) -> Trajectory:
