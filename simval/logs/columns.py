@@ -1,4 +1,4 @@
-"""Which column of a log is what: by the caller, by the header, or by their number."""
+"""What each column of a log is: the caller says, or the header, or their number."""
 
 import re
 from collections.abc import Sequence

@@ -64,7 +64,7 @@ DIALECTS = (
 
 
 def judged(lines: Sequence[str]) -> Dialect:
-    """Return the dialect in which the greatest part of the fields are numbers."""
+    """Return the dialect that reads the greatest share of the fields as numbers."""
     picked = np.unique(np.linspace(0, len(lines) - 1, SAMPLE).astype(int))
     sample = [lines[k] for k in picked]
     best = max(DIALECTS, key=lambda each: _share(each, sample))

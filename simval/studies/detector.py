@@ -1,12 +1,12 @@
 r"""The static detector, scored against what the simulation knows to be at rest.
 
-Each trial distorts a tumble with fresh noise, finds its initial rest and its static
-intervals as a user's log would have them found, and compares them with the truth row by
-row; what counts as still is said in `simval.studies.scoring`.
+Each trial distorts a tumble with fresh noise, detects its initial rest and its static
+intervals as in a user's log, and compares them with the truth row by row;
+`simval.studies.scoring` says what counts as still.
 
-An interval is impure if one of its rows is not still. What that does to a calibration
-is told by the normalised squared error of its nine parameters, once with every
-interval and once with the pure ones alone, whose mean over trials theory puts at 9: the
+An interval is impure if one of its rows is not still. The normalised squared error of
+the nine parameters shows what that does to a calibration, once with every interval and
+once with the pure ones alone. Theory puts the mean of the latter over trials at 9: the
 noise in a mean does not depend on the variance by which its interval was chosen.
 """
 
@@ -76,7 +76,7 @@ class Parameters(StudyParameters):
 
 @lru_cache(maxsize=16)
 def tumble(scene: str, poses: int) -> Tumble:
-    """Simulate a scene, or find it kept, and thin it to the rate of a log."""
+    """Simulate a scene, or read it from the cache, and thin it to the rate of a log."""
     count = {"gimbal": "directions", "handheld": "directions", "die": "throws"}
     setting: dict[str, Any] = {count.get(scene, "poses"): poses, "hold_time": 2.0}
     if scene in ("gimbal", "handheld"):

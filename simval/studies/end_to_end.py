@@ -6,7 +6,7 @@ the rests of a second tumble, takes the magnetometer as the second vector, and e
 the attitude in closed form. The true attitude is the simulator's own.
 
 The prediction carries the covariance of the calibration through to the attitude
-(`simval.studies.carry`), for the number of samples in each interval that was found.
+(`simval.studies.carry`), for the number of samples in each interval.
 Each part of the budget is also measured by itself: with the noise of one source only,
 all others at their truth.
 """
@@ -67,7 +67,7 @@ class Parameters(StudyParameters):
 
 @lru_cache(maxsize=8)
 def tumbles(poses: int, attitudes: int) -> tuple[Trajectory, Wanted]:
-    """Simulate both tumbles, or find them kept."""
+    """Simulate both tumbles, or read them from the cache."""
     first = simulate_cached("gimbal", directions=poses, hold_time=2.0, first_hold=5.0)
     turned = fibonacci_sphere(attitudes) @ _rotation()
     second = simulate_cached("gimbal", directions=turned, hold_time=0.2)
