@@ -1,11 +1,13 @@
 """`simval calibrate`."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
+from click.decorators import FC
 
 from simval.arrays import Array
 from simval.calibrate import FitResult
@@ -19,42 +21,23 @@ from simval.sensor import forms
 _CHOICES = choices()
 
 
+def _choice(name: str, default: str, words: str) -> Callable[[FC], FC]:
+    return click.option(
+        f"--{name}", type=click.Choice(_CHOICES[name]), default=default,
+        show_default=True, help=words,
+    )  # fmt: skip
+
+
 @click.command(name="calibrate")
 @click.argument("path", metavar="LOG", type=click.Path(path_type=Path))
 @click.option("--g", type=float, default=9.80665, show_default=True, help="m/s^2.")
-@click.option(
-    "--model",
-    type=click.Choice(_CHOICES["model"]),
-    default="triangular",
-    show_default=True,
-    help="Form of the nine parameters.",
-)
+@_choice("model", "triangular", "Form of the nine parameters.")
 @click.option("--rate", type=float, metavar="HZ", help="Rows per second.")
-@click.option(
-    "--rest", type=float, metavar="SECONDS", help="Length of the initial rest."
-)
+@click.option("--rest", type=float, metavar="SECONDS", help="Length of initial rest.")
 @click.option("--columns", help=COLUMNS)
-@click.option(
-    "--method",
-    type=click.Choice(_CHOICES["method"]),
-    default="lm",
-    show_default=True,
-    help="Solver.",
-)
-@click.option(
-    "--residual",
-    type=click.Choice(_CHOICES["residual"]),
-    default="squared",
-    show_default=True,
-    help="What is minimised.",
-)
-@click.option(
-    "--loss",
-    type=click.Choice(_CHOICES["loss"]),
-    default="linear",
-    show_default=True,
-    help="Robust loss, against outlier poses.",
-)
+@_choice("method", "lm", "Solver.")
+@_choice("residual", "squared", "What is minimised.")
+@_choice("loss", "linear", "Robust loss, against outlier poses.")
 @click.option("--full-scale", type=float, help="Greatest reading, units of the log.")
 @click.option("--out", type=click.Path(path_type=Path), help="Write the JSON file.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")

@@ -12,21 +12,11 @@ SAMPLE = 64  # lines, spread over the file, by which the dialect is judged
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """One way to write a row.
+    """One way to write a row."""
 
-    Attributes
-    ----------
-    mark : str or None
-        Separator; None is white space.
-    comma : bool
-        Whether the decimal mark is a comma.
-    width : int
-        Fields of a row.
-    """
-
-    mark: str | None
-    comma: bool
-    width: int = 0
+    mark: str | None  # separator; None is white space
+    comma: bool  # whether the decimal mark is a comma
+    width: int = 0  # fields of a row
 
     def fields(self, line: str) -> list[str]:
         """Fields of a line, without quotes and blanks around them."""

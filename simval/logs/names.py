@@ -84,28 +84,16 @@ _ROS = re.compile(r"(^|[./])linear_acceleration[./][xyz]$")
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """What one column holds, as far as its name says.
+    """What one column holds, as far as its name says."""
 
-    Attributes
-    ----------
-    kind : str
-        ``force`` for an accelerometer, ``no gravity`` for an acceleration without
-        it, ``bare`` for an axis and no quantity.
-    axis : str
-        ``x``, ``y``, ``z``, or an index in brackets, or empty.
-    unit : str
-        As written, without signs, lower case; empty for none.
-    stem : str
-        The name without axis and unit: equal for the three axes of one sensor.
-    plain : bool
-        Of a clock: whether the name has no further word.
-    """
-
+    # ``force`` for an accelerometer, ``no gravity`` for an acceleration without it,
+    # ``bare`` for an axis and no quantity
     kind: Kind
-    axis: str = ""
-    unit: str = ""
+    axis: str = ""  # ``x``, ``y``, ``z``, or an index in brackets, or empty
+    unit: str = ""  # as written, without signs, lower case; empty for none
+    # the name without axis and unit: equal for the three axes of one sensor
     stem: str = ""
-    plain: bool = False
+    plain: bool = False  # of a clock: whether the name has no further word
 
 
 def is_known(name: str) -> bool:

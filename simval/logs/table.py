@@ -10,21 +10,11 @@ from simval.logs.text import TextTable
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ArrayTable:
-    """Columns that are numbers already.
+    """Columns that are numbers already."""
 
-    Attributes
-    ----------
-    path : str
-        File they came from.
-    names : tuple of str or None
-        Name of each column.
-    values : Array
-        (n, columns).
-    """
-
-    path: str
-    names: tuple[str, ...] | None
-    values: Float[Array, "n columns"]
+    path: str  # file they came from
+    names: tuple[str, ...] | None  # name of each column
+    values: Float[Array, "n columns"]  # (n, columns)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", frozen(self.values))

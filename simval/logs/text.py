@@ -14,24 +14,12 @@ COMMENTS = ("#", "%", "//")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TextTable:
-    """Rows of a text file.
+    """Rows of a text file."""
 
-    Attributes
-    ----------
-    path : str
-        The file.
-    names : tuple of str or None
-        Its header.
-    dialect : Dialect
-        How its fields are written.
-    lines : list of (int, str)
-        Line number, from 1, and text of each row.
-    """
-
-    path: str
-    names: tuple[str, ...] | None
-    dialect: Dialect
-    lines: list[Line]
+    path: str  # the file
+    names: tuple[str, ...] | None  # its header
+    dialect: Dialect  # how its fields are written
+    lines: list[Line]  # line number, from 1, and text of each row
 
     @property
     def width(self) -> int:

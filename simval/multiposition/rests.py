@@ -32,21 +32,12 @@ MULTIPLIERS = tuple(map(float, range(2, 11)))  # those that IMU-TK tries
 
 
 class Detection(NamedTuple):
-    """What the detector makes of a log.
+    """What the detector makes of a log."""
 
-    Attributes
-    ----------
-    block : int
-        Rows that the detector takes together.
-    initial : Rest
-        The initial rest.
-    plateau : list of (float, Intervals)
-        Multiples of its variance that agree on the number of rests, with the rests of
-        each; the middle one first.
-    """
-
-    block: int
+    block: int  # rows that the detector takes together
     initial: Rest
+    # multiples of its variance that agree on the number of rests, with the rests of
+    # each; the middle one first
     plateau: list[tuple[float, Intervals]]
 
 
@@ -118,30 +109,17 @@ def _too_few(most: int) -> RefusedError:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rests:
-    """The rests of a log, and what the checks of its health need of them.
-
-    Attributes
-    ----------
-    log : Log
-        The log.
-    intervals : Intervals
-        Samples start <= k < stop of each rest, (m, 2).
-    means : Array
-        Mean reading of each, raw units, (m, 3).
-    noise : Array
-        Median standard deviation within a rest, each axis, raw units, (3,).
-    same : Array
-        Median share of readings equal to the one before, each axis, (3,); small
-        where the noise is a step of the converter or more.
-    same_rows : float
-        Share of rows equal to the one before that nine rests of ten stay below.
-    """
+    """The rests of a log, and what the checks of its health need of them."""
 
     log: Log
-    intervals: Intervals
-    means: Float[Array, "m 3"]
+    intervals: Intervals  # samples start <= k < stop of each rest
+    means: Float[Array, "m 3"]  # mean reading of each, raw units
+    # median standard deviation within a rest, each axis, raw units
     noise: Float[Array, "3"]
+    # median share of readings equal to the one before, each axis; small where the
+    # noise is a step of the converter or more
     same: Float[Array, "3"]
+    # share of rows equal to the one before that nine rests of ten stay below
     same_rows: float
 
     def span(self, rest: int) -> str:

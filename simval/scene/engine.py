@@ -31,25 +31,16 @@ INPUTS = {
 
 
 class Rollout(NamedTuple):
-    """Runs as they came out of the physics, not yet checked.
+    """Runs as they came out of the physics, not yet checked."""
 
-    Attributes
-    ----------
-    rows : Array
-        Accelerometer, gyro, magnetometer, attitude as MuJoCo has it (sensor to world,
-        scalar first) and clock, (runs, n, 14).
-    warnings : NDArray[np.int64]
-        MuJoCo's counters, (runs, mjNWARNING, 2): last info and number.
-    travel : Array
-        Distance of the sensor at the end from where it began, m, (runs,).
-    messages : list of str
-        What MuJoCo said.
-    """
-
+    # accelerometer, gyro, magnetometer, attitude as MuJoCo has it (sensor to world,
+    # scalar first) and clock
     rows: Float[Array, "runs n 14"]
+    # MuJoCo's counters, (runs, mjNWARNING, 2): last info and number
     warnings: NDArray[np.int64]
+    # distance of the sensor at the end from where it began, m
     travel: Float[Array, " runs"]
-    messages: list[str]
+    messages: list[str]  # what MuJoCo said
 
 
 def roll_out(

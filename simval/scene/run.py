@@ -65,24 +65,12 @@ def simulate(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Plan:
-    """A run that is ready to be simulated.
+    """A run that is ready to be simulated."""
 
-    Attributes
-    ----------
-    scene : Scene
-        The scene.
-    physics : Physics
-        Its compiled model.
-    script : Script
-        What to simulate.
-    provenance : Mapping
-        All that the numbers will depend on.
-    """
-
-    scene: Scene
-    physics: Physics
-    script: Script
-    provenance: Mapping[str, Any]
+    scene: Scene  # the scene
+    physics: Physics  # its compiled model
+    script: Script  # what to simulate
+    provenance: Mapping[str, Any]  # all that the numbers will depend on
 
 
 def plan_run(

@@ -15,7 +15,6 @@ variance: raw counts and SI units give the same intervals.
 """
 
 from simval.statics.detector import (
-    MINIMUM,
     Rest,
     initial_rest,
     intervals_below,
@@ -26,13 +25,11 @@ from simval.statics.intervals import (
     interval_counts,
     interval_means,
 )
-from simval.statics.variance import WINDOW, variance_magnitude
+from simval.statics.variance import variance_magnitude
 
 __all__ = [
-    "MINIMUM",
     "SLOWEST_NOISE",
     "WHITE",
-    "WINDOW",
     "WINDOWS",
     "Intervals",
     "Rest",

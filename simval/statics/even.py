@@ -32,30 +32,14 @@ CLOCK_ERROR = 0.01  # relative; of a nominal rate
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class EvenLog:
-    """Readings at equal distances in time.
+    """Readings at equal distances in time."""
 
-    Attributes
-    ----------
-    samples : Array
-        Mean reading of each tick, (n, 3).
-    tick : Intervals
-        Tick of each row of the log, (rows,).
-    rate : float
-        Ticks per second, Hz.
-    block : int
-        Rows to a tick.
-    window : int
-        Ticks in a window of the detector, odd.
-    minimum : int
-        Least number of ticks of an interval.
-    """
-
-    samples: Float[Array, "n 3"]
-    tick: Intervals
-    rate: float
-    block: int
-    window: int
-    minimum: int
+    samples: Float[Array, "n 3"]  # mean reading of each tick
+    tick: Intervals  # tick of each row of the log
+    rate: float  # ticks per second, Hz
+    block: int  # rows to a tick
+    window: int  # ticks in a window of the detector, odd
+    minimum: int  # least number of ticks of an interval
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "samples", frozen(self.samples))

@@ -27,6 +27,7 @@ from simval.streams import Streams
 from simval.studies.scoring import (
     Tumble,
     detect,
+    mean_of,
     normalized_square,
     pure,
     score,
@@ -115,23 +116,20 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 def _rows(scores: list[dict[Family, float]], squares: Array) -> tuple[Row, ...]:
     rows: tuple[Row, ...] = ()
     for family in scores[0]:
-        rows += unjudged(family(), *_mean(np.array([each[family] for each in scores])))
+        rows += unjudged(
+            family(), *mean_of(np.array([each[family] for each in scores]))
+        )
     for name, values in zip(("all", "pure"), squares.T, strict=True):
         fitted = np.isfinite(values)
-        rows += unjudged(FITTED(name), *_mean(fitted.astype(float)))
+        rows += unjudged(FITTED(name), *mean_of(fitted.astype(float)))
         if fitted.sum() >= 2:
-            mean = _mean(values[fitted])
+            mean = mean_of(values[fitted])
             rows += (
                 nees(NEES(name), *mean, 9.0, CHI_SQUARE_9)
                 if name == "pure" and fitted.all()
                 else unjudged(NEES(name), *mean)
             )
     return rows
-
-
-def _mean(values: Array) -> tuple[float, float, int]:
-    error = float(values.std(ddof=1)) / np.sqrt(len(values))
-    return float(values.mean()), float(error), len(values)
 
 
 def _artifact(

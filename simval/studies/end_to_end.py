@@ -29,7 +29,7 @@ from simval.statics import Intervals, interval_counts, interval_means
 from simval.statistics import BUDGET, CARRIED, CHI_SQUARE_3, IMPURE, NEES
 from simval.streams import Streams
 from simval.studies.carry import PARTS, UP, Wanted, carrier
-from simval.studies.scoring import detect, pure, thinned
+from simval.studies.scoring import detect, mean_of, pure, thinned
 from simval.studies.study import Cost, StudyParameters
 from simval.theory import calibration_moments
 
@@ -124,8 +124,8 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
                 BUDGET.each(PARTS), rms, error, parameters.trials,
                 expected, CARRIED, expected * remainder,
             ),
-            *nees(NEES(), *_mean(squares), 3.0, CHI_SQUARE_3, 3.0 * remainder),
-            *unjudged(IMPURE(), *_mean(impure)),
+            *nees(NEES(), *mean_of(squares), 3.0, CHI_SQUARE_3, 3.0 * remainder),
+            *unjudged(IMPURE(), *mean_of(impure)),
         )
     )  # fmt: skip
 
@@ -180,8 +180,3 @@ def _root_mean_square(squares: Array) -> tuple[Array, Array]:
     rms = np.sqrt(squares.mean(axis=1))
     error = squares.std(axis=1, ddof=1) / np.sqrt(squares.shape[1])
     return rms, error / (2.0 * rms)
-
-
-def _mean(values: list[float]) -> tuple[float, float, int]:
-    error = float(np.std(values, ddof=1)) / float(np.sqrt(len(values)))
-    return float(np.mean(values)), error, len(values)

@@ -132,3 +132,9 @@ def normalized_square(
         return float("nan")
     error = fit.parameters - sensor.parameters
     return float(error @ np.linalg.solve(fit.covariance, error))
+
+
+def mean_of(values: Float[Array, " n"] | list[float]) -> tuple[float, float, int]:
+    """Mean of some trials, its standard error, and their number."""
+    error = float(np.std(values, ddof=1)) / float(np.sqrt(len(values)))
+    return float(np.mean(values)), error, len(values)
