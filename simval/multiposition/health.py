@@ -127,11 +127,16 @@ def _healing(rests: Rests, g: float) -> str | None:
         "deviations off)"
         for k in np.flatnonzero(outliers.flagged)
     ]
+    it, hold = ("it", "that hold") if len(named) == 1 else ("them", "those holds")
     return (
-        f"rest {', rest '.join(named)} does not lie on the ellipsoid of the others, "
-        "and without it they calibrate; look at that hold, cut it out of the log and "
-        "calibrate again"
+        f"{_off(named)}, and without {it} the others calibrate; look at {hold}, cut "
+        f"{it} out of the log and calibrate again"
     )
+
+
+def _off(named: list[str]) -> str:
+    verb = "does" if len(named) == 1 else "do"
+    return f"rest {', rest '.join(named)} {verb} not lie on the ellipsoid of the others"
 
 
 def _undecided(diagnosis: Diagnosis, count: int) -> str | None:
@@ -158,8 +163,8 @@ def _no_gravity(rests: Rests, misfit: float, diagnosis: Diagnosis) -> str | None
     named = [f"{k} {rests.span(k)}" for k in diagnosis.outliers]
     farthest = int(np.argmax(np.abs(diagnosis.distance)))
     what = (
-        f"rest {', rest '.join(named)} does not lie on the ellipsoid of the others; "
-        "cut it out of the log and calibrate again"
+        f"{_off(named)}; cut {'it' if len(named) == 1 else 'them'} out of the log and "
+        "calibrate again"
         if named
         else "check axes, units, wiring and range, and hold the sensor still; the rest "
         f"that is farthest off is the one {rests.span(farthest)}"
