@@ -8,8 +8,8 @@ import pytest
 
 from simval.cli import run
 from simval.errors import RefusedError, SimvalError
+from simval.multiposition import calibrate_log
 from simval.poses import fibonacci_sphere
-from simval.studies.recorded import calibrate_log
 
 # what the refusal says, of the faults that nothing else could be taken for
 WORDS = {

@@ -22,6 +22,7 @@ from simval.cli.listing import command as list_command
 from simval.errors import InputError
 from simval.geometry import compose, normalize
 from simval.logs import Log
+from simval.multiposition import calibrate_log
 from simval.plugins import (
     Calibrator,
     Estimator,
@@ -38,7 +39,6 @@ from simval.scene import models_folder
 from simval.streams import Streams
 from simval.studies import calibrator, custom_scene, estimator
 from simval.studies.estimator_setting import Setting, claim_off
-from simval.studies.recorded import calibrate_log
 from simval.studies.study import Cell
 from simval.sweep import provenance, run_suite
 from simval.sweep.suite import expand, load_suite

@@ -315,21 +315,16 @@ FACES = {
         {"samples": "array", "count": "count", "window": "count",
          "minimum": "count"},
     ),
-    "static_intervals": (
-        statics.static_intervals,
-        {"samples": LOG, "threshold": 1.0, "window": 101, "minimum": 100, "trim": 0},
-        {"samples": "array", "threshold": "positive", "window": "count",
-         "minimum": "count", "trim": "count"},
+    "intervals_below": (
+        statics.intervals_below,
+        {"spread": statics.variance_magnitude(LOG), "threshold": 1.0, "minimum": 100,
+         "trim": 0},
+        {"threshold": "positive", "minimum": "count", "trim": "count"},
     ),
     "interval_means": (
         statics.interval_means,
         {"samples": LOG, "intervals": INTERVALS},
         {"samples": "array", "intervals": "array"},
-    ),
-    "first_samples": (
-        statics.first_samples,
-        {"samples": LOG, "intervals": INTERVALS, "count": 3},
-        {"samples": "array", "intervals": "array", "count": "count"},
     ),
     "simulate": (
         montecarlo.simulate,

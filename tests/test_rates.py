@@ -12,9 +12,9 @@ from true_sensor import MODEL, G
 from simval.cli import run
 from simval.errors import InputError, RefusedError
 from simval.logs import Log, read_log
+from simval.multiposition import calibrate_log
 from simval.poses import fibonacci_sphere
 from simval.statics import evened
-from simval.studies.recorded import calibrate_log
 
 POSES = 24
 

@@ -13,20 +13,16 @@ from simval.cli import run
 from simval.cli.calibrate import command
 from simval.errors import RefusedError
 from simval.logs import read_log
+from simval.multiposition import calibrate_log
+from simval.multiposition.calibration import white_noise
+from simval.multiposition.rests import MULTIPLIERS
 from simval.poses import cube_faces, fibonacci_sphere
 from simval.sensor import AccelerometerModel
 from simval.statics import (
     initial_rest,
     interval_means,
     intervals_below,
-    static_intervals,
     variance_magnitude,
-)
-from simval.studies.recorded import (
-    MULTIPLIERS,
-    calibrate_log,
-    calibrate_samples,
-    white_noise,
 )
 
 XSENS_G = 9.81744
@@ -135,8 +131,9 @@ def test_xsens_samples_in_three_forms(xsens, model):
     The reference stopped at 1e-10 of the cost; so its parameters are 1e-5 sd off.
     """
     log, reference = xsens
-    intervals = reference_intervals(reference)
-    fit = calibrate_samples(log, intervals, 100, XSENS_G).to_form(model)
+    starts = reference_intervals(reference)[:, :1]
+    samples = log.accelerometer[starts + np.arange(100)].reshape(-1, 3)
+    fit = calibrate(samples, XSENS_G, residual="norm", repeats=True).to_form(model)
     expected = reference["fits"][f"first_100_samples_each/{FORMS[model]}"]
     scale = np.abs(expected["M"]).max()
     np.testing.assert_allclose(fit.matrix, expected["M"], rtol=0, atol=1e-7 * scale)
@@ -153,7 +150,7 @@ def test_xsens_samples_in_three_forms(xsens, model):
 def test_xsens_detector_gives_the_reference_intervals(xsens):
     log, reference = xsens
     rest = initial_rest(log.accelerometer, log.rows_within(50.0))
-    found = static_intervals(log.accelerometer, 6 * rest.variance)
+    found = intervals_below(variance_magnitude(log.accelerometer), 6 * rest.variance)
     bounds = reference_intervals(reference)
     assert len(found) == len(bounds) == 38
     assert np.abs(found - bounds).max() <= 2

@@ -1,4 +1,4 @@
-"""Recordings: what they claim, and that a sensor's truth is exact at rest."""
+"""Trajectories: what they claim, and that a sensor's truth is exact at rest."""
 
 import mujoco
 import numpy as np
@@ -8,7 +8,7 @@ from rounding import EPS
 from simval.errors import InputError, SimulationError
 from simval.geometry import attitude_matrix
 from simval.poses import cube_corners, cube_faces, fibonacci_sphere
-from simval.scene import find_scene, record, scenes
+from simval.scene import find_scene, scenes, simulate
 from simval.scene.driven import gimbal_angles
 from simval.scene.models import load_model, model_path
 from simval.scene.motion import minimum_jerk
@@ -19,7 +19,7 @@ QUICK = {"move_time": 0.5, "hold_time": 0.1, "first_hold": 0.1}
 
 @pytest.fixture(scope="module")
 def gimbal():
-    return record("gimbal")
+    return simulate("gimbal")
 
 
 def test_a_rest_reads_g_along_the_chosen_direction(gimbal):
@@ -97,10 +97,10 @@ def test_hold_means_of_other_rows(gimbal):
 
 @pytest.mark.parametrize("directions", [cube_faces(), cube_corners(), [[0, 0, -3.0]]])
 def test_any_directions_are_reached(directions):
-    recording = record("gimbal", directions=directions, **QUICK)
+    trajectory = simulate("gimbal", directions=directions, **QUICK)
     wanted = np.asarray(directions) / np.linalg.norm(directions, axis=1, keepdims=True)
     # the scene's own limit of rest, 1e-12 of g, with room for the mean over a hold
-    np.testing.assert_allclose(recording.hold_means() / G, wanted, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(trajectory.hold_means() / G, wanted, rtol=0, atol=1e-12)
 
 
 def test_gimbal_angles_put_the_direction_along_the_vertical():
@@ -132,9 +132,9 @@ def test_minimum_jerk_starts_and_ends_at_rest():
 
 
 def test_the_die_rests_on_its_faces():
-    recording = record("die", throws=25)
-    means = recording.hold_means() / G
-    assert recording.unsettled == ()
+    trajectory = simulate("die", throws=25)
+    means = trajectory.hold_means() / G
+    assert trajectory.unsettled == ()
     # truncated octahedron: 6 squares along the axes, 8 hexagons along the diagonals
     faces = np.concatenate([cube_faces(), cube_corners()])
     cosine = means @ faces.T
@@ -147,39 +147,39 @@ def test_a_rest_that_moves_is_refused_or_left_out():
     with pytest.raises(
         SimulationError, match=r"rest 1 moves at row \d+.*settle longer"
     ):
-        record("gimbal", directions=3, settle_time=0.05)
-    recording = record("die", throws=12, settle_time=0.7, hold_time=0.3)
-    assert 0 < len(recording.unsettled) < 12
-    assert not np.isin(recording.hold, recording.unsettled).any()
+        simulate("gimbal", directions=3, settle_time=0.05)
+    trajectory = simulate("die", throws=12, settle_time=0.7, hold_time=0.3)
+    assert 0 < len(trajectory.unsettled) < 12
+    assert not np.isin(trajectory.hold, trajectory.unsettled).any()
     with pytest.raises(SimulationError, match="rest 0 moves"):
-        record("die", throws=3, settle_time=0.1, hold_time=0.1)
+        simulate("die", throws=3, settle_time=0.1, hold_time=0.1)
 
 
 def test_the_same_bits_again():
-    first, second = (record("die", throws=3) for _ in range(2))
+    first, second = (simulate("die", throws=3) for _ in range(2))
     np.testing.assert_array_equal(first.specific_force, second.specific_force)
-    other = record("die", throws=3, seed=1)
+    other = simulate("die", throws=3, seed=1)
     assert np.any(first.specific_force != other.specific_force)
 
 
 def test_bad_requests_are_refused():
     with pytest.raises(InputError, match="no scene 'gimbol'; choose one of gimbal"):
-        record("gimbol")
+        simulate("gimbol")
     with pytest.raises(InputError, match="no parameter `poses`; it has directions"):
-        record("gimbal", poses=3)
+        simulate("gimbal", poses=3)
     for count in (0, 10**9):
         with pytest.raises(InputError, match=f"`directions` is {count}"):
-            record("gimbal", directions=count)
+            simulate("gimbal", directions=count)
     with pytest.raises(InputError, match="`directions` has 3 non-finite"):
-        record("gimbal", directions=np.full((1, 3), np.nan))
+        simulate("gimbal", directions=np.full((1, 3), np.nan))
     with pytest.raises(InputError, match="`hold_time` is nan"):
-        record("gimbal", hold_time=float("nan"))
+        simulate("gimbal", hold_time=float("nan"))
     with pytest.raises(InputError, match=r"`timestep` is -0.01"):
-        record("gimbal", timestep=-0.01)
+        simulate("gimbal", timestep=-0.01)
     with pytest.raises(InputError, match="`integrator` is 'discrete'"):
-        record("gimbal", integrator="discrete")
+        simulate("gimbal", integrator="discrete")
     with pytest.raises(InputError, match=r"`site_offset` has shape \(2,\)"):
-        record("gimbal", site_offset=[0, 0])
+        simulate("gimbal", site_offset=[0, 0])
 
 
 def test_every_scene_has_a_model_and_says_what_happens():
@@ -203,14 +203,14 @@ def test_every_scene_has_a_model_and_says_what_happens():
     ],
 )
 def test_every_scene_keeps_its_own_bound(name, parameters, least):
-    recording = record(name, **parameters)
-    rest = recording.hold >= 0
-    assert len(recording.hold_indices()) >= least
-    force = np.linalg.norm(recording.specific_force[rest], axis=1) - recording.g
-    rate = np.linalg.norm(recording.angular_velocity[rest], axis=1)
-    assert np.abs(force).max(initial=0.0) <= recording.rest_force
-    assert rate.max(initial=0.0) <= recording.rest_rate
-    planned = set(recording.hold_indices()) | set(recording.unsettled)
+    trajectory = simulate(name, **parameters)
+    rest = trajectory.hold >= 0
+    assert len(trajectory.hold_indices()) >= least
+    force = np.linalg.norm(trajectory.specific_force[rest], axis=1) - trajectory.g
+    rate = np.linalg.norm(trajectory.angular_velocity[rest], axis=1)
+    assert np.abs(force).max(initial=0.0) <= trajectory.rest_force
+    assert rate.max(initial=0.0) <= trajectory.rest_rate
+    planned = set(trajectory.hold_indices()) | set(trajectory.unsettled)
     assert planned == set(range(len(planned)))
 
 

@@ -1,4 +1,4 @@
-"""Kept recordings, many runs at once, and the same bits however they are made."""
+"""Kept trajectories, many runs at once, and the same bits however they are made."""
 
 import hashlib
 import subprocess
@@ -11,18 +11,18 @@ import pytest
 
 from simval.errors import InputError, SimulationError
 from simval.poses import random_directions
-from simval.scene import Script, find_scene, record
-from simval.scene.cache import cache_folder, content_key, recorded
-from simval.scene.engine import simulate
-from simval.scene.many import COLUMNS, record_many
+from simval.scene import Script, find_scene, simulate
+from simval.scene.cache import cache_folder, content_key, simulate_cached
+from simval.scene.engine import roll_out
+from simval.scene.many import COLUMNS, simulate_many
 from simval.scene.run import plan_run
 
 QUICK = {"directions": 3, "move_time": 0.3, "hold_time": 0.1, "first_hold": 0.1}
 FIELDS = ("time", "specific_force", "angular_velocity", "magnetic_field", "attitude")
 
 
-def digest(recording):
-    parts = [np.ascontiguousarray(getattr(recording, name)) for name in FIELDS]
+def digest(trajectory):
+    parts = [np.ascontiguousarray(getattr(trajectory, name)) for name in FIELDS]
     return hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest()
 
 
@@ -33,23 +33,23 @@ def folder(tmp_path, monkeypatch):
 
 
 def test_a_recording_is_kept_and_found_again(folder):
-    first = recorded("gimbal", **QUICK)
+    first = simulate_cached("gimbal", **QUICK)
     (kept,) = folder.iterdir()
     stamp = kept.stat().st_mtime_ns
-    second = recorded("gimbal", **QUICK)
+    second = simulate_cached("gimbal", **QUICK)
     assert kept.stat().st_mtime_ns == stamp  # it was read, not written again
-    assert digest(first) == digest(second) == digest(record("gimbal", **QUICK))
+    assert digest(first) == digest(second) == digest(simulate("gimbal", **QUICK))
     np.testing.assert_array_equal(first.hold, second.hold)
     assert (first.rest_force, first.unsettled) == (second.rest_force, second.unsettled)
     assert first.provenance == second.provenance
-    recorded("gimbal", **{**QUICK, "hold_time": 0.2})
+    simulate_cached("gimbal", **{**QUICK, "hold_time": 0.2})
     assert len(list(folder.iterdir())) == 2
 
 
 def test_a_driver_without_a_source_file_can_be_kept(folder):
     gimbal = find_scene("gimbal")
     made = replace(gimbal, drive=partial(gimbal.drive, **QUICK))
-    assert digest(recorded(made)) == digest(record("gimbal", **QUICK))
+    assert digest(simulate_cached(made)) == digest(simulate("gimbal", **QUICK))
     typed: dict = {}
     exec(
         "def drive(model, *, rows=5): return Script(hold=[-1] * rows,"
@@ -57,25 +57,27 @@ def test_a_driver_without_a_source_file_can_be_kept(folder):
         {"Script": Script},
         typed,
     )
-    short = recorded(replace(gimbal, drive=typed["drive"]), rows=7)
+    short = simulate_cached(replace(gimbal, drive=typed["drive"]), rows=7)
     assert len(short.time) == 7
     assert len(list(folder.iterdir())) == 2
 
 
 def test_a_damaged_entry_is_simulated_again(folder):
-    first = recorded("gimbal", **QUICK)
+    first = simulate_cached("gimbal", **QUICK)
     (kept,) = folder.iterdir()
     whole = kept.read_bytes()
     for content in (b"", whole[: len(whole) // 2], b"not an archive"):
         kept.write_bytes(content)
-        assert digest(recorded("gimbal", **QUICK)) == digest(first)
+        assert digest(simulate_cached("gimbal", **QUICK)) == digest(first)
         assert kept.read_bytes() == whole
 
 
 def test_a_folder_that_cannot_be_written_costs_nothing_but_time(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("SIMVAL_CACHE", str(tmp_path / "file"))
-    assert digest(recorded("gimbal", **QUICK)) == digest(record("gimbal", **QUICK))
+    assert digest(simulate_cached("gimbal", **QUICK)) == digest(
+        simulate("gimbal", **QUICK)
+    )
 
 
 def test_the_folder_follows_the_environment(monkeypatch, tmp_path):
@@ -128,8 +130,9 @@ def test_the_same_bits_in_another_process():
     code = (
         "import sys; sys.path.insert(0, 'tests')\n"
         "from test_scene_cache import digest, QUICK\n"
-        "from simval.scene import record\n"
-        "print(digest(record('gimbal', **QUICK)), digest(record('die', throws=1)))\n"
+        "from simval.scene import simulate\n"
+        "print(digest(simulate('gimbal', **QUICK)),"
+        " digest(simulate('die', throws=1)))\n"
     )
     children = [
         subprocess.run(
@@ -137,7 +140,7 @@ def test_the_same_bits_in_another_process():
         ).stdout.split()
         for _ in range(2)
     ]
-    here = [digest(record("gimbal", **QUICK)), digest(record("die", throws=1))]
+    here = [digest(simulate("gimbal", **QUICK)), digest(simulate("die", throws=1))]
     assert children == [here, here]
 
 
@@ -148,9 +151,9 @@ def test_the_same_bits_on_any_number_of_threads_and_beside_any_others(name):
     other = replace(plans[1].script, qpos=np.array(plans[1].script.qpos)[..., :] * 0.9)
     scripts = [plans[0].script, other, plans[2].script]
     model = plans[0].physics.model
-    alone = simulate(model, scripts[:1]).rows
+    alone = roll_out(model, scripts[:1]).rows
     for threads in (1, 2, 3):
-        rows, warnings, _, _ = simulate(model, scripts, threads)
+        rows, warnings, _, _ = roll_out(model, scripts, threads)
         assert not warnings[..., 1].any()
         np.testing.assert_array_equal(rows[0], alone[0])
         np.testing.assert_array_equal(rows[2], alone[0])
@@ -160,11 +163,11 @@ def test_the_same_bits_on_any_number_of_threads_and_beside_any_others(name):
 def test_many_runs_are_the_single_ones():
     rng = np.random.default_rng(5)
     sets = [{**QUICK, "directions": random_directions(3, rng)} for _ in range(10)]
-    many = record_many("gimbal", sets, threads=2)
+    many = simulate_many("gimbal", sets, threads=2)
     assert many.specific_force.shape == (10, 3, 3)
     assert many.attitude.shape == (10, 3, 4)
     for k in (0, 7, 9):  # before and after the first block of eight
-        single = record("gimbal", **sets[k])
+        single = simulate("gimbal", **sets[k])
         for name in COLUMNS[:3]:
             np.testing.assert_array_equal(
                 getattr(many, name)[k], single.hold_means(getattr(single, name))
@@ -172,7 +175,9 @@ def test_many_runs_are_the_single_ones():
     # a unit quaternion that stands still to 1e-10 rad/s over 0.1 s
     np.testing.assert_allclose(
         many.attitude[7],
-        record("gimbal", **sets[7]).hold_means(record("gimbal", **sets[7]).attitude),
+        simulate("gimbal", **sets[7]).hold_means(
+            simulate("gimbal", **sets[7]).attitude
+        ),
         rtol=0,
         atol=1e-11,
     )
@@ -181,20 +186,20 @@ def test_many_runs_are_the_single_ones():
 def test_one_bad_run_among_many_is_named():
     sets = [{"directions": 2}, {"directions": 3}]
     with pytest.raises(InputError, match="run 1 lasts"):
-        record_many("gimbal", sets)
+        simulate_many("gimbal", sets)
     with pytest.raises(InputError, match="no set of parameters"):
-        record_many("gimbal", [])
+        simulate_many("gimbal", [])
     with pytest.raises(SimulationError, match=r"gimbal \(run 0\): rest 1 moves"):
-        record_many("gimbal", [{"directions": 2, "settle_time": 0.0}])
+        simulate_many("gimbal", [{"directions": 2, "settle_time": 0.0}])
     with pytest.raises(SimulationError, match=r"run 0: rests \[.*\] had not come"):
-        record_many("die", [{"throws": 12, "settle_time": 0.7, "hold_time": 0.3}])
+        simulate_many("die", [{"throws": 12, "settle_time": 0.7, "hold_time": 0.3}])
 
 
 @pytest.mark.slow
 def test_a_thousand_tumbles_fit_into_fifty_megabytes():
     rng = np.random.default_rng(6)
     sets = [{"directions": random_directions(40, rng)} for _ in range(1000)]
-    many = record_many("gimbal", sets, timestep=0.004, threads=2)
+    many = simulate_many("gimbal", sets, timestep=0.004, threads=2)
     size = sum(getattr(many, name).nbytes for name in COLUMNS)
     assert size <= 50 * 2**20
     length = np.linalg.norm(many.specific_force, axis=-1)

@@ -10,7 +10,7 @@ from PIL import Image
 from simval.cli import run
 from simval.errors import InputError
 from simval.logs import read_log
-from simval.scene import record, render, render_file
+from simval.scene import render, render_file, simulate
 from simval.scene.draw import CAMERA
 from simval.scene.models import load_model, model_path
 from simval.scene.signal import HEADER, write_signal
@@ -55,24 +55,24 @@ def test_the_round_trip_through_the_calibrator_finds_the_sensor(
 
 
 def test_the_file_holds_the_truth_to_the_last_bit(tmp_path):
-    recording = record("gimbal", directions=2, move_time=0.2, hold_time=0.1)
-    raw = 3.0 * recording.specific_force + 1.0
+    trajectory = simulate("gimbal", directions=2, move_time=0.2, hold_time=0.1)
+    raw = 3.0 * trajectory.specific_force + 1.0
     path = tmp_path / "log.csv"
-    write_signal(path, recording, raw)
+    write_signal(path, trajectory, raw)
     table = np.loadtxt(path, delimiter=",", skiprows=1)
-    assert table.shape == (len(recording.time), len(HEADER.split(",")))
-    np.testing.assert_array_equal(table[:, 0], recording.time)
+    assert table.shape == (len(trajectory.time), len(HEADER.split(",")))
+    np.testing.assert_array_equal(table[:, 0], trajectory.time)
     np.testing.assert_array_equal(table[:, 1:4], raw)
-    np.testing.assert_array_equal(table[:, 4:7], recording.specific_force)
-    np.testing.assert_array_equal(table[:, 7:10], recording.angular_velocity)
-    np.testing.assert_array_equal(table[:, 10:13], recording.magnetic_field)
-    np.testing.assert_array_equal(table[:, 13:17], recording.attitude)
-    np.testing.assert_array_equal(table[:, 17], recording.hold)
+    np.testing.assert_array_equal(table[:, 4:7], trajectory.specific_force)
+    np.testing.assert_array_equal(table[:, 7:10], trajectory.angular_velocity)
+    np.testing.assert_array_equal(table[:, 10:13], trajectory.magnetic_field)
+    np.testing.assert_array_equal(table[:, 13:17], trajectory.attitude)
+    np.testing.assert_array_equal(table[:, 17], trajectory.hold)
     log = read_log(path)
     np.testing.assert_array_equal(log.accelerometer, raw)
-    np.testing.assert_array_equal(log.gyro, recording.angular_velocity)
+    np.testing.assert_array_equal(log.gyro, trajectory.angular_velocity)
     with pytest.raises(InputError, match="cannot write"):
-        write_signal(tmp_path, recording)
+        write_signal(tmp_path, trajectory)
 
 
 def test_the_same_seed_gives_the_same_file(tmp_path, sensor):

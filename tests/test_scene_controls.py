@@ -10,7 +10,7 @@ from simval.calibrate.solver import METHODS
 from simval.cli import run
 from simval.errors import GeometryError, RefusedError
 from simval.poses import observability
-from simval.scene import record
+from simval.scene import simulate
 from simval.sensor import AccelerometerModel
 
 SENSOR = AccelerometerModel.from_parameters(
@@ -21,13 +21,13 @@ RESIDUALS = ("squared", "norm", "weighted", "sampson")
 
 @pytest.fixture(scope="module")
 def cube():
-    return record("cube", throws=30)
+    return simulate("cube", throws=30)
 
 
 @pytest.fixture(scope="module", params=["centre", "offset"])
 def falling(request):
     place = [0.0, 0.0, 0.0] if request.param == "centre" else None
-    return record("freefall", site_offset=place)
+    return simulate("freefall", site_offset=place)
 
 
 def test_the_cube_shows_six_directions_of_rank_six(cube):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from simval.errors import InputError, SimulationError
-from simval.scene import Scene, Script, find_scene, record
+from simval.scene import Scene, Script, find_scene, simulate
 from simval.scene.checks import check_run
 from simval.scene.messages import captured_messages
 from simval.scene.models import load_model, model_path
@@ -71,7 +71,7 @@ def test_a_model_that_would_spoil_the_data_is_refused(tmp_path, monkeypatch, fau
     path = tmp_path / "gimbal.xml"
     path.write_text(GIMBAL.replace(old, new, 1))
     with pytest.raises(InputError, match=message) as caught:
-        record(replace(find_scene("gimbal"), model=path), **QUICK)
+        simulate(replace(find_scene("gimbal"), model=path), **QUICK)
     assert str(path) in str(caught.value)
     assert list(tmp_path.iterdir()) == [path]  # MuJoCo's own log file is not written
 
@@ -81,7 +81,7 @@ def test_a_missing_or_empty_model_file_is_refused(tmp_path):
         if path.name == "empty.xml":
             path.write_text("")
         with pytest.raises(InputError, match="model file"):
-            record(replace(find_scene("gimbal"), model=path), **QUICK)
+            simulate(replace(find_scene("gimbal"), model=path), **QUICK)
 
 
 def test_a_sensor_on_the_hand_itself_is_refused(tmp_path):
@@ -94,7 +94,7 @@ def test_a_sensor_on_the_hand_itself_is_refused(tmp_path):
     path = tmp_path / "hand.xml"
     path.write_text(text)
     with pytest.raises(InputError, match="on a mocap body"):
-        record(replace(find_scene("handheld"), model=path), **QUICK)
+        simulate(replace(find_scene("handheld"), model=path), **QUICK)
 
 
 def spoiled(change):
@@ -119,7 +119,7 @@ def test_a_control_that_is_not_a_number_is_caught(tmp_path, monkeypatch):
     with pytest.raises(
         SimulationError, match=r"gimbal.*BADCTRL.*row 70, t = 0\.1400 s"
     ):
-        record(spoiled(with_bad_control))
+        simulate(spoiled(with_bad_control))
     assert list(tmp_path.iterdir()) == []  # MuJoCo's own log file is not written
 
 
@@ -138,7 +138,7 @@ def test_a_control_that_is_not_a_number_is_caught(tmp_path, monkeypatch):
 )
 def test_a_bad_start_is_caught(change, message):
     with pytest.raises(SimulationError, match=message):
-        record(spoiled(change))
+        simulate(spoiled(change))
 
 
 @pytest.mark.parametrize("integrator", ["Euler", "RK4", "implicit", "implicitfast"])
@@ -146,16 +146,18 @@ def test_an_unstable_time_step_is_caught(integrator):
     with pytest.raises(
         SimulationError, match=r"(warning|limit).*first at row \d+, t ="
     ):
-        record("gimbal", timestep=0.06, integrator=integrator)
+        simulate("gimbal", timestep=0.06, integrator=integrator)
 
 
 def test_an_input_of_the_wrong_shape_is_refused():
     with pytest.raises(InputError, match=r"`ctrl` has shape .*needs \(\d+, 3\)"):
-        record(spoiled(lambda s: replace(s, inputs={"ctrl": s.inputs["ctrl"][:, :2]})))
+        simulate(
+            spoiled(lambda s: replace(s, inputs={"ctrl": s.inputs["ctrl"][:, :2]}))
+        )
     with pytest.raises(InputError, match="no input `contrl`"):
-        record(spoiled(lambda s: replace(s, inputs={"contrl": s.inputs["ctrl"]})))
+        simulate(spoiled(lambda s: replace(s, inputs={"contrl": s.inputs["ctrl"]})))
     with pytest.raises(InputError, match="`qpos` has shape"):
-        record(spoiled(lambda s: replace(s, qpos=np.zeros(2))))
+        simulate(spoiled(lambda s: replace(s, qpos=np.zeros(2))))
 
 
 def reset_run(tmp_path, steps=400):
@@ -234,9 +236,9 @@ def test_a_users_scene_file_is_found_and_its_faults_are_named(tmp_path):
     )
     path = tmp_path / "shelf.py"
     path.write_text(good)
-    recording = record(str(path), seconds=0.2)
-    assert len(recording.time) == 100
-    assert recording.provenance["scene"] == "shelf"
+    trajectory = simulate(str(path), seconds=0.2)
+    assert len(trajectory.time) == 100
+    assert trajectory.provenance["scene"] == "shelf"
     for text, message in (
         ("x = 1\n", "holds 0 scenes"),
         (
@@ -248,9 +250,9 @@ def test_a_users_scene_file_is_found_and_its_faults_are_named(tmp_path):
     ):
         path.write_text(text)
         with pytest.raises(InputError, match=message):
-            record(str(path))
+            simulate(str(path))
     with pytest.raises(InputError, match="does not exist"):
-        record(str(tmp_path / "absent.py"))
+        simulate(str(tmp_path / "absent.py"))
 
 
 def test_a_driver_that_fails_is_named():
@@ -258,9 +260,9 @@ def test_a_driver_that_fails_is_named():
         return 1 / 0
 
     with pytest.raises(InputError, match=r"driver of scene gimbal fails .*Zero"):
-        record(replace(find_scene("gimbal"), drive=drive))
+        simulate(replace(find_scene("gimbal"), drive=drive))
     with pytest.raises(InputError, match="returned int, not a Script"):
-        record(replace(find_scene("gimbal"), drive=lambda model: 1))
+        simulate(replace(find_scene("gimbal"), drive=lambda model: 1))
 
 
 def test_an_empty_run_is_refused():
@@ -268,7 +270,7 @@ def test_an_empty_run_is_refused():
     scene = find_scene("gimbal")
     assert isinstance(scene, Scene)
     with pytest.raises(InputError, match="lasts 0 steps"):
-        record(replace(scene, drive=lambda model: empty))
+        simulate(replace(scene, drive=lambda model: empty))
 
 
 def test_a_body_that_leaves_the_scene_is_caught():
@@ -280,5 +282,5 @@ def test_a_body_that_leaves_the_scene_is_caught():
         SimulationError,
         match=r"left the scene: .*first at row 2(2[0-9]|3[01]), t = 0\.4",
     ):
-        record(falling, seconds=2.0)
-    record(falling, seconds=0.4)  # it has not gone far yet
+        simulate(falling, seconds=2.0)
+    simulate(falling, seconds=0.4)  # it has not gone far yet

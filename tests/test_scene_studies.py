@@ -9,7 +9,7 @@ from true_sensor import MODEL, PARAMETERS
 from simval.attitude import two_vector_quaternion
 from simval.errors import SimvalError
 from simval.geometry import attitude_error, compose, conjugate, normalize
-from simval.scene import record
+from simval.scene import simulate
 from simval.sensor import AccelerometerModel
 from simval.streams import Streams, cell_key
 from simval.studies import detector, end_to_end
@@ -65,9 +65,9 @@ def test_the_score_of_a_case_by_hand():
 
 
 def test_what_is_still_is_the_simulations_own_rest():
-    recording = record("gimbal", directions=4)
-    truth = thinned(recording)
-    assert len(truth.time) == -(-len(recording.time) // 5)
+    trajectory = simulate("gimbal", directions=4)
+    truth = thinned(trajectory)
+    assert len(truth.time) == -(-len(trajectory.time) // 5)
     assert truth.still[truth.hold >= 0].all()
     moving = ~truth.still
     assert 0.3 < moving.mean() < 0.9

@@ -13,8 +13,8 @@ from rounding import EPS
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from simval.scene import find_scene, record
-from simval.scene.engine import INPUTS, simulate
+from simval.scene import find_scene, simulate
+from simval.scene.engine import INPUTS, roll_out
 from simval.scene.messages import captured_messages
 from simval.scene.models import load_model
 from simval.scene.run import write_script
@@ -89,7 +89,7 @@ def test_the_accelerometer_is_the_rigid_body_expression(name, integrator):
     physics = load_model(find_scene(name).model, integrator=integrator)
     model = physics.model
     script = write_script(find_scene(name), physics, QUICK[name])
-    rows = simulate(model, [script]).rows[0]
+    rows = roll_out(model, [script]).rows[0]
     data = mujoco.MjData(model)
     for field in ("qpos", "qvel"):
         if getattr(script, field) is not None:
@@ -103,7 +103,7 @@ def test_the_accelerometer_is_the_rigid_body_expression(name, integrator):
         for field in script.inputs:
             getattr(data, field).flat = script.inputs[field][k]
         mujoco.mj_forward(model, data)
-        # the recording's row is this very instant, bit for bit
+        # the trajectory's row is this very instant, bit for bit
         assert np.array_equal(data.sensordata, rows[k])
         if k % 4 == 0:  # a quarter of the instants is as sharp as all of them
             force, rate, size = analytic(model, data)
@@ -117,8 +117,8 @@ def test_the_accelerometer_is_the_rigid_body_expression(name, integrator):
 
 def test_the_expression_has_every_term():
     """Power: without any one of its terms the comparison fails by far."""
-    recording = record("pivot", spin_rate=3.0, turns=1.0)
-    still = np.abs(np.linalg.norm(recording.specific_force, axis=1) - recording.g)
+    trajectory = simulate("pivot", spin_rate=3.0, turns=1.0)
+    still = np.abs(np.linalg.norm(trajectory.specific_force, axis=1) - trajectory.g)
     assert still.max() > 0.1  # centripetal and Euler terms, w^2 r = 0.24 m/s^2
 
 
@@ -151,16 +151,16 @@ def torque_free(inertia, spin, end):
 def test_the_trajectory_has_the_integrators_order(integrator, order, steps):
     end = 4.0
     model = load_model(find_scene("freefall").model).model
-    spin = record("freefall", seconds=0.01).angular_velocity[0]
+    spin = simulate("freefall", seconds=0.01).angular_velocity[0]
     exact = torque_free(model.body_inertia[1], spin, end)
     error = []
     for h in steps:
-        recording = record(
+        trajectory = simulate(
             "freefall", seconds=end + h, timestep=h, integrator=integrator
         )
         # thousands of steps added up, eps each
-        assert recording.time[-1] == pytest.approx(end, abs=1e4 * EPS)
-        error.append(np.abs(recording.angular_velocity[-1] - exact[:3]).max())
+        assert trajectory.time[-1] == pytest.approx(end, abs=1e4 * EPS)
+        error.append(np.abs(trajectory.angular_velocity[-1] - exact[:3]).max())
     slope = np.diff(np.log(error)) / np.diff(np.log(steps))
     # the next order adds h |J| relative: rates of 4 rad/s, so 0.16 at 40 ms
     np.testing.assert_allclose(slope, order, rtol=0, atol=0.35)
@@ -171,7 +171,7 @@ def test_energy_and_momentum_are_kept_by_runge_kutta_and_not_by_euler():
     inertia = load_model(find_scene("freefall").model).model.body_inertia[1]
 
     def drift(integrator):
-        spun = record("freefall", seconds=60.0, integrator=integrator)
+        spun = simulate("freefall", seconds=60.0, integrator=integrator)
         energy = 0.5 * np.sum(inertia * spun.angular_velocity**2, axis=1)
         return np.abs(energy / energy[0] - 1.0).max()
 
@@ -182,27 +182,27 @@ def test_energy_and_momentum_are_kept_by_runge_kutta_and_not_by_euler():
 
 
 def test_a_body_in_free_fall_reads_nothing_at_its_centre():
-    recording = record("freefall", site_offset=[0.0, 0.0, 0.0])
+    trajectory = simulate("freefall", site_offset=[0.0, 0.0, 0.0])
     # g minus g: rounding of sums of 10 m/s^2 over a fall of 2 km (positions enter the
     # moments' arms), 1e3 eps g
-    assert np.abs(recording.specific_force).max() < 1e-11
-    assert len(recording.hold_indices()) == 0
+    assert np.abs(trajectory.specific_force).max() < 1e-11
+    assert len(trajectory.hold_indices()) == 0
 
 
 def test_at_the_pivot_the_length_is_g_at_any_rate():
-    recording = record("gimbal", directions=10, site_offset=[0.0, 0.0, 0.0])
-    length = np.linalg.norm(recording.specific_force, axis=1)
+    trajectory = simulate("gimbal", directions=10, site_offset=[0.0, 0.0, 0.0])
+    length = np.linalg.norm(trajectory.specific_force, axis=1)
     # it really tumbles: 14 rad/s are seen
-    assert np.linalg.norm(recording.angular_velocity, axis=1).max() > 3.0
+    assert np.linalg.norm(trajectory.angular_velocity, axis=1).max() > 3.0
     # a vector turned by a rotation: a dozen operations on numbers of size g
-    assert np.abs(length - recording.g).max() < 12 * EPS * recording.g
+    assert np.abs(length - trajectory.g).max() < 12 * EPS * trajectory.g
 
 
 def excess(spin_rate, arm, timestep):
     """Specific force minus that of a sensor at the pivot, on the same trajectory."""
     setting = {"spin_rate": spin_rate, "turns": 1.0, "timestep": timestep, "poses": 5}
-    away = record("pivot", site_offset=[arm, 0.5 * arm, -arm], **setting)
-    centre = record("pivot", site_offset=[0.0, 0.0, 0.0], **setting)
+    away = simulate("pivot", site_offset=[arm, 0.5 * arm, -arm], **setting)
+    centre = simulate("pivot", site_offset=[0.0, 0.0, 0.0], **setting)
     return away.specific_force - centre.specific_force
 
 
@@ -225,12 +225,12 @@ def test_the_excess_grows_with_the_arm_and_the_square_of_the_rate():
 def test_rest_bounds_are_kept_and_not_idle():
     """What the hand and the spin add stays within the bound, and within 30 of it."""
     for name, parameters in (("pivot", {"spin_rate": 0.5}), ("handheld", {})):
-        recording = record(name, **parameters)
-        rest = recording.hold >= 0
-        off = np.linalg.norm(recording.specific_force[rest], axis=1) - recording.g
-        assert recording.rest_force / 30 < np.abs(off).max() <= recording.rest_force
-        rate = np.linalg.norm(recording.angular_velocity[rest], axis=1).max()
-        assert recording.rest_rate / 30 < rate <= recording.rest_rate
+        trajectory = simulate(name, **parameters)
+        rest = trajectory.hold >= 0
+        off = np.linalg.norm(trajectory.specific_force[rest], axis=1) - trajectory.g
+        assert trajectory.rest_force / 30 < np.abs(off).max() <= trajectory.rest_force
+        rate = np.linalg.norm(trajectory.angular_velocity[rest], axis=1).max()
+        assert trajectory.rest_rate / 30 < rate <= trajectory.rest_rate
     # and a scene whose bound is too small is refused
     pivot = find_scene("pivot")
 
@@ -239,7 +239,7 @@ def test_rest_bounds_are_kept_and_not_idle():
         return replace(script, rest_force=script.rest_force / 30)
 
     with captured_messages(), pytest.raises(Exception, match="rest 0 moves"):
-        record(replace(pivot, drive=timid))
+        simulate(replace(pivot, drive=timid))
 
 
 def test_the_inputs_are_those_of_mujoco():

@@ -12,14 +12,16 @@ from places import RECORDINGS
 from simval.errors import InputError, RefusedError
 from simval.logs import read_log
 from simval.statics import (
-    first_samples,
     initial_rest,
     interval_counts,
     interval_means,
     intervals_below,
-    static_intervals,
     variance_magnitude,
 )
+
+
+def static_intervals(samples, threshold, **lengths):
+    return intervals_below(variance_magnitude(samples), threshold, **lengths)
 
 
 def plain_variance(samples, window):
@@ -128,14 +130,6 @@ def test_an_interval_at_the_limit_is_not_static():
     np.testing.assert_array_equal(
         intervals_below(spread, 2.0, minimum=1), [[0, 1], [3, 4]]
     )
-
-
-def test_first_samples_are_the_first():
-    samples = np.arange(60.0).reshape(20, 3)
-    got = first_samples(samples, np.array([[2, 7], [10, 15]]), 5)
-    np.testing.assert_array_equal(got, np.stack([samples[2:7], samples[10:15]]))
-    with pytest.raises(InputError, match="`count` is 6"):
-        first_samples(samples, np.array([[2, 7], [10, 15]]), 6)
 
 
 def test_bad_arguments_are_refused():

@@ -1,11 +1,13 @@
 """`simval calibrate`."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
+from click.decorators import FC
 
 from simval.arrays import Array
 from simval.calibrate import FitResult
@@ -13,140 +15,90 @@ from simval.calibrate.arguments import choices
 from simval.calibrate.files import to_json, write_json
 from simval.cli.options import COLUMNS
 from simval.logs import Log, read_log
+from simval.multiposition import LogCalibration, calibrate_log
 from simval.sensor import forms
-from simval.studies.recorded import RecordedCalibration, calibrate_log
 
 _CHOICES = choices()
 
 
+def _choice(name: str, default: str, words: str) -> Callable[[FC], FC]:
+    return click.option(
+        f"--{name}", type=click.Choice(_CHOICES[name]), default=default,
+        show_default=True, help=words,
+    )  # fmt: skip
+
+
 @click.command(name="calibrate")
-@click.argument("log", type=click.Path(path_type=Path))
+@click.argument("path", metavar="LOG", type=click.Path(path_type=Path))
 @click.option("--g", type=float, default=9.80665, show_default=True, help="m/s^2.")
-@click.option(
-    "--model",
-    type=click.Choice(_CHOICES["model"]),
-    default="triangular",
-    show_default=True,
-    help="Form of the nine parameters.",
-)
+@_choice("model", "triangular", "Form of the nine parameters.")
 @click.option("--rate", type=float, metavar="HZ", help="Rows per second.")
 @click.option("--rest", type=float, metavar="SECONDS", help="Length of initial rest.")
 @click.option("--columns", help=COLUMNS)
-@click.option(
-    "--method",
-    type=click.Choice(_CHOICES["method"]),
-    default="lm",
-    show_default=True,
-    help="Solver.",
-)
-@click.option(
-    "--residual",
-    type=click.Choice(_CHOICES["residual"]),
-    default="squared",
-    show_default=True,
-    help="What is minimised.",
-)
-@click.option(
-    "--loss",
-    type=click.Choice(_CHOICES["loss"]),
-    default="linear",
-    show_default=True,
-    help="Robust loss, against outlier poses.",
-)
+@_choice("method", "lm", "Solver.")
+@_choice("residual", "squared", "What is minimised.")
+@_choice("loss", "linear", "Robust loss, against outlier poses.")
 @click.option("--full-scale", type=float, help="Greatest reading, units of the log.")
 @click.option("--out", type=click.Path(path_type=Path), help="Write the JSON file.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def command(
-    log: Path,
+    path: Path,
     rate: float | None,
     columns: str | None,
     out: Path | None,
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Calibrate the accelerometer of a recorded LOG.
+    """Calibrate the accelerometer of a LOG.
 
     A row of LOG is one instant; its header or --columns says which columns are the
     accelerometer's x y z, the gyro's and the time. Without names 3 columns are x y z,
     4 t x y z, 6 x y z and the gyro, 7 t and those six; raw counts or m/s^2. Finds the
-    initial rest, the static intervals and the best threshold, and prints the parameters
-    with error bars.
+    initial rest, the static intervals and a threshold for them, and prints the
+    parameters with error bars.
     """
-    recording = read_log(log, rate, columns)
-    result = calibrate_log(recording, **options)
+    log = read_log(path, rate, columns)
+    result = calibrate_log(log, **options)
     if out is not None or as_json:
-        written = as_object(result) | log_object(recording)
+        written = as_object(result) | log_object(log)
     if out is not None:
         write_json(out, written)
     if as_json:
         click.echo(json.dumps(written, allow_nan=False))
         return
-    for line in recording.described() + described(result):
+    for line in log.described() + described(result):
         click.echo(line)
 
 
 def log_object(log: Log) -> dict[str, Any]:
-    """Return which columns were taken and at what rate, as plain JSON values.
-
-    Parameters
-    ----------
-    log : Log
-        The recording.
-
-    Returns
-    -------
-    dict
-        ``columns`` by role: the place, from 1, and the name in the header.
-    """
+    """Return which columns were taken and at what rate, as plain JSON values."""
     taken = {each.role: [each.place + 1, each.name] for each in log.columns}
     return {"columns": taken, "rate": log.rate, "clock_unit_seconds": log.second}
 
 
-def as_object(result: RecordedCalibration) -> dict[str, Any]:
-    """Return the result as one JSON object; a calibration file with more in it.
-
-    Parameters
-    ----------
-    result : RecordedCalibration
-        The calibration of a log.
-
-    Returns
-    -------
-    dict
-        Plain JSON values.
-    """
-    found = result.diagnosis
-    known = found.chi2_per_dof == found.chi2_per_dof  # not NaN
+def as_object(result: LogCalibration) -> dict[str, Any]:
+    """Return the result as one JSON object; a calibration file with more in it."""
+    diagnosis = result.diagnosis
+    known = not np.isnan(diagnosis.chi2_per_dof)
     return to_json(result.fit) | {
         "intervals": len(result.intervals),
         "interval_samples": result.intervals.tolist(),
         "multiplier": result.multiplier,
         "rest_seconds": result.rest_seconds,
         "rest_found": result.rest.found,
-        "chi2_per_dof": found.chi2_per_dof if known else None,
-        "p_value": found.p_value if known else None,
-        "verdict": found.verdict,
-        "outliers": list(found.outliers),
+        "chi2_per_dof": diagnosis.chi2_per_dof if known else None,
+        "p_value": diagnosis.p_value if known else None,
+        "verdict": diagnosis.verdict,
+        "outliers": list(diagnosis.outliers),
         "next_direction": result.next_direction.tolist(),
         "bound_sd": None if result.predicted is None else _bound(result).tolist(),
         "bias": None if result.predicted is None else result.predicted.bias.tolist(),
     }
 
 
-def described(result: RecordedCalibration) -> list[str]:
-    """Say the result in lines of text.
-
-    Parameters
-    ----------
-    result : RecordedCalibration
-        The calibration of a log.
-
-    Returns
-    -------
-    list of str
-        Lines.
-    """
-    fit, found = result.fit, result.diagnosis
+def described(result: LogCalibration) -> list[str]:
+    """Say the result in lines of text."""
+    fit, diagnosis = result.fit, result.diagnosis
     how = "found" if result.rest.found else "given"
     lines = [
         f"initial rest      {result.rest_seconds:.2f} s ({how})",
@@ -162,8 +114,9 @@ def described(result: RecordedCalibration) -> list[str]:
         *_matrix_lines(fit),
         "",
         f"residual RMS      {float(fit.rms):.4g} m/s^2 of | |TK(y - B)| - g |",
-        f"chi2 per dof      {found.chi2_per_dof:.3g} with {fit.dof} degrees of freedom",
-        f"verdict           {found.verdict}",
+        f"chi2 per dof      {diagnosis.chi2_per_dof:.3g} with {fit.dof} degrees of "
+        "freedom",
+        f"verdict           {diagnosis.verdict}",
         "bound             least sd that white noise alone would allow with these "
         "poses (Cramer-Rao)",
         f"gravity           {fit.g:g} m/s^2 was assumed; a g wrong by 0.1 % makes "
@@ -174,17 +127,17 @@ def described(result: RecordedCalibration) -> list[str]:
         f"next pose         specific force along ({further}) in sensor axes would "
         "lower the total variance most"
     )
-    for pose in found.outliers:
+    for pose in diagnosis.outliers:
         start, stop = result.intervals[pose]
         lines.append(
             f"outlier           interval {pose} (samples {start} to {stop - 1}): "
-            f"{found.standardized[pose]:.1f} standard deviations off; look at it, or "
-            "use --loss cauchy"
+            f"{diagnosis.standardized[pose]:.1f} standard deviations off; look at it, "
+            "or use --loss cauchy"
         )
     return lines
 
 
-def _entry_lines(result: RecordedCalibration) -> list[str]:
+def _entry_lines(result: LogCalibration) -> list[str]:
     # each entry of T, K and B with its error bars; S_zx is minus the entry of T
     fit, lines = result.fit, []
     columns = (fit.parameters, fit.sd, _bound(result), fit.intervals)
@@ -205,7 +158,7 @@ def _matrix_lines(fit: FitResult) -> list[str]:
     return [f"force = {product}, with {name} =", *(f"  {row}" for row in rows)]
 
 
-def _bound(result: RecordedCalibration) -> Array:
+def _bound(result: LogCalibration) -> Array:
     # square root of the Cramer-Rao bound on each variance, (9,)
     if result.predicted is None:
         return np.full(9, np.nan)

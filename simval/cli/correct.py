@@ -14,7 +14,7 @@ from simval.logs import read_log
 
 
 @click.command(name="correct")
-@click.argument("log", type=click.Path(path_type=Path))
+@click.argument("path", metavar="LOG", type=click.Path(path_type=Path))
 @click.option(
     "--calibration",
     type=click.Path(path_type=Path),
@@ -28,32 +28,31 @@ from simval.logs import read_log
 )
 @click.option("--out", type=click.Path(path_type=Path), help="File instead of stdout.")
 def command(
-    log: Path,
+    path: Path,
     calibration: Path,
     rate: float | None,
     columns: str | None,
     unchecked: bool,
     out: Path | None,
 ) -> None:
-    """Apply a calibration to a recorded LOG.
+    """Apply a calibration to a LOG.
 
-    A log of another unit or sensor is refused: its rests would not be g.
+    A log of another unit or sensor is refused, since its rests would not be g.
 
     Writes comma-separated rows t,ax,ay,az with the specific force in m/s^2, every
-    digit kept; a gyro in the log follows as it is, and the time is in seconds. Which
-    columns of LOG were taken is said on the error output.
+    digit kept; a gyro in the log follows as it is, and the time is in seconds. The
+    error output says which columns of LOG were taken.
     """
     fit = load_calibration(calibration).require_converged()
-    recording = read_log(log, rate, columns)
+    log = read_log(path, rate, columns)
     if not unchecked:
-        require_same_sensor(fit, recording.accelerometer, recording.rate)
-    force = fit.sensor().correct(recording.accelerometer)
-    columns_out, names = [recording.time[:, None], force], ["t", "ax", "ay", "az"]
-    if recording.gyro is not None:
-        columns_out.append(recording.gyro)
+        require_same_sensor(fit, log.accelerometer, log.rate)
+    force = fit.sensor().correct(log.accelerometer)
+    parts, names = [log.time[:, None], force], ["t", "ax", "ay", "az"]
+    if log.gyro is not None:
+        parts.append(log.gyro)
         names += ["wx", "wy", "wz"]
-    rows = np.hstack(columns_out)
-    header = ",".join(names)
+    rows, header = np.hstack(parts), ",".join(names)
     target = sys.stdout if out is None else out
     try:
         np.savetxt(target, rows, fmt="%.17g", delimiter=",", header=header, comments="")
@@ -63,5 +62,5 @@ def command(
         msg = f"cannot write {out}: {error.strerror}; choose another file"
         raise InputError(msg) from None
     sys.stdout.flush()  # the rows first where both outputs are one
-    for line in recording.described():
+    for line in log.described():
         click.echo(line, err=True)

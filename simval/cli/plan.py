@@ -81,22 +81,6 @@ def noise_of(
 ) -> float:
     """Return the noise of a pose mean from the options given.
 
-    Parameters
-    ----------
-    noise_std : float, optional
-        The noise itself.
-    noise_density : float, optional
-        One-sided density, per root hertz.
-    velocity_random_walk : float, optional
-        Allan deviation at one second.
-    hold : float, optional
-        Time averaged in a pose, s.
-
-    Returns
-    -------
-    float
-        Standard deviation of each axis of a pose mean.
-
     Raises
     ------
     InputError
@@ -105,9 +89,7 @@ def noise_of(
     others = (noise_density, velocity_random_walk, hold)
     if noise_std is not None:
         if any(x is not None for x in others):
-            msg = (
-                "`--noise-std` already is the noise of a pose mean; leave out the rest"
-            )
+            msg = "`--noise-std` is the noise of a pose mean; leave out the rest"
             raise InputError(msg)
         return noise_std
     if hold is None:
@@ -123,16 +105,6 @@ def noise_of(
 
 def named_poses(text: str) -> Float[Array, "n 3"]:
     """Return the directions of a named pose set.
-
-    Parameters
-    ----------
-    text : str
-        ``fibonacci:N``, or ``faces``, ``edges`` and ``corners`` joined by ``+``.
-
-    Returns
-    -------
-    Array
-        Unit vectors, (n, 3).
 
     Raises
     ------
@@ -158,16 +130,6 @@ def named_poses(text: str) -> Float[Array, "n 3"]:
 def read_directions(path: Path) -> Float[Array, "n 3"]:
     """Read rows of x y z from a text file.
 
-    Parameters
-    ----------
-    path : Path
-        The file; commas or white space.
-
-    Returns
-    -------
-    Array
-        Directions, (n, 3).
-
     Raises
     ------
     InputError
@@ -189,51 +151,24 @@ def read_directions(path: Path) -> Float[Array, "n 3"]:
 
 
 def as_object(result: Plan) -> dict[str, Any]:
-    """Return a plan as plain JSON values; infinite becomes null.
+    """Return a plan as plain JSON values; infinite becomes null."""
 
-    Parameters
-    ----------
-    result : Plan
-        A plan.
+    def plain(value: Any) -> Any:
+        array = np.asarray(value)
+        objects = array.astype(object)
+        if array.dtype.kind == "f":
+            objects[~np.isfinite(array)] = None
+        return objects.tolist()
 
-    Returns
-    -------
-    dict
-        Plain values.
-    """
-
-    def plain(values: Array) -> list[float | None]:
-        return [float(x) if np.isfinite(x) else None for x in values]
-
-    return {
-        "names": list(result.names),
-        "sd": plain(result.sd),
-        "bound": plain(result.bound),
-        "bias": plain(result.bias),
-        "noise_std": result.noise_std,
-        "poses": result.poses,
-        "rank": result.rank,
-        "condition": plain(np.array([result.condition]))[0],
-        "next_direction": plain(result.next_direction),
-        "sd_next": plain(result.sd_next),
-    }
+    keys = (
+        "names", "sd", "bound", "bias", "noise_std", "poses", "rank", "condition",
+        "next_direction", "sd_next",
+    )  # fmt: skip
+    return {key: plain(getattr(result, key)) for key in keys}
 
 
 def described(result: Plan, form: str) -> list[str]:
-    """Say a plan in lines of text.
-
-    Parameters
-    ----------
-    result : Plan
-        A plan.
-    form : str
-        Form of the parameters; they are said as entries of T, K and B.
-
-    Returns
-    -------
-    list of str
-        Lines.
-    """
+    """Say a plan in lines of text."""
     helps = ", ".join(f"{x:.3f}" for x in result.next_direction)
     lines = [
         f"poses           {result.poses}, rank {result.rank} of 9, condition "
@@ -250,7 +185,7 @@ def described(result: Plan, form: str) -> list[str]:
     if result.rank < 9:
         lines += [
             "",
-            "rank below nine: some parameters cannot be told apart with these poses "
-            "whatever the noise; add the next direction and plan again",
+            "rank below nine: these poses do not tell some parameters apart, whatever "
+            "the noise; add the next direction and plan again",
         ]
     return lines

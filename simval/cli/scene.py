@@ -10,7 +10,7 @@ import numpy as np
 
 from simval.cli.options import refuse_if, stated
 from simval.errors import InputError
-from simval.scene import Recording, find_scene, record, render_file, scenes
+from simval.scene import Trajectory, find_scene, render_file, scenes, simulate
 from simval.scene.signal import write_signal
 from simval.sensor.files import load_sensor
 from simval.sensor.realism import read_sensor
@@ -40,7 +40,9 @@ COMMON = ("site_offset", "timestep", "integrator")
     metavar="KEY=VALUE",
     help="A parameter of the scene, or site_offset, timestep, integrator.",
 )
-@click.option("--seed", type=click.IntRange(min=0), default=0, help="Of the noise.")
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=0, help="Seed of the noise."
+)
 @click.option("--seconds", type=float, default=8.0, help="Length of an animation, s.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def command(
@@ -53,20 +55,20 @@ def command(
     seconds: float,
     as_json: bool,
 ) -> None:
-    """Simulate the scene NAME and write its recording, or a picture of it.
+    """Simulate the scene NAME and write its readings, or a picture of it.
 
     NAME is gimbal (default), die, shaker, pivot, handheld, cube, freefall, or the path
-    of a Python file that holds a Scene. With --out the log has the raw readings of the
-    sensor of --sensor (ideal without one) and the truth beside them: a test signal for
-    any calibrator.
+    of a Python file that holds a Scene. --out writes a log with the raw readings of the
+    sensor of --sensor (an ideal one without it) and the truth beside them: a test
+    signal for any calibrator.
     """
     refuse_if(
         stated("seed") and sensor is None,
-        "`--seed` is of the noise of a `--sensor`; give that too",
+        "`--seed` is for the noise of a `--sensor`; give that too",
     )
     refuse_if(
         stated("seconds") and picture is None,
-        "`--seconds` is of the animation that `--render` writes; give that file too",
+        "`--seconds` is for the animation that `--render` writes; give that file too",
     )
     parameters = parsed(name, settings)
     described_sensor = None if sensor is None else load_sensor(sensor)
@@ -74,23 +76,23 @@ def command(
         sensor is not None and out is None,
         "`--sensor` distorts what `--out` writes; give that file too",
     )
-    recording = record(name, **parameters)
+    trajectory = simulate(name, **parameters)
     readings = None
     if described_sensor is not None:
         model, effects = described_sensor
         rng = stream(seed, cell_key("sensor of simval scene"), 0)
         read = read_sensor(
-            model, effects, recording.time, recording.specific_force, rng
+            model, effects, trajectory.time, trajectory.specific_force, rng
         )
         readings = read.raw
     if out is not None:
-        write_signal(out, recording, readings)
+        write_signal(out, trajectory, readings)
     if picture is not None:
         render_file(picture, name, seconds=seconds, **parameters)
     if as_json:
-        click.echo(json.dumps(dict(recording.provenance), default=_plain))
+        click.echo(json.dumps(dict(trajectory.provenance), default=_plain))
         return
-    for line in described(recording):
+    for line in described(trajectory):
         click.echo(line)
     for path in (out, picture):
         if path is not None:
@@ -98,19 +100,7 @@ def command(
 
 
 def parsed(name: str, settings: tuple[str, ...]) -> dict[str, Any]:
-    """Parameters from KEY=VALUE words.
-
-    Parameters
-    ----------
-    name : str
-        The scene.
-    settings : tuple of str
-        Values as in Python: a number, a list, or a bare word.
-
-    Returns
-    -------
-    dict
-        By name.
+    """Return the parameters that words KEY=VALUE set.
 
     Raises
     ------
@@ -118,7 +108,7 @@ def parsed(name: str, settings: tuple[str, ...]) -> dict[str, Any]:
         If a word has no ``=`` or names nothing that the scene has.
     """
     known = [*find_scene(name).parameters(), *COMMON]
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for word in settings:
         key, equals, value = word.partition("=")
         if not equals or key not in known:
@@ -128,39 +118,28 @@ def parsed(name: str, settings: tuple[str, ...]) -> dict[str, Any]:
             )
             raise InputError(msg)
         try:
-            found[key] = ast.literal_eval(value)
+            values[key] = ast.literal_eval(value)
         except (ValueError, SyntaxError):
-            found[key] = value
-    return found
+            values[key] = value
+    return values
 
 
-def described(recording: Recording) -> list[str]:
-    """Say what a recording holds, in lines of text.
-
-    Parameters
-    ----------
-    recording : Recording
-        The recording.
-
-    Returns
-    -------
-    list of str
-        Lines.
-    """
-    source = recording.provenance
-    rests = len(recording.hold_indices())
+def described(trajectory: Trajectory) -> list[str]:
+    """Say what a trajectory holds, in lines of text."""
+    source = trajectory.provenance
+    rests = len(trajectory.hold_indices())
     lines = [
         f"scene     {source['scene']}: {_summary(str(source['scene']))}",
         f"model     {source['model_file']}, sha256 {source['model_sha256'][:16]}, "
         f"MuJoCo {source['mujoco']}",
-        f"rows      {len(recording.time)} at {recording.rate:g} Hz, "
-        f"{recording.time[-1]:.3f} s",
-        f"rests     {rests}; each row of one within {recording.rest_force:.3g} m/s^2 "
-        f"of g and {recording.rest_rate:.3g} rad/s",
+        f"rows      {len(trajectory.time)} at {trajectory.rate:g} Hz, "
+        f"{trajectory.time[-1]:.3f} s",
+        f"rests     {rests}; each row of one within {trajectory.rest_force:.3g} m/s^2 "
+        f"of g and {trajectory.rest_rate:.3g} rad/s",
     ]
-    if recording.unsettled:
-        left = ", ".join(str(k) for k in recording.unsettled)
-        lines.append(f"left out  {len(recording.unsettled)} that still moved: {left}")
+    if trajectory.unsettled:
+        left = ", ".join(str(k) for k in trajectory.unsettled)
+        lines.append(f"left out  {len(trajectory.unsettled)} that still moved: {left}")
     return lines
 
 

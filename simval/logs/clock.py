@@ -1,8 +1,8 @@
 """The clock of a log: its unit, its order, its gaps.
 
-Nothing but a header or the caller states the unit. Without either, a clock passes for
-seconds only if that is a rate at which accelerometers are read; for another unit only
-if the times are dates of this century and the rate fits too, or the caller's rate fits.
+Only a header or the caller states the unit. Without either, a clock counts as seconds
+if that gives a rate at which accelerometers are read, and as another unit only if the
+times are dates of this century and the rate fits too, or if the caller's rate fits.
 """
 
 import re
@@ -53,8 +53,8 @@ def read_clock(
 def _times(
     table: Table, column: Column, rate: float | None
 ) -> tuple[Array | None, float]:
-    # times in seconds, and the clock's unit; no times for a clock in words that the
-    # caller's rate makes needless
+    # times in seconds, and the clock's unit; no times for a clock in words where the
+    # caller states the rate
     if not table.is_text(column.place):
         time = table.numbers([column.place])[:, 0]
         require_finite(table, time[:, None])

@@ -1,4 +1,4 @@
-"""Which column of a log is what: by the caller, by the header, or by their number."""
+"""What each column of a log is: the caller says, or the header, or their number."""
 
 import re
 from collections.abc import Sequence
@@ -88,11 +88,11 @@ def _given(table: Table, columns: str | Sequence[str]) -> tuple[Column, ...]:
             f"({','.join(names)}); name each, with - for one to ignore"
         )
         raise InputError(msg)
-    found = [_GIVEN.fullmatch(name) for name in names]
-    used = [match[1] for match in found if match and match[1] != SKIP]
+    matches = [_GIVEN.fullmatch(name) for name in names]
+    used = [match[1] for match in matches if match and match[1] != SKIP]
     gyro = [name for name in used if name in NAMES[4:]]
     complete = {"ax", "ay", "az"} <= set(used) and len(gyro) in (0, 3)
-    if not (all(found) and complete and len(set(used)) == len(used)):
+    if not (all(matches) and complete and len(set(used)) == len(used)):
         msg = (
             f"`columns` is {','.join(names)}; each of ax, ay, az is needed once, t "
             "once at most (t[ms], t[us], t[ns] for a clock not in seconds), wx, wy, wz "
@@ -100,11 +100,10 @@ def _given(table: Table, columns: str | Sequence[str]) -> tuple[Column, ...]:
         )
         raise InputError(msg)
     headers = table.names or ("",) * table.width
-    matched = [(k, match) for k, match in enumerate(found) if match]
     picked = [
         Column(role=match[1], place=k, name=headers[k], unit=_unit(match))
-        for k, match in matched
-        if match[1] != SKIP
+        for k, match in enumerate(matches)
+        if match and match[1] != SKIP
     ]
     return tuple(sorted(picked, key=lambda each: NAMES.index(each.role)))
 
@@ -144,10 +143,10 @@ def _by_header(table: Table, names: tuple[str, ...]) -> tuple[Column, ...]:
 def triples(channels: list[Channel], kind: Kind) -> list[Triple]:
     """Places of x, y and z of each sensor of a kind that has each of them once."""
     groups: dict[str, dict[str, list[int]]] = {}
-    for place, found in enumerate(channels):
-        if found.kind == kind and found.axis:
-            axes = groups.setdefault(found.stem, {})
-            axes.setdefault(found.axis, []).append(place)
+    for place, each in enumerate(channels):
+        if each.kind == kind and each.axis:
+            axes = groups.setdefault(each.stem, {})
+            axes.setdefault(each.axis, []).append(place)
     whole = []
     for axes in groups.values():
         order = next((o for o in ("xyz", "012", "123") if set(axes) == set(o)), "")
@@ -160,36 +159,36 @@ def triples(channels: list[Channel], kind: Kind) -> list[Triple]:
 def _clock(table: Table, channels: list[Channel]) -> int | None:
     # numbers before text, a plain name before a longer one, a unit before none
     clocks = [
-        (table.is_text(place), not found.plain, not found.unit, place)
-        for place, found in enumerate(channels)
-        if found.kind == "time"
+        (table.is_text(place), not each.plain, not each.unit, place)
+        for place, each in enumerate(channels)
+        if each.kind == "time"
     ]
     return min(clocks)[-1] if clocks else None
 
 
 def _force(table: Table, names: tuple[str, ...], channels: list[Channel]) -> Triple:
     # the one accelerometer that the header names
-    found = triples(channels, "force")
-    stems = [channels[triple[0]].stem for triple in found]
+    sensors = triples(channels, "force")
+    stems = [channels[triple[0]].stem for triple in sensors]
     if "gf" in stems:  # a phone's g-force; beside it a plain ax is free of gravity
-        found = [each for each, stem in zip(found, stems, strict=True) if stem != "a"]
+        sensors = [xyz for xyz, stem in zip(sensors, stems, strict=True) if stem != "a"]
     elif "a" in stems and any(_words(name) == "at" for name in names):
         why = (
             "with a column aT, ax ay az are those of a phone's linear accelerometer, "
             "which leaves gravity out; a calibration needs readings with gravity, so "
             "record the accelerometer or the g-force meter"
         )
-        raise _question(table, names, channels, why, found)
-    if len(found) == 1:
-        return found[0]
-    if len(found) > 1:
-        why = f"{len(found)} accelerometers are named, and one is to be calibrated"
-        raise _question(table, names, channels, why, found)
+        raise _question(table, names, channels, why, sensors)
+    if len(sensors) == 1:
+        return sensors[0]
+    if len(sensors) > 1:
+        why = f"{len(sensors)} accelerometers are named, and one is to be calibrated"
+        raise _question(table, names, channels, why, sensors)
     return _bare(table, names, channels)
 
 
 def _bare(table: Table, names: tuple[str, ...], channels: list[Channel]) -> Triple:
-    # x, y, z and nothing else is the accelerometer's, unless something speaks against
+    # x, y, z and nothing else are the accelerometer's, unless the file's name objects
     bare = triples(channels, "bare")
     others: tuple[Kind, ...] = ("gyro", "mag", "no gravity", "force")
     rest = [c for c in channels if c.axis and c.kind in others]

@@ -1,4 +1,4 @@
-"""The text of a log, whatever its encoding; a file that is no text is named."""
+"""The text of a log in any of three encodings; other files are named."""
 
 import unicodedata
 from os import PathLike

@@ -12,21 +12,11 @@ SAMPLE = 64  # lines, spread over the file, by which the dialect is judged
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """One way to write a row.
+    """One way to write a row."""
 
-    Attributes
-    ----------
-    mark : str or None
-        Separator; None is white space.
-    comma : bool
-        Whether the decimal mark is a comma.
-    width : int
-        Fields of a row.
-    """
-
-    mark: str | None
-    comma: bool
-    width: int = 0
+    mark: str | None  # separator; None is white space
+    comma: bool  # whether the decimal mark is a comma
+    width: int = 0  # fields of a row
 
     def fields(self, line: str) -> list[str]:
         """Fields of a line, without quotes and blanks around them."""
@@ -64,7 +54,7 @@ DIALECTS = (
 
 
 def judged(lines: Sequence[str]) -> Dialect:
-    """Return the dialect in which the greatest part of the fields are numbers."""
+    """Return the dialect that reads the greatest share of the fields as numbers."""
     picked = np.unique(np.linspace(0, len(lines) - 1, SAMPLE).astype(int))
     sample = [lines[k] for k in picked]
     best = max(DIALECTS, key=lambda each: _share(each, sample))

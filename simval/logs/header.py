@@ -27,8 +27,8 @@ def header_names(line: str, mark: str | None = "") -> list[str]:
 
 def is_names(fields: list[str]) -> bool:
     """Return whether fields name three axes or more, as no sentence does."""
-    found = [channel(field) for field in fields]
-    return sum(each.axis != "" and each.kind != "other" for each in found) >= 3
+    channels = map(channel, fields)
+    return sum(each.axis != "" and each.kind != "other" for each in channels) >= 3
 
 
 def header_of(

@@ -1,4 +1,4 @@
-"""A recorded log and how one is read, see `simval.logs`."""
+"""A log and how one is read, see `simval.logs`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from simval.logs.text import text_table
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Log:
-    """A recorded log, in the units of its file.
+    """A user's log, in the units of its file.
 
     Attributes
     ----------

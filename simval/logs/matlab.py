@@ -15,7 +15,7 @@ from simval.logs.names import channel
 from simval.logs.table import ArrayTable
 
 TIME_LIMIT = 60.0  # s; a minute reads gigabytes
-ROWS = 10  # an array with fewer is no column of a log
+ROWS = 10  # an array with fewer is no column of a log, which has a rest in it
 
 
 def matlab_table(path: str, content: bytes) -> ArrayTable:
@@ -30,9 +30,8 @@ def matlab_table(path: str, content: bytes) -> ArrayTable:
     InputError
         If it cannot be read, or has no variable with rows of numbers.
     """
-    found = _variables(path, content)
     by_length: dict[int, dict[str, Array]] = defaultdict(dict)
-    for name, array in found.items():
+    for name, array in _variables(path, content).items():
         by_length[len(array)][name] = array
     if not by_length:
         msg = (
@@ -50,7 +49,7 @@ def matlab_table(path: str, content: bytes) -> ArrayTable:
 
 
 def _variables(path: str, content: bytes) -> dict[str, Array]:
-    # read in a process of its own: a damaged file can crash the interpreter in scipy
+    # in a child process, since a damaged file can crash the interpreter within scipy
     program = [sys.executable, "-c", "from simval.logs.matlab import send; send()"]
     try:
         done = subprocess.run(
@@ -75,7 +74,7 @@ def _variables(path: str, content: bytes) -> dict[str, Array]:
 def send() -> None:
     """Read a MATLAB file from the input and write its arrays as ``.npz`` to the output.
 
-    Raises what scipy raises: the process that asked looks at the exit code.
+    Raises what scipy raises; the parent process looks at the exit code.
     """
     variables = scipy.io.loadmat(io.BytesIO(sys.stdin.buffer.read()))
     pairs = [
@@ -94,11 +93,12 @@ def _arrays(name: str, value: Any) -> list[tuple[str, Array]]:
     if not isinstance(value, np.ndarray):
         return []
     if value.dtype.names and value.size == 1:
-        record = value.reshape(-1)[0]
-        parts = [
-            _arrays(f"{name}.{field}", record[field]) for field in value.dtype.names
+        fields = value.reshape(-1)[0]
+        return [
+            pair
+            for key in value.dtype.names
+            for pair in _arrays(f"{name}.{key}", fields[key])
         ]
-        return [pair for part in parts for pair in part]
     real = value.dtype.kind in "iufb" and value.ndim == 2
     if not real or max(value.shape) < ROWS:
         return []

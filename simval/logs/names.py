@@ -84,35 +84,23 @@ _ROS = re.compile(r"(^|[./])linear_acceleration[./][xyz]$")
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """What one column holds, as far as its name says.
+    """What one column holds, as far as its name says."""
 
-    Attributes
-    ----------
-    kind : str
-        ``force`` for an accelerometer, ``no gravity`` for an acceleration without
-        it, ``bare`` for an axis and no quantity.
-    axis : str
-        ``x``, ``y``, ``z``, or an index in brackets, or empty.
-    unit : str
-        As written, without signs, lower case; empty for none.
-    stem : str
-        The name without axis and unit: equal for the three axes of one sensor.
-    plain : bool
-        Of a clock: whether the name has no further word.
-    """
-
+    # ``force`` for an accelerometer, ``no gravity`` for an acceleration without it,
+    # ``bare`` for an axis and no quantity
     kind: Kind
-    axis: str = ""
-    unit: str = ""
+    axis: str = ""  # ``x``, ``y``, ``z``, or an index in brackets, or empty
+    unit: str = ""  # as written, without signs, lower case; empty for none
+    # the name without axis and unit: equal for the three axes of one sensor
     stem: str = ""
-    plain: bool = False
+    plain: bool = False  # of a clock: whether the name has no further word
 
 
 def is_known(name: str) -> bool:
-    """Return whether a name says anything at all, be it that it is not needed."""
-    found = channel(name)
-    words = set(found.stem.split())
-    return found.kind != "other" or bool(found.axis or words & _OTHER)
+    """Return whether a name says anything, if only that its column is not needed."""
+    said = channel(name)
+    words = set(said.stem.split())
+    return said.kind != "other" or bool(said.axis or words & _OTHER)
 
 
 def is_unit(text: str) -> bool:
@@ -157,11 +145,11 @@ def _axis(words: list[str]) -> tuple[str, list[str], list[str]]:
             if k == 0:  # x_acc: the words behind it are the name
                 return words[k], words[1:], []
             return words[k], words[:k], words[k + 1 :]
-        found = _FUSED.fullmatch(words[k])
-        if found:
-            axis = found["axis"] or found["axis2"]
-            word = found["word"] or found["word2"]
-            number = [n for n in (found["number"], found["behind"]) if n]
+        match = _FUSED.fullmatch(words[k])
+        if match:
+            axis = match["axis"] or match["axis2"]
+            word = match["word"] or match["word2"]
+            number = [n for n in (match["number"], match["behind"]) if n]
             return axis, [*words[:k], word, *number], words[k + 1 :]
     return "", words, []
 
@@ -187,7 +175,7 @@ def _kinds_of(unit: str) -> set[Kind]:
 
 
 def _settled(kind: Kind, unit: str) -> Kind:
-    # the quantity, once its unit has been heard, too
+    # the quantity by name and unit
     if not unit or unit in _ANY_UNIT or kind in ("other", "no gravity"):
         return kind
     said = _kinds_of(unit)

@@ -14,24 +14,12 @@ COMMENTS = ("#", "%", "//")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TextTable:
-    """Rows of a text file.
+    """Rows of a text file."""
 
-    Attributes
-    ----------
-    path : str
-        The file.
-    names : tuple of str or None
-        Its header.
-    dialect : Dialect
-        How its fields are written.
-    lines : list of (int, str)
-        Line number, from 1, and text of each row.
-    """
-
-    path: str
-    names: tuple[str, ...] | None
-    dialect: Dialect
-    lines: list[Line]
+    path: str  # the file
+    names: tuple[str, ...] | None  # its header
+    dialect: Dialect  # how its fields are written
+    lines: list[Line]  # line number, from 1, and text of each row
 
     @property
     def width(self) -> int:
@@ -60,12 +48,9 @@ class TextTable:
                 return np.array(
                     [[self._number(row[k]) for k in places] for row in fields]
                 )
+            mark = self.dialect.mark
             return np.loadtxt(
-                rows,
-                delimiter=self.dialect.mark,
-                ndmin=2,
-                comments=None,
-                usecols=places,
+                rows, delimiter=mark, ndmin=2, comments=None, usecols=places
             )
         except ValueError:
             raise InputError(self._first_bad_field(places)) from None
@@ -129,7 +114,7 @@ def text_table(path: str, text: str) -> TextTable:
 
 
 def _first_row(dialect: Dialect, lines: list[Line]) -> int | None:
-    # the first line of the usual width most of whose usual numbers are numbers
+    # the first line of the usual width with numbers where most of the last lines have
     usual = _usual_numbers(dialect, lines)
     for k, (_, line) in enumerate(lines):
         numbers = np.array(dialect.numbers(line))

@@ -1,10 +1,10 @@
-"""Recordings kept on disk, found again by the content that they depend on.
+"""Trajectories cached on disk, under a hash of all that they depend on.
 
-The key is the SHA-256 of everything a recording's bits depend on: the model file and
+The key is the SHA-256 of everything a trajectory's bits depend on: the model file and
 the model compiled from it, the parameters, MuJoCo's and numpy's versions, the
 processor's family, and the source of the drivers and of this package's physics. Nothing
-is ever found for a changed input, so an entry needs no expiry; deleting the folder is
-always safe.
+is ever read for a changed input, so an entry needs no expiry, and deleting the folder
+is always safe.
 """
 
 import hashlib
@@ -22,47 +22,46 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from simval.scene.recording import Recording
 from simval.scene.run import Plan, plan_run, run_plan
 from simval.scene.script import Scene
+from simval.scene.trajectory import Trajectory
 
 
 def cache_folder() -> Path:
-    """Folder of the kept recordings."""
-    own = os.environ.get("SIMVAL_CACHE")
-    if own:
-        return Path(own)
+    """Folder of the cached trajectories."""
+    stated = os.environ.get("SIMVAL_CACHE")
+    if stated:
+        return Path(stated)
     base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(base) / "simval"
 
 
-def recorded(scene: str | Scene = "gimbal", **parameters: Any) -> Recording:
-    """Return a recording as `record` does, simulated once and kept on disk.
+def simulate_cached(scene: str | Scene = "gimbal", **parameters: Any) -> Trajectory:
+    """Return what `simulate` does, simulated once and then cached on disk.
 
     Parameters
     ----------
     scene : str or Scene
         A scene's name, the path of a user's scene file, or a scene.
     **parameters : Any
-        As in `record`.
+        As in `simulate`.
 
     Returns
     -------
-    Recording
-        The same bits, whether simulated or found.
+    Trajectory
+        The same bits, whether simulated or read from the cache.
     """
     plan = plan_run(scene, **parameters)
     path = cache_folder() / f"{content_key(plan)}.npz"
-    kept = _read(path, plan)
-    if kept is not None:
-        return kept
-    recording = run_plan(plan)
-    _write(path, recording)
-    return recording
+    trajectory = _read(path, plan)
+    if trajectory is None:
+        trajectory = run_plan(plan)
+        _write(path, trajectory)
+    return trajectory
 
 
 def content_key(plan: Plan) -> str:
-    """Hash of everything that a recording's bits depend on."""
+    """Hash of everything that a trajectory's bits depend on."""
     digest = hashlib.sha256()
     provenance = json.dumps(plan.provenance, sort_keys=True, default=_exact)
     versions = f"numpy {np.__version__} {platform.machine()} {platform.system()}"
@@ -98,26 +97,26 @@ def _exact(value: Any) -> Any:
     return np.asarray(value).tolist()
 
 
-def _read(path: Path, plan: Plan) -> Recording | None:
+def _read(path: Path, plan: Plan) -> Trajectory | None:
     try:
         # all of it at once: NumPy leaves the file of a damaged archive open
-        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as kept:
-            values: dict[str, Any] = {name: kept[name] for name in kept.files}
+        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
+            values: dict[str, Any] = {name: file[name] for name in file.files}
     except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
         return None  # absent or cut short: simulate again
-    if set(values) != {f.name for f in fields(Recording)} - {"provenance"}:
+    if set(values) != {f.name for f in fields(Trajectory)} - {"provenance"}:
         return None
     for name in ("rest_force", "rest_rate"):
         values[name] = float(values[name])
     values["unsettled"] = tuple(int(k) for k in values["unsettled"])
-    return Recording(provenance=plan.provenance, **values)
+    return Trajectory(provenance=plan.provenance, **values)
 
 
-def _write(path: Path, recording: Recording) -> None:
+def _write(path: Path, trajectory: Trajectory) -> None:
     # through a temporary file in the same folder, so that no reader sees half of one
     buffer = io.BytesIO()
-    names = [f.name for f in fields(Recording) if f.name != "provenance"]
-    arrays: dict[str, Any] = {n: np.asarray(getattr(recording, n)) for n in names}
+    names = [f.name for f in fields(Trajectory) if f.name != "provenance"]
+    arrays: dict[str, Any] = {n: np.asarray(getattr(trajectory, n)) for n in names}
     np.savez(buffer, **arrays)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

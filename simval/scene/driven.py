@@ -3,7 +3,9 @@
 import mujoco
 import numpy as np
 from jaxtyping import Float
+from numpy.typing import NDArray
 
+from simval.arguments import whole_number
 from simval.arrays import Array, finite_array
 from simval.errors import InputError
 from simval.geometry import normalize
@@ -52,6 +54,24 @@ def gimbal_angles(directions: Float[Array, "k 3"]) -> Float[Array, "k 3"]:
     return np.stack([yaw, pitch, roll], axis=1)
 
 
+def tour(
+    directions: object,
+    timestep: float,
+    first_hold: float,
+    move_time: float,
+    settle_time: float,
+    hold_time: float,
+) -> tuple[Array, NDArray[np.intp]]:
+    """Gimbal angles of a tour of directions, and its planned rests."""
+    return visit(
+        gimbal_angles(pose_directions(directions)),
+        steps(first_hold, timestep, "first_hold"),
+        steps(move_time, timestep, "move_time"),
+        steps(settle_time, timestep, "settle_time"),
+        steps(hold_time, timestep, "hold_time"),
+    )
+
+
 def drive_gimbal(
     model: mujoco.MjModel,
     *,
@@ -62,19 +82,12 @@ def drive_gimbal(
     hold_time: float = 1.0,
 ) -> Script:
     """Tumble the gimbal through poses, with a rest in each."""
-    h = model.opt.timestep
-    angles = gimbal_angles(pose_directions(directions))
-    targets, rests = visit(
-        angles,
-        steps(first_hold, h, "first_hold"),
-        steps(move_time, h, "move_time"),
-        steps(settle_time, h, "settle_time"),
-        steps(hold_time, h, "hold_time"),
-    )
+    times = (first_hold, move_time, settle_time, hold_time)
+    angles, rests = tour(directions, model.opt.timestep, *times)
     return Script(
         hold=rests,
-        inputs={"ctrl": targets},
-        qpos=angles[0],
+        inputs={"ctrl": angles},
+        qpos=gimbal_angles(pose_directions(directions))[0],
         rest_force=1e-12,
         rest_rate=1e-10,
     )
@@ -91,9 +104,7 @@ def drive_shaker(
 ) -> Script:
     """Tip a closed box about two axes, again and again, with a die loose inside."""
     h = model.opt.timestep
-    if not poses >= 1:
-        msg = f"`poses` is {poses}; one rest at least is needed"
-        raise InputError(msg)
+    poses = whole_number("poses", poses, 1)
     rng = stream(seed, cell_key("shaker"), 0)
     angles = rng.uniform(-np.pi, np.pi, (poses, model.nu))
     angles[0] = 0.0

@@ -31,43 +31,34 @@ INPUTS = {
 
 
 class Rollout(NamedTuple):
-    """Runs as they came out of the physics, not yet checked.
+    """Runs as they came out of the physics, not yet checked."""
 
-    Attributes
-    ----------
-    rows : Array
-        Accelerometer, gyro, magnetometer, attitude as MuJoCo has it (sensor to world,
-        scalar first) and clock, (runs, n, 14).
-    warnings : NDArray[np.int64]
-        MuJoCo's counters, (runs, mjNWARNING, 2): last info and number.
-    travel : Array
-        Distance of the sensor at the end from where it began, m, (runs,).
-    messages : list of str
-        What MuJoCo said.
-    """
-
+    # accelerometer, gyro, magnetometer, attitude as MuJoCo has it (sensor to world,
+    # scalar first) and clock
     rows: Float[Array, "runs n 14"]
+    # MuJoCo's counters, (runs, mjNWARNING, 2): last info and number
     warnings: NDArray[np.int64]
+    # distance of the sensor at the end from where it began, m
     travel: Float[Array, " runs"]
-    messages: list[str]
+    messages: list[str]  # what MuJoCo said
 
 
-def simulate(
+def roll_out(
     model: mujoco.MjModel, scripts: Sequence[Script], threads: int = 1
 ) -> Rollout:
     """Run scripts of one length together."""
     with captured_messages() as messages:
-        batch, record = _rolled_out(model, scripts, "sensordata", threads)
+        batch, rows = _batch(model, scripts, "sensordata", threads)
         warnings = np.array(batch.warning, dtype=np.int64)
         ends = np.array(batch.bind("qpos"))
     order = np.concatenate([_columns(model, name) for name in SENSORS])
-    if not np.array_equal(order, np.arange(record.shape[2])):
-        record = record[:, :, order]
+    if not np.array_equal(order, np.arange(rows.shape[2])):
+        rows = rows[:, :, order]
     travel = [
         float(np.max(path_length(model, script, end[None])))
         for script, end in zip(scripts, ends, strict=True)
     ]
-    return Rollout(record, warnings, np.array(travel), messages)
+    return Rollout(rows, warnings, np.array(travel), messages)
 
 
 def path_length(
@@ -89,12 +80,12 @@ def positions(
 ) -> Float[Array, "m nq"]:
     """Generalised positions of a run at some rows, for pictures."""
     with captured_messages():
-        _, record = _rolled_out(model, [script], "qpos", 1)
+        _, qpos = _batch(model, [script], "qpos", 1)
     start = model.qpos0 if script.qpos is None else script.qpos
-    return np.concatenate([np.asarray(start)[None], record[0]])[rows]
+    return np.concatenate([np.asarray(start)[None], qpos[0]])[rows]
 
 
-def _rolled_out(
+def _batch(
     model: mujoco.MjModel, scripts: Sequence[Script], what: str, threads: int
 ) -> tuple[Batch, Array]:
     spec, control = _controls(model, scripts)
@@ -107,9 +98,9 @@ def _rolled_out(
     steps = len(scripts[0].hold)
     width = model.nsensordata if what == "sensordata" else model.nq
     # an array of numpy's own, in huge pages: MuJoCo's would cost 7 % in page faults
-    record = np.empty((len(scripts), steps, width))
-    batch.rollout(steps, control, spec, record=(what,), out={what: record})
-    return batch, record
+    out = np.empty((len(scripts), steps, width))
+    batch.rollout(steps, control, spec, record=(what,), out={what: out})
+    return batch, out
 
 
 def _columns(model: mujoco.MjModel, sensor: str) -> NDArray[np.intp]:

@@ -6,9 +6,9 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from simval.arrays import Array, nonnegative_number
-from simval.scene.driven import gimbal_angles, pose_directions
+from simval.scene.driven import tour
 from simval.scene.models import SITE
-from simval.scene.motion import steps, visit
+from simval.scene.motion import steps
 from simval.scene.script import Script
 from simval.streams import cell_key, stream
 
@@ -32,19 +32,14 @@ def drive_handheld(
     angle = nonnegative_number("tremor_angle", tremor_angle, "rad")
     path = nonnegative_number("tremor_path", tremor_path, "m")
     h = model.opt.timestep
-    targets, rests = visit(
-        gimbal_angles(pose_directions(directions)),
-        steps(first_hold, h, "first_hold"),
-        steps(move_time, h, "move_time"),
-        steps(settle_time, h, "settle_time"),
-        steps(hold_time, h, "hold_time"),
-    )
+    times = (first_hold, move_time, settle_time, hold_time)
+    angles, rests = tour(directions, h, *times)
     # the grip starts without tremor and settles before the first rest counts
     rests[: min(steps(0.5, h, "grip"), len(rests))] = -1
     rng = stream(seed, cell_key("handheld"), 0)
     shake = tremor(len(rests), h, angle, rng)
     shift = tremor(len(rests), h, path, rng)
-    turn = Rotation.from_euler("ZYX", targets) * Rotation.from_rotvec(shake)
+    turn = Rotation.from_euler("ZYX", angles) * Rotation.from_rotvec(shake)
     quaternion = _continuous(turn.as_quat(scalar_first=True))
     position = model.body_pos[model.body("hand").id] + shift
     start = np.concatenate([position[0], quaternion[0]])

@@ -11,11 +11,11 @@ from simval.arrays import Array, frozen
 from simval.errors import InputError, SimulationError
 from simval.geometry import normalize
 from simval.scene.catalogue import find_scene
-from simval.scene.engine import simulate
+from simval.scene.engine import roll_out
 from simval.scene.models import load_model
-from simval.scene.recording import Recording
-from simval.scene.run import Plan, checked_recording, describe, write_script
+from simval.scene.run import Plan, checked_trajectory, plan_of
 from simval.scene.script import Scene
+from simval.scene.trajectory import Trajectory
 
 TOGETHER = 8  # runs in memory at once: 46 MB at 51 200 rows each
 
@@ -52,7 +52,7 @@ class RestMeans:
 COLUMNS = ("specific_force", "angular_velocity", "magnetic_field", "attitude")
 
 
-def record_many(
+def simulate_many(
     scene: str | Scene,
     parameter_sets: Sequence[Mapping[str, Any]],
     *,
@@ -70,14 +70,14 @@ def record_many(
     parameter_sets : sequence of Mapping
         Of the scene; every set must give a run of the same length and rests.
     site_offset, timestep, integrator : object
-        As in `record`.
+        As in `simulate`.
     threads : int
         Threads to step on; the numbers do not depend on it.
 
     Returns
     -------
     RestMeans
-        Every run checked as `record` checks one.
+        Every run checked as `simulate` checks one.
 
     Raises
     ------
@@ -94,13 +94,11 @@ def record_many(
     setting = {"site_offset": site_offset, "integrator": integrator}
 
     def plan(number: int) -> Plan:
-        given = parameter_sets[number]
-        provenance = describe(chosen, physics, {**setting, **given})
-        return Plan(
+        single = plan_of(chosen, physics, setting, parameter_sets[number])
+        return replace(
+            single,
             scene=replace(chosen, name=f"{chosen.name} (run {number})"),
-            physics=physics,
-            script=write_script(chosen, physics, given),
-            provenance={**provenance, "runs": len(parameter_sets)},
+            provenance={**single.provenance, "runs": len(parameter_sets)},
         )
 
     means: list[list[Array]] = []
@@ -127,22 +125,22 @@ def _simulated(
             )
             raise InputError(msg)
     scripts = [plan.script for plan in plans]
-    rollout = simulate(plans[0].physics.model, scripts, threads)
+    rollout = roll_out(plans[0].physics.model, scripts, threads)
     means = []
     for k, plan in enumerate(plans):
-        recording = checked_recording(plan, rollout, k)
+        trajectory = checked_trajectory(plan, rollout, k)
         rests = int(plan.script.hold.max()) + 1
-        means.append(_rest_means(recording, rests, start + k))
+        means.append(_rest_means(trajectory, rests, start + k))
     return means
 
 
-def _rest_means(recording: Recording, count: int, number: int) -> list[Array]:
-    if recording.unsettled or len(recording.hold_indices()) != count:
+def _rest_means(trajectory: Trajectory, count: int, number: int) -> list[Array]:
+    if trajectory.unsettled or len(trajectory.hold_indices()) != count:
         msg = (
-            f"run {number}: rests {list(recording.unsettled)} had not come to rest; "
-            "let them settle longer, or record the runs one by one"
+            f"run {number}: rests {list(trajectory.unsettled)} had not come to rest; "
+            "let them settle longer, or simulate the runs one by one"
         )
         raise SimulationError(msg)
-    columns = [recording.hold_means(getattr(recording, name)) for name in COLUMNS]
+    columns = [trajectory.hold_means(getattr(trajectory, name)) for name in COLUMNS]
     columns[3] = normalize(columns[3])
     return columns

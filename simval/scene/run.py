@@ -1,4 +1,4 @@
-"""From a scene and its parameters to a checked recording."""
+"""From a scene and its parameters to a checked trajectory."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,21 +10,21 @@ import numpy as np
 from simval.errors import InputError, SimvalError
 from simval.scene.catalogue import find_scene
 from simval.scene.checks import check_reach, check_run, settled_rests
-from simval.scene.engine import Rollout, path_length, positions, simulate
+from simval.scene.engine import Rollout, path_length, positions, roll_out
 from simval.scene.models import Physics, load_model
 from simval.scene.motion import require_rows
-from simval.scene.recording import Recording, attitude_from_mujoco
 from simval.scene.script import Scene, Script
+from simval.scene.trajectory import Trajectory, attitude_from_mujoco
 
 
-def record(
+def simulate(
     scene: str | Scene = "gimbal",
     *,
     site_offset: object = None,
     timestep: float | None = None,
     integrator: str | None = None,
     **parameters: Any,
-) -> Recording:
+) -> Trajectory:
     """Simulate a scene and return what an ideal sensor reads.
 
     Parameters
@@ -43,7 +43,7 @@ def record(
 
     Returns
     -------
-    Recording
+    Trajectory
         Rows of one instant each, every check passed.
 
     Raises
@@ -65,24 +65,12 @@ def record(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Plan:
-    """A run that is ready to be simulated.
+    """A run that is ready to be simulated."""
 
-    Attributes
-    ----------
-    scene : Scene
-        The scene.
-    physics : Physics
-        Its compiled model.
-    script : Script
-        What to simulate.
-    provenance : Mapping
-        All that the numbers will depend on.
-    """
-
-    scene: Scene
-    physics: Physics
-    script: Script
-    provenance: Mapping[str, Any]
+    scene: Scene  # the scene
+    physics: Physics  # its compiled model
+    script: Script  # what to simulate
+    provenance: Mapping[str, Any]  # all that the numbers will depend on
 
 
 def plan_run(
@@ -96,15 +84,28 @@ def plan_run(
     """Compile the model and write the script of a run."""
     chosen = find_scene(scene)
     physics = load_model(chosen.model, site_offset, timestep, integrator)
-    script = write_script(chosen, physics, parameters)
     setting = {"site_offset": site_offset, "integrator": integrator}
-    provenance = describe(chosen, physics, {**setting, **parameters})
-    return Plan(scene=chosen, physics=physics, script=script, provenance=provenance)
+    return plan_of(chosen, physics, setting, parameters)
 
 
-def run_plan(plan: Plan) -> Recording:
+def plan_of(
+    scene: Scene,
+    physics: Physics,
+    setting: Mapping[str, Any],
+    parameters: Mapping[str, Any],
+) -> Plan:
+    """Write the script of a run of a compiled model."""
+    return Plan(
+        scene=scene,
+        physics=physics,
+        script=write_script(scene, physics, parameters),
+        provenance=describe(scene, physics, {**setting, **parameters}),
+    )
+
+
+def run_plan(plan: Plan) -> Trajectory:
     """Simulate a plan and check its data."""
-    return checked_recording(plan, simulate(plan.physics.model, [plan.script]))
+    return checked_trajectory(plan, roll_out(plan.physics.model, [plan.script]))
 
 
 def write_script(
@@ -149,7 +150,7 @@ def write_script(
 def describe(
     scene: Scene, physics: Physics, parameters: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """All that a recording's numbers depend on, as plain values."""
+    """All that a trajectory's numbers depend on, as plain values."""
     given = {**scene.parameters(), **parameters}
     plain = {
         name: np.asarray(value).tolist() if isinstance(value, np.ndarray) else value
@@ -165,7 +166,7 @@ def describe(
     }
 
 
-def checked_recording(plan: Plan, rollout: Rollout, number: int = 0) -> Recording:
+def checked_trajectory(plan: Plan, rollout: Rollout, number: int = 0) -> Trajectory:
     """Check one simulated run and name its columns."""
     model, scene, script = plan.physics.model, plan.scene, plan.script
     option, rows = model.opt, rollout.rows[number]
@@ -192,7 +193,7 @@ def checked_recording(plan: Plan, rollout: Rollout, number: int = 0) -> Recordin
         script.rest_rate,
         script.strict,
     )
-    return Recording(
+    return Trajectory(
         time=rows[:, 13],
         specific_force=rows[:, :3],
         angular_velocity=rows[:, 3:6],

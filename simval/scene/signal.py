@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.errors import InputError
-from simval.scene.recording import Recording
+from simval.scene.trajectory import Trajectory
 
 HEADER = (
     "t [s],ax [raw],ay [raw],az [raw],"
@@ -19,10 +19,10 @@ HEADER = (
 
 def write_signal(
     path: str | PathLike[str],
-    recording: Recording,
+    trajectory: Trajectory,
     raw: Float[Array, "n 3"] | None = None,
 ) -> None:
-    """Write a recording as comma-separated text, one row of one instant each.
+    """Write a trajectory as comma-separated text, one row of one instant each.
 
     Columns: time; the raw readings; the true specific force, angular rate and field in
     sensor axes; the attitude world to sensor, vector first; the index of the rest that
@@ -34,21 +34,21 @@ def write_signal(
     InputError
         If the file cannot be written.
     """
-    readings = recording.specific_force if raw is None else np.asarray(raw)
+    readings = trajectory.specific_force if raw is None else np.asarray(raw)
     table = np.column_stack(
         [
-            recording.time,
+            trajectory.time,
             readings,
-            recording.specific_force,
-            recording.angular_velocity,
-            recording.magnetic_field,
-            recording.attitude,
+            trajectory.specific_force,
+            trajectory.angular_velocity,
+            trajectory.magnetic_field,
+            trajectory.attitude,
         ]
     )
     # seventeen digits: a reader gets the same bits
     lines = [
         ",".join([f"{value:.17g}" for value in row] + [str(rest)])
-        for row, rest in zip(table.tolist(), recording.hold.tolist(), strict=True)
+        for row, rest in zip(table.tolist(), trajectory.hold.tolist(), strict=True)
     ]
     try:
         Path(path).write_text("\n".join([HEADER, *lines, ""]), encoding="utf-8")

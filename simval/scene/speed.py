@@ -1,4 +1,4 @@
-"""The recording of scenes beside MuJoCo's own bare loop over the same model.
+"""The simulation of scenes beside MuJoCo's own bare loop over the same model.
 
 Both do the same work: the loop cannot change its inputs, so both hold the scene's
 last ones.
@@ -10,7 +10,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from simval.scene.engine import simulate
+from simval.scene.engine import roll_out
 from simval.scene.messages import captured_messages
 from simval.scene.run import plan_run
 
@@ -18,7 +18,7 @@ TOGETHER = 8
 MOST_STEPS = 10_000
 
 
-def recording_and_bare_loop(name: str) -> tuple[Callable[[], int], Callable[[], int]]:
+def scene_and_bare_loop(name: str) -> tuple[Callable[[], int], Callable[[], int]]:
     """Make the two ways to advance a scene, for a race."""
     plan = plan_run(name)
     model, steps = plan.physics.model, min(len(plan.script.hold), MOST_STEPS)
@@ -29,8 +29,8 @@ def recording_and_bare_loop(name: str) -> tuple[Callable[[], int], Callable[[], 
     script = replace(plan.script, inputs=held, hold=plan.script.hold[:steps])
     data = mujoco.MjData(model)
 
-    def recording() -> int:
-        simulate(model, [script] * TOGETHER)
+    def simulated() -> int:
+        roll_out(model, [script] * TOGETHER)
         return TOGETHER * steps
 
     def bare() -> int:
@@ -46,4 +46,4 @@ def recording_and_bare_loop(name: str) -> tuple[Callable[[], int], Callable[[], 
                 mujoco.mj_step(model, data, steps)
         return TOGETHER * steps
 
-    return recording, bare
+    return simulated, bare

@@ -3,8 +3,8 @@
 import mujoco
 import numpy as np
 
+from simval.arguments import whole_number
 from simval.arrays import Array
-from simval.errors import InputError
 from simval.geometry import normalize, random_quaternions
 from simval.scene.motion import require_rows, steps
 from simval.scene.script import Script
@@ -27,14 +27,9 @@ def drive_thrown(
     """Kick a body up from the floor, let it tumble and come to rest, and again."""
     h = model.opt.timestep
     rng = stream(seed, cell_key("thrown"), 0)
-    settle, hold = (
-        steps(settle_time, h, "settle_time"),
-        steps(hold_time, h, "hold_time"),
-    )
-    block = settle + hold
-    if not throws >= 1:
-        msg = f"`throws` is {throws}; one at least is needed"
-        raise InputError(msg)
+    settle = steps(settle_time, h, "settle_time")
+    block = settle + steps(hold_time, h, "hold_time")
+    throws = whole_number("throws", throws, 1)
     require_rows(throws * block)
     kick = max(steps(KICK_TIME, h, "kick"), 1)
     axes = normalize(rng.standard_normal((throws, 3)))

@@ -24,7 +24,7 @@ def _fault(part: Part, name: str, inject: Any, suite: str = "calibration") -> Fa
 
 def _scene() -> list[Fault]:
     def recording(name: str, change: Any) -> Fault:
-        return _fault("scene", name, after(scene, "record", change), "scene")
+        return _fault("scene", name, after(scene, "simulate", change), "scene")
 
     def late(names: tuple[str, ...]) -> Any:
         def change(r: Any) -> Any:
@@ -53,7 +53,9 @@ def _scene() -> list[Fault]:
                 + 1e-4 * np.sin(300.0 * r.time)[:, None],
             ),
         ),
-        _fault("scene", "six faces only", wrapped(scene, "record", six_faces), "scene"),
+        _fault(
+            "scene", "six faces only", wrapped(scene, "simulate", six_faces), "scene"
+        ),
         _fault(
             "scene",
             "rests cut a window late",

@@ -15,36 +15,28 @@ variance: raw counts and SI units give the same intervals.
 """
 
 from simval.statics.detector import (
-    MINIMUM,
     Rest,
     initial_rest,
     intervals_below,
-    static_intervals,
 )
-from simval.statics.even import SLOWEST_NOISE, WHITE, WINDOWS, EvenLog, evened
+from simval.statics.even import SLOWEST_NOISE, WHITE, WINDOWS, evened
 from simval.statics.intervals import (
     Intervals,
-    first_samples,
     interval_counts,
     interval_means,
 )
-from simval.statics.variance import WINDOW, variance_magnitude
+from simval.statics.variance import variance_magnitude
 
 __all__ = [
-    "MINIMUM",
     "SLOWEST_NOISE",
     "WHITE",
-    "WINDOW",
     "WINDOWS",
-    "EvenLog",
     "Intervals",
     "Rest",
     "evened",
-    "first_samples",
     "initial_rest",
     "interval_counts",
     "interval_means",
     "intervals_below",
-    "static_intervals",
     "variance_magnitude",
 ]

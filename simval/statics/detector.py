@@ -4,12 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from numpy.typing import NDArray
 
 from simval.arguments import shown, whole_number
 from simval.arrays import Array, real_number, shaped_array
 from simval.errors import InputError, RefusedError
-from simval.statics.intervals import Intervals
+from simval.statics.intervals import Intervals, runs_of
 from simval.statics.variance import WINDOW, checked_samples, variance_magnitude
 
 MINIMUM = 100  # samples
@@ -28,7 +27,7 @@ class Rest:
     variance : float
         Variance magnitude (D1) of all its samples, unit of the readings squared.
     found : bool
-        Whether the program found it by itself.
+        Whether it was found, and not stated.
     """
 
     start: int
@@ -81,37 +80,18 @@ def initial_rest(
     """
     samples = checked_samples(samples, window)
     minimum = whole_number("minimum", minimum, 1)
-    if count is not None:
-        count = whole_number("count", count, 1)
-        if not window <= count <= len(samples):
+    if count is None:
+        if spread is None:
+            spread = variance_magnitude(samples, window)
+        start, stop = _first_rest(spread, minimum, rate)
+    else:
+        start, stop = 0, whole_number("count", count, 1)
+        if not window <= stop <= len(samples):
             msg = (
-                f"the initial rest is {count} samples; it must be between one window "
+                f"the initial rest is {stop} samples; it must be between one window "
                 f"({window}) and the whole log ({len(samples)})"
             )
             raise InputError(msg)
-        start, stop = 0, count
-    else:
-        if spread is None:
-            spread = variance_magnitude(samples, window)
-        floor = float(np.quantile(spread[np.isfinite(spread)], FLOOR_QUANTILE))
-        if not floor > 0.0:
-            msg = (
-                "no initial rest found: the stillest rows do not vary at all, so noise "
-                "sets no threshold: it is far below one step of the converter, or the "
-                "sensor is stuck; record with a narrower range or a finer resolution"
-            )
-            raise RefusedError(msg)
-        runs = _runs(spread < FLOOR_MULTIPLE * floor)
-        runs = runs[runs[:, 1] - runs[:, 0] >= minimum]
-        if len(runs) == 0:
-            long = f"{minimum} samples" if rate is None else f"{minimum / rate:.3g} s"
-            msg = (
-                f"no initial rest found: no {long} in a row stay below "
-                f"{FLOOR_MULTIPLE:g} noise floors ({floor:.3g}); state its length "
-                "(--rest SECONDS), or record with rests"
-            )
-            raise RefusedError(msg)
-        start, stop = int(runs[0, 0]), int(runs[0, 1])
     variance = float(np.linalg.norm(np.var(samples[start:stop], axis=0, ddof=1)))
     if not variance > 0.0:
         msg = (
@@ -122,54 +102,44 @@ def initial_rest(
     return Rest(start=start, stop=stop, variance=variance, found=count is None)
 
 
-def static_intervals(
-    samples: Float[Array, "n 3"],
-    threshold: float,
-    window: int = WINDOW,
-    minimum: int = MINIMUM,
-    trim: int = 0,
-) -> Intervals:
-    """Intervals whose windowed variance magnitude stays below a threshold.
-
-    Parameters
-    ----------
-    samples : Array
-        Readings, (n, 3), any unit.
-    threshold : float
-        Limit of eq. (D1), unit of the readings squared: a multiple of a `Rest`'s.
-    window : int
-        Samples in a window, odd.
-    minimum : int
-        Least number of samples of an interval, after trimming.
-    trim : int
-        Samples cut off at both ends of each interval: the slow start of a motion is
-        still below the threshold.
-
-    Returns
-    -------
-    Intervals
-        (m, 2) samples ``start <= k < stop`` in order of time; m can be 0.
-    """
-    return intervals_below(
-        variance_magnitude(samples, window), threshold, minimum=minimum, trim=trim
-    )
+def _first_rest(spread: Array, minimum: int, rate: float | None) -> tuple[int, int]:
+    floor = float(np.quantile(spread[np.isfinite(spread)], FLOOR_QUANTILE))
+    if not floor > 0.0:
+        msg = (
+            "no initial rest found: the stillest rows do not vary at all, so noise "
+            "sets no threshold: it is far below one step of the converter, or the "
+            "sensor is stuck; record with a narrower range or a finer resolution"
+        )
+        raise RefusedError(msg)
+    runs = runs_of(spread < FLOOR_MULTIPLE * floor)
+    runs = runs[np.ptp(runs, axis=1) >= minimum]
+    if len(runs) == 0:
+        long = f"{minimum} samples" if rate is None else f"{minimum / rate:.3g} s"
+        msg = (
+            f"no initial rest found: no {long} in a row stay below "
+            f"{FLOOR_MULTIPLE:g} noise floors ({floor:.3g}); state its length "
+            "(--rest SECONDS), or record with rests"
+        )
+        raise RefusedError(msg)
+    return int(runs[0, 0]), int(runs[0, 1])
 
 
 def intervals_below(
     spread: Float[Array, " n"], threshold: float, minimum: int = MINIMUM, trim: int = 0
 ) -> Intervals:
-    """Intervals below a threshold, from a variance magnitude already computed.
+    """Intervals whose windowed variance magnitude stays below a threshold.
 
     Parameters
     ----------
     spread : Array
         From `variance_magnitude`, (n,).
     threshold : float
-        Limit, unit of the readings squared.
+        Limit of eq. (D1), unit of the readings squared: a multiple of a `Rest`'s.
     minimum : int
         Least number of samples of an interval, after trimming.
     trim : int
-        Samples cut off at both ends.
+        Samples cut off at both ends of each interval: the slow start of a motion is
+        still below the threshold.
 
     Returns
     -------
@@ -189,13 +159,6 @@ def intervals_below(
     if spread.ndim != 1:
         msg = f"`spread` has shape {spread.shape}; give that of one log, (n,)"
         raise InputError(msg)
-    runs = _runs(spread < threshold) + np.array([trim, -trim])
+    runs = runs_of(spread < threshold) + np.array([trim, -trim])
     kept: Intervals = runs[runs[:, 1] - runs[:, 0] >= minimum]
     return kept
-
-
-def _runs(flag: NDArray[np.bool_]) -> Intervals:
-    # runs of True as [start, stop) rows, (m, 2)
-    edges = np.diff(np.concatenate([[False], flag, [False]]).astype(np.int8))
-    starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    return np.stack([starts, stops], axis=1)

@@ -7,7 +7,7 @@ in a window, and noise beyond the band in which a sensor can be turned by hand c
 neither for nor against a rest.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -32,64 +32,27 @@ CLOCK_ERROR = 0.01  # relative; of a nominal rate
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class EvenLog:
-    """Readings at equal distances in time.
+    """Readings at equal distances in time."""
 
-    Attributes
-    ----------
-    samples : Array
-        Mean reading of each tick, (n, 3).
-    tick : Intervals
-        Tick of each row of the log, (rows,).
-    rate : float
-        Ticks per second, Hz.
-    block : int
-        Rows to a tick.
-    window : int
-        Ticks in a window of the detector, odd.
-    minimum : int
-        Least number of ticks of an interval.
-    """
-
-    samples: Float[Array, "n 3"]
-    tick: Intervals
-    rate: float
-    block: int
-    window: int
-    minimum: int
+    samples: Float[Array, "n 3"]  # mean reading of each tick
+    tick: Intervals  # tick of each row of the log
+    rate: float  # ticks per second, Hz
+    block: int  # rows to a tick
+    window: int  # ticks in a window of the detector, odd
+    minimum: int  # least number of ticks of an interval
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "samples", frozen(self.samples))
 
     def rows(self, intervals: Intervals) -> Intervals:
-        """Rows of the log that intervals of ticks hold.
-
-        Parameters
-        ----------
-        intervals : Intervals
-            Ticks ``start <= k < stop``, (m, 2).
-
-        Returns
-        -------
-        Intervals
-            Rows ``start <= k < stop``, (m, 2).
-        """
+        """Rows of the log that intervals of ticks hold."""
         return np.searchsorted(self.tick, intervals).reshape(-1, 2)
 
     def wander(self, rest: Rest, spread: Array) -> float:
         """How much the readings of a rest vary in a window, beside from tick to tick.
 
-        Parameters
-        ----------
-        rest : Rest
-            Rows of the log.
-        spread : Array
-            The variance magnitude of `samples`.
-
-        Returns
-        -------
-        float
-            Median variance of the rest's windows over half its mean squared difference
-            of successive ticks, 1: 1 for white noise, more where motion is in it.
+        Median variance of the rest's windows over half its mean squared difference of
+        successive ticks, 1: 1 for white noise, more where motion is in it.
         """
         ticks = slice(self.tick[rest.start], self.tick[rest.stop - 1] + 1)
         steps = np.mean(np.diff(self.samples[ticks], axis=0) ** 2, axis=0)
@@ -98,59 +61,23 @@ class EvenLog:
         return float(np.median(whole)) / noise if noise > 0.0 else np.inf
 
     def intervals(self, spread: Array, threshold: float) -> Intervals:
-        """Static intervals below a threshold, in rows.
-
-        Parameters
-        ----------
-        spread : Array
-            The variance magnitude of `samples`.
-        threshold : float
-            Limit, unit of the readings squared.
-
-        Returns
-        -------
-        Intervals
-            Rows ``start <= k < stop``, (m, 2).
-        """
+        """Static intervals below a threshold, in rows of the log."""
         return self.rows(intervals_below(spread, threshold, self.minimum))
 
     def initial_rest(self, count: int | None, spread: Array) -> Rest:
-        """Initial rest of the log, in rows.
-
-        Parameters
-        ----------
-        count : int or None
-            Rows at the start known to be at rest; None finds them.
-        spread : Array
-            The variance magnitude of `samples`.
-
-        Returns
-        -------
-        Rest
-            Its rows, and the variance magnitude of its ticks.
+        """Initial rest of the log, in its rows: the first `count`, or None to find it.
 
         Raises
         ------
-        InputError
-            If the rows are less than a window or more than the log.
-        RefusedError
+        InputError, RefusedError
             As `simval.statics.initial_rest`.
         """
-        if count is not None:
-            if not 1 <= count <= len(self.tick):
-                msg = f"`count` is {count}; the log has {len(self.tick)} rows"
-                raise InputError(msg)
-            count = int(self.tick[count - 1]) + 1
-        found = initial_rest(
-            self.samples, count, self.window, self.minimum, spread, self.rate
+        ticks = None if count is None else int(self.tick[count - 1]) + 1
+        rest = initial_rest(
+            self.samples, ticks, self.window, self.minimum, spread, self.rate
         )
-        start, stop = self.rows(np.array([[found.start, found.stop]]))[0]
-        return Rest(
-            start=int(start),
-            stop=int(stop),
-            variance=found.variance,
-            found=found.found,
-        )
+        start, stop = self.rows(np.array([[rest.start, rest.stop]]))[0]
+        return replace(rest, start=int(start), stop=int(stop))
 
 
 def evened(

@@ -1,4 +1,4 @@
-"""What is read off static intervals: counts, means and first samples."""
+"""Static intervals, and what is read off them: counts and means."""
 
 from typing import Any
 
@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
 
-from simval.arguments import MOST, whole_number
+from simval.arguments import MOST
 from simval.arrays import Array, finite_array, physical_array
 from simval.errors import InputError
 
@@ -89,35 +89,7 @@ def interval_means(
     return np.array(means).reshape(-1, 3)
 
 
-def first_samples(
-    samples: Float[Array, "n 3"], intervals: Intervals, count: int
-) -> Float[Array, "m count 3"]:
-    """First readings of each interval, as IMU-TK takes them.
-
-    Parameters
-    ----------
-    samples : Array
-        Readings, (n, 3).
-    intervals : Intervals
-        [start, stop) rows, (m, 2), each of at least `count` samples.
-    count : int
-        Readings to take from each, 1 or more.
-
-    Returns
-    -------
-    Array
-        (m, count, 3), unit of the readings.
-
-    Raises
-    ------
-    InputError
-        If an interval is shorter.
-    """
-    samples = one_log(samples)
-    intervals = checked_intervals(intervals, len(samples))
-    count = whole_number("count", count, 1)
-    shortest = int(interval_counts(intervals).min(initial=count))
-    if not count <= shortest:
-        msg = f"`count` is {count}; it must be from 1 to the shortest's {shortest}"
-        raise InputError(msg)
-    return samples[intervals[:, :1] + np.arange(count)]
+def runs_of(flag: NDArray[np.bool_]) -> Intervals:
+    """Runs of True as rows start <= k < stop, (m, 2)."""
+    edges = np.diff(np.concatenate([[False], flag, [False]]).astype(np.int8))
+    return np.stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)], axis=1)

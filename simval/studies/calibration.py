@@ -23,7 +23,7 @@ from simval.arrays import Array, frozen
 from simval.calibrate import calibrate
 from simval.montecarlo import Sums, mean_square, moments_of, simulate
 from simval.results import Outcome, Row, limit, nees, plain, unjudged
-from simval.scene import recorded
+from simval.scene import simulate_cached
 from simval.sensor import AccelerometerModel
 from simval.statistics import (
     BIAS,
@@ -108,17 +108,18 @@ class Rests:
 def simulated_rests(scene: str, poses: int, hold_time: float) -> Rests:
     """Simulate a scene and keep the samples of its rests."""
     if scene == "gimbal":
-        recording = recorded(scene, directions=poses, hold_time=hold_time)
+        trajectory = simulate_cached(scene, directions=poses, hold_time=hold_time)
     else:
-        recording = recorded(scene, throws=poses, hold_time=hold_time)
+        trajectory = simulate_cached(scene, throws=poses, hold_time=hold_time)
     rows = [
-        recording.specific_force[recording.hold == k] for k in recording.hold_indices()
+        trajectory.specific_force[trajectory.hold == k]
+        for k in trajectory.hold_indices()
     ]
     shortest = min(len(r) for r in rows)
     return Rests(
         forces=frozen([r[:shortest] for r in rows]),
-        g=recording.g,
-        rest_force=recording.rest_force,
+        g=trajectory.g,
+        rest_force=trajectory.rest_force,
     )
 
 

@@ -1,7 +1,7 @@
 """A scene of one's own: is rest at rest, are the rows of one instant, do poses suffice.
 
 The scene is a Python file that holds one `simval.scene.Scene`, beside its MJCF file.
-It is run in a child process; the recording's own checks have passed before anything
+It is run in a child process; the trajectory's own checks have passed before anything
 is measured here.
 """
 
@@ -10,7 +10,7 @@ from typing import Annotated
 from pydantic import Field
 
 from simval.results import Outcome
-from simval.scene import record
+from simval.scene import simulate
 from simval.streams import Streams
 from simval.studies.isolation import isolated
 from simval.studies.scene import judged_rows
@@ -39,4 +39,4 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 
 def compute(parameters: Parameters, streams: Streams) -> Outcome:
     """Simulate the scene in this process."""
-    return Outcome(rows=judged_rows(record(parameters.scene)))
+    return Outcome(rows=judged_rows(simulate(parameters.scene)))

@@ -1,12 +1,12 @@
 r"""The static detector, scored against what the simulation knows to be at rest.
 
-Each trial distorts a tumble with fresh noise, finds its initial rest and its static
-intervals as a user's log would have them found, and compares them with the truth row by
-row; what counts as still is said in `simval.studies.scoring`.
+Each trial distorts a tumble with fresh noise, detects its initial rest and its static
+intervals as in a user's log, and compares them with the truth row by row;
+`simval.studies.scoring` says what counts as still.
 
-An interval is impure if one of its rows is not still. What that does to a calibration
-is told by the normalised squared error of its nine parameters, once with every
-interval and once with the pure ones alone, whose mean over trials theory puts at 9: the
+An interval is impure if one of its rows is not still. The normalised squared error of
+the nine parameters shows what that does to a calibration, once with every interval and
+once with the pure ones alone. Theory puts the mean of the latter over trials at 9: the
 noise in a mean does not depend on the variance by which its interval was chosen.
 """
 
@@ -19,7 +19,7 @@ from pydantic import Field, field_validator
 
 from simval.arrays import Array
 from simval.results import Outcome, Row, nees, unjudged
-from simval.scene import recorded
+from simval.scene import simulate_cached
 from simval.sensor import AccelerometerModel
 from simval.statics import Intervals
 from simval.statistics import CHI_SQUARE_9, FITTED, NEES, Family
@@ -27,6 +27,7 @@ from simval.streams import Streams
 from simval.studies.scoring import (
     Tumble,
     detect,
+    mean_of,
     normalized_square,
     pure,
     score,
@@ -76,12 +77,12 @@ class Parameters(StudyParameters):
 
 @lru_cache(maxsize=16)
 def tumble(scene: str, poses: int) -> Tumble:
-    """Simulate a scene, or find it kept, and thin it to the rate of a log."""
+    """Simulate a scene, or read it from the cache, and thin it to the rate of a log."""
     count = {"gimbal": "directions", "handheld": "directions", "die": "throws"}
     setting: dict[str, Any] = {count.get(scene, "poses"): poses, "hold_time": 2.0}
     if scene in ("gimbal", "handheld"):
         setting["first_hold"] = 5.0
-    return thinned(recorded(scene, **setting))
+    return thinned(simulate_cached(scene, **setting))
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
@@ -115,23 +116,20 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 def _rows(scores: list[dict[Family, float]], squares: Array) -> tuple[Row, ...]:
     rows: tuple[Row, ...] = ()
     for family in scores[0]:
-        rows += unjudged(family(), *_mean(np.array([each[family] for each in scores])))
+        rows += unjudged(
+            family(), *mean_of(np.array([each[family] for each in scores]))
+        )
     for name, values in zip(("all", "pure"), squares.T, strict=True):
         fitted = np.isfinite(values)
-        rows += unjudged(FITTED(name), *_mean(fitted.astype(float)))
+        rows += unjudged(FITTED(name), *mean_of(fitted.astype(float)))
         if fitted.sum() >= 2:
-            mean = _mean(values[fitted])
+            mean = mean_of(values[fitted])
             rows += (
                 nees(NEES(name), *mean, 9.0, CHI_SQUARE_9)
                 if name == "pure" and fitted.all()
                 else unjudged(NEES(name), *mean)
             )
     return rows
-
-
-def _mean(values: Array) -> tuple[float, float, int]:
-    error = float(values.std(ddof=1)) / np.sqrt(len(values))
-    return float(values.mean()), float(error), len(values)
 
 
 def _artifact(

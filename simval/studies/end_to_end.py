@@ -6,7 +6,7 @@ the rests of a second tumble, takes the magnetometer as the second vector, and e
 the attitude in closed form. The true attitude is the simulator's own.
 
 The prediction carries the covariance of the calibration through to the attitude
-(`simval.studies.carry`), for the number of samples in each interval that was found.
+(`simval.studies.carry`), for the number of samples in each interval.
 Each part of the budget is also measured by itself: with the noise of one source only,
 all others at their truth.
 """
@@ -23,13 +23,13 @@ from simval.calibrate import calibrate
 from simval.geometry import attitude_error, compose, conjugate, normalize
 from simval.poses import fibonacci_sphere
 from simval.results import Outcome, nees, plain, unjudged
-from simval.scene import Recording, recorded
+from simval.scene import Trajectory, simulate_cached
 from simval.sensor import AccelerometerModel
 from simval.statics import Intervals, interval_counts, interval_means
 from simval.statistics import BUDGET, CARRIED, CHI_SQUARE_3, IMPURE, NEES
 from simval.streams import Streams
 from simval.studies.carry import PARTS, UP, Wanted, carrier
-from simval.studies.scoring import detect, pure, thinned
+from simval.studies.scoring import detect, mean_of, pure, thinned
 from simval.studies.study import Cost, StudyParameters
 from simval.theory import calibration_moments
 
@@ -66,11 +66,11 @@ class Parameters(StudyParameters):
 
 
 @lru_cache(maxsize=8)
-def tumbles(poses: int, attitudes: int) -> tuple[Recording, Wanted]:
-    """Simulate both tumbles, or find them kept."""
-    first = recorded("gimbal", directions=poses, hold_time=2.0, first_hold=5.0)
+def tumbles(poses: int, attitudes: int) -> tuple[Trajectory, Wanted]:
+    """Simulate both tumbles, or read them from the cache."""
+    first = simulate_cached("gimbal", directions=poses, hold_time=2.0, first_hold=5.0)
     turned = fibonacci_sphere(attitudes) @ _rotation()
-    second = recorded("gimbal", directions=turned, hold_time=0.2)
+    second = simulate_cached("gimbal", directions=turned, hold_time=0.2)
     wanted = Wanted(
         force=second.hold_means(),
         field=second.hold_means(second.magnetic_field),
@@ -89,8 +89,8 @@ def _rotation() -> Array:
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Measure the error budget of one cell beside its prediction."""
-    recording, wanted = tumbles(parameters.poses, parameters.attitudes)
-    truth = thinned(recording)
+    trajectory, wanted = tumbles(parameters.poses, parameters.attitudes)
+    truth = thinned(trajectory)
     values = np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
     noise = parameters.accelerometer_noise_std
     sensor = AccelerometerModel.from_parameters(values, noise_std=noise)
@@ -114,7 +114,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         parts = np.array([each.parts(covariance) for each in carriers])
         predicted.append(np.trace(parts, axis1=2, axis2=3).mean(axis=0))
         squares.append(_normalized_square(estimates[3], wanted.q, parts[:, 3]))
-    size = max(force_std / truth.g, field_std / np.linalg.norm(recording.magnetic))
+    size = max(force_std / truth.g, field_std / np.linalg.norm(trajectory.magnetic))
     remainder = NEXT_ORDER * size**2
     rms, error = _root_mean_square(np.transpose(measured))
     expected = np.sqrt(np.mean(np.ascontiguousarray(np.transpose(predicted)), axis=1))
@@ -124,8 +124,8 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
                 BUDGET.each(PARTS), rms, error, parameters.trials,
                 expected, CARRIED, expected * remainder,
             ),
-            *nees(NEES(), *_mean(squares), 3.0, CHI_SQUARE_3, 3.0 * remainder),
-            *unjudged(IMPURE(), *_mean(impure)),
+            *nees(NEES(), *mean_of(squares), 3.0, CHI_SQUARE_3, 3.0 * remainder),
+            *unjudged(IMPURE(), *mean_of(impure)),
         )
     )  # fmt: skip
 
@@ -180,8 +180,3 @@ def _root_mean_square(squares: Array) -> tuple[Array, Array]:
     rms = np.sqrt(squares.mean(axis=1))
     error = squares.std(axis=1, ddof=1) / np.sqrt(squares.shape[1])
     return rms, error / (2.0 * rms)
-
-
-def _mean(values: list[float]) -> tuple[float, float, int]:
-    error = float(np.std(values, ddof=1)) / float(np.sqrt(len(values)))
-    return float(np.mean(values)), error, len(values)

@@ -1,7 +1,7 @@
 """A scene by itself: what it calls rest is at rest, and its poses suffice.
 
-The recording's own checks have passed before anything is measured here. Leaves the
-directions of the rests and, where the machine can draw, a picture.
+The simulation's own checks have passed before anything is measured here. Its artifacts
+are the directions of the rests and, where the machine can draw, a picture.
 """
 
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ from simval.errors import GeometryError, InputError
 from simval.geometry import attitude_matrix, compose, conjugate
 from simval.poses import observability
 from simval.results import Outcome, Row, exact, limit, unjudged
-from simval.scene import Recording, record
+from simval.scene import Trajectory, simulate
 from simval.scene.render import render
 from simval.statistics import (
     ATTITUDE,
@@ -65,9 +65,9 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Simulate the scene and measure its rests."""
     count = "directions" if parameters.scene == "gimbal" else "throws"
     setting: dict[str, Any] = {count: parameters.poses}
-    recording = record(parameters.scene, **setting)
-    rows = judged_rows(recording)
-    directions = recording.hold_means() / recording.g
+    trajectory = simulate(parameters.scene, **setting)
+    rows = judged_rows(trajectory)
+    directions = trajectory.hold_means() / trajectory.g
     name = f"{parameters.scene}-{parameters.poses}"
     artifacts: dict[str, Mapping[str, Array] | bytes] = {
         f"scene-{name}.npz": {"directions": directions}
@@ -77,34 +77,34 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     return Outcome(rows=rows, artifacts=artifacts)
 
 
-def judged_rows(recording: Recording) -> tuple[Row, ...]:
-    """Judge a recording: its rests, its instants and its poses.
+def judged_rows(trajectory: Trajectory) -> tuple[Row, ...]:
+    """Judge a trajectory: its rests, its instants and its poses.
 
     Raises
     ------
     GeometryError
         If there is no rest in it.
     """
-    resting = recording.hold >= 0
+    resting, bound = trajectory.hold >= 0, trajectory.rest_force
     if not resting.any():
         msg = "the scene never rests, so nothing can be calibrated with it; add holds"
         raise GeometryError(msg)
-    force = np.linalg.norm(recording.specific_force[resting], axis=1) - recording.g
-    rate = np.linalg.norm(recording.angular_velocity[resting], axis=1)
-    directions = recording.hold_means() / recording.g
+    force = np.linalg.norm(trajectory.specific_force[resting], axis=1) - trajectory.g
+    rate = np.linalg.norm(trajectory.angular_velocity[resting], axis=1)
+    directions = trajectory.hold_means() / trajectory.g
     judged = observability(directions)
     n = int(resting.sum())
     return (
-        *limit(REST_FORCE(), np.abs(force).max(), recording.rest_force, SCENE_BOUND, n),
-        *limit(REST_RATE(), rate.max(), recording.rest_rate, SCENE_BOUND, n),
+        *limit(REST_FORCE(), np.abs(force).max(), bound, SCENE_BOUND, n),
+        *limit(REST_RATE(), rate.max(), trajectory.rest_rate, SCENE_BOUND, n),
         *exact(RANK(), judged.rank, 9.0, OBSERVABILITY, 0.0),
-        *_same_instant(recording),
+        *_same_instant(trajectory),
         *unjudged(CONDITION(), judged.condition),
         *unjudged(RESTS(), len(directions)),
     )
 
 
-def _same_instant(recording: Recording) -> tuple[Row, ...]:
+def _same_instant(trajectory: Trajectory) -> tuple[Row, ...]:
     """Show that the columns of a row belong to one instant, on a moving body.
 
     The magnetic field in sensor axes is the world's, turned by the attitude of the
@@ -115,16 +115,16 @@ def _same_instant(recording: Recording) -> tuple[Row, ...]:
     half the length of the steps over that of the rates (Cauchy and Schwarz): rates and
     attitude share a unit.
     """
-    A = attitude_matrix(recording.attitude)
-    field = np.linalg.norm(recording.magnetic)
-    mismatch = recording.magnetic_field - A @ recording.magnetic
-    turn = compose(conjugate(recording.attitude[:-1]), recording.attitude[1:])
+    A = attitude_matrix(trajectory.attitude)
+    field = np.linalg.norm(trajectory.magnetic)
+    mismatch = trajectory.magnetic_field - A @ trajectory.magnetic
+    turn = compose(conjugate(trajectory.attitude[:-1]), trajectory.attitude[1:])
     sine = np.linalg.norm(turn[:, :3], axis=1)
     angle = 2.0 * np.arctan2(sine, np.abs(turn[:, 3])) * np.sign(turn[:, 3])
     axis = turn[:, :3] / np.maximum(sine, np.finfo(float).tiny)[:, None]
-    rate = angle[:, None] * axis / np.diff(recording.time)[:, None]
-    step = np.diff(recording.angular_velocity, axis=0)
-    mean = recording.angular_velocity[:-1] + step / 2.0
+    rate = angle[:, None] * axis / np.diff(trajectory.time)[:, None]
+    step = np.diff(trajectory.angular_velocity, axis=0)
+    mean = trajectory.angular_velocity[:-1] + step / 2.0
     late = rate - mean
     off = np.abs(mismatch).max() / field
     lag = np.sum(late * step) / np.sum(step * step)

@@ -15,7 +15,7 @@ from simval.arrays import Array
 from simval.calibrate import calibrate
 from simval.errors import RefusedError
 from simval.poses import PARAMETERS
-from simval.scene import Recording
+from simval.scene import Trajectory
 from simval.sensor import AccelerometerModel
 from simval.statics import (
     Intervals,
@@ -35,14 +35,14 @@ from simval.statistics import (
     Family,
 )
 
-RATE = 100.0  # Hz, of the log that is made from a recording
+RATE = 100.0  # Hz, of the log that is made from a trajectory
 STILL_FORCE = 1e-4  # m/s^2
 STILL_RATE = 1e-4  # rad/s
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Tumble:
-    """A recording at the rate of a log, and what is still in it.
+    """A trajectory at the rate of a log, and what is still in it.
 
     Attributes
     ----------
@@ -65,18 +65,18 @@ class Tumble:
     g: float
 
 
-def thinned(recording: Recording) -> Tumble:
-    """Thin a recording to the rate of a log."""
-    every = slice(None, None, max(round(recording.rate / RATE), 1))
-    force = recording.specific_force[every]
-    rate = np.linalg.norm(recording.angular_velocity[every], axis=1)
-    off = np.abs(np.linalg.norm(force, axis=1) - recording.g)
+def thinned(trajectory: Trajectory) -> Tumble:
+    """Thin a trajectory to the rate of a log."""
+    every = slice(None, None, max(round(trajectory.rate / RATE), 1))
+    force = trajectory.specific_force[every]
+    rate = np.linalg.norm(trajectory.angular_velocity[every], axis=1)
+    off = np.abs(np.linalg.norm(force, axis=1) - trajectory.g)
     return Tumble(
-        time=recording.time[every],
+        time=trajectory.time[every],
         force=force,
         still=(off <= STILL_FORCE) & (rate <= STILL_RATE),
-        hold=recording.hold[every],
-        g=recording.g,
+        hold=trajectory.hold[every],
+        g=trajectory.g,
     )
 
 
@@ -132,3 +132,9 @@ def normalized_square(
         return float("nan")
     error = fit.parameters - sensor.parameters
     return float(error @ np.linalg.solve(fit.covariance, error))
+
+
+def mean_of(values: Float[Array, " n"] | list[float]) -> tuple[float, float, int]:
+    """Mean of some trials, its standard error, and their number."""
+    error = float(np.std(values, ddof=1)) / float(np.sqrt(len(values)))
+    return float(np.mean(values)), error, len(values)

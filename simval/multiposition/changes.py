@@ -17,21 +17,22 @@ from simval.calibrate.outliers import BELIEVED, find_outliers
 from simval.calibrate.steps import find_step
 from simval.errors import SimvalError
 from simval.logs import Log
+from simval.multiposition.faults import AXES, MISFIT
+from simval.multiposition.rests import Rests
 from simval.poses import PARAMETERS
 from simval.statics import Intervals, interval_means
-from simval.studies.log_faults import AXES
-from simval.studies.log_rests import Rests
 
 Detector = Callable[[Log, int], Intervals]  # the rests of a log, at least so many
 
+# What these bounds let pass and catch of 570 bad logs is in docs/decisions/0057, and is
+# held by tests/test_log_faults.py.
 _BETTER = 1.5  # times less scatter; undoing the jumps of a sound log makes it worse
-_VANISHES = 4.0  # times less scatter: a slow drift halves with the part left out
+_VANISHES = 4.0  # times less scatter; leaving out a part of a slow drift halves it
 _CHANCE = 1e-6  # of a cut or a step as good in a clean log
 BEYOND = 1e-3  # its root: of a step where the chi-square has a chance as small
-_SOUND = 0.02  # of gravity, residual of a calibration that can be believed
 _UNUSED = 15.0  # s without a rest, long enough for several of another unit
 _SEVERAL = 3  # rests that agree on another unit
-_MANY = 6  # rests all over a sphere, whose spread is its radius within a factor of two
+_MANY = 6  # rests all over a sphere: their spread is its radius within a factor of two
 _FAR_UNIT = 2.0  # of that spread, off from it
 _OTHER_UNIT = 0.3  # of gravity, off from it: readings in motion average to 5 %
 
@@ -57,10 +58,10 @@ def wrapped(log: Log, misfit: float, g: float, detect: Detector) -> str | None:
         return None
     laps = np.array([np.median(turns[a:b], axis=0) for a, b in intervals])
     if not np.ptp(laps, axis=0).any():
-        return None  # spikes: no rest was on another lap than the rest
+        return None  # spikes: all rests are on one lap
     residual = np.where(fits.converged, fits.rms / g, np.inf)
     best = int(np.argmin(residual))
-    if not (residual[best] < _SOUND and residual[best] * _BETTER < misfit):
+    if not (residual[best] < MISFIT and residual[best] * _BETTER < misfit):
         return None
     axis = int(suspects[np.argmax(jumps.sum(axis=0)[suspects])])
     row = int(np.argmax(jumps[:, axis]))
@@ -87,16 +88,16 @@ def _periods(samples: Array, span: float) -> Array:
 
 def changed(rests: Rests) -> str | None:
     """A time from which the rests lie on another ellipsoid."""
-    found = find_break(rests.means)
-    if found is None or not (found.chance <= _CHANCE and found.drop >= _VANISHES):
+    cut = find_break(rests.means)
+    if cut is None or not (cut.chance <= _CHANCE and cut.drop >= _VANISHES):
         return None
-    if _few_say_it(rests, found.scatter):
+    if _a_few_explain_it(rests, cut.scatter):
         return None
-    earlier, later = rests.span(found.index - 1), rests.span(found.index)
+    earlier, later = rests.span(cut.index - 1), rests.span(cut.index)
     return (
         f"the rests up to the one {earlier} and those since the one {later} do not lie "
-        f"on one ellipsoid; the {'earlier' if found.later else 'later'} ones alone "
-        f"scatter {found.drop:.3g} times less: scale, bias, sign or order of the axes "
+        f"on one ellipsoid; the {'earlier' if cut.later else 'later'} ones alone "
+        f"scatter {cut.drop:.3g} times less: scale, bias, sign or order of the axes "
         "changed in between (range setting, cable, temperature); cut the log there "
         "and calibrate one part"
     )
@@ -106,38 +107,39 @@ def stepped(rests: Rests, chi2: float = np.nan) -> str | None:
     """A time at which biases or scales change, of rests too few to be cut in two.
 
     In white noise the share of the residuals that a step explains does not depend on
-    their size, so that its chance and that of the chi-square may be multiplied. A step
-    that leaves what the noise explains is refused whatever its own chance: of a dozen
-    rests nothing tells it from moved holds, and those would leave a right answer.
+    their size, so its chance and that of the chi-square may be multiplied. A step that
+    leaves no more than the noise is refused whatever its own chance: a dozen rests do
+    not tell it from moved holds, after which the answer would still be right.
     """
     known, dof = bool(np.isfinite(chi2)), len(rests.means) - PARAMETERS
     if known and not beyond_noise(chi2, dof):
         return None
-    found = find_step(rests.means)
-    if found is None or found.drop < _VANISHES:
+    step = find_step(rests.means)
+    if step is None or step.drop < _VANISHES:
         return None
-    healed = known and _tail(chi2 / found.drop**2, found.dof) >= BELIEVED
-    if not (found.chance <= (BEYOND if known else _CHANCE) or healed):
+    healed = known and _tail(chi2 / step.drop**2, step.dof) >= BELIEVED
+    if not (step.chance <= (BEYOND if known else _CHANCE) or healed):
         return None
-    if _few_say_it(rests, found.scatter):
+    if _a_few_explain_it(rests, step.scatter):
         return None
-    earlier, later = rests.span(found.index - 1), rests.span(found.index)
-    sure = found.chance <= BEYOND
-    return (
-        f"{found.what} {'changed' if sure else 'may have changed'} between the rest "
-        f"{earlier} and the one {later}: with such a step the {len(rests.means)} rests "
-        f"scatter {found.drop:.3g} times less (range setting, cable, shock, "
-        "temperature); "
-        + (
-            "cut the log there and calibrate one part, or record again"
-            if sure
-            else "so few rests do not tell it from holds that moved, record more"
+    earlier, later = rests.span(step.index - 1), rests.span(step.index)
+    changed, advice = (
+        ("changed", "cut the log there and calibrate one part, or record again")
+        if step.chance <= BEYOND
+        else (
+            "may have changed",
+            "so few rests do not tell it from holds that moved: record more",
         )
+    )
+    return (
+        f"{step.what} {changed} between the rest {earlier} and the one {later}: with "
+        f"such a step the {len(rests.means)} rests scatter {step.drop:.3g} times less "
+        f"(range setting, cable, shock, temperature); {advice}"
     )
 
 
 def beyond_noise(chi2: float, dof: int) -> bool:
-    """Whether white noise leaves such residuals in less than one log of a thousand."""
+    """Return whether white noise leaves so much in fewer than one log of a thousand."""
     return dof > 0 and _tail(chi2, dof) < BEYOND
 
 
@@ -146,17 +148,17 @@ def _tail(chi2: float, dof: int) -> float:
     return float(special.gammaincc(dof / 2.0, chi2 * dof / 2.0))
 
 
-def _few_say_it(rests: Rests, scatter: float) -> bool:
-    # whether a few bad rests explain as much as a change for good, with less
-    single = find_outliers(rests.means)
-    if not single.flagged.any():
+def _a_few_explain_it(rests: Rests, scatter: float) -> bool:
+    # without its outliers the log scatters no more than a cut or a step would leave
+    outliers = find_outliers(rests.means)
+    if not outliers.flagged.any():
         return False
-    belong = single.distance[~single.flagged]
-    return bool(np.sqrt(np.sum(belong**2) / max(single.dof, 1)) < 2.0 * scatter)
+    others = outliers.distance[~outliers.flagged]
+    return bool(np.sqrt(np.sum(others**2) / max(outliers.dof, 1)) < 2.0 * scatter)
 
 
 def other_unit(rests: Rests, fit: FitResult | None, detect: Detector) -> str | None:
-    """A long stretch whose rests were passed over because they read another gravity."""
+    """A long stretch whose rests were left out because they read another gravity."""
     log = rests.log
     if len(rests.means) < _SEVERAL:
         return None
@@ -178,7 +180,7 @@ def other_unit(rests: Rests, fit: FitResult | None, detect: Detector) -> str | N
         typical = _gravity(inside, rests.means, fit) if len(inside) >= several else 1.0
         if abs(np.log(typical)) > np.log1p(off):
             return (
-                f"{len(inside)} rests {rests.rows(int(start), int(stop))} read "
+                f"{len(inside)} rests {rests.rows(start, stop)} read "
                 f"{typical:.3g} times the gravity of the others, on x, y and z: the "
                 "unit or the range changed; bring all rows to one unit, or calibrate "
                 "the parts by themselves"

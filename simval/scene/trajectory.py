@@ -1,4 +1,4 @@
-"""A recording: rows of one instant each, true values, and where they come from."""
+"""A trajectory: rows of one instant each, true values, and where they come from."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from simval.arrays import Array, frozen
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Recording:
+class Trajectory:
     """What an ideal sensor at the IMU's site would read, row by row.
 
     All columns of a row are from the same evaluation of the physics.
@@ -94,7 +94,7 @@ class Recording:
         Parameters
         ----------
         values : Array or None
-            Rows beside the recording's own, (n, k), for instance distorted readings;
+            Rows beside the trajectory's own, (n, k), for instance distorted readings;
             None takes the specific force.
 
         Returns

@@ -1,0 +1,14 @@
+"""Multi-position calibration: from a user's log to nine parameters that can be trusted.
+
+The log shows a sensor that is held still in many poses. The way of a calibration, which
+`calibration` writes down from top to bottom:
+
+    log -> rests -> poses (their means) -> fit -> health -> answer
+
+`rests` finds the rests, `faults` and `changes` look for what a broken sensor, cable or
+logger leaves in them, and `health` decides whether the fit may be given out.
+"""
+
+from simval.multiposition.calibration import LogCalibration, calibrate_log
+
+__all__ = ["LogCalibration", "calibrate_log"]

@@ -1,0 +1,177 @@
+"""The calibration of a log, from top to bottom."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from simval.arrays import Array, frozen
+from simval.calibrate import FitResult, calibrate
+from simval.calibrate.diagnosis import Diagnosis, diagnose
+from simval.errors import RefusedError
+from simval.logs import Log
+from simval.multiposition.faults import require_unsaturated
+from simval.multiposition.health import explained, require_sound
+from simval.multiposition.rests import find_rests
+from simval.poses import observability
+from simval.statics import Intervals, Rest, interval_counts, interval_means
+from simval.theory.calibration import CalibrationMoments, calibration_moments
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LogCalibration:
+    """Calibration of a log, with what it was made from.
+
+    Attributes
+    ----------
+    fit : FitResult
+        The calibration, with Type A error bars.
+    diagnosis : Diagnosis
+        Residuals, outliers, chi-square and verdict.
+    rest : Rest
+        The initial rest.
+    rest_seconds : float
+        Its length, s.
+    multiplier : float
+        Threshold of the detector over the variance of the rest.
+    intervals : Intervals
+        Static intervals, samples start <= k < stop, (m, 2).
+    predicted : CalibrationMoments or None
+        Bias, covariance and Cramer-Rao bound if white noise were all there is; None
+        where the readings show no noise.
+    next_direction : Array
+        Direction of a further pose that would help most, sensor axes, (3,).
+    """
+
+    fit: FitResult
+    diagnosis: Diagnosis
+    rest: Rest
+    rest_seconds: float
+    multiplier: float
+    intervals: Intervals
+    predicted: CalibrationMoments | None
+    next_direction: Float[Array, "3"]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "next_direction", frozen(self.next_direction))
+
+
+def calibrate_log(
+    log: Log,
+    *,
+    g: float = 9.80665,
+    model: str = "triangular",
+    method: str = "lm",
+    residual: str = "squared",
+    loss: str = "linear",
+    rest: float | None = None,
+    full_scale: float | None = None,
+) -> LogCalibration:
+    """Calibrate the accelerometer of a log.
+
+    Parameters
+    ----------
+    log : Log
+        The log, see `simval.logs.read_log`.
+    g : float
+        Local gravity, m/s^2.
+    model, method, residual, loss : str
+        As in `simval.calibrate.calibrate`.
+    rest : float or None
+        Length of the initial rest, s; None finds it.
+    full_scale : float or None
+        Greatest reading of the sensor, units of the log.
+
+    Returns
+    -------
+    LogCalibration
+        The calibration and what it was made from.
+
+    Raises
+    ------
+    RefusedError
+        If there is no rest, no threshold gives nine static intervals, none of the
+        fits is a calibration, or the log shows a fault of the sensor or the logger.
+    """
+
+    def detect(part: Log, least: int) -> Intervals:
+        known = rest if part.time[0] == log.time[0] else None
+        return find_rests(part, known, least).plateau[0][1]
+
+    form = {"model": model, "method": method, "loss": loss}
+    try:
+        result = _calibrated(log, rest, full_scale, g, residual, form)
+    except RefusedError as refusal:
+        raise explained(log, refusal, g, detect) from refusal
+    require_sound(log, result.fit, result.intervals, result.diagnosis, detect)
+    return result
+
+
+def _calibrated(
+    log: Log,
+    rest: float | None,
+    full_scale: float | None,
+    g: float,
+    residual: str,
+    form: dict[str, Any],
+) -> LogCalibration:
+    rests = find_rests(log, rest)
+    refusal: RefusedError | None = None
+    for multiplier, intervals in rests.plateau:
+        require_unsaturated(log, intervals, full_scale)
+        poses = interval_means(log.accelerometer, intervals)
+        noise = white_noise(log.accelerometer, intervals, rests.block)
+        known = noise if residual == "adjusted" else None
+        try:
+            fit = calibrate(
+                poses, g, noise_std=known, residual=residual, full_scale=full_scale,
+                **form,
+            ).require_converged()  # fmt: skip
+        except RefusedError as error:
+            refusal = error
+            continue
+        noisy = not np.any(noise == 0.0)
+        initial = rests.initial
+        return LogCalibration(
+            fit=fit,
+            diagnosis=diagnose(fit, poses, noise if noisy else None),
+            rest=initial,
+            rest_seconds=float(log.time[initial.stop - 1] - log.time[initial.start]),
+            multiplier=multiplier,
+            intervals=intervals,
+            predicted=_predicted(fit, poses, noise) if noisy else None,
+            next_direction=observability(fit.sensor().correct(poses)).next_direction,
+        )
+    assert refusal is not None  # a plateau is never empty
+    raise refusal
+
+
+def white_noise(
+    samples: Float[Array, "n 3"], intervals: Intervals, block: int = 1
+) -> Float[Array, " m"]:
+    """Standard deviation that white noise leaves in each interval's mean.
+
+    The variance within intervals is pooled over them and over the axes. Rows that come
+    faster than the sensor's band are not independent; their means over blocks are.
+    """
+    counts = interval_counts(intervals) // block
+    parts = [
+        samples[a : a + n * block].reshape(n, block, 3).mean(axis=1)
+        for (a, _), n in zip(intervals, counts, strict=True)
+    ]
+    squares = [part.var(axis=0).mean() * len(part) for part in parts]
+    variance = np.sum(squares) / (np.sum(counts) - len(counts))
+    return np.sqrt(variance / counts)
+
+
+def _predicted(fit: FitResult, poses: Array, noise: Array) -> CalibrationMoments:
+    sensor = fit.sensor()
+    return calibration_moments(
+        sensor,
+        sensor.correct(poses),
+        g=fit.g,
+        noise_std=noise,
+        residual=fit.residual,
+        form=fit.model,
+    )
