@@ -27,7 +27,7 @@ from simval.plugins import (
     probe_calibrator,
     probe_estimator,
 )
-from simval.plugins.describe import overrides_of
+from simval.plugins.loading import overrides_of
 from simval.plugins.probe import probe_sensor
 from simval.plugins.recording import MOVE, RATE, REST, recorded
 from simval.poses import fibonacci_sphere

@@ -23,10 +23,10 @@ from simval.plugins import (
     probe_estimator,
 )
 from simval.plugins.command import recorded
-from simval.plugins.describe import overrides_of
-from simval.plugins.errors import LIMIT, one_line, told
+from simval.plugins.loading import overrides_of
 from simval.plugins.probe import probe_sensor, rotation_error
 from simval.sweep.suite import expand, load_suite
+from simval.text import LIMIT, one_line, told
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "docs" / "examples"
 

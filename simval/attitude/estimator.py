@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from simval.arguments import choice, shown
+from simval.arguments import choice
 from simval.arrays import Array, real_number, shaped_array
 from simval.attitude import kernel
 from simval.attitude.checks import (
@@ -22,6 +22,7 @@ from simval.attitude.checks import (
     singular_columns,
 )
 from simval.errors import InputError
+from simval.text import shown
 
 SELECTIONS = ("best", "combined", *kernel.FRAMES)
 

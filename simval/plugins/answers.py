@@ -13,10 +13,10 @@ import numpy as np
 from jaxtyping import Float
 
 from simval.arrays import Array, finite_array
-from simval.errors import InputError
-from simval.plugins.errors import PluginError, told
+from simval.errors import InputError, PluginError
 from simval.plugins.protocol import Calibrator, Estimator
 from simval.sensor import forms
+from simval.text import told
 
 UNIT = 1e-6
 """How far from 1 the length of a quaternion may be."""

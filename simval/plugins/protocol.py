@@ -14,13 +14,24 @@ of the noise that it keeps.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, ClassVar, Literal, Protocol
 
 from simval.arrays import Array
-from simval.plugins.errors import PluginError
+from simval.errors import PluginError
 from simval.sensor import forms
 
 Claim = Literal["exact", 2, 4]
+
+SCENE = "custom_scene.scene"
+"""Field of a study that takes a `simval.scene.Scene`."""
+
+
+class Plugin:
+    """What a user brings: it has a name, and is taken by a field of a study."""
+
+    __slots__ = ()
+    name: str
+    taken_by: ClassVar[str]
 
 
 class Estimate(Protocol):
@@ -38,7 +49,7 @@ class Calibrate(Protocol):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Estimator:
+class Estimator(Plugin):
     """An attitude estimator from two vector observations.
 
     Attributes
@@ -60,6 +71,8 @@ class Estimator:
         How good `covariance` is.
     """
 
+    taken_by: ClassVar[str] = "estimator.algorithm"
+
     name: str
     estimate: Estimate
     components: Literal["xyzs", "sxyz"]
@@ -80,7 +93,7 @@ class Estimator:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Calibrator:
+class Calibrator(Plugin):
     """A calibrator from readings at rest.
 
     Attributes
@@ -94,6 +107,8 @@ class Calibrator:
     noise_std : bool, default False
         Whether `calibrate` takes ``noise_std``, the noise of a pose mean, as well.
     """
+
+    taken_by: ClassVar[str] = "calibrator.algorithm"
 
     name: str
     calibrate: Calibrate | Callable[..., Any]

@@ -15,13 +15,12 @@ A user's scene is an MJCF file and a Python file that holds one `Scene`::
 and its name, for commands and suites, is the path of that file.
 """
 
-import runpy
-from importlib import metadata
-from pathlib import Path
-
 import numpy as np
 
 from simval.errors import InputError
+from simval.plugins.loading import find_plugin
+from simval.plugins.names import is_path
+from simval.plugins.sources import missing
 from simval.scene.driven import drive_gimbal, drive_shaker
 from simval.scene.free import drive_freefall, drive_pivot
 from simval.scene.hand import drive_handheld
@@ -29,7 +28,6 @@ from simval.scene.models import model_path
 from simval.scene.script import Scene
 from simval.scene.thrown import drive_thrown
 
-GROUP = "simval.plugins"
 CONTACT_FORCE = 20_000.0  # m/s^2; an impact of 2 m/s within one step of 0.1 ms
 
 
@@ -103,9 +101,8 @@ def find_scene(name: str | Scene) -> Scene:
     Parameters
     ----------
     name : str or Scene
-        A name out of `scenes`, the name of an entry point of the group
-        ``simval.plugins`` that is a `Scene`, or the path of a Python file that holds
-        one.
+        A name out of `scenes`, or of a `Scene` that an installed package or a Python
+        file offers, see `simval.plugins.names`.
 
     Returns
     -------
@@ -122,36 +119,11 @@ def find_scene(name: str | Scene) -> Scene:
     listed = scenes()
     if name in listed:
         return listed[name]
-    if not name.endswith(".py"):
-        return _installed(name, ", ".join(listed))
-    if not Path(name).is_file():
-        msg = f"the scene file {name} does not exist; give the path of a Python file"
-        raise InputError(msg)
-    try:
-        held = runpy.run_path(name)
-    except Exception as error:  # whatever a user's file may raise
-        msg = f"the scene file {name} fails with {type(error).__name__}: {error}"
-        raise InputError(msg) from error
-    found = [value for value in held.values() if isinstance(value, Scene)]
-    if len(found) != 1:
-        msg = f"the scene file {name} holds {len(found)} scenes; it must hold one"
-        raise InputError(msg)
-    return found[0]
-
-
-def _installed(name: str, listed: str) -> Scene:
-    """Scene that an installed package offers."""
-    points = metadata.entry_points(group=GROUP, name=name)
-    try:
-        found = [value for p in points if isinstance(value := p.load(), Scene)]
-    except Exception as error:  # whatever an installed package may raise
-        msg = f"the scene {name!r} fails with {type(error).__name__}: {error}"
-        raise InputError(msg) from error
-    if len(found) != 1:
+    if not is_path(name) and missing(name):
         msg = (
-            f"there is no scene {name!r}; choose one of {listed}, or give the path of "
-            f"a Python file that holds a Scene ({len(found)} installed packages offer "
-            f"one of that name in the group {GROUP})"
+            f"there is no scene {name!r}; choose one of {', '.join(listed)}, or give "
+            "the path of a Python file that holds a Scene, or the name of one that an "
+            "installed package offers"
         )
         raise InputError(msg)
-    return found[0]
+    return find_plugin(name, Scene)

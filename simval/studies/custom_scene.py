@@ -12,9 +12,8 @@ from pydantic import Field
 from simval.results import Outcome
 from simval.scene import record
 from simval.streams import Streams
-from simval.studies.isolation import isolated
+from simval.studies.plugin import PluginName, PluginParameters, isolated
 from simval.studies.scene import judged_rows
-from simval.studies.sources import PluginName, PluginParameters
 
 TITLE = "A user's scene, in a process of its own"
 SECTION = None
@@ -33,8 +32,7 @@ class Parameters(PluginParameters):
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Simulate the scene in a child process."""
-    parameters.require_same_sources()
-    return isolated("custom_scene", parameters, streams, parameters.time_limit)
+    return isolated(compute, parameters, streams, parameters.time_limit)
 
 
 def compute(parameters: Parameters, streams: Streams) -> Outcome:

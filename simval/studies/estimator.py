@@ -57,8 +57,7 @@ from simval.statistics import (
 )
 from simval.streams import Streams
 from simval.studies.estimator_setting import Setting, claim_off
-from simval.studies.isolation import isolated
-from simval.studies.sources import PluginName, PluginParameters
+from simval.studies.plugin import PluginName, PluginParameters, isolated
 from simval.theory.cramer_rao import attitude_bound
 
 TITLE = "A user's attitude estimator, in a process of its own"
@@ -99,8 +98,7 @@ class Parameters(PluginParameters):
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Measure the plug-in in a child process."""
-    parameters.require_same_sources()
-    return isolated("estimator", parameters, streams, parameters.time_limit)
+    return isolated(compute, parameters, streams, parameters.time_limit)
 
 
 def compute(parameters: Parameters, streams: Streams) -> Outcome:

@@ -9,10 +9,9 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
 from simval.errors import InputError
-from simval.plugins.command import COMMAND
+from simval.plugins.names import COMMAND, file_of, is_path, located
 from simval.studies import STUDIES
-from simval.studies.files import file_fields, file_of, is_path
-from simval.studies.sources import located, missing
+from simval.studies.plugin import file_fields, not_here
 from simval.studies.study import Cell
 
 
@@ -52,16 +51,11 @@ def require_found(cells: Iterable[Cell]) -> None:
     InputError
         With the key that names what is missing.
     """
-    named = {
-        (cell.study, key, str(getattr(cell.parameters, key)))
-        for cell in cells
-        for key in file_fields(type(cell.parameters))
-    }
-    for study, key, text in sorted(named):
-        if gone := missing(text):
+    for cell in cells:
+        for key, gone in not_here(cell.parameters):
             msg = (
-                f"`{study}.{key}`: {gone}; give FILE.py, FILE.py:NAME or the name of "
-                "an installed plug-in, in a suite relative to its file"
+                f"`{cell.study}.{key}`: {gone}; give FILE.py, FILE.py:NAME or the name "
+                "of an installed plug-in, in a suite relative to its file"
             )
             raise InputError(msg)
 

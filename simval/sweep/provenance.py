@@ -14,10 +14,11 @@ from typing import Any
 
 import numpy as np
 
+from simval.plugins.names import is_path, portable
+from simval.plugins.sources import sources
 from simval.scene import models_folder
 from simval.studies import STUDIES
-from simval.studies.files import file_fields, is_path, portable, portable_fields
-from simval.studies.sources import located, sources
+from simval.studies.plugin import file_fields, portable_fields
 from simval.sweep.suite import Suite
 
 PACKAGES = ("simval", "numpy", "scipy", "mujoco-core", "pydantic")
@@ -94,7 +95,7 @@ def named_files(grid: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
             value = table[key]
             for text in value if isinstance(value, list) else [value]:
                 if text:
-                    yield study, key, located(text)
+                    yield study, key, text
 
 
 def file_hashes(grid: Mapping[str, Any]) -> dict[str, str]:
