@@ -35,7 +35,7 @@ from simval.results import Outcome
 from simval.scene import models_folder
 from simval.streams import Streams
 from simval.studies import calibrator, custom_scene, estimator
-from simval.studies.estimator_setting import Setting, claim_off
+from simval.studies.estimator import Setting, claim_off
 from simval.studies.recorded import calibrate_log
 from simval.studies.study import Cell
 from simval.sweep import provenance, run_suite

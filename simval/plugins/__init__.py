@@ -7,7 +7,7 @@ it declares about its conventions is checked without noise before anything is me
 """
 
 from simval.errors import PluginError
-from simval.plugins.loading import find_plugin, plugins_of
+from simval.plugins.loading import find_plugin
 from simval.plugins.probe import probe_calibrator, probe_estimator
 from simval.plugins.protocol import Calibrator, Estimator
 
@@ -16,7 +16,6 @@ __all__ = [
     "Estimator",
     "PluginError",
     "find_plugin",
-    "plugins_of",
     "probe_calibrator",
     "probe_estimator",
 ]

@@ -126,7 +126,7 @@ def offer(plugin: str) -> dict[str, Any]:
     """
     is_file = plugin.endswith(".py")
     try:
-        values = plugins_of(Path(plugin)) if is_file else _loaded(plugin)
+        values = _held_by(Path(plugin)) if is_file else _loaded(plugin)
     except SystemExit as error:
         what = "file" if is_file else "package"
         msg = f"the plug-in {what} {plugin} calls exit({error.code})"
@@ -152,25 +152,8 @@ def installed() -> list[tuple[str, str]]:
     )
 
 
-def plugins_of(file: Path) -> list[Any]:
-    """Plug-ins that a Python file holds.
-
-    Parameters
-    ----------
-    file : Path
-        Run as a module of its own, which stays in ``sys.modules``; its folder stays at
-        the end of the module path, where it hides nothing.
-
-    Returns
-    -------
-    list
-        In the order of the file; two names for the same object count once.
-
-    Raises
-    ------
-    UnusablePluginError
-        If the file is missing or fails, or two plug-ins of a kind share a name.
-    """
+def _held_by(file: Path) -> list[Any]:
+    """Plug-ins of a Python file; two names for the same one count once."""
     if not file.is_file():
         msg = f"the plug-in file {file} does not exist; give the path of a Python file"
         raise UnusablePluginError(msg)
@@ -214,7 +197,7 @@ def _imported(file: Path) -> ModuleType:
 
 
 def _of_file(file: str, name: str, kind: type[Kind]) -> Kind:
-    held = plugins_of(Path(file))
+    held = _held_by(Path(file))
     fitting = [value for value in held if isinstance(value, kind)]
     if name:
         fitting = [value for value in fitting if value.name == name]

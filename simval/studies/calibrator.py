@@ -69,6 +69,8 @@ G = 9.80665
 class Parameters(PluginParameters):
     """One cell: a plug-in, a pose count and a noise level."""
 
+    plugin = "algorithm"
+
     algorithm: PluginName = Field(
         default="",
         description="FILE.py, FILE.py:NAME, an entry point, or command: PROGRAM.",

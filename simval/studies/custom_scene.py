@@ -22,6 +22,8 @@ SECTION = None
 class Parameters(PluginParameters):
     """One cell: a scene."""
 
+    plugin = "scene"
+
     scene: PluginName = Field(
         default="", description="FILE.py that holds a scene, or a scene's name."
     )

@@ -8,11 +8,9 @@ It is the study that starts the child, so it is the same under every scheduler.
 import os
 import platform
 from collections.abc import Callable, Container, Iterator, Mapping
-from dataclasses import dataclass
-from functools import cache
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Self, TypeVar
 
-from pydantic import AfterValidator, BaseModel, Field, PrivateAttr
+from pydantic import AfterValidator, Field, PrivateAttr, model_validator
 
 from simval.errors import PluginError
 from simval.plugins.child import Answer, asked, respond
@@ -23,40 +21,10 @@ from simval.scene import scenes
 from simval.streams import Streams
 from simval.studies.study import StudyParameters
 
-
-@dataclass(frozen=True, slots=True)
-class NamesFiles:
-    """Mark of a field whose value may name files; a slash in any other is text."""
-
-
 PluginName = Annotated[
-    str, Field(min_length=1, max_length=4096), AfterValidator(located), NamesFiles()
+    str, Field(min_length=1, max_length=4096), AfterValidator(located)
 ]
 """A value that names a plug-in, its files by absolute paths."""
-
-
-@cache
-def file_fields(model: type[BaseModel]) -> frozenset[str]:
-    """Fields of a study's parameters that may name files."""
-    return frozenset(
-        key
-        for key, info in model.model_fields.items()
-        if any(isinstance(mark, NamesFiles) for mark in info.metadata)
-    )
-
-
-def portable_fields(
-    model: type[BaseModel], values: Mapping[str, Any]
-) -> dict[str, Any]:
-    """Values of a study's fields, or lists of them, files by their names alone."""
-
-    def plain(value: Any) -> Any:
-        return (
-            [portable(v) for v in value] if isinstance(value, list) else portable(value)
-        )
-
-    named = file_fields(model)
-    return {k: plain(v) if k in named else v for k, v in values.items()}
 
 
 class PluginParameters(StudyParameters):
@@ -64,13 +32,26 @@ class PluginParameters(StudyParameters):
 
     _sources: dict[str, str] = PrivateAttr(default_factory=dict)
 
-    def model_post_init(self, context: Any, /) -> None:
+    @model_validator(mode="after")
+    def _note(self) -> Self:
         """Note what the code is made of, here and now."""
-        self._sources = self._found()
+        self._sources = sources(self.word)
+        return self
+
+    @property
+    def word(self) -> str:
+        """What the plug-in is named by, its files by absolute paths."""
+        return str(getattr(self, self.plugin))
 
     def named(self) -> dict[str, Any]:
         """Values with files by their names alone."""
-        return portable_fields(type(self), self.model_dump())
+        return self.model_dump() | {self.plugin: portable(self.word)}
+
+    def missing(self, held: Container[str] = ()) -> str:
+        """Say what of the plug-in is not on this machine."""
+        if not self.word:
+            return "no plug-in is given"
+        return "" if self.word in scenes() else missing(self.word, held)
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -85,32 +66,13 @@ class PluginParameters(StudyParameters):
         PluginError
             If a file or a package is another one, or is not on this machine.
         """
-        found = self._found()
-        if changed := sorted(_changes(self._sources, found)):
+        if changed := sorted(_changes(self._sources, sources(self.word))):
             msg = (
                 "the plug-in is not what it was when the sweep was begun: "
                 f"{'; '.join(changed)}, on {platform.node()}; leave it alone while a "
                 "sweep runs, and put it on a file system that all workers share"
             )
             raise PluginError(msg)
-
-    def _found(self) -> dict[str, str]:
-        found: dict[str, str] = {}
-        for key in file_fields(type(self)):
-            if value := getattr(self, key):
-                found |= sources(value)
-        return found
-
-
-def not_here(
-    parameters: StudyParameters, held: Container[str] = ()
-) -> Iterator[tuple[str, str]]:
-    """Fields whose plug-in is not on this machine, and what is missing."""
-    for key in sorted(file_fields(type(parameters))):
-        text = getattr(parameters, key)
-        gone = missing(text, held) if text else "no plug-in is given"
-        if gone and text not in scenes():
-            yield key, gone
 
 
 def _changes(old: Mapping[str, str], new: Mapping[str, str]) -> Iterator[str]:
@@ -161,7 +123,8 @@ def answer(compute: Compute[Model], model: type[Model]) -> None:
     """Compute the cell that is asked for, in the child."""
 
     def rows(request: Any) -> dict[str, Any]:
-        parameters = model.model_validate(request["parameters"])
+        # they were validated where they were made: the child only computes
+        parameters = model.model_construct(**request["parameters"])
         streams = Streams(request["seed"], tuple(request["key"]))
         found = compute(parameters, streams).rows
         return {"rows": ROWS.dump_python(found, mode="json")}

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict
 
@@ -36,6 +36,9 @@ class StudyParameters(BaseModel):
     def cost(self) -> Cost:
         """What a cell takes where a study does not say: a second and fifty rows."""
         return Cost(1.0, 50)
+
+    plugin: ClassVar[str] = ""
+    """Field that names a plug-in; only there a slash is more than text."""
 
     def named(self) -> dict[str, Any]:
         """Values as a name, a store and a table hold them."""

@@ -11,7 +11,7 @@ from typing import Any
 from simval.errors import InputError
 from simval.plugins.names import COMMAND, file_of, is_path, located
 from simval.studies import STUDIES
-from simval.studies.plugin import file_fields, not_here
+from simval.studies.plugin import PluginParameters
 from simval.studies.study import Cell
 
 
@@ -35,11 +35,9 @@ def kept_inside(name: str, content: Mapping[str, Any], folder: Path) -> dict[str
 
     found = dict(content)
     for study in found.keys() & STUDIES.keys():
-        table, fields = found[study], file_fields(STUDIES[study].parameters)
-        if isinstance(table, Mapping):
-            found[study] = {
-                k: kept(v, k) if k in fields else v for k, v in table.items()
-            }
+        table, field = found[study], STUDIES[study].parameters.plugin
+        if isinstance(table, Mapping) and field in table:
+            found[study] = {**table, field: kept(table[field], field)}
     return found
 
 
@@ -52,10 +50,11 @@ def require_found(cells: Iterable[Cell]) -> None:
         With the key that names what is missing.
     """
     for cell in cells:
-        for key, gone in not_here(cell.parameters):
+        own = cell.parameters
+        if isinstance(own, PluginParameters) and (gone := own.missing()):
             msg = (
-                f"`{cell.study}.{key}`: {gone}; give FILE.py, FILE.py:NAME or the name "
-                "of an installed plug-in, in a suite relative to its file"
+                f"`{cell.study}.{own.plugin}`: {gone}; give FILE.py, FILE.py:NAME or "
+                "the name of an installed plug-in, in a suite relative to its file"
             )
             raise InputError(msg)
 
