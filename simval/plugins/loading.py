@@ -90,13 +90,7 @@ def _meant(plugin: str) -> list[tuple[str, str]]:
         return [(command_calibrator(plugin).taken_by, plugin)]
     file, name = python_file(plugin)
     if not file and plugin not in dict(installed()):
-        names = ", ".join(known for known, _ in installed()) or "none"
-        msg = (
-            f"there is no plug-in `{plugin}`: a file must end in .py (FILE.py or "
-            "FILE.py:NAME), and no installed package offers one of that name "
-            f"(installed: {names})"
-        )
-        raise UnusablePluginError(msg)
+        raise _no_plugin(plugin, 0)
     whole = file or plugin
     try:
         held = asked(OFFER, whole, TIME_LIMIT, _Offer, f"the plug-in {whole}").held
@@ -225,13 +219,17 @@ def _of_package(name: str, kind: type[Kind]) -> Kind:
             f"{type(held[0]).__name__}; it must be a {home}.{kind.__name__}"
         )
         raise UnusablePluginError(msg)
+    raise _no_plugin(name, len(held))
+
+
+def _no_plugin(word: str, count: int) -> UnusablePluginError:
     names = ", ".join(known for known, _ in installed()) or "none"
-    msg = (
-        f"there is no plug-in `{name}`: {len(held)} installed packages offer it "
-        f"in the group {GROUP} (installed: {names}); a file is given as FILE.py or "
-        f"FILE.py:NAME, a command as `{COMMAND} PROGRAM {{poses}}`"
+    return UnusablePluginError(
+        f"there is no plug-in `{word}`: a file must end in .py (FILE.py or "
+        f"FILE.py:NAME), a command begin with `{COMMAND}`, and {count or 'no'} "
+        f"installed package{'s offer' if count > 1 else ' offers'} one of that name "
+        f"(installed: {names})"
     )
-    raise UnusablePluginError(msg)
 
 
 def _loaded(name: str) -> list[Any]:

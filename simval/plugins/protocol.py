@@ -14,7 +14,7 @@ of the noise that it keeps.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, Protocol
+from typing import Any, ClassVar, Literal
 
 from simval.arrays import Array
 from simval.errors import PluginError
@@ -34,20 +34,6 @@ class Plugin:
     taken_by: ClassVar[str]
 
 
-class Estimate(Protocol):
-    """Attitudes from two vectors each."""
-
-    def __call__(self, b1: Array, b2: Array, r1: Array, r2: Array, /) -> Any:
-        """Estimate attitudes."""
-
-
-class Calibrate(Protocol):
-    """A calibration from readings at rest."""
-
-    def __call__(self, poses: Array, g: float, /) -> Any:
-        """Calibrate one set of poses."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Estimator(Plugin):
     """An attitude estimator from two vector observations.
@@ -56,7 +42,7 @@ class Estimator(Plugin):
     ----------
     name : str
         Short name.
-    estimate : Estimate
+    estimate : callable
         ``estimate(b1, b2, r1, r2)``: (n, 3) each to quaternions (n, 4), unit length.
     components : {"xyzs", "sxyz"}
         Order of the quaternion.
@@ -74,7 +60,7 @@ class Estimator(Plugin):
     taken_by: ClassVar[str] = "estimator.algorithm"
 
     name: str
-    estimate: Estimate
+    estimate: Callable[[Array, Array, Array, Array], Any]
     components: Literal["xyzs", "sxyz"]
     matrix: Literal["active", "passive"]
     covariance: Callable[..., Any] | None = None
@@ -100,7 +86,7 @@ class Calibrator(Plugin):
     ----------
     name : str
         Short name.
-    calibrate : Calibrate
+    calibrate : callable
         ``calibrate(poses, g)``, one set at a time.
     form : {"triangular", "upper", "symmetric"}, default "triangular"
         Parameters whose covariance is given, see `simval.sensor.forms`.
@@ -111,7 +97,7 @@ class Calibrator(Plugin):
     taken_by: ClassVar[str] = "calibrator.algorithm"
 
     name: str
-    calibrate: Calibrate | Callable[..., Any]
+    calibrate: Callable[..., Any]
     form: str = "triangular"
     noise_std: bool = False
 

@@ -143,9 +143,7 @@ def checked(answer: Rows) -> Outcome:
     if not answer.rows:
         msg = "the plug-in's process measured nothing"
         raise PluginError(msg)
-    if not all(
-        r.n < 2**63 and r.n >= 0 and not r.standard_error < 0.0 for r in answer.rows
-    ):
+    if not all(0 <= r.n < 2**63 and not r.standard_error < 0.0 for r in answer.rows):
         msg = "the plug-in's process left an entry that no store can hold"
         raise PluginError(msg)
     return Outcome(rows=answer.rows)
