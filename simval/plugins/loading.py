@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 from simval.errors import PluginError, UnusablePluginError
 from simval.plugins.child import Answer, asked
 from simval.plugins.command import command_calibrator
-from simval.plugins.names import COMMAND, python_file
+from simval.plugins.names import COMMAND
 from simval.plugins.protocol import SCENE, Calibrator, Plugin
 from simval.text import told
 
@@ -62,7 +62,7 @@ def find_plugin(algorithm: str, kind: type[Kind]) -> Kind:
             raise UnusablePluginError(msg)
         command: Any = command_calibrator(algorithm)
         return command
-    file, name = python_file(algorithm)
+    file, name = _python_file(algorithm)
     return _of_file(file, name, kind) if file else _of_package(algorithm, kind)
 
 
@@ -88,7 +88,7 @@ def _meant(plugin: str) -> list[tuple[str, str]]:
     """Field that takes each plug-in that is meant, and the word that it is given."""
     if plugin.startswith(COMMAND):
         return [(command_calibrator(plugin).taken_by, plugin)]
-    file, name = python_file(plugin)
+    file, name = _python_file(plugin)
     if not file and plugin not in dict(installed()):
         raise _no_plugin(plugin, 0)
     whole = file or plugin
@@ -188,6 +188,14 @@ def _imported(file: Path) -> ModuleType:
     # not by the loader: its cache takes a file of the same second and size for this one
     exec(loader.source_to_code(file.read_bytes(), path), vars(module))
     return module
+
+
+def _python_file(word: str) -> tuple[str, str]:
+    """Python file that a word names, or nothing, and what is meant inside it."""
+    path, _, name = word.partition(".py:")
+    if name:
+        return f"{path}.py", name
+    return word if word.endswith(".py") else "", ""
 
 
 def _of_file(file: str, name: str, kind: type[Kind]) -> Kind:

@@ -34,35 +34,22 @@ _BEFORE = r"""(?:(?<![^\s'"`(=:,;<>\[|])|(?<=file://))"""
 _FOLDERS = re.compile(_BEFORE + r"""/(?:[^/\s'"`<>|:,;]+/)+""")
 
 
-def is_path(text: str) -> bool:
-    """Tell whether a word names files."""
-    if text.startswith(COMMAND):
-        return True
-    return "/" in text or "\\" in text or ".py:" in text or text.endswith(SUFFIXES)
-
-
 def file_of(text: str) -> str:
-    """Path of the file that a word names."""
+    """Path of the file that a word names; nothing of a command or a package."""
     path, colon, _ = text.partition(".py:")
-    return f"{path}.py" if colon else path
-
-
-def python_file(text: str) -> tuple[str, str]:
-    """Python file that a word names, or nothing, and what is meant inside it."""
-    path, _, name = text.partition(".py:")
-    if name:
-        return f"{path}.py", name
-    return text if text.endswith(".py") else "", ""
+    if text.startswith(COMMAND):
+        return ""
+    known = "/" in text or "\\" in text or text.endswith(SUFFIXES)
+    return f"{path}.py" if colon else text if known else ""
 
 
 def located(text: str, folder: str = "") -> str:
     """Give the files that a word names their absolute paths."""
-    if not is_path(text):
-        return text
     if text.startswith(COMMAND):
         return _with_words(text, lambda place, word: _located(place, word, folder))
     path = file_of(text)
-    return os.path.abspath(os.path.join(folder, path)) + text.removeprefix(path)
+    whole = os.path.abspath(os.path.join(folder, path)) if path else ""
+    return whole + text.removeprefix(path)
 
 
 def _located(place: int, word: str, folder: str) -> str:

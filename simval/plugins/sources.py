@@ -20,7 +20,6 @@ from simval.plugins.names import (
     COMMAND,
     file_of,
     is_file,
-    is_path,
     portable,
     words_of,
 )
@@ -34,12 +33,12 @@ _XML_FOLDER = re.compile(r"""\b(?:asset|mesh|texture)dir\s*=\s*["']([^"'<>]+)["'
 
 def sources(text: str) -> dict[str, str]:
     """Everything that the code behind a word is made of."""
-    if not is_path(text):
+    files = [file_of(text)]
+    if text.startswith(COMMAND):
+        files = [w for w in words_of(text) if os.path.isabs(w) and is_file(w)]
+    elif not files[0]:
         points = metadata.entry_points(group=GROUP, name=text)
         return {p.dist.name: p.dist.version for p in points if p.dist is not None}
-    if not text.startswith(COMMAND):
-        return _closure(Path(file_of(text)))
-    files = (w for w in words_of(text) if os.path.isabs(w) and is_file(w))
     return {path: digest for f in files for path, digest in _closure(Path(f)).items()}
 
 
@@ -50,13 +49,13 @@ def missing(text: str, held: Container[str] = ()) -> str:
         files = [word for word in words if portable(word) in held]
         if shutil.which(program) is None:
             return f"there is no program `{program}` here that can be run"
-    elif is_path(text):
-        files = [file_of(text)]
+    elif file := file_of(text):
+        files = [file]
     elif metadata.entry_points(group=GROUP, name=text):
         files = []
     else:
         return f"no installed package offers a plug-in `{text}`"
-    gone = next((file for file in files if not is_file(file)), None)
+    gone = next((path for path in files if not is_file(path)), None)
     return "" if gone is None else f"the file {gone} does not exist"
 
 

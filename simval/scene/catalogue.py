@@ -21,7 +21,7 @@ import numpy as np
 
 from simval.errors import InputError
 from simval.plugins.loading import find_plugin
-from simval.plugins.names import is_path
+from simval.plugins.names import file_of
 from simval.plugins.sources import missing
 from simval.scene.driven import drive_gimbal, drive_shaker
 from simval.scene.free import drive_freefall, drive_pivot
@@ -95,7 +95,7 @@ def find_scene(name: str | Scene) -> Scene:
     listed = scenes()
     if name in listed:
         return listed[name]
-    if not is_path(name) and missing(name):
+    if not file_of(name) and missing(name):
         msg = (
             f"there is no scene {name!r}; choose one of {', '.join(listed)}, or give "
             "the path of a Python file that holds a Scene, or the name of one that an "

@@ -9,7 +9,7 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
 from simval.errors import InputError
-from simval.plugins.names import COMMAND, file_of, is_path, located
+from simval.plugins.names import file_of, located
 from simval.studies import STUDIES
 from simval.studies.plugin import PluginParameters
 from simval.studies.study import Cell
@@ -27,9 +27,9 @@ def kept_inside(name: str, content: Mapping[str, Any], folder: Path) -> dict[str
     def kept(value: Any, key: str) -> Any:
         if isinstance(value, list):
             return [kept(v, key) for v in value]
-        if not (isinstance(value, str) and is_path(value)):
+        if not isinstance(value, str):
             return value
-        if not value.startswith(COMMAND):
+        if file_of(value):
             _require_inside(name, key, value, folder)
         return located(value, str(folder))
 

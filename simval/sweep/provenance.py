@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from simval.plugins.names import is_path, portable
+from simval.plugins.names import portable
 from simval.plugins.sources import sources
 from simval.scene import models_folder
 from simval.studies import STUDIES
@@ -122,7 +122,7 @@ def places(grid: Mapping[str, Any]) -> dict[str, dict[str, str]]:
     """Where the plug-ins of a suite lie on this machine."""
     found: dict[str, dict[str, str]] = {}
     for study, key, text in named_files(grid):
-        if is_path(text):
+        if portable(text) != text:
             found.setdefault(f"{study}.{key}", {})[portable(text)] = text
     return found
 
