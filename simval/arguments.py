@@ -14,6 +14,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from simval.errors import InputError
+from simval.text import shown
 
 MOST: Final = 10**12  # of anything counted here: more is a slip, and never ends
 
@@ -111,9 +112,3 @@ def file_path(name: str, value: Any) -> Path:
         msg = f"`{name}` is {shown(value)}; it must be the path of a file or folder"
         raise InputError(msg)
     return Path(text)
-
-
-def shown(value: Any) -> str:
-    """A value as a message shows it, cut where it is long."""
-    text = " ".join(repr(value).split())
-    return text if len(text) <= 60 else f"{text[:57]}..."

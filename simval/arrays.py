@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
 
-from simval.arguments import shown
 from simval.errors import InputError
+from simval.text import shown
 
 Array = NDArray[np.floating]
 

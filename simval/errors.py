@@ -4,6 +4,8 @@ Every message says what was given, what is required and what to do. Nothing here
 is raised for a bug of ours: such an exception is not a `SimvalError`.
 """
 
+from simval.text import one_line
+
 
 class SimvalError(Exception):
     """Base of every error that simval raises on purpose."""
@@ -37,3 +39,22 @@ class ConvergenceError(RefusedError):
 
 class SimulationError(RefusedError):
     """A simulated run that failed a check; its data is never returned."""
+
+
+class PluginError(RefusedError):
+    """A plug-in that cannot be loaded, breaks what it declares, or fails.
+
+    Parameters
+    ----------
+    message : str
+        Whatever the plug-in has put into it; kept as `one_line`.
+    """
+
+    def __init__(self, message: str) -> None:
+        super().__init__(one_line(message))
+
+
+class UnusablePluginError(PluginError, InputError):
+    """A plug-in that is not there, or cannot be loaded as it was given."""
+
+    exit_code = 2

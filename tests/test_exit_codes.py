@@ -7,9 +7,8 @@ from xml.etree import ElementTree
 import pytest
 from places import ROOT
 
-from simval.errors import InputError
+from simval.errors import InputError, UnusablePluginError
 from simval.gate import judge_run
-from simval.plugins.errors import UnusablePluginError
 from simval.report.section import Context
 from simval.report.sections import checks
 from simval.sweep import executors, load_run, load_suite, run_suite, store

@@ -11,9 +11,9 @@ import pytest
 from places import EXAMPLES, ROOT
 
 from simval.errors import InputError
+from simval.plugins.names import portable, without_folders
 from simval.results import Outcome, unjudged
 from simval.statistics import BIAS
-from simval.studies.files import portable, without_folders
 from simval.sweep import executors, load_run, load_suite, provenance, run_suite
 from simval.sweep.repro import find_cell
 from simval.sweep.suite import expand

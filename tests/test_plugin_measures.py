@@ -30,7 +30,7 @@ from simval.plugins import (
     probe_calibrator,
     probe_estimator,
 )
-from simval.plugins.describe import overrides_of
+from simval.plugins.loading import overrides_of
 from simval.plugins.probe import probe_sensor
 from simval.plugins.recording import MOVE, RATE, REST, recorded
 from simval.poses import fibonacci_sphere
@@ -38,7 +38,7 @@ from simval.results import Outcome
 from simval.scene import models_folder
 from simval.streams import Streams
 from simval.studies import calibrator, custom_scene, estimator
-from simval.studies.estimator_setting import Setting, claim_off
+from simval.studies.estimator import Setting, claim_off
 from simval.studies.study import Cell
 from simval.sweep import provenance, run_suite
 from simval.sweep.suite import expand, load_suite

@@ -20,17 +20,19 @@ from quick_align import ALIGN
 from simval.plugins import (
     Calibrator,
     PluginError,
+    child,
     find_plugin,
     probe_calibrator,
 )
 from simval.plugins.answers import calibration_of
-from simval.plugins.errors import LIMIT
 from simval.plugins.probe import probe_sensor
 from simval.poses import fibonacci_sphere
 from simval.streams import Streams
-from simval.studies import calibrator, custom_scene, estimator, isolation
+from simval.studies import calibrator, custom_scene, estimator
+from simval.studies.plugin import Rows, checked
 from simval.sweep import load_run, run_suite
 from simval.sweep.suite import expand
+from simval.text import LIMIT
 
 HEAD = """
 import os, signal, sys, tempfile, time
@@ -104,7 +106,7 @@ def test_a_process_that_hangs_is_stopped_with_its_children(tmp_path, monkeypatch
     program = tmp_path / "hangs"
     program.write_text(f"#!/bin/sh\nsleep 600 &\necho $$ $! > {mark}\nsleep 600\n")
     program.chmod(0o755)
-    monkeypatch.setattr(isolation, "sys", SimpleNamespace(executable=str(program)))
+    monkeypatch.setattr(child, "sys", SimpleNamespace(executable=str(program)))
     with pytest.raises(PluginError, match="did not end within 2 s"):
         measured("any.py", time_limit=2.0)
     assert_gone(mark.read_text().split())
@@ -176,10 +178,10 @@ ROW = {
 def test_a_forged_answer_is_refused(tmp_path, answer, words):
     (tmp_path / "answer.json").write_text(json.dumps(answer))
     with pytest.raises(PluginError, match=words) as caught:
-        isolation._answer(tmp_path, 0)
+        checked(child.read_answer(tmp_path, 0, Rows, "the plug-in"))
     assert len(str(caught.value)) <= LIMIT
     (tmp_path / "answer.json").write_text(json.dumps({"rows": [ROW]}))
-    (row,) = isolation._answer(tmp_path, 0)
+    (row,) = checked(child.read_answer(tmp_path, 0, Rows, "the plug-in")).rows
     assert (str(row.statistic), row.value, row.n) == ("bias[x]", 0.1, 1)
 
 

@@ -25,10 +25,12 @@ from simval.plugins import (
     probe_estimator,
 )
 from simval.plugins.command import recorded
-from simval.plugins.describe import overrides_of
-from simval.plugins.errors import LIMIT, one_line, told
+from simval.plugins.loading import overrides_of
 from simval.plugins.probe import probe_sensor, rotation_error
+from simval.plugins.sources import sources
+from simval.scene import Scene, find_scene
 from simval.sweep.suite import expand, load_suite
+from simval.text import LIMIT, one_line, told
 
 
 def align(*vectors):
@@ -360,6 +362,37 @@ def test_overrides_of_files():
     ]
     with pytest.raises(PluginError, match="comma"):
         overrides_of(("a,b.py",))
+
+
+SHELVES = """
+from simval.scene import Scene
+from their_shelves import NAMES
+
+a, b = (Scene(name=n, summary="", model=__file__, drive=print) for n in NAMES)
+"""
+
+
+def test_a_scene_is_a_plugin_like_any_other(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    file = str(written(tmp_path, SHELVES))
+    names = written(tmp_path, "NAMES = 'ab'", "their_shelves.py")
+    # of several each is meant by its name, and one alone by its file, as ever
+    words = f"{file}:a,{file}:b"
+    assert overrides_of((file,)) == [f"custom_scene.scene={words}"]
+    assert overrides_of((f"{file}:b",)) == [f"custom_scene.scene={file}:b"]
+    assert find_scene(f"{file}:b").name == "b"
+    assert find_plugin(f"{file}:a", Scene).model == file
+    written(tmp_path, SHELVES.replace("a, b", "a,").replace("NAMES)", "'a')"))
+    assert overrides_of((f"{file}:a",)) == [f"custom_scene.scene={file}"]
+    with pytest.raises(InputError, match="0 Estimators"):
+        find_plugin(file, Estimator)
+    # what is beside a link is what is loaded, and what is hashed
+    (tmp_path / "linked").mkdir()
+    link = tmp_path / "linked" / "plugin.py"
+    link.symlink_to(file)
+    assert find_scene(str(link)).model == str(link)
+    assert sources(str(link)).keys() == {str(link)}
+    assert sources(file).keys() == {file, str(names)}
 
 
 @pytest.mark.parametrize(

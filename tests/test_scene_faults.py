@@ -240,10 +240,15 @@ def test_a_users_scene_file_is_found_and_its_faults_are_named(tmp_path):
     assert len(trajectory.time) == 100
     assert trajectory.provenance["scene"] == "shelf"
     for text, message in (
-        ("x = 1\n", "holds 0 scenes"),
+        ("x = 1\n", "holds 0 Scenes"),
         (
             good + "other = Scene(**{f: getattr(scene, f) for f in scene.__slots__})\n",
-            "holds 2 scenes",
+            "holds two Scenes named `shelf`",
+        ),
+        (
+            good + "other = Scene(name='b', **{f: getattr(scene, f)"
+            " for f in scene.__slots__ if f != 'name'})\n",
+            "holds 2 Scenes; .* FILE:NAME",
         ),
         ("1 / 0\n", "fails with ZeroDivisionError"),
         ("def broken(:\n", "fails with SyntaxError"),

@@ -14,9 +14,9 @@ from jaxtyping import Float
 from numpy.typing import NDArray
 from scipy import special
 
-from simval.arguments import shown
 from simval.arrays import Array, finite_array, real_number
 from simval.errors import GeometryError, InputError, SimvalError
+from simval.text import shown
 
 Codes = NDArray[np.int8]
 Mask = NDArray[np.bool_]

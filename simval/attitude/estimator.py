@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from simval.arguments import choice, shown
+from simval.arguments import choice
 from simval.arrays import GREATEST, Array, finite_array, real_number, shaped_array
 from simval.attitude import kernel
 from simval.attitude.checks import (
@@ -23,6 +23,7 @@ from simval.attitude.checks import (
     widest_difference,
 )
 from simval.errors import InputError
+from simval.text import shown
 
 SELECTIONS = ("best", "combined", *kernel.FRAMES)
 

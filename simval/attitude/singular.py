@@ -32,13 +32,14 @@ from typing import Any, Final
 import numpy as np
 from jaxtyping import Float
 
-from simval.arguments import shown, whole_number
+from simval.arguments import whole_number
 from simval.arrays import Array, real_number
 from simval.attitude import kernel
 from simval.attitude.checks import Mask
 from simval.attitude.estimator import valid_batch
 from simval.errors import InputError
 from simval.geometry import normalize
+from simval.text import shown
 
 
 class Case(IntEnum):

@@ -25,11 +25,11 @@ import numpy as np
 from jaxtyping import Float
 from scipy import special
 
-from simval.arguments import shown
 from simval.arrays import GREATEST, LEAST, Array, finite_array
 from simval.attitude.checks import MIN_SINE
 from simval.errors import GeometryError, InputError
 from simval.geometry import attitude_matrix, normalize
+from simval.text import shown
 
 # Rounding turns q by eps times the sum of the weights over the gap of the eigenvalues.
 MIN_GAP: Final = 1e-12

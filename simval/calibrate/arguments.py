@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from simval.arguments import choice, shown, switch, whole_number
+from simval.arguments import choice, switch, whole_number
 from simval.arrays import (
     Array,
     noise_levels,
@@ -18,6 +18,7 @@ from simval.calibrate.solver import METHODS, Rules
 from simval.errors import GeometryError, InputError
 from simval.poses import PARAMETERS
 from simval.sensor import forms
+from simval.text import shown
 
 # Above it (singular values 1e4 apart) the moments, whose condition is the square, keep
 # under eight digits, and 1 mm/s^2 of noise becomes 0.6 m/s^2 of bias or more.

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy import special
 
-from simval.arguments import instance, shown
+from simval.arguments import instance
 from simval.arrays import Array, frozen, noise_levels, physical_array
 from simval.calibrate.outliers import (
     BELIEVED,
@@ -35,6 +35,7 @@ from simval.calibrate.verdict import (
 from simval.errors import InputError
 from simval.geometry import normalize
 from simval.sensor import forms
+from simval.text import shown
 
 __all__ = ["FALSE_ALARM", "Diagnosis", "Residuals", "diagnose", "residuals", "verdict"]
 

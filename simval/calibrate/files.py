@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from simval.arguments import file_path, instance, shown, whole_number
+from simval.arguments import file_path, instance, whole_number
 from simval.arrays import Array, positive_number, shaped_array
 from simval.calibrate.result import STANDARD_GRAVITY, FitResult
 from simval.calibrate.statements import (
@@ -24,6 +24,7 @@ from simval.calibrate.statements import (
 )
 from simval.errors import InputError
 from simval.sensor import forms
+from simval.text import shown
 
 FORMAT = "simval calibration 1"
 _NUMBERS = ("cost", "condition", "rms", "chi2_per_dof", "gradient_norm")

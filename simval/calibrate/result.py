@@ -7,10 +7,10 @@ import numpy as np
 from jaxtyping import Float
 from scipy import special
 
-from simval.arguments import shown
 from simval.arrays import Array, frozen, real_number
 from simval.errors import ConvergenceError, InputError
 from simval.sensor import AccelerometerModel, forms
+from simval.text import shown
 
 STANDARD_GRAVITY = 9.80665  # m/s^2
 _AMPLE = 200  # steps, the default: sets that can be fitted take 5 to 20

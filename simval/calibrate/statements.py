@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from simval.arguments import shown
 from simval.arrays import Array, shaped_array
 from simval.calibrate.result import FitResult
 from simval.errors import InputError
+from simval.text import shown
 
 _ROUNDING = 1e-12  # a sum of products of two parameters is off by a few times 1e-16
 _SIX_DIGITS = 5e-6

@@ -29,10 +29,10 @@ from simval.gate.formats import (
     to_junit,
     to_markdown,
 )
-from simval.plugins.errors import one_line
 from simval.sweep import load_run
 from simval.sweep.provenance import source_hash
 from simval.sweep.run import Run
+from simval.text import one_line
 
 SHOWN = 40
 """Failures printed one by one; the rest is counted."""

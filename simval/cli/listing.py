@@ -2,7 +2,7 @@
 
 import click
 
-from simval.plugins.describe import installed
+from simval.plugins.loading import installed
 from simval.scene import scenes
 from simval.studies import STUDIES
 from simval.sweep import load_suite

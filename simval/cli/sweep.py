@@ -9,7 +9,7 @@ import click
 
 from simval.cli.options import refuse_if, stated
 from simval.cli.progress import CellBar
-from simval.plugins.describe import overrides_of
+from simval.plugins.loading import overrides_of
 from simval.sweep import Suite, load_suite, store
 from simval.sweep.run import RUNS
 from simval.sweep.runner import Silence, drive

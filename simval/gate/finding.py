@@ -7,8 +7,8 @@ from math import isfinite
 
 from simval.gate.comparison import Comparison
 from simval.gate.judgement import GateResult
-from simval.plugins.errors import one_line
 from simval.results import CellName
+from simval.text import one_line
 from simval.verdict import Answer, Verdict
 
 

@@ -14,8 +14,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from simval.gate.finding import Finding, findings
 from simval.gate.headline import headline
 from simval.gate.judgement import GateResult
-from simval.plugins.errors import one_line
 from simval.results import CellName
+from simval.text import one_line
 
 SHOWN = 40
 """Findings written one by one in the summary; the rest is counted."""

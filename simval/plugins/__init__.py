@@ -6,8 +6,8 @@ calibrator in any language, a command that is given a file and answers with JSON
 it declares about its conventions is checked without noise before anything is measured.
 """
 
-from simval.plugins.errors import PluginError
-from simval.plugins.loading import find_plugin, plugins_of
+from simval.errors import PluginError
+from simval.plugins.loading import find_plugin
 from simval.plugins.probe import probe_calibrator, probe_estimator
 from simval.plugins.protocol import Calibrator, Estimator
 
@@ -16,7 +16,6 @@ __all__ = [
     "Estimator",
     "PluginError",
     "find_plugin",
-    "plugins_of",
     "probe_calibrator",
     "probe_estimator",
 ]

@@ -1,6 +1,7 @@
 """What a plug-in answers, checked: shapes, finiteness, unit lengths, and conventions.
 
-Nothing that comes from a plug-in goes further before it went through here.
+Nothing that comes from a plug-in goes further before it went through here: whatever
+it raises, or answers that is none of these, is a `PluginError`.
 """
 
 import reprlib
@@ -13,10 +14,10 @@ import numpy as np
 from jaxtyping import Float
 
 from simval.arrays import Array, finite_array
-from simval.errors import InputError
-from simval.plugins.errors import PluginError, told
+from simval.errors import InputError, PluginError
 from simval.plugins.protocol import Calibrator, Estimator
 from simval.sensor import forms
+from simval.text import told
 
 UNIT = 1e-6
 """How far from 1 the length of a quaternion may be."""
@@ -59,13 +60,7 @@ def quaternions_of(
     r1: Float[Array, "n 3"],
     r2: Float[Array, "n 3"],
 ) -> Float[Array, "n 4"]:
-    """Estimate attitudes and bring them to the package's convention.
-
-    Raises
-    ------
-    PluginError
-        If the plug-in raises, or its answer is no set of unit quaternions.
-    """
+    """Estimate attitudes and bring them to the package's convention."""
     answer = _called(estimator.name, estimator.estimate, b1, b2, r1, r2)
     q = _array(estimator.name, "quaternions", answer, (len(b1), 4))
     off = np.linalg.norm(q, axis=1) - 1.0
@@ -97,13 +92,7 @@ def covariances_of(
     r2: Float[Array, "n 3"],
     noise_std: float,
 ) -> Float[Array, "n 3 3"]:
-    """Ask an estimator for its covariances.
-
-    Raises
-    ------
-    PluginError
-        If they are not.
-    """
+    """Ask an estimator for its covariances."""
     name = estimator.name
     assert estimator.covariance is not None
     answer = _called(name, estimator.covariance, b1, b2, r1, r2, noise_std)
@@ -116,13 +105,7 @@ def covariances_of(
 def calibration_of(
     calibrator: Calibrator, poses: Float[Array, "n 3"], g: float, noise_std: float
 ) -> Calibration:
-    """Calibrate one set of poses.
-
-    Raises
-    ------
-    PluginError
-        If the plug-in raises, or its answer is no calibration.
-    """
+    """Calibrate one set of poses."""
     name = calibrator.name
     arguments: tuple[Any, ...] = (poses.copy(), g)
     if calibrator.noise_std:

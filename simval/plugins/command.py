@@ -18,13 +18,11 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array
-from simval.plugins.errors import PluginError, UnusablePluginError
-from simval.plugins.process import ending
+from simval.errors import PluginError, UnusablePluginError
+from simval.plugins.child import ending
+from simval.plugins.names import COMMAND
 from simval.plugins.protocol import Calibrator
 from simval.plugins.recording import recorded
-
-COMMAND = "command:"
-"""Beginning of a value that is a program and its words."""
 
 PLACES = ("{poses}", "{log}")
 CALL_LIMIT = 60.0

@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Float
 
 from simval.arrays import Array
+from simval.errors import PluginError
 from simval.geometry import compose, conjugate
 from simval.plugins.answers import covariances_of, quaternions_of
-from simval.plugins.errors import PluginError
 from simval.plugins.protocol import Estimator
 
 NOISE = 1e-3

@@ -1,13 +1,6 @@
-"""Find a plug-in: in a file, among the entry points, or behind a command.
+"""Load a plug-in: from a file, an installed package, or a command.
 
-============================= ==================================================
-algorithm                     what it is
-============================= ==================================================
-``mine.py``                   the one plug-in of the wanted kind in a file
-``mine.py:name``              the one of that name
-``command: ./mine {poses}``   a calibrator that runs a command, see `command`
-``name``                      an entry point of the group ``simval.plugins``
-============================= ==================================================
+Loading runs a user's code, so what a file or a package offers is asked in a child.
 """
 
 import sys
@@ -18,12 +11,29 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
-from simval.plugins.command import COMMAND, command_calibrator
-from simval.plugins.errors import UnusablePluginError, told
-from simval.plugins.protocol import Calibrator, Estimator
+from simval.errors import PluginError, UnusablePluginError
+from simval.plugins.child import Answer, asked
+from simval.plugins.command import command_calibrator
+from simval.plugins.names import COMMAND
+from simval.plugins.protocol import SCENE, Calibrator, Plugin
+from simval.text import told
 
 GROUP = "simval.plugins"
-Kind = TypeVar("Kind", Estimator, Calibrator)
+TIME_LIMIT = 60.0
+"""Seconds for reading what a file or a package offers."""
+
+OFFER = (
+    "from simval.plugins.child import respond; "
+    "from simval.plugins.loading import offer; respond(offer)"
+)
+
+Kind = TypeVar("Kind", bound=Plugin)
+
+
+class _Offer(Answer):
+    """The field that takes a plug-in, and its name, for each that is held."""
+
+    held: tuple[tuple[str, str], ...] = ()
 
 
 def find_plugin(algorithm: str, kind: type[Kind]) -> Kind:
@@ -32,13 +42,13 @@ def find_plugin(algorithm: str, kind: type[Kind]) -> Kind:
     Parameters
     ----------
     algorithm : str
-        As in the table above.
+        As in the table of `simval.plugins.names`.
     kind : type
-        `Estimator` or `Calibrator`.
+        `Estimator`, `Calibrator` or `simval.scene.Scene`.
 
     Returns
     -------
-    Estimator or Calibrator
+    Estimator, Calibrator or Scene
         The plug-in, as it declares itself; see `simval.plugins.probe`.
 
     Raises
@@ -50,47 +60,104 @@ def find_plugin(algorithm: str, kind: type[Kind]) -> Kind:
         if kind is not Calibrator:
             msg = f"`{algorithm}`: only a calibrator can be a command"
             raise UnusablePluginError(msg)
-        found: Any = command_calibrator(algorithm)
-        return found
-    path, _, name = algorithm.partition(".py:")
-    if algorithm.endswith(".py") or name:
-        file = Path(algorithm if not name else f"{path}.py")
-        return _chosen(plugins_of(file), kind, name, str(file))
-    return _entry_point(algorithm, kind)
+        command: Any = command_calibrator(algorithm)
+        return command
+    file, name = _python_file(algorithm)
+    return _of_file(file, name, kind) if file else _of_package(algorithm, kind)
 
 
-def plugins_of(file: Path, *others: type) -> list[Any]:
-    """Plug-ins that a Python file holds.
-
-    Parameters
-    ----------
-    file : Path
-        Run as a module of its own, which stays in ``sys.modules``; its folder stays at
-        the end of the module path, where it hides nothing.
-    *others : type
-        What else counts, beside `Estimator` and `Calibrator`.
-
-    Returns
-    -------
-    list
-        In the order of the file; two names for the same object count once.
+def overrides_of(plugins: tuple[str, ...]) -> list[str]:
+    """Overrides that put some plug-ins into a suite.
 
     Raises
     ------
     UnusablePluginError
-        If the file is missing or fails, or two plug-ins of a kind share a name.
+        If one cannot be used, or holds no plug-in.
     """
+    values: dict[str, list[str]] = {}
+    for plugin in plugins:
+        if "," in plugin:
+            msg = f"`{plugin}` has a comma, which separates values; rename it"
+            raise UnusablePluginError(msg)
+        for field, word in _meant(plugin):
+            values.setdefault(field, []).append(word)
+    return [f"{field}={','.join(words)}" for field, words in values.items()]
+
+
+def _meant(plugin: str) -> list[tuple[str, str]]:
+    """Field that takes each plug-in that is meant, and the word that it is given."""
+    if plugin.startswith(COMMAND):
+        return [(command_calibrator(plugin).taken_by, plugin)]
+    file, name = _python_file(plugin)
+    if not file and plugin not in dict(installed()):
+        raise _no_plugin(plugin, 0)
+    whole = file or plugin
+    try:
+        held = asked(OFFER, whole, TIME_LIMIT, _Offer, f"the plug-in {whole}").held
+    except PluginError as error:
+        raise UnusablePluginError(str(error)) from None
+    if not file:
+        return [(field, plugin) for field, _ in held]
+    chosen = [each for each in held if name in ("", each[1])]
+    if not chosen:
+        names = ", ".join(own for _, own in held)
+        msg = f"{file} holds no plug-in named {name}; it has: {names}"
+        raise UnusablePluginError(msg)
+    scenes = sum(field == SCENE for field, _ in held)
+    return [
+        (field, file if field == SCENE and scenes == 1 else f"{file}:{own}")
+        for field, own in chosen
+    ]
+
+
+def offer(plugin: str) -> dict[str, Any]:
+    """Load a file or a package, and say what it holds.
+
+    Raises
+    ------
+    UnusablePluginError
+        If it cannot be loaded, or holds no plug-in.
+    """
+    is_file = plugin.endswith(".py")
+    try:
+        values = _held_by(Path(plugin)) if is_file else _loaded(plugin)
+    except SystemExit as error:
+        what = "file" if is_file else "package"
+        msg = f"the plug-in {what} {plugin} calls exit({error.code})"
+        raise UnusablePluginError(msg) from None
+    held = [
+        (value.taken_by, value.name) for value in values if isinstance(value, Plugin)
+    ]
+    if not held:
+        msg = (
+            f"{plugin} holds no Estimator, Calibrator or Scene at its top level; see "
+            "docs/plugins.md"
+        )
+        raise UnusablePluginError(msg)
+    return {"held": held}
+
+
+def installed() -> list[tuple[str, str]]:
+    """Plug-ins that installed packages offer; none is loaded."""
+    points = metadata.entry_points(group=GROUP)
+    return sorted(
+        (point.name, f"{point.dist.name} {point.dist.version}" if point.dist else "")
+        for point in points
+    )
+
+
+def _held_by(file: Path) -> list[Any]:
+    """Plug-ins of a Python file; two names for the same one count once."""
     if not file.is_file():
         msg = f"the plug-in file {file} does not exist; give the path of a Python file"
         raise UnusablePluginError(msg)
     try:
-        content = vars(_imported(file.resolve()))
+        content = vars(_imported(file))
     except Exception as error:  # whatever a user's file may raise
         msg = f"the plug-in file {file} fails with {told(error)}"
         raise UnusablePluginError(msg) from error
-    kinds = (Estimator, Calibrator, *others)
-    held = [value for value in content.values() if isinstance(value, kinds)]
-    found: list[Any] = list({id(value): value for value in held}.values())
+    held = [value for value in content.values() if isinstance(value, Plugin)]
+    found = list({id(value): value for value in held}.values())
     names: set[tuple[type, str]] = set()
     for value in found:
         if (type(value), value.name) in names:
@@ -109,26 +176,37 @@ def _imported(file: Path) -> ModuleType:
     It is a module like any other, so that what looks one up later finds it: pickle, the
     evaluation of annotations, an import of a neighbour from inside a function.
     """
-    folder, name = str(file.parent), f"simval_plugin_{file.stem}"
-    loader = SourceFileLoader(name, str(file))
-    module = module_from_spec(ModuleSpec(name, loader, origin=str(file)))
-    module.__file__ = str(file)
+    folder, name = str(file.resolve().parent), f"simval_plugin_{file.stem}"
+    # not resolved: what it has beside itself is beside the link that names it
+    path = str(file.absolute())
+    loader = SourceFileLoader(name, path)
+    module = module_from_spec(ModuleSpec(name, loader, origin=path))
+    module.__file__ = path
     sys.modules[name] = module
     if folder not in sys.path:
         sys.path.append(folder)
     # not by the loader: its cache takes a file of the same second and size for this one
-    exec(loader.source_to_code(file.read_bytes(), str(file)), vars(module))
+    exec(loader.source_to_code(file.read_bytes(), path), vars(module))
     return module
 
 
-def _chosen(held: list[Any], kind: type[Kind], name: str, where: str) -> Kind:
+def _python_file(word: str) -> tuple[str, str]:
+    """Python file that a word names, or nothing, and what is meant inside it."""
+    path, _, name = word.partition(".py:")
+    if name:
+        return f"{path}.py", name
+    return word if word.endswith(".py") else "", ""
+
+
+def _of_file(file: str, name: str, kind: type[Kind]) -> Kind:
+    held = _held_by(Path(file))
     fitting = [value for value in held if isinstance(value, kind)]
     if name:
         fitting = [value for value in fitting if value.name == name]
     if len(fitting) != 1:
         names = ", ".join(value.name for value in held) or "none"
         msg = (
-            f"{where} holds {len(fitting)} {kind.__name__}s"
+            f"{file} holds {len(fitting)} {kind.__name__}s"
             f"{f' named {name}' if name else ''}; it must hold one, or be given as "
             f"FILE:NAME (it has: {names})"
         )
@@ -136,26 +214,35 @@ def _chosen(held: list[Any], kind: type[Kind], name: str, where: str) -> Kind:
     return fitting[0]
 
 
-def _entry_point(name: str, kind: type[Kind]) -> Kind:
-    points = metadata.entry_points(group=GROUP)
-    chosen = [point for point in points if point.name == name]
-    if len(chosen) != 1:
-        names = ", ".join(sorted(point.name for point in points)) or "none"
+def _of_package(name: str, kind: type[Kind]) -> Kind:
+    held = _loaded(name)
+    fitting = [value for value in held if isinstance(value, kind)]
+    if len(fitting) == 1:
+        return fitting[0]
+    if len(held) == 1:
+        (point,) = metadata.entry_points(group=GROUP, name=name)
+        home = kind.__module__.rpartition(".")[0]
         msg = (
-            f"there is no plug-in `{name}`: {len(chosen)} installed packages offer it "
-            f"in the group {GROUP} (installed: {names}); a file is given as FILE.py or "
-            f"FILE.py:NAME, a command as `{COMMAND} PROGRAM {{poses}}`"
+            f"the entry point `{name}` = {point.value} is of type "
+            f"{type(held[0]).__name__}; it must be a {home}.{kind.__name__}"
         )
         raise UnusablePluginError(msg)
+    raise _no_plugin(name, len(held))
+
+
+def _no_plugin(word: str, count: int) -> UnusablePluginError:
+    names = ", ".join(known for known, _ in installed()) or "none"
+    return UnusablePluginError(
+        f"there is no plug-in `{word}`: a file must end in .py (FILE.py or "
+        f"FILE.py:NAME), a command begin with `{COMMAND}`, and {count or 'no'} "
+        f"installed package{'s offer' if count > 1 else ' offers'} one of that name "
+        f"(installed: {names})"
+    )
+
+
+def _loaded(name: str) -> list[Any]:
     try:
-        value = chosen[0].load()
+        return [p.load() for p in metadata.entry_points(group=GROUP, name=name)]
     except Exception as error:  # whatever an installed package may raise
         msg = f"the entry point `{name}` fails with {told(error)}"
         raise UnusablePluginError(msg) from error
-    if not isinstance(value, kind):
-        msg = (
-            f"the entry point `{name}` = {chosen[0].value} is of type "
-            f"{type(value).__name__}; it must be a simval.plugins.{kind.__name__}"
-        )
-        raise UnusablePluginError(msg)
-    return value

@@ -12,6 +12,7 @@ from itertools import product
 import numpy as np
 
 from simval.arrays import Array
+from simval.errors import PluginError
 from simval.geometry import (
     attitude_error,
     attitude_matrix,
@@ -26,7 +27,6 @@ from simval.plugins.answers import (
     quaternions_of,
 )
 from simval.plugins.covariance_probe import probe_covariance, rotation_error
-from simval.plugins.errors import PluginError
 from simval.plugins.protocol import Calibrator, Estimator
 from simval.poses import fibonacci_sphere
 from simval.sensor import AccelerometerModel, forms

@@ -14,38 +14,35 @@ of the noise that it keeps.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, ClassVar, Literal
 
 from simval.arrays import Array
-from simval.plugins.errors import PluginError
+from simval.errors import PluginError
 from simval.sensor import forms
 
 Claim = Literal["exact", 2, 4]
 
-
-class Estimate(Protocol):
-    """Attitudes from two vectors each."""
-
-    def __call__(self, b1: Array, b2: Array, r1: Array, r2: Array, /) -> Any:
-        """Estimate attitudes."""
+SCENE = "custom_scene.scene"
+"""Field of a study that takes a `simval.scene.Scene`."""
 
 
-class Calibrate(Protocol):
-    """A calibration from readings at rest."""
+class Plugin:
+    """What a user brings: it has a name, and is taken by a field of a study."""
 
-    def __call__(self, poses: Array, g: float, /) -> Any:
-        """Calibrate one set of poses."""
+    __slots__ = ()
+    name: str
+    taken_by: ClassVar[str]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Estimator:
+class Estimator(Plugin):
     """An attitude estimator from two vector observations.
 
     Attributes
     ----------
     name : str
         Short name.
-    estimate : Estimate
+    estimate : callable
         ``estimate(b1, b2, r1, r2)``: (n, 3) each to quaternions (n, 4), unit length.
     components : {"xyzs", "sxyz"}
         Order of the quaternion.
@@ -60,8 +57,10 @@ class Estimator:
         How good `covariance` is.
     """
 
+    taken_by: ClassVar[str] = "estimator.algorithm"
+
     name: str
-    estimate: Estimate
+    estimate: Callable[[Array, Array, Array, Array], Any]
     components: Literal["xyzs", "sxyz"]
     matrix: Literal["active", "passive"]
     covariance: Callable[..., Any] | None = None
@@ -80,14 +79,14 @@ class Estimator:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Calibrator:
+class Calibrator(Plugin):
     """A calibrator from readings at rest.
 
     Attributes
     ----------
     name : str
         Short name.
-    calibrate : Calibrate
+    calibrate : callable
         ``calibrate(poses, g)``, one set at a time.
     form : {"triangular", "upper", "symmetric"}, default "triangular"
         Parameters whose covariance is given, see `simval.sensor.forms`.
@@ -95,8 +94,10 @@ class Calibrator:
         Whether `calibrate` takes ``noise_std``, the noise of a pose mean, as well.
     """
 
+    taken_by: ClassVar[str] = "calibrator.algorithm"
+
     name: str
-    calibrate: Calibrate | Callable[..., Any]
+    calibrate: Callable[..., Any]
     form: str = "triangular"
     noise_std: bool = False
 

@@ -15,22 +15,44 @@ A user's scene is an MJCF file and a Python file that holds one `Scene`::
 and its name, for commands and suites, is the path of that file.
 """
 
-import runpy
-from importlib import metadata
-from pathlib import Path
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
 from simval.errors import InputError
+from simval.plugins.loading import find_plugin
+from simval.plugins.names import file_of
+from simval.plugins.sources import missing
 from simval.scene.driven import drive_gimbal, drive_shaker
 from simval.scene.free import drive_freefall, drive_pivot
 from simval.scene.hand import drive_handheld
 from simval.scene.models import model_path
-from simval.scene.script import Scene
+from simval.scene.script import Scene, Script
 from simval.scene.thrown import drive_thrown
 
-GROUP = "simval.plugins"
 CONTACT_FORCE = 20_000.0  # m/s^2; an impact of 2 m/s within one step of 0.1 ms
+
+_HARD = {"force_limit": CONTACT_FORCE, "rate_limit": 500.0}
+_THROWN = {**_HARD, "reach": 50.0}
+_FAR = {"reach": np.inf}
+
+_LISTED: tuple[tuple[str, Callable[..., Script], Mapping[str, float], str], ...] = (
+    ("gimbal", drive_gimbal, {},
+     "servos turn the IMU through chosen poses; exact at rest"),
+    ("die", drive_thrown, _THROWN,
+     "a fourteen-faced die is kicked up, tumbles and comes to rest"),
+    ("shaker", drive_shaker, _HARD,
+     "a die loose in a closed box that two servos tip"),
+    ("pivot", drive_pivot, {},
+     "a slow free spin about a pivot, off-centre: never quite at rest"),
+    ("handheld", drive_handheld, {},
+     "a trembling hand carries the IMU through chosen poses"),
+    ("cube", drive_thrown, _THROWN,
+     "a thrown cube, six faces: a negative control, rank 6 of 9"),
+    ("freefall", drive_freefall, _FAR,
+     "a spinning body that falls: a negative control, no gravity"),
+)  # fmt: skip
+"""Name, driver, limits and what happens; the default first."""
 
 
 def scenes() -> dict[str, Scene]:
@@ -41,60 +63,12 @@ def scenes() -> dict[str, Scene]:
     dict of str to Scene
         By name, the default first.
     """
-    listed = (
-        Scene(
-            name="gimbal",
-            summary="servos turn the IMU through chosen poses; exact at rest",
-            model=model_path("gimbal"),
-            drive=drive_gimbal,
-        ),
-        Scene(
-            name="die",
-            summary="a fourteen-faced die is kicked up, tumbles and comes to rest",
-            model=model_path("die"),
-            drive=drive_thrown,
-            force_limit=CONTACT_FORCE,
-            rate_limit=500.0,
-            reach=50.0,
-        ),
-        Scene(
-            name="shaker",
-            summary="a die loose in a closed box that two servos tip",
-            model=model_path("shaker"),
-            drive=drive_shaker,
-            force_limit=CONTACT_FORCE,
-            rate_limit=500.0,
-        ),
-        Scene(
-            name="pivot",
-            summary="a slow free spin about a pivot, off-centre: never quite at rest",
-            model=model_path("pivot"),
-            drive=drive_pivot,
-        ),
-        Scene(
-            name="handheld",
-            summary="a trembling hand carries the IMU through chosen poses",
-            model=model_path("handheld"),
-            drive=drive_handheld,
-        ),
-        Scene(
-            name="cube",
-            summary="a thrown cube, six faces: a negative control, rank 6 of 9",
-            model=model_path("cube"),
-            drive=drive_thrown,
-            force_limit=CONTACT_FORCE,
-            rate_limit=500.0,
-            reach=50.0,
-        ),
-        Scene(
-            name="freefall",
-            summary="a spinning body that falls: a negative control, no gravity",
-            model=model_path("freefall"),
-            drive=drive_freefall,
-            reach=np.inf,
-        ),
-    )
-    return {scene.name: scene for scene in listed}
+    return {
+        name: Scene(
+            name=name, summary=summary, model=model_path(name), drive=drive, **limits
+        )
+        for name, drive, limits, summary in _LISTED
+    }
 
 
 def find_scene(name: str | Scene) -> Scene:
@@ -103,9 +77,8 @@ def find_scene(name: str | Scene) -> Scene:
     Parameters
     ----------
     name : str or Scene
-        A name out of `scenes`, the name of an entry point of the group
-        ``simval.plugins`` that is a `Scene`, or the path of a Python file that holds
-        one.
+        A name out of `scenes`, or of a `Scene` that an installed package or a Python
+        file offers, see `simval.plugins.names`.
 
     Returns
     -------
@@ -122,36 +95,11 @@ def find_scene(name: str | Scene) -> Scene:
     listed = scenes()
     if name in listed:
         return listed[name]
-    if not name.endswith(".py"):
-        return _installed(name, ", ".join(listed))
-    if not Path(name).is_file():
-        msg = f"the scene file {name} does not exist; give the path of a Python file"
-        raise InputError(msg)
-    try:
-        held = runpy.run_path(name)
-    except Exception as error:  # whatever a user's file may raise
-        msg = f"the scene file {name} fails with {type(error).__name__}: {error}"
-        raise InputError(msg) from error
-    found = [value for value in held.values() if isinstance(value, Scene)]
-    if len(found) != 1:
-        msg = f"the scene file {name} holds {len(found)} scenes; it must hold one"
-        raise InputError(msg)
-    return found[0]
-
-
-def _installed(name: str, listed: str) -> Scene:
-    """Scene that an installed package offers."""
-    points = metadata.entry_points(group=GROUP, name=name)
-    try:
-        found = [value for p in points if isinstance(value := p.load(), Scene)]
-    except Exception as error:  # whatever an installed package may raise
-        msg = f"the scene {name!r} fails with {type(error).__name__}: {error}"
-        raise InputError(msg) from error
-    if len(found) != 1:
+    if not file_of(name) and missing(name):
         msg = (
-            f"there is no scene {name!r}; choose one of {listed}, or give the path of "
-            f"a Python file that holds a Scene ({len(found)} installed packages offer "
-            f"one of that name in the group {GROUP})"
+            f"there is no scene {name!r}; choose one of {', '.join(listed)}, or give "
+            "the path of a Python file that holds a Scene, or the name of one that an "
+            "installed package offers"
         )
         raise InputError(msg)
-    return found[0]
+    return find_plugin(name, Scene)

@@ -10,12 +10,13 @@ import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simval.arrays import Array, frozen
+from simval.plugins.protocol import SCENE, Plugin
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -63,7 +64,7 @@ class Script:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Scene:
+class Scene(Plugin):
     """A model file and its driver.
 
     Attributes
@@ -84,6 +85,8 @@ class Scene:
     reach : float
         Greatest believable distance of the sensor at the end from its start, m.
     """
+
+    taken_by: ClassVar[str] = SCENE
 
     name: str
     summary: str

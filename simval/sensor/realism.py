@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
 
-from simval.arguments import instance, shown
+from simval.arguments import instance
 from simval.arrays import (
     Array,
     frozen,
@@ -29,6 +29,7 @@ from simval.arrays import (
 )
 from simval.errors import InputError
 from simval.sensor.model import AccelerometerModel
+from simval.text import shown
 
 STANDARD_GRAVITY = 9.80665  # m/s^2, the unit of `range_g`
 

@@ -30,7 +30,7 @@ from simval.moments import Moments
 from simval.montecarlo import moments_of, simulate
 from simval.plugins import Calibrator, find_plugin, probe_calibrator
 from simval.plugins.answers import calibration_of
-from simval.plugins.command import COMMAND
+from simval.plugins.names import COMMAND
 from simval.plugins.probe import TOLERANCE, probe_sensor
 from simval.poses import fibonacci_sphere
 from simval.results import Outcome, Row, limit, nees, plain, unjudged
@@ -47,8 +47,7 @@ from simval.statistics import (
     TRUTH,
 )
 from simval.streams import Streams
-from simval.studies.isolation import isolated
-from simval.studies.sources import PluginName, PluginParameters
+from simval.studies.plugin import PluginName, PluginParameters, isolated
 from simval.theory.calibration import CalibrationMoments, calibration_moments
 
 TITLE = "A user's calibrator, in a process of its own"
@@ -69,6 +68,8 @@ G = 9.80665
 
 class Parameters(PluginParameters):
     """One cell: a plug-in, a pose count and a noise level."""
+
+    plugin = "algorithm"
 
     algorithm: PluginName = Field(
         default="",
@@ -92,11 +93,10 @@ class Parameters(PluginParameters):
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Measure the plug-in in a child process."""
-    parameters.require_same_sources()
     limit = parameters.time_limit
     if parameters.algorithm.startswith(COMMAND):
         limit *= ceil(parameters.trials / CALLS)
-    return isolated("calibrator", parameters, streams, limit)
+    return isolated(compute, parameters, streams, limit)
 
 
 def compute(parameters: Parameters, streams: Streams) -> Outcome:

@@ -12,9 +12,8 @@ from pydantic import Field
 from simval.results import Outcome
 from simval.scene import simulate
 from simval.streams import Streams
-from simval.studies.isolation import isolated
+from simval.studies.plugin import PluginName, PluginParameters, isolated
 from simval.studies.scene import judged_rows
-from simval.studies.sources import PluginName, PluginParameters
 
 TITLE = "A user's scene, in a process of its own"
 SECTION = None
@@ -22,6 +21,8 @@ SECTION = None
 
 class Parameters(PluginParameters):
     """One cell: a scene."""
+
+    plugin = "scene"
 
     scene: PluginName = Field(
         default="", description="FILE.py that holds a scene, or a scene's name."
@@ -33,8 +34,7 @@ class Parameters(PluginParameters):
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Simulate the scene in a child process."""
-    parameters.require_same_sources()
-    return isolated("custom_scene", parameters, streams, parameters.time_limit)
+    return isolated(compute, parameters, streams, parameters.time_limit)
 
 
 def compute(parameters: Parameters, streams: Streams) -> Outcome:

@@ -28,13 +28,16 @@ least. So a wrong leading term is never hidden by its own remainder.
 from typing import Annotated
 
 import numpy as np
+from jaxtyping import Float
 from pydantic import Field
 
 from simval.arrays import Array
+from simval.geometry import attitude_matrix
 from simval.moments import Moments
 from simval.montecarlo import Sums, mean_square, moments_of, simulate
 from simval.plugins import Estimator, find_plugin, probe_estimator
-from simval.plugins.probe import TOLERANCE
+from simval.plugins.answers import covariances_of, quaternions_of
+from simval.plugins.probe import TOLERANCE, rotation_error
 from simval.results import Outcome, Row, limit, nees, plain, unjudged
 from simval.statistics import (
     BIAS,
@@ -56,10 +59,10 @@ from simval.statistics import (
     order,
 )
 from simval.streams import Streams
-from simval.studies.estimator_setting import Setting, claim_off
-from simval.studies.isolation import isolated
-from simval.studies.sources import PluginName, PluginParameters
+from simval.studies.attitude import random_geometry
+from simval.studies.plugin import PluginName, PluginParameters, isolated
 from simval.theory.cramer_rao import attitude_bound
+from simval.theory.cubature import cubature_moments
 
 TITLE = "A user's attitude estimator, in a process of its own"
 SECTION = None
@@ -80,6 +83,8 @@ RESOLVED = 1e-6
 class Parameters(PluginParameters):
     """One cell: a plug-in, a geometry and a noise level."""
 
+    plugin = "algorithm"
+
     algorithm: PluginName = Field(
         default="", description="FILE.py, FILE.py:NAME or the name of an entry point."
     )
@@ -97,10 +102,47 @@ class Parameters(PluginParameters):
     )
 
 
+class Setting:
+    """A plug-in at one geometry."""
+
+    def __init__(self, plugin: Estimator, geometry: int) -> None:
+        self.plugin = plugin
+        self.q, self.r1, self.r2 = random_geometry(geometry)
+        A = attitude_matrix(self.q)
+        self.truth = np.stack([A @ self.r1, A @ self.r2, self.r1, self.r2])
+
+    def errors(self, vectors: Float[Array, "n 4 3"], noise: float) -> Array:
+        """Errors of some trials."""
+        b1, b2, r1, r2 = np.moveaxis(vectors, 1, 0)
+        q = quaternions_of(self.plugin, b1, b2, r1, r2)
+        error = rotation_error(self.q, q, self.plugin.side)
+        if self.plugin.covariance is None:
+            return error
+        P = covariances_of(self.plugin, b1, b2, r1, r2, noise)
+        solved = np.linalg.solve(P, error[..., None])[..., 0]
+        return np.column_stack([error, np.sum(error * solved, axis=1)])
+
+    def cubature(self, noise: float, degree: int) -> tuple[Array, Array]:
+        """Mean and covariance of `errors` under the noise."""
+        count = 4 if self.plugin.covariance is not None else 3
+        found = cubature_moments(
+            lambda *vectors: self.errors(np.stack(vectors, axis=1), noise),
+            self.truth,
+            np.broadcast_to(noise**2 * np.eye(3), (4, 3, 3)),
+            np.zeros(count),
+            degree,
+        )
+        return -found.bias, found.covariance
+
+
+def claim_off(moments: tuple[Array, Array]) -> float:
+    """By how much the mean normalised square is off 3."""
+    return float(moments[0][3]) / 3.0 - 1.0
+
+
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Measure the plug-in in a child process."""
-    parameters.require_same_sources()
-    return isolated("estimator", parameters, streams, parameters.time_limit)
+    return isolated(compute, parameters, streams, parameters.time_limit)
 
 
 def compute(parameters: Parameters, streams: Streams) -> Outcome:

@@ -2,13 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict
 
 from simval.results import Outcome
 from simval.streams import Streams, cell_key
-from simval.studies.files import portable_fields
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +37,18 @@ class StudyParameters(BaseModel):
         """What a cell takes where a study does not say: a second and fifty rows."""
         return Cost(1.0, 50)
 
+    plugin: ClassVar[str] = ""
+    """Field that names a plug-in; only there a slash is more than text."""
+
+    def named(self) -> dict[str, Any]:
+        """Values as a name, a store and a table hold them."""
+        return self.model_dump()
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Paths of the files that the study's code is made of, beside the package."""
+        return ()
+
 
 @dataclass(frozen=True, slots=True)
 class Study:
@@ -55,8 +66,6 @@ class Study:
         ``run(parameters, streams) -> Outcome``, pure.
     section : str or None
         Section of the report that shows it; None draws it along what varies.
-    compute : callable or None
-        What `run` asks a child process to do, for a study of a user's code.
     """
 
     name: str
@@ -64,7 +73,6 @@ class Study:
     parameters: type[StudyParameters]
     run: Callable[[Any, Streams], Outcome]
     section: str | None
-    compute: Callable[[Any, Streams], Outcome] | None
 
 
 def study_of(module: Any) -> Study:
@@ -75,7 +83,6 @@ def study_of(module: Any) -> Study:
         parameters=module.Parameters,
         run=module.run,
         section=module.SECTION,
-        compute=getattr(module, "compute", None),
     )
 
 
@@ -100,7 +107,7 @@ class Cell:
     @property
     def key_name(self) -> str:
         """Canonical name without the seed: study and sorted parameters."""
-        values = sorted(portable_values(self.parameters).items())
+        values = sorted(self.parameters.named().items())
         inside = ",".join(f"{key}={canonical(value)}" for key, value in values)
         return f"{self.study}({inside})"
 
@@ -113,11 +120,6 @@ class Cell:
     def streams(self) -> Streams:
         """The cell's random streams, fixed by its name and seed alone."""
         return Streams(self.seed, cell_key(self.key_name))
-
-
-def portable_values(parameters: StudyParameters) -> dict[str, Any]:
-    """Parameters as a name, a store and a table hold them."""
-    return portable_fields(type(parameters), parameters.model_dump())
 
 
 def canonical(value: Any) -> str:

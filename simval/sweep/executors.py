@@ -28,12 +28,12 @@ from threading import Thread
 from typing import Any
 
 from simval.errors import InputError
-from simval.plugins.errors import described, one_line, told
+from simval.plugins.names import told_anywhere
 from simval.results import Outcome
 from simval.studies import find_study
-from simval.studies.sources import told_anywhere
 from simval.studies.study import Cell
 from simval.sweep import provenance
+from simval.text import described, one_line, told
 
 CONNECT_TIMEOUT = 10.0  # s
 
@@ -58,7 +58,7 @@ def attempt(position: int, cell: Cell) -> Done:
     try:
         outcome: Outcome | str = execute(cell)
     except (Exception, SystemExit) as error:  # whatever it does, the others go on
-        outcome = told_anywhere(described(error), cell.parameters)
+        outcome = told_anywhere(described(error), cell.parameters.files)
     return position, outcome, time.process_time() - start
 
 

@@ -9,10 +9,9 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
 from simval.errors import InputError
-from simval.plugins.command import COMMAND
+from simval.plugins.names import file_of, located
 from simval.studies import STUDIES
-from simval.studies.files import file_fields, file_of, is_path
-from simval.studies.sources import located, missing
+from simval.studies.plugin import PluginParameters
 from simval.studies.study import Cell
 
 
@@ -28,19 +27,17 @@ def kept_inside(name: str, content: Mapping[str, Any], folder: Path) -> dict[str
     def kept(value: Any, key: str) -> Any:
         if isinstance(value, list):
             return [kept(v, key) for v in value]
-        if not (isinstance(value, str) and is_path(value)):
+        if not isinstance(value, str):
             return value
-        if not value.startswith(COMMAND):
+        if file_of(value):
             _require_inside(name, key, value, folder)
         return located(value, str(folder))
 
     found = dict(content)
     for study in found.keys() & STUDIES.keys():
-        table, fields = found[study], file_fields(STUDIES[study].parameters)
-        if isinstance(table, Mapping):
-            found[study] = {
-                k: kept(v, k) if k in fields else v for k, v in table.items()
-            }
+        table, field = found[study], STUDIES[study].parameters.plugin
+        if isinstance(table, Mapping) and field in table:
+            found[study] = {**table, field: kept(table[field], field)}
     return found
 
 
@@ -52,16 +49,12 @@ def require_found(cells: Iterable[Cell]) -> None:
     InputError
         With the key that names what is missing.
     """
-    named = {
-        (cell.study, key, str(getattr(cell.parameters, key)))
-        for cell in cells
-        for key in file_fields(type(cell.parameters))
-    }
-    for study, key, text in sorted(named):
-        if gone := missing(text):
+    for cell in cells:
+        own = cell.parameters
+        if isinstance(own, PluginParameters) and (gone := own.missing()):
             msg = (
-                f"`{study}.{key}`: {gone}; give FILE.py, FILE.py:NAME or the name of "
-                "an installed plug-in, in a suite relative to its file"
+                f"`{cell.study}.{own.plugin}`: {gone}; give FILE.py, FILE.py:NAME or "
+                "the name of an installed plug-in, in a suite relative to its file"
             )
             raise InputError(msg)
 

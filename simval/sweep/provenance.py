@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from simval.plugins.names import portable
+from simval.plugins.sources import sources
 from simval.scene import models_folder
 from simval.studies import STUDIES
-from simval.studies.files import file_fields, is_path, portable, portable_fields
-from simval.studies.sources import located, sources
 from simval.sweep.suite import Suite
 
 PACKAGES = ("simval", "numpy", "scipy", "mujoco-core", "pydantic")
@@ -77,24 +77,27 @@ def source_hash() -> str:
 
 def portable_grid(grid: Mapping[str, Any]) -> dict[str, Any]:
     """Grid of a suite with files by their names alone."""
-    return {
-        key: portable_fields(STUDIES[key].parameters, value)
-        if key in STUDIES and isinstance(value, Mapping)
-        else value
-        for key, value in grid.items()
-    }
+    found = dict(grid)
+    for study, field, words in _named(grid):
+        listed = isinstance(words, list)
+        short = [portable(word) for word in words] if listed else portable(words)
+        found[study] = {**grid[study], field: short}
+    return found
 
 
 def named_files(grid: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
-    """Values of a suite that may name files."""
+    """Words of a suite for plug-ins."""
+    for study, field, words in _named(grid):
+        for text in words if isinstance(words, list) else [words]:
+            if text:
+                yield study, field, text
+
+
+def _named(grid: Mapping[str, Any]) -> Iterator[tuple[str, str, Any]]:
     for study, table in grid.items():
-        if study not in STUDIES or not isinstance(table, Mapping):
-            continue
-        for key in sorted(file_fields(STUDIES[study].parameters) & table.keys()):
-            value = table[key]
-            for text in value if isinstance(value, list) else [value]:
-                if text:
-                    yield study, key, located(text)
+        field = STUDIES[study].parameters.plugin if study in STUDIES else ""
+        if isinstance(table, Mapping) and field in table:
+            yield study, field, table[field]
 
 
 def file_hashes(grid: Mapping[str, Any]) -> dict[str, str]:
@@ -119,7 +122,7 @@ def places(grid: Mapping[str, Any]) -> dict[str, dict[str, str]]:
     """Where the plug-ins of a suite lie on this machine."""
     found: dict[str, dict[str, str]] = {}
     for study, key, text in named_files(grid):
-        if is_path(text):
+        if portable(text) != text:
             found.setdefault(f"{study}.{key}", {})[portable(text)] = text
     return found
 

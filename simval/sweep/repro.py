@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 
 from simval.errors import InputError
-from simval.plugins.command import COMMAND
+from simval.plugins.names import COMMAND, file_of, located, portable
 from simval.results import Outcome, Row
 from simval.studies import find_study
-from simval.studies.files import file_fields, file_of, portable
-from simval.studies.sources import located, missing
-from simval.studies.study import Cell, portable_values
+from simval.studies.plugin import PluginParameters
+from simval.studies.study import Cell
 from simval.sweep.executors import attempt
 from simval.sweep.run import CellResult, Run
 from simval.sweep.suite import literal, validated
@@ -91,20 +90,20 @@ def find_cell(name: str, run: Run | None, plugins: Sequence[str] = ()) -> Cell:
     held = next((c for c in run.cells if c.name == name), None) if run else None
     if held is None:
         cell = parse_cell(name)
-        study, seed, values = cell.study, cell.seed, portable_values(cell.parameters)
+        study, seed, values = cell.study, cell.seed, cell.parameters.named()
     else:
         study, seed, values = held.study, held.seed, dict(held.parameters)
     model = find_study(study).parameters
-    named = {key: str(values[key]) for key in file_fields(model) & values.keys()}
-    places = run.places if run is not None and held is not None else {}
-    for key, text in named.items():
-        values[key] = places.get(f"{study}.{key}", {}).get(text, text)
+    text = str(values.get(model.plugin, ""))
+    if run is not None and held is not None and text:
+        places = run.places.get(f"{study}.{model.plugin}", {})
+        values[model.plugin] = places.get(text, text)
     for plugin in map(located, plugins):
-        meant = {k: v for k, text in named.items() if (v := _completed(plugin, text))}
+        meant = _completed(plugin, text) if text else ""
         if not meant:
             msg = f"cell {name} has no plug-in `{portable(plugin)}`; leave it out"
             raise InputError(msg)
-        values |= meant
+        values[model.plugin] = meant
     found = Cell(study, validated(f"cell {name}", model, values), seed)
     _require_found(found, run)
     return found
@@ -118,13 +117,13 @@ def _completed(given: str, text: str) -> str:
 
 def _require_found(cell: Cell, run: Run | None) -> None:
     held = run.manifest.get("files", {}) if run is not None else {}
-    for key in file_fields(type(cell.parameters)):
-        if gone := missing(str(getattr(cell.parameters, key)), held):
-            msg = (
-                f"cell {cell.name}: {gone}; if its plug-in lies elsewhere now, give it "
-                "with --plugin"
-            )
-            raise InputError(msg)
+    own = cell.parameters
+    if isinstance(own, PluginParameters) and (gone := own.missing(held)):
+        msg = (
+            f"cell {cell.name}: {gone}; if its plug-in lies elsewhere now, give it "
+            "with --plugin"
+        )
+        raise InputError(msg)
 
 
 def repeat(cell: Cell, run: Run | None) -> Repetition:

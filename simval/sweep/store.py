@@ -20,10 +20,10 @@ from pathlib import Path
 from typing import Any
 
 from simval.errors import InputError
-from simval.plugins.errors import printable
 from simval.results import Row
-from simval.studies.study import Cell, portable_values
+from simval.studies.study import Cell
 from simval.sweep.documents import DamagedError, checked_manifest
+from simval.text import printable
 
 SCHEMA_VERSION = 2
 ROW_FIELDS = (
@@ -141,7 +141,7 @@ def create(path: Path, cells: Iterable[Cell], manifest: str) -> None:
             "INSERT INTO cells (position, cell, study, seed, parameters, status) "
             "VALUES (?, ?, ?, ?, ?, 'pending')",
             (
-                (i, c.name, c.study, c.seed, json.dumps(portable_values(c.parameters)))
+                (i, c.name, c.study, c.seed, json.dumps(c.parameters.named()))
                 for i, c in enumerate(cells)
             ),
         )

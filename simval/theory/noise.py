@@ -5,9 +5,9 @@ from typing import Any, Final
 import numpy as np
 from jaxtyping import Float
 
-from simval.arguments import shown
 from simval.arrays import GREATEST, LEAST, Array, finite_array
 from simval.errors import InputError
+from simval.text import shown
 
 MAX_NOISE: Final = 1e6
 """Of unit vectors; fourth powers of it neither overflow nor mean anything."""

@@ -1,30 +1,16 @@
-"""The exception of plug-ins, and words of others made fit to be kept and shown."""
+"""Words for people: values and messages of any origin, fit for one printable line."""
 
 import traceback
-
-from simval.errors import RefusedError
+from typing import Any
 
 LIMIT = 2000
 """Characters that a message may have; of a longer one head and tail are kept."""
 
 
-class PluginError(RefusedError):
-    """A plug-in that cannot be loaded, breaks what it declares, or fails.
-
-    Parameters
-    ----------
-    message : str
-        Whatever the plug-in has put into it; kept as `one_line`.
-    """
-
-    def __init__(self, message: str) -> None:
-        super().__init__(one_line(message))
-
-
-class UnusablePluginError(PluginError):
-    """A plug-in that is not there, or cannot be loaded as it was given."""
-
-    exit_code = 2
+def shown(value: Any) -> str:
+    """A value as a message shows it, cut where it is long."""
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def one_line(text: str) -> str:

@@ -1,0 +1,123 @@
+"""What the code of a plug-in is made of, so that it is known again.
+
+It is the SHA-256 of each file, and of each file that it names in turn (an imported
+module or a string beside a Python file, a ``file`` beside an XML file), and the version
+of a package. A cell is computed only where all of it is still the same, and a run is
+gone on with only there.
+"""
+
+import ast
+import hashlib
+import os
+import re
+import shutil
+from collections.abc import Container, Iterator
+from importlib import metadata
+from pathlib import Path
+
+from simval.plugins.loading import GROUP
+from simval.plugins.names import (
+    COMMAND,
+    file_of,
+    is_file,
+    portable,
+    words_of,
+)
+
+NAME_LIMIT = 255
+"""Greatest length of a file's name: longer strings name none."""
+
+_XML_FILE = re.compile(r"""\bfile\s*=\s*["']([^"'<>]+)["']""")
+_XML_FOLDER = re.compile(r"""\b(?:asset|mesh|texture)dir\s*=\s*["']([^"'<>]+)["']""")
+
+
+def sources(text: str) -> dict[str, str]:
+    """Everything that the code behind a word is made of."""
+    files = [file_of(text)]
+    if text.startswith(COMMAND):
+        files = [w for w in words_of(text) if os.path.isabs(w) and is_file(w)]
+    elif not files[0]:
+        points = metadata.entry_points(group=GROUP, name=text)
+        return {p.dist.name: p.dist.version for p in points if p.dist is not None}
+    return {path: digest for f in files for path, digest in _closure(Path(f)).items()}
+
+
+def missing(text: str, held: Container[str] = ()) -> str:
+    """Say what a word names that is not here."""
+    if text.startswith(COMMAND):
+        program, *words = words_of(text) or [""]
+        files = [word for word in words if portable(word) in held]
+        if shutil.which(program) is None:
+            return f"there is no program `{program}` here that can be run"
+    elif file := file_of(text):
+        files = [file]
+    elif metadata.entry_points(group=GROUP, name=text):
+        files = []
+    else:
+        return f"no installed package offers a plug-in `{text}`"
+    gone = next((path for path in files if not is_file(path)), None)
+    return "" if gone is None else f"the file {gone} does not exist"
+
+
+def _closure(first: Path) -> dict[str, str]:
+    """SHA-256 of a file, and of all that it names beside it, and they in turn."""
+    found: dict[str, str] = {}
+    queue = [first]
+    while queue:
+        file = queue.pop()
+        if str(file) in found:
+            continue
+        try:
+            content = file.read_bytes()
+        except OSError:  # whoever uses it says so, in words
+            found[str(file)] = ""
+            continue
+        found[str(file)] = hashlib.sha256(content).hexdigest()
+        named = {".py": _named_by_python, ".xml": _named_by_xml}.get(file.suffix)
+        if named is not None:
+            queue += named(file, first.parent, content)
+    return found
+
+
+def _named_by_python(file: Path, root: Path, content: bytes) -> list[Path]:
+    try:
+        nodes = list(ast.walk(ast.parse(content)))
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return []  # loading it fails, in words
+    named: set[Path] = set()
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            named.update(*(_modules(root, alias.name) for alias in node.names))
+        elif isinstance(node, ast.ImportFrom):
+            above = [root, *file.parents][min(node.level, len(file.parents))]
+            names = [f"{node.module or ''}.{alias.name}" for alias in node.names]
+            named.update(*(_modules(above, name.strip(".")) for name in names))
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            named |= _beside(file.parent, node.value)
+    return sorted(path for path in named if is_file(path))
+
+
+def _modules(folder: Path, name: str) -> Iterator[Path]:
+    """Files that importing a dotted name would run, if they are there."""
+    path = folder
+    for part in name.split("."):
+        path = path / part
+        yield path.with_name(f"{part}.py")
+        yield path / "__init__.py"
+
+
+def _named_by_xml(file: Path, root: Path, content: bytes) -> list[Path]:
+    text = content.decode(errors="replace")
+    folders = [".", *_XML_FOLDER.findall(text)]
+    named: set[Path] = set()
+    for name in _XML_FILE.findall(text):
+        for folder in folders:
+            named |= _beside(file.parent / folder, name)
+    return sorted(named)
+
+
+def _beside(folder: Path, name: str) -> set[Path]:
+    if not 0 < len(name) <= NAME_LIMIT or os.path.isabs(name):
+        return set()
+    path = Path(os.path.normpath(folder / name))
+    return {path} if is_file(path) else set()
