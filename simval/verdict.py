@@ -42,6 +42,7 @@ from typing import Literal
 import numpy as np
 from scipy.special import ndtri, stdtr, stdtrit
 
+from simval.change import holm
 from simval.results import CellName, Row, nees
 from simval.statistics import POOLED_NEES
 
@@ -143,7 +144,7 @@ def judge(
         share = alpha * WEIGHTS[family] / whole
         values = np.array([p_value(judged[i][1]) for i in members])
         tail = share / len(members) / 2.0
-        limits = _holm(values, share)
+        limits = holm(values, share)
         for i, p, limit in zip(members, values, limits, strict=True):
             answers[i] = _by_chance(*judged[i], float(p), float(limit), tail)
     return tuple(answers[i] for i in range(len(judged)))
@@ -274,20 +275,3 @@ def _by_chance(
         reason=reason,
         detectable=detectable,
     )
-
-
-def _holm(values: np.ndarray, alpha: float) -> np.ndarray:
-    """Limit of each p-value by Holm's step-down rule.
-
-    The k-th smallest of m is compared with alpha / (m - k + 1), and once one is kept
-    all larger ones are. So every member of a family gets the limit at which the
-    procedure stopped, or its own where it was rejected before.
-    """
-    m = len(values)
-    order = np.argsort(values, kind="stable")
-    steps = alpha / (m - np.arange(m))
-    kept = values[order] > steps
-    stop = int(np.argmax(kept)) if kept.any() else m - 1
-    limits = np.empty(m)
-    limits[order] = np.where(np.arange(m) < stop, steps, steps[stop])
-    return limits

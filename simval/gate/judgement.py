@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from simval.change import EFFORT
 from simval.gate.baseline import environment as environment_of
 from simval.gate.compare import compare, has_partners
 from simval.gate.comparison import Comparison
@@ -16,9 +17,6 @@ from simval.results import CellName
 from simval.sweep.provenance import differences
 from simval.sweep.run import CellResult, Run
 from simval.verdict import WEIGHTS, Answer, Verdict, judge, overall
-
-STATED_SAMPLES = ("samples", "trials")
-"""Parameters by which a cell says how many samples it draws."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -168,7 +166,7 @@ def _cell_gaps(cell: CellResult) -> Iterator[Gap]:
         reason = f"it has {' against '.join(filter(None, map(str, twice)))} twice"
         yield Gap(cell=cell.named, reason=reason)
     sampled = [row.n for row in cell.rows if row.check in WEIGHTS]
-    for name in STATED_SAMPLES:
+    for name in EFFORT:
         stated = cell.parameters.get(name)
         if isinstance(stated, int) and sampled and max(sampled) < stated:
             reason = (

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from simval.arrays import Array
-from simval.compare import EFFORT
+from simval.change import EFFORT
 from simval.report.panels import COLOURS, MARKERS, Series
 from simval.results import Row
 from simval.statistics import FAMILIES, Statistic
