@@ -12,7 +12,6 @@ from markupsafe import Markup
 from simval.report.paint import svg
 from simval.report.panels import Drawing
 from simval.report.table import sort_key, text
-from simval.report.thinning import thinned
 from simval.report.words import measured, number
 
 NAMED = 100
@@ -32,10 +31,8 @@ def script() -> dict[str, Any]:
     return {"text": Markup(content), "digest": digest}
 
 
-def _picture(drawing: Drawing) -> dict[str, Any]:
-    """SVG of a drawing, thinned, and how many points it draws of how many."""
-    drawn, count, given = thinned(drawing)
-    return {"svg": Markup(svg(drawn)), "drawn": count, "given": given}
+def _picture(drawing: Drawing) -> Markup:
+    return Markup(svg(drawing))
 
 
 @cache
