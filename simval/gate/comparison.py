@@ -65,9 +65,9 @@ class Comparison:
     cell: CellName
     statistic: str
     change: Change
-    stored: float | None
-    value: float | None
-    standard_error: float
+    stored: float | None = None
+    value: float | None = None
+    standard_error: float = 0.0
     margin: float = 0.0
     n: int = 0
     detail: str = ""

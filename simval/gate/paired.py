@@ -55,9 +55,6 @@ def paired(
             cell=cell,
             statistic="",
             change="missing",
-            stored=None,
-            value=None,
-            standard_error=0.0,
         )
 
 

@@ -18,9 +18,9 @@ NAMED = 100
 """What a figure leaves out is named one by one up to this many, the rest counted."""
 
 
-def template(name: str) -> Template:
-    """Load a template of this package."""
-    return _environment().get_template(f"{name}.html.j2")
+def template(*names: str) -> Template:
+    """Load the first template of these names that this package has."""
+    return _environment().select_template([f"{name}.html.j2" for name in names])
 
 
 def script() -> dict[str, Any]:
