@@ -34,20 +34,25 @@ EFFORT = ("samples", "trials")
 """Parameters that say how much was computed, not what."""
 
 PAIRED_BOUND = 1e-3
-"""Standard errors that a value drawn from the same noise may move by rounding."""
+"""Standard errors that a value drawn from the same noise may move by rounding. Bounded:
+another order of summation moves a mean of n samples by at most n eps of their size,
+n^1.5 eps = 2e-6 standard errors of 4e6 samples whose size is their spread."""
 
 EXACT_BOUND = 1e-6
-"""Relative change that a value without chance may show (rounding, amplified)."""
+"""Relative change that a value without chance may show: rounding, amplified by a
+condition of up to EXACT_BOUND / eps = 4.5e9."""
 
 ROUNDING = 1e-13
 """What a value without chance may move in any case, in its SI unit: differences of
 numbers of size one are rounding noise there."""
 
 PAIRED_SHARE = 0.1
-"""Share of the remainder of an exact row by which its value may move."""
+"""Share of the remainder of an exact row by which its value may move. Chosen: what is
+left of the remainder, nine tenths, still judges the value."""
 
 JUDGING_BOUND = 1e-3
-"""Relative change of a standard error, a limit or a remainder that is rounding."""
+"""Relative change of a standard error, a limit or a remainder that is rounding. Chosen:
+it moves a distance of five standard errors by 0.005 of them."""
 
 TOST_QUANTILE = float(ndtri(0.95))
 """Normal quantile of each of the two one-sided tests of equivalence."""

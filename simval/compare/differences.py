@@ -32,6 +32,7 @@ from simval.results import Row
 from simval.statistics import Statistic
 from simval.sweep.provenance import differences
 from simval.sweep.run import Run
+from simval.verdict import ALPHA
 
 Kind = Literal["changed", "moved", "same"]
 
@@ -132,14 +133,14 @@ class RunComparison:
         return tuple(d for d in self.differences if d.kind == kind)
 
 
-def compare_runs(a: Run, b: Run, alpha: float = 1e-3) -> RunComparison:
+def compare_runs(a: Run, b: Run, alpha: float = ALPHA) -> RunComparison:
     """Compare two runs, statistic by statistic.
 
     Parameters
     ----------
     a, b : Run
         Before and after.
-    alpha : float, default 1e-3
+    alpha : float, default ALPHA
         False-alarm rate of all differences together.
 
     Returns

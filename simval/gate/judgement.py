@@ -16,7 +16,7 @@ from simval.gate.comparison import Comparison
 from simval.results import CellName
 from simval.sweep.provenance import differences
 from simval.sweep.run import CellResult, Run
-from simval.verdict import WEIGHTS, Answer, Verdict, judge, overall
+from simval.verdict import ALPHA, WEIGHTS, Answer, Verdict, judge, overall
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,7 +105,7 @@ class GateResult:
 
 
 def judge_run(
-    run: Run, baseline: Mapping[str, Any] | None = None, alpha: float = 1e-3
+    run: Run, baseline: Mapping[str, Any] | None = None, alpha: float = ALPHA
 ) -> GateResult:
     """Judge a run against theory and, where given, a baseline.
 
@@ -115,7 +115,7 @@ def judge_run(
         The run.
     baseline : mapping, optional
         As from `read_baseline`.
-    alpha : float, default 1e-3
+    alpha : float, default ALPHA
         False-alarm rate of everything together. Where cells meet the baseline with
         other noise, theory and the baseline get half of it each.
 
