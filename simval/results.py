@@ -28,9 +28,22 @@ from numpy.typing import ArrayLike
 from pydantic import ConfigDict, TypeAdapter
 
 from simval.arrays import Array
-from simval.statistics import NEES, Statistic
+from simval.statistics import Statistic
 
 Check = Literal["plain", "control", "nees", "exact", "limit", "record"]
+
+COLUMNS = (
+    "statistic",
+    "predictor",
+    "value",
+    "standard_error",
+    "n",
+    "prediction",
+    "remainder",
+    "unit",
+    "check",
+)
+"""Names of the columns of a results table, in their order."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,17 +90,8 @@ class Row:
     @property
     def tidy(self) -> dict[str, Any]:
         """The columns of a results table, in their order."""
-        return {
-            "statistic": str(self.statistic),
-            "predictor": self.predictor,
-            "value": self.value,
-            "standard_error": self.standard_error,
-            "n": self.n,
-            "prediction": self.prediction,
-            "remainder": self.remainder,
-            "unit": self.unit,
-            "check": self.check,
-        }
+        named = {"statistic": str(self.statistic)}
+        return {name: named.get(name, getattr(self, name)) for name in COLUMNS}
 
     @property
     def key(self) -> tuple[Statistic, str]:
@@ -112,10 +116,6 @@ class CellName:
 
     def __str__(self) -> str:
         return self.name or (f"{self.study}, all cells" if self.study else "")
-
-
-COLUMNS = tuple(Row(statistic=NEES(), value=0.0).tidy)
-"""Names of the columns of a results table."""
 
 
 Statistics = Statistic | Sequence[Statistic]

@@ -8,7 +8,7 @@ import pytest
 from rows_by_name import row
 from scipy import stats
 
-from simval.gate.baseline import StoredCell, entries, question
+from simval.gate.baseline import entries, small_run
 from simval.gate.compare import compare, has_partners
 from simval.gate.judgement import judge_run
 from simval.statistics import COVARIANCE, RMS
@@ -38,9 +38,7 @@ def run_of(statistics, seed=2, samples=4000, error=0.001, value_n=4000, noise=0.
 
 
 def stored_of(run):
-    return {
-        c.name: StoredCell(c.study, question(c), entries(c.rows)) for c in run.cells
-    }
+    return small_run(run)
 
 
 def changes(old, new, alpha=1e-3):

@@ -1,20 +1,26 @@
-"""Parts of the report: numbers in words, slopes, bands, thinning, tables."""
+"""Parts of the report: numbers in words, slopes, bands, pixels, tables."""
 
+import io
 import math
+import re
+from base64 import b64decode
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import rows_by_name
+from matplotlib.image import imread
 from rounding import EPS
 from rows_by_name import cell
 
 from simval.gate.finding import reproduce
+from simval.report.axes import MANY
 from simval.report.curves import grouped, varying
 from simval.report.measures import moment
+from simval.report.paint import svg
 from simval.report.panels import Drawing, Panel, Series
 from simval.report.slope import fitted_slope, order, simultaneous
 from simval.report.table import Column, Table, csv_text, sort_key, text
-from simval.report.thinning import COLUMNS, MAX_POINTS, thinned
 from simval.report.words import measured, slugs
 from simval.results import CellName
 from simval.statistics import BIAS, COVARIANCE, EXACT
@@ -122,45 +128,51 @@ def drawing(series):
     return Drawing(name="x", caption="", alternative="", panels=[panel])
 
 
-def test_thinning_keeps_the_widest_band_and_the_outlines():
+def pixels(text):
+    """The pictures within an SVG: where they are painted, as rows of booleans."""
+    found = re.findall(r"base64,([^\"]*)", text)
+    return [imread(io.BytesIO(b64decode(each)))[:, :, 3] > 0.0 for each in found]
+
+
+def test_many_points_are_pixels_and_none_is_left_out():
     rng = np.random.default_rng(7)
     n = 100_000
     x, y = rng.uniform(1, 10, n), rng.uniform(1, 10, n)
     band = rng.uniform(0.0, 0.1, n)
-    band[1234] = 5.0
-    thin, drawn, given = thinned(drawing(Series(label="", x=x, y=y, band=band)))
-    kept = thin.panels[0].series[0]
-    assert given == n
-    assert drawn == len(kept.x) <= MAX_POINTS
-    assert kept.band.max() == 5.0
-    # every kept point is one of the given ones, with its own band
-    found = {(a, b, c) for a, b, c in zip(kept.x, kept.y, kept.band, strict=True)}
-    assert found <= set(zip(x, y, band, strict=True))
-    # nothing seen is lost: each point has a kept one within two of the final cells
-    cells = math.isqrt(MAX_POINTS)
-    gap = np.abs(np.log(x[:500, None] / kept.x)) / np.log(10)
-    rise = np.abs(np.log(y[:500, None] / kept.y)) / np.log(10)
-    assert np.maximum(gap, rise).min(axis=1).max() < 2 * 2.0 / cells
+    band[1234] = 50.0
+    series = Series(label="many", x=x, y=y, band=band)
+    text = svg(drawing(series))
+    # as vectors it takes some hundred bytes a point
+    assert len(text) < 200_000
+    assert "many</text>" in text  # words stay words
+    assert text == svg(drawing(series))
+    # the widest bar reaches above all the others, and nothing else does
+    painted = max(pixels(text), key=np.size)
+    above = painted[-(len(painted) // 8) :]  # the rows of the file go upwards
+    assert 0 < above.any(axis=0).sum() <= 20  # a cap, some points wide
 
 
-def test_thinning_a_line_keeps_its_extremes():
+def test_a_line_of_many_points_keeps_its_extremes():
     x = np.arange(200_000.0)
     y = np.sin(x / 1e4)
     y[77_777] = 9.0
     y[99_999] = -9.0
-    thin, drawn, _ = thinned(drawing(Series(label="", x=x, y=y, line="-")))
-    kept = thin.panels[0].series[0]
-    assert drawn <= 2 * COLUMNS
-    assert kept.y.max() == 9.0
-    assert kept.y.min() == -9.0
-    assert np.all(np.diff(kept.x) > 0)
+    line = Series(label="", x=x, y=y, line="-")
+    panel = Panel(title="", x_label="", y_label="", series=(line,), log_x=False)
+    linear = replace(panel, log_y=False)
+    figure = Drawing(name="x", caption="", alternative="", panels=[linear])
+    (painted,) = pixels(svg(figure))
+    for row, place in ((painted[-1], 77_777), (painted[0], 99_999)):
+        # the line is 1.4 points wide of some 300: a hundredth of the axis is enough
+        middle = np.flatnonzero(row).mean() / painted.shape[1]
+        assert middle == pytest.approx(place / 200_000, abs=0.01)
 
 
-def test_few_points_are_left_as_they_are():
-    x = np.arange(1.0, 10.0)
-    thin, drawn, given = thinned(drawing(Series(label="", x=x, y=x)))
-    assert drawn == given == 9
-    assert thin.panels[0].series[0].y is x
+def test_few_points_stay_vectors():
+    x = np.linspace(1.0, 10.0, MANY)
+    assert pixels(svg(drawing(Series(label="", x=x, y=x)))) == []
+    x = np.linspace(1.0, 10.0, MANY + 1)
+    assert len(pixels(svg(drawing(Series(label="", x=x, y=x))))) > 0
 
 
 def test_csv_is_exact_and_no_formula_for_a_spreadsheet():

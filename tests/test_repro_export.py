@@ -7,30 +7,44 @@ from stores import edited
 
 from simval.errors import InputError
 from simval.sweep import load_run
-from simval.sweep.repro import parse_cell
+from simval.sweep.repro import find_cell
+from simval.sweep.suite import load_suite
 
 
-def test_a_name_is_parsed_back_to_its_cell(tiny_run):
-    for cell in load_run(tiny_run).cells:
-        assert parse_cell(cell.name).name == cell.name
-    # what is left out takes the default
-    assert parse_cell("attitude()@7").seed == 7
+def test_a_cell_is_found_by_its_name(tiny_run):
+    run = load_run(tiny_run)
+    for cell in run.cells:
+        assert find_cell(cell.name, run).name == cell.name
+    for cell in load_suite("smoke").cells:
+        assert find_cell(cell.name, None) == find_cell(cell.name, None, (), "smoke")
+        assert find_cell(cell.name, run).name == cell.name
 
 
 @pytest.mark.parametrize(
-    ("name", "words"),
+    "name",
     [
-        ("attitude", "not the name of a cell"),
-        ("attitude(noise_std=0.1)", "not the name of a cell"),
-        ("astrology()@1", "no study `astrology`"),
-        ("attitude(noise_std)@1", "key=value"),
-        ("attitude(noise=0.1)@1", "not a known key"),
-        ("attitude(noise_std=-1)@1", "greater than 0"),
+        "attitude",
+        "attitude(noise_std=0.1)",
+        "astrology()@1",
+        "attitude(noise_std)@1",
+        "attitude(noise=0.1)@1",
+        "attitude(noise_std=-1)@1",
     ],
 )
-def test_a_name_that_is_none_is_refused(name, words):
-    with pytest.raises(InputError, match=words):
-        parse_cell(name)
+def test_a_name_that_is_none_is_refused(name, tiny_run):
+    for run in (None, load_run(tiny_run)):
+        with pytest.raises(InputError, match="there is no cell `"):
+            find_cell(name, run)
+
+
+def test_a_wrong_name_is_told_the_nearest(tiny_run):
+    run = load_run(tiny_run)
+    right = run.cells[-1].name
+    with pytest.raises(InputError) as caught:
+        find_cell(right.replace("samples", "sample"), run)
+    assert f"the nearest are {right}, " in str(caught.value)
+    with pytest.raises(InputError, match=r"in suite smoke or the run .*--suite$"):
+        find_cell("what", run, (), "smoke")
 
 
 def test_repro_says_whether_the_bits_are_equal(simval, tiny_run):
@@ -46,8 +60,16 @@ def test_repro_says_whether_the_bits_are_equal(simval, tiny_run):
     code, out, _ = simval("repro", name, "--run", tiny_run)
     assert code == 1
     assert "different: bias[x]" in out
-    other = name.replace("@1", "@2")
-    assert simval("repro", other, "--run", tiny_run)[0] == 3
+    code, out, _ = simval(
+        "repro", name, "--run", tiny_run, "--suite", "smoke"
+    )  # the run comes first
+    assert code == 1
+    other = next(
+        c.name for c in load_suite("smoke").cells if c.study == "attitude_order"
+    )
+    code, out, _ = simval("repro", other, "--run", tiny_run)
+    assert code == 3
+    assert "has no such cell" in out
 
 
 def test_parquet_holds_what_the_csv_holds(simval, tiny_run, tmp_path):

@@ -6,6 +6,7 @@ import click
 from click.core import ParameterSource
 
 from simval.errors import InputError
+from simval.verdict import ALPHA
 
 COLUMNS = (
     "What each column is, in their order: t,ax,ay,az,wx,wy,wz, - to ignore one; t[ms], "
@@ -68,7 +69,7 @@ def refuse_if(wrong: bool, message: str) -> None:
 alpha_option = click.option(
     "--alpha",
     type=Rate(),
-    default=1e-3,
+    default=ALPHA,
     show_default=True,
     help="False-alarm rate of all checks together.",
 )

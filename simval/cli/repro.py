@@ -16,13 +16,18 @@ from simval.sweep.run import Run, load_run
     "--run", "folder", default="latest", show_default=True, help="Run to compare with."
 )
 @click.option(
+    "--suite",
+    metavar="SUITE",
+    help="Suite that has the cell where the run has not; by default the built-in ones.",
+)
+@click.option(
     "--plugin",
     "plugins",
     multiple=True,
     metavar="PLUGIN",
     help="Where the cell's plug-in lies now, if not where it was; may be repeated.",
 )
-def command(cell: str, folder: str, plugins: tuple[str, ...]) -> int:
+def command(cell: str, folder: str, suite: str | None, plugins: tuple[str, ...]) -> int:
     """Compute one CELL again, by the name that a table or a report gives it.
 
     Says whether it is equal to the bit to what the run holds. Exit code 0 if so, 1 if
@@ -34,7 +39,7 @@ def command(cell: str, folder: str, plugins: tuple[str, ...]) -> int:
         if folder != "latest":
             raise
         run = None  # no run at all: only the numbers are shown
-    wanted = find_cell(cell, run, plugins)
+    wanted = find_cell(cell.strip(), run, plugins, suite)
     found = repeat(wanted, run)
     if found.error:
         click.echo(found.error.rstrip(), err=True)

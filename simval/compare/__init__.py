@@ -4,6 +4,6 @@
 """
 
 from simval.compare.differences import Difference, RunComparison, compare_runs
-from simval.compare.matching import EFFORT, match
+from simval.compare.matching import match
 
-__all__ = ["EFFORT", "Difference", "RunComparison", "compare_runs", "match"]
+__all__ = ["Difference", "RunComparison", "compare_runs", "match"]

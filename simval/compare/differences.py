@@ -20,8 +20,8 @@ from typing import Literal
 import numpy as np
 from scipy.special import ndtr
 
+from simval.change import EXACT_BOUND, PAIRED_BOUND, holm, on_same_noise
 from simval.compare.matching import (
-    EXACT_BOUND,
     Pair,
     match,
     pairs_of,
@@ -32,9 +32,7 @@ from simval.results import Row
 from simval.statistics import Statistic
 from simval.sweep.provenance import differences
 from simval.sweep.run import Run
-
-PAIRED_BOUND = 1e-3
-"""Standard errors that a value drawn from the same noise moves by rounding alone."""
+from simval.verdict import ALPHA
 
 Kind = Literal["changed", "moved", "same"]
 
@@ -135,14 +133,14 @@ class RunComparison:
         return tuple(d for d in self.differences if d.kind == kind)
 
 
-def compare_runs(a: Run, b: Run, alpha: float = 1e-3) -> RunComparison:
+def compare_runs(a: Run, b: Run, alpha: float = ALPHA) -> RunComparison:
     """Compare two runs, statistic by statistic.
 
     Parameters
     ----------
     a, b : Run
         Before and after.
-    alpha : float, default 1e-3
+    alpha : float, default ALPHA
         False-alarm rate of all differences together.
 
     Returns
@@ -184,14 +182,18 @@ def _judged(pairs: Sequence[Pair], alpha: float) -> Iterator[Difference]:
             for (_, _, a, b, _), s in zip(pairs, errors, strict=True)
         ]
     )
-    limit = _holm_limit(values[np.isfinite(values)], alpha)
-    for (old, new, a, b, theories), s, p in zip(pairs, errors, values, strict=True):
+    by_chance = np.isfinite(values)
+    limits = np.full(len(pairs), np.nan)
+    limits[by_chance] = holm(values[by_chance], alpha)
+    for (old, new, a, b, theories), s, p, limit in zip(
+        pairs, errors, values, limits, strict=True
+    ):
         paired = old.name == new.name and a.n == b.n
         yield Difference(
             cells=(old.name, new.name),
             a=a,
             b=b,
-            kind=_kind(a, b, s, float(p), limit, paired=paired),
+            kind=_kind(a, b, s, beyond=not p > limit, paired=paired),
             standard_error=s,
             p_value=float(p) if s > 0.0 else None,
             predictors=theories,
@@ -204,29 +206,19 @@ def _p_value(difference: float, error: float) -> float:
     return float(2.0 * ndtr(-abs(difference) / error))
 
 
-def _kind(
-    a: Row, b: Row, error: float, p: float, limit: float, *, paired: bool
-) -> Kind:
-    step = abs(b.value - a.value)
+def _kind(a: Row, b: Row, error: float, *, beyond: bool, paired: bool) -> Kind:
     if a.check == b.check == "limit" and a.prediction is not None:
         crossed = (a.value <= a.prediction) != (b.value <= (b.prediction or 0.0))
         return "changed" if crossed else "same"
-    if not error > 0.0:
-        size = max(abs(a.value), abs(b.value))
-        same = a.value == b.value or (isfinite(step) and step <= EXACT_BOUND * size)
-        return "same" if same else "changed"
-    if not p > limit:
+    by_chance = error > 0.0
+    if by_chance and beyond:
         return "changed"
-    return "moved" if paired and not step <= PAIRED_BOUND * error else "same"
-
-
-def _holm_limit(values: np.ndarray, alpha: float) -> float:
-    """Greatest p-value that Holm's step-down rule rejects; -1 where it rejects none."""
-    ordered = np.sort(values)
-    steps = alpha / (len(ordered) - np.arange(len(ordered)))
-    kept = ordered > steps
-    rejected = int(np.argmax(kept)) if kept.any() else len(ordered)
-    return float(ordered[rejected - 1]) if rejected else -1.0
+    bound = PAIRED_BOUND * error if by_chance else EXACT_BOUND * abs(a.value)
+    if on_same_noise(a.value, b.value, bound) != "changed":
+        return "same"
+    if not by_chance:
+        return "changed"
+    return "moved" if paired else "same"
 
 
 def _rank(difference: Difference) -> tuple[int, float, str]:

@@ -4,15 +4,10 @@ A cell is matched by its study and parameters, without the seed and the number o
 samples, and among equals by the seed or, where no seed is common, by the order.
 """
 
+from simval.change import EXACT_BOUND, is_near, matched, question
 from simval.results import Row
 from simval.statistics import Statistic
 from simval.sweep.run import CellResult, Run
-
-EXACT_BOUND = 1e-6
-"""Relative change that a value without chance may show: rounding, amplified."""
-
-EFFORT = ("trials", "samples")
-"""Parameters that say how much was computed, not what."""
 
 Pair = tuple[CellResult, CellResult, Row, Row, tuple[str, ...]]
 """Both cells, a statistic in each, and the theories it is set beside."""
@@ -35,25 +30,17 @@ def match(
     only_a, only_b : list of str
         Names of the cells without a partner.
     """
-    left, right = _by_key(a), _by_key(b)
-    pairs: list[tuple[CellResult, CellResult]] = []
-    only_a: list[str] = []
-    only_b = [c.name for key, cells in right.items() if key not in left for c in cells]
-    for key, cells in left.items():
-        others = list(right.get(key, ()))
-        rest = []
-        for cell in cells:
-            twin = next((o for o in others if o.seed == cell.seed), None)
-            if twin is None:
-                rest.append(cell)
-                continue
-            pairs.append((cell, twin))
-            others.remove(twin)
-        count = min(len(rest), len(others))
-        pairs += zip(rest[:count], others[:count], strict=True)
-        only_a += [cell.name for cell in rest[count:]]
-        only_b += [cell.name for cell in others[count:]]
-    return pairs, only_a, only_b
+    pairs, only_a, only_b = matched(
+        _finished(a),
+        _finished(b),
+        lambda cell: (cell.study, str(question(cell.parameters))),
+        lambda cell: cell.seed,
+    )
+    return pairs, [cell.name for cell in only_a], [cell.name for cell in only_b]
+
+
+def _finished(run: Run) -> list[CellResult]:
+    return [cell for cell in run.cells if cell.status == "done"]
 
 
 def pairs_of(old: CellResult, new: CellResult) -> list[Pair]:
@@ -76,17 +63,7 @@ def prediction_changed(a: Row, b: Row) -> bool:
     """Whether theory says something else of the same statistic."""
     if a.prediction is None or b.prediction is None:
         return a.prediction is not b.prediction
-    size = max(abs(a.prediction), abs(b.prediction))
-    return not abs(b.prediction - a.prediction) <= EXACT_BOUND * size
-
-
-def _by_key(run: Run) -> dict[str, list[CellResult]]:
-    groups: dict[str, list[CellResult]] = {}
-    for cell in run.cells:
-        if cell.status == "done":
-            kept = {k: v for k, v in cell.parameters.items() if k not in EFFORT}
-            groups.setdefault(f"{cell.study} {sorted(kept.items())}", []).append(cell)
-    return groups
+    return not is_near(a.prediction, b.prediction, EXACT_BOUND)
 
 
 def rows_of(cell: CellResult) -> dict[tuple[Statistic, str], Row]:

@@ -12,11 +12,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from simval.compare import EFFORT
+from simval.change import question
 from simval.errors import InputError
 from simval.results import Check, Row
 from simval.statistics import Statistic
-from simval.sweep.run import MAX_SAMPLES, CellResult, Run
+from simval.sweep.run import MAX_SAMPLES, Run
 
 BASELINE = Path("reports") / "baseline.json"
 SCHEMA = 3
@@ -193,7 +193,7 @@ def write_baseline(path: Path, run: Run, reason: str) -> None:
         raise InputError(msg)
     cells = ",\n".join(
         f'  {json.dumps(cell.name)}: {{\n   "study": {json.dumps(cell.study)},\n'
-        f'   "parameters": {json.dumps(question(cell))},\n'
+        f'   "parameters": {json.dumps(question(cell.parameters))},\n'
         f'   "statistics": {{\n{_lines(cell.name, cell.rows)}\n   }}\n  }}'
         for cell in sorted(run.cells, key=lambda c: c.name)
     )
@@ -211,9 +211,13 @@ def write_baseline(path: Path, run: Run, reason: str) -> None:
         raise InputError(msg) from None
 
 
-def question(cell: CellResult) -> dict[str, Any]:
-    """Parameters of a cell but for those that say how much was computed."""
-    return {k: v for k, v in sorted(cell.parameters.items()) if k not in EFFORT}
+def small_run(run: Run) -> Stored:
+    """What a baseline keeps of the finished cells of a run."""
+    return {
+        cell.name: StoredCell(cell.study, question(cell.parameters), entries(cell.rows))
+        for cell in run.cells
+        if cell.status == "done"
+    }
 
 
 def environment(manifest: Mapping[str, Any]) -> dict[str, Any]:

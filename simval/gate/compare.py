@@ -1,4 +1,4 @@
-"""A run beside the baseline: paired where the noise is the same, else equivalence.
+"""A run beside the baseline, which is a small run: paired, else equivalence.
 
 Cells of the same name and seed draw the same noise, so a stored and a new value differ
 by rounding only, unless the algorithm changed (`paired`); no chance is involved, so no
@@ -6,59 +6,52 @@ false alarm is spent. A cell that differs from the stored one in its seed or num
 samples only has other noise (`equivalence`).
 """
 
-from collections.abc import Mapping
-from typing import Any
-
 from scipy.special import ndtri
 
-from simval.gate.baseline import Stored, entries, question
+from simval.change import matched
+from simval.gate.baseline import Stored, StoredCell, small_run
 from simval.gate.comparison import Comparison
 from simval.gate.equivalence import unpaired
 from simval.gate.paired import paired
 from simval.results import CellName
 from simval.sweep.run import Run
 
+Named = tuple[str, StoredCell]
+
 
 def compare(run: Run, stored: Stored, alpha: float) -> tuple[Comparison, ...]:
     """Compare the finished cells of a run with a baseline."""
-    now = {c.name: entries(c.rows) for c in run.cells if c.status == "done"}
-    old = {name: cell.statistics for name, cell in stored.items()}
-    named = {name: CellName(cell.study, name) for name, cell in stored.items()}
-    named |= {cell.name: cell.named for cell in run.cells}
-    partner = _partners(stored, run)
-    alone = {*stored, *now} - {*partner.keys(), *partner.values()}
-    count = sum(len(old[cell]) for cell in partner)
+    pairs, gone, added = _matched(small_run(run), stored)
+    other_noise = [(old, new) for (old, _), (new, _) in pairs if old != new]
+    count = sum(len(stored[old].statistics) for old, _ in other_noise)
     quantile = float(-ndtri(alpha / max(count, 1) / 2.0))
-    found: list[Comparison] = []
     # what is not finished is said once, by its cell
-    alone -= {c.name for c in run.cells if c.status != "done"}
-    for cell in alone:
-        found += paired(named[cell], old.get(cell, {}), now.get(cell, {}))
-    for cell, other in partner.items():
-        found += unpaired(named[other], old[cell], now[other], quantile)
+    unfinished = {c.name for c in run.cells if c.status != "done"}
+    found: list[Comparison] = []
+    for name, old in gone:
+        if name not in unfinished:
+            found += paired(CellName(old.study, name), old.statistics, {})
+    for name, new in added:
+        found += paired(CellName(new.study, name), {}, new.statistics)
+    for (old_name, old), (name, new) in pairs:
+        cell, values = CellName(new.study, name), (old.statistics, new.statistics)
+        same = name == old_name
+        found += paired(cell, *values) if same else unpaired(cell, *values, quantile)
     return tuple(sorted(found, key=lambda c: (c.cell, c.statistic)))
 
 
 def has_partners(run: Run, stored: Stored) -> bool:
     """Whether a cell of the run meets the baseline with other noise."""
-    return bool(_partners(stored, run))
+    pairs, _, _ = _matched(small_run(run), stored)
+    return any(old != new for (old, _), (new, _) in pairs)
 
 
-def _partners(stored: Stored, run: Run) -> dict[str, str]:
-    """Stored cells that the run has with another seed or number of samples only."""
-    free: dict[str, list[str]] = {}
-    done = sorted((c for c in run.cells if c.status == "done"), key=lambda c: c.name)
-    for cell in done:
-        if cell.name not in stored:
-            free.setdefault(_asked(cell.study, question(cell)), []).append(cell.name)
-    known = {cell.name for cell in done}
-    found = {}
-    for name, old in sorted(stored.items()):
-        matches = free.get(_asked(old.study, old.parameters), [])
-        if name not in known and matches:
-            found[name] = matches.pop(0)
-    return found
-
-
-def _asked(study: str, parameters: Mapping[str, Any]) -> str:
-    return f"{study} {sorted(parameters.items())}"
+def _matched(
+    now: Stored, stored: Stored
+) -> tuple[list[tuple[Named, Named]], list[Named], list[Named]]:
+    return matched(
+        sorted(stored.items()),
+        sorted(now.items()),
+        lambda named: (named[1].study, str(sorted(named[1].parameters.items()))),
+        lambda named: named[0],
+    )

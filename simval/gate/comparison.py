@@ -6,11 +6,9 @@ from typing import Literal
 
 from scipy.special import ndtri
 
+from simval.change import TOST_QUANTILE
 from simval.results import CellName
 from simval.verdict import POWER, Answer
-
-TOST_QUANTILE = float(ndtri(0.95))
-"""Normal quantile of each of the two one-sided tests of equivalence."""
 
 Change = Literal[
     "same",
@@ -67,9 +65,9 @@ class Comparison:
     cell: CellName
     statistic: str
     change: Change
-    stored: float | None
-    value: float | None
-    standard_error: float
+    stored: float | None = None
+    value: float | None = None
+    standard_error: float = 0.0
     margin: float = 0.0
     n: int = 0
     detail: str = ""

@@ -1,15 +1,8 @@
-r"""A cell with other noise than in the baseline: its statistics should be equivalent.
+"""A cell with other noise than in the baseline: its statistics should be equivalent.
 
-The question is not whether the values differ, for they do. With :math:`d` the
-difference, :math:`s` its standard error and :math:`m` the margin of the statistic,
-
-.. math:: |d| + z_{0.95}\, s \le m  \tag{B1}
-
-shows equivalence by two one-sided tests of size 0.05; :math:`|d| - z\, s > m`, with z
-from the comparisons' share of the false-alarm rate by Bonferroni's rule, shows a
-change; and anything between is not resolved by so many samples. Other noise cannot give
-the same numbers: where every sampled statistic of a cell, three at least, is equal to
-the bit, the noise was not drawn anew.
+Whether they are is eq. (B1) of `simval.change`. Other noise cannot give the same
+numbers: where every sampled statistic of a cell, three at least, is equal to the bit,
+the noise was not drawn anew.
 
 The margin of a statistic is its family's (`simval.statistics`).
 """
@@ -18,9 +11,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from math import hypot, sqrt
 
+from simval.change import EXACT_BOUND, ROUNDING, on_other_noise
 from simval.gate.baseline import Entry
-from simval.gate.comparison import TOST_QUANTILE, Change, Comparison
-from simval.gate.paired import EXACT_BOUND, ROUNDING, known, paired
+from simval.gate.comparison import Comparison
+from simval.gate.paired import known, paired
 from simval.results import CellName
 from simval.statistics import COVARIANCE, SD, Statistic
 
@@ -58,7 +52,7 @@ def unpaired(
             statistic=statistic,
             change="copied"
             if copied and both > 0
-            else _unpaired_change(abs(now.value - entry.value), both, margin, quantile),
+            else on_other_noise(abs(now.value - entry.value), both, margin, quantile),
             stored=entry.value,
             value=now.value,
             standard_error=both,
@@ -73,16 +67,6 @@ def _copied(old: Mapping[str, Entry], new: Mapping[str, Entry]) -> bool:
         name in new and new[name].value == entry.value
         for name, entry in sampled.items()
     )
-
-
-def _unpaired_change(
-    distance: float, error: float, margin: float, quantile: float
-) -> Change:
-    if distance + TOST_QUANTILE * error <= margin:
-        return "equivalent"
-    if not distance - quantile * error <= margin:  # NaN is a change
-        return "changed"
-    return "unresolved"
 
 
 def _margin(

@@ -40,16 +40,16 @@ class Finding:
 
     tier: str
     cell: CellName
-    statistic: str
-    against: str
     check: str
     answer: Answer
-    expected: float | None
-    seen: float | None
-    allowed: float | None
-    sigmas: float | None
     reason: str
     run: str
+    statistic: str = ""
+    against: str = ""
+    expected: float | None = None
+    seen: float | None = None
+    allowed: float | None = None
+    sigmas: float | None = None
 
     @property
     def study(self) -> str:
@@ -125,14 +125,8 @@ def _incomplete(result: GateResult) -> Iterator[Finding]:
         yield Finding(
             tier="baseline" if check == "first" else "complete",
             cell=_shown(name),
-            statistic="",
-            against="",
             check=check,
             answer="fail" if check in ("failed", "first") else "inconclusive",
-            expected=None,
-            seen=None,
-            allowed=None,
-            sigmas=None,
             reason=one_line(reason),
             run=result.folder,
         )
@@ -162,7 +156,6 @@ def _of_baseline(comparison: Comparison, run: str) -> Finding:
         tier="baseline",
         cell=_shown(comparison.cell),
         statistic=one_line(comparison.statistic),
-        against="",
         check=comparison.change,
         answer=comparison.answer,
         # where the values agree and what they are judged by does not, they say nothing

@@ -6,7 +6,7 @@ in its own way; characters that XML does not know are replaced.
 
 import re
 from collections import Counter
-from typing import Literal
+from typing import Literal, get_args
 from xml.etree import ElementTree
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -16,6 +16,7 @@ from simval.gate.headline import headline
 from simval.gate.judgement import GateResult
 from simval.results import CellName
 from simval.text import one_line
+from simval.verdict import Answer
 
 SHOWN = 40
 """Findings written one by one in the summary; the rest is counted."""
@@ -26,7 +27,6 @@ ANNOTATIONS = 10
 DOT = "\N{MIDDLE DOT}"
 """For the dots of a class in JUnit XML: readers take it for a path of packages."""
 
-Word = Literal["pass", "fail", "inconclusive"]
 _NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
@@ -39,7 +39,7 @@ class Entry(BaseModel):
     cell: str = Field(description="Name of the cell; empty for the whole run.")
     statistic: str = Field(description="What was judged, and against which theory.")
     check: str = Field(description="The rule, or the kind of change or gap.")
-    answer: Word = Field(description="The verdict.")
+    answer: Answer = Field(description="The verdict.")
     expected: float | None = Field(description="Prediction or stored value.")
     seen: float | None = Field(description="Value in the run.")
     allowed: float | None = Field(description="Remainder, limit or margin.")
@@ -54,11 +54,11 @@ class Document(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, title="simval gate")
 
     schema_version: Literal[3] = Field(description="Version of this format.")
-    answer: Word = Field(description="The worst of all that was judged.")
+    answer: Answer = Field(description="The worst of all that was judged.")
     headline: str = Field(description="Why that is the answer, in one line.")
     exit_code: int = Field(description="What the command returned.")
     alpha: float = Field(description="False-alarm rate of everything together.")
-    counts: dict[Word, int] = Field(description="Findings by verdict.")
+    counts: dict[Answer, int] = Field(description="Findings by verdict.")
     environment: list[str] = Field(description="Differences from the baseline's.")
     notes: list[str] = Field(description="What else a reader should know.")
     findings: list[Entry] = Field(description="Failures first.")
@@ -78,17 +78,8 @@ def to_json(result: GateResult, exit_code: int) -> str:
         notes=[one_line(line) for line in result.notes],
         findings=[
             Entry(
-                tier=f.tier,  # type: ignore[arg-type]  # checked by the model
-                cell=str(f.cell),
-                statistic=f.what,
-                check=f.check,
-                answer=f.answer,
-                expected=f.expected,
-                seen=f.seen,
-                allowed=f.allowed,
-                sigmas=f.sigmas,
-                reason=f.reason,
-                command=f.command,
+                **{name: getattr(f, name) for name in Entry.model_fields}
+                | {"cell": str(f.cell), "statistic": f.what}
             )
             for f in found
         ],
@@ -96,11 +87,10 @@ def to_json(result: GateResult, exit_code: int) -> str:
     return document.model_dump_json(indent=1) + "\n"
 
 
-def counts(found: tuple[Finding, ...]) -> dict[Word, int]:
+def counts(found: tuple[Finding, ...]) -> dict[Answer, int]:
     """Count findings by verdict."""
     answers = [f.answer for f in found]
-    words: tuple[Word, ...] = ("pass", "fail", "inconclusive")
-    return {word: answers.count(word) for word in words}
+    return {word: answers.count(word) for word in get_args(Answer)}
 
 
 def to_junit(result: GateResult) -> str:

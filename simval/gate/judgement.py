@@ -9,16 +9,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from simval.change import EFFORT
 from simval.gate.baseline import environment as environment_of
 from simval.gate.compare import compare, has_partners
 from simval.gate.comparison import Comparison
 from simval.results import CellName
 from simval.sweep.provenance import differences
 from simval.sweep.run import CellResult, Run
-from simval.verdict import WEIGHTS, Answer, Verdict, judge, overall
-
-STATED_SAMPLES = ("samples", "trials")
-"""Parameters by which a cell says how many samples it draws."""
+from simval.verdict import ALPHA, WEIGHTS, Answer, Verdict, judge, overall
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,7 +105,7 @@ class GateResult:
 
 
 def judge_run(
-    run: Run, baseline: Mapping[str, Any] | None = None, alpha: float = 1e-3
+    run: Run, baseline: Mapping[str, Any] | None = None, alpha: float = ALPHA
 ) -> GateResult:
     """Judge a run against theory and, where given, a baseline.
 
@@ -117,7 +115,7 @@ def judge_run(
         The run.
     baseline : mapping, optional
         As from `read_baseline`.
-    alpha : float, default 1e-3
+    alpha : float, default ALPHA
         False-alarm rate of everything together. Where cells meet the baseline with
         other noise, theory and the baseline get half of it each.
 
@@ -168,7 +166,7 @@ def _cell_gaps(cell: CellResult) -> Iterator[Gap]:
         reason = f"it has {' against '.join(filter(None, map(str, twice)))} twice"
         yield Gap(cell=cell.named, reason=reason)
     sampled = [row.n for row in cell.rows if row.check in WEIGHTS]
-    for name in STATED_SAMPLES:
+    for name in EFFORT:
         stated = cell.parameters.get(name)
         if isinstance(stated, int) and sampled and max(sampled) < stated:
             reason = (

@@ -8,25 +8,18 @@ standard error, its number of samples, and each prediction with its remainder.
 
 from collections.abc import Iterator, Mapping
 
+from simval.change import (
+    EXACT_BOUND,
+    JUDGING_BOUND,
+    PAIRED_BOUND,
+    PAIRED_SHARE,
+    ROUNDING,
+    is_near,
+    on_same_noise,
+)
 from simval.gate.baseline import Entry
 from simval.gate.comparison import Change, Comparison
 from simval.results import CellName
-
-PAIRED_BOUND = 1e-3
-"""Standard errors that a value drawn from the same noise may move."""
-
-EXACT_BOUND = 1e-6
-"""Relative change that a value without chance may show (rounding, amplified)."""
-
-ROUNDING = 1e-13
-"""What a value without chance may move in any case, in its SI unit: differences of
-numbers of size one are rounding noise there."""
-
-PAIRED_SHARE = 0.1
-"""Share of the remainder of an exact row by which its value may move."""
-
-JUDGING_BOUND = 1e-3
-"""Relative change of a standard error, a limit or a remainder that is rounding."""
 
 
 def paired(
@@ -39,7 +32,9 @@ def paired(
         change = known(entry, now)
         detail = ""
         if change is None and entry is not None and now is not None:
-            change = _moved(entry.value, now.value, bound)
+            change = "same"
+            if entry.value is not None and now.value is not None:
+                change = on_same_noise(entry.value, now.value, bound)
             other = next(_judging(entry, now, bound), None)
             if change != "changed" and other is not None:
                 change, detail = other
@@ -60,9 +55,6 @@ def paired(
             cell=cell,
             statistic="",
             change="missing",
-            stored=None,
-            value=None,
-            standard_error=0.0,
         )
 
 
@@ -91,15 +83,9 @@ def known(old: Entry | None, new: Entry | None) -> Change | None:
     return None
 
 
-def _moved(old: float | None, new: float | None, bound: float) -> Change:
-    if old is None or new is None or new == old:
-        return "same"
-    return "close" if abs(new - old) <= bound else "changed"  # NaN is a change
-
-
 def _judging(old: Entry, new: Entry, bound: float) -> Iterator[tuple[Change, str]]:
     """What the value is judged by, where it is another than it was."""
-    if new.n != old.n or not abs(new.error - old.error) <= JUDGING_BOUND * old.error:
+    if new.n != old.n or not is_near(old.error, new.error, JUDGING_BOUND):
         yield (
             "precision",
             f"a standard error of {old.error:.6g} from {old.n} samples in the "
@@ -108,10 +94,9 @@ def _judging(old: Entry, new: Entry, bound: float) -> Iterator[tuple[Change, str
     for key, (prediction, remainder, _) in old.judged.items():
         predicted, left, check = new.judged[key]
         relative = JUDGING_BOUND if check == "limit" else EXACT_BOUND
-        allowed = max(bound, relative * abs(prediction))
         if not (
-            abs(predicted - prediction) <= allowed
-            and abs(left - remainder) <= max(bound, JUDGING_BOUND * remainder)
+            is_near(prediction, predicted, relative, bound)
+            and is_near(remainder, left, JUDGING_BOUND, bound)
         ):
             yield (
                 "theory",

@@ -7,8 +7,9 @@ import numpy as np
 from jaxtyping import Float
 
 from simval.arrays import Array
-from simval.compare import EFFORT
-from simval.report.panels import COLOURS, MARKERS, Series
+from simval.change import EFFORT
+from simval.report.panels import COLOURS, MARKERS, BarPanel, Series
+from simval.report.slope import simultaneous
 from simval.results import Row
 from simval.statistics import FAMILIES, Statistic
 from simval.sweep.run import CellResult
@@ -110,6 +111,21 @@ def triple(row: Row) -> tuple[float, float, float]:
         row.value,
         row.standard_error,
         np.nan if row.prediction is None else row.prediction,
+    )
+
+
+def bars(
+    rows: Sequence[Row], names: Sequence[str], title: str, x_label: str
+) -> BarPanel:
+    """Rows as bars, with 95 % intervals that hold for all of them together."""
+    value, error, prediction = np.array([triple(row) for row in rows]).T
+    return BarPanel(
+        title=title,
+        x_label=x_label,
+        names=names,
+        measured=value,
+        band=simultaneous(len(rows)) * error,
+        predicted=prediction,
     )
 
 

@@ -12,16 +12,15 @@ from markupsafe import Markup
 from simval.report.paint import svg
 from simval.report.panels import Drawing
 from simval.report.table import sort_key, text
-from simval.report.thinning import thinned
 from simval.report.words import measured, number
 
 NAMED = 100
 """What a figure leaves out is named one by one up to this many, the rest counted."""
 
 
-def template(name: str) -> Template:
-    """Load a template of this package."""
-    return _environment().get_template(f"{name}.html.j2")
+def template(*names: str) -> Template:
+    """Load the first template of these names that this package has."""
+    return _environment().select_template([f"{name}.html.j2" for name in names])
 
 
 def script() -> dict[str, Any]:
@@ -32,10 +31,8 @@ def script() -> dict[str, Any]:
     return {"text": Markup(content), "digest": digest}
 
 
-def _picture(drawing: Drawing) -> dict[str, Any]:
-    """SVG of a drawing, thinned, and how many points it draws of how many."""
-    drawn, count, given = thinned(drawing)
-    return {"svg": Markup(svg(drawn)), "drawn": count, "given": given}
+def _picture(drawing: Drawing) -> Markup:
+    return Markup(svg(drawing))
 
 
 @cache

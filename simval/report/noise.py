@@ -4,12 +4,23 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from simval.report.curves import Curve, Measure, curve
+from simval.report.curves import Curve, Measure, curve, statistic
+from simval.report.measures import GROUPS
 from simval.report.panels import Panel
 from simval.report.slope import fitted_slope, simultaneous
+from simval.report.table import Column
+from simval.statistics import CRAMER_RAO, FIRST_ORDER, RMS
 from simval.sweep.run import CellResult
 
 Groups = Mapping[str, Sequence[CellResult]]
+
+
+SLOPES = (
+    Column("fitted"),
+    Column("of theory's own line", "number"),
+    Column("leading order", "number"),
+)
+"""Columns of `slope_cells` and of what theory leads to expect."""
 
 
 def curves(groups: Groups, measure: Measure, axis: str = "noise_std") -> list[Curve]:
@@ -45,3 +56,38 @@ def slope_cells(c: Curve) -> tuple[str, float | None]:
     own = fitted_slope(c.x, c.prediction, c.error)
     words = str(fitted) if fitted else "not told from zero by these trials"
     return words, None if own is None else round(own.value, 4)
+
+
+Set = tuple[str, str, list[Curve], list[Curve]]
+"""Title and unit of a panel, what was measured, and the Cramér-Rao bounds."""
+
+
+def rms_sets(groups: Groups, axis: str = "noise_std") -> list[Set]:
+    """RMS error of T, K and B, each where a group has it."""
+    sets = []
+    for name, title in GROUPS.items():
+        found, bounds = (
+            curves(groups, statistic(RMS(name), predictor), axis)
+            for predictor in (FIRST_ORDER, CRAMER_RAO)
+        )
+        if found:
+            sets.append((title, unit_of(name), found, bounds))
+    return sets
+
+
+def unit_of(name: str) -> str:
+    """Unit of T, K or B."""
+    return "m/s²" if name == "B" else "1"
+
+
+def panels_of(sets: Sequence[Set], x_label: str, z: float) -> list[Panel]:
+    """RMS errors as panels."""
+    return [
+        panel(title, x_label, f"RMS error, {unit}", found, bounds, z)
+        for title, unit, found, bounds in sets
+    ]
+
+
+def together_z(sets: Sequence[Set]) -> float:
+    """Half width of the bars that hold for all points of the sets together."""
+    return simultaneous(sum(len(c.x) for _, _, found, _ in sets for c in found))

@@ -58,6 +58,7 @@ from simval.statistics import (
 )
 from simval.studies import STUDIES
 from simval.sweep import Run
+from simval.verdict import ALPHA
 
 SHOWN: Mapping[str, tuple[str, tuple[Family | Statistic, ...]]] = {
     "calibration": ("calibration", (RMS, SD, BIAS, RECOVERY)),
@@ -100,14 +101,14 @@ SECTIONS = (
 )
 
 
-def render(run: Run, alpha: float = 1e-3) -> str:
+def render(run: Run, alpha: float = ALPHA) -> str:
     """Render a run as one HTML page.
 
     Parameters
     ----------
     run : Run
         The run; cells that are missing or failed are shown as such.
-    alpha : float, default 1e-3
+    alpha : float, default ALPHA
         False-alarm rate that the sampling checks share.
 
     Returns
@@ -129,7 +130,7 @@ def render(run: Run, alpha: float = 1e-3) -> str:
     )
 
 
-def sections(run: Run, alpha: float = 1e-3) -> tuple[Section, ...]:
+def sections(run: Run, alpha: float = ALPHA) -> tuple[Section, ...]:
     """Make the sections of the page."""
     names = dict.fromkeys((*STUDIES, *(cell.study for cell in run.cells)))
     titles = {n: STUDIES[n].title if n in STUDIES else n for n in names}

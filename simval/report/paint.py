@@ -56,7 +56,9 @@ def svg(drawing: Drawing) -> str:
     nothing = {"Date": None, "Creator": None, "Format": None, "Type": None}
     style: Any = {**STYLE, "svg.hashsalt": name}
     with mpl.rc_context(style):
-        _figure(drawing).savefig(buffer, format="svg", metadata=nothing)
+        _figure(drawing).savefig(
+            buffer, format="svg", dpi=DOTS_PER_INCH, metadata=nothing
+        )
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)

@@ -93,8 +93,8 @@ def made(
     tables: Sequence[Table] = (),
     **values: object,
 ) -> Section:
-    """Render a section from the template of the same name."""
-    text = template(anchor).render(drawings=drawings, tables=tables, **values)
+    """Render a section from its own template, else figures and tables one by one."""
+    text = template(anchor, "plain").render(drawings=drawings, tables=tables, **values)
     return Section(
         anchor=anchor,
         title=title,

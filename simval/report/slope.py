@@ -14,9 +14,10 @@ from scipy.special import ndtri
 
 from simval.arrays import Array
 
-Z95 = 1.959963984540054
+Z95 = float(ndtri(0.975))
 STEEPEST = 12.0
-"""Slopes are sought between plus and minus this."""
+"""Slopes are sought between plus and minus this: twice the greatest order
+of a formula."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from simval.report.words import measured, number, slug
+from simval.results import Row
 
 Kind = Literal["text", "code", "number", "measured", "answer", "figure"]
 
@@ -68,6 +69,24 @@ class Table:
     def visible(self) -> Sequence[Sequence[Any]]:
         """The rows that the page shows."""
         return self.rows[: self.shown]
+
+
+NUMBERS = (
+    Column("statistic"),
+    Column("value", "measured"),
+    Column("unit"),
+    Column("n", "number", 12),
+    Column("prediction", "number"),
+    Column("by"),
+)
+"""Columns of a table of rows."""
+
+
+def numbers_of(row: Row) -> tuple[Any, ...]:
+    """What stands under `NUMBERS`."""
+    value = (row.value, row.standard_error)
+    words = (str(row.statistic), value, row.unit)
+    return (*words, row.n, row.prediction, row.predictor)
 
 
 def text(value: Any, column: Column) -> str:

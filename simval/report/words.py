@@ -44,3 +44,8 @@ def slugs(stem: str, labels: Iterable[str]) -> list[str]:
             name = f"{name}-{len(names)}"
         names.append(name)
     return names
+
+
+def spelled(name: str) -> str:
+    """Spell the name of a study, a parameter or a statistic for a person."""
+    return name.replace("_", " ")

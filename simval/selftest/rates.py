@@ -27,15 +27,13 @@ from simval.statistics import EXACT, RMS
 from simval.streams import Streams, cell_key
 from simval.studies import attitude, calibration, coverage, ladder
 from simval.theory.attitude import AttitudeMoments, attitude_moments
-from simval.verdict import judge, overall
+from simval.verdict import ALPHA, judge, overall
 
 CLEAN_SAMPLES = 4 * attitude.BLOCK
 CLEAN_NOISE = (0.02, 0.05)
 DEFAULT_SAMPLES = 4_000_000
 SOUND_ROWS: dict[Check, int] = {"plain": 2000, "control": 200, "nees": 100}
 """Rows with p = 1 beside a fault: more than the accuracy suite has."""
-
-ALPHA = 1e-3
 
 Rows = list[tuple[CellName, Row]]
 """Name of a cell and one of its rows."""

@@ -2,11 +2,13 @@
 
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 from simval.errors import InputError
-from simval.results import COLUMNS
+from simval.results import COLUMNS, Row
 from simval.studies.study import canonical
 from simval.sweep.cells import read_cells, read_heads
 from simval.sweep.run import opened_run
@@ -14,8 +16,8 @@ from simval.sweep.run import opened_run
 CHUNK = 100_000
 """Rows in memory at a time."""
 
-_TYPES = {"value": "float64", "standard_error": "float64", "prediction": "float64"}
-_TYPES |= {"remainder": "float64", "n": "int64"}
+_KINDS: dict[Any, str] = {float: "float64", float | None: "float64", int: "int64"}
+_TYPES = {f.name: _KINDS.get(f.type, "string") for f in fields(Row)}
 
 
 def export_parquet(folder: Path, path: Path) -> int:

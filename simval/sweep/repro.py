@@ -1,8 +1,8 @@
 """One cell again, from its name, and whether it is the same to the bit."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
@@ -15,9 +15,7 @@ from simval.studies.plugin import PluginParameters
 from simval.studies.study import Cell
 from simval.sweep.executors import attempt
 from simval.sweep.run import CellResult, Run
-from simval.sweep.suite import literal, validated
-
-_NAME = re.compile(r"(?P<study>\w+)\((?P<parameters>.*)\)@(?P<seed>\d+)")
+from simval.sweep.suite import builtin_suites, load_suite, validated
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,47 +47,20 @@ class Repetition:
         return len(self.stored.rows) == len(self.outcome.rows)
 
 
-def parse_cell(name: str) -> Cell:
-    """Cell of a canonical name.
+def find_cell(
+    name: str, run: Run | None, plugins: Sequence[str] = (), suite: str | None = None
+) -> Cell:
+    """Cell of a name: the run's own where it holds it, else that of a suite.
 
     Raises
     ------
     InputError
-        If the name is not of that form, or a parameter is not valid.
-    """
-    match = _NAME.fullmatch(name.strip())
-    if match is None:
-        msg = (
-            f"`{name}` is not the name of a cell; the form is study(key=value,...)@seed"
-        )
-        raise InputError(msg)
-    study = find_study(match["study"])
-    parameters = {}
-    for part in filter(None, match["parameters"].split(",")):
-        key, equals, text = part.partition("=")
-        if not equals:
-            msg = f"`{part}` in the name of the cell is not of the form key=value"
-            raise InputError(msg)
-        parameters[key.strip()] = literal(text.strip())
-    return Cell(
-        study.name,
-        validated(f"cell {name}", study.parameters, parameters),
-        int(match["seed"]),
-    )
-
-
-def find_cell(name: str, run: Run | None, plugins: Sequence[str] = ()) -> Cell:
-    """Cell of a name, with the run's own parameters where it holds the cell.
-
-    Raises
-    ------
-    InputError
-        As `parse_cell`; or if a plug-in is not where it was, or the cell has none of
-        the names that are given.
+        If neither has a cell of that name; or if a plug-in is not where it was, or the
+        cell has none of the names that are given.
     """
     held = next((c for c in run.cells if c.name == name), None) if run else None
     if held is None:
-        cell = parse_cell(name)
+        cell = _of_suite(name, run, suite)
         study, seed, values = cell.study, cell.seed, cell.parameters.named()
     else:
         study, seed, values = held.study, held.seed, dict(held.parameters)
@@ -107,6 +78,25 @@ def find_cell(name: str, run: Run | None, plugins: Sequence[str] = ()) -> Cell:
     found = Cell(study, validated(f"cell {name}", model, values), seed)
     _require_found(found, run)
     return found
+
+
+def _of_suite(name: str, run: Run | None, suite: str | None) -> Cell:
+    suites = builtin_suites() if suite is None else (suite,)
+    cells = {cell.name: cell for each in suites for cell in load_suite(each).cells}
+    if name not in cells:
+        places = [f"suite {suite}" if suite else "a built-in suite"]
+        if run is not None:
+            places.append(f"the run {run.folder}")
+        known = [cell.name for cell in run.cells] if run is not None else []
+        near = get_close_matches(name, dict.fromkeys([*known, *cells]))
+        msg = (
+            f"there is no cell `{name}` in {' or '.join(places)}; "
+            + (f"the nearest are {', '.join(near)}; " if near else "")
+            + "give the name as a table has it, and its run with --run or its suite "
+            "with --suite"
+        )
+        raise InputError(msg)
+    return cells[name]
 
 
 def _completed(given: str, text: str) -> str:

@@ -28,9 +28,7 @@ from simval.sweep.paths import require_found
 from simval.sweep.run import Run, load_run, write_table
 from simval.sweep.seal import seal, unseal
 from simval.sweep.suite import Suite, load_suite
-from simval.verdict import Answer, judge, overall
-
-ALPHA = 1e-3
+from simval.verdict import ALPHA, Answer, judge, overall
 
 Ending = Answer | Literal["failed", "recorded"]
 """How a cell ended: its own verdict, a crash, or nothing in it to judge."""

@@ -16,30 +16,20 @@ import json
 import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from simval.errors import InputError
 from simval.results import Row
+from simval.statistics import Statistic
 from simval.studies.study import Cell
 from simval.sweep.documents import DamagedError, checked_manifest
 from simval.text import printable
 
 SCHEMA_VERSION = 2
-ROW_FIELDS = (
-    "family",
-    "entries",
-    "controlled",
-    "unit",
-    "value",
-    "standard_error",
-    "n",
-    "prediction",
-    "predictor",
-    "remainder",
-    "check",
-)
-"""Fields of a row and of its statistic, whose entries are a JSON list."""
+ROW_FIELDS = tuple(f.name for f in (*fields(Statistic), *fields(Row)[1:]))
+"""Fields of a row's statistic, whose entries are a JSON list, and of the row."""
 CELL_FIELDS = (
     "position",
     "cell",

@@ -7,7 +7,7 @@ import numpy as np
 
 from simval.report.curves import curve, first, grouped
 from simval.report.measures import left_out, moment
-from simval.report.noise import slope_cells
+from simval.report.noise import SLOPES, slope_cells
 from simval.report.panels import COLOURS, GREY, Drawing, Panel, Series
 from simval.report.section import Context, Section, made
 from simval.report.slope import order, simultaneous
@@ -186,13 +186,7 @@ def _slopes(groups: Mapping[str, Sequence[CellResult]]) -> Table:
     return Table(
         name="attitude-slopes",
         caption="Slopes of the simulated moments in the noise, with 95 % intervals",
-        columns=(
-            Column("cells"),
-            Column("moment"),
-            Column("fitted"),
-            Column("of theory's own line", "number"),
-            Column("leading order", "number"),
-        ),
+        columns=(Column("cells"), Column("moment"), *SLOPES),
         rows=rows,
         shown=120,
     )

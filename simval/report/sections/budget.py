@@ -1,11 +1,9 @@
 """Error budget: what each source of error contributes, measured and predicted."""
 
-import numpy as np
-
-from simval.report.curves import MAX_GROUPS, grouped
+from simval.report.curves import MAX_GROUPS, bars, grouped
 from simval.report.panels import BarPanel, Drawing
 from simval.report.section import Context, Section, made
-from simval.report.slope import simultaneous
+from simval.report.words import spelled
 from simval.statistics import BUDGET
 from simval.sweep.run import CellResult
 
@@ -45,14 +43,9 @@ def section(context: Context) -> Section | None:
 def _panel(cell: CellResult, label: str) -> BarPanel:
     rows = [row for row in cell.rows if row.statistic.family == BUDGET]
     rows = list({row.statistic: row for row in rows}.values())
-    z = simultaneous(len(rows))
-    return BarPanel(
-        title=label or cell.study.replace("_", " "),
-        x_label=f"contribution, {rows[0].unit}",
-        names=[row.statistic.entries[0] for row in rows],
-        measured=np.array([row.value for row in rows]),
-        band=np.array([z * row.standard_error for row in rows]),
-        predicted=np.array(
-            [np.nan if row.prediction is None else row.prediction for row in rows]
-        ),
+    return bars(
+        rows,
+        [row.statistic.entries[0] for row in rows],
+        label or spelled(cell.study),
+        f"contribution, {rows[0].unit}",
     )

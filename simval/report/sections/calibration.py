@@ -1,12 +1,21 @@
 """Calibration error against noise: T, K, B and together, bias and spread apart."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
-from simval.report.curves import Curve, Measure, first, grouped, statistic
+from simval.report.curves import Measure, first, grouped, statistic
 from simval.report.measures import GROUPS, part, together
-from simval.report.noise import Groups, curves, panel, slope_cells
+from simval.report.noise import (
+    SLOPES,
+    Groups,
+    curves,
+    panel,
+    panels_of,
+    rms_sets,
+    slope_cells,
+    together_z,
+    unit_of,
+)
 from simval.report.panels import Drawing
 from simval.report.section import Context, Section, made
 from simval.report.slope import simultaneous
@@ -54,24 +63,15 @@ def section(context: Context) -> Section | None:
     )
 
 
-def _unit(name: str) -> str:
-    return "m/s²" if name == "B" else "1"
-
-
 def _rms(groups: Groups) -> Drawing | None:
-    sets = [
-        (
-            title,
-            _unit(name),
-            *_with_bound(groups, partial(statistic, RMS(name))),
-        )
-        for name, title in GROUPS.items()
-    ]
-    sets.append(("together, B in units of g", "1", *_with_bound(groups, together)))
-    sets = [entry for entry in sets if entry[2]]
+    sets = rms_sets(groups)
+    whole = curves(groups, together(FIRST_ORDER))
+    if whole:
+        bounds = curves(groups, together(CRAMER_RAO))
+        sets.append(("together, B in units of g", "1", whole, bounds))
     if not sets:
         return None
-    z = simultaneous(sum(len(c.x) for entry in sets for c in entry[2]))
+    z = together_z(sets)
     return Drawing(
         name="calibration",
         caption=(
@@ -85,20 +85,8 @@ def _rms(groups: Groups) -> Drawing | None:
             "per sample on logarithmic axes, simulated points beside predicted lines "
             "and the Cramér-Rao bound"
         ),
-        panels=[
-            panel(title, NOISE, f"RMS error, {unit}", measured, bounds, z)
-            for title, unit, measured, bounds in sets
-        ],
+        panels=panels_of(sets, NOISE, z),
         columns=2,
-    )
-
-
-def _with_bound(
-    groups: Groups, measure: Callable[[str], Measure]
-) -> tuple[list[Curve], list[Curve]]:
-    return (
-        curves(groups, measure(FIRST_ORDER)),
-        curves(groups, measure(CRAMER_RAO)),
     )
 
 
@@ -142,7 +130,7 @@ def _apart(
             "logarithmic axes, simulated points beside the predicted lines"
         ),
         panels=[
-            panel(GROUPS[key], NOISE, f"{words}, {_unit(key)}", found, z=z)
+            panel(GROUPS[key], NOISE, f"{words}, {unit_of(key)}", found, z=z)
             for key, found in sets
         ],
     )
@@ -162,13 +150,7 @@ def _slopes(groups: Groups) -> Table:
     return Table(
         name="calibration-slopes",
         caption="Slopes in the noise, with 95 % intervals",
-        columns=(
-            Column("error"),
-            Column("cells"),
-            Column("fitted"),
-            Column("of theory's own line", "number"),
-            Column("leading order", "number"),
-        ),
+        columns=(Column("error"), Column("cells"), *SLOPES),
         rows=rows,
     )
 

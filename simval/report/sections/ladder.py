@@ -2,14 +2,11 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-
-from simval.report.curves import first, grouped
+from simval.report.curves import bars, first, grouped
 from simval.report.measures import part
 from simval.report.noise import Groups, curves, panel, slope_cells
 from simval.report.panels import BarPanel, Drawing, Panel
 from simval.report.section import Context, Section, made
-from simval.report.slope import simultaneous
 from simval.report.table import Column, Table
 from simval.results import Row
 from simval.statistics import BIAS, MANY_POSES, SCALE_BIAS, SECOND_ORDER
@@ -40,7 +37,9 @@ def _drawing(cells: Sequence[CellResult]) -> Drawing:
         lines = _by_residual(members)
         found = curves(lines, part(BIAS, "K", THEORY))
         words = f": {setting}" if setting else ""
-        panels.append(_bars(rungs[:MAX_BARS], f"the ladder{words}"))
+        names, rows = zip(*rungs[:MAX_BARS], strict=True)
+        title = f"the ladder{words}"
+        panels.append(bars(rows, names, title, "relative bias of the scale, σ²/g²"))
         panels.append(panel(f"bias of scale K{words}", NOISE, "bias, 1", found))
         left_out += [f"{name}{words}" for name, _ in rungs[MAX_BARS:]]
         drawn = {c.label for c in found}
@@ -87,19 +86,6 @@ def _lowest(cells: Sequence[CellResult]) -> list[tuple[str, Row]]:
             several = f", seed {cell.seed}" if len(chosen) > 1 else ""
             found.append((f"{name}{several}", row))
     return found
-
-
-def _bars(rungs: Sequence[tuple[str, Row]], title: str) -> BarPanel:
-    rows = [row for _, row in rungs]
-    z = simultaneous(len(rows))
-    return BarPanel(
-        title=title,
-        x_label="relative bias of the scale, σ²/g²",
-        names=[name for name, _ in rungs],
-        measured=np.array([row.value for row in rows]),
-        band=np.array([z * row.standard_error for row in rows]),
-        predicted=np.array([row.prediction for row in rows], dtype=float),
-    )
 
 
 def _table(cells: Sequence[CellResult]) -> Table:

@@ -1,7 +1,7 @@
 """Every number: value, standard error, sample size, unit and prediction."""
 
 from simval.report.section import Context, Section, made
-from simval.report.table import Column, Table
+from simval.report.table import NUMBERS, Column, Table, numbers_of
 from simval.report.words import sign_of_entries
 
 SHOWN = 500
@@ -10,17 +10,7 @@ SHOWN = 500
 def section(context: Context) -> Section | None:
     """Make the section."""
     rows = [
-        (
-            cell.name,
-            str(row.statistic),
-            (row.value, row.standard_error),
-            row.unit,
-            row.n,
-            row.prediction,
-            row.predictor,
-        )
-        for cell in context.run.cells
-        for row in cell.rows
+        (cell.name, *numbers_of(row)) for cell in context.run.cells for row in cell.rows
     ]
     if not rows:
         return None
@@ -30,15 +20,7 @@ def section(context: Context) -> Section | None:
         + sign_of_entries(
             row.statistic for cell in context.run.cells for row in cell.rows
         ),
-        columns=(
-            Column("cell", "code"),
-            Column("statistic"),
-            Column("value", "measured"),
-            Column("unit"),
-            Column("n", "number", 12),
-            Column("prediction", "number"),
-            Column("by"),
-        ),
+        columns=(Column("cell", "code"), *NUMBERS),
         rows=rows,
         shown=SHOWN,
     )

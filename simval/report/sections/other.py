@@ -16,8 +16,8 @@ from simval.report.curves import (
 from simval.report.panels import Drawing, Panel, Series
 from simval.report.section import Context, Section, made
 from simval.report.slope import simultaneous
-from simval.report.table import Column, Table
-from simval.report.words import slug
+from simval.report.table import NUMBERS, Column, Table, numbers_of
+from simval.report.words import slug, spelled
 from simval.statistics import BUDGET, COVERAGE, COVERAGE_NORMAL, EFFICIENCY, NEES
 from simval.studies import STUDIES
 from simval.sweep.run import CellResult
@@ -81,7 +81,7 @@ def _drawing(study: str, cells: Sequence[CellResult]) -> Drawing | None:
     if not panels:
         return None
     drawn = {panel.title for panel in panels[:MAX_PANELS]}
-    every = dict.fromkeys(_spelled(str(row.statistic)) for c in cells for row in c.rows)
+    every = dict.fromkeys(spelled(str(row.statistic)) for c in cells for row in c.rows)
     rest = [name for name in every if name not in drawn]
     return Drawing(
         name=slug(f"study {study}"),
@@ -95,10 +95,6 @@ def _drawing(study: str, cells: Sequence[CellResult]) -> Drawing | None:
     )
 
 
-def _spelled(name: str) -> str:
-    return name.replace("_", " ")
-
-
 def scored(
     name: str, axis: str, unit: str, found: Sequence[Curve], predictor: str = ""
 ) -> Panel:
@@ -110,8 +106,8 @@ def scored(
         if np.isfinite(c.prediction).any():
             series.append(c.predicted(i, "-", "" if i else predictor))
     return Panel(
-        title=_spelled(name),
-        x_label=axis.replace("_", " "),
+        title=spelled(name),
+        x_label=spelled(axis),
         y_label=f"value, {unit}",
         series=tuple(series),
         log_x=_spread([c.x for c in found]),
@@ -132,12 +128,7 @@ def numbers(study: str, cells: Sequence[CellResult]) -> Table:
     rows = [
         (
             *(cell.parameters.get(key) for key in keys),
-            str(row.statistic),
-            (row.value, row.standard_error),
-            row.unit,
-            row.n,
-            row.prediction,
-            row.predictor,
+            *numbers_of(row),
         )
         for cell in cells
         for row in cell.rows
@@ -146,13 +137,8 @@ def numbers(study: str, cells: Sequence[CellResult]) -> Table:
         name=slug(f"study {study}"),
         caption=f"Numbers of the study {study}",
         columns=(
-            *(Column(key.replace("_", " ")) for key in keys),
-            Column("statistic"),
-            Column("value", "measured"),
-            Column("unit"),
-            Column("n", "number", 12),
-            Column("prediction", "number"),
-            Column("by"),
+            *(Column(spelled(key)) for key in keys),
+            *NUMBERS,
         ),
         rows=rows,
         shown=SHOWN,

@@ -6,13 +6,18 @@ from dataclasses import replace
 import numpy as np
 
 from simval.report.curves import MAX_GROUPS, Curve, first, grouped, statistic
-from simval.report.measures import GROUPS, together
-from simval.report.noise import curves, panel, slope_cells
+from simval.report.measures import together
+from simval.report.noise import (
+    curves,
+    panels_of,
+    rms_sets,
+    slope_cells,
+    together_z,
+)
 from simval.report.panels import Drawing, Panel
 from simval.report.section import Context, Section, made
-from simval.report.slope import simultaneous
 from simval.report.table import Column, Table
-from simval.statistics import CONDITION, CRAMER_RAO, FIRST_ORDER, RMS
+from simval.statistics import CONDITION, FIRST_ORDER
 from simval.sweep.run import CellResult
 
 COUNT = "number of poses, 1"
@@ -49,16 +54,10 @@ def section(context: Context) -> Section | None:
 
 
 def _error(groups: Mapping[str, Sequence[CellResult]]) -> Drawing | None:
-    sets = []
-    for name, title in GROUPS.items():
-        unit = "m/s²" if name == "B" else "1"
-        found = curves(groups, statistic(RMS(name), FIRST_ORDER), "poses")
-        bounds = curves(groups, statistic(RMS(name), CRAMER_RAO), "poses")
-        if found:
-            sets.append((title, unit, found, bounds))
+    sets = rms_sets(groups, "poses")
     if not sets:
         return None
-    z = simultaneous(sum(len(c.x) for entry in sets for c in entry[2]))
+    z = together_z(sets)
     return Drawing(
         name="poses",
         caption=(
@@ -70,10 +69,7 @@ def _error(groups: Mapping[str, Sequence[CellResult]]) -> Drawing | None:
             "RMS error of misalignment, scale and bias against the number of poses on "
             "logarithmic axes, beside theory and the Cramér-Rao bound"
         ),
-        panels=[
-            panel(title, COUNT, f"RMS error, {unit}", found, bounds, z)
-            for title, unit, found, bounds in sets
-        ],
+        panels=panels_of(sets, COUNT, z),
     )
 
 

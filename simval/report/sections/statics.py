@@ -101,7 +101,7 @@ def _drawing(file: Path) -> Drawing | None:
         name=slug(file.stem),
         caption=(
             f"{name}: the signal with the {len(spans)} detected intervals shaded."
-            f"{below} Of a long signal the extremes are drawn."
+            f"{below}"
         ),
         alternative=(
             f"{name}: recorded signal over time with {len(spans)} detected static "

@@ -1,6 +1,6 @@
 """Efficiency, coverage of the error bars, and NEES, of any study that has them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -17,10 +17,33 @@ from simval.report.curves import (
 from simval.report.panels import Drawing, Panel
 from simval.report.section import Context, Section, made
 from simval.report.slope import simultaneous
+from simval.report.words import spelled
 from simval.results import Row
 from simval.statistics import COVERAGE, EFFICIENCY, NEES, Family, Statistic
 from simval.sweep.run import CellResult
 
+DRAWN = {
+    EFFICIENCY: (
+        "efficiency, 1",
+        "Efficiency: the Cramér-Rao bound of the variance over the variance; 1 is "
+        "the best that an unbiased estimator can do. Lines: theory.",
+        "Efficiency of each estimator or parameter, beside theory",
+    ),
+    COVERAGE: (
+        "share that covers, 1",
+        "Coverage: how often the stated intervals hold the truth. Lines: what "
+        "they promise.",
+        "Coverage of the intervals beside what they promise",
+    ),
+    NEES: (
+        "measured / predicted, 1",
+        "NEES, the squared error in units of its own covariance, over its "
+        "predicted mean: 1 where the covariance is right, above where it is too "
+        "small.",
+        "Normalised squared error over its predicted mean; 1 is right",
+    ),
+}
+"""Of each family: what its axis, its caption and its text alternative say."""
 MAX_PANELS = 9
 MAX_KINDS = 4
 """Statistics of a family drawn one by one; of more, their mean."""
@@ -29,64 +52,20 @@ MAX_KINDS = 4
 def section(context: Context) -> Section | None:
     """Make the section."""
     drawings = [
-        drawing
-        for drawing in (_efficiency(context), _coverage(context), _nees(context))
-        if drawing is not None
+        Drawing(
+            name=family.name,
+            caption=f"{caption} Bars: 95 % for all points of a panel together.",
+            alternative=alternative,
+            panels=panels,
+            left_out=rest,
+        )
+        for family, (y_label, caption, alternative) in DRAWN.items()
+        for panels, rest in [_panels(context, family, y_label)]
+        if panels
     ]
     if not drawings:
         return None
     return made("statistics", "Efficiency, coverage and consistency", drawings)
-
-
-def _efficiency(context: Context) -> Drawing | None:
-    panels, rest = _panels(context, EFFICIENCY, "efficiency, 1", lambda c: c)
-    if not panels:
-        return None
-    return Drawing(
-        name="efficiency",
-        caption=(
-            "Efficiency: the Cramér-Rao bound of the variance over the variance; 1 is "
-            "the best that an unbiased estimator can do. Lines: theory. Bars: 95 % "
-            "for all points of a panel together."
-        ),
-        alternative="Efficiency of each estimator or parameter, beside theory",
-        panels=panels,
-        left_out=rest,
-    )
-
-
-def _coverage(context: Context) -> Drawing | None:
-    panels, rest = _panels(context, COVERAGE, "share that covers, 1", lambda c: c)
-    if not panels:
-        return None
-    return Drawing(
-        name="coverage",
-        caption=(
-            "Coverage: how often the stated intervals hold the truth. Lines: what "
-            "they promise. Bars: 95 % for all points of a panel together."
-        ),
-        alternative="Coverage of the intervals beside what they promise",
-        panels=panels,
-        left_out=rest,
-    )
-
-
-def _nees(context: Context) -> Drawing | None:
-    label = "measured / predicted, 1"
-    panels, rest = _panels(context, NEES, label, _over_prediction, True)
-    if not panels:
-        return None
-    return Drawing(
-        name="nees",
-        caption=(
-            "NEES, the squared error in units of its own covariance, over its "
-            "predicted mean: 1 where the covariance is right, above where it is too "
-            "small. Bars: 95 % for all points of a panel together."
-        ),
-        alternative="Normalised squared error over its predicted mean; 1 is right",
-        panels=panels,
-        left_out=rest,
-    )
 
 
 def _over_prediction(c: Curve) -> Curve:
@@ -100,11 +79,7 @@ def _over_prediction(c: Curve) -> Curve:
 
 
 def _panels(
-    context: Context,
-    family: Family,
-    y_label: str,
-    change: Callable[[Curve], Curve],
-    one: bool = False,
+    context: Context, family: Family, y_label: str
 ) -> tuple[list[Panel], list[str]]:
     """Panels of each study that has rows of a family, and what is not in them."""
     found: list[Panel] = []
@@ -116,18 +91,18 @@ def _panels(
             if any(_belongs(row, family) for row in cell.rows)
         ]
         if cells:
-            curves, mean = _curves(cells, family, change)
-            title = f"{_spelled(study)}{', mean over parameters' if mean else ''}"
+            curves, mean = _curves(cells, family)
+            title = f"{spelled(study)}{', mean over parameters' if mean else ''}"
             none = [c for c in curves if not np.isfinite(c.value).any()]
             some = [c for c in curves if np.isfinite(c.value).any()]
             parts = _parts(some)
             room = MAX_PANELS - len(found)
             for i, part in enumerate(parts[:room]):
                 place = f" ({i + 1} of {len(parts)})" if len(parts) > 1 else ""
-                words = (f"{title}{place}", _spelled(axis_of(cells)), y_label)
-                found.append(_panel(words, part, family, one))
+                words = (f"{title}{place}", spelled(axis_of(cells)), y_label)
+                found.append(_panel(words, part, family))
             missed = [c for part in parts[room:] for c in part]
-            left_out += [_label(_spelled(study), c.label) for c in (*none, *missed)]
+            left_out += [_label(spelled(study), c.label) for c in (*none, *missed)]
     return found, left_out
 
 
@@ -138,17 +113,11 @@ def _parts(curves: Sequence[Curve]) -> list[Sequence[Curve]]:
     return [curves[i * size : (i + 1) * size] for i in range(count)]
 
 
-def _spelled(name: str) -> str:
-    return name.replace("_", " ")
-
-
 def _belongs(row: Row, family: Family) -> bool:
     return row.statistic.family == family and not row.statistic.controlled
 
 
-def _curves(
-    cells: Sequence[CellResult], family: Family, change: Callable[[Curve], Curve]
-) -> tuple[list[Curve], bool]:
+def _curves(cells: Sequence[CellResult], family: Family) -> tuple[list[Curve], bool]:
     """Curves of a family in a study, and whether they are means over statistics."""
     keys = tuple(
         dict.fromkeys(
@@ -161,7 +130,7 @@ def _curves(
     axis = axis_of(cells)
     measures, mean = _measures(family, keys)
     curves = [
-        change(c)
+        _over_prediction(c) if family == NEES else c
         for name, measure in measures.items()
         for label, members in grouped(cells, axis).items()
         if (c := curve(_label(label, name), members, axis, measure))
@@ -170,14 +139,14 @@ def _curves(
 
 
 def _panel(
-    words: tuple[str, str, str], curves: Sequence[Curve], family: Family, one: bool
+    words: tuple[str, str, str], curves: Sequence[Curve], family: Family
 ) -> Panel:
-    """One panel: title and labels in words, points and, unless `one`, predictions."""
+    """One panel: title and labels in words, points and, but for NEES, predictions."""
     z = simultaneous(sum(len(c.x) for c in curves))
     series = []
     for i, c in enumerate(curves):
         series.append(c.points(z, i))
-        if not one and np.isfinite(c.prediction).any():
+        if family != NEES and np.isfinite(c.prediction).any():
             series.append(c.predicted(i))
     title, x_label, y_label = words
     return Panel(

@@ -1,0 +1,146 @@
+r"""What became of a number: the one place that says same, close, moved or changed.
+
+A baseline is a small run, so the gate (beside its baseline) and `simval compare`
+(beside another run) ask the same: which of their cells ask the same question
+(`matched`); on the same noise, whether more than rounding moved (`on_same_noise`); and
+on other noise, whether two values are equivalent (`on_other_noise`) or differ beyond
+chance (`holm`).
+
+The question on other noise is not whether the values differ, for they do. With
+:math:`d` the difference, :math:`s` its standard error and :math:`m` the margin of the
+statistic,
+
+.. math:: |d| + z_{0.95}\, s \le m  \tag{B1}
+
+shows equivalence by two one-sided tests of size 0.05; :math:`|d| - z\, s > m`, with z
+from the comparisons' share of the false-alarm rate by Bonferroni's rule, shows a
+change; and anything between is not resolved by so many samples.
+"""
+
+from collections.abc import Callable, Hashable, Iterable, Mapping
+from math import isfinite
+from typing import Any, Literal, TypeVar
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import ndtri
+
+from simval.arrays import Array
+
+A = TypeVar("A")
+B = TypeVar("B")
+
+EFFORT = ("samples", "trials")
+"""Parameters that say how much was computed, not what."""
+
+PAIRED_BOUND = 1e-3
+"""Standard errors that a value drawn from the same noise may move by rounding. Bounded:
+another order of summation moves a mean of n samples by at most n eps of their size,
+n^1.5 eps = 2e-6 standard errors of 4e6 samples whose size is their spread."""
+
+EXACT_BOUND = 1e-6
+"""Relative change that a value without chance may show: rounding, amplified by a
+condition of up to EXACT_BOUND / eps = 4.5e9."""
+
+ROUNDING = 1e-13
+"""What a value without chance may move in any case, in its SI unit: differences of
+numbers of size one are rounding noise there."""
+
+PAIRED_SHARE = 0.1
+"""Share of the remainder of an exact row by which its value may move. Chosen: what is
+left of the remainder, nine tenths, still judges the value."""
+
+JUDGING_BOUND = 1e-3
+"""Relative change of a standard error, a limit or a remainder that is rounding. Chosen:
+it moves a distance of five standard errors by 0.005 of them."""
+
+TOST_QUANTILE = float(ndtri(0.95))
+"""Normal quantile of each of the two one-sided tests of equivalence."""
+
+
+def question(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters of a cell but for those that say how much was computed."""
+    return {k: v for k, v in sorted(parameters.items()) if k not in EFFORT}
+
+
+def matched(
+    old: Iterable[A],
+    new: Iterable[B],
+    asked: Callable[[A | B], Hashable],
+    same: Callable[[A | B], Hashable],
+) -> tuple[list[tuple[A, B]], list[A], list[B]]:
+    """Pair what asks the same: by what is the `same` in both, the rest in order.
+
+    What is `old` alone and `new` alone comes after the pairs, each in its own order.
+    """
+    left, right = _grouped(old, asked), _grouped(new, asked)
+    pairs: list[tuple[A, B]] = []
+    only_old: list[A] = []
+    only_new = [item for key in right if key not in left for item in right[key]]
+    for key, members in left.items():
+        others = right.get(key, [])
+        rest = []
+        for item in members:
+            twin = next((o for o in others if same(o) == same(item)), None)
+            if twin is None:
+                rest.append(item)
+                continue
+            pairs.append((item, twin))
+            others.remove(twin)
+        count = min(len(rest), len(others))
+        pairs += zip(rest[:count], others[:count], strict=True)
+        only_old += rest[count:]
+        only_new += others[count:]
+    return pairs, only_old, only_new
+
+
+def _grouped(
+    items: Iterable[A], key: Callable[[A], Hashable]
+) -> dict[Hashable, list[A]]:
+    groups: dict[Hashable, list[A]] = {}
+    for item in items:
+        groups.setdefault(key(item), []).append(item)
+    return groups
+
+
+def on_same_noise(
+    old: float, new: float, bound: float
+) -> Literal["same", "close", "changed"]:
+    """Whether a value moved, and whether by more than rounding."""
+    if new == old:
+        return "same"
+    step = abs(new - old)  # NaN is a change
+    return "close" if isfinite(step) and step <= bound else "changed"
+
+
+def on_other_noise(
+    distance: float, error: float, margin: float, quantile: float
+) -> Literal["equivalent", "changed", "unresolved"]:
+    """Eq. (B1), or the reverse, or neither."""
+    if distance + TOST_QUANTILE * error <= margin:
+        return "equivalent"
+    if not distance - quantile * error <= margin:  # NaN is a change
+        return "changed"
+    return "unresolved"
+
+
+def is_near(old: float, new: float, relative: float, least: float = 0.0) -> bool:
+    """Whether a number is the old one up to rounding; NaN is not."""
+    return abs(new - old) <= max(least, relative * abs(old))
+
+
+def holm(values: Float[Array, " n"], alpha: float) -> Float[Array, " n"]:
+    """Limit of each p-value by Holm's step-down rule.
+
+    The k-th smallest of m is compared with alpha / (m - k + 1), and once one is kept
+    all larger ones are. So every member of a family gets the limit at which the
+    procedure stopped, or its own where it was rejected before.
+    """
+    m = len(values)
+    order = np.argsort(values, kind="stable")
+    steps = alpha / (m - np.arange(m))
+    kept = values[order] > steps
+    stop = int(np.argmax(kept)) if kept.any() else m - 1
+    limits = np.empty(m)
+    limits[order] = np.minimum(steps, steps[stop]) if m else steps
+    return limits
