@@ -243,7 +243,7 @@ def test_a_break_is_found_where_it_is():
     assert clean.chance > 1e-4
     y[18:, 2] *= 1.1
     found = find_break(y)
-    assert (found.index, found.later) == (18, True)
+    assert (found.index, found.what) == (18, "earlier")
     assert found.chance < 1e-6
     assert found.drop > 4.0
     assert find_break(y[:10]) is None

@@ -95,7 +95,7 @@ def changed(rests: Rests) -> str | None:
     earlier, later = rests.span(found.index - 1), rests.span(found.index)
     return (
         f"the rests up to the one {earlier} and those since the one {later} do not lie "
-        f"on one ellipsoid; the {'earlier' if found.later else 'later'} ones alone "
+        f"on one ellipsoid; the {found.what} ones alone "
         f"scatter {found.drop:.3g} times less: scale, bias, sign or order of the axes "
         "changed in between (range setting, cable, temperature); cut the log there "
         "and calibrate one part"
