@@ -40,7 +40,7 @@ Both are bounds that were measured with each residual at :math:`\sigma/g` of 0.0
 again); `tests/test_calibration_theory.py` measures them.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -110,8 +110,7 @@ class _Geometry:
     # c and q of each pose at the truth, and their derivatives (c itself is 0)
     d: Array  # dc/dtheta, (n, 9)
     q: Array  # (n,)
-    q_theta: Array  # (n, 9)
-    turn: Array  # sum over k of c_k d2c/dtheta dy_k, (n, 9)
+    turn: Array  # sum over k of c_k d2c/dtheta dy_k, (n, 9): twice dq/dtheta
     q_along: Array  # sum over k of c_k q_k, (n,)
     bend: Array  # d2c/dtheta2, (n, 9, 9)
     laplacian: float  # sum over k of c_kk
@@ -172,7 +171,7 @@ def calibration_moments(
         )
         raise GeometryError(msg)
     x = np.linalg.solve(model.matrix, g * u.T).T
-    theta = _true_parameters(model, form)
+    theta = forms.from_gram(form, model.matrix.T @ model.matrix, model.B)
     # parameters in units in which the columns of J have unit length: raw counts and
     # m/s^2 then look the same to the linear algebra
     geometry = _geometry(form, theta, x, g)
@@ -203,11 +202,6 @@ def _natural_sizes(form: str, scale: Array, g: float) -> Array:
     return np.concatenate([first, g / scale])
 
 
-def _true_parameters(model: AccelerometerModel, form: str) -> Array:
-    gram = model.matrix.T @ model.matrix
-    return forms.from_gram(form, gram, model.B)
-
-
 def _geometry(form: str, theta: Array, x: Array, g: float) -> _Geometry:
     # exact derivatives of c = x'Ax - 1 with x = y - B and A = M'M / g^2
     m = forms.matrix(form, theta)
@@ -230,13 +224,9 @@ def _geometry(form: str, theta: Array, x: Array, g: float) -> _Geometry:
     aax = ax @ a
     # c_k = 2 (Ax)_k, d2c/dtheta dy_k = 2 (dA x)_k or -2 A_k, q_k = 2 (AAx)_k
     turn = np.concatenate([4.0 * np.einsum("njk,nk->nj", dax, ax), -4.0 * aax], axis=-1)
-    q_theta = np.concatenate(
-        [2.0 * np.einsum("njk,nk->nj", dax, ax), -2.0 * aax], axis=-1
-    )
     return _Geometry(
         d=np.concatenate([np.einsum("njk,nk->nj", dax, x), -2.0 * ax], axis=-1),
         q=np.sum(ax * ax, axis=-1),
-        q_theta=q_theta,
         turn=turn,
         q_along=4.0 * np.sum(ax * aax, axis=-1),
         bend=bend,
@@ -245,15 +235,8 @@ def _geometry(form: str, theta: Array, x: Array, g: float) -> _Geometry:
 
 
 def _scaled(p: _Geometry, unit: Array) -> _Geometry:
-    return _Geometry(
-        d=p.d * unit,
-        q=p.q,
-        q_theta=p.q_theta * unit,
-        turn=p.turn * unit,
-        q_along=p.q_along,
-        bend=p.bend * np.outer(unit, unit),
-        laplacian=p.laplacian,
-    )
+    bend = p.bend * np.outer(unit, unit)
+    return replace(p, d=p.d * unit, turn=p.turn * unit, bend=bend)
 
 
 def _shares(sigma: Array) -> Array:
@@ -267,16 +250,16 @@ def _moments(p: _Geometry, sigma: Array, residual: str) -> tuple[Array, Array]:
     weighted = residual in ("weighted", "sampson")
     a = 0.25 / p.q * _shares(sigma) if weighted else np.ones_like(p.q)
     slope = -a / p.q if weighted else np.zeros_like(p.q)  # da/dq
+    a_theta, a_along = slope[:, None] * (0.5 * p.turn), slope * p.q_along
     b = np.zeros_like(p.d)
     if residual == "norm":
         b = -0.75 * p.d
     elif residual == "sampson":
-        b = 0.5 * slope[:, None] * p.q_theta
+        b = 0.5 * a_theta
     s2, steep = sigma**2, 4.0 * p.q  # steep: sum over k of c_k^2
     inverse = np.linalg.inv((p.d * a[:, None]).T @ p.d)
     back = p.d @ inverse  # rows p_i = H^-1 d_i
     covariance = (back * (s2 * a * a * steep)[:, None]).T @ back
-    a_theta, a_along = slope[:, None] * p.q_theta, slope * p.q_along
     reach = np.sum(back * p.d, axis=-1)
     bent = np.einsum("nij,nj->ni", p.bend, back)
     own = (
