@@ -175,10 +175,8 @@ def simulate_reduced(
     method = choice("method", method, METHODS)
     errors = _checked(errors)
     dimension = whole_number("dimension", dimension, 1, MOST)
-    samples, block = (
-        whole_number("samples", samples, 1),
-        whole_number("block", block, 1),
-    )
+    samples = whole_number("samples", samples, 1)
+    block = whole_number("block", block, 1)
     if block % BATCH:
         msg = f"`block` is {block}; it must be a multiple of {BATCH}"
         raise InputError(msg)
@@ -191,8 +189,7 @@ def simulate_reduced(
     if not np.isfinite(means).all():
         msg = "the estimator gave a non-finite error; it must be finite on every trial"
         raise InputError(msg)
-    size = round((np.sqrt(9 + 8 * means.shape[1]) - 3) / 2)  # m = p (p + 3) / 2
-    return sums_of(means, size, batch)
+    return sums_of(means, batch)
 
 
 def _checked(errors: Errors) -> Errors:
