@@ -273,6 +273,7 @@ def _iterate(data: _Data, options: Options) -> tuple[Solution, Array | None]:
     if noise is not None and shares is not None:
         noise = noise * np.sqrt(shares)
     newton = rules.method == "newton"
+    # rounding of a cost: a sum over the poses of terms with some 64 operations
     slack = 64.0 * float(np.finfo(float).eps) * z.shape[1]
     goal: Callable[[Array, Any], Any]
     if options.loss != "linear" or residual == "weighted":

@@ -51,6 +51,7 @@ STEP = 0.03
 1e-16/STEP^2 = 1e-13 of a second derivative, truncation STEP^2 of the next term."""
 
 BATCH = 256
+"""Evaluations in a batch of eq. (M1); part of the promise of equal bits."""
 MOST = 21201
 """Most noise variables: those of SciPy's Sobol points."""
 MOST_BENT = 300

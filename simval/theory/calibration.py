@@ -40,9 +40,8 @@ itself by,
 
 .. math:: 40\, k^7 u^2 s \tag{K3}, \qquad 60\, k^4 u. \tag{K4}
 
-The powers bound the growth, the two factors are measured, with every residual and form,
-random sensors and 12 to 200 even or random poses:
-`test_what_the_next_order_may_be` in `tests/test_calibration_theory.py`.
+The powers bound the growth; the two factors are measured, over random sensors and 12 to
+200 even or random poses: `tests/test_calibration_theory.py`.
 """
 
 from dataclasses import dataclass, replace
