@@ -154,7 +154,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 def _moment_rows(
     measured: Moments, predictions: dict[str, AttitudeMoments], inside: bool
 ) -> list[Row]:
-    remainders = expansion_remainders(predictions[ORDER_2], predictions[ORDER_4])
+    remainders = expansion_remainders({o: predictions[k] for o, k in PREDICTORS})
     n, covariance = measured.samples, measured.covariance[_UPPER]
     error = measured.covariance_error[_UPPER]
     rows: list[Row] = []
