@@ -33,7 +33,7 @@ from simval.geometry import normalize
 PARAMETERS = 9
 MOST = 10_000_000  # directions at once: a quarter of a gigabyte
 _RANK_TOLERANCE = 1e-8  # relative; rounding leaves 1e-15, a pose 1 arcsecond off 5e-6
-_SAME_DIRECTION = np.radians(5.0)
+_SAME_DIRECTION = np.radians(5.0)  # for words only: nearer ones are one pose to a hand
 
 
 def fibonacci_sphere(count: int) -> Float[Array, "count 3"]:
@@ -154,11 +154,13 @@ def best_next_direction(jacobian: Float[Array, "n 9"]) -> Float[Array, "3"]:
     is added to N, so that below rank nine the missing combinations lead.
     """
     named = [cube_faces(), cube_edges(), cube_corners()]
+    # 600 are 8 degrees apart: about as near as a pose is set by hand
     candidates = np.concatenate([*named, fibonacci_sphere(600)])
     rows = direction_jacobian(candidates)
     jacobian = physical_array("jacobian", jacobian, (None, PARAMETERS))
     jacobian = jacobian.reshape(-1, PARAMETERS)
     normal = jacobian.T @ jacobian
+    # far below any eigenvalue that counts, far above the 1e-16 of rounding
     normal += (1e-9 * np.trace(normal) + 1e-12) * np.eye(PARAMETERS)
     moved = np.linalg.solve(normal, rows.T).T
     gain = np.sum(moved * moved, axis=-1) / (1.0 + np.sum(moved * rows, axis=-1))

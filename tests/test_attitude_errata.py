@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from oracles.attitude_errors import multiplicative_matrix, paper_fourth_terms
 from rounding import EPS
 
 from simval.geometry import (
@@ -23,13 +24,11 @@ from simval.geometry import (
     normalize,
     random_quaternions,
 )
-from simval.theory.errors_exact import multiplicative_matrix
 from simval.theory.orders import (
-    paper_fourth_terms,
     quadratic_covariance,
     quadratic_form,
+    second_order_bias,
 )
-from simval.theory.second_order import second_order_bias
 
 DATA = Path(__file__).parent / "data" / "peng_choukroun_terms.txt"
 

@@ -12,7 +12,8 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from true_sensor import MODEL, PARAMETERS, G
 
-from simval.calibrate import calibrate, sources
+from simval.bench.imu_tk import imu_tk_jacobian, imu_tk_residual
+from simval.calibrate import calibrate
 from simval.calibrate.moments import unbiased_moment_matrix
 from simval.calibrate.residuals import RESIDUALS
 from simval.calibrate.solver import METHODS
@@ -68,7 +69,7 @@ def test_against_scipy_least_squares(residual):
 
     def residuals(p, y):
         if residual == "squared":
-            return sources.imu_tk_residual(p, y, G)
+            return imu_tk_residual(p, y, G)
         model = AccelerometerModel.from_parameters(p)
         h = model.correct(y)
         norm = np.linalg.norm(h, axis=1)
@@ -94,9 +95,9 @@ def test_squared_minimum_against_scipy_with_the_same_jacobian():
     ours = calibrate(poses, G)
     for y, found in zip(poses, ours.parameters, strict=True):
         peer = least_squares(
-            lambda p, y=y: sources.imu_tk_residual(p, y, G),
+            lambda p, y=y: imu_tk_residual(p, y, G),
             PARAMETERS,
-            jac=lambda p, y=y: sources.imu_tk_jacobian(p, y),
+            jac=lambda p, y=y: imu_tk_jacobian(p, y),
             xtol=1e-15, ftol=1e-15, gtol=1e-15, method="lm",
         )  # fmt: skip
         np.testing.assert_allclose(found, peer.x, rtol=1e-9, atol=1e-11)

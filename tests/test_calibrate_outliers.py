@@ -246,7 +246,7 @@ def test_a_break_is_found_where_it_is():
     assert clean.chance > 1e-4
     y[18:, 2] *= 1.1
     found = find_break(y)
-    assert (found.index, found.later) == (18, True)
+    assert (found.index, found.what) == (18, "earlier")
     # power: 2e-9 and 16 are seen; ten percent are 36 standard deviations of z
     assert found.chance < 1e-6
     assert found.drop > 4.0

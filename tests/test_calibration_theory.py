@@ -13,9 +13,14 @@ from true_sensor import MODEL, G
 
 from simval.calibrate import calibrate
 from simval.errors import GeometryError, InputError
-from simval.poses import cube_faces, fibonacci_sphere
+from simval.poses import (
+    cube_faces,
+    fibonacci_sphere,
+    observability,
+    random_directions,
+)
 from simval.sensor import MODELS, AccelerometerModel, forms
-from simval.theory.calibration import RESIDUALS, calibration_moments
+from simval.theory.calibration import EVEN, RESIDUALS, calibration_moments
 
 
 @pytest.mark.parametrize("residual", RESIDUALS)
@@ -164,6 +169,70 @@ def test_against_simulation(residual):
     # 30 (sigma/g)^2, 0.7 %
     allowed = limit * np.sqrt(2 / pairs) + 30 * (sigma / G) ** 2
     assert np.all(np.abs(sample / np.diag(predicted.covariance) - 1) < allowed)
+
+
+def next_order(rng, pairs):
+    """Share of (K3) and (K4) that one random calibration takes, with its error.
+
+    The trials are worked twice, with the noise and with a twentieth of it: from the
+    second come the terms of first and second order of the same draws (but for a 400th
+    of the next), so what is left is the next order alone, at a small standard error.
+    """
+    count = int(np.exp(rng.uniform(np.log(12), np.log(200))))
+    even = rng.random() < 0.5
+    directions = fibonacci_sphere(count) if even else random_directions(count, rng)
+    spread = rng.choice([0.05, 0.3, 0.9])
+    scale = 1 + rng.uniform(-spread, spread, 3)
+    angles, offset = rng.uniform(-0.1, 0.1, 3), rng.uniform(-1, 1, 3)
+    sensor = AccelerometerModel.from_parameters(np.hstack([angles, scale, offset]))
+    residual, form = rng.choice(RESIDUALS), rng.choice(MODELS)
+    level = 0.01 / max(1.0, observability(directions).condition / EVEN) ** 2
+    sigma = level * G / np.linalg.norm(sensor.matrix, axis=1).max()
+    predicted = calibration_moments(sensor, directions, G, sigma, residual, form=form)
+    truth = forms.from_gram(form, sensor.matrix.T @ sensor.matrix, sensor.B)
+    clean = sensor.distort(G * directions, np.random.default_rng(0))
+    noise = sigma * rng.standard_normal((pairs, count, 3))
+
+    def halves(share):
+        plus, minus = (
+            calibrate(
+                clean + sign * share * noise, G, form, residual=residual,
+                noise_std=share * sigma, covariance=False,
+            ).require_converged().parameters - truth
+            for sign in (1, -1)
+        )  # fmt: skip
+        return (plus + minus) / 2, (plus - minus) / 2
+
+    (even, odd), (small_even, small_odd) = halves(1.0), halves(0.05)
+    linear = small_odd / 0.05
+    bias = even - small_even / 0.05**2
+    spread = 2 * linear * (odd - linear) + (odd - linear) ** 2
+    spread = (spread + (even - even.mean(axis=0)) ** 2) / np.diag(predicted.covariance)
+    shares = bias / predicted.bias_remainder, spread / predicted.variance_remainder
+    mean = [np.abs(x.mean(axis=0)).max() for x in shares]
+    return mean, [(x.std(axis=0) / np.sqrt(pairs)).max() for x in shares]
+
+
+def covered(seed, draws, pairs):
+    """Greatest share of (K3) and of (K4); none may be above one."""
+    rng = np.random.default_rng(seed)
+    found = np.array([next_order(rng, pairs) for _ in range(draws)])
+    mean, error = found[:, 0], found[:, 1]
+    # 18 comparisons a draw, one false alarm in 1e4 for all
+    limit = stats.norm.isf(1e-4 / (18 * draws))
+    assert np.all(mean <= 1 + limit * error)
+    return (mean - limit * error).max(axis=0)
+
+
+def test_what_the_next_order_may_be():
+    # power: factors of a tenth of (K3) and (K4) would be rejected
+    assert np.all(covered(3, 6, 250) > 0.1)
+
+
+@pytest.mark.slow
+def test_what_the_next_order_may_be_of_many():
+    """All of 100 random calibrations; a quarter of either factor would not do."""
+    assert np.all(covered(4, 100, 1000) > 0.25)
 
 
 def test_bias_grows_as_the_square_and_sd_as_sigma():

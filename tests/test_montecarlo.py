@@ -10,13 +10,11 @@ from scipy import stats
 
 from simval.errors import InputError
 from simval.montecarlo import (
-    batch_means,
     mean_square,
     moments_of,
     simulate,
-    sums_of,
 )
-from simval.montecarlo.plain import _in_order
+from simval.montecarlo.plain import _in_order, batch_means, merged, sums_of
 from simval.streams import Streams, cell_key
 
 MIX = np.array([[1.0, 0.0], [0.6, 0.8]])
@@ -30,7 +28,7 @@ def sampler(rng, count):
 
 
 def sums(errors, batch):
-    return sums_of(batch_means(errors, batch), len(errors), batch)
+    return sums_of(batch_means(errors, batch), batch)
 
 
 def run(samples, batch=1, seed=5, block=1024):
@@ -89,7 +87,7 @@ def test_blocks_merge_to_the_whole_in_order_and_by_pieces():
     pieces = [sums(block, 16) for block in blocks]
     left = pieces[0]
     for piece in pieces[1:]:
-        left = left.merged(piece)
+        left = merged(left, piece)
     whole = sums(np.concatenate(blocks, axis=1), 16)
     # another order of the same additions: 128 batches, 1e-13 relative to the spread
     np.testing.assert_allclose(left.mean, whole.mean, rtol=1e-13)

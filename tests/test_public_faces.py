@@ -334,7 +334,9 @@ FACES = {
          "block": "count", "batch": "count", "threads": "count"},
     ),
     "batch_means": (
-        montecarlo.batch_means, {"errors": DIRECTIONS.T, "batch": 7}, {"batch": "count"}
+        montecarlo.plain.batch_means,
+        {"errors": DIRECTIONS.T, "batch": 7},
+        {"batch": "count"},
     ),
     "moments_of": (montecarlo.moments_of, {"sums": SUMS}, {"sums": "object"}),
     "mean_square": (

@@ -13,7 +13,6 @@ from simval.scene import simulate
 from simval.sensor import AccelerometerModel
 from simval.streams import Streams, cell_key
 from simval.studies import detector, end_to_end
-from simval.studies.carry import PARTS, UP, carrier, corrected
 from simval.studies.scoring import (
     STILL_FORCE,
     normalized_square,
@@ -21,6 +20,7 @@ from simval.studies.scoring import (
     score,
     thinned,
 )
+from simval.theory.carry import PARTS, UP, carrier, corrected
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -2,6 +2,19 @@
 
 import numpy as np
 import pytest
+from oracles.attitude_errors import (
+    half_errors,
+    isotropic_unnormalized_covariance,
+    mean_norm_ratio,
+    multiplicative_bias,
+    multiplicative_covariance,
+    multiplicative_error,
+    norm_ratio,
+    norm_ratio_second_order,
+    normalized_error,
+    normalized_error_second_order,
+    unnormalized_error,
+)
 from random_attitudes import full_covariances, geometry
 from rounding import EPS, relative
 
@@ -15,24 +28,9 @@ from simval.theory import attitude_moments
 from simval.theory.attitude import multiplicative_moments
 from simval.theory.combined import column_matrix
 from simval.theory.cubature import cubature_moments, smolyak_hermite
-from simval.theory.errors_exact import (
-    half_errors,
-    multiplicative_error,
-    norm_ratio,
-    norm_ratio_second_order,
-    normalized_error,
-    normalized_error_second_order,
-    unnormalized_error,
-)
+from simval.theory.expansion import scaled_error_moments
 from simval.theory.noise import noise_covariances
-from simval.theory.second_order import (
-    isotropic_unnormalized_covariance,
-    mean_norm_ratio,
-    multiplicative_bias,
-    multiplicative_covariance,
-    second_order_second_moment,
-    unnormalized_covariance,
-)
+from simval.theory.orders import second_order_bias, second_order_covariance
 from simval.theory.series import series_moments
 from simval.theory.two_vector import two_vector_geometry
 
@@ -101,15 +99,12 @@ def test_moments_of_the_unnormalised_error_are_exact_for_any_noise():
     draws = np.einsum("kij,nkj->nki", roots, points.reshape(-1, 4, 3))
     error, _, norm = scaled_errors(vectors, draws)
     np.testing.assert_allclose(weights @ error, 0.0, rtol=0, atol=1e-13)  # unbiased
-    first = unnormalized_covariance(
-        two_vector_geometry(q, *vectors[2:], "plain"), noise
-    )
+    g = two_vector_geometry(q, *vectors[2:], "plain")
+    moments = scaled_error_moments(g, noise)
+    first = norm**2 * moments.P  # eqs. (54) to (60)
     exact = (weights[:, None] * error).T @ error
     # the bilinear part adds its own covariance, of fourth order, and nothing else
-    from simval.theory.expansion import scaled_error_moments
-
-    g = two_vector_geometry(q, *vectors[2:], "plain")
-    both = first + norm**2 * scaled_error_moments(g, noise).V
+    both = first + norm**2 * moments.V
     # a dozen products of numbers below 1
     np.testing.assert_allclose(exact, both, rtol=0, atol=40 * EPS)
     assert relative(first, exact) > 0.01
@@ -119,7 +114,7 @@ def test_moments_of_the_unnormalised_error_are_exact_for_any_noise():
 def test_isotropic_form_of_the_covariance(frame):
     q, vectors, _ = geometry(4, of_the_sign_of_q)
     g = two_vector_geometry(q, *vectors[2:], frame)
-    general = unnormalized_covariance(g, noise_covariances(0.2))
+    general = g.norm**2 * scaled_error_moments(g, noise_covariances(0.2)).P
     np.testing.assert_allclose(
         # 0.04 times sums of a dozen products below 1
         isotropic_unnormalized_covariance(g, 0.2),
@@ -136,14 +131,16 @@ def test_mean_of_the_norm_ratio_and_second_moment():
     points, weights = smolyak_hermite(12, 9)
     gaps = []
     for sigma in (0.005, 0.01):
-        P = unnormalized_covariance(g, noise_covariances(sigma)) / g.norm**2
+        P = scaled_error_moments(g, noise_covariances(sigma)).P
         _, x, _ = scaled_errors(vectors, sigma * points.reshape(-1, 4, 3))
         e = normalized_error(q, x)
         moment = (weights[:, None] * e).T @ e
+        bias = second_order_bias(q, P)  # (63) with (65): the last term is its square
+        predicted = second_order_covariance(q, P) + np.outer(bias, bias)
         gaps.append(
             [
                 abs(weights @ (norm_ratio(q, x) - 1.0) + 1.0 - mean_norm_ratio(q, P)),
-                np.linalg.norm(moment - second_order_second_moment(q, P)),
+                np.linalg.norm(moment - predicted),
             ]
         )
     # the next term adds c sigma^2 with c below 100, at sigma = 0.02 of the norm 4 %:

@@ -39,7 +39,7 @@ from jaxtyping import Float
 
 from simval.arrays import Array
 
-BLOCK: Final = 4096
+BLOCK: Final = 4096  # samples worked at once, for the cache; no result depends on it
 FRAMES: Final = ("x", "y", "z", "plain")  # the order of the columns in (K2)
 
 # for each frame, is component j of r kept (a half turn about k keeps only k)?

@@ -7,9 +7,9 @@ from jaxtyping import Float
 from scipy.optimize import least_squares
 
 from simval.arrays import Array
+from simval.bench.imu_tk import imu_tk_jacobian, imu_tk_residual
 from simval.bench.race import Contender
 from simval.calibrate import calibrate
-from simval.calibrate.sources import imu_tk_jacobian, imu_tk_residual
 from simval.poses import fibonacci_sphere
 from simval.sensor import AccelerometerModel
 

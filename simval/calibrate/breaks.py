@@ -12,31 +12,57 @@ from simval.calibrate.moments import monomials
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Break:
-    """Where a series of poses leaves the ellipsoid it was on.
+class Change:
+    """Where a series of poses changes, and how much of its scatter that explains.
 
     Attributes
     ----------
     index : int
-        First pose of the later part.
-    later : bool
-        Whether the later part is the shorter one, which is left out.
+        First pose after the change.
+    what : str
+        What changed; of a break the part that stays on its ellipsoid.
     chance : float
-        Chance that the best such cut of a clean series is as good.
+        Chance that the best change of a clean series is as good.
     drop : float
-        Scatter of all poses over that of the longer part.
+        Scatter without a change over that with it.
     scatter : float
-        Scatter of the longer part, raw units.
+        Scatter with the change, raw units.
+    dof : int
+        Degrees of freedom that the change leaves.
     """
 
     index: int
-    later: bool
+    what: str
     chance: float
     drop: float
     scatter: float
+    dof: int
+
+    def order(self) -> tuple[float, float]:
+        """Sort key: the least likely by chance first, then what explains most."""
+        return self.chance, -self.drop
 
 
-def find_break(poses: Float[Array, "n 3"]) -> Break | None:
+def change(
+    index: int, what: str, rest: float, left: int,
+    *, before: float, dof: int, tried: int, scale: float,
+) -> Change:  # fmt: skip
+    """Judge a change that leaves the sum of squares `rest` with `left` freedoms.
+
+    The F test of the squares `before` with `dof`, times the number of changes tried.
+    """
+    chance = special.betainc(left / 2, (dof - left) / 2, min(rest / before, 1.0))
+    return Change(
+        index=index,
+        what=what,
+        chance=float(min(1.0, tried * chance)),
+        drop=float(np.sqrt(before / dof / (rest / left))),
+        scatter=float(np.sqrt(rest / left)) * scale,
+        dof=left,
+    )
+
+
+def find_break(poses: Float[Array, "n 3"]) -> Change | None:
     """Look for the cut that best parts a series of poses in two.
 
     The longer part fits an ellipsoid and the shorter one, taken as outliers all
@@ -46,26 +72,22 @@ def find_break(poses: Float[Array, "n 3"]) -> Break | None:
     count, dof = len(poses), len(poses) - 9
     design = monomials(z)[:, :9]
     deletion = deletion_of(design, np.full(count, 2.0), [], floor)
-    cuts = [(k, True) for k in range(count - dof + LEFT, count)]
-    cuts += [(k, False) for k in range(1, dof - LEFT + 1)]
+    cuts = [(k, "earlier", range(k, count)) for k in range(count - dof + LEFT, count)]
+    cuts += [(k, "later", range(k)) for k in range(1, dof - LEFT + 1)]
     if not cuts or deletion.rank < 9:
         return None
-    best: Break | None = None
-    for _ in range(2):
+    found: list[Change] = []
+    for _ in range(2):  # the weights of the second round are those of the best cut
         total = deletion.squares([])
-        for index, later in cuts:
-            out = list(range(index, count) if later else range(index))
-            rest, left = deletion.squares(out), dof - len(out)
-            chance = special.betainc(left / 2, len(out) / 2, min(rest / total, 1.0))
-            found = Break(
-                index=index,
-                later=later,
-                chance=float(min(1.0, len(cuts) * chance)),
-                drop=float(np.sqrt(total / dof / (rest / left))),
-                scatter=float(np.sqrt(rest / left)) * scale,
+        found += [
+            change(
+                index, longer, deletion.squares(list(out)), dof - len(out),
+                before=total, dof=dof, tried=len(cuts), scale=scale,
             )
-            if best is None or (found.chance, -found.drop) < (best.chance, -best.drop):
-                best, shorter = found, out
-        slope = slope_of(deletion_of(design, np.full(count, 2.0), shorter, floor).p, z)
-        deletion = deletion_of(design, slope, [], floor)
+            for index, longer, out in cuts
+        ]  # fmt: skip
+        best = min(found, key=Change.order)
+        out = range(best.index, count) if best.what == "earlier" else range(best.index)
+        cut = deletion_of(design, np.full(count, 2.0), list(out), floor)
+        deletion = deletion_of(design, slope_of(cut.p, z), [], floor)
     return best

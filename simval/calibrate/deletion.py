@@ -12,10 +12,11 @@ import numpy as np
 from jaxtyping import Float
 
 from simval.arrays import Array
-from simval.calibrate.moments import PAIRS
+from simval.calibrate.moments import quadratic
 
 NO_ROOM = 1e-9  # a pose that the parameters follow leaves no residual
 LEFT = 2  # degrees of freedom that outliers must leave: with one, any pose will do
+LEAST_SLOPE = 0.2  # of the median: a pose near the centre would weigh without bound
 _ROUNDING = 64.0 * np.finfo(float).eps  # of a distance, readings of unit size
 
 
@@ -95,11 +96,8 @@ def deletion_of(
 
 def slope_of(p: Float[Array, "9"], z: Float[Array, "n 3"]) -> Float[Array, " n"]:
     """Length of the derivative of eq. (E1) by the reading."""
-    matrix = np.diag(p[:3])
-    for index, (i, j) in enumerate(PAIRS):
-        matrix[i, j] = matrix[j, i] = p[3 + index] / 2.0
-    length = np.linalg.norm(2.0 * z @ matrix + p[6:], axis=-1)
-    return np.asarray(np.maximum(length, 0.2 * np.median(length)))
+    length = np.linalg.norm(2.0 * z @ quadratic(p) + p[6:], axis=-1)
+    return np.asarray(np.maximum(length, LEAST_SLOPE * np.median(length)))
 
 
 def scaled(poses: Float[Array, "n 3"]) -> tuple[Array, float, float]:

@@ -18,7 +18,7 @@ from simval.poses import PARAMETERS
 # poses one in a thousand came out wrong by 10 percent with 0.1, two with 0.2; of 12
 # even poses at 0.4 m/s^2, beyond any suite's noise, 0.1 would refuse a tenth.
 WIDEST = 0.15
-_NORMAL_95 = 1.96
+_NORMAL_95 = 1.96  # normal quantile of a 95 percent interval
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -37,20 +37,7 @@ _EXPLAINED = 4.0  # standard deviations; of 100 clean poses one in 160 sets has 
 _BLOCK = 1 << 16  # poses worked at once: 5 MB of monomials
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Block:
-    """Physical results of a block of trials; NaN where refused."""
-
-    code: Any
-    iterations: Any
-    parameters: Array
-    covariance: Array
-    cost: Array
-    condition: Array
-    half_width: Array
-    rms: Array
-    chi2_per_dof: Array
-    gradient_norm: Array
+_Block = dict[str, Any]  # physical results of a block of trials; NaN where refused
 
 
 def calibrate(
@@ -141,29 +128,20 @@ def calibrate(
         _fit_block(batch[i : i + size], sigma, options)
         for i in range(0, len(batch), size)
     ]
-    block = _Block(
-        **{
-            f.name: np.concatenate([getattr(part, f.name) for part in parts])
-            for f in fields(_Block)
-        }
-    )
+    numbers = {k: np.concatenate([part[k] for part in parts]) for k in parts[0]}
+    code, half_width = numbers.pop("code"), numbers.pop("half_width")
     single = readings.ndim == 2
-    if single and block.code[0] >= Code.NON_FINITE:
+    if single and code[0] >= Code.NON_FINITE:
         checks.refuse(
-            int(block.code[0]),
-            batch[0],
-            full_scale=options.full_scale,
-            limit=options.condition_limit,
-            condition=float(block.condition[0]),
-            half_width=float(block.half_width[0]),
+            int(code[0]), batch[0],
+            full_scale=options.full_scale, limit=options.condition_limit,
+            condition=float(numbers["condition"][0]), half_width=float(half_width[0]),
             suspects=_suspects(batch[0], sigma, options),
-        )
-    numbers = {f.name: getattr(block, f.name) for f in fields(_Block)}
+        )  # fmt: skip
     ends = batch.min(axis=1), batch.max(axis=1)
-    numbers["raw_range"] = np.stack(ends, axis=-1)
+    numbers |= {"status": checks.status_text(code), "raw_range": np.stack(ends, -1)}
     if single:
         numbers = {name: value[0] for name, value in numbers.items()}
-    code, _ = numbers.pop("code"), numbers.pop("half_width")
     dof = count - PARAMETERS
     known = sigma is not None and loss == "linear"
     kind = "known sigma" if known else "type A"
@@ -177,7 +155,6 @@ def calibrate(
         g=options.g,
         covariance_kind=kind,
         dof=dof,
-        status=checks.status_text(code),
         **numbers,
     )
 
@@ -195,10 +172,9 @@ def _suspects(
     explained = sigma is not None and np.any(off[~keep] < _EXPLAINED)
     if keep.all() or explained:
         return []
-    rest = _fit_block(
-        poses[None, keep], None if sigma is None else sigma[keep], options
-    )
-    if rest.code[0] >= Code.NON_FINITE:
+    std = None if sigma is None else sigma[keep]
+    rest = _fit_block(poses[None, keep], std, options)
+    if rest["code"][0] >= Code.NON_FINITE:
         return []
     return [(int(k), float(off[k])) for k in np.flatnonzero(found.flagged)]
 
@@ -217,12 +193,12 @@ def _fit_block(poses: Array, sigma: Array | None, options: Options) -> _Block:
     theta = forms.from_gram(options.model, ellipsoid.gram, ellipsoid.bias)
     usable = np.isfinite(theta).all(axis=-1) & np.asarray(ellipsoid.proper, dtype=bool)
     condition, stretch = direction_condition(options.model, theta, moments, usable)
-    block.condition[keep] = condition
+    block["condition"][keep] = condition
     checked = code[keep]
     checked[~(condition <= options.condition_limit)] = int(Code.CONDITION)
     checked[~usable] = int(Code.NOT_ELLIPSOID)
     checked[~np.asarray(ellipsoid.determined, dtype=bool)] = int(Code.RANK)
-    block.code[keep] = checked
+    block["code"][keep] = checked
     good = checked == Code.CONVERGED
     if not good.any():
         return block
@@ -272,20 +248,22 @@ def _solve(block: _Block, keep: Any, data: _Data, options: Options) -> None:
         data.z, data.moments, data.noise, summary, data.shares,
         condition=data.condition, stretch=data.stretch,
     )  # fmt: skip
-    block.code[keep] = evidence.judge(solution.code)
-    block.half_width[keep] = evidence.half_width
-    block.iterations[keep] = solution.iterations
-    block.parameters[keep] = solution.theta * sizes
-    block.parameters[keep, 6:] += data.centre
-    block.covariance[keep] = summary.covariance * sizes[:, :, None] * sizes[:, None, :]
+    block["code"][keep] = evidence.judge(solution.code)
+    block["half_width"][keep] = evidence.half_width
+    block["iterations"][keep] = solution.iterations
+    block["parameters"][keep] = solution.theta * sizes
+    block["parameters"][keep, 6:] += data.centre
+    block["covariance"][keep] = (
+        summary.covariance * sizes[:, :, None] * sizes[:, None, :]
+    )
     unit = {"squared": options.g**4, "adjusted": options.g**4, "norm": options.g**2}
-    block.cost[keep] = summary.cost * unit.get(options.residual, data.scale**2)
-    block.rms[keep] = summary.rms * options.g
-    block.chi2_per_dof[keep] = summary.chi2_per_dof
-    block.gradient_norm[keep] = solution.gradient_norm
-    refused = keep[block.code[keep] >= Code.NON_FINITE]
+    block["cost"][keep] = summary.cost * unit.get(options.residual, data.scale**2)
+    block["rms"][keep] = summary.rms * options.g
+    block["chi2_per_dof"][keep] = summary.chi2_per_dof
+    block["gradient_norm"][keep] = solution.gradient_norm
+    refused = keep[block["code"][keep] >= Code.NON_FINITE]
     for field in ("parameters", "covariance", "cost", "rms", "chi2_per_dof"):
-        getattr(block, field)[refused] = np.nan
+        block[field][refused] = np.nan
 
 
 def _iterate(data: _Data, options: Options) -> tuple[Solution, Array | None]:
@@ -295,6 +273,7 @@ def _iterate(data: _Data, options: Options) -> tuple[Solution, Array | None]:
     if noise is not None and shares is not None:
         noise = noise * np.sqrt(shares)
     newton = rules.method == "newton"
+    # rounding of a cost: a sum over the poses of terms with some 64 operations
     slack = 64.0 * float(np.finfo(float).eps) * z.shape[1]
     goal: Callable[[Array, Any], Any]
     if options.loss != "linear" or residual == "weighted":
@@ -312,15 +291,9 @@ def _iterate(data: _Data, options: Options) -> tuple[Solution, Array | None]:
 
 
 def _empty(code: Any, count: int) -> _Block:
-    return _Block(
-        code=code,
-        iterations=np.zeros(count, dtype=int),
-        parameters=np.full((count, 9), np.nan),
-        covariance=np.full((count, 9, 9), np.nan),
-        cost=np.full(count, np.nan),
-        condition=np.full(count, np.inf),
-        half_width=np.full(count, np.nan),
-        rms=np.full(count, np.nan),
-        chi2_per_dof=np.full(count, np.nan),
-        gradient_norm=np.full(count, np.nan),
-    )
+    shapes: dict[str, tuple[int, ...]] = {"parameters": (9,), "covariance": (9, 9)}
+    shapes |= dict.fromkeys(("cost", "half_width", "rms", "chi2_per_dof"), ())
+    shapes["gradient_norm"] = ()
+    block: _Block = {k: np.full((count, *v), np.nan) for k, v in shapes.items()}
+    block |= {"iterations": np.zeros(count, int), "condition": np.full(count, np.inf)}
+    return {"code": code, **block}

@@ -38,6 +38,15 @@ def monomials(z: Float[Array, "... 3"]) -> Float[Array, "... 10"]:
     return result
 
 
+def quadratic(p: Float[Array, "... m"]) -> Float[Array, "... 3 3"]:
+    """Symmetric matrix of the quadratic part of coefficients of the monomials."""
+    matrix = np.zeros((*p.shape[:-1], 3, 3))
+    matrix[..., range(3), range(3)] = p[..., :3]
+    for index, (i, j) in enumerate(PAIRS):
+        matrix[..., i, j] = matrix[..., j, i] = p[..., 3 + index] / 2.0
+    return matrix
+
+
 def moment_matrix(
     z: Float[Array, "t n 3"], weights: Float[Array, "t n"] | None = None
 ) -> Float[Array, "t 10 10"]:

@@ -96,6 +96,7 @@ def _choose(deletion: Deletion, known: float | None) -> list[int]:
     # greatest set of poses that passes (O1) together and one by one
     count = len(deletion.residual)
     dof = count - 9
+    # a fifth of the poses at most: beyond it is no longer clear which ones belong
     most = min(_MOST, dof - LEFT, max(3, count // 5))
     if most < 1 or deletion.rank < 9:
         return []
@@ -147,7 +148,7 @@ def _worst(deletion: Deletion, before: list[int], k: int) -> list[int]:
         trial = [*others, deletion.greatest_drop(others)]
         value = deletion.squares(trial)
         idle += 1
-        if value < best * (1.0 - 1e-9):
+        if value < best * (1.0 - 1e-9):  # more than rounding, so no circle
             subset, best, idle = trial, value, 0
         turn = (turn + 1) % k
     return subset

@@ -30,6 +30,7 @@ _ARRAYS = (
 def raw_unit(length: float) -> str:
     """Unit of a reading, by its size at rest."""
     for name, size in (("m/s^2", STANDARD_GRAVITY), ("g", 1.0)):
+        # the halves and doubles of a unit are other ranges: within a factor root 2
         if 0.7 < length / size < 1.4:
             return name
     return "counts"

@@ -17,9 +17,9 @@ from simval.calibrate.objective import moment_objective
 from simval.calibrate.residuals import LOSSES
 from simval.calibrate.solver import Code, Rules, Solution, minimize
 
-_ROUNDS = 200
+_ROUNDS = 200  # then `max iterations`; like the default of `max_iterations`
 _SCALE_ROUNDS = 10  # then the scale is held, so that the rounds have a fixed point
-_GAUSS_MAD = 1.4826
+_GAUSS_MAD = 1.4826  # standard deviation over median absolute one, Gaussian
 
 
 def minimize_reweighted(
@@ -63,7 +63,7 @@ def minimize_reweighted(
         iterations[rows] += inner.iterations
         failed = inner.code != Code.CONVERGED
         code[rows[failed]] = inner.code[failed]
-        settled = size <= max(rules.tolerance, 1e-13)
+        settled = size <= max(rules.tolerance, 1e-13)  # below is rounding
         if loss != "linear":
             settled &= turn >= _SCALE_ROUNDS
         code[rows[settled & ~failed]] = int(Code.CONVERGED)

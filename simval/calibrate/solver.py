@@ -26,8 +26,8 @@ from simval.calibrate.positive import solve_positive, trace
 METHODS = ("lm", "gauss-newton", "newton")
 
 _FIRST_DAMPING = 1e-6  # of the mean diagonal: the start is within the noise
-_LAST_DAMPING = 1e12
-_SHORTEST = 2.0**-40
+_LAST_DAMPING = 1e12  # of the mean diagonal: a step is then 1e-12 of a full one
+_SHORTEST = 2.0**-40  # of a full step: 1e-12, the default tolerance
 _ROUNDING_FLOOR = 1e-7  # below it a step that no longer shrinks is rounding
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from simval.arrays import Array
+from simval.calibrate.moments import quadratic
 from simval.calibrate.positive import solve_positive
 
 # Relative to a column's own length, so the square of a sine: rounding of exactly
@@ -45,14 +46,9 @@ class Ellipsoid:
 
 def fit_ellipsoid(moments: Float[Array, "t 10 10"]) -> Ellipsoid:
     """Linear least squares of eq. (E1) from the moment matrices."""
-    count = len(moments)
     solution, pivot = solve_positive(moments[:, :9, :9], moments[:, :9, 9:])
     p = solution[..., 0]
-    gram = np.empty((count, 3, 3))
-    for axis in range(3):
-        gram[:, axis, axis] = p[:, axis]
-    for index, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
-        gram[:, i, j] = gram[:, j, i] = p[:, 3 + index] / 2.0
+    gram = quadratic(p)
     bias, lowest = solve_positive(gram, -p[:, 6:, None] / 2.0)
     bias = bias[..., 0]
     level = 1.0 + np.vecdot(bias, np.matvec(gram, bias))

@@ -15,7 +15,7 @@ from simval.errors import InputError
 from simval.text import shown
 
 _ROUNDING = 1e-12  # a sum of products of two parameters is off by a few times 1e-16
-_SIX_DIGITS = 5e-6
+_SIX_DIGITS = 5e-6  # half a unit in the sixth digit, relative, of a leading 1
 _REACH = 1.5  # readings at rest, over g; the fit's own residuals are far below a half
 
 

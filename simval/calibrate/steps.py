@@ -16,15 +16,13 @@ the chance that a clean series shows any such step. A part of its own needs nine
 and more (`breaks`), one bias a single degree of freedom.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float
-from scipy import special
 
 from simval.arrays import Array
-from simval.calibrate.deletion import LEFT, deletion_of, scaled, slope_of
-from simval.calibrate.moments import PAIRS, monomials
+from simval.calibrate.breaks import Change, change
+from simval.calibrate.deletion import LEAST_SLOPE, LEFT, deletion_of, scaled, slope_of
+from simval.calibrate.moments import monomials, quadratic
 
 _ITERATIONS = 6  # of Gauss-Newton; a step not yet settled lowers the sum less
 _MOST = 64  # poses, some 0.5 s; of more the parts are judged by themselves (`breaks`)
@@ -50,35 +48,7 @@ CHANGES: dict[str, Array] = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Step:
-    """Where a series of poses steps to another bias or scale.
-
-    Attributes
-    ----------
-    index : int
-        First pose after the step.
-    what : str
-        What changed, in words.
-    chance : float
-        Chance that the best step of a clean series is as good.
-    drop : float
-        Scatter without a step over that with it.
-    scatter : float
-        Scatter with the step, raw units.
-    dof : int
-        Degrees of freedom that the step leaves.
-    """
-
-    index: int
-    what: str
-    chance: float
-    drop: float
-    scatter: float
-    dof: int
-
-
-def find_step(poses: Float[Array, "n 3"]) -> Step | None:
+def find_step(poses: Float[Array, "n 3"]) -> Change | None:
     """Look for the step that explains a series of poses best."""
     z, scale, floor = scaled(poses)
     count, dof = len(poses), len(poses) - 9
@@ -90,30 +60,24 @@ def find_step(poses: Float[Array, "n 3"]) -> Step | None:
         return None
     none = deletion_of(monomials(z)[:, :9], slope_of(none.p, z), [], floor)
     total = none.squares([])
-    centre = -np.linalg.solve(2.0 * _quadratic(none.p[None])[0], none.p[6:])
+    centre = -np.linalg.solve(2.0 * quadratic(none.p), none.p[6:])
     zero = -poses.mean(axis=0) / scale
     if np.linalg.norm(zero - centre) > _GREATEST:
         zero = centre
-    best: Step | None = None
+    found: list[Change] = []
     for what, columns in tried.items():
-        m, left = columns.shape[1], dof - columns.shape[1]
         places = np.arange(sides[what], count - sides[what] + 1)
         if len(places) == 0:
             continue
         sums = np.maximum(_squares(z, none.p, zero, places, columns), count * floor)
-        at = int(np.argmin(sums))
-        chance = special.betainc(left / 2, m / 2, min(sums[at] / total, 1.0))
-        found = Step(
-            index=int(places[at]),
-            what=what,
-            chance=float(min(1.0, number * chance)),
-            drop=float(np.sqrt(total / dof / (sums[at] / left))),
-            scatter=float(np.sqrt(sums[at] / left)) * scale,
-            dof=left,
-        )
-        if best is None or (found.chance, -found.drop) < (best.chance, -best.drop):
-            best = found
-    return best
+        at, left = int(np.argmin(sums)), dof - columns.shape[1]
+        found.append(
+            change(
+                int(places[at]), what, sums[at], left,
+                before=total, dof=dof, tried=number, scale=scale,
+            )
+        )  # fmt: skip
+    return min(found, key=Change.order, default=None)
 
 
 def _squares(
@@ -128,10 +92,12 @@ def _squares(
         full = change @ columns.T
         moved = full[:, None, :3] + full[:, None, 3:] * (z - zero)
         u = z + later[..., None] * moved
-        gradient = 2.0 * u @ _quadratic(p) + p[:, None, 6:]
+        gradient = 2.0 * u @ quadratic(p) + p[:, None, 6:]
         stretch = 1.0 + later[..., None] * full[:, None, 3:]
         slope = np.linalg.norm(gradient * stretch, axis=-1)  # by the reading itself
-        slope = np.maximum(slope, 0.2 * np.median(slope, axis=-1, keepdims=True))
+        slope = np.maximum(
+            slope, LEAST_SLOPE * np.median(slope, axis=-1, keepdims=True)
+        )
         by_change = np.concatenate([gradient, gradient * (z - zero)], axis=-1)
         by_change = later[..., None] * (by_change @ columns)
         rows = monomials(u)[..., :9] / slope[..., None]
@@ -143,12 +109,3 @@ def _squares(
         step = np.matvec(np.linalg.pinv(both, rcond=_LOST), 1.0 / slope)
         p, change = p_now, np.clip(change + step[:, 9:], -_GREATEST, _GREATEST)
     return least
-
-
-def _quadratic(p: Array) -> Array:
-    # symmetric matrices of the quadratic parts, (t, 3, 3)
-    matrix = np.zeros((len(p), 3, 3))
-    matrix[:, range(3), range(3)] = p[:, :3]
-    for index, (i, j) in enumerate(PAIRS):
-        matrix[:, i, j] = matrix[:, j, i] = p[:, 3 + index] / 2.0
-    return matrix

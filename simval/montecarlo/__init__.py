@@ -3,11 +3,9 @@
 from simval.montecarlo.plain import (
     Sampler,
     Sums,
-    batch_means,
     mean_square,
     moments_of,
     simulate,
-    sums_of,
 )
 from simval.montecarlo.reduction import METHODS, Taylor, simulate_reduced, taylor
 
@@ -16,11 +14,9 @@ __all__ = [
     "Sampler",
     "Sums",
     "Taylor",
-    "batch_means",
     "mean_square",
     "moments_of",
     "simulate",
     "simulate_reduced",
-    "sums_of",
     "taylor",
 ]

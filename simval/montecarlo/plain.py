@@ -19,7 +19,7 @@ workers computed them.
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, reduce
 
 import numpy as np
@@ -27,7 +27,7 @@ from jaxtyping import Float
 from numpy.typing import NDArray
 
 from simval.arguments import function, instance, whole_number
-from simval.arrays import Array, finite_array, physical_array, shaped_array
+from simval.arrays import Array, physical_array, shaped_array
 from simval.errors import InputError
 from simval.moments import Moments
 from simval.streams import Streams
@@ -49,8 +49,6 @@ class Sums:
         Number of batches.
     batch : int
         Samples in a batch.
-    size : int
-        Length p of an error.
     mean : Array
         Mean of the batch means of the features, (m,) with m = p (p + 3) / 2.
     scatter : Array
@@ -59,55 +57,35 @@ class Sums:
 
     batches: int
     batch: int
-    size: int
     mean: Array
     scatter: Float[Array, "m m"]
+
+    @property
+    def size(self) -> int:
+        """Length p of an error."""
+        return round((np.sqrt(9 + 8 * len(self.mean)) - 3) / 2)  # m = p (p + 3) / 2
 
     @property
     def samples(self) -> int:
         """Number of samples behind the sums."""
         return self.batches * self.batch
 
-    def merged(self, other: "Sums") -> "Sums":
-        """Join these sums with another's (Chan, Golub and LeVeque's update).
 
-        Parameters
-        ----------
-        other : Sums
-            Sums of other batches of the same size.
-
-        Returns
-        -------
-        Sums
-            Of all batches.
-        """
-        total = self.batches + other.batches
-        step = other.mean - self.mean
-        weight = self.batches * other.batches / total
-        return Sums(
-            batches=total,
-            batch=self.batch,
-            size=self.size,
-            mean=self.mean + step * (other.batches / total),
-            scatter=self.scatter + other.scatter + weight * np.outer(step, step),
-        )
+def merged(first: Sums, second: Sums) -> Sums:
+    """Sums of both (Chan, Golub and LeVeque's update); batches of the same size."""
+    total = first.batches + second.batches
+    step = second.mean - first.mean
+    spread = first.batches * second.batches / total * np.outer(step, step)
+    return replace(
+        first,
+        batches=total,
+        mean=first.mean + step * (second.batches / total),
+        scatter=first.scatter + second.scatter + spread,
+    )
 
 
 def batch_means(errors: Float[Array, "p n"], batch: int) -> Array:
-    """Features averaged over batches of consecutive samples.
-
-    Parameters
-    ----------
-    errors : Array
-        Errors, (p, n), n a multiple of `batch`.
-    batch : int
-        Samples in a batch.
-
-    Returns
-    -------
-    Array
-        Batch means of e and vech(e e'), (n / batch, p (p + 3) / 2).
-    """
+    """Features averaged over batches of consecutive samples."""
     batch = whole_number("batch", batch, 1)
     errors = shaped_array("the errors", errors, (None, None))
     if errors.ndim != 2 or errors.size == 0 or errors.shape[1] % batch:
@@ -117,51 +95,21 @@ def batch_means(errors: Float[Array, "p n"], batch: int) -> Array:
         )
         raise InputError(msg)
     p, n = errors.shape
-    count = n // batch
     rows, columns = _upper(p)
-    grouped = errors.reshape(p, count, batch).transpose(1, 0, 2)
-    means = np.empty((count, p + len(rows)))
+    grouped = errors.reshape(p, -1, batch).transpose(1, 0, 2)
+    means = np.empty((n // batch, p + len(rows)))
     with np.errstate(invalid="ignore", over="ignore"):  # NaN is judged by the caller
         means[:, :p] = np.add.reduceat(errors, np.arange(0, n, batch), axis=1).T
         means[:, p:] = (grouped @ grouped.transpose(0, 2, 1))[:, rows, columns]
-    means /= batch
-    return means
+    return means / batch
 
 
-def sums_of(means: Float[Array, "batches m"], size: int, batch: int) -> Sums:
-    """Sums of some batch means.
-
-    Parameters
-    ----------
-    means : Array
-        From `batch_means`, (batches, m).
-    size : int
-        Length p of an error.
-    batch : int
-        Samples in a batch.
-
-    Returns
-    -------
-    Sums
-        Of these batches.
-    """
-    means = finite_array("means", means, (None, None))
-    size, batch = whole_number("size", size, 1), whole_number("batch", batch, 1)
-    if means.ndim != 2 or len(means) == 0 or means.shape[1] != size * (size + 3) // 2:
-        msg = (
-            f"`means` has shape {means.shape}; errors of {size} numbers have "
-            f"{size * (size + 3) // 2} features: (batches, {size * (size + 3) // 2})"
-        )
-        raise InputError(msg)
+def sums_of(means: Float[Array, "batches m"], batch: int) -> Sums:
+    """Sums of some batch means, (batches, m)."""
     mean = means.mean(axis=0)
     deviation = means - mean
-    return Sums(
-        batches=len(means),
-        batch=batch,
-        size=size,
-        mean=mean,
-        scatter=deviation.T @ deviation,
-    )
+    scatter = deviation.T @ deviation
+    return Sums(batches=len(means), batch=batch, mean=mean, scatter=scatter)
 
 
 def simulate(
@@ -204,14 +152,9 @@ def simulate(
     """
     function("sampler", sampler)
     instance("streams", streams, Streams)
-    samples, block = (
-        whole_number("samples", samples, 1),
-        whole_number("block", block, 1),
-    )
-    batch, threads = (
-        whole_number("batch", batch, 1),
-        whole_number("threads", threads, 1, 1024),
-    )
+    samples = whole_number("samples", samples, 1)
+    block, batch = whole_number("block", block, 1), whole_number("batch", batch, 1)
+    threads = whole_number("threads", threads, 1, 1024)
     if block % batch:
         msg = f"`batch` is {batch} and `block` {block}; batch must divide block"
         raise InputError(msg)
@@ -219,19 +162,18 @@ def simulate(
     groups = [range(k, min(k + GROUP, blocks)) for k in range(0, blocks, GROUP)]
 
     def work(group: range) -> Sums:
-        means, size = [], 0
+        means = []
         for number in group:
             errors = shaped_array(
                 "the errors", sampler(streams.block(number), block), (None, block)
             )
-            size = len(errors)
             means.append(_finite(batch_means(errors, batch), errors, number))
-        return sums_of(np.concatenate(means), size, batch)
+        return sums_of(np.concatenate(means), batch)
 
     if threads == 1:
-        return reduce(Sums.merged, map(work, groups))
+        return reduce(merged, map(work, groups))
     with ThreadPoolExecutor(threads) as pool:
-        return reduce(Sums.merged, _in_order(pool, work, groups, 4 * threads))
+        return reduce(merged, _in_order(pool, work, groups, 4 * threads))
 
 
 def _finite(means: Array, errors: Array, number: int) -> Array:
@@ -257,8 +199,7 @@ def _in_order(
         waiting.append(pool.submit(work, group))
         if len(waiting) >= ahead:
             yield waiting.popleft().result()
-    while waiting:
-        yield waiting.popleft().result()
+    yield from (each.result() for each in waiting)
 
 
 def moments_of(sums: Sums) -> Moments:
@@ -284,11 +225,9 @@ def moments_of(sums: Sums) -> Moments:
     rows, columns = _upper(p)
     bias = sums.mean[:p]
     # C_ij = m_ij - b_i b_j, so dC_ij = dm_ij - b_j db_i - b_i db_j
-    slope = np.zeros((len(rows), len(sums.mean)))
-    pairs = np.arange(len(rows))
-    slope[pairs, p + pairs] = 1.0
-    np.add.at(slope, (pairs, rows), -bias[columns])
-    np.add.at(slope, (pairs, columns), -bias[rows])
+    unit = np.eye(p)
+    along = bias[columns, None] * unit[rows] + bias[rows, None] * unit[columns]
+    slope = np.hstack([-along, np.eye(len(rows))])
     spread = np.einsum("kf,fg,kg->k", slope, variance, slope)
     # E b b' of the means exceeds that of the truth by the variance of the mean; for
     # plain samples this is the usual n / (n - 1), for reduced ones it is not
@@ -356,6 +295,5 @@ def _variance(sums: Sums) -> Float[Array, " M1"]:
 def _symmetric(upper: Array, p: int) -> Array:
     full = np.zeros((p, p))
     rows, columns = _upper(p)
-    full[rows, columns] = upper
-    full[columns, rows] = upper
+    full[rows, columns] = full[columns, rows] = upper
     return full

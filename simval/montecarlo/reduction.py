@@ -51,6 +51,7 @@ STEP = 0.03
 1e-16/STEP^2 = 1e-13 of a second derivative, truncation STEP^2 of the next term."""
 
 BATCH = 256
+"""Evaluations in a batch of eq. (M1); part of the promise of equal bits."""
 MOST = 21201
 """Most noise variables: those of SciPy's Sobol points."""
 MOST_BENT = 300
@@ -175,10 +176,8 @@ def simulate_reduced(
     method = choice("method", method, METHODS)
     errors = _checked(errors)
     dimension = whole_number("dimension", dimension, 1, MOST)
-    samples, block = (
-        whole_number("samples", samples, 1),
-        whole_number("block", block, 1),
-    )
+    samples = whole_number("samples", samples, 1)
+    block = whole_number("block", block, 1)
     if block % BATCH:
         msg = f"`block` is {block}; it must be a multiple of {BATCH}"
         raise InputError(msg)
@@ -191,8 +190,7 @@ def simulate_reduced(
     if not np.isfinite(means).all():
         msg = "the estimator gave a non-finite error; it must be finite on every trial"
         raise InputError(msg)
-    size = round((np.sqrt(9 + 8 * means.shape[1]) - 3) / 2)  # m = p (p + 3) / 2
-    return sums_of(means, size, batch)
+    return sums_of(means, batch)
 
 
 def _checked(errors: Errors) -> Errors:

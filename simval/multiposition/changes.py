@@ -96,7 +96,7 @@ def changed(rests: Rests) -> str | None:
     earlier, later = rests.span(cut.index - 1), rests.span(cut.index)
     return (
         f"the rests up to the one {earlier} and those since the one {later} do not lie "
-        f"on one ellipsoid; the {'earlier' if cut.later else 'later'} ones alone "
+        f"on one ellipsoid; the {cut.what} ones alone "
         f"scatter {cut.drop:.3g} times less: scale, bias, sign or order of the axes "
         "changed in between (range setting, cable, temperature); cut the log there "
         "and calibrate one part"

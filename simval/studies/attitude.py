@@ -51,7 +51,7 @@ from simval.theory.remainder import RANGE, expansion_remainders
 TITLE = "Attitude moments: bias and covariance of the two-vector quaternion"
 SECTION = "attitude"
 
-BLOCK = 16384
+BLOCK = 16384  # trials; part of the promise of equal bits, as is `BATCH`
 BATCH = 256
 MIN_BATCHES = 256
 """Fewer leave the standard error itself too uncertain for the far tail: with 64 the
@@ -136,6 +136,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
             block=BLOCK,
         )
     )
+    # rank 3: the quaternion has unit length, and the fourth direction is rounding
     weight = np.linalg.pinv(predictions[ORDER_2].covariance, rcond=1e-8)
     square, error = mean_square(sums, weight)
     expected = float(np.sum(weight * exact.second_moment))
@@ -153,7 +154,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 def _moment_rows(
     measured: Moments, predictions: dict[str, AttitudeMoments], inside: bool
 ) -> list[Row]:
-    remainders = expansion_remainders(predictions[ORDER_2], predictions[ORDER_4])
+    remainders = expansion_remainders({o: predictions[k] for o, k in PREDICTORS})
     n, covariance = measured.samples, measured.covariance[_UPPER]
     error = measured.covariance_error[_UPPER]
     rows: list[Row] = []

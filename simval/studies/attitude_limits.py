@@ -33,6 +33,7 @@ TITLE = "Limits: the noise at which each attitude formula breaks down"
 SECTION = "closeness"
 
 BLOCK = 4096
+# what counts as off: the percent that a user would see, and the end of any use
 SHARES = {"1%": 0.01, "10%": 0.1}
 RATIOS = np.geomspace(200.0, 1.5, 50)
 """|qbar|/sigma, from where every formula holds to where none does."""

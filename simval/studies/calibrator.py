@@ -47,6 +47,7 @@ from simval.statistics import (
     TRUTH,
 )
 from simval.streams import Streams
+from simval.studies.coverage import FREEDOM
 from simval.studies.plugin import PluginName, PluginParameters, isolated
 from simval.theory.calibration import CalibrationMoments, calibration_moments
 
@@ -56,10 +57,6 @@ SECTION = None
 BLOCK = 16
 BIAS_ALLOWED = 7.0
 """Twice the greatest bias of the ladder's residuals, 3.5."""
-FREEDOM = 0.003
-"""Relative, of a Type A variance: unequal scales take a little more than nine degrees
-of freedom, see `simval.studies.coverage`."""
-
 CALLS = 64
 """Trials of a command for which the time limit is."""
 

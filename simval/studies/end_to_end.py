@@ -6,7 +6,7 @@ the rests of a second tumble, takes the magnetometer as the second vector, and e
 the attitude in closed form. The true attitude is the simulator's own.
 
 The prediction carries the covariance of the calibration through to the attitude
-(`simval.studies.carry`), for the number of samples in each interval.
+(`simval.theory.carry`), for the number of samples in each interval.
 Each part of the budget is also measured by itself: with the noise of one source only,
 all others at their truth.
 """
@@ -28,10 +28,10 @@ from simval.sensor import AccelerometerModel
 from simval.statics import Intervals, interval_counts, interval_means
 from simval.statistics import BUDGET, CARRIED, CHI_SQUARE_3, IMPURE, NEES
 from simval.streams import Streams
-from simval.studies.carry import PARTS, UP, Wanted, carrier
 from simval.studies.scoring import detect, mean_of, pure, thinned
 from simval.studies.study import Cost, StudyParameters
 from simval.theory import calibration_moments
+from simval.theory.carry import PARTS, UP, Wanted, carrier
 
 TITLE = "Error budget: tumble, detect, calibrate, gravity and field to attitude"
 SECTION = "budget"

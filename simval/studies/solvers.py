@@ -24,7 +24,7 @@ SECTION = "convergence"
 
 G = 9.80665
 METHODS = (FIRST_SOLVER, "gauss-newton", "newton")
-SHOWN = 30
+SHOWN = 30  # steps that the report draws
 AGREEMENT = 1e-9
 """Relative; each method stops at 1e-12 of its own step, some digits are the data's."""
 

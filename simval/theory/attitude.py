@@ -15,19 +15,13 @@ from jaxtyping import Float
 from simval.arguments import choice, instance, switch
 from simval.arrays import Array, frozen
 from simval.errors import InputError
+from simval.geometry import compose, conjugate
 from simval.moments import Moments
 from simval.theory import orders
 from simval.theory.combined import combined_moments
 from simval.theory.expansion import mean_linear_error, scaled_error_moments
 from simval.theory.noise import noise_covariances, normalized_noise
 from simval.theory.oracle import exact_moments
-from simval.theory.second_order import (
-    multiplicative_bias,
-    multiplicative_covariance,
-    second_order_bias,
-    second_order_covariance,
-    tangent_projector,
-)
 from simval.theory.two_vector import (
     FRAMES,
     TwoVectorGeometry,
@@ -144,7 +138,7 @@ def attitude_moments(
         bias, covariance = _series_moments(geometry, noise, order)
         if normalized:
             mean = mean_linear_error(geometry, means)
-            bias = bias + tangent_projector(geometry.q) @ mean
+            bias = bias + orders.tangent_projector(geometry.q) @ mean
     back = geometry.back
     return AttitudeMoments(
         bias=back @ bias,
@@ -166,10 +160,10 @@ def _series_moments(
             orders.complete_fourth_bias(moments),
             orders.complete_fourth_covariance(moments),
         )
-    bias = second_order_bias(q, P)
+    bias = orders.second_order_bias(q, P)
     if order == "4-paper":
         return bias, orders.paper_fourth_covariance(q, P)
-    return bias, second_order_covariance(q, P)
+    return bias, orders.second_order_covariance(q, P)
 
 
 def _combined(q: Any, r1: Any, r2: Any, noise: Array, means: Array) -> AttitudeMoments:
@@ -200,7 +194,7 @@ def multiplicative_moments(additive: AttitudeMoments) -> Moments:
         quaternion, (4,): estimate against truth, so of the opposite sign.
     """
     q = instance("additive", additive, AttitudeMoments).q_true
+    back = -np.stack([compose(conjugate(q), e) for e in np.eye(4)], axis=1)
     return Moments(
-        bias=multiplicative_bias(q, additive.bias) - np.array([0.0, 0.0, 0.0, 1.0]),
-        covariance=multiplicative_covariance(q, additive.covariance),
+        bias=back @ additive.bias, covariance=back @ additive.covariance @ back.T
     )

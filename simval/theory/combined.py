@@ -27,7 +27,7 @@ from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.theory.cubature import covariance_roots
-from simval.theory.second_order import tangent_projector
+from simval.theory.orders import tangent_projector
 from simval.theory.two_vector import column_maps
 
 

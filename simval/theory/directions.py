@@ -79,7 +79,7 @@ def _about_d1(
     across = np.linalg.norm(np.cross(directions, centre), axis=1)
     weights = np.repeat(polar * np.sin(theta) * azimuth, nodes[1])
     weights *= _density(k, directions @ centre, across)
-    kept = weights > 1e-30
+    kept = weights > 1e-30  # of a sum of 1: all that is left out is below rounding
     return directions[kept], weights[kept]
 
 
@@ -90,7 +90,7 @@ def _graded_edges(tau1: float, k: float, angle: float) -> list[float]:
     steps = [step for step in steps if step < 0.5 * np.pi]
     edges = {0.0, 0.5 * np.pi, np.pi, *steps, *(np.pi - step for step in steps)}
     low, high = max(0.0, angle - _CUT / k), min(np.pi, angle + _CUT / k)
-    if k < 12.0:
+    if k < 12.0:  # `_CUT` / k is then a quarter of the sphere and more
         low, high = 0.0, np.pi
     edges |= {low, high, *(angle + 3.0 * i / k for i in range(-3, 4))}
     return sorted(edge for edge in edges if low <= edge <= high)

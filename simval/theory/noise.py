@@ -64,6 +64,7 @@ def checked_covariances(name: str, matrices: Any) -> Float[Array, "k 3 3"]:
         raise InputError(msg)
     skew = np.max(np.abs(value - value.swapaxes(1, 2)), initial=0.0)
     lowest = float(np.min(np.linalg.eigvalsh(value), initial=0.0))
+    # a product F F' is rounded to 1e-16 of its greatest entry, an inverse to more
     if not (skew <= 1e-12 * scale and lowest >= -1e-12 * scale):
         msg = (
             f"`{name}` holds a matrix that is not a covariance (asymmetry "

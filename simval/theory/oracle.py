@@ -113,6 +113,7 @@ def _relative(a: Array, b: Array) -> float:
 def _isotropic_halves(noise: Array) -> tuple[float, float]:
     # Standard deviations tau1 of d1 (and s1) and tau2 of d2, per axis
     variances = noise[:, 0, 0]
+    # rounding of sigma^2; the oracle itself holds 1e-9
     if not np.allclose(noise, variances[:, None, None] * np.eye(3), rtol=1e-12, atol=0):
         msg = (
             "`noise_std` holds covariances that are not isotropic; order='exact' "

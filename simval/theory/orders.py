@@ -17,6 +17,11 @@ Polarised forms of degree n are written :math:`Q_n`. With :math:`x = x_1 + x_2`
    e_2 = \Pi x_2 + Q_2(x_1, x_1),\quad e_3 = 2 Q_2(x_1, x_2) + Q_3(x_1, x_1, x_1),
    \\ C = \Pi P \Pi + \mathrm{cov}(e_2) + E[e_1 e_3^T] + E[e_3 e_1^T].  \tag{O2}
 
+To second order the bias is :math:`P q + \tfrac12\mathrm{tr}(Q P) q` with
+:math:`Q = I - 3 q q^T` and the covariance :math:`\Pi P \Pi`, P the covariance of x;
+nothing there is special to the estimator but P itself, and no distribution is assumed,
+only an error of mean zero.
+
 Source: Peng and Choukroun, sections 4 and 5. Its fourth-order covariance keeps
 :math:`Q_2(x_1, x_1)` only; the other terms of (O2) are of the same order, so it is
 accurate to second order, like the linear one (docs/attitude.md).
@@ -27,12 +32,34 @@ from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.theory.expansion import ScaledErrorMoments
-from simval.theory.second_order import (
-    normalization_matrix,
-    second_order_bias,
-    second_order_covariance,
-    tangent_projector,
-)
+
+
+def tangent_projector(q: Float[Array, "4"]) -> Float[Array, "4 4"]:
+    r"""Projector :math:`\Pi = I - q q^T` onto the plane tangent to the sphere at q."""
+    return np.eye(4) - np.outer(q, q)
+
+
+def normalization_matrix(q: Float[Array, "4"]) -> Float[Array, "4 4"]:
+    """Matrix Q of source eq. (50)."""
+    return np.eye(4) - 3.0 * np.outer(q, q)
+
+
+def second_order_bias(
+    q: Float[Array, "4"], P: Float[Array, "4 4"]
+) -> Float[Array, "4"]:
+    """Mean of q - qhat, source eq. (52)."""
+    half_trace = 0.5 * np.trace(normalization_matrix(q) @ P)
+    bias: Array = P @ q + half_trace * q
+    return bias
+
+
+def second_order_covariance(
+    q: Float[Array, "4"], P: Float[Array, "4 4"]
+) -> Float[Array, "4 4"]:
+    """Covariance of q - qhat, source eq. (63) without its last term."""
+    projector = tangent_projector(q)
+    covariance: Array = projector @ P @ projector
+    return covariance
 
 
 def quadratic_form(q: Float[Array, "4"]) -> Float[Array, "4 4 4"]:
@@ -50,32 +77,6 @@ def quadratic_covariance(
         2.0 * scaled.reshape(4, 16) @ (scaled.swapaxes(1, 2).reshape(4, 16).T)
     )
     return covariance
-
-
-def paper_fourth_terms(
-    q: Float[Array, "4"], P: Float[Array, "4 4"]
-) -> Float[Array, "6 4 4"]:
-    r"""Terms 1 to 6 of source section 5, each by Isserlis' theorem.
-
-    They are the products of :math:`u x`, :math:`r q/2` and :math:`-3u^2 q/2` in pairs;
-    Terms 2 and 3 are made symmetric, which the source's are not. Their sum less the
-    mean times its transpose is `quadratic_covariance`.
-    """
-    Pq, trace = P @ q, np.trace(P)
-    along = q @ Pq
-    radial = np.outer(q, q)
-    second = np.outer(Pq, q)
-    third = np.outer(trace * Pq + 2.0 * P @ Pq, q)
-    return np.stack(
-        [
-            along * P + 2.0 * np.outer(Pq, Pq),
-            -4.5 * along * (second + second.T),
-            0.5 * (third + third.T),
-            0.25 * (trace**2 + 2.0 * np.sum(P * P)) * radial,
-            -1.5 * (along * trace + 2.0 * Pq @ Pq) * radial,
-            6.75 * along**2 * radial,
-        ]
-    )
 
 
 def paper_fourth_covariance(

@@ -1,14 +1,18 @@
 r"""What an expansion of the attitude error may be off by.
 
-With :math:`F_2` and :math:`F_4` the second and the complete fourth order of a moment,
-entry by entry the greatest difference counts, and
-:math:`\rho = |C_4 - C_2| / |C_2|` of the covariance is the ratio of one order to the
-one before. Taking the series as geometric and doubling it,
+With :math:`F_k` the expansion of a moment to order k, :math:`F_4` the complete fourth
+order, t the trace of :math:`C_2` (the mean square of the error to second order), and
+entry by entry the greatest difference,
 
-.. math:: |F - F_2| \le 2\,|F_4 - F_2|, \tag{R1}
-.. math:: |F - F_4| \le 2\,\rho\,|F_4 - F_2|. \tag{R2}
+.. math:: |F - F_4| \le 2\,t^3, \tag{R1}
+.. math:: |F - F_k| \le |F_4 - F_k| + 2\,t^3. \tag{R2}
 
-The source's fourth order leaves out terms of its own order, so it may be off by (R1).
+An expansion in the noise goes in powers of t, and its sixth order is the first that
+:math:`F_4` leaves out: the power is derived. The factor is measured: the exact moments
+of 265 random geometries are off by at most 0.7 of (R1) (`tests/test_remainder.py`).
+(R2) is the triangle inequality. The ratio of the two orders below would not do for
+(R1): either may vanish for a geometry, and was found 6 times too small.
+
 Below :math:`|\bar q|/\sigma` = `RANGE` the ratio of two orders is above a quarter and
 the estimate too small: there an expansion should not be judged.
 """
@@ -21,6 +25,7 @@ import numpy as np
 from simval.theory.attitude import AttitudeMoments
 
 RANGE = 5.0
+_SIXTH = 2.0  # of eq. (R1), measured
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,16 +37,16 @@ class Remainder:
 
 
 def expansion_remainders(
-    second: AttitudeMoments, fourth: AttitudeMoments
-) -> Mapping[int | str, Remainder]:
-    """Remainder of each order, eqs. (R1), (R2), from the two complete ones."""
-    bias = float(np.abs(fourth.bias - second.bias).max())
-    covariance = float(np.abs(fourth.covariance - second.covariance).max())
-    ratio = covariance / float(np.abs(second.covariance).max())
-    first = Remainder(2 * bias, 2 * covariance)
-    return {
-        2: first,
-        "4-paper": first,
-        4: Remainder(2 * ratio * bias, 2 * ratio * covariance),
-        "exact": Remainder(0.0, 0.0),
+    found: Mapping[int | str, AttitudeMoments],
+) -> dict[int | str, Remainder]:
+    """Remainder of the moments of each order, eqs. (R1), (R2)."""
+    fourth = found[4]
+    left = _SIXTH * float(np.trace(found[2].covariance)) ** 3
+    remainders = {
+        order: Remainder(
+            float(np.abs(fourth.bias - moments.bias).max()) + left,
+            float(np.abs(fourth.covariance - moments.covariance).max()) + left,
+        )
+        for order, moments in found.items()
     }
+    return remainders | {"exact": Remainder(0.0, 0.0)}

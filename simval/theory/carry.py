@@ -22,7 +22,7 @@ from jaxtyping import Float
 from simval.arrays import Array
 from simval.geometry import compose, conjugate
 from simval.sensor import AccelerometerModel
-from simval.theory import attitude_moments
+from simval.theory.attitude import attitude_moments
 
 PARTS = ("calibration", "accelerometer noise", "magnetometer noise", "total")
 UP = np.array([0.0, 0.0, 1.0])

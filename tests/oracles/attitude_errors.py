@@ -1,4 +1,4 @@
-r"""Exact relations between the errors of the quaternion estimate, and their expansion.
+r"""The errors of the quaternion estimate as the source writes them, eqs. (31) to (65).
 
 Definitions, Peng and Choukroun eqs. (31) to (37), for the true :math:`\bar q^t` and
 the estimate :math:`\bar q`, :math:`q = \bar q^t/|\bar q^t|`:
@@ -17,6 +17,7 @@ from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.geometry import cross_matrix
+from simval.theory.two_vector import TwoVectorGeometry
 
 
 def unnormalized_error(
@@ -91,3 +92,64 @@ def multiplicative_error(
     """Multiplicative error from the additive one, exact, source eqs. (45), (46)."""
     rotated = np.einsum("...ij,...j->...i", multiplicative_matrix(q), normalized)
     return rotated + np.array([0.0, 0.0, 0.0, 1.0])
+
+
+def isotropic_unnormalized_covariance(
+    geometry: TwoVectorGeometry, noise_std: float
+) -> Float[Array, "4 4"]:
+    r"""Covariance of :math:`\Delta\bar q`, equal isotropic noise, source eq. (61)."""
+    d1, d2, s1 = geometry.d1, geometry.d2, geometry.s1
+    covariance = np.zeros((4, 4))
+    covariance[:3, :3] = (d1 @ d1 + d2 @ d2) * np.eye(3)
+    covariance[:3, :3] -= np.outer(d1, d1) + np.outer(d2, d2)
+    covariance[:3, 3] = covariance[3, :3] = np.cross(d1, s1)
+    covariance[3, 3] = d2 @ d2 + s1 @ s1
+    return 0.5 * noise_std**2 * covariance
+
+
+def mean_norm_ratio(q: Float[Array, "4"], P: Float[Array, "4 4"]) -> float:
+    """Mean of the ratio nu of the norms, source eq. (51)."""
+    return 1.0 - 0.5 * float(np.trace((np.eye(4) - 3.0 * np.outer(q, q)) @ P))
+
+
+def multiplicative_bias(
+    q: Float[Array, "4"], bias: Float[Array, "4"]
+) -> Float[Array, "4"]:
+    """Mean of q^-1 * qhat, source eq. (53), from that of q - qhat."""
+    mean: Array = multiplicative_matrix(q) @ bias + np.array([0.0, 0.0, 0.0, 1.0])
+    return mean
+
+
+def multiplicative_covariance(
+    q: Float[Array, "4"], covariance: Float[Array, "4 4"]
+) -> Float[Array, "4 4"]:
+    """Covariance of q^-1 * qhat, source eq. (64), from that of q - qhat."""
+    M = multiplicative_matrix(q)
+    rotated: Array = M @ covariance @ M.T
+    return rotated
+
+
+def paper_fourth_terms(
+    q: Float[Array, "4"], P: Float[Array, "4 4"]
+) -> Float[Array, "6 4 4"]:
+    r"""Terms 1 to 6 of source section 5, each by Isserlis' theorem.
+
+    They are the products of :math:`u x`, :math:`r q/2` and :math:`-3u^2 q/2` in pairs;
+    Terms 2 and 3 are made symmetric, which the source's are not. Their sum less the
+    mean times its transpose is `quadratic_covariance`.
+    """
+    Pq, trace = P @ q, np.trace(P)
+    along = q @ Pq
+    radial = np.outer(q, q)
+    second = np.outer(Pq, q)
+    third = np.outer(trace * Pq + 2.0 * P @ Pq, q)
+    return np.stack(
+        [
+            along * P + 2.0 * np.outer(Pq, Pq),
+            -4.5 * along * (second + second.T),
+            0.5 * (third + third.T),
+            0.25 * (trace**2 + 2.0 * np.sum(P * P)) * radial,
+            -1.5 * (along * trace + 2.0 * Pq @ Pq) * radial,
+            6.75 * along**2 * radial,
+        ]
+    )

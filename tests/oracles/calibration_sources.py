@@ -1,12 +1,9 @@
-r"""Residuals and derivatives as the three source derivations write them.
+r"""Derivatives of the residuals, term by term, as two source derivations write them.
 
 The solver works on moment matrices; these are the same derivatives for one reading,
-term by term, with the sources' misprints put right (``docs/errata.md``).
-They are an independent second implementation: the tests hold the solver to them.
+with the sources' misprints put right (``docs/errata.md``).
 
-- the IMU-TK derivation: :math:`e = g^2 - h^T h`, :math:`h = T K (a - B)`, and
-  :math:`J = -2 h^T [\partial h/\partial S,\ T\,\mathrm{diag}(a - B),\ -TK]`  (R1);
-- the scalar chain rule: the same nine derivatives entry by entry, with
+- the scalar chain rule: the nine derivatives of g^2 - |a|^2 entry by entry, with
   :math:`a = (I - S) K' (A - b)`  (R2), whose reported scale is
   :math:`K = K'^{-1}` (`FitResult.sensor_scale`);
 - the symmetric Gauss-Newton derivation: :math:`e = |K (a - B)|^2 - g^2` with its
@@ -17,38 +14,6 @@ import numpy as np
 from jaxtyping import Float
 
 from simval.arrays import Array
-
-
-def imu_tk_residual(
-    parameters: Float[Array, "9"], reading: Float[Array, "n 3"], g: float
-) -> Float[Array, " n"]:
-    """Residual of the IMU-TK derivation."""
-    h, _, _ = _imu_tk(parameters, reading)
-    return g**2 - (h * h).sum(axis=-1)
-
-
-def imu_tk_jacobian(
-    parameters: Float[Array, "9"], reading: Float[Array, "n 3"]
-) -> Float[Array, "n 9"]:
-    """Jacobian of the IMU-TK derivation in matrix form, eq. (R1)."""
-    h, T, K = _imu_tk(parameters, reading)
-    offset = reading - parameters[6:]
-    scaled = offset * K
-    by_shape = np.zeros((len(reading), 3, 3), h.dtype)
-    by_shape[:, 1, 0] = scaled[:, 0]
-    by_shape[:, 2, 1] = -scaled[:, 0]
-    by_shape[:, 2, 2] = scaled[:, 1]
-    by_scale = T * offset[:, None, :]
-    by_bias = np.broadcast_to(-T * K, by_scale.shape)
-    inner = np.concatenate([by_shape, by_scale, by_bias], axis=-1)
-    return np.asarray(-2.0 * np.einsum("nr,nrj->nj", h, inner))
-
-
-def _imu_tk(parameters: Array, reading: Array) -> tuple[Array, Array, Array]:
-    s_yx, s_zx, s_zy = parameters[:3]
-    T = np.array([[1.0, 0.0, 0.0], [s_yx, 1.0, 0.0], [-s_zx, s_zy, 1.0]])
-    K = parameters[3:6]
-    return ((reading - parameters[6:]) * K) @ T.T, T, K
 
 
 def chain_rule_jacobian(

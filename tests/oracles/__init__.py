@@ -1,0 +1,1 @@
+"""Second implementations of what simval does, after the sources' own formulas."""
