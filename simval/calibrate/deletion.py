@@ -43,7 +43,9 @@ class Deletion:
     floor: float
     rank: int
 
-    def without(self, subset: list[int]) -> tuple[Array, Array]:
+    def without(
+        self, subset: list[int]
+    ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
         """Residuals (O2) and the room of each, both 0 in the subset."""
         room = 1.0 - np.sum(self.q**2, axis=1)
         if not subset:
@@ -102,7 +104,7 @@ def slope_of(p: Float[Array, "9"], z: Float[Array, "n 3"]) -> Float[Array, " n"]
     return np.asarray(np.maximum(length, 0.2 * np.median(length)))
 
 
-def scaled(poses: Float[Array, "n 3"]) -> tuple[Array, float, float]:
+def scaled(poses: Float[Array, "n 3"]) -> tuple[Float[Array, "n 3"], float, float]:
     """Readings of unit size about their mean."""
     offset = poses - poses.mean(axis=0)
     greatest = float(np.abs(offset).max()) or 1.0  # squares of it may be out of range
@@ -113,6 +115,6 @@ def scaled(poses: Float[Array, "n 3"]) -> tuple[Array, float, float]:
     return offset / own, scale, floor
 
 
-def _drop(residual: Array, room: Array) -> Array:
+def _drop(residual: Float[Array, " n"], room: Float[Array, " n"]) -> Float[Array, " n"]:
     good = room > NO_ROOM
     return np.where(good, residual**2 / np.where(good, room, 1.0), -np.inf)

@@ -156,7 +156,7 @@ def diagnose(fit: FitResult, poses: Any, noise_std: Any = None) -> Diagnosis:
 
 
 def _judged(
-    fit: FitResult, readings: Array, sigma: Array | None
+    fit: FitResult, readings: Float[Array, "... n 3"], sigma: Float[Array, " n"] | None
 ) -> tuple[Residuals, list[Outliers]]:
     count = readings.shape[-2]
     distance, rows, steep = _distances(fit, readings)
@@ -179,7 +179,9 @@ def _judged(
     return found, rests
 
 
-def _evidence(fit: FitResult, readings: Array, rest: Outliers, chi2: float) -> Evidence:
+def _evidence(
+    fit: FitResult, readings: Float[Array, "n 3"], rest: Outliers, chi2: float
+) -> Evidence:
     # outliers and a robust loss leave a chi-square of another law than that of the
     # least squares over the poses that belong
     if rest.flagged.any() or fit.loss != "linear":
@@ -197,7 +199,9 @@ def _evidence(fit: FitResult, readings: Array, rest: Outliers, chi2: float) -> E
     )
 
 
-def _checked(fit: FitResult, poses: Any, noise_std: Any) -> tuple[Array, Array | None]:
+def _checked(
+    fit: FitResult, poses: Any, noise_std: Any
+) -> tuple[Float[Array, "... n 3"], Float[Array, " n"] | None]:
     # the readings of the fit, (..., n, 3), and the noise of each, (n,)
     readings = physical_array("poses", poses, (None, 3))
     count = instance("fit", fit, FitResult).dof + 9
@@ -227,7 +231,9 @@ def _limit(found: Outliers, count: int) -> float:
     return float(-special.stdtrit(found.dof - 1, tail)) if found.dof > 1 else np.inf
 
 
-def _distances(fit: FitResult, readings: Array) -> tuple[Array, Array, Array]:
+def _distances(
+    fit: FitResult, readings: Float[Array, "... n 3"]
+) -> tuple[Float[Array, "... n"], Float[Array, "... n 9"], Float[Array, "... n"]]:
     # signed distances (D1), (..., n), their derivatives by the parameters,
     # (..., n, 9), and the slope of c along them, (..., n)
     x = readings - fit.B[..., None, :]
@@ -244,7 +250,12 @@ def _distances(fit: FitResult, readings: Array) -> tuple[Array, Array, Array]:
     return c / steep, rows / steep[..., None], steep
 
 
-def _leverage(fit: FitResult, rows: Array, steep: Array, sigma: Array | None) -> Array:
+def _leverage(
+    fit: FitResult,
+    rows: Float[Array, "... n 9"],
+    steep: Float[Array, "... n"],
+    sigma: Float[Array, " n"] | None,
+) -> Float[Array, "... n"]:
     # diagonal of the hat matrix of sqrt(a) J, the estimate weighing c by `a`, (..., n)
     shares = noise_shares(fit.residual, sigma)
     weighted = rows if fit.residual in WEIGHTED else rows * steep[..., None]

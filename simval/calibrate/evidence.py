@@ -74,7 +74,9 @@ def weigh(
     )
 
 
-def _mean_noise(noise: Array, shares: Array | None) -> Array:
+def _mean_noise(
+    noise: Float[Array, "t n"], shares: Float[Array, " n"] | None
+) -> Float[Array, " t"]:
     # root mean variance of the weighted readings over their mean weight, (t,)
     weights = np.ones(noise.shape[1]) if shares is None else shares
     mean = np.vecdot(noise * noise, weights) / np.vecdot(weights, np.ones(len(weights)))

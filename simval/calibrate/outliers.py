@@ -176,7 +176,9 @@ def _exhaustive(deletion: Deletion, k: int) -> list[int]:
     return list(found)
 
 
-def _best_pair(annihilator: Array, residual: Array) -> tuple[float, tuple[int, int]]:
+def _best_pair(
+    annihilator: Float[Array, "n n"], residual: Float[Array, " n"]
+) -> tuple[float, tuple[int, int]]:
     # greatest drop r_K' (P_KK)^-1 r_K over all pairs K
     room, square = np.diagonal(annihilator), residual**2
     determinant = np.outer(room, room) - annihilator**2

@@ -183,13 +183,13 @@ def minimize(
 class _Trials:
     # the trials that still iterate, one row each
     rows: Any
-    theta: Array
+    theta: Float[Array, "t 9"]
     here: Local
-    mean: Array  # of the diagonal of J'J at the start
-    damping: Array
-    length: Array
-    last: Array  # size of the last step, eq. (L1)
-    slack: Array
+    mean: Float[Array, " t"]  # of the diagonal of J'J at the start
+    damping: Float[Array, " t"]
+    length: Float[Array, " t"]
+    last: Float[Array, " t"]  # size of the last step, eq. (L1)
+    slack: Float[Array, " t"]
 
     def take(self, keep: Any) -> "_Trials":
         normal = self.here.normal[keep]
@@ -204,7 +204,12 @@ class _Trials:
         return _Trials(here=local, **{n: getattr(self, n)[keep] for n in names})
 
     def leave(
-        self, ended: Solution, which: Any, theta: Array, iteration: int, code: Code
+        self,
+        ended: Solution,
+        which: Any,
+        theta: Float[Array, "t 9"],
+        iteration: int,
+        code: Code,
     ) -> None:
         gone = self.rows[which]
         ended.theta[gone] = theta[which]
@@ -217,8 +222,8 @@ class _Trials:
 def _advance(
     objective: Objective,
     trials: _Trials,
-    there: Array,
-    size: Array,
+    there: Float[Array, "t 9"],
+    size: Float[Array, " t"],
     ended: Solution,
     iteration: int,
 ) -> _Trials:
@@ -247,7 +252,7 @@ def _advance(
     return moved.take(~stop)
 
 
-def _step(here: Local, method: str, damping: Array) -> Array:
+def _step(here: Local, method: str, damping: Float[Array, " t"]) -> Float[Array, "t 9"]:
     # The full step of each trial, (t, 9).
     right = -here.gradient[..., None]
     if method == "lm":

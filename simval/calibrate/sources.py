@@ -13,23 +13,25 @@ They are an independent second implementation: the tests hold the solver to them
   gradient and all 45 second derivatives  (R3).
 """
 
+from typing import Any
+
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Inexact
 
 from simval.arrays import Array
 
 
 def imu_tk_residual(
-    parameters: Float[Array, "9"], reading: Float[Array, "n 3"], g: float
-) -> Float[Array, " n"]:
+    parameters: Inexact[Array, "9"], reading: Float[Array, "n 3"], g: float
+) -> Inexact[Array, " n"]:
     """Residual of the IMU-TK derivation."""
     h, _, _ = _imu_tk(parameters, reading)
     return g**2 - (h * h).sum(axis=-1)
 
 
 def imu_tk_jacobian(
-    parameters: Float[Array, "9"], reading: Float[Array, "n 3"]
-) -> Float[Array, "n 9"]:
+    parameters: Inexact[Array, "9"], reading: Float[Array, "n 3"]
+) -> Inexact[Array, "n 9"]:
     """Jacobian of the IMU-TK derivation in matrix form, eq. (R1)."""
     h, T, K = _imu_tk(parameters, reading)
     offset = reading - parameters[6:]
@@ -44,7 +46,9 @@ def imu_tk_jacobian(
     return np.asarray(-2.0 * np.einsum("nr,nrj->nj", h, inner))
 
 
-def _imu_tk(parameters: Array, reading: Array) -> tuple[Array, Array, Array]:
+def _imu_tk(
+    parameters: Inexact[Array, "9"], reading: Float[Array, "n 3"]
+) -> tuple[Inexact[Array, "n 3"], Inexact[Array, "3 3"], Inexact[Array, "3"]]:
     s_yx, s_zx, s_zy = parameters[:3]
     T = np.array([[1.0, 0.0, 0.0], [s_yx, 1.0, 0.0], [-s_zx, s_zy, 1.0]])
     K = parameters[3:6]
@@ -52,8 +56,8 @@ def _imu_tk(parameters: Array, reading: Array) -> tuple[Array, Array, Array]:
 
 
 def chain_rule_jacobian(
-    parameters: Float[Array, "9"], reading: Float[Array, "n 3"]
-) -> Float[Array, "n 9"]:
+    parameters: Inexact[Array, "9"], reading: Float[Array, "n 3"]
+) -> Inexact[Array, "n 9"]:
     """Jacobian of g^2 - |a|^2 entry by entry, eq. (R2)."""
     s_yx, s_zx, s_zy, k_x, k_y, k_z = parameters[:6]
     x, y, z = (reading - parameters[6:]).T
@@ -76,8 +80,8 @@ def chain_rule_jacobian(
 
 
 def symmetric_residual(
-    parameters: Float[Array, "9"], reading: Float[Array, "n 3"], g: float
-) -> Float[Array, " n"]:
+    parameters: Inexact[Array, "9"], reading: Float[Array, "n 3"], g: float
+) -> Inexact[Array, " n"]:
     """Residual of the symmetric derivation."""
     A, B, C, D, E, F = _form(parameters)
     x, y, z = (reading - parameters[6:]).T
@@ -85,7 +89,7 @@ def symmetric_residual(
     return np.asarray(square - g**2)
 
 
-def _form(parameters: Array) -> tuple[Array, ...]:
+def _form(parameters: Inexact[Array, "9"]) -> tuple[Any, ...]:
     k11, k12, k13, k22, k23, k33 = parameters[:6]
     return (
         k11**2 + k12**2 + k13**2,
@@ -98,8 +102,8 @@ def _form(parameters: Array) -> tuple[Array, ...]:
 
 
 def symmetric_jacobian(
-    parameters: Float[Array, "9"], reading: Float[Array, "n 3"]
-) -> Float[Array, "n 9"]:
+    parameters: Inexact[Array, "9"], reading: Float[Array, "n 3"]
+) -> Inexact[Array, "n 9"]:
     """Gradient of the symmetric residual for each reading."""
     A, B, C, D, E, F = _form(parameters)
     k11, k12, k13, k22, k23, k33 = parameters[:6]

@@ -19,7 +19,8 @@ and more (`breaks`), one bias a single degree of freedom.
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
+from numpy.typing import NDArray
 from scipy import special
 
 from simval.arrays import Array
@@ -117,8 +118,12 @@ def find_step(poses: Float[Array, "n 3"]) -> Step | None:
 
 
 def _squares(
-    z: Array, start: Array, zero: Array, places: Array, columns: Array
-) -> Array:
+    z: Float[Array, "n 3"],
+    start: Float[Array, "9"],
+    zero: Float[Array, "3"],
+    places: Int[NDArray[np.intp], " places"],
+    columns: Float[Array, "6 k"],
+) -> Float[Array, " places"]:
     # least sum of squared distances with a step at each place, (places,)
     later = np.arange(len(z)) >= places[:, None]
     p = np.tile(start, (len(places), 1))
@@ -145,7 +150,7 @@ def _squares(
     return least
 
 
-def _quadratic(p: Array) -> Array:
+def _quadratic(p: Float[Array, "t 9"]) -> Float[Array, "t 3 3"]:
     # symmetric matrices of the quadratic parts, (t, 3, 3)
     matrix = np.zeros((len(p), 3, 3))
     matrix[:, range(3), range(3)] = p[:, :3]

@@ -117,14 +117,21 @@ def summarize(
     )
 
 
-def _weights(residual: str, q: Array, shares: Array | None) -> Array | None:
+def _weights(
+    residual: str, q: Float[Array, "t n"], shares: Float[Array, " n"] | None
+) -> Float[Array, "t n"] | None:
     # a of eq. (U1), (t, n); None for 1
     if residual not in WEIGHTED:
         return None
     return 0.25 / q if shares is None else 0.25 / q * shares
 
 
-def _least_scatter(dv: Array, z: Array, c: Array, q: Array) -> Array:
+def _least_scatter(
+    dv: Float[Array, "t 10 9"],
+    z: Float[Array, "t n 3"],
+    c: Float[Array, "t n"],
+    q: Float[Array, "t n"],
+) -> Float[Array, " t"]:
     # eq. (U2), (t,)
     w = 0.25 / q
     pull = np.vecmat(weighted_sum(z, w * c), dv)
@@ -133,7 +140,9 @@ def _least_scatter(dv: Array, z: Array, c: Array, q: Array) -> Array:
     return np.maximum(least, 0.0) / (z.shape[1] - 9)  # rounding may leave -1e-32
 
 
-def _huber_variance(distance: Array, ratio: Array, loss: str) -> Array:
+def _huber_variance(
+    distance: Float[Array, "t n"], ratio: Float[Array, "t n"], loss: str
+) -> Float[Array, " t"]:
     # eq. (U3), (t,)
     count = distance.shape[-1]
     pull = distance * LOSSES[loss].weight(ratio)
@@ -144,7 +153,12 @@ def _huber_variance(distance: Array, ratio: Array, loss: str) -> Array:
     return np.asarray(inflation**2 * total / mean**2)
 
 
-def _sandwich(dv: Array, z: Array, a: Array | None, middle: Array) -> Array:
+def _sandwich(
+    dv: Float[Array, "t 10 9"],
+    z: Float[Array, "t n 3"],
+    a: Float[Array, "t n"] | None,
+    middle: Float[Array, "t n"],
+) -> Float[Array, "t 9 9"]:
     # eq. (U1) with `middle` the variance of c in each pose
     normal = _contract(dv, moment_matrix(z, a))
     inverse = solve_positive(normal, np.broadcast_to(np.eye(9), normal.shape))[0]
@@ -152,6 +166,8 @@ def _sandwich(dv: Array, z: Array, a: Array | None, middle: Array) -> Array:
     return inverse @ _contract(dv, moment_matrix(z, weights)) @ inverse
 
 
-def _contract(dv: Array, moments: Array) -> Array:
+def _contract(
+    dv: Float[Array, "t 10 9"], moments: Float[Array, "t 10 10"]
+) -> Float[Array, "t 9 9"]:
     # Sum of w_k d_k d_k' from the moment matrix with those weights.
     return np.swapaxes(dv, -1, -2) @ (moments @ dv)

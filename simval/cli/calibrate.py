@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate import FitResult
@@ -205,7 +206,7 @@ def _matrix_lines(fit: FitResult) -> list[str]:
     return [f"force = {product}, with {name} =", *(f"  {row}" for row in rows)]
 
 
-def _bound(result: RecordedCalibration) -> Array:
+def _bound(result: RecordedCalibration) -> Float[Array, "9"]:
     # square root of the Cramer-Rao bound on each variance, (9,)
     if result.predicted is None:
         return np.full(9, np.nan)

@@ -202,7 +202,7 @@ def as_object(result: Plan) -> dict[str, Any]:
         Plain values.
     """
 
-    def plain(values: Array) -> list[float | None]:
+    def plain(values: Float[Array, " n"]) -> list[float | None]:
         return [float(x) if np.isfinite(x) else None for x in values]
 
     return {

@@ -1,7 +1,7 @@
 """A log as a table: the names of its columns, and their numbers."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from jaxtyping import Float
 
@@ -9,6 +9,7 @@ from simval.arrays import Array, frozen
 from simval.errors import InputError
 
 
+@runtime_checkable
 class Table(Protocol):
     """What a log is read from: columns of one length, some of them with names."""
 
@@ -27,8 +28,8 @@ class Table(Protocol):
     def __len__(self) -> int:
         """Return the number of rows."""
 
-    def numbers(self, places: list[int]) -> Array:
-        """Return the columns at these places, (n, len(places))."""
+    def numbers(self, places: list[int]) -> Float[Array, "n columns"]:
+        """Return the columns at these places."""
 
     def texts(self, place: int) -> list[str]:
         """Return one column as it is written."""
@@ -70,8 +71,8 @@ class ArrayTable:
         """Return the number of rows."""
         return len(self.values)
 
-    def numbers(self, places: list[int]) -> Array:
-        """Return the columns at these places, (n, len(places))."""
+    def numbers(self, places: list[int]) -> Float[Array, "n columns"]:
+        """Return the columns at these places."""
         return self.values[:, places]
 
     def texts(self, place: int) -> list[str]:

@@ -60,7 +60,7 @@ class Sums:
     batches: int
     batch: int
     size: int
-    mean: Array
+    mean: Float[Array, " m"]
     scatter: Float[Array, "m m"]
 
     @property
@@ -93,7 +93,7 @@ class Sums:
         )
 
 
-def batch_means(errors: Float[Array, "p n"], batch: int) -> Array:
+def batch_means(errors: Float[Array, "p n"], batch: int) -> Float[Array, "batches m"]:
     """Features averaged over batches of consecutive samples.
 
     Parameters
@@ -234,7 +234,9 @@ def simulate(
         return reduce(Sums.merged, _in_order(pool, work, groups, 4 * threads))
 
 
-def _finite(means: Array, errors: Array, number: int) -> Array:
+def _finite(
+    means: Float[Array, "batches m"], errors: Float[Array, "p n"], number: int
+) -> Float[Array, "batches m"]:
     if not np.isfinite(means).all():
         bad = int(np.count_nonzero(~np.isfinite(errors).all(axis=0)))
         msg = (
@@ -345,7 +347,7 @@ def _upper(p: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return np.triu_indices(p)
 
 
-def _variance(sums: Sums) -> Float[Array, " M1"]:
+def _variance(sums: Sums) -> Float[Array, "m m"]:
     """Covariance of the mean features, eq. (M1)."""
     if not sums.batches >= 2:
         msg = f"{sums.batches} batch of samples has no standard error; use 2 or more"
@@ -353,7 +355,7 @@ def _variance(sums: Sums) -> Float[Array, " M1"]:
     return sums.scatter / (sums.batches * (sums.batches - 1))
 
 
-def _symmetric(upper: Array, p: int) -> Array:
+def _symmetric(upper: Float[Array, " m"], p: int) -> Float[Array, "p p"]:
     full = np.zeros((p, p))
     rows, columns = _upper(p)
     full[rows, columns] = upper

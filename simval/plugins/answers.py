@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from numpy.typing import NDArray
 
 from simval.arrays import Array, finite_array
 from simval.errors import InputError
@@ -47,7 +48,7 @@ class Calibration:
     covariance: Float[Array, "9 9"] | None = None
     dof: int | None = None
 
-    def parameters(self, form: str) -> Array:
+    def parameters(self, form: str) -> Float[Array, "9"]:
         """Bring it to one of the forms: norms fix no more."""
         return forms.from_gram(form, self.matrix.T @ self.matrix, self.bias)
 
@@ -217,7 +218,7 @@ def _array(name: str, what: str, value: Any, *shapes: tuple[int, ...]) -> Array:
         raise PluginError(msg) from None
 
 
-def _fault(array: np.ndarray[Any, Any]) -> str:
+def _fault(array: NDArray[np.generic]) -> str:
     """First entry that is no real number of a double's range, with its place."""
     if array.dtype.kind in "iuf":
         return ""
@@ -232,7 +233,7 @@ def _fault(array: np.ndarray[Any, Any]) -> str:
     return ""
 
 
-def _check_covariance(name: str, matrices: Array) -> None:
+def _check_covariance(name: str, matrices: Float[Array, "... p p"]) -> None:
     scale = np.abs(matrices).max(axis=(-2, -1), keepdims=True)
     skew = np.abs(matrices - np.swapaxes(matrices, -1, -2)) / np.maximum(scale, 1e-300)
     if not float(skew.max()) <= 1e-9:

@@ -9,6 +9,8 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+from jaxtyping import Float, Int
+from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.report.panels import AnyPanel, Drawing, Panel, Series
@@ -92,13 +94,13 @@ def _extremes(series: Series) -> Series:
     )
 
 
-def _drawable(values: Array, logarithmic: bool) -> Array:
+def _drawable(values: Float[Array, " n"], logarithmic: bool) -> Float[Array, " n"]:
     if not logarithmic:
         return values
     return np.log(np.where(values > 0.0, values, np.nan))
 
 
-def _cell(values: Array, cells: int) -> Array:
+def _cell(values: Float[Array, " n"], cells: int) -> Int[NDArray[np.intp], " n"]:
     low, high = values.min(initial=np.inf), values.max(initial=-np.inf)
     width = high - low if high > low else 1.0
     return np.floor((values - low) / width * cells).astype(np.int64)

@@ -120,7 +120,7 @@ def _columns(model: mujoco.MjModel, sensor: str) -> NDArray[np.intp]:
 
 def _controls(
     model: mujoco.MjModel, scripts: Sequence[Script]
-) -> tuple[int, Array | None]:
+) -> tuple[int, Float[Array, "runs n width"] | None]:
     # inputs of all runs side by side in MuJoCo's order, (runs, n, width)
     for name in scripts[0].inputs:
         if name not in INPUTS:

@@ -97,7 +97,7 @@ def carrier(
         corrected(sensor.parameters + 1j * STEP * e, raw).imag / STEP for e in np.eye(9)
     ]
 
-    def turned(b1: Array, b2: Array) -> Array:
+    def turned(b1: Float[Array, "3 3"], b2: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
         return _rotation_covariance(wanted.q[k], wanted.field_world, b1, b2)
 
     none = np.zeros((3, 3))
@@ -118,7 +118,12 @@ def carrier(
     )
 
 
-def _rotation_covariance(q: Array, field_world: Array, b1: Array, b2: Array) -> Array:
+def _rotation_covariance(
+    q: Float[Array, "4"],
+    field_world: Float[Array, "3"],
+    b1: Float[Array, "3 3"],
+    b2: Float[Array, "3 3"],
+) -> Float[Array, "3 3"]:
     none = np.zeros((3, 3))
     noise = np.stack([b1, b2, none, none])
     moments = attitude_moments(q, UP, field_world, noise, normalized=True)

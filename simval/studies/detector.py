@@ -15,6 +15,7 @@ from functools import lru_cache
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from jaxtyping import Float
 from pydantic import Field, field_validator
 
 from simval.arrays import Array
@@ -112,7 +113,9 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     return Outcome(rows=rows, artifacts={name: artifact})
 
 
-def _rows(scores: list[dict[Family, float]], squares: Array) -> tuple[Row, ...]:
+def _rows(
+    scores: list[dict[Family, float]], squares: Float[Array, "n 2"]
+) -> tuple[Row, ...]:
     rows: tuple[Row, ...] = ()
     for family in scores[0]:
         rows += unjudged(family(), *_mean(np.array([each[family] for each in scores])))
@@ -129,13 +132,17 @@ def _rows(scores: list[dict[Family, float]], squares: Array) -> tuple[Row, ...]:
     return rows
 
 
-def _mean(values: Array) -> tuple[float, float, int]:
+def _mean(values: Float[Array, " n"]) -> tuple[float, float, int]:
     error = float(values.std(ddof=1)) / np.sqrt(len(values))
     return float(values.mean()), float(error), len(values)
 
 
 def _artifact(
-    truth: Tumble, raw: Array, intervals: Intervals, spread: Array, threshold: float
+    truth: Tumble,
+    raw: Float[Array, "n 3"],
+    intervals: Intervals,
+    spread: Float[Array, " n"],
+    threshold: float,
 ) -> Mapping[str, Array]:
     # what the report draws: times in s, readings in raw units
     time = np.asarray(truth.time)

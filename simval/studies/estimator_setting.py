@@ -21,7 +21,9 @@ class Setting:
         A = attitude_matrix(self.q)
         self.truth = np.stack([A @ self.r1, A @ self.r2, self.r1, self.r2])
 
-    def errors(self, vectors: Float[Array, "n 4 3"], noise: float) -> Array:
+    def errors(
+        self, vectors: Float[Array, "n 4 3"], noise: float
+    ) -> Float[Array, "n p"]:
         """Errors of some trials."""
         b1, b2, r1, r2 = np.moveaxis(vectors, 1, 0)
         q = quaternions_of(self.plugin, b1, b2, r1, r2)
@@ -32,7 +34,9 @@ class Setting:
         solved = np.linalg.solve(P, error[..., None])[..., 0]
         return np.column_stack([error, np.sum(error * solved, axis=1)])
 
-    def cubature(self, noise: float, degree: int) -> tuple[Array, Array]:
+    def cubature(
+        self, noise: float, degree: int
+    ) -> tuple[Float[Array, " p"], Float[Array, "p p"]]:
         """Mean and covariance of `errors` under the noise."""
         count = 4 if self.plugin.covariance is not None else 3
         found = cubature_moments(
@@ -45,6 +49,6 @@ class Setting:
         return -found.bias, found.covariance
 
 
-def claim_off(moments: tuple[Array, Array]) -> float:
+def claim_off(moments: tuple[Float[Array, " p"], Float[Array, "p p"]]) -> float:
     """By how much the mean normalised square is off 3."""
     return float(moments[0][3]) / 3.0 - 1.0

@@ -6,7 +6,7 @@ log: most of what they find still gives nine numbers and error bars.
 """
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy.typing import NDArray
 
 from simval.arrays import Array
@@ -176,7 +176,7 @@ def _whole(rests: Rests) -> str:
     return rests.rows(int(rests.intervals[0, 0]), int(rests.intervals[-1, 1]))
 
 
-def _most_alike(centred: Array) -> tuple[int, int]:
+def _most_alike(centred: Float[Array, "n 3"]) -> tuple[int, int]:
     size = np.linalg.norm(centred, axis=0)
     size[size == 0.0] = 1.0
     alike = np.abs((centred / size).T @ (centred / size))
@@ -184,14 +184,14 @@ def _most_alike(centred: Array) -> tuple[int, int]:
     return max(pairs, key=lambda pair: float(alike[pair]))
 
 
-def _left_over(centred: Array, axis: int) -> float:
+def _left_over(centred: Float[Array, "n 3"], axis: int) -> float:
     # root mean square of an axis that the other two do not explain
     others = np.delete(centred, axis, axis=1)
     part = np.linalg.lstsq(others, centred[:, axis], rcond=None)[0]
     return float(np.sqrt(np.mean((centred[:, axis] - others @ part) ** 2)))
 
 
-def _longest_run(flag: Array) -> tuple[int, int]:
+def _longest_run(flag: Bool[NDArray[np.bool_], " n"]) -> tuple[int, int]:
     # length and end of the longest run of True
     edges = np.diff(np.concatenate([[0], flag.astype(np.int8), [0]]))
     starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)

@@ -205,7 +205,9 @@ def white_noise(
     return np.sqrt(variance / counts)
 
 
-def _predicted(fit: FitResult, means: Array, sigma: Array) -> CalibrationMoments:
+def _predicted(
+    fit: FitResult, means: Float[Array, "m 3"], sigma: Float[Array, " m"]
+) -> CalibrationMoments:
     sensor = fit.sensor()
     return calibration_moments(
         sensor,

@@ -108,12 +108,12 @@ class CalibrationMoments:
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Geometry:
     # c and q of each pose at the truth, and their derivatives (c itself is 0)
-    d: Array  # dc/dtheta, (n, 9)
-    q: Array  # (n,)
-    q_theta: Array  # (n, 9)
-    turn: Array  # sum over k of c_k d2c/dtheta dy_k, (n, 9)
-    q_along: Array  # sum over k of c_k q_k, (n,)
-    bend: Array  # d2c/dtheta2, (n, 9, 9)
+    d: Float[Array, "n 9"]  # dc/dtheta, (n, 9)
+    q: Float[Array, " n"]  # (n,)
+    q_theta: Float[Array, "n 9"]  # (n, 9)
+    turn: Float[Array, "n 9"]  # sum over k of c_k d2c/dtheta dy_k, (n, 9)
+    q_along: Float[Array, " n"]  # sum over k of c_k q_k, (n,)
+    bend: Float[Array, "n 9 9"]  # d2c/dtheta2, (n, 9, 9)
     laplacian: float  # sum over k of c_kk
 
 
@@ -195,7 +195,7 @@ def calibration_moments(
     )
 
 
-def _natural_sizes(form: str, scale: Array, g: float) -> Array:
+def _natural_sizes(form: str, scale: Float[Array, "3"], g: float) -> Float[Array, "9"]:
     # of the nine parameters, see eq. (K3)
     first = np.full(6, scale.max())
     if form != "symmetric":
@@ -203,12 +203,14 @@ def _natural_sizes(form: str, scale: Array, g: float) -> Array:
     return np.concatenate([first, g / scale])
 
 
-def _true_parameters(model: AccelerometerModel, form: str) -> Array:
+def _true_parameters(model: AccelerometerModel, form: str) -> Float[Array, "9"]:
     gram = model.matrix.T @ model.matrix
     return forms.from_gram(form, gram, model.B)
 
 
-def _geometry(form: str, theta: Array, x: Array, g: float) -> _Geometry:
+def _geometry(
+    form: str, theta: Float[Array, "9"], x: Float[Array, "n 3"], g: float
+) -> _Geometry:
     # exact derivatives of c = x'Ax - 1 with x = y - B and A = M'M / g^2
     m = forms.matrix(form, theta)
     first = forms.matrix_derivatives(form, theta)
@@ -244,7 +246,7 @@ def _geometry(form: str, theta: Array, x: Array, g: float) -> _Geometry:
     )
 
 
-def _scaled(p: _Geometry, unit: Array) -> _Geometry:
+def _scaled(p: _Geometry, unit: Float[Array, "9"]) -> _Geometry:
     return _Geometry(
         d=p.d * unit,
         q=p.q,
@@ -256,13 +258,15 @@ def _scaled(p: _Geometry, unit: Array) -> _Geometry:
     )
 
 
-def _shares(sigma: Array) -> Array:
+def _shares(sigma: Float[Array, " n"]) -> Float[Array, " n"]:
     # weight of each pose by its noise, over that of the best one
     alike = sigma == sigma.min()
     return np.where(alike, 1.0, sigma.min() / np.where(alike, 1.0, sigma)) ** 2
 
 
-def _moments(p: _Geometry, sigma: Array, residual: str) -> tuple[Array, Array]:
+def _moments(
+    p: _Geometry, sigma: Float[Array, " n"], residual: str
+) -> tuple[Float[Array, "9 9"], Float[Array, "9"]]:
     # first-order covariance and second-order bias of the solution of eq. (K1)
     weighted = residual in ("weighted", "sampson")
     a = 0.25 / p.q * _shares(sigma) if weighted else np.ones_like(p.q)
