@@ -142,7 +142,7 @@ def _simulated(
         attitude_error(estimator(*vectors), q) ** 2 for estimator in ESTIMATORS.values()
     ]
     means = [float(np.mean(square)) for square in squares]
-    return means, [float(np.std(s, ddof=1) / np.sqrt(len(s))) for s in squares]
+    return means, [float(np.std(s, ddof=1) / np.sqrt(parameters.trials)) for s in squares]
 
 
 def _ratio_rows(
