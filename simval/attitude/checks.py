@@ -78,7 +78,7 @@ def block_validity(
 def _products(
     vectors: Float[Array, "12 n"],
 ) -> tuple[Float[Array, "4 n"], Float[Array, "2 n"]]:
-    # squared lengths of b1, b2, r1, r2 (4, n); b1.b2 and r1.r2 (2, n)
+    # squared lengths of b1, b2, r1, r2; b1.b2 and r1.r2
     v = vectors.reshape(4, 3, -1)
     with np.errstate(over="ignore", invalid="ignore", under="ignore"):
         lengths = np.einsum("kjn,kjn->kn", v, v)

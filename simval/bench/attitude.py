@@ -40,7 +40,7 @@ def noisy_vectors(
 
 
 def _geometry() -> tuple[Float[Array, "4"], Float[Array, "12 1"]]:
-    """Quaternion with the sign of the plain formula, (4,), and the vectors, (12, 1)."""
+    """Quaternion with the sign of the plain formula, (4,), and the vectors."""
     q, r1, r2 = random_geometry(3)
     A = attitude_matrix(q)
     truth = np.stack([A @ r1, A @ r2, r1, r2]).reshape(12, 1)

@@ -26,11 +26,11 @@ class Deletion:
     Attributes
     ----------
     p : Array
-        Coefficients without the poses that were named at the start, (9,).
+        Coefficients without the poses that were named at the start.
     q : Array
-        Orthonormal columns of the weighted rows, (n, 9).
+        Orthonormal columns of the weighted rows.
     residual : Array
-        Residuals of all poses, (n,).
+        Residuals of all poses.
     floor : float
         Square of a distance that is rounding only.
     rank : int

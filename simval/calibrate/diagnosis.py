@@ -82,19 +82,19 @@ class Residuals:
     Attributes
     ----------
     distance : Array
-        Signed distance of each reading to the ellipsoid, raw units, (..., n).
+        Signed distance of each reading to the ellipsoid, raw units.
     leverage : Array
-        Share of each pose in its own fit, (..., n).
+        Share of each pose in its own fit.
     standardized : Array
-        Standardised residuals, (..., n); NaN where there is no freedom.
+        Standardised residuals; NaN where there is no freedom.
     outlier : Array of bool
         Poses that are not on the ellipsoid of the others, (..., n).
     limit : Array
-        What the greatest of a clean set exceeds with a chance of `FALSE_ALARM`, (...).
+        What the greatest of a clean set exceeds with a chance of `FALSE_ALARM`.
     chi2_per_dof : Array
-        Chi-square per degree of freedom, (...); NaN without sigma or freedom.
+        Chi-square per degree of freedom; NaN without sigma or freedom.
     p_value : Array
-        Chance of a chi-square at least as high, (...).
+        Chance of a chi-square at least as high.
     """
 
     distance: Float[Array, "... n"]
@@ -202,7 +202,7 @@ def _evidence(
 def _checked(
     fit: FitResult, poses: Any, noise_std: Any
 ) -> tuple[Float[Array, "... n 3"], Float[Array, " n"] | None]:
-    # the readings of the fit, (..., n, 3), and the noise of each, (n,)
+    # the readings of the fit, and the noise of each
     readings = physical_array("poses", poses, (None, 3))
     count = instance("fit", fit, FitResult).dof + 9
     if readings.shape[:-1] != (*fit.parameters.shape[:-1], count):
@@ -234,8 +234,8 @@ def _limit(found: Outliers, count: int) -> float:
 def _distances(
     fit: FitResult, readings: Float[Array, "... n 3"]
 ) -> tuple[Float[Array, "... n"], Float[Array, "... n 9"], Float[Array, "... n"]]:
-    # signed distances (D1), (..., n), their derivatives by the parameters,
-    # (..., n, 9), and the slope of c along them, (..., n)
+    # signed distances (D1), their derivatives by the parameters, and the slope of c
+    # along them
     x = readings - fit.B[..., None, :]
     m = fit.matrix
     h = x @ np.swapaxes(m, -1, -2)
@@ -256,7 +256,7 @@ def _leverage(
     steep: Float[Array, "... n"],
     sigma: Float[Array, " n"] | None,
 ) -> Float[Array, "... n"]:
-    # diagonal of the hat matrix of sqrt(a) J, the estimate weighing c by `a`, (..., n)
+    # diagonal of the hat matrix of sqrt(a) J, the estimate weighing c by `a`
     shares = noise_shares(fit.residual, sigma)
     weighted = rows if fit.residual in WEIGHTED else rows * steep[..., None]
     if fit.covariance_kind == "known sigma" and shares is not None:

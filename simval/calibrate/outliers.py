@@ -52,9 +52,9 @@ class Outliers:
     flagged : Array of bool
         Which poses are outliers, (n,).
     distance : Array
-        Signed distance to the ellipsoid of the others, raw units, (n,).
+        Signed distance to the ellipsoid of the others, raw units.
     standardized : Array
-        Deletion residual of each pose in standard deviations, (n,); NaN where the
+        Deletion residual of each pose in standard deviations; NaN where the
         poses that belong leave no freedom.
     chi2 : float
         Chi-square of the poses that belong; NaN without sigma.

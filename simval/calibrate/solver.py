@@ -71,13 +71,13 @@ class Local:
     Attributes
     ----------
     cost : Array
-        Half the sum of squared residuals, (t,).
+        Half the sum of squared residuals.
     gradient : Array
-        Its gradient, (t, 9).
+        Its gradient.
     normal : Array
-        J'J, (t, 9, 9).
+        J'J.
     hessian : Array
-        The full Hessian for Newton's method; `normal` for the others, (t, 9, 9).
+        The full Hessian for Newton's method; `normal` for the others.
     """
 
     cost: Float[Array, " t"]
@@ -115,13 +115,13 @@ class Solution:
     Attributes
     ----------
     theta : Array
-        Parameters, (t, 9).
+        Parameters.
     code : Array
         A `Code` for each trial, (t,).
     iterations : Array
         Steps tried, (t,).
     gradient_norm : Array
-        Norm of the last gradient that was needed, (t,).
+        Norm of the last gradient that was needed.
     """
 
     theta: Float[Array, "t 9"]
@@ -253,7 +253,7 @@ def _advance(
 
 
 def _step(here: Local, method: str, damping: Float[Array, " t"]) -> Float[Array, "t 9"]:
-    # The full step of each trial, (t, 9).
+    # The full step of each trial.
     right = -here.gradient[..., None]
     if method == "lm":
         matrices = here.normal + damping[:, None, None] * np.eye(9)

@@ -124,7 +124,7 @@ def _squares(
     places: Int[NDArray[np.intp], " places"],
     columns: Float[Array, "6 k"],
 ) -> Float[Array, " places"]:
-    # least sum of squared distances with a step at each place, (places,)
+    # least sum of squared distances with a step at each place
     later = np.arange(len(z)) >= places[:, None]
     p = np.tile(start, (len(places), 1))
     change = np.zeros((len(places), columns.shape[1]))
@@ -151,7 +151,7 @@ def _squares(
 
 
 def _quadratic(p: Float[Array, "t 9"]) -> Float[Array, "t 3 3"]:
-    # symmetric matrices of the quadratic parts, (t, 3, 3)
+    # symmetric matrices of the quadratic parts
     matrix = np.zeros((len(p), 3, 3))
     matrix[:, range(3), range(3)] = p[:, :3]
     for index, (i, j) in enumerate(PAIRS):

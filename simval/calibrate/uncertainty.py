@@ -45,17 +45,17 @@ class Summary:
     Attributes
     ----------
     covariance : Array
-        Covariance of theta, (t, 9, 9); NaN where there is none.
+        Covariance of theta; NaN where there is none.
     cost : Array
-        Sum of squared residuals, (t,).
+        Sum of squared residuals.
     rms : Array
-        Root mean square of the norm less one, (t,).
+        Root mean square of the norm less one.
     chi2_per_dof : Array
-        Chi-square per degree of freedom, (t,); NaN without sigma.
+        Chi-square per degree of freedom; NaN without sigma.
     distance_std : Array
-        Standard deviation of the distances, by degree of freedom, (t,).
+        Standard deviation of the distances, by degree of freedom.
     steepness : Array
-        Root mean square of the gradient of c, (t,).
+        Root mean square of the gradient of c.
     """
 
     covariance: Float[Array, "t 9 9"]
@@ -120,7 +120,7 @@ def summarize(
 def _weights(
     residual: str, q: Float[Array, "t n"], shares: Float[Array, " n"] | None
 ) -> Float[Array, "t n"] | None:
-    # a of eq. (U1), (t, n); None for 1
+    # a of eq. (U1); None for 1
     if residual not in WEIGHTED:
         return None
     return 0.25 / q if shares is None else 0.25 / q * shares
@@ -132,7 +132,7 @@ def _least_scatter(
     c: Float[Array, "t n"],
     q: Float[Array, "t n"],
 ) -> Float[Array, " t"]:
-    # eq. (U2), (t,)
+    # eq. (U2)
     w = 0.25 / q
     pull = np.vecmat(weighted_sum(z, w * c), dv)
     back = solve_positive(_contract(dv, moment_matrix(z, w)), pull[..., None])[0]
@@ -143,7 +143,7 @@ def _least_scatter(
 def _huber_variance(
     distance: Float[Array, "t n"], ratio: Float[Array, "t n"], loss: str
 ) -> Float[Array, " t"]:
-    # eq. (U3), (t,)
+    # eq. (U3)
     count = distance.shape[-1]
     pull = distance * LOSSES[loss].weight(ratio)
     slope = LOSSES[loss].slope(ratio)

@@ -207,7 +207,7 @@ def _matrix_lines(fit: FitResult) -> list[str]:
 
 
 def _bound(result: RecordedCalibration) -> Float[Array, "9"]:
-    # square root of the Cramer-Rao bound on each variance, (9,)
+    # square root of the Cramer-Rao bound on each variance
     if result.predicted is None:
         return np.full(9, np.nan)
     return np.sqrt(np.diagonal(result.predicted.cramer_rao))

@@ -132,7 +132,7 @@ def named_poses(text: str) -> Float[Array, "n 3"]:
     Returns
     -------
     Array
-        Unit vectors, (n, 3).
+        Unit vectors.
 
     Raises
     ------
@@ -166,7 +166,7 @@ def read_directions(path: Path) -> Float[Array, "n 3"]:
     Returns
     -------
     Array
-        Directions, (n, 3).
+        Directions.
 
     Raises
     ------

@@ -143,7 +143,7 @@ def _first_row(dialect: Dialect, lines: list[Line]) -> int | None:
 def _usual_numbers(
     dialect: Dialect, lines: list[Line]
 ) -> Bool[NDArray[np.bool_], " n"]:
-    # columns that hold numbers in most of the last lines, (width,)
+    # columns that hold numbers in most of the last lines
     rows = [dialect.numbers(line) for _, line in lines[-64:]]
     rows = [row for row in rows if len(row) == dialect.width]
     if not rows:

@@ -34,11 +34,11 @@ class Calibration:
     Attributes
     ----------
     matrix : Array
-        Raw readings less bias to specific force, (3, 3).
+        Raw readings less bias to specific force.
     bias : Array
-        Raw units, (3,).
+        Raw units.
     covariance : Array or None
-        Of the nine parameters, in the declared form, (9, 9).
+        Of the nine parameters, in the declared form.
     dof : int or None
         Degrees of freedom of a covariance of type A; None where its size is known.
     """

@@ -37,11 +37,11 @@ class Rollout(NamedTuple):
     ----------
     rows : Array
         Accelerometer, gyro, magnetometer, attitude as MuJoCo has it (sensor to world,
-        scalar first) and clock, (runs, n, 14).
+        scalar first) and clock.
     warnings : NDArray[np.int64]
         MuJoCo's counters, (runs, mjNWARNING, 2): last info and number.
     travel : Array
-        Distance of the sensor at the end from where it began, m, (runs,).
+        Distance of the sensor at the end from where it began, m.
     messages : list of str
         What MuJoCo said.
     """
@@ -121,7 +121,7 @@ def _columns(model: mujoco.MjModel, sensor: str) -> NDArray[np.intp]:
 def _controls(
     model: mujoco.MjModel, scripts: Sequence[Script]
 ) -> tuple[int, Float[Array, "runs n width"] | None]:
-    # inputs of all runs side by side in MuJoCo's order, (runs, n, width)
+    # inputs of all runs side by side in MuJoCo's order
     for name in scripts[0].inputs:
         if name not in INPUTS:
             msg = f"there is no input `{name}`; a driver may set {', '.join(INPUTS)}"

@@ -142,7 +142,8 @@ def _simulated(
         attitude_error(estimator(*vectors), q) ** 2 for estimator in ESTIMATORS.values()
     ]
     means = [float(np.mean(square)) for square in squares]
-    return means, [float(np.std(s, ddof=1) / np.sqrt(parameters.trials)) for s in squares]
+    root = np.sqrt(parameters.trials)
+    return means, [float(np.std(square, ddof=1) / root) for square in squares]
 
 
 def _ratio_rows(

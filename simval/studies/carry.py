@@ -36,13 +36,13 @@ class Wanted:
     Attributes
     ----------
     force : Array
-        Specific force, sensor axes, m/s^2, (k, 3).
+        Specific force, sensor axes, m/s^2.
     field : Array
-        Magnetic field, sensor axes, T, (k, 3).
+        Magnetic field, sensor axes, T.
     q : Array
-        World to sensor, vector first, (k, 4).
+        World to sensor, vector first.
     field_world : Array
-        Direction of the field in world axes, (3,).
+        Direction of the field in world axes.
     """
 
     force: Float[Array, "k 3"]
@@ -58,14 +58,14 @@ class Carrier:
     Attributes
     ----------
     jacobian : Array
-        Of the direction b1 by the nine parameters, (3, 9).
+        Of the direction b1 by the nine parameters.
     rotation : Array
         Covariance of the small rotation, rad^2, by that of b1: a linear map of
-        symmetric matrices, (3, 3, 3, 3).
+        symmetric matrices.
     noise : Array
-        Covariance of the small rotation from the accelerometer's noise, (3, 3).
+        Covariance of the small rotation from the accelerometer's noise.
     field : Array
-        The same from the magnetometer's, (3, 3).
+        The same from the magnetometer's.
     """
 
     jacobian: Float[Array, "3 9"]

@@ -21,11 +21,11 @@ class Rests:
     intervals : Intervals
         Samples start <= k < stop of each rest, (m, 2).
     means : Array
-        Mean reading of each, raw units, (m, 3).
+        Mean reading of each, raw units.
     noise : Array
-        Median standard deviation within a rest, each axis, raw units, (3,).
+        Median standard deviation within a rest, each axis, raw units.
     same : Array
-        Median share of readings equal to the one before, each axis, (3,); small
+        Median share of readings equal to the one before, each axis; small
         where the noise is a step of the converter or more.
     same_rows : float
         Share of rows equal to the one before that nine rests of ten stay below.

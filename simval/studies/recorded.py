@@ -53,14 +53,14 @@ class RecordedCalibration:
     intervals : Intervals
         Static intervals, samples start <= k < stop, (m, 2).
     poses : Array
-        Mean reading of each interval, raw units, (m, 3).
+        Mean reading of each interval, raw units.
     noise_std : Array
-        What white noise leaves in each mean, raw units, (m,).
+        What white noise leaves in each mean, raw units.
     predicted : CalibrationMoments or None
         Bias, covariance and Cramer-Rao bound if white noise were all there is; None
         where the readings show no noise.
     next_direction : Array
-        Direction of a further pose that would help most, sensor axes, (3,).
+        Direction of a further pose that would help most, sensor axes.
     """
 
     fit: FitResult

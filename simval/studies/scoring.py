@@ -47,9 +47,9 @@ class Tumble:
     Attributes
     ----------
     time : Array
-        Seconds, (n,).
+        Seconds.
     force : Array
-        True specific force, sensor axes, m/s^2, (n, 3).
+        True specific force, sensor axes, m/s^2.
     still : NDArray[np.bool_]
         Rows at rest, (n,).
     hold : NDArray[np.intp]

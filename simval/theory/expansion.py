@@ -34,13 +34,13 @@ class ScaledErrorMoments:
     Attributes
     ----------
     q : Array
-        True quaternion in the frame of x, (4,).
+        True quaternion in the frame of x.
     P : Array
-        Covariance of the linear part, (4, 4).
+        Covariance of the linear part.
     V : Array
-        Covariance of the bilinear part, (4, 4).
+        Covariance of the bilinear part.
     G : Array
-        Mean of the bilinear part times the linear part twice, (4, 4, 4).
+        Mean of the bilinear part times the linear part twice.
     """
 
     q: Float[Array, "4"]

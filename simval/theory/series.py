@@ -42,7 +42,7 @@ class Algebra:
     degrees : NDArray
         Total degree of each monomial, (m,).
     means : Array
-        Expectation of each monomial of standard normals, (m,).
+        Expectation of each monomial of standard normals.
     left, right, target : NDArray
         Monomial left[i] times right[i] is target[i], (t,).
     """

@@ -38,16 +38,16 @@ class TwoVectorGeometry:
         ``plain``, ``x``, ``y`` or ``z``.
     q : Array
         True quaternion in the turned frame with the sign of the noise-free
-        estimate, (4,).
+        estimate.
     d1, s1, d2 : Array
-        Half differences and half sum of the true vectors in that frame, (3,).
+        Half differences and half sum of the true vectors in that frame.
     norm : float
         Length of the noise-free qbar, 0 to 1.
     back : Array
         Orthogonal matrix that takes a quaternion of the turned frame to the
-        original one, (4, 4).
+        original one.
     turn : Array
-        Signs of the half turn of the reference vectors, (3,).
+        Signs of the half turn of the reference vectors.
     """
 
     frame: str
