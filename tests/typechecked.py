@@ -47,6 +47,7 @@ INNER = beartype(
         )
     )
 )
+BUILT = {}  # by signature: a function in a function is the same each time
 
 
 def check(stand_in):
@@ -57,7 +58,19 @@ def check(stand_in):
     hints = stand_in.__annotations__
     if hints.get("return", Any) is not Any:  # after it: the arguments have been checked
         stand_in.__annotations__ = {"return": hints["return"]}
-    return INNER(stand_in)
+    key = (
+        stand_in.__module__,
+        stand_in.__qualname__,
+        str(hints),
+        str(stand_in.__annotations__),
+    )
+
+    def checked(*args, **names):  # built at its first call: a quick import
+        if key not in BUILT:
+            BUILT[key] = INNER(stand_in)
+        return BUILT[key](*args, **names)
+
+    return checked
 
 
 if "simval" in sys.modules:
