@@ -19,6 +19,7 @@ from simval.errors import InputError
 from simval.text import shown
 
 Array = NDArray[np.floating]
+Scalars = Array | np.floating  # of an array without axes NumPy makes a number
 
 _KINDS: Final = {
     "b": "holds truth values",
@@ -203,7 +204,7 @@ def _masked(value: Any) -> str:
     return ""
 
 
-def _foreign(given: NDArray[Any], value: Any) -> str:
+def _foreign(given: NDArray[np.generic], value: Any) -> str:
     # what is in an array, or in the sequence it was made of, that is no real number
     kind = given.dtype.kind
     if kind in _KINDS:

@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Float
 
 from simval.arguments import instance, whole_number
-from simval.arrays import Array, finite_array
+from simval.arrays import Array, Scalars, finite_array
 from simval.errors import InputError
 
 # four single-precision numbers, each rounded by 6e-8, leave a length within 1.2e-7 of
@@ -130,7 +130,7 @@ def conjugate(q: Float[Array, "... 4"]) -> Float[Array, "... 4"]:
 
 def attitude_error(
     q1: Float[Array, "... 4"], q2: Float[Array, "... 4"]
-) -> Float[Array, "..."]:
+) -> Float[Scalars, "..."]:
     """Angle of the rotation between two attitudes, blind to the sign of either."""
     q1, q2 = unit_quaternions("q1", q1), unit_quaternions("q2", q2)
     difference = compose(conjugate(q1), q2)

@@ -30,6 +30,7 @@ from pydantic import ConfigDict, TypeAdapter
 from simval.arrays import Array
 from simval.statistics import Statistic
 
+Numbers = ArrayLike | tuple[float, ...]  # which NumPy's ArrayLike leaves out
 Check = Literal["plain", "control", "nees", "exact", "limit", "record"]
 
 COLUMNS = (
@@ -125,12 +126,12 @@ Statistics = Statistic | Sequence[Statistic]
 def _sampled(
     check: Check,
     statistics: Statistics,
-    value: ArrayLike,
-    standard_error: ArrayLike,
+    value: Numbers,
+    standard_error: Numbers,
     n: int,
-    prediction: ArrayLike,
+    prediction: Numbers,
     predictor: str,
-    remainder: ArrayLike = 0.0,
+    remainder: Numbers = 0.0,
 ) -> tuple[Row, ...]:
     """Rows of sampled values against theory."""
     numbers = _numbers(value, standard_error, prediction, remainder)
@@ -149,10 +150,10 @@ nees = partial(_sampled, "nees")
 
 def exact(
     statistics: Statistics,
-    value: ArrayLike,
-    prediction: ArrayLike,
+    value: Numbers,
+    prediction: Numbers,
     predictor: str,
-    remainder: ArrayLike,
+    remainder: Numbers,
     n: int = 0,
 ) -> tuple[Row, ...]:
     """Deterministic rows that must meet the prediction within the remainder."""
@@ -162,8 +163,8 @@ def exact(
 
 def limit(
     statistics: Statistics,
-    value: ArrayLike,
-    most: ArrayLike,
+    value: Numbers,
+    most: Numbers,
     predictor: str,
     n: int = 0,
 ) -> tuple[Row, ...]:
@@ -174,12 +175,12 @@ def limit(
 
 def unjudged(
     statistics: Statistics,
-    value: ArrayLike,
-    standard_error: ArrayLike = 0.0,
+    value: Numbers,
+    standard_error: Numbers = 0.0,
     n: int = 0,
-    prediction: ArrayLike | None = None,
+    prediction: Numbers | None = None,
     predictor: str = "",
-    remainder: ArrayLike = 0.0,
+    remainder: Numbers = 0.0,
 ) -> tuple[Row, ...]:
     """Rows that are reported and not judged."""
     numbers = _numbers(value, standard_error, prediction, remainder)
@@ -187,11 +188,11 @@ def unjudged(
 
 
 def _numbers(
-    value: ArrayLike,
-    standard_error: ArrayLike,
-    prediction: ArrayLike | None,
-    remainder: ArrayLike,
-) -> dict[str, ArrayLike | None]:
+    value: Numbers,
+    standard_error: Numbers,
+    prediction: Numbers | None,
+    remainder: Numbers,
+) -> dict[str, Numbers | None]:
     return {
         "value": value,
         "standard_error": standard_error,

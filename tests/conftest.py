@@ -3,6 +3,7 @@
 import os
 import shutil
 
+import jaxtyping
 import pytest
 from hypothesis import settings
 
@@ -33,6 +34,14 @@ trials = 1024
 noise_std = [0.01, 0.02]
 samples = 65536
 """
+
+
+@pytest.fixture
+def unchecked():
+    """No check of shapes and types, for a test that gives garbage on purpose."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
 
 
 @pytest.fixture(scope="session")

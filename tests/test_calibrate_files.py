@@ -43,6 +43,7 @@ def test_round_trip_is_exact(tmp_path, model, n):
     assert json.loads((tmp_path / "c.json").read_text())["chi2_per_dof"] is None
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_what_is_no_path_is_said_by_its_name():
     for call in (lambda: save_calibration(3, fit()), lambda: load_calibration(3)):
         with pytest.raises(InputError, match=r"^`path` is 3"):

@@ -164,6 +164,7 @@ def test_random_numbers_are_not_a_calibration():
     assert np.all(fit.rms[taken] > 0.05 * G)
 
 
+@pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize(
     ("options", "words"),
     [

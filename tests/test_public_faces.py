@@ -20,6 +20,8 @@ from simval.errors import SimvalError
 from simval.sensor import AccelerometerModel, Effects
 from simval.streams import Streams
 
+pytestmark = pytest.mark.usefixtures("unchecked")  # garbage goes everywhere
+
 
 class Foreign:
     """An array of another library, with a hole in it."""

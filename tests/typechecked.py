@@ -1,15 +1,22 @@
-"""Checks the shapes and types of every call inside simval, in tests only.
+"""Plug-in of pytest: checks the shapes and types of every call inside simval.
 
-The functions of a package's face are left out: they are tried with garbage, and
-check what they are given themselves, in users' runs too.
+The functions of a package's face are left out: they are tried with garbage on
+purpose, and check what they are given themselves, in users' runs too.
 """
 
 import ast
+import random
 import sys
 from pathlib import Path
+from typing import Any
+from unittest.mock import patch
 
-from beartype import BeartypeConf, beartype
+import numpy as np
 from jaxtyping import install_import_hook
+
+# of a list one entry is checked, chosen by dice that hypothesis does not watch
+with patch("random.getrandbits", random.Random(0).getrandbits):
+    from beartype import BeartypeConf, FrozenDict, beartype
 
 ROOT = Path(__file__).resolve().parents[1] / "simval"
 
@@ -28,20 +35,45 @@ FACES = {
     )
     for path in [*ROOT.glob("*.py"), *ROOT.glob("*/__init__.py")]
 }
-INNER = beartype(conf=BeartypeConf(is_pep484_tower=True))
+INNER = beartype(
+    conf=BeartypeConf(
+        hint_overrides=FrozenDict(  # a number that NumPy makes is one, too
+            {
+                bool: bool | np.bool_,
+                int: int | np.integer,
+                float: float | int | np.floating | np.integer,
+                complex: complex | float | int | np.number,
+            }
+        )
+    )
+)
+BUILT = {}  # by signature: a function in a function is the same each time
 
 
-def check(function):
-    """`function`, its arguments and its result checked unless it is on a face."""
-    room = ".".join(function.__module__.split(".")[:2])
-    if function.__qualname__.split(".")[0] in FACES.get(room, ()):
-        return function
-    return INNER(function)
+def check(stand_in):
+    """What jaxtyping calls before a function, and with its result after it."""
+    room = ".".join(stand_in.__module__.split(".")[:2])
+    if stand_in.__qualname__.split(".")[0] in FACES.get(room, ()):
+        return stand_in
+    hints = stand_in.__annotations__
+    if hints.get("return", Any) is not Any:  # after it: the arguments have been checked
+        stand_in.__annotations__ = {"return": hints["return"]}
+    key = (
+        stand_in.__module__,
+        stand_in.__qualname__,
+        str(hints),
+        str(stand_in.__annotations__),
+    )
+
+    def checked(*args, **names):  # built at its first call: a quick import
+        if key not in BUILT:
+            BUILT[key] = INNER(stand_in)
+        return BUILT[key](*args, **names)
+
+    return checked
 
 
-def install():
-    """Check what is imported from now on."""
-    if "simval" in sys.modules:
-        msg = "simval is imported already: its calls would go unchecked"
-        raise RuntimeError(msg)
-    install_import_hook("simval", "typechecked.check")
+if "simval" in sys.modules:
+    msg = "simval is imported already: its calls would go unchecked"
+    raise RuntimeError(msg)
+install_import_hook("simval", "typechecked.check")

@@ -10,7 +10,7 @@ from enum import IntEnum
 from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy.typing import NDArray
 from scipy import special
 
@@ -82,8 +82,10 @@ def block_validity(
     return _codes(vectors, lengths, dots, length_tolerance)
 
 
-def _products(vectors: Array) -> tuple[Array, Array]:
-    # squared lengths of b1, b2, r1, r2 (4, n); b1.b2 and r1.r2 (2, n)
+def _products(
+    vectors: Float[Array, "12 n"],
+) -> tuple[Float[Array, "4 n"], Float[Array, "2 n"]]:
+    # squared lengths of b1, b2, r1, r2; b1.b2 and r1.r2
     v = vectors.reshape(4, 3, -1)
     with np.errstate(over="ignore", invalid="ignore", under="ignore"):
         lengths = np.einsum("kjn,kjn->kn", v, v)
@@ -91,13 +93,17 @@ def _products(vectors: Array) -> tuple[Array, Array]:
     return lengths, dots
 
 
-def _lengths_agree(lengths: Array, limit: float) -> Mask:
+def _lengths_agree(
+    lengths: Float[Array, "4 n"], limit: float
+) -> Bool[NDArray[np.bool_], "2 n"]:
     body, reference = lengths[:2], lengths[2:]
     agree: Mask = (body >= limit * reference) & (reference >= limit * body)
     return agree
 
 
-def _apart(lengths: Array, dots: Array) -> Mask:
+def _apart(
+    lengths: Float[Array, "4 n"], dots: Float[Array, "2 n"]
+) -> Bool[NDArray[np.bool_], "2 n"]:
     # Lagrange: |v1 x v2|^2 = |v1|^2 |v2|^2 - (v1.v2)^2; its rounding, 4e-16, is
     # 4 % of MIN_SINE^2
     apart: Mask = dots * dots <= (1.0 - MIN_SINE**2) * (lengths[::2] * lengths[1::2])
@@ -105,7 +111,10 @@ def _apart(lengths: Array, dots: Array) -> Mask:
 
 
 def _codes(
-    vectors: Array, lengths: Array, dots: Array, length_tolerance: float
+    vectors: Float[Array, "12 n"],
+    lengths: Float[Array, "4 n"],
+    dots: Float[Array, "2 n"],
+    length_tolerance: float,
 ) -> Codes:
     limit = max(0.0, 1.0 - length_tolerance) ** 2
     codes: Codes = np.zeros(vectors.shape[1], dtype=np.int8)

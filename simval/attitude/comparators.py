@@ -85,18 +85,20 @@ ESTIMATORS: Final[Mapping[str, Callable[..., Array]]] = MappingProxyType(
 )
 
 
-def _unit_batch(*vectors: Any) -> tuple[list[Array], tuple[int, ...]]:
+def _unit_batch(*vectors: Any) -> tuple[list[Float[Array, "n 3"]], tuple[int, ...]]:
     arrays, shape = valid_batch(*vectors)
     return [normalize(array) for array in arrays], shape
 
 
-def _triad_axes(first: Array, second: Array) -> Array:
+def _triad_axes(
+    first: Float[Array, "n 3"], second: Float[Array, "n 3"]
+) -> Float[Array, "n 3 3"]:
     normal = np.cross(first, second)
     axes = np.stack([first, normal, np.cross(first, normal)], axis=-1)
     unit: Array = axes / np.linalg.norm(axes, axis=1, keepdims=True)
     return unit
 
 
-def _finish(q: Array, shape: tuple[int, ...]) -> Array:
+def _finish(q: Float[Array, "n 4"], shape: tuple[int, ...]) -> Float[Array, "... 4"]:
     signed: Array = np.where(q[:, 3:] < 0.0, -q, q)
     return signed.reshape(*shape, 4)

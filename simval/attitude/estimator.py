@@ -200,7 +200,7 @@ def estimate_attitude(
 
 def valid_batch(
     b1: Any, b2: Any, r1: Any, r2: Any, *, length_tolerance: float = 0.5
-) -> tuple[list[Array], tuple[int, ...]]:
+) -> tuple[list[Float[Array, "n 3"]], tuple[int, ...]]:
     """Flatten a batch of vector pairs, every sample of it valid.
 
     Raises
@@ -263,8 +263,8 @@ def _block_codes(
 
 
 def _estimate_block(
-    vectors: Array, frame: str, codes: Codes | None
-) -> tuple[Array, Array, Codes | None]:
+    vectors: Float[Array, "12 n"], frame: str, codes: Codes | None
+) -> tuple[Float[Array, "4 n"], Float[Array, " n"], Codes | None]:
     # un-normalised quaternions (4, n), what to multiply them with, codes if any is bad
     if frame == "best":
         raw = kernel.best_quaternion(kernel.column_matrix(vectors, symmetric=False))
@@ -287,7 +287,7 @@ def _estimate_block(
 _HARMLESS = np.array([1.0, 0, 0, 0, 1, 0, 0, 1, 0, 0, 0, 1]).reshape(12, 1)
 
 
-def _flat_batch(*values: Any) -> tuple[list[Array], tuple[int, ...]]:
+def _flat_batch(*values: Any) -> tuple[list[Float[Array, "n 3"]], tuple[int, ...]]:
     # Arrays of shape (n, 3) with a common batch, and the batch's shape
     names = ("b1", "b2", "r1", "r2")
     arrays = [

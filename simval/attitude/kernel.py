@@ -130,7 +130,12 @@ def best_quaternion(columns: Float[Array, "4 4 n"]) -> Float[Array, "4 n"]:
     return _longer(first, first_norm, second, second_norm)[0]
 
 
-def _longer(a: Array, a_norm: Array, b: Array, b_norm: Array) -> tuple[Array, Array]:
+def _longer(
+    a: Float[Array, "4 n"],
+    a_norm: Float[Array, " n"],
+    b: Float[Array, "4 n"],
+    b_norm: Float[Array, " n"],
+) -> tuple[Float[Array, "4 n"], Float[Array, " n"]]:
     pick = a_norm > b_norm
     return np.where(pick, a, b), np.maximum(a_norm, b_norm)
 

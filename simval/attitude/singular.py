@@ -30,7 +30,8 @@ from enum import IntEnum
 from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
+from numpy.typing import NDArray
 
 from simval.arguments import whole_number
 from simval.arrays import Array, real_number
@@ -71,7 +72,7 @@ class SingularSolution:
     """
 
     q: Float[Array, "... 4"]
-    case: Float[Array, "..."]
+    case: Int[NDArray[np.intp], "..."]
 
     @property
     def valid(self) -> Mask:
@@ -127,23 +128,33 @@ def singular_solution(
     return SingularSolution(q=q.reshape(*shape, 4), case=case.reshape(shape))
 
 
-def _norm(v: Array) -> Array:
+def _norm(v: Float[Array, "n 3"]) -> Float[Array, "n 1"]:
     length: Array = np.linalg.norm(v, axis=1, keepdims=True)
     return length
 
 
-def _safe(length: Array) -> Array:
+def _safe(length: Float[Array, "n 1"]) -> Float[Array, "n 1"]:
     return np.where(length > 0.0, length, 1.0)
 
 
-def _plain_norm(v1: Array, u1: Array, d1: Array, d2: Array) -> Array:
+def _plain_norm(
+    v1: Float[Array, "n 3"],
+    u1: Float[Array, "n 3"],
+    d1: Float[Array, "n 3"],
+    d2: Float[Array, "n 3"],
+) -> Float[Array, "n 1"]:
     # |qbar| = |e.n|: the part of the rotation vector along n is what a direct solution
     # leaves out. Not |d1 x d2| = |e.n| |e|, which vanishes for any small rotation.
     scalar = np.sum((v1 + u1) * d2, axis=1, keepdims=True) / 2
     return np.hypot(_norm(np.cross(d1, d2)), scalar)
 
 
-def _classify(d1: Array, d2: Array, singular: Mask, tolerance: float) -> Array:
+def _classify(
+    d1: Float[Array, "n 3"],
+    d2: Float[Array, "n 3"],
+    singular: Bool[Mask, "n 1"],
+    tolerance: float,
+) -> Int[NDArray[np.intp], "n 1"]:
     zero1, zero2 = _norm(d1) <= tolerance, _norm(d2) <= tolerance
     case = np.where(singular, Case.D, Case.REGULAR)
     case = np.where(zero1, Case.B, np.where(zero2, Case.C, case))
@@ -163,7 +174,7 @@ class SequentialEstimate:
     """
 
     q: Float[Array, "... 4"]
-    turn: Float[Array, "..."]
+    turn: Int[NDArray[np.intp], "..."]
 
 
 def sequential_quaternion(

@@ -4,6 +4,7 @@ from functools import partial
 from importlib.util import find_spec
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.attitude import two_vector_quaternion
@@ -21,7 +22,14 @@ MANY, FEW = 200_000, 500
 SAMPLES = 2**19
 
 
-def noisy_vectors(count: int) -> tuple[Array, Array, Array, Array]:
+def noisy_vectors(
+    count: int,
+) -> tuple[
+    Float[Array, "count 3"],
+    Float[Array, "count 3"],
+    Float[Array, "count 3"],
+    Float[Array, "count 3"],
+]:
     """Draw noisy observations of one geometry."""
     q, r1, r2 = random_geometry(3)
     A = attitude_matrix(q)
@@ -31,8 +39,8 @@ def noisy_vectors(count: int) -> tuple[Array, Array, Array, Array]:
     return b1, b2, s1, s2
 
 
-def _geometry() -> tuple[Array, Array]:
-    """Quaternion with the sign of the plain formula, (4,), and the vectors, (12, 1)."""
+def _geometry() -> tuple[Float[Array, "4"], Float[Array, "12 1"]]:
+    """Quaternion with the sign of the plain formula, (4,), and the vectors."""
     q, r1, r2 = random_geometry(3)
     A = attitude_matrix(q)
     truth = np.stack([A @ r1, A @ r2, r1, r2]).reshape(12, 1)
@@ -66,7 +74,14 @@ def estimators() -> list[Contender]:
     return contenders
 
 
-def _ahrs(vectors: tuple[Array, Array, Array, Array]) -> int:
+def _ahrs(
+    vectors: tuple[
+        Float[Array, "n 3"],
+        Float[Array, "n 3"],
+        Float[Array, "n 3"],
+        Float[Array, "n 3"],
+    ],
+) -> int:
     """Peer's q-method, one pair at a time, with its references set for each."""
     from ahrs.filters import Davenport
 
@@ -106,7 +121,7 @@ def _monte_carlo(samples: int, threads: int) -> int:
     """Draw, estimate, accumulate mean and second moments with standard errors."""
     q, truth = _geometry()
 
-    def sampler(rng: np.random.Generator, count: int) -> Array:
+    def sampler(rng: np.random.Generator, count: int) -> Float[Array, "4 count"]:
         vectors = rng.standard_normal((12, count))
         vectors *= NOISE
         vectors += truth
@@ -145,7 +160,7 @@ def reductions() -> list[Contender]:
     q, truth = _geometry()
     plain = _plain_variance(truth, q)
 
-    def errors(x: Array) -> Array:
+    def errors(x: Float[Array, "12 n"]) -> Float[Array, "4 n"]:
         return q[:, None] - normalize_columns(
             raw_quaternion(NOISE * x + truth, "plain")
         )
@@ -164,7 +179,7 @@ def reductions() -> list[Contender]:
     return [Contender(name=method, run=partial(worth, method)) for method in METHODS]
 
 
-def _plain_variance(truth: Array, q: Array) -> float:
+def _plain_variance(truth: Float[Array, "12 1"], q: Float[Array, "4"]) -> float:
     """Variance of one plain sample, summed over the squares of the components."""
     rng = np.random.default_rng(2)
     vectors = NOISE * rng.standard_normal((12, 400_000)) + truth

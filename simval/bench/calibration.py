@@ -121,7 +121,9 @@ def samples() -> list[Contender]:
     return [Contender(name=f"{n:,} samples", run=partial(fit, n)) for n in sizes]
 
 
-def _require_equal(found: Array, expected: Array, name: str) -> None:
+def _require_equal(
+    found: Float[Array, "... 9"], expected: Float[Array, "... 9"], name: str
+) -> None:
     # biases and misalignments near zero are compared with g and 1
     size = np.maximum(np.abs(expected), np.array([1.0] * 6 + [G] * 3))
     worst = float(np.max(np.abs(found - expected) / size))

@@ -104,14 +104,14 @@ def _outlier_message(count: int, suspects: Sequence[tuple[int, float]]) -> str:
     )
 
 
-def _directions(poses: Array) -> Array:
+def _directions(poses: Float[Array, "n 3"]) -> Float[Array, "m 3"]:
     # unit vectors of the readings from their middle, the ellipsoid made round
     offset = _rounded(poses)
     length = np.linalg.norm(offset, axis=-1)
     return offset[length > 0.0] / length[length > 0.0, None]
 
 
-def _advice(poses: Array) -> str:
+def _advice(poses: Float[Array, "n 3"]) -> str:
     found = observability(_directions(poses))
     helps = ", ".join(f"{x:.2f}" for x in found.next_direction)
     return (
@@ -120,7 +120,7 @@ def _advice(poses: Array) -> str:
     )
 
 
-def _noise_message(poses: Array) -> str:
+def _noise_message(poses: Float[Array, "n 3"]) -> str:
     # how near a second quadric is, and what else would tell it from noise
     z, _, scale = normalized(poses[None])
     enough = second_noise(moment_matrix(z)[0]) * float(scale[0])
@@ -137,7 +137,9 @@ def _noise_message(poses: Array) -> str:
     )
 
 
-def _geometry_message(code: int, poses: Array, condition: float, limit: float) -> str:
+def _geometry_message(
+    code: int, poses: Float[Array, "n 3"], condition: float, limit: float
+) -> str:
     # Say what the poses leave open, and which pose would help.
     directions = _directions(poses)
     if len(directions) == 0:
@@ -172,7 +174,7 @@ def _geometry_message(code: int, poses: Array, condition: float, limit: float) -
     )
 
 
-def _rounded(poses: Array) -> Array:
+def _rounded(poses: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
     # offsets from the middle, the ellipsoid made round by the symmetric root of their
     # scatter, which keeps the axes; a direction without any extent stays flat
     offset = poses - (poses.max(axis=0) + poses.min(axis=0)) / 2.0

@@ -27,11 +27,11 @@ class Deletion:
     Attributes
     ----------
     p : Array
-        Coefficients without the poses that were named at the start, (9,).
+        Coefficients without the poses that were named at the start.
     q : Array
-        Orthonormal columns of the weighted rows, (n, 9).
+        Orthonormal columns of the weighted rows.
     residual : Array
-        Residuals of all poses, (n,).
+        Residuals of all poses.
     floor : float
         Square of a distance that is rounding only.
     rank : int
@@ -44,7 +44,9 @@ class Deletion:
     floor: float
     rank: int
 
-    def without(self, subset: list[int]) -> tuple[Array, Array]:
+    def without(
+        self, subset: list[int]
+    ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
         """Residuals (O2) and the room of each, both 0 in the subset."""
         room = 1.0 - np.sum(self.q**2, axis=1)
         if not subset:
@@ -100,7 +102,7 @@ def slope_of(p: Float[Array, "9"], z: Float[Array, "n 3"]) -> Float[Array, " n"]
     return np.asarray(np.maximum(length, LEAST_SLOPE * np.median(length)))
 
 
-def scaled(poses: Float[Array, "n 3"]) -> tuple[Array, float, float]:
+def scaled(poses: Float[Array, "n 3"]) -> tuple[Float[Array, "n 3"], float, float]:
     """Readings of unit size about their mean."""
     offset = poses - poses.mean(axis=0)
     greatest = float(np.abs(offset).max()) or 1.0  # squares of it may be out of range
@@ -111,6 +113,6 @@ def scaled(poses: Float[Array, "n 3"]) -> tuple[Array, float, float]:
     return offset / own, scale, floor
 
 
-def _drop(residual: Array, room: Array) -> Array:
+def _drop(residual: Float[Array, " n"], room: Float[Array, " n"]) -> Float[Array, " n"]:
     good = room > NO_ROOM
     return np.where(good, residual**2 / np.where(good, room, 1.0), -np.inf)

@@ -83,19 +83,19 @@ class Residuals:
     Attributes
     ----------
     distance : Array
-        Signed distance of each reading to the ellipsoid, raw units, (..., n).
+        Signed distance of each reading to the ellipsoid, raw units.
     leverage : Array
-        Share of each pose in its own fit, (..., n).
+        Share of each pose in its own fit.
     standardized : Array
-        Standardised residuals, (..., n); NaN where there is no freedom.
+        Standardised residuals; NaN where there is no freedom.
     outlier : Array of bool
         Poses that are not on the ellipsoid of the others, (..., n).
     limit : Array
-        What the greatest of a clean set exceeds with a chance of `FALSE_ALARM`, (...).
+        What the greatest of a clean set exceeds with a chance of `FALSE_ALARM`.
     chi2_per_dof : Array
-        Chi-square per degree of freedom, (...); NaN without sigma or freedom.
+        Chi-square per degree of freedom; NaN without sigma or freedom.
     p_value : Array
-        Chance of a chi-square at least as high, (...).
+        Chance of a chi-square at least as high.
     """
 
     distance: Float[Array, "... n"]
@@ -157,7 +157,7 @@ def diagnose(fit: FitResult, poses: Any, noise_std: Any = None) -> Diagnosis:
 
 
 def _judged(
-    fit: FitResult, readings: Array, sigma: Array | None
+    fit: FitResult, readings: Float[Array, "... n 3"], sigma: Float[Array, " n"] | None
 ) -> tuple[Residuals, list[Outliers]]:
     count = readings.shape[-2]
     distance, rows, steep = _distances(fit, readings)
@@ -180,7 +180,9 @@ def _judged(
     return found, rests
 
 
-def _evidence(fit: FitResult, readings: Array, rest: Outliers, chi2: float) -> Evidence:
+def _evidence(
+    fit: FitResult, readings: Float[Array, "n 3"], rest: Outliers, chi2: float
+) -> Evidence:
     # outliers and a robust loss leave a chi-square of another law than that of the
     # least squares over the poses that belong
     if rest.flagged.any() or fit.loss != "linear":
@@ -198,8 +200,10 @@ def _evidence(fit: FitResult, readings: Array, rest: Outliers, chi2: float) -> E
     )
 
 
-def _checked(fit: FitResult, poses: Any, noise_std: Any) -> tuple[Array, Array | None]:
-    # the readings of the fit, (..., n, 3), and the noise of each, (n,)
+def _checked(
+    fit: FitResult, poses: Any, noise_std: Any
+) -> tuple[Float[Array, "... n 3"], Float[Array, " n"] | None]:
+    # the readings of the fit, and the noise of each
     readings = physical_array("poses", poses, (None, 3))
     count = instance("fit", fit, FitResult).dof + 9
     if readings.shape[:-1] != (*fit.parameters.shape[:-1], count):
@@ -228,9 +232,11 @@ def _limit(found: Outliers, count: int) -> float:
     return float(-special.stdtrit(found.dof - 1, tail)) if found.dof > 1 else np.inf
 
 
-def _distances(fit: FitResult, readings: Array) -> tuple[Array, Array, Array]:
-    # signed distances (D1), (..., n), their derivatives by the parameters,
-    # (..., n, 9), and the slope of c along them, (..., n)
+def _distances(
+    fit: FitResult, readings: Float[Array, "... n 3"]
+) -> tuple[Float[Array, "... n"], Float[Array, "... n 9"], Float[Array, "... n"]]:
+    # signed distances (D1), their derivatives by the parameters, and the slope of c
+    # along them
     x = readings - fit.B[..., None, :]
     m = fit.matrix
     h = x @ np.swapaxes(m, -1, -2)
@@ -245,8 +251,13 @@ def _distances(fit: FitResult, readings: Array) -> tuple[Array, Array, Array]:
     return c / steep, rows / steep[..., None], steep
 
 
-def _leverage(fit: FitResult, rows: Array, steep: Array, sigma: Array | None) -> Array:
-    # diagonal of the hat matrix of sqrt(a) J, the estimate weighing c by `a`, (..., n)
+def _leverage(
+    fit: FitResult,
+    rows: Float[Array, "... n 9"],
+    steep: Float[Array, "... n"],
+    sigma: Float[Array, " n"] | None,
+) -> Float[Array, "... n"]:
+    # diagonal of the hat matrix of sqrt(a) J, the estimate weighing c by `a`
     shares = noise_shares(fit.residual, sigma)
     weighted = rows if fit.residual in WEIGHTED else rows * steep[..., None]
     if fit.covariance_kind == "known sigma" and shares is not None:

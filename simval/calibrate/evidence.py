@@ -32,7 +32,7 @@ class Evidence:
     stretched : Array of bool
         Whether the condition of the corrected poses could be made of noise, (t,).
     half_width : Array
-        95 percent half-width of the scale along its worst direction, relative, (t,);
+        95 percent half-width of the scale along its worst direction, relative;
         NaN where the noise is not known.
     """
 
@@ -74,8 +74,10 @@ def weigh(
     )
 
 
-def _mean_noise(noise: Array, shares: Array | None) -> Array:
-    # root mean variance of the weighted readings over their mean weight, (t,)
+def _mean_noise(
+    noise: Float[Array, "t n"], shares: Float[Array, " n"] | None
+) -> Float[Array, " t"]:
+    # root mean variance of the weighted readings over their mean weight
     weights = np.ones(noise.shape[1]) if shares is None else shares
     mean = np.vecdot(noise * noise, weights) / np.vecdot(weights, np.ones(len(weights)))
     return np.sqrt(mean)

@@ -11,6 +11,7 @@ from os import PathLike
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arguments import file_path, instance, whole_number
 from simval.arrays import Array, positive_number, shaped_array
@@ -97,7 +98,7 @@ def from_json(data: Any, source: str = "the calibration") -> FitResult:
     return fit
 
 
-def _parameters(data: dict[str, Any]) -> tuple[str, Array]:
+def _parameters(data: dict[str, Any]) -> tuple[str, Float[Array, "9"]]:
     # the form and the nine parameters, or those that T, K and B amount to
     if "parameters" in data and "model" in data:
         parameters = array(data, "parameters", (9,))

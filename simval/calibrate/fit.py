@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate import checks, objective
@@ -160,7 +161,7 @@ def calibrate(
 
 
 def _suspects(
-    poses: Array, sigma: Array | None, options: Options
+    poses: Float[Array, "n 3"], sigma: Float[Array, " n"] | None, options: Options
 ) -> list[tuple[int, float]]:
     # outliers without which the set would not be refused, and how far off they are
     if len(poses) <= PARAMETERS or not np.isfinite(poses).all():
@@ -179,7 +180,9 @@ def _suspects(
     return [(int(k), float(off[k])) for k in np.flatnonzero(found.flagged)]
 
 
-def _fit_block(poses: Array, sigma: Array | None, options: Options) -> _Block:
+def _fit_block(
+    poses: Float[Array, "t n 3"], sigma: Float[Array, " n"] | None, options: Options
+) -> _Block:
     # Fit a block of trials, refused ones set aside.
     code = checks.screen(poses, full_scale=options.full_scale, repeats=options.repeats)
     block = _empty(code, len(poses))
@@ -216,15 +219,15 @@ def _fit_block(poses: Array, sigma: Array | None, options: Options) -> _Block:
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Data:
     # the trials that are fitted, one row each, in the scaled units of the fit
-    z: Array  # (t, n, 3)
-    moments: Array  # (t, 10, 10)
-    noise: Array | None  # (t, n)
-    shares: Array | None  # (n,), as of `noise_shares`
-    theta: Array  # starts
-    centre: Array  # raw units
-    scale: Array  # raw units
-    condition: Array
-    stretch: Array  # as of `direction_condition`
+    z: Float[Array, "t n 3"]  # (t, n, 3)
+    moments: Float[Array, "t 10 10"]  # (t, 10, 10)
+    noise: Float[Array, "t n"] | None  # (t, n)
+    shares: Float[Array, " n"] | None  # (n,), as of `noise_shares`
+    theta: Float[Array, "t 9"]  # starts
+    centre: Float[Array, "t 3"]  # raw units
+    scale: Float[Array, " t"]  # raw units
+    condition: Float[Array, " t"]
+    stretch: Float[Array, " t"]  # as of `direction_condition`
 
     def take(self, rows: Any) -> "_Data":
         every: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(_Data)}
@@ -266,7 +269,9 @@ def _solve(block: _Block, keep: Any, data: _Data, options: Options) -> None:
         block[field][refused] = np.nan
 
 
-def _iterate(data: _Data, options: Options) -> tuple[Solution, Array | None]:
+def _iterate(
+    data: _Data, options: Options
+) -> tuple[Solution, Float[Array, "t n"] | None]:
     # Run the solver that the residual and the loss call for.
     model, residual, rules = options.model, options.residual, options.rules
     z, noise, theta, shares = data.z, data.noise, data.theta, data.shares

@@ -20,7 +20,9 @@ _SCALES = (
 _SCALES.setflags(write=False)
 
 
-def normalized(poses: Float[Array, "t n 3"]) -> tuple[Array, Array, Array]:
+def normalized(
+    poses: Float[Array, "t n 3"],
+) -> tuple[Float[Array, "t n 3"], Float[Array, "t 3"], Float[Array, " t"]]:
     """Move readings to their mean and scale them to unit size."""
     count = poses.shape[1]
     centre = np.vecmat(np.ones(count), poses) / count
@@ -37,7 +39,7 @@ def direction_condition(
     theta: Float[Array, "t 9"],
     moments: Float[Array, "t 10 10"],
     usable: Any,
-) -> tuple[Array, Array]:
+) -> tuple[Float[Array, " t"], Float[Array, " t"]]:
     """Condition of the corrected directions, eq. (P2) of `poses`, and their stretch.
 
     A step E of the natural parameters changes the scale along a direction w by w'Ew.

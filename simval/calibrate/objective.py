@@ -79,7 +79,12 @@ def pose_objective(
     return objective
 
 
-def _curve(x: Array, slopes: Any, dc: Array, dq: Array) -> Array:
+def _curve(
+    x: Float[Array, "t n 3"],
+    slopes: Any,
+    dc: Float[Array, "t 10 9"],
+    dq: Float[Array, "t 10 9"],
+) -> Float[Array, "t 9 9"]:
     # Curvature by the parameters from the curvature by (c, q).
     left, other = np.swapaxes(dc, -1, -2), np.swapaxes(dq, -1, -2)
     total = left @ moment_matrix(x, slopes.cc) @ dc

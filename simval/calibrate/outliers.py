@@ -52,9 +52,9 @@ class Outliers:
     flagged : Array of bool
         Which poses are outliers, (n,).
     distance : Array
-        Signed distance to the ellipsoid of the others, raw units, (n,).
+        Signed distance to the ellipsoid of the others, raw units.
     standardized : Array
-        Deletion residual of each pose in standard deviations, (n,); NaN where the
+        Deletion residual of each pose in standard deviations; NaN where the
         poses that belong leave no freedom.
     chi2 : float
         Chi-square of the poses that belong; NaN without sigma.
@@ -177,7 +177,9 @@ def _exhaustive(deletion: Deletion, k: int) -> list[int]:
     return list(found)
 
 
-def _best_pair(annihilator: Array, residual: Array) -> tuple[float, tuple[int, int]]:
+def _best_pair(
+    annihilator: Float[Array, "n n"], residual: Float[Array, " n"]
+) -> tuple[float, tuple[int, int]]:
     # greatest drop r_K' (P_KK)^-1 r_K over all pairs K
     room, square = np.diagonal(annihilator), residual**2
     determinant = np.outer(room, room) - annihilator**2

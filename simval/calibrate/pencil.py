@@ -47,7 +47,7 @@ NOISE_MARGIN = 7.0
 GREATEST_NOISE = 0.1
 
 
-def _gradients() -> Array:
+def _gradients() -> Float[Array, "3 9 4"]:
     # (3, 9, 4): derivative of each monomial by an axis, linear in x, y, z, 1
     result = np.zeros((3, 9, 4))
     for axis in range(3):
@@ -62,7 +62,9 @@ _GRADIENTS = _gradients()
 _GRADIENTS.setflags(write=False)
 
 
-def pencil(moments: Float[Array, "t 10 10"]) -> tuple[Array, Array]:
+def pencil(
+    moments: Float[Array, "t 10 10"],
+) -> tuple[Float[Array, "t 9 9"], Float[Array, "t 9 9"]]:
     """The two matrices of eq. (N1)."""
     mean = moments[:, :9, 9]
     total = moments[:, 9, 9, None, None]

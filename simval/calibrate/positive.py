@@ -14,7 +14,7 @@ from simval.arrays import Array
 
 def solve_positive(
     matrices: Float[Array, "t p p"], right: Float[Array, "t p k"]
-) -> tuple[Array, Array]:
+) -> tuple[Float[Array, "t p k"], Float[Array, " t"]]:
     """Solve N x = r by Cholesky after scaling N to a unit diagonal."""
     size = matrices.shape[-1]
     n = np.moveaxis(matrices, 0, -1).copy()

@@ -30,17 +30,17 @@ class Quadric:
     Attributes
     ----------
     gram : Array
-        The quadratic part, (t, 3, 3).
+        The quadratic part.
     slopes : Array
-        Its derivatives by the first six parameters, (t, 6, 3, 3).
+        Its derivatives by the first six parameters, or by none of them.
     bias : Array
-        The centre, (t, 3).
+        The centre.
     values : Array
-        The ten coefficients v, (t, 10).
+        The ten coefficients v.
     """
 
     gram: Float[Array, "t 3 3"]
-    slopes: Float[Array, "t 6 3 3"]
+    slopes: Float[Array, "t k 3 3"]
     bias: Float[Array, "t 3"]
     values: Float[Array, "t 10"]
 
@@ -78,7 +78,13 @@ def distance_quadric(residual: Quadric) -> Quadric:
     return _quadric(gram, slopes, residual.bias, constant=0.0)
 
 
-def _quadric(gram: Array, slopes: Array, bias: Array, *, constant: float) -> Quadric:
+def _quadric(
+    gram: Float[Array, "t 3 3"],
+    slopes: Float[Array, "t k 3 3"],
+    bias: Float[Array, "t 3"],
+    *,
+    constant: float,
+) -> Quadric:
     linear = np.matvec(gram, bias)
     values = np.empty((gram.shape[0], 10))
     for axis in range(3):
@@ -92,7 +98,7 @@ def _quadric(gram: Array, slopes: Array, bias: Array, *, constant: float) -> Qua
 
 def residual_values(
     model: str, theta: Float[Array, "t 9"], z: Float[Array, "t n 3"]
-) -> tuple[Array, Array]:
+) -> tuple[Float[Array, "t n"], Float[Array, "t n"]]:
     """The quadrics c and q of each reading, without derivatives."""
     m = forms.matrix(model, theta)
     gram = np.swapaxes(m, -1, -2) @ m
@@ -107,7 +113,9 @@ def residual_values(
     return c, q
 
 
-def evaluate(quadrics: Sequence[Quadric], z: Float[Array, "t n 3"]) -> list[Array]:
+def evaluate(
+    quadrics: Sequence[Quadric], z: Float[Array, "t n 3"]
+) -> list[Float[Array, "t n"]]:
     """Values of some quadrics at each reading, in one pass."""
     columns = np.stack([quadric.values for quadric in quadrics], axis=-1)
     result = np.empty((len(quadrics), *z.shape[:-1]))

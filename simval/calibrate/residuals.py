@@ -47,11 +47,11 @@ class Slopes:
     Attributes
     ----------
     cost : Array
-        Half the cost of each pose, (t, n).
+        Half the cost of each pose.
     c, q : Array
-        Slopes, (t, n).
+        Slopes.
     cc, cq, qq : Array
-        Curvature used in the step, (t, n).
+        Curvature used in the step.
     """
 
     cost: Float[Array, "t n"]

@@ -32,7 +32,7 @@ def minimize_reweighted(
     rules: Rules,
     slack: float,
     shares: Float[Array, " n"] | None = None,
-) -> tuple[Solution, Array | None]:
+) -> tuple[Solution, Float[Array, "t n"] | None]:
     """Solve with weights renewed between rounds."""
     count = len(theta)
     result, gradient = theta.copy(), np.full(count, np.nan)
@@ -77,17 +77,19 @@ def minimize_reweighted(
 
 
 def _distances(
-    model: str, residual: str, theta: Array, x: Array
-) -> tuple[Array, Array]:
-    # Weight of the residual and distance to the ellipsoid of each pose, (t, n).
+    model: str, residual: str, theta: Float[Array, "t 9"], x: Float[Array, "t n 3"]
+) -> tuple[Float[Array, "t n"], Float[Array, "t n"]]:
+    # Weight of the residual and distance to the ellipsoid of each pose.
     c, q = quadric.residual_values(model, theta, x)
     distance = np.abs(c) / (2.0 * np.sqrt(q))
     weights = 0.25 / q if residual == "weighted" else np.ones_like(q)
     return weights, distance
 
 
-def _scale(distance: Array, noise: Array | None, rows: Any) -> Array:
-    # Scale of the distances: the known noise, else their median, (t,).
+def _scale(
+    distance: Float[Array, "t n"], noise: Float[Array, "batch n"] | None, rows: Any
+) -> Float[Array, " t"]:
+    # Scale of the distances: the known noise, else their median.
     if noise is not None:
         return noise[rows].max(axis=-1)
     poses = distance.shape[-1]

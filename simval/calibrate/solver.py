@@ -71,13 +71,13 @@ class Local:
     Attributes
     ----------
     cost : Array
-        Half the sum of squared residuals, (t,).
+        Half the sum of squared residuals.
     gradient : Array
-        Its gradient, (t, 9).
+        Its gradient.
     normal : Array
-        J'J, (t, 9, 9).
+        J'J.
     hessian : Array
-        The full Hessian for Newton's method; `normal` for the others, (t, 9, 9).
+        The full Hessian for Newton's method; `normal` for the others.
     """
 
     cost: Float[Array, " t"]
@@ -115,13 +115,13 @@ class Solution:
     Attributes
     ----------
     theta : Array
-        Parameters, (t, 9).
+        Parameters.
     code : Array
         A `Code` for each trial, (t,).
     iterations : Array
         Steps tried, (t,).
     gradient_norm : Array
-        Norm of the last gradient that was needed, (t,).
+        Norm of the last gradient that was needed.
     """
 
     theta: Float[Array, "t 9"]
@@ -183,13 +183,13 @@ def minimize(
 class _Trials:
     # the trials that still iterate, one row each
     rows: Any
-    theta: Array
+    theta: Float[Array, "t 9"]
     here: Local
-    mean: Array  # of the diagonal of J'J at the start
-    damping: Array
-    length: Array
-    last: Array  # size of the last step, eq. (L1)
-    slack: Array
+    mean: Float[Array, " t"]  # of the diagonal of J'J at the start
+    damping: Float[Array, " t"]
+    length: Float[Array, " t"]
+    last: Float[Array, " t"]  # size of the last step, eq. (L1)
+    slack: Float[Array, " t"]
 
     def take(self, keep: Any) -> "_Trials":
         normal = self.here.normal[keep]
@@ -204,7 +204,12 @@ class _Trials:
         return _Trials(here=local, **{n: getattr(self, n)[keep] for n in names})
 
     def leave(
-        self, ended: Solution, which: Any, theta: Array, iteration: int, code: Code
+        self,
+        ended: Solution,
+        which: Any,
+        theta: Float[Array, "t 9"],
+        iteration: int,
+        code: Code,
     ) -> None:
         gone = self.rows[which]
         ended.theta[gone] = theta[which]
@@ -217,8 +222,8 @@ class _Trials:
 def _advance(
     objective: Objective,
     trials: _Trials,
-    there: Array,
-    size: Array,
+    there: Float[Array, "t 9"],
+    size: Float[Array, " t"],
     ended: Solution,
     iteration: int,
 ) -> _Trials:
@@ -247,8 +252,8 @@ def _advance(
     return moved.take(~stop)
 
 
-def _step(here: Local, method: str, damping: Array) -> Array:
-    # The full step of each trial, (t, 9).
+def _step(here: Local, method: str, damping: Float[Array, " t"]) -> Float[Array, "t 9"]:
+    # The full step of each trial.
     right = -here.gradient[..., None]
     if method == "lm":
         matrices = here.normal + damping[:, None, None] * np.eye(9)

@@ -29,9 +29,9 @@ class Ellipsoid:
     Attributes
     ----------
     gram : Array
-        A = M'M, (t, 3, 3); NaN where the poses do not fix an ellipsoid.
+        A = M'M; NaN where the poses do not fix an ellipsoid.
     bias : Array
-        Its centre, (t, 3).
+        Its centre.
     determined : Array
         Whether the nine monomials of the poses have full rank, (t,) of bool.
     proper : Array

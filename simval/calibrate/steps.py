@@ -17,7 +17,8 @@ and more (`breaks`), one bias a single degree of freedom.
 """
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
+from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.calibrate.breaks import Change, change
@@ -81,9 +82,13 @@ def find_step(poses: Float[Array, "n 3"]) -> Change | None:
 
 
 def _squares(
-    z: Array, start: Array, zero: Array, places: Array, columns: Array
-) -> Array:
-    # least sum of squared distances with a step at each place, (places,)
+    z: Float[Array, "n 3"],
+    start: Float[Array, "9"],
+    zero: Float[Array, "3"],
+    places: Int[NDArray[np.intp], " places"],
+    columns: Float[Array, "6 k"],
+) -> Float[Array, " places"]:
+    # least sum of squared distances with a step at each place
     later = np.arange(len(z)) >= places[:, None]
     p = np.tile(start, (len(places), 1))
     change = np.zeros((len(places), columns.shape[1]))

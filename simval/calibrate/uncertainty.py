@@ -45,17 +45,17 @@ class Summary:
     Attributes
     ----------
     covariance : Array
-        Covariance of theta, (t, 9, 9); NaN where there is none.
+        Covariance of theta; NaN where there is none.
     cost : Array
-        Sum of squared residuals, (t,).
+        Sum of squared residuals.
     rms : Array
-        Root mean square of the norm less one, (t,).
+        Root mean square of the norm less one.
     chi2_per_dof : Array
-        Chi-square per degree of freedom, (t,); NaN without sigma.
+        Chi-square per degree of freedom; NaN without sigma.
     distance_std : Array
-        Standard deviation of the distances, by degree of freedom, (t,).
+        Standard deviation of the distances, by degree of freedom.
     steepness : Array
-        Root mean square of the gradient of c, (t,).
+        Root mean square of the gradient of c.
     """
 
     covariance: Float[Array, "t 9 9"]
@@ -117,15 +117,22 @@ def summarize(
     )
 
 
-def _weights(residual: str, q: Array, shares: Array | None) -> Array | None:
-    # a of eq. (U1), (t, n); None for 1
+def _weights(
+    residual: str, q: Float[Array, "t n"], shares: Float[Array, " n"] | None
+) -> Float[Array, "t n"] | None:
+    # a of eq. (U1); None for 1
     if residual not in WEIGHTED:
         return None
     return 0.25 / q if shares is None else 0.25 / q * shares
 
 
-def _least_scatter(dv: Array, z: Array, c: Array, q: Array) -> Array:
-    # eq. (U2), (t,)
+def _least_scatter(
+    dv: Float[Array, "t 10 9"],
+    z: Float[Array, "t n 3"],
+    c: Float[Array, "t n"],
+    q: Float[Array, "t n"],
+) -> Float[Array, " t"]:
+    # eq. (U2)
     w = 0.25 / q
     pull = np.vecmat(weighted_sum(z, w * c), dv)
     back = solve_positive(_contract(dv, moment_matrix(z, w)), pull[..., None])[0]
@@ -133,8 +140,10 @@ def _least_scatter(dv: Array, z: Array, c: Array, q: Array) -> Array:
     return np.maximum(least, 0.0) / (z.shape[1] - 9)  # rounding may leave -1e-32
 
 
-def _huber_variance(distance: Array, ratio: Array, loss: str) -> Array:
-    # eq. (U3), (t,)
+def _huber_variance(
+    distance: Float[Array, "t n"], ratio: Float[Array, "t n"], loss: str
+) -> Float[Array, " t"]:
+    # eq. (U3)
     count = distance.shape[-1]
     pull = distance * LOSSES[loss].weight(ratio)
     slope = LOSSES[loss].slope(ratio)
@@ -144,7 +153,12 @@ def _huber_variance(distance: Array, ratio: Array, loss: str) -> Array:
     return np.asarray(inflation**2 * total / mean**2)
 
 
-def _sandwich(dv: Array, z: Array, a: Array | None, middle: Array) -> Array:
+def _sandwich(
+    dv: Float[Array, "t 10 9"],
+    z: Float[Array, "t n 3"],
+    a: Float[Array, "t n"] | None,
+    middle: Float[Array, "t n"],
+) -> Float[Array, "t 9 9"]:
     # eq. (U1) with `middle` the variance of c in each pose
     normal = _contract(dv, moment_matrix(z, a))
     inverse = solve_positive(normal, np.broadcast_to(np.eye(9), normal.shape))[0]
@@ -152,6 +166,8 @@ def _sandwich(dv: Array, z: Array, a: Array | None, middle: Array) -> Array:
     return inverse @ _contract(dv, moment_matrix(z, weights)) @ inverse
 
 
-def _contract(dv: Array, moments: Array) -> Array:
+def _contract(
+    dv: Float[Array, "t 10 9"], moments: Float[Array, "t 10 10"]
+) -> Float[Array, "t 9 9"]:
     # Sum of w_k d_k d_k' from the moment matrix with those weights.
     return np.swapaxes(dv, -1, -2) @ (moments @ dv)

@@ -8,6 +8,7 @@ from typing import Any
 import click
 import numpy as np
 from click.decorators import FC
+from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate import FitResult
@@ -158,8 +159,8 @@ def _matrix_lines(fit: FitResult) -> list[str]:
     return [f"force = {product}, with {name} =", *(f"  {row}" for row in rows)]
 
 
-def _bound(result: LogCalibration) -> Array:
-    # square root of the Cramer-Rao bound on each variance, (9,)
+def _bound(result: LogCalibration) -> Float[Array, "9"]:
+    # square root of the Cramer-Rao bound on each variance
     if result.predicted is None:
         return np.full(9, np.nan)
     return np.sqrt(np.diagonal(result.predicted.cramer_rao))

@@ -301,7 +301,7 @@ def _entry(entry: Any) -> Entry:
     return found
 
 
-def _numbers(entry: Entry) -> Iterable[float]:
+def _numbers(entry: Entry) -> Iterable[Any]:
     value = 0.0 if entry.value is None else entry.value
     claimed = (x for j in entry.judged.values() for x in (j.prediction, j.remainder))
     return (value, entry.error, *claimed)

@@ -33,7 +33,7 @@ _ISO = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d{1,9})?)?Z?")
 
 def read_clock(
     table: Table, column: Column | None, rate: float | None
-) -> tuple[Array, float, float]:
+) -> tuple[Float[Array, " n"], float, float]:
     """Return the times of a log's rows, their rate, and the clock's unit.
 
     Raises
@@ -52,7 +52,7 @@ def read_clock(
 
 def _times(
     table: Table, column: Column, rate: float | None
-) -> tuple[Array | None, float]:
+) -> tuple[Float[Array, " n"] | None, float]:
     # times in seconds, and the clock's unit; no times for a clock in words where the
     # caller states the rate
     if not table.is_text(column.place):
@@ -100,7 +100,9 @@ def _no_clock(table: Table) -> str:
     )
 
 
-def _second(table: Table, column: Column, time: Array, rate: float | None) -> float:
+def _second(
+    table: Table, column: Column, time: Float[Array, " n"], rate: float | None
+) -> float:
     # seconds in one unit of the clock
     if column.unit:
         return SECONDS[column.unit]
@@ -119,7 +121,7 @@ def _second(table: Table, column: Column, time: Array, rate: float | None) -> fl
     raise InputError(_unknown_unit(table, column, median))
 
 
-def _median_step(time: Array) -> float:
+def _median_step(time: Float[Array, " n"]) -> float:
     return float(np.median(np.diff(time))) if len(time) > 1 else 0.0
 
 
@@ -143,7 +145,7 @@ def _unknown_unit(table: Table, column: Column, step: float) -> str:
     )
 
 
-def _checked_rate(table: Table, time: Array, rate: float | None) -> float:
+def _checked_rate(table: Table, time: Float[Array, " n"], rate: float | None) -> float:
     # rate from the times, Hz; they must increase without a gap
     if len(time) < 2:
         msg = f"{table.path} has one row; a log needs many more to show a rest"

@@ -28,8 +28,8 @@ class ArrayTable:
         """Return the number of rows."""
         return len(self.values)
 
-    def numbers(self, places: list[int]) -> Array:
-        """Return the columns at these places, (n, len(places))."""
+    def numbers(self, places: list[int]) -> Float[Array, "n columns"]:
+        """Return the columns at these places."""
         return self.values[:, places]
 
     def texts(self, place: int) -> list[str]:

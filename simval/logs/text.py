@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool, Float
+from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.errors import InputError
@@ -30,8 +32,8 @@ class TextTable:
         """Return the number of rows."""
         return len(self.lines)
 
-    def numbers(self, places: list[int]) -> Array:
-        """Return the columns at these places, (n, len(places)).
+    def numbers(self, places: list[int]) -> Float[Array, "n columns"]:
+        """Return the columns at these places.
 
         Raises
         ------
@@ -123,8 +125,10 @@ def _first_row(dialect: Dialect, lines: list[Line]) -> int | None:
     return None
 
 
-def _usual_numbers(dialect: Dialect, lines: list[Line]) -> Array:
-    # columns that hold numbers in most of the last lines, (width,)
+def _usual_numbers(
+    dialect: Dialect, lines: list[Line]
+) -> Bool[NDArray[np.bool_], " n"]:
+    # columns that hold numbers in most of the last lines
     rows = [dialect.numbers(line) for _, line in lines[-64:]]
     rows = [row for row in rows if len(row) == dialect.width]
     if not rows:

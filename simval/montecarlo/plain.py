@@ -57,7 +57,7 @@ class Sums:
 
     batches: int
     batch: int
-    mean: Array
+    mean: Float[Array, " m"]
     scatter: Float[Array, "m m"]
 
     @property
@@ -176,7 +176,9 @@ def simulate(
         return reduce(merged, _in_order(pool, work, groups, 4 * threads))
 
 
-def _finite(means: Array, errors: Array, number: int) -> Array:
+def _finite(
+    means: Float[Array, "batches m"], errors: Float[Array, "p n"], number: int
+) -> Float[Array, "batches m"]:
     if not np.isfinite(means).all():
         bad = int(np.count_nonzero(~np.isfinite(errors).all(axis=0)))
         msg = (
@@ -284,7 +286,7 @@ def _upper(p: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return np.triu_indices(p)
 
 
-def _variance(sums: Sums) -> Float[Array, " M1"]:
+def _variance(sums: Sums) -> Float[Array, "m m"]:
     """Covariance of the mean features, eq. (M1)."""
     if not sums.batches >= 2:
         msg = f"{sums.batches} batch of samples has no standard error; use 2 or more"
@@ -292,7 +294,7 @@ def _variance(sums: Sums) -> Float[Array, " M1"]:
     return sums.scatter / (sums.batches * (sums.batches - 1))
 
 
-def _symmetric(upper: Array, p: int) -> Array:
+def _symmetric(upper: Float[Array, " m"], p: int) -> Float[Array, "p p"]:
     full = np.zeros((p, p))
     rows, columns = _upper(p)
     full[rows, columns] = full[columns, rows] = upper

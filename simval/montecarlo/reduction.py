@@ -89,7 +89,7 @@ class Taylor:
         bent = (self.bend.reshape(p * d, d) @ x).reshape(p, d, -1)
         return self.slope @ x + 0.5 * np.einsum("pdn,dn->pn", bent, x)
 
-    def features(self) -> Array:
+    def features(self) -> Float[Array, " m"]:
         """Means of its features for standard normal noise, eq. (R1), (p (p + 3) / 2,).
 
         Returns
@@ -210,7 +210,7 @@ def _random_means(
     method: Method,
     samples: int,
     block: int,
-) -> Array:
+) -> Float[Array, "batches m"]:
     controlled = method in ("control", "both")
     paired = method in PAIRED
     polynomial = taylor(errors, dimension) if controlled else None
@@ -232,7 +232,7 @@ def _random_means(
     return np.concatenate(blocks)
 
 
-def _shifted(polynomial: Taylor, zero: Array | float) -> Array:
+def _shifted(polynomial: Taylor, zero: Array | float) -> Float[Array, " m"]:
     """Means of the features of the polynomial plus a constant."""
     known = polynomial.features()
     p = len(polynomial.slope)
@@ -245,7 +245,7 @@ def _shifted(polynomial: Taylor, zero: Array | float) -> Array:
 
 def _sobol_means(
     errors: Errors, streams: Streams, dimension: int, samples: int
-) -> tuple[Array, int]:
+) -> tuple[Float[Array, "batches m"], int]:
     # powers of two keep the points balanced
     power = max(MIN_POWER, int(np.ceil(np.log2(samples / SCRAMBLINGS))))
     means = []

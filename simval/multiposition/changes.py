@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 from scipy import special
 
 from simval.arrays import Array
@@ -188,7 +189,9 @@ def other_unit(rests: Rests, fit: FitResult | None, detect: Detector) -> str | N
     return None
 
 
-def _gravity(inside: Array, others: Array, fit: FitResult | None) -> float:
+def _gravity(
+    inside: Float[Array, "m 3"], others: Float[Array, "k 3"], fit: FitResult | None
+) -> float:
     # of some rests over that of the others
     if fit is not None:
         length = np.linalg.norm(fit.sensor().correct(inside), axis=-1) / fit.g

@@ -218,7 +218,7 @@ def _whole(rests: Rests) -> str:
     return rests.rows(rests.intervals[0, 0], rests.intervals[-1, 1])
 
 
-def _most_alike(centred: Array) -> tuple[int, int]:
+def _most_alike(centred: Float[Array, "n 3"]) -> tuple[int, int]:
     size = np.linalg.norm(centred, axis=0)
     size[size == 0.0] = 1.0
     alike = np.abs((centred / size).T @ (centred / size))
@@ -226,7 +226,7 @@ def _most_alike(centred: Array) -> tuple[int, int]:
     return max(pairs, key=lambda pair: float(alike[pair]))
 
 
-def _left_over(centred: Array, axis: int) -> float:
+def _left_over(centred: Float[Array, "n 3"], axis: int) -> float:
     # root mean square of an axis that the other two do not explain
     others = np.delete(centred, axis, axis=1)
     part = np.linalg.lstsq(others, centred[:, axis], rcond=None)[0]

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from numpy.typing import NDArray
 
 from simval.arrays import Array, finite_array
 from simval.errors import InputError, PluginError
@@ -34,11 +35,11 @@ class Calibration:
     Attributes
     ----------
     matrix : Array
-        Raw readings less bias to specific force, (3, 3).
+        Raw readings less bias to specific force.
     bias : Array
-        Raw units, (3,).
+        Raw units.
     covariance : Array or None
-        Of the nine parameters, in the declared form, (9, 9).
+        Of the nine parameters, in the declared form.
     dof : int or None
         Degrees of freedom of a covariance of type A; None where its size is known.
     """
@@ -48,7 +49,7 @@ class Calibration:
     covariance: Float[Array, "9 9"] | None = None
     dof: int | None = None
 
-    def parameters(self, form: str) -> Array:
+    def parameters(self, form: str) -> Float[Array, "9"]:
         """Bring it to one of the forms: norms fix no more."""
         return forms.from_gram(form, self.matrix.T @ self.matrix, self.bias)
 
@@ -200,7 +201,7 @@ def _array(name: str, what: str, value: Any, *shapes: tuple[int, ...]) -> Array:
         raise PluginError(msg) from None
 
 
-def _fault(array: np.ndarray[Any, Any]) -> str:
+def _fault(array: NDArray[np.generic]) -> str:
     """First entry that is no real number of a double's range, with its place."""
     if array.dtype.kind in "iuf":
         return ""
@@ -215,7 +216,7 @@ def _fault(array: np.ndarray[Any, Any]) -> str:
     return ""
 
 
-def _check_covariance(name: str, matrices: Array) -> None:
+def _check_covariance(name: str, matrices: Float[Array, "... p p"]) -> None:
     scale = np.abs(matrices).max(axis=(-2, -1), keepdims=True)
     skew = np.abs(matrices - np.swapaxes(matrices, -1, -2)) / np.maximum(scale, 1e-300)
     if not float(skew.max()) <= 1e-9:

@@ -16,6 +16,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.errors import PluginError, UnusablePluginError
@@ -53,13 +54,15 @@ def command_calibrator(algorithm: str) -> Calibrator:
         )
         raise UnusablePluginError(msg)
 
-    def calibrate(poses: Array, g: float, noise_std: float) -> Any:
+    def calibrate(poses: Float[Array, "n 3"], g: float, noise_std: float) -> Any:
         return _answer(words, poses, g, noise_std)
 
     return Calibrator(name=Path(words[0]).name, calibrate=calibrate, noise_std=True)
 
 
-def _answer(words: list[str], poses: Array, g: float, noise_std: float) -> Any:
+def _answer(
+    words: list[str], poses: Float[Array, "n 3"], g: float, noise_std: float
+) -> Any:
     with TemporaryDirectory(
         prefix="simval-command-", ignore_cleanup_errors=True
     ) as name:

@@ -41,7 +41,7 @@ def rotation_error(
 
 
 def probe_covariance(
-    estimator: Estimator, truth: Float[Array, "n 4"], vectors: list[Array]
+    estimator: Estimator, truth: Float[Array, "n 4"], vectors: list[Float[Array, "n 3"]]
 ) -> None:
     """Check the leading term of a covariance.
 
@@ -81,8 +81,11 @@ def probe_covariance(
 
 
 def _leading(
-    estimator: Estimator, truth: Array, vectors: list[Array], side: str
-) -> Array:
+    estimator: Estimator,
+    truth: Float[Array, "n 4"],
+    vectors: list[Float[Array, "n 3"]],
+    side: str,
+) -> Float[Array, "n 3 3"]:
     """J J' of the estimator, by central differences: covariance for unit noise."""
     total = np.zeros((len(truth), 3, 3))
     for which, axis in product(range(4), range(3)):
@@ -97,5 +100,5 @@ def _leading(
     return total
 
 
-def _trace(matrices: Array) -> Array:
+def _trace(matrices: Float[Array, "n 3 3"]) -> Float[Array, " n"]:
     return np.trace(matrices, axis1=-2, axis2=-1)

@@ -10,6 +10,7 @@ hold what its rows are alone, for large batches are what is measured.
 from itertools import product
 
 import numpy as np
+from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.errors import PluginError
@@ -134,20 +135,26 @@ def probe_sensor() -> AccelerometerModel:
     return AccelerometerModel.from_parameters(values)
 
 
-def _observations(count: int, rng: np.random.Generator) -> tuple[Array, list[Array]]:
+def _observations(
+    count: int, rng: np.random.Generator
+) -> tuple[Float[Array, "count 4"], list[Float[Array, "count 3"]]]:
     q = random_quaternions(count, rng)
     r1, r2 = (normalize(rng.standard_normal((count, 3))) for _ in range(2))
     return q, _seen(q, r1, r2)
 
 
-def _with_extremes(q: Array, vectors: list[Array]) -> tuple[Array, list[Array]]:
+def _with_extremes(
+    q: Float[Array, "n 4"], vectors: list[Float[Array, "n 3"]]
+) -> tuple[Float[Array, "n 4"], list[Float[Array, "n 3"]]]:
     q = q.copy()
     q[-2] = [1.0, 0.0, 0.0, 0.0]  # a half turn, and nearly no turn at all
     q[-1] = normalize(np.array([0.0, 1e-3, 0.0, 1.0]))
     return q, _seen(q, *vectors[2:])
 
 
-def _seen(q: Array, r1: Array, r2: Array) -> list[Array]:
+def _seen(
+    q: Float[Array, "n 4"], r1: Float[Array, "n 3"], r2: Float[Array, "n 3"]
+) -> list[Float[Array, "n 3"]]:
     A = attitude_matrix(q)
     return [*(np.einsum("nij,nj->ni", A, r) for r in (r1, r2)), r1, r2]
 
@@ -172,7 +179,9 @@ def _probe_batch(estimator: Estimator, count: int) -> None:
     _probe_rows(estimator, noisy, _unchanged(estimator, noisy), rows)
 
 
-def _unchanged(estimator: Estimator, vectors: list[Array]) -> Array:
+def _unchanged(
+    estimator: Estimator, vectors: list[Float[Array, "n 3"]]
+) -> Float[Array, "n 4"]:
     """Attitudes from vectors that the estimator may not change."""
     given = [v.copy() for v in vectors]
     q = quaternions_of(estimator, *given)
@@ -183,7 +192,10 @@ def _unchanged(estimator: Estimator, vectors: list[Array]) -> Array:
 
 
 def _probe_rows(
-    estimator: Estimator, vectors: list[Array], q: Array, rows: list[int]
+    estimator: Estimator,
+    vectors: list[Float[Array, "n 3"]],
+    q: Float[Array, "n 4"],
+    rows: list[int],
 ) -> None:
     """Check that rows of a batch, and their covariances, are what they are alone."""
     claimed = _claimed(estimator, vectors)
@@ -201,7 +213,9 @@ def _probe_rows(
             raise PluginError(msg)
 
 
-def _claimed(estimator: Estimator, vectors: list[Array]) -> Array:
+def _claimed(
+    estimator: Estimator, vectors: list[Float[Array, "n 3"]]
+) -> Float[Array, "n 3 3"]:
     if estimator.covariance is None:
         return np.zeros((len(vectors[0]), 3, 3))
     given = [v.copy() for v in vectors]
@@ -210,7 +224,9 @@ def _claimed(estimator: Estimator, vectors: list[Array]) -> Array:
     )
 
 
-def _other_convention(estimator: Estimator, truth: Array, vectors: list[Array]) -> str:
+def _other_convention(
+    estimator: Estimator, truth: Float[Array, "n 4"], vectors: list[Float[Array, "n 3"]]
+) -> str:
     raw = np.asarray(estimator.estimate(*(v.copy() for v in vectors)), dtype=float)
     for components, matrix in product(("xyzs", "sxyz"), ("active", "passive")):
         q = package_quaternion(normalize(raw), components, matrix)
@@ -222,7 +238,9 @@ def _other_convention(estimator: Estimator, truth: Array, vectors: list[Array]) 
     )
 
 
-def _calibration_errors(found: Calibration, sensor: AccelerometerModel) -> Array:
+def _calibration_errors(
+    found: Calibration, sensor: AccelerometerModel
+) -> Float[Array, "9"]:
     truth = sensor.parameters
     off = np.abs(found.parameters("triangular") - truth)
     off[6:] /= np.abs(truth[6:]).max()

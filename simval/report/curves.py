@@ -30,9 +30,9 @@ class Curve:
     label : str
         Of the group of cells.
     x : Array
-        The axis, ascending, (n,).
+        The axis, ascending.
     value, error, prediction : Array
-        Statistic, its standard error and its prediction (NaN without one), (n,).
+        Statistic, its standard error and its prediction (NaN without one).
     """
 
     label: str

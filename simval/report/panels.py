@@ -30,7 +30,7 @@ class Series:
         Points, (n,). What is not finite, or not positive on a logarithmic axis, is
         not drawn.
     band : Array or None
-        Half width of the confidence band about each y, (n,).
+        Half width of the confidence band about each y.
     colour : str
         A colour.
     line : str
@@ -88,7 +88,7 @@ class SpherePanel:
     title : str
         Words.
     directions : Array
-        Unit vectors, (n, 3); those of the other half are not drawn.
+        Unit vectors; those of the other half are not drawn.
     sign : float
         1 for z >= 0, -1 for z <= 0.
     """
@@ -109,7 +109,7 @@ class BarPanel:
     names : sequence of str
         The parts, from top to bottom.
     measured, band, predicted : Array
-        Value, half width of its confidence band and prediction, (n,); a prediction
+        Value, half width of its confidence band and prediction; a prediction
         that is not finite is not drawn.
     """
 

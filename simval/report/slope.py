@@ -77,7 +77,9 @@ def fitted_slope(
     return Slope(k, Z95 / length)
 
 
-def _shape(k: float, z: Array, error: Array) -> Array:
+def _shape(
+    k: float, z: Float[Array, " n"], error: Float[Array, " n"]
+) -> Float[Array, " n"]:
     """Weighted curve x^k of unit length."""
     exponent = k * z
     curve = np.exp(exponent - exponent.max()) / error

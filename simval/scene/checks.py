@@ -123,6 +123,8 @@ def _first(flag: Any) -> int:
     return int(np.argmax(flag))
 
 
-def _fail(scene: str, what: str, row: int, time: Array, advice: str) -> None:
+def _fail(
+    scene: str, what: str, row: int, time: Float[Array, " n"], advice: str
+) -> None:
     msg = f"scene {scene}: {what}, first at row {row}, t = {time[row]:.4f} s; {advice}"
     raise SimulationError(msg)

@@ -111,8 +111,8 @@ def _columns(model: mujoco.MjModel, sensor: str) -> NDArray[np.intp]:
 
 def _controls(
     model: mujoco.MjModel, scripts: Sequence[Script]
-) -> tuple[int, Array | None]:
-    # inputs of all runs side by side in MuJoCo's order, (runs, n, width)
+) -> tuple[int, Float[Array, "runs n width"] | None]:
+    # inputs of all runs side by side in MuJoCo's order
     for name in scripts[0].inputs:
         if name not in INPUTS:
             msg = f"there is no input `{name}`; a driver may set {', '.join(INPUTS)}"

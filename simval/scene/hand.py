@@ -68,7 +68,7 @@ def tremor(
     return mean
 
 
-def _continuous(quaternion: Array) -> Array:
+def _continuous(quaternion: Float[Array, "n 4"]) -> Float[Array, "n 4"]:
     # the sign that follows the row before: q and -q are one attitude, a jump is not
     dots = np.sum(quaternion[1:] * quaternion[:-1], axis=1)
     sign = np.concatenate([[1.0], np.cumprod(np.where(dots < 0.0, -1.0, 1.0))])

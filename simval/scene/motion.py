@@ -55,7 +55,7 @@ def require_rows(count: int) -> None:
 
 def visit(
     poses: Float[Array, "k m"], first: int, move: int, settle: int, hold: int
-) -> tuple[Array, NDArray[np.intp]]:
+) -> tuple[Float[Array, "n m"], NDArray[np.intp]]:
     """Targets that visit poses one after the other, and the planned rests."""
     poses = np.asarray(poses)
     require_rows(first + (len(poses) - 1) * (move + settle + hold))

@@ -2,6 +2,7 @@
 
 import mujoco
 import numpy as np
+from jaxtyping import Float
 
 from simval.arguments import whole_number
 from simval.arrays import Array
@@ -52,7 +53,7 @@ def drive_thrown(
     )
 
 
-def _dropped(model: mujoco.MjModel, rng: np.random.Generator) -> Array:
+def _dropped(model: mujoco.MjModel, rng: np.random.Generator) -> Float[Array, " nq"]:
     # the model's own position with a random attitude (scalar first for MuJoCo)
     qpos = np.array(model.qpos0)
     start = model.jnt_qposadr[model.body_jntadr[model.body("body").id]] + 3

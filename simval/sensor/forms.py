@@ -19,7 +19,7 @@ positive: norms cannot tell the sign of an axis.
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Inexact
 
 from simval.arguments import choice
 from simval.arrays import GREATEST, Array, finite_array, physical_array, shaped_array
@@ -77,7 +77,9 @@ def entries(model: str) -> tuple[tuple[str, float], ...]:
     return off + known[3:]
 
 
-def matrix(model: str, parameters: Float[Array, "... 9"]) -> Float[Array, "... 3 3"]:
+def matrix(
+    model: str, parameters: Inexact[Array, "... 9"]
+) -> Inexact[Array, "... 3 3"]:
     """Matrix M of a form."""
     result = np.zeros((*parameters.shape[:-1], 3, 3), parameters.dtype)
     if model == "symmetric":
@@ -95,7 +97,7 @@ def matrix(model: str, parameters: Float[Array, "... 9"]) -> Float[Array, "... 3
 
 def factors(
     model: str, parameters: Float[Array, "... 9"]
-) -> tuple[Array, Array, Array]:
+) -> tuple[Float[Array, "... 3 3"], Float[Array, "..."], Float[Array, "... 3"]]:
     """Factors T and K, and bias B, of a form."""
     bias = parameters[..., 6:].copy()
     misalignment = np.zeros((*parameters.shape[:-1], 3, 3)) + np.eye(3)
@@ -125,8 +127,8 @@ def from_factors(model: str, T: Any, K: Any, bias: Any) -> Float[Array, "9"] | N
 
 
 def matrix_derivatives(
-    model: str, parameters: Float[Array, "... 9"]
-) -> Float[Array, "... 6 3 3"]:
+    model: str, parameters: Inexact[Array, "... 9"]
+) -> Inexact[Array, "... 6 3 3"]:
     """First derivatives of M by the six parameters that it depends on."""
     result = np.zeros((*parameters.shape[:-1], 6, 3, 3), parameters.dtype)
     if model == "symmetric":
@@ -177,7 +179,7 @@ def from_gram(
     return result
 
 
-def _upper_factor(gram: Array) -> Array:
+def _upper_factor(gram: Float[Array, "... 3 3"]) -> Float[Array, "... 3 3"]:
     # Upper triangular R with R'R = gram and a positive diagonal; NaN if none.
     factor = np.zeros_like(gram)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -192,7 +194,7 @@ def _upper_factor(gram: Array) -> Array:
     return factor
 
 
-def _square_root(gram: Array) -> Array:
+def _square_root(gram: Float[Array, "... 3 3"]) -> Float[Array, "... 3 3"]:
     # Symmetric positive definite square root; NaN where there is none.
     finite = np.asarray(np.isfinite(gram).all(axis=(-2, -1), keepdims=True))
     values, vectors = np.linalg.eigh(np.where(finite, gram, np.eye(3)))

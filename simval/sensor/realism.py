@@ -185,8 +185,11 @@ def read_sensor(
 
 
 def _felt(
-    effects: Effects, time: Array, force: Array, rng: np.random.Generator
-) -> tuple[Array, Array]:
+    effects: Effects,
+    time: Float[Array, " n"],
+    force: Float[Array, "n 3"],
+    rng: np.random.Generator,
+) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"]]:
     # force with vibration, and the same within the element's range, (E1)
     phase = rng.uniform(0.0, 2.0 * np.pi, 3)
     swing = np.sin(2.0 * np.pi * effects.vibration_hz * time[:, None] + phase)
@@ -197,14 +200,16 @@ def _felt(
     return shaken, np.clip(shaken, -most, most)
 
 
-def _walk(effects: Effects, time: Array, rng: np.random.Generator) -> Array:
+def _walk(
+    effects: Effects, time: Float[Array, " n"], rng: np.random.Generator
+) -> Float[Array, "n 3"]:
     # a Wiener process from zero: increments of variance density^2 dt
     steps = np.sqrt(np.diff(time, prepend=time[:1]))[:, None]
     density = np.asarray(effects.bias_walk_raw_per_sqrt_s)
     return np.cumsum(density * steps * rng.standard_normal((len(time), 3)), axis=0)
 
 
-def _axes(name: str, value: Any) -> Array:
+def _axes(name: str, value: Any) -> Float[Array, "3"]:
     array = physical_array(name, value, ())
     if array.shape not in ((), (3,)) or not np.all(array >= 0.0):
         msg = f"`{name}` is {shown(value)}; give one number or three, each 0 or more"

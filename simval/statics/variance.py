@@ -71,7 +71,9 @@ def variance_magnitude(
     return result
 
 
-def _running(cube: Array) -> tuple[Array, Array]:
+def _running(
+    cube: Float[Array, "m k 3"],
+) -> tuple[Float[Array, "m k 3"], Float[Array, "m k 3"]]:
     # running mean and sum of squared deviations along axis 1
     count = np.arange(1, cube.shape[1] + 1)[:, None]
     total = np.cumsum(cube, axis=1)

@@ -19,6 +19,7 @@ next order, so they see errors of a prediction that plain samples cannot.
 from typing import Annotated
 
 import numpy as np
+from jaxtyping import Float
 from pydantic import Field
 
 from simval.arrays import Array
@@ -90,7 +91,9 @@ class Parameters(StudyParameters):
         return Cost(0.05 + 2.5e-7 * self.samples, 76)
 
 
-def random_geometry(number: int) -> tuple[Array, Array, Array]:
+def random_geometry(
+    number: int,
+) -> tuple[Float[Array, "4"], Float[Array, "3"], Float[Array, "3"]]:
     """True quaternion and reference vectors of a numbered geometry."""
     rng = np.random.default_rng(number)
     return (
@@ -112,11 +115,11 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     A = attitude_matrix(q)
     truth = np.stack([A @ r1, A @ r2, r1, r2]).reshape(12, 1)
 
-    def errors(vectors: Array) -> Array:
+    def errors(vectors: Float[Array, "12 n"]) -> Float[Array, "4 n"]:
         error = normalize_columns(raw_quaternion(vectors, exact.frame))
         return np.subtract(exact.q_true[:, None], error, out=error)
 
-    def sampler(rng: np.random.Generator, count: int) -> Array:
+    def sampler(rng: np.random.Generator, count: int) -> Float[Array, "4 count"]:
         vectors = rng.standard_normal((12, count))
         vectors *= sigma
         vectors += truth
@@ -176,7 +179,9 @@ def _moment_rows(
 def _control_rows(controlled: Moments, exact: AttitudeMoments) -> tuple[Row, ...]:
     """Bias and covariance under the Taylor control variate, beside the exact ones."""
 
-    def flat(bias: Array, covariance: Array) -> Array:
+    def flat(
+        bias: Float[Array, "4"], covariance: Float[Array, "4 4"]
+    ) -> Float[Array, "14"]:
         return np.concatenate([bias, covariance[_UPPER]])
 
     return control(

@@ -13,6 +13,7 @@ from functools import partial
 from typing import Annotated
 
 import numpy as np
+from jaxtyping import Float
 from pydantic import Field
 
 from simval.arrays import Array
@@ -104,7 +105,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 
 def _geometries(
     count: int, rng: np.random.Generator
-) -> list[tuple[Array, Array, Array]]:
+) -> list[tuple[Float[Array, "4"], Float[Array, "3"], Float[Array, "3"]]]:
     found: list[tuple[Array, Array, Array]] = []
     while len(found) < count:
         q = random_quaternions(1, rng)[0]
@@ -114,7 +115,9 @@ def _geometries(
     return found
 
 
-def _predicted(q: Array, r1: Array, r2: Array) -> list[float]:
+def _predicted(
+    q: Float[Array, "4"], r1: Float[Array, "3"], r2: Float[Array, "3"]
+) -> list[float]:
     # mean squared angle for unit noise, in the order of ESTIMATORS; TRIAD has no
     # prediction here and is set beside the bound
     bound = float(np.trace(attitude_bound(q, r1, r2, 1.0).rotation))
@@ -126,9 +129,9 @@ def _predicted(q: Array, r1: Array, r2: Array) -> list[float]:
 
 
 def _simulated(
-    q: Array,
-    r1: Array,
-    r2: Array,
+    q: Float[Array, "4"],
+    r1: Float[Array, "3"],
+    r2: Float[Array, "3"],
     parameters: Parameters,
     rng: np.random.Generator,
 ) -> tuple[list[float], list[float]]:
@@ -139,11 +142,15 @@ def _simulated(
         attitude_error(estimator(*vectors), q) ** 2 for estimator in ESTIMATORS.values()
     ]
     means = [float(np.mean(square)) for square in squares]
-    return means, [float(np.std(s, ddof=1) / np.sqrt(len(s))) for s in squares]
+    root = np.sqrt(parameters.trials)
+    return means, [float(np.std(square, ddof=1) / root) for square in squares]
 
 
 def _ratio_rows(
-    name: str, predicted: Array, simulated: Array, error: Array
+    name: str,
+    predicted: Float[Array, " n"],
+    simulated: Float[Array, " n"],
+    error: Float[Array, " n"],
 ) -> list[Row]:
     rows: list[Row] = []
     for what, pick, most in (
@@ -162,7 +169,7 @@ def _ratio_rows(
     return rows
 
 
-def _scale_row(name: str, scaled: Array, trials: int) -> tuple[Row, ...]:
+def _scale_row(name: str, scaled: Float[Array, " n"], trials: int) -> tuple[Row, ...]:
     # free selection follows the noise, and TRIAD is not predicted: not judged
     statistic, n = SQUARED_ERROR(name), len(scaled) * trials
     value = float(np.mean(scaled))

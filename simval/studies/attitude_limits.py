@@ -10,6 +10,7 @@ selection of the greatest column would have taken another frame than the true ge
 from typing import Annotated
 
 import numpy as np
+from jaxtyping import Float
 from pydantic import Field
 
 from simval.arrays import Array
@@ -60,7 +61,9 @@ class Parameters(StudyParameters):
         return Cost(0.2 + 6e-7 * self.samples, 20)
 
 
-def geometry_of_norm(norm: float) -> tuple[Array, Array, Array]:
+def geometry_of_norm(
+    norm: float,
+) -> tuple[Float[Array, "4"], Float[Array, "3"], Float[Array, "3"]]:
     """An attitude whose plain column has a given length, r1 and r2 at right angles."""
     # e.n = norm with |e| = 0.8: the part of e in the plane of r1 and r2 is the rest
     r1, r2 = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
@@ -77,7 +80,9 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     return Outcome(rows=tuple(rows))
 
 
-def _limit_rows(q: Array, r1: Array, r2: Array) -> list[Row]:
+def _limit_rows(
+    q: Float[Array, "4"], r1: Float[Array, "3"], r2: Float[Array, "3"]
+) -> list[Row]:
     norm = two_vector_geometry(q, r1, r2, "plain").norm
     exact = [attitude_moments(q, r1, r2, norm / r, "exact", "plain") for r in RATIOS]
     rows: list[Row] = []
@@ -100,7 +105,7 @@ def _limit_rows(q: Array, r1: Array, r2: Array) -> list[Row]:
     return rows
 
 
-def _crossing(off: Array, limit: float) -> float | None:
+def _crossing(off: Float[Array, " n"], limit: float) -> float | None:
     # the first ratio, from above, at which the error reaches the limit; between two
     # grid points the log of the error is linear in the log of the ratio
     reached = np.flatnonzero(off >= limit)
@@ -112,7 +117,12 @@ def _crossing(off: Array, limit: float) -> float | None:
 
 
 def _flip_rows(
-    q: Array, r1: Array, r2: Array, sigma: float, samples: int, streams: Streams
+    q: Float[Array, "4"],
+    r1: Float[Array, "3"],
+    r2: Float[Array, "3"],
+    sigma: float,
+    samples: int,
+    streams: Streams,
 ) -> tuple[Row, ...]:
     geometry = two_vector_geometry(q, r1, r2, "plain")
     chance = flip_probability(geometry, noise_covariances(sigma))
@@ -134,6 +144,6 @@ def _flip_rows(
     )
 
 
-def _norms(vectors: Array) -> Array:
+def _norms(vectors: Float[Array, "12 n"]) -> Float[Array, "4 n"]:
     norms: Array = np.linalg.norm(column_matrix(vectors, symmetric=False), axis=1)
     return norms

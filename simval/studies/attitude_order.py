@@ -12,6 +12,7 @@ from functools import partial
 from typing import Annotated, Literal
 
 import numpy as np
+from jaxtyping import Float
 from pydantic import Field
 
 from simval.arrays import Array
@@ -111,7 +112,12 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     return Outcome(rows=tuple(rows))
 
 
-def _shape(parameters: Parameters, q: Array, r1: Array, r2: Array) -> Array:
+def _shape(
+    parameters: Parameters,
+    q: Float[Array, "4"],
+    r1: Float[Array, "3"],
+    r2: Float[Array, "3"],
+) -> Float[Array, "4 3 3"]:
     # covariances (4, 3, 3) whose largest eigenvalue is 1
     if parameters.noise == "isotropic":
         return noise_covariances(1.0)
@@ -125,7 +131,12 @@ def _shape(parameters: Parameters, q: Array, r1: Array, r2: Array) -> Array:
 
 
 def _truth(
-    kind: str, q: Array, r1: Array, r2: Array, noise: Array, second: AttitudeMoments
+    kind: str,
+    q: Float[Array, "4"],
+    r1: Float[Array, "3"],
+    r2: Float[Array, "3"],
+    noise: Float[Array, "4 3 3"],
+    second: AttitudeMoments,
 ) -> Moments:
     if kind == "isotropic":
         return attitude_moments(q, r1, r2, noise, "exact")
@@ -138,7 +149,7 @@ def _truth(
 
 
 def _rows(
-    slope: Family, distance: Family, label: str, gap: Array, order: float
+    slope: Family, distance: Family, label: str, gap: Float[Array, " n"], order: float
 ) -> tuple[Row, ...]:
     fitted = gap > FLOOR
     levels = np.log(LEVELS)

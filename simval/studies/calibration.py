@@ -135,7 +135,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     noise = parameters.noise_std / np.sqrt(forces.shape[1])
     predicted = calibration_moments(sensor, means / g, g=g, noise_std=noise)
 
-    def errors(rng: np.random.Generator, count: int) -> Array:
+    def errors(rng: np.random.Generator, count: int) -> Float[Array, "9 count"]:
         shape = (count, *forces.shape)
         raw = sensor.distort(np.broadcast_to(forces, shape), rng).mean(axis=2)
         fit = calibrate(raw, g=g, covariance=False)

@@ -23,6 +23,7 @@ from math import ceil
 from typing import Annotated
 
 import numpy as np
+from jaxtyping import Float
 from pydantic import Field
 
 from simval.arrays import Array
@@ -107,7 +108,7 @@ def compute(parameters: Parameters, streams: Streams) -> Outcome:
     noise = parameters.noise_std * scale  # raw units
     predicted = calibration_moments(sensor, directions, g=G, noise_std=noise)
 
-    def errors(rng: np.random.Generator, count: int) -> Array:
+    def errors(rng: np.random.Generator, count: int) -> Float[Array, "p count"]:
         raw = clean + noise * rng.standard_normal((count, *clean.shape))
         return np.stack([_error(plugin, poses, noise) for poses in raw], axis=1)
 
@@ -121,7 +122,9 @@ def compute(parameters: Parameters, streams: Streams) -> Outcome:
     return Outcome(rows=tuple(rows))
 
 
-def _error(plugin: Calibrator, poses: Array, noise: float) -> Array:
+def _error(
+    plugin: Calibrator, poses: Float[Array, "n 3"], noise: float
+) -> Float[Array, " p"]:
     """Error of the nine parameters and, with a covariance, its normalised square."""
     found = calibration_of(plugin, poses, G, noise)
     sensor = probe_sensor()

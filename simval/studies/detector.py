@@ -15,6 +15,7 @@ from functools import lru_cache
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from jaxtyping import Float
 from pydantic import Field, field_validator
 
 from simval.arrays import Array
@@ -113,7 +114,9 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     return Outcome(rows=rows, artifacts={name: artifact})
 
 
-def _rows(scores: list[dict[Family, float]], squares: Array) -> tuple[Row, ...]:
+def _rows(
+    scores: list[dict[Family, float]], squares: Float[Array, "n 2"]
+) -> tuple[Row, ...]:
     rows: tuple[Row, ...] = ()
     for family in scores[0]:
         rows += unjudged(
@@ -133,7 +136,11 @@ def _rows(scores: list[dict[Family, float]], squares: Array) -> tuple[Row, ...]:
 
 
 def _artifact(
-    truth: Tumble, raw: Array, intervals: Intervals, spread: Array, threshold: float
+    truth: Tumble,
+    raw: Float[Array, "n 3"],
+    intervals: Intervals,
+    spread: Float[Array, " n"],
+    threshold: float,
 ) -> Mapping[str, Array]:
     # what the report draws: times in s, readings in raw units
     time = np.asarray(truth.time)

@@ -15,6 +15,7 @@ from functools import lru_cache
 from typing import Annotated
 
 import numpy as np
+from jaxtyping import Float
 from pydantic import Field
 
 from simval.arrays import Array
@@ -80,7 +81,7 @@ def tumbles(poses: int, attitudes: int) -> tuple[Trajectory, Wanted]:
     return first, wanted
 
 
-def _rotation() -> Array:
+def _rotation() -> Float[Array, "3 3"]:
     # a fixed rotation that maps no axis near an axis
     columns = np.array([[1.0, 2.0, 3.0], [3.0, -1.0, 1.0], [-2.0, 1.0, 2.0]])
     orthogonal = np.linalg.qr(columns)[0]
@@ -159,14 +160,21 @@ def _estimates(
 
 
 def _calibration_covariance(
-    sensor: AccelerometerModel, force: Array, intervals: Intervals, g: float
-) -> Array:
+    sensor: AccelerometerModel,
+    force: Float[Array, "n 3"],
+    intervals: Intervals,
+    g: float,
+) -> Float[Array, "9 9"]:
     std = sensor.noise_std / np.sqrt(interval_counts(intervals))
     directions = interval_means(force, intervals)
     return calibration_moments(sensor, directions, g, std).covariance
 
 
-def _normalized_square(estimate: Array, truth: Array, covariances: Array) -> float:
+def _normalized_square(
+    estimate: Float[Array, "n 4"],
+    truth: Float[Array, "n 4"],
+    covariances: Float[Array, "n 3 3"],
+) -> float:
     # mean over the poses of one trial, which share its calibration
     step = compose(conjugate(truth), estimate)
     rotation = 2.0 * step[:, :3] * np.sign(step[:, 3:])
@@ -174,7 +182,9 @@ def _normalized_square(estimate: Array, truth: Array, covariances: Array) -> flo
     return float(np.mean(np.sum(rotation * solved, axis=1)))
 
 
-def _root_mean_square(squares: Array) -> tuple[Array, Array]:
+def _root_mean_square(
+    squares: Float[Array, "p n"],
+) -> tuple[Float[Array, " p"], Float[Array, " p"]]:
     # of each row, with its standard error; contiguous, so that sums are pairwise
     squares = np.ascontiguousarray(squares)
     rms = np.sqrt(squares.mean(axis=1))

@@ -181,7 +181,9 @@ def compute(parameters: Parameters, streams: Streams) -> Outcome:
 
 
 def _bias_rows(
-    setting: Setting, predicted: tuple[Array, Array], coarser: tuple[Array, Array]
+    setting: Setting,
+    predicted: tuple[Float[Array, " p"], Float[Array, "p p"]],
+    coarser: tuple[Float[Array, " p"], Float[Array, "p p"]],
 ) -> tuple[Row, ...]:
     """Bias by cubature, and the most that is of second order."""
     mean, covariance = predicted
@@ -200,7 +202,9 @@ def _bias_rows(
 
 
 def _moment_rows(
-    measured: Moments, predicted: tuple[Array, Array], coarser: tuple[Array, Array]
+    measured: Moments,
+    predicted: tuple[Float[Array, " p"], Float[Array, "p p"]],
+    coarser: tuple[Float[Array, " p"], Float[Array, "p p"]],
 ) -> tuple[Row, ...]:
     mean, covariance = predicted
     off = [2.0 * np.abs(a - b) for a, b in zip(predicted, coarser, strict=True)]

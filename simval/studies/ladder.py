@@ -17,6 +17,7 @@ Both predictions are allowed the remainder that theory states for them.
 from typing import Annotated, Literal
 
 import numpy as np
+from jaxtyping import Float
 from pydantic import Field
 
 from simval.arrays import Array
@@ -88,7 +89,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     sigma, residual = parameters.noise_std, parameters.residual
     unit = (sigma / G) ** 2
 
-    def errors(rng: np.random.Generator, count: int) -> Array:
+    def errors(rng: np.random.Generator, count: int) -> Float[Array, "9 count"]:
         noise = sigma * rng.standard_normal((count, *clean.shape))
         both = np.concatenate([clean + noise, clean - noise])
         fit = calibrate(

@@ -47,9 +47,9 @@ class Tumble:
     Attributes
     ----------
     time : Array
-        Seconds, (n,).
+        Seconds.
     force : Array
-        True specific force, sensor axes, m/s^2, (n, 3).
+        True specific force, sensor axes, m/s^2.
     still : NDArray[np.bool_]
         Rows at rest, (n,).
     hold : NDArray[np.intp]
@@ -107,7 +107,7 @@ def pure(intervals: Intervals, still: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 def detect(
     raw: Float[Array, "n 3"], multiplier: float, window: int, trim: int
-) -> tuple[Intervals, Array, float]:
+) -> tuple[Intervals, Float[Array, " n"], float]:
     """Find the static intervals of a log as a user would have them found."""
     minimum = window // 2
     spread = variance_magnitude(raw, window)

@@ -14,7 +14,7 @@ from contextlib import AbstractContextManager, nullcontext
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 from simval.arguments import file_path, instance, switch, whole_number
 from simval.errors import InputError
@@ -37,6 +37,7 @@ ENDINGS: tuple[Ending, ...] = ("recorded", "pass", "inconclusive", "fail", "fail
 """From best to worst; ``failed`` is a crash, ``fail`` a verdict."""
 
 
+@runtime_checkable
 class Progress(Protocol):
     """What the driver tells while it works."""
 

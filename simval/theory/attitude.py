@@ -150,8 +150,8 @@ def attitude_moments(
 
 
 def _series_moments(
-    geometry: TwoVectorGeometry, noise: Array, order: int | str
-) -> tuple[Array, Array]:
+    geometry: TwoVectorGeometry, noise: Float[Array, "4 3 3"], order: int | str
+) -> tuple[Float[Array, "4"], Float[Array, "4 4"]]:
     # Bias and covariance of one of the expansions, in the turned frame
     moments = scaled_error_moments(geometry, noise)
     q, P = moments.q, moments.P
@@ -166,7 +166,9 @@ def _series_moments(
     return bias, orders.second_order_covariance(q, P)
 
 
-def _combined(q: Any, r1: Any, r2: Any, noise: Array, means: Array) -> AttitudeMoments:
+def _combined(
+    q: Any, r1: Any, r2: Any, noise: Float[Array, "4 3 3"], means: Float[Array, "4 3"]
+) -> AttitudeMoments:
     q_true, vectors, _ = true_vectors(q, r1, r2)
     q_true = np.copysign(1.0, q_true[3]) * q_true
     bias, covariance = combined_moments(vectors, q_true, noise, means)

@@ -245,13 +245,15 @@ def _scaled(p: _Geometry, unit: Array) -> _Geometry:
     return replace(p, d=p.d * unit, turn=p.turn * unit, bend=bend)
 
 
-def _shares(sigma: Array) -> Array:
+def _shares(sigma: Float[Array, " n"]) -> Float[Array, " n"]:
     # weight of each pose by its noise, over that of the best one
     alike = sigma == sigma.min()
     return np.where(alike, 1.0, sigma.min() / np.where(alike, 1.0, sigma)) ** 2
 
 
-def _moments(p: _Geometry, sigma: Array, residual: str) -> tuple[Array, Array]:
+def _moments(
+    p: _Geometry, sigma: Float[Array, " n"], residual: str
+) -> tuple[Float[Array, "9 9"], Float[Array, "9"]]:
     # first-order covariance and second-order bias of the solution of eq. (K1)
     weighted = residual in ("weighted", "sampson")
     a = 0.25 / p.q * _shares(sigma) if weighted else np.ones_like(p.q)

@@ -36,13 +36,13 @@ class Wanted:
     Attributes
     ----------
     force : Array
-        Specific force, sensor axes, m/s^2, (k, 3).
+        Specific force, sensor axes, m/s^2.
     field : Array
-        Magnetic field, sensor axes, T, (k, 3).
+        Magnetic field, sensor axes, T.
     q : Array
-        World to sensor, vector first, (k, 4).
+        World to sensor, vector first.
     field_world : Array
-        Direction of the field in world axes, (3,).
+        Direction of the field in world axes.
     """
 
     force: Float[Array, "k 3"]
@@ -58,14 +58,14 @@ class Carrier:
     Attributes
     ----------
     jacobian : Array
-        Of the direction b1 by the nine parameters, (3, 9).
+        Of the direction b1 by the nine parameters.
     rotation : Array
         Covariance of the small rotation, rad^2, by that of b1: a linear map of
-        symmetric matrices, (3, 3, 3, 3).
+        symmetric matrices.
     noise : Array
-        Covariance of the small rotation from the accelerometer's noise, (3, 3).
+        Covariance of the small rotation from the accelerometer's noise.
     field : Array
-        The same from the magnetometer's, (3, 3).
+        The same from the magnetometer's.
     """
 
     jacobian: Float[Array, "3 9"]
@@ -97,7 +97,7 @@ def carrier(
         corrected(sensor.parameters + 1j * STEP * e, raw).imag / STEP for e in np.eye(9)
     ]
 
-    def turned(b1: Array, b2: Array) -> Array:
+    def turned(b1: Float[Array, "3 3"], b2: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
         return _rotation_covariance(wanted.q[k], wanted.field_world, b1, b2)
 
     none = np.zeros((3, 3))
@@ -118,7 +118,12 @@ def carrier(
     )
 
 
-def _rotation_covariance(q: Array, field_world: Array, b1: Array, b2: Array) -> Array:
+def _rotation_covariance(
+    q: Float[Array, "4"],
+    field_world: Float[Array, "3"],
+    b1: Float[Array, "3 3"],
+    b2: Float[Array, "3 3"],
+) -> Float[Array, "3 3"]:
     none = np.zeros((3, 3))
     noise = np.stack([b1, b2, none, none])
     moments = attitude_moments(q, UP, field_world, noise, normalized=True)

@@ -23,7 +23,7 @@ tie of two columns the fourth-order remainder is not smooth in the noise.
 """
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 
 from simval.arrays import Array
 from simval.theory.cubature import covariance_roots
@@ -32,11 +32,11 @@ from simval.theory.two_vector import column_maps
 
 
 def column_matrix(
-    b1: Float[Array, "... 3"],
-    b2: Float[Array, "... 3"],
-    r1: Float[Array, "... 3"],
-    r2: Float[Array, "... 3"],
-) -> Float[Array, "... 4 4"]:
+    b1: Shaped[Array, "... 3"],
+    b2: Shaped[Array, "... 3"],
+    r1: Shaped[Array, "... 3"],
+    r2: Shaped[Array, "... 3"],
+) -> Shaped[Array, "... 4 4"]:
     """Four columns with the symmetric scalar, mapped back, from any vectors."""
     columns = []
     for turn, back in column_maps():
@@ -53,7 +53,7 @@ def combined_moments(
     q: Float[Array, "4"],
     noise: Float[Array, "4 3 3"],
     means: Float[Array, "4 3"],
-) -> tuple[Array, Array]:
+) -> tuple[Float[Array, "4"], Float[Array, "4 4"]]:
     """Bias and covariance of q - qhat of the combined estimator, to second order."""
     M = column_matrix(*vectors)
     changes = _changes(vectors, _noise_directions(noise))
@@ -70,7 +70,7 @@ def combined_moments(
     return 0.5 * np.trace(P) * q - projector @ bent, P
 
 
-def _noise_directions(noise: Array) -> Array:
+def _noise_directions(noise: Float[Array, "4 3 3"]) -> Float[Array, "12 4 3"]:
     # the 12 independent directions of the noise, each a change of the four vectors
     directions = np.zeros((12, 4, 3))
     for i, root in enumerate(covariance_roots(noise)):
@@ -78,7 +78,9 @@ def _noise_directions(noise: Array) -> Array:
     return directions
 
 
-def _changes(vectors: Array, directions: Array) -> Array:
+def _changes(
+    vectors: Float[Array, "4 3"], directions: Float[Array, "j 4 3"]
+) -> Float[Array, "j 4 4"]:
     # first-order change of M along each direction (j, 4, 3)
     b1, b2, r1, r2 = vectors
     db1, db2, dr1, dr2 = directions.swapaxes(0, 1)

@@ -37,7 +37,9 @@ Node = tuple[tuple[int, float], ...]
 
 
 @lru_cache(maxsize=8)
-def smolyak_hermite(dimension: int, degree: int) -> tuple[Array, Array]:
+def smolyak_hermite(
+    dimension: int, degree: int
+) -> tuple[Float[Array, "n dimension"], Float[Array, " n"]]:
     """Nodes and weights of the rule (S1) for independent standard normals.
 
     Raises
@@ -73,7 +75,7 @@ def smolyak_hermite(dimension: int, degree: int) -> tuple[Array, Array]:
     return points, weights
 
 
-def _symmetric_weights(total: dict[Node, float]) -> Array:
+def _symmetric_weights(total: dict[Node, float]) -> Float[Array, " n"]:
     # The rule is symmetric under signs and permutations of the axes; rounding in the
     # alternating sum is not, and would let odd moments through. So each orbit gets
     # its mean weight, and the centre what makes the sum 1.
@@ -200,7 +202,7 @@ def cubature_moments(
     return Moments(bias=bias, covariance=(covariance + covariance.T) / 2.0)
 
 
-def _centre(points: Array) -> int:
+def _centre(points: Float[Array, "n dimension"]) -> int:
     return int(np.argmin(np.abs(points).max(axis=1)))
 
 

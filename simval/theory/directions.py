@@ -16,6 +16,7 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
+from jaxtyping import Float
 from scipy import special
 
 from simval.arrays import Array
@@ -51,7 +52,9 @@ def direction_rules(
         yield _about_d1(geometry, tau1, tau2, (polar, azimuths))
 
 
-def _about_d2(d2: Array, tau: float, nodes: tuple[int, int]) -> tuple[Array, Array]:
+def _about_d2(
+    d2: Float[Array, "3"], tau: float, nodes: tuple[int, int]
+) -> tuple[Float[Array, "n 3"], Float[Array, " n"]]:
     # directions u (n, 3) and weights (n,) of the density (U1) around its own centre
     pole = d2 / np.linalg.norm(d2)
     if tau == 0.0:
@@ -65,7 +68,7 @@ def _about_d2(d2: Array, tau: float, nodes: tuple[int, int]) -> tuple[Array, Arr
 
 def _about_d1(
     geometry: TwoVectorGeometry, tau1: float, tau2: float, nodes: tuple[int, int]
-) -> tuple[Array, Array]:
+) -> tuple[Float[Array, "n 3"], Float[Array, " n"]]:
     # the same on panels about the direction of d1, where m vanishes
     if tau2 <= 1e-9:  # the directions are within 1e-8 of that of d2: nothing to grade
         return _about_d2(geometry.d2, tau2, nodes)
@@ -96,12 +99,16 @@ def _graded_edges(tau1: float, k: float, angle: float) -> list[float]:
     return sorted(edge for edge in edges if low <= edge <= high)
 
 
-def _panel(low: float, high: float, count: int) -> tuple[Array, Array]:
+def _panel(
+    low: float, high: float, count: int
+) -> tuple[Float[Array, " count"], Float[Array, " count"]]:
     x, w = np.polynomial.legendre.leggauss(count)
     return low + 0.5 * (high - low) * (x + 1.0), 0.5 * (high - low) * w
 
 
-def _grid(pole: Array, theta: Array, count: int) -> tuple[Array, float]:
+def _grid(
+    pole: Float[Array, "3"], theta: Float[Array, " polar"], count: int
+) -> tuple[Float[Array, "n 3"], float]:
     # unit vectors at polar angles theta and even azimuths; the weight of an azimuth
     phi = 2.0 * np.pi * (np.arange(count) + 0.5) / count
     across = np.linalg.svd(pole[None, :])[2][1:]  # two unit vectors normal to the pole
@@ -112,7 +119,9 @@ def _grid(pole: Array, theta: Array, count: int) -> tuple[Array, float]:
     return directions.reshape(-1, 3), 2.0 * np.pi / count
 
 
-def _density(k: float, cosine: Array, sine: Array) -> Array:
+def _density(
+    k: float, cosine: Float[Array, " n"], sine: Float[Array, " n"]
+) -> Float[Array, " n"]:
     # (U1): e^{-(k^2 - t^2)/2} and its product with e^{-t^2/2}, without cancellation
     t = k * cosine
     tilted = np.exp(-0.5 * (k * sine) ** 2)

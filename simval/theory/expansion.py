@@ -34,13 +34,13 @@ class ScaledErrorMoments:
     Attributes
     ----------
     q : Array
-        True quaternion in the frame of x, (4,).
+        True quaternion in the frame of x.
     P : Array
-        Covariance of the linear part, (4, 4).
+        Covariance of the linear part.
     V : Array
-        Covariance of the bilinear part, (4, 4).
+        Covariance of the bilinear part.
     G : Array
-        Mean of the bilinear part times the linear part twice, (4, 4, 4).
+        Mean of the bilinear part times the linear part twice.
     """
 
     q: Float[Array, "4"]
@@ -49,7 +49,9 @@ class ScaledErrorMoments:
     G: Float[Array, "4 4 4"]
 
 
-def linear_maps(geometry: TwoVectorGeometry) -> tuple[Array, Array]:
+def linear_maps(
+    geometry: TwoVectorGeometry,
+) -> tuple[Float[Array, "4 6"], Float[Array, "4 3"]]:
     """Matrices J1 and J2 of eq. (X1), source eqs. (54) to (58)."""
     J1, J2 = np.zeros((4, 6)), np.zeros((4, 3))
     J1[:3, :3] = cross_matrix(geometry.d2)
@@ -69,7 +71,7 @@ def bilinear_map(geometry: TwoVectorGeometry) -> Float[Array, "4 6 3"]:
 
 def half_noise(
     geometry: TwoVectorGeometry, noise: Float[Array, "4 3 3"]
-) -> tuple[Array, Array]:
+) -> tuple[Float[Array, "6 6"], Float[Array, "3 3"]]:
     """Covariances of (dd1, ds1) and of dd2 in the turned frame."""
     turn = geometry.turn[:, None] * geometry.turn
     b1, b2, r1, r2 = noise[0], noise[1], turn * noise[2], turn * noise[3]

@@ -77,7 +77,7 @@ def checked_covariances(name: str, matrices: Any) -> Float[Array, "k 3 3"]:
 
 def normalized_noise(
     vectors: Float[Array, "k 3"], noise: Float[Array, "k 3 3"]
-) -> tuple[Array, Array]:
+) -> tuple[Float[Array, "k 3"], Float[Array, "k 3 3"]]:
     r"""Mean and covariance of the noise left when each vector is normalised after it.
 
     For a unit vector v and :math:`\Pi = I - v v^T`, :math:`(v + n)/|v + n| - v` is

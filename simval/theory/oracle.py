@@ -42,7 +42,7 @@ _SERIES_RHO: Final = 1e-2
 
 def exact_moments(
     geometry: TwoVectorGeometry, noise: Float[Array, "4 3 3"]
-) -> tuple[Array, Array]:
+) -> tuple[Float[Array, "4"], Float[Array, "4 4"]]:
     """Exact bias and covariance of q - qhat in the turned frame.
 
     Raises
@@ -79,7 +79,7 @@ Functional = Callable[[TwoVectorGeometry, float, Array, Array], tuple[Array, ...
 
 
 def _average(
-    geometry: TwoVectorGeometry, noise: Array, functional: Functional
+    geometry: TwoVectorGeometry, noise: Float[Array, "4 3 3"], functional: Functional
 ) -> tuple[Array, ...]:
     # a functional of directions and weights, by rules that refine until two agree
     tau1, tau2 = _isotropic_halves(noise)
@@ -110,7 +110,7 @@ def _relative(a: Array, b: Array) -> float:
     return float(np.linalg.norm(a - b) / (scale + floor))
 
 
-def _isotropic_halves(noise: Array) -> tuple[float, float]:
+def _isotropic_halves(noise: Float[Array, "4 3 3"]) -> tuple[float, float]:
     # Standard deviations tau1 of d1 (and s1) and tau2 of d2, per axis
     variances = noise[:, 0, 0]
     # rounding of sigma^2; the oracle itself holds 1e-9
@@ -131,7 +131,10 @@ def _unless_tiny(tau: float) -> float:
 
 
 def _moments_given_directions(
-    geometry: TwoVectorGeometry, tau1: float, directions: Array, weights: Array
+    geometry: TwoVectorGeometry,
+    tau1: float,
+    directions: Float[Array, "n 3"],
+    weights: Float[Array, " n"],
 ) -> tuple[Array, ...]:
     # Bias and covariance from eq. (E1) averaged over the directions
     q = geometry.q
@@ -156,7 +159,10 @@ def _moments_given_directions(
 
 
 def _flips_given_directions(
-    geometry: TwoVectorGeometry, tau1: float, directions: Array, weights: Array
+    geometry: TwoVectorGeometry,
+    tau1: float,
+    directions: Float[Array, "n 3"],
+    weights: Float[Array, " n"],
 ) -> tuple[Array, ...]:
     # probability that q.qbar < 0; its complement sets the scale of the tolerance
     e, s = geometry.q[:3], geometry.q[3]

@@ -112,7 +112,9 @@ def complete_fourth_bias(moments: ScaledErrorMoments) -> Float[Array, "4"]:
     )
 
 
-def _mean_cubic_gradient(q: Array, P: Array) -> Array:
+def _mean_cubic_gradient(
+    q: Float[Array, "4"], P: Float[Array, "4 4"]
+) -> Float[Array, "4 4"]:
     # E of the derivative of Q3's component b along c, (4, 4) as [c, b]
     Pq, trace = P @ q, np.trace(P)
     along = q @ Pq
@@ -124,7 +126,7 @@ def _mean_cubic_gradient(q: Array, P: Array) -> Array:
     )
 
 
-def _cubic_bias(q: Array, G: Array) -> Array:
+def _cubic_bias(q: Float[Array, "4"], G: Float[Array, "4 4 4"]) -> Float[Array, "4"]:
     # E[3 Q3(x1, x1, x2)]: the gradient of Q3 at x1 along x2
     qG = q @ G.reshape(4, 16)  # contracts x2 with q
     qG = qG.reshape(4, 4)
@@ -136,7 +138,7 @@ def _cubic_bias(q: Array, G: Array) -> Array:
     return bias
 
 
-def _quartic_bias(q: Array, P: Array) -> Array:
+def _quartic_bias(q: Float[Array, "4"], P: Float[Array, "4 4"]) -> Float[Array, "4"]:
     # E[Q4(x1, x1, x1, x1)] by Isserlis' theorem
     Pq, trace = P @ q, np.trace(P)
     along = q @ Pq

@@ -173,8 +173,13 @@ def pose_noise(
 
 
 def _predicted(
-    sensor: AccelerometerModel, u: Array, g: float, noise: float, form: str, rank: int
-) -> tuple[Array, Array, Array]:
+    sensor: AccelerometerModel,
+    u: Float[Array, "n 3"],
+    g: float,
+    noise: float,
+    form: str,
+    rank: int,
+) -> tuple[Float[Array, "9"], Float[Array, "9"], Float[Array, "9"]]:
     if rank < PARAMETERS:
         none = np.full(PARAMETERS, np.inf)
         return none, none, np.full(PARAMETERS, np.nan)

@@ -42,7 +42,7 @@ class Algebra:
     degrees : NDArray
         Total degree of each monomial, (m,).
     means : Array
-        Expectation of each monomial of standard normals, (m,).
+        Expectation of each monomial of standard normals.
     left, right, target : NDArray
         Monomial left[i] times right[i] is target[i], (t,).
     """
@@ -104,18 +104,18 @@ class Series:
 
     __slots__ = ("algebra", "coefficients")
 
-    def __init__(self, coefficients: Array, tables: Algebra) -> None:
+    def __init__(self, coefficients: Float[Array, " m"], tables: Algebra) -> None:
         self.coefficients = coefficients
         self.algebra = tables
 
-    def _lift(self, other: Scalar) -> Array:
+    def _lift(self, other: Scalar) -> Float[Array, " m"]:
         if isinstance(other, Series):
             return other.coefficients
         constant = np.zeros_like(self.coefficients)
         constant[0] = other
         return constant
 
-    def _new(self, coefficients: Array) -> "Series":
+    def _new(self, coefficients: Float[Array, " m"]) -> "Series":
         return Series(coefficients, self.algebra)
 
     def __add__(self, other: Scalar) -> "Series":
@@ -257,7 +257,9 @@ def _estimated(
     return series
 
 
-def _noisy(centre: Array, roots: Array, order: int) -> list[NDArray[np.object_]]:
+def _noisy(
+    centre: Float[Array, "k 3"], roots: Float[Array, "k 3 3"], order: int
+) -> list[NDArray[np.object_]]:
     used = np.abs(roots).max(axis=1) > 0.0  # (k, 3): columns that carry noise
     tables = algebra(max(1, int(used.sum())), order)
     zero = tables.variable(0) * 0.0

@@ -38,16 +38,16 @@ class TwoVectorGeometry:
         ``plain``, ``x``, ``y`` or ``z``.
     q : Array
         True quaternion in the turned frame with the sign of the noise-free
-        estimate, (4,).
+        estimate.
     d1, s1, d2 : Array
-        Half differences and half sum of the true vectors in that frame, (3,).
+        Half differences and half sum of the true vectors in that frame.
     norm : float
         Length of the noise-free qbar, 0 to 1.
     back : Array
         Orthogonal matrix that takes a quaternion of the turned frame to the
-        original one, (4, 4).
+        original one.
     turn : Array
-        Signs of the half turn of the reference vectors, (3,).
+        Signs of the half turn of the reference vectors.
     """
 
     frame: str
@@ -64,17 +64,17 @@ class TwoVectorGeometry:
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
-    def q_true(self) -> Array:
+    def q_true(self) -> Float[Array, "4"]:
         """True quaternion in the original frame, sign of the noise-free estimate."""
         return self.back @ self.q
 
 
-def column_maps() -> list[tuple[Array, Array]]:
+def column_maps() -> list[tuple[Float[Array, "3"], Float[Array, "4 4"]]]:
     """The half turns of the reference frame and the ways back, in the order of M."""
     return [(turn, _way_back(frame)) for frame, turn in _TURNS.items()]
 
 
-def _way_back(frame: str) -> Array:
+def _way_back(frame: str) -> Float[Array, "4 4"]:
     # matrix of q' -> [1_k; 0] * q', the identity for plain
     half_turn = np.append((_TURNS[frame] + 1.0) / 2.0, 0.0)
     if frame == "plain":
@@ -125,7 +125,9 @@ def two_vector_geometry(
     return _turned(frame, q_unit, r1_unit, r2_unit)
 
 
-def true_vectors(q: Any, r1: Any, r2: Any) -> tuple[Array, Array, Array]:
+def true_vectors(
+    q: Any, r1: Any, r2: Any
+) -> tuple[Float[Array, "4"], Float[Array, "4 3"], Float[Array, "3 3"]]:
     """Noise-free vectors of one attitude.
 
     Raises
@@ -158,7 +160,9 @@ def _unit_arguments(q: Any, r1: Any, r2: Any) -> list[Array]:
     return unit
 
 
-def _turned(frame: str, q: Array, r1: Array, r2: Array) -> TwoVectorGeometry:
+def _turned(
+    frame: str, q: Float[Array, "4"], r1: Float[Array, "3"], r2: Float[Array, "3"]
+) -> TwoVectorGeometry:
     turn = _TURNS[frame]
     matrix = attitude_matrix(q)
     d1, s1 = (matrix @ r1 - turn * r1) / 2, (matrix @ r1 + turn * r1) / 2

@@ -36,7 +36,7 @@ def half_errors(
     db2: Float[Array, "... 3"],
     dr1: Float[Array, "... 3"],
     dr2: Float[Array, "... 3"],
-) -> tuple[Array, Array, Array]:
+) -> tuple[Float[Array, "... 3"], Float[Array, "... 3"], Float[Array, "... 3"]]:
     """Errors of d1, s1 and d2 from those of the vectors, source eqs. (40), (41)."""
     return (db1 - dr1) / 2, (db1 + dr1) / 2, (db2 - dr2) / 2
 

@@ -10,15 +10,17 @@ with the sources' misprints put right (``docs/errata.md``).
   gradient and all 45 second derivatives  (R3).
 """
 
+from typing import Any
+
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Inexact
 
 from simval.arrays import Array
 
 
 def chain_rule_jacobian(
-    parameters: Float[Array, "9"], reading: Float[Array, "n 3"]
-) -> Float[Array, "n 9"]:
+    parameters: Inexact[Array, "9"], reading: Float[Array, "n 3"]
+) -> Inexact[Array, "n 9"]:
     """Jacobian of g^2 - |a|^2 entry by entry, eq. (R2)."""
     s_yx, s_zx, s_zy, k_x, k_y, k_z = parameters[:6]
     x, y, z = (reading - parameters[6:]).T
@@ -41,8 +43,8 @@ def chain_rule_jacobian(
 
 
 def symmetric_residual(
-    parameters: Float[Array, "9"], reading: Float[Array, "n 3"], g: float
-) -> Float[Array, " n"]:
+    parameters: Inexact[Array, "9"], reading: Float[Array, "n 3"], g: float
+) -> Inexact[Array, " n"]:
     """Residual of the symmetric derivation."""
     A, B, C, D, E, F = _form(parameters)
     x, y, z = (reading - parameters[6:]).T
@@ -50,7 +52,7 @@ def symmetric_residual(
     return np.asarray(square - g**2)
 
 
-def _form(parameters: Array) -> tuple[Array, ...]:
+def _form(parameters: Inexact[Array, "9"]) -> tuple[Any, ...]:
     k11, k12, k13, k22, k23, k33 = parameters[:6]
     return (
         k11**2 + k12**2 + k13**2,
@@ -63,8 +65,8 @@ def _form(parameters: Array) -> tuple[Array, ...]:
 
 
 def symmetric_jacobian(
-    parameters: Float[Array, "9"], reading: Float[Array, "n 3"]
-) -> Float[Array, "n 9"]:
+    parameters: Inexact[Array, "9"], reading: Float[Array, "n 3"]
+) -> Inexact[Array, "n 9"]:
     """Gradient of the symmetric residual for each reading."""
     A, B, C, D, E, F = _form(parameters)
     k11, k12, k13, k22, k23, k33 = parameters[:6]

@@ -1,0 +1,47 @@
+"""The check of shapes is alive in the tests, and absent from a user's run."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from jaxtyping import Float, TypeCheckError, jaxtyped
+from typechecked import check
+
+from simval.arrays import Array
+from simval.calibrate import residuals
+from simval.sensor import forms
+
+
+@pytest.mark.parametrize(
+    "parameters", [np.zeros(8), np.zeros((9, 1)), np.zeros(9, int), [0.0] * 9]
+)
+def test_an_inner_function_refuses_another_shape_or_type(parameters):
+    with pytest.raises(TypeCheckError, match="parameters"):
+        forms.matrix("triangular", parameters)
+
+
+def test_axes_of_one_name_have_one_length():
+    with pytest.raises(TypeCheckError, match="sampson_slopes"):
+        residuals.sampson_slopes(np.ones((1, 4)), np.ones((1, 5)), newton=False)
+
+
+def test_a_wrong_result_is_refused():
+    @jaxtyped(typechecker=check)
+    def shortened(x: Float[Array, " n"]) -> Float[Array, " n"]:
+        return x[:-1]
+
+    with pytest.raises(TypeCheckError, match="return value"):
+        shortened(np.zeros(3))
+
+
+def test_garbage_passes_unchecked(unchecked):
+    assert forms.matrix("triangular", np.zeros(9, int)).shape == (3, 3)
+
+
+def test_a_user_imports_no_checker():
+    program = "import sys, simval.cli, simval.sweep; print('beartype' in sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "False\n"
