@@ -3,8 +3,8 @@
 import os
 import shutil
 
-import jaxtyping
 import pytest
+import typechecked
 from hypothesis import settings
 
 for name, examples, fixed in (
@@ -39,9 +39,9 @@ samples = 65536
 @pytest.fixture
 def unchecked():
     """No check of shapes and types, for a test that gives garbage on purpose."""
-    jaxtyping.config.update("jaxtyping_disable", True)
+    typechecked.SWITCH["on"] = False
     yield
-    jaxtyping.config.update("jaxtyping_disable", False)
+    typechecked.SWITCH["on"] = True
 
 
 @pytest.fixture(scope="session")

@@ -5,8 +5,8 @@ import sys
 
 import numpy as np
 import pytest
-from jaxtyping import Float, TypeCheckError, jaxtyped
-from typechecked import check
+from jaxtyping import Float, TypeCheckError
+from typechecked import checked
 
 from simval.arrays import Array
 from simval.calibrate import residuals
@@ -27,7 +27,7 @@ def test_axes_of_one_name_have_one_length():
 
 
 def test_a_wrong_result_is_refused():
-    @jaxtyped(typechecker=check)
+    @checked
     def shortened(x: Float[Array, " n"]) -> Float[Array, " n"]:
         return x[:-1]
 

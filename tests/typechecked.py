@@ -1,24 +1,44 @@
-"""Plug-in of pytest: checks the shapes and types of every call inside simval.
+"""Plug-in of pytest: checks shapes and types of calls inside simval.
 
-The functions of a package's face are left out: they are tried with garbage on
-purpose, and check what they are given themselves, in users' runs too.
+Of each function and method the first `CALLS` calls in a process are checked, arguments
+and result, which costs little and meets every function. Those of a package's face are
+left out: they are tried with garbage on purpose, and check what they are given
+themselves, in users' runs too.
 """
 
 import ast
 import random
 import sys
+from functools import wraps
+from importlib.abc import MetaPathFinder
+from importlib.machinery import PathFinder
+from inspect import isfunction
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 from unittest.mock import patch
 
 import numpy as np
-from jaxtyping import install_import_hook
+from jaxtyping import jaxtyped
 
 # of a list one entry is checked, chosen by dice that hypothesis does not watch
 with patch("random.getrandbits", random.Random(0).getrandbits):
     from beartype import BeartypeConf, FrozenDict, beartype
 
+CALLS = 50
 ROOT = Path(__file__).resolve().parents[1] / "simval"
+SWITCH = {"on": True}
+INNER = beartype(
+    conf=BeartypeConf(
+        hint_overrides=FrozenDict(  # a number that NumPy makes is one, too
+            {
+                bool: bool | np.bool_,
+                int: int | np.integer,
+                float: float | int | np.floating | np.integer,
+                complex: complex | float | int | np.number,
+            }
+        )
+    )
+)
 
 
 def face(room):
@@ -35,45 +55,69 @@ FACES = {
     )
     for path in [*ROOT.glob("*.py"), *ROOT.glob("*/__init__.py")]
 }
-INNER = beartype(
-    conf=BeartypeConf(
-        hint_overrides=FrozenDict(  # a number that NumPy makes is one, too
-            {
-                bool: bool | np.bool_,
-                int: int | np.integer,
-                float: float | int | np.floating | np.integer,
-                complex: complex | float | int | np.number,
-            }
-        )
-    )
-)
-BUILT = {}  # by signature: a function in a function is the same each time
 
 
-def check(stand_in):
-    """What jaxtyping calls before a function, and with its result after it."""
-    room = ".".join(stand_in.__module__.split(".")[:2])
-    if stand_in.__qualname__.split(".")[0] in FACES.get(room, ()):
-        return stand_in
-    hints = stand_in.__annotations__
-    if hints.get("return", Any) is not Any:  # after it: the arguments have been checked
-        stand_in.__annotations__ = {"return": hints["return"]}
-    key = (
-        stand_in.__module__,
-        stand_in.__qualname__,
-        str(hints),
-        str(stand_in.__annotations__),
-    )
+def checked(function):
+    """The function with its first calls checked."""
+    state = {"left": CALLS, "full": None}
 
-    def checked(*args, **names):  # built at its first call: a quick import
-        if key not in BUILT:
-            BUILT[key] = INNER(stand_in)
-        return BUILT[key](*args, **names)
+    @wraps(function)
+    def call(*args, **names):
+        if state["left"] and SWITCH["on"]:
+            state["left"] -= 1
+            if state["full"] is None:  # built at its first call: a quick import
+                for name, hint in function.__annotations__.items():
+                    if hint is Self:
+                        function.__annotations__[name] = Any
+                state["full"] = jaxtyped(function, typechecker=INNER)
+            return state["full"](*args, **names)
+        return function(*args, **names)
 
-    return checked
+    return call
+
+
+def check_module(module):
+    """Put `checked` around the functions, methods and dataclasses of a module."""
+    room = ".".join(module.__name__.split(".")[:2])
+    for name, value in list(vars(module).items()):
+        if getattr(value, "__module__", "") != module.__name__:
+            continue
+        if name in FACES.get(room, ()):
+            continue
+        if isfunction(value):
+            setattr(module, name, checked(value))
+        elif isinstance(value, type):
+            check_class(value)
+
+
+def check_class(kind):
+    """Put `checked` around the methods that a class has of its own."""
+    for name, value in list(vars(kind).items()):
+        if isfunction(value) and (name == "__init__" or not name.startswith("__")):
+            setattr(kind, name, checked(value))
+
+
+class Finder(MetaPathFinder):
+    """Finds simval's modules as ever, and checks each once it is executed."""
+
+    def find_spec(self, name, path=None, target=None):
+        """Spec of a module of simval with its execution extended."""
+        if name.split(".")[0] != "simval":
+            return None
+        spec = PathFinder.find_spec(name, path, target)
+        if spec is None or spec.loader is None:
+            return spec
+        execute = spec.loader.exec_module
+
+        def exec_module(module):
+            execute(module)
+            check_module(module)
+
+        spec.loader.exec_module = exec_module
+        return spec
 
 
 if "simval" in sys.modules:
     msg = "simval is imported already: its calls would go unchecked"
     raise RuntimeError(msg)
-install_import_hook("simval", "typechecked.check")
+sys.meta_path.insert(0, Finder())

@@ -8,14 +8,14 @@ second form that the tests hold the solver to. Misprints put right: ``docs/errat
 """
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Inexact
 
 from simval.arrays import Array
 
 
 def imu_tk_residual(
-    parameters: Float[Array, "9"], reading: Float[Array, "n 3"], g: float
-) -> Float[Array, " n"]:
+    parameters: Inexact[Array, "9"], reading: Float[Array, "n 3"], g: float
+) -> Inexact[Array, " n"]:
     """Residual of the IMU-TK derivation."""
     h, _, _ = _imu_tk(parameters, reading)
     return g**2 - (h * h).sum(axis=-1)

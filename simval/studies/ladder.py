@@ -89,7 +89,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     sigma, residual = parameters.noise_std, parameters.residual
     unit = (sigma / G) ** 2
 
-    def errors(rng: np.random.Generator, count: int) -> Float[Array, "9 count"]:
+    def errors(rng: np.random.Generator, count: int) -> Float[Array, "p count"]:
         noise = sigma * rng.standard_normal((count, *clean.shape))
         both = np.concatenate([clean + noise, clean - noise])
         fit = calibrate(

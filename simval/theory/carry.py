@@ -17,7 +17,7 @@ of samples in each interval that was found.
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Inexact
 
 from simval.arrays import Array
 from simval.geometry import compose, conjugate
@@ -134,7 +134,9 @@ def _rotation_covariance(
     return covariance
 
 
-def corrected(theta: Float[Array, "9"], raw: Float[Array, "3"]) -> Float[Array, "3"]:
+def corrected(
+    theta: Inexact[Array, "9"], raw: Inexact[Array, "3"]
+) -> Inexact[Array, "3"]:
     """Specific force M (y - B) in the triangular form, analytic in the parameters."""
     s_yx, s_zx, s_zy = theta[:3]
     x, y, z = theta[3:6] * (raw - theta[6:])
