@@ -1,0 +1,327 @@
+"""Peng and Choukroun, section 3: singular cases, Table 1, eqs. (16) to (28)."""
+
+import numpy as np
+from errata.claim import FALSE, MISPRINTED, claim
+from errata.geometry import (
+    Pair,
+    attitude,
+    directions,
+    multiply,
+    pair,
+    qbar,
+    quaternion,
+    turn,
+    unit,
+)
+
+of = claim("quaternion")
+ZERO = 1e-9  # below: a vector that should vanish; random ones are far above
+
+
+def singular_pairs(rng):
+    """A pair of each of the cases A to D, half turns too, and regular ones."""
+    r1, r2 = directions(2, rng)
+    plane = r1 + 0.4 * r2
+    axes = [r1, r1, r1, r2, r2, plane, plane, np.cross(r1, r2), rng.standard_normal(3)]
+    angles = [0, 1.1, np.pi, -0.8, np.pi, 2.0, np.pi, 1.0, 0.7]
+    return [Pair(turn(*x), r1, r2) for x in zip(axes, angles, strict=True)]
+
+
+def vanishes(v):
+    """Whether a vector is zero."""
+    return bool(np.linalg.norm(v) < ZERO)
+
+
+@of("Table 1: cases A to D are all there are")
+def table_1(rng):
+    pairs = singular_pairs(rng) + [pair(rng) for _ in range(5)]
+    truth = [vanishes(qbar(g.vectors)) for g in pairs]
+    printed = [
+        (vanishes(g.d1) and vanishes(g.d2))
+        or (vanishes(g.d1) and not vanishes(g.d2))
+        or (not vanishes(g.d1) and vanishes(g.d2))
+        or (vanishes(np.cross(g.d1, g.d2)) and not vanishes(g.d1))
+        for g in pairs
+    ]
+    return truth, printed
+
+
+def rotation(g):
+    """Axis times sine of the half angle, up to sign, from the attitude itself."""
+    return np.outer(g.q[:3], g.q[:3])
+
+
+@of("Table 1 and after (17): case A is the zero attitude")
+def case_a(rng):
+    pairs = [pair(rng), *singular_pairs(rng)]
+    truth = [vanishes(g.q[:3]) for g in pairs]
+    printed = [vanishes(g.d1) and vanishes(g.d2) for g in pairs]
+    return truth, printed
+
+
+@of("(16)")
+def eq_16(rng):
+    g = singular_pairs(rng)[0]
+    printed = g.b1
+    return g.r1, printed
+
+
+@of("(17)")
+def eq_17(rng):
+    g = singular_pairs(rng)[0]
+    printed = g.b2
+    return g.r2, printed
+
+
+@of("Table 1, B: a rotation around the first vector; d2 is normal to it")
+def case_b(rng):
+    q, (r1, r2) = quaternion(rng), directions(2, rng)
+    axis = unit(q[:3])
+    g = Pair(turn(axis, 1.1), axis, r2)
+    free = Pair(turn(r1, 1.1), r2, axis)
+    printed = [vanishes(g.d1), vanishes(free.d1), vanishes([g.d2 @ g.r1])]
+    return [True, False, True], printed
+
+
+@of("Table 1, C: a rotation around the second vector")
+def case_c(rng):
+    q, (r1, r2) = quaternion(rng), directions(2, rng)
+    axis = unit(q[:3])
+    g = Pair(turn(axis, 1.1), r1, axis)
+    free = Pair(turn(r1, 1.1), r1, r2)
+    printed = [vanishes(g.d2), vanishes(free.d2), vanishes([g.d1 @ g.r2])]
+    return [True, False, True], printed
+
+
+def normal_pair(angle, rng, second=False):
+    """A turn about one of two perpendicular vectors."""
+    r1, r2 = directions(2, rng)
+    r2 = unit(np.cross(r1, r2))
+    return Pair(turn(r2 if second else r1, angle), r1, r2)
+
+
+@of("(18)")
+def eq_18(rng):
+    angle = rng.uniform(0, np.pi)
+    g = normal_pair(angle, rng)
+    printed = np.linalg.norm(g.d2)
+    return np.sin(angle / 2), printed
+
+
+@of("(19)")
+def eq_19(rng):
+    angle = rng.uniform(0, np.pi)
+    g = normal_pair(angle, rng)
+    printed = np.linalg.norm(g.s2)
+    return np.cos(angle / 2), printed
+
+
+@of("(20)")
+def eq_20(rng):
+    (r,), angle = directions(1, rng), rng.uniform(0, np.pi)
+    v = unit(np.cross(r, rng.standard_normal(3)))
+    truth = np.concatenate([r, np.cos(angle) * v - np.sin(angle) * np.cross(r, v)])
+    printed = np.append(r * np.sin(angle / 2), np.cos(angle / 2))
+    A = attitude(printed)
+    return truth, np.concatenate([A @ r, A @ v])
+
+
+@of("(21), a turn by either sign", MISPRINTED)
+def eq_21(rng):
+    g = normal_pair(-rng.uniform(0.2, 3.0), rng)
+    sign = np.sign(g.r1 @ np.cross(g.b2, g.r2))
+    printed = np.append(g.r1 * np.linalg.norm(g.d2), np.linalg.norm(g.s2))
+    right = np.append(sign * g.r1 * np.linalg.norm(g.d2), np.linalg.norm(g.s2))
+    return g.q, printed, right
+
+
+@of("(21), a turn from 0 to 180 degrees, 180 included, where (5) is 0 / 0")
+def eq_21_positive(rng):
+    pairs = [normal_pair(a, rng) for a in (0.0, rng.uniform(0, np.pi), np.pi)]
+    truth = [np.outer(g.q, g.q) for g in pairs]
+    printed = [
+        np.append(g.r1 * np.linalg.norm(g.d2), np.linalg.norm(g.s2)) for g in pairs
+    ]
+    breaks = np.append(-np.cross(pairs[2].s2, pairs[2].d2), pairs[2].s2 @ pairs[2].s2)
+    return [*truth, np.zeros((4, 4))], [
+        *(np.outer(q, q) for q in printed),
+        np.outer(breaks, breaks),
+    ]
+
+
+def skew_pair(angle, rng, second=False):
+    """A turn about one of two vectors that are not perpendicular."""
+    while True:
+        r1, r2 = directions(2, rng)
+        if 0.2 < abs(r1 @ r2) < 0.8:
+            return Pair(turn(r2 if second else r1, angle), r1, r2)
+
+
+@of("after (21): the cross product takes the place of the second vector", MISPRINTED)
+def case_b_cross_product(rng):
+    # the cross product as it is, which is shorter than 1; case C says "normalized"
+    g = skew_pair(rng.uniform(0.2, 3.0), rng)
+    b3, r3 = np.cross(g.b1, g.b2), np.cross(g.r1, g.r2)
+    printed = np.append(
+        g.r1 * np.linalg.norm((b3 - r3) / 2), np.linalg.norm((b3 + r3) / 2)
+    )
+    right = np.append(
+        g.r1 * np.linalg.norm((unit(b3) - unit(r3)) / 2),
+        np.linalg.norm((unit(b3) + unit(r3)) / 2),
+    )
+    return g.q, printed, right
+
+
+@of("(22) as an identity", MISPRINTED)
+def eq_22(rng):
+    g = normal_pair(-rng.uniform(0.2, 3.0), rng)
+    truth = np.cross(g.d2, g.s2) / np.linalg.norm(g.s2)
+    printed = g.r1 * np.linalg.norm(g.d2)
+    right = g.r1 * np.linalg.norm(g.d2) * np.sign(g.r1 @ np.cross(g.b2, g.r2))
+    return truth, printed, right
+
+
+@of("(22), its right side is the vector part of (5) and has the sign")
+def eq_22_right_side(rng):
+    g = normal_pair(rng.uniform(-3.0, 3.0), rng)
+    printed = np.cross(g.d2, g.s2) / np.linalg.norm(g.s2)
+    return g.q[:3], printed
+
+
+@of("(23), a turn by either sign", MISPRINTED)
+def eq_23(rng):
+    g = normal_pair(-rng.uniform(0.2, 3.0), rng, second=True)
+    sign = np.sign(g.r2 @ np.cross(g.b1, g.r1))
+    printed = np.append(g.r2 * np.linalg.norm(g.d1), np.linalg.norm(g.s1))
+    right = np.append(sign * g.r2 * np.linalg.norm(g.d1), np.linalg.norm(g.s1))
+    return g.q, printed, right
+
+
+@of("(23), a turn from 0 to 180 degrees; the normalised cross product otherwise")
+def eq_23_positive(rng):
+    g = skew_pair(rng.uniform(0, np.pi), rng, second=True)
+    b3, r3 = unit(np.cross(g.b1, g.b2)), unit(np.cross(g.r1, g.r2))
+    d1, s1 = (b3 - r3) / 2, (b3 + r3) / 2
+    printed = np.append(g.r2 * np.linalg.norm(d1), np.linalg.norm(s1))
+    return g.q, printed
+
+
+def plane_pair(angle, rng):
+    """A turn about an axis in the plane of the two vectors."""
+    r1, r2 = directions(2, rng)
+    return Pair(turn(unit(r1) + rng.uniform(0.3, 2) * r2, angle), r1, r2)
+
+
+@of("(24)")
+def eq_24(rng):
+    pairs = [plane_pair(2.0, rng), plane_pair(np.pi, rng)]
+    printed = np.array([np.cross(g.d1, g.d2) for g in pairs])
+    return np.zeros((2, 3)), printed
+
+
+@of("case D: every turn is one about b1 x b2 and one about an axis in the plane")
+def twist_and_swing(rng):
+    g = pair(rng)
+    n = unit(np.cross(g.r1, g.r2))
+    twist = unit(np.append(n * (n @ g.q[:3]), g.q[3]))
+    swing = multiply(g.q, twist * [-1, -1, -1, 1])
+    printed = n @ swing[:3]
+    return 0.0, printed
+
+
+@of("case D: a turn about b1 x b2 does not leave d1 and d2 parallel; Fig. 4")
+def normal_turn(rng):
+    r1, r2 = directions(2, rng)
+    g = Pair(turn(np.cross(r1, r2), rng.uniform(0.2, 3.1)), r1, r2)
+    printed = vanishes(np.cross(g.d1, g.d2))
+    return False, printed
+
+
+@of("Fig. 3, left: about b1 + b2, d1 and d2 are opposite")
+def figure_3_left(rng):
+    b1, b2 = directions(2, rng)
+    g = Pair(turn(b1 + b2, 1.2), b1, b2)  # from b to r is as good: d changes its sign
+    printed = -g.d2
+    return g.d1, printed
+
+
+@of("Fig. 3, right: about b1 - b2, d1 and d2 are the same")
+def figure_3_right(rng):
+    b1, b2 = directions(2, rng)
+    g = Pair(turn(b1 - b2, 1.2), b1, b2)
+    printed = g.d2
+    return g.d1, printed
+
+
+@of("case D: the general case is a composition of these two", FALSE)
+def composition_of_two(rng):
+    r1, r2 = directions(2, rng)
+    first, second = rng.uniform(0.4, 2.6, 2)
+    composed = multiply(turn(r1 + r2, first), turn(r1 - r2, second))
+    # about an axis that is a combination of the two the differences are parallel
+    combined = turn(first * unit(r1 + r2) + second * unit(r1 - r2), 1.0)
+    printed = vanishes(qbar(Pair(composed, r1, r2).vectors))
+    right = vanishes(qbar(Pair(combined, r1, r2).vectors))
+    return True, printed, right
+
+
+@of("case D: the turn is about the line in which both planes meet")
+def line_of_the_planes(rng):
+    g = plane_pair(2.0, rng)
+    printed = np.cross(np.cross(g.b1, g.b2), np.cross(g.r1, g.r2))
+    return np.outer(unit(g.q[:3]), unit(g.q[:3])), np.outer(unit(printed), unit(printed))
+
+
+@of("(25), denominator †", MISPRINTED)
+def eq_25(rng):
+    g = plane_pair(rng.uniform(0.3, 2.8), rng)
+    b3, r3 = unit(np.cross(g.b1, g.b2)), unit(np.cross(g.r1, g.r2))
+    printed = np.cross(b3, r3) / np.linalg.norm(np.cross(g.b2, g.r2))
+    right = np.cross(b3, r3) / np.linalg.norm(np.cross(b3, r3))
+    return unit(g.q[:3]), printed, right
+
+
+@of("(25), a half turn", MISPRINTED)
+def eq_25_half_turn(rng):
+    # both planes are the same: b3 x r3 = 0, and the axis is normal to d and in the plane
+    g = plane_pair(np.pi, rng)
+    n = unit(np.cross(g.r1, g.r2))
+    longer = max((g.d1, g.d2), key=np.linalg.norm)
+    b3, r3 = unit(np.cross(g.b1, g.b2)), unit(np.cross(g.r1, g.r2))
+    printed = np.outer(np.cross(b3, r3), np.cross(b3, r3))
+    right = np.outer(unit(np.cross(longer, n)), unit(np.cross(longer, n)))
+    return np.outer(g.q[:3], g.q[:3]), printed, right
+
+
+@of("(26) †", MISPRINTED)
+def eq_26(rng):
+    angle = rng.uniform(0.3, 2.8)
+    g = plane_pair(angle, rng)
+    b3, r3 = unit(np.cross(g.b1, g.b2)), unit(np.cross(g.r1, g.r2))
+    printed = g.b2 @ r3
+    right = b3 @ r3
+    return np.cos(angle), printed, right
+
+
+@of("(27)")
+def eq_27(rng):
+    g = pair(rng)
+    printed = np.cross(g.b1, g.b2) / np.linalg.norm(np.cross(g.b1, g.b2))
+    return attitude(g.q) @ unit(np.cross(g.r1, g.r2)), printed
+
+
+@of("(28)")
+def eq_28(rng):
+    g = pair(rng)
+    printed = np.cross(g.r1, g.r2) / np.linalg.norm(np.cross(g.r1, g.r2))
+    return attitude(g.q).T @ unit(np.cross(g.b1, g.b2)), printed
+
+
+@of("case D, end: unambiguous from the cross product alone, half turns too", FALSE)
+def unambiguous(rng):
+    r1, r2 = directions(2, rng)
+    two = [Pair(turn(axis, np.pi), r1, r2) for axis in (r1 + r2, r1 - 0.5 * r2)]
+    b3 = [unit(np.cross(g.b1, g.b2)) for g in two]
+    printed = not vanishes(b3[0] - b3[1])  # two attitudes show the same vector
+    right = not vanishes(two[0].d1 - two[1].d1)  # the differences tell them apart
+    return True, printed, right
