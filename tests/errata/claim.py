@@ -2,7 +2,7 @@
 
 An evaluation computes a truth by a route of its own, then `printed`, what the source
 prints, and, where that is not right, `right`, each in one assignment, so that
-`tests/mutants/errata.py` can exchange or damage them. It returns them in this order.
+`tests/mutants/claims.py` can exchange or damage them. It returns them in this order.
 """
 
 from collections.abc import Callable

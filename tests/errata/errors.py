@@ -18,6 +18,7 @@ from errata.geometry import (
 
 SOURCE = "quaternion"
 of = claim(SOURCE)
+add(SOURCE, "(42): true length over measured, in words the other way round", WORDING)
 ONE = np.array([0.0, 0.0, 0.0, 1.0])
 
 add(
@@ -306,7 +307,8 @@ def eq_50(rng):
 @of("after (50): the first-order term lies in the tangent plane")
 def tangent_term(rng):
     q, x = quaternion(rng), unit(rng.standard_normal(4))
-    printed = q @ taylor(lambda t: exact_error(q, t * x), 1)[1]
+    term = taylor(lambda t: exact_error(q, t * x), 1)[1]
+    printed = q @ term
     return 0.0, printed
 
 
@@ -341,7 +343,7 @@ def development_48(rng):
     return [truth, truth], printed
 
 
-@of("the development of (48): \"yields Eq. (43)\"", MISPRINTED)
+@of('the development of (48): "yields Eq. (43)"', MISPRINTED)
 def expansion_yields(rng):
     q, x = quaternion(rng), 0.5 * unit(rng.standard_normal(4))
     Q = np.eye(4) - 3 * np.outer(q, q)

@@ -3,6 +3,7 @@
 import numpy as np
 from errata.claim import FALSE, ILLEGIBLE, WORDING, add, claim
 from errata.geometry import (
+    Pair,
     attitude,
     directions,
     multiply,
@@ -37,6 +38,12 @@ add(
 add(SOURCE, 'section 1: "This raises the quaternion errors, and of whether"', WORDING)
 add(SOURCE, 'section 2.2: "As noted in Section 2", which is the same section', WORDING)
 add(SOURCE, "reference [19] is not cited", WORDING)
+add(SOURCE, 'section 1: "[Chap. 5][9]" for "[9, Chap. 5]"', WORDING)
+add(
+    SOURCE,
+    'language: "the plan spanned", "along with the x axis", "is follows", "can be get"',
+    WORDING,
+)
 add(
     SOURCE,
     "E is an expectation and (55), H is (1) and (58), alpha a scalar part and an angle",
@@ -130,9 +137,9 @@ def eq_7(rng):
 
 @of("after (7): q1 turns by 180 degrees, q2 by the least angle")
 def angles_of_the_basis(rng):
-    s, d, *_, plane = one_vector(rng)
+    s, *_, plane = one_vector(rng)
     least = np.linalg.norm(plane[3])  # the greatest scalar part in the plane
-    printed = [0.0, np.append(-np.cross(s, d), s @ s)[3] / np.linalg.norm(s)]
+    printed = [0.0, s @ s / np.linalg.norm(s)]
     return [attitude([*s, 0]).trace() + 1, least], printed  # the trace of a half turn
 
 
@@ -167,15 +174,15 @@ def conditions(rng):
 @of("(11)")
 def eq_11(rng):
     g, a, _ = conditions(rng)
-    printed = g.d1 @ a
-    return 0.0, printed
+    printed = g.d1
+    return [0.0, *(g.b1 - g.r1) / 2], [printed @ a, *printed]
 
 
 @of("(12)")
 def eq_12(rng):
     g, a, _ = conditions(rng)
-    printed = g.d2 @ a
-    return 0.0, printed
+    printed = g.d2
+    return [0.0, *(g.b2 - g.r2) / 2], [printed @ a, *printed]
 
 
 @of("(13)")
@@ -208,16 +215,25 @@ def eq_15(rng):
     return np.outer(unit(a), unit(a)), np.outer(unit(printed), unit(printed))
 
 
-@of("after (15), the four lines up to alpha = s1'd2")
+@of("after (15), the second and third line")
 def eq_15_lines(rng):
-    g, alpha = pair(rng), rng.standard_normal()
+    alpha = rng.standard_normal()
+    g = Pair(quaternion(rng), *directions(2, rng), 0.3 * rng.standard_normal((4, 3)))
     truth = np.cross(g.s1, g.d1) @ np.cross(g.d1, g.d2) + g.d1 @ g.d1 * alpha
     printed = [
         g.s1 @ skew(g.d1) @ skew(g.d1) @ g.d2 + g.d1 @ g.d1 * alpha,
         g.s1 @ g.d1 * (g.d1 @ g.d2) - g.d1 @ g.d1 * (g.s1 @ g.d2) + g.d1 @ g.d1 * alpha,
-        g.d1 @ g.d1 * (alpha - g.s1 @ g.d2),
     ]
-    return [truth] * 3, printed
+    return [truth] * 2, printed
+
+
+@of("after (15), the fourth and fifth line, without noise: alpha = s1'd2")
+def eq_15_last_lines(rng):
+    g, alpha = pair(rng), rng.standard_normal()
+    first = np.cross(g.s1, g.d1) @ np.cross(g.d1, g.d2) + g.d1 @ g.d1 * alpha
+    scalar = g.q[:3] @ np.cross(g.r1, g.r2) * g.q[3]
+    printed = [g.d1 @ g.d1 * (alpha - g.s1 @ g.d2), g.s1 @ g.d2]
+    return [first, scalar], printed
 
 
 @of("after (15): s1'd2 = -s2'd1")
@@ -233,5 +249,3 @@ def other_condition(rng):
     a = np.cross(g.d1, g.d2)
     printed = np.append(a, -np.cross(g.s2, g.d2) @ a / (g.d2 @ g.d2))
     return g.q, unit(printed)
-
-

@@ -1,13 +1,13 @@
 """Enters every claim, source by source, in the order of the text."""
 
 from errata import (  # noqa: F401
-    triangular,
-    symmetric,
-    estimator,
-    singular,
-    turns,
     errors,
-    moments,
+    estimator,
     gaussian,
+    moments,
+    singular,
+    symmetric,
     tables,
+    triangular,
+    turns,
 )  # isort: skip

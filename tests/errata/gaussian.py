@@ -22,7 +22,11 @@ from simval.theory import attitude_moments
 
 SOURCE = "quaternion"
 of = claim(SOURCE)
-add(SOURCE, "(63), a hat for the check of P inside: as printed it is circular †", WORDING)
+add(
+    SOURCE,
+    "(63), a hat for the check of P inside: as printed it is circular †",
+    WORDING,
+)
 add(SOURCE, "section 5, Term 3: its products", ILLEGIBLE)
 add(SOURCE, "section 5, Term 6: its products", ILLEGIBLE)
 add(SOURCE, "section 5, Term 2: products 31 and 32", ILLEGIBLE)
@@ -87,9 +91,9 @@ def eq_63(rng):
 def eq_63_order(rng):
     ((g, length),) = geometries(1, rng)
     coarse, fine = (Compared(g, s * length) for s in (0.02, 0.01))
-    gaps = [c.error(c.second + np.outer(c.bias, c.bias)) for c in (coarse, fine)]
-    printed = round(np.log2(gaps[0] / gaps[1]), 1)
-    return 4.0, printed
+    printed = [c.second + np.outer(c.bias, c.bias) for c in (coarse, fine)]
+    gaps = coarse.error(printed[0]), fine.error(printed[1])
+    return 4.0, round(np.log2(gaps[0] / gaps[1]), 1)
 
 
 @of("(63): nearer to the exact covariance than without the added term", seeds=1)
@@ -210,7 +214,7 @@ def plus_terms(rng):
     return mean_square(lambda x: quadratic(q, x), P), mean(terms, P)
 
 
-@of("section 5: the terms with a plus are all of fourth order", FALSE)
+@of("section 5: the terms with a plus are all that is of fourth order", FALSE)
 def fourth_order_terms(rng):
     # those with a minus are of fourth order too, and sum to bias times bias'
     q, P, _ = parts(rng)

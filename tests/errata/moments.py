@@ -1,7 +1,7 @@
 """Peng and Choukroun, section 4.3: biases and covariances, eqs. (51) to (65)."""
 
 import numpy as np
-from errata.claim import FALSE, MISPRINTED, claim
+from errata.claim import FALSE, MISPRINTED, WORDING, add, claim
 from errata.errors import ONE, exact_error
 from errata.geometry import (
     covariance,
@@ -14,10 +14,10 @@ from errata.geometry import (
     quaternion,
     second_order_mean,
     skew,
-    unit,
 )
 
 of = claim("quaternion")
+add("quaternion", "before (60): the bar of P is missing †", WORDING)
 SMALL = 1e-6  # the extrapolated mean leaves s^6 and rounding of 1e-16 / s^2
 
 

@@ -17,7 +17,11 @@ RAW = ["ax", "ay", "az"]
 add(SOURCE, "B is a bias and a form, A a reading and a form, E the cost and a form, k a "
     "sample and a step", WORDING)  # fmt: skip
 add(SOURCE, "A to F are used a line before what they stand for", WORDING)
-add(SOURCE, "gradient, in matrices: the transposed one is 9 x N, printed N x 1 †", WORDING)
+add(
+    SOURCE,
+    "gradient, in matrices: the transposed one is 9 x N, printed N x 1 †",
+    WORDING,
+)
 add(SOURCE, "gradient, as a sum: 9 x 1, printed 9 x N †", ILLEGIBLE)
 add(SOURCE, "Hessian in matrices", ILLEGIBLE)
 add(SOURCE, "second derivatives: x labels of most, and of some both labels, garbled †",
@@ -104,7 +108,10 @@ WRONG = {
 }
 WRONG["e+"] = lines()["e+"][0].replace("k33)zy", "k33)zx")
 MARKED = {"d9", "99", "13+", "35+", "55+"}
-SAID_WRONG = {"25": "13", "35+": "12"}  # the latter is of the wrong value, and equals 35
+SAID_WRONG = {
+    "25": "13",
+    "35+": "12",
+}  # the latter is of the wrong value, and equals 35
 
 
 def wrong_claim(place):

@@ -102,8 +102,17 @@ def enter_moments():
             place = f"section 5, Term {term}, moments: `{item}`{times_}"
             name = f"term_{term}_moments_{k}"
             add(SOURCE, place, MISPRINTED, item_claim(term, item), name, seeds=1)
-        place = f"section 5, Term {term}, moments: the other {len(items) - wrong} items"
+        place = f"section 5, Term {term}, moments: {len(items) - wrong} other items"
         add(SOURCE, place, RIGHT, others_claim(term), f"term_{term}_moments", seeds=1)
+
+
+def term_6_open_bracket(rng):
+    """An item that breaks off, where another belongs."""
+    truth, corrections, lost = MOMENTS[6]
+    items = TABLES["term 6, moments"]
+    printed = corrected(items, corrections)
+    right = corrected(items, corrections | lost)
+    return truth, printed, right
 
 
 def others_claim(term):
@@ -119,17 +128,18 @@ def others_claim(term):
 
 def element_claims(table, name, form, wrong):
     """One claim for each misprinted element of a table, one for the others."""
-    found = elements(TABLES[table])
+    count = len(TABLES[table])
 
     def one(ij):
         def evaluate(rng):
-            printed = found[ij]
+            printed = elements(TABLES[table])[ij]
             right = form(*ij)
             return form(*ij), printed, right
 
         return evaluate
 
     def others(rng):
+        found = elements(TABLES[table])
         rest = sorted(set(found) - set(wrong))
         printed = [found[ij] for ij in rest]
         return [form(*ij) for ij in rest], printed
@@ -138,11 +148,19 @@ def element_claims(table, name, form, wrong):
     for (i, j), mark in wrong.items():
         place = f"{title}: element {i}{j}{mark}"
         add(SOURCE, place, MISPRINTED, one((i, j)), f"{name}_{i}{j}", seeds=1)
-    place = f"{title}: the other {len(found) - len(wrong)} legible elements"
+    place = f"{title}: {count - len(wrong)} other elements"
     add(SOURCE, place, RIGHT, others, name, seeds=1)
 
 
 enter_moments()
+add(
+    SOURCE,
+    "section 5, Term 6, moments: an item with an open bracket †",
+    MISPRINTED,
+    term_6_open_bracket,
+    "term_6_open_bracket",
+    seeds=1,
+)
 element_claims(
     "term 1, products of x",
     "term_1_products",

@@ -10,7 +10,11 @@ add("imu-tk", "L_k and e_k are one quantity under two names, h and h~ too", WORD
 add("imu-tk", "the three blocks of dh/dtheta and of J_k have no brackets", WORDING)
 add("imu-tk", "p of R^(3 x p) is not said: 9", WORDING)
 add("imu-tk", "J_k: an index alpha for x, twice †", WORDING)
-add("scalar", "K, for which one solves in the end, is not said: the inverse of K'", WORDING)
+add(
+    "scalar",
+    "K, for which one solves in the end, is not said: the inverse of K'",
+    WORDING,
+)
 add("scalar", "|g| and g_0 are one quantity", WORDING)
 
 
