@@ -1,4 +1,4 @@
-"""Peng and Choukroun, sections 4.1 and 4.2: errors and their expansion, (29) to (50)."""
+"""Peng and Choukroun, sections 4.1, 4.2: errors and expansions, (29) to (50)."""
 
 import numpy as np
 from errata.claim import FALSE, MISPRINTED, WORDING, add, claim
@@ -68,7 +68,7 @@ def eq_32(rng):
 
 @of("(33)")
 def eq_33(rng):
-    g, noise = noisy(rng)
+    _, noise = noisy(rng)
     printed = qbar(noise.vectors) / np.linalg.norm(qbar(noise.vectors))
     return [1.0, 0.0], [printed @ printed, np.linalg.norm(parts(printed, noise))]
 

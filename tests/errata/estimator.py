@@ -1,7 +1,7 @@
 """Peng and Choukroun, abstract to section 2: the estimator, eqs. (1) to (15)."""
 
 import numpy as np
-from errata.claim import FALSE, ILLEGIBLE, WORDING, add, claim
+from errata.claim import FALSE, WORDING, add, claim
 from errata.geometry import (
     Pair,
     attitude,
@@ -49,10 +49,14 @@ add(
     "E is an expectation and (55), H is (1) and (58), alpha a scalar part and an angle",
     WORDING,
 )
-add(SOURCE, "section 1, other sentences on the work of others: not examined", ILLEGIBLE)
 
 
 add(SOURCE, "reference [13] bears the DOI of [8], 10.2514/1.22452", WORDING)
+add(
+    SOURCE,
+    'reference [8] is "Survey of Nonlinear Attitude Estimation Methods"',
+    WORDING,
+)
 
 
 def plane_of_attitudes(b, r, q):

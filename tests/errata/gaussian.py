@@ -199,19 +199,18 @@ def minus_term_4(rng):
 @of("section 5, covariance: the four terms with a plus")
 def plus_terms(rng):
     q, P, _ = parts(rng)
-    Q, qq, one = normal_matrix(q), np.outer(q, q), np.eye(4)
-
-    def terms(x):
-        xx, trace = np.outer(x, x), np.trace(Q @ np.outer(x, x))
-        printed = (
-            xx @ qq @ xx
-            + 0.5 * xx @ qq * trace
-            + 0.5 * trace * one @ qq @ xx
-            + 0.25 * trace * one @ qq * trace
-        )
-        return printed
-
-    return mean_square(lambda x: quadratic(q, x), P), mean(terms, P)
+    Q, qq = normal_matrix(q), np.outer(q, q)
+    truth = mean_square(lambda x: quadratic(q, x), P)
+    printed = mean(
+        lambda x: (
+            np.outer(x, x) @ qq @ np.outer(x, x)
+            + 0.5 * np.outer(x, x) @ qq * np.trace(Q @ np.outer(x, x))
+            + 0.5 * np.trace(Q @ np.outer(x, x)) * qq @ np.outer(x, x)
+            + 0.25 * np.trace(Q @ np.outer(x, x)) ** 2 * qq
+        ),
+        P,
+    )
+    return truth, printed
 
 
 @of("section 5: the terms with a plus are all that is of fourth order", FALSE)

@@ -69,7 +69,7 @@ def attitude(q: Any) -> Any:
 
 def multiply(p: Any, q: Any) -> Any:
     """Product of quaternions, i j = k, as a product of complex 2 x 2 matrices."""
-    (a, b), (c, d) = _matrix(p) @ _matrix(q)
+    (a, b), (_, d) = _matrix(p) @ _matrix(q)
     return np.array([-b.imag, -b.real, -(a.imag - d.imag) / 2, (a.real + d.real) / 2])
 
 

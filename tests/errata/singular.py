@@ -290,7 +290,7 @@ def eq_25(rng):
 
 @of("(25), a half turn", MISPRINTED)
 def eq_25_half_turn(rng):
-    # both planes are the same: b3 x r3 = 0, and the axis is normal to d and in the plane
+    # both planes are one: b3 x r3 = 0; the axis is normal to d, and in the plane
     g = plane_pair(np.pi, rng)
     n = unit(np.cross(g.r1, g.r2))
     longer = max((g.d1, g.d2), key=np.linalg.norm)

@@ -1,4 +1,4 @@
-"""The symmetric Gauss-Newton derivation, entry by entry, against sympy's derivatives."""
+"""The symmetric Gauss-Newton derivation, entry by entry, against sympy."""
 
 import re
 from functools import cache
@@ -14,8 +14,7 @@ DATA = Path(__file__).parents[1] / "data" / "symmetric_derivation.txt"
 PARAMETERS = ["k11", "k12", "k13", "k22", "k23", "k33", "bx", "by", "bz"]
 RAW = ["ax", "ay", "az"]
 
-add(SOURCE, "B is a bias and a form, A a reading and a form, E the cost and a form, k a "
-    "sample and a step", WORDING)  # fmt: skip
+add(SOURCE, "A, B and E stand for two things each, k for a sample and a step", WORDING)
 add(SOURCE, "A to F are used a line before what they stand for", WORDING)
 add(
     SOURCE,
@@ -24,8 +23,11 @@ add(
 )
 add(SOURCE, "gradient, as a sum: 9 x 1, printed 9 x N †", ILLEGIBLE)
 add(SOURCE, "Hessian in matrices", ILLEGIBLE)
-add(SOURCE, "second derivatives: x labels of most, and of some both labels, garbled †",
-    WORDING)  # fmt: skip
+add(
+    SOURCE,
+    "second derivatives: of most the label in x, of some both, garbled †",
+    WORDING,
+)
 
 
 @cache
@@ -56,7 +58,8 @@ def problem(rng):
     e, first, second = derivatives()(*values.values())
     for bar in "xyz":
         values[bar] = values[f"a{bar}"] - values[f"b{bar}"]
-    K = np.array([[values[f"k{min(i, j)}{max(i, j)}"] for i in (1, 2, 3)] for j in (1, 2, 3)])  # fmt: skip
+    k11, k12, k13, k22, k23, k33 = (values[name] for name in PARAMETERS[:6])
+    K = np.array([[k11, k12, k13], [k12, k22, k23], [k13, k23, k33]])
     A, D, F, _, B, E, *_, C = (K @ K).ravel()
     values |= {"A": A, "B": B, "C": C, "D": 2 * D, "E": 2 * E, "F": 2 * F}
     values["P"] = np.nan  # stands nowhere else in the text

@@ -7,7 +7,7 @@ are the printed tables, one item at a time.
 
     PYTHONPATH=tests python tests/mutants/claims.py [--every N] [NAME ...]
 
-Prints the survivors that are not in `claims_kept.toml`; the exit code is 1 if there are any.
+Prints the survivors that are not in `claims_kept.toml`; exits with 1 if there are any.
 """
 
 import argparse
