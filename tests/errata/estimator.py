@@ -203,13 +203,13 @@ def eq_14(rng):
     return 0.0, printed
 
 
-@of("after (14): linearly dependent")
+@of("after (14): linearly dependent, and q unique up to its length")
 def dependent(rng):
     g = pair(rng)
     rows = [np.append(g.d1, 0), np.append(g.d2, 0)]
     rows += [np.append(np.cross(s, d), d @ d) for s, d in ((g.s1, g.d1), (g.s2, g.d2))]
-    printed = np.linalg.matrix_rank(np.array(rows), tol=1e-9) < 4
-    return True, printed
+    printed = np.array(rows)
+    return 3, np.linalg.matrix_rank(printed, tol=1e-9)
 
 
 @of("(15)")

@@ -1,13 +1,17 @@
 """Enters every claim, source by source, in the order of the text."""
+# ruff: noqa: F401, I001
 
-from errata import (  # noqa: F401
-    errors,
-    estimator,
-    gaussian,
-    moments,
-    singular,
-    symmetric,
-    tables,
-    triangular,
-    turns,
-)  # isort: skip
+import errata.triangular
+import errata.symmetric
+import errata.symmetric_update
+import errata.estimator
+import errata.singular
+import errata.case_d
+import errata.turns
+import errata.errors
+import errata.expansions
+import errata.moments
+import errata.covariances
+import errata.gaussian
+import errata.terms
+import errata.tables
