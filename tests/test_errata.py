@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from errata import page, symmetric
+from errata import gaussian, page, symmetric
 from errata.claim import CLAIMS, RIGHT, check
 from mutants import claims as faults
 
@@ -41,6 +41,15 @@ def test_every_numbered_equation_of_the_paper_is_a_claim():
     places = [CLAIMS[name].place for name in EVALUATED]
     numbers = [re.match(r"\((\d+)\)", place) for place in places]
     assert {int(n[1]) for n in numbers if n} == set(range(1, 66))
+
+
+def test_figures_of_the_page():
+    ratios = [c.error(c.with_square) / c.error(c.second) for c in gaussian.sample()]
+    farther = sum(c.error(c.paper) > c.error(c.second) for c in gaussian.sample())
+    text = " ".join(PAGE.split())
+    stated = f"median ratio of the errors {np.median(ratios):.2f}, "
+    assert f"{stated}at worst {max(ratios):.3f} (`eq_63_nearer`)" in text
+    assert f"in {farther} of {len(ratios)} random geometries" in text
 
 
 def test_every_second_derivative_but_one_is_printed_right_somewhere():

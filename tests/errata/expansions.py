@@ -7,7 +7,11 @@ from errata.geometry import directions, inverse, multiply, quaternion, taylor, u
 
 SOURCE = "quaternion"
 of = claim(SOURCE)
-add(SOURCE, "(48), (49), (51) to (53): an equality that holds to second order", WORDING)
+add(
+    SOURCE,
+    "(48), (49), (51) to (54): equalities that hold to second order, (54) to first",
+    WORDING,
+)
 
 
 def exact_error(q, x):

@@ -42,6 +42,7 @@ class Compared:
         self.q, self.second = q, projector @ P @ projector
         self.bias = gaussian_mean(lambda x: quadratic(q, x), P)
         square = mean_square(lambda x: quadratic(q, x), P)
+        self.with_square = self.second + np.outer(self.bias, self.bias)  # (63)
         self.paper = self.second + square - np.outer(self.bias, self.bias)
         found = attitude_moments(q, g.r1, g.r2, sigma, order="exact", frame="plain")
         self.exact, self.exact_bias = found.covariance, found.bias
@@ -122,7 +123,7 @@ def exact_to_fourth_order(rng):
 def increased_accuracy(rng):
     farther = [c.error(c.paper) > c.error(c.second) for c in sample()]
     printed = not any(farther)
-    right = 15 < sum(farther) < 25  # usually not, sometimes yes
+    right = 15 < sum(farther) < 30  # usually not, sometimes yes
     return True, printed, right
 
 
@@ -130,9 +131,13 @@ def increased_accuracy(rng):
 def alleviates_singularity(rng):
     # |qbar| of the size of the noise: the exact trace is 1 - |mean|^2, so below 1
     r1, r2 = directions(2, rng)
-    axis = unit(r1 + 0.4 * r2) + 0.01 * unit(np.cross(r1, r2))
-    one = Compared(Pair(turn(axis, 1.5), r1, r2), 0.02)
-    printed = one.error(one.paper) < one.error(one.second)
+    plane, n = unit(r1 + 0.4 * r2), unit(np.cross(r1, r2))
+    one, off = (
+        Compared(Pair(turn(plane + tilt * n, 1.5), r1, r2), 0.02)
+        for tilt in (0.01, 0.1)
+    )
     traces = [np.trace(x) for x in (one.exact, one.second, one.paper)]
-    right = traces[0] < 1 < traces[1] < traces[2]
+    helps = off.error(off.paper) < off.error(off.second)
+    printed = one.error(one.paper) < one.error(one.second)
+    right = helps and traces[0] < 1 < traces[1] < traces[2]
     return True, bool(printed), bool(right)

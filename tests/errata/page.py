@@ -8,7 +8,6 @@ prints the counts and the tables, which `tests/test_errata.py` holds the page to
 import sys
 from collections import Counter
 
-import errata.every  # noqa: F401
 from errata.claim import CLAIMS, FALSE, ILLEGIBLE, MISPRINTED, RIGHT, WORDING
 
 VERDICTS = (RIGHT, MISPRINTED, FALSE, WORDING, ILLEGIBLE)

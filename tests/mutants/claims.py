@@ -23,7 +23,6 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-import errata.every  # noqa: F401
 import numpy as np
 from errata import symmetric, tables
 from errata.claim import CLAIMS, RIGHT, Claim, check

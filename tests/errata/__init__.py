@@ -1,4 +1,4 @@
-"""Enters every claim, source by source, in the order of the text."""
+"""The sources' claims, each evaluated; entered here in the order of the texts."""
 # ruff: noqa: F401, I001
 
 import errata.triangular
