@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import errata
 import numpy as np
 import pytest
 from errata import gaussian, page, symmetric
@@ -77,3 +78,11 @@ def test_every_fault_in_a_claim_is_seen():
 def test_a_kept_fault_has_a_reason_and_a_claim():
     listed = faults.listed()
     assert all(one["why"] and one["claim"] in CLAIMS for one in listed)
+
+
+def test_every_module_of_claims_is_entered():
+    modules = {path.stem for path in Path(errata.__file__).parent.glob("*.py")}
+    defining = modules - {"__init__", "claim", "geometry", "page", "polynomials"}
+    text = Path(errata.__file__).read_text("utf-8")
+    entered = re.findall(r"^import errata\.(\w+)$", text, re.M)
+    assert sorted(entered) == sorted(defining)

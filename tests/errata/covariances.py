@@ -1,6 +1,7 @@
 """Peng and Choukroun, sections 4.3.2 and 4.3.3: covariances, eqs. (54) to (65)."""
 
 import numpy as np
+
 from errata.claim import FALSE, MISPRINTED, WORDING, add, claim
 from errata.expansions import exact_error
 from errata.geometry import (
@@ -16,6 +17,7 @@ from errata.geometry import (
 from errata.moments import SMALL, linear_map, normal_matrix, q_and_p
 
 of = claim("quaternion")
+add("quaternion", 'before (61): "diagonal" is a multiple of the identity', WORDING)
 add("quaternion", "before (60): the bar of P is missing †", WORDING)
 
 

@@ -1,6 +1,7 @@
 """Peng and Choukroun, sections 4.1 and 4.2.1: errors, eqs. (29) to (47)."""
 
 import numpy as np
+
 from errata.claim import MISPRINTED, WORDING, add, claim
 from errata.geometry import (
     Pair,
@@ -17,6 +18,7 @@ from errata.geometry import (
 SOURCE = "quaternion"
 of = claim(SOURCE)
 add(SOURCE, "(42): true length over measured, in words the other way round", WORDING)
+add(SOURCE, "(39), last product: a transpose too many †", WORDING)
 ONE = np.array([0.0, 0.0, 0.0, 1.0])
 
 add(
