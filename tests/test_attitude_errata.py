@@ -56,12 +56,12 @@ def test_the_six_terms_are_the_moment_of_the_quadratic_error():
             value = evaluate(isserlis(polynomial), q, P)
             terms[k, i - 1, j - 1] += factor * value
     # 50 to 350 products of numbers below 1
-    np.testing.assert_allclose(paper_fourth_terms(q, P), terms, atol=1e-13)
+    np.testing.assert_allclose(paper_fourth_terms(q, P), terms, rtol=0, atol=1e-13)
     total = terms.sum(axis=0)
     mean = np.einsum("bcd,cd->b", quadratic_form(q), P)
-    np.testing.assert_allclose(mean, second_order_bias(q, P), atol=1e-14)
+    np.testing.assert_allclose(mean, second_order_bias(q, P), rtol=0, atol=1e-14)
     found = quadratic_covariance(q, P) + np.outer(mean, mean)
-    np.testing.assert_allclose(found, total, atol=1e-13)
+    np.testing.assert_allclose(found, total, rtol=0, atol=1e-13)
 
 
 def test_composition_with_the_printed_scalar_breaks_the_multiplicative_error():
@@ -70,7 +70,7 @@ def test_composition_with_the_printed_scalar_breaks_the_multiplicative_error():
     other = random_quaternions(1, rng)[0]
     right = compose(conjugate(q), other)
     np.testing.assert_allclose(
-        right, -multiplicative_matrix(q) @ other, atol=1e-15
+        right, -multiplicative_matrix(q) @ other, rtol=0, atol=1e-15
     )  # (47)
     e1, s1, e2, s2 = -q[:3], q[3], other[:3], other[3]
     printed_scalar = e1 @ e2 - s1 * s2
