@@ -1,0 +1,88 @@
+"""The claims of the four sources and docs/errata.md: see tests/errata."""
+
+import re
+from pathlib import Path
+
+import errata
+import numpy as np
+import pytest
+from errata import gaussian, page, symmetric
+from errata.claim import CLAIMS, RIGHT, check
+from mutants import claims as faults
+
+EVALUATED = [name for name, claim in CLAIMS.items() if claim.evaluate]
+PAGE = (Path(__file__).parents[1] / "docs" / "errata.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", EVALUATED)
+def test_claim(name):
+    check(CLAIMS[name])
+
+
+@pytest.mark.parametrize("source", page.SOURCES)
+def test_the_page_lists_every_claim(source):
+    listed = "\n".join(page.table(source))
+    assert f"### {page.SOURCES[source]}: all\n\n{listed}\n" in PAGE
+
+
+def test_the_page_counts_them():
+    assert "\n".join(page.counts()) in PAGE
+
+
+def test_every_erratum_has_its_sentence():
+    rows = re.findall(
+        r"^\|.*\| ((?:`\w+`(?:, )?)+) \|$", PAGE.partition(": all\n")[0], re.M
+    )
+    named = [name for row in rows for name in re.findall(r"\w+", row)]
+    wrong = [name for name in EVALUATED if CLAIMS[name].verdict != RIGHT]
+    assert sorted(named) == sorted(wrong)
+
+
+def test_every_numbered_equation_of_the_paper_is_a_claim():
+    places = [CLAIMS[name].place for name in EVALUATED]
+    numbers = [re.match(r"\((\d+)\)", place) for place in places]
+    assert {int(n[1]) for n in numbers if n} == set(range(1, 66))
+
+
+def test_figures_of_the_page():
+    ratios = [c.error(c.with_square) / c.error(c.second) for c in gaussian.sample()]
+    farther = sum(c.error(c.paper) > c.error(c.second) for c in gaussian.sample())
+    text = " ".join(PAGE.split())
+    stated = f"median ratio of the errors {np.median(ratios):.2f}, "
+    assert f"{stated}at worst {max(ratios):.3f} (`eq_63_nearer`)" in text
+    assert f"in {farther} of {len(ratios)} random geometries" in text
+
+
+def test_every_second_derivative_but_one_is_printed_right_somewhere():
+    right = {place.rstrip("+") for place in symmetric.lines()} - {"99"}
+    right = {min(p, p[::-1]) for p in right if p.isdigit() and p not in symmetric.WRONG}
+    wanted = {f"{i}{j}" for i in range(1, 10) for j in range(i, 10)}
+    # 7 7 is right in its second form, 2A; 9 9 is nowhere
+    assert wanted - right == {"77", "99"}
+    values, *true = symmetric.problem(np.random.default_rng(0))
+    assert symmetric.said("77", values, *true) == pytest.approx(
+        symmetric.entry("77", *true), rel=1e-14
+    )
+
+
+def test_a_fault_in_a_sample_of_claims_is_seen():
+    left = faults.left_over(EVALUATED, 60)
+    assert left == []
+
+
+@pytest.mark.slow
+def test_every_fault_in_a_claim_is_seen():
+    assert faults.left_over(EVALUATED, 1) == []
+
+
+def test_a_kept_fault_has_a_reason_and_a_claim():
+    listed = faults.listed()
+    assert all(one["why"] and one["claim"] in CLAIMS for one in listed)
+
+
+def test_every_module_of_claims_is_entered():
+    modules = {path.stem for path in Path(errata.__file__).parent.glob("*.py")}
+    defining = modules - {"__init__", "claim", "geometry", "page", "polynomials"}
+    text = Path(errata.__file__).read_text("utf-8")
+    entered = re.findall(r"^import errata\.(\w+)$", text, re.M)
+    assert sorted(entered) == sorted(defining)
