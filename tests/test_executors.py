@@ -10,7 +10,7 @@ import socket
 import subprocess
 import sys
 import time
-from concurrent.futures import Future
+from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
@@ -68,7 +68,7 @@ def test_a_cell_that_kills_its_worker_fails_alone(tiny_suite, tiny_run, tmp_path
     assert digest(folder) == digest(tiny_run)
 
 
-class Fragile:
+class Fragile(Executor):
     """An executor that breaks between a cell's end and the next submission."""
 
     def __init__(self, breaks_at):

@@ -136,7 +136,7 @@ def pixels(text):
 
 def test_many_points_are_pixels_and_none_is_left_out():
     rng = np.random.default_rng(7)
-    n = 100_000
+    n = 20_000
     x, y = rng.uniform(1, 10, n), rng.uniform(1, 10, n)
     band = rng.uniform(0.0, 0.1, n)
     band[1234] = 50.0

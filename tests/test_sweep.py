@@ -120,6 +120,7 @@ def test_one_driver_for_a_folder(tiny_suite, tiny_run):
 
 
 @pytest.mark.parametrize("workers", [0, 1.5, "2", True])
+@pytest.mark.usefixtures("unchecked")
 def test_workers_must_be_a_number_of_processes(tiny_suite, tmp_path, workers):
     with pytest.raises(InputError, match="whole number"):
         run_suite(tiny_suite, tmp_path / "run", workers=workers)

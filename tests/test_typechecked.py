@@ -18,12 +18,14 @@ from simval.sensor import forms
 )
 def test_an_inner_function_refuses_another_shape_or_type(parameters):
     with pytest.raises(TypeCheckError, match="parameters"):
-        forms.matrix("triangular", parameters)
+        checked(forms.matrix.__wrapped__)("triangular", parameters)
 
 
 def test_axes_of_one_name_have_one_length():
     with pytest.raises(TypeCheckError, match="sampson_slopes"):
-        residuals.sampson_slopes(np.ones((1, 4)), np.ones((1, 5)), newton=False)
+        checked(residuals.sampson_slopes.__wrapped__)(
+            np.ones((1, 4)), np.ones((1, 5)), newton=False
+        )
 
 
 def test_a_wrong_result_is_refused():

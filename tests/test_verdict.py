@@ -164,7 +164,7 @@ def test_answers_do_not_depend_on_the_unit(unit):
         row = changed(
             value=value * unit, standard_error=unit, remainder=remainder * unit
         )
-        assert judge([("cell", row)])[0].answer == answer
+        assert judge([(NAME, row)])[0].answer == answer
 
 
 def test_nothing_measured_never_passes():
@@ -174,12 +174,12 @@ def test_nothing_measured_never_passes():
 
 def test_every_row_gets_its_own_verdict_in_order():
     rows = [
-        ("limit", changed(check="limit", prediction=1.0)),
-        ("few", changed(n=9)),
-        ("plain", changed()),
-        ("nees", changed(check="nees")),
+        (CellName("study", "limit"), changed(check="limit", prediction=1.0)),
+        (CellName("study", "few"), changed(n=9)),
+        (CellName("study", "plain"), changed()),
+        (CellName("study", "nees"), changed(check="nees")),
     ]
-    found = judge([("left out", changed(check="record")), *rows])
+    found = judge([(NAME, changed(check="record")), *rows])
     assert [(verdict.cell, verdict.row) for verdict in found] == rows
 
 
@@ -193,8 +193,8 @@ def test_checks_without_chance():
     assert "above the limit" in second.reason
     assert (first.limit, second.limit, first.reason) == (0.1, 1.0, "")
     same = dataclasses.replace(exact, value=1.0, remainder=0.0)
-    assert judge([("d", same)])[0].answer == "pass"
-    (third,) = judge([("c", dataclasses.replace(exact, value=1.25))])
+    assert judge([(NAME, same)])[0].answer == "pass"
+    (third,) = judge([(NAME, dataclasses.replace(exact, value=1.25))])
     assert third.answer == "fail"
     assert "1.25 is 0.25 from 1; 0.1 is allowed" in third.reason
     assert first.p_value is None

@@ -84,7 +84,7 @@ def check_module(module):
             continue
         if name in FACES.get(room, ()):
             continue
-        if isfunction(value):
+        if isfunction(value) and not hasattr(value, "__wrapped__"):
             setattr(module, name, checked(value))
         elif isinstance(value, type):
             check_class(value)
@@ -93,7 +93,8 @@ def check_module(module):
 def check_class(kind):
     """Put `checked` around the methods that a class has of its own."""
     for name, value in list(vars(kind).items()):
-        if isfunction(value) and (name == "__init__" or not name.startswith("__")):
+        plain = isfunction(value) and not hasattr(value, "__wrapped__")
+        if plain and (name == "__init__" or not name.startswith("__")):
             setattr(kind, name, checked(value))
 
 
