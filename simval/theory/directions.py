@@ -52,7 +52,7 @@ def direction_rules(
 
 
 def about_d2(d2: Array, tau: float, nodes: tuple[int, int]) -> tuple[Array, Array]:
-    # directions u (n, 3) and weights (n,) of the density (U1) around its own centre
+    """Directions and weights of the density (U1) around its own centre."""
     pole = d2 / np.linalg.norm(d2)
     if tau == 0.0:
         return pole[None, :], np.ones(1)
