@@ -109,11 +109,13 @@ def test_a_flat_noise_of_the_second_vector():
     assert relative(cubature.covariance, exact.covariance) < 1e-7
 
 
+@pytest.mark.parametrize("rank", [1, 2, 3])
 @pytest.mark.parametrize("noisy", [(), (0,), (1,), (3,)])
-def test_noise_on_some_vectors_only(noisy):
+def test_noise_on_some_vectors_only(noisy, rank):
     q, r1, r2 = random_geometry(3)
     noise = np.zeros((4, 3, 3))
-    noise[list(noisy)] = full(5, 1e-3)[list(noisy)]
+    factor = np.random.default_rng(5).standard_normal((3, rank))
+    noise[list(noisy)] = 1e-7 * factor @ factor.T
     exact = attitude_moments(q, r1, r2, noise, "exact")
     fourth = attitude_moments(q, r1, r2, noise, 4)
     # complete fourth order: (sigma/|qbar|)^4 = 4e-11, a constant of 300
@@ -152,11 +154,11 @@ def simulated(q, r1, r2, noise, frame, count, seed):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "number", "size", "frame"),
-    [(full, 1, 0.2, None), (full, 2, 0.1, "plain"), (tangent, 2, 0.1, "plain"),
-     (tangent, 5, 0.2, None)],
+    [(full, 1, 0.2, None), (full, 2, 0.07, "plain"), (tangent, 2, 0.05, "plain"),
+     (tangent, 5, 0.15, None)],
 )  # fmt: skip
 def test_nasty_cases_against_monte_carlo(kind, number, size, frame):
-    # |qbar| of 0.06 under a noise of 0.1 among them; 15 z-scores in four cases, one
+    # |qbar| of 0.06 under a noise of 0.07 among them; 15 z-scores in four cases, one
     # false alarm in 1e5
     q, r1, r2 = random_geometry(number)
     noise = kind(number, size)
