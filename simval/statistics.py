@@ -111,6 +111,10 @@ SQUARED_ERROR = Family(
     least=0.0,
 )
 
+UNIT_LENGTH = Family(
+    "unit_length", "relative defect of tr C + |m|² = 2 q'm, unit quaternions"
+)
+
 PROBE = Family("probe", "error of the noise-free probe")
 CUBATURE_BIAS = Family("cubature_bias", "bias by cubature", unit="rad")
 CUBATURE_BIAS_SMALL = Family(

@@ -32,6 +32,11 @@ class Setting:
         solved = np.linalg.solve(P, error[..., None])[..., 0]
         return np.column_stack([error, np.sum(error * solved, axis=1)])
 
+    def additive(self, vectors: Float[Array, "n 4 3"]) -> Float[Array, "n 4"]:
+        """Truth minus estimate as quaternions, the estimate with the truth's sign."""
+        q = quaternions_of(self.plugin, *np.moveaxis(vectors, 1, 0))
+        return self.q - np.copysign(1.0, q @ self.q)[:, None] * q
+
     def cubature(self, noise: float, degree: int) -> tuple[Array, Array]:
         """Mean and covariance of `errors` under the noise."""
         count = 4 if self.plugin.covariance is not None else 3
