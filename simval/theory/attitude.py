@@ -19,11 +19,11 @@ from simval.moments import Moments
 from simval.theory import orders
 from simval.theory.any_covariance import exact_moments_any
 from simval.theory.combined import combined_moments
+from simval.theory.errors_exact import multiplicative_matrix
 from simval.theory.expansion import mean_linear_error, scaled_error_moments
 from simval.theory.noise import noise_covariances, normalized_noise
 from simval.theory.oracle import exact_moments, isotropic
 from simval.theory.second_order import (
-    multiplicative_bias,
     multiplicative_covariance,
     second_order_bias,
     second_order_covariance,
@@ -205,6 +205,6 @@ def multiplicative_moments(additive: AttitudeMoments) -> Moments:
     """
     q = instance("additive", additive, AttitudeMoments).q_true
     return Moments(
-        bias=multiplicative_bias(q, additive.bias) - np.array([0.0, 0.0, 0.0, 1.0]),
+        bias=multiplicative_matrix(q) @ additive.bias,  # (53) less the identity
         covariance=multiplicative_covariance(q, additive.covariance),
     )
