@@ -31,6 +31,7 @@ from simval.errors import InputError
 from simval.studies import (
     attitude,
     attitude_efficiency,
+    attitude_geometries,
     attitude_limits,
     attitude_order,
     calibration,
@@ -58,6 +59,7 @@ _MODULES = (
     attitude_order,
     attitude_efficiency,
     attitude_limits,
+    attitude_geometries,
     detector,
     end_to_end,
     estimator,
