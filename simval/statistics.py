@@ -122,6 +122,11 @@ LEADING_TERM_OFF = Family(
 NEARER = Family(
     "nearer", "share of geometries nearer than the linear one", least=0.0, most=1.0
 )
+NEXT_ORDER = Family(
+    "next_order",
+    "next order over the second, where a formula reaches a limit",
+    least=0.0,
+)
 UNIT_LENGTH = Family(
     "unit_length", "relative defect of tr C + |m|² = 2 q'm, unit quaternions"
 )

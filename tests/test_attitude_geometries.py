@@ -8,7 +8,7 @@ from rows_by_name import named
 
 from simval.streams import Streams
 from simval.studies import attitude_geometries
-from simval.studies.attitude_geometries import _covariances, _regular
+from simval.studies.attitude_geometries import _covariances, regular_geometries
 from simval.theory.expansion import scaled_error_moments
 from simval.theory.orders import complete_fourth_covariance
 from simval.theory.second_order import (
@@ -74,7 +74,7 @@ def test_the_squared_bias_stands_in_for_the_variance_along_q(noise):
     # q'(q - qhat) is half the squared length of the error, so its variance is half of
     # tr (Pi P Pi)^2; the linear covariance has none along q, and the squared bias has
     # (tr Pi P Pi)^2 / 4: with three eigenvalues, half to one and a half of it
-    for number, truth, geometry in islice(_regular("greatest"), 60):
+    for number, truth, geometry in islice(regular_geometries("greatest"), 60):
         moments = scaled_error_moments(geometry, _covariances(number, noise, truth))
         q, P = moments.q, moments.P
         linear = second_order_covariance(q, P)

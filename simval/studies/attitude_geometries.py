@@ -87,7 +87,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Find the ratios of one cell."""
     ratios = np.empty((parameters.geometries, 2))
     off = np.zeros(CHECKED)
-    numbers = islice(_regular(parameters.frame), parameters.geometries)
+    numbers = islice(regular_geometries(parameters.frame), parameters.geometries)
     for i, (number, truth, geometry) in enumerate(numbers):
         noise = _covariances(number, parameters.noise, truth)
         ratios[i], leading = _leading(geometry, noise)
@@ -108,8 +108,8 @@ Truth = tuple[Array, Array, Array]
 """Quaternion and reference vectors."""
 
 
-def _regular(frame: str) -> Iterator[tuple[int, Truth, TwoVectorGeometry]]:
-    # the numbered geometries, without those that are singular for theory
+def regular_geometries(frame: str) -> Iterator[tuple[int, Truth, TwoVectorGeometry]]:
+    """Numbered geometries, without those that are singular for theory."""
     for number in count():
         q, r1, r2 = random_geometry(number)
         chosen = "plain" if frame == "plain" else None

@@ -10,12 +10,14 @@ from simval.theory.cramer_rao import AttitudeBound, attitude_bound
 from simval.theory.cubature import cubature_moments
 from simval.theory.planning import Plan, plan, pose_noise
 from simval.theory.series import series_moments
+from simval.theory.sufficient import SufficientOrder, sufficient_order
 
 __all__ = [
     "AttitudeBound",
     "AttitudeMoments",
     "CalibrationMoments",
     "Plan",
+    "SufficientOrder",
     "attitude_bound",
     "attitude_moments",
     "calibration_moments",
@@ -24,4 +26,5 @@ __all__ = [
     "plan",
     "pose_noise",
     "series_moments",
+    "sufficient_order",
 ]
