@@ -92,15 +92,17 @@ def one_result(estimator):
     return series_moments(estimator, inputs, np.stack([0.01 * np.eye(3)] * 2))
 
 
+# the other branch would have another variance, or another bias
 BRANCHES = [
-    (lambda a, b: [abs(b[1])], lambda a, b: [-b[1]]),
-    (lambda a, b: [np.abs(a[0]) + 0.0], lambda a, b: [a[0]]),
-    (lambda a, b: [a[0] if a[0] < b[0] else b[0]], lambda a, b: [b[0]]),
-    (lambda a, b: [a[0] if b[1] > 0 else a[1]], lambda a, b: [a[1]]),
-    (lambda a, b: [a[0] if b[1] >= 0 else a[1]], lambda a, b: [a[1]]),
-    (lambda a, b: [max(a[0], b[0])], lambda a, b: [a[0]]),
-    (lambda a, b: [np.maximum(a[0], b[0])], lambda a, b: [a[0]]),
-    (lambda a, b: [+a[0] if a[0] else b[0]], lambda a, b: [a[0]]),
+    (lambda a, b: [abs(b[1]) * b[0]], lambda a, b: [-b[1] * b[0]]),
+    (lambda a, b: [np.abs(a[0]) * a[0]], lambda a, b: [a[0] * a[0]]),
+    (lambda a, b: [a[0] if a[0] < b[0] else 2 * b[0]], lambda a, b: [2 * b[0]]),
+    (lambda a, b: [a[0] if a[0] <= 2.0 else 2 * b[0]], lambda a, b: [a[0]]),
+    (lambda a, b: [a[0] if b[1] > 0 else 2 * a[1]], lambda a, b: [2 * a[1]]),
+    (lambda a, b: [a[0] if a[1] >= b[1] else 2 * a[1]], lambda a, b: [a[0]]),
+    (lambda a, b: [max(2 * a[0], b[0])], lambda a, b: [2 * a[0]]),
+    (lambda a, b: [np.maximum(2 * a[0], b[0])], lambda a, b: [2 * a[0]]),
+    (lambda a, b: [+a[0] if a[0] else 2 * b[0]], lambda a, b: [a[0]]),
     (lambda a, b: [a[0] * a[0], 1], lambda a, b: [a[0] * a[0], b[1] * 0]),
 ]
 
