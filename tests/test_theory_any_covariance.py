@@ -10,6 +10,7 @@ from scipy import special
 from simval.attitude import two_vector_quaternion
 from simval.attitude.kernel import normalize_columns, raw_quaternion
 from simval.errors import InputError, RefusedError
+from simval.studies import attitude_order
 from simval.studies.attitude import random_geometry
 from simval.theory import any_covariance, attitude_moments, cubature_moments, oracle
 from simval.theory.any_covariance import exact_moments_any
@@ -212,3 +213,23 @@ def test_a_flip_with_noise_on_one_vector_is_a_normal_tail():
         chance = flip_probability(geometry, noise)
         noise = noise + noise_covariances(1e-9)
         assert flip_probability(geometry, noise) == pytest.approx(chance, rel=1e-6)
+
+
+@pytest.mark.parametrize("noise", ["full", "tangent"])
+@pytest.mark.parametrize("number", [1, 3, 5])
+def test_the_truth_of_the_study_of_orders_is_true(number, noise):
+    # it is cubature, there; a hundredth of the least that a formula leaves out bends a
+    # slope over a factor of 4 in the noise by 0.01 / ln 4 = 0.007, of 0.1 allowed
+    q, r1, r2 = random_geometry(number)
+    parameters = attitude_order.Parameters(geometry=number, noise=noise)
+    covariances = attitude_order.LEVELS[-1] ** 2 * attitude_order._shape(
+        parameters, q, r1, r2
+    )
+    exact, second, fourth = (
+        attitude_moments(q, r1, r2, covariances, order) for order in ("exact", 2, 4)
+    )
+    cubature = attitude_order._truth(noise, q, r1, r2, covariances, second)
+    for part in ("bias", "covariance"):
+        known = getattr(exact, part)
+        left = np.linalg.norm(getattr(fourth, part) - known)
+        assert np.linalg.norm(getattr(cubature, part) - known) < 0.01 * left
