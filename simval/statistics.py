@@ -128,7 +128,9 @@ NEXT_ORDER = Family(
     least=0.0,
 )
 UNIT_LENGTH = Family(
-    "unit_length", "relative defect of tr C + |m|² = 2 q'm, unit quaternions"
+    "unit_length",
+    "relative defect of tr C + |m|² = 2 q'm, unit quaternions",
+    least=0.0,
 )
 
 PROBE = Family("probe", "error of the noise-free probe")
