@@ -117,6 +117,28 @@ INCONSISTENT_RATE = Family(
     "inconsistent_rate", "share of samples called inconsistent", least=0.0, most=1.0
 )
 
+LEADING_ERROR_RATIO = Family(
+    "leading_error_ratio",
+    "leading error of a formula of the covariance over the linear one's",
+    least=0.0,
+)
+LEADING_TERM_OFF = Family(
+    "leading_term_off", "relative error of the leading term", least=0.0
+)
+NEARER = Family(
+    "nearer", "share of geometries nearer than the linear one", least=0.0, most=1.0
+)
+NEXT_ORDER = Family(
+    "next_order",
+    "next order over the second, where a formula reaches a limit",
+    least=0.0,
+)
+UNIT_LENGTH = Family(
+    "unit_length",
+    "relative defect of tr C + |m|² = 2 q'm, unit quaternions",
+    least=0.0,
+)
+
 PROBE = Family("probe", "error of the noise-free probe")
 CUBATURE_BIAS = Family("cubature_bias", "bias by cubature", unit="rad")
 CUBATURE_BIAS_SMALL = Family(
@@ -227,6 +249,7 @@ EXACT = "exact"
 ORDER_2 = "order 2"
 ORDER_4_SOURCE = "order 4, source"
 ORDER_4 = "order 4, complete"
+ORDER_2_PRINTED = "eq. (63), as printed"
 FIRST_ORDER = "first order"
 SECOND_ORDER = "second order"
 CARRIED = "first order, carried through"

@@ -9,8 +9,8 @@ from simval.errors import GeometryError
 from simval.streams import Streams, cell_key
 from simval.studies import attitude_efficiency, attitude_limits, attitude_order
 from simval.theory import attitude_moments
+from simval.theory.flips import flip_probability
 from simval.theory.noise import noise_covariances
-from simval.theory.oracle import flip_probability
 from simval.theory.two_vector import true_vectors, two_vector_geometry
 from simval.verdict import judge
 

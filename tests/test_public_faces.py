@@ -294,6 +294,11 @@ FACES = {
         {"estimator": "object", "inputs": "array", "covariances": "array",
          "order": "count"},
     ),
+    "sufficient_order": (
+        theory.sufficient_order,
+        {**TRUTH, "tolerance": 0.01, "frame": "plain"},
+        {**TRUTHS, "noise_std": "noise", "tolerance": "positive", "frame": "choice"},
+    ),
     "plan": (
         theory.plan,
         {"directions": DIRECTIONS, "noise_std": 0.01, "sensor": MODEL, "g": G,
@@ -384,6 +389,7 @@ ALLOWED = {
     ("Effects", "range_g", "None"),
     ("Effects", "limits_raw", "None"),
     ("attitude_moments", "frame", "None"),
+    ("sufficient_order", "frame", "None"),
     ("calibration_moments", "noise_std", "None"),
     ("plan", "sensor", "None"),
     ("initial_rest", "count", "None"),

@@ -1,5 +1,7 @@
 """Truncated power series: the algebra, and theory for an estimator of one's own."""
 
+import math
+
 import numpy as np
 import pytest
 from rounding import EPS
@@ -88,6 +90,60 @@ def test_bad_input_is_refused():
         series_moments(lambda v: [1 / (v[0] - 1.0)], one, cov)
     with pytest.raises(RefusedError, match="no power series"):
         series_moments(lambda v: [np.sqrt(v[0] - 2.0)], one, cov)
+
+
+def one_result(estimator):
+    inputs = np.array([[1.0, 2.0, 3.0], [0.5, -1.0, 2.0]])
+    return series_moments(estimator, inputs, np.stack([0.01 * np.eye(3)] * 2))
+
+
+# the other branch would have another variance, or another bias
+BRANCHES = [
+    (lambda a, b: [abs(b[1]) * b[0]], lambda a, b: [-b[1] * b[0]]),
+    (lambda a, b: [np.abs(a[0]) * a[0]], lambda a, b: [a[0] * a[0]]),
+    (lambda a, b: [a[0] if a[0] < b[0] else 2 * b[0]], lambda a, b: [2 * b[0]]),
+    (lambda a, b: [a[0] if a[0] <= 2.0 else 2 * b[0]], lambda a, b: [a[0]]),
+    (lambda a, b: [a[0] if b[1] > 0 else 2 * a[1]], lambda a, b: [2 * a[1]]),
+    (lambda a, b: [a[0] if a[1] >= b[1] else 2 * a[1]], lambda a, b: [a[0]]),
+    (lambda a, b: [max(2 * a[0], b[0])], lambda a, b: [2 * a[0]]),
+    (lambda a, b: [np.maximum(2 * a[0], b[0])], lambda a, b: [2 * a[0]]),
+    (lambda a, b: [+a[0] if a[0] else 2 * b[0]], lambda a, b: [a[0]]),
+    (lambda a, b: [a[0] * a[0], 1], lambda a, b: [a[0] * a[0], b[1] * 0]),
+]
+
+
+def test_a_branch_is_the_one_without_noise():
+    for branching, taken in BRANCHES:
+        found, expected = one_result(branching), one_result(taken)
+        np.testing.assert_array_equal(found.bias, expected.bias)
+        np.testing.assert_array_equal(found.covariance, expected.covariance)
+
+
+def test_a_branch_at_the_truth_is_refused():
+    for branching in (
+        lambda a, b: [abs(a[0] - 1)],
+        lambda a, b: [a[0] if a[0] > 1 else b[0]],
+        lambda a, b: [a[0] if a[1] <= 2.0 else b[0]],
+        lambda a, b: [1 if a[0] - 1 else 0],
+    ):
+        with pytest.raises(RefusedError, match="branches at a quantity"):
+            one_result(branching)
+
+
+def test_what_has_no_series_says_what_to_do():
+    for foreign in (
+        lambda a, b: [math.sqrt(a[0])],
+        lambda a, b: [math.hypot(a[0], a[1])],
+        lambda a, b: [np.sin(a[0])],
+        lambda a, b: a[0] * b[0],
+        lambda a, b: a[:, 0:1] * 2,
+        lambda a, b: np.sum(a * b, axis=1),
+        lambda a, b: [float(a[0])],
+        lambda a, b: [[a[0]]],
+        lambda a, b: None,
+    ):
+        with pytest.raises(InputError, match=r"numpy\.sqrt, take one .*not batches"):
+            one_result(foreign)
 
 
 def test_an_estimator_of_ones_own():

@@ -180,6 +180,20 @@ def test_multiplicative_moments():
     )
 
 
+@pytest.mark.parametrize("sigma", [1e-8, 1e-12, 1e-3])
+def test_a_small_multiplicative_bias_keeps_its_digits(sigma):
+    # -q^-1 * (bias): the length is that of the additive one to rounding, whatever its
+    # size; subtracting the identity from (53) was 10 % off at 1e-8
+    q, vectors, _ = geometry(6)
+    additive = attitude_moments(q, *vectors[2:], sigma, 2, "plain")
+    found = multiplicative_moments(additive).bias
+    expected = -compose(conjugate(additive.q_true), additive.bias)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=8 * EPS * sigma**2 * 100)
+    assert np.linalg.norm(found) == pytest.approx(
+        np.linalg.norm(additive.bias), rel=16 * EPS
+    )
+
+
 def unit(v):
     return v / np.sqrt(np.sum(v * v))
 

@@ -67,7 +67,7 @@ def moments_by_rule(g, noise, rule):
     u, weights = (
         directions._about_d1(g, tau1, tau2, rule[1:])
         if rule[0] == "d1"
-        else directions._about_d2(g.d2, tau2, rule[1:])
+        else directions.about_d2(g.d2, tau2, rule[1:])
     )
     return (
         *oracle._moments_given_directions(g, tau1, u, weights),
@@ -104,7 +104,7 @@ def test_two_quadratures_in_different_coordinates_agree():
 def test_density_integrates_to_one(k):
     # the polar range may be cut only where the density has fallen below rounding
     d2 = np.array([0.1, -0.3, 0.2])
-    _, weights = directions._about_d2(d2, np.linalg.norm(d2) / k, (96, 4))
+    _, weights = directions.about_d2(d2, np.linalg.norm(d2) / k, (96, 4))
     assert weights.sum() == pytest.approx(1.0, abs=1e-13)
 
 

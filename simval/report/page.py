@@ -53,6 +53,7 @@ from simval.statistics import (
     SCALE_BIAS,
     SD,
     SIMULATED_RMS_RATIO,
+    UNIT_LENGTH,
     Family,
     Statistic,
 )
@@ -64,7 +65,7 @@ SHOWN: Mapping[str, tuple[str, tuple[Family | Statistic, ...]]] = {
     "calibration": ("calibration", (RMS, SD, BIAS, RECOVERY)),
     "poses": ("scene", (CONDITION,)),
     "ladder": ("ladder", (SCALE_BIAS, *BIAS.each(("K_x", "K_y", "K_z")))),
-    "attitude": ("attitude", (BIAS, COVARIANCE)),
+    "attitude": ("attitude", (BIAS, COVARIANCE, UNIT_LENGTH)),
     "orders": (
         "attitude_order",
         (BIAS_ERROR, BIAS_ORDER, COVARIANCE_ERROR, COVARIANCE_ORDER),

@@ -31,7 +31,9 @@ from simval.errors import InputError
 from simval.studies import (
     attitude,
     attitude_efficiency,
+    attitude_geometries,
     attitude_limits,
+    attitude_map,
     attitude_order,
     attitude_vectors,
     calibration,
@@ -60,6 +62,8 @@ _MODULES = (
     attitude_efficiency,
     attitude_limits,
     attitude_vectors,
+    attitude_geometries,
+    attitude_map,
     detector,
     end_to_end,
     estimator,

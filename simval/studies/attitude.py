@@ -14,6 +14,11 @@ because it leaves out terms of its own order.
 Beside the plain samples, one in `CONTROLLED` is drawn again in antithetic pairs with
 the Taylor polynomial as a control variate; its moments have a standard error of the
 next order, so they see errors of a prediction that plain samples cannot.
+
+Truth and estimate have length 1, so mean and covariance of the error owe each other
+:math:`\mathrm{tr}\,C + m^T m = 2 q^T m` (`simval.theory.unit_length`): samples and the
+exact answer are held to it to rounding, and what each truncated formula misses it by is
+reported.
 """
 
 from typing import Annotated
@@ -32,7 +37,7 @@ from simval.montecarlo import (
     simulate,
     simulate_reduced,
 )
-from simval.results import Outcome, Row, control, nees, plain, unjudged
+from simval.results import Outcome, Row, control, limit, nees, plain, unjudged
 from simval.statistics import (
     BIAS,
     COVARIANCE,
@@ -43,11 +48,18 @@ from simval.statistics import (
     ORDER_4,
     ORDER_4_SOURCE,
     RMS,
+    ROUNDING,
+    UNIT_LENGTH,
 )
 from simval.streams import Streams
 from simval.studies.study import Cost, StudyParameters
 from simval.theory.attitude import AttitudeMoments, attitude_moments
 from simval.theory.remainder import RANGE, expansion_remainders
+from simval.theory.unit_length import (
+    predicted_defect,
+    unit_length_defect,
+    unit_length_rounding,
+)
 
 TITLE = "Attitude moments: bias and covariance of the two-vector quaternion"
 SECTION = "attitude"
@@ -88,7 +100,7 @@ class Parameters(StudyParameters):
 
     def cost(self) -> Cost:
         """Cost of a cell: a quarter of a second for a million samples."""
-        return Cost(0.05 + 2.5e-7 * self.samples, 76)
+        return Cost(0.05 + 2.5e-7 * self.samples, 81)
 
 
 def random_geometry(
@@ -150,8 +162,31 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
             *_control_rows(controlled, exact),
             *_rms_rows(mean_square(sums, np.eye(4)), measured.samples, predictions),
             *nees(NEES(), square, error, measured.samples, expected, EXACT),
+            *_unit_rows(mean_square(sums, np.eye(4))[0], measured, predictions),
         )
     )
+
+
+def _unit_rows(
+    square: float, measured: Moments, predictions: dict[str, AttitudeMoments]
+) -> list[Row]:
+    """How well samples and predictions hold to the unit length of the estimate."""
+    q = predictions[EXACT].q_true
+    defect = unit_length_defect(square, float(q @ measured.bias))
+    rows = list(
+        limit(
+            UNIT_LENGTH("simulated"), abs(defect), unit_length_rounding(square),
+            ROUNDING, measured.samples,
+        )
+    )  # fmt: skip
+    for label, predicted in predictions.items():
+        off = abs(predicted_defect(predicted, q))
+        if label == EXACT:
+            most = unit_length_rounding(float(np.trace(predicted.second_moment)))
+            rows += limit(UNIT_LENGTH(label), off, most, ROUNDING)
+        else:
+            rows += unjudged(UNIT_LENGTH(label), off)
+    return rows
 
 
 def _moment_rows(

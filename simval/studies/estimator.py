@@ -23,6 +23,10 @@ off only by what cubature itself is, again twice the difference of the degrees. 
 of order k is allowed twice what cubature says that it is off by; and it must earn its
 order: halving the noise must reduce that by :math:`2^k`, or by :math:`2^{k - 1/2}` at
 least. So a wrong leading term is never hidden by its own remainder.
+
+Whatever the estimator, unit quaternions have :math:`E|q - \hat q|^2 = 2 q^T E[q - \hat
+q]`. The first block is held to it within what the lengths that the plug-in returned
+are off by (its own precision; `UNIT` at the most) and rounding.
 """
 
 from typing import Annotated
@@ -53,8 +57,10 @@ from simval.statistics import (
     NEES,
     PROBE,
     RMS,
+    ROUNDING,
     SECOND_ORDER,
     TRUTH,
+    UNIT_LENGTH,
     claim_of,
     order,
 )
@@ -63,6 +69,7 @@ from simval.studies.attitude import random_geometry
 from simval.studies.plugin import PluginName, PluginParameters, isolated
 from simval.theory.cramer_rao import attitude_bound
 from simval.theory.cubature import cubature_moments
+from simval.theory.unit_length import unit_length_defect, unit_length_rounding
 
 TITLE = "A user's attitude estimator, in a process of its own"
 SECTION = None
@@ -73,7 +80,7 @@ AXES = ("x", "y", "z")
 SMALL = 1e-5
 """Noise at which a bias of second order, and what cubature is off by, are nothing."""
 
-ROUNDING = 2.0 * TOLERANCE
+SMALL_ROUNDING = 2.0 * TOLERANCE
 """Rad; the root of rounding, 1.5e-8, times the sum of the weights' sizes, 107."""
 
 RESOLVED = 1e-6
@@ -121,6 +128,11 @@ class Setting:
         P = covariances_of(self.plugin, b1, b2, r1, r2, noise)
         solved = np.linalg.solve(P, error[..., None])[..., 0]
         return np.column_stack([error, np.sum(error * solved, axis=1)])
+
+    def additive(self, vectors: Float[Array, "n 4 3"]) -> Float[Array, "n 4"]:
+        """Truth minus estimate as quaternions, the estimate with the truth's sign."""
+        q = quaternions_of(self.plugin, *np.moveaxis(vectors, 1, 0))
+        return self.q - np.copysign(1.0, q @ self.q)[:, None] * q
 
     def cubature(self, noise: float, degree: int) -> tuple[Array, Array]:
         """Mean and covariance of `errors` under the noise."""
@@ -170,6 +182,7 @@ def compute(parameters: Parameters, streams: Streams) -> Outcome:
         *_bias_rows(setting, cubature, coarser),
         *_moment_rows(moments_of(sums), cubature, coarser),
         *_size_rows(setting, sums, parameters.noise_std),
+        *_unit_rows(setting, parameters.noise_std, streams),
     ]
     if plugin.covariance is not None:
         off, other = claim_off(cubature), claim_off(coarser)
@@ -178,6 +191,18 @@ def compute(parameters: Parameters, streams: Streams) -> Outcome:
             plugin.claim, moments_of(sums), off, claim_off(half), abs(off - other)
         )
     return Outcome(rows=tuple(rows))
+
+
+def _unit_rows(setting: Setting, noise: float, streams: Streams) -> tuple[Row, ...]:
+    """Whether mean and mean square of the first block are those of unit quaternions."""
+    drawn = noise * streams.block(0).standard_normal((BLOCK, 4, 3))
+    error = setting.additive(setting.truth + drawn)
+    estimate = setting.q - error
+    off = float(np.abs(np.sum(estimate * estimate, axis=1) - 1.0).max())
+    square = float(np.mean(np.sum(error * error, axis=1)))
+    defect = unit_length_defect(square, float(setting.q @ error.mean(axis=0)))
+    most = unit_length_rounding(square, off)
+    return limit(UNIT_LENGTH("simulated"), abs(defect), most, ROUNDING, BLOCK)
 
 
 def _bias_rows(
@@ -191,7 +216,7 @@ def _bias_rows(
     bound = attitude_bound(setting.q, setting.r1, setting.r2, SMALL)
     most = (
         float(np.trace(covariance[:3, :3])) + unresolved + TOLERANCE,
-        float(np.trace(bound.rotation)) + ROUNDING,
+        float(np.trace(bound.rotation)) + SMALL_ROUNDING,
     )
     found = [
         float(np.linalg.norm(bias[:3]))

@@ -10,6 +10,7 @@ from simval.theory.cramer_rao import AttitudeBound, attitude_bound
 from simval.theory.cubature import cubature_moments
 from simval.theory.planning import Plan, plan, pose_noise
 from simval.theory.series import series_moments
+from simval.theory.sufficient import SufficientOrder, sufficient_order
 from simval.theory.wahba import loss_noncentrality, wahba_bound, wahba_moments
 
 __all__ = [
@@ -17,6 +18,7 @@ __all__ = [
     "AttitudeMoments",
     "CalibrationMoments",
     "Plan",
+    "SufficientOrder",
     "attitude_bound",
     "attitude_moments",
     "calibration_moments",
@@ -26,6 +28,7 @@ __all__ = [
     "plan",
     "pose_noise",
     "series_moments",
+    "sufficient_order",
     "wahba_bound",
     "wahba_moments",
 ]

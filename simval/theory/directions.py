@@ -41,7 +41,7 @@ def direction_rules(
 ) -> Iterator[tuple[Array, Array]]:
     """Rules that refine, the cheapest first."""
     for count in _ABOUT_D2:
-        yield _about_d2(geometry.d2, tau2, (2 * count, count))
+        yield about_d2(geometry.d2, tau2, (2 * count, count))
     d1 = np.linalg.norm(geometry.d1)
     across = np.linalg.norm(np.cross(geometry.d1, geometry.d2)) / d1  # |d2| sin angle
     scale = max(1.0, float(np.linalg.norm(geometry.s1) / d1))
@@ -52,10 +52,10 @@ def direction_rules(
         yield _about_d1(geometry, tau1, tau2, (polar, azimuths))
 
 
-def _about_d2(
+def about_d2(
     d2: Float[Array, "3"], tau: float, nodes: tuple[int, int]
 ) -> tuple[Float[Array, "n 3"], Float[Array, " n"]]:
-    # directions u (n, 3) and weights (n,) of the density (U1) around its own centre
+    """Directions and weights of the density (U1) around its own centre."""
     pole = d2 / np.linalg.norm(d2)
     if tau == 0.0:
         return pole[None, :], np.ones(1)
@@ -71,7 +71,7 @@ def _about_d1(
 ) -> tuple[Float[Array, "n 3"], Float[Array, " n"]]:
     # the same on panels about the direction of d1, where m vanishes
     if tau2 <= 1e-9:  # the directions are within 1e-8 of that of d2: nothing to grade
-        return _about_d2(geometry.d2, tau2, nodes)
+        return about_d2(geometry.d2, tau2, nodes)
     pole = geometry.d1 / np.linalg.norm(geometry.d1)
     length = float(np.linalg.norm(geometry.d2))
     centre, k = geometry.d2 / length, length / tau2

@@ -20,7 +20,8 @@ small differences, so that they keep their digits at small noise: a standard dev
 is good to 1e-15 absolute. No expansion in the noise is made anywhere.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -52,42 +53,31 @@ def exact_moments(
     RefusedError
         If the finest two rules do not agree within 1e-9.
     """
-    bias, covariance = _average(geometry, noise, _moments_given_directions)
+    tau1, tau2 = _isotropic_halves(noise)
+    rules = direction_rules(geometry, tau1, tau2)
+    given = partial(_moments_given_directions, geometry, tau1)
+    bias, covariance = converged(rules, given, geometry.norm, (tau1, tau2))
     return bias, covariance
 
 
-def flip_probability(
-    geometry: TwoVectorGeometry, noise: Float[Array, "4 3 3"]
-) -> float:
-    r"""Probability that the raw estimate has the other sign than the truth.
-
-    Given u, :math:`q^T\bar q/|d_2|` is Gaussian with mean :math:`q^T m` and variance
-    :math:`\tau_1^2 (1 - (e^T u)^2)`. Every prediction here keeps the raw sign; one who
-    aligns the sign sample by sample sees another error in this share of the samples.
+def converged(
+    rules: Iterable[tuple[Array, Array]],
+    functional: Callable[[Array, Array], tuple[Array, ...]],
+    norm: float,
+    spread: tuple[float, float],
+) -> tuple[Array, ...]:
+    """Functional of directions and weights, by rules that refine until two agree.
 
     Raises
     ------
-    InputError
-        If a covariance is not a multiple of the identity.
     RefusedError
         If the finest two rules do not agree within 1e-9.
     """
-    return float(_average(geometry, noise, _flips_given_directions)[0][0])
-
-
-Functional = Callable[[TwoVectorGeometry, float, Array, Array], tuple[Array, ...]]
-
-
-def _average(
-    geometry: TwoVectorGeometry, noise: Float[Array, "4 3 3"], functional: Functional
-) -> tuple[Array, ...]:
-    # a functional of directions and weights, by rules that refine until two agree
-    tau1, tau2 = _isotropic_halves(noise)
     previous: tuple[Array, ...] | None = None
     gap = np.inf
-    for directions, weights in direction_rules(geometry, tau1, tau2):
+    for directions, weights in rules:
         total = weights.sum()
-        found = functional(geometry, tau1, directions, weights / total)
+        found = functional(directions, weights / total)
         if previous is not None:
             gap = max(_relative(a, b) for a, b in zip(previous, found, strict=True))
             gap = max(gap, abs(float(total) - 1.0))  # the density must integrate to 1
@@ -96,8 +86,8 @@ def _average(
         previous = found
     msg = (
         f"the quadrature still changes its result by {gap:.1e} relative with its last "
-        f"rule, needed {_TOLERANCE:g}: |qbar| is {geometry.norm:.2e} and the noise of "
-        f"the halved pairs {tau1:.2e} and {tau2:.2e}; use another frame"
+        f"rule, needed {_TOLERANCE:g}: |qbar| is {norm:.2e} and the noise of the "
+        f"halved pairs {spread[0]:.2e} and {spread[1]:.2e}; use another frame"
     )
     raise RefusedError(msg)
 
@@ -110,14 +100,19 @@ def _relative(a: Array, b: Array) -> float:
     return float(np.linalg.norm(a - b) / (scale + floor))
 
 
+def isotropic(noise: Float[Array, "4 3 3"]) -> bool:
+    """Whether every covariance is a multiple of the identity, but for rounding."""
+    multiples = noise[:, 0, 0, None, None] * np.eye(3)
+    return np.allclose(noise, multiples, rtol=1e-12, atol=0)
+
+
 def _isotropic_halves(noise: Float[Array, "4 3 3"]) -> tuple[float, float]:
     # Standard deviations tau1 of d1 (and s1) and tau2 of d2, per axis
     variances = noise[:, 0, 0]
-    # rounding of sigma^2; the oracle itself holds 1e-9
-    if not np.allclose(noise, variances[:, None, None] * np.eye(3), rtol=1e-12, atol=0):
+    if not isotropic(noise):
         msg = (
-            "`noise_std` holds covariances that are not isotropic; order='exact' "
-            "exists for isotropic noise only, so use order=4 or `cubature_moments`"
+            "`noise_std` holds covariances that are not isotropic; this integral is "
+            "for isotropic noise, so use `attitude_moments` with order='exact'"
         )
         raise InputError(msg)
     tau1 = 0.5 * np.sqrt(variances[0] + variances[2])
@@ -156,23 +151,6 @@ def _moments_given_directions(
     rest = half.sum() * np.eye(4)
     rest[:3, :3] -= (half[:, None] * directions).T @ directions
     return bias, second + rest - np.outer(bias, bias)
-
-
-def _flips_given_directions(
-    geometry: TwoVectorGeometry,
-    tau1: float,
-    directions: Float[Array, "n 3"],
-    weights: Float[Array, " n"],
-) -> tuple[Array, ...]:
-    # probability that q.qbar < 0; its complement sets the scale of the tolerance
-    e, s = geometry.q[:3], geometry.q[3]
-    along = np.cross(geometry.d1, directions) @ e + s * (directions @ geometry.s1)
-    spread = tau1 * np.sqrt(np.maximum(1.0 - (directions @ e) ** 2, 0.0))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        flipped = special.ndtr(-along / spread)
-    flipped = np.where(spread > 0.0, flipped, along < 0.0)
-    share = float(weights @ flipped)
-    return (np.array([share, 1.0 - share]),)
 
 
 def one_minus_a(rho: Float[Array, " n"]) -> Float[Array, " n"]:

@@ -155,6 +155,33 @@ class Series:
             return prod([self] * exponent, start=self * 0.0 + 1.0)
         return self._power(float(exponent))
 
+    def __pos__(self) -> "Series":
+        return self
+
+    def __abs__(self) -> "Series":
+        return self * self._sign()
+
+    # a branch is the one that is taken without noise
+    def __lt__(self, other: Scalar) -> bool:
+        return (self - other)._sign() < 0.0
+
+    def __gt__(self, other: Scalar) -> bool:
+        return (self - other)._sign() > 0.0
+
+    __le__, __ge__ = __lt__, __gt__
+
+    def __bool__(self) -> bool:
+        return self._sign() != 0.0
+
+    def _sign(self) -> float:
+        if self.coefficients[0] == 0.0:
+            msg = (
+                "the estimator branches at a quantity that is 0 without noise, so it "
+                "has no power series there; use a regular frame"
+            )
+            raise RefusedError(msg)
+        return float(np.sign(self.coefficients[0]))
+
     def sqrt(self) -> "Series":
         """Square root; also what `numpy.sqrt` of an array of series calls."""
         return self._power(0.5)
@@ -189,6 +216,7 @@ def series_moments(
     estimator : callable
         Takes k object arrays (3,) of numbers and returns p numbers, using
         + - * / ** and `numpy.sqrt` only; `numpy.cross`, `dot` and `sum` are these.
+        `abs` and comparisons follow the branch that is taken without noise.
     inputs : array_like
         True values of the k vectors, (k, 3).
     covariances : array_like
@@ -239,11 +267,12 @@ def _estimated(
     try:
         found = list(estimator(*vectors))
         one = vectors[0][0] * 0.0
-        series = [one + number for number in found]
-    except (TypeError, AttributeError, ValueError) as error:
+        series = [one + (np.nan if n is np.ma.masked else n) for n in found]
+    except (TypeError, AttributeError, ValueError, IndexError) as error:
         msg = (
             f"the estimator cannot work with power series ({error}); it must use only "
-            "+ - * / ** and numpy.sqrt, and return a sequence of numbers"
+            "+ - * / **, abs, comparisons and numpy.sqrt, take one sample, k vectors "
+            "(3,), not batches, and return a sequence of numbers"
         )
         raise InputError(msg) from error
     if not all(

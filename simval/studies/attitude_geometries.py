@@ -1,0 +1,158 @@
+r"""Leading errors over many geometries: which formula is nearer to the truth.
+
+The covariance of each formula that is accurate to second order is off by a term in
+:math:`\sigma^4`: the linear one by :math:`C_4`, the source's fourth order by
+:math:`C_4 - \mathrm{cov}\,Q_2(x_1, x_1)`, and eq. (63) as printed by
+:math:`C_4 - m_2 m_2^T`, :math:`C_4` being the complete term of eq. (O2). Their
+Frobenius norms, over that of the linear one, are found in many random geometries:
+below 1 a formula is nearer to the truth than the linear one, at 0 it would be of
+higher order. The geometries are numbered, so no chance is involved.
+
+A judged row holds :math:`C_4` to an independent route: in the first geometries it is
+extrapolated from the exact moments at two noise levels, without any expansion.
+"""
+
+from collections.abc import Iterator
+from itertools import count, islice
+from typing import Annotated, Final, Literal
+
+import numpy as np
+from pydantic import Field
+
+from simval.arrays import Array
+from simval.errors import GeometryError
+from simval.results import Outcome, limit, unjudged
+from simval.statistics import (
+    EXACT,
+    LEADING_ERROR_RATIO,
+    LEADING_TERM_OFF,
+    NEARER,
+    ORDER_2_PRINTED,
+    ORDER_4_SOURCE,
+)
+from simval.streams import Streams
+from simval.studies.attitude import random_geometry
+from simval.studies.study import Cost, StudyParameters
+from simval.theory.attitude import attitude_moments
+from simval.theory.expansion import scaled_error_moments
+from simval.theory.noise import noise_covariances, tangent_covariances
+from simval.theory.orders import (
+    complete_fourth_covariance,
+    quadratic_covariance,
+    second_order_bias,
+    second_order_covariance,
+)
+from simval.theory.two_vector import (
+    TwoVectorGeometry,
+    true_vectors,
+    two_vector_geometry,
+)
+
+TITLE = "Geometries: which attitude formula is nearer to the truth, and how often"
+SECTION = None
+
+QUANTILES: Final = {"least": 0.0, "5%": 0.05, "median": 0.5, "95%": 0.95, "most": 1.0}
+
+CHECKED: Final = 6
+"""Geometries whose leading term is extrapolated from exact moments, too."""
+
+RATIO: Final = 150.0
+"""Least |qbar|/sigma there; the other noise level is half of it."""
+
+MOST_OFF: Final = 1e-4
+"""Relative: the extrapolation leaves out (sigma/|qbar|)^4 = 2e-9 times the term after
+the next, of some thousands; 1e-12 of a covariance, which is (2 |qbar|/sigma)^2 = 1e5
+times the term, is what quadrature may be off by."""
+
+Noise = Literal["isotropic", "tangent", "full"]
+
+
+class Parameters(StudyParameters):
+    """One cell: a shape of the noise and a rule for the frame."""
+
+    noise: Noise = Field(
+        default="isotropic",
+        description="Equal isotropic noise, noise tangent to each unit vector, or four "
+        "random full covariances.",
+    )
+    frame: Literal["greatest", "plain"] = Field(
+        default="greatest", description="Column of the estimator."
+    )
+    geometries: Annotated[int, Field(ge=20, le=100_000)] = Field(
+        default=500, description="Random attitudes and pairs of vectors."
+    )
+
+    def cost(self) -> Cost:
+        """Cost of a cell: 3 ms a geometry, and the exact moments of some."""
+        return Cost(3.0 + 3e-3 * self.geometries, 13)
+
+
+def run(parameters: Parameters, streams: Streams) -> Outcome:
+    """Find the ratios of one cell."""
+    ratios = np.empty((parameters.geometries, 2))
+    off = np.zeros(CHECKED)
+    numbers = islice(regular_geometries(parameters.frame), parameters.geometries)
+    for i, (number, truth, geometry) in enumerate(numbers):
+        noise = _covariances(number, parameters.noise, truth)
+        ratios[i], leading = _leading(geometry, noise)
+        if i < CHECKED:
+            known = _extrapolated(truth, geometry, noise)
+            off[i] = np.linalg.norm(leading - known) / np.linalg.norm(leading)
+    rows = list(limit(LEADING_TERM_OFF(), off.max(), MOST_OFF, EXACT, n=CHECKED))
+    labels = (ORDER_4_SOURCE, ORDER_2_PRINTED)
+    for label, found in zip(labels, ratios.T, strict=True):
+        values = np.quantile(found, list(QUANTILES.values()))
+        statistics = LEADING_ERROR_RATIO.each(QUANTILES)
+        rows += unjudged(statistics, values, predictor=label)
+        rows += unjudged(NEARER(), float(np.mean(found < 1.0)), predictor=label)
+    return Outcome(rows=tuple(rows))
+
+
+Truth = tuple[Array, Array, Array]
+"""Quaternion and reference vectors."""
+
+
+def regular_geometries(frame: str) -> Iterator[tuple[int, Truth, TwoVectorGeometry]]:
+    """Numbered geometries, without those that are singular for theory."""
+    for number in count():
+        q, r1, r2 = random_geometry(number)
+        chosen = "plain" if frame == "plain" else None
+        try:
+            yield number, (q, r1, r2), two_vector_geometry(q, r1, r2, chosen)
+        except GeometryError:
+            continue
+
+
+def _covariances(number: int, kind: Noise, truth: Truth) -> Array:
+    # (4, 3, 3), the greatest standard deviation being 1
+    if kind == "isotropic":
+        return noise_covariances(1.0)
+    if kind == "tangent":
+        return tangent_covariances(true_vectors(*truth)[1], 1.0)
+    factor = np.random.default_rng([number, 1]).standard_normal((4, 3, 3))
+    full: Array = factor @ factor.swapaxes(1, 2)
+    scaled: Array = full / np.linalg.eigvalsh(full)[:, -1].max()
+    return scaled
+
+
+def _leading(geometry: TwoVectorGeometry, noise: Array) -> tuple[Array, Array]:
+    # leading errors over the linear one's, and that, in the turned frame
+    moments = scaled_error_moments(geometry, noise)
+    q, P = moments.q, moments.P
+    leading = complete_fourth_covariance(moments) - second_order_covariance(q, P)
+    bias = second_order_bias(q, P)
+    errors = (leading - quadratic_covariance(q, P), leading - np.outer(bias, bias))
+    return np.linalg.norm(errors, axis=(1, 2)) / np.linalg.norm(leading), leading
+
+
+def _extrapolated(truth: Truth, geometry: TwoVectorGeometry, noise: Array) -> Array:
+    # the term in sigma^4 from exact moments at two noise levels, free of sigma^6
+    terms = []
+    for size in (geometry.norm / RATIO, 0.5 * geometry.norm / RATIO):
+        exact, linear = (
+            attitude_moments(*truth, size**2 * noise, order, geometry.frame)
+            for order in ("exact", 2)
+        )
+        terms.append((exact.covariance - linear.covariance) / size**4)
+    found: Array = geometry.back.T @ (4.0 * terms[1] - terms[0]) @ geometry.back / 3.0
+    return found

@@ -1,0 +1,116 @@
+r"""The map of the limits: where each attitude formula holds, over many geometries.
+
+In each numbered random geometry the isotropic noise is raised until the covariance and
+the bias of each formula are off by 1 % and by 10 % of the exact ones. Quantiles of
+:math:`|\bar q|/\sigma` there say what that ratio is worth as a rule. What else decides
+is the geometry itself, through the ratio of one order to the one before,
+:math:`\rho = |C_4 - C_2|/|C_2|` (`simval.theory.remainder`), in closed form; its
+quantiles at the same noise are there too.
+"""
+
+from collections.abc import Iterator
+from itertools import islice
+from typing import Annotated, Final, Literal
+
+import numpy as np
+from pydantic import Field
+
+from simval.arrays import Array
+from simval.results import Outcome, Row, unjudged
+from simval.statistics import LIMIT_RATIO, NEXT_ORDER
+from simval.streams import Streams
+from simval.studies.attitude import PREDICTORS
+from simval.studies.attitude_geometries import QUANTILES, Truth, regular_geometries
+from simval.studies.study import Cost, StudyParameters
+from simval.theory.attitude import AttitudeMoments, attitude_moments
+
+TITLE = "Map of the limits: where each attitude formula holds, over many geometries"
+SECTION = None
+
+SHARES: Final = {"1%": 0.01, "10%": 0.1}
+RATIOS: Final = np.geomspace(30.0, 1.2, 26)
+"""|qbar|/sigma. Between two of them the log of an error is linear in that of the ratio
+but for its curvature, which moves a limit by less than 1 %."""
+
+PARTS: Final = ("bias", "covariance")
+FORMULAS: Final = {order: label for order, label in PREDICTORS if order != "exact"}
+
+
+class Parameters(StudyParameters):
+    """One cell: a rule for the frame."""
+
+    frame: Literal["greatest", "plain"] = Field(
+        default="greatest", description="Column of the estimator."
+    )
+    geometries: Annotated[int, Field(ge=5, le=10_000)] = Field(
+        default=150, description="Random attitudes and pairs of vectors."
+    )
+
+    def cost(self) -> Cost:
+        """Cost of a cell: 26 exact answers a geometry."""
+        return Cost(0.25 * self.geometries, 120)
+
+
+def run(parameters: Parameters, streams: Streams) -> Outcome:
+    """Find the quantiles of one cell."""
+    drawn = islice(regular_geometries(parameters.frame), parameters.geometries)
+    limits = [_limits(truth, geometry.frame) for _, truth, geometry in drawn]
+    rows: list[Row] = []
+    for order, label in FORMULAS.items():
+        for part in PARTS:
+            for share in SHARES:
+                found = np.array([limit[order, part, share] for limit in limits])
+                rows += _rows(found, (part, share), label)
+    return Outcome(rows=tuple(rows))
+
+
+def _rows(found: Array, entries: tuple[str, str], label: str) -> Iterator[Row]:
+    # quantiles over the geometries of the ratio, and of rho where it is reached
+    values = np.quantile(found, list(QUANTILES.values()), axis=0)
+    for name, (ratio, rho) in zip(QUANTILES, values, strict=True):
+        yield from unjudged(LIMIT_RATIO(*entries, name), ratio, predictor=label)
+        yield from unjudged(NEXT_ORDER(*entries, name), rho, predictor=label)
+
+
+def _limits(
+    truth: Truth, frame: str
+) -> dict[tuple[int | str, str, str], tuple[float, float]]:
+    # |qbar|/sigma and rho at which each formula is off by each share
+    norm = attitude_moments(*truth, 1e-3, 2, frame).norm
+    found = [
+        {o: attitude_moments(*truth, norm / ratio, o, frame) for o, _ in PREDICTORS}
+        for ratio in RATIOS
+    ]
+    rho = [_relative(f[4], f[2], f[2], "covariance") for f in found]
+    limits = {}
+    for order in FORMULAS:
+        for part in PARTS:
+            off = np.array(
+                [_relative(f[order], f["exact"], f["exact"], part) for f in found]
+            )
+            for share, size in SHARES.items():
+                ratio = crossing(off, size)
+                at = float(
+                    np.exp(np.interp(-np.log(ratio), -np.log(RATIOS), np.log(rho)))
+                )
+                limits[order, part, share] = (ratio, at)
+    return limits
+
+
+def _relative(
+    a: AttitudeMoments, b: AttitudeMoments, size: AttitudeMoments, part: str
+) -> float:
+    gap = np.linalg.norm(getattr(a, part) - getattr(b, part))
+    return float(gap / np.linalg.norm(getattr(size, part)))
+
+
+def crossing(off: Array, limit: float) -> float:
+    """First ratio, from above, at which an error reaches the limit; or the end."""
+    reached = np.flatnonzero(off >= limit)
+    if reached.size == 0:
+        return float(RATIOS[-1])
+    i = int(reached[0])
+    if i == 0:
+        return float(RATIOS[0])
+    step = np.log(limit / off[i - 1]) / np.log(off[i] / off[i - 1])
+    return float(RATIOS[i - 1] * (RATIOS[i] / RATIOS[i - 1]) ** step)
