@@ -184,7 +184,7 @@ def test_multiplicative_moments():
 def test_a_small_multiplicative_bias_keeps_its_digits(sigma):
     # -q^-1 * (bias): the length is that of the additive one to rounding, whatever its
     # size; subtracting the identity from (53) was 10 % off at 1e-8
-    q, vectors, _ = geometry(6)
+    q, vectors, _ = geometry(6, of_the_sign_of_q)
     additive = attitude_moments(q, *vectors[2:], sigma, 2, "plain")
     found = multiplicative_moments(additive).bias
     expected = -compose(conjugate(additive.q_true), additive.bias)
