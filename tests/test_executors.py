@@ -48,8 +48,16 @@ def sweep(suite, folder, *words, **options):
         str(folder),
     ]
     return subprocess.Popen(
-        [*command, *words], stderr=subprocess.PIPE, text=True, **options
+        [*command, *words],
+        stderr=subprocess.PIPE,
+        text=True,
+        **{"preexec_fn": hear_ctrl_c, **options},
     )
+
+
+def hear_ctrl_c():
+    """Undo what a shell does to a job in the background, so that tests can be one."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def test_a_cell_that_kills_its_worker_fails_alone(tiny_suite, tiny_run, tmp_path):
