@@ -98,17 +98,25 @@ def test_a_ctrl_c_that_the_shell_ignores_stays_ignored():
     assert isinstance(signal.getsignal(signal.SIGTERM), Interruption)
 
 
-def test_an_interrupted_text_leaves_the_exit_code_ours():
-    """Python itself ends by the signal once `exec` of a text was interrupted."""
-    program = (
-        "import os, signal, sys, simval.cli as cli\n"
-        "text = 'os.kill(os.getpid(), signal.SIGINT)'\n"
-        "def run(words):\n"
-        "    try: exec(text)\n"
-        "    except KeyboardInterrupt: return 130\n"
-        "cli.run = run\n"
-        "cli.main()\n"
-    )
-    words = [sys.executable, "-c", program]
+STOPPED = """
+import os, signal
+from simval import cli
+
+def run(words):
+    try:
+        exec("os.kill(os.getpid(), signal.SIGINT)")
+    except KeyboardInterrupt:
+        return 130
+
+cli.run = run
+cli.main()
+"""
+
+
+def test_an_interrupted_text_leaves_the_exit_code_ours(tmp_path):
+    """`python -m` ends by the signal once `exec` of a text was interrupted."""
+    (tmp_path / "stopped.py").write_text(STOPPED)
+    words = [sys.executable, "-m", "stopped"]
     listening = {"preexec_fn": lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)}
-    assert subprocess.run(words, timeout=60, **listening).returncode == 130
+    ended = subprocess.run(words, cwd=tmp_path, timeout=60, **listening)
+    assert ended.returncode == 130

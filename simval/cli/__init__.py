@@ -128,5 +128,5 @@ def main() -> None:
     if interruption.asked and code != 130:  # dropped, or taken for another error
         click.echo("interrupted", err=True)
         code = 130
-    exec("")  # else Python ends by the signal where text that it compiles was stopped
+    exec("")  # else `python -m` ends by the signal where a text was interrupted
     sys.exit(code)
