@@ -15,6 +15,7 @@ from simval.report.paint import STYLE, _figure
 from simval.report.panels import BarPanel, Drawing, Panel, Series
 from simval.report.section import Context
 from simval.report.sections import attitude, convergence, statistics
+from simval.report.slope import fitted_slope
 from simval.studies import STUDIES
 from simval.studies.study import Cell
 from simval.sweep.run import CellResult, Run
@@ -44,7 +45,23 @@ VARIED = {
 }
 SECTION = {study: anchor for anchor, (study, _) in SHOWN.items()}
 SECTION["solvers"] = "convergence"
-pytestmark = pytest.mark.usefixtures("undrawn")
+pytestmark = pytest.mark.usefixtures("undrawn", "fitted_once")
+
+
+@pytest.fixture(scope="module")
+def fitted_once():
+    """Fits of the curves met so far: all but one are the same in the next page."""
+    known = {}
+
+    def fitted(*curve):
+        key = tuple(column.tobytes() for column in curve)
+        if key not in known:
+            known[key] = fitted_slope(*curve)
+        return known[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("simval.report.noise.fitted_slope", fitted)
+        yield
 
 
 def cells_of(study, rows, **axes):
@@ -311,9 +328,8 @@ def clipped(drawing):
 
     with mpl.rc_context(STYLE):
         figure = _figure(drawing)
-        canvas = FigureCanvasAgg(figure)
-        canvas.draw()
-        renderer = canvas.get_renderer()
+        renderer = FigureCanvasAgg(figure).get_renderer()
+        figure.draw_without_rendering()  # everything has its place, and no colour
         beyond = {
             label
             for axes in figure.axes

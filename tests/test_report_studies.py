@@ -26,12 +26,20 @@ def page(run):
 
 
 @pytest.fixture(scope="module")
-def figures(run):
+def undrawn():
+    """What the figures hold, without drawing each once more: `page` has done that."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("simval.report.environment.svg", lambda drawing: "")
+        yield
+
+
+@pytest.fixture(scope="module")
+def figures(run, page, undrawn):
     return {drawing.name: drawing for drawing in drawings(run)}
 
 
 @pytest.fixture(scope="module")
-def found(run):
+def found(run, page, undrawn):
     return {table.name: table for table in tables(run)}
 
 

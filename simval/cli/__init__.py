@@ -7,13 +7,13 @@ Exit codes: 0 pass, 1 the gate failed, 2 usage, configuration or unreadable inpu
 
 import importlib
 import os
-import signal
 import sys
 from collections.abc import Sequence
 from io import TextIOWrapper
 
 import click
 
+from simval.cli.interruption import watch
 from simval.errors import SimvalError
 
 COMMANDS = (
@@ -111,8 +111,7 @@ def main() -> None:
     # in parallel, and the bits must not depend on the number of cores.
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    # a polite end, as by a batch system, is an interruption like Ctrl-C
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    interruption = watch()
     for stream in (sys.stdout, sys.stderr):  # a name that the terminal cannot show
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
@@ -121,8 +120,13 @@ def main() -> None:
         sys.stdout.flush()
     except BrokenPipeError:
         code = 2
-    except Exception as error:
-        sys.excepthook(type(error), error, error.__traceback__)
-        click.echo("this is a bug of simval; please report it", err=True)
+    except (Exception, KeyboardInterrupt) as error:
         code = 70
+        if not interruption.asked:
+            sys.excepthook(type(error), error, error.__traceback__)
+            click.echo("this is a bug of simval; please report it", err=True)
+    if interruption.asked and code != 130:  # dropped, or taken for another error
+        click.echo("interrupted", err=True)
+        code = 130
+    exec("")  # else `python -m` ends by the signal where a text was interrupted
     sys.exit(code)

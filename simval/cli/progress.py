@@ -5,7 +5,8 @@ from typing import Any
 
 from tqdm import tqdm
 
-from simval.sweep.runner import Ending, worse
+from simval.cli.interruption import heed
+from simval.sweep.runner import Ending, Silence, worse
 
 LOG_INTERVAL = 5.0
 """Seconds between the lines of a log; a terminal is drawn ten times a second."""
@@ -21,6 +22,14 @@ def bar(total: int, what: str, *, done: int = 0, unit: str = " runs") -> "tqdm[A
         dynamic_ncols=True,
         mininterval=0.1 if sys.stderr.isatty() else LOG_INTERVAL,
     )
+
+
+class Quiet(Silence):
+    """A progress that says nothing, and stops a sweep whose Ctrl-C was dropped."""
+
+    def advance(self, name: str, ending: Ending) -> None:
+        """Say nothing."""
+        heed()
 
 
 class CellBar:
@@ -48,3 +57,4 @@ class CellBar:
         self._worst = worse(self._worst, ending)
         self._bar.set_postfix_str(f"worst: {self._worst}", refresh=False)
         self._bar.update()
+        heed()

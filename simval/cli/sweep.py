@@ -8,11 +8,11 @@ from pathlib import Path
 import click
 
 from simval.cli.options import refuse_if, stated
-from simval.cli.progress import CellBar
+from simval.cli.progress import CellBar, Quiet
 from simval.plugins.loading import overrides_of
 from simval.sweep import Suite, load_suite, store
 from simval.sweep.run import RUNS
-from simval.sweep.runner import Silence, drive
+from simval.sweep.runner import drive
 
 BYTES_PER_ROW = 340
 """Of the store and the table together, measured on the accuracy suite."""
@@ -84,7 +84,7 @@ def command(
     if dry_run:
         return _plan(loaded, workers)
     folder = out or _fresh(loaded)
-    with nullcontext(Silence()) if quiet else CellBar() as progress:
+    with nullcontext(Quiet()) if quiet else CellBar() as progress:
         drive(
             loaded,
             folder,
