@@ -16,7 +16,7 @@ from typing import Annotated
 
 import numpy as np
 from pydantic import Field
-from scipy import stats
+from scipy import special
 
 from simval.arrays import Array
 from simval.attitude import (
@@ -211,7 +211,7 @@ def _test_rows(
 ) -> tuple[Row, ...]:
     # share of good samples, and of samples with a wrong vector, above the threshold
     freedom, n = 2 * setting.n - 3, parameters.samples
-    threshold = float(stats.chi2(freedom).isf(FALSE_ALARM))
+    threshold = float(special.chdtri(freedom, FALSE_ALARM))
     between = np.cross(setting.body[0], setting.body[1])
     tangent = normalize(np.cross(between, setting.body[1]))
     shift = np.zeros((setting.n, 3))
@@ -240,5 +240,5 @@ def _test_rows(
 
 
 def _share(threshold: float, freedom: int, apart: float) -> float:
-    law = stats.ncx2(freedom, apart) if apart else stats.chi2(freedom)
-    return float(law.sf(threshold))
+    # share of a chi-square law above the threshold, its centre `apart` from 0
+    return 1.0 - float(special.chndtr(threshold, freedom, apart))
