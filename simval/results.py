@@ -49,35 +49,18 @@ COLUMNS = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """A statistic of one cell, its standard error and its prediction.
+    """A statistic of one cell, its standard error and its prediction."""
 
-    Attributes
-    ----------
-    statistic : Statistic
-        What was measured; unique in the cell together with `predictor`.
-    value : float
-        The measured value, in the statistic's unit.
-    standard_error : float, default 0.0
-        Standard error of the value; 0 where it is deterministic.
-    n : int, default 0
-        Number of independent samples behind the value.
-    prediction : float, optional
-        What theory says it should be.
-    predictor : str, default ""
-        Which theory, see `simval.statistics`.
-    remainder : float, default 0.0
-        What the prediction itself may be off by: the stated size of the terms it
-        leaves out.
-    check : Check, default "record"
-        How the row is judged.
-    """
-
+    # what was measured; unique in the cell together with `predictor`
     statistic: Statistic
-    value: float
+    value: float  # the measured value, in the statistic's unit
+    # standard error of the value; 0 where it is deterministic
     standard_error: float = 0.0
-    n: int = 0
-    prediction: float | None = None
-    predictor: str = ""
+    n: int = 0  # number of independent samples behind the value
+    prediction: float | None = None  # what theory says it should be
+    predictor: str = ""  # which theory, see `simval.statistics`
+    # what the prediction itself may be off by: the stated size of the terms it leaves
+    # out
     remainder: float = 0.0
     check: Check = "record"
 
@@ -102,17 +85,10 @@ class Row:
 
 @dataclass(frozen=True, slots=True, order=True)
 class CellName:
-    """Which cell of a run a row belongs to.
+    """Which cell of a run a row belongs to."""
 
-    Attributes
-    ----------
-    study : str
-        Name of its study; empty for the run as a whole.
-    name : str, default ""
-        Its unique name in the run; empty for all cells of the study together.
-    """
-
-    study: str
+    study: str  # name of its study; empty for the run as a whole
+    # its unique name in the run; empty for all cells of the study together
     name: str = ""
 
     def __str__(self) -> str:
@@ -162,11 +138,7 @@ def exact(
 
 
 def limit(
-    statistics: Statistics,
-    value: Numbers,
-    most: Numbers,
-    predictor: str,
-    n: int = 0,
+    statistics: Statistics, value: Numbers, most: Numbers, predictor: str, n: int = 0
 ) -> tuple[Row, ...]:
     """Deterministic rows that must not exceed a limit."""
     numbers = _numbers(value, 0.0, most, 0.0)
@@ -224,19 +196,12 @@ def _rows(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """What one cell of a study leaves behind.
-
-    Attributes
-    ----------
-    rows : tuple of Row
-        The statistics.
-    artifacts : mapping, default empty
-        File name to array (stored as npz) or bytes (stored as they are), for the
-        report; names are shared by the cells of a run, the last one written wins,
-        so a name says what it depends on.
-    """
+    """What one cell of a study leaves behind."""
 
     rows: tuple[Row, ...]
+    # file name to array (stored as npz) or bytes (stored as they are), for the report;
+    # names are shared by the cells of a run, the last one written wins, so a name says
+    # what it depends on
     artifacts: Mapping[str, Mapping[str, Array] | bytes] = field(default_factory=dict)
 
 

@@ -80,34 +80,18 @@ POWER = 0.99
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """One judged row.
+    """One judged row."""
 
-    Attributes
-    ----------
-    cell : CellName
-        The cell, or all cells of a study for what is pooled over them.
-    row : Row
-        What was judged.
-    answer : str
-        ``pass``, ``fail`` or ``inconclusive``.
-    p_value : float or None
-        Eq. (V1); None where no chance is involved.
-    limit : float
-        For a sampling row the p-value below which it fails (Holm's, in its family);
-        else the greatest difference allowed.
-    reason : str
-        Why it is not a pass; empty for one.
-    detectable : float or None, default None
-        Eq. (V2): the discrepancy beyond the remainder that is found with probability
-        `POWER`; None where no chance is involved.
-    """
-
-    cell: CellName
+    cell: CellName  # the cell, or all cells of a study for what is pooled over them
     row: Row
-    answer: Answer
-    p_value: float | None
+    answer: Answer  # ``pass``, ``fail`` or ``inconclusive``
+    p_value: float | None  # Eq. (V1); None where no chance is involved.
+    # for a sampling row the p-value below which it fails (Holm's, in its family); else
+    # the greatest difference allowed
     limit: float
-    reason: str
+    reason: str  # why it is not a pass; empty for one
+    # Eq. (V2): the discrepancy beyond the remainder that is found with probability
+    # `POWER`; None where no chance is involved.
     detectable: float | None = None
 
     @property

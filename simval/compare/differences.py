@@ -21,13 +21,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from simval.change import EXACT_BOUND, PAIRED_BOUND, holm, on_same_noise
-from simval.compare.matching import (
-    Pair,
-    match,
-    pairs_of,
-    prediction_changed,
-    rows_of,
-)
+from simval.compare.matching import Pair, match, pairs_of, prediction_changed, rows_of
 from simval.results import Row
 from simval.statistics import Statistic
 from simval.sweep.provenance import differences

@@ -23,43 +23,24 @@ SCHEMA = 3
 
 
 class Judged(NamedTuple):
-    """What a value is judged by.
-
-    Attributes
-    ----------
-    prediction, remainder : float
-        Of theory.
-    check : Check or None, default None
-        By which rule; None where it was read from a file.
-    """
+    """What a value is judged by."""
 
     prediction: float
     remainder: float
-    check: Check | None = None
+    check: Check | None = None  # by which rule; None where it was read from a file
 
 
 class Entry(NamedTuple):
-    """One statistic of a cell.
+    """One statistic of a cell."""
 
-    Attributes
-    ----------
-    value : float or None
-        None where the row has its own limit, below which it is rounding noise.
-    error : float
-        Standard error; 0 where no chance is involved.
-    n : int
-        Number of samples.
-    judged : mapping
-        ``check predictor`` of each row of the statistic that is judged, with its
-        prediction and remainder.
-    statistic : Statistic or None, default None
-        What it is; None where it was read from a file, which keeps only its name.
-    """
-
+    # None where the row has its own limit, below which it is rounding noise
     value: float | None
-    error: float
+    error: float  # standard error; 0 where no chance is involved
     n: int
+    # ``check predictor`` of each row of the statistic that is judged, with its
+    # prediction and remainder
     judged: Mapping[str, Judged]
+    # what it is; None where it was read from a file, which keeps only its name
     statistic: Statistic | None = None
 
     @property
@@ -70,21 +51,12 @@ class Entry(NamedTuple):
 
 
 class StoredCell(NamedTuple):
-    """One cell of a baseline.
-
-    Attributes
-    ----------
-    study : str
-        Name of its study.
-    parameters : mapping
-        Its parameters, but for those that say how much was computed.
-    statistics : mapping
-        Its statistics by name.
-    """
+    """One cell of a baseline."""
 
     study: str
+    # its parameters, but for those that say how much was computed
     parameters: Mapping[str, Any]
-    statistics: Mapping[str, Entry]
+    statistics: Mapping[str, Entry]  # its statistics by name
 
 
 Stored = Mapping[str, StoredCell]

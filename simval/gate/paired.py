@@ -51,11 +51,7 @@ def paired(
             detail=detail,
         )
     if not old and not new:  # in the baseline, though nothing of it was stored
-        yield Comparison(
-            cell=cell,
-            statistic="",
-            change="missing",
-        )
+        yield Comparison(cell=cell, statistic="", change="missing")
 
 
 def _bound(entry: Entry, now: Entry | None) -> float:

@@ -241,22 +241,11 @@ def _(panel: BarPanel, axes: Any) -> None:
         for values in (panel.measured, panel.band, panel.predicted)
     )
     axes.barh(
-        places,
-        measured,
-        height=0.6,
-        color=COLOURS[5],
-        label="measured",
-        alpha=0.8,
+        places, measured, height=0.6, color=COLOURS[5], label="measured", alpha=0.8
     )
     axes.errorbar(measured, places, xerr=band, linestyle="none", color=INK, capsize=2)
     axes.plot(
-        predicted,
-        places,
-        "D",
-        color=COLOURS[1],
-        ms=6,
-        label="predicted",
-        ls="none",
+        predicted, places, "D", color=COLOURS[1], ms=6, label="predicted", ls="none"
     )
     axes.set_yticks(places, panel.names)
     axes.grid(visible=False, axis="y")

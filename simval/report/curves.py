@@ -23,20 +23,11 @@ MAX_GROUPS = 6
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Curve:
-    """A statistic along one axis.
+    """A statistic along one axis."""
 
-    Attributes
-    ----------
-    label : str
-        Of the group of cells.
-    x : Array
-        The axis, ascending.
-    value, error, prediction : Array
-        Statistic, its standard error and its prediction (NaN without one).
-    """
-
-    label: str
-    x: Float[Array, " n"]
+    label: str  # of the group of cells
+    x: Float[Array, " n"]  # the axis, ascending
+    # statistic, its standard error and its prediction (NaN without one)
     value: Float[Array, " n"]
     error: Float[Array, " n"]
     prediction: Float[Array, " n"]

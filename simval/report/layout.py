@@ -32,22 +32,14 @@ as wide as DejaVu Sans."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """A drawing with its words in lines, and the room that they need, in inches.
+    """A drawing with its words in lines, and the room that they need, in inches."""
 
-    Attributes
-    ----------
-    drawing : Drawing
-        With line breaks in its words.
-    left, bottom, top : float
-        Margins about the axes of each panel.
-    width, height : float
-        Of each panel with its margins.
-    """
-
-    drawing: Drawing
+    drawing: Drawing  # with line breaks in its words
+    # margins about the axes of each panel
     left: float
     bottom: float
     top: float
+    # of each panel with its margins
     width: float
     height: float
 

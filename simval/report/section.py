@@ -17,21 +17,11 @@ from simval.verdict import Verdict
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Context:
-    """What every section may read.
+    """What every section may read."""
 
-    Attributes
-    ----------
-    run : Run
-        The run folder's content.
-    judged : GateResult
-        What the gate says of it, without a baseline.
-    titles : mapping
-        Title of each study, by its name.
-    """
-
-    run: Run
-    judged: GateResult
-    titles: Mapping[str, str]
+    run: Run  # the run folder's content
+    judged: GateResult  # what the gate says of it, without a baseline
+    titles: Mapping[str, str]  # title of each study, by its name
 
     @property
     def folder(self) -> str:
@@ -60,29 +50,14 @@ class Context:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Section:
-    """A part of the page.
+    """A part of the page."""
 
-    Attributes
-    ----------
-    anchor : str
-        Its id on the page.
-    title : str
-        Its heading.
-    body : Markup
-        Its HTML.
-    drawings : tuple of Drawing
-        Its figures.
-    tables : tuple of Table
-        Its tables.
-    elsewhere : tuple of str
-        Statistics of its study that it shows in no figure and no table of its own.
-    """
-
-    anchor: str
+    anchor: str  # its id on the page
     title: str
     body: Markup
     drawings: tuple[Drawing, ...]
     tables: tuple[Table, ...]
+    # statistics of its study that it shows in no figure and no table of its own
     elsewhere: tuple[str, ...] = ()
 
 

@@ -119,8 +119,7 @@ def _formula() -> list[Fault]:
             lambda m, o, s: replace(m, covariance=m.second_moment),
         ),
         claim(
-            "NaN in a prediction",
-            lambda m, o, s: replace(m, bias=np.full(4, np.nan)),
+            "NaN in a prediction", lambda m, o, s: replace(m, bias=np.full(4, np.nan))
         ),
     ]
 

@@ -121,9 +121,7 @@ def _calibrator() -> list[Fault]:
     return [
         _fault("calibrator", "wrong g", wrapped(calibration, "calibrate", wrong_g)),
         _fault(
-            "calibrator",
-            "a pose left out",
-            wrapped(calibration, "calibrate", dropped),
+            "calibrator", "a pose left out", wrapped(calibration, "calibrate", dropped)
         ),
         # the solver keeps only steps that lower the cost, so it still ends near the
         # minimum, within a fraction of a standard error: only paired noise shows it

@@ -10,34 +10,20 @@ Part = Literal["estimator", "formula", "noise", "sensor", "scene", "calibrator",
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fault:
-    """One injected fault.
+    """One injected fault."""
 
-    Attributes
-    ----------
-    name : str
-        What is wrong, in words.
-    part : str
-        Where in the flow it is.
-    suite : str
-        Key of `simval.selftest.matrix.SUITES`.
-    inject : callable
-        Gives a context in which the flow is broken.
-    baseline : bool, default False
-        Whether the run is set beside a stored baseline too: for what theory cannot
-        see, because every number is right by itself.
-    crash : bool, default False
-        Whether a cell is expected to crash. A crash that is not expected is a fault of
-        the injection, and does not count as found.
-    stops : bool, default False
-        Whether the driver itself stops; then what it left behind is judged.
-    """
-
-    name: str
-    part: Part
-    suite: str
+    name: str  # what is wrong, in words
+    part: Part  # where in the flow it is
+    suite: str  # key of `simval.selftest.matrix.SUITES`
+    # gives a context in which the flow is broken
     inject: Callable[[], AbstractContextManager[None]]
+    # whether the run is set beside a stored baseline too: for what theory cannot see,
+    # because every number is right by itself
     baseline: bool = False
+    # Whether a cell is expected to crash. A crash that is not expected is a fault of
+    # the injection, and does not count as found.
     crash: bool = False
+    # whether the driver itself stops; then what it left behind is judged
     stops: bool = False
 
 

@@ -25,9 +25,7 @@ from simval.sweep.suite import expand
 from simval.verdict import Answer
 
 SUITES: dict[str, dict[str, Any]] = {
-    "attitude": {
-        "attitude": {"noise_std": [0.02, 0.05, 0.1], "samples": 1_048_576},
-    },
+    "attitude": {"attitude": {"noise_std": [0.02, 0.05, 0.1], "samples": 1_048_576}},
     # noise of 1.5 m/s^2: only there do 6144 trials see a bias of second order
     "calibration": {
         "calibration": {
@@ -35,7 +33,7 @@ SUITES: dict[str, dict[str, Any]] = {
             "poses": 20,
             "hold_time": 0.02,
             "trials": 6144,
-        },
+        }
     },
     "scene": {"scene": {"scene": "gimbal", "poses": 20}},
     "order": {"attitude_order": {"geometry": 3, "noise": "isotropic"}},
@@ -44,27 +42,13 @@ SUITES: dict[str, dict[str, Any]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Result:
-    """What the gate said of a fault and of its twin.
-
-    Attributes
-    ----------
-    fault : Fault
-        The fault.
-    seen : str
-        The gate's answer with it.
-    twin : str
-        The gate's answer without it.
-    crashed : bool
-        Whether a cell crashed.
-    reason : str
-        The first thing that the gate said of the fault.
-    """
+    """What the gate said of a fault and of its twin."""
 
     fault: Fault
-    seen: Answer
-    twin: Answer
+    seen: Answer  # the gate's answer with it
+    twin: Answer  # the gate's answer without it
     crashed: bool
-    reason: str
+    reason: str  # the first thing that the gate said of the fault
 
     @property
     def right(self) -> bool:

@@ -44,20 +44,12 @@ Clean = Callable[[int], dict[str, Rows]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rate:
-    """How often something happened, with a 95 % interval.
+    """How often something happened, with a 95 % interval."""
 
-    Attributes
-    ----------
-    name : str
-        What was counted.
-    nominal : float
-        The stated rate: at most this for false alarms, at least this for power.
-    count, runs : int
-        How often, out of how many.
-    """
-
-    name: str
+    name: str  # what was counted
+    # the stated rate: at most this for false alarms, at least this for power
     nominal: float
+    # how often, out of how many
     count: int
     runs: int
 

@@ -29,38 +29,16 @@ OTHER_VERSION = ("missing", "extra_forbidden")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CellResult:
-    """One cell of a run: what it was and what it left.
-
-    Attributes
-    ----------
-    position : int
-        Place in the suite.
-    name : str
-        Unique name in the run.
-    study : str
-        Name of the study.
-    seed : int
-        The run's seed.
-    parameters : mapping
-        The study's parameters.
-    status : str
-        ``done``, ``failed`` or ``pending``.
-    error : str
-        Why it failed.
-    seconds : float
-        CPU time, s.
-    rows : tuple of Row
-        Its statistics.
-    """
+    """One cell of a run: what it was and what it left."""
 
     position: int = 0
-    name: str
+    name: str  # unique name in the run
     study: str
     seed: int
     parameters: Mapping[str, Any]
-    status: str
-    error: str
-    seconds: float
+    status: str  # ``done``, ``failed`` or ``pending``
+    error: str  # why it failed
+    seconds: float  # CPU time, s
     rows: tuple[Row, ...]
 
     @property

@@ -20,23 +20,13 @@ from simval.sweep.suite import builtin_suites, load_suite, validated
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Repetition:
-    """A cell computed again.
+    """A cell computed again."""
 
-    Attributes
-    ----------
-    outcome : Outcome
-        What it gave now; no rows where it crashed.
-    error : str
-        Why it crashed; empty where it did not.
-    stored : CellResult or None
-        What the run holds; None where it has no finished cell of that name.
-    different : tuple of (Row, Row or None)
-        Rows that are not equal to the bit: the stored one and the one of now.
-    """
-
-    outcome: Outcome
-    error: str
+    outcome: Outcome  # what it gave now; no rows where it crashed
+    error: str  # why it crashed; empty where it did not
+    # what the run holds; None where it has no finished cell of that name
     stored: CellResult | None
+    # rows that are not equal to the bit: the stored one and the one of now
     different: tuple[tuple[Row, Row | None], ...]
 
     @property

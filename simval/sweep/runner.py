@@ -139,11 +139,7 @@ def drive(
 
 
 def _fill(
-    folder: Path,
-    suite: Suite,
-    compute: Compute,
-    progress: Progress,
-    where: int | str,
+    folder: Path, suite: Suite, compute: Compute, progress: Progress, where: int | str
 ) -> None:
     """Compute what a run lacks, and write its table."""
     started, wall = datetime.now(UTC), time.perf_counter()

@@ -120,11 +120,7 @@ def create(path: Path, cells: Iterable[Cell], manifest: str) -> None:
         ("manifest", manifest),
         ("manifest digest", digest_of(manifest)),
     )
-    with (
-        _explained(path),
-        closing(sqlite3.connect(path)) as database,
-        database,
-    ):
+    with _explained(path), closing(sqlite3.connect(path)) as database, database:
         database.executescript(_TABLES)
         database.executemany("INSERT INTO meta VALUES (?, ?)", entries)
         database.executemany(

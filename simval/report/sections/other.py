@@ -126,20 +126,14 @@ def numbers(study: str, cells: Sequence[CellResult]) -> Table:
     """Every row of a study, with the parameters that vary."""
     keys = varying(cells)
     rows = [
-        (
-            *(cell.parameters.get(key) for key in keys),
-            *numbers_of(row),
-        )
+        (*(cell.parameters.get(key) for key in keys), *numbers_of(row))
         for cell in cells
         for row in cell.rows
     ]
     return Table(
         name=slug(f"study {study}"),
         caption=f"Numbers of the study {study}",
-        columns=(
-            *(Column(spelled(key)) for key in keys),
-            *NUMBERS,
-        ),
+        columns=(*(Column(spelled(key)) for key in keys), *NUMBERS),
         rows=rows,
         shown=SHOWN,
     )

@@ -7,13 +7,7 @@ import numpy as np
 
 from simval.report.curves import MAX_GROUPS, Curve, first, grouped, statistic
 from simval.report.measures import together
-from simval.report.noise import (
-    curves,
-    panels_of,
-    rms_sets,
-    slope_cells,
-    together_z,
-)
+from simval.report.noise import curves, panels_of, rms_sets, slope_cells, together_z
 from simval.report.panels import Drawing, Panel
 from simval.report.section import Context, Section, made
 from simval.report.table import Column, Table

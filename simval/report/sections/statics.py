@@ -43,11 +43,7 @@ def section(context: Context) -> Section | None:
     if not drawings:
         return None
     return made(
-        "statics",
-        "Static intervals",
-        drawings,
-        recordings=len(files),
-        shown=shown,
+        "statics", "Static intervals", drawings, recordings=len(files), shown=shown
     )
 
 
