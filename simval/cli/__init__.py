@@ -72,18 +72,7 @@ def group() -> None:
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run one command and return its exit code.
-
-    Parameters
-    ----------
-    arguments : sequence of str
-        The words after the program's name.
-
-    Returns
-    -------
-    int
-        Exit code; every error that is ours to explain has been printed.
-    """
+    """Run one command and return its exit code."""
     try:
         code = group.main(
             args=list(arguments), prog_name="simval", standalone_mode=False

@@ -45,13 +45,7 @@ def command(run_a: str, run_b: str, out: Path | None, alpha: float) -> int:
 
 
 def show(found: RunComparison) -> None:
-    """Print the changes, then what else is not alike.
-
-    Parameters
-    ----------
-    found : RunComparison
-        What differs.
-    """
+    """Print the changes, then what else is not alike."""
     console = Console(highlight=False, soft_wrap=True)
     changed = found.of("changed")
     for difference in changed[:SHOWN]:

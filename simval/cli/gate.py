@@ -169,15 +169,7 @@ def _notes(result: GateResult, run: Run, no_baseline: bool) -> Iterator[str]:
 
 
 def show(result: GateResult, table: bool = False) -> None:
-    """Print one line when all is well, else every failure in words.
-
-    Parameters
-    ----------
-    result : GateResult
-        What the gate found.
-    table : bool, default False
-        Print the counts of all checks as well.
-    """
+    """Print one line when all is well, else every failure in words."""
     console = Console(highlight=False, soft_wrap=True, emoji=False)
     if table:
         console.print(_counts(result))

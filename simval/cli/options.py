@@ -31,37 +31,13 @@ class Rate(click.FloatRange):
 
 
 def stated(name: str) -> bool:
-    """Tell whether an option of the running command was given, even as its default.
-
-    Parameters
-    ----------
-    name : str
-        Of the parameter.
-
-    Returns
-    -------
-    bool
-        False where the default took its place.
-    """
+    """Tell whether an option of the running command was given, even as its default."""
     source = click.get_current_context().get_parameter_source(name)
     return source not in (None, ParameterSource.DEFAULT, ParameterSource.DEFAULT_MAP)
 
 
 def refuse_if(wrong: bool, message: str) -> None:
-    """Refuse a command whose options cannot all mean something.
-
-    Parameters
-    ----------
-    wrong : bool
-        Whether it is so.
-    message : str
-        Which of them, and what to do.
-
-    Raises
-    ------
-    InputError
-        With the message.
-    """
+    """Refuse a command whose options cannot all mean something."""
     if wrong:
         raise InputError(message)
 

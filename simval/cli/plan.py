@@ -79,13 +79,7 @@ def noise_of(
     velocity_random_walk: float | None = None,
     hold: float | None = None,
 ) -> float:
-    """Return the noise of a pose mean from the options given.
-
-    Raises
-    ------
-    InputError
-        If the options do not fix it, or fix it twice.
-    """
+    """Return the noise of a pose mean from the options given."""
     others = (noise_density, velocity_random_walk, hold)
     if noise_std is not None:
         if any(x is not None for x in others):
@@ -104,13 +98,7 @@ def noise_of(
 
 
 def named_poses(text: str) -> Float[Array, "n 3"]:
-    """Return the directions of a named pose set.
-
-    Raises
-    ------
-    InputError
-        If there is no such set.
-    """
+    """Return the directions of a named pose set."""
     parts = []
     for name in text.split("+"):
         kind, _, count = name.strip().partition(":")
@@ -128,13 +116,7 @@ def named_poses(text: str) -> Float[Array, "n 3"]:
 
 
 def read_directions(path: Path) -> Float[Array, "n 3"]:
-    """Read rows of x y z from a text file.
-
-    Raises
-    ------
-    InputError
-        If the file is missing or has other rows.
-    """
+    """Read rows of x y z from a text file."""
     try:
         lines = path.read_text(encoding="utf-8").replace(",", " ").splitlines()
         rows = [[float(x) for x in line.split()] for line in lines if line.strip()]

@@ -100,13 +100,7 @@ def command(
 
 
 def parsed(name: str, settings: tuple[str, ...]) -> dict[str, Any]:
-    """Return the parameters that words KEY=VALUE set.
-
-    Raises
-    ------
-    InputError
-        If a word has no ``=`` or names nothing that the scene has.
-    """
+    """Return the parameters that words KEY=VALUE set."""
     known = [*find_scene(name).parameters(), *COMMON]
     values: dict[str, Any] = {}
     for word in settings:

@@ -193,13 +193,7 @@ def small_run(run: Run) -> Stored:
 
 
 def environment(manifest: Mapping[str, Any]) -> dict[str, Any]:
-    """What a run's last bits depend on, out of its manifest.
-
-    Raises
-    ------
-    InputError
-        If the manifest lacks one of them.
-    """
+    """What a run's last bits depend on, out of its manifest."""
     try:
         return {
             "suite": str(manifest["suite"]),

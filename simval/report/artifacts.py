@@ -15,13 +15,7 @@ UNREADABLE = (OSError, ValueError, EOFError, AttributeError, KeyError, TypeError
 
 
 def arrays(file: Path) -> Mapping[str, Array]:
-    """Read the arrays of an npz file; no pickle is ever loaded.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read as arrays of numbers.
-    """
+    """Read the arrays of an npz file; no pickle is ever loaded."""
     try:
         with np.load(file, allow_pickle=False) as content:
             found = {name: np.asarray(content[name]) for name in content.files}
@@ -38,13 +32,7 @@ def arrays(file: Path) -> Mapping[str, Array]:
 def shaped(
     file: Path, content: Mapping[str, Array], name: str, *shape: int | None
 ) -> Array:
-    """One array of a file, of the shape that it must have.
-
-    Raises
-    ------
-    InputError
-        If it is missing or of another shape.
-    """
+    """One array of a file, of the shape that it must have."""
     found = content[name].shape if name in content else None
     if (
         found is None

@@ -71,13 +71,7 @@ def read_cells(database: sqlite3.Connection) -> Iterator[CellResult]:
 
 
 def read_heads(database: sqlite3.Connection) -> Iterator[CellResult]:
-    """Read the cells of a store without their rows.
-
-    Raises
-    ------
-    DamagedError
-        With the cell and the field that cannot be.
-    """
+    """Read the cells of a store without their rows."""
     cells = database.execute("SELECT * FROM cells ORDER BY position")
     for number, cell in enumerate(cells):
         if cell["position"] != number:
@@ -88,13 +82,7 @@ def read_heads(database: sqlite3.Connection) -> Iterator[CellResult]:
 
 
 def read_cell(database: sqlite3.Connection, position: int) -> CellResult:
-    """Read one cell of a store with its rows.
-
-    Raises
-    ------
-    DamagedError
-        As `read_cells`.
-    """
+    """Read one cell of a store with its rows."""
     query = "SELECT * FROM cells WHERE position = ?"
     cell = database.execute(query, (position,)).fetchone()
     query = f"SELECT {store.ROW_COLUMNS} FROM rows WHERE cell = ? ORDER BY ordinal"

@@ -69,24 +69,12 @@ class _Timing(_Started):
 
 
 def checked_manifest(text: Any) -> dict[str, Any]:
-    """Read a manifest.
-
-    Raises
-    ------
-    DamagedError
-        If it is no JSON, or something in it is missing or cannot be.
-    """
+    """Read a manifest."""
     return _checked("manifest", text, _Manifest)
 
 
 def read_timing(folder: Path) -> dict[str, Any]:
-    """Read the times of a run.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or something in it is missing or cannot be.
-    """
+    """Read the times of a run."""
     file = folder / "timing.json"
     try:
         text = file.read_text(encoding="utf-8") if file.is_file() else None
@@ -101,13 +89,7 @@ def read_timing(folder: Path) -> dict[str, Any]:
 
 
 def read_json(name: str, text: Any) -> Any:
-    """Read JSON of which each word can be written again.
-
-    Raises
-    ------
-    DamagedError
-        If it is no JSON, or a word in it is no text.
-    """
+    """Read JSON of which each word can be written again."""
     try:
         content = json.loads(text)
         json.dumps(content, ensure_ascii=False).encode()  # no half of a character

@@ -21,14 +21,7 @@ _TYPES = {f.name: _KINDS.get(f.type, "string") for f in fields(Row)}
 
 
 def export_parquet(folder: Path, path: Path) -> int:
-    """Write the table of a run as one Parquet file.
-
-    Raises
-    ------
-    InputError
-        If the extra `parquet` is not installed, the folder is no run, or the file
-        cannot be written.
-    """
+    """Write the table of a run as one Parquet file."""
     try:
         import pyarrow as pa
         from pyarrow import parquet

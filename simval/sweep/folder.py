@@ -24,13 +24,7 @@ PART = "run.sqlite.part"
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Keep a run folder for one driver.
-
-    Raises
-    ------
-    InputError
-        If another driver is at work in it.
-    """
+    """Keep a run folder for one driver."""
     handle = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -43,13 +37,7 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def create(folder: Path, suite: Suite, known: Mapping[str, Any], resume: bool) -> None:
-    """Make the folder of a new run, with every cell pending.
-
-    Raises
-    ------
-    InputError
-        If it exists or cannot be made.
-    """
+    """Make the folder of a new run, with every cell pending."""
     try:
         # a run that was stopped before its store was whole left only a part of it
         begun = (
@@ -75,13 +63,7 @@ def create(folder: Path, suite: Suite, known: Mapping[str, Any], resume: bool) -
 
 
 def check_same(folder: Path, suite: Suite, known: Mapping[str, Any]) -> None:
-    """Refuse to go on with a run of another suite, version or source.
-
-    Raises
-    ------
-    InputError
-        With the differences.
-    """
+    """Refuse to go on with a run of another suite, version or source."""
     with store.opened(folder / "run.sqlite") as database:
         earlier = store.manifest(database)
         names = store.names(database)
@@ -101,13 +83,7 @@ def check_same(folder: Path, suite: Suite, known: Mapping[str, Any]) -> None:
 
 
 def keep(folder: Path, artifacts: Mapping[str, Any]) -> None:
-    """Write the artifacts of a cell.
-
-    Raises
-    ------
-    InputError
-        If one cannot be written.
-    """
+    """Write the artifacts of a cell."""
     for name, content in artifacts.items():
         data = content
         if not isinstance(content, bytes):
@@ -118,13 +94,7 @@ def keep(folder: Path, artifacts: Mapping[str, Any]) -> None:
 
 
 def write(path: Path, content: str | bytes) -> None:
-    """Write a file that appears when it is whole.
-
-    Raises
-    ------
-    InputError
-        If it cannot be written.
-    """
+    """Write a file that appears when it is whole."""
     data = content.encode() if isinstance(content, str) else content
     part = path.with_name(path.name + ".part")
     try:

@@ -42,13 +42,7 @@ def kept_inside(name: str, content: Mapping[str, Any], folder: Path) -> dict[str
 
 
 def require_found(cells: Iterable[Cell]) -> None:
-    """Check that the plug-ins of some cells are here, before anything is computed.
-
-    Raises
-    ------
-    InputError
-        With the key that names what is missing.
-    """
+    """Check that the plug-ins of some cells are here, before anything is computed."""
     for cell in cells:
         own = cell.parameters
         if isinstance(own, PluginParameters) and (gone := own.missing()):

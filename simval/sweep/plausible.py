@@ -77,13 +77,7 @@ _FIELDS: Mapping[str, Callable[[Any], Problem]] = MappingProxyType(
 
 
 def row_of(entry: sqlite3.Row) -> Row:
-    """Row of an entry of the store.
-
-    Raises
-    ------
-    DamagedError
-        With the field that cannot be what it is, and what it must be.
-    """
+    """Row of an entry of the store."""
     for name, problem_of in _FIELDS.items():
         problem = problem_of(entry[name])
         if problem:

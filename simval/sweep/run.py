@@ -108,26 +108,14 @@ def load_run(folder: str | Path) -> Run:
 
 @contextmanager
 def opened_run(folder: Path) -> Iterator[tuple[sqlite3.Connection, dict[str, Any]]]:
-    """Open a run folder whose files and manifest are what the sweep wrote.
-
-    Raises
-    ------
-    InputError
-        As `load_run`.
-    """
+    """Open a run folder whose files and manifest are what the sweep wrote."""
     with store.opened(folder / "run.sqlite") as database:
         check_files(database, folder)
         yield database, store.manifest(database)
 
 
 def write_table(database: sqlite3.Connection, path: Path) -> None:
-    """Write the tidy long table of the finished cells: sorted, floats exact.
-
-    Raises
-    ------
-    InputError
-        If it cannot be written.
-    """
+    """Write the tidy long table of the finished cells: sorted, floats exact."""
     heads = (cell for cell in read_heads(database) if cell.status == "done")
     done = sorted(heads, key=lambda cell: cell.name)
     keys = sorted({key for cell in done for key in cell.parameters})
@@ -156,13 +144,7 @@ def _exact(value: Any) -> Any:
 
 
 def run_folder(run: str | Path) -> Path:
-    """Folder of a run.
-
-    Raises
-    ------
-    InputError
-        If there is no newest run.
-    """
+    """Folder of a run."""
     path = file_path("run", run)
     if str(path) != "latest":
         return path

@@ -118,13 +118,7 @@ def drive(
     resume: bool,
     progress: Progress,
 ) -> None:
-    """Run a suite into a folder; memory does not grow with the number of rows.
-
-    Raises
-    ------
-    InputError
-        As `run_suite`.
-    """
+    """Run a suite into a folder; memory does not grow with the number of rows."""
     workers = whole_number("workers", workers, 1, 4096)
     require_found(suite.cells)
     known = provenance.manifest(suite)

@@ -92,13 +92,7 @@ def _connected(path: Path) -> Iterator[sqlite3.Connection]:
 
 @contextmanager
 def writing(path: Path) -> Iterator[sqlite3.Connection]:
-    """Open the store of a run to add to it.
-
-    Raises
-    ------
-    InputError
-        As `opened`.
-    """
+    """Open the store of a run to add to it."""
     with _connected(path) as database:
         database.execute("PRAGMA journal_mode = WAL")
         database.execute("PRAGMA synchronous = NORMAL")
@@ -108,13 +102,7 @@ def writing(path: Path) -> Iterator[sqlite3.Connection]:
 
 
 def create(path: Path, cells: Iterable[Cell], manifest: str) -> None:
-    """Make a new store with every cell pending.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
+    """Make a new store with every cell pending."""
     entries = (
         ("schema", str(SCHEMA_VERSION)),
         ("manifest", manifest),

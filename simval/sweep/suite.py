@@ -253,13 +253,7 @@ def literal(text: str) -> Any:
 
 
 def validated(where: str, model: type[Model], content: Mapping[str, Any]) -> Model:
-    """Check some content against a model.
-
-    Raises
-    ------
-    InputError
-        With the path to each key that is wrong, what was given and what is allowed.
-    """
+    """Check some content against a model."""
     try:
         return model.model_validate(content)
     except ValidationError as error:
