@@ -46,6 +46,9 @@ COLUMNS = (
 )
 """Names of the columns of a results table, in their order."""
 
+NUMBERS = ("value", "standard_error", "prediction", "remainder")
+"""Fields of a row that its constructor broadcasts over the statistics."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
@@ -110,8 +113,8 @@ def _sampled(
     remainder: Numbers = 0.0,
 ) -> tuple[Row, ...]:
     """Rows of sampled values against theory."""
-    numbers = _numbers(value, standard_error, prediction, remainder)
-    return _rows(check, statistics, n, predictor, **numbers)
+    numbers = (value, standard_error, prediction, remainder)
+    return _rows(check, statistics, n, predictor, *numbers)
 
 
 plain = partial(_sampled, "plain")
@@ -133,16 +136,15 @@ def exact(
     n: int = 0,
 ) -> tuple[Row, ...]:
     """Deterministic rows that must meet the prediction within the remainder."""
-    numbers = _numbers(value, 0.0, prediction, remainder)
-    return _rows("exact", statistics, n, predictor, **numbers)
+    numbers = (value, 0.0, prediction, remainder)
+    return _rows("exact", statistics, n, predictor, *numbers)
 
 
 def limit(
     statistics: Statistics, value: Numbers, most: Numbers, predictor: str, n: int = 0
 ) -> tuple[Row, ...]:
     """Deterministic rows that must not exceed a limit."""
-    numbers = _numbers(value, 0.0, most, 0.0)
-    return _rows("limit", statistics, n, predictor, **numbers)
+    return _rows("limit", statistics, n, predictor, value, 0.0, most, 0.0)
 
 
 def unjudged(
@@ -155,31 +157,17 @@ def unjudged(
     remainder: Numbers = 0.0,
 ) -> tuple[Row, ...]:
     """Rows that are reported and not judged."""
-    numbers = _numbers(value, standard_error, prediction, remainder)
-    return _rows("record", statistics, n, predictor, **numbers)
-
-
-def _numbers(
-    value: Numbers,
-    standard_error: Numbers,
-    prediction: Numbers | None,
-    remainder: Numbers,
-) -> dict[str, Numbers | None]:
-    return {
-        "value": value,
-        "standard_error": standard_error,
-        "prediction": prediction,
-        "remainder": remainder,
-    }
+    numbers = (value, standard_error, prediction, remainder)
+    return _rows("record", statistics, n, predictor, *numbers)
 
 
 def _rows(
-    check: Check, statistics: Statistics, n: int, predictor: str, **numbers: Any
+    check: Check, statistics: Statistics, n: int, predictor: str, *numbers: Any
 ) -> tuple[Row, ...]:
     members = (statistics,) if isinstance(statistics, Statistic) else tuple(statistics)
     columns = {
         name: np.broadcast_to(np.asarray(value, dtype=float), len(members)).tolist()
-        for name, value in numbers.items()
+        for name, value in zip(NUMBERS, numbers, strict=True)
         if value is not None
     }
     return tuple(

@@ -29,8 +29,8 @@ has just about as many as are needed does its standard error decide.
 The normalised squared errors of the cells of one study are also pooled, weighted by
 their samples, into one more row: a common error in scale is found there first.
 
-Rows with no chance in them (exact, limit) are compared with their bound and cost no
-false alarms. A row that was not measured, or not measured well enough, is
+Deterministic rows (exact, limit) are compared with their bound and cost no false
+alarms. A row that was not measured, or not measured well enough, is
 inconclusive; it never passes.
 """
 
@@ -85,14 +85,11 @@ class Verdict:
     cell: CellName  # the cell, or all cells of a study for what is pooled over them
     row: Row
     answer: Answer  # ``pass``, ``fail`` or ``inconclusive``
-    p_value: float | None  # Eq. (V1); None where no chance is involved.
+    p_value: float | None = None  # eq. (V1); None where the row is deterministic
     # for a sampling row the p-value below which it fails (Holm's, in its family); else
     # the greatest difference allowed
-    limit: float
-    reason: str  # why it is not a pass; empty for one
-    # Eq. (V2): the discrepancy beyond the remainder that is found with probability
-    # `POWER`; None where no chance is involved.
-    detectable: float | None = None
+    limit: float = float("nan")
+    reason: str = ""  # why it is not a pass
 
     @property
     def sigmas(self) -> float:
@@ -124,11 +121,13 @@ def judge(
     for i, (cell, row) in enumerate(judged):
         obstacle = _obstacle(row)
         if obstacle:
-            answers[i] = _inconclusive(cell, row, obstacle)
+            answers[i] = Verdict(
+                cell=cell, row=row, answer="inconclusive", reason=obstacle
+            )
         elif row.check in WEIGHTS:
             sampled.setdefault(row.check, []).append(i)
         else:
-            answers[i] = _without_chance(cell, row)
+            answers[i] = _deterministic(cell, row)
     whole = sum(WEIGHTS[family] for family in sampled)
     for family, members in sampled.items():
         share = alpha * WEIGHTS[family] / whole
@@ -136,7 +135,7 @@ def judge(
         tail = share / len(members) / 2.0
         limits = holm(values, share)
         for i, p, limit in zip(members, values, limits, strict=True):
-            answers[i] = _by_chance(*judged[i], float(p), float(limit), tail)
+            answers[i] = _sampled(*judged[i], float(p), float(limit), tail)
     return tuple(answers[i] for i in range(len(judged)))
 
 
@@ -199,26 +198,15 @@ def _size(row: Row) -> float:
     return max(abs(row.prediction or 0.0), spread)
 
 
-def _inconclusive(cell: CellName, row: Row, reason: str) -> Verdict:
-    return Verdict(
-        cell=cell,
-        row=row,
-        answer="inconclusive",
-        p_value=None,
-        limit=float("nan"),
-        reason=reason,
-    )
-
-
-def _without_chance(cell: CellName, row: Row) -> Verdict:
+def _deterministic(cell: CellName, row: Row) -> Verdict:
     assert row.prediction is not None
     if row.check == "limit":
         good, limit = row.value <= row.prediction, row.prediction
-        words = f"{row.value:.6g} is above the limit {row.prediction:.6g}"
+        reason = f"{row.value:.6g} is above the limit {row.prediction:.6g}"
     else:
         difference = abs(row.value - row.prediction)
         good, limit = difference <= row.remainder, row.remainder
-        words = (
+        reason = (
             f"{row.value:.6g} is {difference:.3g} from {row.prediction:.6g}; "
             f"{row.remainder:.3g} is allowed"
         )
@@ -226,15 +214,12 @@ def _without_chance(cell: CellName, row: Row) -> Verdict:
         cell=cell,
         row=row,
         answer="pass" if good else "fail",
-        p_value=None,
         limit=limit,
-        reason="" if good else words,
+        reason="" if good else reason,
     )
 
 
-def _by_chance(
-    cell: CellName, row: Row, p: float, limit: float, tail: float
-) -> Verdict:
+def _sampled(cell: CellName, row: Row, p: float, limit: float, tail: float) -> Verdict:
     assert row.prediction is not None
     beyond = abs(row.value - row.prediction) - row.remainder
     quantile = -float(stdtrit(row.n / SAMPLES_PER_FREEDOM, tail))
@@ -263,5 +248,4 @@ def _by_chance(
         p_value=p,
         limit=limit,
         reason=reason,
-        detectable=detectable,
     )

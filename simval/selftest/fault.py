@@ -2,21 +2,22 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any, Literal
 
+Inject = Callable[[], AbstractContextManager[None]]
 Part = Literal["estimator", "formula", "noise", "sensor", "scene", "calibrator", "run"]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Fault:
     """One injected fault."""
 
-    name: str  # what is wrong, in words
-    part: Part  # where in the flow it is
     suite: str  # key of `simval.selftest.matrix.SUITES`
-    # gives a context in which the flow is broken
-    inject: Callable[[], AbstractContextManager[None]]
+    part: Part  # where in the flow it is
+    name: str  # what is wrong, in words
+    inject: Inject  # gives a context in which the flow is broken
+    _: KW_ONLY
     # whether the run is set beside a stored baseline too: for what theory cannot see,
     # because every number is right by itself
     baseline: bool = False
@@ -38,9 +39,7 @@ def replaced(owner: Any, name: str, value: Any) -> Iterator[None]:
         setattr(owner, name, before)
 
 
-def wrapped(
-    owner: Any, name: str, change: Callable[..., Any]
-) -> Callable[[], AbstractContextManager[None]]:
+def wrapped(owner: Any, name: str, change: Callable[..., Any]) -> Inject:
     """Wrap a function of the flow: ``change(original, *arguments)`` takes its place."""
 
     def inject() -> AbstractContextManager[None]:
@@ -54,9 +53,7 @@ def wrapped(
     return inject
 
 
-def after(
-    owner: Any, name: str, change: Callable[[Any], Any]
-) -> Callable[[], AbstractContextManager[None]]:
+def after(owner: Any, name: str, change: Callable[[Any], Any]) -> Inject:
     """Change what a function of the flow returns."""
 
     def broken(original: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
