@@ -47,6 +47,7 @@ from simval.results import CellName, Row, nees
 from simval.statistics import POOLED_NEES
 
 Answer = Literal["pass", "fail", "inconclusive"]
+WORST_FIRST: tuple[Answer, ...] = ("fail", "inconclusive", "pass")
 
 WEIGHTS = {"plain": 0.25, "control": 0.5, "nees": 0.25}
 """Share of the false-alarm rate of each family of sampling checks. Chosen: half for the

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from simval.bench import Result, find_races, run_race
+from simval.cli.options import PATH
 from simval.errors import InputError
 from simval.sweep.provenance import versions
 
@@ -22,7 +23,7 @@ from simval.sweep.provenance import versions
     show_default=True,
     help="Turns that each contender takes.",
 )
-@click.option("--json", "path", type=click.Path(path_type=Path), help="Also as JSON.")
+@click.option("--json", "path", type=PATH, help="Also as JSON.")
 def command(races: tuple[str, ...], rounds: int, path: Path | None) -> int:
     """Race simval against the alternatives: all RACES, or those named.
 

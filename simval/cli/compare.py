@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from simval.cli.options import alpha_option
+from simval.cli.options import PATH, alpha_option
 from simval.compare import Difference, RunComparison, compare_runs
 from simval.errors import InputError
 from simval.sweep import load_run
@@ -19,7 +19,7 @@ SHOWN = 40
 @click.argument("run_b")
 @click.option(
     "--out",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="HTML file to write, with both curves of what changed in one figure.",
 )
 @alpha_option

@@ -8,25 +8,22 @@ import numpy as np
 
 from simval.calibrate.applied import require_same_sensor
 from simval.calibrate.files import load_calibration
-from simval.cli.options import COLUMNS
+from simval.cli.options import COLUMNS, PATH
 from simval.errors import InputError
 from simval.logs import read_log
 
 
 @click.command(name="correct")
-@click.argument("path", metavar="LOG", type=click.Path(path_type=Path))
+@click.argument("path", metavar="LOG", type=PATH)
 @click.option(
-    "--calibration",
-    type=click.Path(path_type=Path),
-    required=True,
-    help="JSON file of `simval calibrate`.",
+    "--calibration", type=PATH, required=True, help="JSON file of `simval calibrate`."
 )
 @click.option("--rate", type=float, metavar="HZ", help="Rows per second.")
 @click.option("--columns", help=COLUMNS)
 @click.option(
     "--unchecked", is_flag=True, help="Write the force even if it cannot be one."
 )
-@click.option("--out", type=click.Path(path_type=Path), help="File instead of stdout.")
+@click.option("--out", type=PATH, help="File instead of stdout.")
 def command(
     path: Path,
     calibration: Path,

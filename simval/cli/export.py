@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from simval.cli.options import PATH
 from simval.sweep.export import export_parquet
 from simval.sweep.run import run_folder
 
@@ -12,7 +13,7 @@ from simval.sweep.run import run_folder
 @click.argument("run")
 @click.option(
     "--out",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="File to write; by default results.parquet in the run folder.",
 )
 def command(run: str, out: Path | None) -> int:

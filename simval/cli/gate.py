@@ -10,7 +10,7 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from simval.cli.options import alpha_option, refuse_if, stated
+from simval.cli.options import PATH, alpha_option, refuse_if, stated
 from simval.errors import InputError
 from simval.gate import (
     BASELINE,
@@ -50,7 +50,7 @@ def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> N
 @click.argument("run")
 @click.option(
     "--baseline",
-    type=click.Path(path_type=Path),
+    type=PATH,
     default=BASELINE,
     show_default=True,
     help="Stored statistics to compare with.",

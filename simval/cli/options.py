@@ -1,5 +1,6 @@
 """Options that several commands share."""
 
+from pathlib import Path
 from typing import Any
 
 import click
@@ -7,6 +8,8 @@ from click.core import ParameterSource
 
 from simval.errors import InputError
 from simval.verdict import ALPHA
+
+PATH = click.Path(path_type=Path)
 
 COLUMNS = (
     "What each column is, in their order: t,ax,ay,az,wx,wy,wz, - to ignore one; t[ms], "

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate.files import load_calibration
-from simval.cli.options import refuse_if, stated
+from simval.cli.options import PATH, refuse_if, stated
 from simval.errors import InputError
 from simval.poses import cube_corners, cube_edges, cube_faces, fibonacci_sphere
 from simval.sensor import MODELS
@@ -29,7 +29,7 @@ SETS = {"faces": cube_faces, "edges": cube_edges, "corners": cube_corners}
 )
 @click.option(
     "--directions",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="Text file of rows x y z instead, sensor axes, any length.",
 )
 @click.option("--noise-std", type=float, help="Noise of a pose mean, units of raw.")
@@ -37,9 +37,7 @@ SETS = {"faces": cube_faces, "edges": cube_edges, "corners": cube_corners}
 @click.option("--velocity-random-walk", type=float, help="Allan deviation at 1 s.")
 @click.option("--hold", type=float, metavar="SECONDS", help="Time averaged in a pose.")
 @click.option(
-    "--sensor",
-    type=click.Path(path_type=Path),
-    help="JSON file of an earlier calibration, for its scales.",
+    "--sensor", type=PATH, help="JSON file of an earlier calibration, for its scales."
 )
 @click.option("--g", type=float, default=9.80665, show_default=True, help="m/s^2.")
 @click.option("--model", type=click.Choice(MODELS), default="triangular")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from simval.cli.options import alpha_option, refuse_if
+from simval.cli.options import PATH, alpha_option, refuse_if
 from simval.errors import InputError
 from simval.report import csv_text, drawings, png, render, svg_file, tables
 from simval.report.panels import Drawing
@@ -14,14 +14,12 @@ from simval.sweep import Run, load_run
 @click.command(name="report")
 @click.argument("run")
 @click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    help="File to write; by default report.html in the run folder.",
+    "--out", type=PATH, help="File to write; by default report.html in the run folder."
 )
 @click.option(
     "--figures",
     "pictures",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="Folder to write each figure to, as SVG and as PNG.",
 )
 @click.option(
@@ -32,10 +30,7 @@ from simval.sweep import Run, load_run
     help="With --figures: this figure only; may be given again.",
 )
 @click.option(
-    "--tables",
-    "lists",
-    type=click.Path(path_type=Path),
-    help="Folder to write each table to, whole, as CSV.",
+    "--tables", "lists", type=PATH, help="Folder to write each table to, whole, as CSV."
 )
 @alpha_option
 def command(

@@ -8,7 +8,7 @@ from typing import Any
 import click
 import numpy as np
 
-from simval.cli.options import refuse_if, stated
+from simval.cli.options import PATH, refuse_if, stated
 from simval.errors import InputError
 from simval.scene import Trajectory, find_scene, render_file, scenes, simulate
 from simval.scene.signal import write_signal
@@ -22,15 +22,13 @@ COMMON = ("site_offset", "timestep", "integrator")
 @click.command(name="scene")
 @click.argument("name", default="gimbal")
 @click.option(
-    "--sensor",
-    type=click.Path(path_type=Path),
-    help="TOML or JSON file of T, K, B, noise and other effects.",
+    "--sensor", type=PATH, help="TOML or JSON file of T, K, B, noise and other effects."
 )
-@click.option("--out", type=click.Path(path_type=Path), help="Write the log, CSV.")
+@click.option("--out", type=PATH, help="Write the log, CSV.")
 @click.option(
     "--render",
     "picture",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="Write a picture (.png) or an animation (.gif, .mp4).",
 )
 @click.option(

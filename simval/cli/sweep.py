@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from simval.cli.options import refuse_if, stated
+from simval.cli.options import PATH, refuse_if, stated
 from simval.cli.progress import CellBar
 from simval.plugins.loading import overrides_of
 from simval.sweep import Suite, load_suite, store
@@ -23,7 +23,7 @@ SHOWN = 20
 
 @click.command(name="sweep")
 @click.argument("suite", default="accuracy")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder of the run.")
+@click.option("--out", type=PATH, help="Folder of the run.")
 @click.option(
     "--workers",
     type=click.IntRange(min=1),

@@ -136,10 +136,10 @@ def sections(run: Run, alpha: float = ALPHA) -> tuple[Section, ...]:
     titles = {n: STUDIES[n].title if n in STUDIES else n for n in names}
     _require_parameters(run)
     context = Context(run=run, judged=judge_run(run, alpha=alpha), titles=titles)
-    found = (make(context) for make in SECTIONS)
+    made = (make(context) for make in SECTIONS)
     return tuple(
         replace(section, elsewhere=_elsewhere(context, section.anchor))
-        for section in found
+        for section in made
         if section is not None
     )
 
