@@ -1,8 +1,8 @@
 """One measured number beside its prediction: the row of every results table.
 
-A study returns an `Outcome`: rows, and artifacts for the report to draw from. How
-a row is judged is said by its `check`; the judging itself is in `verdict`. Each check
-has its constructor, which takes one statistic or several and broadcasts:
+A study returns an `Outcome`: rows, and artifacts for the report to draw from. The
+`check` of a row says how `verdict` judges it. Each check has its constructor, which
+takes one statistic or several and broadcasts:
 
 ======== =====================================================================
 check    meaning
@@ -82,7 +82,7 @@ class Row:
 
     @property
     def key(self) -> tuple[Statistic, str]:
-        """What tells the row from the others of its cell."""
+        """What identifies the row within its cell."""
         return self.statistic, self.predictor
 
 

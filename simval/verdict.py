@@ -15,19 +15,19 @@ share the family's part of the false-alarm rate by Holm's rule, which holds unde
 dependence; the parts are weighted Bonferroni: 1/4, 1/2, 1/4, divided over the
 families that are present.
 
-A pass also says that something would have been seen. With :math:`z` the quantile of
+A pass also says that a discrepancy would have been seen. With :math:`z` the quantile of
 F at the family's Bonferroni limit, a discrepancy beyond the remainder of
 
 .. math:: \Delta = (z + \Phi^{-1}(0.99))\, s  \tag{V2}
 
-is found with probability 0.99. A sampling row passes only where :math:`\Delta` is at
+is found with probability 0.99. A sampling row passes only if :math:`\Delta` is at
 most the practical margin, the fraction `PRACTICAL` of the predicted value or of one
 sample's own spread :math:`s \sqrt n`, whichever is greater; else it is inconclusive.
-That depends on the number of samples and hardly on what was seen: only where a cell
-has just about as many as are needed does its standard error decide.
+That depends on the number of samples and hardly on the measured values: the standard
+error decides only if a cell has just about as many samples as are needed.
 
 The normalised squared errors of the cells of one study are also pooled, weighted by
-their samples, into one more row: a common error in scale is found there first.
+their samples, into one more row: it shows a common error in scale first.
 
 Deterministic rows (exact, limit) are compared with their bound and cost no false
 alarms. A row that was not measured, or not measured well enough, is
@@ -54,7 +54,7 @@ WEIGHTS = {"plain": 0.25, "control": 0.5, "nees": 0.25}
 sharpest; any shares that sum to 1 keep the rate."""
 
 ALPHA = 1e-3
-"""False-alarm rate of a whole run unless asked otherwise: one clean run in a thousand
+"""Default false-alarm rate of a whole run: one clean run in a thousand
 does not pass (measured: `simval selftest --rates`, docs/gate.md)."""
 
 SAMPLES_PER_FREEDOM = 10.0
@@ -142,7 +142,7 @@ def judge(
 
 def _pooled(judged: Sequence[tuple[CellName, Row]]) -> list[tuple[CellName, Row]]:
     """Mean of each study's normalised squared errors, relative to the prediction."""
-    # weighted by the numbers of samples, which do not depend on what was seen
+    # weighted by the numbers of samples, which do not depend on the values
     groups: dict[tuple[str, str], list[Row]] = {}
     for cell, row in judged:
         if row.check == "nees" and not _obstacle(row) and row.prediction:
@@ -180,7 +180,7 @@ def _obstacle(row: Row) -> str:
     if row.prediction is None or not np.isfinite((*numbers, row.prediction)).all():
         return "the value, its error, its prediction or its remainder is not finite"
     if row.remainder < 0.0:
-        return f"a remainder of {row.remainder:.3g} says nothing; it must be 0 or more"
+        return f"a remainder of {row.remainder:.3g} is negative; it must be 0 or more"
     if row.check in WEIGHTS and not row.standard_error > 0.0:
         return "a sampled value without a standard error cannot be judged"
     if row.check in WEIGHTS and not row.n >= MIN_SAMPLES:

@@ -1,4 +1,4 @@
-"""A run beside the baseline, which is a small run: paired, else equivalence.
+"""Comparison of a run with the baseline: paired on equal noise, else by equivalence.
 
 Cells of the same name and seed draw the same noise, so a stored and a new value differ
 by rounding only, unless the algorithm changed (`paired`); this comparison is
@@ -43,7 +43,7 @@ def compare(run: Run, stored: Stored, alpha: float) -> tuple[Comparison, ...]:
 
 
 def has_partners(run: Run, stored: Stored) -> bool:
-    """Whether a cell of the run meets the baseline with other noise."""
+    """Whether a cell of the run has other noise than its partner in the baseline."""
     pairs, _, _ = _matched(small_run(run), stored)
     return any(old != new for (old, _), (new, _) in pairs)
 

@@ -1,8 +1,8 @@
 """A cell with other noise than in the baseline: its statistics should be equivalent.
 
-Whether they are is eq. (B1) of `simval.change`. Other noise cannot give the same
-numbers: where every sampled statistic of a cell, three at least, is equal to the bit,
-the noise was not drawn anew.
+Equivalence is eq. (B1) of `simval.change`. Other noise cannot give the same numbers: if
+all sampled statistics of a cell, at least three, are equal to the bit, no new noise was
+drawn.
 
 The margin of a statistic is its family's (`simval.statistics`).
 """
