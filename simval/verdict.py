@@ -20,7 +20,7 @@ F at the family's Bonferroni limit, a discrepancy beyond the remainder of
 
 .. math:: \Delta = (z + \Phi^{-1}(0.99))\, s  \tag{V2}
 
-is found with probability 0.99. A sampling row passes only if :math:`\Delta` is at
+is detected with probability 0.99. A sampling row passes only if :math:`\Delta` is at
 most the practical margin, the fraction `PRACTICAL` of the predicted value or of one
 sample's own spread :math:`s \sqrt n`, whichever is greater; else it is inconclusive.
 That depends on the number of samples and hardly on the measured values: the standard

@@ -98,7 +98,7 @@ def as_object(result: LogCalibration) -> dict[str, Any]:
 
 
 def described(result: LogCalibration) -> list[str]:
-    """Say the result in lines of text."""
+    """Describe the result in lines of text."""
     fit, diagnosis = result.fit, result.diagnosis
     how = "found" if result.rest.found else "given"
     lines = [

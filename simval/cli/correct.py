@@ -21,7 +21,7 @@ from simval.logs import read_log
 @click.option("--rate", type=float, metavar="HZ", help="Rows per second.")
 @click.option("--columns", help=COLUMNS)
 @click.option(
-    "--unchecked", is_flag=True, help="Write the force even if it cannot be one."
+    "--unchecked", is_flag=True, help="Write the force even if it is implausible."
 )
 @click.option("--out", type=PATH, help="File instead of stdout.")
 def command(
@@ -36,9 +36,9 @@ def command(
 
     A log of another unit or sensor is refused, since its rests would not be g.
 
-    Writes comma-separated rows t,ax,ay,az with the specific force in m/s^2, every
-    digit kept; a gyro in the log follows as it is, and the time is in seconds. The
-    error output says which columns of LOG were taken.
+    Writes comma-separated rows t,ax,ay,az: time in seconds and specific force in
+    m/s^2, with all digits. The gyro of the log, if there is one, follows unchanged.
+    Standard error says which columns of LOG were taken.
     """
     fit = load_calibration(calibration).require_converged()
     log = read_log(path, rate, columns)

@@ -14,7 +14,7 @@ from simval.sweep.run import run_folder
 @click.option(
     "--out",
     type=PATH,
-    help="File to write; by default results.parquet in the run folder.",
+    help="File to write.  [default: results.parquet in the run folder]",
 )
 def command(run: str, out: Path | None) -> int:
     """Write the table of RUN (a folder, or `latest`) as Parquet.
@@ -23,7 +23,6 @@ def command(run: str, out: Path | None) -> int:
     """
     folder = run_folder(run)
     path = out or folder / "results.parquet"
-    rows = export_parquet(folder, path)
-    click.echo(f"{rows} rows")
+    click.echo(f"{export_parquet(folder, path)} rows")
     click.echo(str(path))
     return 0

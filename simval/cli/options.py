@@ -26,21 +26,31 @@ class Rate(click.FloatRange):
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
-        """Convert, and refuse what compares with nothing."""
+        """Convert, and refuse NaN."""
         rate = float(super().convert(value, param, ctx))
         if not rate >= 1e-12:
-            self.fail(f"{value!r} is no rate; give a number from 1e-12 to 0.5.")
+            self.fail(f"{value!r} is not a rate; give a number from 1e-12 to 0.5.")
         return rate
 
 
 def stated(name: str) -> bool:
-    """Tell whether an option of the running command was given, even as its default."""
+    """Whether an option of the running command was given, even as its default."""
     source = click.get_current_context().get_parameter_source(name)
     return source not in (None, ParameterSource.DEFAULT, ParameterSource.DEFAULT_MAP)
 
 
+def write(path: Path, text: str) -> None:
+    """Write a file that the user named, in a folder that is made if it is missing."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        msg = f"cannot write {path}: {error.strerror}; choose another file"
+        raise InputError(msg) from None
+
+
 def refuse_if(wrong: bool, message: str) -> None:
-    """Refuse a command whose options cannot all mean something."""
+    """Refuse options that contradict each other."""
     if wrong:
         raise InputError(message)
 

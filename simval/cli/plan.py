@@ -30,7 +30,7 @@ SETS = {"faces": cube_faces, "edges": cube_edges, "corners": cube_corners}
 @click.option(
     "--directions",
     type=PATH,
-    help="Text file of rows x y z instead, sensor axes, any length.",
+    help="Text file of rows x y z instead; sensor axes, any length.",
 )
 @click.option("--noise-std", type=float, help="Noise of a pose mean, units of raw.")
 @click.option("--noise-density", type=float, help="Data sheet, one-sided, per root Hz.")
@@ -53,13 +53,13 @@ def command(
 ) -> None:
     """Predict the error bars of a calibration before any data is taken.
 
-    Prints the standard deviation of each parameter for a pose set, its rank and
-    condition, and the next direction that helps most. The noise of a pose mean is
-    given, or follows from a noise density and a hold time.
+    Prints the standard deviation of each parameter for a pose set, the rank and
+    condition of the set, and the next direction that helps most. Give the noise of a
+    pose mean, or a noise density and a hold time.
     """
     refuse_if(
         directions is not None and stated("poses"),
-        "`--directions` takes the place of `--poses`; give one",
+        "`--directions` replaces `--poses`; give one",
     )
     chosen = named_poses(poses) if directions is None else read_directions(directions)
     known = None if sensor is None else load_calibration(sensor).sensor()
@@ -77,7 +77,7 @@ def noise_of(
     velocity_random_walk: float | None = None,
     hold: float | None = None,
 ) -> float:
-    """Return the noise of a pose mean from the options given."""
+    """Noise of a pose mean, from the options."""
     others = (noise_density, velocity_random_walk, hold)
     if noise_std is not None:
         if any(x is not None for x in others):
@@ -96,7 +96,7 @@ def noise_of(
 
 
 def named_poses(text: str) -> Float[Array, "n 3"]:
-    """Return the directions of a named pose set."""
+    """Directions of a named pose set."""
     parts = []
     for name in text.split("+"):
         kind, _, count = name.strip().partition(":")
@@ -131,7 +131,7 @@ def read_directions(path: Path) -> Float[Array, "n 3"]:
 
 
 def as_object(result: Plan) -> dict[str, Any]:
-    """Return a plan as plain JSON values; infinite becomes null."""
+    """Plan as plain JSON values; infinite becomes null."""
 
     def plain(value: Any) -> Any:
         array = np.asarray(value)
@@ -148,7 +148,7 @@ def as_object(result: Plan) -> dict[str, Any]:
 
 
 def described(result: Plan, form: str) -> list[str]:
-    """Say a plan in lines of text."""
+    """Describe a plan in lines of text."""
     helps = ", ".join(f"{x:.3f}" for x in result.next_direction)
     lines = [
         f"poses           {result.poses}, rank {result.rank} of 9, condition "

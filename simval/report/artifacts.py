@@ -10,7 +10,7 @@ import numpy as np
 from simval.arrays import Array
 from simval.errors import InputError
 
-# what NumPy raises for a file that is none, or is damaged inside
+# what NumPy raises for a file that is damaged or no npz file
 UNREADABLE = (OSError, ValueError, EOFError, AttributeError, KeyError, TypeError)
 
 

@@ -1,4 +1,4 @@
-"""Curves out of the rows of a run: grouped by what varies, sorted along an axis."""
+"""Curves made of the rows of a run: grouped by what varies, sorted along an axis."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -150,7 +150,7 @@ def grouped(
 def first(
     groups: Mapping[str, tuple[CellResult, ...]], limit: int = MAX_GROUPS
 ) -> tuple[dict[str, tuple[CellResult, ...]], tuple[str, ...]]:
-    """The first groups, and the names of the others."""
+    """Split groups into the first ones and the names of the others."""
     labels = list(groups)
     return {k: groups[k] for k in labels[:limit]}, tuple(labels[limit:])
 

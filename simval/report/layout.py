@@ -1,8 +1,8 @@
-"""Room for the words of a figure: what is too long is broken into lines.
+"""Room for the words of a figure: long words are broken into lines.
 
 The size of a panel is fixed; titles, axis labels, names of bars and legends are broken
-at the width they have, and the margins grow with the lines. Widths are those of DejaVu
-Sans; `SLACK` is kept for readers that show another font.
+at their width, and the margins grow with the lines. Widths are those of DejaVu Sans;
+`SLACK` is for readers that show another font.
 """
 
 from dataclasses import dataclass, replace
@@ -72,7 +72,7 @@ def laid_out(drawing: Drawing) -> Layout:
 
 
 def legend_below(panel: AnyPanel) -> int:
-    """Lines of a legend that has no place within the axes."""
+    """Lines of a legend that does not fit within the axes."""
     if not isinstance(panel, Panel):
         return 0
     lines = sum(s.label.count("\n") + 1 for s in panel.series if s.label)

@@ -16,7 +16,7 @@ SLOPES = (
     Column("of theory's own line", "number"),
     Column("leading order", "number"),
 )
-"""Columns of `slope_cells` and of what theory leads to expect."""
+"""Columns of `slope_cells`, and the slope that theory expects."""
 
 
 def panel(

@@ -75,8 +75,8 @@ SHOWN: Mapping[str, tuple[str, tuple[Family | Statistic, ...]]] = {
     "statics": ("detector", (PRECISION, RECALL, IMPURE, NEES)),
     "budget": ("end_to_end", (BUDGET,)),
 }
-"""Study of a section, and which families or single statistics of it the section draws
-or tabulates. The others are named below it."""
+"""Study of a section, and the families or single statistics of it that the section
+shows. The others are named below it."""
 
 SECTIONS = (
     summary.section,
@@ -163,7 +163,7 @@ def _elsewhere(context: Context, anchor: str) -> tuple[str, ...]:
 
 
 def _require_parameters(run: Run) -> None:
-    """Refuse a run whose cells lack what the sections read; extra ones do no harm."""
+    """Refuse a run whose cells lack parameters that the sections read."""
     for cell in run.cells:
         if cell.study in STUDIES:
             known = STUDIES[cell.study].parameters.model_fields

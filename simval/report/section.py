@@ -1,4 +1,4 @@
-"""What a section is, and what it is made from."""
+"""A section of the page, and what it is made from."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -25,9 +25,9 @@ class Context:
 
     @property
     def folder(self) -> str:
-        """The run for a command: from the working folder where it is below, else named.
+        """The run for a command: relative to the working folder if inside it, else its name.
 
-        A page goes to others, so it never says where on a machine a run lies.
+        Pages are shared, so they never show where on a machine a run is.
         """
         path, here = self.run.folder.absolute(), Path.cwd()
         inside = path != here and path.is_relative_to(here)
@@ -68,7 +68,7 @@ def made(
     tables: Sequence[Table] = (),
     **values: object,
 ) -> Section:
-    """Render a section from its own template, else figures and tables one by one."""
+    """Render a section from its own template, else its figures and tables in order."""
     text = template(anchor, "plain").render(drawings=drawings, tables=tables, **values)
     return Section(
         anchor=anchor,

@@ -79,7 +79,7 @@ def _shape(
 
 
 def order(x: Float[Array, " n"], y: Float[Array, " n"]) -> float | None:
-    """Slope between the two smallest x of a curve without chance."""
+    """Slope between the two smallest x of a deterministic curve."""
     good = (x > 0) & (y > 0) & np.isfinite(y)
     xs, first = np.unique(x[good], return_index=True)
     if len(xs) < 2:

@@ -111,13 +111,13 @@ def _formula() -> list[Fault]:
 
 
 def _order() -> list[Fault]:
-    # without chance: how fast a formula's error falls shows a term that is 1 % off
+    # deterministic: how fast a formula's error falls shows a term that is 1 % off
     def off(name: str, change: Any) -> Fault:
         def broken(
             original: Any, q: Any, r1: Any, r2: Any, noise: Any, order: Any = 2
         ) -> Any:
-            found = original(q, r1, r2, noise, order)
-            return change(found, original(q, r1, r2, noise, 2), order)
+            moments = original(q, r1, r2, noise, order)
+            return change(moments, original(q, r1, r2, noise, 2), order)
 
         inject = wrapped(attitude_order, "attitude_moments", broken)
         return Fault("order", "formula", name, inject)

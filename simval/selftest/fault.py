@@ -1,4 +1,4 @@
-"""A fault: what it breaks, in which suite, and how it is put into the real flow."""
+"""A fault: what it breaks, in which suite, and how it is injected into the flow."""
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -18,14 +18,13 @@ class Fault:
     name: str  # what is wrong, in words
     inject: Inject  # gives a context in which the flow is broken
     _: KW_ONLY
-    # whether the run is set beside a stored baseline too: for what theory cannot see,
-    # because every number is right by itself
+    # whether the run is compared with a stored baseline too: for faults that theory
+    # cannot see, because every number is right by itself
     baseline: bool = False
-    # Whether a cell is expected to crash. A crash that is not expected is a fault of
-    # the injection, and does not count as found.
+    # Whether a cell is expected to crash. An unexpected crash is a fault of the
+    # injection, and does not count as a detection.
     crash: bool = False
-    # whether the driver itself stops; then what it left behind is judged
-    stops: bool = False
+    stops: bool = False  # whether the driver stops; then the unfinished run is judged
 
 
 @contextmanager

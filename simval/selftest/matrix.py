@@ -1,8 +1,8 @@
-"""Every fault beside its clean twin, through the real flow: suite, run, gate.
+"""Every fault and its clean twin, through the real flow: suite, run, gate.
 
-A fault is put into the functions that the flow itself calls, the suite is run into a
-folder, read back and judged. Its twin is the same suite without the fault. The gate
-is right when the fault ends in fail or inconclusive, and the twin in pass.
+A fault is injected into the functions that the flow itself calls; the suite is run into
+a folder, read back and judged. Its twin is the same suite without the fault. The gate
+is right if the fault ends in fail or inconclusive, and the twin in pass.
 """
 
 from collections.abc import Callable, Iterator
@@ -42,19 +42,19 @@ SUITES: dict[str, dict[str, Any]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Result:
-    """What the gate said of a fault and of its twin."""
+    """The gate's answers for a fault and for its twin."""
 
     fault: Fault
     seen: Answer  # the gate's answer with it
     twin: Answer  # the gate's answer without it
     crashed: bool
-    reason: str  # the first thing that the gate said of the fault
+    reason: str  # the gate's first finding with the fault
 
     @property
     def right(self) -> bool:
         """Whether the gate was right about both, and nothing else went wrong."""
-        found = self.seen != "pass" and self.twin == "pass"
-        return found and self.crashed == self.fault.crash
+        told_apart = self.seen != "pass" and self.twin == "pass"
+        return told_apart and self.crashed == self.fault.crash
 
 
 def faults() -> tuple[Fault, ...]:
@@ -100,7 +100,7 @@ class _Twin:
 
     @classmethod
     def of(cls, suite: str, folder: Path) -> "_Twin":
-        # the baseline is one clean run, and what is judged beside it another
+        # the baseline is one clean run; another clean run is compared with it
         stored = folder.with_suffix(".json")
         write_baseline(stored, _run(suite, folder, nullcontext()), "the clean twin")
         baseline = read_baseline(stored)

@@ -50,7 +50,7 @@ def export_parquet(folder: Path, path: Path) -> int:
             msg = f"cannot write {path}: {error}; choose another file with --out"
             raise InputError(msg) from None
         finally:
-            part.unlink(missing_ok=True)  # the table is whole or is not there
+            part.unlink(missing_ok=True)  # no incomplete table is left
     return written
 
 
@@ -77,7 +77,7 @@ def _kind(values: Sequence[object]) -> str:
 
 
 def _as(kind: str, value: object) -> object:
-    """A parameter as its column holds it: where studies differ in type, as a word."""
+    """A parameter in the type of its column: text where studies differ in type."""
     if value is None or isinstance(value, str) or kind != "string":
         return value
     return canonical(value)

@@ -3,7 +3,7 @@
 run.sqlite      cells and rows, written while the run goes on
 results.csv     the tidy long table: a row for each cell and statistic
 manifest.json   all that the numbers depend on
-timing.json     times, host, dates, and where plug-ins lay, outside every comparison
+timing.json     times, host, dates, and paths of plug-ins, never compared
 artifacts/      what the studies leave for the report: npz, png
 """
 
@@ -53,7 +53,7 @@ class Run:
     timing : mapping
         Times; empty while the run is unfinished.
     places : mapping
-        Where its plug-ins lay: see `simval.sweep.provenance.places`.
+        Paths of its plug-ins: see `simval.sweep.provenance.places`.
     """
 
     folder: Path
@@ -108,7 +108,7 @@ def load_run(folder: str | Path) -> Run:
 
 @contextmanager
 def opened_run(folder: Path) -> Iterator[tuple[sqlite3.Connection, dict[str, Any]]]:
-    """Open a run folder whose files and manifest are what the sweep wrote."""
+    """Open a run folder; its files and manifest must be what the sweep wrote."""
     with store.opened(folder / "run.sqlite") as database:
         check_files(database, folder)
         yield database, store.manifest(database)

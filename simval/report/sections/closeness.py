@@ -1,4 +1,4 @@
-"""Attitude error against closeness to singularity: what decides which formula holds."""
+"""Attitude error against closeness to singularity, which limits each formula."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Cells that failed or were never run, and what else was not measured."""
+"""Cells that failed or were never run, and everything else not measured."""
 
 import shlex
 

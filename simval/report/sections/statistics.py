@@ -32,9 +32,9 @@ DRAWN = {
     ),
     COVERAGE: (
         "share that covers, 1",
-        "Coverage: how often the stated intervals hold the truth. Lines: what "
-        "they promise.",
-        "Coverage of the intervals beside what they promise",
+        "Coverage: how often the stated intervals contain the truth. Lines: their "
+        "stated level.",
+        "Coverage of the intervals beside their stated level",
     ),
     NEES: (
         "measured / predicted, 1",
