@@ -25,7 +25,7 @@ class Context:
 
     @property
     def folder(self) -> str:
-        """The run for a command: relative to the working folder if inside it, else its name.
+        """The run for a command: its path below the working folder, else its name.
 
         Pages are shared, so they never show where on a machine a run is.
         """

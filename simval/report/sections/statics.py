@@ -61,11 +61,12 @@ def _scores(cells: Sequence[CellResult]) -> Drawing | None:
         name="detector",
         caption=(
             "The detector's intervals beside what the simulation knows to be at rest: "
-            "precision is the share of their samples that are at rest, recall the share "
-            "of resting samples that they contain; impure intervals have a sample that "
-            "is not at rest. Below, the normalised squared error of the nine parameters "
-            "calibrated from all intervals, and from the pure ones only, which theory "
-            "puts at 9. Bars: 95 % for all points of a panel together."
+            "precision is the share of their samples that are at rest, recall the "
+            "share of resting samples that they contain; impure intervals have a "
+            "sample that is not at rest. Below, the normalised squared error of the "
+            "nine parameters calibrated from all intervals, and from the pure ones "
+            "only, which theory puts at 9. Bars: 95 % for all points of a panel "
+            "together."
         ),
         alternative=f"Scores of the static detector over {axis}",
         panels=panels,

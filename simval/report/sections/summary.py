@@ -102,8 +102,8 @@ def attitude_figure(context: Context) -> Drawing | None:
         caption=(
             f"Attitude error against noise{f' ({label})' if label else ''}. Points: "
             "simulation with bars that hold for all together (95 %); lines: second "
-            "order, the source's fourth order, the complete fourth order, exact. Right: "
-            "how far each is from exact, on a scale that shows the differences."
+            "order, the source's fourth order, the complete fourth order, exact. "
+            "Right: how far each is from exact, on a scale that shows the differences."
         ),
         alternative=(
             "RMS error of the quaternion against the noise, simulated points beside "
