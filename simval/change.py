@@ -59,7 +59,7 @@ TOST_QUANTILE = float(ndtri(0.95))
 
 
 def question(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Parameters of a cell but for those that say how much was computed."""
+    """Parameters of a cell, except those that say how much was computed."""
     return {k: v for k, v in sorted(parameters.items()) if k not in EFFORT}
 
 

@@ -3,6 +3,7 @@
 import json
 import os
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -103,11 +104,11 @@ def command(
     result = replace(result, notes=tuple(_notes(result, loaded, no_baseline)))
     show(result, table)
     if junit is not None:
-        write(junit, to_junit(result))
+        _write(junit, to_junit(result))
     if summary is not None:
-        write(summary, to_markdown(result))
+        _write(summary, to_markdown(result))
     if json_file is not None:
-        write(json_file, to_json(result, result.exit_code))
+        _write(json_file, to_json(result, result.exit_code))
     _tell_github(result)
     return result.exit_code
 
@@ -152,7 +153,7 @@ def _notes(result: GateResult, run: Run, no_baseline: bool) -> Iterator[str]:
     if run.manifest.get("source") != source_hash():
         yield "this run was made with another source code of simval than is installed"
     if no_baseline:
-        yield "judged against theory only, as requested"
+        yield "judged against theory alone, as requested"
     changes = [c.change for c in result.comparisons]
     same, close, new = (changes.count(word) for word in ("same", "close", "new"))
     if result.environment:
@@ -203,6 +204,12 @@ def _tell_github(result: GateResult) -> None:
     if os.environ.get("GITHUB_ACTIONS") == "true":
         for line in annotations(result):
             click.echo(line)
+
+
+def _write(path: Path, text: str) -> None:
+    with suppress(OSError):  # `write` says why it is not possible
+        path.parent.mkdir(parents=True, exist_ok=True)
+    write(path, text)
 
 
 def _counts(result: GateResult) -> Table:

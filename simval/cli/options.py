@@ -40,9 +40,8 @@ def stated(name: str) -> bool:
 
 
 def write(path: Path, text: str) -> None:
-    """Write a file that the user named, in a folder that is made if it is missing."""
+    """Write a file that the user named."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
     except OSError as error:
         msg = f"cannot write {path}: {error.strerror}; choose another file"

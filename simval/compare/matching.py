@@ -60,7 +60,7 @@ def pairs_of(old: CellResult, new: CellResult) -> list[Pair]:
 
 
 def prediction_changed(a: Row, b: Row) -> bool:
-    """Whether theory says something else of the same statistic."""
+    """Whether the prediction of a statistic changed."""
     if a.prediction is None or b.prediction is None:
         return a.prediction is not b.prediction
     return not is_near(a.prediction, b.prediction, EXACT_BOUND)

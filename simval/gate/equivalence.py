@@ -85,7 +85,7 @@ def _margin(
 
 
 def _spread(statistic: Statistic, entry: Entry, old: Mapping[str, Entry]) -> float:
-    """Standard deviation of one sample: as the cell gives it, else from the error."""
+    """Standard deviation of one sample: the cell's own, else from the error."""
     sd = _value(SD(*statistic.entries), old)
     if sd is not None:
         return abs(sd)

@@ -74,7 +74,7 @@ class Finding:
 
 
 def reproduce(cell: CellName, run: str = "") -> str:
-    """Spell the command that computes one cell again."""
+    """Command that computes one cell again; empty where there is none."""
     if not cell.name or "\\" in cell.name:
         return ""
     words = ["simval", "repro", *(["--run", run] if run else []), cell.name]

@@ -19,13 +19,13 @@ from simval.text import one_line
 from simval.verdict import Answer
 
 SHOWN = 40
-"""Findings written one by one in the summary; the rest is counted."""
+"""Findings written one by one in the summary; the others are counted."""
 
 ANNOTATIONS = 10
 """GitHub shows no more than ten annotations of each kind and step."""
 
 DOT = "\N{MIDDLE DOT}"
-"""For the dots of a class in JUnit XML: readers take it for a path of packages."""
+"""In place of each dot of a class in JUnit XML, which readers take for packages."""
 
 _NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 

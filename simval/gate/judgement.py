@@ -86,7 +86,7 @@ class GateResult:
 
     @property
     def never_run(self) -> str:
-        """How many cells were never run, and what to do, in words; empty for none."""
+        """How many cells were never run, and what to do; empty if all were."""
         pending = [cell.name for cell in self.unfinished if cell.status == "pending"]
         if not pending:
             return ""

@@ -23,7 +23,7 @@ from simval.sweep.plausible import name_of, row_of
 
 STATUSES = ("pending", "done", "failed")
 OTHER_VERSION = ("missing", "extra_forbidden")
-"""Kinds of pydantic's errors that a study of another version explains as well."""
+"""Kinds of pydantic's errors that another version of a study causes too."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -43,7 +43,7 @@ Done = tuple[int, Outcome | str, float]
 """Place of the cell, its outcome or the traceback of its failure, CPU seconds."""
 
 Compute = Callable[[Sequence[Cell], Sequence[int]], Iterator[Done]]
-"""From the cells of a suite and the places of those to compute to what each gave."""
+"""From the cells of a suite, and the places of those to compute, to their results."""
 
 
 def execute(cell: Cell) -> Outcome:

@@ -57,7 +57,7 @@ def export_parquet(folder: Path, path: Path) -> int:
 def _lines(
     database: sqlite3.Connection, kinds: Mapping[str, str]
 ) -> Iterator[dict[str, object]]:
-    """Each row of the table, with the parameters in the one type of their column."""
+    """Each row of the table, its parameters in the types of their columns."""
     for cell in read_cells(database):
         head = {"cell": cell.name, "study": cell.study, "seed": cell.seed}
         values = {

@@ -50,7 +50,7 @@ def versions() -> dict[str, str]:
 
 
 def git_state() -> dict[str, Any]:
-    """Commit of the checkout that the package runs from, if it is one."""
+    """Commit of the checkout that the package runs from, if there is one."""
     root = Path(__file__).resolve().parents[2]
     if not (root / ".git").exists():
         return {"commit": None, "dirty": None}
@@ -118,7 +118,7 @@ def file_hashes(grid: Mapping[str, Any]) -> dict[str, str]:
 
 
 def places(grid: Mapping[str, Any]) -> dict[str, dict[str, str]]:
-    """Where the plug-ins of a suite lie on this machine."""
+    """Paths of the plug-ins of a suite on this machine."""
     paths: dict[str, dict[str, str]] = {}
     for study, key, text in named_files(grid):
         if portable(text) != text:

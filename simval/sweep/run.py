@@ -144,7 +144,7 @@ def _exact(value: Any) -> Any:
 
 
 def run_folder(run: str | Path) -> Path:
-    """Folder of a run."""
+    """Folder of a run; ``latest`` is the newest one."""
     path = file_path("run", run)
     if str(path) != "latest":
         return path

@@ -31,7 +31,7 @@ def unseal(database: sqlite3.Connection) -> None:
 
 
 def check_files(database: sqlite3.Connection, folder: Path) -> None:
-    """Refuse a run with a file that is not what the sweep wrote."""
+    """Refuse a run if one of its files is not what the sweep wrote."""
     text = store.entry(database, KEY)
     digests = {} if text is None else read_json("the list of files", text)
     if not isinstance(digests, dict):
