@@ -1,4 +1,4 @@
-"""Files that the studies left for the report, read without trusting them."""
+"""Artifacts of the studies for the report, checked when they are read."""
 
 import zipfile
 import zlib

@@ -1,4 +1,4 @@
-"""The page that sets two runs side by side: what changed, both curves in one figure."""
+"""The page of two runs side by side: what changed, both curves in one figure."""
 
 import numpy as np
 
@@ -149,13 +149,13 @@ def _drawing(
 
 
 def _apart(curves: list[Curve], axis: str) -> list[Panel]:
-    """The difference alone, in its own standard errors, where there are any."""
+    """Panel of the difference in standard errors, if it has any."""
     if len(curves) != 2 or not np.array_equal(curves[0].x, curves[1].x):
         return []
     a, b = curves
     error = np.hypot(a.error, b.error)
     if len(np.unique(a.x)) < len(a.x) or not np.all(error > 0.0):
-        return []  # values of several seeds have no order among themselves
+        return []  # values of several seeds cannot be paired
     difference, z = (b.value - a.value) / error, bar_width([a])
     return [
         Panel(

@@ -96,7 +96,7 @@ def broken(text: str, room: float, size: float = SIZE) -> str:
 
 
 def _fitting(word: str, room: float, size: float) -> int:
-    """Letters of a word that fit a line, one at least."""
+    """Number of letters of a word that fit a line, at least one."""
     fit = (n for n in range(len(word), 1, -1) if _width(word[:n], size) <= SLACK * room)
     return next(fit, 1)
 

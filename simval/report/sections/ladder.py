@@ -75,7 +75,7 @@ def _by_residual(cells: Sequence[CellResult]) -> Groups:
 
 
 def _lowest(cells: Sequence[CellResult]) -> list[tuple[str, Row]]:
-    """The rung of each residual at its smallest noise, of each seed there is."""
+    """Row of each residual at its smallest noise, one for each seed."""
     rungs = []
     for name, members in _by_residual(cells).items():
         least = min(float(c.parameters["noise_std"]) for c in members)

@@ -1,4 +1,4 @@
-"""Studies without a section of their own: their statistics along what varies."""
+"""Studies without their own section: their statistics along what varies."""
 
 from collections.abc import Sequence
 
