@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from markupsafe import Markup
 
@@ -10,6 +11,7 @@ from simval.gate import GateResult
 from simval.report.environment import template
 from simval.report.panels import Drawing
 from simval.report.table import Table
+from simval.statistics import Family, Statistic
 from simval.sweep import Run
 from simval.sweep.run import CellResult
 from simval.verdict import Verdict
@@ -59,6 +61,13 @@ class Section:
     tables: tuple[Table, ...]
     # statistics of its study that it shows in no figure and no table of its own
     elsewhere: tuple[str, ...] = ()
+
+
+class Shown(NamedTuple):
+    """What a section draws or tabulates; the rest of the study is named below it."""
+
+    study: str
+    statistics: tuple[Family | Statistic, ...]
 
 
 def made(

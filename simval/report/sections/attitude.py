@@ -10,7 +10,7 @@ from simval.report.curves import Measure, bar_width, curve, first, grouped
 from simval.report.measures import left_out, moment
 from simval.report.noise import SLOPES, slope_cells
 from simval.report.panels import COLOURS, GREY, Drawing, Panel, Series
-from simval.report.section import Context, Section, made
+from simval.report.section import Context, Section, Shown, made
 from simval.report.slope import order
 from simval.report.table import Column, Table
 from simval.report.words import slugs
@@ -36,6 +36,7 @@ CLAIMED = {ORDER_2: 4.0, ORDER_4_SOURCE: 6.0, ORDER_4: 6.0}
 
 NOISE = "noise of each unit vector, 1"
 PARTS = (BIAS, COVARIANCE)
+SHOWN = Shown("attitude", (BIAS, COVARIANCE))
 
 
 def section(context: Context) -> Section | None:

@@ -23,7 +23,7 @@ from simval.report.noise import (
     unit_of,
 )
 from simval.report.panels import Drawing
-from simval.report.section import Context, Section, made
+from simval.report.section import Context, Section, Shown, made
 from simval.report.table import Column, Table
 from simval.statistics import (
     BIAS,
@@ -38,6 +38,7 @@ from simval.statistics import (
 from simval.sweep.run import CellResult
 
 NOISE = "noise per sample, m/s²"
+SHOWN = Shown("calibration", (RMS, SD, BIAS, RECOVERY))
 
 
 def section(context: Context) -> Section | None:

@@ -8,7 +8,7 @@ from simval.report.words import sign_of_entries
 from simval.results import CellName
 from simval.verdict import WORST_FIRST, Verdict
 
-SHOWN = 300
+MAX_ROWS = 300
 
 
 def section(context: Context) -> Section | None:
@@ -88,7 +88,7 @@ def _each(verdicts: list[Verdict], figures: dict[Key, str], folder: str) -> Tabl
             Column("reproduce the cell", "code"),
         ),
         rows=rows,
-        shown=SHOWN,
+        shown=MAX_ROWS,
     )
 
 

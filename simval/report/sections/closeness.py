@@ -7,7 +7,7 @@ import numpy as np
 from simval.report.curves import bar_width, curve, statistic
 from simval.report.measures import left_out
 from simval.report.panels import GREY, Drawing, Panel, Series
-from simval.report.section import Context, Section, made
+from simval.report.section import Context, Section, Shown, made
 from simval.report.sections.attitude import CLAIMED, STYLES
 from simval.report.table import Column, Table
 from simval.statistics import (
@@ -27,6 +27,7 @@ from simval.sweep.run import CellResult
 LENGTH = NORM_OVER_NOISE()
 AXIS = NORM_OVER_NOISE.name
 MARKS = {ORDER_2: "o", ORDER_4_SOURCE: "s", ORDER_4: "^"}
+SHOWN = Shown("attitude_limits", (LIMIT_RATIO, FLIP_RATE, OTHER_SELECTION_RATE))
 
 
 def section(context: Context) -> Section | None:

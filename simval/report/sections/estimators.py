@@ -7,12 +7,13 @@ import numpy as np
 
 from simval.report.artifacts import arrays
 from simval.report.panels import COLOURS, Drawing, Panel, Series
-from simval.report.section import Context, Section, made
+from simval.report.section import Context, Section, Shown, made
 from simval.report.table import Column, Table
 from simval.statistics import FIRST_ORDER, RMS_RATIO, SIMULATED_RMS_RATIO
 from simval.sweep.run import CellResult
 
 LINES = ("-", "--", ":", "-.")
+SHOWN = Shown("attitude_efficiency", (RMS_RATIO, SIMULATED_RMS_RATIO))
 
 
 def section(context: Context) -> Section | None:

@@ -6,7 +6,7 @@ from simval.report.curves import Groups, bars, curves, first, grouped
 from simval.report.measures import part
 from simval.report.noise import panel, slope_cells
 from simval.report.panels import BarPanel, Drawing, Panel
-from simval.report.section import Context, Section, made
+from simval.report.section import Context, Section, Shown, made
 from simval.report.table import Column, Table
 from simval.results import Row
 from simval.statistics import BIAS, MANY_POSES, SCALE_BIAS, SECOND_ORDER
@@ -18,6 +18,7 @@ MAX_SETTINGS = 4
 """Sensors and pose counts drawn, each a row of the figure with all its residuals."""
 MAX_BARS = 16
 """Bars whose names still have a line each."""
+SHOWN = Shown("ladder", (SCALE_BIAS, *BIAS.each(("K_x", "K_y", "K_z"))))
 
 
 def section(context: Context) -> Section | None:

@@ -4,7 +4,7 @@ import numpy as np
 
 from simval.report.curves import first, grouped
 from simval.report.panels import Drawing, Panel
-from simval.report.section import Context, Section, made
+from simval.report.section import Context, Section, Shown, made
 from simval.report.sections.attitude import CLAIMED, line
 from simval.report.table import Column, Table
 from simval.statistics import BIAS_ERROR, BIAS_ORDER, COVARIANCE_ERROR, COVARIANCE_ORDER
@@ -15,6 +15,9 @@ PARTS = {
     "covariance": (COVARIANCE_ORDER, COVARIANCE_ERROR),
 }
 """Slope and distance of each moment."""
+SHOWN = Shown(
+    "attitude_order", (BIAS_ERROR, BIAS_ORDER, COVARIANCE_ERROR, COVARIANCE_ORDER)
+)
 
 
 def section(context: Context) -> Section | None:

@@ -24,7 +24,7 @@ from simval.sweep.run import CellResult
 
 ELSEWHERE = (EFFICIENCY, COVERAGE, COVERAGE_NORMAL, NEES, BUDGET)
 MAX_PANELS = 6
-SHOWN = 40
+MAX_ROWS = 40
 
 
 def section(context: Context) -> Section | None:
@@ -128,5 +128,5 @@ def numbers(study: str, cells: Sequence[CellResult]) -> Table:
         caption=f"Numbers of the study {study}",
         columns=(*(Column(spelled(key)) for key in keys), *NUMBERS),
         rows=rows,
-        shown=SHOWN,
+        shown=MAX_ROWS,
     )

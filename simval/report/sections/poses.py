@@ -8,11 +8,12 @@ from simval.report.curves import MAX_GROUPS, Groups, curves, first, grouped, sta
 from simval.report.measures import together
 from simval.report.noise import panels_of, rms_sets, slope_cells, together_z
 from simval.report.panels import Drawing, Panel
-from simval.report.section import Context, Section, made
+from simval.report.section import Context, Section, Shown, made
 from simval.report.table import Column, Table
 from simval.statistics import CONDITION, FIRST_ORDER
 
 COUNT = "number of poses, 1"
+SHOWN = Shown("scene", (CONDITION,))
 
 
 def section(context: Context) -> Section | None:

@@ -10,7 +10,7 @@ from simval.arrays import Array
 from simval.report.artifacts import arrays, shaped
 from simval.report.curves import axis_of, curves, first, grouped, statistic
 from simval.report.panels import COLOURS, Drawing, Panel, Series
-from simval.report.section import Context, Section, made
+from simval.report.section import Context, Section, Shown, made
 from simval.report.sections.other import scored
 from simval.report.words import slug
 from simval.statistics import CHI_SQUARE_9, IMPURE, NEES, PRECISION, RECALL
@@ -27,6 +27,7 @@ SCORES = (
     (NEES("pure"), CHI_SQUARE_9),
 )
 NEEDED = ("time", "signal", "intervals")
+SHOWN = Shown("detector", (PRECISION, RECALL, IMPURE, NEES))
 
 
 def section(context: Context) -> Section | None:

@@ -17,7 +17,7 @@ from simval.report.curves import (
     triple,
 )
 from simval.report.panels import Drawing, Panel
-from simval.report.section import Context, Section, made
+from simval.report.section import Context, Section, Shown, made
 from simval.report.words import spelled
 from simval.results import Row
 from simval.statistics import COVERAGE, EFFICIENCY, NEES, Family, Statistic
@@ -48,6 +48,7 @@ DRAWN = {
 MAX_PANELS = 9
 MAX_KINDS = 4
 """Statistics of a family drawn one by one; of more, their mean."""
+SHOWN = Shown("coverage", (COVERAGE, NEES))
 
 
 def section(context: Context) -> Section | None:
