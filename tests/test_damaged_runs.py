@@ -175,7 +175,10 @@ def test_a_thousand_damaged_fields(old, tmp_path, capsys):
             "UPDATE rows SET value = value * 1.01 WHERE cell = 2 AND ordinal = 5",
             "cell attitude.*: its entry or its rows are not what the sweep stored",
         ),
-        ("DELETE FROM rows WHERE cell = 2 AND ordinal = 5", "without a gap: 5 is none"),
+        (
+            "DELETE FROM rows WHERE cell = 2 AND ordinal = 5",
+            "without a gap: 5 is missing",
+        ),
         (
             "UPDATE meta SET value = replace(value, 'tiny', 'tony')",
             "the manifest is not what the sweep stored",

@@ -10,7 +10,7 @@ import rows_by_name
 
 from simval.gate import judge_run
 from simval.report import drawings, render, tables
-from simval.report.page import SHOWN, sections
+from simval.report.page import SECTIONS, sections
 from simval.report.paint import STYLE, _figure
 from simval.report.panels import BarPanel, Drawing, Panel, Series
 from simval.report.section import Context
@@ -42,6 +42,11 @@ VARIED = {
     "end_to_end": ("poses", range(12, 21)),
     "solvers": ("poses", range(20, 29)),
     "scene": ("poses", range(12, 21)),
+}
+SHOWN = {
+    module.__name__.rpartition(".")[2]: module.SHOWN
+    for module in SECTIONS
+    if hasattr(module, "SHOWN")
 }
 SECTION = {study: anchor for anchor, (study, _) in SHOWN.items()}
 SECTION["solvers"] = "convergence"

@@ -1,4 +1,4 @@
-"""The command line: thin, one file for each command, loaded when it is used.
+"""The command line: one short file for each command, loaded when it is used.
 
 Exit codes: 0 pass, 1 the gate failed, 2 usage, configuration or unreadable input,
 3 inconclusive, refused or nothing measured, 4 a cell crashed, 70 a bug of ours,
@@ -25,15 +25,15 @@ COMMANDS = (
     ("plan", "Predict a calibration's error bars before any data is taken."),
     ("scene", "Simulate a tumble and write its readings or a picture."),
     ("compare", "Show what changed between two runs beyond its uncertainty."),
-    ("repro", "Compute one cell again and say whether it is equal to the bit."),
+    ("repro", "Compute one cell again and compare it to the bit."),
     ("export", "Write the table of a run as Parquet."),
     ("suite-schema", "Print the JSON Schema of suite files."),
-    ("selftest", "Inject faults and see that the gate finds each."),
+    ("selftest", "Inject faults and check that the gate detects each."),
     ("bench", "Race simval against the alternatives, side by side."),
-    ("list", "Show the suites, studies and scenes there are."),
+    ("list", "List suites, studies and scenes."),
 )
 
-# a module becomes a name in this package, so none may be called like a builtin
+# a module becomes a name in this package, so none may shadow a builtin
 MODULES = {"list": "listing", "suite-schema": "suite_schema"}
 
 
@@ -72,18 +72,7 @@ def group() -> None:
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run one command and return its exit code.
-
-    Parameters
-    ----------
-    arguments : sequence of str
-        The words after the program's name.
-
-    Returns
-    -------
-    int
-        Exit code; every error that is ours to explain has been printed.
-    """
+    """Run one command and return its exit code."""
     try:
         code = group.main(
             args=list(arguments), prog_name="simval", standalone_mode=False
@@ -97,7 +86,7 @@ def run(arguments: Sequence[str]) -> int:
     except SimvalError as error:
         click.echo(f"error: {error}", err=True)
         return error.exit_code
-    except SystemExit:  # how click says that the reader of our output has gone
+    except SystemExit:  # click raises it when the reader of our output is gone
         return 2
     except OSError as error:
         click.echo(f"error: cannot write the output: {error}", err=True)
@@ -112,7 +101,7 @@ def main() -> None:
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     interruption = watch()
-    for stream in (sys.stdout, sys.stderr):  # a name that the terminal cannot show
+    for stream in (sys.stdout, sys.stderr):  # for names the terminal cannot show
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:

@@ -1,4 +1,4 @@
-"""Progress on standard error: a bar on a terminal, a line now and then in a log."""
+"""Progress on standard error: a bar on a terminal, or lines in a log."""
 
 import sys
 from typing import Any
@@ -37,7 +37,7 @@ class CellBar:
 
     def __init__(self) -> None:
         self._bar: tqdm[Any] | None = None
-        self._worst: Ending = "recorded"
+        self._worst: Ending = "stored"
 
     def __enter__(self) -> "CellBar":
         return self
