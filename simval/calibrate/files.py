@@ -115,9 +115,9 @@ def _parameters(data: dict[str, Any]) -> tuple[str, Float[Array, "9"]]:
         raise InputError(msg)
     bias = shaped_array("B", data["B"], (3,))
     for model in [data["model"]] if "model" in data else forms.MODELS:
-        found = forms.from_factors(forms.check_model(model), data["T"], data["K"], bias)
-        if found is not None:
-            return model, found
+        match = forms.from_factors(forms.check_model(model), data["T"], data["K"], bias)
+        if parameters is not None:
+            return model, parameters
     msg = (
         f"`T` is {shown(data['T'])} and `K` {shown(data['K'])}; three scales with a T "
         "of unit diagonal and zeros above or below it, or T the identity and a "

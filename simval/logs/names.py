@@ -98,9 +98,9 @@ class Channel:
 
 def is_known(name: str) -> bool:
     """Return whether a name says anything, if only that its column is not needed."""
-    said = channel(name)
-    words = set(said.stem.split())
-    return said.kind != "other" or bool(said.axis or words & _OTHER)
+    known = channel(name)
+    words = set(known.stem.split())
+    return known.kind != "other" or bool(known.axis or words & _OTHER)
 
 
 def is_unit(text: str) -> bool:
@@ -178,12 +178,12 @@ def _settled(kind: Kind, unit: str) -> Kind:
     # the quantity by name and unit
     if not unit or unit in _ANY_UNIT or kind in ("other", "no gravity"):
         return kind
-    said = _kinds_of(unit)
+    by_unit = _kinds_of(unit)
     if unit in _STRANGE_UNIT or unit in SECONDS:
         return "other"
     if kind == "bare":
-        return said.pop() if len(said) == 1 else "bare"
-    return kind if not said or kind in said else "other"
+        return by_unit.pop() if len(by_unit) == 1 else "bare"
+    return kind if not by_unit or kind in by_unit else "other"
 
 
 def _clock(words: list[str], unit: str) -> Channel:

@@ -23,7 +23,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel
 
 from simval.errors import PluginError, SimvalError
-from simval.text import told
+from simval.text import message_of
 
 MAX_OUTPUT = 1 << 26
 """Bytes that the child, or a command that it runs, may write to any one file."""
@@ -141,7 +141,7 @@ def respond(function: Callable[[Any], Mapping[str, Any]]) -> None:
     except SimvalError as error:
         answer = {"error": str(error)}
     except BaseException as error:  # SystemExit too: a plug-in must not end the cell
-        answer = {"error": f"the plug-in raised {told(error)}"}
+        answer = {"error": f"the plug-in raised {message_of(error)}"}
     part = folder / "answer.part"
     part.write_text(json.dumps(answer), encoding="utf-8")
     part.rename(folder / "answer.json")

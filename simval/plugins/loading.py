@@ -16,7 +16,7 @@ from simval.plugins.child import Answer, asked
 from simval.plugins.command import command_calibrator
 from simval.plugins.names import COMMAND
 from simval.plugins.protocol import SCENE, Calibrator, Plugin
-from simval.text import told
+from simval.text import message_of
 
 GROUP = "simval.plugins"
 TIME_LIMIT = 60.0
@@ -154,12 +154,12 @@ def _held_by(file: Path) -> list[Any]:
     try:
         content = vars(_imported(file))
     except Exception as error:  # whatever a user's file may raise
-        msg = f"the plug-in file {file} fails with {told(error)}"
+        msg = f"the plug-in file {file} fails with {message_of(error)}"
         raise UnusablePluginError(msg) from error
     held = [value for value in content.values() if isinstance(value, Plugin)]
-    found = list({id(value): value for value in held}.values())
+    plugins = list({id(value): value for value in held}.values())
     names: set[tuple[type, str]] = set()
-    for value in found:
+    for value in plugins:
         if (type(value), value.name) in names:
             msg = (
                 f"{file} holds two {type(value).__name__}s named `{value.name}`; give "
@@ -167,7 +167,7 @@ def _held_by(file: Path) -> list[Any]:
             )
             raise UnusablePluginError(msg)
         names.add((type(value), value.name))
-    return found
+    return plugins
 
 
 def _imported(file: Path) -> ModuleType:
@@ -244,5 +244,5 @@ def _loaded(name: str) -> list[Any]:
     try:
         return [p.load() for p in metadata.entry_points(group=GROUP, name=name)]
     except Exception as error:  # whatever an installed package may raise
-        msg = f"the entry point `{name}` fails with {told(error)}"
+        msg = f"the entry point `{name}` fails with {message_of(error)}"
         raise UnusablePluginError(msg) from error

@@ -118,12 +118,12 @@ def probe_calibrator(calibrator: Calibrator) -> float:
     sensor = probe_sensor()
     g = 9.80665
     raw = sensor.distort(g * fibonacci_sphere(COUNT), np.random.default_rng(0))
-    found = calibration_of(calibrator, raw, g, 0.0)
-    error = float(_calibration_errors(found, sensor).max())
+    answer = calibration_of(calibrator, raw, g, 0.0)
+    error = float(_calibration_errors(answer, sensor).max())
     if not error <= TOLERANCE:
         msg = (
             f"{calibrator.name} is {error:.3g} from the true parameters without noise, "
-            f"{TOLERANCE:g} is allowed; {_other_meaning(found, sensor)}"
+            f"{TOLERANCE:g} is allowed; {_other_meaning(answer, sensor)}"
         )
         raise PluginError(msg)
     return error
@@ -239,16 +239,16 @@ def _other_convention(
 
 
 def _calibration_errors(
-    found: Calibration, sensor: AccelerometerModel
+    answer: Calibration, sensor: AccelerometerModel
 ) -> Float[Array, "9"]:
     truth = sensor.parameters
-    off = np.abs(found.parameters("triangular") - truth)
+    off = np.abs(answer.parameters("triangular") - truth)
     off[6:] /= np.abs(truth[6:]).max()
     return off
 
 
-def _other_meaning(found: Calibration, sensor: AccelerometerModel) -> str:
-    M, B = found.matrix, found.bias
+def _other_meaning(answer: Calibration, sensor: AccelerometerModel) -> str:
+    M, B = answer.matrix, answer.bias
     invertible = np.linalg.cond(M) < 1.0 / np.finfo(float).eps
     inverse = np.linalg.inv(M) if invertible else M
     readings: dict[str, tuple[Array, Array]] = {
@@ -264,8 +264,8 @@ def _other_meaning(found: Calibration, sensor: AccelerometerModel) -> str:
         other = Calibration(matrix=matrix, bias=bias)
         if float(_calibration_errors(other, sensor).max()) <= TOLERANCE:
             return words
-    k = int(_calibration_errors(found, sensor).argmax())
-    seen, true = found.parameters("triangular")[k], sensor.parameters[k]
+    k = int(_calibration_errors(answer, sensor).argmax())
+    seen, true = answer.parameters("triangular")[k], sensor.parameters[k]
     return (
         "no other sign, order or direction fits either; the worst is "
         f"{forms.names('triangular')[k]}: {seen:.6g} instead of {true:.6g}. All nine "

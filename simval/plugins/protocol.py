@@ -1,4 +1,4 @@
-r"""What an algorithm of one's own must look like.
+r"""What a user-supplied algorithm must look like.
 
 Quaternions are declared by two words. ``components`` is the order: ``xyzs`` with the
 scalar last or ``sxyz`` with the scalar first. ``matrix`` is the direction: with

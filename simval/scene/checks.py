@@ -28,7 +28,7 @@ def check_run(
     force_limit: float,
     rate_limit: float,
 ) -> None:
-    """Raise an error unless a run is what it claims to be.
+    """Raise an error unless a run passes every check.
 
     Raises
     ------
@@ -41,11 +41,13 @@ def check_run(
     count = warnings[:, 1]
     if not np.all(count == 0):
         kind = mujoco.mjtWarning(int(np.argmax(count != 0))).name[7:]
-        said = f' ("{messages[0]}")' if messages else ""
+        message = f' ("{messages[0]}")' if messages else ""
         # the run stopped at the warning, and its rows repeat the last one from there
         row = max(_first(~regular) - 1, 0)
-        advice = "its data is no simulation any more; use a smaller timestep or milder "
-        _fail(scene, f"MuJoCo's warning {kind}{said}", row, expected, advice + "inputs")
+        advice = "its data cannot be trusted; use a smaller timestep or milder "
+        _fail(
+            scene, f"MuJoCo's warning {kind}{message}", row, expected, advice + "inputs"
+        )
     finite = np.isfinite(rows).all(axis=1)
     if not finite.all():
         advice = "the state is not a number; use a smaller timestep"

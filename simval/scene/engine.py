@@ -40,7 +40,7 @@ class Rollout(NamedTuple):
     warnings: NDArray[np.int64]
     # distance of the sensor at the end from where it began, m
     travel: Float[Array, " runs"]
-    messages: list[str]  # what MuJoCo said
+    messages: list[str]  # of MuJoCo
 
 
 def roll_out(

@@ -38,18 +38,10 @@ INTEGRATORS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Physics:
-    """A compiled model and the hash of its file.
+    """A compiled model and the hash of its file."""
 
-    Attributes
-    ----------
-    model : mujoco.MjModel
-        Checked: every sensor is there, no option spoils the data.
-    sha256 : str
-        Of the model file, hexadecimal.
-    """
-
-    model: mujoco.MjModel
-    sha256: str
+    model: mujoco.MjModel  # checked: every sensor is there, no option spoils the data
+    sha256: str  # of the model file, hexadecimal
 
 
 def model_path(name: str) -> Path:
