@@ -116,8 +116,8 @@ def _parameters(data: dict[str, Any]) -> tuple[str, Float[Array, "9"]]:
     bias = shaped_array("B", data["B"], (3,))
     for model in [data["model"]] if "model" in data else forms.MODELS:
         match = forms.from_factors(forms.check_model(model), data["T"], data["K"], bias)
-        if parameters is not None:
-            return model, parameters
+        if match is not None:
+            return model, match
     msg = (
         f"`T` is {shown(data['T'])} and `K` {shown(data['K'])}; three scales with a T "
         "of unit diagonal and zeros above or below it, or T the identity and a "

@@ -48,7 +48,7 @@ BLOCK = 512
 G = 9.80665
 LEVEL = 0.95
 FREEDOM = 0.003
-"""Relative, of a Type A variance, measured: scales within 5 %, like the sensor's here."""
+"""Relative, of a Type A variance; measured for scales within 5 %, like those here."""
 INTERVAL_SLOPE = 0.23  # 2 z f(z) of the normal density at its 97.5 % quantile
 ELLIPSOID_SLOPE = 0.54  # 2 x f(x) of chi-square(9) at its 95 % quantile
 

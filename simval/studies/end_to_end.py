@@ -41,8 +41,8 @@ SECTION = "budget"
 SETTINGS = (6.0, 51, 15)  # the detector's multiplier, window and trim, in samples
 NEXT_ORDER = 30.0
 """Relative remainder of an RMS error and of the NEES, in squares of the relative noise
-of a mean. Measured at a relative noise of 1e-3, above that of any suite: at most 1.6 for
-the RMS error, 0.1 for the NEES (`test_what_the_linear_budget_leaves_out`)."""
+of a mean. Measured at a relative noise of 1e-3, above that of any suite: at most 1.6
+for the RMS error, 0.1 for the NEES (`test_what_the_linear_budget_leaves_out`)."""
 
 
 class Parameters(StudyParameters):
