@@ -97,7 +97,7 @@ def pure(intervals: Intervals, still: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def detect(
     raw: Float[Array, "n 3"], multiplier: float, window: int, trim: int
 ) -> tuple[Intervals, Float[Array, " n"], float]:
-    """Find the static intervals of a log as a user would have them found."""
+    """Find the static intervals of a log as for a user's log."""
     minimum = window // 2
     spread = variance_magnitude(raw, window)
     rest = initial_rest(raw, None, window, minimum, spread)

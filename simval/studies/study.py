@@ -26,7 +26,7 @@ class StudyParameters(BaseModel):
     )
 
     def cost(self) -> Cost:
-        """What a cell takes where a study does not say: a second and fifty rows."""
+        """Cost of a cell if a study does not state it: a second and fifty rows."""
         return Cost(1.0, 50)
 
     plugin: ClassVar[str] = ""
