@@ -31,8 +31,8 @@ from simval.plugins import (
     probe_estimator,
 )
 from simval.plugins.loading import overrides_of
-from simval.plugins.probe import probe_sensor
 from simval.plugins.log import MOVE, RATE, REST, log_of
+from simval.plugins.probe import probe_sensor
 from simval.poses import fibonacci_sphere
 from simval.results import Outcome
 from simval.scene import models_folder
