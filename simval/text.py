@@ -14,7 +14,7 @@ def shown(value: Any) -> str:
 
 
 def one_line(text: str) -> str:
-    """Make a message of somebody else's fit for one line of a terminal or a table."""
+    """Make any message fit for one line of a terminal or a table."""
     lines = [line.strip() for line in text.splitlines()]
     joined = printable(" | ".join(line for line in lines if line))
     if len(joined) <= LIMIT:

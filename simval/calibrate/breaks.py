@@ -1,4 +1,4 @@
-"""A series of poses that leaves its ellipsoid half-way."""
+"""A series of poses that leaves its ellipsoid at some pose."""
 
 from dataclasses import dataclass
 
@@ -47,7 +47,7 @@ def change(
 
 
 def find_break(poses: Float[Array, "n 3"]) -> Change | None:
-    """Look for the cut that best parts a series of poses in two.
+    """Find the cut that divides a series of poses best.
 
     The longer part fits an ellipsoid and the shorter one, taken as outliers all
     together, does not: (O1) with the number of cuts for the binomial.

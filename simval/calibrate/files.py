@@ -194,7 +194,7 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(data) < len(pairs):
         names = [name for name, _ in pairs]
         twice = next(name for name in names if names.count(name) > 1)
-        msg = f"{twice!r} stands in it twice"
+        msg = f"{twice!r} is given twice"
         raise ValueError(msg)
     return data
 

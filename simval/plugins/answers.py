@@ -1,7 +1,7 @@
-"""What a plug-in answers, checked: shapes, finiteness, unit lengths, and conventions.
+"""Checks of what a plug-in answers: shapes, finite numbers, unit lengths, conventions.
 
-Nothing that comes from a plug-in goes further before it went through here: whatever
-it raises, or answers that is none of these, is a `PluginError`.
+Every answer of a plug-in goes through here first: an answer that fails a check, and any
+exception of the plug-in, becomes a `PluginError`.
 """
 
 import reprlib

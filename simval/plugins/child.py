@@ -32,11 +32,11 @@ UNREADABLE = (OSError, ValueError, TypeError, KeyError, OverflowError, Recursion
 """Errors by which a forged or broken answer shows itself."""
 
 GRACE = 5.0
-"""Seconds past the limit after which the child ends itself, if nobody is left to."""
+"""Seconds past the limit after which the child ends itself, if its parent is gone."""
 
 
 class Answer(BaseModel):
-    """What a child leaves: why it has nothing, or what a subclass has fields for."""
+    """What a child answers: an error, or the fields of a subclass."""
 
     error: str = ""
 
@@ -70,7 +70,7 @@ def asked(
 
 
 def _run_group(words: list[str], folder: Path, time_limit: float) -> int:
-    """Run a program in a process group of its own, and end the whole group with it."""
+    """Run a program in a new process group, and end the whole group with it."""
     with (folder / "output").open("wb") as output:
         child = subprocess.Popen(
             words,
@@ -101,7 +101,7 @@ def ending(code: int) -> str:
 
 
 def read_answer(folder: Path, code: int, kind: type[Kind], who: str) -> Kind:
-    """Read what a child that has ended left.
+    """Read the answer of a child that has ended.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def _tail(folder: Path) -> str:
 
 
 def respond(function: Callable[[Any], Mapping[str, Any]]) -> None:
-    """Answer the request by a function of it, in the child, and end the child."""
+    """In the child: answer the request with what a function returns, and exit."""
     folder = Path(sys.argv[1])
     content = json.loads((folder / "request.json").read_text(encoding="utf-8"))
     _restrain(float(content["time_limit"]))

@@ -130,7 +130,7 @@ def probe_calibrator(calibrator: Calibrator) -> float:
 
 
 def probe_sensor() -> AccelerometerModel:
-    """Give the sensor that the probe of a calibrator uses, free of noise."""
+    """Return the noise-free sensor with which a calibrator is probed."""
     values = np.array([0.03, -0.02, 0.05, 2.06, 1.92, 2.1, 0.3, -0.2, 0.1])
     return AccelerometerModel.from_parameters(values)
 
@@ -160,7 +160,7 @@ def _seen(
 
 
 def _probe_batch(estimator: Estimator, count: int) -> None:
-    """Check that a large batch is right, and its rows what they are alone."""
+    """Check a large batch, and that its rows equal those computed alone."""
     rng = np.random.default_rng(count)
     truth, vectors = _observations(count, rng)
     off = attitude_error(truth, _unchanged(estimator, vectors))
@@ -182,7 +182,7 @@ def _probe_batch(estimator: Estimator, count: int) -> None:
 def _unchanged(
     estimator: Estimator, vectors: list[Float[Array, "n 3"]]
 ) -> Float[Array, "n 4"]:
-    """Attitudes from vectors that the estimator may not change."""
+    """Attitudes from vectors, which the estimator must not change."""
     given = [v.copy() for v in vectors]
     q = quaternions_of(estimator, *given)
     if not all(np.array_equal(a, b) for a, b in zip(given, vectors, strict=True)):
@@ -197,7 +197,7 @@ def _probe_rows(
     q: Float[Array, "n 4"],
     rows: list[int],
 ) -> None:
-    """Check that rows of a batch, and their covariances, are what they are alone."""
+    """Check that rows of a batch, and their covariances, equal those computed alone."""
     claimed = _claimed(estimator, vectors)
     for row in rows:
         own = [v[row : row + 1] for v in vectors]

@@ -27,7 +27,7 @@ SCENE = "custom_scene.scene"
 
 
 class Plugin:
-    """What a user brings: it has a name, and is taken by a field of a study."""
+    """A plug-in: it has a name, and a field of a study takes it."""
 
     __slots__ = ()
     name: str

@@ -42,7 +42,7 @@ def sources(text: str) -> dict[str, str]:
 
 
 def missing(text: str, held: Container[str] = ()) -> str:
-    """Say what a word names that is not here."""
+    """Say which part of a plug-in is not on this machine."""
     if text.startswith(COMMAND):
         program, *words = words_of(text) or [""]
         files = [word for word in words if portable(word) in held]
@@ -59,7 +59,7 @@ def missing(text: str, held: Container[str] = ()) -> str:
 
 
 def _closure(first: Path) -> dict[str, str]:
-    """SHA-256 of a file, and of all that it names beside it, and they in turn."""
+    """SHA-256 of a file, and of every file that it names in turn."""
     hashes: dict[str, str] = {}
     queue = [first]
     while queue:

@@ -1,4 +1,4 @@
-"""The physics: scripts in, checked rows out.
+"""The physics: scripts in, unchecked rows out.
 
 All runs of one call are stepped together by MuJoCo's batch. Truth is taken from the
 sensors only: after a step, MuJoCo's sensor data still describe the state before it, and

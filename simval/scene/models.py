@@ -1,6 +1,6 @@
 """Model files: where they are, how one is compiled, and what it must not contain.
 
-MuJoCo accepts options that make its data wrong without a word: a negative time step, a
+MuJoCo silently accepts options that make its data wrong: a negative time step, a
 gravity that is not a number, an automatic reset that turns a diverged run into perfect
 rest, a sleeping body whose sensor freezes, a sensor that clips or lags. A model with
 any of them is refused before it runs.
@@ -123,7 +123,7 @@ def _integrator(name: str) -> mujoco.mjtIntegrator:
 
 
 def check_model(model: mujoco.MjModel, path: str) -> None:
-    """Refuse a model whose data would be wrong without a word.
+    """Refuse a model whose data would silently be wrong.
 
     Raises
     ------
