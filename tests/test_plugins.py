@@ -30,7 +30,7 @@ from simval.plugins.probe import probe_sensor, rotation_error
 from simval.plugins.sources import sources
 from simval.scene import Scene, find_scene
 from simval.sweep.suite import expand, load_suite
-from simval.text import LIMIT, one_line, told
+from simval.text import LIMIT, message_of, one_line
 
 
 def align(*vectors):
@@ -335,9 +335,9 @@ class Speechless(Exception):
         ("plain, with π and a\ttab", "plain, with π and a\ttab"),
         (" one \r\n\n  two\x0bthree\u2028four", "one | two | three | four"),
         ("\x1b[31m \0 \x9b \udcff", r"\x1b[31m \x00 \x9b \udcff"),
-        (told(ValueError("a\nb")), "ValueError: a | b"),
-        (told(MemoryError()), "MemoryError"),
-        (told(Speechless()), "Speechless: (its message cannot be read)"),
+        (message_of(ValueError("a\nb")), "ValueError: a | b"),
+        (message_of(MemoryError()), "MemoryError"),
+        (message_of(Speechless()), "Speechless: (its message cannot be read)"),
     ],
 )
 def test_a_message_is_one_printable_line(text, line):
