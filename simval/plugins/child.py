@@ -23,7 +23,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel
 
 from simval.errors import PluginError, SimvalError
-from simval.text import told
+from simval.text import message_of
 
 MAX_OUTPUT = 1 << 26
 """Bytes that the child, or a command that it runs, may write to any one file."""
@@ -32,11 +32,11 @@ UNREADABLE = (OSError, ValueError, TypeError, KeyError, OverflowError, Recursion
 """Errors by which a forged or broken answer shows itself."""
 
 GRACE = 5.0
-"""Seconds past the limit after which the child ends itself, if nobody is left to."""
+"""Seconds past the limit after which the child ends itself, if its parent is gone."""
 
 
 class Answer(BaseModel):
-    """What a child leaves: why it has nothing, or what a subclass has fields for."""
+    """What a child answers: an error, or the fields of a subclass."""
 
     error: str = ""
 
@@ -70,7 +70,7 @@ def asked(
 
 
 def _run_group(words: list[str], folder: Path, time_limit: float) -> int:
-    """Run a program in a process group of its own, and end the whole group with it."""
+    """Run a program in a new process group, and end the whole group with it."""
     with (folder / "output").open("wb") as output:
         child = subprocess.Popen(
             words,
@@ -101,7 +101,7 @@ def ending(code: int) -> str:
 
 
 def read_answer(folder: Path, code: int, kind: type[Kind], who: str) -> Kind:
-    """Read what a child that has ended left.
+    """Read the answer of a child that has ended.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def _tail(folder: Path) -> str:
 
 
 def respond(function: Callable[[Any], Mapping[str, Any]]) -> None:
-    """Answer the request by a function of it, in the child, and end the child."""
+    """In the child: answer the request with what a function returns, and exit."""
     folder = Path(sys.argv[1])
     content = json.loads((folder / "request.json").read_text(encoding="utf-8"))
     _restrain(float(content["time_limit"]))
@@ -141,7 +141,7 @@ def respond(function: Callable[[Any], Mapping[str, Any]]) -> None:
     except SimvalError as error:
         answer = {"error": str(error)}
     except BaseException as error:  # SystemExit too: a plug-in must not end the cell
-        answer = {"error": f"the plug-in raised {told(error)}"}
+        answer = {"error": f"the plug-in raised {message_of(error)}"}
     part = folder / "answer.part"
     part.write_text(json.dumps(answer), encoding="utf-8")
     part.rename(folder / "answer.json")

@@ -32,7 +32,7 @@ from simval.results import Outcome
 from simval.studies import find_study
 from simval.studies.study import Cell
 from simval.sweep import provenance
-from simval.text import described, one_line, told
+from simval.text import described, message_of, one_line
 
 CONNECT_TIMEOUT = 10.0  # s
 
@@ -206,7 +206,7 @@ def _landed(future: Future[Done], position: int) -> Done:
     if error is None:
         return future.result()
     # the cell was computed, but its outcome could not travel
-    return position, one_line(told(error)), 0.0
+    return position, one_line(message_of(error)), 0.0
 
 
 def _alone(position: int, cell: Cell) -> Done:
