@@ -1,0 +1,152 @@
+"""Range of each attitude formula: from what noise it is off, over many geometries."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.report.artifacts import arrays, shaped
+from simval.report.curves import MAX_GROUPS
+from simval.report.distribution import share_at_most
+from simval.report.panels import Drawing, Panel
+from simval.report.section import Context, Section, made
+from simval.report.sections.attitude import CLAIMED, STYLES
+from simval.report.table import Column, Table
+from simval.report.words import slugs
+from simval.statistics import LIMIT_RATIO, NEXT_ORDER, Family
+from simval.sweep.run import CellResult
+
+PARTS = ("covariance", "bias")
+SHARES = ("1%", "10%")
+QUANTILES = ("least", "5%", "median", "95%", "most")
+Found = Mapping[tuple[str, str, str], Array]
+"""Least |q̄| / σ in each geometry, by formula, part and share."""
+
+
+def section(context: Context) -> Section | None:
+    """Make the section."""
+    cells = context.cells("attitude_map")
+    if not cells:
+        return None
+    folder = context.run.folder / "artifacts"
+    found = [(cell, r) for cell in cells if (r := _limits(folder, cell)) is not None]
+    shown = found[:MAX_GROUPS]
+    names = slugs("ranges", (str(cell.parameters["frame"]) for cell, _ in shown))
+    drawings = [
+        _drawing(name, cell, limits)
+        for name, (cell, limits) in zip(names, shown, strict=True)
+    ]
+    if drawings:
+        drawn = {cell.name for cell, _ in shown}
+        rest = [cell.name for cell in cells if cell.name not in drawn]
+        drawings[-1] = replace(drawings[-1], left_out=rest)
+    tables = [
+        _table(
+            "ranges",
+            LIMIT_RATIO,
+            cells,
+            "Least |q̄| / σ at which each formula is within the limit: quantiles over "
+            "the geometries",
+        ),
+        _table(
+            "ranges-next-order",
+            NEXT_ORDER,
+            cells,
+            "Ratio of the next order to the second, |C₄ - C₂| / |C₂|, where each "
+            "formula reaches the limit: quantiles over the geometries",
+        ),
+    ]
+    return made("ranges", "Range of each attitude formula", drawings, tables)
+
+
+def _limits(folder: Path, cell: CellResult) -> Found | None:
+    frame, count = cell.parameters["frame"], cell.parameters["geometries"]
+    file = folder / f"attitude-map-{frame}-{count}.npz"
+    if not file.is_file():
+        return None
+    content = arrays(file)
+    return {
+        (name, part, share): shaped(file, content, f"{name}, {part}, {share}", count)
+        for name in CLAIMED
+        for part in PARTS
+        for share in SHARES
+    }
+
+
+def _drawing(name: str, cell: CellResult, found: Found) -> Drawing:
+    frame, count = cell.parameters["frame"], cell.parameters["geometries"]
+    return Drawing(
+        name=name,
+        caption=(
+            f"{frame} frame: the share of {count} random geometries in which each "
+            "formula is within 1 %, and within 10 %, of the exact answer, over the "
+            "length of the un-normalised quaternion in units of the noise; singular "
+            "is to the left. Between the two dotted lines are 80 % of the geometries. "
+            f"{_needed(found)} No chance is involved."
+        ),
+        alternative=(
+            f"{frame} frame: share of random geometries in which each attitude formula "
+            "is within 1 % and within 10 % of the exact covariance and bias, against "
+            f"|q̄| / σ. {_needed(found)}"
+        ),
+        panels=[
+            _panel(part, share, count, found) for part in PARTS for share in SHARES
+        ],
+        columns=2,
+    )
+
+
+def _needed(found: Found) -> str:
+    """What half and nine tenths of the geometries need, in a sentence."""
+    needed = []
+    for name in CLAIMED:
+        half, most = np.quantile(found[name, "covariance", "1%"], [0.5, 0.9])
+        needed.append(f"{name} {half:.3g} and {most:.3g}")
+    return (
+        "For a covariance within 1 % in half, and in nine tenths, of the geometries, "
+        f"|q̄| / σ must be at least: {'; '.join(needed)}."
+    )
+
+
+def _panel(part: str, share: str, count: int, found: Found) -> Panel:
+    return Panel(
+        title=f"{part} within {share.replace('%', ' %')}",
+        x_label="|q̄| / σ, 1",
+        y_label=f"share of {count} geometries, 1",
+        series=tuple(
+            share_at_most(name, found[name, part, share], *STYLES[name])
+            for name in CLAIMED
+        ),
+        log_y=False,
+        references=((0.1, ""), (0.9, "")),
+    )
+
+
+def _table(
+    name: str, family: Family, cells: Sequence[CellResult], caption: str
+) -> Table:
+    rows = []
+    for cell in cells:
+        frame, count = cell.parameters["frame"], cell.parameters["geometries"]
+        for formula in CLAIMED:
+            for part, share in ((p, s) for p in PARTS for s in SHARES):
+                found = [cell.row(family(part, share, q), formula) for q in QUANTILES]
+                if any(row is not None for row in found):
+                    values = [None if row is None else row.value for row in found]
+                    limit = share.replace("%", " %")
+                    rows.append((frame, count, formula, part, limit, *values))
+    return Table(
+        name=name,
+        caption=caption,
+        columns=(
+            Column("frame"),
+            Column("geometries", "number"),
+            Column("formula"),
+            Column("moment"),
+            Column("within"),
+            *(Column(q.replace("%", " %"), "number", 3) for q in QUANTILES),
+        ),
+        rows=rows,
+    )
