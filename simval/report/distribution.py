@@ -12,15 +12,16 @@ Their shares are 0.1 % apart, which is less than the width of the line."""
 
 
 def share_at_most(
-    label: str, values: Float[Array, " n"], colour: str, line: str
+    label: str, values: Float[Array, " n"], end: float, colour: str, line: str
 ) -> Series:
-    """Share of the values that are at most the value on the axis."""
+    """Share of the values that are at most the value on the axis, which ends at end."""
     count = len(values)
     chosen = np.linspace(0, count - 1, min(count, MOST)).astype(int)
+    ordered = np.sort(values)
     return Series(
         label=label,
-        x=np.sort(values)[chosen],
-        y=(chosen + 0.5) / count,
+        x=np.append(ordered[chosen], [ordered[-1], end]),
+        y=np.append((chosen + 0.5) / count, [1.0, 1.0]),
         colour=colour,
         line=line,
     )

@@ -56,7 +56,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     drawn = islice(regular_geometries(parameters.frame), parameters.geometries)
     limits = [_limits(truth, geometry.frame) for _, truth, geometry in drawn]
     rows: list[Row] = []
-    artifact = {}
+    artifact = {"searched": RATIOS[[0, -1]]}
     for order, label in FORMULAS.items():
         for part in PARTS:
             for share in SHARES:

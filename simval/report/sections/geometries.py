@@ -20,6 +20,7 @@ from simval.statistics import (
     NEARER,
     ORDER_2,
     ORDER_2_PRINTED,
+    ORDER_4,
     ORDER_4_SOURCE,
 )
 from simval.sweep.run import CellResult
@@ -31,6 +32,12 @@ DRAWN = {
 Ratios = Mapping[str, Array]
 """Of each formula, one for each geometry."""
 
+CALLED = {
+    ORDER_4_SOURCE: "The source's fourth order",
+    ORDER_2_PRINTED: "Equation (63) as printed",
+}
+ROOM = 1.35
+"""Axis over the greatest ratio: the legend has its place there."""
 QUANTILES = ("least", "5%", "median", "95%", "most")
 ZERO = 1e-4
 """The study knows the leading error to this share, so a smaller ratio may be 0."""
@@ -47,7 +54,12 @@ def section(context: Context) -> Section | None:
     names = {cell.name for cell, _ in shown}
     rest = [cell.name for cell in cells if cell.name not in names]
     drawings = [_drawing(shown, rest)] if shown else []
-    return made("geometries", "Nearer to the truth, or not", drawings, [_table(cells)])
+    return made(
+        "geometries",
+        "Attitude formulas over many geometries",
+        drawings,
+        [_table(cells)],
+    )
 
 
 def _ratios(folder: Path, cell: CellResult) -> Ratios | None:
@@ -65,17 +77,16 @@ def _ratios(folder: Path, cell: CellResult) -> Ratios | None:
 def _drawing(
     found: Sequence[tuple[CellResult, Ratios]], left_out: Sequence[str]
 ) -> Drawing:
-    told = " ".join(
-        _finding(name, [ratios[name] for _, ratios in found]) for name in DRAWN
-    )
+    told = " ".join(_finding(name, found) for name in DRAWN)
     return Drawing(
         name="geometries",
         caption=(
             f"{told} Drawn: the share of geometries in which the leading error of a "
             "formula's covariance, the term in σ⁴ that it has wrong, is at most so "
             "many times that of the second order. To the left of 1 (dashed) a formula "
-            "is nearer to the truth than the second order; one of higher order would "
-            "be at 0. The geometries are numbered, so no chance is involved."
+            "is nearer to the truth than the second order; the complete fourth order, "
+            "which is of higher order, is at 0. The geometries are numbered, so no "
+            "chance is involved."
         ),
         alternative=(
             "Distribution over random geometries of the leading error of the source's "
@@ -88,59 +99,64 @@ def _drawing(
 
 
 def _panel(cell: CellResult, ratios: Ratios) -> Panel:
-    colour, line = STYLES[ORDER_2]
+    end = ROOM * max(float(values.max()) for values in ratios.values())
     series = [
-        share_at_most(name, ratios[name], *style) for name, style in DRAWN.items()
+        share_at_most(name, ratios[name], end, *style) for name, style in DRAWN.items()
     ]
-    one = Series(
-        label=ORDER_2,
-        x=np.ones(2),
-        y=np.array([0.0, 1.0]),
-        colour=colour,
-        line=line,
-    )
-    noise, frame = cell.parameters["noise"], cell.parameters["frame"]
     return Panel(
-        title=f"{noise} noise, {frame} frame",
+        title=_place(cell),
         x_label="leading error over the second order's, 1",
         y_label=f"share of {cell.parameters['geometries']} geometries, 1",
-        series=(one, *series),
+        series=(_upright(ORDER_4, 0.0), _upright(ORDER_2, 1.0), *series),
         log_x=False,
         log_y=False,
     )
 
 
-def _finding(name: str, ratios: Sequence[Array]) -> str:
+def _upright(name: str, ratio: float) -> Series:
+    colour, line = STYLES[name]
+    ends = np.array([0.0, 1.0])
+    return Series(label=name, x=np.full(2, ratio), y=ends, colour=colour, line=line)
+
+
+def _place(cell: CellResult) -> str:
+    return f"{cell.parameters['noise']} noise, {cell.parameters['frame']} frame"
+
+
+def _finding(name: str, found: Sequence[tuple[CellResult, Ratios]]) -> str:
     """What the distributions of one formula say, in a sentence."""
-    shares = [float(np.mean(r < 1.0)) for r in ratios]
-    medians = [float(np.median(r)) for r in ratios]
+    ratios = [of_all[name] for _, of_all in found]
     counts = " or ".join(str(n) for n in sorted({len(r) for r in ratios}))
-    least = min(float(r.min()) for r in ratios)
-    higher = (
-        "never of higher order" if least > ZERO else "in some perhaps of higher order"
+    shares = [(100.0 * float(np.mean(r < 1.0)), _place(c)) for (c, _), r in
+              zip(found, ratios, strict=True)]  # fmt: skip
+    (low, where), (high, other) = min(shares), max(shares)
+    share = (
+        f"{low:.3g} % of {counts} geometries"
+        if low == high
+        else f"{low:.3g} % ({where}) to {high:.3g} % ({other}) of {counts} geometries"
     )
+    medians = [f"{m:.3g}" for m in sorted(float(np.median(r)) for r in ratios)]
+    median = " to ".join(dict.fromkeys((medians[0], medians[-1])))
+    pooled = np.concatenate(ratios)
     return (
-        f"{name}: {_often(shares)}, {higher}. It is nearer to the truth than the "
-        f"second order in {_span([100.0 * s for s in shares])} % of {counts} "
-        f"geometries, its median ratio is {_span(medians)}, its least {least:.2g}."
+        f"{CALLED[name]} is {_often(float(np.mean(pooled < 1.0)))} than the second "
+        f"order{_higher(float(pooled.min()))}. It is nearer to the truth in {share}; "
+        f"its leading error is {median} times as large in the median, "
+        f"{pooled.min():.4g} times at least, {pooled.max():.4g} at most."
     )
 
 
-def _often(shares: Sequence[float]) -> str:
-    if min(shares) == 1.0:
-        return "always better"
-    if max(shares) == 0.0:
-        return "always worse"
-    if max(shares) < 0.5:
-        return "usually worse, sometimes better"
-    if min(shares) > 0.5:
-        return "usually better, sometimes worse"
-    return "better or worse, as the noise and the frame are"
+def _often(nearer: float) -> str:
+    """How often a formula is better, from the share in which it is nearer."""
+    if nearer in (0.0, 1.0):
+        return "always better" if nearer else "always worse"
+    if nearer < 0.5:
+        return "usually worse, sometimes better,"
+    return "usually better, sometimes worse,"
 
 
-def _span(values: Sequence[float]) -> str:
-    low, high = (f"{value:.3g}" for value in (min(values), max(values)))
-    return low if low == high else f"{low} to {high}"
+def _higher(least: float) -> str:
+    return ", and never of higher order" if least > ZERO else ""
 
 
 def _table(cells: Sequence[CellResult]) -> Table:
@@ -167,7 +183,7 @@ def _table(cells: Sequence[CellResult]) -> Table:
             Column("frame"),
             Column("geometries", "number"),
             Column("formula"),
-            *(Column(name.replace("%", " %"), "number", 3) for name in QUANTILES),
+            *(Column(name.replace("%", " %"), "number", 4) for name in QUANTILES),
             Column("share nearer", "number", 3),
             Column("leading term off", "number", 2),
         ),

@@ -21,12 +21,10 @@ from simval.statistics import (
     NEES,
     RMS_OVER_BOUND,
     SQUARED_ERROR,
-    Family,
 )
 from simval.sweep.run import CellResult
 
 Groups = Mapping[str, tuple[CellResult, ...]]
-BARS = "Bars: 95 % for all points of a panel together."
 TESTED = (
     (NEES(), CHI_SQUARE_3),
     (INCONSISTENT_RATE("good"), CHI_SQUARE),
@@ -41,11 +39,11 @@ def section(context: Context) -> Section | None:
         return None
     names = _estimators(cells)
     groups, rest = first(_by_vectors(cells))
-    drawings = [_efficiency(groups, names), _agreement(groups, names)]
+    drawing = replace(_efficiency(groups, names), left_out=rest)
     return made(
         "vectors",
         "Weighted vectors",
-        [replace(drawing, left_out=rest) for drawing in drawings],
+        [drawing],
         [_costs(cells, names), _tested(cells)],
     )
 
@@ -67,10 +65,7 @@ def _by_vectors(cells: Sequence[CellResult]) -> Groups:
 
 
 def _efficiency(groups: Groups, names: Sequence[str]) -> Drawing:
-    found = {
-        label: _curves(members, names, RMS_OVER_BOUND)
-        for label, members in groups.items()
-    }
+    found = {label: _curves(members, names) for label, members in groups.items()}
     worst = "; ".join(
         f"{name} {max(most):.3f}"
         for name in names
@@ -82,58 +77,28 @@ def _efficiency(groups: Groups, names: Sequence[str]) -> Drawing:
         caption=(
             "RMS error over the Cramér-Rao bound against how unequal the noise is: "
             "the first vector's is fixed, the others have so many times as much. "
-            f"Points: simulated. Lines: first order. {BARS} The greatest ratio here, "
-            f"by first order: {worst}."
+            "Points: simulated, with bars that hold for all points of a panel "
+            "together (95 %). Lines: first order. The greatest ratio here, by first "
+            f"order: {worst}."
         ),
         alternative=(
             "RMS error of each estimator over the Cramér-Rao bound against the ratio "
             "of the noises, a panel for each number of vectors; the greatest ratio, by "
             f"first order: {worst}"
         ),
-        panels=[
-            _panel(label, curves, names, "RMS error / bound, 1")
-            for label, curves in found.items()
-        ],
+        panels=[_panel(label, curves, names) for label, curves in found.items()],
     )
 
 
-def _agreement(groups: Groups, names: Sequence[str]) -> Drawing:
-    return Drawing(
-        name="vectors-predicted",
-        caption=(
-            "The same errors on the scale of one per cent: mean square error over "
-            "what first order predicts for the estimator, 1 where theory is right. "
-            f"{BARS}"
-        ),
-        alternative=(
-            "Mean square error of each estimator over the predicted one against the "
-            "ratio of the noises; theory is 1"
-        ),
-        panels=[
-            _panel(
-                label,
-                _curves(members, names, SQUARED_ERROR),
-                names,
-                "mean square error / predicted, 1",
-            )
-            for label, members in groups.items()
-        ],
-    )
-
-
-def _curves(
-    cells: Sequence[CellResult], names: Sequence[str], family: Family
-) -> dict[str, Curve]:
+def _curves(cells: Sequence[CellResult], names: Sequence[str]) -> dict[str, Curve]:
     measured = (
-        curve(name, cells, "ratio", statistic(family(name), FIRST_ORDER))
+        curve(name, cells, "ratio", statistic(RMS_OVER_BOUND(name), FIRST_ORDER))
         for name in names
     )
     return {c.label: c for c in measured if c is not None}
 
 
-def _panel(
-    label: str, curves: Mapping[str, Curve], names: Sequence[str], y_label: str
-) -> Panel:
+def _panel(label: str, curves: Mapping[str, Curve], names: Sequence[str]) -> Panel:
     z = simultaneous(sum(len(c.x) for c in curves.values()))
     series: list[Series] = []
     for name, c in curves.items():
@@ -141,8 +106,8 @@ def _panel(
         series += [c.points(z, place), _line(c.predicted(place))]
     return Panel(
         title=label,
-        x_label="noise of the other vectors / noise of the first, 1",
-        y_label=y_label,
+        x_label="noise of the others / the first's, 1",
+        y_label="RMS error / bound, 1",
         series=tuple(series),
         log_y=False,
         references=((1.0, ""),),
@@ -217,9 +182,9 @@ def _tested(cells: Sequence[CellResult]) -> Table:
             *(Column(spelled(key), "number") for key in keys),
             Column("NEES", "measured"),
             Column("theory", "number"),
-            Column("good ones refused", "measured"),
+            Column("good samples refused", "measured"),
             Column("stated", "number"),
-            Column("wrong ones found", "measured"),
+            Column("wrong vectors found", "measured"),
             Column("predicted", "number"),
         ),
         rows=rows,
