@@ -20,7 +20,7 @@ from simval.sweep.run import CellResult
 
 PARTS = ("covariance", "bias")
 SHARES = ("1%", "10%")
-ROOM = 1.5
+ROOM = 1.75
 """Axis over the greatest ratio: the legend has its place there."""
 QUANTILES = ("least", "5%", "median", "95%", "most")
 
