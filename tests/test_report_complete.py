@@ -38,6 +38,9 @@ VARIED = {
     "attitude_order": ("noise", ("isotropic", "full", "tangent")),
     "attitude_limits": ("norm", (0.2, 0.3, 0.4, 0.5)),
     "attitude_efficiency": ("geometries", range(100, 109)),
+    "attitude_geometries": ("noise", ("isotropic", "tangent", "full")),
+    "attitude_map": ("frame", ("greatest", "plain")),
+    "attitude_vectors": ("vectors", range(2, 7)),
     "detector": ("trim", range(1, 10)),
     "end_to_end": ("poses", range(12, 21)),
     "solvers": ("poses", range(20, 29)),
@@ -114,7 +117,34 @@ CALIBRATED = [
     *entries("sd", "first order", AXES),
     *entries("efficiency", "first order", AXES),
 ]
+ESTIMATORS = ("weighted", "equal weights")
 FORMULAS = ("order 2", "order 4, source", "order 4, complete", "exact")
+
+
+def many_geometries_and_vectors():
+    cells = []
+    quantiles = ("least", "5%", "median", "95%", "most")
+    for formula in ("order 4, source", "eq. (63), as printed"):
+        rows = [row(f"leading_error_ratio[{q}]", formula) for q in quantiles]
+        rows += [row("nearer", formula), row("leading_term_off", "exact")]
+    cells += cells_of("attitude_geometries", rows)
+    rows = [
+        row(f"{name}[{part},{share},{q}]", f)
+        for name in ("limit_ratio", "next_order")
+        for part in ("bias", "covariance")
+        for share in ("1%", "10%")
+        for q in quantiles
+        for f in FORMULAS[:3]
+    ]
+    cells += cells_of("attitude_map", rows)
+    rows = [row(f"rms_over_bound[{e}]", "first order") for e in ESTIMATORS]
+    rows += entries("squared_error_over_predicted", "first order", ESTIMATORS)
+    rows += entries("inconsistent_rate", "chi-square", ("good", "wrong vector"))
+    rows += [row("nees", "chi-square, 3", 3.0), row("outside")]
+    for ratio in (1.0, 100.0):
+        for shift in (2.0, 3.0):
+            cells += cells_of("attitude_vectors", rows, ratio=ratio, shift=shift)
+    return cells
 
 
 def made(folder):
@@ -149,6 +179,7 @@ def made(folder):
     rows = [row("simulated_rms_ratio[TRIAD,median]"), row("wahba")]
     rows += [row("rms_ratio[TRIAD,median]", "first order")]
     cells += cells_of("attitude_efficiency", rows)
+    cells += many_geometries_and_vectors()
     rows = [row("precision"), row("recall"), row("impure"), row("outside")]
     for multiplier in (3.0, 6.0):
         cells += cells_of("detector", rows, multiplier=multiplier)

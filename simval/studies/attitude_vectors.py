@@ -53,7 +53,7 @@ from simval.theory import (
 )
 
 TITLE = "Two or more weighted vectors: error, covariance and test of the loss"
-SECTION = None
+SECTION = "vectors"
 
 FALSE_ALARM = 1e-2
 """Of the chi-square test: rare, and seen 655 times in the default number of samples."""

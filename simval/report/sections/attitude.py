@@ -181,7 +181,7 @@ def _unit_lengths(cells: Sequence[CellResult]) -> Table:
             continue
         geometry, noise = cell.parameters["geometry"], cell.parameters["noise_std"]
         values = (found.get(kind) for kind in kinds)
-        rows.append((str(geometry), float(noise), *values))
+        rows.append((geometry, float(noise), *values))
     return Table(
         name="unit-length",
         caption=(
@@ -191,7 +191,7 @@ def _unit_lengths(cells: Sequence[CellResult]) -> Table:
             "truncated formula"
         ),
         columns=(
-            Column("geometry"),
+            Column("geometry", "number", 19),
             Column("noise", "number"),
             *(Column(kind, "number", 3) for kind in kinds),
         ),
