@@ -132,7 +132,7 @@ class Setting:
     def frame(self) -> str:
         """The greatest column of the truth, which predictions hold for."""
         r1, r2 = self.references
-        return attitude_moments(self.q, r1, r2, 0.0).frame
+        return str(attitude_moments(self.q, r1, r2, 0.0).frame)
 
     def features(self, body: Array) -> Array:
         """Squared errors over predicted, normalised square, and loss, by sample."""
