@@ -2,8 +2,9 @@ r"""Two or more vectors with weights: error, stated covariance, test of the loss
 
 One geometry of n vector pairs; the first pair has the noise `noise_std`, the others
 `ratio` times as much. Four things are measured: the mean square error of each estimator
-over the one that first-order theory predicts; the normalised squared error of the
-covariance that is computed from the measured vectors of each sample; how often the
+over the one that first-order theory predicts; its squared error, normalised by the
+covariance that is computed from the measured vectors of each sample (`nees` without an
+entry is that of the weighted estimator); how often the
 chi-square test of the loss calls good samples inconsistent; and how often it finds a
 second vector that is turned by `shift` standard deviations of its angle.
 
@@ -48,9 +49,11 @@ from simval.theory import (
     attitude_moments,
     cubature_moments,
     loss_noncentrality,
+    multiplicative_moments,
     wahba_bound,
     wahba_moments,
 )
+from simval.theory.two_vector import FRAMES, MIN_NORM, column_norms
 
 TITLE = "Two or more weighted vectors: error, covariance and test of the loss"
 SECTION = None
@@ -83,7 +86,8 @@ class Parameters(StudyParameters):
 
     def cost(self) -> Cost:
         """Cost of a cell."""
-        return Cost(0.3 + 2e-6 * self.samples * self.vectors, 50)
+        closed_forms = 2e-5 * self.samples * (self.vectors == 2)
+        return Cost(0.3 + 3e-6 * self.samples * self.vectors + closed_forms, 50)
 
 
 class Setting:
@@ -143,18 +147,41 @@ class Setting:
             for name, predicted in self.predicted.items()
         ]
         references = np.broadcast_to(self.references, body.shape)
-        covariance = wahba_covariance(body, references, self.noise_std)
-        own = errors["weighted"]
-        solved = np.linalg.solve(covariance, own[..., None])[..., 0]
+        ones = np.ones(self.n)
+        covariances = {
+            "weighted": wahba_covariance(body, references, self.noise_std),
+            "equal weights": wahba_covariance(body, references, self.noise_std, ones),
+        }
+        own = [normalized_square(errors[k], c) for k, c in covariances.items()]
+        if self.n == 2:
+            for name, frame in (("combined", "combined"), ("best of four", self.frame)):
+                own.append(self._closed_form(attitudes[name], errors[name], frame))
         loss = consistency(body, references, self.noise_std)
-        return np.stack(
-            [*squares, np.sum(own * solved, axis=1), loss.statistic], axis=1
+        return np.stack([*squares, *own, loss.statistic], axis=1)
+
+    def _closed_form(self, q: Array, error: Array, frame: str) -> Array:
+        # normalised squares by the second-order theory at each estimate; where a fixed
+        # frame is singular there, its covariance has no bound, and the square is 0
+        r1, r2 = self.references
+        square = np.zeros(len(q))
+        if frame == "combined":
+            norms = np.ones(len(q))
+        else:
+            norms = np.abs(column_norms(q, r1, r2)[:, FRAMES.index(frame)])
+        kept = norms >= MIN_NORM
+        noise = self.noise_std.reshape(-1)
+        found = multiplicative_moments(
+            attitude_moments(q[kept], r1, r2, noise, 2, frame)
         )
+        covariance = 4.0 * found.covariance[:, :3, :3]  # a turn is twice its sine
+        square[kept] = normalized_square(error[kept], covariance)
+        return square
 
     @property
     def first_order(self) -> Array:
         """Means of `features` to first order."""
-        return np.append(np.ones(len(self.predicted)), [3.0, 2.0 * self.n - 3.0])
+        count = len(self.predicted)
+        return np.array([1.0] * count + [3.0] * count + [2.0 * self.n - 3.0])
 
     def left_out(self, first_order: Array, shift: Array) -> Array:
         """Twice the distance of the means by cubature of degree 5 from the first."""
@@ -181,6 +208,13 @@ def turn_between(q: Array, estimate: Array) -> Array:
     return sign * difference[:, :3] * np.where(sine > 0.0, angle / sine, 2.0)
 
 
+def normalized_square(error: Array, covariance: Array) -> Array:
+    """Squares of errors (n, 3), normalised by a covariance for each."""
+    solved = np.linalg.solve(covariance, error[..., None])[..., 0]
+    square: Array = np.sum(error * solved, axis=1)
+    return square
+
+
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Measure and predict one cell."""
     setting, n = Setting(parameters), parameters.samples
@@ -201,7 +235,9 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
             ratio,
             FIRST_ORDER,
         )
-    rows += nees(NEES(), mean[-2], error[-2], n, 3.0, CHI_SQUARE_3, off[-2])
+    for k, name in enumerate(setting.predicted, len(setting.predicted)):
+        statistic = NEES() if name == "weighted" else NEES(name)
+        rows += nees(statistic, mean[k], error[k], n, 3.0, CHI_SQUARE_3, off[k])
     rows += _test_rows(setting, parameters, streams, values[:, -1], off[-1])
     return Outcome(rows=tuple(rows))
 
