@@ -62,6 +62,11 @@ FALSE_ALARM = 1e-2
 """Of the chi-square test: rare, and seen 655 times in the default number of samples."""
 
 
+MOST_LEFT_OUT = 0.3
+"""Of a mean normalised square of 3: noise that is 10 % wrong makes it 0.6. Without the
+right weights the second order of a noisy vector swamps the first of a good one."""
+
+
 class Parameters(StudyParameters):
     """One cell: how many vectors, and how unequal their noise is."""
 
@@ -237,7 +242,10 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         )
     for k, name in enumerate(setting.predicted, len(setting.predicted)):
         statistic = NEES() if name == "weighted" else NEES(name)
-        rows += nees(statistic, mean[k], error[k], n, 3.0, CHI_SQUARE_3, off[k])
+        judged = name == "weighted" or off[k] <= MOST_LEFT_OUT
+        rows += (nees if judged else unjudged)(
+            statistic, mean[k], error[k], n, 3.0, CHI_SQUARE_3, off[k]
+        )
     rows += _test_rows(setting, parameters, streams, values[:, -1], off[-1])
     return Outcome(rows=tuple(rows))
 
