@@ -14,6 +14,7 @@ from simval.errors import GeometryError, InputError, RefusedError
 from simval.geometry import normalize
 from simval.streams import Streams
 from simval.studies import attitude_vectors
+from simval.studies.stated_covariance import closed_form_square
 from simval.theory import (
     any_covariance,
     attitude_bound,
@@ -273,6 +274,17 @@ def test_a_covariance_that_is_told_wrong_is_seen(monkeypatch):
     assert min(found.values()) > 10.0
 
 
+def test_a_covariance_that_is_wrong_is_not_its_own_remainder(monkeypatch):
+    """Cubature sees the wrong one too, at any noise, so what falls is still small."""
+    right = attitude_vectors.closed_form_square
+    monkeypatch.setattr(
+        attitude_vectors, "closed_form_square", lambda *given: 1.2 * right(*given)
+    )
+    found = nees_rows()
+    assert set(found) == NAMES
+    assert min(found["nees[combined]"], found["nees[best of four]"]) > 10.0
+
+
 def test_where_first_order_fails_a_covariance_is_not_judged():
     parameters = attitude_vectors.Parameters(ratio=100.0, samples=4096)
     rows = attitude_vectors.run(parameters, Streams(3, (1,))).rows
@@ -292,7 +304,8 @@ def test_a_frame_that_is_singular_at_an_estimate_counts_nothing():
     empty = np.append(r1 if frame == "plain" else np.eye(3)[place], 0.0)
     assert abs(column_norms(empty, r1, r2)[place]) < MIN_NORM
     both = np.stack([setting.q, empty])
-    found = setting._closed_form(both, np.full((2, 3), 1e-4), frame)
+    error = np.full((2, 3), 1e-4)
+    found = closed_form_square(both, error, setting.references, np.full(4, 0.01), frame)
     assert found[0] > 0.0
     assert found[1] == 0.0
 

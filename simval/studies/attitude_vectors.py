@@ -44,16 +44,15 @@ from simval.statistics import (
     SQUARED_ERROR,
 )
 from simval.streams import Streams
+from simval.studies.stated_covariance import closed_form_square, normalized_square
 from simval.studies.study import Cost, StudyParameters
 from simval.theory import (
     attitude_moments,
     cubature_moments,
     loss_noncentrality,
-    multiplicative_moments,
     wahba_bound,
     wahba_moments,
 )
-from simval.theory.two_vector import FRAMES, MIN_NORM, column_norms
 
 TITLE = "Two or more weighted vectors: error, covariance and test of the loss"
 SECTION = None
@@ -160,27 +159,15 @@ class Setting:
         own = [normalized_square(errors[k], c) for k, c in covariances.items()]
         if self.n == 2:
             for name, frame in (("combined", "combined"), ("best of four", self.frame)):
-                own.append(self._closed_form(attitudes[name], errors[name], frame))
+                found = attitudes[name], errors[name]
+                own.append(closed_form_square(*found, *self.closed_form_inputs, frame))
         loss = consistency(body, references, self.noise_std)
         return np.stack([*squares, *own, loss.statistic], axis=1)
 
-    def _closed_form(self, q: Array, error: Array, frame: str) -> Array:
-        # normalised squares by the second-order theory at each estimate; where a fixed
-        # frame is singular there, its covariance has no bound, and the square is 0
-        r1, r2 = self.references
-        square = np.zeros(len(q))
-        if frame == "combined":
-            norms = np.ones(len(q))
-        else:
-            norms = np.abs(column_norms(q, r1, r2)[:, FRAMES.index(frame)])
-        kept = norms >= MIN_NORM
-        noise = self.noise_std.reshape(-1)
-        found = multiplicative_moments(
-            attitude_moments(q[kept], r1, r2, noise, 2, frame)
-        )
-        covariance = 4.0 * found.covariance[:, :3, :3]  # a turn is twice its sine
-        square[kept] = normalized_square(error[kept], covariance)
-        return square
+    @property
+    def closed_form_inputs(self) -> tuple[Array, Array]:
+        """Measured references, which have no noise here, and the noise of b and r."""
+        return self.references, self.noise_std.reshape(-1)
 
     @property
     def first_order(self) -> Array:
@@ -190,6 +177,10 @@ class Setting:
 
     def left_out(self, first_order: Array, shift: Array) -> Array:
         """Twice the distance of the means by cubature of degree 5 from the first."""
+        return 2.0 * np.abs(self.distance(first_order, shift))
+
+    def distance(self, first_order: Array, shift: Array) -> Array:
+        """Means to first order less those by cubature of degree 5."""
         moments = cubature_moments(
             lambda *body: self.features(np.stack(body, axis=1)),
             self.body + shift,
@@ -197,7 +188,7 @@ class Setting:
             first_order,
             degree=5,
         )
-        return 2.0 * np.abs(moments.bias)
+        return moments.bias
 
     def draw(self, count: int, rng: np.random.Generator) -> Array:
         """Body vectors with noise, (count, n, 3)."""
@@ -211,13 +202,6 @@ def turn_between(q: Array, estimate: Array) -> Array:
     sine = np.linalg.norm(difference[:, :3], axis=1, keepdims=True)
     angle = 2.0 * np.arctan2(sine, np.abs(difference[:, 3:]))
     return sign * difference[:, :3] * np.where(sine > 0.0, angle / sine, 2.0)
-
-
-def normalized_square(error: Array, covariance: Array) -> Array:
-    """Squares of errors (n, 3), normalised by a covariance for each."""
-    solved = np.linalg.solve(covariance, error[..., None])[..., 0]
-    square: Array = np.sum(error * solved, axis=1)
-    return square
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
@@ -240,14 +224,34 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
             ratio,
             FIRST_ORDER,
         )
-    for k, name in enumerate(setting.predicted, len(setting.predicted)):
-        statistic = NEES() if name == "weighted" else NEES(name)
-        judged = name == "weighted" or off[k] <= MOST_LEFT_OUT
-        rows += (nees if judged else unjudged)(
-            statistic, mean[k], error[k], n, 3.0, CHI_SQUARE_3, off[k]
-        )
+    count = len(setting.predicted)
+    own = slice(count, 2 * count)
+    rows += _covariance_rows(setting, parameters, mean[own], error[own], off[count])
     rows += _test_rows(setting, parameters, streams, values[:, -1], off[-1])
     return Outcome(rows=tuple(rows))
+
+
+def _covariance_rows(
+    setting: Setting, parameters: Parameters, mean: Array, error: Array, off: float
+) -> tuple[Row, ...]:
+    # normalised squares of each estimator; `off` is what the weighted one leaves out
+    n, count = parameters.samples, len(mean)
+    # What is left out falls with the square of the noise; a covariance that is wrong
+    # does not, and must not become its own remainder.
+    lower = {"noise_std": parameters.noise_std / 2.0}
+    both = setting, Setting(parameters.model_copy(update=lower))
+    still = np.zeros((setting.n, 3))
+    full, half = (s.distance(setting.first_order, still) for s in both)
+    falling = 8.0 / 3.0 * np.abs(full - half)[count : 2 * count]
+    rows = nees(NEES(), mean[0], error[0], n, 3.0, CHI_SQUARE_3, off)
+    for k, name in enumerate(setting.predicted):
+        if k > 0:
+            numbers = mean[k], error[k], n, 3.0, CHI_SQUARE_3, falling[k]
+            if falling[k] <= MOST_LEFT_OUT:
+                rows += nees(NEES(name), *numbers)
+            else:
+                rows += unjudged(NEES(name), *numbers)
+    return rows
 
 
 def _test_rows(
