@@ -73,7 +73,7 @@ def test_a_sample_of_a_batch_is_the_single_one(formula):
     check_samples(batch, formula, [*ends, *range(20, len(batch[0]), 80)])
 
 
-@pytest.mark.slow  # 6 minutes: thousands of single calls for each formula
+@pytest.mark.slow  # thousands of single calls for each formula
 @pytest.mark.parametrize("formula", FORMULAS)
 def test_thousands_of_samples_are_the_single_ones(formula):
     batch = random_batch(5000, 2)
