@@ -26,7 +26,7 @@ from simval.sweep.run import CellResult
 
 Groups = Mapping[str, tuple[CellResult, ...]]
 TESTED = (
-    (NEES(), CHI_SQUARE_3),
+    (NEES("weighted"), CHI_SQUARE_3),
     (INCONSISTENT_RATE("good"), CHI_SQUARE),
     (INCONSISTENT_RATE("wrong vector"), CHI_SQUARE),
 )
