@@ -140,7 +140,7 @@ def many_geometries_and_vectors():
     rows = [row(f"rms_over_bound[{e}]", "first order") for e in ESTIMATORS]
     rows += entries("squared_error_over_predicted", "first order", ESTIMATORS)
     rows += entries("inconsistent_rate", "chi-square", ("good", "wrong vector"))
-    rows += [row("nees", "chi-square, 3", 3.0), row("outside")]
+    rows += [row("nees[weighted]", "chi-square, 3", 3.0), row("outside")]
     for ratio in (1.0, 100.0):
         for shift in (2.0, 3.0):
             cells += cells_of("attitude_vectors", rows, ratio=ratio, shift=shift)

@@ -258,7 +258,12 @@ def nees_rows(monkeypatch=None, scale=1.0):
     }
 
 
-NAMES = {"nees[weighted]", "nees[equal weights]", "nees[combined]", "nees[best of four]"}
+NAMES = {
+    "nees[weighted]",
+    "nees[equal weights]",
+    "nees[combined]",
+    "nees[best of four]",
+}
 
 
 def test_every_estimator_states_its_covariance():
