@@ -284,7 +284,7 @@ def test_the_price_of_unequal_noise_is_drawn_as_it_is_measured(run, figures, fou
             assert line.colour == measured.colour
             for row, band in zip(rows, measured.band, strict=True):
                 assert band > 1.96 * row.standard_error  # all of them together
-    tested = [(row[0], row[1], row[6][0], row[7]) for row in found["vectors-test"].rows]
+    tested = [(row[0], row[1], row[4][0], row[5]) for row in found["vectors-test"].rows]
     assert tested == [
         (
             cell.parameters["vectors"],
