@@ -8,7 +8,7 @@ import pytest
 
 from simval.errors import InputError, SimulationError
 from simval.scene import Scene, Script, find_scene, simulate
-from simval.scene.checks import check_run
+from simval.scene.checks import check_run, settled_rests
 from simval.scene.messages import captured_messages
 from simval.scene.models import load_model, model_path
 
@@ -220,6 +220,34 @@ def test_frozen_rows_and_stray_values_are_caught():
         bad[20, column] = value
         with pytest.raises(SimulationError, match=rf"{message}.*row 20"):
             check_run("made", bad, none, [], *limits)
+
+
+@pytest.mark.parametrize(
+    ("column", "said"),
+    [(2, r"off by 2e-06 m/s\^2 \(bound 1e-06\)"), (4, r"2e-06 rad/s \(bound 1e-06\)")],
+)
+def test_a_rest_that_moves_is_refused_by_the_scripts_own_bounds(column, said):
+    """Half the bound passes, twice the bound does not; else the rest is left out."""
+    g, hold = 9.80665, [-1, 0, 0, -1, 1, 1]
+    bounds = {"rest_force": 1e-6, "rest_rate": 1e-6}
+    rows = np.zeros((6, 14))
+    rows[:, 2] = g
+    rows[[0, 3], column] += 1.0  # between the rests it may move
+    strict, lenient = (Script(hold=hold, strict=s, **bounds) for s in (True, False))
+    rows[5, column] += 0.5e-6
+    for script in (strict, lenient):
+        kept, unsettled = settled_rests("made", rows, script, g)
+        assert (kept.tolist(), unsettled) == (hold, ())
+    rows[5, column] += 1.5e-6
+    with pytest.raises(
+        SimulationError, match=rf"made: rest 1 moves at row 5: .*{said}"
+    ):
+        settled_rests("made", rows, strict, g)
+    kept, unsettled = settled_rests("made", rows, lenient, g)
+    assert (kept.tolist(), unsettled) == ([-1, 0, 0, -1, -1, -1], (1,))
+    rows[1, column] += 2e-6
+    with pytest.raises(SimulationError, match="rest 0 moves at row 1"):
+        settled_rests("made", rows, lenient, g)  # none is left
 
 
 def test_a_users_scene_file_is_found_and_its_faults_are_named(tmp_path):

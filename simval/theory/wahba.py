@@ -5,20 +5,21 @@ eigenvector of its greatest eigenvalue. With R the pseudo-inverse of
 :math:`\lambda - K`, and dK the change of K, second-order perturbation gives
 
 .. math:: \hat q - q = R\,dK q + R\,dK R\,dK q - (q^T dK q) R^2 dK q
-   - \tfrac12 |R\,dK q|^2 q.  \tag{W1}
+   - \tfrac12 |R\,dK q|^2 q.  \tag{W4}
 
-The bilinear part of dK has mean zero for independent noise; what normalising vectors
-adds is the mean of `normalized_noise`. So, over independent directions j of the noise
-and with :math:`\bar n` its mean,
+The third term vanishes: normalised noise is across its vector, and so
+:math:`q^T dK q = \sum_i a_i\,n_i^T b_i = 0`. The bilinear part of dK has mean zero for
+independent noise; what normalising vectors adds is the mean of `normalized_noise`. So,
+over independent directions j of the noise and with :math:`\bar n` its mean,
 
 .. math:: C = \sum_j (R\,dK_j q)(R\,dK_j q)^T, \quad
-   m = -R\,dK[\bar n] q - \sum_j \big(\dots\big),  \tag{W2}
+   m = -R\,dK[\bar n] q - \sum_j \big(\dots\big),  \tag{W5}
 
-the bracket being the last three terms of (W1). When weights are inverse variances and
-the noise is isotropic, twice the smallest loss is chi-square with 2n - 3 degrees of
-freedom; body vectors displaced by :math:`c_i` make it non-central,
+the bracket being the second and the last term of (W4). When weights are inverse
+variances and the noise is isotropic, twice the smallest loss is chi-square with 2n - 3
+degrees of freedom; body vectors displaced by :math:`c_i` make it non-central,
 
-.. math:: \delta = \min_\theta \sum_i a_i |c_i - [b_i\times]\theta|^2.  \tag{W3}
+.. math:: \delta = \min_\theta \sum_i a_i |c_i - [b_i\times]\theta|^2.  \tag{W6}
 """
 
 from typing import Any
@@ -38,7 +39,7 @@ from simval.theory.two_vector import MIN_NORM
 def wahba_moments(
     q: Any, references: Any, noise_std: Any, weights: Any = None
 ) -> Moments:
-    """Bias and covariance of q - qhat of the weighted least-squares attitude, (W2).
+    """Bias and covariance of q - qhat of the weighted least-squares attitude, (W5).
 
     Parameters
     ----------
@@ -79,8 +80,7 @@ def wahba_moments(
     ).reshape(-1, 4, 4)
     pulled = changes @ unit_q  # dK_j q
     moved = pulled @ R
-    along = pulled @ unit_q
-    second = np.einsum("ab,jbc,jc->a", R, changes, moved) - along @ moved @ R
+    second = np.einsum("ab,jbc,jc->a", R, changes, moved)
     drift = np.einsum("n,nij->ij", a, _gain(means[:n], vectors[n:]))
     drift = drift + np.einsum("n,nij->ij", a, _gain(vectors[:n], means[n:]))
     bias = 0.5 * np.sum(moved**2) * unit_q - second - R @ drift @ unit_q
@@ -118,7 +118,7 @@ def wahba_bound(q: Any, references: Any, noise_std: Any) -> AttitudeBound:
 def loss_noncentrality(
     q: Any, references: Any, displacements: Any, weights: Any
 ) -> float:
-    """Non-centrality of twice the loss when body vectors are displaced, eq. (W3).
+    """Non-centrality of twice the loss when body vectors are displaced, eq. (W6).
 
     Parameters
     ----------
