@@ -56,11 +56,19 @@ class Section:
 
     anchor: str  # its id on the page
     title: str
-    body: Markup
     drawings: tuple[Drawing, ...]
     tables: tuple[Table, ...]
+    values: Mapping[str, object]  # what else its template reads
     # statistics of its study that it shows in no figure and no table of its own
     elsewhere: tuple[str, ...] = ()
+
+    @property
+    def body(self) -> Markup:
+        """The part, drawn: its own template, else its figures and tables in order."""
+        text = template(self.anchor, "plain").render(
+            drawings=self.drawings, tables=self.tables, **self.values
+        )
+        return Markup(text)  # escaped within the template
 
 
 class Shown(NamedTuple):
@@ -77,12 +85,11 @@ def made(
     tables: Sequence[Table] = (),
     **values: object,
 ) -> Section:
-    """Render a section from its own template, else its figures and tables in order."""
-    text = template(anchor, "plain").render(drawings=drawings, tables=tables, **values)
+    """Make a section; nothing is drawn before its `body` is read."""
     return Section(
         anchor=anchor,
         title=title,
-        body=Markup(text),  # escaped within the template
         drawings=tuple(drawings),
         tables=tuple(tables),
+        values=values,
     )
