@@ -140,6 +140,7 @@ UNIT_LENGTH = Family(
 )
 
 PROBE = Family("probe", "error of the noise-free probe")
+FAILURES = Family("failures", "share of exact cases that fail", least=0.0, most=1.0)
 CUBATURE_BIAS = Family("cubature_bias", "bias by cubature", unit="rad")
 CUBATURE_BIAS_SMALL = Family(
     "cubature_bias_at_small_noise", "bias by cubature at small noise", unit="rad"

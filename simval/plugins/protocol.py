@@ -10,6 +10,9 @@ A covariance is of the rotation vector of the error: on the ``body`` side
 :math:`\hat q = q * \delta q`, on the ``reference`` side :math:`\hat q = \delta q * q`
 (passive quaternions). ``claim`` says how good it is: ``"exact"``, or the highest order
 of the noise that it keeps.
+
+``fails_at`` names the classes of attitudes (`simval.plugins.attitude_classes`) at which
+an estimator is known to fail; there it is measured and not judged.
 """
 
 from collections.abc import Callable
@@ -18,6 +21,7 @@ from typing import Any, ClassVar, Literal
 
 from simval.arrays import Array
 from simval.errors import PluginError
+from simval.plugins.attitude_classes import MAY_FAIL
 from simval.sensor import forms
 
 Claim = Literal["exact", 2, 4]
@@ -55,6 +59,8 @@ class Estimator(Plugin):
         Side of the error that `covariance` is of.
     claim : {"exact", 2, 4}, default 2
         How good `covariance` is.
+    fails_at : tuple of str, default ()
+        Classes of attitudes at which it fails and is not judged.
     """
 
     taken_by: ClassVar[str] = "estimator.algorithm"
@@ -66,6 +72,7 @@ class Estimator(Plugin):
     covariance: Callable[..., Any] | None = None
     side: Literal["body", "reference"] = "body"
     claim: Claim = 2
+    fails_at: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         _check_name(self.name)
@@ -73,6 +80,7 @@ class Estimator(Plugin):
         _one_of("matrix", self.matrix, ("active", "passive"))
         _one_of("side", self.side, ("body", "reference"))
         _one_of("claim", self.claim, ("exact", 2, 4))
+        _check_classes(self.fails_at)
         _callable("estimate", self.estimate)
         if self.covariance is not None:
             _callable("covariance", self.covariance)
@@ -119,6 +127,16 @@ def _check_name(name: Any) -> None:
             f"`name` is {name!r}; give a printable word of at most 60 characters, with "
             "no comma in it and no space around it: it is written in lists of names"
         )
+        raise PluginError(msg)
+
+
+def _check_classes(names: Any) -> None:
+    if not (
+        isinstance(names, tuple)
+        and all(type(name) is str and name in MAY_FAIL for name in names)
+    ):
+        words = ", ".join(repr(name) for name in MAY_FAIL)
+        msg = f"`fails_at` is {names!r}; it must be a tuple of names out of {words}"
         raise PluginError(msg)
 
 

@@ -1,11 +1,13 @@
 r"""An attitude estimator of one's own: probe, noise, error, beside cubature and bound.
 
-The plug-in's conventions are probed without noise first. Then each trial adds noise to
-both body and both reference vectors; the error is the rotation vector from the truth
-to the estimate, on the side that the plug-in declares. Its bias and covariance are set
-beside Gaussian cubature of the plug-in itself: no theory of it is needed, and the two
-share nothing but its code. What cubature of degree 7 differs from degree 5 by, twice,
-is the remainder that it is allowed.
+The plug-in's conventions are probed without noise first, at generic attitudes. At the
+classes of attitudes where estimators break (`simval.plugins.attitude_classes`) the
+share of exact cases that fail must be 0, unless the plug-in declares that class. Then
+each trial adds noise to both body and both reference vectors; the error is the rotation
+vector from the truth to the estimate, on the side that the plug-in declares. Its bias
+and covariance are set beside Gaussian cubature of the plug-in itself: no theory of it
+is needed, and the two share nothing but its code. What cubature of degree 7 differs
+from degree 5 by, twice, is the remainder that it is allowed.
 
 Such a comparison alone would let a wrong plug-in agree with itself. An error without
 first-order bias, :math:`e = Jn + \tfrac12 n^T H n`, has the mean
@@ -41,6 +43,8 @@ from simval.moments import Moments
 from simval.montecarlo import Sums, mean_square, moments_of, simulate
 from simval.plugins import Estimator, find_plugin, probe_estimator
 from simval.plugins.answers import covariances_of, quaternions_of
+from simval.plugins.attitude_classes import COUNT
+from simval.plugins.failures import failure_shares
 from simval.plugins.probe import TOLERANCE, rotation_error
 from simval.results import Outcome, Row, limit, nees, plain, unjudged
 from simval.statistics import (
@@ -54,6 +58,7 @@ from simval.statistics import (
     CUBATURE_BIAS_SMALL,
     CUBATURE_ERROR,
     EFFICIENCY,
+    FAILURES,
     NEES,
     PROBE,
     RMS,
@@ -179,6 +184,7 @@ def compute(parameters: Parameters, streams: Streams) -> Outcome:
     coarser = setting.cubature(parameters.noise_std, 5)
     rows = [
         *limit(PROBE(unit="rad"), off, TOLERANCE, TRUTH, n=1),
+        *_failure_rows(plugin),
         *_bias_rows(setting, cubature, coarser),
         *_moment_rows(moments_of(sums), cubature, coarser),
         *_size_rows(setting, sums, parameters.noise_std),
@@ -191,6 +197,16 @@ def compute(parameters: Parameters, streams: Streams) -> Outcome:
             plugin.claim, moments_of(sums), off, claim_off(half), abs(off - other)
         )
     return Outcome(rows=tuple(rows))
+
+
+def _failure_rows(plugin: Estimator) -> tuple[Row, ...]:
+    """Share of failures of each class; one that is declared is not judged."""
+    shares = failure_shares(plugin)
+    known = {name: shares.pop(name) for name in dict.fromkeys(plugin.fails_at)}
+    return (
+        *limit(FAILURES.each(shares), tuple(shares.values()), 0.0, TRUTH, n=COUNT),
+        *unjudged(FAILURES.each(known), tuple(known.values()), n=COUNT),
+    )
 
 
 def _unit_rows(setting: Setting, noise: float, streams: Streams) -> tuple[Row, ...]:
