@@ -83,7 +83,8 @@ def command(
 ) -> int:
     """Judge RUN (a folder, or `latest`) against theory and the baseline.
 
-    Exit code 0 pass, 1 fail, 3 inconclusive or nothing measured, 4 a cell crashed.
+    Exit code 0 pass, 1 fail, 3 inconclusive, refused or nothing measured, 4 a cell
+    crashed.
     In a GitHub workflow failures are annotated and the step summary is written.
     """
     refuse_if(

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import click
 
 from simval.errors import InputError
+from simval.sweep.cells import REFUSED
 from simval.sweep.provenance import differences, file_hashes, versions
 from simval.sweep.repro import Repetition, find_cell, repeat
 from simval.sweep.run import Run, load_run
@@ -31,7 +32,7 @@ def command(cell: str, folder: str, suite: str | None, plugins: tuple[str, ...])
     """Compute one CELL again, by the name that a table or a report gives it.
 
     Says whether it is equal to the bit to what the run holds. Exit code 0 if so, 1 if
-    not, 3 where the run does not hold it, 4 where it crashes.
+    not, 3 where the run does not hold it or a plug-in is refused, 4 where it crashes.
     """
     try:
         run = load_run(folder)
@@ -43,8 +44,10 @@ def command(cell: str, folder: str, suite: str | None, plugins: tuple[str, ...])
     found = repeat(wanted, run)
     if found.error:
         click.echo(found.error.rstrip(), err=True)
-        click.echo(f"the cell crashed: {wanted.name}", err=True)
-        return 4
+        refused = found.error.startswith(REFUSED)
+        how = "refused its plug-in" if refused else "crashed"
+        click.echo(f"the cell {how}: {wanted.name}", err=True)
+        return 3 if refused else 4
     for row in found.outcome.rows:
         error = f" +- {row.standard_error!r}" if row.standard_error else ""
         against = f"  {row.predictor}: {row.prediction!r}" if row.predictor else ""

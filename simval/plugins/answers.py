@@ -15,7 +15,7 @@ from jaxtyping import Float
 from numpy.typing import NDArray
 
 from simval.arrays import Array, finite_array
-from simval.errors import InputError, PluginError
+from simval.errors import CrashedPluginError, InputError, PluginError
 from simval.plugins.protocol import Calibrator, Estimator
 from simval.sensor import forms
 from simval.text import told
@@ -194,7 +194,7 @@ def _called(name: str, function: Any, *arguments: Any) -> Any:
         raise
     except Exception as error:  # whatever a user's function may raise
         msg = f"{name} raised {told(error)}"
-        raise PluginError(msg) from error
+        raise CrashedPluginError(msg) from error
 
 
 def _array(name: str, what: str, value: Any, *shapes: tuple[int, ...]) -> Array:

@@ -13,11 +13,16 @@ of the noise that it keeps.
 
 ``fails_at`` names the classes of attitudes (`simval.plugins.attitude_classes`) at which
 an estimator is known to fail; there it is measured and not judged.
+
+``kind`` is the class of estimators that it belongs to: Wahba's optimum with equal
+weights, TRIAD with the first pair exact, the two-vector closed form in its best frame,
+or its four columns combined (`simval.theory.estimator_classes`). Its leading bias and
+covariance are then those of its class.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, get_args
 
 from simval.arrays import Array
 from simval.errors import PluginError
@@ -25,6 +30,7 @@ from simval.plugins.attitude_classes import MAY_FAIL
 from simval.sensor import forms
 
 Claim = Literal["exact", 2, 4]
+Kind = Literal["wahba", "triad", "closed form", "combined"]
 
 SCENE = "custom_scene.scene"
 """Field of a study that takes a `simval.scene.Scene`."""
@@ -61,6 +67,8 @@ class Estimator(Plugin):
         How good `covariance` is.
     fails_at : tuple of str, default ()
         Classes of attitudes at which it fails and is not judged.
+    kind : {"wahba", "triad", "closed form", "combined"}, optional
+        Class of estimators whose bias and covariance it must have.
     """
 
     taken_by: ClassVar[str] = "estimator.algorithm"
@@ -73,6 +81,7 @@ class Estimator(Plugin):
     side: Literal["body", "reference"] = "body"
     claim: Claim = 2
     fails_at: tuple[str, ...] = ()
+    kind: Kind | None = None
 
     def __post_init__(self) -> None:
         _check_name(self.name)
@@ -80,6 +89,8 @@ class Estimator(Plugin):
         _one_of("matrix", self.matrix, ("active", "passive"))
         _one_of("side", self.side, ("body", "reference"))
         _one_of("claim", self.claim, ("exact", 2, 4))
+        if self.kind is not None:
+            _one_of("kind", self.kind, get_args(Kind))
         _check_classes(self.fails_at)
         _callable("estimate", self.estimate)
         if self.covariance is not None:

@@ -19,6 +19,9 @@ for rounding: a constant error does not shrink with the noise and fails. Of 400
 geometries the two-vector estimator takes at most 0.17 of that trace; orthogonal frames
 and least squares have no second-order bias.
 
+`simval.studies.leading_terms` asks more: no bias of first order, nothing below the
+bound, and of an estimator that declares its class the bias and covariance of it.
+
 Where the plug-in gives a covariance, its normalised squared error has the mean 3, but
 for what the claim leaves out. An exact claim is allowed nothing: by cubature it may be
 off only by what cubature itself is, again twice the difference of the degrees. A claim
@@ -71,6 +74,7 @@ from simval.statistics import (
 )
 from simval.streams import Streams
 from simval.studies.attitude import random_geometry
+from simval.studies.leading_terms import NOISE, leading_rows
 from simval.studies.plugin import PluginName, PluginParameters, isolated
 from simval.theory.cramer_rao import attitude_bound
 from simval.theory.cubature import cubature_moments
@@ -186,6 +190,13 @@ def compute(parameters: Parameters, streams: Streams) -> Outcome:
         *limit(PROBE(unit="rad"), off, TOLERANCE, TRUTH, n=1),
         *_failure_rows(plugin),
         *_bias_rows(setting, cubature, coarser),
+        *leading_rows(
+            plugin,
+            (setting.q, setting.r1, setting.r2),
+            setting.cubature(NOISE, 7),
+            setting.cubature(NOISE / 2.0, 7),
+            off,
+        ),
         *_moment_rows(moments_of(sums), cubature, coarser),
         *_size_rows(setting, sums, parameters.noise_std),
         *_unit_rows(setting, parameters.noise_std, streams),
