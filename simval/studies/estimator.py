@@ -46,8 +46,6 @@ from simval.moments import Moments
 from simval.montecarlo import Sums, mean_square, moments_of, simulate
 from simval.plugins import Estimator, find_plugin, probe_estimator
 from simval.plugins.answers import covariances_of, quaternions_of
-from simval.plugins.attitude_classes import COUNT
-from simval.plugins.failures import failure_shares
 from simval.plugins.probe import TOLERANCE, rotation_error
 from simval.results import Outcome, Row, limit, nees, plain, unjudged
 from simval.statistics import (
@@ -61,7 +59,6 @@ from simval.statistics import (
     CUBATURE_BIAS_SMALL,
     CUBATURE_ERROR,
     EFFICIENCY,
-    FAILURES,
     NEES,
     PROBE,
     RMS,
@@ -74,6 +71,7 @@ from simval.statistics import (
 )
 from simval.streams import Streams
 from simval.studies.attitude import random_geometry
+from simval.studies.failure_rows import failure_rows
 from simval.studies.leading_terms import NOISE, leading_rows
 from simval.studies.plugin import PluginName, PluginParameters, isolated
 from simval.theory.cramer_rao import attitude_bound
@@ -188,7 +186,7 @@ def compute(parameters: Parameters, streams: Streams) -> Outcome:
     coarser = setting.cubature(parameters.noise_std, 5)
     rows = [
         *limit(PROBE(unit="rad"), off, TOLERANCE, TRUTH, n=1),
-        *_failure_rows(plugin),
+        *failure_rows(plugin),
         *_bias_rows(setting, cubature, coarser),
         *leading_rows(
             plugin,
@@ -208,16 +206,6 @@ def compute(parameters: Parameters, streams: Streams) -> Outcome:
             plugin.claim, moments_of(sums), off, claim_off(half), abs(off - other)
         )
     return Outcome(rows=tuple(rows))
-
-
-def _failure_rows(plugin: Estimator) -> tuple[Row, ...]:
-    """Share of failures of each class; one that is declared is not judged."""
-    shares = failure_shares(plugin)
-    known = {name: shares.pop(name) for name in dict.fromkeys(plugin.fails_at)}
-    return (
-        *limit(FAILURES.each(shares), tuple(shares.values()), 0.0, TRUTH, n=COUNT),
-        *unjudged(FAILURES.each(known), tuple(known.values()), n=COUNT),
-    )
 
 
 def _unit_rows(setting: Setting, noise: float, streams: Streams) -> tuple[Row, ...]:
