@@ -1,7 +1,7 @@
 """Checks of arguments that are not arrays: counts, choices, switches, objects.
 
 Like those of `arrays` they are made once, at a public boundary. Each refuses what
-Python would take for another value without a word: 2.7 for 2, True for 1, the word
+Python would silently take for another value: 2.7 for 2, True for 1, the word
 "no" for true.
 """
 

@@ -3,7 +3,7 @@
 A public function passes each array argument through `finite_array` once; inside,
 types and shapes are trusted. Nothing is converted that is not a real number already:
 text, dates, truth values, complex numbers, None and masked entries are refused, where
-NumPy would make numbers of them without a word.
+NumPy would silently make numbers of them.
 """
 
 from collections.abc import Iterator, Sequence

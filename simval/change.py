@@ -1,12 +1,12 @@
-r"""What became of a number: the one place that says same, close, moved or changed.
+r"""How a number changed: the one place that says same, close, moved or changed.
 
-A baseline is a small run, so the gate (beside its baseline) and `simval compare`
-(beside another run) ask the same: which of their cells ask the same question
-(`matched`); on the same noise, whether more than rounding moved (`on_same_noise`); and
-on other noise, whether two values are equivalent (`on_other_noise`) or differ beyond
-chance (`holm`).
+A baseline is a small run, so the gate (which compares with its baseline) and `simval
+compare` (which compares with another run) need the same: which cells belong together
+(`matched`); on the same noise, whether a value moved by more than rounding
+(`on_same_noise`); and on other noise, whether two values are equivalent
+(`on_other_noise`) or differ significantly (`holm`).
 
-The question on other noise is not whether the values differ, for they do. With
+On other noise the values always differ; the question is by how much. With
 :math:`d` the difference, :math:`s` its standard error and :math:`m` the margin of the
 statistic,
 
@@ -39,12 +39,12 @@ another order of summation moves a mean of n samples by at most n eps of their s
 n^1.5 eps = 2e-6 standard errors of 4e6 samples whose size is their spread."""
 
 EXACT_BOUND = 1e-6
-"""Relative change that a value without chance may show: rounding, amplified by a
+"""Relative change that a deterministic value may show: rounding, amplified by a
 condition of up to EXACT_BOUND / eps = 4.5e9."""
 
 ROUNDING = 1e-13
-"""What a value without chance may move in any case, in its SI unit: differences of
-numbers of size one are rounding noise there."""
+"""Change that a deterministic value may always show, in its SI unit: the rounding
+noise of a difference of numbers of size one."""
 
 PAIRED_SHARE = 0.1
 """Share of the remainder of an exact row by which its value may move. Chosen: what is
@@ -59,7 +59,7 @@ TOST_QUANTILE = float(ndtri(0.95))
 
 
 def question(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Parameters of a cell but for those that say how much was computed."""
+    """Parameters of a cell, except those that say how much was computed."""
     return {k: v for k, v in sorted(parameters.items()) if k not in EFFORT}
 
 
@@ -69,9 +69,10 @@ def matched(
     asked: Callable[[A | B], Hashable],
     same: Callable[[A | B], Hashable],
 ) -> tuple[list[tuple[A, B]], list[A], list[B]]:
-    """Pair what asks the same: by what is the `same` in both, the rest in order.
+    """Pair items of equal `asked`: first those of equal `same`, the rest in order.
 
-    What is `old` alone and `new` alone comes after the pairs, each in its own order.
+    After the pairs come the items that only `old` has and those that only `new` has,
+    each in its own order.
     """
     left, right = _grouped(old, asked), _grouped(new, asked)
     pairs: list[tuple[A, B]] = []

@@ -16,27 +16,30 @@ _ERRORS = (("bias_error", "bias"), ("covariance_error", "covariance"))
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Moments:
-    """Bias and covariance of a p-vector of errors.
+    """Bias and covariance of a p-vector of errors, or of a batch of them.
 
     Attributes
     ----------
     bias : Array
-        Mean error, (p,).
+        Mean error, (..., p).
     covariance : Array
-        Covariance about the mean, (p, p).
+        Covariance about the mean, (..., p, p).
     samples : int, default 0
         Number of samples behind it; 0 for a prediction.
     bias_error : Array, default zeros
-        Standard error of each entry of `bias`, (p,); zero for a prediction.
+        Standard error of each entry of `bias`, (..., p); zero for a prediction.
     covariance_error : Array, default zeros
-        Standard error of each entry of `covariance`, (p, p); zero for a prediction.
+        Standard error of each entry of `covariance`, (..., p, p); zero for a
+        prediction.
     """
 
-    bias: Float[Array, " p"]
-    covariance: Float[Array, "p p"]
+    bias: Float[Array, "... p"]
+    covariance: Float[Array, "... p p"]
     samples: int = 0
-    bias_error: Float[Array, " p"] = field(default_factory=lambda: np.zeros(0))
-    covariance_error: Float[Array, "p p"] = field(default_factory=lambda: np.zeros(0))
+    bias_error: Float[Array, "... p"] = field(default_factory=lambda: np.zeros(0))
+    covariance_error: Float[Array, "... p p"] = field(
+        default_factory=lambda: np.zeros(0)
+    )
 
     def __post_init__(self) -> None:
         for name, like in (("bias", ""), ("covariance", ""), *_ERRORS):
@@ -46,16 +49,16 @@ class Moments:
             object.__setattr__(self, name, frozen(value))
 
     @property
-    def sd(self) -> Float[Array, " p"]:
-        """Standard deviation of each entry, (p,)."""
-        return np.sqrt(np.diagonal(self.covariance))
+    def sd(self) -> Float[Array, "... p"]:
+        """Standard deviation of each entry, (..., p)."""
+        return np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1))
 
     @property
-    def second_moment(self) -> Float[Array, "p p"]:
-        """Mean of the outer product of the error with itself, (p, p)."""
-        return self.covariance + np.outer(self.bias, self.bias)
+    def second_moment(self) -> Float[Array, "... p p"]:
+        """Mean of the outer product of the error with itself, (..., p, p)."""
+        return self.covariance + self.bias[..., :, None] * self.bias[..., None, :]
 
     @property
-    def rms(self) -> Float[Array, " p"]:
-        """Root mean square of each entry, (p,)."""
-        return np.sqrt(np.diagonal(self.second_moment))
+    def rms(self) -> Float[Array, "... p"]:
+        """Root mean square of each entry, (..., p)."""
+        return np.sqrt(np.diagonal(self.second_moment, axis1=-2, axis2=-1))

@@ -33,7 +33,10 @@ from simval.geometry import normalize
 PARAMETERS = 9
 MOST = 10_000_000  # directions at once: a quarter of a gigabyte
 _RANK_TOLERANCE = 1e-8  # relative; rounding leaves 1e-15, a pose 1 arcsecond off 5e-6
-_SAME_DIRECTION = np.radians(5.0)  # for words only: nearer ones are one pose to a hand
+_SAME_DIRECTION = np.radians(5.0)  # decides the words of a message only
+# 7 to 8 degrees apart. Twice as many, or half, change the variance that the next pose
+# leaves by 0.2 % at most (mean of 200 sets of 12 random poses).
+_CANDIDATES = 600
 
 
 def fibonacci_sphere(count: int) -> Float[Array, "count 3"]:
@@ -154,8 +157,7 @@ def best_next_direction(jacobian: Float[Array, "n 9"]) -> Float[Array, "3"]:
     is added to N, so that below rank nine the missing combinations lead.
     """
     named = [cube_faces(), cube_edges(), cube_corners()]
-    # 600 are 8 degrees apart: about as near as a pose is set by hand
-    candidates = np.concatenate([*named, fibonacci_sphere(600)])
+    candidates = np.concatenate([*named, fibonacci_sphere(_CANDIDATES)])
     rows = direction_jacobian(candidates)
     jacobian = physical_array("jacobian", jacobian, (None, PARAMETERS))
     jacobian = jacobian.reshape(-1, PARAMETERS)

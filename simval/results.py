@@ -1,8 +1,8 @@
 """One measured number beside its prediction: the row of every results table.
 
-A study returns an `Outcome`: rows, and artifacts for the report to draw from. How
-a row is judged is said by its `check`; the judging itself is in `verdict`. Each check
-has its constructor, which takes one statistic or several and broadcasts:
+A study returns an `Outcome`: rows, and artifacts for the report to draw from. The
+`check` of a row says how `verdict` judges it. Each check has its constructor, which
+takes one statistic or several and broadcasts:
 
 ======== =====================================================================
 check    meaning
@@ -46,38 +46,24 @@ COLUMNS = (
 )
 """Names of the columns of a results table, in their order."""
 
+NUMBERS = ("value", "standard_error", "prediction", "remainder")
+"""Fields of a row that its constructor broadcasts over the statistics."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """A statistic of one cell, its standard error and its prediction.
+    """A statistic of one cell, its standard error and its prediction."""
 
-    Attributes
-    ----------
-    statistic : Statistic
-        What was measured; unique in the cell together with `predictor`.
-    value : float
-        The measured value, in the statistic's unit.
-    standard_error : float, default 0.0
-        Standard error of the value; 0 where it is deterministic.
-    n : int, default 0
-        Number of independent samples behind the value.
-    prediction : float, optional
-        What theory says it should be.
-    predictor : str, default ""
-        Which theory, see `simval.statistics`.
-    remainder : float, default 0.0
-        What the prediction itself may be off by: the stated size of the terms it
-        leaves out.
-    check : Check, default "record"
-        How the row is judged.
-    """
-
+    # what was measured; unique in the cell together with `predictor`
     statistic: Statistic
-    value: float
+    value: float  # the measured value, in the statistic's unit
+    # standard error of the value; 0 where it is deterministic
     standard_error: float = 0.0
-    n: int = 0
-    prediction: float | None = None
-    predictor: str = ""
+    n: int = 0  # number of independent samples behind the value
+    prediction: float | None = None  # what theory says it should be
+    predictor: str = ""  # which theory, see `simval.statistics`
+    # what the prediction itself may be off by: the stated size of the terms it leaves
+    # out
     remainder: float = 0.0
     check: Check = "record"
 
@@ -96,23 +82,16 @@ class Row:
 
     @property
     def key(self) -> tuple[Statistic, str]:
-        """What tells the row from the others of its cell."""
+        """What identifies the row within its cell."""
         return self.statistic, self.predictor
 
 
 @dataclass(frozen=True, slots=True, order=True)
 class CellName:
-    """Which cell of a run a row belongs to.
+    """Which cell of a run a row belongs to."""
 
-    Attributes
-    ----------
-    study : str
-        Name of its study; empty for the run as a whole.
-    name : str, default ""
-        Its unique name in the run; empty for all cells of the study together.
-    """
-
-    study: str
+    study: str  # name of its study; empty for the run as a whole
+    # its unique name in the run; empty for all cells of the study together
     name: str = ""
 
     def __str__(self) -> str:
@@ -134,8 +113,8 @@ def _sampled(
     remainder: Numbers = 0.0,
 ) -> tuple[Row, ...]:
     """Rows of sampled values against theory."""
-    numbers = _numbers(value, standard_error, prediction, remainder)
-    return _rows(check, statistics, n, predictor, **numbers)
+    numbers = (value, standard_error, prediction, remainder)
+    return _rows(check, statistics, n, predictor, *numbers)
 
 
 plain = partial(_sampled, "plain")
@@ -157,20 +136,15 @@ def exact(
     n: int = 0,
 ) -> tuple[Row, ...]:
     """Deterministic rows that must meet the prediction within the remainder."""
-    numbers = _numbers(value, 0.0, prediction, remainder)
-    return _rows("exact", statistics, n, predictor, **numbers)
+    numbers = (value, 0.0, prediction, remainder)
+    return _rows("exact", statistics, n, predictor, *numbers)
 
 
 def limit(
-    statistics: Statistics,
-    value: Numbers,
-    most: Numbers,
-    predictor: str,
-    n: int = 0,
+    statistics: Statistics, value: Numbers, most: Numbers, predictor: str, n: int = 0
 ) -> tuple[Row, ...]:
     """Deterministic rows that must not exceed a limit."""
-    numbers = _numbers(value, 0.0, most, 0.0)
-    return _rows("limit", statistics, n, predictor, **numbers)
+    return _rows("limit", statistics, n, predictor, value, 0.0, most, 0.0)
 
 
 def unjudged(
@@ -183,31 +157,17 @@ def unjudged(
     remainder: Numbers = 0.0,
 ) -> tuple[Row, ...]:
     """Rows that are reported and not judged."""
-    numbers = _numbers(value, standard_error, prediction, remainder)
-    return _rows("record", statistics, n, predictor, **numbers)
-
-
-def _numbers(
-    value: Numbers,
-    standard_error: Numbers,
-    prediction: Numbers | None,
-    remainder: Numbers,
-) -> dict[str, Numbers | None]:
-    return {
-        "value": value,
-        "standard_error": standard_error,
-        "prediction": prediction,
-        "remainder": remainder,
-    }
+    numbers = (value, standard_error, prediction, remainder)
+    return _rows("record", statistics, n, predictor, *numbers)
 
 
 def _rows(
-    check: Check, statistics: Statistics, n: int, predictor: str, **numbers: Any
+    check: Check, statistics: Statistics, n: int, predictor: str, *numbers: Any
 ) -> tuple[Row, ...]:
     members = (statistics,) if isinstance(statistics, Statistic) else tuple(statistics)
     columns = {
         name: np.broadcast_to(np.asarray(value, dtype=float), len(members)).tolist()
-        for name, value in numbers.items()
+        for name, value in zip(NUMBERS, numbers, strict=True)
         if value is not None
     }
     return tuple(
@@ -224,19 +184,12 @@ def _rows(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """What one cell of a study leaves behind.
-
-    Attributes
-    ----------
-    rows : tuple of Row
-        The statistics.
-    artifacts : mapping, default empty
-        File name to array (stored as npz) or bytes (stored as they are), for the
-        report; names are shared by the cells of a run, the last one written wins,
-        so a name says what it depends on.
-    """
+    """What one cell of a study leaves behind."""
 
     rows: tuple[Row, ...]
+    # file name to array (stored as npz) or bytes (stored as they are), for the report;
+    # names are shared by the cells of a run, the last one written wins, so a name says
+    # what it depends on
     artifacts: Mapping[str, Mapping[str, Array] | bytes] = field(default_factory=dict)
 
 

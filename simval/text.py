@@ -14,7 +14,7 @@ def shown(value: Any) -> str:
 
 
 def one_line(text: str) -> str:
-    """Make a message of somebody else's fit for one line of a terminal or a table."""
+    """Make any message fit for one line of a terminal or a table."""
     lines = [line.strip() for line in text.splitlines()]
     joined = printable(" | ".join(line for line in lines if line))
     if len(joined) <= LIMIT:
@@ -33,7 +33,7 @@ def printable(text: str) -> str:
     )
 
 
-def told(error: BaseException) -> str:
+def message_of(error: BaseException) -> str:
     """Say what an error is, even one that cannot say so itself."""
     try:
         words = str(error)
@@ -44,5 +44,8 @@ def told(error: BaseException) -> str:
 
 def described(error: BaseException) -> str:
     """Traceback of an error, whose last line is the whole message."""
-    trace, message = "".join(traceback.format_exception(error)), one_line(told(error))
+    trace, message = (
+        "".join(traceback.format_exception(error)),
+        one_line(message_of(error)),
+    )
     return trace if trace.endswith(f"{message}\n") else f"{trace}{message}\n"

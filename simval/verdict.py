@@ -15,22 +15,22 @@ share the family's part of the false-alarm rate by Holm's rule, which holds unde
 dependence; the parts are weighted Bonferroni: 1/4, 1/2, 1/4, divided over the
 families that are present.
 
-A pass also says that something would have been seen. With :math:`z` the quantile of
+A pass also says that a discrepancy would have been seen. With :math:`z` the quantile of
 F at the family's Bonferroni limit, a discrepancy beyond the remainder of
 
 .. math:: \Delta = (z + \Phi^{-1}(0.99))\, s  \tag{V2}
 
-is found with probability 0.99. A sampling row passes only where :math:`\Delta` is at
+is detected with probability 0.99. A sampling row passes only if :math:`\Delta` is at
 most the practical margin, the fraction `PRACTICAL` of the predicted value or of one
 sample's own spread :math:`s \sqrt n`, whichever is greater; else it is inconclusive.
-That depends on the number of samples and hardly on what was seen: only where a cell
-has just about as many as are needed does its standard error decide.
+That depends on the number of samples and hardly on the measured values: the standard
+error decides only if a cell has just about as many samples as are needed.
 
 The normalised squared errors of the cells of one study are also pooled, weighted by
-their samples, into one more row: a common error in scale is found there first.
+their samples, into one more row: it shows a common error in scale first.
 
-Rows with no chance in them (exact, limit) are compared with their bound and cost no
-false alarms. A row that was not measured, or not measured well enough, is
+Deterministic rows (exact, limit) are compared with their bound and cost no false
+alarms. A row that was not measured, or not measured well enough, is
 inconclusive; it never passes.
 """
 
@@ -47,13 +47,14 @@ from simval.results import CellName, Row, nees
 from simval.statistics import POOLED_NEES
 
 Answer = Literal["pass", "fail", "inconclusive"]
+WORST_FIRST: tuple[Answer, ...] = ("fail", "inconclusive", "pass")
 
 WEIGHTS = {"plain": 0.25, "control": 0.5, "nees": 0.25}
 """Share of the false-alarm rate of each family of sampling checks. Chosen: half for the
 sharpest; any shares that sum to 1 keep the rate."""
 
 ALPHA = 1e-3
-"""False-alarm rate of a whole run unless asked otherwise: one clean run in a thousand
+"""Default false-alarm rate of a whole run: one clean run in a thousand
 does not pass (measured: `simval selftest --rates`, docs/gate.md)."""
 
 SAMPLES_PER_FREEDOM = 10.0
@@ -80,35 +81,16 @@ POWER = 0.99
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """One judged row.
+    """One judged row."""
 
-    Attributes
-    ----------
-    cell : CellName
-        The cell, or all cells of a study for what is pooled over them.
-    row : Row
-        What was judged.
-    answer : str
-        ``pass``, ``fail`` or ``inconclusive``.
-    p_value : float or None
-        Eq. (V1); None where no chance is involved.
-    limit : float
-        For a sampling row the p-value below which it fails (Holm's, in its family);
-        else the greatest difference allowed.
-    reason : str
-        Why it is not a pass; empty for one.
-    detectable : float or None, default None
-        Eq. (V2): the discrepancy beyond the remainder that is found with probability
-        `POWER`; None where no chance is involved.
-    """
-
-    cell: CellName
+    cell: CellName  # the cell, or all cells of a study for what is pooled over them
     row: Row
-    answer: Answer
-    p_value: float | None
-    limit: float
-    reason: str
-    detectable: float | None = None
+    answer: Answer  # ``pass``, ``fail`` or ``inconclusive``
+    p_value: float | None = None  # eq. (V1); None where the row is deterministic
+    # for a sampling row the p-value below which it fails (Holm's, in its family); else
+    # the greatest difference allowed
+    limit: float = float("nan")
+    reason: str = ""  # why it is not a pass
 
     @property
     def sigmas(self) -> float:
@@ -140,11 +122,13 @@ def judge(
     for i, (cell, row) in enumerate(judged):
         obstacle = _obstacle(row)
         if obstacle:
-            answers[i] = _inconclusive(cell, row, obstacle)
+            answers[i] = Verdict(
+                cell=cell, row=row, answer="inconclusive", reason=obstacle
+            )
         elif row.check in WEIGHTS:
             sampled.setdefault(row.check, []).append(i)
         else:
-            answers[i] = _without_chance(cell, row)
+            answers[i] = _deterministic(cell, row)
     whole = sum(WEIGHTS[family] for family in sampled)
     for family, members in sampled.items():
         share = alpha * WEIGHTS[family] / whole
@@ -152,13 +136,13 @@ def judge(
         tail = share / len(members) / 2.0
         limits = holm(values, share)
         for i, p, limit in zip(members, values, limits, strict=True):
-            answers[i] = _by_chance(*judged[i], float(p), float(limit), tail)
+            answers[i] = _sampled(*judged[i], float(p), float(limit), tail)
     return tuple(answers[i] for i in range(len(judged)))
 
 
 def _pooled(judged: Sequence[tuple[CellName, Row]]) -> list[tuple[CellName, Row]]:
     """Mean of each study's normalised squared errors, relative to the prediction."""
-    # weighted by the numbers of samples, which do not depend on what was seen
+    # weighted by the numbers of samples, which do not depend on the values
     groups: dict[tuple[str, str], list[Row]] = {}
     for cell, row in judged:
         if row.check == "nees" and not _obstacle(row) and row.prediction:
@@ -196,7 +180,7 @@ def _obstacle(row: Row) -> str:
     if row.prediction is None or not np.isfinite((*numbers, row.prediction)).all():
         return "the value, its error, its prediction or its remainder is not finite"
     if row.remainder < 0.0:
-        return f"a remainder of {row.remainder:.3g} says nothing; it must be 0 or more"
+        return f"a remainder of {row.remainder:.3g} is negative; it must be 0 or more"
     if row.check in WEIGHTS and not row.standard_error > 0.0:
         return "a sampled value without a standard error cannot be judged"
     if row.check in WEIGHTS and not row.n >= MIN_SAMPLES:
@@ -215,26 +199,15 @@ def _size(row: Row) -> float:
     return max(abs(row.prediction or 0.0), spread)
 
 
-def _inconclusive(cell: CellName, row: Row, reason: str) -> Verdict:
-    return Verdict(
-        cell=cell,
-        row=row,
-        answer="inconclusive",
-        p_value=None,
-        limit=float("nan"),
-        reason=reason,
-    )
-
-
-def _without_chance(cell: CellName, row: Row) -> Verdict:
+def _deterministic(cell: CellName, row: Row) -> Verdict:
     assert row.prediction is not None
     if row.check == "limit":
         good, limit = row.value <= row.prediction, row.prediction
-        words = f"{row.value:.6g} is above the limit {row.prediction:.6g}"
+        reason = f"{row.value:.6g} is above the limit {row.prediction:.6g}"
     else:
         difference = abs(row.value - row.prediction)
         good, limit = difference <= row.remainder, row.remainder
-        words = (
+        reason = (
             f"{row.value:.6g} is {difference:.3g} from {row.prediction:.6g}; "
             f"{row.remainder:.3g} is allowed"
         )
@@ -242,15 +215,12 @@ def _without_chance(cell: CellName, row: Row) -> Verdict:
         cell=cell,
         row=row,
         answer="pass" if good else "fail",
-        p_value=None,
         limit=limit,
-        reason="" if good else words,
+        reason="" if good else reason,
     )
 
 
-def _by_chance(
-    cell: CellName, row: Row, p: float, limit: float, tail: float
-) -> Verdict:
+def _sampled(cell: CellName, row: Row, p: float, limit: float, tail: float) -> Verdict:
     assert row.prediction is not None
     beyond = abs(row.value - row.prediction) - row.remainder
     quantile = -float(stdtrit(row.n / SAMPLES_PER_FREEDOM, tail))
@@ -279,5 +249,4 @@ def _by_chance(
         p_value=p,
         limit=limit,
         reason=reason,
-        detectable=detectable,
     )

@@ -19,6 +19,15 @@ trials = 10
 [attitude_limits]
 norm = [0.3, 0.6]
 samples = 4096
+[attitude_geometries]
+noise = ["isotropic", "full"]
+geometries = 20
+[attitude_map]
+geometries = 5
+[attitude_vectors]
+vectors = [2, 3]
+ratio = [1.0, 100.0]
+samples = 4096
 [detector]
 trials = 2
 [end_to_end]

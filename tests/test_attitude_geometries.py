@@ -41,9 +41,9 @@ def found(rows, predictor):
     ("noise", "frame", "median", "share"),
     [
         ("isotropic", "greatest", 1.69, 0.08),
-        ("isotropic", "plain", 1.28, 0.31),
-        ("tangent", "greatest", 1.26, 0.01),
-        ("full", "greatest", 1.05, 0.44),
+        pytest.param("isotropic", "plain", 1.28, 0.31, marks=pytest.mark.slow),
+        pytest.param("tangent", "greatest", 1.26, 0.01, marks=pytest.mark.slow),
+        pytest.param("full", "greatest", 1.05, 0.44, marks=pytest.mark.slow),
     ],
 )
 def test_distributions(noise, frame, median, share):

@@ -280,7 +280,7 @@ def test_factors_of_no_form_are_refused(T):
 def test_a_name_that_stands_twice_is_refused(tmp_path):
     path = tmp_path / "c.json"
     path.write_text('{"B": [1, 2, 3], "B": [0, 0, 0]}')
-    with pytest.raises(InputError, match="'B' stands in it twice"):
+    with pytest.raises(InputError, match="'B' is given twice"):
         load_calibration(path)
 
 

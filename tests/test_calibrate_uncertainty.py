@@ -27,7 +27,9 @@ def nees(fit):
     return np.sum(error * np.linalg.solve(fit.covariance, error[..., None])[..., 0], -1)
 
 
-POSES = pytest.mark.parametrize("n", [12, pytest.param(20, marks=pytest.mark.slow), 40])
+POSES = pytest.mark.parametrize(
+    "n", [12, *(pytest.param(n, marks=pytest.mark.slow) for n in (20, 40))]
+)
 
 
 @POSES

@@ -48,17 +48,26 @@ def sweep(suite, folder, *words, **options):
         str(folder),
     ]
     return subprocess.Popen(
-        [*command, *words], stderr=subprocess.PIPE, text=True, **options
+        [*command, *words],
+        stderr=subprocess.PIPE,
+        text=True,
+        **{"preexec_fn": hear_ctrl_c, **options},
     )
 
 
-def test_a_cell_that_kills_its_worker_fails_alone(tiny_suite, tiny_run, tmp_path):
+def hear_ctrl_c():
+    """Undo what a shell does to a job in the background, so that tests can be one."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def test_a_cell_that_kills_its_worker_fails_alone(
+    tiny_suite, tiny_run, tmp_path, simval, monkeypatch
+):
     folder = tmp_path / "poisoned"
-    process = sweep(
-        tiny_suite, folder, "--workers", "2", env=environment(tmp_path, "kill:0.02")
-    )
-    _, err = process.communicate(timeout=120)
-    assert process.returncode == 4, err
+    for name, value in environment(tmp_path, "kill:0.02").items():
+        monkeypatch.setenv(name, value)
+    code, _, err = simval("sweep", tiny_suite, "--out", folder, "--workers", 2)
+    assert code == 4, err
     run = load_run(folder)
     failed = [cell for cell in run.cells if cell.status == "failed"]
     assert [cell.parameters["noise_std"] for cell in failed] == [0.02]
@@ -147,7 +156,9 @@ def children(pid):
 
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs /proc")
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "number", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
+)
 def test_workers_end_with_their_driver(tiny_suite, tmp_path, number):
     folder = tmp_path / "orphans"
     process = sweep(

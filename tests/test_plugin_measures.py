@@ -31,8 +31,8 @@ from simval.plugins import (
     probe_estimator,
 )
 from simval.plugins.loading import overrides_of
+from simval.plugins.log import MOVE, RATE, REST, log_of
 from simval.plugins.probe import probe_sensor
-from simval.plugins.recording import MOVE, RATE, REST, recorded
 from simval.poses import fibonacci_sphere
 from simval.results import Outcome
 from simval.scene import models_folder
@@ -198,7 +198,7 @@ def test_a_calibrator_without_misalignment_is_told_so():
 
 def test_a_rest_of_the_log_is_its_pose_and_white_noise():
     poses = probe_sensor().distort(9.8 * fibonacci_sphere(24), np.random.default_rng(0))
-    log = recorded(poses, 0.01)
+    log = log_of(poses, 0.01)
     rest, move = round(REST * RATE), round(MOVE * RATE)
     # differences of times up to 300 s, each rounded to eps of that
     np.testing.assert_allclose(
@@ -216,8 +216,8 @@ def test_a_rest_of_the_log_is_its_pose_and_white_noise():
         product = (noise[:, lag:] * noise[:, :-lag]).mean() / sigma**2
         assert abs(product + 1.0 / rest) < 3.9 / np.sqrt(n)
     # an eps of the poses, and of the 1000 additions behind them
-    assert np.array_equal(log, recorded(poses * (1.0 + 1e-15), 0.01)) or np.allclose(
-        log, recorded(poses * (1.0 + 1e-15), 0.01), rtol=0, atol=1e-12
+    assert np.array_equal(log, log_of(poses * (1.0 + 1e-15), 0.01)) or np.allclose(
+        log, log_of(poses * (1.0 + 1e-15), 0.01), rtol=0, atol=1e-12
     )
 
 
@@ -230,7 +230,7 @@ def test_the_log_calibration_through_the_log_has_honest_error_bars():
     rng = np.random.default_rng(20_261)
     squares = []
     for _ in range(trials):
-        rows = recorded(clean + noise * rng.standard_normal(clean.shape), noise)
+        rows = log_of(clean + noise * rng.standard_normal(clean.shape), noise)
         log = Log(
             path="log", time=rows[:, 0], accelerometer=rows[:, 1:], gyro=None, rate=RATE
         )

@@ -24,13 +24,13 @@ from simval.plugins import (
     probe_calibrator,
     probe_estimator,
 )
-from simval.plugins.command import recorded
+from simval.plugins.command import log_of
 from simval.plugins.loading import overrides_of
 from simval.plugins.probe import probe_sensor, rotation_error
 from simval.plugins.sources import sources
 from simval.scene import Scene, find_scene
 from simval.sweep.suite import expand, load_suite
-from simval.text import LIMIT, one_line, told
+from simval.text import LIMIT, message_of, one_line
 
 
 def align(*vectors):
@@ -335,9 +335,9 @@ class Speechless(Exception):
         ("plain, with π and a\ttab", "plain, with π and a\ttab"),
         (" one \r\n\n  two\x0bthree\u2028four", "one | two | three | four"),
         ("\x1b[31m \0 \x9b \udcff", r"\x1b[31m \x00 \x9b \udcff"),
-        (told(ValueError("a\nb")), "ValueError: a | b"),
-        (told(MemoryError()), "MemoryError"),
-        (told(Speechless()), "Speechless: (its message cannot be read)"),
+        (message_of(ValueError("a\nb")), "ValueError: a | b"),
+        (message_of(MemoryError()), "MemoryError"),
+        (message_of(Speechless()), "Speechless: (its message cannot be read)"),
     ],
 )
 def test_a_message_is_one_printable_line(text, line):
@@ -412,7 +412,7 @@ def test_reading_a_hostile_file_is_refused_in_words(tmp_path, text, words):
 
 def test_the_log_of_a_command_rests_in_its_poses():
     poses = probe_sensor().distort(9.8 * np.eye(3), np.random.default_rng(0))
-    log = recorded(poses, 0.01)
+    log = log_of(poses, 0.01)
     first = log[:1000, 1:]
     # each rest keeps its pose's mean; test_plugin_measures has the noise about it
     np.testing.assert_allclose(first.mean(axis=0), poses[0], rtol=1e-12)

@@ -10,11 +10,12 @@ import rows_by_name
 
 from simval.gate import judge_run
 from simval.report import drawings, render, tables
-from simval.report.page import SHOWN, sections
+from simval.report.page import SECTIONS, sections
 from simval.report.paint import STYLE, _figure
 from simval.report.panels import BarPanel, Drawing, Panel, Series
 from simval.report.section import Context
 from simval.report.sections import attitude, convergence, statistics
+from simval.report.slope import fitted_slope
 from simval.studies import STUDIES
 from simval.studies.study import Cell
 from simval.sweep.run import CellResult, Run
@@ -37,14 +38,38 @@ VARIED = {
     "attitude_order": ("noise", ("isotropic", "full", "tangent")),
     "attitude_limits": ("norm", (0.2, 0.3, 0.4, 0.5)),
     "attitude_efficiency": ("geometries", range(100, 109)),
+    "attitude_geometries": ("noise", ("isotropic", "tangent", "full")),
+    "attitude_map": ("frame", ("greatest", "plain")),
+    "attitude_vectors": ("vectors", range(2, 7)),
     "detector": ("trim", range(1, 10)),
     "end_to_end": ("poses", range(12, 21)),
     "solvers": ("poses", range(20, 29)),
     "scene": ("poses", range(12, 21)),
 }
+SHOWN = {
+    module.__name__.rpartition(".")[2]: module.SHOWN
+    for module in SECTIONS
+    if hasattr(module, "SHOWN")
+}
 SECTION = {study: anchor for anchor, (study, _) in SHOWN.items()}
 SECTION["solvers"] = "convergence"
-pytestmark = pytest.mark.usefixtures("undrawn")
+pytestmark = pytest.mark.usefixtures("undrawn", "fitted_once")
+
+
+@pytest.fixture(scope="module")
+def fitted_once():
+    """Fits of the curves met so far: all but one are the same in the next page."""
+    known = {}
+
+    def fitted(*curve):
+        key = tuple(column.tobytes() for column in curve)
+        if key not in known:
+            known[key] = fitted_slope(*curve)
+        return known[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("simval.report.noise.fitted_slope", fitted)
+        yield
 
 
 def cells_of(study, rows, **axes):
@@ -92,7 +117,34 @@ CALIBRATED = [
     *entries("sd", "first order", AXES),
     *entries("efficiency", "first order", AXES),
 ]
+ESTIMATORS = ("weighted", "equal weights")
 FORMULAS = ("order 2", "order 4, source", "order 4, complete", "exact")
+
+
+def many_geometries_and_vectors():
+    cells = []
+    quantiles = ("least", "5%", "median", "95%", "most")
+    for formula in ("order 4, source", "eq. (63), as printed"):
+        rows = [row(f"leading_error_ratio[{q}]", formula) for q in quantiles]
+        rows += [row("nearer", formula), row("leading_term_off", "exact")]
+    cells += cells_of("attitude_geometries", rows)
+    rows = [
+        row(f"{name}[{part},{share},{q}]", f)
+        for name in ("limit_ratio", "next_order")
+        for part in ("bias", "covariance")
+        for share in ("1%", "10%")
+        for q in quantiles
+        for f in FORMULAS[:3]
+    ]
+    cells += cells_of("attitude_map", rows)
+    rows = [row(f"rms_over_bound[{e}]", "first order") for e in ESTIMATORS]
+    rows += entries("squared_error_over_predicted", "first order", ESTIMATORS)
+    rows += entries("inconsistent_rate", "chi-square", ("good", "wrong vector"))
+    rows += [row("nees[weighted]", "chi-square, 3", 3.0), row("outside")]
+    for ratio in (1.0, 100.0):
+        for shift in (2.0, 3.0):
+            cells += cells_of("attitude_vectors", rows, ratio=ratio, shift=shift)
+    return cells
 
 
 def made(folder):
@@ -127,6 +179,7 @@ def made(folder):
     rows = [row("simulated_rms_ratio[TRIAD,median]"), row("wahba")]
     rows += [row("rms_ratio[TRIAD,median]", "first order")]
     cells += cells_of("attitude_efficiency", rows)
+    cells += many_geometries_and_vectors()
     rows = [row("precision"), row("recall"), row("impure"), row("outside")]
     for multiplier in (3.0, 6.0):
         cells += cells_of("detector", rows, multiplier=multiplier)
@@ -311,9 +364,8 @@ def clipped(drawing):
 
     with mpl.rc_context(STYLE):
         figure = _figure(drawing)
-        canvas = FigureCanvasAgg(figure)
-        canvas.draw()
-        renderer = canvas.get_renderer()
+        renderer = FigureCanvasAgg(figure).get_renderer()
+        figure.draw_without_rendering()  # everything has its place, and no colour
         beyond = {
             label
             for axes in figure.axes

@@ -25,7 +25,7 @@ from stores import raw, rewritten, signed_anew
 from simval.cli import run as simval_command
 from simval.errors import SimvalError
 from simval.gate import read_baseline, write_baseline
-from simval.plugins.command import recorded
+from simval.plugins.command import log_of
 from simval.plugins.probe import probe_sensor
 from simval.poses import fibonacci_sphere
 from simval.scene.models import load_model
@@ -149,7 +149,7 @@ class Files:
     def csv(self):
         sensor = probe_sensor()
         raw = sensor.distort(9.80665 * fibonacci_sphere(12), np.random.default_rng(0))
-        rows = recorded(raw, 1e-4)
+        rows = log_of(raw, 1e-4)
         lines = ["t,ax,ay,az", *(",".join(f"{x:.6f}" for x in row) for row in rows)]
         return "\n".join(lines).encode()
 

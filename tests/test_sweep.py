@@ -2,11 +2,8 @@
 
 import hashlib
 import json
-import os
-import signal
-import subprocess
-import sys
 import time
+from multiprocessing import get_context
 
 import pytest
 from stores import edited
@@ -149,14 +146,16 @@ def test_a_failed_cell_leaves_the_others_and_its_traceback(
 
 def test_a_killed_run_resumes_to_the_same_table(tiny_suite, tiny_run, tmp_path):
     folder = tmp_path / "killed"
-    command = [sys.executable, "-m", "simval", "sweep", str(tiny_suite)]
-    command += ["--out", str(folder), "--workers", "1", "--quiet"]
-    process = subprocess.Popen(command, env={**os.environ, "OMP_NUM_THREADS": "1"})
+    # a fork has imported everything already
+    process = get_context("fork").Process(
+        target=run_suite, args=(str(tiny_suite), folder)
+    )
+    process.start()
     limit = time.monotonic() + 60
     while not (folder / "run.sqlite").exists() and time.monotonic() < limit:
         time.sleep(0.01)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
+    process.kill()
+    process.join()
     run_suite(str(tiny_suite), folder, resume=True)
     assert digest(folder) == digest(tiny_run)
 

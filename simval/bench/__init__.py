@@ -1,7 +1,7 @@
-"""Side-by-side speed: each figure beside the alternative, in one run, as a ratio.
+"""Speed compared with the alternatives, side by side in one run, as a ratio.
 
-Machines are shared and noisy, so contenders take turns, what is compared is processor
-time, and what is reported is the median of the rounds' own ratios.
+Machines are shared and noisy, so contenders take turns, processor time is compared, and
+the result is the median over the rounds of the ratio within a round.
 """
 
 from simval.bench.race import Contender, Race, Result, run_race

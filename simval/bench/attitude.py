@@ -22,14 +22,13 @@ MANY, FEW = 200_000, 500
 SAMPLES = 2**19
 
 
-def noisy_vectors(
-    count: int,
-) -> tuple[
-    Float[Array, "count 3"],
-    Float[Array, "count 3"],
-    Float[Array, "count 3"],
-    Float[Array, "count 3"],
-]:
+Vectors = tuple[
+    Float[Array, "n 3"], Float[Array, "n 3"], Float[Array, "n 3"], Float[Array, "n 3"]
+]
+"""Both body vectors and both references."""
+
+
+def noisy_vectors(count: int) -> Vectors:
     """Draw noisy observations of one geometry."""
     q, r1, r2 = random_geometry(3)
     A = attitude_matrix(q)
@@ -55,33 +54,28 @@ def estimators() -> list[Contender]:
         function()
         return count
 
-    def batch(name: str, function: partial[Array]) -> Contender:
-        return Contender(name=name, run=partial(counted, function, MANY))
-
+    estimates = {
+        "scipy align_vectors, loop": (partial(align_vectors, *few), FEW),
+        **{
+            f"closed form, {frame}": (
+                partial(two_vector_quaternion, *many, frame=frame),
+                MANY,
+            )
+            for frame in ("plain", "best", "combined")
+        },
+        "q-method, batched": (partial(davenport, *many), MANY),
+        "TRIAD, batched": (partial(triad, *many), MANY),
+    }
     contenders = [
-        Contender(
-            name="scipy align_vectors, loop",
-            run=partial(counted, partial(align_vectors, *few), FEW),
-        )
+        Contender(name=name, run=partial(counted, *estimate))
+        for name, estimate in estimates.items()
     ]
-    for frame in ("plain", "best", "combined"):
-        estimate = partial(two_vector_quaternion, *many, frame=frame)
-        contenders.append(batch(f"closed form, {frame}", estimate))
-    contenders.append(batch("q-method, batched", partial(davenport, *many)))
-    contenders.append(batch("TRIAD, batched", partial(triad, *many)))
     if find_spec("ahrs") is not None:
         contenders.append(Contender(name="ahrs Davenport", run=partial(_ahrs, few)))
     return contenders
 
 
-def _ahrs(
-    vectors: tuple[
-        Float[Array, "n 3"],
-        Float[Array, "n 3"],
-        Float[Array, "n 3"],
-        Float[Array, "n 3"],
-    ],
-) -> int:
+def _ahrs(vectors: Vectors) -> int:
     """Peer's q-method, one pair at a time, with its references set for each."""
     from ahrs.filters import Davenport
 
@@ -156,7 +150,7 @@ def threads() -> list[Contender]:
 
 
 def reductions() -> list[Contender]:
-    """List the variance reductions by what they save at equal error."""
+    """List the variance reductions by how many plain samples they replace."""
     q, truth = _geometry()
     plain = _plain_variance(truth, q)
 

@@ -17,9 +17,12 @@ G = 9.80665
 POSES = 40
 NOISE = 0.02
 TOLERANCE = 1e-12
+"""Relative step at which every solver stops. Chosen: near rounding, so that all end at
+the same point."""
 MANY, FEW = 10_000, 200
 AGREEMENT = 1e-9
-"""Relative; every contender's answers are held to the first one's."""
+"""Relative difference allowed between contenders. Chosen: a thousand times
+`TOLERANCE`; far below the standard error of a parameter, about 1e-3."""
 
 
 def noisy_poses(count: int) -> Float[Array, "count 40 3"]:
@@ -69,8 +72,8 @@ def scipy_loop(
 def batch() -> list[Contender]:
     """List the ways to fit many sets; the reference is SciPy's default, looped.
 
-    Every contender starts from its own ellipsoid, stops at 1e-12 and sees the same
-    data; a contender that disagrees by more than 1e-9 is an error.
+    Every contender starts from its own ellipsoid, stops at `TOLERANCE` and gets the
+    same data; a difference of more than `AGREEMENT` is an error.
     """
     readings = noisy_poses(MANY)
     expected = calibrate(readings, G, tolerance=TOLERANCE, covariance=False).parameters
@@ -122,11 +125,11 @@ def samples() -> list[Contender]:
 
 
 def _require_equal(
-    found: Float[Array, "... 9"], expected: Float[Array, "... 9"], name: str
+    fitted: Float[Array, "... 9"], expected: Float[Array, "... 9"], name: str
 ) -> None:
     # biases and misalignments near zero are compared with g and 1
     size = np.maximum(np.abs(expected), np.array([1.0] * 6 + [G] * 3))
-    worst = float(np.max(np.abs(found - expected) / size))
+    worst = float(np.max(np.abs(fitted - expected) / size))
     if not worst <= AGREEMENT:
         msg = f"{name} differs by {worst:.1e} relative; {AGREEMENT:g} is allowed"
         raise AssertionError(msg)

@@ -38,7 +38,10 @@ def imu_tk_jacobian(
     return np.asarray(-2.0 * np.einsum("nr,nrj->nj", h, inner))
 
 
-def _imu_tk(parameters: Array, reading: Array) -> tuple[Array, Array, Array]:
+def _imu_tk(
+    parameters: Inexact[Array, "9"], reading: Float[Array, "n 3"]
+) -> tuple[Inexact[Array, "n 3"], Inexact[Array, "3 3"], Inexact[Array, "3"]]:
+    """Undistorted readings, and the matrices of the derivation."""
     s_yx, s_zx, s_zy = parameters[:3]
     T = np.array([[1.0, 0.0, 0.0], [s_yx, 1.0, 0.0], [-s_zx, s_zy, 1.0]])
     K = parameters[3:6]

@@ -1,4 +1,4 @@
-"""A race: contenders that do the same work, in turns, over several rounds."""
+"""A race: contenders do the same work in turns, over several rounds."""
 
 import time
 from collections.abc import Callable
@@ -27,7 +27,7 @@ class Contender:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Race:
-    """Contenders, and the one that the others are measured by.
+    """Contenders that are compared with the first of them.
 
     Attributes
     ----------

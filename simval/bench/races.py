@@ -42,7 +42,7 @@ RACES: tuple[Race, ...] = (
         name="scene",
         title="Steps of the gimbal, eight runs together, one thread",
         item="steps",
-        contenders=scene.recording,
+        contenders=scene.simulation,
     ),
     Race(
         name="calibration",
@@ -66,7 +66,7 @@ RACES: tuple[Race, ...] = (
 
 
 def find_races(names: Iterable[str]) -> tuple[Race, ...]:
-    """Races of some names.
+    """Select races by name.
 
     Parameters
     ----------
@@ -83,10 +83,9 @@ def find_races(names: Iterable[str]) -> tuple[Race, ...]:
     InputError
         If a name is not known.
     """
-    wanted = list(names)
-    known = [race.name for race in RACES]
-    for name in wanted:
-        if name not in known:
-            msg = f"there is no race `{name}`; there are {', '.join(known)}"
-            raise InputError(msg)
+    wanted, known = list(names), [race.name for race in RACES]
+    unknown = [name for name in wanted if name not in known]
+    if unknown:
+        msg = f"there is no race `{unknown[0]}`; there are {', '.join(known)}"
+        raise InputError(msg)
     return tuple(race for race in RACES if not wanted or race.name in wanted)

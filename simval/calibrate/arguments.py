@@ -28,42 +28,21 @@ _GREATEST = 1e60  # fourth powers stay finite
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Options:
-    """What to fit and how; checked when it is made.
+    """What to fit and how; checked when it is made."""
 
-    Attributes
-    ----------
-    model, method, residual, loss : str
-        Form, solver, residual and robust loss.
-    g : float
-        Gravity, m/s^2.
-    step : float
-        Fraction of each step taken.
-    tolerance : float
-        Limit of the stop rule.
-    max_iterations : int
-        Most steps for a trial.
-    full_scale : float or None
-        Greatest reading, raw units.
-    repeats : bool
-        Whether readings may repeat exactly.
-    condition_limit : float
-        Greatest condition of the poses.
-    covariance : bool
-        Whether the covariance is wanted.
-    """
-
+    # model, method, residual, loss: form, solver, residual and robust loss
     model: str
     method: str
     residual: str
     loss: str
-    g: float
-    step: float
-    tolerance: float
-    max_iterations: int
-    full_scale: float | None
-    repeats: bool
-    condition_limit: float
-    covariance: bool
+    g: float  # gravity, m/s^2
+    step: float  # fraction of each step taken
+    tolerance: float  # limit of the stop rule
+    max_iterations: int  # most steps for a trial
+    full_scale: float | None  # greatest reading, raw units
+    repeats: bool  # whether readings may repeat exactly
+    condition_limit: float  # greatest condition of the poses
+    covariance: bool  # whether the covariance is wanted
 
     def __post_init__(self) -> None:
         checked: dict[str, Any] = {

@@ -1,4 +1,4 @@
-"""A series of poses that leaves its ellipsoid half-way."""
+"""A series of poses that leaves its ellipsoid at some pose."""
 
 from dataclasses import dataclass
 
@@ -13,30 +13,14 @@ from simval.calibrate.moments import monomials
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Change:
-    """Where a series of poses changes, and how much of its scatter that explains.
+    """Where a series of poses changes, and how much of its scatter that explains."""
 
-    Attributes
-    ----------
-    index : int
-        First pose after the change.
-    what : str
-        What changed; of a break the part that stays on its ellipsoid.
-    chance : float
-        Chance that the best change of a clean series is as good.
-    drop : float
-        Scatter without a change over that with it.
-    scatter : float
-        Scatter with the change, raw units.
-    dof : int
-        Degrees of freedom that the change leaves.
-    """
-
-    index: int
-    what: str
-    chance: float
-    drop: float
-    scatter: float
-    dof: int
+    index: int  # first pose after the change
+    what: str  # what changed; of a break the part that stays on its ellipsoid
+    chance: float  # chance that the best change of a clean series is as good
+    drop: float  # scatter without a change over that with it
+    scatter: float  # scatter with the change, raw units
+    dof: int  # degrees of freedom that the change leaves
 
     def order(self) -> tuple[float, float]:
         """Sort key: the least likely by chance first, then what explains most."""
@@ -63,7 +47,7 @@ def change(
 
 
 def find_break(poses: Float[Array, "n 3"]) -> Change | None:
-    """Look for the cut that best parts a series of poses in two.
+    """Find the cut that divides a series of poses best.
 
     The longer part fits an ellipsoid and the shorter one, taken as outliers all
     together, does not: (O1) with the number of cuts for the binomial.
@@ -76,17 +60,17 @@ def find_break(poses: Float[Array, "n 3"]) -> Change | None:
     cuts += [(k, "later", range(k)) for k in range(1, dof - LEFT + 1)]
     if not cuts or deletion.rank < 9:
         return None
-    found: list[Change] = []
+    changes: list[Change] = []
     for _ in range(2):  # the weights of the second round are those of the best cut
         total = deletion.squares([])
-        found += [
+        changes += [
             change(
                 index, longer, deletion.squares(list(out)), dof - len(out),
                 before=total, dof=dof, tried=len(cuts), scale=scale,
             )
             for index, longer, out in cuts
         ]  # fmt: skip
-        best = min(found, key=Change.order)
+        best = min(changes, key=Change.order)
         out = range(best.index, count) if best.what == "earlier" else range(best.index)
         cut = deletion_of(design, np.full(count, 2.0), list(out), floor)
         deletion = deletion_of(design, slope_of(cut.p, z), [], floor)

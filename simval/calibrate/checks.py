@@ -112,8 +112,8 @@ def _directions(poses: Float[Array, "n 3"]) -> Float[Array, "m 3"]:
 
 
 def _advice(poses: Float[Array, "n 3"]) -> str:
-    found = observability(_directions(poses))
-    helps = ", ".join(f"{x:.2f}" for x in found.next_direction)
+    geometry = observability(_directions(poses))
+    helps = ", ".join(f"{x:.2f}" for x in geometry.next_direction)
     return (
         f"add poses between them, first one with the specific force along ({helps}) "
         "in sensor axes"

@@ -22,27 +22,13 @@ _ROUNDING = 64.0 * np.finfo(float).eps  # of a distance, readings of unit size
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Deletion:
-    """Least squares over all poses, and what is left when some are taken out.
+    """Least squares over all poses, and what is left when some are taken out."""
 
-    Attributes
-    ----------
-    p : Array
-        Coefficients without the poses that were named at the start.
-    q : Array
-        Orthonormal columns of the weighted rows.
-    residual : Array
-        Residuals of all poses.
-    floor : float
-        Square of a distance that is rounding only.
-    rank : int
-        Rank of the rows, 9 where the poses fix the coefficients.
-    """
-
-    p: Float[Array, "9"]
-    q: Float[Array, "n 9"]
-    residual: Float[Array, " n"]
-    floor: float
-    rank: int
+    p: Float[Array, "9"]  # coefficients without the poses that were named at the start
+    q: Float[Array, "n 9"]  # orthonormal columns of the weighted rows
+    residual: Float[Array, " n"]  # residuals of all poses
+    floor: float  # square of a distance that is rounding only
+    rank: int  # rank of the rows, 9 where the poses fix the coefficients
 
     def without(
         self, subset: list[int]

@@ -78,33 +78,19 @@ class Diagnosis:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Residuals:
-    """Residuals of a fit, or of each fit of a batch.
+    """Residuals of a fit, or of each fit of a batch."""
 
-    Attributes
-    ----------
-    distance : Array
-        Signed distance of each reading to the ellipsoid, raw units.
-    leverage : Array
-        Share of each pose in its own fit.
-    standardized : Array
-        Standardised residuals; NaN where there is no freedom.
-    outlier : Array of bool
-        Poses that are not on the ellipsoid of the others, (..., n).
-    limit : Array
-        What the greatest of a clean set exceeds with a chance of `FALSE_ALARM`.
-    chi2_per_dof : Array
-        Chi-square per degree of freedom; NaN without sigma or freedom.
-    p_value : Array
-        Chance of a chi-square at least as high.
-    """
-
+    # signed distance of each reading to the ellipsoid, raw units
     distance: Float[Array, "... n"]
-    leverage: Float[Array, "... n"]
+    leverage: Float[Array, "... n"]  # share of each pose in its own fit
+    # standardised residuals; NaN where there is no freedom
     standardized: Float[Array, "... n"]
-    outlier: Any
+    outlier: Any  # bool: poses that are not on the ellipsoid of the others, (..., n)
+    # what the greatest of a clean set exceeds with a chance of `FALSE_ALARM`
     limit: Float[Array, "..."]
+    # chi-square per degree of freedom; NaN without sigma or freedom
     chi2_per_dof: Float[Array, "..."]
-    p_value: Float[Array, "..."]
+    p_value: Float[Array, "..."]  # chance of a chi-square at least as high
 
 
 def residuals(fit: FitResult, poses: Any, noise_std: Any = None) -> Residuals:
@@ -144,15 +130,17 @@ def diagnose(fit: FitResult, poses: Any, noise_std: Any = None) -> Diagnosis:
         msg = f"a batch of {len(fit.parameters)} fits is not one set; pick one"
         raise InputError(msg)
     readings, sigma = _checked(fit, poses, noise_std)
-    found, (rest,) = _judged(fit, readings, sigma)
+    fitted, (rest,) = _judged(fit, readings, sigma)
     return Diagnosis(
-        distance=found.distance,
-        leverage=found.leverage,
-        standardized=found.standardized,
+        distance=fitted.distance,
+        leverage=fitted.leverage,
+        standardized=fitted.standardized,
         outliers=tuple(int(k) for k in np.flatnonzero(rest.flagged)),
-        chi2_per_dof=float(found.chi2_per_dof),
-        p_value=float(found.p_value),
-        verdict=full_verdict(_evidence(fit, readings, rest, float(found.chi2_per_dof))),
+        chi2_per_dof=float(fitted.chi2_per_dof),
+        p_value=float(fitted.p_value),
+        verdict=full_verdict(
+            _evidence(fit, readings, rest, float(fitted.chi2_per_dof))
+        ),
     )
 
 
@@ -168,7 +156,7 @@ def _judged(
         p_value = np.asarray(special.gammaincc(fit.dof / 2, total / 2))
     rests = [find_outliers(one, sigma) for one in readings.reshape(-1, count, 3)]
     shape = distance.shape
-    found = Residuals(
+    fitted = Residuals(
         distance=distance,
         leverage=_leverage(fit, rows, steep, sigma),
         standardized=np.array([one.standardized for one in rests]).reshape(shape),
@@ -177,7 +165,7 @@ def _judged(
         chi2_per_dof=np.where(np.isfinite(p_value), total / max(fit.dof, 1), np.nan),
         p_value=p_value,
     )
-    return found, rests
+    return fitted, rests
 
 
 def _evidence(
@@ -221,15 +209,17 @@ def _checked(
     return readings, sigma
 
 
-def _limit(found: Outliers, count: int) -> float:
+def _limit(outliers: Outliers, count: int) -> float:
     # quantile of the greatest standardised residual of a clean set of as many poses
     tail = FALSE_ALARM / (2.0 * count)
-    if np.isfinite(found.chi2) and found.dof > 0:
+    if np.isfinite(outliers.chi2) and outliers.dof > 0:
         # a sigma that does not explain the scatter would call half the poses outliers
-        p_value = special.gammaincc(found.dof / 2.0, found.chi2 / 2.0)
+        p_value = special.gammaincc(outliers.dof / 2.0, outliers.chi2 / 2.0)
         if p_value >= BELIEVED:
             return float(-special.ndtri(tail))
-    return float(-special.stdtrit(found.dof - 1, tail)) if found.dof > 1 else np.inf
+    return (
+        float(-special.stdtrit(outliers.dof - 1, tail)) if outliers.dof > 1 else np.inf
+    )
 
 
 def _distances(

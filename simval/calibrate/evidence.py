@@ -23,29 +23,22 @@ _NORMAL_95 = 1.96  # normal quantile of a 95 percent interval
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Evidence:
-    """What decides whether a fit is a calibration, one row for each trial.
+    """What decides whether a fit is a calibration, one row for each trial."""
 
-    Attributes
-    ----------
-    ambiguous : Array of bool
-        Whether a second quadric passes through the poses within their noise, (t,).
-    stretched : Array of bool
-        Whether the condition of the corrected poses could be made of noise, (t,).
-    half_width : Array
-        95 percent half-width of the scale along its worst direction, relative;
-        NaN where the noise is not known.
-    """
-
+    # bool: whether a second quadric passes through the poses within their noise, (t,)
     ambiguous: Any
+    # bool: whether the condition of the corrected poses could be made of noise, (t,)
     stretched: Any
+    # 95 percent half-width of the scale along its worst direction, relative; NaN where
+    # the noise is not known
     half_width: Float[Array, " t"]
 
     def judge(self, code: Any) -> Any:
         """Refuse the trials whose answer lacks evidence; say why others have none."""
-        found = np.where(self.half_width > WIDEST, int(Code.WIDE), code)
-        found = np.where(self.stretched, int(Code.NOISE_RANK), found)
-        found = np.where(code == Code.CONVERGED, found, code)
-        return np.where(self.ambiguous, int(Code.NOISE_RANK), found)
+        judged = np.where(self.half_width > WIDEST, int(Code.WIDE), code)
+        judged = np.where(self.stretched, int(Code.NOISE_RANK), judged)
+        judged = np.where(code == Code.CONVERGED, judged, code)
+        return np.where(self.ambiguous, int(Code.NOISE_RANK), judged)
 
 
 def weigh(

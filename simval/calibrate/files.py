@@ -115,9 +115,9 @@ def _parameters(data: dict[str, Any]) -> tuple[str, Float[Array, "9"]]:
         raise InputError(msg)
     bias = shaped_array("B", data["B"], (3,))
     for model in [data["model"]] if "model" in data else forms.MODELS:
-        found = forms.from_factors(forms.check_model(model), data["T"], data["K"], bias)
-        if found is not None:
-            return model, found
+        match = forms.from_factors(forms.check_model(model), data["T"], data["K"], bias)
+        if match is not None:
+            return model, match
     msg = (
         f"`T` is {shown(data['T'])} and `K` {shown(data['K'])}; three scales with a T "
         "of unit diagonal and zeros above or below it, or T the identity and a "
@@ -194,7 +194,7 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(data) < len(pairs):
         names = [name for name, _ in pairs]
         twice = next(name for name in names if names.count(name) > 1)
-        msg = f"{twice!r} stands in it twice"
+        msg = f"{twice!r} is given twice"
         raise ValueError(msg)
     return data
 

@@ -36,6 +36,10 @@ from simval.sensor import forms
 
 _EXPLAINED = 4.0  # standard deviations; of 100 clean poses one in 160 sets has more
 _BLOCK = 1 << 16  # poses worked at once: 5 MB of monomials
+# By how much rounding may raise a cost, in eps by pose. Measured on 2700 fits of every
+# solver and four residuals: statuses and number of steps are the same from 16 to 4096;
+# with 0 there are twice the steps.
+_SLACK = 64.0
 
 
 _Block = dict[str, Any]  # physical results of a block of trials; NaN where refused
@@ -166,9 +170,9 @@ def _suspects(
     # outliers without which the set would not be refused, and how far off they are
     if len(poses) <= PARAMETERS or not np.isfinite(poses).all():
         return []
-    found = find_outliers(poses, sigma)
-    off = np.abs(found.standardized)
-    keep = ~found.flagged
+    outliers = find_outliers(poses, sigma)
+    off = np.abs(outliers.standardized)
+    keep = ~outliers.flagged
     # what the stated noise explains is no outlier, however well the others agree
     explained = sigma is not None and np.any(off[~keep] < _EXPLAINED)
     if keep.all() or explained:
@@ -177,7 +181,7 @@ def _suspects(
     rest = _fit_block(poses[None, keep], std, options)
     if rest["code"][0] >= Code.NON_FINITE:
         return []
-    return [(int(k), float(off[k])) for k in np.flatnonzero(found.flagged)]
+    return [(int(k), float(off[k])) for k in np.flatnonzero(outliers.flagged)]
 
 
 def _fit_block(
@@ -278,8 +282,7 @@ def _iterate(
     if noise is not None and shares is not None:
         noise = noise * np.sqrt(shares)
     newton = rules.method == "newton"
-    # rounding of a cost: a sum over the poses of terms with some 64 operations
-    slack = 64.0 * float(np.finfo(float).eps) * z.shape[1]
+    slack = _SLACK * float(np.finfo(float).eps) * z.shape[1]
     goal: Callable[[Array, Any], Any]
     if options.loss != "linear" or residual == "weighted":
         return minimize_reweighted(

@@ -25,24 +25,13 @@ from simval.sensor import forms
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Quadric:
-    """A quadric's coefficients with their derivatives by the nine parameters.
+    """A quadric's coefficients with their derivatives by the nine parameters."""
 
-    Attributes
-    ----------
-    gram : Array
-        The quadratic part.
-    slopes : Array
-        Its derivatives by the first six parameters, or by none of them.
-    bias : Array
-        The centre.
-    values : Array
-        The ten coefficients v.
-    """
-
-    gram: Float[Array, "t 3 3"]
+    gram: Float[Array, "t 3 3"]  # the quadratic part
+    # its derivatives by the first six parameters, or by none of them
     slopes: Float[Array, "t k 3 3"]
-    bias: Float[Array, "t 3"]
-    values: Float[Array, "t 10"]
+    bias: Float[Array, "t 3"]  # the centre
+    values: Float[Array, "t 10"]  # the ten coefficients v
 
 
 def residual_quadric(model: str, theta: Float[Array, "t 9"]) -> Quadric:

@@ -42,21 +42,13 @@ def noise_shares(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Slopes:
-    """Value, slopes and curvature of half the cost of each pose by (c, q).
+    """Value, slopes and curvature of half the cost of each pose by (c, q)."""
 
-    Attributes
-    ----------
-    cost : Array
-        Half the cost of each pose.
-    c, q : Array
-        Slopes.
-    cc, cq, qq : Array
-        Curvature used in the step.
-    """
-
-    cost: Float[Array, "t n"]
+    cost: Float[Array, "t n"]  # half the cost of each pose
+    # c, q: slopes
     c: Float[Array, "t n"]
     q: Float[Array, "t n"]
+    # cc, cq, qq: curvature used in the step
     cc: Float[Array, "t n"]
     cq: Float[Array, "t n"]
     qq: Float[Array, "t n"]
@@ -104,21 +96,12 @@ SLOPES: dict[str, Callable[..., Slopes]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Loss:
-    """A robust loss, by its influence function psi(r) = r w(r).
+    """A robust loss, by its influence function psi(r) = r w(r)."""
 
-    Attributes
-    ----------
-    weight : callable
-        w(r) of the absolute residual over its scale.
-    slope : callable
-        d psi/dr.
-    tuning : float
-        Scale over the standard deviation of Gaussian residuals, for an efficiency of
-        95 % on them.
-    """
-
-    weight: Callable[[Array], Array]
-    slope: Callable[[Array], Array]
+    weight: Callable[[Array], Array]  # w(r) of the absolute residual over its scale
+    slope: Callable[[Array], Array]  # d psi/dr
+    # scale over the standard deviation of Gaussian residuals, for an efficiency of 95 %
+    # on them
     tuning: float
 
 

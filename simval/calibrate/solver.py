@@ -66,68 +66,33 @@ STATUS_NAMES = np.array(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Local:
-    """Half the cost and its derivatives at a point.
+    """Half the cost and its derivatives at a point."""
 
-    Attributes
-    ----------
-    cost : Array
-        Half the sum of squared residuals.
-    gradient : Array
-        Its gradient.
-    normal : Array
-        J'J.
-    hessian : Array
-        The full Hessian for Newton's method; `normal` for the others.
-    """
-
-    cost: Float[Array, " t"]
-    gradient: Float[Array, "t 9"]
-    normal: Float[Array, "t 9 9"]
+    cost: Float[Array, " t"]  # half the sum of squared residuals
+    gradient: Float[Array, "t 9"]  # its gradient
+    normal: Float[Array, "t 9 9"]  # J'J
+    # the full Hessian for Newton's method; `normal` for the others
     hessian: Float[Array, "t 9 9"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rules:
-    """What governs the iteration.
+    """What governs the iteration."""
 
-    Attributes
-    ----------
-    method : str
-        One of `METHODS`.
-    step : float
-        Fraction of each step that is taken.
-    tolerance : float
-        Limit of the stop rule (L1).
-    max_iterations : int
-        Most steps that are tried.
-    """
-
-    method: str
-    step: float
-    tolerance: float
-    max_iterations: int
+    method: str  # one of `METHODS`
+    step: float  # fraction of each step that is taken
+    tolerance: float  # limit of the stop rule (L1)
+    max_iterations: int  # most steps that are tried
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Solution:
-    """Where the iteration of each trial ended.
+    """Where the iteration of each trial ended."""
 
-    Attributes
-    ----------
-    theta : Array
-        Parameters.
-    code : Array
-        A `Code` for each trial, (t,).
-    iterations : Array
-        Steps tried, (t,).
-    gradient_norm : Array
-        Norm of the last gradient that was needed.
-    """
-
-    theta: Float[Array, "t 9"]
-    code: Any
-    iterations: Any
-    gradient_norm: Float[Array, " t"]
+    theta: Float[Array, "t 9"]  # parameters
+    code: Any  # a `Code` for each trial, (t,)
+    iterations: Any  # steps tried, (t,)
+    gradient_norm: Float[Array, " t"]  # norm of the last gradient that was needed
 
 
 Objective = Callable[[Array, Any], Local]  # (parameters, rows of the batch)

@@ -24,24 +24,13 @@ _LEAST_PIVOT = 1e-12
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Ellipsoid:
-    """An ellipsoid |M(z - b)| = 1 through the poses, and how well they fix it.
+    """An ellipsoid |M(z - b)| = 1 through the poses, and how well they fix it."""
 
-    Attributes
-    ----------
-    gram : Array
-        A = M'M; NaN where the poses do not fix an ellipsoid.
-    bias : Array
-        Its centre.
-    determined : Array
-        Whether the nine monomials of the poses have full rank, (t,) of bool.
-    proper : Array
-        Whether the quadric is an ellipsoid, (t,) of bool.
-    """
-
-    gram: Float[Array, "t 3 3"]
-    bias: Float[Array, "t 3"]
+    gram: Float[Array, "t 3 3"]  # A = M'M; NaN where the poses do not fix an ellipsoid
+    bias: Float[Array, "t 3"]  # its centre
+    # whether the nine monomials of the poses have full rank, (t,) of bool
     determined: Any
-    proper: Any
+    proper: Any  # whether the quadric is an ellipsoid, (t,) of bool
 
 
 def fit_ellipsoid(moments: Float[Array, "t 10 10"]) -> Ellipsoid:

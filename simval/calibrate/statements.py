@@ -131,11 +131,13 @@ def array(data: dict[str, Any], name: str, shape: tuple[int, ...]) -> Array:
     """
     if name not in data:
         return np.full(shape, np.nan)
-    found = shaped_array(name, _filled(data[name]), ())
-    if found.shape != shape or np.isinf(found).any():
-        msg = f"`{name}` has shape {found.shape}; finite numbers of {shape} are needed"
+    numbers = shaped_array(name, _filled(data[name]), ())
+    if numbers.shape != shape or np.isinf(numbers).any():
+        msg = (
+            f"`{name}` has shape {numbers.shape}; finite numbers of {shape} are needed"
+        )
         raise InputError(msg)
-    return found
+    return numbers
 
 
 def _filled(value: Any) -> Any:

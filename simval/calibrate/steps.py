@@ -65,20 +65,20 @@ def find_step(poses: Float[Array, "n 3"]) -> Change | None:
     zero = -poses.mean(axis=0) / scale
     if np.linalg.norm(zero - centre) > _GREATEST:
         zero = centre
-    found: list[Change] = []
+    best: list[Change] = []
     for what, columns in tried.items():
         places = np.arange(sides[what], count - sides[what] + 1)
         if len(places) == 0:
             continue
         sums = np.maximum(_squares(z, none.p, zero, places, columns), count * floor)
         at, left = int(np.argmin(sums)), dof - columns.shape[1]
-        found.append(
+        best.append(
             change(
                 int(places[at]), what, sums[at], left,
                 before=total, dof=dof, tried=number, scale=scale,
             )
         )  # fmt: skip
-    return min(found, key=Change.order, default=None)
+    return min(best, key=Change.order, default=None)
 
 
 def _squares(

@@ -40,30 +40,16 @@ from simval.calibrate.residuals import LOSSES, WEIGHTED
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Summary:
-    """Statistics of a solution, scaled units.
+    """Statistics of a solution, scaled units."""
 
-    Attributes
-    ----------
-    covariance : Array
-        Covariance of theta; NaN where there is none.
-    cost : Array
-        Sum of squared residuals.
-    rms : Array
-        Root mean square of the norm less one.
-    chi2_per_dof : Array
-        Chi-square per degree of freedom; NaN without sigma.
-    distance_std : Array
-        Standard deviation of the distances, by degree of freedom.
-    steepness : Array
-        Root mean square of the gradient of c.
-    """
-
-    covariance: Float[Array, "t 9 9"]
-    cost: Float[Array, " t"]
-    rms: Float[Array, " t"]
+    covariance: Float[Array, "t 9 9"]  # covariance of theta; NaN where there is none
+    cost: Float[Array, " t"]  # sum of squared residuals
+    rms: Float[Array, " t"]  # root mean square of the norm less one
+    # chi-square per degree of freedom; NaN without sigma
     chi2_per_dof: Float[Array, " t"]
+    # standard deviation of the distances, by degree of freedom
     distance_std: Float[Array, " t"]
-    steepness: Float[Array, " t"]
+    steepness: Float[Array, " t"]  # root mean square of the gradient of c
 
 
 def summarize(

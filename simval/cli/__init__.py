@@ -1,4 +1,4 @@
-"""The command line: thin, one file for each command, loaded when it is used.
+"""The command line: one short file for each command, loaded when it is used.
 
 Exit codes: 0 pass, 1 the gate failed, 2 usage, configuration or unreadable input,
 3 inconclusive, refused or nothing measured, 4 a cell crashed, 70 a bug of ours,
@@ -7,13 +7,13 @@ Exit codes: 0 pass, 1 the gate failed, 2 usage, configuration or unreadable inpu
 
 import importlib
 import os
-import signal
 import sys
 from collections.abc import Sequence
 from io import TextIOWrapper
 
 import click
 
+from simval.cli.interruption import watch
 from simval.errors import SimvalError
 
 COMMANDS = (
@@ -25,15 +25,15 @@ COMMANDS = (
     ("plan", "Predict a calibration's error bars before any data is taken."),
     ("scene", "Simulate a tumble and write its readings or a picture."),
     ("compare", "Show what changed between two runs beyond its uncertainty."),
-    ("repro", "Compute one cell again and say whether it is equal to the bit."),
+    ("repro", "Compute one cell again and compare it to the bit."),
     ("export", "Write the table of a run as Parquet."),
     ("suite-schema", "Print the JSON Schema of suite files."),
-    ("selftest", "Inject faults and see that the gate finds each."),
+    ("selftest", "Inject faults and check that the gate detects each."),
     ("bench", "Race simval against the alternatives, side by side."),
-    ("list", "Show the suites, studies and scenes there are."),
+    ("list", "List suites, studies and scenes."),
 )
 
-# a module becomes a name in this package, so none may be called like a builtin
+# a module becomes a name in this package, so none may shadow a builtin
 MODULES = {"list": "listing", "suite-schema": "suite_schema"}
 
 
@@ -72,18 +72,7 @@ def group() -> None:
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run one command and return its exit code.
-
-    Parameters
-    ----------
-    arguments : sequence of str
-        The words after the program's name.
-
-    Returns
-    -------
-    int
-        Exit code; every error that is ours to explain has been printed.
-    """
+    """Run one command and return its exit code."""
     try:
         code = group.main(
             args=list(arguments), prog_name="simval", standalone_mode=False
@@ -97,7 +86,7 @@ def run(arguments: Sequence[str]) -> int:
     except SimvalError as error:
         click.echo(f"error: {error}", err=True)
         return error.exit_code
-    except SystemExit:  # how click says that the reader of our output has gone
+    except SystemExit:  # click raises it when the reader of our output is gone
         return 2
     except OSError as error:
         click.echo(f"error: cannot write the output: {error}", err=True)
@@ -111,9 +100,8 @@ def main() -> None:
     # in parallel, and the bits must not depend on the number of cores.
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    # a polite end, as by a batch system, is an interruption like Ctrl-C
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    for stream in (sys.stdout, sys.stderr):  # a name that the terminal cannot show
+    interruption = watch()
+    for stream in (sys.stdout, sys.stderr):  # for names the terminal cannot show
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
@@ -121,8 +109,13 @@ def main() -> None:
         sys.stdout.flush()
     except BrokenPipeError:
         code = 2
-    except Exception as error:
-        sys.excepthook(type(error), error, error.__traceback__)
-        click.echo("this is a bug of simval; please report it", err=True)
+    except (Exception, KeyboardInterrupt) as error:
         code = 70
+        if not interruption.asked:
+            sys.excepthook(type(error), error, error.__traceback__)
+            click.echo("this is a bug of simval; please report it", err=True)
+    if interruption.asked and code != 130:  # dropped, or taken for another error
+        click.echo("interrupted", err=True)
+        code = 130
+    exec("")  # else `python -m` ends by the signal where a text was interrupted
     sys.exit(code)

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from simval.bench import Result, find_races, run_race
-from simval.errors import InputError
+from simval.cli.options import PATH, write
 from simval.sweep.provenance import versions
 
 
@@ -20,33 +20,29 @@ from simval.sweep.provenance import versions
     type=click.IntRange(min=1),
     default=7,
     show_default=True,
-    help="Turns that each contender takes.",
+    help="Rounds to run.",
 )
-@click.option("--json", "path", type=click.Path(path_type=Path), help="Also as JSON.")
+@click.option("--json", "path", type=PATH, help="Write JSON too.")
 def command(races: tuple[str, ...], rounds: int, path: Path | None) -> int:
     """Race simval against the alternatives: all RACES, or those named.
 
-    The ratio is the median over the rounds of a contender's rate by the first one's in
-    the same round; processor time unless it says wall.
+    The ratio is the median over the rounds of a contender's rate divided by that of
+    the first one in the same round; processor time unless the title says wall.
     """
     console = Console(highlight=False)
     results: list[Result] = []
     for race in find_races(races):
-        found = run_race(race, rounds)
-        results += found
+        race_results = run_race(race, rounds)
+        results += race_results
         table = Table(title=f"{race.title} ({race.name}, {race.clock} time)")
         table.add_column("contender")
         for heading in (race.item, f"{race.item}/s", "ratio", "least", "greatest"):
             table.add_column(heading, justify="right")
-        for r in found:
+        for r in race_results:
             numbers = (r.count, r.rate, r.ratio, r.low, r.high)
             table.add_row(r.contender, *(f"{number:.3g}" for number in numbers))
         console.print(table)
     if path is not None:
         content = {"versions": versions(), "results": [asdict(r) for r in results]}
-        try:
-            path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
-        except OSError as error:
-            msg = f"cannot write {path}: {error.strerror}; choose another file"
-            raise InputError(msg) from None
+        write(path, json.dumps(content, indent=2) + "\n")
     return 0

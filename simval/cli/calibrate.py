@@ -14,7 +14,7 @@ from simval.arrays import Array
 from simval.calibrate import FitResult
 from simval.calibrate.arguments import choices
 from simval.calibrate.files import to_json, write_json
-from simval.cli.options import COLUMNS
+from simval.cli.options import COLUMNS, PATH
 from simval.logs import Log, read_log
 from simval.multiposition import LogCalibration, calibrate_log
 from simval.sensor import forms
@@ -30,7 +30,7 @@ def _choice(name: str, default: str, words: str) -> Callable[[FC], FC]:
 
 
 @click.command(name="calibrate")
-@click.argument("path", metavar="LOG", type=click.Path(path_type=Path))
+@click.argument("path", metavar="LOG", type=PATH)
 @click.option("--g", type=float, default=9.80665, show_default=True, help="m/s^2.")
 @_choice("model", "triangular", "Form of the nine parameters.")
 @click.option("--rate", type=float, metavar="HZ", help="Rows per second.")
@@ -40,7 +40,7 @@ def _choice(name: str, default: str, words: str) -> Callable[[FC], FC]:
 @_choice("residual", "squared", "What is minimised.")
 @_choice("loss", "linear", "Robust loss, against outlier poses.")
 @click.option("--full-scale", type=float, help="Greatest reading, units of the log.")
-@click.option("--out", type=click.Path(path_type=Path), help="Write the JSON file.")
+@click.option("--out", type=PATH, help="Write the JSON file.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def command(
     path: Path,
@@ -98,7 +98,7 @@ def as_object(result: LogCalibration) -> dict[str, Any]:
 
 
 def described(result: LogCalibration) -> list[str]:
-    """Say the result in lines of text."""
+    """Describe the result in lines of text."""
     fit, diagnosis = result.fit, result.diagnosis
     how = "found" if result.rest.found else "given"
     lines = [

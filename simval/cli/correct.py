@@ -8,25 +8,22 @@ import numpy as np
 
 from simval.calibrate.applied import require_same_sensor
 from simval.calibrate.files import load_calibration
-from simval.cli.options import COLUMNS
+from simval.cli.options import COLUMNS, PATH
 from simval.errors import InputError
 from simval.logs import read_log
 
 
 @click.command(name="correct")
-@click.argument("path", metavar="LOG", type=click.Path(path_type=Path))
+@click.argument("path", metavar="LOG", type=PATH)
 @click.option(
-    "--calibration",
-    type=click.Path(path_type=Path),
-    required=True,
-    help="JSON file of `simval calibrate`.",
+    "--calibration", type=PATH, required=True, help="JSON file of `simval calibrate`."
 )
 @click.option("--rate", type=float, metavar="HZ", help="Rows per second.")
 @click.option("--columns", help=COLUMNS)
 @click.option(
-    "--unchecked", is_flag=True, help="Write the force even if it cannot be one."
+    "--unchecked", is_flag=True, help="Write the force even if it is implausible."
 )
-@click.option("--out", type=click.Path(path_type=Path), help="File instead of stdout.")
+@click.option("--out", type=PATH, help="File instead of stdout.")
 def command(
     path: Path,
     calibration: Path,
@@ -39,9 +36,9 @@ def command(
 
     A log of another unit or sensor is refused, since its rests would not be g.
 
-    Writes comma-separated rows t,ax,ay,az with the specific force in m/s^2, every
-    digit kept; a gyro in the log follows as it is, and the time is in seconds. The
-    error output says which columns of LOG were taken.
+    Writes comma-separated rows t,ax,ay,az: time in seconds and specific force in
+    m/s^2, with all digits. The gyro of the log, if there is one, follows unchanged.
+    Standard error says which columns of LOG were taken.
     """
     fit = load_calibration(calibration).require_converged()
     log = read_log(path, rate, columns)

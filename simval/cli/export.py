@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from simval.cli.options import PATH
 from simval.sweep.export import export_parquet
 from simval.sweep.run import run_folder
 
@@ -12,8 +13,8 @@ from simval.sweep.run import run_folder
 @click.argument("run")
 @click.option(
     "--out",
-    type=click.Path(path_type=Path),
-    help="File to write; by default results.parquet in the run folder.",
+    type=PATH,
+    help="File to write.  [default: results.parquet in the run folder]",
 )
 def command(run: str, out: Path | None) -> int:
     """Write the table of RUN (a folder, or `latest`) as Parquet.
@@ -22,7 +23,6 @@ def command(run: str, out: Path | None) -> int:
     """
     folder = run_folder(run)
     path = out or folder / "results.parquet"
-    rows = export_parquet(folder, path)
-    click.echo(f"{rows} rows")
+    click.echo(f"{export_parquet(folder, path)} rows")
     click.echo(str(path))
     return 0

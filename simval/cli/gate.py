@@ -3,6 +3,7 @@
 import json
 import os
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from simval.cli.options import alpha_option, refuse_if, stated
+from simval.cli.options import PATH, alpha_option, refuse_if, stated, write
 from simval.errors import InputError
 from simval.gate import (
     BASELINE,
@@ -35,7 +36,7 @@ from simval.sweep.run import Run
 from simval.text import one_line
 
 SHOWN = 40
-"""Failures printed one by one; the rest is counted."""
+"""Failures printed one by one; the others are counted."""
 
 FILE = click.Path(path_type=Path, dir_okay=False)
 
@@ -50,13 +51,15 @@ def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> N
 @click.argument("run")
 @click.option(
     "--baseline",
-    type=click.Path(path_type=Path),
+    type=PATH,
     default=BASELINE,
     show_default=True,
     help="Stored statistics to compare with.",
 )
-@click.option("--update-baseline", metavar="REASON", help="Store this run, and why.")
-@click.option("--no-baseline", is_flag=True, help="Judge against theory alone.")
+@click.option(
+    "--update-baseline", metavar="REASON", help="Store this run, with the reason."
+)
+@click.option("--no-baseline", is_flag=True, help="Judge against theory only.")
 @alpha_option
 @click.option("--junit", type=FILE, help="Write JUnit XML.")
 @click.option("--summary", type=FILE, help="Write a Markdown summary.")
@@ -85,7 +88,7 @@ def command(
 
     Exit code 0 pass, 1 fail, 3 inconclusive, refused or nothing measured, 4 a cell
     crashed.
-    In a GitHub workflow failures are annotated and the step summary is written.
+    In a GitHub workflow it annotates failures and writes the step summary.
     """
     refuse_if(
         no_baseline and (update_baseline is not None or stated("baseline")),
@@ -115,9 +118,9 @@ def _beside_baseline(run: Run, baseline: Path, alpha: float) -> GateResult:
     if baseline.exists():
         return judge_run(run, read_baseline(baseline), alpha)
     result = judge_run(run, None, alpha)
-    # what theory rejects is never taken as the standard by itself
+    # a run that disagrees with theory never becomes the baseline by itself
     if result.exit_code:
-        words = f"there is no baseline {baseline}, and such a run is not made one"
+        words = f"there is no baseline {baseline}, and a run that fails is not made one"
     else:
         write_baseline(baseline, run, "first baseline")
         words = (
@@ -149,14 +152,14 @@ def _stored_cells(path: Path) -> set[str]:
 
 def _notes(result: GateResult, run: Run, no_baseline: bool) -> Iterator[str]:
     if run.manifest.get("source") != source_hash():
-        yield "this run was made by other source code of simval than is installed now"
+        yield "this run was made with another source code of simval than is installed"
     if no_baseline:
-        yield "judged against theory alone, as asked"
+        yield "judged against theory alone, as requested"
     changes = [c.change for c in result.comparisons]
     same, close, new = (changes.count(word) for word in ("same", "close", "new"))
     if result.environment:
         yield (
-            "another environment than the baseline's, so compared within the bound "
+            "another environment than the baseline's, so compared within bounds "
             f"({same} equal to the bit, {close} close): "
             + "; ".join(result.environment)
         )
@@ -170,15 +173,7 @@ def _notes(result: GateResult, run: Run, no_baseline: bool) -> Iterator[str]:
 
 
 def show(result: GateResult, table: bool = False) -> None:
-    """Print one line when all is well, else every failure in words.
-
-    Parameters
-    ----------
-    result : GateResult
-        What the gate found.
-    table : bool, default False
-        Print the counts of all checks as well.
-    """
+    """Print one line if all is well, else every failure."""
     console = Console(highlight=False, soft_wrap=True, emoji=False)
     if table:
         console.print(_counts(result))
@@ -213,12 +208,9 @@ def _tell_github(result: GateResult) -> None:
 
 
 def _write(path: Path, text: str) -> None:
-    try:
+    with suppress(OSError):  # `write` says why it is not possible
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        msg = f"cannot write {path}: {error}; choose a file that can be written"
-        raise InputError(msg) from None
+    write(path, text)
 
 
 def _counts(result: GateResult) -> Table:

@@ -11,7 +11,7 @@ from simval.sweep.suite import builtin_suites
 
 @click.command(name="list")
 def command() -> int:
-    """Show suites, studies with their parameters, scenes, and installed plug-ins."""
+    """List suites, studies with their parameters, scenes, and installed plug-ins."""
     click.echo("suites")
     for name in builtin_suites():
         suite = load_suite(name)

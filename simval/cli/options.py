@@ -1,5 +1,6 @@
 """Options that several commands share."""
 
+from pathlib import Path
 from typing import Any
 
 import click
@@ -7,6 +8,8 @@ from click.core import ParameterSource
 
 from simval.errors import InputError
 from simval.verdict import ALPHA
+
+PATH = click.Path(path_type=Path)
 
 COLUMNS = (
     "What each column is, in their order: t,ax,ay,az,wx,wy,wz, - to ignore one; t[ms], "
@@ -23,45 +26,30 @@ class Rate(click.FloatRange):
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
-        """Convert, and refuse what compares with nothing."""
+        """Convert, and refuse NaN."""
         rate = float(super().convert(value, param, ctx))
         if not rate >= 1e-12:
-            self.fail(f"{value!r} is no rate; give a number from 1e-12 to 0.5.")
+            self.fail(f"{value!r} is not a rate; give a number from 1e-12 to 0.5.")
         return rate
 
 
 def stated(name: str) -> bool:
-    """Tell whether an option of the running command was given, even as its default.
-
-    Parameters
-    ----------
-    name : str
-        Of the parameter.
-
-    Returns
-    -------
-    bool
-        False where the default took its place.
-    """
+    """Whether an option of the running command was given, even as its default."""
     source = click.get_current_context().get_parameter_source(name)
     return source not in (None, ParameterSource.DEFAULT, ParameterSource.DEFAULT_MAP)
 
 
+def write(path: Path, text: str) -> None:
+    """Write a file that the user named."""
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        msg = f"cannot write {path}: {error.strerror}; choose another file"
+        raise InputError(msg) from None
+
+
 def refuse_if(wrong: bool, message: str) -> None:
-    """Refuse a command whose options cannot all mean something.
-
-    Parameters
-    ----------
-    wrong : bool
-        Whether it is so.
-    message : str
-        Which of them, and what to do.
-
-    Raises
-    ------
-    InputError
-        With the message.
-    """
+    """Refuse options that contradict each other."""
     if wrong:
         raise InputError(message)
 

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate.files import load_calibration
-from simval.cli.options import refuse_if, stated
+from simval.cli.options import PATH, refuse_if, stated
 from simval.errors import InputError
 from simval.poses import cube_corners, cube_edges, cube_faces, fibonacci_sphere
 from simval.sensor import MODELS
@@ -29,17 +29,15 @@ SETS = {"faces": cube_faces, "edges": cube_edges, "corners": cube_corners}
 )
 @click.option(
     "--directions",
-    type=click.Path(path_type=Path),
-    help="Text file of rows x y z instead, sensor axes, any length.",
+    type=PATH,
+    help="Text file of rows x y z instead; sensor axes, any length.",
 )
 @click.option("--noise-std", type=float, help="Noise of a pose mean, units of raw.")
 @click.option("--noise-density", type=float, help="Data sheet, one-sided, per root Hz.")
 @click.option("--velocity-random-walk", type=float, help="Allan deviation at 1 s.")
 @click.option("--hold", type=float, metavar="SECONDS", help="Time averaged in a pose.")
 @click.option(
-    "--sensor",
-    type=click.Path(path_type=Path),
-    help="JSON file of an earlier calibration, for its scales.",
+    "--sensor", type=PATH, help="JSON file of an earlier calibration, for its scales."
 )
 @click.option("--g", type=float, default=9.80665, show_default=True, help="m/s^2.")
 @click.option("--model", type=click.Choice(MODELS), default="triangular")
@@ -55,13 +53,13 @@ def command(
 ) -> None:
     """Predict the error bars of a calibration before any data is taken.
 
-    Prints the standard deviation of each parameter for a pose set, its rank and
-    condition, and the next direction that helps most. The noise of a pose mean is
-    given, or follows from a noise density and a hold time.
+    Prints the standard deviation of each parameter for a pose set, the rank and
+    condition of the set, and the next direction that helps most. Give the noise of a
+    pose mean, or a noise density and a hold time.
     """
     refuse_if(
         directions is not None and stated("poses"),
-        "`--directions` takes the place of `--poses`; give one",
+        "`--directions` replaces `--poses`; give one",
     )
     chosen = named_poses(poses) if directions is None else read_directions(directions)
     known = None if sensor is None else load_calibration(sensor).sensor()
@@ -79,13 +77,7 @@ def noise_of(
     velocity_random_walk: float | None = None,
     hold: float | None = None,
 ) -> float:
-    """Return the noise of a pose mean from the options given.
-
-    Raises
-    ------
-    InputError
-        If the options do not fix it, or fix it twice.
-    """
+    """Noise of a pose mean, from the options."""
     others = (noise_density, velocity_random_walk, hold)
     if noise_std is not None:
         if any(x is not None for x in others):
@@ -104,13 +96,7 @@ def noise_of(
 
 
 def named_poses(text: str) -> Float[Array, "n 3"]:
-    """Return the directions of a named pose set.
-
-    Raises
-    ------
-    InputError
-        If there is no such set.
-    """
+    """Directions of a named pose set."""
     parts = []
     for name in text.split("+"):
         kind, _, count = name.strip().partition(":")
@@ -128,13 +114,7 @@ def named_poses(text: str) -> Float[Array, "n 3"]:
 
 
 def read_directions(path: Path) -> Float[Array, "n 3"]:
-    """Read rows of x y z from a text file.
-
-    Raises
-    ------
-    InputError
-        If the file is missing or has other rows.
-    """
+    """Read rows of x y z from a text file."""
     try:
         lines = path.read_text(encoding="utf-8").replace(",", " ").splitlines()
         rows = [[float(x) for x in line.split()] for line in lines if line.strip()]
@@ -151,7 +131,7 @@ def read_directions(path: Path) -> Float[Array, "n 3"]:
 
 
 def as_object(result: Plan) -> dict[str, Any]:
-    """Return a plan as plain JSON values; infinite becomes null."""
+    """Plan as plain JSON values; infinite becomes null."""
 
     def plain(value: Any) -> Any:
         array = np.asarray(value)
@@ -168,7 +148,7 @@ def as_object(result: Plan) -> dict[str, Any]:
 
 
 def described(result: Plan, form: str) -> list[str]:
-    """Say a plan in lines of text."""
+    """Describe a plan in lines of text."""
     helps = ", ".join(f"{x:.3f}" for x in result.next_direction)
     lines = [
         f"poses           {result.poses}, rank {result.rank} of 9, condition "

@@ -1,11 +1,12 @@
-"""Progress on standard error: a bar on a terminal, a line now and then in a log."""
+"""Progress on standard error: a bar on a terminal, or lines in a log."""
 
 import sys
 from typing import Any
 
 from tqdm import tqdm
 
-from simval.sweep.runner import Ending, worse
+from simval.cli.interruption import heed
+from simval.sweep.runner import Ending, Silence, worse
 
 LOG_INTERVAL = 5.0
 """Seconds between the lines of a log; a terminal is drawn ten times a second."""
@@ -23,12 +24,20 @@ def bar(total: int, what: str, *, done: int = 0, unit: str = " runs") -> "tqdm[A
     )
 
 
+class Quiet(Silence):
+    """A progress that says nothing, and stops a sweep whose Ctrl-C was dropped."""
+
+    def advance(self, name: str, ending: Ending) -> None:
+        """Say nothing."""
+        heed()
+
+
 class CellBar:
     """Progress of a sweep, with the worst ending so far; used as a context."""
 
     def __init__(self) -> None:
         self._bar: tqdm[Any] | None = None
-        self._worst: Ending = "recorded"
+        self._worst: Ending = "stored"
 
     def __enter__(self) -> "CellBar":
         return self
@@ -48,3 +57,4 @@ class CellBar:
         self._worst = worse(self._worst, ending)
         self._bar.set_postfix_str(f"worst: {self._worst}", refresh=False)
         self._bar.update()
+        heed()

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from simval.cli.options import alpha_option, refuse_if
+from simval.cli.options import PATH, alpha_option, refuse_if
 from simval.errors import InputError
 from simval.report import csv_text, drawings, png, render, svg_file, tables
 from simval.report.panels import Drawing
@@ -14,28 +14,26 @@ from simval.sweep import Run, load_run
 @click.command(name="report")
 @click.argument("run")
 @click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    help="File to write; by default report.html in the run folder.",
+    "--out", type=PATH, help="File to write.  [default: report.html in the run folder]"
 )
 @click.option(
     "--figures",
     "pictures",
-    type=click.Path(path_type=Path),
-    help="Folder to write each figure to, as SVG and as PNG.",
+    type=PATH,
+    help="Write each figure to this folder, as SVG and PNG.",
 )
 @click.option(
     "--only",
     "names",
     multiple=True,
     metavar="NAME",
-    help="With --figures: this figure only; may be given again.",
+    help="With --figures: only this figure; may be repeated.",
 )
 @click.option(
     "--tables",
     "lists",
-    type=click.Path(path_type=Path),
-    help="Folder to write each table to, whole, as CSV.",
+    type=PATH,
+    help="Write each table, whole, to this folder as CSV.",
 )
 @alpha_option
 def command(
@@ -52,7 +50,7 @@ def command(
     """
     refuse_if(
         bool(names) and pictures is None,
-        "`--only` chooses among the files of `--figures`; give that folder too",
+        "`--only` selects figures of `--figures`; give that folder too",
     )
     loaded = load_run(run)
     chosen = _chosen(loaded, names) if pictures is not None else {}
@@ -71,12 +69,12 @@ def command(
 
 
 def _chosen(run: Run, names: tuple[str, ...]) -> dict[str, Drawing]:
-    found = {drawing.name: drawing for drawing in drawings(run)}
-    unknown = [name for name in names if name not in found]
+    known = {drawing.name: drawing for drawing in drawings(run)}
+    unknown = [name for name in names if name not in known]
     if unknown:
-        msg = f"there is no figure `{unknown[0]}`; there are {', '.join(found)}"
+        msg = f"there is no figure `{unknown[0]}`; there are {', '.join(known)}"
         raise InputError(msg)
-    return {name: found[name] for name in names or found}
+    return {name: known[name] for name in names or known}
 
 
 def _write_figures(chosen: dict[str, Drawing], folder: Path) -> None:

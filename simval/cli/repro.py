@@ -19,53 +19,53 @@ from simval.sweep.run import Run, load_run
 @click.option(
     "--suite",
     metavar="SUITE",
-    help="Suite that has the cell where the run has not; by default the built-in ones.",
+    help="Suite to search if the run lacks the cell.  [default: the built-in ones]",
 )
 @click.option(
     "--plugin",
     "plugins",
     multiple=True,
     metavar="PLUGIN",
-    help="Where the cell's plug-in lies now, if not where it was; may be repeated.",
+    help="The cell's plug-in, if it has moved; may be repeated.",
 )
 def command(cell: str, folder: str, suite: str | None, plugins: tuple[str, ...]) -> int:
-    """Compute one CELL again, by the name that a table or a report gives it.
+    """Compute one CELL again, by its name in a table or a report.
 
-    Says whether it is equal to the bit to what the run holds. Exit code 0 if so, 1 if
-    not, 3 where the run does not hold it or a plug-in is refused, 4 where it crashes.
+    Compares it with the run. Exit code 0 if it is equal to the bit, 1 if not, 3 if the
+    run does not have it or its plug-in is refused, 4 if it crashes.
     """
     try:
         run = load_run(folder)
     except InputError:
         if folder != "latest":
             raise
-        run = None  # no run at all: only the numbers are shown
+        run = None  # there is no run: only the numbers are shown
     wanted = find_cell(cell.strip(), run, plugins, suite)
-    found = repeat(wanted, run)
-    if found.error:
-        click.echo(found.error.rstrip(), err=True)
-        refused = found.error.startswith(REFUSED)
+    again = repeat(wanted, run)
+    if again.error:
+        click.echo(again.error.rstrip(), err=True)
+        refused = again.error.startswith(REFUSED)
         how = "refused its plug-in" if refused else "crashed"
         click.echo(f"the cell {how}: {wanted.name}", err=True)
         return 3 if refused else 4
-    for row in found.outcome.rows:
+    for row in again.outcome.rows:
         error = f" +- {row.standard_error!r}" if row.standard_error else ""
         against = f"  {row.predictor}: {row.prediction!r}" if row.predictor else ""
         click.echo(f"{row.statistic} = {row.value!r}{error} {row.unit}{against}")
-    if run is None or found.stored is None:
+    if run is None or again.stored is None:
         where = "there is no run" if run is None else f"{run.folder} has no such cell"
         click.echo(f"{where}, so there is nothing to compare with")
         return 3
-    if found.equal:
-        click.echo(f"equal to the bit to {run.folder}: {len(found.stored.rows)} rows")
+    if again.equal:
+        click.echo(f"equal to the bit to {run.folder}: {len(again.stored.rows)} rows")
         return 0
     grid = {wanted.study: wanted.parameters.model_dump()}
-    _show_difference(found, run, file_hashes(grid))
+    _show_difference(again, run, file_hashes(grid))
     return 1
 
 
-def _show_difference(found: Repetition, run: Run, files: Mapping[str, str]) -> None:
-    for old, new in found.different:
+def _show_difference(again: Repetition, run: Run, files: Mapping[str, str]) -> None:
+    for old, new in again.different:
         now = "not measured" if new is None else repr(new.value)
         click.echo(
             f"different: {old.statistic} {old.predictor}: {old.value!r} -> {now}"
@@ -75,5 +75,5 @@ def _show_difference(found: Repetition, run: Run, files: Mapping[str, str]) -> N
     held = run.manifest.get("files", {})
     others = [name for name in files if held.get(name) not in (None, files[name])]
     if others:
-        reason += f"; its plug-in is another one now: {', '.join(others)}"
+        reason += f"; its plug-in has changed: {', '.join(others)}"
     click.echo(f"not equal to {run.folder}{reason}")

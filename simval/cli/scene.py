@@ -8,7 +8,7 @@ from typing import Any
 import click
 import numpy as np
 
-from simval.cli.options import refuse_if, stated
+from simval.cli.options import PATH, refuse_if, stated
 from simval.errors import InputError
 from simval.scene import Trajectory, find_scene, render_file, scenes, simulate
 from simval.scene.signal import write_signal
@@ -22,15 +22,13 @@ COMMON = ("site_offset", "timestep", "integrator")
 @click.command(name="scene")
 @click.argument("name", default="gimbal")
 @click.option(
-    "--sensor",
-    type=click.Path(path_type=Path),
-    help="TOML or JSON file of T, K, B, noise and other effects.",
+    "--sensor", type=PATH, help="TOML or JSON file of T, K, B, noise and other effects."
 )
-@click.option("--out", type=click.Path(path_type=Path), help="Write the log, CSV.")
+@click.option("--out", type=PATH, help="Write the log, CSV.")
 @click.option(
     "--render",
     "picture",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="Write a picture (.png) or an animation (.gif, .mp4).",
 )
 @click.option(
@@ -58,17 +56,17 @@ def command(
     """Simulate the scene NAME and write its readings, or a picture of it.
 
     NAME is gimbal (default), die, shaker, pivot, handheld, cube, freefall, or the path
-    of a Python file that holds a Scene. --out writes a log with the raw readings of the
-    sensor of --sensor (an ideal one without it) and the truth beside them: a test
-    signal for any calibrator.
+    of a Python file with a Scene. --out writes a log with the raw readings of the
+    sensor in --sensor (else of an ideal one) and the truth beside them: a test signal
+    for any calibrator.
     """
     refuse_if(
         stated("seed") and sensor is None,
-        "`--seed` is for the noise of a `--sensor`; give that too",
+        "`--seed` is for the noise of `--sensor`; give that too",
     )
     refuse_if(
         stated("seconds") and picture is None,
-        "`--seconds` is for the animation that `--render` writes; give that file too",
+        "`--seconds` is the length of what `--render` writes; give that file too",
     )
     parameters = parsed(name, settings)
     described_sensor = None if sensor is None else load_sensor(sensor)
@@ -100,13 +98,7 @@ def command(
 
 
 def parsed(name: str, settings: tuple[str, ...]) -> dict[str, Any]:
-    """Return the parameters that words KEY=VALUE set.
-
-    Raises
-    ------
-    InputError
-        If a word has no ``=`` or names nothing that the scene has.
-    """
+    """Parameters that words KEY=VALUE set."""
     known = [*find_scene(name).parameters(), *COMMON]
     values: dict[str, Any] = {}
     for word in settings:
@@ -125,7 +117,7 @@ def parsed(name: str, settings: tuple[str, ...]) -> dict[str, Any]:
 
 
 def described(trajectory: Trajectory) -> list[str]:
-    """Say what a trajectory holds, in lines of text."""
+    """Describe a trajectory in lines of text."""
     source = trajectory.provenance
     rests = len(trajectory.hold_indices())
     lines = [
@@ -145,7 +137,7 @@ def described(trajectory: Trajectory) -> list[str]:
 
 def _summary(name: str) -> str:
     listed = scenes()
-    return listed[name].summary if name in listed else "a scene of yours"
+    return listed[name].summary if name in listed else "a user-supplied scene"
 
 
 def _plain(value: Any) -> Any:

@@ -7,24 +7,24 @@ from pathlib import Path
 
 import click
 
-from simval.cli.options import refuse_if, stated
-from simval.cli.progress import CellBar
+from simval.cli.options import PATH, refuse_if, stated
+from simval.cli.progress import CellBar, Quiet
 from simval.plugins.loading import overrides_of
 from simval.sweep import Suite, load_suite, store
 from simval.sweep.cells import REFUSED
 from simval.sweep.run import RUNS
-from simval.sweep.runner import Silence, drive
+from simval.sweep.runner import drive
 
 BYTES_PER_ROW = 340
-"""Of the store and the table together, measured on the accuracy suite."""
+"""In the store and the table together, measured with the accuracy suite."""
 
 SHOWN = 20
-"""Failed cells named one by one; the rest is counted."""
+"""Failed cells named one by one; the others are counted."""
 
 
 @click.command(name="sweep")
 @click.argument("suite", default="accuracy")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder of the run.")
+@click.option("--out", type=PATH, help="Folder of the run.")
 @click.option(
     "--workers",
     type=click.IntRange(min=1),
@@ -32,13 +32,13 @@ SHOWN = 20
     show_default="the processors there are",
     help="Processes that compute cells.",
 )
-@click.option("--seed", type=click.IntRange(min=0), help="Replaces the suite's seed.")
+@click.option("--seed", type=click.IntRange(min=0), help="Replace the suite's seed.")
 @click.option(
     "--set",
     "overrides",
     multiple=True,
     metavar="STUDY.KEY=V1[,V2...]",
-    help="Replaces a value of the suite; may be repeated.",
+    help="Replace a value of the suite; may be repeated.",
 )
 @click.option(
     "--scheduler",
@@ -50,12 +50,12 @@ SHOWN = 20
     "plugins",
     multiple=True,
     metavar="PLUGIN",
-    help="Adds plug-ins: FILE.py, FILE.py:NAME, the name of an installed one, or "
+    help="Add a plug-in: FILE.py, FILE.py:NAME, the name of an installed one, or "
     "'command: PROGRAM {poses}'; may be repeated.",
 )
-@click.option("--resume", is_flag=True, help="Go on with an interrupted run.")
+@click.option("--resume", is_flag=True, help="Resume an interrupted run.")
 @click.option("--dry-run", is_flag=True, help="List the cells and stop.")
-@click.option("--quiet", is_flag=True, help="Print the folder only.")
+@click.option("--quiet", is_flag=True, help="Print only the folder.")
 def command(
     suite: str,
     out: Path | None,
@@ -70,23 +70,23 @@ def command(
 ) -> int:
     """Run SUITE: smoke, accuracy, full, or the path of a TOML file.
 
-    The last line printed is the folder of the run. Exit code 0 when every cell was
-    computed, 4 when one crashed, 3 when a plug-in was refused; the numbers are judged
-    by `simval gate`.
+    The last line printed is the folder of the run. Exit code 0 if every cell was
+    computed, 4 if one crashed, 3 if a plug-in was refused; `simval gate` judges the
+    numbers.
     """
     refuse_if(
         resume and out is None,
-        "`--resume` goes on with a run; name its folder with `--out`",
+        "`--resume` continues a run; give its folder with `--out`",
     )
     refuse_if(
         scheduler is not None and stated("workers"),
-        "`--workers` is of this machine and `--scheduler` has its own; give one",
+        "`--workers` is for this machine, `--scheduler` has its own; give one",
     )
     loaded = load_suite(suite, (*overrides_of(plugins), *overrides), seed)
     if dry_run:
         return _plan(loaded, workers)
     folder = out or _fresh(loaded)
-    with nullcontext(Silence()) if quiet else CellBar() as progress:
+    with nullcontext(Quiet()) if quiet else CellBar() as progress:
         drive(
             loaded,
             folder,

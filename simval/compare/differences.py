@@ -7,9 +7,9 @@ the difference :math:`d = v_B - v_A` has at most the standard error
 
 which holds for independent noise and is generous for cells of the same name and seed,
 which draw the same noise. :math:`p = 2\Phi(-|d|/s)`; all p-values together share the
-false-alarm rate by Holm's rule. A statistic without chance changed where it moved by
-more than `EXACT_BOUND` of its size; one that has a limit (`limit`) is rounding below
-it, and changed where it went from one side of its limit to the other.
+false-alarm rate by Holm's rule. A deterministic statistic changed if it moved by more
+than `EXACT_BOUND` of its size. One with a limit (`limit`) is rounding noise below it,
+and changed if it crossed the limit.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,13 +21,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from simval.change import EXACT_BOUND, PAIRED_BOUND, holm, on_same_noise
-from simval.compare.matching import (
-    Pair,
-    match,
-    pairs_of,
-    prediction_changed,
-    rows_of,
-)
+from simval.compare.matching import Pair, match, pairs_of, prediction_changed, rows_of
 from simval.results import Row
 from simval.statistics import Statistic
 from simval.sweep.provenance import differences
@@ -53,9 +47,9 @@ class Difference:
     standard_error : float
         Of the difference, eq. (D1).
     p_value : float or None
-        None where no chance is involved.
+        None where the statistic is deterministic.
     predictors : tuple of str
-        Theories that the same value is set beside; `a` and `b` are the first one's.
+        Theories that the same value is compared with; `a` and `b` are the first one's.
     """
 
     cells: tuple[str, str]
@@ -68,7 +62,7 @@ class Difference:
 
     @property
     def name(self) -> str:
-        """Statistic, and what it is set beside."""
+        """Statistic, and the theories it is compared with."""
         theories = "; ".join(p for p in self.predictors if p)
         return f"{self.a.statistic}{' against ' if theories else ''}{theories}"
 
@@ -79,7 +73,7 @@ class Difference:
 
     @property
     def sigmas(self) -> float | None:
-        """Difference in standard errors; None where no chance is involved."""
+        """Difference in standard errors; None for a deterministic statistic."""
         if not self.standard_error > 0.0:
             return None
         return self.difference / self.standard_error
@@ -91,7 +85,7 @@ class Difference:
 
     @property
     def prediction_changed(self) -> bool:
-        """Whether theory itself says something else."""
+        """Whether the prediction itself changed."""
         return prediction_changed(self.a, self.b)
 
 
@@ -104,7 +98,7 @@ class RunComparison:
     differences : tuple of Difference
         Changed ones first, each by how far it moved.
     only_a, only_b : tuple of str
-        Names of finished cells, or cell and statistic, that one run alone has.
+        Names of finished cells, or cell and statistic, that only one run has.
     environment : tuple of str
         Where versions, commit, models or machine differ.
     alpha : float
@@ -151,13 +145,12 @@ def compare_runs(a: Run, b: Run, alpha: float = ALPHA) -> RunComparison:
     matched, only_a, only_b = match(a, b)
     pairs: list[Pair] = []
     for old, new in matched:
-        known, found = rows_of(old), rows_of(new)
+        before, after = rows_of(old), rows_of(new)
         pairs += pairs_of(old, new)
-        only_a += [f"{old.name} {_named(key)}" for key in known if key not in found]
-        only_b += [f"{new.name} {_named(key)}" for key in found if key not in known]
-    found_differences = sorted(_judged(pairs, alpha), key=_rank)
+        only_a += [f"{old.name} {_named(key)}" for key in before if key not in after]
+        only_b += [f"{new.name} {_named(key)}" for key in after if key not in before]
     return RunComparison(
-        differences=tuple(found_differences),
+        differences=tuple(sorted(_judged(pairs, alpha), key=_rank)),
         only_a=tuple(only_a),
         only_b=tuple(only_b),
         environment=tuple(differences(_dependencies(a), _dependencies(b))),
@@ -182,9 +175,9 @@ def _judged(pairs: Sequence[Pair], alpha: float) -> Iterator[Difference]:
             for (_, _, a, b, _), s in zip(pairs, errors, strict=True)
         ]
     )
-    by_chance = np.isfinite(values)
+    sampled = np.isfinite(values)
     limits = np.full(len(pairs), np.nan)
-    limits[by_chance] = holm(values[by_chance], alpha)
+    limits[sampled] = holm(values[sampled], alpha)
     for (old, new, a, b, theories), s, p, limit in zip(
         pairs, errors, values, limits, strict=True
     ):
@@ -202,7 +195,7 @@ def _judged(pairs: Sequence[Pair], alpha: float) -> Iterator[Difference]:
 
 def _p_value(difference: float, error: float) -> float:
     if not (isfinite(difference) and isfinite(error)):
-        return 0.0  # a number that became none has changed
+        return 0.0  # a value that became NaN or infinite has changed
     return float(2.0 * ndtr(-abs(difference) / error))
 
 
@@ -210,13 +203,13 @@ def _kind(a: Row, b: Row, error: float, *, beyond: bool, paired: bool) -> Kind:
     if a.check == b.check == "limit" and a.prediction is not None:
         crossed = (a.value <= a.prediction) != (b.value <= (b.prediction or 0.0))
         return "changed" if crossed else "same"
-    by_chance = error > 0.0
-    if by_chance and beyond:
+    sampled = error > 0.0
+    if sampled and beyond:
         return "changed"
-    bound = PAIRED_BOUND * error if by_chance else EXACT_BOUND * abs(a.value)
+    bound = PAIRED_BOUND * error if sampled else EXACT_BOUND * abs(a.value)
     if on_same_noise(a.value, b.value, bound) != "changed":
         return "same"
-    if not by_chance:
+    if not sampled:
         return "changed"
     return "moved" if paired else "same"
 

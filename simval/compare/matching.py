@@ -1,7 +1,7 @@
 """The statistics that two runs have in common.
 
 A cell is matched by its study and parameters, without the seed and the number of
-samples, and among equals by the seed or, where no seed is common, by the order.
+samples. Several equal ones are matched by seed or, without a common seed, in order.
 """
 
 from simval.change import EXACT_BOUND, is_near, matched, question
@@ -10,7 +10,7 @@ from simval.statistics import Statistic
 from simval.sweep.run import CellResult, Run
 
 Pair = tuple[CellResult, CellResult, Row, Row, tuple[str, ...]]
-"""Both cells, a statistic in each, and the theories it is set beside."""
+"""Both cells, a statistic in each, and the theories it is compared with."""
 
 
 def match(
@@ -45,10 +45,10 @@ def _finished(run: Run) -> list[CellResult]:
 
 def pairs_of(old: CellResult, new: CellResult) -> list[Pair]:
     """Pair the statistics of two cells."""
-    known, found = rows_of(old), rows_of(new)
+    before, after = rows_of(old), rows_of(new)
     merged: dict[tuple[object, ...], tuple[Row, Row, list[str]]] = {}
-    for key, a in known.items():
-        b = found.get(key)
+    for key, a in before.items():
+        b = after.get(key)
         if b is None:
             continue
         # apart where theory moved or a limit judges, so that neither is lost
@@ -60,7 +60,7 @@ def pairs_of(old: CellResult, new: CellResult) -> list[Pair]:
 
 
 def prediction_changed(a: Row, b: Row) -> bool:
-    """Whether theory says something else of the same statistic."""
+    """Whether the prediction of a statistic changed."""
     if a.prediction is None or b.prediction is None:
         return a.prediction is not b.prediction
     return not is_near(a.prediction, b.prediction, EXACT_BOUND)

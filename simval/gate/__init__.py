@@ -1,8 +1,8 @@
-"""The gate: a run against theory and against the stored baseline, as an exit code.
+"""The gate: a run judged against theory and the stored baseline, as an exit code.
 
-`judge_run` asks three things: was everything measured that should have been, does it
-agree with theory (`simval.verdict`), and does it agree with the baseline (`compare`).
-`findings` says in one form what is wrong, for people and for machines (`formats`).
+`judge_run` asks three questions: was everything measured that should have been, does it
+agree with theory (`simval.verdict`), and does it agree with the baseline (`compare`)?
+`findings` lists the answers in one form, for people and for machines (`formats`).
 """
 
 from simval.gate.baseline import BASELINE, read_baseline, write_baseline

@@ -20,46 +20,32 @@ from simval.sweep.run import MAX_SAMPLES, Run
 
 BASELINE = Path("reports") / "baseline.json"
 SCHEMA = 3
+# what reading a file that is no baseline, or is damaged inside, may raise
+UNREADABLE = (
+    *(OSError, ValueError, KeyError, TypeError),
+    *(AttributeError, OverflowError, RecursionError),
+)
 
 
 class Judged(NamedTuple):
-    """What a value is judged by.
-
-    Attributes
-    ----------
-    prediction, remainder : float
-        Of theory.
-    check : Check or None, default None
-        By which rule; None where it was read from a file.
-    """
+    """What a value is judged by."""
 
     prediction: float
     remainder: float
-    check: Check | None = None
+    check: Check | None = None  # by which rule; None where it was read from a file
 
 
 class Entry(NamedTuple):
-    """One statistic of a cell.
+    """One statistic of a cell."""
 
-    Attributes
-    ----------
-    value : float or None
-        None where the row has its own limit, below which it is rounding noise.
-    error : float
-        Standard error; 0 where no chance is involved.
-    n : int
-        Number of samples.
-    judged : mapping
-        ``check predictor`` of each row of the statistic that is judged, with its
-        prediction and remainder.
-    statistic : Statistic or None, default None
-        What it is; None where it was read from a file, which keeps only its name.
-    """
-
+    # None where the row has its own limit, below which it is rounding noise
     value: float | None
-    error: float
+    error: float  # standard error; 0 where it is deterministic
     n: int
+    # ``check predictor`` of each row of the statistic that is judged, with its
+    # prediction and remainder
     judged: Mapping[str, Judged]
+    # what it is; None where it was read from a file, which keeps only its name
     statistic: Statistic | None = None
 
     @property
@@ -70,21 +56,12 @@ class Entry(NamedTuple):
 
 
 class StoredCell(NamedTuple):
-    """One cell of a baseline.
-
-    Attributes
-    ----------
-    study : str
-        Name of its study.
-    parameters : mapping
-        Its parameters, but for those that say how much was computed.
-    statistics : mapping
-        Its statistics by name.
-    """
+    """One cell of a baseline."""
 
     study: str
+    # its parameters, but for those that say how much was computed
     parameters: Mapping[str, Any]
-    statistics: Mapping[str, Entry]
+    statistics: Mapping[str, Entry]  # its statistics by name
 
 
 Stored = Mapping[str, StoredCell]
@@ -110,12 +87,11 @@ def read_baseline(path: Path) -> dict[str, Any]:
         If the file is missing, not a baseline, of another schema, or holds a number
         that is not finite.
     """
-    if path.exists() and not path.is_file():
-        msg = f"{path} is not a regular file; give a JSON file in version control"
-        raise InputError(msg)
     if not path.is_file():
         msg = (
-            f"there is no baseline {path}; write one with "
+            f"{path} is not a regular file; give a JSON file in version control"
+            if path.exists()
+            else f"there is no baseline {path}; write one with "
             "--update-baseline 'first baseline' and commit it"
         )
         raise InputError(msg)
@@ -126,17 +102,10 @@ def read_baseline(path: Path) -> dict[str, Any]:
         if type(schema) is not int or schema != SCHEMA:
             msg = (
                 f"{path} has schema {schema!r} and this program reads {SCHEMA}; write "
-                "it anew with --update-baseline 'schema' and review it"
+                "it again with --update-baseline 'schema' and review it"
             )
             raise InputError(msg)
-        cells = {
-            name: StoredCell(
-                str(cell["study"]),
-                dict(cell["parameters"]),
-                {key: _entry(entry) for key, entry in cell["statistics"].items()},
-            )
-            for name, cell in content["cells"].items()
-        }
+        cells = {name: _cell(cell) for name, cell in content["cells"].items()}
         environment = dict(content["environment"])
         reason = str(content["reason"])
         if not any(cell.statistics for cell in cells.values()):
@@ -144,15 +113,7 @@ def read_baseline(path: Path) -> dict[str, Any]:
             raise ValueError(msg)
     except InputError:
         raise
-    except (
-        OSError,
-        ValueError,
-        KeyError,
-        TypeError,
-        AttributeError,
-        OverflowError,
-        RecursionError,
-    ) as error:
+    except UNREADABLE as error:
         msg = (
             f"{path} is not a baseline of simval ({type(error).__name__}: {error}); "
             "restore it from version control, or write a new one with "
@@ -221,13 +182,7 @@ def small_run(run: Run) -> Stored:
 
 
 def environment(manifest: Mapping[str, Any]) -> dict[str, Any]:
-    """What a run's last bits depend on, out of its manifest.
-
-    Raises
-    ------
-    InputError
-        If the manifest lacks one of them.
-    """
+    """Read from a manifest what the last bits of a run depend on."""
     try:
         return {
             "suite": str(manifest["suite"]),
@@ -274,31 +229,36 @@ def _entry_of(rows: Sequence[Row]) -> Entry:
 
 
 def _without_repeats(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    for key in found:
+    content = dict(pairs)
+    for key in content:
         key.encode()  # a lone surrogate is no text
-    if len(found) < len(pairs):
+    if len(content) < len(pairs):
         names = [key for key, _ in pairs]
         repeated = next(key for key in names if names.count(key) > 1)
-        msg = f"{repeated!r} stands in it twice"
+        msg = f"it has {repeated!r} twice"
         raise ValueError(msg)
-    return found
+    return content
+
+
+def _cell(cell: Any) -> StoredCell:
+    statistics = {key: _entry(entry) for key, entry in cell["statistics"].items()}
+    return StoredCell(str(cell["study"]), dict(cell["parameters"]), statistics)
 
 
 def _entry(entry: Any) -> Entry:
     value, error, n, judged = entry
     claims = {key: Judged(p, r) for key, (p, r) in judged.items()}
-    found = Entry(value, error, n, claims)
-    numbers = _numbers(found)
+    read = Entry(value, error, n, claims)
+    numbers = _numbers(read)
     if not (
         all(type(x) in (int, float) and math.isfinite(x) for x in numbers)
         and error >= 0.0
         and type(n) is int
         and 0 <= n < MAX_SAMPLES
     ):
-        msg = f"{entry} is no value with a standard error, samples and predictions"
+        msg = f"{entry} is not a value with its standard error, samples and predictions"
         raise ValueError(msg)
-    return found
+    return read
 
 
 def _numbers(entry: Entry) -> Iterable[Any]:
@@ -313,7 +273,7 @@ def _lines(cell: str, rows: Sequence[Row]) -> str:
     if bad:
         msg = (
             f"{cell} {bad[0]} is not finite, so it cannot be a baseline; "
-            "mend the study or leave the statistic out"
+            "correct the study or leave the statistic out"
         )
         raise InputError(msg)
     return ",\n".join(

@@ -1,9 +1,9 @@
-"""A run beside the baseline, which is a small run: paired, else equivalence.
+"""Comparison of a run with the baseline: paired on equal noise, else by equivalence.
 
 Cells of the same name and seed draw the same noise, so a stored and a new value differ
-by rounding only, unless the algorithm changed (`paired`); no chance is involved, so no
-false alarm is spent. A cell that differs from the stored one in its seed or number of
-samples only has other noise (`equivalence`).
+by rounding only, unless the algorithm changed (`paired`); this comparison is
+deterministic and costs no false alarms. A cell that differs from the stored one only in
+its seed or number of samples has other noise (`equivalence`).
 """
 
 from scipy.special import ndtri
@@ -25,23 +25,25 @@ def compare(run: Run, stored: Stored, alpha: float) -> tuple[Comparison, ...]:
     other_noise = [(old, new) for (old, _), (new, _) in pairs if old != new]
     count = sum(len(stored[old].statistics) for old, _ in other_noise)
     quantile = float(-ndtri(alpha / max(count, 1) / 2.0))
-    # what is not finished is said once, by its cell
+    # an unfinished cell is reported once, not again for each of its statistics
     unfinished = {c.name for c in run.cells if c.status != "done"}
-    found: list[Comparison] = []
+    comparisons: list[Comparison] = []
     for name, old in gone:
         if name not in unfinished:
-            found += paired(CellName(old.study, name), old.statistics, {})
+            comparisons += paired(CellName(old.study, name), old.statistics, {})
     for name, new in added:
-        found += paired(CellName(new.study, name), {}, new.statistics)
+        comparisons += paired(CellName(new.study, name), {}, new.statistics)
     for (old_name, old), (name, new) in pairs:
         cell, values = CellName(new.study, name), (old.statistics, new.statistics)
-        same = name == old_name
-        found += paired(cell, *values) if same else unpaired(cell, *values, quantile)
-    return tuple(sorted(found, key=lambda c: (c.cell, c.statistic)))
+        if name == old_name:
+            comparisons += paired(cell, *values)
+        else:
+            comparisons += unpaired(cell, *values, quantile)
+    return tuple(sorted(comparisons, key=lambda c: (c.cell, c.statistic)))
 
 
 def has_partners(run: Run, stored: Stored) -> bool:
-    """Whether a cell of the run meets the baseline with other noise."""
+    """Whether a cell of the run has other noise than its partner in the baseline."""
     pairs, _, _ = _matched(small_run(run), stored)
     return any(old != new for (old, _), (new, _) in pairs)
 

@@ -1,4 +1,4 @@
-"""One statistic of a run beside the baseline: what became of it, in words."""
+"""One statistic of a run compared with the baseline: how it changed, in words."""
 
 from dataclasses import dataclass
 from math import isfinite
@@ -46,20 +46,20 @@ class Comparison:
     change : str
         ``same`` to the bit, ``close`` within the paired bound, ``equivalent`` by eq.
         (B1), ``changed`` beyond either, ``unresolved`` between, ``copied`` equal to
-        the bit though the noise should be another, ``precision`` where the standard
-        error or the samples are others, ``theory`` where a prediction or its remainder
-        is another, ``missing`` from the run, ``unjudged`` by a check that the baseline
+        the bit though the noise should differ, ``precision`` if the standard error or
+        the number of samples changed, ``theory`` if a prediction or its remainder
+        changed, ``missing`` from the run, ``unjudged`` by a check that the baseline
         names, ``new`` in the run.
     stored, value : float or None
         In the baseline and in the run.
     standard_error : float
-        Of the stored value; of the difference where the noise is another.
+        Of the stored value; of the difference where the noise differs.
     margin : float
         What is allowed; 0 where nothing is compared.
     n : int
         Samples behind the stored value.
     detail : str
-        What else is another than in the baseline.
+        What else differs from the baseline.
     """
 
     cell: CellName
@@ -88,15 +88,15 @@ class Comparison:
 
     @property
     def reason(self) -> str:
-        """Why this is no pass, in words; empty where it is."""
+        """Why this is not a pass, in words; empty for a pass."""
         if self.change == "missing":
             return "in the baseline, but no longer measured"
         if self.change == "unjudged":
             return "no longer judged as the baseline says"
         if self.change == "copied":
             return (
-                "equal to the bit, as all of its cell, though its noise should be "
-                "another: the seed is not used, or the baseline names a wrong one"
+                "equal to the bit, like all of its cell, though its noise should "
+                "differ: the seed is not used, or the baseline names a wrong one"
             )
         if self.change in ("precision", "theory"):
             return self.detail

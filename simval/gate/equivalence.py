@@ -1,8 +1,8 @@
 """A cell with other noise than in the baseline: its statistics should be equivalent.
 
-Whether they are is eq. (B1) of `simval.change`. Other noise cannot give the same
-numbers: where every sampled statistic of a cell, three at least, is equal to the bit,
-the noise was not drawn anew.
+Equivalence is eq. (B1) of `simval.change`. Other noise cannot give the same numbers: if
+all sampled statistics of a cell, at least three, are equal to the bit, no new noise was
+drawn.
 
 The margin of a statistic is its family's (`simval.statistics`).
 """
@@ -85,7 +85,7 @@ def _margin(
 
 
 def _spread(statistic: Statistic, entry: Entry, old: Mapping[str, Entry]) -> float:
-    """Standard deviation of one sample: as the cell gives it, else from the error."""
+    """Standard deviation of one sample: the cell's own, else from the error."""
     sd = _value(SD(*statistic.entries), old)
     if sd is not None:
         return abs(sd)

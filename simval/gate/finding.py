@@ -1,4 +1,4 @@
-"""What is wrong with a run, one entry each, in one form for every output."""
+"""Everything that the gate judged, in one form for every output."""
 
 import shlex
 from collections.abc import Iterator
@@ -9,7 +9,7 @@ from simval.gate.comparison import Comparison
 from simval.gate.judgement import GateResult
 from simval.results import CellName
 from simval.text import one_line
-from simval.verdict import Answer, Verdict
+from simval.verdict import WORST_FIRST, Answer, Verdict
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,7 +31,7 @@ class Finding:
     allowed : float or None
         Remainder, limit or margin.
     sigmas : float or None
-        Distance in standard errors; None where no chance is involved.
+        Distance in standard errors; None where the value is deterministic.
     reason : str
         Why it is no pass.
     run : str
@@ -74,7 +74,7 @@ class Finding:
 
 
 def reproduce(cell: CellName, run: str = "") -> str:
-    """Spell the command that computes one cell again."""
+    """Command that computes one cell again; empty where there is none."""
     if not cell.name or "\\" in cell.name:
         return ""
     words = ["simval", "repro", *(["--run", run] if run else []), cell.name]
@@ -94,7 +94,7 @@ def findings(result: GateResult) -> tuple[Finding, ...]:
     tuple of Finding
         Failures, then inconclusive ones, then passes; each in the order judged.
     """
-    found = [
+    entries = [
         *_incomplete(result),
         *(_of_theory(verdict, result.folder) for verdict in result.verdicts),
         *(
@@ -103,8 +103,7 @@ def findings(result: GateResult) -> tuple[Finding, ...]:
             if comparison.change != "new"
         ),
     ]
-    order = {"fail": 0, "inconclusive": 1, "pass": 2}
-    return tuple(sorted(found, key=lambda f: order[f.answer]))
+    return tuple(sorted(entries, key=lambda f: WORST_FIRST.index(f.answer)))
 
 
 def _incomplete(result: GateResult) -> Iterator[Finding]:
@@ -159,7 +158,7 @@ def _of_baseline(comparison: Comparison, run: str) -> Finding:
         statistic=one_line(comparison.statistic),
         check=comparison.change,
         answer=comparison.answer,
-        # where the values agree and what they are judged by does not, they say nothing
+        # left out where the values agree and only what they are judged by changed
         expected=None if comparison.detail else _number(comparison.stored),
         seen=None if comparison.detail else _number(comparison.value),
         allowed=_number(comparison.margin),

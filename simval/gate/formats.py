@@ -19,13 +19,13 @@ from simval.text import one_line
 from simval.verdict import Answer
 
 SHOWN = 40
-"""Findings written one by one in the summary; the rest is counted."""
+"""Findings written one by one in the summary; the others are counted."""
 
 ANNOTATIONS = 10
 """GitHub shows no more than ten annotations of each kind and step."""
 
 DOT = "\N{MIDDLE DOT}"
-"""For the dots of a class in JUnit XML: readers take it for a path of packages."""
+"""In place of each dot of a class in JUnit XML, which readers take for packages."""
 
 _NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
@@ -35,7 +35,9 @@ class Entry(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    tier: Literal["complete", "theory", "baseline"] = Field(description="What asked.")
+    tier: Literal["complete", "theory", "baseline"] = Field(
+        description="Which question of the gate it belongs to."
+    )
     cell: str = Field(description="Name of the cell; empty for the whole run.")
     statistic: str = Field(description="What was judged, and against which theory.")
     check: str = Field(description="The rule, or the kind of change or gap.")
@@ -44,7 +46,7 @@ class Entry(BaseModel):
     seen: float | None = Field(description="Value in the run.")
     allowed: float | None = Field(description="Remainder, limit or margin.")
     sigmas: float | None = Field(description="Distance in standard errors.")
-    reason: str = Field(description="Why it is no pass; empty for one.")
+    reason: str = Field(description="Why it did not pass; empty for a pass.")
     command: str = Field(description="Computes the cell again.")
 
 
@@ -54,7 +56,7 @@ class Document(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, title="simval gate")
 
     schema_version: Literal[3] = Field(description="Version of this format.")
-    answer: Answer = Field(description="The worst of all that was judged.")
+    answer: Answer = Field(description="The worst of all answers.")
     headline: str = Field(description="Why that is the answer, in one line.")
     exit_code: int = Field(description="What the command returned.")
     alpha: float = Field(description="False-alarm rate of everything together.")
@@ -66,14 +68,14 @@ class Document(BaseModel):
 
 def to_json(result: GateResult, exit_code: int) -> str:
     """Write the result as JSON, by the schema of `Document`."""
-    found = findings(result)
+    entries = findings(result)
     document = Document(
         schema_version=3,
         answer=result.answer,
         headline=headline(result),
         exit_code=exit_code,
         alpha=result.alpha,
-        counts=counts(found),
+        counts=counts(entries),
         environment=[one_line(line) for line in result.environment],
         notes=[one_line(line) for line in result.notes],
         findings=[
@@ -81,30 +83,30 @@ def to_json(result: GateResult, exit_code: int) -> str:
                 **{name: getattr(f, name) for name in Entry.model_fields}
                 | {"cell": str(f.cell), "statistic": f.what}
             )
-            for f in found
+            for f in entries
         ],
     )
     return document.model_dump_json(indent=1) + "\n"
 
 
-def counts(found: tuple[Finding, ...]) -> dict[Answer, int]:
+def counts(entries: tuple[Finding, ...]) -> dict[Answer, int]:
     """Count findings by verdict."""
-    answers = [f.answer for f in found]
+    answers = [f.answer for f in entries]
     return {word: answers.count(word) for word in get_args(Answer)}
 
 
 def to_junit(result: GateResult) -> str:
     """Write JUnit XML: a suite for each study, a case for each finding."""
-    found = findings(result)
-    shared = Counter(f.cell for f in found)
+    entries = findings(result)
+    shared = Counter(f.cell for f in entries)
     own = {one_line(name): value for name, value in result.seconds.items()}
     seconds = {name: own.get(name.name, 0.0) / count for name, count in shared.items()}
-    total = sum(seconds[f.cell] for f in found)
+    total = sum(seconds[f.cell] for f in entries)
     title = f"simval gate: {result.answer.upper()}: {headline(result)}"
-    head = {"name": title} | _counted(found) | {"time": f"{total:.6f}"}
+    head = {"name": title} | _counted(entries) | {"time": f"{total:.6f}"}
     root = ElementTree.Element("testsuites", head)
-    for study in dict.fromkeys(f.study for f in found):
-        members = tuple(f for f in found if f.study == study)
+    for study in dict.fromkeys(f.study for f in entries):
+        members = tuple(f for f in entries if f.study == study)
         spent = sum(seconds[f.cell] for f in members)
         head = {"name": _xml(study)} | _counted(members) | {"time": f"{spent:.6f}"}
         suite = ElementTree.SubElement(root, "testsuite", head)
@@ -126,10 +128,10 @@ def to_junit(result: GateResult) -> str:
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
 
-def _counted(found: tuple[Finding, ...]) -> dict[str, str]:
-    number = counts(found)
+def _counted(entries: tuple[Finding, ...]) -> dict[str, str]:
+    number = counts(entries)
     return {
-        "tests": str(len(found)),
+        "tests": str(len(entries)),
         "failures": str(number["fail"]),
         "errors": str(number["inconclusive"]),
         "skipped": "0",
@@ -153,14 +155,14 @@ def details(finding: Finding) -> list[str]:
 
 def to_markdown(result: GateResult) -> str:
     """Write the result as Markdown, for a pull request or a step summary."""
-    found = findings(result)
+    entries = findings(result)
     lines = [
         f"### simval gate: {result.answer.upper()}",
         "",
         f"{headline(result)}; false-alarm rate {result.alpha:g} for all together.",
         "",
     ]
-    bad = [f for f in found if f.answer != "pass"]
+    bad = [f for f in entries if f.answer != "pass"]
     if bad:
         lines += [
             "| verdict | cell | statistic | expected | seen | standard errors | why |",
@@ -178,7 +180,7 @@ def to_markdown(result: GateResult) -> str:
 
 
 def annotations(result: GateResult) -> list[str]:
-    """GitHub workflow commands that mark what is no pass."""
+    """GitHub workflow commands that mark what did not pass."""
     bad: dict[tuple[CellName, str], Finding] = {}
     for f in findings(result):
         if f.answer != "pass":

@@ -9,7 +9,7 @@ BADLY: tuple[Answer, Answer] = ("fail", "inconclusive")
 
 
 def headline(result: GateResult) -> str:
-    """Say why the answer is what it is.
+    """Explain the answer in one line.
 
     Parameters
     ----------
@@ -19,8 +19,8 @@ def headline(result: GateResult) -> str:
     Returns
     -------
     str
-        What was not measured, then what was judged, each with how many there are; the
-        same line in every output.
+        What was not measured, then what was judged, each with its count; the same line
+        in every output.
     """
     endings = [cell.ending for cell in result.unfinished]
     crashed, never = endings.count("crashed"), endings.count("pending")

@@ -1,7 +1,7 @@
-"""Everything that is asked of a run, and the one answer.
+"""All checks of a run, and the one answer.
 
-The answer is the worst of three: theory's verdicts, the comparisons with the baseline,
-and the gaps, which are what should have been measured and was not.
+The answer is the worst of three: the verdicts against theory, the comparisons with the
+baseline, and the gaps (what should have been measured and was not).
 """
 
 import shlex
@@ -37,12 +37,12 @@ class Gap:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GateResult:
-    """What the gate found.
+    """What the gate says of a run.
 
     Attributes
     ----------
     verdicts : tuple of Verdict
-        Of theory.
+        Against theory.
     comparisons : tuple of Comparison
         With the baseline.
     unfinished : tuple of CellResult
@@ -58,7 +58,7 @@ class GateResult:
     seconds : mapping
         Processor time of each cell, by its name, s.
     first : str
-        Why nothing was compared where a baseline was asked for; empty otherwise.
+        Why nothing was compared though a baseline was wanted; else empty.
     notes : tuple of str
         What else a reader should know; they change no answer.
     """
@@ -89,13 +89,13 @@ class GateResult:
 
     @property
     def never_run(self) -> str:
-        """How many cells were never run, and what to do, in words; empty for none."""
+        """How many cells were never run, and what to do; empty if all were."""
         pending = [cell.name for cell in self.unfinished if cell.status == "pending"]
         if not pending:
             return ""
         number = "1 cell was" if len(pending) == 1 else f"{len(pending)} cells were"
         return (
-            f"{number} never run, the first is {pending[0]}; go on with "
+            f"{number} never run, the first is {pending[0]}; resume with "
             f"`simval sweep SUITE --out {shlex.quote(self.folder)} --resume`"
         )
 
@@ -119,8 +119,8 @@ def judge_run(
     baseline : mapping, optional
         As from `read_baseline`.
     alpha : float, default ALPHA
-        False-alarm rate of everything together. Where cells meet the baseline with
-        other noise, theory and the baseline get half of it each.
+        False-alarm rate of everything together. If some cells have other noise than
+        in the baseline, theory and the baseline get half of it each.
 
     Returns
     -------

@@ -1,7 +1,7 @@
 """A cell with the noise that it had in the baseline: only rounding may differ.
 
-Up to `PAIRED_BOUND` standard errors are accepted, more is a change. A value without
-chance may move by `EXACT_BOUND` of its size, by `ROUNDING`, or by `PAIRED_SHARE` of the
+Up to `PAIRED_BOUND` standard errors are accepted, more is a change. A deterministic
+value may move by `EXACT_BOUND` of its size, by `ROUNDING`, or by `PAIRED_SHARE` of the
 remainder that theory allows it. What the value is judged by must stay as well: its
 standard error, its number of samples, and each prediction with its remainder.
 """
@@ -50,12 +50,8 @@ def paired(
             n=0 if entry is None else entry.n,
             detail=detail,
         )
-    if not old and not new:  # in the baseline, though nothing of it was stored
-        yield Comparison(
-            cell=cell,
-            statistic="",
-            change="missing",
-        )
+    if not old and not new:  # a cell of the baseline without any statistic
+        yield Comparison(cell=cell, statistic="", change="missing")
 
 
 def _bound(entry: Entry, now: Entry | None) -> float:
@@ -71,7 +67,7 @@ def _bound(entry: Entry, now: Entry | None) -> float:
 
 
 def known(old: Entry | None, new: Entry | None) -> Change | None:
-    """Say what can be said without looking at the numbers."""
+    """Name the change that shows without comparing the numbers, if any."""
     if new is None:
         return "missing"
     if old is None:
@@ -84,7 +80,7 @@ def known(old: Entry | None, new: Entry | None) -> Change | None:
 
 
 def _judging(old: Entry, new: Entry, bound: float) -> Iterator[tuple[Change, str]]:
-    """What the value is judged by, where it is another than it was."""
+    """Changes of what the value is judged by."""
     if new.n != old.n or not is_near(old.error, new.error, JUDGING_BOUND):
         yield (
             "precision",

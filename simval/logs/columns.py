@@ -1,4 +1,4 @@
-"""What each column of a log is: the caller says, or the header, or their number."""
+"""What each column of a log is: by the caller, the header or the number of columns."""
 
 import re
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""The text of a log in any of three encodings; other files are named."""
+"""The text of a log in any of three encodings; other kinds of file are refused."""
 
 import unicodedata
 from os import PathLike
@@ -43,7 +43,7 @@ def file_bytes(path: str | PathLike[str]) -> bytes:
 
 
 def is_matlab(path: str, content: bytes) -> bool:
-    """Whether a file is one of MATLAB 5 by its first bytes, or of 4 by its name."""
+    """Whether a file is MATLAB's: format 5 by its first bytes, format 4 by its name."""
     if content.startswith(b"MATLAB 5.0"):
         return True
     named = path.lower().endswith(".mat") and b"\0" in content[:20]

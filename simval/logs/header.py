@@ -26,7 +26,7 @@ def header_names(line: str, mark: str | None = "") -> list[str]:
 
 
 def is_names(fields: list[str]) -> bool:
-    """Return whether fields name three axes or more, as no sentence does."""
+    """Return whether fields name three axes or more; a sentence never does."""
     channels = map(channel, fields)
     return sum(each.axis != "" and each.kind != "other" for each in channels) >= 3
 

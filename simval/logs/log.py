@@ -70,7 +70,7 @@ class Log:
         return int(np.searchsorted(self.time, end, side="right"))
 
     def described(self) -> list[str]:
-        """Say in two lines which columns were taken, and what the clock says.
+        """Say in two lines which columns were taken, and how the clock runs.
 
         Returns
         -------

@@ -62,8 +62,8 @@ def _variables(path: str, content: bytes) -> dict[str, Array]:
             with np.load(io.BytesIO(done.stdout), allow_pickle=False) as sent:
                 names = [str(name) for name in sent["names"]]
                 return {name: sent[f"array{k}"] for k, name in enumerate(names)}
-        said = done.stderr.decode(errors="replace").strip().splitlines()
-        why = said[-1][:80] if said else "the reader crashed"
+        lines = done.stderr.decode(errors="replace").strip().splitlines()
+        why = lines[-1][:80] if lines else "the reader crashed"
     msg = (
         f"{path} is not a MATLAB file that can be read ({why}); save the log again "
         "with -v7, or as rows of numbers in text"

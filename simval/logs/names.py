@@ -1,4 +1,4 @@
-"""What the name of a column says: its quantity, axis and unit.
+"""What the name of a column means: its quantity, axis and unit.
 
 A name is split into words (at signs, blanks and capitals) and a unit (in brackets, or
 the last words). The words say the quantity and the axis; the unit may say the quantity
@@ -84,7 +84,7 @@ _ROS = re.compile(r"(^|[./])linear_acceleration[./][xyz]$")
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """What one column holds, as far as its name says."""
+    """What one column holds, according to its name."""
 
     # ``force`` for an accelerometer, ``no gravity`` for an acceleration without it,
     # ``bare`` for an axis and no quantity
@@ -97,10 +97,10 @@ class Channel:
 
 
 def is_known(name: str) -> bool:
-    """Return whether a name says anything, if only that its column is not needed."""
-    said = channel(name)
-    words = set(said.stem.split())
-    return said.kind != "other" or bool(said.axis or words & _OTHER)
+    """Return whether a name is known, even as that of a column that is not needed."""
+    known = channel(name)
+    words = set(known.stem.split())
+    return known.kind != "other" or bool(known.axis or words & _OTHER)
 
 
 def is_unit(text: str) -> bool:
@@ -112,7 +112,7 @@ def is_unit(text: str) -> bool:
 
 
 def channel(name: str) -> Channel:
-    """Return what a column's name says."""
+    """Return what a column's name means."""
     if _ROS.search(name.strip()):  # as in sensor_msgs/Imu: with gravity
         return Channel("force", name.strip()[-1], "", name.strip()[:-1])
     inside = [text.strip() for text in _BRACKETS.findall(name)]
@@ -178,12 +178,12 @@ def _settled(kind: Kind, unit: str) -> Kind:
     # the quantity by name and unit
     if not unit or unit in _ANY_UNIT or kind in ("other", "no gravity"):
         return kind
-    said = _kinds_of(unit)
+    by_unit = _kinds_of(unit)
     if unit in _STRANGE_UNIT or unit in SECONDS:
         return "other"
     if kind == "bare":
-        return said.pop() if len(said) == 1 else "bare"
-    return kind if not said or kind in said else "other"
+        return by_unit.pop() if len(by_unit) == 1 else "bare"
+    return kind if not by_unit or kind in by_unit else "other"
 
 
 def _clock(words: list[str], unit: str) -> Channel:

@@ -41,7 +41,7 @@ class ArrayTable:
         return f"{self.path}, row {row + 1}"
 
     def is_text(self, place: int) -> bool:
-        """No column of numbers is text."""
+        """Return False: no column is text."""
         return False
 
 

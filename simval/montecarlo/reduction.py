@@ -31,7 +31,6 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 from scipy.special import ndtri
-from scipy.stats import qmc
 
 from simval.arguments import choice, function, instance, whole_number
 from simval.arrays import Array, frozen, shaped_array
@@ -250,6 +249,8 @@ def _sobol_means(
     power = max(MIN_POWER, int(np.ceil(np.log2(samples / SCRAMBLINGS))))
     means = []
     for number in range(SCRAMBLINGS):
+        from scipy.stats import qmc  # half a second that only this rule needs
+
         engine = qmc.Sobol(dimension, scramble=True, rng=streams.block(number))
         points = engine.random_base2(power)
         # the points are multiples of 2^-bits, 0 among them, whose normal is infinite:

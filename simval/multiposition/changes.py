@@ -105,7 +105,7 @@ def changed(rests: Rests) -> str | None:
 
 
 def stepped(rests: Rests, chi2: float = np.nan) -> str | None:
-    """A time at which biases or scales change, of rests too few to be cut in two.
+    """A time at which biases or scales change, for too few rests to be cut in two.
 
     In white noise the share of the residuals that a step explains does not depend on
     their size, so its chance and that of the chi-square may be multiplied. A step that
@@ -140,7 +140,7 @@ def stepped(rests: Rests, chi2: float = np.nan) -> str | None:
 
 
 def beyond_noise(chi2: float, dof: int) -> bool:
-    """Return whether white noise leaves so much in fewer than one log of a thousand."""
+    """Return whether white noise exceeds such a chi-square in under 1 of 1000 logs."""
     return dof > 0 and _tail(chi2, dof) < BEYOND
 
 

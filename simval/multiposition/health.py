@@ -1,4 +1,4 @@
-"""Whether a log is one of a sound sensor, and why a log was refused.
+"""Whether a log comes from a sound sensor, and why a log was refused.
 
 Every calibration of a log goes through `require_sound`, every refusal through
 `explained`: a cause that can be named (`faults`, `changes`, poses that do not belong)

@@ -1,4 +1,4 @@
-"""The rests of a log: found in seconds whatever its rate, and what they show.
+"""The rests of a log: found by times in seconds, at any rate, and what they show.
 
 The detector's threshold is a multiple of the variance of the initial rest. Each
 multiple gives its own intervals. Of the multiples that agree on the number of
@@ -42,7 +42,7 @@ class Detection(NamedTuple):
 
 
 def find_rests(log: Log, rest: float | None, least: int = PARAMETERS) -> Detection:
-    """Find the rests of a log with the longest window that sees enough of them.
+    """Find the rests of a log with the longest window that finds enough of them.
 
     Raises
     ------

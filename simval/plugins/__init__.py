@@ -1,4 +1,4 @@
-"""Algorithms of one's own: what they must look like, how they are found and probed.
+"""User-supplied algorithms: what they must look like, how they are found and probed.
 
 A plug-in is an `Estimator`, a `Calibrator` or a scene (`simval.scene.Scene`), held by
 a Python file, offered as an entry point of the group ``simval.plugins``, or, for a

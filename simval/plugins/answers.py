@@ -1,7 +1,7 @@
-"""What a plug-in answers, checked: shapes, finiteness, unit lengths, and conventions.
+"""Checks of what a plug-in answers: shapes, finite numbers, unit lengths, conventions.
 
-Nothing that comes from a plug-in goes further before it went through here: whatever
-it raises, or answers that is none of these, is a `PluginError`.
+Every answer of a plug-in goes through here first: an answer that fails a check, and any
+exception of the plug-in, becomes a `PluginError`.
 """
 
 import reprlib
@@ -18,7 +18,7 @@ from simval.arrays import Array, finite_array
 from simval.errors import CrashedPluginError, InputError, PluginError
 from simval.plugins.protocol import Calibrator, Estimator
 from simval.sensor import forms
-from simval.text import told
+from simval.text import message_of
 
 UNIT = 1e-6
 """How far from 1 the length of a quaternion may be."""
@@ -30,23 +30,13 @@ has no variance."""
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Calibration:
-    """A checked answer of a calibrator.
+    """A checked answer of a calibrator."""
 
-    Attributes
-    ----------
-    matrix : Array
-        Raw readings less bias to specific force.
-    bias : Array
-        Raw units.
-    covariance : Array or None
-        Of the nine parameters, in the declared form.
-    dof : int or None
-        Degrees of freedom of a covariance of type A; None where its size is known.
-    """
-
-    matrix: Float[Array, "3 3"]
-    bias: Float[Array, "3"]
+    matrix: Float[Array, "3 3"]  # raw readings less bias to specific force
+    bias: Float[Array, "3"]  # raw units
+    # of the nine parameters, in the declared form
     covariance: Float[Array, "9 9"] | None = None
+    # degrees of freedom of a covariance of type A; None where its size is known
     dof: int | None = None
 
     def parameters(self, form: str) -> Float[Array, "9"]:
@@ -118,9 +108,9 @@ def covariances_of(
     assert estimator.covariance is not None
     answer = _called(name, estimator.covariance, b1, b2, r1, r2, noise_std)
     shape = (len(b1), 3, 3)
-    found = _array(name, "covariance", answer, shape, (3, 3))
-    _check_covariance(name, found)
-    return np.broadcast_to(found, shape)
+    covariances = _array(name, "covariance", answer, shape, (3, 3))
+    _check_covariance(name, covariances)
+    return np.broadcast_to(covariances, shape)
 
 
 def calibration_of(
@@ -133,14 +123,14 @@ def calibration_of(
         arguments = (*arguments, noise_std)
     answer = _called(name, calibrator.calibrate, *arguments)
     matrix, bias, covariance = _parts(name, answer)
-    found = None
+    checked = None
     if covariance is not None:
-        found = _array(name, "covariance", covariance, (9, 9))
-        _check_covariance(name, found)
+        checked = _array(name, "covariance", covariance, (9, 9))
+        _check_covariance(name, checked)
     return Calibration(
         matrix=_array(name, "matrix", matrix, (3, 3)),
         bias=_array(name, "B", bias, (3,)),
-        covariance=found,
+        covariance=checked,
         dof=_dof(name, answer),
     )
 
@@ -193,7 +183,7 @@ def _called(name: str, function: Any, *arguments: Any) -> Any:
     except PluginError:
         raise
     except Exception as error:  # whatever a user's function may raise
-        msg = f"{name} raised {told(error)}"
+        msg = f"{name} raised {message_of(error)}"
         raise CrashedPluginError(msg) from error
 
 
@@ -212,21 +202,21 @@ def _plain(
 ) -> NDArray[np.generic]:
     """Plain numbers of one of the shapes; nothing is parsed, filled in or cut off."""
     try:
-        found = np.asarray(value)
+        array = np.asarray(value)
     except Exception as error:  # ragged, or whatever a user's object may raise
-        msg = f"{name} returned {what} that is not an array ({told(error)})"
+        msg = f"{name} returned {what} that is not an array ({message_of(error)})"
         raise PluginError(msg) from None
-    if found.shape not in shapes:
+    if array.shape not in shapes:
         msg = (
-            f"{name} returned {what} as {type(value).__name__} of shape {found.shape}; "
+            f"{name} returned {what} as {type(value).__name__} of shape {array.shape}; "
             f"it must be an array of shape {' or '.join(map(str, shapes))}"
         )
         raise PluginError(msg)
-    fault = "masked entries" if np.ma.is_masked(value) else _fault(found)
+    fault = "masked entries" if np.ma.is_masked(value) else _fault(array)
     if fault:
         msg = f"{name} returned {what} with {fault}; every entry must be a plain number"
         raise PluginError(msg)
-    return found
+    return array
 
 
 def _fault(array: NDArray[np.generic]) -> str:

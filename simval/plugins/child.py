@@ -29,7 +29,7 @@ from simval.errors import (
     RefusedError,
     SimvalError,
 )
-from simval.text import told
+from simval.text import message_of
 
 MAX_OUTPUT = 1 << 26
 """Bytes that the child, or a command that it runs, may write to any one file."""
@@ -38,11 +38,11 @@ UNREADABLE = (OSError, ValueError, TypeError, KeyError, OverflowError, Recursion
 """Errors by which a forged or broken answer shows itself."""
 
 GRACE = 5.0
-"""Seconds past the limit after which the child ends itself, if nobody is left to."""
+"""Seconds past the limit after which the child ends itself, if its parent is gone."""
 
 
 class Answer(BaseModel):
-    """What a child leaves: why it has nothing, or what a subclass has fields for."""
+    """What a child answers: an error, or the fields of a subclass."""
 
     error: str = ""
     crashed: bool = False
@@ -77,7 +77,7 @@ def asked(
 
 
 def _run_group(words: list[str], folder: Path, time_limit: float) -> int:
-    """Run a program in a process group of its own, and end the whole group with it."""
+    """Run a program in a new process group, and end the whole group with it."""
     with (folder / "output").open("wb") as output:
         child = subprocess.Popen(
             words,
@@ -108,7 +108,7 @@ def ending(code: int) -> str:
 
 
 def read_answer(folder: Path, code: int, kind: type[Kind], who: str) -> Kind:
-    """Read what a child that has ended left.
+    """Read the answer of a child that has ended.
 
     Raises
     ------
@@ -139,7 +139,7 @@ def _tail(folder: Path) -> str:
 
 
 def respond(function: Callable[[Any], Mapping[str, Any]]) -> None:
-    """Answer the request by a function of it, in the child, and end the child."""
+    """In the child: answer the request with what a function returns, and exit."""
     folder = Path(sys.argv[1])
     content = json.loads((folder / "request.json").read_text(encoding="utf-8"))
     _restrain(float(content["time_limit"]))
@@ -150,7 +150,8 @@ def respond(function: Callable[[Any], Mapping[str, Any]]) -> None:
         refused = isinstance(error, RefusedError) and not crashed
         answer = {"error": str(error), "crashed": not refused}
     except BaseException as error:  # SystemExit too: a plug-in must not end the cell
-        answer = {"error": f"the plug-in raised {told(error)}", "crashed": True}
+        words = f"the plug-in raised {message_of(error)}"
+        answer = {"error": words, "crashed": True}
     part = folder / "answer.part"
     part.write_text(json.dumps(answer), encoding="utf-8")
     part.rename(folder / "answer.json")

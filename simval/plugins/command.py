@@ -1,7 +1,7 @@
 """A calibrator in any language: a command that is given a file and answers with JSON.
 
 In its words ``{poses}`` stands for a file with one pose to a line, the mean reading
-``x,y,z``; ``{log}`` for a recorded log at 100 Hz, ``t,x,y,z``, in which the sensor
+``x,y,z``; ``{log}`` for a log at 100 Hz, ``t,x,y,z``, in which the sensor
 rests ten seconds in each pose; ``{g}`` for gravity in m/s^2. It prints one
 JSON object with ``matrix`` (3 x 3; or ``T`` and ``K``) and ``B``, so that the specific
 force is ``matrix @ (raw - B)``, and ends with exit code 0. No shell is involved.
@@ -21,9 +21,9 @@ from jaxtyping import Float
 from simval.arrays import Array
 from simval.errors import CrashedPluginError, PluginError, UnusablePluginError
 from simval.plugins.child import ending
+from simval.plugins.log import log_of
 from simval.plugins.names import COMMAND
 from simval.plugins.protocol import Calibrator
-from simval.plugins.recording import recorded
 
 PLACES = ("{poses}", "{log}")
 CALL_LIMIT = 60.0
@@ -72,7 +72,7 @@ def _answer(
         if "{poses}" in text:
             np.savetxt(files["{poses}"], poses, delimiter=",", fmt="%.17g")
         if "{log}" in text:
-            samples = recorded(poses, noise_std)
+            samples = log_of(poses, noise_std)
             np.savetxt(files["{log}"], samples, delimiter=",", fmt="%.17g")
         filled = [_filled(word, {**files, "{g}": repr(g)}) for word in words]
         code = _run(filled, folder)
@@ -142,10 +142,10 @@ def _parsed(program: str, file: Path) -> Any:
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
+    values = dict(pairs)
+    if len(values) < len(pairs):
         keys = [key for key, _ in pairs]
         twice = next(key for key in keys if keys.count(key) > 1)
         msg = f"the key `{twice}` is given twice"
         raise ValueError(msg)
-    return found
+    return values

@@ -16,7 +16,7 @@ from simval.plugins.child import Answer, asked
 from simval.plugins.command import command_calibrator
 from simval.plugins.names import COMMAND
 from simval.plugins.protocol import SCENE, Calibrator, Plugin
-from simval.text import told
+from simval.text import message_of
 
 GROUP = "simval.plugins"
 TIME_LIMIT = 60.0
@@ -31,13 +31,13 @@ Kind = TypeVar("Kind", bound=Plugin)
 
 
 class _Offer(Answer):
-    """The field that takes a plug-in, and its name, for each that is held."""
+    """For each plug-in that is held: the field that takes it, and its name."""
 
     held: tuple[tuple[str, str], ...] = ()
 
 
 def find_plugin(algorithm: str, kind: type[Kind]) -> Kind:
-    """Find the plug-in that an algorithm's word stands for.
+    """Find the plug-in of a name.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def overrides_of(plugins: tuple[str, ...]) -> list[str]:
 
 
 def _meant(plugin: str) -> list[tuple[str, str]]:
-    """Field that takes each plug-in that is meant, and the word that it is given."""
+    """For each plug-in that is meant: the field that takes it, and its value."""
     if plugin.startswith(COMMAND):
         return [(command_calibrator(plugin).taken_by, plugin)]
     file, name = _python_file(plugin)
@@ -111,7 +111,7 @@ def _meant(plugin: str) -> list[tuple[str, str]]:
 
 
 def offer(plugin: str) -> dict[str, Any]:
-    """Load a file or a package, and say what it holds.
+    """Load a file or a package, and list the plug-ins in it.
 
     Raises
     ------
@@ -154,24 +154,24 @@ def _held_by(file: Path) -> list[Any]:
     try:
         content = vars(_imported(file))
     except Exception as error:  # whatever a user's file may raise
-        msg = f"the plug-in file {file} fails with {told(error)}"
+        msg = f"the plug-in file {file} fails with {message_of(error)}"
         raise UnusablePluginError(msg) from error
     held = [value for value in content.values() if isinstance(value, Plugin)]
-    found = list({id(value): value for value in held}.values())
+    plugins = list({id(value): value for value in held}.values())
     names: set[tuple[type, str]] = set()
-    for value in found:
+    for value in plugins:
         if (type(value), value.name) in names:
             msg = (
                 f"{file} holds two {type(value).__name__}s named `{value.name}`; give "
-                "each a name of its own"
+                "each a different name"
             )
             raise UnusablePluginError(msg)
         names.add((type(value), value.name))
-    return found
+    return plugins
 
 
 def _imported(file: Path) -> ModuleType:
-    """Import a file afresh, under a name that no other module has.
+    """Import a file afresh, under a unique name.
 
     It is a module like any other, so that what looks one up later finds it: pickle, the
     evaluation of annotations, an import of a neighbour from inside a function.
@@ -244,5 +244,5 @@ def _loaded(name: str) -> list[Any]:
     try:
         return [p.load() for p in metadata.entry_points(group=GROUP, name=name)]
     except Exception as error:  # whatever an installed package may raise
-        msg = f"the entry point `{name}` fails with {told(error)}"
+        msg = f"the entry point `{name}` fails with {message_of(error)}"
         raise UnusablePluginError(msg) from error

@@ -1,4 +1,4 @@
-r"""What the word for a plug-in names, and what it is called wherever that lies.
+r"""What the name of a plug-in stands for, and how it is spelled on any machine.
 
 ========================== =====================================================
 word                       what it names
@@ -11,7 +11,7 @@ word                       what it names
 
 Who computes a cell needs the path; its name, its streams, the store and all that is
 shown have the file's name alone, so that the same plug-in in two folders is the same
-one, and nobody's folders are told to others.
+one, and no folder of a user is shown to others.
 """
 
 import os
@@ -35,7 +35,7 @@ _FOLDERS = re.compile(_BEFORE + r"""/(?:[^/\s'"`<>|:,;]+/)+""")
 
 
 def file_of(text: str) -> str:
-    """Path of the file that a word names; nothing of a command or a package."""
+    """Path of the file that a name stands for; empty for a command or a package."""
     path, colon, _ = text.partition(".py:")
     if text.startswith(COMMAND):
         return ""
@@ -44,7 +44,7 @@ def file_of(text: str) -> str:
 
 
 def located(text: str, folder: str = "") -> str:
-    """Give the files that a word names their absolute paths."""
+    """The same name with absolute paths of its files."""
     if text.startswith(COMMAND):
         return _with_words(text, lambda place, word: _located(place, word, folder))
     path = file_of(text)
@@ -60,7 +60,7 @@ def _located(place: int, word: str, folder: str) -> str:
 
 
 def portable(text: str) -> str:
-    """Name of a file without its folder, and what the word names inside it."""
+    """The same name with its files' names only, without their folders."""
     if text.startswith(COMMAND):
         return _with_words(text, lambda _, word: _shortened(word))
     path = file_of(text)

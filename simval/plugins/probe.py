@@ -108,19 +108,19 @@ def probe_calibrator(calibrator: Calibrator) -> float:
     sensor = probe_sensor()
     g = 9.80665
     raw = sensor.distort(g * fibonacci_sphere(COUNT), np.random.default_rng(0))
-    found = calibration_of(calibrator, raw, g, 0.0)
-    error = float(_calibration_errors(found, sensor).max())
+    answer = calibration_of(calibrator, raw, g, 0.0)
+    error = float(_calibration_errors(answer, sensor).max())
     if not error <= TOLERANCE:
         msg = (
             f"{calibrator.name} is {error:.3g} from the true parameters without noise, "
-            f"{TOLERANCE:g} is allowed; {_other_meaning(found, sensor)}"
+            f"{TOLERANCE:g} is allowed; {_other_meaning(answer, sensor)}"
         )
         raise PluginError(msg)
     return error
 
 
 def probe_sensor() -> AccelerometerModel:
-    """Give the sensor that the probe of a calibrator uses, free of noise."""
+    """Return the noise-free sensor with which a calibrator is probed."""
     values = np.array([0.03, -0.02, 0.05, 2.06, 1.92, 2.1, 0.3, -0.2, 0.1])
     return AccelerometerModel.from_parameters(values)
 
@@ -133,7 +133,7 @@ def _observations(
 
 
 def _probe_batch(estimator: Estimator, count: int) -> None:
-    """Check that a large batch is right, and its rows what they are alone."""
+    """Check a large batch, and that its rows equal those computed alone."""
     rng = np.random.default_rng(count)
     truth, vectors = _observations(count, rng)
     off = attitude_error(truth, _unchanged(estimator, vectors))
@@ -155,7 +155,7 @@ def _probe_batch(estimator: Estimator, count: int) -> None:
 def _unchanged(
     estimator: Estimator, vectors: list[Float[Array, "n 3"]]
 ) -> Float[Array, "n 4"]:
-    """Attitudes from vectors that the estimator may not change."""
+    """Attitudes from vectors, which the estimator must not change."""
     given = [v.copy() for v in vectors]
     q = quaternions_of(estimator, *given)
     if not all(np.array_equal(a, b) for a, b in zip(given, vectors, strict=True)):
@@ -170,7 +170,7 @@ def _probe_rows(
     q: Float[Array, "n 4"],
     rows: list[int],
 ) -> None:
-    """Check that rows of a batch, and their covariances, are what they are alone."""
+    """Check that rows of a batch, and their covariances, equal those computed alone."""
     claimed = _claimed(estimator, vectors)
     for row in rows:
         own = [v[row : row + 1] for v in vectors]
@@ -198,16 +198,16 @@ def _claimed(
 
 
 def _calibration_errors(
-    found: Calibration, sensor: AccelerometerModel
+    answer: Calibration, sensor: AccelerometerModel
 ) -> Float[Array, "9"]:
     truth = sensor.parameters
-    off = np.abs(found.parameters("triangular") - truth)
+    off = np.abs(answer.parameters("triangular") - truth)
     off[6:] /= np.abs(truth[6:]).max()
     return off
 
 
-def _other_meaning(found: Calibration, sensor: AccelerometerModel) -> str:
-    M, B = found.matrix, found.bias
+def _other_meaning(answer: Calibration, sensor: AccelerometerModel) -> str:
+    M, B = answer.matrix, answer.bias
     invertible = np.linalg.cond(M) < 1.0 / np.finfo(float).eps
     inverse = np.linalg.inv(M) if invertible else M
     readings: dict[str, tuple[Array, Array]] = {
@@ -223,8 +223,8 @@ def _other_meaning(found: Calibration, sensor: AccelerometerModel) -> str:
         other = Calibration(matrix=matrix, bias=bias)
         if float(_calibration_errors(other, sensor).max()) <= TOLERANCE:
             return words
-    k = int(_calibration_errors(found, sensor).argmax())
-    seen, true = found.parameters("triangular")[k], sensor.parameters[k]
+    k = int(_calibration_errors(answer, sensor).argmax())
+    seen, true = answer.parameters("triangular")[k], sensor.parameters[k]
     return (
         "no other sign, order or direction fits either; the worst is "
         f"{forms.names('triangular')[k]}: {seen:.6g} instead of {true:.6g}. All nine "

@@ -1,4 +1,4 @@
-r"""What an algorithm of one's own must look like.
+r"""What a user-supplied algorithm must look like.
 
 Quaternions are declared by two words. ``components`` is the order: ``xyzs`` with the
 scalar last or ``sxyz`` with the scalar first. ``matrix`` is the direction: with
@@ -37,7 +37,7 @@ SCENE = "custom_scene.scene"
 
 
 class Plugin:
-    """What a user brings: it has a name, and is taken by a field of a study."""
+    """A plug-in: it has a name, and a field of a study takes it."""
 
     __slots__ = ()
     name: str

@@ -1,9 +1,8 @@
-"""What the code of a plug-in is made of, so that it is known again.
+"""What the code of a plug-in is made of, so that a change of it is noticed.
 
 It is the SHA-256 of each file, and of each file that it names in turn (an imported
 module or a string beside a Python file, a ``file`` beside an XML file), and the version
-of a package. A cell is computed only where all of it is still the same, and a run is
-gone on with only there.
+of a package. A cell is computed, and a run resumed, only where all of it is unchanged.
 """
 
 import ast
@@ -32,7 +31,7 @@ _XML_FOLDER = re.compile(r"""\b(?:asset|mesh|texture)dir\s*=\s*["']([^"'<>]+)["'
 
 
 def sources(text: str) -> dict[str, str]:
-    """Everything that the code behind a word is made of."""
+    """Everything that the code of a plug-in is made of."""
     files = [file_of(text)]
     if text.startswith(COMMAND):
         files = [w for w in words_of(text) if os.path.isabs(w) and is_file(w)]
@@ -43,7 +42,7 @@ def sources(text: str) -> dict[str, str]:
 
 
 def missing(text: str, held: Container[str] = ()) -> str:
-    """Say what a word names that is not here."""
+    """Say which part of a plug-in is not on this machine."""
     if text.startswith(COMMAND):
         program, *words = words_of(text) or [""]
         files = [word for word in words if portable(word) in held]
@@ -60,23 +59,23 @@ def missing(text: str, held: Container[str] = ()) -> str:
 
 
 def _closure(first: Path) -> dict[str, str]:
-    """SHA-256 of a file, and of all that it names beside it, and they in turn."""
-    found: dict[str, str] = {}
+    """SHA-256 of a file, and of every file that it names in turn."""
+    hashes: dict[str, str] = {}
     queue = [first]
     while queue:
         file = queue.pop()
-        if str(file) in found:
+        if str(file) in hashes:
             continue
         try:
             content = file.read_bytes()
         except OSError:  # whoever uses it says so, in words
-            found[str(file)] = ""
+            hashes[str(file)] = ""
             continue
-        found[str(file)] = hashlib.sha256(content).hexdigest()
+        hashes[str(file)] = hashlib.sha256(content).hexdigest()
         named = {".py": _named_by_python, ".xml": _named_by_xml}.get(file.suffix)
         if named is not None:
             queue += named(file, first.parent, content)
-    return found
+    return hashes
 
 
 def _named_by_python(file: Path, root: Path, content: bytes) -> list[Path]:

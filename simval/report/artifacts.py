@@ -1,4 +1,4 @@
-"""Files that the studies left for the report, read without trusting them."""
+"""Artifacts of the studies for the report, checked when they are read."""
 
 import zipfile
 import zlib
@@ -10,52 +10,40 @@ import numpy as np
 from simval.arrays import Array
 from simval.errors import InputError
 
-# what NumPy raises for a file that is none, or is damaged inside
+# what NumPy raises for a file that is damaged or no npz file
 UNREADABLE = (OSError, ValueError, EOFError, AttributeError, KeyError, TypeError)
 
 
 def arrays(file: Path) -> Mapping[str, Array]:
-    """Read the arrays of an npz file; no pickle is ever loaded.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read as arrays of numbers.
-    """
+    """Read the arrays of an npz file; no pickle is ever loaded."""
     try:
         with np.load(file, allow_pickle=False) as content:
-            found = {name: np.asarray(content[name]) for name in content.files}
+            read = {name: np.asarray(content[name]) for name in content.files}
     except (*UNREADABLE, zipfile.BadZipFile, zlib.error) as error:
         msg = f"{file} is damaged ({error}); run the suite again"
         raise InputError(msg) from None
-    for name, values in found.items():
+    for name, values in read.items():
         if values.dtype.kind not in "biuf":
-            msg = f"{file}: `{name}` is no array of numbers; run the suite again"
+            msg = f"{file}: `{name}` is not an array of numbers; run the suite again"
             raise InputError(msg)
-    return found
+    return read
 
 
 def shaped(
     file: Path, content: Mapping[str, Array], name: str, *shape: int | None
 ) -> Array:
-    """One array of a file, of the shape that it must have.
-
-    Raises
-    ------
-    InputError
-        If it is missing or of another shape.
-    """
-    found = content[name].shape if name in content else None
+    """One array of a file, of the shape that it must have."""
+    given = content[name].shape if name in content else None
     if (
-        found is None
-        or len(found) != len(shape)
+        given is None
+        or len(given) != len(shape)
         or not all(
             have >= 1 if want is None else have == want
-            for have, want in zip(found, shape, strict=True)
+            for have, want in zip(given, shape, strict=True)
         )
     ):
         wanted = ", ".join("any" if want is None else str(want) for want in shape)
-        have = "is missing" if found is None else f"has shape {found}"
+        have = "is missing" if given is None else f"has shape {given}"
         msg = f"{file}: `{name}` {have}; it must have ({wanted}); run the suite again"
         raise InputError(msg)
     return np.asarray(content[name], dtype=float)

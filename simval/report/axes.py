@@ -59,18 +59,18 @@ def _(panel: Panel, axes: Any) -> None:
     _scales(panel, axes)
     if panel.log_y:
         _limit(panel, axes)
-    axes.set_title(panel.title, y=1.0)  # a place of its own costs a third more time
+    axes.set_title(panel.title, y=1.0)  # an automatic place takes a third longer
     axes.set_xlabel(panel.x_label)
     axes.set_ylabel(panel.y_label)
     _legend(panel, axes)
 
 
 def _legend(panel: Panel, axes: Any) -> None:
-    """Among the curves, or below the axes where it would hide them."""
+    """Place the legend among the curves, or below the axes if it would hide them."""
     if not any(series.label for series in panel.series):
         return
     if not legend_below(panel):
-        # to look for the best place among many points takes seconds
+        # finding the best place among many points takes seconds
         many = any(len(s.x) > MANY for s in panel.series)
         axes.legend(loc="upper right" if many else "best")
         return
@@ -82,12 +82,12 @@ def _legend(panel: Panel, axes: Any) -> None:
 
 
 def _near(values: Array) -> Any:
-    """Whether values have a place on an axis: finite, and not near overflow."""
+    """Whether values can be on an axis: finite, and not near overflow."""
     return np.abs(values) < FARTHEST  # NaN is not
 
 
 def _drawable(panel: Panel) -> Panel:
-    """Leave out what has no place on the axes; without data they are linear."""
+    """Leave out points that cannot be on the axes; without data axes are linear."""
     series = []
     for s in panel.series:
         top = s.y if s.line or s.band is None else s.y + s.band  # of an upper limit
@@ -172,14 +172,14 @@ def _line(series: Series, axes: Any) -> None:
 
 
 def _points(series: Series, axes: Any, *, upper_limits: bool) -> None:
-    """Points with bars; on a logarithmic axis an upper limit where a bar reaches 0."""
+    """Points with bars; on a logarithmic axis an upper limit if the bar reaches 0."""
     band, pixels = series.band, len(series.x) > MANY
-    told = np.ones(len(series.x), dtype=bool)
+    whole = np.ones(len(series.x), dtype=bool)
     if upper_limits and band is not None:
-        told = ~(series.y - band <= 0.0)
+        whole = ~(series.y - band <= 0.0)
         axes.plot(
-            series.x[~told],
-            (series.y + band)[~told],
+            series.x[~whole],
+            (series.y + band)[~whole],
             marker="v",
             markersize=5,
             markerfacecolor="none",
@@ -188,9 +188,9 @@ def _points(series: Series, axes: Any, *, upper_limits: bool) -> None:
             rasterized=pixels,
         )
     axes.errorbar(
-        series.x[told],
-        series.y[told],
-        yerr=None if band is None else band[told],
+        series.x[whole],
+        series.y[whole],
+        yerr=None if band is None else band[whole],
         linestyle="none",
         marker=series.marker,
         markersize=4,
@@ -230,7 +230,7 @@ def _(panel: SpherePanel, axes: Any) -> None:
     axes.set_yticks([])
     for spine in axes.spines.values():
         spine.set_visible(False)
-    axes.set_title(panel.title, y=1.0)  # a place of its own costs a third more time
+    axes.set_title(panel.title, y=1.0)  # an automatic place takes a third longer
 
 
 @paint.register
@@ -241,25 +241,14 @@ def _(panel: BarPanel, axes: Any) -> None:
         for values in (panel.measured, panel.band, panel.predicted)
     )
     axes.barh(
-        places,
-        measured,
-        height=0.6,
-        color=COLOURS[5],
-        label="measured",
-        alpha=0.8,
+        places, measured, height=0.6, color=COLOURS[5], label="measured", alpha=0.8
     )
     axes.errorbar(measured, places, xerr=band, linestyle="none", color=INK, capsize=2)
     axes.plot(
-        predicted,
-        places,
-        "D",
-        color=COLOURS[1],
-        ms=6,
-        label="predicted",
-        ls="none",
+        predicted, places, "D", color=COLOURS[1], ms=6, label="predicted", ls="none"
     )
     axes.set_yticks(places, panel.names)
     axes.grid(visible=False, axis="y")
-    axes.set_title(panel.title, y=1.0)  # a place of its own costs a third more time
+    axes.set_title(panel.title, y=1.0)  # an automatic place takes a third longer
     axes.set_xlabel(panel.x_label)
     axes.legend()

@@ -1,13 +1,12 @@
-"""The page that sets two runs side by side: what changed, both curves in one figure."""
+"""The page of two runs side by side: what changed, both curves in one figure."""
 
 import numpy as np
 
 from simval.compare import Difference, RunComparison
-from simval.report.curves import Curve, axis_of, curve, grouped, statistic
+from simval.report.curves import Curve, axis_of, bar_width, curve, grouped, statistic
 from simval.report.environment import template
 from simval.report.panels import COLOURS, Drawing, Panel, Series
 from simval.report.section import Section, made
-from simval.report.slope import simultaneous
 from simval.report.table import Column, Table
 from simval.statistics import Statistic
 from simval.sweep import Run
@@ -20,14 +19,14 @@ Key = tuple[str, str, Statistic, str]
 """Study, group of cells, statistic and predictor: what one figure shows."""
 
 
-def render_comparison(a: Run, b: Run, found: RunComparison) -> str:
+def render_comparison(a: Run, b: Run, comparison: RunComparison) -> str:
     """Render the comparison of two runs as one HTML page.
 
     Parameters
     ----------
     a, b : Run
         Before and after.
-    found : RunComparison
+    comparison : RunComparison
         As from `simval.compare.compare_runs`.
 
     Returns
@@ -37,17 +36,19 @@ def render_comparison(a: Run, b: Run, found: RunComparison) -> str:
     """
     return template("page").render(
         title=f"{a.folder.name} and {b.folder.name}",
-        sections=comparison_sections(a, b, found),
+        sections=comparison_sections(a, b, comparison),
         version=b.manifest["versions"]["simval"],
         source=f"the run folders {a.folder.name} and {b.folder.name}",
     )
 
 
-def comparison_sections(a: Run, b: Run, found: RunComparison) -> tuple[Section, ...]:
+def comparison_sections(
+    a: Run, b: Run, comparison: RunComparison
+) -> tuple[Section, ...]:
     """Make the sections of the page."""
-    drawings = _drawings(a, b, found)
-    kinds = {k: len(found.of(k)) for k in ("changed", "moved", "same")}
-    moved = sum(d.prediction_changed for d in found.differences)
+    drawings = _drawings(a, b, comparison)
+    kinds = {k: len(comparison.of(k)) for k in ("changed", "moved", "same")}
+    moved = sum(d.prediction_changed for d in comparison.differences)
     return (
         made(
             "compared",
@@ -55,31 +56,31 @@ def comparison_sections(a: Run, b: Run, found: RunComparison) -> tuple[Section, 
             drawings,
             names=(a.folder.name, b.folder.name),
             kinds=kinds,
-            total=len(found.differences),
+            total=len(comparison.differences),
             predictions=moved,
-            alpha=found.alpha,
+            alpha=comparison.alpha,
         ),
-        made("differences", "Differences", tables=[_table(found)]),
+        made("differences", "Differences", tables=[_table(comparison)]),
         made(
             "dependencies",
             "What the runs depend on",
-            environment=found.environment,
-            only_a=found.only_a[:SHOWN],
-            only_b=found.only_b[:SHOWN],
-            hidden=max(0, len(found.only_a) - SHOWN)
-            + max(0, len(found.only_b) - SHOWN),
+            environment=comparison.environment,
+            only_a=comparison.only_a[:SHOWN],
+            only_b=comparison.only_b[:SHOWN],
+            hidden=max(0, len(comparison.only_a) - SHOWN)
+            + max(0, len(comparison.only_b) - SHOWN),
             names=(a.folder.name, b.folder.name),
         ),
     )
 
 
-def _drawings(a: Run, b: Run, found: RunComparison) -> list[Drawing]:
+def _drawings(a: Run, b: Run, comparison: RunComparison) -> list[Drawing]:
     """One figure for each kind of change: both curves with their bands."""
     cells_a = {cell.name: cell for cell in a.cells}
-    twins = {d.cells[0]: d.cells[1] for d in found.differences}
+    twins = {d.cells[0]: d.cells[1] for d in comparison.differences}
     drawings: list[Drawing] = []
     seen: set[Key] = set()
-    for difference in found.of("changed"):
+    for difference in comparison.of("changed"):
         cell = cells_a[difference.cells[0]]
         label, old = _group(a, cell)
         key = (cell.study, label, difference.a.statistic, difference.a.predictor)
@@ -114,22 +115,22 @@ def _drawing(
         for i, (run, members) in enumerate(zip(runs, cells, strict=True))
         if (c := curve("", members, axis, statistic(name, predictor))) is not None
     ]
-    z = simultaneous(sum(len(c.x) for _, _, c in curves))
+    z = bar_width(c for _, _, c in curves)
     series: list[Series] = []
     for i, folder, c in curves:
         series.append(c.points(z, i, folder))
         line = "-" if i else "--"
         series.append(Series(label="", x=c.x, y=c.value, colour=COLOURS[i], line=line))
     sigmas = difference.sigmas
-    size = f"{sigmas:+.1f} standard errors" if sigmas is not None else "without chance"
+    size = f"{sigmas:+.1f} standard errors" if sigmas is not None else "deterministic"
     where = f"{study}{', ' if label else ''}{label}"
     return Drawing(
         name=f"compared{number}",
         caption=(
             f"{difference.name} ({where}): "
             f"{difference.a.value:.6g} in {runs[0].folder.name}, "
-            f"{difference.b.value:.6g} in {runs[1].folder.name}, {size} in "
-            f"{difference.cells[1]}. Bars: {z:.2f} standard errors, 95 % for all "
+            f"{difference.b.value:.6g} in {runs[1].folder.name} ({size}; cell "
+            f"{difference.cells[1]}). Bars: {z:.2f} standard errors, 95 % for all "
             "points together."
         ),
         alternative=f"{name} of {where} over {axis} in both runs, with their bands",
@@ -148,27 +149,20 @@ def _drawing(
 
 
 def _apart(curves: list[Curve], axis: str) -> list[Panel]:
-    """The difference alone, in its own standard errors, where there are any."""
+    """Panel of the difference in standard errors, if it has any."""
     if len(curves) != 2 or not np.array_equal(curves[0].x, curves[1].x):
         return []
     a, b = curves
     error = np.hypot(a.error, b.error)
     if len(np.unique(a.x)) < len(a.x) or not np.all(error > 0.0):
-        return []  # values of several seeds have no order among themselves
-    z = simultaneous(len(a.x))
+        return []  # values of several seeds cannot be paired
+    difference, z = (b.value - a.value) / error, bar_width([a])
     return [
         Panel(
             title="B minus A",
             x_label=axis.replace("_", " "),
             y_label="standard errors, 1",
-            series=(
-                Series(
-                    label="",
-                    x=a.x,
-                    y=(b.value - a.value) / error,
-                    band=np.full(len(a.x), z),
-                ),
-            ),
+            series=(Series(label="", x=a.x, y=difference, band=np.full(len(a.x), z)),),
             log_x=_positive([a], "x"),
             log_y=False,
             references=((0.0, ""),),
@@ -181,7 +175,7 @@ def _positive(curves: list[Curve], name: str) -> bool:
     return bool(values) and min(values) > 0.0 and max(values) > 3.0 * min(values)
 
 
-def _table(found: RunComparison) -> Table:
+def _table(comparison: RunComparison) -> Table:
     rows = [
         (
             d.kind,
@@ -197,7 +191,7 @@ def _table(found: RunComparison) -> Table:
             d.p_value,
             "changed" if d.prediction_changed else "",
         )
-        for d in found.differences
+        for d in comparison.differences
     ]
     return Table(
         name="differences",

@@ -1,6 +1,6 @@
-"""Curves out of the rows of a run: grouped by what varies, sorted along an axis."""
+"""Curves made of the rows of a run: grouped by what varies, sorted along an axis."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,20 +23,11 @@ MAX_GROUPS = 6
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Curve:
-    """A statistic along one axis.
+    """A statistic along one axis."""
 
-    Attributes
-    ----------
-    label : str
-        Of the group of cells.
-    x : Array
-        The axis, ascending.
-    value, error, prediction : Array
-        Statistic, its standard error and its prediction (NaN without one).
-    """
-
-    label: str
-    x: Float[Array, " n"]
+    label: str  # of the group of cells
+    x: Float[Array, " n"]  # the axis, ascending
+    # statistic, its standard error and its prediction (NaN without one)
     value: Float[Array, " n"]
     error: Float[Array, " n"]
     prediction: Float[Array, " n"]
@@ -65,6 +56,9 @@ class Curve:
         )
 
 
+Groups = Mapping[str, Sequence[CellResult]]
+"""Cells that differ only along an axis, by what the group has in common."""
+
 Measure = Callable[[CellResult], tuple[float, float, float] | None]
 """Value, standard error and prediction of one cell; None where it has none."""
 
@@ -74,16 +68,27 @@ def curve(
 ) -> Curve | None:
     """Measure each cell and sort along an axis."""
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is not drawn
-        found = [
+        points = [
             (place, *values)
             for cell in cells
             if (place := position(cell, axis)) is not None
             if (values := measure(cell)) is not None
         ]
-    if not found:
+    if not points:
         return None
-    x, value, error, prediction = np.array(sorted(found), dtype=float).T
+    x, value, error, prediction = np.array(sorted(points), dtype=float).T
     return Curve(label=label, x=x, value=value, error=error, prediction=prediction)
+
+
+def curves(groups: Groups, measure: Measure, axis: str = "noise_std") -> list[Curve]:
+    """One curve for each group that has the statistic."""
+    drawn = [curve(label, cells, axis, measure) for label, cells in groups.items()]
+    return [c for c in drawn if c is not None]
+
+
+def bar_width(curves: Iterable[Curve | None]) -> float:
+    """Standard errors that the bars need to hold for all points together (95 %)."""
+    return simultaneous(sum(len(c.x) for c in curves if c is not None))
 
 
 def position(cell: CellResult, axis: str) -> float | None:
@@ -145,7 +150,7 @@ def grouped(
 def first(
     groups: Mapping[str, tuple[CellResult, ...]], limit: int = MAX_GROUPS
 ) -> tuple[dict[str, tuple[CellResult, ...]], tuple[str, ...]]:
-    """The first groups, and the names of the others."""
+    """Split groups into the first ones and the names of the others."""
     labels = list(groups)
     return {k: groups[k] for k in labels[:limit]}, tuple(labels[limit:])
 

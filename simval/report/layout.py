@@ -1,8 +1,8 @@
-"""Room for the words of a figure: what is too long is broken into lines.
+"""Room for the words of a figure: long words are broken into lines.
 
 The size of a panel is fixed; titles, axis labels, names of bars and legends are broken
-at the width they have, and the margins grow with the lines. Widths are those of DejaVu
-Sans; `SLACK` is kept for readers that show another font.
+at their width, and the margins grow with the lines. Widths are those of DejaVu Sans;
+`SLACK` is for readers that show another font.
 """
 
 from dataclasses import dataclass, replace
@@ -32,22 +32,14 @@ as wide as DejaVu Sans."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """A drawing with its words in lines, and the room that they need, in inches.
+    """A drawing with its words in lines, and the room that they need, in inches."""
 
-    Attributes
-    ----------
-    drawing : Drawing
-        With line breaks in its words.
-    left, bottom, top : float
-        Margins about the axes of each panel.
-    width, height : float
-        Of each panel with its margins.
-    """
-
-    drawing: Drawing
+    drawing: Drawing  # with line breaks in its words
+    # margins about the axes of each panel
     left: float
     bottom: float
     top: float
+    # of each panel with its margins
     width: float
     height: float
 
@@ -80,7 +72,7 @@ def laid_out(drawing: Drawing) -> Layout:
 
 
 def legend_below(panel: AnyPanel) -> int:
-    """Lines of a legend that has no place within the axes."""
+    """Lines of a legend that does not fit within the axes."""
     if not isinstance(panel, Panel):
         return 0
     lines = sum(s.label.count("\n") + 1 for s in panel.series if s.label)
@@ -104,7 +96,7 @@ def broken(text: str, room: float, size: float = SIZE) -> str:
 
 
 def _fitting(word: str, room: float, size: float) -> int:
-    """Letters of a word that fit a line, one at least."""
+    """Number of letters of a word that fit a line, at least one."""
     fit = (n for n in range(len(word), 1, -1) if _width(word[:n], size) <= SLACK * room)
     return next(fit, 1)
 

@@ -1,4 +1,4 @@
-"""What is measured of a cell: scalars for the figures, with error and prediction."""
+"""Scalars of a cell for the figures, each with its error and prediction."""
 
 import numpy as np
 

@@ -1,32 +1,22 @@
 """Error against noise: the panels and slopes that several sections share."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from simval.report.curves import Curve, Measure, curve, statistic
+from simval.report.curves import Curve, Groups, bar_width, curves, statistic
 from simval.report.measures import GROUPS
 from simval.report.panels import Panel
-from simval.report.slope import fitted_slope, simultaneous
+from simval.report.slope import fitted_slope
 from simval.report.table import Column
 from simval.statistics import CRAMER_RAO, FIRST_ORDER, RMS
-from simval.sweep.run import CellResult
-
-Groups = Mapping[str, Sequence[CellResult]]
-
 
 SLOPES = (
     Column("fitted"),
     Column("of theory's own line", "number"),
     Column("leading order", "number"),
 )
-"""Columns of `slope_cells` and of what theory leads to expect."""
-
-
-def curves(groups: Groups, measure: Measure, axis: str = "noise_std") -> list[Curve]:
-    """One curve for each group that has the statistic."""
-    found = [curve(label, cells, axis, measure) for label, cells in groups.items()]
-    return [c for c in found if c is not None]
+"""Columns of `slope_cells`, and the slope that theory expects."""
 
 
 def panel(
@@ -38,8 +28,7 @@ def panel(
     z: float | None = None,
 ) -> Panel:
     """Points, predicted lines and bounds over the noise."""
-    if z is None:
-        z = simultaneous(sum(len(c.x) for c in measured))
+    z = bar_width(measured) if z is None else z
     series = []
     for i, c in enumerate(measured):
         series += [c.points(z, i), c.predicted(i, "-", "theory" if i == 0 else "")]
@@ -54,7 +43,7 @@ def slope_cells(c: Curve) -> tuple[str, float | None]:
         return "needs two noise levels", None
     fitted = fitted_slope(c.x, c.value, c.error)
     own = fitted_slope(c.x, c.prediction, c.error)
-    words = str(fitted) if fitted else "not told from zero by these trials"
+    words = str(fitted) if fitted else "not distinguishable from zero in these trials"
     return words, None if own is None else round(own.value, 4)
 
 
@@ -66,12 +55,12 @@ def rms_sets(groups: Groups, axis: str = "noise_std") -> list[Set]:
     """RMS error of T, K and B, each where a group has it."""
     sets = []
     for name, title in GROUPS.items():
-        found, bounds = (
+        measured, bounds = (
             curves(groups, statistic(RMS(name), predictor), axis)
             for predictor in (FIRST_ORDER, CRAMER_RAO)
         )
-        if found:
-            sets.append((title, unit_of(name), found, bounds))
+        if measured:
+            sets.append((title, unit_of(name), measured, bounds))
     return sets
 
 
@@ -83,11 +72,11 @@ def unit_of(name: str) -> str:
 def panels_of(sets: Sequence[Set], x_label: str, z: float) -> list[Panel]:
     """RMS errors as panels."""
     return [
-        panel(title, x_label, f"RMS error, {unit}", found, bounds, z)
-        for title, unit, found, bounds in sets
+        panel(title, x_label, f"RMS error, {unit}", measured, bounds, z)
+        for title, unit, measured, bounds in sets
     ]
 
 
 def together_z(sets: Sequence[Set]) -> float:
     """Half width of the bars that hold for all points of the sets together."""
-    return simultaneous(sum(len(c.x) for _, _, found, _ in sets for c in found))
+    return bar_width(c for _, _, measured, _ in sets for c in measured)

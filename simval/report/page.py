@@ -1,13 +1,13 @@
 """The page: the sections in order, in one template."""
 
-from collections.abc import Mapping
 from dataclasses import replace
+from types import ModuleType
 
 from simval.errors import InputError
 from simval.gate import judge_run
 from simval.report.environment import template
 from simval.report.panels import Drawing
-from simval.report.section import Context, Section
+from simval.report.section import Context, Section, Shown
 from simval.report.sections import (
     attitude,
     budget,
@@ -18,87 +18,49 @@ from simval.report.sections import (
     disagreements,
     estimators,
     failures,
+    geometries,
     ladder,
     numbers,
     orders,
     other,
     poses,
     provenance,
+    ranges,
     scene,
     statics,
     statistics,
     summary,
+    vectors,
 )
 from simval.report.table import Table
-from simval.statistics import (
-    BIAS,
-    BIAS_ERROR,
-    BIAS_ORDER,
-    BUDGET,
-    CONDITION,
-    COVARIANCE,
-    COVARIANCE_ERROR,
-    COVARIANCE_ORDER,
-    COVERAGE,
-    FLIP_RATE,
-    IMPURE,
-    LIMIT_RATIO,
-    NEES,
-    OTHER_SELECTION_RATE,
-    PRECISION,
-    RECALL,
-    RECOVERY,
-    RMS,
-    RMS_RATIO,
-    SCALE_BIAS,
-    SD,
-    SIMULATED_RMS_RATIO,
-    UNIT_LENGTH,
-    Family,
-    Statistic,
-)
+from simval.statistics import Statistic
 from simval.studies import STUDIES
 from simval.sweep import Run
 from simval.verdict import ALPHA
 
-SHOWN: Mapping[str, tuple[str, tuple[Family | Statistic, ...]]] = {
-    "calibration": ("calibration", (RMS, SD, BIAS, RECOVERY)),
-    "poses": ("scene", (CONDITION,)),
-    "ladder": ("ladder", (SCALE_BIAS, *BIAS.each(("K_x", "K_y", "K_z")))),
-    "attitude": ("attitude", (BIAS, COVARIANCE, UNIT_LENGTH)),
-    "orders": (
-        "attitude_order",
-        (BIAS_ERROR, BIAS_ORDER, COVARIANCE_ERROR, COVARIANCE_ORDER),
-    ),
-    "closeness": ("attitude_limits", (LIMIT_RATIO, FLIP_RATE, OTHER_SELECTION_RATE)),
-    "estimators": ("attitude_efficiency", (RMS_RATIO, SIMULATED_RMS_RATIO)),
-    "statistics": ("coverage", (COVERAGE, NEES)),
-    "statics": ("detector", (PRECISION, RECALL, IMPURE, NEES)),
-    "budget": ("end_to_end", (BUDGET,)),
-}
-"""Study of a section, and which families or single statistics of it the section draws
-or tabulates. The others are named below it."""
-
-SECTIONS = (
-    summary.section,
-    failures.section,
-    disagreements.section,
-    calibration.section,
-    poses.section,
-    ladder.section,
-    attitude.section,
-    orders.section,
-    closeness.section,
-    estimators.section,
-    statistics.section,
-    convergence.section,
-    statics.section,
-    budget.section,
-    other.section,
-    scene.section,
-    checks.section,
-    numbers.section,
-    provenance.section,
+SECTIONS: tuple[ModuleType, ...] = (
+    summary,
+    failures,
+    disagreements,
+    calibration,
+    poses,
+    ladder,
+    attitude,
+    orders,
+    geometries,
+    closeness,
+    ranges,
+    vectors,
+    estimators,
+    statistics,
+    convergence,
+    statics,
+    budget,
+    other,
+    scene,
+    checks,
+    numbers,
+    provenance,
 )
 
 
@@ -137,19 +99,16 @@ def sections(run: Run, alpha: float = ALPHA) -> tuple[Section, ...]:
     titles = {n: STUDIES[n].title if n in STUDIES else n for n in names}
     _require_parameters(run)
     context = Context(run=run, judged=judge_run(run, alpha=alpha), titles=titles)
-    found = (make(context) for make in SECTIONS)
     return tuple(
-        replace(section, elsewhere=_elsewhere(context, section.anchor))
-        for section in found
-        if section is not None
+        replace(section, elsewhere=_elsewhere(context, module))
+        for module in SECTIONS
+        if (section := module.section(context)) is not None
     )
 
 
-def _elsewhere(context: Context, anchor: str) -> tuple[str, ...]:
+def _elsewhere(context: Context, module: ModuleType) -> tuple[str, ...]:
     """Statistics of a section's study that the section does not show."""
-    if anchor not in SHOWN:
-        return ()
-    study, shown = SHOWN[anchor]
+    study, shown = getattr(module, "SHOWN", Shown("", ()))
     partly = {each.family for each in shown if isinstance(each, Statistic)}
     names: dict[str, None] = {}
     for cell in context.cells(study):
@@ -164,7 +123,7 @@ def _elsewhere(context: Context, anchor: str) -> tuple[str, ...]:
 
 
 def _require_parameters(run: Run) -> None:
-    """Refuse a run whose cells lack what the sections read; extra ones do no harm."""
+    """Refuse a run whose cells lack parameters that the sections read."""
     for cell in run.cells:
         if cell.study in STUDIES:
             known = STUDIES[cell.study].parameters.model_fields

@@ -79,7 +79,7 @@ def svg(drawing: Drawing) -> str:
 
 
 def svg_file(drawing: Drawing) -> str:
-    """Draw as an SVG file of its own: dark ink on white paper.
+    """Draw as a separate SVG file: dark ink on white paper.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def _without_idle_ids(text: str) -> str:
 
 
 def _rounded(tag: re.Match[str]) -> str:
-    """Round the coordinates in a tag to a hundredth of a point, which none can see."""
+    """Round the coordinates in a tag to a hundredth of a point, which is invisible."""
     return re.sub(r"\d+\.\d{3,}", lambda m: f"{float(m[0]):.2f}", tag[0])
 
 

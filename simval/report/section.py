@@ -1,8 +1,9 @@
-"""What a section is, and what it is made from."""
+"""A section of the page, and what it is made from."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from markupsafe import Markup
 
@@ -10,6 +11,7 @@ from simval.gate import GateResult
 from simval.report.environment import template
 from simval.report.panels import Drawing
 from simval.report.table import Table
+from simval.statistics import Family, Statistic
 from simval.sweep import Run
 from simval.sweep.run import CellResult
 from simval.verdict import Verdict
@@ -17,27 +19,17 @@ from simval.verdict import Verdict
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Context:
-    """What every section may read.
+    """What every section may read."""
 
-    Attributes
-    ----------
-    run : Run
-        The run folder's content.
-    judged : GateResult
-        What the gate says of it, without a baseline.
-    titles : mapping
-        Title of each study, by its name.
-    """
-
-    run: Run
-    judged: GateResult
-    titles: Mapping[str, str]
+    run: Run  # the run folder's content
+    judged: GateResult  # what the gate says of it, without a baseline
+    titles: Mapping[str, str]  # title of each study, by its name
 
     @property
     def folder(self) -> str:
-        """The run for a command: from the working folder where it is below, else named.
+        """The run for a command: its path below the working folder, else its name.
 
-        A page goes to others, so it never says where on a machine a run lies.
+        Pages are shared, so they never show where on a machine a run is.
         """
         path, here = self.run.folder.absolute(), Path.cwd()
         inside = path != here and path.is_relative_to(here)
@@ -60,30 +52,22 @@ class Context:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Section:
-    """A part of the page.
+    """A part of the page."""
 
-    Attributes
-    ----------
-    anchor : str
-        Its id on the page.
-    title : str
-        Its heading.
-    body : Markup
-        Its HTML.
-    drawings : tuple of Drawing
-        Its figures.
-    tables : tuple of Table
-        Its tables.
-    elsewhere : tuple of str
-        Statistics of its study that it shows in no figure and no table of its own.
-    """
-
-    anchor: str
+    anchor: str  # its id on the page
     title: str
     body: Markup
     drawings: tuple[Drawing, ...]
     tables: tuple[Table, ...]
+    # statistics of its study that it shows in no figure and no table of its own
     elsewhere: tuple[str, ...] = ()
+
+
+class Shown(NamedTuple):
+    """What a section draws or tabulates; the rest of the study is named below it."""
+
+    study: str
+    statistics: tuple[Family | Statistic, ...]
 
 
 def made(
@@ -93,7 +77,7 @@ def made(
     tables: Sequence[Table] = (),
     **values: object,
 ) -> Section:
-    """Render a section from its own template, else figures and tables one by one."""
+    """Render a section from its own template, else its figures and tables in order."""
     text = template(anchor, "plain").render(drawings=drawings, tables=tables, **values)
     return Section(
         anchor=anchor,

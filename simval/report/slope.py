@@ -22,18 +22,10 @@ of a formula."""
 
 @dataclass(frozen=True, slots=True)
 class Slope:
-    """A fitted slope.
+    """A fitted slope."""
 
-    Attributes
-    ----------
-    value : float
-        Of log y over log x.
-    half_width : float
-        Half of the 95 % interval.
-    """
-
-    value: float
-    half_width: float
+    value: float  # of log y over log x
+    half_width: float  # half of the 95 % interval
 
     def __str__(self) -> str:
         """Slope and interval in words."""
@@ -87,7 +79,7 @@ def _shape(
 
 
 def order(x: Float[Array, " n"], y: Float[Array, " n"]) -> float | None:
-    """Slope between the two smallest x of a curve without chance."""
+    """Slope between the two smallest x of a deterministic curve."""
     good = (x > 0) & (y > 0) & np.isfinite(y)
     xs, first = np.unique(x[good], return_index=True)
     if len(xs) < 2:

@@ -14,23 +14,14 @@ Kind = Literal["text", "code", "number", "measured", "answer", "figure"]
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column.
+    """A column."""
 
-    Attributes
-    ----------
-    title : str
-        Heading, with the unit where all its values have the same.
-    kind : Kind
-        ``text``; ``code``, a name or command; ``number``; ``measured``, a pair of
-        value and standard error; ``answer``, a verdict; ``figure``, the name of a
-        figure on the page.
-    digits : int
-        Significant digits of a number.
-    """
-
-    title: str
+    title: str  # heading, with the unit where all its values have the same
+    # ``text``; ``code``, a name or command; ``number``; ``measured``, a pair of value
+    # and standard error; ``answer``, a verdict; ``figure``, the name of a figure on the
+    # page
     kind: Kind = "text"
-    digits: int = 6
+    digits: int = 6  # significant digits of a number
 
     @property
     def numeric(self) -> bool:
@@ -40,26 +31,13 @@ class Column:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
-    """Rows under columns.
+    """Rows under columns."""
 
-    Attributes
-    ----------
-    name : str
-        Unique on the page; its file name; a slug.
-    caption : str
-        What it holds.
-    columns : sequence of Column
-        From left to right.
-    rows : sequence of sequence
-        Values, one for each column; None is an empty cell.
-    shown : int or None
-        Rows that the page shows; the files hold all. None shows all.
-    """
-
-    name: str
-    caption: str
-    columns: Sequence[Column]
-    rows: Sequence[Sequence[Any]]
+    name: str  # unique on the page; its file name; a slug
+    caption: str  # what it holds
+    columns: Sequence[Column]  # from left to right
+    rows: Sequence[Sequence[Any]]  # values, one for each column; None is an empty cell
+    # Rows that the page shows; the files hold all. None shows all.
     shown: int | None = None
 
     def __post_init__(self) -> None:

@@ -25,13 +25,13 @@ def measured(value: float, error: float) -> str:
 
 
 def sign_of_entries(statistics: Iterable[Statistic]) -> str:
-    """Tell how a parameter's sign goes with the matrix T, where it is among them."""
+    """Note on the sign of the parameter S_zx, if it is among the statistics."""
     named = any("S_zx" in statistic.entries for statistic in statistics)
     return "; S_zx is minus the entry T[2][0]" if named else ""
 
 
 def slug(text: str) -> str:
-    """Spell words so that they serve as an id, a selector and a file name."""
+    """Spell words as an id, a selector and a file name."""
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
 
 

@@ -1,4 +1,4 @@
-"""The scenes by name, and how a user's own joins them.
+"""The scenes by name: those of the package, and user-supplied ones.
 
 A user's scene is an MJCF file and a Python file that holds one `Scene`::
 

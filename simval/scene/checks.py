@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.errors import SimulationError
+from simval.scene.script import Script
 
 CLOCK_TOLERANCE = 1e-6  # of a step: a sum of 1e7 steps is off by 1e7 eps = 2e-9 of one
 
@@ -28,7 +29,7 @@ def check_run(
     force_limit: float,
     rate_limit: float,
 ) -> None:
-    """Raise an error unless a run is what it claims to be.
+    """Raise an error unless a run passes every check.
 
     Raises
     ------
@@ -41,11 +42,13 @@ def check_run(
     count = warnings[:, 1]
     if not np.all(count == 0):
         kind = mujoco.mjtWarning(int(np.argmax(count != 0))).name[7:]
-        said = f' ("{messages[0]}")' if messages else ""
+        message = f' ("{messages[0]}")' if messages else ""
         # the run stopped at the warning, and its rows repeat the last one from there
         row = max(_first(~regular) - 1, 0)
-        advice = "its data is no simulation any more; use a smaller timestep or milder "
-        _fail(scene, f"MuJoCo's warning {kind}{said}", row, expected, advice + "inputs")
+        advice = "its data cannot be trusted; use a smaller timestep or milder "
+        _fail(
+            scene, f"MuJoCo's warning {kind}{message}", row, expected, advice + "inputs"
+        )
     finite = np.isfinite(rows).all(axis=1)
     if not finite.all():
         advice = "the state is not a number; use a smaller timestep"
@@ -87,33 +90,30 @@ def check_reach(
 
 
 def settled_rests(
-    scene: str,
-    rows: Array,
-    hold: NDArray[np.intp],
-    g: float,
-    rest_force: float,
-    rest_rate: float,
-    strict: bool,
+    scene: str, rows: Float[Array, "n 14"], script: Script, g: float
 ) -> tuple[NDArray[np.intp], tuple[int, ...]]:
     """Rests that are at rest within the stated bounds, and the indices of the others.
 
     Raises
     ------
     SimulationError
-        If one moved and `strict`, or none is left of those planned.
+        If one moved and the script is strict, or none of those planned is left.
     """
+    hold = script.hold
     deviation = np.abs(np.linalg.norm(rows[:, :3], axis=1) - g)
     rate = np.linalg.norm(rows[:, 3:6], axis=1)
-    moving = (hold >= 0) & ~((deviation <= rest_force) & (rate <= rest_rate))
+    moving = (hold >= 0) & ~(
+        (deviation <= script.rest_force) & (rate <= script.rest_rate)
+    )
     unsettled = tuple(int(k) for k in np.unique(hold[moving]))
     planned = np.unique(hold[hold >= 0])
-    if unsettled and (strict or len(unsettled) == len(planned)):
+    if unsettled and (script.strict or len(unsettled) == len(planned)):
         row = _first(moving)
         msg = (
             f"scene {scene}: rest {hold[row]} moves at row {row}: the length of the "
             f"specific force is off by {deviation[row]:.3g} m/s^2 (bound "
-            f"{rest_force:.3g}), the rate is {rate[row]:.3g} rad/s (bound "
-            f"{rest_rate:.3g}); let it settle longer"
+            f"{script.rest_force:.3g}), the rate is {rate[row]:.3g} rad/s (bound "
+            f"{script.rest_rate:.3g}); let it settle longer"
         )
         raise SimulationError(msg)
     return np.where(np.isin(hold, unsettled), -1, hold), unsettled

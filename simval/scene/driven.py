@@ -28,9 +28,7 @@ def pose_directions(directions: object) -> Float[Array, "k 3"]:
     """
     if isinstance(directions, int | np.integer):
         if not 1 <= directions <= MOST_POSES:
-            msg = (
-                f"`directions` is {directions}; from 1 to {MOST_POSES} poses can be had"
-            )
+            msg = f"`directions` is {directions}; give a number from 1 to {MOST_POSES}"
             raise InputError(msg)
         return fibonacci_sphere(int(directions))
     given = normalize(finite_array("directions", directions, (None, 3)))

@@ -1,4 +1,4 @@
-"""The physics: scripts in, checked rows out.
+"""The physics: scripts in, unchecked rows out.
 
 All runs of one call are stepped together by MuJoCo's batch. Truth is taken from the
 sensors only: after a step, MuJoCo's sensor data still describe the state before it, and
@@ -40,7 +40,7 @@ class Rollout(NamedTuple):
     warnings: NDArray[np.int64]
     # distance of the sensor at the end from where it began, m
     travel: Float[Array, " runs"]
-    messages: list[str]  # what MuJoCo said
+    messages: list[str]  # of MuJoCo
 
 
 def roll_out(

@@ -1,4 +1,4 @@
-"""Many runs of one scene, stepped together, of which only the rests' means are kept."""
+"""Many runs of one scene, stepped together; only the means over the rests are kept."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""What MuJoCo says: collected, never printed, and never written to a log file."""
+"""MuJoCo's messages: collected, never printed, and never written to a log file."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,6 +1,6 @@
 """Model files: where they are, how one is compiled, and what it must not contain.
 
-MuJoCo accepts options that make its data wrong without a word: a negative time step, a
+MuJoCo silently accepts options that make its data wrong: a negative time step, a
 gravity that is not a number, an automatic reset that turns a diverged run into perfect
 rest, a sleeping body whose sensor freezes, a sensor that clips or lags. A model with
 any of them is refused before it runs.
@@ -38,18 +38,10 @@ INTEGRATORS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Physics:
-    """A compiled model and the hash of its file.
+    """A compiled model and the hash of its file."""
 
-    Attributes
-    ----------
-    model : mujoco.MjModel
-        Checked: every sensor is there, no option spoils the data.
-    sha256 : str
-        Of the model file, hexadecimal.
-    """
-
-    model: mujoco.MjModel
-    sha256: str
+    model: mujoco.MjModel  # checked: every sensor is there, no option spoils the data
+    sha256: str  # of the model file, hexadecimal
 
 
 def model_path(name: str) -> Path:
@@ -131,7 +123,7 @@ def _integrator(name: str) -> mujoco.mjtIntegrator:
 
 
 def check_model(model: mujoco.MjModel, path: str) -> None:
-    """Refuse a model whose data would be wrong without a word.
+    """Refuse a model whose data would silently be wrong.
 
     Raises
     ------

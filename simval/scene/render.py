@@ -179,8 +179,8 @@ def _drawn(model: mujoco.MjModel, job: dict[str, Any]) -> Frames:
             if child.returncode == 0 and (folder / "frames.npy").is_file():
                 frames: Frames = np.load(folder / "frames.npy")
                 return frames
-            said = child.stderr.strip().splitlines() or [f"exit {child.returncode}"]
-            reasons.append(f"{backend}: {said[-1][:200]}")
+            lines = child.stderr.strip().splitlines() or [f"exit {child.returncode}"]
+            reasons.append(f"{backend}: {lines[-1][:200]}")
     msg = (
         f"this machine cannot draw off-screen ({'; '.join(reasons)}); install EGL (on "
         "Debian and Ubuntu: apt-get install libegl1 libgl1-mesa-dri) or OSMesa "

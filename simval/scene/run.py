@@ -184,15 +184,8 @@ def checked_trajectory(plan: Plan, rollout: Rollout, number: int = 0) -> Traject
             model, script, positions(model, script, np.arange(len(rows)))
         )
         check_reach(scene.name, path, option.timestep, scene.reach)
-    hold, unsettled = settled_rests(
-        scene.name,
-        rows,
-        script.hold,
-        float(np.linalg.norm(option.gravity)),
-        script.rest_force,
-        script.rest_rate,
-        script.strict,
-    )
+    g = float(np.linalg.norm(option.gravity))
+    hold, unsettled = settled_rests(scene.name, rows, script, g)
     return Trajectory(
         time=rows[:, 13],
         specific_force=rows[:, :3],

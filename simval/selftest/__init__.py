@@ -1,1 +1,1 @@
-"""Proof that the gate catches faults, and how seldom it cries wolf."""
+"""Proof that the gate detects faults, and its measured false-alarm rate."""

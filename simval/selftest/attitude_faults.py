@@ -1,12 +1,13 @@
 """Faults of the attitude chain: noise, estimator, and the formulas beside it."""
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from simval.arrays import Array
-from simval.selftest.fault import Fault, Part, after, wrapped
+from simval.selftest.fault import Fault, after, wrapped
 from simval.streams import Streams
 from simval.studies import attitude, attitude_order
 from simval.theory.attitude import AttitudeMoments, attitude_moments
@@ -28,17 +29,7 @@ def attitude_faults() -> list[Fault]:
     return [*_estimator(), *_formula(), *_order(), *_noise()]
 
 
-def _fault(
-    part: Part, name: str, inject: Any, *, baseline: bool = False, crash: bool = False
-) -> Fault:
-    return Fault(
-        name=name,
-        part=part,
-        suite="attitude",
-        inject=inject,
-        baseline=baseline,
-        crash=crash,
-    )
+_fault = partial(Fault, "attitude")
 
 
 def _estimator() -> list[Fault]:
@@ -53,28 +44,23 @@ def _estimator() -> list[Fault]:
         return original(vectors, "x" if frame != "x" else "y")
 
     conjugate = np.array([[-1.0], [-1.0], [-1.0], [1.0]])
+    estimator = partial(_fault, "estimator")
     return [
-        _fault("estimator", "scalar first", raw(lambda q: np.roll(q, 1, axis=0))),
-        _fault("estimator", "inverse rotation", raw(lambda q: conjugate * q)),
-        _fault("estimator", "sign of the quaternion", raw(np.negative)),
-        _fault("estimator", "one vector sign", raw(lambda q: conjugate[::-1] * q)),
-        _fault("estimator", "body vectors swapped", _wrap("raw_quaternion", swap)),
-        _fault(
-            "estimator", "another frame than stated", _wrap("raw_quaternion", another)
+        estimator("scalar first", raw(lambda q: np.roll(q, 1, axis=0))),
+        estimator("inverse rotation", raw(lambda q: conjugate * q)),
+        estimator("sign of the quaternion", raw(np.negative)),
+        estimator("one vector sign", raw(lambda q: conjugate[::-1] * q)),
+        estimator("body vectors swapped", _wrap("raw_quaternion", swap)),
+        estimator("another frame than stated", _wrap("raw_quaternion", another)),
+        estimator(
+            "not normalised", _wrap("normalize_columns", lambda original, q: 2.4 * q)
         ),
-        _fault(
-            "estimator",
-            "not normalised",
-            _wrap("normalize_columns", lambda original, q: 2.4 * q),
-        ),
-        _fault(
-            "estimator",
+        estimator(
             "NaN on one trial in a million",
             after(attitude, "normalize_columns", _one_nan),
             crash=True,
         ),
-        _fault(
-            "estimator",
+        estimator(
             "attitude matrix transposed",
             after(attitude, "attitude_matrix", np.transpose),
         ),
@@ -119,23 +105,22 @@ def _formula() -> list[Fault]:
             lambda m, o, s: replace(m, covariance=m.second_moment),
         ),
         claim(
-            "NaN in a prediction",
-            lambda m, o, s: replace(m, bias=np.full(4, np.nan)),
+            "NaN in a prediction", lambda m, o, s: replace(m, bias=np.full(4, np.nan))
         ),
     ]
 
 
 def _order() -> list[Fault]:
-    # without chance: how fast a formula's error falls shows a term that is 1 % off
+    # deterministic: how fast a formula's error falls shows a term that is 1 % off
     def off(name: str, change: Any) -> Fault:
         def broken(
             original: Any, q: Any, r1: Any, r2: Any, noise: Any, order: Any = 2
         ) -> Any:
-            found = original(q, r1, r2, noise, order)
-            return change(found, original(q, r1, r2, noise, 2), order)
+            moments = original(q, r1, r2, noise, order)
+            return change(moments, original(q, r1, r2, noise, 2), order)
 
         inject = wrapped(attitude_order, "attitude_moments", broken)
-        return Fault(name=name, part="formula", suite="order", inject=inject)
+        return Fault("order", "formula", name, inject)
 
     def second(m: AttitudeMoments, lower: AttitudeMoments, order: Any) -> Any:
         return replace(m, covariance=1.001 * m.covariance) if order == 2 else m

@@ -1,13 +1,14 @@
 """Faults of the calibration chain: scene, sensor, calibrator, and its theory."""
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from simval.arrays import Array
 from simval.calibrate import quadric
-from simval.selftest.fault import Fault, Part, after, wrapped
+from simval.selftest.fault import Fault, after, wrapped
 from simval.sensor import AccelerometerModel, forms
 from simval.studies import calibration, scene
 from simval.theory import calibration as theory
@@ -18,13 +19,12 @@ def calibration_faults() -> list[Fault]:
     return [*_scene(), *_sensor(), *_calibrator(), *_formula()]
 
 
-def _fault(part: Part, name: str, inject: Any, suite: str = "calibration") -> Fault:
-    return Fault(name=name, part=part, suite=suite, inject=inject)
+_fault = partial(Fault, "calibration")
 
 
 def _scene() -> list[Fault]:
-    def recording(name: str, change: Any) -> Fault:
-        return _fault("scene", name, after(scene, "simulate", change), "scene")
+    def trajectory(name: str, change: Any) -> Fault:
+        return Fault("scene", "scene", name, after(scene, "simulate", change))
 
     def late(names: tuple[str, ...]) -> Any:
         def change(r: Any) -> Any:
@@ -36,16 +36,16 @@ def _scene() -> list[Fault]:
         return original(name, directions=np.vstack([np.eye(3), -np.eye(3)]))
 
     return [
-        recording("attitude one step late", late(("attitude",))),
-        recording("rates one step late", late(("angular_velocity",))),
-        recording(
+        trajectory("attitude one step late", late(("attitude",))),
+        trajectory("rates one step late", late(("angular_velocity",))),
+        trajectory(
             "rates in degrees",
             lambda r: replace(r, angular_velocity=np.degrees(r.angular_velocity)),
         ),
-        recording(
+        trajectory(
             "a detector a window late", lambda r: replace(r, hold=np.roll(r.hold, 200))
         ),
-        recording(
+        trajectory(
             "a body that trembles",
             lambda r: replace(
                 r,
@@ -53,8 +53,8 @@ def _scene() -> list[Fault]:
                 + 1e-4 * np.sin(300.0 * r.time)[:, None],
             ),
         ),
-        _fault(
-            "scene", "six faces only", wrapped(scene, "simulate", six_faces), "scene"
+        Fault(
+            "scene", "scene", "six faces only", wrapped(scene, "simulate", six_faces)
         ),
         _fault(
             "scene",
@@ -118,32 +118,23 @@ def _calibrator() -> list[Fault]:
     def another(original: Any, poses: Any, **options: Any) -> Any:
         return original(poses, **(options | {"residual": "norm"}))
 
+    calibrator = partial(_fault, "calibrator")
     return [
-        _fault("calibrator", "wrong g", wrapped(calibration, "calibrate", wrong_g)),
-        _fault(
-            "calibrator",
-            "a pose left out",
-            wrapped(calibration, "calibrate", dropped),
-        ),
+        calibrator("wrong g", wrapped(calibration, "calibrate", wrong_g)),
+        calibrator("a pose left out", wrapped(calibration, "calibrate", dropped)),
         # the solver keeps only steps that lower the cost, so it still ends near the
         # minimum, within a fraction of a standard error: only paired noise shows it
-        Fault(
-            name="Jacobian: one row left out",
-            part="calibrator",
-            suite="calibration",
-            inject=after(quadric, "value_derivatives", jacobian),
+        calibrator(
+            "Jacobian: one row left out",
+            after(quadric, "value_derivatives", jacobian),
             baseline=True,
         ),
-        _fault(
-            "calibrator",
-            "another residual than stated",
-            wrapped(calibration, "calibrate", another),
+        calibrator(
+            "another residual than stated", wrapped(calibration, "calibrate", another)
         ),
-        Fault(
-            name="order of the parameters",
-            part="calibrator",
-            suite="calibration",
-            inject=after(forms, "from_gram", lambda p: np.roll(p, 3, axis=-1)),
+        calibrator(
+            "order of the parameters",
+            after(forms, "from_gram", lambda p: np.roll(p, 3, axis=-1)),
             crash=True,  # the solver starts so far off that it refuses some trials
         ),
     ]

@@ -1,44 +1,30 @@
-"""A fault: what it breaks, in which suite, and how it is put into the real flow."""
+"""A fault: what it breaks, in which suite, and how it is injected into the flow."""
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any, Literal
 
+Inject = Callable[[], AbstractContextManager[None]]
 Part = Literal["estimator", "formula", "noise", "sensor", "scene", "calibrator", "run"]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Fault:
-    """One injected fault.
+    """One injected fault."""
 
-    Attributes
-    ----------
-    name : str
-        What is wrong, in words.
-    part : str
-        Where in the flow it is.
-    suite : str
-        Key of `simval.selftest.matrix.SUITES`.
-    inject : callable
-        Gives a context in which the flow is broken.
-    baseline : bool, default False
-        Whether the run is set beside a stored baseline too: for what theory cannot
-        see, because every number is right by itself.
-    crash : bool, default False
-        Whether a cell is expected to crash. A crash that is not expected is a fault of
-        the injection, and does not count as found.
-    stops : bool, default False
-        Whether the driver itself stops; then what it left behind is judged.
-    """
-
-    name: str
-    part: Part
-    suite: str
-    inject: Callable[[], AbstractContextManager[None]]
+    suite: str  # key of `simval.selftest.matrix.SUITES`
+    part: Part  # where in the flow it is
+    name: str  # what is wrong, in words
+    inject: Inject  # gives a context in which the flow is broken
+    _: KW_ONLY
+    # whether the run is compared with a stored baseline too: for faults that theory
+    # cannot see, because every number is right by itself
     baseline: bool = False
+    # Whether a cell is expected to crash. An unexpected crash is a fault of the
+    # injection, and does not count as a detection.
     crash: bool = False
-    stops: bool = False
+    stops: bool = False  # whether the driver stops; then the unfinished run is judged
 
 
 @contextmanager
@@ -52,9 +38,7 @@ def replaced(owner: Any, name: str, value: Any) -> Iterator[None]:
         setattr(owner, name, before)
 
 
-def wrapped(
-    owner: Any, name: str, change: Callable[..., Any]
-) -> Callable[[], AbstractContextManager[None]]:
+def wrapped(owner: Any, name: str, change: Callable[..., Any]) -> Inject:
     """Wrap a function of the flow: ``change(original, *arguments)`` takes its place."""
 
     def inject() -> AbstractContextManager[None]:
@@ -68,9 +52,7 @@ def wrapped(
     return inject
 
 
-def after(
-    owner: Any, name: str, change: Callable[[Any], Any]
-) -> Callable[[], AbstractContextManager[None]]:
+def after(owner: Any, name: str, change: Callable[[Any], Any]) -> Inject:
     """Change what a function of the flow returns."""
 
     def broken(original: Callable[..., Any], *arguments: Any, **options: Any) -> Any:

@@ -1,8 +1,8 @@
-"""Every fault beside its clean twin, through the real flow: suite, run, gate.
+"""Every fault and its clean twin, through the real flow: suite, run, gate.
 
-A fault is put into the functions that the flow itself calls, the suite is run into a
-folder, read back and judged. Its twin is the same suite without the fault. The gate
-is right when the fault ends in fail or inconclusive, and the twin in pass.
+A fault is injected into the functions that the flow itself calls; the suite is run into
+a folder, read back and judged. Its twin is the same suite without the fault. The gate
+is right if the fault ends in fail or inconclusive, and the twin in pass.
 """
 
 from collections.abc import Callable, Iterator
@@ -25,9 +25,7 @@ from simval.sweep.suite import expand
 from simval.verdict import Answer
 
 SUITES: dict[str, dict[str, Any]] = {
-    "attitude": {
-        "attitude": {"noise_std": [0.02, 0.05, 0.1], "samples": 1_048_576},
-    },
+    "attitude": {"attitude": {"noise_std": [0.02, 0.05, 0.1], "samples": 1_048_576}},
     # noise of 1.5 m/s^2: only there do 6144 trials see a bias of second order
     "calibration": {
         "calibration": {
@@ -35,7 +33,7 @@ SUITES: dict[str, dict[str, Any]] = {
             "poses": 20,
             "hold_time": 0.02,
             "trials": 6144,
-        },
+        }
     },
     "scene": {"scene": {"scene": "gimbal", "poses": 20}},
     "order": {"attitude_order": {"geometry": 3, "noise": "isotropic"}},
@@ -44,33 +42,19 @@ SUITES: dict[str, dict[str, Any]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Result:
-    """What the gate said of a fault and of its twin.
-
-    Attributes
-    ----------
-    fault : Fault
-        The fault.
-    seen : str
-        The gate's answer with it.
-    twin : str
-        The gate's answer without it.
-    crashed : bool
-        Whether a cell crashed.
-    reason : str
-        The first thing that the gate said of the fault.
-    """
+    """The gate's answers for a fault and for its twin."""
 
     fault: Fault
-    seen: Answer
-    twin: Answer
+    seen: Answer  # the gate's answer with it
+    twin: Answer  # the gate's answer without it
     crashed: bool
-    reason: str
+    reason: str  # the gate's first finding with the fault
 
     @property
     def right(self) -> bool:
         """Whether the gate was right about both, and nothing else went wrong."""
-        found = self.seen != "pass" and self.twin == "pass"
-        return found and self.crashed == self.fault.crash
+        told_apart = self.seen != "pass" and self.twin == "pass"
+        return told_apart and self.crashed == self.fault.crash
 
 
 def faults() -> tuple[Fault, ...]:
@@ -116,7 +100,7 @@ class _Twin:
 
     @classmethod
     def of(cls, suite: str, folder: Path) -> "_Twin":
-        # the baseline is one clean run, and what is judged beside it another
+        # the baseline is one clean run; another clean run is compared with it
         stored = folder.with_suffix(".json")
         write_baseline(stored, _run(suite, folder, nullcontext()), "the clean twin")
         baseline = read_baseline(stored)

@@ -1,13 +1,12 @@
 """The gate's false-alarm rate and power, measured on fresh seeds.
 
-False alarms: the attitude study, and then the calibration studies, are run again and
-again, each time with a seed of its own, and the gate judges each run at 5, 1 and
-0.1 %. The cells are small, which is the harder case: the standard errors themselves
-are less certain.
+False alarms: the attitude study, and then the calibration studies, are run many times,
+each time with a new seed, and the gate judges each run at 5, 1 and 0.1 %. The cells are
+small, which is the harder case: their standard errors are less certain.
 
-Power: one cell at the default size of the accuracy suite, with a fault in what it is
-set beside (or in its noise), judged among as many sound rows as a large run has. One
-cell is the harder case again: a fault in all cells is found by any one of them.
+Power: one cell at the default size of the accuracy suite, with a fault in its
+prediction (or in its noise), judged among as many sound rows as a large run has. One
+cell is the harder case again: a fault in all cells is detected by any of them.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -30,8 +29,11 @@ from simval.theory.attitude import AttitudeMoments, attitude_moments
 from simval.verdict import ALPHA, judge, overall
 
 CLEAN_SAMPLES = 4 * attitude.BLOCK
+"""The fewest that the study takes: the harder case."""
 CLEAN_NOISE = (0.02, 0.05)
+"""Chosen: two of the middle levels of the accuracy suite."""
 DEFAULT_SAMPLES = 4_000_000
+"""Samples of a cell of the accuracy suite."""
 SOUND_ROWS: dict[Check, int] = {"plain": 2000, "control": 200, "nees": 100}
 """Rows with p = 1 beside a fault: more than the accuracy suite has."""
 
@@ -44,28 +46,21 @@ Clean = Callable[[int], dict[str, Rows]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rate:
-    """How often something happened, with a 95 % interval.
+    """How often something happened, with a 95 % interval."""
 
-    Attributes
-    ----------
-    name : str
-        What was counted.
-    nominal : float
-        The stated rate: at most this for false alarms, at least this for power.
-    count, runs : int
-        How often, out of how many.
-    """
-
-    name: str
+    name: str  # what was counted
+    # the stated rate: at most this for false alarms, at least this for power
     nominal: float
+    # how often, out of how many
     count: int
     runs: int
 
     @property
     def interval(self) -> tuple[float, float]:
         """Wilson's interval of 95 %."""
-        found = stats.binomtest(self.count, self.runs).proportion_ci(0.95, "wilson")
-        return float(found.low), float(found.high)
+        rate = stats.binomtest(self.count, self.runs)
+        low, high = rate.proportion_ci(0.95, "wilson")
+        return float(low), float(high)
 
 
 def false_alarm_rates(
@@ -135,7 +130,7 @@ def formula_faults() -> dict[str, tuple[float, Claim]]:
 def powers(runs: int, seed: int, advance: Callable[[], object]) -> list[Rate]:
     """Judge one cell of default size with each fault."""
     faults = formula_faults()
-    found = dict.fromkeys([*faults, "noise 1 % larger"], 0)
+    counts = dict.fromkeys([*faults, "noise 1 % larger"], 0)
     sound = list(_sound())
     for number in range(runs):
         for noise in sorted({noise for noise, _ in faults.values()}):
@@ -144,20 +139,20 @@ def powers(runs: int, seed: int, advance: Callable[[], object]) -> list[Rate]:
                     if where == noise:
                         with claimed(claim):
                             rows = _rows(noise, DEFAULT_SAMPLES, seed + number)
-                        found[name] += _caught([*rows, *sound])
+                        counts[name] += _caught([*rows, *sound])
         with claimed(_for_noise(0.003)):
             rows = _rows(0.00303, DEFAULT_SAMPLES, seed + number)
-        found["noise 1 % larger"] += _caught([*rows, *sound])
+        counts["noise 1 % larger"] += _caught([*rows, *sound])
         advance()
     return [
         Rate(name=name, nominal=0.99, count=count, runs=runs)
-        for name, count in found.items()
+        for name, count in counts.items()
     ]
 
 
 @contextmanager
 def known_theory() -> Iterator[None]:
-    """Compute each prediction of the attitude study once only."""
+    """Compute each prediction of the attitude study only once."""
     once = cache(
         lambda geometry, noise, order: attitude_moments(
             *attitude.random_geometry(geometry), noise, order=order
@@ -175,7 +170,7 @@ def known_theory() -> Iterator[None]:
 
 @contextmanager
 def drawn_once() -> Iterator[None]:
-    """Draw the samples of the attitude study once only, for several claims."""
+    """Draw the samples of the attitude study only once, for several claims."""
     with (
         replaced(attitude, "simulate", _once(simulate)),
         replaced(attitude, "simulate_reduced", _once(simulate_reduced)),
@@ -196,7 +191,7 @@ def _once(function: Callable[..., Any]) -> Callable[..., Any]:
 
 @contextmanager
 def claimed(claim: Claim) -> Iterator[None]:
-    """Put a fault into the predictions of the attitude study."""
+    """Inject a fault into the predictions of the attitude study."""
 
     def wrong(
         q: Array, r1: Array, r2: Array, noise: float, *, order: int | str

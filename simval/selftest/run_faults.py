@@ -1,6 +1,7 @@
 """Faults of the machinery: workers, store, samples, standard errors, rows."""
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,23 +18,7 @@ def run_faults() -> list[Fault]:
     return [*_samples(), *_cells(), *_rows()]
 
 
-def _fault(
-    name: str,
-    inject: Any,
-    *,
-    baseline: bool = False,
-    crash: bool = False,
-    stops: bool = False,
-) -> Fault:
-    return Fault(
-        name=name,
-        part="run",
-        suite="attitude",
-        inject=inject,
-        baseline=baseline,
-        crash=crash,
-        stops=stops,
-    )
+_fault = partial(Fault, "attitude", "run")
 
 
 def _samples() -> list[Fault]:
@@ -46,33 +31,22 @@ def _samples() -> list[Fault]:
         # sixteen times as many batches as there were, with the scatter to match
         return replace(sums, batches=16 * sums.batches, scatter=16 * sums.scatter)
 
+    def errors(factor: float) -> Any:
+        return after(
+            attitude,
+            "moments_of",
+            lambda m: replace(
+                m,
+                bias_error=factor * m.bias_error,
+                covariance_error=factor * m.covariance_error,
+            ),
+        )
+
     return [
         _fault("half of the samples", wrapped(attitude, "simulate", half)),
         _fault("samples counted sixteenfold", after(attitude, "simulate", claimed)),
-        _fault(
-            "standard errors a tenth",
-            after(
-                attitude,
-                "moments_of",
-                lambda m: replace(
-                    m,
-                    bias_error=m.bias_error / 10.0,
-                    covariance_error=m.covariance_error / 10.0,
-                ),
-            ),
-        ),
-        _fault(
-            "standard errors of zero",
-            after(
-                attitude,
-                "moments_of",
-                lambda m: replace(
-                    m,
-                    bias_error=np.full_like(m.bias_error, 0.0),
-                    covariance_error=np.full_like(m.covariance_error, 0.0),
-                ),
-            ),
-        ),
+        _fault("standard errors a tenth", errors(0.1)),
+        _fault("standard errors of zero", errors(0.0)),
     ]
 
 

@@ -44,7 +44,7 @@ def load_sensor(path: str | PathLike[str]) -> tuple[AccelerometerModel, Effects]
     Raises
     ------
     InputError
-        If the file cannot be read, lacks T, K or B, or has a name nobody knows.
+        If the file cannot be read, lacks T, K or B, or has an unknown name.
     """
     values = _parsed(file_path("path", path))
     missing = [name for name in MODEL if name not in values]

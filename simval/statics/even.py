@@ -49,7 +49,7 @@ class EvenLog:
         return np.searchsorted(self.tick, intervals).reshape(-1, 2)
 
     def wander(self, rest: Rest, spread: Array) -> float:
-        """How much the readings of a rest vary in a window, beside from tick to tick.
+        """Variance of a rest's readings within a window, over that from tick to tick.
 
         Median variance of the rest's windows over half its mean squared difference of
         successive ticks, 1: 1 for white noise, more where motion is in it.

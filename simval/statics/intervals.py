@@ -1,4 +1,4 @@
-"""Static intervals, and what is read off them: counts and means."""
+"""Static intervals, their counts and their means."""
 
 from typing import Any
 
@@ -29,7 +29,7 @@ def one_log(samples: Any) -> Float[Array, "n 3"]:
 
 
 def checked_intervals(intervals: Any, count: int | None = None) -> Intervals:
-    """Require intervals of whole samples, none of them empty.
+    """Require intervals of whole samples that are not empty.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The named experiments: what simval can be asked, one file each. Read this first.
+"""The studies: named experiments, one module each. Read this first.
 
 A study wires the layers below it into one experiment:
 
@@ -9,7 +9,7 @@ It is a module with four names:
 - ``TITLE``: one line for people;
 - ``Parameters``: a pydantic model (subclass of `StudyParameters`) of one cell's
   parameters, scalars only, each with its unit in the description and a default, and
-  with ``cost()``, what a cell takes;
+  with ``cost()``, the expected cost of a cell;
 - ``run(parameters, streams) -> Outcome``: a pure function of these parameters and
   of the cell's random streams (``streams.block(i)`` is the generator of block i).
   It returns rows (`simval.results`) of statistics (`simval.statistics`), and
@@ -21,7 +21,7 @@ A study that runs a user's code has a fifth, ``compute``: what ``run`` asks a ch
 process to do.
 
 To add a study, write the module and put it into `_MODULES`; suites, the command line,
-the gate and the report take it from there. A study never draws, prints or judges.
+the gate and the report take it from there. A study never plots, prints or judges.
 """
 
 from collections.abc import Mapping

@@ -49,7 +49,7 @@ from simval.theory.two_vector import (
 )
 
 TITLE = "Geometries: which attitude formula is nearer to the truth, and how often"
-SECTION = None
+SECTION = "geometries"
 
 QUANTILES: Final = {"least": 0.0, "5%": 0.05, "median": 0.5, "95%": 0.95, "most": 1.0}
 
@@ -105,7 +105,10 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         statistics = LEADING_ERROR_RATIO.each(QUANTILES)
         rows += unjudged(statistics, values, predictor=label)
         rows += unjudged(NEARER(), float(np.mean(found < 1.0)), predictor=label)
-    return Outcome(rows=tuple(rows))
+    p = parameters
+    name = f"attitude-geometries-{p.noise}-{p.frame}-{p.geometries}.npz"
+    artifact = dict(zip(labels, ratios.T, strict=True))
+    return Outcome(rows=tuple(rows), artifacts={name: artifact})
 
 
 Truth = tuple[Array, Array, Array]

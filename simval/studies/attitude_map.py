@@ -25,7 +25,7 @@ from simval.studies.study import Cost, StudyParameters
 from simval.theory.attitude import AttitudeMoments, attitude_moments
 
 TITLE = "Map of the limits: where each attitude formula holds, over many geometries"
-SECTION = None
+SECTION = "ranges"
 
 SHARES: Final = {"1%": 0.01, "10%": 0.1}
 RATIOS: Final = np.geomspace(30.0, 1.2, 26)
@@ -56,12 +56,15 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     drawn = islice(regular_geometries(parameters.frame), parameters.geometries)
     limits = [_limits(truth, geometry.frame) for _, truth, geometry in drawn]
     rows: list[Row] = []
+    artifact = {"searched": RATIOS[[0, -1]]}
     for order, label in FORMULAS.items():
         for part in PARTS:
             for share in SHARES:
                 found = np.array([limit[order, part, share] for limit in limits])
                 rows += _rows(found, (part, share), label)
-    return Outcome(rows=tuple(rows))
+                artifact[f"{label}, {part}, {share}"] = found[:, 0]
+    name = f"attitude-map-{parameters.frame}-{parameters.geometries}.npz"
+    return Outcome(rows=tuple(rows), artifacts={name: artifact})
 
 
 def _rows(found: Array, entries: tuple[str, str], label: str) -> Iterator[Row]:

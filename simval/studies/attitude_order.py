@@ -141,7 +141,7 @@ def _truth(
     if kind == "isotropic":
         return attitude_moments(q, r1, r2, noise, "exact")
     return cubature_moments(
-        partial(two_vector_quaternion, frame=second.frame),
+        partial(two_vector_quaternion, frame=str(second.frame)),
         true_vectors(q, r1, r2)[1],
         noise,
         second.q_true,

@@ -87,21 +87,12 @@ def true_sensor(noise_std: float) -> AccelerometerModel:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rests:
-    """What a scene's sensor feels while it is at rest.
+    """What a scene's sensor feels while it is at rest."""
 
-    Attributes
-    ----------
-    forces : Array
-        Specific force of every sample of every rest, sensor coordinates, m/s^2,
-        (rests, samples, 3).
-    g : float
-        Length of gravity, m/s^2.
-    rest_force : float
-        How far from g the scene lets the length of a rest's force be, m/s^2.
-    """
-
+    # specific force of every sample of every rest, sensor coordinates, m/s^2
     forces: Float[Array, "rests samples 3"]
-    g: float
+    g: float  # length of gravity, m/s^2
+    # how far from g the scene lets the length of a rest's force be, m/s^2
     rest_force: float
 
 

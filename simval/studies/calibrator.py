@@ -1,19 +1,19 @@
-r"""A calibrator of one's own: probe, noise, error, beside the Cramer-Rao bound.
+r"""A user-supplied calibrator: its errors, set beside the Cramer-Rao bound.
 
 The plug-in's conventions are probed without noise first. Then each trial reads a known
 sensor in poses spread over the sphere, with noise on each mean, and calibrates; the
 error is estimate minus truth in the nine parameters of the triangular form, to which
 every answer is brought: norms fix no more.
 
-Nobody knows the plug-in's bias. Every residual of the theory is biased by at most
-3.5 :math:`\sigma^2/g^2` in scale, so a scale is allowed `BIAS_ALLOWED`
-:math:`\sigma^2/g^2`, a misalignment likewise and a bias `BIAS_ALLOWED`
-:math:`\sigma^2/g` of raw units; a greater one fails. Where it gives a covariance, the
-mean normalised square must be 9, but for the square of that bias and the remainder of a
-variance that theory states. A covariance of ``type A``, from residuals with :math:`\nu`
-degrees of freedom (`dof`), makes it :math:`9 F(9, \nu)` instead of chi-square, with the
-mean :math:`9\nu/(\nu - 2)`; it is judged times :math:`(\nu - 2)/\nu`, for whose sake
-every one is allowed `FREEDOM` more. The spread is set beside the bound and kept for the
+The plug-in's bias is not predicted. Every residual of the theory is biased by at most
+3.5 :math:`\sigma^2/g^2` in scale, so a scale and a misalignment are each allowed
+`BIAS_ALLOWED` :math:`\sigma^2/g^2`, and a bias `BIAS_ALLOWED` :math:`\sigma^2/g` of raw
+units; a greater one fails. Where it gives a covariance, the mean normalised square must
+be 9, up to the square of that bias and the remainder that theory states for a variance.
+A covariance of ``type A``, from residuals with :math:`\nu` degrees of freedom (`dof`),
+makes it :math:`9 F(9, \nu)` instead of chi-square, with the mean
+:math:`9\nu/(\nu - 2)`; it is multiplied by :math:`(\nu - 2)/\nu` before it is judged,
+and `FREEDOM` more is allowed. The spread is set beside the bound and kept for the
 baseline.
 
 A command is a process for each trial, so its time limit is for every `CALLS` of them.
@@ -52,7 +52,7 @@ from simval.studies.coverage import FREEDOM
 from simval.studies.plugin import PluginName, PluginParameters, isolated
 from simval.theory.calibration import CalibrationMoments, calibration_moments
 
-TITLE = "A user's calibrator, in a process of its own"
+TITLE = "User-supplied calibrator: bias, spread and stated covariance"
 SECTION = None
 
 BLOCK = 16
@@ -126,16 +126,16 @@ def _error(
     plugin: Calibrator, poses: Float[Array, "n 3"], noise: float
 ) -> Float[Array, " p"]:
     """Error of the nine parameters and, with a covariance, its normalised square."""
-    found = calibration_of(plugin, poses, G, noise)
+    answer = calibration_of(plugin, poses, G, noise)
     sensor = probe_sensor()
-    error = found.parameters("triangular") - sensor.parameters
-    if found.covariance is None:
+    error = answer.parameters("triangular") - sensor.parameters
+    if answer.covariance is None:
         return error
     truth = forms.from_gram(plugin.form, sensor.matrix.T @ sensor.matrix, sensor.B)
-    own = found.parameters(plugin.form) - truth
-    square = own @ np.linalg.solve(found.covariance, own)
+    own = answer.parameters(plugin.form) - truth
+    square = own @ np.linalg.solve(answer.covariance, own)
     # nine over the mean that a Type A covariance gives it
-    factor = 1.0 if found.dof is None else (found.dof - 2) / found.dof
+    factor = 1.0 if answer.dof is None else (answer.dof - 2) / answer.dof
     return np.append(error, square * factor)
 
 

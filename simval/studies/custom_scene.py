@@ -1,4 +1,4 @@
-"""A scene of one's own: is rest at rest, are the rows of one instant, do poses suffice.
+"""A user-supplied scene: whether rest is at rest and the poses suffice.
 
 The scene is a Python file that holds one `simval.scene.Scene`, beside its MJCF file.
 It is run in a child process; the trajectory's own checks have passed before anything
@@ -15,7 +15,7 @@ from simval.streams import Streams
 from simval.studies.plugin import PluginName, PluginParameters, isolated
 from simval.studies.scene import judged_rows
 
-TITLE = "A user's scene, in a process of its own"
+TITLE = "User-supplied scene: is rest at rest, and do the poses suffice?"
 SECTION = None
 
 

@@ -21,10 +21,10 @@ from pydantic import Field, field_validator
 from simval.arrays import Array
 from simval.results import Outcome, Row, nees, unjudged
 from simval.scene import simulate_cached
-from simval.sensor import AccelerometerModel
 from simval.statics import Intervals
 from simval.statistics import CHI_SQUARE_9, FITTED, NEES, Family
 from simval.streams import Streams
+from simval.studies.calibration import true_sensor
 from simval.studies.scoring import (
     Tumble,
     detect,
@@ -89,8 +89,7 @@ def tumble(scene: str, poses: int) -> Tumble:
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Score the detector in one cell."""
     truth = tumble(parameters.scene, parameters.poses)
-    values = np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
-    sensor = AccelerometerModel.from_parameters(values, noise_std=parameters.noise_std)
+    sensor = true_sensor(parameters.noise_std)
     settings = (parameters.multiplier, parameters.window, parameters.trim)
     scores: list[dict[Family, float]] = []
     squares: list[tuple[float, float]] = []

@@ -1,4 +1,4 @@
-r"""An attitude estimator of one's own: probe, noise, error, beside cubature and bound.
+r"""A user-supplied attitude estimator: its errors, beside cubature and the bound.
 
 The plug-in's conventions are probed without noise first, at generic attitudes. At the
 classes of attitudes where estimators break (`simval.plugins.attitude_classes`) the
@@ -6,28 +6,28 @@ share of exact cases that fail must be 0, unless the plug-in declares that class
 each trial adds noise to both body and both reference vectors; the error is the rotation
 vector from the truth to the estimate, on the side that the plug-in declares. Its bias
 and covariance are set beside Gaussian cubature of the plug-in itself: no theory of it
-is needed, and the two share nothing but its code. What cubature of degree 7 differs
-from degree 5 by, twice, is the remainder that it is allowed.
+is needed, and the two share nothing but its code. The remainder is twice the difference
+between cubature of degree 7 and of degree 5.
 
 Such a comparison alone would let a wrong plug-in agree with itself. An error without
 first-order bias, :math:`e = Jn + \tfrac12 n^T H n`, has the mean
 :math:`\tfrac12\,\mathrm{tr}(H\Sigma)`: products of two first-order errors, as
 :math:`\tfrac12\,e' \times e''` is of two turns. So the bias by cubature must be within
-the trace of the covariance, but for what cubature itself is off by. And at a noise of
-`SMALL`, where that is nothing, it must be within the trace of the Cramer-Rao bound, but
-for rounding: a constant error does not shrink with the noise and fails. Of 400
+the trace of the covariance, up to the error of cubature itself. At a noise of `SMALL`,
+where that error is negligible, it must be within the trace of the Cramer-Rao bound, up
+to rounding: a constant error does not shrink with the noise and fails. Of 400
 geometries the two-vector estimator takes at most 0.17 of that trace; orthogonal frames
 and least squares have no second-order bias.
 
 `simval.studies.leading_terms` asks more: no bias of first order, nothing below the
 bound, and of an estimator that declares its class the bias and covariance of it.
 
-Where the plug-in gives a covariance, its normalised squared error has the mean 3, but
-for what the claim leaves out. An exact claim is allowed nothing: by cubature it may be
-off only by what cubature itself is, again twice the difference of the degrees. A claim
-of order k is allowed twice what cubature says that it is off by; and it must earn its
-order: halving the noise must reduce that by :math:`2^k`, or by :math:`2^{k - 1/2}` at
-least. So a wrong leading term is never hidden by its own remainder.
+Where the plug-in gives a covariance, its normalised squared error has the mean 3, up
+to what the claim leaves out. An exact claim leaves out nothing: by cubature it may be
+off only by the error of cubature itself, again twice the difference of the degrees. A
+claim of order k is allowed twice the error that cubature finds in it, and its order
+must be true: halving the noise must reduce that error by :math:`2^k`, and at least by
+:math:`2^{k - 1/2}`. So a wrong leading term is never hidden by its own remainder.
 
 Whatever the estimator, unit quaternions have :math:`E|q - \hat q|^2 = 2 q^T E[q - \hat
 q]`. The first block is held to it within what the lengths that the plug-in returned
@@ -78,14 +78,14 @@ from simval.theory.cramer_rao import attitude_bound
 from simval.theory.cubature import cubature_moments
 from simval.theory.unit_length import unit_length_defect, unit_length_rounding
 
-TITLE = "A user's attitude estimator, in a process of its own"
+TITLE = "User-supplied attitude estimator: bias, spread and stated covariance"
 SECTION = None
 
 BLOCK = 1024
 BATCH = 8
 AXES = ("x", "y", "z")
 SMALL = 1e-5
-"""Noise at which a bias of second order, and what cubature is off by, are nothing."""
+"""Noise at which a second-order bias and the error of cubature are negligible."""
 
 SMALL_ROUNDING = 2.0 * TOLERANCE
 """Rad; the root of rounding, 1.5e-8, times the sum of the weights' sizes, 107."""
@@ -144,18 +144,18 @@ class Setting:
     def cubature(self, noise: float, degree: int) -> tuple[Array, Array]:
         """Mean and covariance of `errors` under the noise."""
         count = 4 if self.plugin.covariance is not None else 3
-        found = cubature_moments(
+        moments = cubature_moments(
             lambda *vectors: self.errors(np.stack(vectors, axis=1), noise),
             self.truth,
             np.broadcast_to(noise**2 * np.eye(3), (4, 3, 3)),
             np.zeros(count),
             degree,
         )
-        return -found.bias, found.covariance
+        return -moments.bias, moments.covariance
 
 
 def claim_off(moments: tuple[Array, Array]) -> float:
-    """By how much the mean normalised square is off 3."""
+    """Relative error of the mean normalised square, whose true value is 3."""
     return float(moments[0][3]) / 3.0 - 1.0
 
 
@@ -233,12 +233,12 @@ def _bias_rows(
         float(np.trace(covariance[:3, :3])) + unresolved + TOLERANCE,
         float(np.trace(bound.rotation)) + SMALL_ROUNDING,
     )
-    found = [
+    biases = [
         float(np.linalg.norm(bias[:3]))
         for bias in (mean, setting.cubature(SMALL, 7)[0])
     ]
     families = (CUBATURE_BIAS(), CUBATURE_BIAS_SMALL())
-    return limit(families, found, most, SECOND_ORDER, n=1)
+    return limit(families, biases, most, SECOND_ORDER, n=1)
 
 
 def _moment_rows(
@@ -287,7 +287,7 @@ def _size_rows(setting: Setting, sums: Sums, noise: float) -> tuple[Row, ...]:
 def _claim_rows(
     claim: int | str, measured: Moments, off: float, half: float, unresolved: float
 ) -> tuple[Row, ...]:
-    """Mean normalised square, and whether the claim is earned without chance."""
+    """Mean normalised square, and whether the claimed order is true."""
     if isinstance(claim, str):
         statistic, value, allowed = CLAIM_OFF(), abs(off), 0.0
         most, predictor = 2.0 * unresolved, CUBATURE_ERROR

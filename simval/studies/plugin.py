@@ -126,8 +126,8 @@ def answer(compute: Compute[Model], model: type[Model]) -> None:
         # they were validated where they were made: the child only computes
         parameters = model.model_construct(**request["parameters"])
         streams = Streams(request["seed"], tuple(request["key"]))
-        found = compute(parameters, streams).rows
-        return {"rows": ROWS.dump_python(found, mode="json")}
+        measured = compute(parameters, streams).rows
+        return {"rows": ROWS.dump_python(measured, mode="json")}
 
     respond(rows)
 

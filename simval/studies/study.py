@@ -12,18 +12,10 @@ from simval.streams import Streams, cell_key
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What a cell is expected to cost, for planning only.
+    """What a cell is expected to cost, for planning only."""
 
-    Attributes
-    ----------
-    seconds : float
-        CPU time on a processor of a few GHz, s.
-    rows : int
-        Rows that it leaves.
-    """
-
-    seconds: float
-    rows: int
+    seconds: float  # CPU time on a processor of a few GHz, s
+    rows: int  # rows that it leaves
 
 
 class StudyParameters(BaseModel):
@@ -34,7 +26,7 @@ class StudyParameters(BaseModel):
     )
 
     def cost(self) -> Cost:
-        """What a cell takes where a study does not say: a second and fifty rows."""
+        """Cost of a cell if a study does not state it: a second and fifty rows."""
         return Cost(1.0, 50)
 
     plugin: ClassVar[str] = ""
@@ -88,21 +80,11 @@ def study_of(module: Any) -> Study:
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One unit of work of a sweep: a study at one set of parameters and one seed.
+    """One unit of work of a sweep: a study at one set of parameters and one seed."""
 
-    Attributes
-    ----------
-    study : str
-        Name of the study.
-    parameters : StudyParameters
-        Its parameters.
-    seed : int
-        The run's seed.
-    """
-
-    study: str
-    parameters: StudyParameters
-    seed: int
+    study: str  # name of the study
+    parameters: StudyParameters  # its parameters
+    seed: int  # the run's seed
 
     @property
     def key_name(self) -> str:

@@ -1,7 +1,7 @@
 """Run a suite: a file of studies and grids, cell by cell, into a run folder.
 
-`suite` reads and expands the file, `store` keeps the results in SQLite, `runner`
-does the work, `provenance` records what the numbers depend on, `run` reads a
+`suite` reads and expands the file, `runner` computes the cells, `store` keeps the
+results in SQLite, `provenance` notes what the numbers depend on, `run` reads a
 finished run back.
 """
 

@@ -1,8 +1,7 @@
-"""The cells of a store, read back and checked: what cannot be is never handed on.
+"""The cells of a store, read back and checked; damaged ones are never passed on.
 
-Three questions, the one whose answer says most first: can each field be what it is,
-do the name and the parameters of a cell agree, and is all of it what the sweep stored,
-by its digest.
+Three checks, the most informative one first: can each field have its value, do the name
+and the parameters of a cell agree, and does the digest show what the sweep stored.
 """
 
 import sqlite3
@@ -28,43 +27,21 @@ it begins with a traceback."""
 
 STATUSES = ("pending", "done", "failed")
 OTHER_VERSION = ("missing", "extra_forbidden")
-"""Kinds of pydantic's errors that a study of another version explains as well."""
+"""Kinds of pydantic's errors that another version of a study causes too."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CellResult:
-    """One cell of a run: what it was and what it left.
-
-    Attributes
-    ----------
-    position : int
-        Place in the suite.
-    name : str
-        Unique name in the run.
-    study : str
-        Name of the study.
-    seed : int
-        The run's seed.
-    parameters : mapping
-        The study's parameters.
-    status : str
-        ``done``, ``failed`` or ``pending``.
-    error : str
-        Why it failed.
-    seconds : float
-        CPU time, s.
-    rows : tuple of Row
-        Its statistics.
-    """
+    """One cell of a run: what it was and what it left."""
 
     position: int = 0
-    name: str
+    name: str  # unique name in the run
     study: str
     seed: int
     parameters: Mapping[str, Any]
-    status: str
-    error: str
-    seconds: float
+    status: str  # ``done``, ``failed`` or ``pending``
+    error: str  # why it failed
+    seconds: float  # CPU time, s
     rows: tuple[Row, ...]
 
     @property
@@ -90,7 +67,7 @@ class CellResult:
         return CellName(self.study, self.name)
 
     def row(self, statistic: Statistic, predictor: str = "") -> Row | None:
-        """Find the row of a statistic."""
+        """Row of a statistic; None if there is none."""
         key = (statistic, predictor)
         return next((row for row in self.rows if row.key == key), None)
 
@@ -101,58 +78,44 @@ def read_cells(database: sqlite3.Connection) -> Iterator[CellResult]:
     Raises
     ------
     DamagedError
-        With the cell and the field that cannot be, or the cell that is not what the
-        sweep stored.
+        With the cell, and its impossible field if there is one.
     """
     query = "SELECT cell FROM rows WHERE cell NOT IN (SELECT position FROM cells)"
     stray = database.execute(query).fetchone()
     if stray is not None:
-        msg = f"there are rows of a cell {stray[0]!r:.60}, and no such cell"
+        msg = f"there are rows of a cell {stray[0]!r:.60}, which does not exist"
         raise DamagedError(msg)
     for head in read_heads(database):
         yield read_cell(database, head.position)
 
 
 def read_heads(database: sqlite3.Connection) -> Iterator[CellResult]:
-    """Read the cells of a store without their rows.
-
-    Raises
-    ------
-    DamagedError
-        With the cell and the field that cannot be.
-    """
+    """Read the cells of a store without their rows."""
     cells = database.execute("SELECT * FROM cells ORDER BY position")
     for number, cell in enumerate(cells):
         if cell["position"] != number:
-            msg = f"the cells are not numbered from 0 without a gap: {number} is none"
+            msg = (
+                f"the cells are not numbered from 0 without a gap: {number} is missing"
+            )
             raise DamagedError(msg)
         with _named(cell):
             yield _result(cell, ())
 
 
 def read_cell(database: sqlite3.Connection, position: int) -> CellResult:
-    """Read one cell of a store with its rows.
-
-    Raises
-    ------
-    DamagedError
-        As `read_cells`.
-    """
-    query = "SELECT * FROM cells WHERE position = ?"
-    cell = database.execute(query, (position,)).fetchone()
-    query = f"SELECT {store.ROW_COLUMNS} FROM rows WHERE cell = ? ORDER BY ordinal"
-    rows = database.execute(query, (position,)).fetchall()
+    """Read one cell of a store with its rows."""
+    cell, rows = store.stored_cell(database, position)
     with _named(cell):
-        found = _result(cell, rows)
+        result = _result(cell, rows)
         if cell["digest"] != store.digest_of_cell(cell, rows):
             msg = "its entry or its rows are not what the sweep stored (by SHA-256)"
             raise DamagedError(msg)
-    return found
+    return result
 
 
 @contextmanager
 def _named(cell: sqlite3.Row) -> Iterator[None]:
-    """Say in which cell the damage is."""
+    """Add the name of the cell to the message."""
     try:
         yield
     except DamagedError as error:
@@ -188,7 +151,7 @@ def _result(cell: sqlite3.Row, rows: Sequence[sqlite3.Row]) -> CellResult:
 def _rows(entries: Sequence[sqlite3.Row]) -> Iterator[Row]:
     for number, entry in enumerate(entries):
         if entry["ordinal"] != number:
-            msg = f"its rows are not numbered from 0 without a gap: {number} is none"
+            msg = f"its rows are not numbered from 0 without a gap: {number} is missing"
             raise DamagedError(msg)
         try:
             yield row_of(entry)
@@ -198,18 +161,18 @@ def _rows(entries: Sequence[sqlite3.Row]) -> Iterator[Row]:
 
 
 def _parameters(cell: sqlite3.Row) -> dict[str, Any]:
-    found = read_json("its entry `parameters`", cell["parameters"])
-    if not isinstance(found, dict):
-        msg = f"its `parameters` are {found!r:.60}, no object"
+    parameters = read_json("its entry `parameters`", cell["parameters"])
+    if not isinstance(parameters, dict):
+        msg = f"its `parameters` are {parameters!r:.60}, not an object"
         raise DamagedError(msg)
     if cell["study"] in STUDIES:
-        _require_possible(cell["study"], found)
-    _require_named(cell, found)
-    return found
+        _require_possible(cell["study"], parameters)
+    _require_named(cell, parameters)
+    return parameters
 
 
 def _require_named(cell: sqlite3.Row, parameters: Mapping[str, Any]) -> None:
-    """The name says study, seed and parameters."""
+    """Check that the name agrees with study, seed and parameters."""
     start, end = f"{cell['study']}(", f")@{cell['seed']}"
     if not (cell["cell"].startswith(start) and cell["cell"].endswith(end)):
         msg = f"it is stored as {cell['study']} with {cell['seed']}"
@@ -227,12 +190,12 @@ def _require_named(cell: sqlite3.Row, parameters: Mapping[str, Any]) -> None:
 
 
 def _require_possible(study: str, parameters: Mapping[str, Any]) -> None:
-    """What the study would refuse today, but for keys that it had or lacked once."""
+    """Refuse what the study refuses, except for keys that other versions had."""
     try:
         STUDIES[study].parameters.model_validate(parameters)
     except ValidationError as error:
-        for told in error.errors():
-            if told["type"] not in OTHER_VERSION:
-                key = ".".join(str(part) for part in told["loc"])
-                msg = f"its parameter `{key}` is {told['input']!r:.60}: {told['msg']}"
+        for fault in error.errors():
+            if fault["type"] not in OTHER_VERSION:
+                key = ".".join(str(part) for part in fault["loc"])
+                msg = f"its parameter `{key}` is {fault['input']!r:.60}: {fault['msg']}"
                 raise DamagedError(msg) from None

@@ -1,7 +1,7 @@
-"""What the documents of a run must hold: its manifest, its times, its digests.
+"""The documents of a run, checked: its manifest, its times, its digests.
 
-A document is taken as it is, extra keys included; what the gate, the comparison and
-the report read of it is checked here, once.
+Extra keys are accepted; all that the gate, the comparison and the report read is
+checked here, once.
 """
 
 import json
@@ -17,7 +17,7 @@ Count = Annotated[int, Field(ge=0)]
 
 
 class DamagedError(InputError):
-    """Something in a run folder that cannot be, in words that name it."""
+    """Something in a run folder that is damaged, with its name."""
 
 
 class _Document(BaseModel):
@@ -69,29 +69,17 @@ class _Timing(_Started):
 
 
 def checked_manifest(text: Any) -> dict[str, Any]:
-    """Read a manifest.
-
-    Raises
-    ------
-    DamagedError
-        If it is no JSON, or something in it is missing or cannot be.
-    """
+    """Read a manifest."""
     return _checked("manifest", text, _Manifest)
 
 
 def read_timing(folder: Path) -> dict[str, Any]:
-    """Read the times of a run.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or something in it is missing or cannot be.
-    """
+    """Read the times of a run."""
     file = folder / "timing.json"
     try:
-        text = file.read_text(encoding="utf-8") if file.is_file() else None
-        if text is None:
+        if not file.is_file():
             return {}
+        text = file.read_text(encoding="utf-8")
         content = _checked("file", text, _Started)
         started = content.keys() <= {"plugins"}
         return content if started else _checked("file", text, _Timing)
@@ -101,13 +89,7 @@ def read_timing(folder: Path) -> dict[str, Any]:
 
 
 def read_json(name: str, text: Any) -> Any:
-    """Read JSON of which each word can be written again.
-
-    Raises
-    ------
-    DamagedError
-        If it is no JSON, or a word in it is no text.
-    """
+    """Read JSON that can be written again as UTF-8."""
     try:
         content = json.loads(text)
         json.dumps(content, ensure_ascii=False).encode()  # no half of a character

@@ -1,8 +1,7 @@
 """Where cells are computed: in this process, in a local pool, or on a cluster.
 
-All are iterators of `Done` in the order in which cells end; the driver does not care
-which. A cell that raises is a result, its traceback; what is handled here is a worker
-that dies.
+All yield `Done` in the order in which cells end. A cell that raises gives its traceback
+as its result; what is handled here is a worker that dies.
 """
 
 import os
@@ -34,18 +33,18 @@ from simval.studies import find_study
 from simval.studies.study import Cell
 from simval.sweep import provenance
 from simval.sweep.cells import REFUSED
-from simval.text import described, one_line, told
+from simval.text import described, message_of, one_line
 
 CONNECT_TIMEOUT = 10.0  # s
 
 LOST: tuple[type[BaseException], ...] = (BrokenProcessPool, OSError)
-"""Errors of a future that say that its worker is gone, not what the cell did."""
+"""Errors of a future whose worker is lost, and not of the cell itself."""
 
 Done = tuple[int, Outcome | str, float]
 """Place of the cell, its outcome or the traceback of its failure, CPU seconds."""
 
 Compute = Callable[[Sequence[Cell], Sequence[int]], Iterator[Done]]
-"""From the cells of a suite and the places of those to compute to what each gave."""
+"""From the cells of a suite, and the places of those to compute, to their results."""
 
 
 def execute(cell: Cell) -> Outcome:
@@ -62,7 +61,7 @@ def attempt(position: int, cell: Cell) -> Done:
         crashed = isinstance(error, CrashedPluginError)
         words = described(error) if crashed else f"{REFUSED}{error}\n"
         outcome = told_anywhere(words, cell.parameters.files)
-    except (Exception, SystemExit) as error:  # whatever it does, the others go on
+    except (Exception, SystemExit) as error:  # the other cells are computed in any case
         outcome = told_anywhere(described(error), cell.parameters.files)
     return position, outcome, time.process_time() - start
 
@@ -78,8 +77,8 @@ def pooled(
 ) -> Iterator[Done]:
     """Compute cells in a pool of local processes.
 
-    When a worker dies, the pool is made anew and the cells that were in flight are
-    computed one at a time, so that only the one that kills its worker fails.
+    When a worker dies, a new pool is made and the cells that were in flight are
+    computed one at a time, so that only the cell that kills its worker fails.
     """
     queue = deque(pending)
     while queue:
@@ -96,8 +95,8 @@ def pooled(
 def clustered(address: str) -> Iterator[Compute]:
     """Connect to a running dask.distributed cluster.
 
-    A cell whose worker is lost is given to another by the scheduler; one that loses
-    worker after worker is recorded as failed.
+    The scheduler gives a cell whose worker is lost to another one; a cell that loses
+    worker after worker is stored as failed.
 
     Raises
     ------
@@ -143,13 +142,13 @@ def _by_cluster(
         except (CancelledError, OSError) as error:
             msg = (
                 f"lost the scheduler at {address}: {error}; finished cells are "
-                "kept, so go on with --resume"
+                "kept, so continue with --resume"
             )
             raise InputError(msg) from None
 
 
 def _checked_workers(client: object, address: str) -> int:
-    """Threads of the cluster, once all its workers are known to be like us."""
+    """Count the threads of the cluster, whose versions must be the same as here."""
     workers: dict[str, int] = client.nthreads()  # type: ignore[attr-defined]
     if not workers:
         msg = f"the scheduler at {address} has no worker; start `dask worker {address}`"
@@ -174,13 +173,12 @@ def _windowed(
     window: int,
     lost_as: tuple[type[BaseException], ...] = (),
 ) -> Iterator[Done]:
-    """Keep `window` cells in flight until the queue is empty; raise for a lost one."""
+    """Keep `window` cells in flight until the queue is empty; raise if one is lost."""
     try:
         while queue or flying:
             while queue and len(flying) < window:
                 position = queue[0]  # it leaves the queue once it is in flight
-                future = _submitted(executor, position, cells[position])
-                flying[future] = position
+                flying[_submitted(executor, position, cells[position])] = position
                 queue.popleft()
             ended = wait(flying, return_when=FIRST_COMPLETED).done
             lost = [future for future in ended if _is_lost(future, lost_as)]
@@ -195,8 +193,8 @@ def _windowed(
 
 
 def _submitted(executor: Executor, position: int, cell: Cell) -> Future[Done]:
-    # A worker that starts now inherits the blocked signal: Ctrl-C is the driver's
-    # alone, and the workers end by its word.
+    # A worker that starts now inherits the blocked signal: only the driver gets
+    # Ctrl-C, and it ends the workers.
     previous = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         return executor.submit(attempt, position, cell)
@@ -213,7 +211,7 @@ def _landed(future: Future[Done], position: int) -> Done:
     if error is None:
         return future.result()
     # the cell was computed, but its outcome could not travel
-    return position, one_line(told(error)), 0.0
+    return position, one_line(message_of(error)), 0.0
 
 
 def _alone(position: int, cell: Cell) -> Done:
@@ -226,25 +224,25 @@ def _alone(position: int, cell: Cell) -> Done:
 
 @contextmanager
 def _pool(workers: int) -> Iterator[Executor]:
-    """Pool of processes that end with it, with its driver, and when it is stopped."""
+    """Pool of processes that end with the pool, and when its driver ends or stops."""
     context = get_context("spawn")  # a fork would inherit locks of other threads
-    heard, word = context.Pipe(duplex=False)
+    receiver, sender = context.Pipe(duplex=False)
     with ProcessPoolExecutor(
-        workers, mp_context=context, initializer=_begin_worker, initargs=(heard,)
+        workers, mp_context=context, initializer=_begin_worker, initargs=(receiver,)
     ) as pool:
         try:
             yield pool
         except BaseException:
-            word.close()  # whatever stopped the driver stops the cells in flight
+            sender.close()  # what stops the driver stops the cells in flight too
             raise
-    word.close()
+    sender.close()
 
 
-def _begin_worker(heard: Connection) -> None:
-    """Let a worker end when its driver does, or says so by closing the pipe."""
+def _begin_worker(receiver: Connection) -> None:
+    """Let a worker end when its driver ends or closes the pipe."""
     parent = parent_process()
     assert parent is not None  # this is a child
-    Thread(target=_follow, args=([parent.sentinel, heard],), daemon=True).start()
+    Thread(target=_follow, args=([parent.sentinel, receiver],), daemon=True).start()
 
 
 def _follow(ends: list[Any]) -> None:

@@ -21,14 +21,7 @@ _TYPES = {f.name: _KINDS.get(f.type, "string") for f in fields(Row)}
 
 
 def export_parquet(folder: Path, path: Path) -> int:
-    """Write the table of a run as one Parquet file.
-
-    Raises
-    ------
-    InputError
-        If the extra `parquet` is not installed, the folder is no run, or the file
-        cannot be written.
-    """
+    """Write the table of a run as one Parquet file."""
     try:
         import pyarrow as pa
         from pyarrow import parquet
@@ -57,14 +50,14 @@ def export_parquet(folder: Path, path: Path) -> int:
             msg = f"cannot write {path}: {error}; choose another file with --out"
             raise InputError(msg) from None
         finally:
-            part.unlink(missing_ok=True)  # the table is whole or is not there
+            part.unlink(missing_ok=True)  # no incomplete table is left
     return written
 
 
 def _lines(
     database: sqlite3.Connection, kinds: Mapping[str, str]
 ) -> Iterator[dict[str, object]]:
-    """Each row of the table, with the parameters in the one type of their column."""
+    """Each row of the table, its parameters in the types of their columns."""
     for cell in read_cells(database):
         head = {"cell": cell.name, "study": cell.study, "seed": cell.seed}
         values = {
@@ -84,7 +77,7 @@ def _kind(values: Sequence[object]) -> str:
 
 
 def _as(kind: str, value: object) -> object:
-    """A parameter as its column holds it: where studies differ in type, as a word."""
+    """A parameter in the type of its column: text where studies differ in type."""
     if value is None or isinstance(value, str) or kind != "string":
         return value
     return canonical(value)

@@ -1,4 +1,4 @@
-"""The folder of a run while it is written: made, resumed, locked, filled."""
+"""The folder of a run while it is written: created, resumed, locked, filled."""
 
 import fcntl
 import io
@@ -17,20 +17,14 @@ from simval.sweep import provenance, store
 from simval.sweep.suite import Suite
 
 # What must be equal for a run to be resumed. The commit may differ where only texts
-# changed: what the numbers depend on is the source itself.
+# changed: the numbers depend on the source itself.
 FIXED = ("suite", "grid", "versions", "source", "models", "files", "machine")
 PART = "run.sqlite.part"
 
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Keep a run folder for one driver.
-
-    Raises
-    ------
-    InputError
-        If another driver is at work in it.
-    """
+    """Keep a run folder for one driver."""
     handle = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -43,45 +37,31 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def create(folder: Path, suite: Suite, known: Mapping[str, Any], resume: bool) -> None:
-    """Make the folder of a new run, with every cell pending.
-
-    Raises
-    ------
-    InputError
-        If it exists or cannot be made.
-    """
+    """Make the folder of a new run, with every cell pending."""
     try:
-        # a run that was stopped before its store was whole left only a part of it
+        # a run that was stopped before its store was complete left only a part of it
         begun = (
             resume and folder.is_dir() and {p.name for p in folder.iterdir()} <= {PART}
         )
         if folder.exists() and not begun:
-            msg = (
-                f"{folder} exists; choose another folder, or --resume to go on with it"
-            )
+            msg = f"{folder} exists; choose another folder, or --resume to continue it"
             raise InputError(msg)
         folder.mkdir(parents=True, exist_ok=begun)
         (folder / PART).unlink(missing_ok=True)
     except OSError as error:
         msg = f"cannot make {folder}: {error}; choose a folder that can be written"
         raise InputError(msg) from None
-    # The store appears under its name only when it is whole.
+    # The store appears under its name only when it is complete.
     try:
         store.create(folder / PART, suite.cells, json.dumps(known))
         (folder / PART).rename(folder / "run.sqlite")
-    except BaseException:  # what is not begun must not stand in the way
+    except BaseException:  # a run that did not start must not block the next one
         shutil.rmtree(folder, ignore_errors=True)
         raise
 
 
 def check_same(folder: Path, suite: Suite, known: Mapping[str, Any]) -> None:
-    """Refuse to go on with a run of another suite, version or source.
-
-    Raises
-    ------
-    InputError
-        With the differences.
-    """
+    """Refuse to resume a run of another suite, version or source."""
     with store.opened(folder / "run.sqlite") as database:
         earlier = store.manifest(database)
         names = store.names(database)
@@ -91,23 +71,17 @@ def check_same(folder: Path, suite: Suite, known: Mapping[str, Any]) -> None:
         json.loads(json.dumps({key: known[key] for key in FIXED})),
     )
     if not changed and names != [cell.name for cell in suite.cells]:
-        changed = ["the cells are others"]
+        changed = ["the cells differ"]
     if changed:
         msg = (
-            f"{folder} was begun with another suite or version and cannot go on: "
-            f"{'; '.join(changed)}; use a new folder"
+            f"{folder} was started with another suite or version and cannot be "
+            f"resumed: {'; '.join(changed)}; use a new folder"
         )
         raise InputError(msg)
 
 
 def keep(folder: Path, artifacts: Mapping[str, Any]) -> None:
-    """Write the artifacts of a cell.
-
-    Raises
-    ------
-    InputError
-        If one cannot be written.
-    """
+    """Write the artifacts of a cell."""
     for name, content in artifacts.items():
         data = content
         if not isinstance(content, bytes):
@@ -118,13 +92,7 @@ def keep(folder: Path, artifacts: Mapping[str, Any]) -> None:
 
 
 def write(path: Path, content: str | bytes) -> None:
-    """Write a file that appears when it is whole.
-
-    Raises
-    ------
-    InputError
-        If it cannot be written.
-    """
+    """Write a file that appears only when it is complete."""
     data = content.encode() if isinstance(content, str) else content
     part = path.with_name(path.name + ".part")
     try:

@@ -1,7 +1,7 @@
-"""Paths in a suite file: relative to the file, never out of its folder, and there.
+"""Paths in a suite file: relative to the file, inside its folder, and existing.
 
-A command may run any program, so its words are not held to the folder; those that are
-files there are meant.
+A command may run any program, so its words need not lie in the folder; words that are
+files in it are resolved.
 """
 
 from collections.abc import Iterable, Mapping
@@ -33,22 +33,16 @@ def kept_inside(name: str, content: Mapping[str, Any], folder: Path) -> dict[str
             _require_inside(name, key, value, folder)
         return located(value, str(folder))
 
-    found = dict(content)
-    for study in found.keys() & STUDIES.keys():
-        table, field = found[study], STUDIES[study].parameters.plugin
+    resolved = dict(content)
+    for study in resolved.keys() & STUDIES.keys():
+        table, field = resolved[study], STUDIES[study].parameters.plugin
         if isinstance(table, Mapping) and field in table:
-            found[study] = {**table, field: kept(table[field], field)}
-    return found
+            resolved[study] = {**table, field: kept(table[field], field)}
+    return resolved
 
 
-def require_found(cells: Iterable[Cell]) -> None:
-    """Check that the plug-ins of some cells are here, before anything is computed.
-
-    Raises
-    ------
-    InputError
-        With the key that names what is missing.
-    """
+def require_plugins(cells: Iterable[Cell]) -> None:
+    """Check that the plug-ins of some cells exist, before anything is computed."""
     for cell in cells:
         own = cell.parameters
         if isinstance(own, PluginParameters) and (gone := own.missing()):

@@ -1,8 +1,8 @@
-"""What the fields of a stored row can be; anything else is damage.
+"""The possible values of the fields of a stored row; anything else is damage.
 
-A number that was not measured is kept as NULL and read as NaN (a prediction as None),
-which no judgement passes; an infinite one is no pass either. All else must be of its
-type and within what the field, or the statistic, can be.
+A number that was not measured is stored as NULL and read as NaN (a prediction as None),
+which never passes; an infinite one does not pass either. All else must have its type
+and lie within the range of its field or statistic.
 """
 
 import json
@@ -19,75 +19,50 @@ from simval.statistics import FAMILIES, Statistic
 from simval.sweep.documents import DamagedError
 
 MAX_SAMPLES = 2**53
-"""Above it a number of samples is no longer exact as a float: none was ever drawn."""
+"""From here on a number of samples is not exact as a float."""
 
 STATISTIC: TypeAdapter[Statistic] = TypeAdapter(Statistic)
 
 CHECKS = get_args(Check)
 
-Problem = str | None
+
+def _is_size(value: Any) -> bool:
+    return value is None or (isinstance(value, int | float) and value >= 0)
 
 
-def _text(value: Any) -> Problem:
-    return None if isinstance(value, str) else "must be a text"
+NUMBER = (lambda x: x is None or isinstance(x, int | float), "must be a number")
+SIZE = (_is_size, "must be a number >= 0")
+TEXT = (lambda x: isinstance(x, str), "must be a text")
 
-
-def _family(value: Any) -> Problem:
-    known = isinstance(value, str) and value in FAMILIES
-    return None if known else "must be a family of statistics of this version"
-
-
-def _flag(value: Any) -> Problem:
-    return None if value in (0, 1) else "must be 0 or 1"
-
-
-def _number(value: Any) -> Problem:
-    known = value is None or isinstance(value, int | float)
-    return None if known else "must be a number"
-
-
-def _size(value: Any) -> Problem:
-    return _number(value) or (None if value is None or value >= 0 else "must be >= 0")
-
-
-def _count(value: Any) -> Problem:
-    good = isinstance(value, int) and 0 <= value < MAX_SAMPLES
-    return None if good else f"must be a whole number from 0 to {MAX_SAMPLES - 1}"
-
-
-def _check(value: Any) -> Problem:
-    return None if value in CHECKS else f"must be one of {', '.join(CHECKS)}"
-
-
-_FIELDS: Mapping[str, Callable[[Any], Problem]] = MappingProxyType(
+_FIELDS: Mapping[str, tuple[Callable[[Any], bool], str]] = MappingProxyType(
     {
-        "family": _family,
-        "entries": _text,
-        "controlled": _flag,
-        "unit": _text,
-        "value": _number,
-        "standard_error": _size,
-        "n": _count,
-        "prediction": _number,
-        "predictor": _text,
-        "remainder": _size,
-        "check": _check,
+        "family": (
+            lambda x: isinstance(x, str) and x in FAMILIES,
+            "must be a family of statistics of this version",
+        ),
+        "entries": TEXT,
+        "controlled": (lambda x: x in (0, 1), "must be 0 or 1"),
+        "unit": TEXT,
+        "value": NUMBER,
+        "standard_error": SIZE,
+        "n": (
+            lambda x: isinstance(x, int) and 0 <= x < MAX_SAMPLES,
+            f"must be a whole number from 0 to {MAX_SAMPLES - 1}",
+        ),
+        "prediction": NUMBER,
+        "predictor": TEXT,
+        "remainder": SIZE,
+        "check": (lambda x: x in CHECKS, f"must be one of {', '.join(CHECKS)}"),
     }
 )
+"""Which values a field may have, by a test and in words."""
 
 
 def row_of(entry: sqlite3.Row) -> Row:
-    """Row of an entry of the store.
-
-    Raises
-    ------
-    DamagedError
-        With the field that cannot be what it is, and what it must be.
-    """
-    for name, problem_of in _FIELDS.items():
-        problem = problem_of(entry[name])
-        if problem:
-            msg = f"`{name}` is {_shown(entry[name])}; it {problem}"
+    """Row of an entry of the store."""
+    for name, (is_possible, words) in _FIELDS.items():
+        if not is_possible(entry[name]):
+            msg = f"`{name}` is {_shown(entry[name])}; it {words}"
             raise DamagedError(msg)
     statistic = _statistic(entry)
     low, high = statistic.family.least, statistic.family.most

@@ -1,7 +1,7 @@
-"""What the numbers of a run depend on, and what they do not.
+"""What the numbers of a run depend on: the manifest.
 
-The manifest holds the first: suite, seeds, versions, commit, model files, processor
-kernels. Times, host and dates are kept apart, outside every comparison.
+It holds suite, seeds, versions, commit, model files and processor kernels. Times, host
+and dates are stored separately and never compared.
 """
 
 import hashlib
@@ -45,12 +45,12 @@ def manifest(suite: Suite) -> dict[str, Any]:
 
 def versions() -> dict[str, str]:
     """Versions of Python and of the packages that the numbers depend on."""
-    found = {name: metadata.version(name) for name in PACKAGES}
-    return {"python": platform.python_version(), **found}
+    packages = {name: metadata.version(name) for name in PACKAGES}
+    return {"python": platform.python_version(), **packages}
 
 
 def git_state() -> dict[str, Any]:
-    """Commit of the checkout that the package runs from, if it is one."""
+    """Commit of the checkout that the package runs from, if there is one."""
     root = Path(__file__).resolve().parents[2]
     if not (root / ".git").exists():
         return {"commit": None, "dirty": None}
@@ -76,17 +76,17 @@ def source_hash() -> str:
 
 
 def portable_grid(grid: Mapping[str, Any]) -> dict[str, Any]:
-    """Grid of a suite with files by their names alone."""
-    found = dict(grid)
+    """Grid of a suite, with file names instead of paths."""
+    short = dict(grid)
     for study, field, words in _named(grid):
         listed = isinstance(words, list)
-        short = [portable(word) for word in words] if listed else portable(words)
-        found[study] = {**grid[study], field: short}
-    return found
+        names = [portable(word) for word in words] if listed else portable(words)
+        short[study] = {**grid[study], field: names}
+    return short
 
 
 def named_files(grid: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
-    """Words of a suite for plug-ins."""
+    """Study, field and text of each plug-in that a suite names."""
     for study, field, words in _named(grid):
         for text in words if isinstance(words, list) else [words]:
             if text:
@@ -101,34 +101,33 @@ def _named(grid: Mapping[str, Any]) -> Iterator[tuple[str, str, Any]]:
 
 
 def file_hashes(grid: Mapping[str, Any]) -> dict[str, str]:
-    """What the files are that a suite names, and those that they name in turn."""
+    """SHA-256 of the files that a suite names, and of those that they name in turn."""
     named: dict[str, dict[str, set[str]]] = {}
     for study, _, text in named_files(grid):
         for path, digest in sources(text).items():
             if digest:
-                whose = named.setdefault(portable(path), {})
-                whose.setdefault(study, set()).add(digest)
-    found: dict[str, set[str]] = {}
-    for name, whose in named.items():
-        alike = len(set().union(*whose.values())) == 1
-        for study, digests in whose.items():
-            found.setdefault(name if alike else f"{name} of {study}", set()).update(
-                digests
-            )
-    return {name: "+".join(sorted(found[name])) for name in sorted(found)}
+                by_study = named.setdefault(portable(path), {})
+                by_study.setdefault(study, set()).add(digest)
+    digests: dict[str, set[str]] = {}
+    for name, by_study in named.items():
+        alike = len(set().union(*by_study.values())) == 1
+        for study, own in by_study.items():
+            key = name if alike else f"{name} of {study}"
+            digests.setdefault(key, set()).update(own)
+    return {name: "+".join(sorted(digests[name])) for name in sorted(digests)}
 
 
 def places(grid: Mapping[str, Any]) -> dict[str, dict[str, str]]:
-    """Where the plug-ins of a suite lie on this machine."""
-    found: dict[str, dict[str, str]] = {}
+    """Paths of the plug-ins of a suite on this machine."""
+    paths: dict[str, dict[str, str]] = {}
     for study, key, text in named_files(grid):
         if portable(text) != text:
-            found.setdefault(f"{study}.{key}", {})[portable(text)] = text
-    return found
+            paths.setdefault(f"{study}.{key}", {})[portable(text)] = text
+    return paths
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
-    """Where two manifests differ, one line each."""
+    """List where two manifests differ, one line each."""
     lines = []
     for key in sorted({*old, *new}):
         a, b = old.get(key), new.get(key)
@@ -154,5 +153,5 @@ def _git(root: Path, *words: str) -> str | None:
             timeout=10,
         )
     except (OSError, subprocess.SubprocessError):
-        return None  # git is absent, or this is no repository: nothing to record
+        return None  # git is not installed, or this is not a repository
     return done.stdout.strip()

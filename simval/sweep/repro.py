@@ -1,4 +1,4 @@
-"""One cell again, from its name, and whether it is the same to the bit."""
+"""Compute one cell again, by its name, and compare it with the run to the bit."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -20,28 +20,18 @@ from simval.sweep.suite import builtin_suites, load_suite, validated
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Repetition:
-    """A cell computed again.
+    """A cell computed again."""
 
-    Attributes
-    ----------
-    outcome : Outcome
-        What it gave now; no rows where it crashed.
-    error : str
-        Why it crashed; empty where it did not.
-    stored : CellResult or None
-        What the run holds; None where it has no finished cell of that name.
-    different : tuple of (Row, Row or None)
-        Rows that are not equal to the bit: the stored one and the one of now.
-    """
-
-    outcome: Outcome
-    error: str
+    outcome: Outcome  # what it gave now; no rows where it crashed
+    error: str  # why it crashed; empty where it did not
+    # what the run holds; None where it has no finished cell of that name
     stored: CellResult | None
+    # rows that are not equal to the bit: the stored one and the one of now
     different: tuple[tuple[Row, Row | None], ...]
 
     @property
     def equal(self) -> bool:
-        """Whether every stored row was found again, to the bit, and no other."""
+        """Whether the rows are the stored ones, to the bit."""
         if self.stored is None or self.different:
             return False
         return len(self.stored.rows) == len(self.outcome.rows)
@@ -50,13 +40,13 @@ class Repetition:
 def find_cell(
     name: str, run: Run | None, plugins: Sequence[str] = (), suite: str | None = None
 ) -> Cell:
-    """Cell of a name: the run's own where it holds it, else that of a suite.
+    """Find a cell by name: in the run, else in a suite.
 
     Raises
     ------
     InputError
-        If neither has a cell of that name; or if a plug-in is not where it was, or the
-        cell has none of the names that are given.
+        If neither has a cell of that name, a plug-in is not where it was, or the cell
+        has no plug-in of a given name.
     """
     held = next((c for c in run.cells if c.name == name), None) if run else None
     if held is None:
@@ -75,9 +65,9 @@ def find_cell(
             msg = f"cell {name} has no plug-in `{portable(plugin)}`; leave it out"
             raise InputError(msg)
         values[model.plugin] = meant
-    found = Cell(study, validated(f"cell {name}", model, values), seed)
-    _require_found(found, run)
-    return found
+    cell = Cell(study, validated(f"cell {name}", model, values), seed)
+    _require_plugin(cell, run)
+    return cell
 
 
 def _of_suite(name: str, run: Run | None, suite: str | None) -> Cell:
@@ -100,12 +90,12 @@ def _of_suite(name: str, run: Run | None, suite: str | None) -> Cell:
 
 
 def _completed(given: str, text: str) -> str:
-    """Value for a cell that names `text`, if `given` is its file; else nothing."""
+    """Value for a cell that names `text` if `given` is its file, else empty."""
     name = "" if text.startswith(COMMAND) else text.removeprefix(file_of(text))
     return next((v for v in (given, given + name) if portable(v) == text), "")
 
 
-def _require_found(cell: Cell, run: Run | None) -> None:
+def _require_plugin(cell: Cell, run: Run | None) -> None:
     held = run.manifest.get("files", {}) if run is not None else {}
     own = cell.parameters
     if isinstance(own, PluginParameters) and (gone := own.missing(held)):

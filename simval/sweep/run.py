@@ -3,7 +3,7 @@
 run.sqlite      cells and rows, written while the run goes on
 results.csv     the tidy long table: a row for each cell and statistic
 manifest.json   all that the numbers depend on
-timing.json     times, host, dates, and where plug-ins lay, outside every comparison
+timing.json     times, host, dates, and paths of plug-ins, never compared
 artifacts/      what the studies leave for the report: npz, png
 """
 
@@ -53,7 +53,7 @@ class Run:
     timing : mapping
         Times; empty while the run is unfinished.
     places : mapping
-        Where its plug-ins lay: see `simval.sweep.provenance.places`.
+        Paths of its plug-ins: see `simval.sweep.provenance.places`.
     """
 
     folder: Path
@@ -108,26 +108,14 @@ def load_run(folder: str | Path) -> Run:
 
 @contextmanager
 def opened_run(folder: Path) -> Iterator[tuple[sqlite3.Connection, dict[str, Any]]]:
-    """Open a run folder whose files and manifest are what the sweep wrote.
-
-    Raises
-    ------
-    InputError
-        As `load_run`.
-    """
+    """Open a run folder; its files and manifest must be what the sweep wrote."""
     with store.opened(folder / "run.sqlite") as database:
         check_files(database, folder)
         yield database, store.manifest(database)
 
 
 def write_table(database: sqlite3.Connection, path: Path) -> None:
-    """Write the tidy long table of the finished cells: sorted, floats exact.
-
-    Raises
-    ------
-    InputError
-        If it cannot be written.
-    """
+    """Write the tidy long table of the finished cells: sorted, floats exact."""
     heads = (cell for cell in read_heads(database) if cell.status == "done")
     done = sorted(heads, key=lambda cell: cell.name)
     keys = sorted({key for cell in done for key in cell.parameters})
@@ -156,13 +144,7 @@ def _exact(value: Any) -> Any:
 
 
 def run_folder(run: str | Path) -> Path:
-    """Folder of a run.
-
-    Raises
-    ------
-    InputError
-        If there is no newest run.
-    """
+    """Folder of a run; ``latest`` is the newest one."""
     path = file_path("run", run)
     if str(path) != "latest":
         return path

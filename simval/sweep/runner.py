@@ -24,17 +24,17 @@ from simval.sweep import provenance, store
 from simval.sweep.cells import REFUSED, read_cells
 from simval.sweep.executors import Compute, clustered, pooled, serial
 from simval.sweep.folder import check_same, create, keep, locked, write
-from simval.sweep.paths import require_found
+from simval.sweep.paths import require_plugins
 from simval.sweep.run import Run, load_run, write_table
 from simval.sweep.seal import seal, unseal
 from simval.sweep.suite import Suite, load_suite
 from simval.verdict import ALPHA, Answer, judge, overall
 
-Ending = Answer | Literal["failed", "refused", "recorded"]
-"""How a cell ended: its own verdict, a crash, a refusal, or nothing in it to judge."""
+Ending = Answer | Literal["failed", "refused", "stored"]
+"""How a cell ended: a verdict, a crash, a refusal, or stored with nothing to judge."""
 
 ENDINGS: tuple[Ending, ...] = (
-    "recorded",
+    "stored",
     "pass",
     "inconclusive",
     "refused",
@@ -46,7 +46,7 @@ ENDINGS: tuple[Ending, ...] = (
 
 @runtime_checkable
 class Progress(Protocol):
-    """What the driver tells while it works."""
+    """Receives the progress of the driver."""
 
     def start(self, total: int, done: int, worst: Ending) -> None:
         """Begin."""
@@ -56,13 +56,13 @@ class Progress(Protocol):
 
 
 class Silence:
-    """A progress that says nothing."""
+    """A progress without output."""
 
     def start(self, total: int, done: int, worst: Ending) -> None:
-        """Say nothing."""
+        """Do nothing."""
 
     def advance(self, name: str, ending: Ending) -> None:
-        """Say nothing."""
+        """Do nothing."""
 
 
 def run_suite(
@@ -87,10 +87,10 @@ def run_suite(
     scheduler : str, optional
         Address of a dask.distributed scheduler that computes the cells instead.
     resume : bool, default False
-        Go on with an interrupted run in `out`: finished cells are kept, failed and
-        missing ones are computed.
+        Resume an interrupted run in `out`: finished cells are kept, failed and missing
+        ones are computed.
     progress : Progress, optional
-        Told of each cell that ends.
+        Called for each cell that ends.
 
     Returns
     -------
@@ -125,19 +125,13 @@ def drive(
     resume: bool,
     progress: Progress,
 ) -> None:
-    """Run a suite into a folder; memory does not grow with the number of rows.
-
-    Raises
-    ------
-    InputError
-        As `run_suite`.
-    """
+    """Run a suite into a folder; memory does not grow with the number of rows."""
     workers = whole_number("workers", workers, 1, 4096)
-    require_found(suite.cells)
+    require_plugins(suite.cells)
     known = provenance.manifest(suite)
     where = workers if scheduler is None else scheduler
     with _computing(workers, scheduler) as compute:
-        # nothing is made before it is known that cells can be computed
+        # no folder is created before it is known that cells can be computed
         if resume and _is_file(folder / "run.sqlite"):
             check_same(folder, suite, known)
         else:
@@ -146,13 +140,9 @@ def drive(
 
 
 def _fill(
-    folder: Path,
-    suite: Suite,
-    compute: Compute,
-    progress: Progress,
-    where: int | str,
+    folder: Path, suite: Suite, compute: Compute, progress: Progress, where: int | str
 ) -> None:
-    """Compute what a run lacks, and write its table."""
+    """Compute the missing cells of a run, and write its table."""
     started, wall = datetime.now(UTC), time.perf_counter()
     places = provenance.places(suite.grid)
     with locked(folder), store.writing(folder / "run.sqlite") as database:
@@ -206,12 +196,12 @@ def _ending(cell: Cell, rows: Sequence[Row], suite: Suite) -> Ending:
     """Verdict of one cell by itself, at its part of the false-alarm rate."""
     name = CellName(cell.study, cell.name)
     verdicts = judge(((name, row) for row in rows), ALPHA / len(suite.cells))
-    return overall(verdicts) if verdicts else "recorded"
+    return overall(verdicts) if verdicts else "stored"
 
 
 def _worst_stored(database: sqlite3.Connection, suite: Suite) -> Ending:
     """Worst ending of the cells that an earlier session finished."""
-    worst: Ending = "recorded"
+    worst: Ending = "stored"
     for cell in read_cells(database):
         if cell.status == "done":
             worst = worse(worst, _ending(suite.cells[cell.position], cell.rows, suite))

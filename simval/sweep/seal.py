@@ -1,8 +1,7 @@
 """The seal of a finished run: the SHA-256 of each file beside the store.
 
-The driver sets it last and breaks it first, so a run that was interrupted, or is being
-gone on with, has none. A file that is missing is no damage: a store alone can be
-judged.
+The driver writes it last and removes it first, so a run that was interrupted or is
+being resumed has none. A missing file is not damage: a store alone can be judged.
 """
 
 import hashlib
@@ -27,28 +26,22 @@ def seal(database: sqlite3.Connection, folder: Path) -> None:
 
 
 def unseal(database: sqlite3.Connection) -> None:
-    """Forget the digests of the files, before they are written anew."""
+    """Remove the digests of the files, before they are written again."""
     store.keep(database, KEY, None)
 
 
 def check_files(database: sqlite3.Connection, folder: Path) -> None:
-    """Refuse a run with a file that is not what the sweep wrote.
-
-    Raises
-    ------
-    InputError
-        With the file.
-    """
+    """Refuse a run if one of its files is not what the sweep wrote."""
     text = store.entry(database, KEY)
     digests = {} if text is None else read_json("the list of files", text)
     if not isinstance(digests, dict):
-        msg = f"the list of files is {digests!r:.60}, no object"
+        msg = f"the list of files is {digests!r:.60}, not an object"
         raise DamagedError(msg)
     for name, digest in digests.items():
         file = folder / str(name)
         if file.is_file() and _digest(file) != digest:
             msg = (
-                f"{file} is not what the sweep wrote (its SHA-256 is another); restore "
+                f"{file} is not what the sweep wrote (its SHA-256 differs); restore "
                 "it from a copy, or write it again with `simval sweep ... --resume`"
             )
             raise InputError(msg)

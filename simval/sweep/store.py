@@ -1,14 +1,12 @@
 """The store of a run: one SQLite file, one transaction for each finished cell.
 
-The driver of a sweep is the only writer. A cell is in the store whole or not at all,
-so a run that was killed at any moment can be resumed. The write-ahead log is handed to
-the operating system at each commit and forced to the disk now and then: a killed
-program loses nothing, a power cut at most the last cells, which are then computed
-again.
+The driver of a sweep is the only writer. A cell is stored completely or not at all, so
+a run that was killed at any moment can be resumed. The write-ahead log goes to the
+operating system at each commit and to the disk now and then: a killed program loses
+nothing, a power cut at most the last cells, which are then computed again.
 
-Each cell carries a digest of all that is stored of it, written in the same
-transaction, and the manifest has one too: a store that was damaged afterwards is told
-from what the sweep wrote (`simval.sweep.cells`).
+Each cell has a digest of all that is stored of it, written in the same transaction, and
+so has the manifest: later damage to a store is detected (`simval.sweep.cells`).
 """
 
 import hashlib
@@ -80,9 +78,9 @@ def _connected(path: Path) -> Iterator[sqlite3.Connection]:
     with _explained(path), closing(sqlite3.connect(path)) as database:
         version = entry(database, "schema")
         if version != str(SCHEMA_VERSION):
-            found = "no schema" if version is None else f"schema {version}"
+            given = "no schema" if version is None else f"schema {version}"
             msg = (
-                f"{path} has {found}; this program reads {SCHEMA_VERSION}; use the "
+                f"{path} has {given}; this program reads {SCHEMA_VERSION}; use the "
                 "version of simval that wrote it"
             )
             raise InputError(msg)
@@ -92,13 +90,7 @@ def _connected(path: Path) -> Iterator[sqlite3.Connection]:
 
 @contextmanager
 def writing(path: Path) -> Iterator[sqlite3.Connection]:
-    """Open the store of a run to add to it.
-
-    Raises
-    ------
-    InputError
-        As `opened`.
-    """
+    """Open the store of a run to add to it."""
     with _connected(path) as database:
         database.execute("PRAGMA journal_mode = WAL")
         database.execute("PRAGMA synchronous = NORMAL")
@@ -108,23 +100,13 @@ def writing(path: Path) -> Iterator[sqlite3.Connection]:
 
 
 def create(path: Path, cells: Iterable[Cell], manifest: str) -> None:
-    """Make a new store with every cell pending.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
+    """Make a new store with every cell pending."""
     entries = (
         ("schema", str(SCHEMA_VERSION)),
         ("manifest", manifest),
         ("manifest digest", digest_of(manifest)),
     )
-    with (
-        _explained(path),
-        closing(sqlite3.connect(path)) as database,
-        database,
-    ):
+    with _explained(path), closing(sqlite3.connect(path)) as database, database:
         database.executescript(_TABLES)
         database.executemany("INSERT INTO meta VALUES (?, ?)", entries)
         database.executemany(
@@ -135,23 +117,27 @@ def create(path: Path, cells: Iterable[Cell], manifest: str) -> None:
                 for i, c in enumerate(cells)
             ),
         )
-        places = [entry[0] for entry in database.execute("SELECT position FROM cells")]
-        for position in places:
+        for position in unfinished(database):
             sign(database, position)
 
 
 def sign(database: sqlite3.Connection, position: int) -> None:
     """Write the digest of all that is stored of a cell, within a transaction."""
+    digest = digest_of_cell(*stored_cell(database, position))
+    query = "UPDATE cells SET digest = ? WHERE position = ?"
+    database.execute(query, (digest, position))
+
+
+def stored_cell(
+    database: sqlite3.Connection, position: int
+) -> tuple[sqlite3.Row, list[sqlite3.Row]]:
+    """Read the entry of a cell and its rows."""
     cursor = database.cursor()
     cursor.row_factory = sqlite3.Row
     query = "SELECT * FROM cells WHERE position = ?"
     cell = cursor.execute(query, (position,)).fetchone()
     query = f"SELECT {ROW_COLUMNS} FROM rows WHERE cell = ? ORDER BY ordinal"
-    rows = cursor.execute(query, (position,)).fetchall()
-    cursor.execute(
-        "UPDATE cells SET digest = ? WHERE position = ?",
-        (digest_of_cell(cell, rows), position),
-    )
+    return cell, cursor.execute(query, (position,)).fetchall()
 
 
 def digest_of_cell(cell: sqlite3.Row, rows: Sequence[sqlite3.Row]) -> str:
@@ -173,7 +159,7 @@ def digest_of(content: Any) -> str:
 def finish(
     database: sqlite3.Connection, position: int, rows: Iterable[Row], seconds: float
 ) -> None:
-    """Keep the rows of a finished cell, in one transaction."""
+    """Store the rows of a finished cell, in one transaction."""
     marks = ", ".join("?" * (2 + len(ROW_FIELDS)))
     with database:
         database.executemany(
@@ -203,7 +189,7 @@ def _fields(row: Row) -> tuple[Any, ...]:
 def fail(
     database: sqlite3.Connection, position: int, error: str, seconds: float
 ) -> None:
-    """Record that a cell failed, and why."""
+    """Store that a cell failed, and why."""
     with database:
         database.execute(
             "UPDATE cells SET status = 'failed', error = ?, seconds = ? "
@@ -214,13 +200,13 @@ def fail(
 
 
 def manifest(database: sqlite3.Connection) -> dict[str, Any]:
-    """Read what the numbers of the run depend on."""
+    """Read the manifest: what the numbers of the run depend on."""
     text = entry(database, "manifest")
-    found = checked_manifest(text)
+    content = checked_manifest(text)
     if entry(database, "manifest digest") != digest_of(text):
-        msg = "the manifest is not what the sweep stored (its SHA-256 is another)"
+        msg = "the manifest is not what the sweep stored (its SHA-256 differs)"
         raise DamagedError(msg)
-    return found
+    return content
 
 
 def keep(database: sqlite3.Connection, key: str, value: str | None) -> None:
@@ -234,8 +220,8 @@ def keep(database: sqlite3.Connection, key: str, value: str | None) -> None:
 def entry(database: sqlite3.Connection, key: str) -> Any:
     """Read an entry of the store."""
     query = "SELECT value FROM meta WHERE key = ?"
-    found = database.execute(query, (key,)).fetchone()
-    return found[0] if found else None
+    value = database.execute(query, (key,)).fetchone()
+    return value[0] if value else None
 
 
 def unfinished(database: sqlite3.Connection) -> list[int]:
@@ -259,12 +245,12 @@ def seconds(database: sqlite3.Connection) -> dict[str, float]:
 def names(database: sqlite3.Connection) -> list[str]:
     """List the names of the cells."""
     query = "SELECT cell FROM cells ORDER BY position"
-    return [found[0] for found in database.execute(query)]
+    return [entry[0] for entry in database.execute(query)]
 
 
 @contextmanager
 def _explained(path: Path) -> Iterator[None]:
-    """Turn whatever SQLite, or content that is not ours, does into words."""
+    """Turn errors of SQLite, and damaged content, into messages."""
     try:
         yield
     except DamagedError as error:

@@ -1,6 +1,6 @@
 """Suite files: TOML in, validated, expanded to cells.
 
-    title = "What it asks"
+    title = "What it measures"
     seed = 1                        # or a list: the whole grid for each seed
 
     [attitude]                      # a study by name
@@ -58,9 +58,8 @@ class Suite:
 def builtin_suites() -> tuple[str, ...]:
     """Names of the suites that are shipped with the package."""
     folder = resources.files("simval.sweep") / "suites"
-    return tuple(
-        sorted(p.name[:-5] for p in folder.iterdir() if p.name[-5:] == ".toml")
-    )
+    names = (p.name for p in folder.iterdir() if p.name.endswith(".toml"))
+    return tuple(sorted(name.removesuffix(".toml") for name in names))
 
 
 @cache
@@ -73,10 +72,8 @@ def suite_model() -> type[BaseModel]:
         for key, info in study.parameters.model_fields.items():
             element: Any = _annotated(info)
             either: Any = element | Annotated[list[element], NonEmpty]
-            axes[key] = (
-                either,
-                Field(default=info.default, description=info.description),
-            )
+            field = Field(default=info.default, description=info.description)
+            axes[key] = (either, field)
         table = create_model(f"{name}_grid", __config__=strict, **axes)
         tables[name] = (table | None, Field(default=None, description=study.title))
     seeds = Seed | Annotated[list[Seed], NonEmpty]
@@ -158,13 +155,10 @@ def expand(name: str, content: Mapping[str, Any]) -> Suite:
         raise InputError(msg)
     seeds = _as_list(model.seed)  # type: ignore[attr-defined]
     cells = tuple(
-        Cell(
-            key,
-            validated(f"suite {name}, {key}", STUDIES[key].parameters, point),
-            number,
-        )
+        Cell(key, validated(f"suite {name}, {key}", parameters, point), number)
         for number in seeds
         for key in studies
+        for parameters in (STUDIES[key].parameters,)
         for point in _grid(getattr(model, key))
     )
     _check_names(name, cells)
@@ -186,7 +180,7 @@ def _check_names(name: str, cells: Iterable[Cell]) -> None:
         if clash:
             msg = (
                 f"suite {name}: {' and '.join(clash)} would both be the cell "
-                f"{cell.name}, whose name has no folders in it; rename one of the files"
+                f"{cell.name}, since its name omits folders; rename one of the files"
             )
         raise InputError(msg)
 
@@ -205,10 +199,10 @@ def _read(name: str) -> tuple[str, str]:
         return name, file.read_text(encoding="utf-8")
     path = Path(name)
     try:
-        found = path.is_file()
+        is_file = path.is_file()
     except OSError:  # a name that no file can have
-        found = False
-    if not found:
+        is_file = False
+    if not is_file:
         msg = (
             f"there is no suite `{name}`: the built-in ones are "
             f"{', '.join(builtin_suites())}; anything else must be the path of a "
@@ -244,33 +238,27 @@ def _override(content: dict[str, Any], override: str) -> None:
 
 
 def literal(text: str) -> Any:
-    """Value of one word: a TOML literal, else the word itself."""
+    """Value of a text: a TOML literal, else the text itself."""
     try:
-        found = tomllib.loads(f"value = {text}")
+        content = tomllib.loads(f"value = {text}")
     except (tomllib.TOMLDecodeError, RecursionError):
         return text
-    return found["value"] if len(found) == 1 else text
+    return content["value"] if len(content) == 1 else text
 
 
 def validated(where: str, model: type[Model], content: Mapping[str, Any]) -> Model:
-    """Check some content against a model.
-
-    Raises
-    ------
-    InputError
-        With the path to each key that is wrong, what was given and what is allowed.
-    """
+    """Check some content against a model."""
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        told = [e for e in error.errors() if not _other_arm(e)] or error.errors()
-        lines = "; ".join(dict.fromkeys(_explain(e, model) for e in told))
+        faults = [e for e in error.errors() if not _other_arm(e)] or error.errors()
+        lines = "; ".join(dict.fromkeys(_explain(e, model) for e in faults))
         msg = f"{where}: {lines}"
         raise InputError(msg) from None
 
 
 def _other_arm(error: Any) -> bool:
-    """Whether an error is of the half of `value | list` that was not meant."""
+    """Whether an error belongs to the wrong alternative of `value | list`."""
     listed = any("list[" in str(part) for part in error["loc"])
     if error["type"] == "list_type":
         return listed

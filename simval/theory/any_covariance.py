@@ -73,7 +73,9 @@ def exact_moments_any(
     C1, C2 = half_noise(geometry, noise)
     rules = _direction_rules(geometry.d2, C2)
     spread = float(np.sqrt(np.trace(C1) / 6.0)), float(np.sqrt(np.trace(C2) / 3.0))
-    found = converged(rules, partial(_moments, geometry, C1), geometry.norm, spread)
+    found = converged(
+        rules, partial(_moments, geometry, C1), float(geometry.norm), spread
+    )
     return found[0], found[1]
 
 

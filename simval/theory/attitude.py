@@ -10,24 +10,26 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
+from numpy.typing import NDArray
 
 from simval.arguments import choice, instance, switch
 from simval.arrays import Array, frozen
 from simval.errors import InputError
 from simval.geometry import compose, conjugate
 from simval.moments import Moments
-from simval.theory import orders
-from simval.theory.any_covariance import exact_moments_any
-from simval.theory.combined import combined_moments
-from simval.theory.expansion import mean_linear_error, scaled_error_moments
-from simval.theory.noise import noise_covariances, normalized_noise
-from simval.theory.oracle import exact_moments, isotropic
+from simval.theory.attitude_samples import (
+    combined_of,
+    exact_of_columns,
+    flat_samples,
+    series_of_columns,
+)
+from simval.theory.noise import noise_of_samples
 from simval.theory.two_vector import (
     FRAMES,
-    TwoVectorGeometry,
-    true_vectors,
-    two_vector_geometry,
+    chosen_columns,
+    require_apart,
+    unit_arguments,
 )
 
 ORDERS = (2, "4-paper", 4, "exact")
@@ -40,27 +42,27 @@ class AttitudeMoments(Moments):
     Attributes
     ----------
     bias : Array
-        Mean of truth minus estimate, (4,).
+        Mean of truth minus estimate, (..., 4).
     covariance : Array
-        Covariance about the mean, (4, 4).
+        Covariance about the mean, (..., 4, 4).
     samples : int, default 0
         Number of samples behind it; 0 for a prediction.
     bias_error : Array, optional
-        Standard error of `bias`, (4,).
+        Standard error of `bias`, (..., 4).
     covariance_error : Array, optional
-        Standard error of `covariance`, (4, 4).
+        Standard error of `covariance`, (..., 4, 4).
     q_true : Array
-        True quaternion, sign of the noise-free estimate, (4,).
-    frame : str
-        The column of the estimator.
-    norm : float
+        True quaternion, sign of the noise-free estimate, (..., 4).
+    frame : str or array of str
+        The column of the estimator, one name for one geometry, else (...).
+    norm : float or Array
         Length of the noise-free qbar, of p for ``combined``: the smaller |qbar|/sigma,
-        the sooner every expansion fails.
+        the sooner every expansion fails. A number for one geometry, else (...).
     """
 
-    q_true: Float[Array, "4"]
-    frame: str
-    norm: float
+    q_true: Float[Array, "... 4"]
+    frame: str | Shaped[NDArray[np.str_], "..."]
+    norm: float | Float[Array, "..."]
 
     def __post_init__(self) -> None:
         Moments.__post_init__(self)
@@ -82,18 +84,20 @@ def attitude_moments(
     Parameters
     ----------
     q : array_like
-        True quaternion, reference to body, vector first, (4,).
+        True quaternion, reference to body, vector first, (..., 4).
     r1, r2 : array_like
-        True reference vectors, (3,); unit lengths are assumed, so normalised here.
+        True reference vectors, (..., 3); unit lengths are assumed, so normalised here.
     noise_std : array_like
         Noise of the unit vectors: one standard deviation per axis for all four, or
-        (4,) for b1, b2, r1, r2, or (4, 3, 3) covariances, each in its own frame.
+        (4,) for b1, b2, r1, r2, or (4, 3, 3) covariances, each in its own frame. For
+        each sample (..., 1), (..., 4) or (..., 4, 3, 3): the last axes alone tell the
+        form, so n standard deviations for n samples are (n, 1).
     order : {2, "4-paper", 4, "exact"}, default 2
         Highest power of the noise kept; ``"4-paper"`` is the source's section 5,
         which keeps part of the fourth order; ``"exact"`` keeps all: 2.5 ms for
-        isotropic noise, from a sixth of a second up for any other.
+        isotropic noise, from a sixth of a second up for any other, sample by sample.
     frame : {"plain", "x", "y", "z", "combined"}, optional
-        The estimator's fixed frame; default, the greatest column of the truth.
+        The estimator's fixed frame; default, the greatest column of each truth.
         ``"combined"`` is the four-column estimator, order 2 only.
     normalized : bool, default False
         The four vectors are normalised after the noise, order 2 only; for higher
@@ -102,14 +106,15 @@ def attitude_moments(
     Returns
     -------
     AttitudeMoments
-        Prediction; no samples.
+        Prediction, of the batch that the leading axes broadcast to; no samples.
 
     Raises
     ------
     InputError
         If an argument has a wrong shape or value.
     GeometryError
-        If the vectors are parallel, or the frame is singular at this attitude.
+        If the vectors are parallel, or the frame is singular at an attitude; of a batch
+        the first such sample is named by its index.
     RefusedError
         If the quadrature of ``"exact"`` does not resolve the geometry under this
         noise: close to singular, or where the noise is as large as the vectors.
@@ -128,60 +133,29 @@ def attitude_moments(
         what = "frame='combined'" if frame == "combined" else "normalized=True"
         msg = f"`order` is {order!r}; with {what} there is theory of order 2 only"
         raise InputError(msg)
-    noise = noise_covariances(noise_std)
-    means: Array = np.zeros((4, 3))
-    if normalized:
-        means, noise = normalized_noise(true_vectors(q, r1, r2)[1], noise)
+    noise = noise_of_samples(noise_std)
+    unit = unit_arguments(q, r1, r2, noise.shape[:-3])
+    batch = unit[0].shape[:-1]
+    samples = flat_samples(*unit, noise)
+    if normalized or frame == "combined":
+        require_apart(*unit[1:])
     if frame == "combined":
-        return _combined(q, r1, r2, noise, means)
-    geometry = two_vector_geometry(q, r1, r2, frame)
-    if order == "exact":
-        exact = exact_moments if isotropic(noise) else exact_moments_any
-        bias, covariance = exact(geometry, noise)
+        names: Any = np.full(batch, frame)
+        found = combined_of(samples, normalized)
     else:
-        bias, covariance = _series_moments(geometry, noise, order)
-        if normalized:
-            mean = mean_linear_error(geometry, means)
-            bias = bias + orders.tangent_projector(geometry.q) @ mean
-    back = geometry.back
+        columns = chosen_columns(*unit, frame)
+        names = np.array(FRAMES)[columns]
+        if order == "exact":
+            found = exact_of_columns(samples, columns.reshape(-1), batch)
+        else:
+            found = series_of_columns(samples, columns.reshape(-1), order, normalized)
+    bias, covariance, q_true, norm = found
     return AttitudeMoments(
-        bias=back @ bias,
-        covariance=back @ covariance @ back.T,
-        q_true=geometry.q_true,
-        frame=geometry.frame,
-        norm=geometry.norm,
-    )
-
-
-def _series_moments(
-    geometry: TwoVectorGeometry, noise: Float[Array, "4 3 3"], order: int | str
-) -> tuple[Float[Array, "4"], Float[Array, "4 4"]]:
-    # Bias and covariance of one of the expansions, in the turned frame
-    moments = scaled_error_moments(geometry, noise)
-    q, P = moments.q, moments.P
-    if order == 4:
-        return (
-            orders.complete_fourth_bias(moments),
-            orders.complete_fourth_covariance(moments),
-        )
-    bias = orders.second_order_bias(q, P)
-    if order == "4-paper":
-        return bias, orders.paper_fourth_covariance(q, P)
-    return bias, orders.second_order_covariance(q, P)
-
-
-def _combined(
-    q: Any, r1: Any, r2: Any, noise: Float[Array, "4 3 3"], means: Float[Array, "4 3"]
-) -> AttitudeMoments:
-    q_true, vectors, _ = true_vectors(q, r1, r2)
-    q_true = np.copysign(1.0, q_true[3]) * q_true
-    bias, covariance = combined_moments(vectors, q_true, noise, means)
-    return AttitudeMoments(
-        bias=bias,
-        covariance=covariance,
-        q_true=q_true,
-        frame="combined",
-        norm=float(np.linalg.norm(np.cross(vectors[2], vectors[3]))),
+        bias=bias.reshape(*batch, 4),
+        covariance=covariance.reshape(*batch, 4, 4),
+        q_true=q_true.reshape(*batch, 4),
+        frame=names if batch else str(names),
+        norm=norm.reshape(batch) if batch else float(norm[0]),
     )
 
 
@@ -197,10 +171,12 @@ def multiplicative_moments(additive: AttitudeMoments) -> Moments:
     -------
     Moments
         Its `bias` is the mean of the multiplicative error less the identity
-        quaternion, (4,): estimate against truth, so of the opposite sign.
+        quaternion, (..., 4): estimate against truth, so of the opposite sign.
     """
     q = instance("additive", additive, AttitudeMoments).q_true
-    back = -np.stack([compose(conjugate(q), e) for e in np.eye(4)], axis=1)
+    rows = -compose(conjugate(q)[..., None, :], np.eye(4))
+    back = rows.swapaxes(-1, -2)
     return Moments(
-        bias=back @ additive.bias, covariance=back @ additive.covariance @ back.T
+        bias=np.matvec(back, additive.bias),
+        covariance=back @ additive.covariance @ rows,
     )

@@ -8,25 +8,29 @@ towards the top left singular vector. To first order in the change dM of M both 
 
 .. math:: \Delta\hat q = -\Pi\, dM\, p/|p|^2,\quad \Pi = I - q q^T,  \tag{C1}
 
-whichever column c is, so the covariance is a sum over independent noise directions j,
+whichever column c is. With :math:`dM_j` the change along component j of the noise on
+the four vectors and :math:`\Sigma_{jk}` its covariance, the covariance is
 
-.. math:: P = \Pi \Big(\sum_j dM_j\, p\, p^T dM_j^T\Big) \Pi / |p|^4,  \tag{C2}
+.. math:: P = \Pi \Big(\sum_{jk} \Sigma_{jk}\, dM_j\, p\, p^T dM_k^T\Big) \Pi / |p|^4,
+   \tag{C2}
 
 and second-order perturbation of the eigenvector of :math:`M M^T` gives the bias
 
-.. math:: -\Pi \sum_j \left(dM_j dM_j^T q - 2\, dM_j p\, p^T dM_j^T q/|p|^2\right)
-   /|p|^2 + \tfrac12 \mathrm{tr}(P)\, q.  \tag{C3}
+.. math:: -\Pi \sum_{jk} \Sigma_{jk} \left(dM_j dM_k^T q
+   - 2\, dM_j p\, p^T dM_k^T q/|p|^2\right)/|p|^2 + \tfrac12 \mathrm{tr}(P)\, q.
+   \tag{C3}
 
 The power step leaves out terms of third order in the tangent plane, so (C2) and (C3)
 hold for it too. Which column is the greatest matters from the third order on: near a
 tie of two columns the fourth-order remainder is not smooth in the noise.
 """
 
+from typing import Final
+
 import numpy as np
 from jaxtyping import Float, Shaped
 
 from simval.arrays import Array
-from simval.theory.cubature import covariance_roots
 from simval.theory.orders import tangent_projector
 from simval.theory.two_vector import column_maps
 
@@ -49,40 +53,57 @@ def column_matrix(
 
 
 def combined_moments(
-    vectors: Float[Array, "4 3"],
-    q: Float[Array, "4"],
-    noise: Float[Array, "4 3 3"],
-    means: Float[Array, "4 3"],
-) -> tuple[Float[Array, "4"], Float[Array, "4 4"]]:
+    vectors: Float[Array, "... 4 3"],
+    q: Float[Array, "... 4"],
+    noise: Float[Array, "... 4 3 3"],
+    means: Float[Array, "... 4 3"],
+) -> tuple[Float[Array, "... 4"], Float[Array, "... 4 4"]]:
     """Bias and covariance of q - qhat of the combined estimator, to second order."""
-    M = column_matrix(*vectors)
-    changes = _changes(vectors, _noise_directions(noise))
-    p = q @ M
-    squared = float(p @ p)
+    M, changes = _bilinear(vectors)
+    p = np.vecmat(q, M)
+    squared = np.vecdot(p, p)[..., None, None]
     projector = tangent_projector(q)
-    moved = changes @ p / squared  # dM p / |p|^2, one row per noise direction
-    tangent = moved @ projector
-    P = tangent.T @ tangent
-    turned = np.einsum("jab,a->jb", changes, q)  # dM' q
-    bent = np.einsum("jab,jb->a", changes, turned) / squared
-    bent -= 2.0 * (moved @ q) @ moved
-    bent += _changes(vectors, means[None])[0] @ p / squared
-    return 0.5 * np.trace(P) * q - projector @ bent, P
+    # dM p / |p|^2 and dM' q, one row for each of 12 components of the noise
+    moved = np.matvec(changes, p[..., None, :]) / squared
+    turned = np.vecmat(q[..., None, :], changes)
+    spread = _weighted(noise, moved)
+    across = moved @ projector
+    P = across.swapaxes(-1, -2) @ spread @ projector
+    bent = np.sum(np.matvec(changes, _weighted(noise, turned)), axis=-2)
+    bent = bent / squared[..., 0] - 2.0 * np.vecmat(np.matvec(moved, q), spread)
+    bent = bent + np.vecmat(means.reshape(*means.shape[:-2], 12), moved)
+    inward = 0.5 * np.trace(P, axis1=-2, axis2=-1)[..., None] * q
+    return inward - np.matvec(projector, bent), (P + P.swapaxes(-1, -2)) / 2.0
 
 
-def _noise_directions(noise: Float[Array, "4 3 3"]) -> Float[Array, "12 4 3"]:
-    # the 12 independent directions of the noise, each a change of the four vectors
-    directions = np.zeros((12, 4, 3))
-    for i, root in enumerate(covariance_roots(noise)):
-        directions[3 * i : 3 * i + 3, i] = root.T
-    return directions
+def _weighted(
+    noise: Float[Array, "... 4 3 3"], rows: Float[Array, "... 12 4"]
+) -> Float[Array, "... 12 4"]:
+    # Sigma times the rows, vector by vector: their noise is independent
+    apart = rows.reshape(*rows.shape[:-2], 4, 3, 4)
+    return (noise @ apart).reshape(rows.shape)
 
 
-def _changes(
-    vectors: Float[Array, "4 3"], directions: Float[Array, "j 4 3"]
-) -> Float[Array, "j 4 4"]:
-    # first-order change of M along each direction (j, 4, 3)
-    b1, b2, r1, r2 = vectors
-    db1, db2, dr1, dr2 = directions.swapaxes(0, 1)
-    changes: Array = column_matrix(db1, b2, dr1, r2) + column_matrix(b1, db2, r1, dr2)
-    return changes
+def _bilinear(
+    vectors: Float[Array, "... 4 3"],
+) -> tuple[Float[Array, "... 4 4"], Float[Array, "... 12 4 4"]]:
+    # M, and its change along each component of b1, b2, r1, r2
+    batch = vectors.shape[:-2]
+    first = vectors[..., ::2, :].reshape(*batch, 6)
+    second = vectors[..., 1::2, :].reshape(*batch, 6)
+    by_first = second @ _TENSOR.swapaxes(0, 1).reshape(6, 96)
+    by_second = first @ _TENSOR.reshape(6, 96)
+    changes = np.stack([by_first, by_second], axis=-2).reshape(*batch, 2, 2, 3, 4, 4)
+    M = np.vecmat(first, by_first.reshape(*batch, 6, 16)).reshape(*batch, 4, 4)
+    return M, changes.swapaxes(-5, -4).reshape(*batch, 12, 4, 4)
+
+
+def _tensor() -> Float[Array, "6 6 4 4"]:
+    # M by the components of (b1, r1) and of (b2, r2), in both of which it is linear
+    first, second = np.eye(6)[:, None], np.eye(6)[None]
+    return column_matrix(
+        first[..., :3], second[..., :3], first[..., 3:], second[..., 3:]
+    )
+
+
+_TENSOR: Final = _tensor()

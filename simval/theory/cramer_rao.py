@@ -24,7 +24,7 @@ from simval.arrays import Array, frozen
 from simval.errors import InputError
 from simval.geometry import attitude_matrix, cross_matrix
 from simval.theory.noise import noise_covariances
-from simval.theory.two_vector import true_vectors
+from simval.theory.two_vector import require_one, true_vectors
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -72,6 +72,7 @@ def attitude_bound(q: Any, r1: Any, r2: Any, noise_std: Any) -> AttitudeBound:
     GeometryError
         If the vectors are parallel.
     """
+    require_one(q, r1, r2)
     unit_q, vectors, _ = true_vectors(q, r1, r2)
     return bound_of(unit_q, vectors, noise_covariances(noise_std))
 

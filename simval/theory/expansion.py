@@ -25,6 +25,10 @@ from simval.theory.two_vector import TwoVectorGeometry
 
 # eps[j, a, k] with (v x w)_a = sum eps[j, a, k] v_j w_k
 _LEVI_CIVITA = np.stack([cross_matrix(row) for row in np.eye(3)])
+# B but for |qbar|
+_BILINEAR = np.zeros((4, 6, 3))
+_BILINEAR[:3, :3] = -_LEVI_CIVITA.swapaxes(0, 1)
+_BILINEAR[3, 3:] = -np.eye(3)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -43,62 +47,64 @@ class ScaledErrorMoments:
         Mean of the bilinear part times the linear part twice.
     """
 
-    q: Float[Array, "4"]
-    P: Float[Array, "4 4"]
-    V: Float[Array, "4 4"]
-    G: Float[Array, "4 4 4"]
+    q: Float[Array, "... 4"]
+    P: Float[Array, "... 4 4"]
+    V: Float[Array, "... 4 4"]
+    G: Float[Array, "... 4 4 4"]
 
 
 def linear_maps(
     geometry: TwoVectorGeometry,
-) -> tuple[Float[Array, "4 6"], Float[Array, "4 3"]]:
+) -> tuple[Float[Array, "... 4 6"], Float[Array, "... 4 3"]]:
     """Matrices J1 and J2 of eq. (X1), source eqs. (54) to (58)."""
-    J1, J2 = np.zeros((4, 6)), np.zeros((4, 3))
-    J1[:3, :3] = cross_matrix(geometry.d2)
-    J1[3, 3:] = -geometry.d2
-    J2[:3] = -cross_matrix(geometry.d1)
-    J2[3] = -geometry.s1
-    return J1 / geometry.norm, J2 / geometry.norm
+    batch = geometry.q.shape[:-1]
+    J1, J2 = np.zeros((*batch, 4, 6)), np.zeros((*batch, 4, 3))
+    J1[..., :3, :3] = cross_matrix(geometry.d2)
+    J1[..., 3, 3:] = -geometry.d2
+    J2[..., :3, :] = -cross_matrix(geometry.d1)
+    J2[..., 3, :] = -geometry.s1
+    norm = geometry.norm[..., None, None]
+    return J1 / norm, J2 / norm
 
 
-def bilinear_map(geometry: TwoVectorGeometry) -> Float[Array, "4 6 3"]:
+def bilinear_map(geometry: TwoVectorGeometry) -> Float[Array, "... 4 6 3"]:
     """Tensor B of eq. (X1), the last terms of source eq. (39)."""
-    B = np.zeros((4, 6, 3))
-    B[:3, :3] = -_LEVI_CIVITA.swapaxes(0, 1)
-    B[3, 3:] = -np.eye(3)
-    return B / geometry.norm
+    return _BILINEAR / geometry.norm[..., None, None, None]
 
 
 def half_noise(
-    geometry: TwoVectorGeometry, noise: Float[Array, "4 3 3"]
-) -> tuple[Float[Array, "6 6"], Float[Array, "3 3"]]:
+    geometry: TwoVectorGeometry, noise: Float[Array, "... 4 3 3"]
+) -> tuple[Float[Array, "... 6 6"], Float[Array, "... 3 3"]]:
     """Covariances of (dd1, ds1) and of dd2 in the turned frame."""
-    turn = geometry.turn[:, None] * geometry.turn
-    b1, b2, r1, r2 = noise[0], noise[1], turn * noise[2], turn * noise[3]
+    turn = geometry.turn[..., :, None] * geometry.turn[..., None, :]
+    b1, b2 = noise[..., 0, :, :], noise[..., 1, :, :]
+    r1, r2 = turn * noise[..., 2, :, :], turn * noise[..., 3, :, :]
     own, cross = (b1 + r1) / 4.0, (b1 - r1) / 4.0
     return np.block([[own, cross], [cross, own]]), (b2 + r2) / 4.0
 
 
 def mean_linear_error(
-    geometry: TwoVectorGeometry, means: Float[Array, "4 3"]
-) -> Float[Array, "4"]:
+    geometry: TwoVectorGeometry, means: Float[Array, "... 4 3"]
+) -> Float[Array, "... 4"]:
     """Mean of the linear part of x when the noise has a mean."""
     J1, J2 = linear_maps(geometry)
-    b1, b2, r1, r2 = means[0], means[1], geometry.turn * means[2], means[3]
-    dd1, ds1, dd2 = (b1 - r1) / 2, (b1 + r1) / 2, (b2 - geometry.turn * r2) / 2
-    mean: Array = J1 @ np.concatenate([dd1, ds1]) + J2 @ dd2
-    return mean
+    b1, b2 = means[..., 0, :], means[..., 1, :]
+    r1, r2 = geometry.turn * means[..., 2, :], geometry.turn * means[..., 3, :]
+    first = np.concatenate([(b1 - r1) / 2, (b1 + r1) / 2], axis=-1)
+    return np.matvec(J1, first) + np.matvec(J2, (b2 - r2) / 2)
 
 
 def scaled_error_moments(
-    geometry: TwoVectorGeometry, noise: Float[Array, "4 3 3"]
+    geometry: TwoVectorGeometry, noise: Float[Array, "... 4 3 3"]
 ) -> ScaledErrorMoments:
     """Moments P, V and G of eq. (X2)."""
     J1, J2 = linear_maps(geometry)
     B = bilinear_map(geometry)
     C1, C2 = half_noise(geometry, noise)
-    P = J1 @ C1 @ J1.T + J2 @ C2 @ J2.T
-    spread = C1 @ B @ C2  # (4, 6, 3)
-    V = spread.reshape(4, 18) @ B.reshape(4, 18).T
-    half = J1 @ spread @ J2.T
-    return ScaledErrorMoments(q=geometry.q, P=P, V=V, G=half + half.swapaxes(1, 2))
+    batch = geometry.q.shape[:-1]
+    P = J1 @ C1 @ J1.swapaxes(-1, -2) + J2 @ C2 @ J2.swapaxes(-1, -2)
+    spread = C1[..., None, :, :] @ B @ C2[..., None, :, :]  # (4, 6, 3)
+    flat = (*batch, 4, 18)
+    V = spread.reshape(flat) @ B.reshape(flat).swapaxes(-1, -2)
+    half = J1[..., None, :, :] @ spread @ J2[..., None, :, :].swapaxes(-1, -2)
+    return ScaledErrorMoments(q=geometry.q, P=P, V=V, G=half + half.swapaxes(-1, -2))

@@ -50,7 +50,7 @@ def flip_probability(
         return 0.0
     if not -square.min() > 1e-14 * size:  # one of the two vectors has no noise
         return float(special.ndtr(-geometry.norm / size))
-    values = [_line_integral(geometry.norm, linear, square, h) for h in _STEPS]
+    values = [_line_integral(float(geometry.norm), linear, square, h) for h in _STEPS]
     if not abs(values[0] - values[1]) <= _TOLERANCE * values[1]:
         msg = (
             f"two rules for the chance of a flipped sign differ: {values[0]:.3e} and "

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from simval.arrays import GREATEST, LEAST, Array, finite_array
 from simval.errors import InputError
 from simval.text import shown
+from simval.theory.samples import refuse_samples
 
 MAX_NOISE: Final = 1e6
 """Of unit vectors; fourth powers of it neither overflow nor mean anything."""
@@ -22,6 +23,41 @@ def noise_covariances(noise_std: Any, count: int = 4) -> Float[Array, "count 3 3
         If the value has another shape, is negative, not finite, not symmetric or
         not positive semidefinite.
     """
+    value = _plausible(noise_std)
+    if value.shape not in ((), (count,), (count, 3, 3)):
+        msg = (
+            f"`noise_std` has shape {value.shape}; give one number, {count} numbers "
+            f"or ({count}, 3, 3) covariances, in the order b1, b2, ..., r1, r2, ..."
+        )
+        raise InputError(msg)
+    return _covariances(noise_std, value, count, value.ndim == 3)
+
+
+def noise_of_samples(noise_std: Any) -> Float[Array, "... 4 3 3"]:
+    """Covariances of the noise on b1, b2, r1, r2 of each sample.
+
+    The form is told by the last axes alone: no axis is one number for everything, a
+    last axis of 1 is one for all four vectors, of 4 is one for each, and (4, 3, 3) are
+    covariances. Axes before these are of the batch.
+
+    Raises
+    ------
+    InputError
+        As `noise_covariances`.
+    """
+    value = _plausible(noise_std)
+    full = value.shape[-3:] == (4, 3, 3)
+    if not (full or value.ndim == 0 or value.shape[-1] in (1, 4)):
+        msg = (
+            f"`noise_std` has shape {value.shape}; give one number, (..., 1) for one "
+            "of each sample, (..., 4) for one of b1, b2, r1, r2 each, or (..., 4, 3, "
+            "3) covariances in that order"
+        )
+        raise InputError(msg)
+    return _covariances(noise_std, value, 4, full)
+
+
+def _plausible(noise_std: Any) -> Array:
     value = finite_array("noise_std", noise_std, ())
     if not np.all(np.abs(value) <= MAX_NOISE):
         msg = (
@@ -29,21 +65,23 @@ def noise_covariances(noise_std: Any, count: int = 4) -> Float[Array, "count 3 3
             f"1, and above {MAX_NOISE:g} nothing is left of them, so check its unit"
         )
         raise InputError(msg)
-    if value.shape in ((), (count,)):
-        if not np.all((value == 0.0) | (value >= LEAST)):
-            msg = (
-                f"`noise_std` is {shown(noise_std)}; standard deviations must be 0 or "
-                f"more, and where they are not 0 at least {LEAST:g}"
-            )
-            raise InputError(msg)
-        return np.broadcast_to(value, (count,))[:, None, None] ** 2 * np.eye(3)
-    if value.shape != (count, 3, 3):
+    return value
+
+
+def _covariances(
+    given: Any, value: Array, count: int, full: bool
+) -> Float[Array, "... count 3 3"]:
+    # of what are covariances, or of standard deviations of each vector or of all
+    if full:
+        return _checked("noise_std", value)
+    if not np.all((value == 0.0) | (value >= LEAST)):
         msg = (
-            f"`noise_std` has shape {value.shape}; give one number, {count} numbers "
-            f"or ({count}, 3, 3) covariances, in the order b1, b2, ..., r1, r2, ..."
+            f"`noise_std` is {shown(given)}; standard deviations must be 0 or "
+            f"more, and where they are not 0 at least {LEAST:g}"
         )
         raise InputError(msg)
-    return checked_covariances("noise_std", value)
+    each = np.broadcast_to(value, (*value.shape[:-1], count))
+    return each[..., None, None] ** 2 * np.eye(3)
 
 
 def checked_covariances(name: str, matrices: Any) -> Float[Array, "k 3 3"]:
@@ -55,29 +93,45 @@ def checked_covariances(name: str, matrices: Any) -> Float[Array, "k 3 3"]:
         If a shape is wrong, or a matrix is no covariance.
     """
     value = finite_array(name, matrices, (None, 3, 3))
-    scale = float(np.max(np.abs(value), initial=0.0))
-    if value.ndim != 3 or not (scale == 0.0 or LEAST**2 <= scale <= GREATEST**2):
+    if value.ndim != 3:
         msg = (
-            f"`{name}` has shape {value.shape} and a greatest entry of {scale:g}; give "
-            f"(k, 3, 3), 0 or from {LEAST**2:g} to {GREATEST**2:g}"
+            f"`{name}` has shape {value.shape}; give one covariance for each vector, "
+            "(k, 3, 3)"
         )
         raise InputError(msg)
-    skew = np.max(np.abs(value - value.swapaxes(1, 2)), initial=0.0)
-    lowest = float(np.min(np.linalg.eigvalsh(value), initial=0.0))
+    return _checked(name, value)
+
+
+def _checked(name: str, value: Array) -> Float[Array, "... k 3 3"]:
+    # the vectors of a sample share one scale
+    entries = (-3, -2, -1)
+    scale = np.max(np.abs(value), axis=entries, initial=0.0)
+    refuse_samples(
+        (scale == 0.0) | ((scale >= LEAST**2) & (scale <= GREATEST**2)),
+        lambda i: (
+            f"`{name}` has shape {value.shape} and a greatest entry of {scale[i]:g}; "
+            f"give 0 or from {LEAST**2:g} to {GREATEST**2:g}"
+        ),
+        InputError,
+    )
+    skew = np.max(np.abs(value - value.swapaxes(-1, -2)), axis=entries, initial=0.0)
+    lowest = np.min(np.linalg.eigvalsh(value), axis=(-2, -1), initial=0.0)
     # a product F F' is rounded to 1e-16 of its greatest entry, an inverse to more
-    if not (skew <= 1e-12 * scale and lowest >= -1e-12 * scale):
-        msg = (
+    refuse_samples(
+        (skew <= 1e-12 * scale) & (lowest >= -1e-12 * scale),
+        lambda i: (
             f"`{name}` holds a matrix that is not a covariance (asymmetry "
-            f"{skew:.2e}, lowest eigenvalue {lowest:.2e}); it must be symmetric and "
-            "positive semidefinite"
-        )
-        raise InputError(msg)
+            f"{skew[i]:.2e}, lowest eigenvalue {lowest[i]:.2e}); it must be symmetric "
+            "and positive semidefinite"
+        ),
+        InputError,
+    )
     return value
 
 
 def normalized_noise(
-    vectors: Float[Array, "k 3"], noise: Float[Array, "k 3 3"]
-) -> tuple[Float[Array, "k 3"], Float[Array, "k 3 3"]]:
+    vectors: Float[Array, "... k 3"], noise: Float[Array, "... k 3 3"]
+) -> tuple[Float[Array, "... k 3"], Float[Array, "... k 3 3"]]:
     r"""Mean and covariance of the noise left when each vector is normalised after it.
 
     For a unit vector v and :math:`\Pi = I - v v^T`, :math:`(v + n)/|v + n| - v` is
@@ -86,10 +140,10 @@ def normalized_noise(
     noise along v is correlated with the noise across) and its covariance
     :math:`\Pi\Sigma\Pi`.
     """
-    planes = np.eye(3) - vectors[:, :, None] * vectors[:, None, :]
+    planes = np.eye(3) - vectors[..., :, None] * vectors[..., None, :]
     across = planes @ noise
-    shortened = 0.5 * np.trace(across, axis1=1, axis2=2)[:, None] * vectors
-    turned = (across @ vectors[:, :, None])[..., 0]
+    shortened = 0.5 * np.trace(across, axis1=-2, axis2=-1)[..., None] * vectors
+    turned = (across @ vectors[..., None])[..., 0]
     return -turned - shortened, across @ planes
 
 

@@ -56,7 +56,7 @@ def exact_moments(
     tau1, tau2 = _isotropic_halves(noise)
     rules = direction_rules(geometry, tau1, tau2)
     given = partial(_moments_given_directions, geometry, tau1)
-    bias, covariance = converged(rules, given, geometry.norm, (tau1, tau2))
+    bias, covariance = converged(rules, given, float(geometry.norm), (tau1, tau2))
     return bias, covariance
 
 

@@ -27,6 +27,8 @@ Source: Peng and Choukroun, sections 4 and 5. Its fourth-order covariance keeps
 accurate to second order, like the linear one (docs/attitude.md).
 """
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Float
 
@@ -34,76 +36,79 @@ from simval.arrays import Array
 from simval.theory.expansion import ScaledErrorMoments
 
 
-def tangent_projector(q: Float[Array, "4"]) -> Float[Array, "4 4"]:
+def tangent_projector(q: Float[Array, "... 4"]) -> Float[Array, "... 4 4"]:
     r"""Projector :math:`\Pi = I - q q^T` onto the plane tangent to the sphere at q."""
-    return np.eye(4) - np.outer(q, q)
+    return np.eye(4) - _outer(q, q)
 
 
-def normalization_matrix(q: Float[Array, "4"]) -> Float[Array, "4 4"]:
+def normalization_matrix(q: Float[Array, "... 4"]) -> Float[Array, "... 4 4"]:
     """Matrix Q of source eq. (50)."""
-    return np.eye(4) - 3.0 * np.outer(q, q)
+    return np.eye(4) - 3.0 * _outer(q, q)
 
 
 def second_order_bias(
-    q: Float[Array, "4"], P: Float[Array, "4 4"]
-) -> Float[Array, "4"]:
+    q: Float[Array, "... 4"], P: Float[Array, "... 4 4"]
+) -> Float[Array, "... 4"]:
     """Mean of q - qhat, source eq. (52)."""
-    half_trace = 0.5 * np.trace(normalization_matrix(q) @ P)
-    bias: Array = P @ q + half_trace * q
-    return bias
+    half_trace = 0.5 * _trace(normalization_matrix(q) @ P)
+    return np.matvec(P, q) + half_trace[..., None] * q
 
 
 def second_order_covariance(
-    q: Float[Array, "4"], P: Float[Array, "4 4"]
-) -> Float[Array, "4 4"]:
+    q: Float[Array, "... 4"], P: Float[Array, "... 4 4"]
+) -> Float[Array, "... 4 4"]:
     """Covariance of q - qhat, source eq. (63) without its last term."""
     projector = tangent_projector(q)
     covariance: Array = projector @ P @ projector
     return covariance
 
 
-def quadratic_form(q: Float[Array, "4"]) -> Float[Array, "4 4 4"]:
+def quadratic_form(q: Float[Array, "... 4"]) -> Float[Array, "... 4 4 4"]:
     """Tensor T of the second-order term of (O1): component b is x' T[b] x."""
-    half = 0.5 * np.eye(4)[:, :, None] * q
-    return half + half.swapaxes(1, 2) + 0.5 * q[:, None, None] * normalization_matrix(q)
+    half = 0.5 * np.eye(4)[:, :, None] * q[..., None, None, :]
+    square = q[..., :, None, None] * normalization_matrix(q)[..., None, :, :]
+    return half + half.swapaxes(-1, -2) + 0.5 * square
 
 
 def quadratic_covariance(
-    q: Float[Array, "4"], P: Float[Array, "4 4"]
-) -> Float[Array, "4 4"]:
+    q: Float[Array, "... 4"], P: Float[Array, "... 4 4"]
+) -> Float[Array, "... 4 4"]:
     """Covariance of Q2(x1, x1): Terms 1 to 6 of source section 5, less the mean."""
-    scaled = quadratic_form(q) @ P
-    covariance: Array = (
-        2.0 * scaled.reshape(4, 16) @ (scaled.swapaxes(1, 2).reshape(4, 16).T)
-    )
+    scaled = quadratic_form(q) @ P[..., None, :, :]
+    turned = _flat(scaled.swapaxes(-1, -2))
+    covariance: Array = 2.0 * _flat(scaled) @ turned.swapaxes(-1, -2)
     return covariance
 
 
 def paper_fourth_covariance(
-    q: Float[Array, "4"], P: Float[Array, "4 4"]
-) -> Float[Array, "4 4"]:
+    q: Float[Array, "... 4"], P: Float[Array, "... 4 4"]
+) -> Float[Array, "... 4 4"]:
     """The source's fourth-order covariance, its section 5, misprints put right."""
     return second_order_covariance(q, P) + quadratic_covariance(q, P)
 
 
-def complete_fourth_covariance(moments: ScaledErrorMoments) -> Float[Array, "4 4"]:
+def complete_fourth_covariance(moments: ScaledErrorMoments) -> Float[Array, "... 4 4"]:
     """Covariance of q - qhat through fourth order, eq. (O2)."""
     q, P, G = moments.q, moments.P, moments.G
     T = quadratic_form(q)
     projector = tangent_projector(q)
     bilinear = projector @ moments.V @ projector
     # E[Pi x2 Q2'], E[x1 2 Q2(x1, x2)'] and E[x1 Q3']
-    mixed = projector @ G.reshape(4, 16) @ T.reshape(4, 16).T
-    second_third = 2.0 * np.einsum("bcd,dac->ab", T, G)
+    mixed = projector @ _flat(G) @ _flat(T).swapaxes(-1, -2)
+    # sum over c and d of G[d, a, c] T[b, c, d]
+    by_a = _flat(np.moveaxis(G, -3, -1))
+    second_third = 2.0 * by_a @ _flat(T).swapaxes(-1, -2)
     third = P @ _mean_cubic_gradient(q, P)
     half = mixed + projector @ (second_third + third)
-    return paper_fourth_covariance(q, P) + bilinear + half + half.T
+    return paper_fourth_covariance(q, P) + bilinear + half + half.swapaxes(-1, -2)
 
 
-def complete_fourth_bias(moments: ScaledErrorMoments) -> Float[Array, "4"]:
+def complete_fourth_bias(moments: ScaledErrorMoments) -> Float[Array, "... 4"]:
     """Mean of q - qhat through fourth order."""
     q, P = moments.q, moments.P
-    from_bilinear = quadratic_form(q).reshape(4, 16) @ moments.V.reshape(16)
+    from_bilinear = np.sum(
+        quadratic_form(q) * moments.V[..., None, :, :], axis=(-2, -1)
+    )
     return (
         second_order_bias(q, P)
         + from_bilinear
@@ -113,40 +118,60 @@ def complete_fourth_bias(moments: ScaledErrorMoments) -> Float[Array, "4"]:
 
 
 def _mean_cubic_gradient(
-    q: Float[Array, "4"], P: Float[Array, "4 4"]
-) -> Float[Array, "4 4"]:
+    q: Float[Array, "... 4"], P: Float[Array, "... 4 4"]
+) -> Float[Array, "... 4 4"]:
     # E of the derivative of Q3's component b along c, (4, 4) as [c, b]
-    Pq, trace = P @ q, np.trace(P)
-    along = q @ Pq
+    Pq, trace = np.matvec(P, q), _trace(P)[..., None]
+    along = _dot(q, Pq)
     return (
-        3.0 * np.outer(q, Pq)
+        3.0 * _outer(q, Pq)
         - P
-        + (1.5 * along - 0.5 * trace) * np.eye(4)
-        - np.outer((7.5 * along - 1.5 * trace) * q - 3.0 * Pq, q)
+        + (1.5 * along - 0.5 * trace)[..., None] * np.eye(4)
+        - _outer((7.5 * along - 1.5 * trace) * q - 3.0 * Pq, q)
     )
 
 
-def _cubic_bias(q: Float[Array, "4"], G: Float[Array, "4 4 4"]) -> Float[Array, "4"]:
+def _cubic_bias(
+    q: Float[Array, "... 4"], G: Float[Array, "... 4 4 4"]
+) -> Float[Array, "... 4"]:
     # E[3 Q3(x1, x1, x2)]: the gradient of Q3 at x1 along x2
-    qG = q @ G.reshape(4, 16)  # contracts x2 with q
-    qG = qG.reshape(4, 4)
-    contracted = np.trace(G, axis1=0, axis2=1)  # E[(x1.x2) x1]
-    along = G @ q @ q  # E[x2 u^2]
-    squared = np.trace(G, axis1=1, axis2=2)  # E[x2 r]
-    inside = 7.5 * (q @ qG @ q) - 1.5 * np.trace(qG) - 3.0 * (q @ contracted)
-    bias: Array = 3.0 * (q @ qG) - contracted + 1.5 * along - 0.5 * squared - inside * q
-    return bias
+    qG = np.vecmat(q, _flat(G)).reshape(*q.shape, 4)  # contracts x2 with q
+    contracted = np.trace(G, axis1=-3, axis2=-2)  # E[(x1.x2) x1]
+    along = np.matvec(np.matvec(G, q[..., None, :]), q)  # E[x2 u^2]
+    squared = np.trace(G, axis1=-2, axis2=-1)  # E[x2 r]
+    turned = np.vecmat(q, qG)
+    inside = 7.5 * _dot(turned, q) - 1.5 * _trace(qG)[..., None]
+    inside = inside - 3.0 * _dot(q, contracted)
+    return 3.0 * turned - contracted + 1.5 * along - 0.5 * squared - inside * q
 
 
-def _quartic_bias(q: Float[Array, "4"], P: Float[Array, "4 4"]) -> Float[Array, "4"]:
+def _quartic_bias(
+    q: Float[Array, "... 4"], P: Float[Array, "... 4 4"]
+) -> Float[Array, "... 4"]:
     # E[Q4(x1, x1, x1, x1)] by Isserlis' theorem
-    Pq, trace = P @ q, np.trace(P)
-    along = q @ Pq
-    vector = (7.5 * along - 1.5 * trace) * Pq - 3.0 * P @ Pq
+    Pq, trace = np.matvec(P, q), _trace(P)[..., None]
+    along = _dot(q, Pq)
+    vector = (7.5 * along - 1.5 * trace) * Pq - 3.0 * np.matvec(P, Pq)
     inside = (
         105.0 * along**2
-        - 30.0 * (along * trace + 2.0 * Pq @ Pq)
-        + 3.0 * (trace**2 + 2.0 * np.sum(P * P))
+        - 30.0 * (along * trace + 2.0 * _dot(Pq, Pq))
+        + 3.0 * (trace**2 + 2.0 * np.sum(P * P, axis=(-2, -1))[..., None])
     )
-    bias: Array = vector - inside / 8.0 * q
-    return bias
+    return vector - inside / 8.0 * q
+
+
+def _outer(a: Array, b: Array) -> Array:
+    return a[..., :, None] * b[..., None, :]
+
+
+def _trace(matrices: Array) -> Any:
+    return np.trace(matrices, axis1=-2, axis2=-1)
+
+
+def _dot(a: Array, b: Array) -> Array:
+    # (..., 1), to multiply vectors with
+    return np.vecdot(a, b)[..., None]
+
+
+def _flat(tensor: Float[Array, "... 4 4 4"]) -> Float[Array, "... 4 16"]:
+    return tensor.reshape(*tensor.shape[:-2], 16)

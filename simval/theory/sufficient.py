@@ -17,7 +17,7 @@ from simval.arguments import choice
 from simval.arrays import positive_number
 from simval.theory.attitude import ORDERS, AttitudeMoments, attitude_moments
 from simval.theory.noise import noise_covariances
-from simval.theory.two_vector import FRAMES
+from simval.theory.two_vector import FRAMES, require_one
 
 _ROUNDING: Final = 2e-15
 
@@ -86,8 +86,9 @@ def sufficient_order(
     tolerance = positive_number("tolerance", tolerance, "")
     if frame is not None:
         frame = choice("frame", frame, FRAMES)
-    found = {o: attitude_moments(q, r1, r2, noise_std, o, frame) for o in ORDERS}
+    require_one(q, r1, r2)
     widest = np.linalg.eigvalsh(noise_covariances(noise_std))[:, -1].max()
+    found = {o: attitude_moments(q, r1, r2, noise_std, o, frame) for o in ORDERS}
     sigma = float(np.sqrt(widest))
     bias = {o: _off(found, "bias", o) for o in ORDERS}
     covariance = {o: _off(found, "covariance", o) for o in ORDERS}
@@ -96,7 +97,7 @@ def sufficient_order(
         order=next(within),
         bias_off=MappingProxyType(bias),
         covariance_off=MappingProxyType(covariance),
-        norm_over_noise=found["exact"].norm / sigma if sigma > 0.0 else np.inf,
+        norm_over_noise=float(found["exact"].norm) / sigma if sigma > 0.0 else np.inf,
     )
 
 

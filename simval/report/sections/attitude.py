@@ -1,16 +1,17 @@
 """Attitude error against noise: bias and covariance beside every prediction."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from simval.report.curves import curve, first, grouped
+from simval.report.curves import Measure, bar_width, curve, first, grouped
 from simval.report.measures import left_out, moment
 from simval.report.noise import SLOPES, slope_cells
 from simval.report.panels import COLOURS, GREY, Drawing, Panel, Series
-from simval.report.section import Context, Section, made
-from simval.report.slope import order, simultaneous
+from simval.report.section import Context, Section, Shown, made
+from simval.report.slope import order
 from simval.report.table import Column, Table
 from simval.report.words import slugs
 from simval.statistics import (
@@ -32,10 +33,11 @@ STYLES = {
     EXACT: (COLOURS[0], ":"),
 }
 CLAIMED = {ORDER_2: 4.0, ORDER_4_SOURCE: 6.0, ORDER_4: 6.0}
-"""Power of the noise with which what is left out should fall, as each name claims."""
+"""Order of what each formula leaves out, by its stated order."""
 
 NOISE = "noise of each unit vector, 1"
 PARTS = (BIAS, COVARIANCE)
+SHOWN = Shown("attitude", (BIAS, COVARIANCE, UNIT_LENGTH))
 
 
 def section(context: Context) -> Section | None:
@@ -45,10 +47,9 @@ def section(context: Context) -> Section | None:
         return None
     groups = grouped(cells, "noise_std")
     shown, left_out = first(groups)
-    names = slugs("attitude", shown)
     drawings = [
-        _drawing(name, label, members)
-        for name, (label, members) in zip(names, shown.items(), strict=True)
+        _drawing(name, label, shown[label])
+        for name, label in zip(slugs("attitude", shown), shown, strict=True)
     ]
     drawings[-1] = replace(drawings[-1], left_out=left_out)
     return made(
@@ -65,40 +66,56 @@ def remainders(cells: Sequence[CellResult], part: Family) -> Panel:
     """What each truncated formula leaves out, beside the moment itself."""
     series: list[Series] = []
     for predictor in CLAIMED:
-        found = curve("", cells, "noise_std", left_out(part, predictor))
-        if found is None or not np.any(found.value > 0.0):
+        c = curve("", cells, "noise_std", left_out(part, predictor))
+        if c is None or not np.any(c.value > 0.0):
             continue
         if not series:
-            series.append(_line(found.x, found.prediction, EXACT, f"the {part.words}"))
-        series.append(_line(found.x, found.value, predictor, f"left out, {predictor}"))
+            series.append(line(c.x, c.prediction, EXACT, f"the {part.words}"))
+        series.append(line(c.x, c.value, predictor, f"left out, {predictor}"))
     sampled = curve("", cells, "noise_std", moment(part, EXACT))
     if sampled is not None:
-        series.append(
-            Series(
-                label="standard error",
-                x=sampled.x,
-                y=sampled.error,
-                colour=GREY,
-                line=":",
-            )
+        dotted = Series(
+            label="standard error", x=sampled.x, y=sampled.error, colour=GREY, line=":"
         )
-    return Panel(
-        title=f"{part.words}: what is left out",
-        x_label=NOISE,
-        y_label="Frobenius norm, 1",
-        series=tuple(series),
-    )
+        series.append(dotted)
+    return _panel(f"{part.words}: what is left out", series)
 
 
-def _line(x: np.ndarray, y: np.ndarray, predictor: str, label: str) -> Series:
+def beside_predictions(
+    cells: Sequence[CellResult],
+    measure_against: Callable[[str], Measure],
+    z: float | None = None,
+) -> list[Series]:
+    """Simulated points over the noise, and a line for each prediction."""
+    series = []
+    points = curve("simulated", cells, "noise_std", measure_against(EXACT))
+    if points is not None:
+        series.append(points.points(bar_width([points]) if z is None else z))
+    for predictor in STYLES:
+        c = curve("", cells, "noise_std", measure_against(predictor))
+        if c is not None:
+            series.append(line(c.x, c.prediction, predictor, predictor))
+    return series
+
+
+def line(x: np.ndarray, y: np.ndarray, predictor: str, label: str) -> Series:
+    """A line in the style of its prediction."""
     colour, style = STYLES[predictor]
     return Series(label=label, x=x, y=y, colour=colour, line=style)
 
 
+def _panel(title: str, series: Sequence[Series]) -> Panel:
+    return Panel(
+        title=title, x_label=NOISE, y_label="Frobenius norm, 1", series=tuple(series)
+    )
+
+
 def _drawing(name: str, label: str, cells: Sequence[CellResult]) -> Drawing:
-    found = {part: curve("", cells, "noise_std", moment(part, EXACT)) for part in PARTS}
-    z = simultaneous(sum(len(c.x) for c in found.values() if c is not None))
-    panels = [_measured(part, cells, z) for part in PARTS]
+    z = bar_width(curve("", cells, "noise_std", moment(part, EXACT)) for part in PARTS)
+    panels = [
+        _panel(part.words, beside_predictions(cells, partial(moment, part), z))
+        for part in PARTS
+    ]
     panels += [remainders(cells, part) for part in PARTS]
     return Drawing(
         name=name,
@@ -109,7 +126,7 @@ def _drawing(name: str, label: str, cells: Sequence[CellResult]) -> Drawing:
             "formula is from the exact answer, computed without sampling: the moment "
             "itself has slope 2, what the second order leaves out slope 4, what the "
             "complete fourth order leaves out slope 6. What lies below the dotted "
-            "standard error cannot be told from the exact answer by these samples."
+            "standard error cannot be told from the exact answer with these samples."
         ),
         alternative=(
             f"{label + ': ' if label else ''}bias and covariance of the attitude error "
@@ -121,37 +138,16 @@ def _drawing(name: str, label: str, cells: Sequence[CellResult]) -> Drawing:
     )
 
 
-def _measured(part: Family, cells: Sequence[CellResult], z: float) -> Panel:
-    series: list[Series] = []
-    points = curve("simulated", cells, "noise_std", moment(part, EXACT))
-    if points is not None:
-        series.append(points.points(z))
-    for predictor in STYLES:
-        found = curve("", cells, "noise_std", moment(part, predictor))
-        if found is not None:
-            series.append(_line(found.x, found.prediction, predictor, predictor))
-    return Panel(
-        title=part.words,
-        x_label=NOISE,
-        y_label="Frobenius norm, 1",
-        series=tuple(series),
-    )
-
-
 def _orders(groups: Mapping[str, Sequence[CellResult]]) -> Table:
     rows = []
     for label, cells in groups.items():
         for part in PARTS:
             for predictor, claimed in CLAIMED.items():
-                found = curve("", cells, "noise_std", left_out(part, predictor))
-                if found is None:
+                c = curve("", cells, "noise_std", left_out(part, predictor))
+                if c is None:
                     continue
-                slope = order(found.x, found.value)
-                at = (
-                    ""
-                    if len(found.x) < 2
-                    else f"{found.x[0]:g} to {_second(found.x):g}"
-                )
+                at = f"{c.x[0]:g} to {_second(c.x):g}" if len(c.x) > 1 else ""
+                slope = order(c.x, c.value)
                 rows.append((label, part.words, predictor, at, slope, claimed))
     return Table(
         name="attitude-orders",
@@ -165,7 +161,7 @@ def _orders(groups: Mapping[str, Sequence[CellResult]]) -> Table:
             Column("formula"),
             Column("noise"),
             Column("slope", "number", 5),
-            Column("its name claims", "number"),
+            Column("stated order", "number"),
         ),
         rows=rows,
         shown=120,
@@ -185,7 +181,7 @@ def _unit_lengths(cells: Sequence[CellResult]) -> Table:
             continue
         geometry, noise = cell.parameters["geometry"], cell.parameters["noise_std"]
         values = (found.get(kind) for kind in kinds)
-        rows.append((str(geometry), float(noise), *values))
+        rows.append((geometry, float(noise), *values))
     return Table(
         name="unit-length",
         caption=(
@@ -195,7 +191,7 @@ def _unit_lengths(cells: Sequence[CellResult]) -> Table:
             "truncated formula"
         ),
         columns=(
-            Column("geometry"),
+            Column("geometry", "number", 19),
             Column("noise", "number"),
             *(Column(kind, "number", 3) for kind in kinds),
         ),
@@ -213,9 +209,9 @@ def _slopes(groups: Mapping[str, Sequence[CellResult]]) -> Table:
     rows = []
     for label, cells in groups.items():
         for part in PARTS:
-            found = curve(label, cells, "noise_std", moment(part, EXACT))
-            if found is not None:
-                rows.append((label, part.words, *slope_cells(found), 2.0))
+            c = curve(label, cells, "noise_std", moment(part, EXACT))
+            if c is not None:
+                rows.append((label, part.words, *slope_cells(c), 2.0))
     return Table(
         name="attitude-slopes",
         caption="Slopes of the simulated moments in the noise, with 95 % intervals",

@@ -2,10 +2,12 @@
 
 from simval.report.curves import MAX_GROUPS, bars, grouped
 from simval.report.panels import BarPanel, Drawing
-from simval.report.section import Context, Section, made
+from simval.report.section import Context, Section, Shown, made
 from simval.report.words import spelled
 from simval.statistics import BUDGET
 from simval.sweep.run import CellResult
+
+SHOWN = Shown("end_to_end", (BUDGET,))
 
 
 def section(context: Context) -> Section | None:

@@ -3,12 +3,18 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from simval.report.curves import Measure, first, grouped, statistic
+from simval.report.curves import (
+    Groups,
+    Measure,
+    bar_width,
+    curves,
+    first,
+    grouped,
+    statistic,
+)
 from simval.report.measures import GROUPS, part, together
 from simval.report.noise import (
     SLOPES,
-    Groups,
-    curves,
     panel,
     panels_of,
     rms_sets,
@@ -17,8 +23,7 @@ from simval.report.noise import (
     unit_of,
 )
 from simval.report.panels import Drawing
-from simval.report.section import Context, Section, made
-from simval.report.slope import simultaneous
+from simval.report.section import Context, Section, Shown, made
 from simval.report.table import Column, Table
 from simval.statistics import (
     BIAS,
@@ -33,6 +38,7 @@ from simval.statistics import (
 from simval.sweep.run import CellResult
 
 NOISE = "noise per sample, m/s²"
+SHOWN = Shown("calibration", (RMS, SD, BIAS, RECOVERY))
 
 
 def section(context: Context) -> Section | None:
@@ -121,7 +127,7 @@ def _apart(
     sets = [entry for entry in sets if entry[1]]
     if not sets:
         return None
-    z = simultaneous(sum(len(c.x) for _, found in sets for c in found))
+    z = bar_width(c for _, measured in sets for c in measured)
     return Drawing(
         name=name,
         caption=f"{caption} Bars: {z:.2f} standard errors, 95 % for all together.",
@@ -130,8 +136,8 @@ def _apart(
             "logarithmic axes, simulated points beside the predicted lines"
         ),
         panels=[
-            panel(GROUPS[key], NOISE, f"{words}, {unit_of(key)}", found, z=z)
-            for key, found in sets
+            panel(GROUPS[key], NOISE, f"{words}, {unit_of(key)}", measured, z=z)
+            for key, measured in sets
         ],
     )
 

@@ -1,4 +1,4 @@
-"""Every check against theory: failing ones first, then what each family found."""
+"""Every check against theory: counts by family, then each check, failing ones first."""
 
 from simval.gate.finding import reproduce
 from simval.report.section import Context, Section, made
@@ -6,10 +6,9 @@ from simval.report.sections.disagreements import Key, figure_names, key_of
 from simval.report.table import Column, Table
 from simval.report.words import sign_of_entries
 from simval.results import CellName
-from simval.verdict import Verdict
+from simval.verdict import WORST_FIRST, Verdict
 
-ORDER = {"fail": 0, "inconclusive": 1, "pass": 2}
-SHOWN = 300
+MAX_ROWS = 300
 
 
 def section(context: Context) -> Section | None:
@@ -34,7 +33,7 @@ def _families(context: Context) -> Table:
         groups.setdefault(key, []).append(v.answer)
     return Table(
         name="families",
-        caption="What each family of checks found",
+        caption="Answers of each family of checks",
         columns=(
             Column("study"),
             Column("predictor"),
@@ -89,10 +88,10 @@ def _each(verdicts: list[Verdict], figures: dict[Key, str], folder: str) -> Tabl
             Column("reproduce the cell", "code"),
         ),
         rows=rows,
-        shown=SHOWN,
+        shown=MAX_ROWS,
     )
 
 
 def _rank(verdict: Verdict) -> tuple[int, float, CellName]:
     p = verdict.p_value if verdict.p_value is not None else 1.0
-    return ORDER[verdict.answer], p, verdict.cell
+    return WORST_FIRST.index(verdict.answer), p, verdict.cell

@@ -1,15 +1,14 @@
-"""Attitude error against closeness to singularity: what decides which formula holds."""
+"""Attitude error against closeness to singularity, which limits each formula."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from simval.report.curves import Curve, curve, statistic
+from simval.report.curves import bar_width, curve, statistic
 from simval.report.measures import left_out
 from simval.report.panels import GREY, Drawing, Panel, Series
-from simval.report.section import Context, Section, made
+from simval.report.section import Context, Section, Shown, made
 from simval.report.sections.attitude import CLAIMED, STYLES
-from simval.report.slope import simultaneous
 from simval.report.table import Column, Table
 from simval.statistics import (
     COVARIANCE,
@@ -28,6 +27,7 @@ from simval.sweep.run import CellResult
 LENGTH = NORM_OVER_NOISE()
 AXIS = NORM_OVER_NOISE.name
 MARKS = {ORDER_2: "o", ORDER_4_SOURCE: "s", ORDER_4: "^"}
+SHOWN = Shown("attitude_limits", (LIMIT_RATIO, FLIP_RATE, OTHER_SELECTION_RATE))
 
 
 def section(context: Context) -> Section | None:
@@ -70,11 +70,11 @@ def _limits(cells: tuple[CellResult, ...]) -> Drawing:
             colour, line = STYLES[predictor]
             for share, style in (("1%", line), ("10%", ":")):
                 name = LIMIT_RATIO(part, share)
-                found = curve("", cells, "norm", statistic(name, predictor))
-                if found is not None:
+                c = curve("", cells, "norm", statistic(name, predictor))
+                if c is not None:
                     label = predictor if share == "1%" else ""
                     plain = Series(
-                        label="", x=found.x, y=found.value, colour=colour, line=style
+                        label="", x=c.x, y=c.value, colour=colour, line=style
                     )
                     series += [
                         plain,
@@ -137,17 +137,13 @@ def _table(cells: tuple[CellResult, ...]) -> Table:
 def _formulas(cells: list[CellResult]) -> Panel:
     series = []
     for predictor in CLAIMED:
-        found = curve(predictor, cells, AXIS, left_out(COVARIANCE, predictor))
-        if found is None:
+        c = curve(predictor, cells, AXIS, left_out(COVARIANCE, predictor))
+        if c is None:
             continue
+        colour, marker = STYLES[predictor][0], MARKS[predictor]
+        ratio = c.value / c.prediction
         series.append(
-            Series(
-                label=predictor,
-                x=found.x,
-                y=found.value / found.prediction,
-                colour=STYLES[predictor][0],
-                marker=MARKS[predictor],
-            )
+            Series(label=predictor, x=c.x, y=ratio, colour=colour, marker=marker)
         )
     return Panel(
         title="where a formula may be used",
@@ -166,20 +162,20 @@ def _growth(cells: list[CellResult]) -> Panel:
         sigma = float(cell.parameters["noise_std"])
         return row.value / sigma, row.standard_error / sigma, row.prediction / sigma
 
-    found: Curve | None = curve("simulated", cells, AXIS, over_noise)
+    c = curve("simulated", cells, AXIS, over_noise)
     series: list[Series] = []
-    if found is not None:
+    if c is not None:
         lengths = curve("", cells, AXIS, _length)
         assert lengths is not None  # the axis itself is a row of these cells
         order = np.argsort(lengths.value, kind="stable")
-        measured = replace(found, x=lengths.value)
+        measured = replace(c, x=lengths.value)
         series = [
             # as the exact answer has its colour on every figure, these have another
-            replace(measured.points(simultaneous(len(found.x))), colour=GREY),
+            replace(measured.points(bar_width([c])), colour=GREY),
             Series(
                 label="exact",
                 x=lengths.value[order],
-                y=found.prediction[order],
+                y=c.prediction[order],
                 colour=STYLES[EXACT][0],
                 marker="+",
             ),

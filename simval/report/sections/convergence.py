@@ -29,8 +29,8 @@ def _drawing(panels: Sequence[Panel], left_out: Sequence[str]) -> Drawing:
     return Drawing(
         name="convergence",
         caption=(
-            "Each point is one iteration. A straight line converges linearly, one "
-            "that bends down faster than that. The last points are rounding."
+            "Each point is one iteration. A straight line means linear convergence, a "
+            "line that bends down faster convergence. The last points are rounding."
         ),
         alternative="Distance to the solution after each iteration, for each solver",
         panels=panels,

@@ -5,10 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from simval.gate.finding import reproduce
-from simval.report.curves import Measure, axis_of, curve, grouped, statistic
+from simval.report.curves import Measure, axis_of, bar_width, curve, grouped, statistic
 from simval.report.panels import COLOURS, GREY, Drawing, Panel, Series
 from simval.report.section import Context, Section, made
-from simval.report.slope import simultaneous
 from simval.results import Row
 from simval.statistics import Statistic
 from simval.sweep.run import CellResult
@@ -88,51 +87,39 @@ def _drawing(context: Context, verdict: Verdict, name: str) -> Drawing | None:
 
 
 def _values(cells: Sequence[CellResult], axis: str, row: Row) -> Panel:
-    found = curve("measured", cells, axis, statistic(row.statistic, row.predictor))
+    c = curve("measured", cells, axis, statistic(row.statistic, row.predictor))
     series: list[Series] = []
-    if found is not None:
-        series.append(found.points(simultaneous(len(found.x))))
-        if len(np.unique(found.x)) > 1:
-            series.append(found.predicted(1, "-", row.predictor or "prediction"))
-        else:
-            series.append(_mark(found.x, found.prediction, row.predictor))
-    positive = found is not None and bool(np.all(found.x > 0.0))
-    return Panel(
-        title=str(row.statistic),
-        x_label=axis.replace("_", " "),
-        y_label=f"value, {row.unit}",
-        series=tuple(series),
-        log_x=positive,
-        log_y=False,
-    )
-
-
-def _mark(x: np.ndarray, y: np.ndarray, label: str) -> Series:
-    return Series(label=label or "prediction", x=x, y=y, colour=COLOURS[1], marker="D")
+    if c is not None:
+        label = row.predictor or "prediction"
+        predicted = c.predicted(1, "-", label)
+        if len(np.unique(c.x)) == 1:  # no line, but a mark for each point
+            predicted = Series(
+                label=label, x=c.x, y=c.prediction, colour=COLOURS[1], marker="D"
+            )
+        series = [c.points(bar_width([c])), predicted]
+    return _panel(str(row.statistic), f"value, {row.unit}", axis, series)
 
 
 def _distances(cells: Sequence[CellResult], axis: str, row: Row) -> Panel:
-    found = curve("difference", cells, axis, _distance(row))
+    c = curve("difference", cells, axis, _distance(row))
     series: list[Series] = []
-    if found is not None:
-        series.append(
-            Series(
-                label="allowed remainder",
-                x=found.x,
-                y=np.zeros(len(found.x)),
-                band=found.prediction,
-                colour=GREY,
-                line="-",
-            )
+    if c is not None:
+        zero = np.zeros(len(c.x))
+        words = "allowed remainder"
+        allowed = Series(
+            label=words, x=c.x, y=zero, band=c.prediction, colour=GREY, line="-"
         )
-        series.append(found.points(1.0))
-    positive = found is not None and bool(np.all(found.x > 0.0))
+        series = [allowed, c.points(1.0)]
+    return _panel("distance from the prediction", "standard errors, 1", axis, series)
+
+
+def _panel(title: str, y_label: str, axis: str, series: list[Series]) -> Panel:
     return Panel(
-        title="distance from the prediction",
+        title=title,
         x_label=axis.replace("_", " "),
-        y_label="standard errors, 1",
+        y_label=y_label,
         series=tuple(series),
-        log_x=positive,
+        log_x=bool(series) and bool(np.all(series[0].x > 0.0)),
         log_y=False,
     )
 

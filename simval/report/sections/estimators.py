@@ -7,12 +7,13 @@ import numpy as np
 
 from simval.report.artifacts import arrays
 from simval.report.panels import COLOURS, Drawing, Panel, Series
-from simval.report.section import Context, Section, made
+from simval.report.section import Context, Section, Shown, made
 from simval.report.table import Column, Table
 from simval.statistics import FIRST_ORDER, RMS_RATIO, SIMULATED_RMS_RATIO
 from simval.sweep.run import CellResult
 
 LINES = ("-", "--", ":", "-.")
+SHOWN = Shown("attitude_efficiency", (RMS_RATIO, SIMULATED_RMS_RATIO))
 
 
 def section(context: Context) -> Section | None:
@@ -20,7 +21,7 @@ def section(context: Context) -> Section | None:
     cells = context.cells("attitude_efficiency")
     if not cells:
         return None
-    cell = cells[-1]  # the one whose artifact was written last
+    cell = cells[-1]  # its artifact was written last
     names = _names(cell)
     file = context.run.folder / "artifacts" / "attitude-efficiency.npz"
     drawings = []
@@ -48,8 +49,8 @@ def _drawing(names: list[str], ratios: np.ndarray) -> Drawing:
         name="estimators",
         caption=(
             f"RMS error over that of the q-method on the same noise, in {len(ratios)} "
-            "geometries: the share of geometries in which it is at most the value on "
-            "the axis. The q-method reaches the Cramér-Rao bound to first order."
+            "geometries: the share of geometries with at most the value on the axis. "
+            "The q-method reaches the Cramér-Rao bound to first order."
         ),
         alternative=(
             "Distribution over geometries of each estimator's RMS error relative to "

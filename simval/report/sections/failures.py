@@ -1,11 +1,11 @@
-"""Cells that failed or were never run, and what else was not measured."""
+"""Cells that failed or were never run, and everything else not measured."""
 
 import shlex
 
 from simval.gate.finding import reproduce
 from simval.report.section import Context, Section, made
 
-SHOWN = 200
+MAX_ROWS = 200
 
 
 def section(context: Context) -> Section | None:
@@ -17,10 +17,10 @@ def section(context: Context) -> Section | None:
     return made(
         "failures",
         "What was not measured",
-        cells=cells[:SHOWN],
-        commands=[reproduce(cell.named, context.folder) for cell in cells[:SHOWN]],
+        cells=cells[:MAX_ROWS],
+        commands=[reproduce(cell.named, context.folder) for cell in cells[:MAX_ROWS]],
         pending=[cell.name for cell in unfinished if cell.status == "pending"],
         folder=shlex.quote(context.folder),
-        gaps=gaps[:SHOWN],
-        hidden=max(0, len(cells) - SHOWN) + max(0, len(gaps) - SHOWN),
+        gaps=gaps[:MAX_ROWS],
+        hidden=max(0, len(cells) - MAX_ROWS) + max(0, len(gaps) - MAX_ROWS),
     )

@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 
-from simval.report.curves import bars, first, grouped
+from simval.report.curves import Groups, bars, curves, first, grouped
 from simval.report.measures import part
-from simval.report.noise import Groups, curves, panel, slope_cells
+from simval.report.noise import panel, slope_cells
 from simval.report.panels import BarPanel, Drawing, Panel
-from simval.report.section import Context, Section, made
+from simval.report.section import Context, Section, Shown, made
 from simval.report.table import Column, Table
 from simval.results import Row
 from simval.statistics import BIAS, MANY_POSES, SCALE_BIAS, SECOND_ORDER
@@ -18,6 +18,7 @@ MAX_SETTINGS = 4
 """Sensors and pose counts drawn, each a row of the figure with all its residuals."""
 MAX_BARS = 16
 """Bars whose names still have a line each."""
+SHOWN = Shown("ladder", (SCALE_BIAS, *BIAS.each(("K_x", "K_y", "K_z"))))
 
 
 def section(context: Context) -> Section | None:
@@ -35,14 +36,14 @@ def _drawing(cells: Sequence[CellResult]) -> Drawing:
     for setting, members in settings.items():
         rungs = _lowest(members)
         lines = _by_residual(members)
-        found = curves(lines, part(BIAS, "K", THEORY))
+        biases = curves(lines, part(BIAS, "K", THEORY))
         words = f": {setting}" if setting else ""
         names, rows = zip(*rungs[:MAX_BARS], strict=True)
         title = f"the ladder{words}"
         panels.append(bars(rows, names, title, "relative bias of the scale, σ²/g²"))
-        panels.append(panel(f"bias of scale K{words}", NOISE, "bias, 1", found))
+        panels.append(panel(f"bias of scale K{words}", NOISE, "bias, 1", biases))
         left_out += [f"{name}{words}" for name, _ in rungs[MAX_BARS:]]
-        drawn = {c.label for c in found}
+        drawn = {c.label for c in biases}
         left_out += [
             f"{name}{words}, at the right, as theory has no bias of K at this order"
             for name in lines
@@ -75,8 +76,8 @@ def _by_residual(cells: Sequence[CellResult]) -> Groups:
 
 
 def _lowest(cells: Sequence[CellResult]) -> list[tuple[str, Row]]:
-    """The rung of each residual at its smallest noise, of each seed there is."""
-    found = []
+    """Row of each residual at its smallest noise, one for each seed."""
+    rungs = []
     for name, members in _by_residual(cells).items():
         least = min(float(c.parameters["noise_std"]) for c in members)
         chosen = [c for c in members if c.parameters["noise_std"] == least]
@@ -84,8 +85,8 @@ def _lowest(cells: Sequence[CellResult]) -> list[tuple[str, Row]]:
             row = cell.row(SCALE_BIAS(), THEORY)
             assert row is not None  # the section leaves out cells without it
             several = f", seed {cell.seed}" if len(chosen) > 1 else ""
-            found.append((f"{name}{several}", row))
-    return found
+            rungs.append((f"{name}{several}", row))
+    return rungs
 
 
 def _table(cells: Sequence[CellResult]) -> Table:

@@ -4,7 +4,7 @@ from simval.report.section import Context, Section, made
 from simval.report.table import NUMBERS, Column, Table, numbers_of
 from simval.report.words import sign_of_entries
 
-SHOWN = 500
+MAX_ROWS = 500
 
 
 def section(context: Context) -> Section | None:
@@ -22,7 +22,7 @@ def section(context: Context) -> Section | None:
         ),
         columns=(Column("cell", "code"), *NUMBERS),
         rows=rows,
-        shown=SHOWN,
+        shown=MAX_ROWS,
     )
     return made(
         "numbers", "All numbers", tables=[table], folder=context.run.folder.name

@@ -3,9 +3,9 @@
 import numpy as np
 
 from simval.report.curves import first, grouped
-from simval.report.panels import Drawing, Panel, Series
-from simval.report.section import Context, Section, made
-from simval.report.sections.attitude import CLAIMED, STYLES
+from simval.report.panels import Drawing, Panel
+from simval.report.section import Context, Section, Shown, made
+from simval.report.sections.attitude import CLAIMED, line
 from simval.report.table import Column, Table
 from simval.statistics import BIAS_ERROR, BIAS_ORDER, COVARIANCE_ERROR, COVARIANCE_ORDER
 from simval.sweep.run import CellResult
@@ -15,6 +15,9 @@ PARTS = {
     "covariance": (COVARIANCE_ORDER, COVARIANCE_ERROR),
 }
 """Slope and distance of each moment."""
+SHOWN = Shown(
+    "attitude_order", (BIAS_ERROR, BIAS_ORDER, COVARIANCE_ERROR, COVARIANCE_ORDER)
+)
 
 
 def section(context: Context) -> Section | None:
@@ -32,11 +35,11 @@ def section(context: Context) -> Section | None:
         name="orders",
         caption=(
             "Relative distance of each formula from the truth (the exact oracle, or "
-            "cubature for noise that is not isotropic), a line for each geometry; no "
-            "chance is involved. On this scale the second order has slope 2, the "
-            "complete fourth order slope 4, one more order of σ² each; the source's "
-            "fourth order falls like the second, because it leaves out terms of its "
-            "own order. The table has the slopes of the distance itself."
+            "cubature for noise that is not isotropic), a line for each geometry, "
+            "computed without sampling. On this scale the second order has slope 2, "
+            "the complete fourth order slope 4, one more order of σ² each; the "
+            "source's fourth order falls like the second, because it leaves out terms "
+            "of its own order. The table has the slopes of the distance itself."
         ),
         alternative=(
             "Distance of the second order, the source's fourth order and the complete "
@@ -50,31 +53,21 @@ def section(context: Context) -> Section | None:
 
 
 def _points(cell: CellResult, part: str, predictor: str) -> tuple[np.ndarray, ...]:
-    found = [
+    points = [
         (float(row.statistic.entries[0]), row.value)
         for row in cell.rows
         if row.predictor == predictor and row.statistic.family == PARTS[part][1]
     ]
-    return tuple(np.array(sorted(found), dtype=float).reshape(-1, 2).T)
+    return tuple(np.array(sorted(points), dtype=float).reshape(-1, 2).T)
 
 
 def _panel(part: str, label: str, cells: tuple[CellResult, ...]) -> Panel:
     series = []
     for predictor in CLAIMED:
-        colour, line = STYLES[predictor]
         for i, cell in enumerate(cells):
             x, y = _points(cell, part, predictor)
             # both moments are of the size of the noise squared
-            relative = y / x**2
-            series.append(
-                Series(
-                    label="" if i else predictor,
-                    x=x,
-                    y=relative,
-                    colour=colour,
-                    line=line,
-                )
-            )
+            series.append(line(x, y / x**2, predictor, "" if i else predictor))
     return Panel(
         title=f"{part}{': ' if label else ''}{label}",
         x_label="noise, 1",
@@ -89,15 +82,14 @@ def _table(cells: tuple[CellResult, ...]) -> Table:
     for label, members in groups.items():
         for part in PARTS:
             for predictor, claimed in CLAIMED.items():
-                found = [
+                slopes = [
                     row.value
                     for cell in members
                     if (row := cell.row(PARTS[part][0](), predictor)) is not None
                 ]
-                if found:
-                    low, high = min(found), max(found)
-                    values = (label, part, predictor, len(found), low, high, claimed)
-                    rows.append(values)
+                if slopes:
+                    ends = (len(slopes), min(slopes), max(slopes))
+                    rows.append((label, part, predictor, *ends, claimed))
     return Table(
         name="orders",
         caption="Slope of what each formula leaves out, over all geometries",
@@ -108,7 +100,7 @@ def _table(cells: tuple[CellResult, ...]) -> Table:
             Column("geometries", "number"),
             Column("least slope", "number", 5),
             Column("greatest slope", "number", 5),
-            Column("its name claims", "number"),
+            Column("stated order", "number"),
         ),
         rows=rows,
     )

@@ -1,4 +1,4 @@
-"""Studies without a section of their own: their statistics along what varies."""
+"""Studies without their own section: their statistics along what varies."""
 
 from collections.abc import Sequence
 
@@ -7,7 +7,8 @@ import numpy as np
 from simval.report.curves import (
     Curve,
     axis_of,
-    curve,
+    bar_width,
+    curves,
     first,
     grouped,
     statistic,
@@ -15,7 +16,6 @@ from simval.report.curves import (
 )
 from simval.report.panels import Drawing, Panel, Series
 from simval.report.section import Context, Section, made
-from simval.report.slope import simultaneous
 from simval.report.table import NUMBERS, Column, Table, numbers_of
 from simval.report.words import slug, spelled
 from simval.statistics import BUDGET, COVERAGE, COVERAGE_NORMAL, EFFICIENCY, NEES
@@ -24,24 +24,21 @@ from simval.sweep.run import CellResult
 
 ELSEWHERE = (EFFICIENCY, COVERAGE, COVERAGE_NORMAL, NEES, BUDGET)
 MAX_PANELS = 6
-SHOWN = 40
+MAX_ROWS = 40
 
 
 def section(context: Context) -> Section | None:
     """Make the section."""
     studies = dict.fromkeys(cell.study for cell in context.run.cells)
-    parts = []
-    for study in studies:
-        cells = context.cells(study)
-        if _has_section(study) or not cells:
-            continue
-        parts.append(
-            (
-                context.titles.get(study, study),
-                _drawing(study, cells),
-                numbers(study, cells),
-            )
+    parts = [
+        (
+            context.titles.get(study, study),
+            _drawing(study, cells),
+            numbers(study, cells),
         )
+        for study in studies
+        if (cells := context.cells(study)) and not _has_section(study)
+    ]
     if not parts:
         return None
     return made(
@@ -71,13 +68,9 @@ def _drawing(study: str, cells: Sequence[CellResult]) -> Drawing | None:
     groups, left_out = first(grouped(cells, axis))
     panels = []
     for name, predictor, unit in keys:
-        found = [
-            c
-            for label, members in groups.items()
-            if (c := curve(label, members, axis, statistic(name, predictor)))
-        ]
-        if any(len(np.unique(c.x)) > 1 for c in found):
-            panels.append(scored(str(name), axis, unit, found, predictor))
+        measured = curves(groups, statistic(name, predictor), axis)
+        if any(len(np.unique(c.x)) > 1 for c in measured):
+            panels.append(scored(str(name), axis, unit, measured, predictor))
     if not panels:
         return None
     drawn = {panel.title for panel in panels[:MAX_PANELS]}
@@ -96,12 +89,12 @@ def _drawing(study: str, cells: Sequence[CellResult]) -> Drawing | None:
 
 
 def scored(
-    name: str, axis: str, unit: str, found: Sequence[Curve], predictor: str = ""
+    name: str, axis: str, unit: str, measured: Sequence[Curve], predictor: str = ""
 ) -> Panel:
     """A statistic of several groups along an axis, with predictions where there are."""
-    z = simultaneous(sum(len(c.x) for c in found))
+    z = bar_width(measured)
     series: list[Series] = []
-    for i, c in enumerate(found):
+    for i, c in enumerate(measured):
         series.append(c.points(z, i))
         if np.isfinite(c.prediction).any():
             series.append(c.predicted(i, "-", "" if i else predictor))
@@ -110,8 +103,8 @@ def scored(
         x_label=spelled(axis),
         y_label=f"value, {unit}",
         series=tuple(series),
-        log_x=_spread([c.x for c in found]),
-        log_y=_spread([c.value for c in found]),
+        log_x=_spread([c.x for c in measured]),
+        log_y=_spread([c.value for c in measured]),
         dodge=True,
     )
 
@@ -126,20 +119,14 @@ def numbers(study: str, cells: Sequence[CellResult]) -> Table:
     """Every row of a study, with the parameters that vary."""
     keys = varying(cells)
     rows = [
-        (
-            *(cell.parameters.get(key) for key in keys),
-            *numbers_of(row),
-        )
+        (*(cell.parameters.get(key) for key in keys), *numbers_of(row))
         for cell in cells
         for row in cell.rows
     ]
     return Table(
         name=slug(f"study {study}"),
         caption=f"Numbers of the study {study}",
-        columns=(
-            *(Column(spelled(key)) for key in keys),
-            *NUMBERS,
-        ),
+        columns=(*(Column(spelled(key)) for key in keys), *NUMBERS),
         rows=rows,
-        shown=SHOWN,
+        shown=MAX_ROWS,
     )

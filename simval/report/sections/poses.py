@@ -1,26 +1,19 @@
 """Calibration error against the number of poses, and the geometry of the poses."""
 
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from simval.report.curves import MAX_GROUPS, Curve, first, grouped, statistic
+from simval.report.curves import MAX_GROUPS, Groups, curves, first, grouped, statistic
 from simval.report.measures import together
-from simval.report.noise import (
-    curves,
-    panels_of,
-    rms_sets,
-    slope_cells,
-    together_z,
-)
+from simval.report.noise import panels_of, rms_sets, slope_cells, together_z
 from simval.report.panels import Drawing, Panel
-from simval.report.section import Context, Section, made
+from simval.report.section import Context, Section, Shown, made
 from simval.report.table import Column, Table
 from simval.statistics import CONDITION, FIRST_ORDER
-from simval.sweep.run import CellResult
 
 COUNT = "number of poses, 1"
+SHOWN = Shown("scene", (CONDITION,))
 
 
 def section(context: Context) -> Section | None:
@@ -38,7 +31,7 @@ def section(context: Context) -> Section | None:
     shown, left_out = first(groups)
     error = _error(shown)
     errors = [] if error is None else [replace(error, left_out=left_out)]
-    geometry = _geometry(_conditions(context))
+    geometry = _geometry(context)
     drawings = errors if geometry is None else [*errors, geometry]
     if not drawings:
         return None
@@ -53,7 +46,7 @@ def section(context: Context) -> Section | None:
     )
 
 
-def _error(groups: Mapping[str, Sequence[CellResult]]) -> Drawing | None:
+def _error(groups: Groups) -> Drawing | None:
     sets = rms_sets(groups, "poses")
     if not sets:
         return None
@@ -73,18 +66,12 @@ def _error(groups: Mapping[str, Sequence[CellResult]]) -> Drawing | None:
     )
 
 
-def _conditions(context: Context) -> list[Curve]:
-    found: list[Curve] = []
+def _geometry(context: Context) -> Drawing | None:
     cells = [c for c in context.cells("scene") if c.row(CONDITION()) is not None]
-    if cells:
-        found = curves(grouped(cells, "poses"), statistic(CONDITION()), "poses")
-    return [c for c in found if np.isfinite(c.value).all()]
-
-
-def _geometry(found: Sequence[Curve]) -> Drawing | None:
-    if not any(len(np.unique(c.x)) > 1 for c in found):
+    scenes = curves(grouped(cells, "poses"), statistic(CONDITION()), "poses")
+    finite = [c for c in scenes if np.isfinite(c.value).all()]
+    if not any(len(np.unique(c.x)) > 1 for c in finite):
         return None  # a single point is in the numbers; it is no curve
-    shown = found[:MAX_GROUPS]
     return Drawing(
         name="poses-condition",
         caption=(
@@ -97,14 +84,16 @@ def _geometry(found: Sequence[Curve]) -> Drawing | None:
                 title="geometry of the poses",
                 x_label=COUNT,
                 y_label="condition, 1",
-                series=tuple(c.points(0.0, i) for i, c in enumerate(shown)),
+                series=tuple(
+                    c.points(0.0, i) for i, c in enumerate(finite[:MAX_GROUPS])
+                ),
             )
         ],
-        left_out=[c.label for c in found[MAX_GROUPS:]],
+        left_out=[c.label for c in finite[MAX_GROUPS:]],
     )
 
 
-def _slopes(groups: Mapping[str, Sequence[CellResult]]) -> Table:
+def _slopes(groups: Groups) -> Table:
     rows = [
         (c.label, *slope_cells(c), -0.5)
         for c in curves(groups, together(FIRST_ORDER), "poses")

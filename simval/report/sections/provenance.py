@@ -1,4 +1,4 @@
-"""What the numbers depend on, and the command that makes them again."""
+"""What the numbers depend on, and the command that reproduces them."""
 
 import json
 import shlex
@@ -29,7 +29,7 @@ def section(context: Context) -> Section | None:
 
 
 def command(manifest: Mapping[str, Any]) -> str:
-    """Spell the command that makes the run again."""
+    """Command that reproduces the run."""
     grid = manifest["grid"]
     try:
         known = load_suite(manifest["suite"]).grid

@@ -26,11 +26,7 @@ def section(context: Context) -> Section | None:
     scenes[-1] = (name, data, replace(last, left_out=rest))
     drawings = [drawing for _, _, drawing in scenes]
     return made(
-        "scene",
-        "Scenes",
-        drawings,
-        scenes=scenes,
-        hidden=len(files) - len(scenes),
+        "scene", "Scenes", drawings, scenes=scenes, hidden=len(files) - len(scenes)
     )
 
 

@@ -1,4 +1,4 @@
-"""Detected static intervals over the recorded signal."""
+"""Detected static intervals over the readings."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -8,15 +8,17 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.report.artifacts import arrays, shaped
-from simval.report.curves import axis_of, curve, first, grouped, statistic
+from simval.report.curves import axis_of, curves, first, grouped, statistic
 from simval.report.panels import COLOURS, Drawing, Panel, Series
-from simval.report.section import Context, Section, made
+from simval.report.section import Context, Section, Shown, made
 from simval.report.sections.other import scored
 from simval.report.words import slug
 from simval.statistics import CHI_SQUARE_9, IMPURE, NEES, PRECISION, RECALL
 from simval.sweep.run import CellResult
 
-MAX_RECORDINGS = 2
+MAX_LOGS = 2
+Spans = tuple[tuple[float, float], ...]
+"""Begin and end of each interval, s."""
 SCORES = (
     (PRECISION(), ""),
     (RECALL(), ""),
@@ -25,12 +27,13 @@ SCORES = (
     (NEES("pure"), CHI_SQUARE_9),
 )
 NEEDED = ("time", "signal", "intervals")
+SHOWN = Shown("detector", (PRECISION, RECALL, IMPURE, NEES))
 
 
 def section(context: Context) -> Section | None:
     """Make the section."""
     files = sorted((context.run.folder / "artifacts").glob("static-*.npz"))
-    count = min(len(files), MAX_RECORDINGS)
+    count = min(len(files), MAX_LOGS)
     chosen = np.linspace(0, len(files) - 1, count).astype(int)  # first and last
     drawings = [drawing for i in chosen if (drawing := _drawing(files[i])) is not None]
     shown = len(drawings)
@@ -42,13 +45,7 @@ def section(context: Context) -> Section | None:
         drawings.append(scores)
     if not drawings:
         return None
-    return made(
-        "statics",
-        "Static intervals",
-        drawings,
-        recordings=len(files),
-        shown=shown,
-    )
+    return made("statics", "Static intervals", drawings, logs=len(files), shown=shown)
 
 
 def _scores(cells: Sequence[CellResult]) -> Drawing | None:
@@ -58,22 +55,19 @@ def _scores(cells: Sequence[CellResult]) -> Drawing | None:
     groups, left_out = first(grouped(cells, axis))
     panels = []
     for name, predictor in SCORES:
-        found = [
-            c
-            for label, members in groups.items()
-            if (c := curve(label, members, axis, statistic(name, predictor)))
-        ]
-        if found:
-            panels.append(scored(str(name), axis, "1", found, predictor))
+        measured = curves(groups, statistic(name, predictor), axis)
+        if measured:
+            panels.append(scored(str(name), axis, "1", measured, predictor))
     return Drawing(
         name="detector",
         caption=(
             "The detector's intervals beside what the simulation knows to be at rest: "
-            "precision is the share of their samples that are, recall the share of "
-            "resting samples that they hold; impure intervals have a sample that is "
-            "not. Below, the normalised squared error of the nine parameters that are "
-            "calibrated from all intervals, and from the pure ones alone, which theory "
-            "puts at 9. Bars: 95 % for all points of a panel together."
+            "precision is the share of their samples that are at rest, recall the "
+            "share of resting samples that they contain; impure intervals have a "
+            "sample that is not at rest. Below, the normalised squared error of the "
+            "nine parameters calibrated from all intervals, and from the pure ones "
+            "only, which theory puts at 9. Bars: 95 % for all points of a panel "
+            "together."
         ),
         alternative=f"Scores of the static detector over {axis}",
         panels=panels,
@@ -89,22 +83,22 @@ def _drawing(file: Path) -> Drawing | None:
     spans = _spans(file, content, "intervals")
     truth = _spans(file, content, "truth") if "truth" in content else None
     panels = [_signal(file, content, spans)]
-    told = "the same intervals"
+    rests = "the same intervals"
     if truth is not None:
-        told = f"the {len(truth)} intervals of true rest" if truth else "no true rest"
+        rests = f"the {len(truth)} intervals of true rest" if truth else "no true rest"
     below = ""
     if "variance" in content:
         shade = spans if truth is None else truth
-        panels.append(_variance(file, content, shade, told))
-        below = f" Below: the detector's windowed variance, its threshold, and {told}."
+        panels.append(_variance(file, content, shade, rests))
+        below = f" Below: the detector's windowed variance, its threshold, and {rests}."
     return Drawing(
         name=slug(file.stem),
         caption=(
-            f"{name}: the signal with the {len(spans)} detected intervals shaded."
+            f"{name}: the readings with the {len(spans)} detected intervals shaded."
             f"{below}"
         ),
         alternative=(
-            f"{name}: recorded signal over time with {len(spans)} detected static "
+            f"{name}: readings over time with {len(spans)} detected static "
             "intervals shaded, and the detector's variance beside its threshold"
         ),
         panels=panels,
@@ -112,25 +106,21 @@ def _drawing(file: Path) -> Drawing | None:
     )
 
 
-def _spans(
-    file: Path, content: Mapping[str, Array], name: str
-) -> tuple[tuple[float, float], ...]:
+def _spans(file: Path, content: Mapping[str, Array], name: str) -> Spans:
     if name not in content or not content[name].size:
         return ()
     pairs = shaped(file, content, name, None, 2)
     return tuple((float(a), float(b)) for a, b in pairs)
 
 
-def _signal(
-    file: Path, content: Mapping[str, Array], spans: tuple[tuple[float, float], ...]
-) -> Panel:
+def _signal(file: Path, content: Mapping[str, Array], spans: Spans) -> Panel:
     time = shaped(file, content, "time", None)
     flat = content["signal"].ndim == 1
     columns = {"signal": content["signal"][:, None]} if flat else content
     signal = shaped(file, columns, "signal", len(time), None)
     labels = "xyz" if signal.shape[1] == 3 else ("",) * signal.shape[1]
     return Panel(
-        title="recorded signal",
+        title="readings",
         x_label="time, s",
         y_label="specific force, raw units",
         series=tuple(
@@ -146,8 +136,8 @@ def _signal(
 def _variance(
     file: Path,
     content: Mapping[str, Array],
-    spans: tuple[tuple[float, float], ...],
-    told: str,
+    spans: Spans,
+    rests: str,
 ) -> Panel:
     time = shaped(file, content, "time", None)
     variance = shaped(file, content, "variance", len(time))
@@ -157,7 +147,7 @@ def _variance(
         threshold = shaped(file, given, "threshold", 1)
         references = ((float(threshold[0]), "threshold"),)
     return Panel(
-        title=f"windowed variance, and {told}",
+        title=f"windowed variance, and {rests}",
         x_label="time, s",
         y_label="variance magnitude, raw units²",
         series=(Series(label="", x=time[: len(variance)], y=variance, line="-"),),

@@ -1,6 +1,7 @@
 """Efficiency, coverage of the error bars, and NEES, of any study that has them."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -9,14 +10,14 @@ from simval.report.curves import (
     Curve,
     Measure,
     axis_of,
+    bar_width,
     curve,
     grouped,
     statistic,
     triple,
 )
 from simval.report.panels import Drawing, Panel
-from simval.report.section import Context, Section, made
-from simval.report.slope import simultaneous
+from simval.report.section import Context, Section, Shown, made
 from simval.report.words import spelled
 from simval.results import Row
 from simval.statistics import COVERAGE, EFFICIENCY, NEES, Family, Statistic
@@ -31,9 +32,9 @@ DRAWN = {
     ),
     COVERAGE: (
         "share that covers, 1",
-        "Coverage: how often the stated intervals hold the truth. Lines: what "
-        "they promise.",
-        "Coverage of the intervals beside what they promise",
+        "Coverage: how often the stated intervals contain the truth. Lines: their "
+        "stated level.",
+        "Coverage of the intervals beside their stated level",
     ),
     NEES: (
         "measured / predicted, 1",
@@ -47,6 +48,7 @@ DRAWN = {
 MAX_PANELS = 9
 MAX_KINDS = 4
 """Statistics of a family drawn one by one; of more, their mean."""
+SHOWN = Shown("coverage", (COVERAGE, NEES))
 
 
 def section(context: Context) -> Section | None:
@@ -69,20 +71,15 @@ def section(context: Context) -> Section | None:
 
 
 def _over_prediction(c: Curve) -> Curve:
-    return Curve(
-        label=c.label,
-        x=c.x,
-        value=c.value / c.prediction,
-        error=c.error / c.prediction,
-        prediction=np.ones(len(c.x)),
-    )
+    value, error = c.value / c.prediction, c.error / c.prediction
+    return replace(c, value=value, error=error, prediction=np.ones(len(c.x)))
 
 
 def _panels(
     context: Context, family: Family, y_label: str
 ) -> tuple[list[Panel], list[str]]:
     """Panels of each study that has rows of a family, and what is not in them."""
-    found: list[Panel] = []
+    panels: list[Panel] = []
     left_out: list[str] = []
     for study in context.titles:
         cells = [
@@ -96,14 +93,14 @@ def _panels(
             none = [c for c in curves if not np.isfinite(c.value).any()]
             some = [c for c in curves if np.isfinite(c.value).any()]
             parts = _parts(some)
-            room = MAX_PANELS - len(found)
+            room = MAX_PANELS - len(panels)
             for i, part in enumerate(parts[:room]):
                 place = f" ({i + 1} of {len(parts)})" if len(parts) > 1 else ""
                 words = (f"{title}{place}", spelled(axis_of(cells)), y_label)
-                found.append(_panel(words, part, family))
+                panels.append(_panel(words, part, family))
             missed = [c for part in parts[room:] for c in part]
             left_out += [_label(spelled(study), c.label) for c in (*none, *missed)]
-    return found, left_out
+    return panels, left_out
 
 
 def _parts(curves: Sequence[Curve]) -> list[Sequence[Curve]]:
@@ -142,7 +139,7 @@ def _panel(
     words: tuple[str, str, str], curves: Sequence[Curve], family: Family
 ) -> Panel:
     """One panel: title and labels in words, points and, but for NEES, predictions."""
-    z = simultaneous(sum(len(c.x) for c in curves))
+    z = bar_width(curves)
     series = []
     for i, c in enumerate(curves):
         series.append(c.points(z, i))
@@ -178,14 +175,14 @@ def _mean(family: Family, predictor: str) -> Measure:
     """Mean over the statistics of a family; its error is at most the mean error."""
 
     def measure(cell: CellResult) -> tuple[float, float, float] | None:
-        found = [
+        values = [
             triple(row)
             for row in cell.rows
             if row.predictor == predictor and _belongs(row, family)
         ]
-        if not found:
+        if not values:
             return None
-        value, error, prediction = np.mean(found, axis=0)
+        value, error, prediction = np.mean(values, axis=0)
         return float(value), float(error), float(prediction)
 
     return measure

@@ -1,14 +1,14 @@
 """The first screen: the verdict in one line, what was run, and the two figures."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from functools import partial
 
 from simval.gate import headline
-from simval.report.curves import curve, grouped, statistic
+from simval.report.curves import Groups, bar_width, curve, grouped, statistic
 from simval.report.measures import GROUPS, moment
 from simval.report.panels import Drawing, Panel, Series
 from simval.report.section import Context, Section, made
-from simval.report.sections.attitude import NOISE, STYLES, remainders
-from simval.report.slope import simultaneous
+from simval.report.sections.attitude import NOISE, beside_predictions, remainders
 from simval.statistics import COVARIANCE, CRAMER_RAO, EXACT, FIRST_ORDER, RMS
 from simval.sweep.run import CellResult
 
@@ -44,20 +44,15 @@ def calibration_figure(context: Context) -> Drawing | None:
     if not cells:
         return None
     label, members = _longest(grouped(cells, "noise_std"))
-    found = {
-        name: curve(name, members, "noise_std", statistic(RMS(name), FIRST_ORDER))
-        for name in GROUPS
-    }
-    bounds = {
-        name: curve(name, members, "noise_std", statistic(RMS(name), CRAMER_RAO))
-        for name in GROUPS
-    }
-    z = simultaneous(sum(len(c.x) for c in found.values() if c is not None))
+    measured, bounds = (
+        [curve("", members, "noise_std", statistic(RMS(name), by)) for name in GROUPS]
+        for by in (FIRST_ORDER, CRAMER_RAO)
+    )
+    z = bar_width(measured)
     series: list[Series] = []
-    for i, (name, c) in enumerate(found.items()):
+    for i, (c, bound) in enumerate(zip(measured, bounds, strict=True)):
         if c is not None:
-            series += [c.points(z, i, GROUPS[name]), c.predicted(i)]
-        bound = bounds[name]
+            series += [c.points(z, i, list(GROUPS.values())[i]), c.predicted(i)]
         if bound is not None:
             series.append(bound.predicted(i, ":"))
     if not series:
@@ -90,24 +85,14 @@ def attitude_figure(context: Context) -> Drawing | None:
     if not cells:
         return None
     label, members = _longest(grouped(cells, "noise_std"))
-    measured = curve("simulated", members, "noise_std", statistic(RMS(), EXACT))
-    if measured is None:
+    if curve("", members, "noise_std", statistic(RMS(), EXACT)) is None:
         return None
-    series = [measured.points(simultaneous(len(measured.x)))]
-    for predictor, (colour, style) in STYLES.items():
-        c = curve("", members, "noise_std", statistic(RMS(), predictor))
-        if c is not None:
-            series.append(
-                Series(
-                    label=predictor, x=c.x, y=c.prediction, colour=colour, line=style
-                )
-            )
     panels = [
         Panel(
             title="attitude",
             x_label=NOISE,
             y_label="RMS error of the quaternion, 1",
-            series=tuple(series),
+            series=tuple(beside_predictions(members, partial(statistic, RMS()))),
         )
     ]
     if curve("", members, "noise_std", moment(COVARIANCE, EXACT)) is not None:
@@ -117,8 +102,8 @@ def attitude_figure(context: Context) -> Drawing | None:
         caption=(
             f"Attitude error against noise{f' ({label})' if label else ''}. Points: "
             "simulation with bars that hold for all together (95 %); lines: second "
-            "order, the source's fourth order, the complete fourth order, exact. At "
-            "the right, on the scale where they differ: how far each is from exact."
+            "order, the source's fourth order, the complete fourth order, exact. "
+            "Right: how far each is from exact, on a scale that shows the differences."
         ),
         alternative=(
             "RMS error of the quaternion against the noise, simulated points beside "
@@ -128,14 +113,10 @@ def attitude_figure(context: Context) -> Drawing | None:
     )
 
 
-def _longest(
-    groups: Mapping[str, Sequence[CellResult]],
-) -> tuple[str, Sequence[CellResult]]:
+def _longest(groups: Groups) -> tuple[str, Sequence[CellResult]]:
     """Return the group with the most noise levels; of equals the last one."""
-    return max(
-        enumerate(groups.items()),
-        key=lambda entry: (
-            len({c.parameters["noise_std"] for c in entry[1][1]}),
-            entry[0],
-        ),
-    )[1]
+
+    def levels(group: tuple[str, Sequence[CellResult]]) -> int:
+        return len({cell.parameters["noise_std"] for cell in group[1]})
+
+    return max(reversed(list(groups.items())), key=levels)

@@ -1,4 +1,4 @@
-r"""The recorded log that a command is given: a sensor that rests in pose after pose.
+r"""The log that a command is given: a sensor that rests in pose after pose.
 
 A study's poses are means whose noise is known, and a log must be what a sensor would
 have recorded whose rests have those means. With white noise :math:`w_i` of standard
@@ -25,7 +25,7 @@ QUIET = 1e-9
 """Least noise of a sample, of the greatest reading: a log without any has no rests."""
 
 
-def recorded(poses: Float[Array, "n 3"], noise_std: float) -> Float[Array, "m 4"]:
+def log_of(poses: Float[Array, "n 3"], noise_std: float) -> Float[Array, "m 4"]:
     """Log of a sensor that is turned from pose to pose."""
     seed = np.ascontiguousarray(poses, dtype=np.float32).view(np.uint32)
     rng = np.random.default_rng(seed.ravel())

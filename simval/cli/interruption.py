@@ -1,0 +1,43 @@
+"""Ctrl-C, and a polite end: noted besides raised, so that neither is ever lost.
+
+Where Python cannot raise it (a callback of a weak reference, `__del__`) a
+`KeyboardInterrupt` is dropped, and an extension module that is interrupted while it is
+imported makes it an `ImportError`.
+"""
+
+import signal
+from types import FrameType
+
+
+class Interruption:
+    """Handler of signals that remembers that it was called."""
+
+    def __init__(self) -> None:
+        self.asked = False
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        """Note the signal, and raise."""
+        self.asked = True
+        raise KeyboardInterrupt
+
+    def heed(self) -> None:
+        """Raise again what was dropped."""
+        if self.asked:
+            raise KeyboardInterrupt
+
+
+def watch() -> Interruption:
+    """Install a handler; a Ctrl-C that the shell lets a program ignore stays so."""
+    handler = Interruption()
+    # a polite end, as by a batch system, is an interruption like Ctrl-C
+    signal.signal(signal.SIGTERM, handler)
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+        signal.signal(signal.SIGINT, handler)
+    return handler
+
+
+def heed() -> None:
+    """Raise what the handler has noted, if there is one and it was dropped."""
+    handler = signal.getsignal(signal.SIGTERM)
+    if isinstance(handler, Interruption):
+        handler.heed()
