@@ -54,6 +54,10 @@ class PluginError(RefusedError):
         super().__init__(one_line(message))
 
 
+class CrashedPluginError(PluginError):
+    """A plug-in that raised, died or did not end, and so has answered nothing."""
+
+
 class UnusablePluginError(PluginError, InputError):
     """A plug-in that is not there, or cannot be loaded as it was given."""
 

@@ -140,9 +140,20 @@ UNIT_LENGTH = Family(
 )
 
 PROBE = Family("probe", "error of the noise-free probe")
+FAILURES = Family("failures", "share of exact cases that fail", least=0.0, most=1.0)
 CUBATURE_BIAS = Family("cubature_bias", "bias by cubature", unit="rad")
 CUBATURE_BIAS_SMALL = Family(
     "cubature_bias_at_small_noise", "bias by cubature at small noise", unit="rad"
+)
+FIRST_ORDER_BIAS = Family(
+    "first_order_bias", "bias of first order over one standard deviation"
+)
+BELOW_BOUND = Family(
+    "below_bound", "share by which a leading variance is below the bound"
+)
+CLASS_BIAS = Family("class_bias", "error of the leading bias for its class")
+CLASS_COVARIANCE = Family(
+    "class_covariance", "error of the leading covariance for its class"
 )
 CLAIM_OFF = Family("claim_off", "error of a covariance that is claimed exact")
 CLAIM_OFF_HALF = Family(
@@ -272,6 +283,11 @@ ROUNDING = "rounding"
 SAME_ROW = "same row"
 ATTITUDE = "attitude"
 FIRST_SOLVER = "lm"
+
+
+def class_of(kind: str) -> str:
+    """Predictor of an estimator that declares its class."""
+    return f"class: {kind}"
 
 
 def claim_of(order: int | str) -> str:

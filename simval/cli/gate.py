@@ -86,7 +86,8 @@ def command(
 ) -> int:
     """Judge RUN (a folder, or `latest`) against theory and the baseline.
 
-    Exit code 0 pass, 1 fail, 3 inconclusive or nothing measured, 4 a cell crashed.
+    Exit code 0 pass, 1 fail, 3 inconclusive, refused or nothing measured, 4 a cell
+    crashed.
     In a GitHub workflow it annotates failures and writes the step summary.
     """
     refuse_if(

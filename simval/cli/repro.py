@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import click
 
 from simval.errors import InputError
+from simval.sweep.cells import REFUSED
 from simval.sweep.provenance import differences, file_hashes, versions
 from simval.sweep.repro import Repetition, find_cell, repeat
 from simval.sweep.run import Run, load_run
@@ -31,7 +32,7 @@ def command(cell: str, folder: str, suite: str | None, plugins: tuple[str, ...])
     """Compute one CELL again, by its name in a table or a report.
 
     Compares it with the run. Exit code 0 if it is equal to the bit, 1 if not, 3 if the
-    run does not have it, 4 if it crashes.
+    run does not have it or its plug-in is refused, 4 if it crashes.
     """
     try:
         run = load_run(folder)
@@ -43,8 +44,10 @@ def command(cell: str, folder: str, suite: str | None, plugins: tuple[str, ...])
     again = repeat(wanted, run)
     if again.error:
         click.echo(again.error.rstrip(), err=True)
-        click.echo(f"the cell crashed: {wanted.name}", err=True)
-        return 4
+        refused = again.error.startswith(REFUSED)
+        how = "refused its plug-in" if refused else "crashed"
+        click.echo(f"the cell {how}: {wanted.name}", err=True)
+        return 3 if refused else 4
     for row in again.outcome.rows:
         error = f" +- {row.standard_error!r}" if row.standard_error else ""
         against = f"  {row.predictor}: {row.prediction!r}" if row.predictor else ""

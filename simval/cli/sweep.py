@@ -11,6 +11,7 @@ from simval.cli.options import PATH, refuse_if, stated
 from simval.cli.progress import CellBar, Quiet
 from simval.plugins.loading import overrides_of
 from simval.sweep import Suite, load_suite, store
+from simval.sweep.cells import REFUSED
 from simval.sweep.run import RUNS
 from simval.sweep.runner import drive
 
@@ -70,7 +71,8 @@ def command(
     """Run SUITE: smoke, accuracy, full, or the path of a TOML file.
 
     The last line printed is the folder of the run. Exit code 0 if every cell was
-    computed, 4 if one crashed; `simval gate` judges the numbers.
+    computed, 4 if one crashed, 3 if a plug-in was refused; `simval gate` judges the
+    numbers.
     """
     refuse_if(
         resume and out is None,
@@ -95,16 +97,24 @@ def command(
         )
     with store.opened(folder / "run.sqlite") as database:
         failed = store.failures(database)
-    for name, error in failed[:SHOWN]:
-        click.echo(f"failed: {name}: {error.strip().splitlines()[-1]}", err=True)
-    if failed:
+    refused = [error.startswith(REFUSED) for _, error in failed]
+    for (name, error), known in list(zip(failed, refused, strict=True))[:SHOWN]:
+        last = error.strip().splitlines()[-1].removeprefix(REFUSED if known else "")
+        click.echo(f"{'refused' if known else 'failed'}: {name}: {last}", err=True)
+    if failed and all(refused):
+        click.echo(
+            f"{len(failed)} of {len(loaded.cells)} cells refused their plug-in; the "
+            f"reasons are in {folder}/run.sqlite and in the report",
+            err=True,
+        )
+    elif failed:
         click.echo(
             f"{len(failed)} of {len(loaded.cells)} cells failed; the tracebacks are in "
             f"{folder}/run.sqlite and in the report",
             err=True,
         )
     click.echo(str(folder))
-    return 4 if failed else 0
+    return 4 if not all(refused) else 3 if failed else 0
 
 
 def _plan(suite: Suite, workers: int) -> int:

@@ -110,8 +110,9 @@ def _incomplete(result: GateResult) -> Iterator[Finding]:
     gaps = [("gap", gap.cell, gap.reason) for gap in result.gaps]
     for cell in result.unfinished:
         if cell.status == "failed":
-            last = (cell.error.strip().splitlines() or [""])[-1]
-            gaps.append(("failed", cell.named, f"the cell crashed: {last}"))
+            check = "refused" if cell.refused else "failed"
+            who = "the plug-in was refused" if cell.refused else "the cell crashed"
+            gaps.append((check, cell.named, f"{who}: {cell.reason}"))
     if result.never_run:
         gaps.append(("pending", CellName(""), result.never_run))
     if not result.verdicts:

@@ -121,7 +121,7 @@ def to_junit(result: GateResult) -> str:
             if f.answer != "pass":
                 tag = "failure" if f.answer == "fail" else "error"
                 detail = ElementTree.SubElement(
-                    case, tag, type=f.answer, message=_xml(f.reason)
+                    case, tag, type=_kind(f), message=_xml(f.reason)
                 )
                 detail.text = _xml("\n".join(details(f)))
     ElementTree.indent(root)
@@ -187,17 +187,22 @@ def annotations(result: GateResult) -> list[str]:
             bad.setdefault((f.cell, f.statistic), f)
     lines = []
     for f in list(bad.values())[:ANNOTATIONS]:
-        kind = "error" if f.answer == "fail" else "warning"
+        kind = "error" if _kind(f) in ("fail", "refused") else "warning"
         title = _escaped(f"simval: {f.cell} {f.what}".rstrip())
         title = title.replace(":", "%3A").replace(",", "%2C")
         lines.append(f"::{kind} title={title}::{_escaped(chr(10).join(details(f)))}")
     return lines
 
 
+def _kind(f: Finding) -> str:
+    """The answer, and of those inconclusive a refusal by its own word."""
+    return "refused" if f.check == "refused" else f.answer
+
+
 def _table_row(f: Finding) -> str:
     sigmas = "" if f.sigmas is None else f"{f.sigmas:+.1f}"
     numbers = ["" if x is None else f"{x:.6g}" for x in (f.expected, f.seen)]
-    words = [f.answer, str(f.cell), f.what, *numbers, sigmas, f.reason]
+    words = [_kind(f), str(f.cell), f.what, *numbers, sigmas, f.reason]
     return "| " + " | ".join(_markdown(word) for word in words) + " |"
 
 

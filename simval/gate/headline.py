@@ -22,12 +22,14 @@ def headline(result: GateResult) -> str:
         What was not measured, then what was judged, each with its count; the same line
         in every output.
     """
-    statuses = [cell.status for cell in result.unfinished]
-    crashed, never = statuses.count("failed"), statuses.count("pending")
+    endings = [cell.ending for cell in result.unfinished]
+    crashed, never = endings.count("crashed"), endings.count("pending")
+    refused = endings.count("refused")
     compared = [c.answer for c in result.comparisons if c.change != "new"]
     theory = [verdict.answer for verdict in result.verdicts]
     parts = [
         f"{_count(crashed, 'cell')} crashed" if crashed else "",
+        f"{_count(refused, 'cell')} refused" if refused else "",
         f"{_count(never, 'cell')} never run" if never else "",
         f"{_count(len(result.gaps), 'thing')} not measured as stated"
         if result.gaps

@@ -78,11 +78,14 @@ class GateResult:
     def answer(self) -> Answer:
         """The worst of all that was judged."""
         answers = {overall(self.verdicts), *(c.answer for c in self.comparisons)}
-        crashed = any(cell.status == "failed" for cell in self.unfinished)
-        if "fail" in answers or crashed or self.first:
+        if "fail" in answers or self._crashed or self.first:
             return "fail"
         incomplete = self.unfinished or self.gaps or answers != {"pass"}
         return "inconclusive" if incomplete else "pass"
+
+    @property
+    def _crashed(self) -> bool:
+        return any(cell.ending == "crashed" for cell in self.unfinished)
 
     @property
     def never_run(self) -> str:
@@ -98,8 +101,8 @@ class GateResult:
 
     @property
     def exit_code(self) -> int:
-        """4 a cell crashed, 1 failed, 3 inconclusive, 0 passed: the first of them."""
-        if any(cell.status == "failed" for cell in self.unfinished):
+        """4 crashed, 1 failed, 3 inconclusive or refused, 0 passed: the first."""
+        if self._crashed:
             return 4
         return {"fail": 1, "inconclusive": 3, "pass": 0}[self.answer]
 

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from numpy.typing import NDArray
 
 from simval.arrays import Array, finite_array
-from simval.errors import InputError, PluginError
+from simval.errors import CrashedPluginError, InputError, PluginError
 from simval.plugins.protocol import Calibrator, Estimator
 from simval.sensor import forms
 from simval.text import message_of
@@ -52,9 +52,16 @@ def quaternions_of(
     r2: Float[Array, "n 3"],
 ) -> Float[Array, "n 4"]:
     """Estimate attitudes and bring them to the package's convention."""
-    answer = _called(estimator.name, estimator.estimate, b1, b2, r1, r2)
-    q = _array(estimator.name, "quaternions", answer, (len(b1), 4))
-    off = np.linalg.norm(q, axis=1) - 1.0
+    found = raw_quaternions(estimator, b1, b2, r1, r2)
+    bad = np.flatnonzero(~np.isfinite(found).all(axis=1))
+    if len(bad):
+        msg = (
+            f"{estimator.name} returned non-finite quaternions in {len(bad)} of "
+            f"{len(b1)} rows ({len(bad) / len(b1):.3g} of them), the first is row "
+            f"{bad[0]}; every row must be an estimate"
+        )
+        raise PluginError(msg)
+    off = np.linalg.norm(found, axis=1) - 1.0
     worst = float(off[int(np.argmax(np.abs(off)))])
     if not abs(worst) <= UNIT:
         msg = (
@@ -62,7 +69,20 @@ def quaternions_of(
             f"{worst:.2g}; every one must have length 1 to {UNIT:g}, so normalise them"
         )
         raise PluginError(msg)
-    return package_quaternion(q, estimator.components, estimator.matrix)
+    return package_quaternion(found, estimator.components, estimator.matrix)
+
+
+def raw_quaternions(
+    estimator: Estimator,
+    b1: Float[Array, "n 3"],
+    b2: Float[Array, "n 3"],
+    r1: Float[Array, "n 3"],
+    r2: Float[Array, "n 3"],
+) -> Float[Array, "n 4"]:
+    """Answers in the estimator's own convention; rows need not be finite or unit."""
+    answer = _called(estimator.name, estimator.estimate, b1, b2, r1, r2)
+    found = _plain(estimator.name, "quaternions", answer, (len(b1), 4))
+    return found.astype(float)
 
 
 def package_quaternion(
@@ -164,10 +184,22 @@ def _called(name: str, function: Any, *arguments: Any) -> Any:
         raise
     except Exception as error:  # whatever a user's function may raise
         msg = f"{name} raised {message_of(error)}"
-        raise PluginError(msg) from error
+        raise CrashedPluginError(msg) from error
 
 
 def _array(name: str, what: str, value: Any, *shapes: tuple[int, ...]) -> Array:
+    """Finite numbers of one of the shapes."""
+    found = _plain(name, what, value, *shapes)
+    try:
+        return finite_array(what, found, found.shape)
+    except InputError as error:
+        msg = f"{name} returned a bad answer: {error}"
+        raise PluginError(msg) from None
+
+
+def _plain(
+    name: str, what: str, value: Any, *shapes: tuple[int, ...]
+) -> NDArray[np.generic]:
     """Plain numbers of one of the shapes; nothing is parsed, filled in or cut off."""
     try:
         array = np.asarray(value)
@@ -184,11 +216,7 @@ def _array(name: str, what: str, value: Any, *shapes: tuple[int, ...]) -> Array:
     if fault:
         msg = f"{name} returned {what} with {fault}; every entry must be a plain number"
         raise PluginError(msg)
-    try:
-        return finite_array(what, array, array.shape)
-    except InputError as error:
-        msg = f"{name} returned a bad answer: {error}"
-        raise PluginError(msg) from None
+    return array
 
 
 def _fault(array: NDArray[np.generic]) -> str:

@@ -2,7 +2,8 @@
 
 The child gets a request file and leaves an answer file, both JSON; nothing that it
 writes is unpickled or run. It may raise, print, exit, hang, crash its interpreter or
-answer nonsense: each ends as a `PluginError` that says so, and the child's whole
+answer nonsense: each ends as a `PluginError` that says so (`CrashedPluginError` where
+it raised, died or did not end), and the child's whole
 process group is gone when the question ends.
 """
 
@@ -22,7 +23,12 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel
 
-from simval.errors import PluginError, SimvalError
+from simval.errors import (
+    CrashedPluginError,
+    PluginError,
+    RefusedError,
+    SimvalError,
+)
 from simval.text import message_of
 
 MAX_OUTPUT = 1 << 26
@@ -39,6 +45,7 @@ class Answer(BaseModel):
     """What a child answers: an error, or the fields of a subclass."""
 
     error: str = ""
+    crashed: bool = False
 
 
 Kind = TypeVar("Kind", bound=Answer)
@@ -65,7 +72,7 @@ def asked(
             code = _run_group(words, Path(folder), time_limit)
         except subprocess.TimeoutExpired:
             msg = f"{who} did not end within {time_limit:g} s and was stopped"
-            raise PluginError(msg) from None
+            raise CrashedPluginError(msg) from None
         return read_answer(Path(folder), code, kind, who)
 
 
@@ -111,14 +118,14 @@ def read_answer(folder: Path, code: int, kind: type[Kind], who: str) -> Kind:
     file = folder / "answer.json"
     if not file.is_file():
         msg = f"{who}'s process {ending(code)} without an answer{_tail(folder)}"
-        raise PluginError(msg)
+        raise CrashedPluginError(msg)
     try:
         answer = kind.model_validate_json(file.read_bytes())
     except UNREADABLE as error:
         msg = f"{who}'s process left no readable answer ({error}){_tail(folder)}"
         raise PluginError(msg) from None
     if answer.error:
-        raise PluginError(answer.error)
+        raise (CrashedPluginError if answer.crashed else PluginError)(answer.error)
     return answer
 
 
@@ -139,9 +146,12 @@ def respond(function: Callable[[Any], Mapping[str, Any]]) -> None:
     try:
         answer = function(content["request"])
     except SimvalError as error:
-        answer = {"error": str(error)}
+        crashed = isinstance(error, CrashedPluginError)
+        refused = isinstance(error, RefusedError) and not crashed
+        answer = {"error": str(error), "crashed": not refused}
     except BaseException as error:  # SystemExit too: a plug-in must not end the cell
-        answer = {"error": f"the plug-in raised {message_of(error)}"}
+        words = f"the plug-in raised {message_of(error)}"
+        answer = {"error": words, "crashed": True}
     part = folder / "answer.part"
     part.write_text(json.dumps(answer), encoding="utf-8")
     part.rename(folder / "answer.json")

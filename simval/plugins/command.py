@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from simval.arrays import Array
-from simval.errors import PluginError, UnusablePluginError
+from simval.errors import CrashedPluginError, PluginError, UnusablePluginError
 from simval.plugins.child import ending
 from simval.plugins.log import log_of
 from simval.plugins.names import COMMAND
@@ -79,7 +79,7 @@ def _answer(
         if code != 0:
             tail = _last(folder / "stderr", 300)
             msg = f"`{words[0]}` {ending(code)}: {tail or 'silent'}"
-            raise PluginError(msg)
+            raise CrashedPluginError(msg)
         return _parsed(words[0], folder / "stdout")
 
 
@@ -105,10 +105,10 @@ def _run(words: list[str], folder: Path) -> int:
             ).returncode
         except subprocess.TimeoutExpired:
             msg = f"`{words[0]}` did not answer within {CALL_LIMIT:g} s"
-            raise PluginError(msg) from None
+            raise CrashedPluginError(msg) from None
         except OSError as error:
             msg = f"`{words[0]}` cannot be run: {error}"
-            raise PluginError(msg) from None
+            raise CrashedPluginError(msg) from None
 
 
 def _filled(word: str, values: dict[str, str]) -> str:

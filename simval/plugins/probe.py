@@ -1,33 +1,29 @@
 """Noise-free probes of the conventions that a plug-in declares.
 
-An estimator is given exact vectors of known attitudes, half turns and small angles
-among them; a calibrator exact readings of a known sensor. What comes back must be the
-truth, whatever the rounding. Where it is not, the probe says which other convention
-the answers would fit, or which parameter is wrong. An estimator's large batches must
-hold what its rows are alone, for large batches are what is measured.
+An estimator is given exact vectors of generic attitudes; a calibrator exact readings
+of a known sensor. What comes back must be the truth, whatever the rounding. Where it is
+not, the probe says which other convention the answers would fit, or which parameter is
+wrong. An estimator's large batches must hold what its rows are alone, for large batches
+are what is measured. What it does at half turns and the like is no convention, and is
+measured by `simval.plugins.failures`.
 """
-
-from itertools import product
 
 import numpy as np
 from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.errors import PluginError
-from simval.geometry import (
-    attitude_error,
-    attitude_matrix,
-    normalize,
-    random_quaternions,
-)
+from simval.geometry import attitude_error
 from simval.plugins.answers import (
     Calibration,
     calibration_of,
     covariances_of,
-    package_quaternion,
     quaternions_of,
 )
+from simval.plugins.attitude_classes import random_case, seen
+from simval.plugins.conventions import what_fits
 from simval.plugins.covariance_probe import probe_covariance, rotation_error
+from simval.plugins.failures import TOLERANCE
 from simval.plugins.protocol import Calibrator, Estimator
 from simval.poses import fibonacci_sphere
 from simval.sensor import AccelerometerModel, forms
@@ -39,10 +35,6 @@ __all__ = [
     "probe_sensor",
     "rotation_error",
 ]
-
-TOLERANCE = 1e-6
-"""Rad, and relative to the parameters: the root of rounding is 1.5e-8, which is what a
-sound but ill-conditioned algorithm may lose, times 64."""
 
 COUNT = 24
 """Rows of the first batch, and poses of a calibrator; a fast path starts later."""
@@ -77,19 +69,17 @@ def probe_estimator(estimator: Estimator) -> float:
         are, or the covariance is not that of its errors.
     """
     truth, vectors = _observations(COUNT, np.random.default_rng(20_268))
-    truth, vectors = _with_extremes(truth, vectors)
     q = _unchanged(estimator, vectors)
     error = float(attitude_error(truth, q).max())
     if not error <= TOLERANCE:
         msg = (
             f"{estimator.name} is {error:.3g} rad from the truth without noise, "
-            f"{TOLERANCE:g} is allowed; {_other_convention(estimator, truth, vectors)}"
+            f"{TOLERANCE:g} is allowed; {what_fits(estimator, truth, vectors)}"
         )
         raise PluginError(msg)
-    regular = [v[:-2] for v in vectors]  # the last are singular for some covariances
-    _probe_rows(estimator, regular, q[:-2], [0])
+    _probe_rows(estimator, vectors, q, [0])
     if estimator.covariance is not None:
-        probe_covariance(estimator, truth[:-2], regular)
+        probe_covariance(estimator, truth, vectors)
     for count in BATCHES:
         _probe_batch(estimator, count)
     return error
@@ -138,25 +128,8 @@ def probe_sensor() -> AccelerometerModel:
 def _observations(
     count: int, rng: np.random.Generator
 ) -> tuple[Float[Array, "count 4"], list[Float[Array, "count 3"]]]:
-    q = random_quaternions(count, rng)
-    r1, r2 = (normalize(rng.standard_normal((count, 3))) for _ in range(2))
-    return q, _seen(q, r1, r2)
-
-
-def _with_extremes(
-    q: Float[Array, "n 4"], vectors: list[Float[Array, "n 3"]]
-) -> tuple[Float[Array, "n 4"], list[Float[Array, "n 3"]]]:
-    q = q.copy()
-    q[-2] = [1.0, 0.0, 0.0, 0.0]  # a half turn, and nearly no turn at all
-    q[-1] = normalize(np.array([0.0, 1e-3, 0.0, 1.0]))
-    return q, _seen(q, *vectors[2:])
-
-
-def _seen(
-    q: Float[Array, "n 4"], r1: Float[Array, "n 3"], r2: Float[Array, "n 3"]
-) -> list[Float[Array, "n 3"]]:
-    A = attitude_matrix(q)
-    return [*(np.einsum("nij,nj->ni", A, r) for r in (r1, r2)), r1, r2]
+    q, r1, r2 = random_case(count, rng)
+    return q, seen(q, r1, r2)
 
 
 def _probe_batch(estimator: Estimator, count: int) -> None:
@@ -221,20 +194,6 @@ def _claimed(
     given = [v.copy() for v in vectors]
     return covariances_of(
         estimator, given[0], given[1], given[2], given[3], BATCH_NOISE
-    )
-
-
-def _other_convention(
-    estimator: Estimator, truth: Float[Array, "n 4"], vectors: list[Float[Array, "n 3"]]
-) -> str:
-    raw = np.asarray(estimator.estimate(*(v.copy() for v in vectors)), dtype=float)
-    for components, matrix in product(("xyzs", "sxyz"), ("active", "passive")):
-        q = package_quaternion(normalize(raw), components, matrix)
-        if float(attitude_error(truth, q).max()) <= TOLERANCE:
-            return f'declare components="{components}", matrix="{matrix}" instead'
-    return (
-        "no order or direction of the components fits either: is it b = A r, with "
-        "body vectors first?"
     )
 
 

@@ -10,17 +10,27 @@ A covariance is of the rotation vector of the error: on the ``body`` side
 :math:`\hat q = q * \delta q`, on the ``reference`` side :math:`\hat q = \delta q * q`
 (passive quaternions). ``claim`` says how good it is: ``"exact"``, or the highest order
 of the noise that it keeps.
+
+``fails_at`` names the classes of attitudes (`simval.plugins.attitude_classes`) at which
+an estimator is known to fail; there it is measured and not judged.
+
+``kind`` is the class of estimators that it belongs to: Wahba's optimum with equal
+weights, TRIAD with the first pair exact, the two-vector closed form in its best frame,
+or its four columns combined (`simval.theory.estimator_classes`). Its leading bias and
+covariance are then those of its class.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, get_args
 
 from simval.arrays import Array
 from simval.errors import PluginError
+from simval.plugins.attitude_classes import MAY_FAIL
 from simval.sensor import forms
 
 Claim = Literal["exact", 2, 4]
+Kind = Literal["wahba", "triad", "closed form", "combined"]
 
 SCENE = "custom_scene.scene"
 """Field of a study that takes a `simval.scene.Scene`."""
@@ -55,6 +65,10 @@ class Estimator(Plugin):
         Side of the error that `covariance` is of.
     claim : {"exact", 2, 4}, default 2
         How good `covariance` is.
+    fails_at : tuple of str, default ()
+        Classes of attitudes at which it fails and is not judged.
+    kind : {"wahba", "triad", "closed form", "combined"}, optional
+        Class of estimators whose bias and covariance it must have.
     """
 
     taken_by: ClassVar[str] = "estimator.algorithm"
@@ -66,6 +80,8 @@ class Estimator(Plugin):
     covariance: Callable[..., Any] | None = None
     side: Literal["body", "reference"] = "body"
     claim: Claim = 2
+    fails_at: tuple[str, ...] = ()
+    kind: Kind | None = None
 
     def __post_init__(self) -> None:
         _check_name(self.name)
@@ -73,6 +89,9 @@ class Estimator(Plugin):
         _one_of("matrix", self.matrix, ("active", "passive"))
         _one_of("side", self.side, ("body", "reference"))
         _one_of("claim", self.claim, ("exact", 2, 4))
+        if self.kind is not None:
+            _one_of("kind", self.kind, get_args(Kind))
+        _check_classes(self.fails_at)
         _callable("estimate", self.estimate)
         if self.covariance is not None:
             _callable("covariance", self.covariance)
@@ -119,6 +138,16 @@ def _check_name(name: Any) -> None:
             f"`name` is {name!r}; give a printable word of at most 60 characters, with "
             "no comma in it and no space around it: it is written in lists of names"
         )
+        raise PluginError(msg)
+
+
+def _check_classes(names: Any) -> None:
+    if not (
+        isinstance(names, tuple)
+        and all(type(name) is str and name in MAY_FAIL for name in names)
+    ):
+        words = ", ".join(repr(name) for name in MAY_FAIL)
+        msg = f"`fails_at` is {names!r}; it must be a tuple of names out of {words}"
         raise PluginError(msg)
 
 

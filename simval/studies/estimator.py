@@ -1,11 +1,13 @@
 r"""A user-supplied attitude estimator: its errors, beside cubature and the bound.
 
-The plug-in's conventions are probed without noise first. Then each trial adds noise to
-both body and both reference vectors; the error is the rotation vector from the truth
-to the estimate, on the side that the plug-in declares. Its bias and covariance are set
-beside Gaussian cubature of the plug-in itself: no theory of it is needed, and the two
-share nothing but its code. The remainder is twice the difference between cubature of
-degree 7 and of degree 5.
+The plug-in's conventions are probed without noise first, at generic attitudes. At the
+classes of attitudes where estimators break (`simval.plugins.attitude_classes`) the
+share of exact cases that fail must be 0, unless the plug-in declares that class. Then
+each trial adds noise to both body and both reference vectors; the error is the rotation
+vector from the truth to the estimate, on the side that the plug-in declares. Its bias
+and covariance are set beside Gaussian cubature of the plug-in itself: no theory of it
+is needed, and the two share nothing but its code. The remainder is twice the difference
+between cubature of degree 7 and of degree 5.
 
 Such a comparison alone would let a wrong plug-in agree with itself. An error without
 first-order bias, :math:`e = Jn + \tfrac12 n^T H n`, has the mean
@@ -16,6 +18,9 @@ where that error is negligible, it must be within the trace of the Cramer-Rao bo
 to rounding: a constant error does not shrink with the noise and fails. Of 400
 geometries the two-vector estimator takes at most 0.17 of that trace; orthogonal frames
 and least squares have no second-order bias.
+
+`simval.studies.leading_terms` asks more: no bias of first order, nothing below the
+bound, and of an estimator that declares its class the bias and covariance of it.
 
 Where the plug-in gives a covariance, its normalised squared error has the mean 3, up
 to what the claim leaves out. An exact claim leaves out nothing: by cubature it may be
@@ -66,6 +71,8 @@ from simval.statistics import (
 )
 from simval.streams import Streams
 from simval.studies.attitude import random_geometry
+from simval.studies.failure_rows import failure_rows
+from simval.studies.leading_terms import NOISE, leading_rows
 from simval.studies.plugin import PluginName, PluginParameters, isolated
 from simval.theory.cramer_rao import attitude_bound
 from simval.theory.cubature import cubature_moments
@@ -179,7 +186,15 @@ def compute(parameters: Parameters, streams: Streams) -> Outcome:
     coarser = setting.cubature(parameters.noise_std, 5)
     rows = [
         *limit(PROBE(unit="rad"), off, TOLERANCE, TRUTH, n=1),
+        *failure_rows(plugin),
         *_bias_rows(setting, cubature, coarser),
+        *leading_rows(
+            plugin,
+            (setting.q, setting.r1, setting.r2),
+            setting.cubature(NOISE, 7),
+            setting.cubature(NOISE / 2.0, 7),
+            off,
+        ),
         *_moment_rows(moments_of(sums), cubature, coarser),
         *_size_rows(setting, sums, parameters.noise_std),
         *_unit_rows(setting, parameters.noise_std, streams),

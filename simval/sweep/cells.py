@@ -21,6 +21,10 @@ from simval.sweep import store
 from simval.sweep.documents import DamagedError, read_json
 from simval.sweep.plausible import name_of, row_of
 
+REFUSED = "refused: "
+"""What the error of a cell begins with whose plug-in was refused; of one that crashed
+it begins with a traceback."""
+
 STATUSES = ("pending", "done", "failed")
 OTHER_VERSION = ("missing", "extra_forbidden")
 """Kinds of pydantic's errors that another version of a study causes too."""
@@ -39,6 +43,23 @@ class CellResult:
     error: str  # why it failed
     seconds: float  # CPU time, s
     rows: tuple[Row, ...]
+
+    @property
+    def refused(self) -> bool:
+        """Whether it has no result because its plug-in was refused, not by a crash."""
+        return self.status == "failed" and self.error.startswith(REFUSED)
+
+    @property
+    def ending(self) -> str:
+        """Its status, ``refused`` and ``crashed`` told apart."""
+        crashed = "refused" if self.refused else "crashed"
+        return crashed if self.status == "failed" else self.status
+
+    @property
+    def reason(self) -> str:
+        """Why it failed, in one line."""
+        last = (self.error.strip().splitlines() or [""])[-1]
+        return last.removeprefix(REFUSED) if self.refused else last
 
     @property
     def named(self) -> CellName:

@@ -26,12 +26,13 @@ from multiprocessing.connection import wait as wait_for_any
 from threading import Thread
 from typing import Any
 
-from simval.errors import InputError
+from simval.errors import CrashedPluginError, InputError, PluginError
 from simval.plugins.names import told_anywhere
 from simval.results import Outcome
 from simval.studies import find_study
 from simval.studies.study import Cell
 from simval.sweep import provenance
+from simval.sweep.cells import REFUSED
 from simval.text import described, message_of, one_line
 
 CONNECT_TIMEOUT = 10.0  # s
@@ -56,6 +57,10 @@ def attempt(position: int, cell: Cell) -> Done:
     start = time.process_time()
     try:
         outcome: Outcome | str = execute(cell)
+    except PluginError as error:
+        crashed = isinstance(error, CrashedPluginError)
+        words = described(error) if crashed else f"{REFUSED}{error}\n"
+        outcome = told_anywhere(words, cell.parameters.files)
     except (Exception, SystemExit) as error:  # the other cells are computed in any case
         outcome = told_anywhere(described(error), cell.parameters.files)
     return position, outcome, time.process_time() - start

@@ -21,7 +21,7 @@ from simval.errors import InputError
 from simval.results import CellName, Row
 from simval.studies.study import Cell
 from simval.sweep import provenance, store
-from simval.sweep.cells import read_cells
+from simval.sweep.cells import REFUSED, read_cells
 from simval.sweep.executors import Compute, clustered, pooled, serial
 from simval.sweep.folder import check_same, create, keep, locked, write
 from simval.sweep.paths import require_plugins
@@ -30,10 +30,17 @@ from simval.sweep.seal import seal, unseal
 from simval.sweep.suite import Suite, load_suite
 from simval.verdict import ALPHA, Answer, judge, overall
 
-Ending = Answer | Literal["failed", "stored"]
-"""How a cell ended: its own verdict, a crash, or stored without anything to judge."""
+Ending = Answer | Literal["failed", "refused", "stored"]
+"""How a cell ended: a verdict, a crash, a refusal, or stored with nothing to judge."""
 
-ENDINGS: tuple[Ending, ...] = ("stored", "pass", "inconclusive", "fail", "failed")
+ENDINGS: tuple[Ending, ...] = (
+    "stored",
+    "pass",
+    "inconclusive",
+    "refused",
+    "fail",
+    "failed",
+)
 """From best to worst; ``failed`` is a crash, ``fail`` a verdict."""
 
 
@@ -148,7 +155,8 @@ def _fill(
             name = suite.cells[position].name
             if isinstance(outcome, str):
                 store.fail(database, position, outcome, seconds)
-                progress.advance(name, "failed")
+                refused = outcome.startswith(REFUSED)
+                progress.advance(name, "refused" if refused else "failed")
                 continue
             keep(folder / "artifacts", outcome.artifacts)
             store.finish(database, position, outcome.rows, seconds)

@@ -1,0 +1,17 @@
+"""Where an estimator of one's own fails: a row for each class of attitudes."""
+
+from simval.plugins import Estimator
+from simval.plugins.attitude_classes import COUNT
+from simval.plugins.failures import failure_shares
+from simval.results import Row, limit, unjudged
+from simval.statistics import FAILURES, TRUTH
+
+
+def failure_rows(plugin: Estimator) -> tuple[Row, ...]:
+    """Share of failures of each class; one that is declared is not judged."""
+    shares = failure_shares(plugin)
+    known = {name: shares.pop(name) for name in dict.fromkeys(plugin.fails_at)}
+    return (
+        *limit(FAILURES.each(shares), tuple(shares.values()), 0.0, TRUTH, n=COUNT),
+        *unjudged(FAILURES.each(known), tuple(known.values()), n=COUNT),
+    )

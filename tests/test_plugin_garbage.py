@@ -1,0 +1,384 @@
+"""Garbage estimators, each of which fails or is refused in the right words; their clean
+twins pass.
+"""
+
+import dataclasses
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import pytest
+import rows_by_name
+
+from simval.attitude import two_vector_quaternion
+from simval.attitude.comparators import ESTIMATORS, davenport, triad
+from simval.errors import CrashedPluginError, PluginError
+from simval.geometry import attitude_matrix, compose, conjugate, normalize
+from simval.plugins import Estimator, probe_estimator
+from simval.plugins.attitude_classes import CLASSES, COUNT, MAY_FAIL, exact_cases
+from simval.plugins.failures import failure_shares
+from simval.plugins.probe import rotation_error
+from simval.plugins.protocol import Kind
+from simval.streams import Streams
+from simval.studies import estimator
+from simval.studies.attitude import random_geometry
+from simval.sweep import load_run
+from simval.theory.estimator_classes import CLASSES as CLASSES_OF_ESTIMATORS
+from simval.theory.triad import triad_covariance
+from simval.verdict import judge
+
+STREAMS = Streams(1, (1,))
+CLEAN = Estimator(name="clean", estimate=davenport, components="xyzs", matrix="passive")
+
+
+def garbage(estimate, **declared):
+    """An estimator from the answer of the clean one and what it was given."""
+    return dataclasses.replace(
+        CLEAN, estimate=lambda *v: estimate(davenport(*v), *v), **declared
+    )
+
+
+def measured(plugin, monkeypatch, noise_std=0.05):
+    """Rows of a cell by name."""
+    monkeypatch.setattr(estimator, "find_plugin", lambda *_: plugin)
+    parameters = estimator.Parameters(
+        algorithm="any", noise_std=noise_std, samples=1024
+    )
+    return estimator.compute(parameters, STREAMS).rows
+
+
+def failing(rows):
+    """Names of the rows that fail without chance."""
+    judged = judge(rows_by_name.named([row for row in rows if row.check == "limit"]))
+    assert {verdict.answer for verdict in judged} <= {"pass", "fail"}
+    return {str(v.row.statistic) for v in judged if v.answer == "fail"}
+
+
+def where(q, mask, other):
+    return np.where(mask[:, None], other, q)
+
+
+def nan_at_identity(q, *_):
+    return where(q, np.abs(q[:, 3]) == 1.0, np.nan)
+
+
+def wrong_at_half_turns_about_y(q, *_):
+    return where(q, np.abs(q[:, 1]) > 1.0 - 1e-12, np.array([0.0, 0.0, 0.0, 1.0]))
+
+
+def raising_at_yaw(b1, b2, r1, r2):
+    if r1[0, 2] == 1.0:
+        msg = "gimbal lock"
+        raise ZeroDivisionError(msg)
+    return davenport(b1, b2, r1, r2)
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_the_cases_of_a_class_are_exact(name):
+    q, (b1, b2, r1, r2) = exact_cases(name)
+    assert np.allclose(np.linalg.norm(q, axis=1), 1.0, rtol=0, atol=1e-15)
+    assert len(q) == COUNT
+    for b, r in ((b1, r1), (b2, r2)):
+        # lengths and the angle between the vectors, by a dozen roundings
+        assert np.allclose(np.sum(b * b, axis=1), 1.0, rtol=0, atol=4e-15)
+        assert np.allclose(np.sum(r * r, axis=1), 1.0, rtol=0, atol=4e-15)
+    angle, seen = np.sum(r1 * r2, axis=1), np.sum(b1 * b2, axis=1)
+    assert np.allclose(angle, seen, rtol=0, atol=4e-15)
+    half, none = np.abs(q[:, 3]) < 1e-15, np.abs(q[:, 3]) > 1.0 - 1e-6
+    assert half.all() == name.startswith("half turns")
+    assert none.all() == (name in ("identity", "reference as body", "small angles"))
+    if name == "orthogonal":
+        assert not angle.any()
+    assert (b1 is r1) == (name == "reference as body")
+
+
+@pytest.mark.parametrize("estimate", [davenport, triad, two_vector_quaternion])
+def test_sound_estimators_fail_nowhere(estimate):
+    shares = failure_shares(dataclasses.replace(CLEAN, estimate=estimate))
+    assert shares.keys() == CLASSES.keys()
+    assert not any(shares.values())
+
+
+@pytest.mark.parametrize(
+    ("plugin", "classes"),
+    [
+        (
+            garbage(nan_at_identity),
+            {"identity", "reference as body", "small angles"},
+        ),
+        (garbage(wrong_at_half_turns_about_y), {"half turns about y"}),
+        (dataclasses.replace(CLEAN, estimate=raising_at_yaw), {"yaw only"}),
+    ],
+)
+def test_what_fails_at_a_class_fails_by_its_row(plugin, classes, monkeypatch):
+    rows = measured(plugin, monkeypatch)
+    assert failing(rows) == {f"failures[{name}]" for name in classes}
+    # declared it is shown and not judged
+    known = measured(dataclasses.replace(plugin, fails_at=tuple(classes)), monkeypatch)
+    assert not failing(known)
+    shown = {str(row.statistic): row.value for row in known if row.check == "record"}
+    assert all(shown[f"failures[{name}]"] > 0.0 for name in classes)
+    assert len(MAY_FAIL) == len(CLASSES) - 1
+
+
+def test_one_raising_case_costs_no_other():
+    def estimate(q, *_):
+        if np.any(np.abs(q[:, 1]) > 0.9):
+            msg = "no"
+            raise ValueError(msg)
+        return q
+
+    shares = failure_shares(garbage(estimate), 128)
+    assert shares["half turns about y"] == 1.0
+    assert 0.02 < shares["half turns anywhere"] < 0.2  # |y| > 0.9: 10 % of a sphere
+
+
+@pytest.mark.parametrize(
+    "names", ["identity", ["identity"], ("Identity",), ("generic",), (1,), None]
+)
+def test_what_may_fail_is_declared_by_known_words(names):
+    with pytest.raises(PluginError, match=r"^`fails_at` is .*tuple of names out of"):
+        dataclasses.replace(CLEAN, fails_at=names)
+
+
+def nan_in_some_trials(q, b1, *_):
+    return where(q, np.linalg.norm(b1, axis=1) > 1.05, np.nan)
+
+
+def test_missing_estimates_are_refused_with_their_share(monkeypatch):
+    with pytest.raises(
+        PluginError, match=r"non-finite quaternions in (\d+) of 1024 rows \(0\.\d+ of"
+    ):
+        measured(garbage(nan_in_some_trials), monkeypatch)
+
+
+@pytest.mark.parametrize(
+    ("estimate", "words"),
+    [
+        (
+            lambda q, *_: where(q, np.arange(len(q)) == 3, [0.0, 0.0, 0.0, 1.0]),
+            r"23 of 24 rows fit, row 3, a turn by \d+ degrees, does not, by \S+ rad",
+        ),
+        (
+            lambda q, *_: where(
+                np.roll(q, 1, axis=1), np.arange(len(q)) == 3, [0.0, 0.0, 0.0, 1.0]
+            ),
+            r'; with components="sxyz", matrix="passive" 23 of 24 rows fit',
+        ),
+        (
+            lambda q, *_: np.tile([0.0, 0.0, 0.0, 1.0], (len(q), 1)),
+            r"fits any of 24 rows \(all cases fit of: identity; reference as body\)",
+        ),
+    ],
+)
+def test_a_refusal_counts_what_fits(estimate, words):
+    with pytest.raises(PluginError, match=words):
+        probe_estimator(garbage(estimate))
+
+
+def off(b1, b2, r1, r2):
+    """What the angle between the vectors is off by: zero without noise, else of it."""
+    return np.einsum("ni,ni->n", b1, b2) - np.einsum("ni,ni->n", r1, r2)
+
+
+def about_x(q, angle):
+    half = np.broadcast_to(angle, len(q))[:, None] / 2.0
+    turn = np.concatenate([np.sin(half), 0 * half, 0 * half, np.cos(half)], axis=1)
+    return compose(q, turn)
+
+
+def constant(q, *v):
+    return about_x(q, np.where(np.abs(off(*v)) > 1e-7, 1e-4, 0.0))
+
+
+def linear(q, *v):
+    return about_x(q, 0.05 * np.abs(off(*v)))
+
+
+def quadratic(q, *v):
+    return about_x(q, 0.3 * off(*v) ** 2)
+
+
+def knowing(q, *_):
+    """Half way to the attitude of the cell, wherever it is near."""
+    known, _, _ = random_geometry(3)
+    known = np.where((q @ known)[:, None] < 0.0, -known, known)
+    return where(q, np.abs(q @ known[0]) > 1.0 - 1e-4, normalize(q + known))
+
+
+KINDS = {
+    "wahba": davenport,
+    "triad": triad,
+    "closed form": two_vector_quaternion,
+    "combined": ESTIMATORS["combined"],
+}
+
+
+@pytest.mark.parametrize("side", ["body", "reference"])
+@pytest.mark.parametrize("kind", CLASSES_OF_ESTIMATORS)
+def test_the_clean_twins_of_each_class_pass(kind, side, monkeypatch):
+    twin = dataclasses.replace(CLEAN, estimate=KINDS[kind], kind=kind, side=side)
+    rows = measured(twin, monkeypatch)
+    assert not failing(rows)
+    found = {str(row.statistic): row for row in rows}
+    # far within what is allowed, which is not much itself
+    for name in ("first_order_bias", "below_bound", "class_bias", "class_covariance"):
+        assert found[name].value < 1e-6
+        assert found[name].prediction < 2e-3
+
+
+@pytest.mark.parametrize("kind", CLASSES_OF_ESTIMATORS)
+def test_no_class_passes_for_another(kind, monkeypatch):
+    other = "triad" if kind != "triad" else "wahba"
+    wrong = dataclasses.replace(CLEAN, estimate=KINDS[kind], kind=other)
+    assert "class_covariance" in failing(measured(wrong, monkeypatch))
+
+
+@pytest.mark.parametrize(
+    ("estimate", "row"),
+    [
+        (constant, "first_order_bias"),
+        (linear, "first_order_bias"),
+        (knowing, "below_bound"),
+    ],
+)
+def test_a_wrong_estimator_cannot_agree_with_itself(estimate, row, monkeypatch):
+    probe_estimator(garbage(estimate))
+    assert row in failing(measured(garbage(estimate), monkeypatch))
+
+
+def test_a_quadratic_bias_is_seen_beside_a_class_alone(monkeypatch):
+    # within the size of second-order terms, so it may be an estimator's own
+    assert not failing(measured(garbage(quadratic), monkeypatch))
+    assert failing(measured(garbage(quadratic, kind="wahba"), monkeypatch)) == {
+        "class_bias"
+    }
+
+
+def leading(b1, b2, r1, r2, noise_std, factor=1.0):
+    """Leading covariance of the clean estimator."""
+    size = (b1**2 + b2**2).sum(axis=1)[:, None, None]
+    H = size * np.eye(3) - b1[:, :, None] * b1[:, None] - b2[:, :, None] * b2[:, None]
+    return factor * 2.0 * noise_std**2 * np.linalg.inv(H)
+
+
+def remembering():
+    """An estimator that drifts by 1e-4 rad with every call."""
+    calls = []
+
+    def estimate(*vectors):
+        calls.append(1)
+        return about_x(davenport(*vectors), 1e-4 * (len(calls) - 1))
+
+    return dataclasses.replace(CLEAN, estimate=estimate)
+
+
+def overwriting(q, b1, *_):
+    b1[:] = 0.0
+    return q
+
+
+def centred(q, *_):
+    return normalize(q - 1e-3 * q.mean(axis=0)) if len(q) > 100 else q
+
+
+@pytest.mark.parametrize(
+    ("plugin", "words"),
+    [
+        (garbage(lambda q, *_: conjugate(q)), 'declare components="xyzs", .*"active"'),
+        (garbage(lambda q, *_: np.roll(q, 1, axis=1)), 'declare components="sxyz"'),
+        (garbage(lambda q, *_: 1.01 * q), "length is off by 0.01; .* normalise"),
+        (garbage(centred), "right in a batch of 24, but in one of 1024"),
+        (garbage(overwriting), "changes its input"),
+        (remembering(), "not what it is when alone: 0.0001 rad"),
+        (
+            dataclasses.replace(CLEAN, covariance=lambda *v: leading(*v, factor=1.02)),
+            r"trace is 1\.02 times what it should be",
+        ),
+    ],
+)
+def test_garbage_is_refused_in_the_right_words(plugin, words):
+    probe_estimator(dataclasses.replace(CLEAN, covariance=leading))
+    with pytest.raises(PluginError, match=words) as caught:
+        probe_estimator(plugin)
+    assert not isinstance(caught.value, CrashedPluginError)
+
+
+@pytest.mark.parametrize("kind", ["Wahba", "quest", 1, ("wahba",), np.array(["wahba"])])
+def test_a_class_of_estimators_is_a_known_word(kind):
+    with pytest.raises(PluginError, match=r"^`kind` is .*must be declared as one of"):
+        dataclasses.replace(CLEAN, kind=kind)
+    assert get_args(Kind) == CLASSES_OF_ESTIMATORS
+
+
+def test_the_covariance_of_triad_is_that_of_its_samples():
+    q, r1, r2 = random_geometry(5)
+    rng = np.random.default_rng(5)
+    A, sigma, n = attitude_matrix(q), 1e-4, 40_000
+    roots = 0.3 + 0.7 * rng.random((4, 3))  # unequal noise along skew axes
+    frames = np.linalg.qr(rng.standard_normal((4, 3, 3)))[0]
+    spread = np.einsum("vij,vj,vkj->vik", frames, (sigma * roots) ** 2, frames)
+    drawn = np.einsum(
+        "vij,vj,nvj->nvi", frames, sigma * roots, rng.standard_normal((n, 4, 3))
+    )
+    vectors = np.stack([A @ r1, A @ r2, r1, r2]) + drawn
+    error = rotation_error(q, triad(*np.moveaxis(vectors, 1, 0)), "body")
+    seen, theory = np.cov(error.T), triad_covariance(q, r1, r2, spread)
+    # relative to its own size each direction is chi-square with n: 5 standard errors
+    root = np.linalg.cholesky(theory)
+    ratio = np.linalg.solve(root, np.linalg.solve(root, seen).T)
+    assert np.abs(ratio - np.eye(3)).max() < 5.0 * np.sqrt(2.0 / n)
+
+
+REFUSED = """
+import numpy as np
+from simval.plugins import Estimator
+
+refused = Estimator(
+    name="refused", estimate=lambda *v: np.tile([0.0, 0.0, 0.0, 1.0], (len(v[0]), 1)),
+    components="xyzs", matrix="active",
+)
+"""
+
+
+def test_a_refused_plugin_is_refused_in_every_output(simval, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("GITHUB_ACTIONS", "true")
+    Path("refused.py").write_text(REFUSED)
+    Path("suite.toml").write_text('[estimator]\nalgorithm = "refused.py"\n')
+    words = ("--workers", 1, "--quiet", "--out", "run")
+    code, _, err = simval("sweep", "suite.toml", *words)
+    assert code == 3
+    assert "refused: estimator(" in err
+    assert "1 of 1 cells refused their plug-in" in err
+    outputs = ("--junit", "gate.xml", "--summary", "gate.md", "--json", "gate.json")
+    code, out, _ = simval("gate", "run", "--no-baseline", *outputs)
+    assert code == 3
+    assert "1 cell refused" in out
+    assert "::error title=simval%3A estimator" in out
+    assert simval("report", "run", "--out", "report.html")[0] == 0
+    said = "refused is 3.1"
+    for name in ("gate.xml", "gate.md", "gate.json", "report.html"):
+        text = Path(name).read_text()
+        assert said in text
+        assert "refused" in text
+        assert "crash" not in text.replace("crashed,", "")
+        assert "Traceback" not in text
+    assert 'type="refused"' in Path("gate.xml").read_text()
+    (cell,) = [c for c in load_run("run").cells if c.study == "estimator"]
+    assert (cell.status, cell.ending) == ("failed", "refused")
+    code, _, err = simval("repro", "--run", "run", cell.name)
+    assert code == 3
+    assert "the cell refused its plug-in" in err
+
+
+def test_a_slow_estimator_ends_with_its_time(tmp_path):
+    path = tmp_path / "slow.py"
+    path.write_text(
+        "import time\nfrom simval.plugins import Estimator\n"
+        "slow = Estimator(name='slow', estimate=lambda *v: time.sleep(60),\n"
+        "                 components='xyzs', matrix='active')\n"
+    )
+    parameters = estimator.Parameters(algorithm=str(path), time_limit=1.0)
+    with pytest.raises(CrashedPluginError, match="did not end within 1 s"):
+        estimator.run(parameters, STREAMS)
