@@ -9,9 +9,11 @@ report: .venv/installed
 	@run="reports/runs/accuracy-$$(date +%Y%m%d-%H%M%S)"; \
 	$(BIN)/simval sweep accuracy --out "$$run" && $(BIN)/simval report "$$run"
 
-# a file's tests stay together, for what they share; one thread for each process
+# a file's tests stay together, for what they share; one thread for each process; each
+# starts many more, so what they compile is kept, though a container may forbid it
 test: check
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto \
+	env -u PYTHONDONTWRITEBYTECODE OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
+	  $(BIN)/python -m pytest -n auto \
 	  --dist loadfile --no-loadscope-reorder -m "not slow and not wheel"
 
 check: .venv/installed

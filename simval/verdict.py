@@ -40,7 +40,7 @@ from math import sqrt
 from typing import Literal
 
 import numpy as np
-from scipy.special import ndtri, stdtr, stdtrit
+import scipy
 
 from simval.change import holm
 from simval.results import CellName, Row, nees
@@ -108,7 +108,9 @@ def p_value(row: Row) -> float:
     low = (distance - row.remainder) / row.standard_error
     high = (distance + row.remainder) / row.standard_error
     freedom = row.n / SAMPLES_PER_FREEDOM
-    return float(stdtr(freedom, -low) + stdtr(freedom, -high))
+    return float(
+        scipy.special.stdtr(freedom, -low) + scipy.special.stdtr(freedom, -high)
+    )
 
 
 def judge(
@@ -223,8 +225,8 @@ def _deterministic(cell: CellName, row: Row) -> Verdict:
 def _sampled(cell: CellName, row: Row, p: float, limit: float, tail: float) -> Verdict:
     assert row.prediction is not None
     beyond = abs(row.value - row.prediction) - row.remainder
-    quantile = -float(stdtrit(row.n / SAMPLES_PER_FREEDOM, tail))
-    detectable = (quantile + float(ndtri(POWER))) * row.standard_error
+    quantile = -float(scipy.special.stdtrit(row.n / SAMPLES_PER_FREEDOM, tail))
+    detectable = (quantile + float(scipy.special.ndtri(POWER))) * row.standard_error
     margin = PRACTICAL * _size(row)
     answer: Answer = "pass"
     reason = ""

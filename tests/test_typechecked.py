@@ -41,9 +41,20 @@ def test_garbage_passes_unchecked(unchecked):
     assert forms.matrix("triangular", np.zeros(9, int)).shape == (3, 3)
 
 
-def test_a_user_imports_no_checker():
-    program = "import sys, simval.cli, simval.sweep; print('beartype' in sys.modules)"
+LATE = """
+beartype hypothesis matplotlib jinja2 rich pyarrow distributed
+scipy.special scipy.optimize scipy.spatial scipy.linalg scipy.stats scipy.io
+""".split()
+"""What a worker of a sweep, a plug-in's child and `simval calibrate` import when they
+first use it, or never."""
+
+
+def test_a_start_imports_neither_a_checker_nor_what_is_used_late():
+    program = (
+        "import sys, simval.cli.calibrate, simval.plugins, simval.sweep; "
+        f"print([name for name in {LATE} if name in sys.modules])"
+    )
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     )
-    assert done.stdout == "False\n"
+    assert done.stdout == "[]\n"

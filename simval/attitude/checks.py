@@ -10,9 +10,9 @@ from enum import IntEnum
 from typing import Any, Final
 
 import numpy as np
+import scipy
 from jaxtyping import Bool, Float
 from numpy.typing import NDArray
-from scipy import special
 
 from simval.arrays import Array, finite_array, real_number
 from simval.errors import GeometryError, InputError, SimvalError
@@ -162,7 +162,7 @@ def widest_difference(noise_std: Any, false_alarm: Any) -> float:
         raise InputError(msg)
     # each vector's noise in the plane of the pair turns it by that angle
     total = float(np.sqrt(np.sum(np.broadcast_to(std, (4,)) ** 2)))
-    return total * float(-special.ndtri(rate / 2.0))
+    return total * float(-scipy.special.ndtri(rate / 2.0))
 
 
 def refuse(codes: Codes, shape: Sequence[int]) -> None:

@@ -11,8 +11,8 @@ from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
 from simval.arrays import Array
 from simval.attitude.estimator import two_vector_quaternion, valid_batch
@@ -54,7 +54,8 @@ def triad(b1: Any, b2: Any, r1: Any, r2: Any) -> Float[Array, "... 4"]:
     """
     (v1, v2, u1, u2), shape = _unit_batch(b1, b2, r1, r2)
     body_to_reference = _triad_axes(u1, u2) @ _triad_axes(v1, v2).swapaxes(1, 2)
-    return _finish(Rotation.from_matrix(body_to_reference).as_quat(), shape)
+    rotation = scipy.spatial.transform.Rotation.from_matrix(body_to_reference)
+    return _finish(rotation.as_quat(), shape)
 
 
 def align_vectors(b1: Any, b2: Any, r1: Any, r2: Any) -> Float[Array, "... 4"]:
@@ -68,7 +69,7 @@ def align_vectors(b1: Any, b2: Any, r1: Any, r2: Any) -> Float[Array, "... 4"]:
     (v1, v2, u1, u2), shape = _unit_batch(b1, b2, r1, r2)
     body, reference = np.stack([v1, v2], axis=1), np.stack([u1, u2], axis=1)
     q = [
-        Rotation.align_vectors(r, b)[0].as_quat()
+        scipy.spatial.transform.Rotation.align_vectors(r, b)[0].as_quat()
         for b, r in zip(body, reference, strict=True)
     ]
     return _finish(np.reshape(q, (-1, 4)), shape)

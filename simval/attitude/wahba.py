@@ -22,8 +22,8 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy import special
 
 from simval.arrays import GREATEST, LEAST, Array, finite_array
 from simval.attitude.checks import MIN_SINE
@@ -168,7 +168,7 @@ def consistency(b: Any, r: Any, noise_std: Any) -> Consistency:
     return Consistency(
         statistic=statistic,
         freedom=2 * n - 3,
-        probability=special.chdtrc(2 * n - 3, statistic),
+        probability=scipy.special.chdtrc(2 * n - 3, statistic),
     )
 
 

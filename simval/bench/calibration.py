@@ -3,8 +3,8 @@
 from functools import partial
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.optimize import least_squares
 
 from simval.arrays import Array
 from simval.bench.imu_tk import imu_tk_jacobian, imu_tk_residual
@@ -57,7 +57,7 @@ def scipy_loop(
     options = {"method": method, "xtol": TOLERANCE, "ftol": TOLERANCE}
     return np.array(
         [
-            least_squares(
+            scipy.optimize.least_squares(
                 lambda p, y=y: imu_tk_residual(p, y, G),
                 ellipsoid_start(y),
                 jac=lambda p, y=y: imu_tk_jacobian(p, y),

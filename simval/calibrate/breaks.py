@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy import special
 
 from simval.arrays import Array
 from simval.calibrate.deletion import LEFT, deletion_of, scaled, slope_of
@@ -35,7 +35,7 @@ def change(
 
     The F test of the squares `before` with `dof`, times the number of changes tried.
     """
-    chance = special.betainc(left / 2, (dof - left) / 2, min(rest / before, 1.0))
+    chance = scipy.special.betainc(left / 2, (dof - left) / 2, min(rest / before, 1.0))
     return Change(
         index=index,
         what=what,

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy import special
 
 from simval.arguments import instance
 from simval.arrays import Array, frozen, noise_levels, physical_array
@@ -153,7 +153,7 @@ def _judged(
     total = np.sum(ratio * ratio, axis=-1)
     p_value = np.full(total.shape, np.nan)
     if sigma is not None and fit.dof > 0:
-        p_value = np.asarray(special.gammaincc(fit.dof / 2, total / 2))
+        p_value = np.asarray(scipy.special.gammaincc(fit.dof / 2, total / 2))
     rests = [find_outliers(one, sigma) for one in readings.reshape(-1, count, 3)]
     shape = distance.shape
     fitted = Residuals(
@@ -214,11 +214,13 @@ def _limit(outliers: Outliers, count: int) -> float:
     tail = FALSE_ALARM / (2.0 * count)
     if np.isfinite(outliers.chi2) and outliers.dof > 0:
         # a sigma that does not explain the scatter would call half the poses outliers
-        p_value = special.gammaincc(outliers.dof / 2.0, outliers.chi2 / 2.0)
+        p_value = scipy.special.gammaincc(outliers.dof / 2.0, outliers.chi2 / 2.0)
         if p_value >= BELIEVED:
-            return float(-special.ndtri(tail))
+            return float(-scipy.special.ndtri(tail))
     return (
-        float(-special.stdtrit(outliers.dof - 1, tail)) if outliers.dof > 1 else np.inf
+        float(-scipy.special.stdtrit(outliers.dof - 1, tail))
+        if outliers.dof > 1
+        else np.inf
     )
 
 

@@ -22,8 +22,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy import special
 
 from simval.arrays import Array
 from simval.calibrate.deletion import (
@@ -98,7 +98,7 @@ def _choose(deletion: Deletion, known: float | None) -> list[int]:
         test = _Test(rest=deletion.squares(subset), dof=dof - k, known=known)
         more, left = k - len(chosen), count - len(chosen)
         together = test.chance(deletion.squares(chosen), more)
-        together *= special.binom(left, more)
+        together *= scipy.special.binom(left, more)
         if not together <= FALSE_ALARM / most:
             continue
         alone = [deletion.squares([j for j in subset if j != i]) for i in subset]
@@ -116,14 +116,14 @@ class _Test:
 
     def chance(self, before: float, k: int) -> float:
         ratio = min(self.rest / before, 1.0)
-        by_scatter = float(special.betainc(self.dof / 2.0, k / 2.0, ratio))
+        by_scatter = float(scipy.special.betainc(self.dof / 2.0, k / 2.0, ratio))
         if self.known is None:
             return by_scatter
         left = self.rest / self.known**2
         by_sigma = 1.0
-        if special.gammaincc(self.dof / 2.0, left / 2.0) >= BELIEVED:
+        if scipy.special.gammaincc(self.dof / 2.0, left / 2.0) >= BELIEVED:
             drop = before / self.known**2 - left
-            by_sigma = float(special.gammaincc(k / 2.0, max(drop, 0.0) / 2.0))
+            by_sigma = float(scipy.special.gammaincc(k / 2.0, max(drop, 0.0) / 2.0))
         return min(1.0, 2.0 * min(by_scatter, by_sigma))
 
 
@@ -200,7 +200,7 @@ def _result(
     ratio = np.where(usable, residual / np.sqrt(np.where(usable, room, 1.0)), np.nan)
     chi2 = np.nan if known is None else total / known**2
     variance: Any = np.nan
-    if dof > 0 and known and special.gammaincc(dof / 2.0, chi2 / 2.0) >= BELIEVED:
+    if dof > 0 and known and scipy.special.gammaincc(dof / 2.0, chi2 / 2.0) >= BELIEVED:
         variance = known**2
     elif dof > 1:
         own = np.where(flagged, total / dof, (total - ratio**2) / (dof - 1))

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy import special
 
 from simval.arrays import Array, frozen, real_number
 from simval.errors import ConvergenceError, InputError
@@ -193,9 +193,9 @@ class FitResult:
             raise InputError(msg)
         tail = (1.0 - level) / 2.0
         if self.covariance_kind == "type A":
-            quantile = -special.stdtrit(self.dof, tail)
+            quantile = -scipy.special.stdtrit(self.dof, tail)
         else:
-            quantile = -special.ndtri(tail)
+            quantile = -scipy.special.ndtri(tail)
         half = quantile * self.sd
         return np.stack([self.parameters - half, self.parameters + half], axis=-1)
 

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy import special
 
 from simval.arrays import Array
 from simval.poses import PARAMETERS, direction_jacobian
@@ -73,7 +73,7 @@ def verdict(chi2_per_dof: float, dof: int, *, first: bool = True) -> str:
         return "nine poses fit exactly: the residuals say nothing; add poses"
     if not np.isfinite(chi2_per_dof):
         return "not judged: the noise of a pose mean is not known"
-    low, high = 2.0 * special.gammaincinv(dof / 2, [_TAIL, 1.0 - _TAIL]) / dof
+    low, high = 2.0 * scipy.special.gammaincinv(dof / 2, [_TAIL, 1.0 - _TAIL]) / dof
     factor = np.sqrt(chi2_per_dof)
     if chi2_per_dof > high:
         return (

@@ -18,7 +18,7 @@ from math import hypot, inf, isfinite
 from typing import Literal
 
 import numpy as np
-from scipy.special import ndtr
+import scipy
 
 from simval.change import EXACT_BOUND, PAIRED_BOUND, holm, on_same_noise
 from simval.compare.matching import Pair, match, pairs_of, prediction_changed, rows_of
@@ -196,7 +196,7 @@ def _judged(pairs: Sequence[Pair], alpha: float) -> Iterator[Difference]:
 def _p_value(difference: float, error: float) -> float:
     if not (isfinite(difference) and isfinite(error)):
         return 0.0  # a value that became NaN or infinite has changed
-    return float(2.0 * ndtr(-abs(difference) / error))
+    return float(2.0 * scipy.special.ndtr(-abs(difference) / error))
 
 
 def _kind(a: Row, b: Row, error: float, *, beyond: bool, paired: bool) -> Kind:

@@ -6,7 +6,7 @@ deterministic and costs no false alarms. A cell that differs from the stored one
 its seed or number of samples has other noise (`equivalence`).
 """
 
-from scipy.special import ndtri
+import scipy
 
 from simval.change import matched
 from simval.gate.baseline import Stored, StoredCell, small_run
@@ -24,7 +24,7 @@ def compare(run: Run, stored: Stored, alpha: float) -> tuple[Comparison, ...]:
     pairs, gone, added = _matched(small_run(run), stored)
     other_noise = [(old, new) for (old, _), (new, _) in pairs if old != new]
     count = sum(len(stored[old].statistics) for old, _ in other_noise)
-    quantile = float(-ndtri(alpha / max(count, 1) / 2.0))
+    quantile = float(-scipy.special.ndtri(alpha / max(count, 1) / 2.0))
     # an unfinished cell is reported once, not again for each of its statistics
     unfinished = {c.name for c in run.cells if c.status != "done"}
     comparisons: list[Comparison] = []

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Literal
 
-from scipy.special import ndtri
+import scipy
 
 from simval.change import TOST_QUANTILE
 from simval.results import CellName
@@ -115,7 +115,7 @@ class Comparison:
         )
         if self.change == "unresolved" and self.margin > 0.0:
             need = (
-                (TOST_QUANTILE + float(ndtri(POWER)))
+                (TOST_QUANTILE + float(scipy.special.ndtri(POWER)))
                 * self.standard_error
                 / self.margin
             )

@@ -7,7 +7,7 @@ from collections import defaultdict
 from typing import Any
 
 import numpy as np
-import scipy.io
+import scipy
 
 from simval.arrays import Array
 from simval.errors import InputError

@@ -29,8 +29,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.special import ndtri
 
 from simval.arguments import choice, function, instance, whole_number
 from simval.arrays import Array, frozen, shaped_array
@@ -255,6 +255,6 @@ def _sobol_means(
         points = engine.random_base2(power)
         # the points are multiples of 2^-bits, 0 among them, whose normal is infinite:
         # take the middle of each step instead
-        x = ndtri(points.T + 2.0 ** -(engine.bits + 1))
+        x = scipy.special.ndtri(points.T + 2.0 ** -(engine.bits + 1))
         means.append(batch_means(errors(np.ascontiguousarray(x)), 2**power))
     return np.concatenate(means), 2**power

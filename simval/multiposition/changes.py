@@ -8,8 +8,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy import special
 
 from simval.arrays import Array
 from simval.calibrate import FitResult, calibrate
@@ -146,7 +146,7 @@ def beyond_noise(chi2: float, dof: int) -> bool:
 
 def _tail(chi2: float, dof: int) -> float:
     # chance of at least such a chi-square per degree of freedom
-    return float(special.gammaincc(dof / 2.0, chi2 * dof / 2.0))
+    return float(scipy.special.gammaincc(dof / 2.0, chi2 * dof / 2.0))
 
 
 def _a_few_explain_it(rests: Rests, scatter: float) -> bool:

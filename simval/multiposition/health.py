@@ -8,7 +8,7 @@ says more than the geometry it has ruined.
 from collections.abc import Iterator
 
 import numpy as np
-from scipy import special
+import scipy
 
 from simval.calibrate import Diagnosis, FitResult, calibrate
 from simval.calibrate.deletion import LEFT
@@ -157,7 +157,7 @@ def _no_gravity(rests: Rests, misfit: float, diagnosis: Diagnosis) -> str | None
     count, possible = len(rests.means), misfit
     dof = count - PARAMETERS
     if changes.beyond_noise(diagnosis.chi2_per_dof, dof):
-        possible *= np.sqrt(count / special.chdtri(dof, 1.0 - _RARELY))
+        possible *= np.sqrt(count / scipy.special.chdtri(dof, 1.0 - _RARELY))
     if max(misfit, possible) <= MISFIT:
         return None
     named = [f"{k} {rests.span(k)}" for k in diagnosis.outliers]

@@ -8,13 +8,12 @@ counts with its sign, so no point has to be left out, which would bias the slope
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.optimize import minimize_scalar
-from scipy.special import ndtri
 
 from simval.arrays import Array
 
-Z95 = float(ndtri(0.975))
+Z95 = float(scipy.special.ndtri(0.975))
 STEEPEST = 12.0
 """Slopes are sought between plus and minus this: twice the greatest order
 of a formula."""
@@ -52,7 +51,7 @@ def fitted_slope(
     if abs(start) == STEEPEST:
         return None
     step = grid[1] - grid[0]
-    fit = minimize_scalar(
+    fit = scipy.optimize.minimize_scalar(
         cost,
         bounds=(start - step, start + step),
         method="bounded",
@@ -91,4 +90,4 @@ def order(x: Float[Array, " n"], y: Float[Array, " n"]) -> float | None:
 def simultaneous(count: int, confidence: float = 0.95) -> float:
     """Half width, in standard errors, of bands that hold for all points together."""
     single = confidence ** (1.0 / max(count, 1))
-    return float(ndtri(0.5 + 0.5 * single))
+    return float(scipy.special.ndtri(0.5 + 0.5 * single))

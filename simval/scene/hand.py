@@ -2,8 +2,8 @@
 
 import mujoco
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
 from simval.arrays import Array, nonnegative_number
 from simval.scene.driven import tour
@@ -39,7 +39,8 @@ def drive_handheld(
     rng = stream(seed, cell_key("handheld"), 0)
     shake = tremor(len(rests), h, angle, rng)
     shift = tremor(len(rests), h, path, rng)
-    turn = Rotation.from_euler("ZYX", angles) * Rotation.from_rotvec(shake)
+    rotation = scipy.spatial.transform.Rotation
+    turn = rotation.from_euler("ZYX", angles) * rotation.from_rotvec(shake)
     quaternion = _continuous(turn.as_quat(scalar_first=True))
     position = model.body_pos[model.body("hand").id] + shift
     start = np.concatenate([position[0], quaternion[0]])

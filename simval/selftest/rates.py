@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
-from scipy import stats
+import scipy
 
 from simval.arrays import Array
 from simval.montecarlo import simulate
@@ -58,7 +58,7 @@ class Rate:
     @property
     def interval(self) -> tuple[float, float]:
         """Wilson's interval of 95 %."""
-        rate = stats.binomtest(self.count, self.runs)
+        rate = scipy.stats.binomtest(self.count, self.runs)
         low, high = rate.proportion_ci(0.95, "wilson")
         return float(low), float(high)
 

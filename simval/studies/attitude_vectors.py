@@ -15,8 +15,8 @@ what falls with the noise is the remainder.
 from typing import Annotated
 
 import numpy as np
+import scipy
 from pydantic import Field
-from scipy import special
 
 from simval.arrays import Array
 from simval.attitude import (
@@ -258,7 +258,7 @@ def _test_row(
 ) -> tuple[Row, ...]:
     # share of samples whose loss is above the threshold
     freedom, n = 2 * setting.n - 3, len(statistic)
-    threshold, apart = special.chdtri(freedom, FALSE_ALARM), setting.apart(shift)
+    threshold, apart = scipy.special.chdtri(freedom, FALSE_ALARM), setting.apart(shift)
     chance, steeper = (_share(threshold, k, apart) for k in (freedom, freedom + 2))
     share, error = np.mean(statistic > threshold), np.sqrt(chance * (1 - chance) / n)
     left = 0.5 * (steeper - chance) * off  # the derivative by the non-centrality
@@ -267,4 +267,4 @@ def _test_row(
 
 def _share(threshold: float, freedom: int, apart: float) -> float:
     # share of a chi-square law above the threshold, its centre `apart` from 0
-    return 1.0 - float(special.chndtr(threshold, freedom, apart))
+    return 1.0 - float(scipy.special.chndtr(threshold, freedom, apart))

@@ -17,9 +17,9 @@ from math import sqrt
 from typing import Annotated, Literal
 
 import numpy as np
+import scipy
 from jaxtyping import Float
 from pydantic import Field
-from scipy import special
 
 from simval.arrays import Array
 from simval.calibrate import FitResult, calibrate
@@ -147,5 +147,5 @@ def normalized_square(
 def nees_quantile(level: float, dof: int | None) -> float:
     """Value that the NEES exceeds with probability 1 - level."""
     if dof is None:
-        return float(2.0 * special.gammaincinv(4.5, level))
-    return float(9.0 * special.fdtri(9, dof, level))
+        return float(2.0 * scipy.special.gammaincinv(4.5, level))
+    return float(9.0 * scipy.special.fdtri(9, dof, level))

@@ -16,8 +16,8 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy import special
 
 from simval.arrays import Array
 from simval.theory.two_vector import TwoVectorGeometry
@@ -125,6 +125,6 @@ def _density(
     # (U1): e^{-(k^2 - t^2)/2} and its product with e^{-t^2/2}, without cancellation
     t = k * cosine
     tilted = np.exp(-0.5 * (k * sine) ** 2)
-    bulk = (1.0 + t * t) * np.sqrt(2.0 * np.pi) * special.ndtr(t)
+    bulk = (1.0 + t * t) * np.sqrt(2.0 * np.pi) * scipy.special.ndtr(t)
     density: Array = tilted * bulk + t * np.exp(-0.5 * k * k)
     return density * (2.0 * np.pi) ** -1.5

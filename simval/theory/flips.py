@@ -15,8 +15,8 @@ resolve near a singular geometry, and a chance of 1e-300 keeps its digits.
 from typing import Final
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy import optimize, special
 
 from simval.arrays import Array
 from simval.errors import RefusedError
@@ -49,7 +49,7 @@ def flip_probability(
     if not size > 0.0 and not square.any():
         return 0.0
     if not -square.min() > 1e-14 * size:  # one of the two vectors has no noise
-        return float(special.ndtr(-geometry.norm / size))
+        return float(scipy.special.ndtr(-geometry.norm / size))
     values = [_line_integral(float(geometry.norm), linear, square, h) for h in _STEPS]
     if not abs(values[0] - values[1]) <= _TOLERANCE * values[1]:
         msg = (
@@ -84,12 +84,12 @@ def _line_integral(norm: float, linear: Array, square: Array, step: float) -> fl
         return found
 
     edge = -0.5 / square.min()
-    share = optimize.minimize_scalar(
-        lambda t: float(exponent(np.array([edge * special.expit(t)]))[0]),
+    share = scipy.optimize.minimize_scalar(
+        lambda t: float(exponent(np.array([edge * scipy.special.expit(t)]))[0]),
         bounds=(-80.0, 30.0),
         method="bounded",
     ).x
-    z = edge * special.expit(share)
+    z = edge * scipy.special.expit(share)
     scale = 1.0 + 2.0 * z * square
     curvature = np.sum(linear**2 / scale**3 + 2.0 * (square / scale) ** 2) + z**-2
     t = np.arange(0.0, _LAST, step)

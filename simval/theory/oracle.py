@@ -25,8 +25,8 @@ from functools import partial
 from typing import Final
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy import special
 
 from simval.arrays import Array
 from simval.errors import InputError, RefusedError
@@ -158,8 +158,8 @@ def one_minus_a(rho: Float[Array, " n"]) -> Float[Array, " n"]:
     safe = np.maximum(rho, _SERIES_RHO)
     squared = safe * safe
     closed = (
-        special.erfc(safe / np.sqrt(2.0))
-        + special.erf(safe / np.sqrt(2.0)) / squared
+        scipy.special.erfc(safe / np.sqrt(2.0))
+        + scipy.special.erf(safe / np.sqrt(2.0)) / squared
         - np.sqrt(2.0 / np.pi) * np.exp(-0.5 * squared) / safe
     )
     small = np.minimum(rho, _SERIES_RHO)
@@ -170,7 +170,7 @@ def one_minus_a(rho: Float[Array, " n"]) -> Float[Array, " n"]:
 def one_minus_b(rho: Float[Array, " n"]) -> Float[Array, " n"]:
     """1 - B of eq. (E1): the share of the second moment across the mean."""
     safe = np.maximum(rho, _SERIES_RHO)
-    dawson = special.dawsn(safe / np.sqrt(2.0))
+    dawson = scipy.special.dawsn(safe / np.sqrt(2.0))
     closed = 2.0 / safe**2 - 2.0 * np.sqrt(2.0) * dawson / safe / safe**2
     series = 2.0 / 3.0 - 2.0 * np.minimum(rho, _SERIES_RHO) ** 2 / 15.0
     return np.where(rho < _SERIES_RHO, series, closed)
