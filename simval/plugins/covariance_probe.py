@@ -15,7 +15,6 @@ from simval.geometry import compose, conjugate
 from simval.plugins.answers import covariances_of, quaternions_of
 from simval.plugins.noise import VectorNoise
 from simval.plugins.protocol import Estimator
-from simval.theory.cubature import covariance_roots
 
 NOISE = 1e-3
 """At which a covariance is asked for."""
@@ -93,10 +92,10 @@ def _leading(
     noise: VectorNoise,
 ) -> Float[Array, "n 3 3"]:
     """J C J' of the estimator, by central differences: covariance for unit noise."""
-    unit = noise.at(1.0).covariances(vectors)
+    roots = noise.at(1.0).roots(vectors)
     total = np.zeros((len(truth), 3, 3))
     for which, axis in product(noise.noisy, range(3)):
-        direction = covariance_roots(unit[:, which])[:, :, axis]
+        direction = roots[:, which, :, axis]
         ends = []
         for sign in (1.0, -1.0):
             moved = [v.copy() for v in vectors]

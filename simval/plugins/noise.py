@@ -101,6 +101,13 @@ class VectorNoise:
         result: Array = scaled @ planes
         return result
 
+    def roots(self, vectors: list[Float[Array, "n 3"]]) -> Float[Array, "n m 3 3"]:
+        """Symmetric root of each covariance; what times normal numbers is the noise."""
+        values, axes = np.linalg.eigh(self.covariances(vectors))
+        scaled = axes * np.sqrt(np.maximum(values, 0.0))[..., None, :]
+        roots: Array = scaled @ axes.swapaxes(-1, -2)
+        return roots
+
     def told(
         self, reads: tuple[str, ...], vectors: list[Float[Array, "n 3"]]
     ) -> dict[str, Array]:

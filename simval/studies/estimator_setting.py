@@ -18,7 +18,7 @@ from simval.plugins.noise import VectorNoise, vector_noise
 from simval.plugins.probe import rotation_error
 from simval.studies.attitude import random_geometry
 from simval.theory import wahba_bound
-from simval.theory.cubature import covariance_roots, cubature_moments, smolyak_hermite
+from simval.theory.cubature import cubature_moments, smolyak_hermite
 from simval.theory.estimator_classes import OF_TWO_VECTORS
 
 Moments = tuple[Float[Array, " p"], Float[Array, "p p"]]
@@ -84,7 +84,7 @@ class Setting:
         body = self.references @ attitude_matrix(self.q).T
         self.truth = np.concatenate([body, self.references])
         rows = [v[None] for v in self.truth]
-        self.roots = covariance_roots(self.noise.covariances(rows)[0])
+        self.roots = self.noise.roots(rows)[0]
 
     @property
     def claims(self) -> bool:
