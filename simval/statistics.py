@@ -69,6 +69,9 @@ BIAS = Family("bias", "bias", margin=0.02, scale="sample")
 SD = Family("sd", "standard deviation", least=0.0)
 COVARIANCE = Family("covariance", "covariance", margin=0.02, scale="variances")
 RMS = Family("rms", "RMS error", least=0.0)
+RMS_DIFFERENCE = Family(
+    "rms_difference", "RMS less least squares'", "rad", 0.02, "sample"
+)
 EFFICIENCY = Family("efficiency", "efficiency", least=0.0)
 NEES = Family("nees", "normalised squared error", margin=0.02, least=0.0)
 POOLED_NEES = Family(

@@ -208,6 +208,7 @@ def knowing(q, *_):
 
 KINDS = {
     "wahba": davenport,
+    "weighted wahba": davenport,  # which the same noise weighs equally
     "triad": triad,
     "closed form": two_vector_quaternion,
     "combined": ESTIMATORS["combined"],
@@ -259,7 +260,7 @@ def leading(b1, b2, r1, r2, noise_std, factor=1.0):
     """Leading covariance of the clean estimator."""
     size = (b1**2 + b2**2).sum(axis=1)[:, None, None]
     H = size * np.eye(3) - b1[:, :, None] * b1[:, None] - b2[:, :, None] * b2[:, None]
-    return factor * 2.0 * noise_std**2 * np.linalg.inv(H)
+    return factor * noise_std**2 * np.linalg.inv(H)
 
 
 def remembering():

@@ -217,7 +217,7 @@ def test_a_claimed_covariance_is_judged(tmp_path):
 def _covariance(b1, b2, r1, r2, noise_std):
     size = (b1**2 + b2**2).sum(axis=1)[:, None, None]
     H = size * np.eye(3) - b1[:, :, None] * b1[:, None] - b2[:, :, None] * b2[:, None]
-    return 2 * noise_std**2 * np.linalg.inv(H)
+    return noise_std**2 * np.linalg.inv(H)
 
 align = Estimator(name="align", estimate=_align, components="xyzs", matrix="active",
                   covariance=_covariance, claim=CLAIM)

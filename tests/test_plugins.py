@@ -113,17 +113,17 @@ def covariance(b1, b2, r1, r2, noise_std, factor=1.0):
     """Covariance of Wahba's solution for equal weights, by differences of its own.
 
     Body side, from the linear error of the optimal solution of two unit-weight pairs:
-    theta = -(sum [b x][b x])^-1 sum b x (db - A dr), dr and db of the same noise.
+    theta = -(sum [b x][b x])^-1 sum b x db, the references without noise.
     """
     total = np.zeros((len(b1), 3, 3))
     for b in (b1, b2):
         total += np.einsum("ni,ni->n", b, b)[:, None, None] * np.eye(3)
         total -= b[:, :, None] * b[:, None, :]
-    return factor * 2.0 * noise_std**2 * np.linalg.inv(total)
+    return factor * noise_std**2 * np.linalg.inv(total)
 
 
 def test_the_leading_term_of_a_covariance_is_probed():
-    # sum over both pairs of noise 2 sigma^2 [b x][b x]' = 2 sigma^2 H, so H^-1 2 s^2
+    # sum over both pairs of noise sigma^2 [b x][b x]' = sigma^2 H, so H^-1 sigma^2
     sound = changed(covariance=covariance)
     probe_estimator(sound)
     with pytest.raises(PluginError, match=r"trace is 1\.02"):

@@ -5,7 +5,7 @@ exception of the plug-in, becomes a `PluginError`.
 """
 
 import reprlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from numbers import Real
 from typing import Any
@@ -15,13 +15,19 @@ from jaxtyping import Float
 from numpy.typing import NDArray
 
 from simval.arrays import Array, finite_array
-from simval.errors import CrashedPluginError, InputError, PluginError
+from simval.errors import InputError, PluginError
+from simval.plugins.calling import answers, called
+from simval.plugins.noise import VectorNoise
 from simval.plugins.protocol import Calibrator, Estimator
+from simval.plugins.rotations import (
+    fault_of,
+    finite_rows,
+    package_quaternion,
+    sound_rows,
+    tail,
+)
 from simval.sensor import forms
 from simval.text import message_of
-
-UNIT = 1e-6
-"""How far from 1 the length of a quaternion may be."""
 
 MIN_FREEDOM = 5
 """Least degrees of freedom of a Type A covariance: with fewer the normalised square
@@ -46,69 +52,71 @@ class Calibration:
 
 def quaternions_of(
     estimator: Estimator,
-    b1: Float[Array, "n 3"],
-    b2: Float[Array, "n 3"],
-    r1: Float[Array, "n 3"],
-    r2: Float[Array, "n 3"],
+    vectors: list[Float[Array, "n 3"]],
+    noise: VectorNoise | None = None,
 ) -> Float[Array, "n 4"]:
     """Estimate attitudes and bring them to the package's convention."""
-    found = raw_quaternions(estimator, b1, b2, r1, r2)
-    bad = np.flatnonzero(~np.isfinite(found).all(axis=1))
+    found = raw_attitudes(estimator, vectors, noise)
+    what = "matrices" if estimator.components == "matrix" else "quaternions"
+    bad = np.flatnonzero(~finite_rows(found))
     if len(bad):
         msg = (
-            f"{estimator.name} returned non-finite quaternions in {len(bad)} of "
-            f"{len(b1)} rows ({len(bad) / len(b1):.3g} of them), the first is row "
-            f"{bad[0]}; every row must be an estimate"
+            f"{estimator.name} returned non-finite {what} in {len(bad)} of "
+            f"{len(found)} rows ({len(bad) / len(found):.3g} of them), the first is "
+            f"row {bad[0]}; every row must be an estimate"
         )
         raise PluginError(msg)
-    off = np.linalg.norm(found, axis=1) - 1.0
-    worst = float(off[int(np.argmax(np.abs(off)))])
-    if not abs(worst) <= UNIT:
-        msg = (
-            f"{estimator.name} returned a quaternion whose length is off by "
-            f"{worst:.2g}; every one must have length 1 to {UNIT:g}, so normalise them"
-        )
+    if not sound_rows(found, estimator.components).all():
+        words = fault_of(found, estimator.components)
+        msg = f"{estimator.name} returned {words}"
         raise PluginError(msg)
     return package_quaternion(found, estimator.components, estimator.matrix)
 
 
-def raw_quaternions(
+def raw_attitudes(
     estimator: Estimator,
-    b1: Float[Array, "n 3"],
-    b2: Float[Array, "n 3"],
-    r1: Float[Array, "n 3"],
-    r2: Float[Array, "n 3"],
-) -> Float[Array, "n 4"]:
-    """Answers in the estimator's own convention; rows need not be finite or unit."""
-    answer = _called(estimator.name, estimator.estimate, b1, b2, r1, r2)
-    found = _plain(estimator.name, "quaternions", answer, (len(b1), 4))
-    return found.astype(float)
+    vectors: list[Float[Array, "n 3"]],
+    noise: VectorNoise | None = None,
+) -> Float[Array, "n ..."]:
+    """Answers in the estimator's own convention; rows need not be attitudes."""
+    name, shape = estimator.name, tail(estimator.components)
+    found = answers(estimator, estimator.estimate, vectors, noise)
+    what = "matrices" if estimator.components == "matrix" else "quaternions"
+    if estimator.batch:
+        whole = (len(vectors[0]), *shape)
+        return _plain(name, what, found[0], whole, hint=_other_form).astype(float)
+    rows = [_plain(name, what, row, shape, hint=_other_form) for row in found]
+    return np.array(rows, dtype=float)
 
 
-def package_quaternion(
-    q: Float[Array, "n 4"], components: str, matrix: str
-) -> Float[Array, "n 4"]:
-    """Bring quaternions of a declared convention to the package's."""
-    last = np.roll(q, -1, axis=-1) if components == "sxyz" else np.array(q)
-    if matrix == "active":
-        last[..., :3] *= -1.0
-    return last
+def _other_form(found: tuple[int, ...], required: tuple[int, ...]) -> str:
+    """What to declare where the shape is that of another form of answer."""
+    forms = {
+        (4,): ", or declare the order of the `components`",
+        (3, 3): ', or declare components="matrix"',
+    }
+    if len(required) > 2 or required[1:] == (4,):  # a batch
+        if found == (3, 3) or (found == (4,) and required[0] != 4):
+            return ", or declare batch=False if it takes one sample at a time"
+        return forms.get(found[1:], "") if found[:1] == required[:1] else ""
+    return forms.get(found, "")
 
 
 def covariances_of(
-    estimator: Estimator,
-    b1: Float[Array, "n 3"],
-    b2: Float[Array, "n 3"],
-    r1: Float[Array, "n 3"],
-    r2: Float[Array, "n 3"],
-    noise_std: float,
+    estimator: Estimator, vectors: list[Float[Array, "n 3"]], noise: VectorNoise
 ) -> Float[Array, "n 3 3"]:
     """Ask an estimator for its covariances."""
     name = estimator.name
     assert estimator.covariance is not None
-    answer = _called(name, estimator.covariance, b1, b2, r1, r2, noise_std)
-    shape = (len(b1), 3, 3)
-    covariances = _array(name, "covariance", answer, shape, (3, 3))
+    one = () if "noise_std" in estimator.reads else (noise.noise_std,)
+    found = answers(estimator, estimator.covariance, vectors, noise, *one)
+    shape = (len(vectors[0]), 3, 3)
+    if estimator.batch:
+        covariances = _array(name, "covariance", found[0], shape, (3, 3))
+    else:
+        covariances = np.array(
+            [_array(name, "covariance", row, (3, 3)) for row in found]
+        )
     _check_covariance(name, covariances)
     return np.broadcast_to(covariances, shape)
 
@@ -121,7 +129,7 @@ def calibration_of(
     arguments: tuple[Any, ...] = (poses.copy(), g)
     if calibrator.noise_std:
         arguments = (*arguments, noise_std)
-    answer = _called(name, calibrator.calibrate, *arguments)
+    answer = called(name, calibrator.calibrate, *arguments)
     matrix, bias, covariance = _parts(name, answer)
     checked = None
     if covariance is not None:
@@ -177,16 +185,6 @@ def _parts(name: str, answer: Any) -> tuple[Any, Any, Any]:
     raise PluginError(msg)
 
 
-def _called(name: str, function: Any, *arguments: Any) -> Any:
-    try:
-        return function(*arguments)
-    except PluginError:
-        raise
-    except Exception as error:  # whatever a user's function may raise
-        msg = f"{name} raised {message_of(error)}"
-        raise CrashedPluginError(msg) from error
-
-
 def _array(name: str, what: str, value: Any, *shapes: tuple[int, ...]) -> Array:
     """Finite numbers of one of the shapes."""
     found = _plain(name, what, value, *shapes)
@@ -198,7 +196,11 @@ def _array(name: str, what: str, value: Any, *shapes: tuple[int, ...]) -> Array:
 
 
 def _plain(
-    name: str, what: str, value: Any, *shapes: tuple[int, ...]
+    name: str,
+    what: str,
+    value: Any,
+    *shapes: tuple[int, ...],
+    hint: Callable[[tuple[int, ...], tuple[int, ...]], str] = lambda *_: "",
 ) -> NDArray[np.generic]:
     """Plain numbers of one of the shapes; nothing is parsed, filled in or cut off."""
     try:
@@ -210,6 +212,7 @@ def _plain(
         msg = (
             f"{name} returned {what} as {type(value).__name__} of shape {array.shape}; "
             f"it must be an array of shape {' or '.join(map(str, shapes))}"
+            f"{hint(array.shape, shapes[0])}"
         )
         raise PluginError(msg)
     fault = "masked entries" if np.ma.is_masked(value) else _fault(array)

@@ -8,6 +8,7 @@ is without chance.
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
 from typing import Final
@@ -17,6 +18,7 @@ from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.geometry import attitude_matrix, normalize, random_quaternions
+from simval.plugins.reference_frames import FixedReferences
 
 COUNT = 1024
 """Cases of a class. With 0.45 % of the class failing one is among them with
@@ -27,23 +29,69 @@ Scene = tuple[Float[Array, "n 4"], Float[Array, "n 3"], Float[Array, "n 3"]]
 """True quaternions, and the two reference vectors of each."""
 
 
+Draw = Callable[[int, np.random.Generator], Scene]
+"""Attitudes and directions without any preference but for what is fixed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Observed:
+    """What is observed: how many vectors, and whether their references are fixed."""
+
+    vectors: int = 2
+    fixed: FixedReferences | None = None
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """Names of the classes; of a fixed dip some have no case."""
+        if self.fixed is None or self.fixed.dip is None:
+            return tuple(CLASSES)
+        return tuple(name for name in CLASSES if name not in (PARALLEL, ORTHOGONAL))
+
+    def generic(
+        self, count: int, rng: np.random.Generator
+    ) -> tuple[Float[Array, "count 4"], list[Float[Array, "count 3"]]]:
+        """Truth and vectors b1, b2, ..., r1, r2, ... without any preference."""
+        return self._seen(*_draw(self.fixed)(count, rng), rng)
+
+    def cases(
+        self, name: str, count: int = COUNT
+    ) -> tuple[Float[Array, "count 4"], list[Float[Array, "count 3"]]]:
+        """Truth and vectors of a class; never two draws of one name."""
+        rng = np.random.default_rng([20_269, list(CLASSES).index(name)])
+        if self.fixed is not None and name in _FIXED:
+            scene = _FIXED[name](self.fixed, count, rng)
+        else:
+            scene = CLASSES[name](_draw(self.fixed), count, rng)
+        q, vectors = self._seen(*scene, rng)
+        if name == SAME:
+            references = vectors[self.vectors :]
+            return q, [*references, *references]
+        return q, vectors
+
+    def _seen(
+        self,
+        q: Float[Array, "n 4"],
+        r1: Float[Array, "n 3"],
+        r2: Float[Array, "n 3"],
+        rng: np.random.Generator,
+    ) -> tuple[Float[Array, "n 4"], list[Float[Array, "n 3"]]]:
+        more = (rng.standard_normal((len(q), 3)) for _ in range(self.vectors - 2))
+        return q, seen(q, r1, r2, *(normalize(r) for r in more))
+
+
 def exact_cases(
     name: str, count: int = COUNT
 ) -> tuple[Float[Array, "count 4"], list[Float[Array, "count 3"]]]:
-    """Truth and vectors (b1, b2, r1, r2) of a class; never two draws of one name."""
-    rng = np.random.default_rng([20_269, list(CLASSES).index(name)])
-    q, r1, r2 = CLASSES[name](count, rng)
-    if name == SAME:
-        return q, [r1, r2, r1, r2]
-    return q, seen(q, r1, r2)
+    """Truth and vectors (b1, b2, r1, r2) of a class."""
+    return Observed().cases(name, count)
 
 
 def seen(
-    q: Float[Array, "n 4"], r1: Float[Array, "n 3"], r2: Float[Array, "n 3"]
+    q: Float[Array, "n 4"], *references: Float[Array, "n 3"]
 ) -> list[Float[Array, "n 3"]]:
-    """Vectors b1, b2, r1, r2 of true attitudes, without noise."""
+    """Vectors b1, b2, ..., r1, r2, ... of true attitudes, without noise."""
     A = attitude_matrix(q)
-    return [*(np.einsum("nij,nj->ni", A, r) for r in (r1, r2)), r1, r2]
+    return [*(np.einsum("nij,nj->ni", A, r) for r in references), *references]
 
 
 def random_case(count: int, rng: np.random.Generator) -> Scene:
@@ -51,6 +99,15 @@ def random_case(count: int, rng: np.random.Generator) -> Scene:
     q = random_quaternions(count, rng)
     r1, r2 = (normalize(rng.standard_normal((count, 3))) for _ in range(2))
     return q, r1, r2
+
+
+def _draw(fixed: FixedReferences | None) -> Draw:
+    if fixed is None:
+        return random_case
+    return lambda count, rng: (
+        random_quaternions(count, rng),
+        *fixed.draw(count, rng),
+    )
 
 
 def _turn(
@@ -65,50 +122,54 @@ def _half_turn(axis: Float[Array, "n 3"]) -> Float[Array, "n 4"]:
     return np.concatenate([axis, np.zeros((len(axis), 1))], axis=1)
 
 
-def _identity(count: int, rng: np.random.Generator) -> Scene:
-    _, r1, r2 = random_case(count, rng)
+def _generic(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
+    return draw(count, rng)
+
+
+def _identity(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
+    _, r1, r2 = draw(count, rng)
     return np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)), r1, r2
 
 
-def _small_angles(count: int, rng: np.random.Generator) -> Scene:
-    _, r1, r2 = random_case(count, rng)
+def _small_angles(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
+    _, r1, r2 = draw(count, rng)
     axis = normalize(rng.standard_normal((count, 3)))
     return _turn(axis, np.geomspace(1e-12, 1e-3, count)), r1, r2
 
 
-def _about_axis(axis: int, count: int, rng: np.random.Generator) -> Scene:
-    _, r1, r2 = random_case(count, rng)
+def _about_axis(axis: int, draw: Draw, count: int, rng: np.random.Generator) -> Scene:
+    _, r1, r2 = draw(count, rng)
     return _half_turn(np.tile(np.eye(3)[axis], (count, 1))), r1, r2
 
 
-def _about_first(count: int, rng: np.random.Generator) -> Scene:
-    _, r1, r2 = random_case(count, rng)
+def _about_first(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
+    _, r1, r2 = draw(count, rng)
     return _half_turn(r1), r1, r2
 
 
-def _about_second(count: int, rng: np.random.Generator) -> Scene:
-    _, r1, r2 = random_case(count, rng)
+def _about_second(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
+    _, r1, r2 = draw(count, rng)
     return _half_turn(r2), r1, r2
 
 
-def _about_normal(count: int, rng: np.random.Generator) -> Scene:
-    _, r1, r2 = random_case(count, rng)
+def _about_normal(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
+    _, r1, r2 = draw(count, rng)
     return _half_turn(normalize(np.cross(r1, r2))), r1, r2
 
 
-def _about_any(count: int, rng: np.random.Generator) -> Scene:
-    _, r1, r2 = random_case(count, rng)
+def _about_any(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
+    _, r1, r2 = draw(count, rng)
     return _half_turn(normalize(rng.standard_normal((count, 3)))), r1, r2
 
 
-def _quarter_turns(count: int, rng: np.random.Generator) -> Scene:
+def _quarter_turns(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
     """About an axis of the frame: two of three Euler angles coincide at some."""
-    _, r1, r2 = random_case(count, rng)
+    _, r1, r2 = draw(count, rng)
     axis = np.eye(3)[rng.integers(3, size=count)]
     return _turn(axis, rng.choice([-1.0, 1.0], count) * np.pi / 2.0), r1, r2
 
 
-def _yaw(count: int, rng: np.random.Generator) -> Scene:
+def _yaw(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
     """Level, with gravity up and a field in the north, dipping by up to 80 degrees."""
     up = np.tile([0.0, 0.0, 1.0], (count, 1))
     dip = np.radians(rng.uniform(-80.0, 80.0, count))
@@ -116,23 +177,23 @@ def _yaw(count: int, rng: np.random.Generator) -> Scene:
     return _turn(up, rng.uniform(-np.pi, np.pi, count)), up, north
 
 
-def _in_plane(count: int, rng: np.random.Generator) -> Scene:
-    _, r1, r2 = random_case(count, rng)
+def _in_plane(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
+    _, r1, r2 = draw(count, rng)
     mix = rng.standard_normal((count, 2))
     axis = normalize(mix[:, :1] * r1 + mix[:, 1:] * r2)
     return _turn(axis, rng.uniform(-np.pi, np.pi, count)), r1, r2
 
 
-def _nearly_parallel(count: int, rng: np.random.Generator) -> Scene:
+def _nearly_parallel(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
     """At 1e-3 to 1e-1 rad of each other, or of being opposite."""
-    q, r1, other = random_case(count, rng)
+    q, r1, other = draw(count, rng)
     across = normalize(np.cross(r1, other))
     angle = np.geomspace(1e-3, 1e-1, count)[:, None]
     sign = rng.choice([-1.0, 1.0], (count, 1))
     return q, r1, sign * (np.cos(angle) * r1 + np.sin(angle) * across)
 
 
-def _orthogonal(count: int, rng: np.random.Generator) -> Scene:
+def _orthogonal(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
     """Products of the entries cancel to the last bit: (x, y, 0) and (-y, x, 0)."""
     q = random_quaternions(count, rng)
     angle = rng.uniform(-np.pi, np.pi, count)
@@ -143,16 +204,42 @@ def _orthogonal(count: int, rng: np.random.Generator) -> Scene:
     return q, r1, r2
 
 
+def _fixed_yaw(fixed: FixedReferences, count: int, rng: np.random.Generator) -> Scene:
+    vertical, field = fixed.draw(count, rng)
+    return _turn(vertical, rng.uniform(-np.pi, np.pi, count)), vertical, field
+
+
+def _steep(fixed: FixedReferences, count: int, rng: np.random.Generator) -> Scene:
+    """A field at 1e-3 to 1e-1 rad of the vertical."""
+    angle = np.geomspace(1e-3, 1e-1, count)
+    dip = rng.choice([-1.0, 1.0], count) * (np.pi / 2.0 - angle)
+    return random_quaternions(count, rng), *fixed.vectors(dip)
+
+
+def _level(fixed: FixedReferences, count: int, rng: np.random.Generator) -> Scene:
+    """A level field, its entries zero but for one."""
+    return random_quaternions(count, rng), *fixed.vectors(np.zeros(count))
+
+
+_FIXED: Final = MappingProxyType(
+    {"yaw only": _fixed_yaw, "nearly parallel": _steep, "orthogonal": _level}
+)
+"""Classes whose references are drawn in another way where they are fixed."""
+
 GENERIC: Final = "generic"
 """The class at which no estimator may fail: conventions are probed there."""
 
 SAME: Final = "reference as body"
 """The class whose body vectors are the very arrays of the reference."""
 
-CLASSES: Final[Mapping[str, Callable[[int, np.random.Generator], Scene]]] = (
+PARALLEL: Final = "nearly parallel"
+ORTHOGONAL: Final = "orthogonal"
+YAW: Final = "yaw only"
+
+CLASSES: Final[Mapping[str, Callable[[Draw, int, np.random.Generator], Scene]]] = (
     MappingProxyType(
         {
-            GENERIC: random_case,
+            GENERIC: _generic,
             "identity": _identity,
             SAME: _identity,
             "small angles": _small_angles,
@@ -164,10 +251,10 @@ CLASSES: Final[Mapping[str, Callable[[int, np.random.Generator], Scene]]] = (
             "half turns about the normal": _about_normal,
             "half turns anywhere": _about_any,
             "quarter turns": _quarter_turns,
-            "yaw only": _yaw,
+            YAW: _yaw,
             "axis in the plane": _in_plane,
-            "nearly parallel": _nearly_parallel,
-            "orthogonal": _orthogonal,
+            PARALLEL: _nearly_parallel,
+            ORTHOGONAL: _orthogonal,
         }
     )
 )

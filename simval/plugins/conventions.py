@@ -11,7 +11,9 @@ from simval.arrays import Array
 from simval.geometry import attitude_error
 from simval.plugins.answers import quaternions_of
 from simval.plugins.failures import failing, failure_shares
+from simval.plugins.noise import VectorNoise
 from simval.plugins.protocol import Estimator
+from simval.plugins.reference_frames import FRAMES, VERTICALS
 
 ORDERS: Final[tuple[Literal["xyzs", "sxyz"], ...]] = ("xyzs", "sxyz")
 DIRECTIONS: Final[tuple[Literal["active", "passive"], ...]] = ("active", "passive")
@@ -21,32 +23,75 @@ CASES = 64
 
 
 def what_fits(
-    estimator: Estimator, truth: Float[Array, "n 4"], vectors: list[Float[Array, "n 3"]]
+    estimator: Estimator,
+    truth: Float[Array, "n 4"],
+    vectors: list[Float[Array, "n 3"]],
+    noise: VectorNoise | None = None,
 ) -> str:
     """Say how many rows each convention fits, and which classes of attitudes."""
     fits = {}
-    for components, matrix in product(ORDERS, DIRECTIONS):
-        other = replace(estimator, components=components, matrix=matrix)
-        fits[other] = ~failing(other, truth, vectors)
+    for other in _conventions(estimator):
+        fits[other] = ~failing(other, truth, vectors, noise)
         if fits[other].all():
-            return f'declare components="{components}", matrix="{matrix}" instead'
+            return f"declare {_words(other)} instead"
+    if words := _fitting_frame(estimator, len(vectors) // 2, len(truth), noise):
+        return words
     # of equals the declared one, which is told without its words
     best = max(fits, key=lambda other: (fits[other].sum(), _same(other, estimator)))
     count, number = int(fits[best].sum()), len(truth)
+    classes = _classes(best if count else estimator, len(vectors) // 2, noise)
     if not count:
         return (
             f"no order or direction of the components fits any of {number} rows "
-            f"{_classes(estimator)}: is it b = A r, with body vectors first?"
+            f"{classes}: is it b = A r, with body vectors first?{_fixed(estimator)}"
         )
-    words = f'with components="{best.components}", matrix="{best.matrix}" '
+    words = f"with {_words(best)} "
     wrong = int(np.flatnonzero(~fits[best])[0])
-    q = quaternions_of(best, *(v.copy() for v in vectors))
+    q = quaternions_of(best, vectors, noise)
     off = float(attitude_error(truth[wrong], q[wrong]))
     return (
         f"{'' if _same(best, estimator) else words}{count} of {number} rows fit, "
-        f"row {wrong}, {_turn(truth[wrong])}, does not, by {off:.3g} rad "
-        f"{_classes(best)}"
+        f"row {wrong}, {_turn(truth[wrong])}, does not, by {off:.3g} rad {classes}"
     )
+
+
+def _conventions(estimator: Estimator) -> list[Estimator]:
+    """The estimator in each order and direction that its answers can have."""
+    matrix = estimator.components == "matrix"
+    orders = (estimator.components,) if matrix else ORDERS
+    return [
+        replace(estimator, components=components, matrix=direction)
+        for components, direction in product(orders, DIRECTIONS)
+    ]
+
+
+def _words(estimator: Estimator) -> str:
+    return f'components="{estimator.components}", matrix="{estimator.matrix}"'
+
+
+def _fitting_frame(
+    estimator: Estimator, vectors: int, count: int, noise: VectorNoise | None
+) -> str:
+    """Say which fixed references an estimator was written for, if it was for any."""
+    if vectors != 2:
+        return ""
+    for frame, vertical in product(FRAMES, VERTICALS):
+        for dip in dict.fromkeys((None, estimator.dip)):
+            fixed = replace(estimator, reference=frame, vertical=vertical, dip=dip)
+            truth, exact = fixed.observed().generic(count, np.random.default_rng(1))
+            for other in _conventions(fixed):
+                if not failing(other, truth, exact, noise).any():
+                    words = f'declare reference="{frame}", vertical="{vertical}"'
+                    return f"{words} and {_words(other)} instead"
+    return ""
+
+
+def _fixed(estimator: Estimator) -> str:
+    """What else may be wrong of an estimator whose references are fixed."""
+    if estimator.reference is None:
+        return " Are its references fixed? Then declare `reference`"
+    dip = "any `dip`" if estimator.dip is None else f"a `dip` of {estimator.dip:g} rad"
+    return f" It was tried with {dip}: declare the dip that it was written for"
 
 
 def _same(other: Estimator, estimator: Estimator) -> bool:
@@ -58,9 +103,9 @@ def _turn(q: Float[Array, "4"]) -> str:
     return f"a turn by {np.degrees(angle):.0f} degrees"
 
 
-def _classes(estimator: Estimator) -> str:
+def _classes(estimator: Estimator, vectors: int, noise: VectorNoise | None) -> str:
     """Name the classes of which every case fits."""
-    shares = failure_shares(estimator, CASES)
+    shares = failure_shares(estimator, CASES, vectors, noise)
     right = [name for name, share in shares.items() if share == 0.0]
     if not right:
         return "(and no class of attitudes)"

@@ -13,6 +13,7 @@ from simval.arrays import Array
 from simval.errors import PluginError
 from simval.geometry import compose, conjugate
 from simval.plugins.answers import covariances_of, quaternions_of
+from simval.plugins.noise import VectorNoise
 from simval.plugins.protocol import Estimator
 
 NOISE = 1e-3
@@ -41,7 +42,10 @@ def rotation_error(
 
 
 def probe_covariance(
-    estimator: Estimator, truth: Float[Array, "n 4"], vectors: list[Float[Array, "n 3"]]
+    estimator: Estimator,
+    truth: Float[Array, "n 4"],
+    vectors: list[Float[Array, "n 3"]],
+    noise: VectorNoise,
 ) -> None:
     """Check the leading term of a covariance.
 
@@ -50,10 +54,10 @@ def probe_covariance(
     PluginError
         If it is not the covariance of the estimator's own errors.
     """
-    b1, b2, r1, r2 = (v.copy() for v in vectors)
-    claimed = covariances_of(estimator, b1, b2, r1, r2, NOISE)
+    told = noise.small(NOISE)
+    claimed = covariances_of(estimator, vectors, told)
     seen = {
-        side: NOISE**2 * _leading(estimator, truth, vectors, side)
+        side: told.noise_std**2 * _leading(estimator, truth, vectors, side, told)
         for side in ("body", "reference")
     }
     off = {
@@ -85,15 +89,18 @@ def _leading(
     truth: Float[Array, "n 4"],
     vectors: list[Float[Array, "n 3"]],
     side: str,
+    noise: VectorNoise,
 ) -> Float[Array, "n 3 3"]:
-    """J J' of the estimator, by central differences: covariance for unit noise."""
+    """J C J' of the estimator, by central differences: covariance for unit noise."""
+    roots = noise.at(1.0).roots(vectors)
     total = np.zeros((len(truth), 3, 3))
-    for which, axis in product(range(4), range(3)):
+    for which, axis in product(noise.noisy, range(3)):
+        direction = roots[:, which, :, axis]
         ends = []
         for sign in (1.0, -1.0):
             moved = [v.copy() for v in vectors]
-            moved[which][:, axis] += sign * STEP
-            q = quaternions_of(estimator, *moved)
+            moved[which] += sign * STEP * direction
+            q = quaternions_of(estimator, moved, noise)
             ends.append(rotation_error(truth, q, side))
         slope = (ends[0] - ends[1]) / (2.0 * STEP)
         total += slope[:, :, None] * slope[:, None, :]

@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 from simval.arrays import Array
 from simval.errors import PluginError
 from simval.geometry import attitude_error
-from simval.plugins.answers import UNIT, package_quaternion, raw_quaternions
-from simval.plugins.attitude_classes import CLASSES, COUNT, exact_cases
+from simval.plugins.answers import raw_attitudes
+from simval.plugins.attitude_classes import COUNT
+from simval.plugins.noise import VectorNoise
 from simval.plugins.protocol import Estimator
+from simval.plugins.rotations import package_quaternion, sound_rows, tail
 
 TOLERANCE = 1e-6
 """Rad, and relative to the parameters: the root of rounding is 1.5e-8, which is what a
@@ -25,11 +27,17 @@ much more."""
 Mask = NDArray[np.bool_]
 
 
-def failure_shares(estimator: Estimator, count: int = COUNT) -> dict[str, float]:
+def failure_shares(
+    estimator: Estimator,
+    count: int = COUNT,
+    vectors: int = 2,
+    noise: VectorNoise | None = None,
+) -> dict[str, float]:
     """Share of the exact cases of each class that an estimator fails, 0 to 1."""
+    observed = estimator.observed(vectors)
     return {
-        name: float(np.mean(failing(estimator, *exact_cases(name, count))))
-        for name in CLASSES
+        name: float(np.mean(failing(estimator, *observed.cases(name, count), noise)))
+        for name in observed.classes
     }
 
 
@@ -37,28 +45,31 @@ def failing(
     estimator: Estimator,
     truth: Float[Array, "n 4"],
     vectors: list[Float[Array, "n 3"]],
+    noise: VectorNoise | None = None,
 ) -> Bool[Mask, " n"]:
     """Which of some exact cases are no estimate of the truth, (n,)."""
-    sine = np.linalg.norm(np.cross(vectors[2], vectors[3]), axis=1)
-    tolerance = TOLERANCE / sine
+    first, *others = vectors[len(vectors) // 2 :]
+    sines = [np.linalg.norm(np.cross(first, r), axis=1) for r in others]
+    tolerance = TOLERANCE / np.max(sines, axis=0)
 
     def halved(start: int, stop: int) -> Mask:
         # arrays that are one to the caller stay one to the estimator
         rows = slice(start, stop)
-        own = {id(v): v[rows].copy() for v in vectors}
+        own = {id(v): v[rows] for v in vectors}
         try:
-            raw = raw_quaternions(estimator, *(own[id(v)] for v in vectors))
+            raw = raw_attitudes(estimator, [own[id(v)] for v in vectors], noise)
         except PluginError:
             if stop - start == 1:
                 return np.array([True])
             middle = (start + stop) // 2
             return np.concatenate([halved(start, middle), halved(middle, stop)])
-        with np.errstate(invalid="ignore", over="ignore"):  # rows that are not finite
-            unit = np.abs(np.linalg.norm(raw, axis=1) - 1.0) <= UNIT
+        sound = sound_rows(raw, estimator.components)
+        some = np.reshape(sound, (-1, *(1 for _ in tail(estimator.components))))
+        any_attitude = np.eye(3) if raw.ndim == 3 else np.full(4, 0.5)
         q = package_quaternion(
-            np.where(unit[:, None], raw, 0.5), estimator.components, estimator.matrix
+            np.where(some, raw, any_attitude), estimator.components, estimator.matrix
         )
-        wrong: Mask = ~(unit & (attitude_error(truth[rows], q) <= tolerance[rows]))
+        wrong: Mask = ~(sound & (attitude_error(truth[rows], q) <= tolerance[rows]))
         return wrong
 
     return halved(0, len(truth))

@@ -20,10 +20,10 @@ from simval.plugins.answers import (
     covariances_of,
     quaternions_of,
 )
-from simval.plugins.attitude_classes import random_case, seen
 from simval.plugins.conventions import what_fits
 from simval.plugins.covariance_probe import probe_covariance, rotation_error
 from simval.plugins.failures import TOLERANCE
+from simval.plugins.noise import VectorNoise, vector_noise
 from simval.plugins.protocol import Calibrator, Estimator
 from simval.poses import fibonacci_sphere
 from simval.sensor import AccelerometerModel, forms
@@ -47,13 +47,20 @@ BATCH_NOISE = 0.01
 """Of the vectors on which rows of a large batch are compared with themselves alone."""
 
 
-def probe_estimator(estimator: Estimator) -> float:
+def probe_estimator(
+    estimator: Estimator, vectors: int = 2, noise: VectorNoise | None = None
+) -> float:
     """Check an estimator's conventions without noise.
 
     Parameters
     ----------
     estimator : Estimator
         As it declares itself.
+    vectors : int, default 2
+        Body vectors that it is given.
+    noise : VectorNoise, optional
+        Shape of the noise that its covariance is of, and that it is handed if it asks
+        for it; default the same for each body vector and none for the references.
 
     Returns
     -------
@@ -68,20 +75,24 @@ def probe_estimator(estimator: Estimator) -> float:
         one, it changes its input, its rows depend on each other or on how many there
         are, or the covariance is not that of its errors.
     """
-    truth, vectors = _observations(COUNT, np.random.default_rng(20_268))
-    q = _unchanged(estimator, vectors)
+    noise = vector_noise("body", vectors) if noise is None else noise
+    told = noise.at(BATCH_NOISE)
+    observed = estimator.observed(vectors)
+    truth, exact = observed.generic(COUNT, np.random.default_rng(20_268))
+    q = quaternions_of(estimator, exact, told)
     error = float(attitude_error(truth, q).max())
     if not error <= TOLERANCE:
         msg = (
             f"{estimator.name} is {error:.3g} rad from the truth without noise, "
-            f"{TOLERANCE:g} is allowed; {what_fits(estimator, truth, vectors)}"
+            f"{TOLERANCE:g} is allowed; {what_fits(estimator, truth, exact, told)}"
         )
         raise PluginError(msg)
-    _probe_rows(estimator, vectors, q, [0])
+    _probe_rows(estimator, exact, q, [0], told)
     if estimator.covariance is not None:
-        probe_covariance(estimator, truth, vectors)
+        probe_covariance(estimator, truth, exact, noise)
     for count in BATCHES:
-        _probe_batch(estimator, count)
+        rng = np.random.default_rng(count)
+        _probe_batch(estimator, *observed.generic(count, rng), rng, told)
     return error
 
 
@@ -125,18 +136,16 @@ def probe_sensor() -> AccelerometerModel:
     return AccelerometerModel.from_parameters(values)
 
 
-def _observations(
-    count: int, rng: np.random.Generator
-) -> tuple[Float[Array, "count 4"], list[Float[Array, "count 3"]]]:
-    q, r1, r2 = random_case(count, rng)
-    return q, seen(q, r1, r2)
-
-
-def _probe_batch(estimator: Estimator, count: int) -> None:
+def _probe_batch(
+    estimator: Estimator,
+    truth: Float[Array, "n 4"],
+    vectors: list[Float[Array, "n 3"]],
+    rng: np.random.Generator,
+    noise: VectorNoise,
+) -> None:
     """Check a large batch, and that its rows equal those computed alone."""
-    rng = np.random.default_rng(count)
-    truth, vectors = _observations(count, rng)
-    off = attitude_error(truth, _unchanged(estimator, vectors))
+    count = len(truth)
+    off = attitude_error(truth, quaternions_of(estimator, vectors, noise))
     error, row = float(off.max()), int(off.argmax())
     if not error <= TOLERANCE:
         msg = (
@@ -149,19 +158,7 @@ def _probe_batch(estimator: Estimator, count: int) -> None:
         v + BATCH_NOISE * rng.standard_normal(v.shape) for v in vectors
     ]
     rows = np.linspace(0, count - 1, COUNT).astype(int).tolist()
-    _probe_rows(estimator, noisy, _unchanged(estimator, noisy), rows)
-
-
-def _unchanged(
-    estimator: Estimator, vectors: list[Float[Array, "n 3"]]
-) -> Float[Array, "n 4"]:
-    """Attitudes from vectors, which the estimator must not change."""
-    given = [v.copy() for v in vectors]
-    q = quaternions_of(estimator, *given)
-    if not all(np.array_equal(a, b) for a, b in zip(given, vectors, strict=True)):
-        msg = f"{estimator.name} changes its input; work on a copy"
-        raise PluginError(msg)
-    return q
+    _probe_rows(estimator, noisy, quaternions_of(estimator, noisy, noise), rows, noise)
 
 
 def _probe_rows(
@@ -169,12 +166,14 @@ def _probe_rows(
     vectors: list[Float[Array, "n 3"]],
     q: Float[Array, "n 4"],
     rows: list[int],
+    noise: VectorNoise,
 ) -> None:
     """Check that rows of a batch, and their covariances, equal those computed alone."""
-    claimed = _claimed(estimator, vectors)
+    claimed = _claimed(estimator, vectors, noise)
     for row in rows:
         own = [v[row : row + 1] for v in vectors]
-        alone, spread = _unchanged(estimator, own), _claimed(estimator, own)
+        alone = quaternions_of(estimator, own, noise)
+        spread = _claimed(estimator, own, noise)
         off = float(attitude_error(alone, q[row : row + 1]).max())
         apart = float(np.linalg.norm(spread[0] - claimed[row]))
         if not (off <= TOLERANCE and apart <= TOLERANCE * np.linalg.norm(spread[0])):
@@ -187,14 +186,11 @@ def _probe_rows(
 
 
 def _claimed(
-    estimator: Estimator, vectors: list[Float[Array, "n 3"]]
+    estimator: Estimator, vectors: list[Float[Array, "n 3"]], noise: VectorNoise
 ) -> Float[Array, "n 3 3"]:
     if estimator.covariance is None:
         return np.zeros((len(vectors[0]), 3, 3))
-    given = [v.copy() for v in vectors]
-    return covariances_of(
-        estimator, given[0], given[1], given[2], given[3], BATCH_NOISE
-    )
+    return covariances_of(estimator, vectors, noise)
 
 
 def _calibration_errors(

@@ -14,23 +14,36 @@ of the noise that it keeps.
 ``fails_at`` names the classes of attitudes (`simval.plugins.attitude_classes`) at which
 an estimator is known to fail; there it is measured and not judged.
 
+With ``components="matrix"`` the answer is the matrix M itself, ``active`` if
+:math:`b = M r` and ``passive`` if :math:`b = M^T r`.
+
 ``kind`` is the class of estimators that it belongs to: Wahba's optimum with equal
-weights, TRIAD with the first pair exact, the two-vector closed form in its best frame,
-or its four columns combined (`simval.theory.estimator_classes`). Its leading bias and
-covariance are then those of its class.
+weights, or with the inverse variances of the pairs, TRIAD with the first pair exact,
+the two-vector closed form in its best frame, or its four columns combined
+(`simval.theory.estimator_classes`). Its leading bias and covariance are then those of
+its class.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, get_args
 
-from simval.arrays import Array
 from simval.errors import PluginError
-from simval.plugins.attitude_classes import MAY_FAIL
+from simval.plugins.attitude_classes import MAY_FAIL, Observed
+from simval.plugins.noise import READABLE
+from simval.plugins.reference_frames import (
+    FRAMES,
+    GREATEST_DIP,
+    VERTICALS,
+    FixedReferences,
+    Frame,
+    Vertical,
+)
 from simval.sensor import forms
 
 Claim = Literal["exact", 2, 4]
-Kind = Literal["wahba", "triad", "closed form", "combined"]
+Components = Literal["xyzs", "sxyz", "matrix"]
+Kind = Literal["wahba", "weighted wahba", "triad", "closed form", "combined"]
 
 SCENE = "custom_scene.scene"
 """Field of a study that takes a `simval.scene.Scene`."""
@@ -46,18 +59,19 @@ class Plugin:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Estimator(Plugin):
-    """An attitude estimator from two vector observations.
+    """An attitude estimator from vector observations.
 
     Attributes
     ----------
     name : str
         Short name.
     estimate : callable
-        ``estimate(b1, b2, r1, r2)``: (n, 3) each to quaternions (n, 4), unit length.
-    components : {"xyzs", "sxyz"}
-        Order of the quaternion.
+        ``estimate(b1, b2, r1, r2)``: (n, 3) each to attitudes, quaternions (n, 4) of
+        unit length or rotation matrices (n, 3, 3).
+    components : {"xyzs", "sxyz", "matrix"}
+        Order of the quaternion, or a matrix.
     matrix : {"active", "passive"}
-        Direction of the quaternion.
+        Direction of the attitude.
     covariance : callable, optional
         ``covariance(b1, b2, r1, r2, noise_std)``: covariance of the rotation vector of
         the error, rad^2, (n, 3, 3) or (3, 3).
@@ -67,34 +81,69 @@ class Estimator(Plugin):
         How good `covariance` is.
     fails_at : tuple of str, default ()
         Classes of attitudes at which it fails and is not judged.
-    kind : {"wahba", "triad", "closed form", "combined"}, optional
+    kind : {"wahba", "weighted wahba", "triad", "closed form", "combined"}, optional
         Class of estimators whose bias and covariance it must have.
+    takes : {"pairs", "vectors"}, default "pairs"
+        ``"vectors"`` calls ``estimate(body, references)`` with (n, k, 3) each, k >= 2.
+    batch : bool, default True
+        False calls `estimate` and `covariance` row by row, without the axis n.
+    reference : {"NED", "ENU", "NWU"}, optional
+        Frame in which the references are fixed: the vertical, then the Earth's field.
+    vertical : {"up", "down"}, default "up"
+        Direction of the first reference of such a frame.
+    dip : float, optional
+        Dip of the field that it was written for, rad; default any.
+    reads : tuple of {"noise_std", "weights", "covariances"}, default ()
+        What else `estimate` and `covariance` are handed, by these names.
     """
 
     taken_by: ClassVar[str] = "estimator.algorithm"
 
     name: str
-    estimate: Callable[[Array, Array, Array, Array], Any]
-    components: Literal["xyzs", "sxyz"]
+    estimate: Callable[..., Any]
+    components: Components
     matrix: Literal["active", "passive"]
     covariance: Callable[..., Any] | None = None
     side: Literal["body", "reference"] = "body"
     claim: Claim = 2
     fails_at: tuple[str, ...] = ()
     kind: Kind | None = None
+    takes: Literal["pairs", "vectors"] = "pairs"
+    batch: bool = True
+    reference: Frame | None = None
+    vertical: Vertical = "up"
+    dip: float | None = None
+    reads: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         _check_name(self.name)
-        _one_of("components", self.components, ("xyzs", "sxyz"))
+        _one_of("components", self.components, get_args(Components))
         _one_of("matrix", self.matrix, ("active", "passive"))
         _one_of("side", self.side, ("body", "reference"))
         _one_of("claim", self.claim, ("exact", 2, 4))
+        _one_of("takes", self.takes, ("pairs", "vectors"))
+        _one_of("batch", self.batch, (True, False))
         if self.kind is not None:
             _one_of("kind", self.kind, get_args(Kind))
-        _check_classes(self.fails_at)
+        _check_words("fails_at", self.fails_at, MAY_FAIL)
+        _check_words("reads", self.reads, READABLE)
+        _check_frame(self)
         _callable("estimate", self.estimate)
         if self.covariance is not None:
             _callable("covariance", self.covariance)
+
+    @property
+    def fixed(self) -> FixedReferences | None:
+        """The references that it was written for; None where they are given to it."""
+        if self.reference is None:
+            return None
+        return FixedReferences(
+            frame=self.reference, vertical=self.vertical, dip=self.dip
+        )
+
+    def observed(self, vectors: int = 2) -> Observed:
+        """What it observes, of so many vectors."""
+        return Observed(vectors=vectors, fixed=self.fixed)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -141,13 +190,33 @@ def _check_name(name: Any) -> None:
         raise PluginError(msg)
 
 
-def _check_classes(names: Any) -> None:
+def _check_words(field: str, names: Any, known: tuple[str, ...]) -> None:
     if not (
         isinstance(names, tuple)
-        and all(type(name) is str and name in MAY_FAIL for name in names)
+        and all(type(name) is str and name in known for name in names)
     ):
-        words = ", ".join(repr(name) for name in MAY_FAIL)
-        msg = f"`fails_at` is {names!r}; it must be a tuple of names out of {words}"
+        words = ", ".join(repr(name) for name in known)
+        msg = f"`{field}` is {names!r}; it must be a tuple of names out of {words}"
+        raise PluginError(msg)
+
+
+def _check_frame(estimator: Estimator) -> None:
+    _one_of("vertical", estimator.vertical, VERTICALS)
+    dip = estimator.dip
+    if estimator.reference is not None:
+        _one_of("reference", estimator.reference, FRAMES)
+    elif estimator.vertical != "up" or dip is not None:
+        msg = (
+            f"`vertical` is {estimator.vertical!r} and `dip` is {dip!r}; they say what "
+            "the vectors of a fixed frame are, so declare its `reference` as well"
+        )
+        raise PluginError(msg)
+    number = isinstance(dip, int | float) and not isinstance(dip, bool)
+    if dip is not None and not (number and -GREATEST_DIP <= dip <= GREATEST_DIP):
+        msg = (
+            f"`dip` is {dip!r}; it must be a number of {GREATEST_DIP} or less either "
+            "way, rad, positive where the field points down"
+        )
         raise PluginError(msg)
 
 

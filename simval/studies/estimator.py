@@ -34,34 +34,32 @@ q]`. The first block is held to it within what the lengths that the plug-in retu
 are off by (its own precision; `UNIT` at the most) and rounding.
 """
 
-from typing import Annotated
+from dataclasses import replace
+from typing import Annotated, Self
 
 import numpy as np
 from jaxtyping import Float
-from pydantic import Field
+from pydantic import AfterValidator, Field, model_validator
 
 from simval.arrays import Array
-from simval.geometry import attitude_matrix
+from simval.errors import InputError
 from simval.moments import Moments
-from simval.montecarlo import Sums, mean_square, moments_of, simulate
+from simval.montecarlo import moments_of, simulate
 from simval.plugins import Estimator, find_plugin, probe_estimator
-from simval.plugins.answers import covariances_of, quaternions_of
-from simval.plugins.probe import TOLERANCE, rotation_error
-from simval.results import Outcome, Row, limit, nees, plain, unjudged
+from simval.plugins.noise import vector_noise
+from simval.plugins.probe import TOLERANCE
+from simval.results import Outcome, Row, limit, nees, plain
 from simval.statistics import (
     BIAS,
     CLAIM_OFF,
     CLAIM_OFF_HALF,
     COVARIANCE,
-    CRAMER_RAO,
     CUBATURE,
     CUBATURE_BIAS,
     CUBATURE_BIAS_SMALL,
     CUBATURE_ERROR,
-    EFFICIENCY,
     NEES,
     PROBE,
-    RMS,
     ROUNDING,
     SECOND_ORDER,
     TRUTH,
@@ -70,12 +68,11 @@ from simval.statistics import (
     order,
 )
 from simval.streams import Streams
-from simval.studies.attitude import random_geometry
+from simval.studies.estimator_setting import DEGREE, Setting
+from simval.studies.estimator_size import size_rows
 from simval.studies.failure_rows import failure_rows
-from simval.studies.leading_terms import NOISE, leading_rows
+from simval.studies.leading_terms import leading_rows
 from simval.studies.plugin import PluginName, PluginParameters, isolated
-from simval.theory.cramer_rao import attitude_bound
-from simval.theory.cubature import cubature_moments
 from simval.theory.unit_length import unit_length_defect, unit_length_rounding
 
 TITLE = "User-supplied attitude estimator: bias, spread and stated covariance"
@@ -84,11 +81,18 @@ SECTION = None
 BLOCK = 1024
 BATCH = 8
 AXES = ("x", "y", "z")
+MOST_NOISE = 0.1
+"""Of any vector, per axis."""
+
 SMALL = 1e-5
 """Noise at which a second-order bias and the error of cubature are negligible."""
 
 SMALL_ROUNDING = 2.0 * TOLERANCE
-"""Rad; the root of rounding, 1.5e-8, times the sum of the weights' sizes, 107."""
+"""Rad; the root of rounding, 1.5e-8, times the sum of the weights' sizes, `WEIGHTS`;
+where cubature has greater weights, as many times more."""
+
+WEIGHTS = 107.0
+"""Of cubature with two body and two reference vectors."""
 
 RESOLVED = 1e-6
 """Relative error of a claim below which its order cannot be told from rounding."""
@@ -105,8 +109,17 @@ class Parameters(PluginParameters):
     geometry: Annotated[int, Field(ge=0)] = Field(
         default=3, description="Number of the random attitude and vectors, a seed."
     )
-    noise_std: Annotated[float, Field(gt=0.0, le=0.1)] = Field(
+    noise_std: Annotated[float, Field(gt=0.0, le=MOST_NOISE)] = Field(
         default=0.01, description="Noise per axis of each unit vector, 1."
+    )
+    noise: Annotated[str, AfterValidator(lambda text: " ".join(text.split()))] = Field(
+        default="body",
+        description="Noise of each vector relative to `noise_std`: body, all, tangent, "
+        'unequal, general, standard deviations such as "1 3 0 0" of b1, b2, r1, r2, '
+        "or as many 3 x 3 covariances in JSON.",
+    )
+    vectors: Annotated[int, Field(ge=2, le=6)] = Field(
+        default=2, description="Vector pairs."
     )
     samples: Annotated[int, Field(ge=BLOCK)] = Field(
         default=16_384, description="Trials; rounded up to whole blocks of 1024."
@@ -115,43 +128,18 @@ class Parameters(PluginParameters):
         default=300.0, description="Wall time after which the cell fails, s."
     )
 
-
-class Setting:
-    """A plug-in at one geometry."""
-
-    def __init__(self, plugin: Estimator, geometry: int) -> None:
-        self.plugin = plugin
-        self.q, self.r1, self.r2 = random_geometry(geometry)
-        A = attitude_matrix(self.q)
-        self.truth = np.stack([A @ self.r1, A @ self.r2, self.r1, self.r2])
-
-    def errors(self, vectors: Float[Array, "n 4 3"], noise: float) -> Array:
-        """Errors of some trials."""
-        b1, b2, r1, r2 = np.moveaxis(vectors, 1, 0)
-        q = quaternions_of(self.plugin, b1, b2, r1, r2)
-        error = rotation_error(self.q, q, self.plugin.side)
-        if self.plugin.covariance is None:
-            return error
-        P = covariances_of(self.plugin, b1, b2, r1, r2, noise)
-        solved = np.linalg.solve(P, error[..., None])[..., 0]
-        return np.column_stack([error, np.sum(error * solved, axis=1)])
-
-    def additive(self, vectors: Float[Array, "n 4 3"]) -> Float[Array, "n 4"]:
-        """Truth minus estimate as quaternions, the estimate with the truth's sign."""
-        q = quaternions_of(self.plugin, *np.moveaxis(vectors, 1, 0))
-        return self.q - np.copysign(1.0, q @ self.q)[:, None] * q
-
-    def cubature(self, noise: float, degree: int) -> tuple[Array, Array]:
-        """Mean and covariance of `errors` under the noise."""
-        count = 4 if self.plugin.covariance is not None else 3
-        moments = cubature_moments(
-            lambda *vectors: self.errors(np.stack(vectors, axis=1), noise),
-            self.truth,
-            np.broadcast_to(noise**2 * np.eye(3), (4, 3, 3)),
-            np.zeros(count),
-            degree,
-        )
-        return -moments.bias, moments.covariance
+    @model_validator(mode="after")
+    def _require_noise(self) -> Self:
+        """Check that the noise is of as many vectors, and no vector drowns in it."""
+        noise = vector_noise(self.noise, self.vectors, self.noise_std)
+        if not noise.std.max() <= MOST_NOISE * (1.0 + 1e-12):
+            msg = (
+                f"`noise_std` is {self.noise_std:g} and `noise` {self.noise:.60}: that "
+                f"makes {noise.std.max():.3g} of a vector of length 1; at most "
+                f"{MOST_NOISE:g} is allowed, so lower one of them"
+            )
+            raise InputError(msg)
+        return self
 
 
 def claim_off(moments: tuple[Array, Array]) -> float:
@@ -167,41 +155,31 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 def compute(parameters: Parameters, streams: Streams) -> Outcome:
     """Measure the plug-in in this process."""
     plugin = find_plugin(parameters.algorithm, Estimator)
-    off = probe_estimator(plugin)
-    setting = Setting(plugin, parameters.geometry)
+    noise, vectors = parameters.noise_std, parameters.vectors
+    setting = Setting(plugin, parameters.geometry, vectors, parameters.noise)
+    asked = plugin if setting.claims else replace(plugin, covariance=None)
+    off = probe_estimator(asked, vectors, setting.noise)
     sums = simulate(
-        lambda rng, count: (
-            setting.errors(
-                setting.truth
-                + parameters.noise_std * rng.standard_normal((count, 4, 3)),
-                parameters.noise_std,
-            ).T
-        ),
+        lambda rng, count: setting.errors(setting.drawn(count, noise, rng), noise).T,
         streams,
         samples=parameters.samples,
         block=BLOCK,
         batch=BATCH,
     )
-    cubature = setting.cubature(parameters.noise_std, 7)
-    coarser = setting.cubature(parameters.noise_std, 5)
+    cubature = setting.cubature(noise, DEGREE)
+    coarser = setting.cubature(noise, DEGREE - 2)
     rows = [
         *limit(PROBE(unit="rad"), off, TOLERANCE, TRUTH, n=1),
-        *failure_rows(plugin),
+        *failure_rows(plugin, vectors, setting.noise),
         *_bias_rows(setting, cubature, coarser),
-        *leading_rows(
-            plugin,
-            (setting.q, setting.r1, setting.r2),
-            setting.cubature(NOISE, 7),
-            setting.cubature(NOISE / 2.0, 7),
-            off,
-        ),
+        *leading_rows(setting, off),
         *_moment_rows(moments_of(sums), cubature, coarser),
-        *_size_rows(setting, sums, parameters.noise_std),
-        *_unit_rows(setting, parameters.noise_std, streams),
+        *size_rows(setting, sums, noise, (cubature, coarser), off),
+        *_unit_rows(setting, noise, streams),
     ]
-    if plugin.covariance is not None:
+    if setting.claims:
         off, other = claim_off(cubature), claim_off(coarser)
-        half = setting.cubature(parameters.noise_std / 2.0, 7)
+        half = setting.cubature(noise / 2.0, DEGREE)
         rows += _claim_rows(
             plugin.claim, moments_of(sums), off, claim_off(half), abs(off - other)
         )
@@ -210,8 +188,7 @@ def compute(parameters: Parameters, streams: Streams) -> Outcome:
 
 def _unit_rows(setting: Setting, noise: float, streams: Streams) -> tuple[Row, ...]:
     """Whether mean and mean square of the first block are those of unit quaternions."""
-    drawn = noise * streams.block(0).standard_normal((BLOCK, 4, 3))
-    error = setting.additive(setting.truth + drawn)
+    error = setting.additive(setting.drawn(BLOCK, noise, streams.block(0)))
     estimate = setting.q - error
     off = float(np.abs(np.sum(estimate * estimate, axis=1) - 1.0).max())
     square = float(np.mean(np.sum(error * error, axis=1)))
@@ -228,14 +205,15 @@ def _bias_rows(
     """Bias by cubature, and the most that is of second order."""
     mean, covariance = predicted
     unresolved = 2.0 * float(np.linalg.norm((mean - coarser[0])[:3]))
-    bound = attitude_bound(setting.q, setting.r1, setting.r2, SMALL)
+    small = setting.noise.small(SMALL).noise_std
+    rounding = SMALL_ROUNDING * max(1.0, setting.weights / WEIGHTS)
     most = (
         float(np.trace(covariance[:3, :3])) + unresolved + TOLERANCE,
-        float(np.trace(bound.rotation)) + SMALL_ROUNDING,
+        float(np.trace(setting.bound(small))) + rounding,
     )
     biases = [
         float(np.linalg.norm(bias[:3]))
-        for bias in (mean, setting.cubature(SMALL, 7)[0])
+        for bias in (mean, setting.cubature(small, DEGREE)[0])
     ]
     families = (CUBATURE_BIAS(), CUBATURE_BIAS_SMALL())
     return limit(families, biases, most, SECOND_ORDER, n=1)
@@ -260,28 +238,6 @@ def _moment_rows(
         pairs, measured.covariance[upper], measured.covariance_error[upper], n,
         covariance[upper], CUBATURE, float(off[1][:3, :3].max()),
     )  # fmt: skip
-
-
-def _size_rows(setting: Setting, sums: Sums, noise: float) -> tuple[Row, ...]:
-    """RMS angle and how it compares with the Cramer-Rao bound."""
-    weight = np.zeros((sums.size, sums.size))
-    weight[:3, :3] = np.eye(3)
-    square, error = mean_square(sums, weight)
-    bound = attitude_bound(setting.q, setting.r1, setting.r2, noise)
-    least = float(np.trace(bound.rotation))
-    rms = float(np.sqrt(square))
-    n = sums.samples
-    return (
-        *unjudged(
-            RMS(unit="rad"),
-            rms,
-            error / (2 * rms),
-            n,
-            float(np.sqrt(least)),
-            CRAMER_RAO,
-        ),
-        *unjudged(EFFICIENCY(), least / square, least * error / square**2, n),
-    )
 
 
 def _claim_rows(

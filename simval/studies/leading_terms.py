@@ -17,7 +17,6 @@ from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.geometry import attitude_matrix
-from simval.plugins import Estimator
 from simval.results import Row, limit
 from simval.statistics import (
     BELOW_BOUND,
@@ -28,7 +27,7 @@ from simval.statistics import (
     NO_BIAS,
     class_of,
 )
-from simval.theory.cramer_rao import attitude_bound
+from simval.studies.estimator_setting import DEGREE, Setting
 from simval.theory.estimator_classes import class_moments
 
 NOISE = 1e-3
@@ -39,27 +38,19 @@ TOLERANCE = 1e-3
 are within 2e-8 in 60 random geometries, and a bias of less is 1e-3 of a standard
 deviation."""
 
-WEIGHTS = 107.0
-"""Sum of the sizes of the weights of cubature of degree 7 in twelve dimensions."""
 
-Moments = tuple[Float[Array, " p"], Float[Array, "p p"]]
-
-
-def leading_rows(
-    plugin: Estimator,
-    truth: tuple[Float[Array, "4"], Float[Array, "3"], Float[Array, "3"]],
-    whole: Moments,
-    half: Moments,
-    rounding: float,
-) -> tuple[Row, ...]:
+def leading_rows(setting: Setting, rounding: float) -> tuple[Row, ...]:
     """Rows of moments at `NOISE` and at half of it; `rounding` of one estimate, rad."""
-    A = attitude_matrix(truth[0]) if plugin.side == "reference" else np.eye(3)
+    noise = setting.noise.small(NOISE).noise_std
+    whole, half = (setting.cubature(noise / part, DEGREE) for part in (1.0, 2.0))
+    plugin, weights = setting.plugin, setting.weights
+    A = attitude_matrix(setting.q) if plugin.side == "reference" else np.eye(3)
     linear = A @ (4.0 * half[0] - whole[0])[:3]
     bias = A @ (16.0 * half[0] - whole[0])[:3] / 3.0
     covariance = A @ ((16.0 * half[1] - whole[1])[:3, :3] / 3.0) @ A.T
-    bound = attitude_bound(*truth, NOISE).rotation
+    bound = setting.bound(noise)
     size = float(np.trace(bound))
-    most = TOLERANCE + 5.0 * WEIGHTS * rounding / np.sqrt(size)
+    most = TOLERANCE + 5.0 * weights * rounding / np.sqrt(size)
     rows = limit(
         (FIRST_ORDER_BIAS(),), (float(np.linalg.norm(linear)) / np.sqrt(size),),
         most, NO_BIAS, n=1,
@@ -69,9 +60,15 @@ def leading_rows(
     )  # fmt: skip
     if plugin.kind is None:
         return rows
-    mean, spread = class_moments(plugin.kind, *truth, NOISE)
+    mean, spread = class_moments(
+        plugin.kind,
+        setting.q,
+        setting.references,
+        setting.covariances(noise),
+        setting.noise.weights,
+    )
     off = float(np.linalg.norm(covariance - spread) / np.linalg.norm(spread))
-    slack = 6.0 * WEIGHTS * rounding
+    slack = 6.0 * weights * rounding
     return rows + limit(
         (CLASS_BIAS(), CLASS_COVARIANCE()),
         (float(np.linalg.norm(bias - mean)) / size, off),

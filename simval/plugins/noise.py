@@ -1,0 +1,205 @@
+r"""Noise of each observed vector: what it is, and how it is handed to an estimator.
+
+A shape gives the covariance of each vector for a `noise_std` of 1, body vectors first,
+each in its own frame; the noise of a cell is the shape times :math:`\sigma^2`.
+
+===========  ===================================================================
+``body``     each body vector 1 per axis; references exact
+``all``      body and reference vectors 1 per axis
+``tangent``  each body vector 1 per axis across it, none along it; references
+             exact
+``unequal``  the first body vector 0.1 per axis, the others 1; references exact
+``general``  each body vector a covariance of its own, axes at random and
+             standard deviations of 0.1 to 1 along them; references exact
+===========  ===================================================================
+
+or standard deviations of b1, b2, ..., r1, r2, ... as words (``"1 3 0 0"``), or as many
+3 x 3 covariances as JSON.
+"""
+
+import json
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+from jaxtyping import Float
+
+from simval.arrays import Array
+from simval.errors import InputError
+
+NAMED: Final = ("body", "all", "tangent", "unequal", "general")
+
+UNEQUAL: Final = 0.1
+"""Noise of the first body vector over that of the others, of ``unequal``."""
+
+GREATEST: Final = 100.0
+"""Of a relative standard deviation; the least that is not 0 is its inverse."""
+
+READABLE: Final = ("noise_std", "weights", "covariances")
+"""What an estimator may be handed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class VectorNoise:
+    """Independent Gaussian noise of k body and k reference vectors."""
+
+    unit: Float[Array, "m 3 3"]  # covariances for a noise_std of 1
+    tangent: bool = False  # nothing of it along each vector
+    noise_std: float = 1.0
+
+    def at(self, noise_std: float) -> "VectorNoise":
+        """The same shape at another size."""
+        return replace(self, noise_std=noise_std)
+
+    def small(self, noise_std: float) -> "VectorNoise":
+        """The same shape, no vector noisier than a size that is small enough."""
+        return self.at(noise_std / max(1.0, float(self.relative.max())))
+
+    @property
+    def relative(self) -> Float[Array, " m"]:
+        """Root mean square per axis for a size of 1; of tangent noise across it."""
+        deviations: Array = np.sqrt(np.trace(self.unit, axis1=1, axis2=2) / 3.0)
+        return deviations
+
+    @property
+    def std(self) -> Float[Array, " m"]:
+        """Standard deviation per axis of each vector."""
+        return self.noise_std * self.relative
+
+    @property
+    def noisy(self) -> list[int]:
+        """Which vectors have noise."""
+        return [i for i, std in enumerate(self.relative) if std > 0.0]
+
+    @property
+    def weights(self) -> Float[Array, " k"]:
+        """Inverse of the summed variances of each pair."""
+        weights: Array = 1.0 / np.sum(self.std.reshape(2, -1) ** 2, axis=0)
+        return weights
+
+    @property
+    def exact_references(self) -> bool:
+        """Whether no reference vector has noise."""
+        return not self.unit[len(self.unit) // 2 :].any()
+
+    @property
+    def one_number(self) -> bool:
+        """Whether one number says it all: 1 per axis of each vector that has noise."""
+        eye = np.eye(3)
+        return all(np.array_equal(self.unit[i], eye) for i in self.noisy)
+
+    def covariances(
+        self, vectors: list[Float[Array, "n 3"]]
+    ) -> Float[Array, "n m 3 3"]:
+        """Covariance of each vector, whose true or measured values are given."""
+        scaled = self.noise_std**2 * self.unit
+        if not self.tangent:
+            return np.broadcast_to(scaled, (len(vectors[0]), *scaled.shape))
+        v = np.stack(vectors, axis=1)
+        along = v / np.linalg.norm(v, axis=2, keepdims=True)
+        planes = np.eye(3) - along[..., :, None] * along[..., None, :]
+        result: Array = scaled @ planes
+        return result
+
+    def roots(self, vectors: list[Float[Array, "n 3"]]) -> Float[Array, "n m 3 3"]:
+        """Symmetric root of each covariance; what times normal numbers is the noise."""
+        values, axes = np.linalg.eigh(self.covariances(vectors))
+        scaled = axes * np.sqrt(np.maximum(values, 0.0))[..., None, :]
+        roots: Array = scaled @ axes.swapaxes(-1, -2)
+        return roots
+
+    def told(
+        self, reads: tuple[str, ...], vectors: list[Float[Array, "n 3"]]
+    ) -> dict[str, Array]:
+        """What an estimator of pairs asked to be handed."""
+        told = {"noise_std": self.std, "weights": self.weights}
+        if "covariances" in reads:
+            told["covariances"] = self.covariances(vectors).copy()
+        return {word: told[word] for word in reads}
+
+
+def vector_noise(text: str, vectors: int = 2, noise_std: float = 1.0) -> VectorNoise:
+    """Noise of a shape by its name, by standard deviations or by covariances.
+
+    Raises
+    ------
+    InputError
+        If the text says nothing of the kind, or not of as many vectors.
+    """
+    words = text.split()
+    if len(words) == 1 and words[0] in NAMED:
+        return replace(_named(words[0], vectors), noise_std=noise_std)
+    unit = _matrices(text) if text.lstrip().startswith("[") else _isotropic(words, text)
+    if len(unit) != 2 * vectors:
+        msg = (
+            f"`noise` is {text:.60}: it is of {len(unit)} vectors; {vectors} body and "
+            f"{vectors} reference vectors need {2 * vectors}"
+        )
+        raise InputError(msg)
+    _require_sizes(unit, text)
+    return VectorNoise(unit=unit, noise_std=noise_std)
+
+
+def _named(name: str, k: int) -> VectorNoise:
+    references = np.ones(k) if name == "all" else np.zeros(k)
+    body = np.ones(k)
+    if name == "unequal":
+        body[0] = UNEQUAL
+    unit = np.append(body, references)[:, None, None] ** 2 * np.eye(3)
+    if name == "general":
+        rng = np.random.default_rng(20_270)
+        axes = np.linalg.qr(rng.standard_normal((k, 3, 3)))[0]
+        variances = 10.0 ** rng.uniform(-2.0, 0.0, (k, 3))
+        skew = axes @ (variances[:, :, None] * axes.swapaxes(1, 2))
+        unit[:k] = (skew + skew.swapaxes(1, 2)) / 2.0
+    return VectorNoise(unit=unit, tangent=name == "tangent")
+
+
+def _isotropic(words: list[str], text: str) -> Float[Array, "m 3 3"]:
+    try:
+        numbers = np.array([float(word) for word in words])
+    except ValueError:
+        msg = (
+            f"`noise` is {text:.60}; it must be one of {', '.join(NAMED)}, or standard "
+            'deviations relative to `noise_std`, such as "1 3 0 0" of b1, b2, r1, r2, '
+            "or as many 3 x 3 covariances in JSON"
+        )
+        raise InputError(msg) from None
+    if not np.all(numbers >= 0.0):
+        msg = f"`noise` is {text:.60}; standard deviations must be 0 or more"
+        raise InputError(msg)
+    unit: Array = numbers[:, None, None] ** 2 * np.eye(3)
+    return unit
+
+
+def _matrices(text: str) -> Float[Array, "m 3 3"]:
+    try:
+        value: Any = np.array(json.loads(text), dtype=float)
+    except (ValueError, TypeError, RecursionError):
+        value = np.zeros(0)
+    if value.ndim != 3 or value.shape[1:] != (3, 3):
+        msg = (
+            f"`noise` is {text:.60}; in JSON it must be a list of 3 x 3 covariances, "
+            "one of each vector, body vectors first"
+        )
+        raise InputError(msg)
+    matrices: Array = value
+    if not np.array_equal(matrices, matrices.swapaxes(1, 2)):
+        msg = f"`noise` is {text:.60}; its covariances must be symmetric"
+        raise InputError(msg)
+    return matrices
+
+
+def _require_sizes(unit: Float[Array, "m 3 3"], text: str) -> None:
+    """Check that a vector has noise in each direction, but for exact references."""
+    finite = np.isfinite(unit).all()
+    variances = np.linalg.eigvalsh(unit) if finite else np.full((len(unit), 3), np.nan)
+    exact = (np.arange(len(unit)) >= len(unit) // 2) & ~unit.any(axis=(1, 2))
+    least, most = variances[:, 0], variances[:, -1]
+    if not np.all(exact | ((least >= GREATEST**-2) & (most <= GREATEST**2))):
+        msg = (
+            f"`noise` is {text:.60}; relative to `noise_std` the standard deviation of "
+            f"each vector must be {1 / GREATEST:g} to {GREATEST:g} in every direction; "
+            "only a reference may have none at all"
+        )
+        raise InputError(msg)
