@@ -24,9 +24,10 @@ from simval.plugins import (
     probe_calibrator,
     probe_estimator,
 )
-from simval.plugins.command import log_of
+from simval.plugins.calibrator_probe import probe_sensor
 from simval.plugins.loading import overrides_of
-from simval.plugins.probe import probe_sensor, rotation_error
+from simval.plugins.log import log_of
+from simval.plugins.probe import rotation_error
 from simval.plugins.sources import sources
 from simval.scene import Scene, find_scene
 from simval.sweep.suite import expand, load_suite
