@@ -17,6 +17,10 @@ from simval.errors import CrashedPluginError, InputError, PluginError
 from simval.plugins.protocol import Estimator
 from simval.text import message_of
 
+LISTED = 1 << 10
+"""Entries up to which nested lists are searched for truth values: all that a
+calibrator answers, and what an estimator is probed with."""
+
 UNIT = 1e-6
 """How far from 1 the length of a quaternion may be."""
 
@@ -133,6 +137,9 @@ def _plain(
         )
         raise PluginError(msg)
     fault = "masked entries" if np.ma.is_masked(value) else _fault(array)
+    if isinstance(value, list | tuple) and array.size <= LISTED and not fault:
+        # among numbers, NumPy takes a truth value for 0 or 1
+        fault = _fault(np.asarray(value, dtype=object))
     if fault:
         msg = f"{name} returned {what} with {fault}; every entry must be a plain number"
         raise PluginError(msg)

@@ -72,8 +72,8 @@ def _require_all(
         more = ", ..." if len(left) > MISSING else ""
         msg = (
             f"`{program}` answered {len(found)} of {len(names)} trials and ended with "
-            f"exit code 0; no answer for `{key}` {', '.join(left[:MISSING])}{more}. It "
-            "must print one JSON object to a line for each trial"
+            f"exit code 0; no answer for `{key}` {', '.join(left[:MISSING])}{more}; "
+            "print one JSON object for each trial, each in a line of its own"
         )
         raise PluginError(msg)
 
@@ -93,4 +93,4 @@ def _lines(file: Path) -> Iterator[tuple[int, bytes]]:
 
 def _progress(file: Path, count: int) -> str:
     printed = sum(1 for _ in _lines(file))
-    return f"it had printed {printed} lines for {count} trials"
+    return f"it had printed {printed} of {count} lines"
