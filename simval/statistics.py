@@ -142,6 +142,10 @@ UNIT_LENGTH = Family(
     least=0.0,
 )
 
+LEFT = Family(
+    "left", "specific-force error that the calibration leaves", unit="m/s²", least=0.0
+)
+
 PROBE = Family("probe", "error of the noise-free probe")
 FAILURES = Family("failures", "share of exact cases that fail", least=0.0, most=1.0)
 CUBATURE_BIAS = Family("cubature_bias", "bias by cubature", unit="rad")
@@ -286,6 +290,9 @@ ROUNDING = "rounding"
 SAME_ROW = "same row"
 ATTITUDE = "attitude"
 FIRST_SOLVER = "lm"
+PSEUDO_TRUE = "what its class converges to"
+BEST_OF_CLASS = "best of its class"
+NINE_PARAMETERS = "Cramer-Rao, nine parameters"
 
 
 def class_of(kind: str) -> str:

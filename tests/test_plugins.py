@@ -24,9 +24,10 @@ from simval.plugins import (
     probe_calibrator,
     probe_estimator,
 )
-from simval.plugins.command import log_of
+from simval.plugins.calibrator_probe import probe_sensor
 from simval.plugins.loading import overrides_of
-from simval.plugins.probe import probe_sensor, rotation_error
+from simval.plugins.log import log_of
+from simval.plugins.probe import rotation_error
 from simval.plugins.sources import sources
 from simval.scene import Scene, find_scene
 from simval.sweep.suite import expand, load_suite
@@ -96,6 +97,7 @@ def overwriting(b1, b2, r1, r2):
         (lambda *v: Mute(), "not an array .RuntimeError: mute"),
         (lambda *v: align(*v).astype(str), r"with '.*' \(str\) at \(0, 0\)"),
         (lambda *v: 1j * align(*v), "complex"),
+        (lambda *v: [[True, *q[1:]] for q in align(*v).tolist()], r"True .bool. at"),
         (lambda *v: np.ma.masked_less(align(*v), 0.0), "masked entries"),
         (lambda *v: np.broadcast_to(0.5, (10**12, 4)), "shape .1000000000000, 4.;"),
         (lambda *v: 1 / 0, "raised ZeroDivisionError"),
@@ -189,6 +191,8 @@ def test_a_sound_calibrator_is_right_in_any_form_of_answer():
             lambda M, B: {"T": M, "K": [1.5, True, None], "B": B},
             r"K with True .bool. at .1,.",
         ),
+        (lambda M, B: (M, [0.3, -0.2, False]), r"B with False .bool. at .2,."),
+        (lambda M, B: (M, [0.3, -0.2, np.True_]), r"B with .*True.* at .2,."),
         (lambda M, B: {"T": M, "K": [1.0, 1.0], "B": B}, r"shape \(3,\) or \(3, 3\)"),
         (lambda M, B: M, "answered with ndarray"),
         (lambda M, B: {"matrix": M}, "must hold"),

@@ -7,8 +7,9 @@ it declares about its conventions is checked without noise before anything is me
 """
 
 from simval.errors import PluginError
+from simval.plugins.calibrator_probe import probe_calibrator
 from simval.plugins.loading import find_plugin
-from simval.plugins.probe import probe_calibrator, probe_estimator
+from simval.plugins.probe import probe_estimator
 from simval.plugins.protocol import Calibrator, Estimator
 
 __all__ = [

@@ -5,8 +5,7 @@ exception of the plug-in, becomes a `PluginError`.
 """
 
 import reprlib
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
 from numbers import Real
 from typing import Any
 
@@ -16,9 +15,9 @@ from numpy.typing import NDArray
 
 from simval.arrays import Array, finite_array
 from simval.errors import InputError, PluginError
-from simval.plugins.calling import answers, called
+from simval.plugins.calling import answers
 from simval.plugins.noise import VectorNoise
-from simval.plugins.protocol import Calibrator, Estimator
+from simval.plugins.protocol import Estimator
 from simval.plugins.rotations import (
     fault_of,
     finite_rows,
@@ -26,28 +25,11 @@ from simval.plugins.rotations import (
     sound_rows,
     tail,
 )
-from simval.sensor import forms
 from simval.text import message_of
 
-MIN_FREEDOM = 5
-"""Least degrees of freedom of a Type A covariance: with fewer the normalised square
-has no variance."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Calibration:
-    """A checked answer of a calibrator."""
-
-    matrix: Float[Array, "3 3"]  # raw readings less bias to specific force
-    bias: Float[Array, "3"]  # raw units
-    # of the nine parameters, in the declared form
-    covariance: Float[Array, "9 9"] | None = None
-    # degrees of freedom of a covariance of type A; None where its size is known
-    dof: int | None = None
-
-    def parameters(self, form: str) -> Float[Array, "9"]:
-        """Bring it to one of the forms: norms fix no more."""
-        return forms.from_gram(form, self.matrix.T @ self.matrix, self.bias)
+LISTED = 1 << 10
+"""Entries up to which nested lists are searched for truth values: all that a
+calibrator answers, and what an estimator is probed with."""
 
 
 def quaternions_of(
@@ -112,80 +94,16 @@ def covariances_of(
     found = answers(estimator, estimator.covariance, vectors, noise, *one)
     shape = (len(vectors[0]), 3, 3)
     if estimator.batch:
-        covariances = _array(name, "covariance", found[0], shape, (3, 3))
+        covariances = array_of(name, "covariance", found[0], shape, (3, 3))
     else:
         covariances = np.array(
-            [_array(name, "covariance", row, (3, 3)) for row in found]
+            [array_of(name, "covariance", row, (3, 3)) for row in found]
         )
-    _check_covariance(name, covariances)
+    check_covariance(name, covariances)
     return np.broadcast_to(covariances, shape)
 
 
-def calibration_of(
-    calibrator: Calibrator, poses: Float[Array, "n 3"], g: float, noise_std: float
-) -> Calibration:
-    """Calibrate one set of poses."""
-    name = calibrator.name
-    arguments: tuple[Any, ...] = (poses.copy(), g)
-    if calibrator.noise_std:
-        arguments = (*arguments, noise_std)
-    answer = called(name, calibrator.calibrate, *arguments)
-    matrix, bias, covariance = _parts(name, answer)
-    checked = None
-    if covariance is not None:
-        checked = _array(name, "covariance", covariance, (9, 9))
-        _check_covariance(name, checked)
-    return Calibration(
-        matrix=_array(name, "matrix", matrix, (3, 3)),
-        bias=_array(name, "B", bias, (3,)),
-        covariance=checked,
-        dof=_dof(name, answer),
-    )
-
-
-def _dof(name: str, answer: Any) -> int | None:
-    if not isinstance(answer, Mapping) or answer.get("covariance_kind") != "type A":
-        return None
-    dof = answer.get("dof")
-    if not (isinstance(dof, int) and dof >= MIN_FREEDOM):
-        msg = (
-            f"{name} gives a covariance of type A with `dof` {dof!r}; its degrees of "
-            f"freedom must be a whole number, {MIN_FREEDOM} or more: use "
-            f"{9 + MIN_FREEDOM} poses or more"
-        )
-        raise PluginError(msg)
-    return dof
-
-
-def _parts(name: str, answer: Any) -> tuple[Any, Any, Any]:
-    if isinstance(answer, Mapping):
-        if "matrix" in answer:
-            matrix = answer["matrix"]
-        elif {"T", "K"} <= answer.keys():
-            T = _array(name, "T", answer["T"], (3, 3))
-            K = _array(name, "K", answer["K"], (3,), (3, 3))
-            matrix = T @ (np.diag(K) if K.ndim == 1 else K)
-        else:
-            matrix = None
-        bias = answer.get("B", answer.get("bias"))
-        if matrix is None or bias is None:
-            keys = ", ".join(str(key) for key in answer) or "nothing"
-            msg = (
-                f"{name} answered with {keys}; it must hold `matrix` (or `T` and `K`) "
-                "and `B`"
-            )
-            raise PluginError(msg)
-        return matrix, bias, answer.get("covariance")
-    if isinstance(answer, (tuple, list)) and len(answer) in (2, 3):
-        return answer[0], answer[1], answer[2] if len(answer) == 3 else None
-    msg = (
-        f"{name} answered with {type(answer).__name__}; it must be (matrix, bias), "
-        "(matrix, bias, covariance) or a mapping with `matrix` and `B`"
-    )
-    raise PluginError(msg)
-
-
-def _array(name: str, what: str, value: Any, *shapes: tuple[int, ...]) -> Array:
+def array_of(name: str, what: str, value: Any, *shapes: tuple[int, ...]) -> Array:
     """Finite numbers of one of the shapes."""
     found = _plain(name, what, value, *shapes)
     try:
@@ -216,6 +134,9 @@ def _plain(
         )
         raise PluginError(msg)
     fault = "masked entries" if np.ma.is_masked(value) else _fault(array)
+    if isinstance(value, list | tuple) and array.size <= LISTED and not fault:
+        # among numbers, NumPy takes a truth value for 0 or 1
+        fault = _fault(np.asarray(value, dtype=object))
     if fault:
         msg = f"{name} returned {what} with {fault}; every entry must be a plain number"
         raise PluginError(msg)
@@ -237,7 +158,14 @@ def _fault(array: NDArray[np.generic]) -> str:
     return ""
 
 
-def _check_covariance(name: str, matrices: Float[Array, "... p p"]) -> None:
+def check_covariance(name: str, matrices: Float[Array, "... p p"]) -> None:
+    """Require symmetric and positive definite matrices.
+
+    Raises
+    ------
+    PluginError
+        If one is not.
+    """
     scale = np.abs(matrices).max(axis=(-2, -1), keepdims=True)
     skew = np.abs(matrices - np.swapaxes(matrices, -1, -2)) / np.maximum(scale, 1e-300)
     if not float(skew.max()) <= 1e-9:

@@ -1,16 +1,18 @@
-"""A calibrator in any language: a command that is given a file and answers with JSON.
+"""A calibrator in any language: a command that is given data and answers with JSON.
 
-In its words ``{poses}`` stands for a file with one pose to a line, the mean reading
-``x,y,z``; ``{log}`` for a log at 100 Hz, ``t,x,y,z``, in which the sensor
-rests ten seconds in each pose; ``{g}`` for gravity in m/s^2. It prints one
+Its words say by placeholders where its data go (`simval.plugins.placeholders`): those
+of one trial for a process of its own, or those of all trials for one process. A file of
+poses has one pose to a line, the mean reading ``x,y,z``; a log is recorded at 100 Hz,
+``t,x,y,z``, and rests ten seconds in each pose; a line of trials is a JSON object with
+``trial``, its number, ``poses``, ``g`` and ``noise_std``. It prints for each trial one
 JSON object with ``matrix`` (3 x 3; or ``T`` and ``K``) and ``B``, so that the specific
-force is ``matrix @ (raw - B)``, and ends with exit code 0. No shell is involved.
+force is ``matrix @ (raw - B)``, and ends with exit code 0. Where one process has all
+trials, each object has a line of its own and repeats the ``trial``, or the name of
+the ``file`` of its folder. No shell is involved.
 """
 
 import json
-import os
-import shlex
-import subprocess
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -19,18 +21,22 @@ import numpy as np
 from jaxtyping import Float
 
 from simval.arrays import Array
-from simval.errors import CrashedPluginError, PluginError, UnusablePluginError
-from simval.plugins.child import ending
+from simval.errors import CrashedPluginError
+from simval.plugins.batch import answers
 from simval.plugins.log import log_of
-from simval.plugins.names import COMMAND
-from simval.plugins.protocol import Calibrator
+from simval.plugins.placeholders import Invocation, invocation_of
+from simval.plugins.program import (
+    ANSWER_LIMIT,
+    OUTPUT,
+    failure,
+    filled,
+    json_object,
+    run,
+)
+from simval.plugins.protocol import BatchCalibrator, Calibrator
 
-PLACES = ("{poses}", "{log}")
 CALL_LIMIT = 60.0
 """Seconds that one call may take; the cell has its own limit beside it."""
-
-ANSWER_LIMIT = 1 << 20
-"""Bytes that a command may answer with: a calibration has some thousand."""
 
 
 def command_calibrator(algorithm: str) -> Calibrator:
@@ -39,113 +45,88 @@ def command_calibrator(algorithm: str) -> Calibrator:
     Raises
     ------
     UnusablePluginError
-        If the words cannot be split, or no file is asked for.
+        If the words cannot be split, or do not say where the data go.
     """
-    try:
-        words = shlex.split(algorithm.removeprefix(COMMAND))
-    except ValueError as error:
-        msg = f"`{algorithm}` cannot be split into words: {error}"
-        raise UnusablePluginError(msg) from None
-    text = " ".join(words)
-    if not words or not any(place in text for place in PLACES):
-        msg = (
-            f"`{algorithm}` must name a program and where its file goes: "
-            f"`{COMMAND} PROGRAM {{poses}}` or `{COMMAND} PROGRAM {{log}}`"
-        )
-        raise UnusablePluginError(msg)
+    command = invocation_of(algorithm)
+    name = Path(command.words[0]).name
 
     def calibrate(poses: Float[Array, "n 3"], g: float, noise_std: float) -> Any:
-        return _answer(words, poses, g, noise_std)
+        if command.batch:
+            return calibrate_all(poses[None], g, noise_std, CALL_LIMIT)[0]
+        return _answer(command, poses, g, noise_std)
 
-    return Calibrator(name=Path(words[0]).name, calibrate=calibrate, noise_std=True)
+    def calibrate_all(
+        sets: Float[Array, "t n 3"], g: float, noise_std: float, seconds: float
+    ) -> list[Any]:
+        return _answers(command, sets, g, noise_std, seconds)
+
+    if not command.batch:
+        return Calibrator(name=name, calibrate=calibrate, noise_std=True)
+    return BatchCalibrator(
+        name=name, calibrate=calibrate, noise_std=True, calibrate_all=calibrate_all
+    )
 
 
 def _answer(
-    words: list[str], poses: Float[Array, "n 3"], g: float, noise_std: float
+    command: Invocation, poses: Float[Array, "n 3"], g: float, noise_std: float
 ) -> Any:
+    """Run a process for one trial."""
     with TemporaryDirectory(
         prefix="simval-command-", ignore_cleanup_errors=True
     ) as name:
-        folder = Path(name)
-        files = {"{poses}": f"{name}/poses.csv", "{log}": f"{name}/log.csv"}
-        text = " ".join(words)
-        if "{poses}" in text:
-            np.savetxt(files["{poses}"], poses, delimiter=",", fmt="%.17g")
-        if "{log}" in text:
-            samples = log_of(poses, noise_std)
-            np.savetxt(files["{log}"], samples, delimiter=",", fmt="%.17g")
-        filled = [_filled(word, {**files, "{g}": repr(g)}) for word in words]
-        code = _run(filled, folder)
+        folder, program = Path(name), command.words[0]
+        files = {"poses": f"{name}/poses.csv", "log": f"{name}/log.csv"}
+        if command.uses("poses"):
+            _save(files["poses"], poses)
+        if command.uses("log"):
+            _save(files["log"], log_of(poses, noise_std))
+        code = run(_filled(command, files, g), folder, CALL_LIMIT)
         if code != 0:
-            tail = _last(folder / "stderr", 300)
-            msg = f"`{words[0]}` {ending(code)}: {tail or 'silent'}"
+            msg = failure(program, code, folder)
             raise CrashedPluginError(msg)
-        return _parsed(words[0], folder / "stdout")
+        with (folder / OUTPUT).open("rb") as content:
+            printed = content.read(ANSWER_LIMIT + 1)
+        return json_object(f"`{program}`", printed)
 
 
-def _run(words: list[str], folder: Path) -> int:
-    """Run a command that prints into files of a folder, and wait for it alone.
-
-    Pipes would grow without bound in our memory, and would be held open by whatever
-    process the command leaves behind. Files stop at the limit of the cell's process,
-    in whose group the command stays, so that it and all it leaves end with the cell.
-    """
-    with (
-        (folder / "stdout").open("wb") as output,
-        (folder / "stderr").open("wb") as errors,
-    ):
-        try:
-            return subprocess.run(
-                words,
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=errors,
-                timeout=CALL_LIMIT,
-                check=False,
-            ).returncode
-        except subprocess.TimeoutExpired:
-            msg = f"`{words[0]}` did not answer within {CALL_LIMIT:g} s"
-            raise CrashedPluginError(msg) from None
-        except OSError as error:
-            msg = f"`{words[0]}` cannot be run: {error}"
-            raise CrashedPluginError(msg) from None
+def _answers(
+    command: Invocation,
+    sets: Float[Array, "t n 3"],
+    g: float,
+    noise_std: float,
+    seconds: float,
+) -> list[Any]:
+    """Run one process for all trials."""
+    with TemporaryDirectory(
+        prefix="simval-command-", ignore_cleanup_errors=True
+    ) as name:
+        folder, trials = Path(name), Path(name, "trials.jsonl")
+        data = Path(name, "poses")
+        words = _filled(command, {"trials": str(trials), "poses_folder": str(data)}, g)
+        if command.batch == "trials":
+            _save_lines(trials, sets, g, noise_std)
+            given = trials if command.standard_input else None
+            names = list(range(len(sets)))
+            return answers(words, folder, seconds, "trial", names, given)
+        data.mkdir()
+        files = [f"{number:06d}.csv" for number in range(len(sets))]
+        for file, poses in zip(files, sets, strict=True):
+            _save(data / file, poses)
+        return answers(words, folder, seconds, "file", files)
 
 
-def _filled(word: str, values: dict[str, str]) -> str:
-    for place, value in values.items():
-        word = word.replace(place, value)
-    return word
+def _filled(command: Invocation, files: dict[str, str], g: float) -> Sequence[str]:
+    return [filled(word, {**files, "g": repr(g)}) for word in command.words]
 
 
-def _last(file: Path, count: int) -> str:
-    with file.open("rb") as content:
-        content.seek(max(0, content.seek(0, os.SEEK_END) - count))
-        return content.read().decode(errors="replace").strip()
+def _save(file: str | Path, rows: Float[Array, "n k"]) -> None:
+    np.savetxt(file, rows, delimiter=",", fmt="%.17g")
 
 
-def _parsed(program: str, file: Path) -> Any:
-    with file.open("rb") as content:
-        printed = content.read(ANSWER_LIMIT + 1)
-    if len(printed) > ANSWER_LIMIT:
-        msg = f"`{program}` printed more than {ANSWER_LIMIT} bytes; print one object"
-        raise PluginError(msg)
-    try:
-        answer = json.loads(printed, object_pairs_hook=_once)
-    except (ValueError, RecursionError) as error:
-        head = printed[:80].decode(errors="replace")
-        msg = f"`{program}` did not print one JSON object ({error}): {head!r}"
-        raise PluginError(msg) from None
-    if not isinstance(answer, dict):
-        msg = f"`{program}` printed {type(answer).__name__}; print one JSON object"
-        raise PluginError(msg)
-    return answer
-
-
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    values = dict(pairs)
-    if len(values) < len(pairs):
-        keys = [key for key, _ in pairs]
-        twice = next(key for key in keys if keys.count(key) > 1)
-        msg = f"the key `{twice}` is given twice"
-        raise ValueError(msg)
-    return values
+def _save_lines(
+    file: Path, sets: Float[Array, "t n 3"], g: float, noise_std: float
+) -> None:
+    with file.open("w", encoding="utf-8") as lines:
+        for trial, poses in enumerate(sets.tolist()):
+            line = {"trial": trial, "poses": poses, "g": g, "noise_std": noise_std}
+            lines.write(json.dumps(line) + "\n")

@@ -1,9 +1,8 @@
-"""Noise-free probes of the conventions that a plug-in declares.
+"""Noise-free probe of the conventions that an estimator declares.
 
-An estimator is given exact vectors of generic attitudes; a calibrator exact readings
-of a known sensor. What comes back must be the truth, whatever the rounding. Where it is
-not, the probe says which other convention the answers would fit, or which parameter is
-wrong. An estimator's large batches must hold what its rows are alone, for large batches
+It is given exact vectors of generic attitudes. What comes back must be the truth,
+whatever the rounding. Where it is not, the probe says which other convention the
+answers would fit. Large batches must hold what its rows are alone, for large batches
 are what is measured. What it does at half turns and the like is no convention, and is
 measured by `simval.plugins.failures`.
 """
@@ -14,30 +13,21 @@ from jaxtyping import Float
 from simval.arrays import Array
 from simval.errors import PluginError
 from simval.geometry import attitude_error
-from simval.plugins.answers import (
-    Calibration,
-    calibration_of,
-    covariances_of,
-    quaternions_of,
-)
+from simval.plugins.answers import covariances_of, quaternions_of
 from simval.plugins.conventions import what_fits
 from simval.plugins.covariance_probe import probe_covariance, rotation_error
 from simval.plugins.failures import TOLERANCE
 from simval.plugins.noise import VectorNoise, vector_noise
-from simval.plugins.protocol import Calibrator, Estimator
-from simval.poses import fibonacci_sphere
-from simval.sensor import AccelerometerModel, forms
+from simval.plugins.protocol import Estimator
 
 __all__ = [
     "TOLERANCE",
-    "probe_calibrator",
     "probe_estimator",
-    "probe_sensor",
     "rotation_error",
 ]
 
 COUNT = 24
-"""Rows of the first batch, and poses of a calibrator; a fast path starts later."""
+"""Rows of the first batch; a fast path starts later."""
 
 BATCHES = (1024, 4096)
 """Rows of the large batches: what the study simulates at once, and more than its
@@ -96,46 +86,6 @@ def probe_estimator(
     return error
 
 
-def probe_calibrator(calibrator: Calibrator) -> float:
-    """Check a calibrator's conventions without noise.
-
-    Parameters
-    ----------
-    calibrator : Calibrator
-        As it declares itself.
-
-    Returns
-    -------
-    float
-        Greatest error of a parameter, relative to 1 for T and K and to the greatest
-        entry for B.
-
-    Raises
-    ------
-    PluginError
-        If an answer has a wrong shape or is not finite, or the parameters are not the
-        true ones.
-    """
-    sensor = probe_sensor()
-    g = 9.80665
-    raw = sensor.distort(g * fibonacci_sphere(COUNT), np.random.default_rng(0))
-    answer = calibration_of(calibrator, raw, g, 0.0)
-    error = float(_calibration_errors(answer, sensor).max())
-    if not error <= TOLERANCE:
-        msg = (
-            f"{calibrator.name} is {error:.3g} from the true parameters without noise, "
-            f"{TOLERANCE:g} is allowed; {_other_meaning(answer, sensor)}"
-        )
-        raise PluginError(msg)
-    return error
-
-
-def probe_sensor() -> AccelerometerModel:
-    """Return the noise-free sensor with which a calibrator is probed."""
-    values = np.array([0.03, -0.02, 0.05, 2.06, 1.92, 2.1, 0.3, -0.2, 0.1])
-    return AccelerometerModel.from_parameters(values)
-
-
 def _probe_batch(
     estimator: Estimator,
     truth: Float[Array, "n 4"],
@@ -191,39 +141,3 @@ def _claimed(
     if estimator.covariance is None:
         return np.zeros((len(vectors[0]), 3, 3))
     return covariances_of(estimator, vectors, noise)
-
-
-def _calibration_errors(
-    answer: Calibration, sensor: AccelerometerModel
-) -> Float[Array, "9"]:
-    truth = sensor.parameters
-    off = np.abs(answer.parameters("triangular") - truth)
-    off[6:] /= np.abs(truth[6:]).max()
-    return off
-
-
-def _other_meaning(answer: Calibration, sensor: AccelerometerModel) -> str:
-    M, B = answer.matrix, answer.bias
-    invertible = np.linalg.cond(M) < 1.0 / np.finfo(float).eps
-    inverse = np.linalg.inv(M) if invertible else M
-    readings: dict[str, tuple[Array, Array]] = {
-        "`matrix` looks inverted: it must take raw readings to force": (inverse, B),
-        "`matrix` looks transposed": (M.T, B),
-        "`B` has the wrong sign: force = matrix @ (raw - B)": (M, -B),
-        "`B` looks added after the matrix: force = matrix @ (raw - B)": (
-            M,
-            inverse @ B,
-        ),
-    }
-    for words, (matrix, bias) in readings.items():
-        other = Calibration(matrix=matrix, bias=bias)
-        if float(_calibration_errors(other, sensor).max()) <= TOLERANCE:
-            return words
-    k = int(_calibration_errors(answer, sensor).argmax())
-    seen, true = answer.parameters("triangular")[k], sensor.parameters[k]
-    return (
-        "no other sign, order or direction fits either; the worst is "
-        f"{forms.names('triangular')[k]}: {seen:.6g} instead of {true:.6g}. All nine "
-        "parameters are needed: the sensor of the probe has misalignment S, scale K "
-        "and bias B"
-    )

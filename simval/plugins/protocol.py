@@ -28,6 +28,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, get_args
 
+from simval.arrays import Array
 from simval.errors import PluginError
 from simval.plugins.attitude_classes import MAY_FAIL, Observed
 from simval.plugins.noise import READABLE
@@ -40,6 +41,7 @@ from simval.plugins.reference_frames import (
     Vertical,
 )
 from simval.sensor import forms
+from simval.sensor.estimated import ALL, CLASSES
 
 Claim = Literal["exact", 2, 4]
 Components = Literal["xyzs", "sxyz", "matrix"]
@@ -160,6 +162,8 @@ class Calibrator(Plugin):
         Parameters whose covariance is given, see `simval.sensor.forms`.
     noise_std : bool, default False
         Whether `calibrate` takes ``noise_std``, the noise of a pose mean, as well.
+    estimates : tuple of str, default ("misalignment", "scale", "bias")
+        What it estimates; ``("scale", "bias")`` and ``("bias",)`` are the others.
     """
 
     taken_by: ClassVar[str] = "calibrator.algorithm"
@@ -168,11 +172,24 @@ class Calibrator(Plugin):
     calibrate: Callable[..., Any]
     form: str = "triangular"
     noise_std: bool = False
+    estimates: tuple[str, ...] = ALL
 
     def __post_init__(self) -> None:
         _check_name(self.name)
         _callable("calibrate", self.calibrate)
         _one_of("form", self.form, forms.MODELS)
+        object.__setattr__(self, "estimates", _estimates(self.estimates, self.form))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BatchCalibrator(Calibrator):
+    """A calibrator that takes many sets of poses at once.
+
+    ``calibrate_all(sets, g, noise_std, seconds)`` answers each of ``sets``, (t, n, 3),
+    in their order, and raises if that takes longer than ``seconds``.
+    """
+
+    calibrate_all: Callable[[Array, float, float, float], list[Any]]
 
 
 def _check_name(name: Any) -> None:
@@ -218,6 +235,24 @@ def _check_frame(estimator: Estimator) -> None:
             "way, rad, positive where the field points down"
         )
         raise PluginError(msg)
+
+
+def _estimates(names: Any, form: str) -> tuple[str, ...]:
+    """What a calibrator estimates, in the order of the parameters."""
+    words = tuple(names) if isinstance(names, tuple | list) else ()
+    plain = all(type(word) is str for word in words)
+    known = tuple(word for word in ALL if plain and word in words)
+    if known not in CLASSES or len(words) != len(known):
+        allowed = " or ".join(repr(each) for each in CLASSES)
+        msg = f"`estimates` is {names!r}; it must be declared as {allowed}"
+        raise PluginError(msg)
+    if known != ALL and form != "triangular":
+        msg = (
+            f"`form` is {form!r}, but a calibrator of {' and '.join(known)} has no "
+            "misalignment to write in another form; leave it out"
+        )
+        raise PluginError(msg)
+    return known
 
 
 def _one_of(name: str, value: Any, allowed: tuple[str | int, ...]) -> None:

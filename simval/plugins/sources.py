@@ -22,6 +22,7 @@ from simval.plugins.names import (
     portable,
     words_of,
 )
+from simval.plugins.placeholders import fault_of
 
 NAME_LIMIT = 255
 """Greatest length of a file's name: longer strings name none."""
@@ -44,7 +45,9 @@ def sources(text: str) -> dict[str, str]:
 def missing(text: str, held: Container[str] = ()) -> str:
     """Say which part of a plug-in is not on this machine."""
     if text.startswith(COMMAND):
-        program, *words = words_of(text) or [""]
+        if fault := fault_of(text):
+            return fault
+        program, *words = words_of(text)
         files = [word for word in words if portable(word) in held]
         if shutil.which(program) is None:
             return f"there is no program `{program}` here that can be run"

@@ -1,9 +1,19 @@
 r"""A user-supplied calibrator: its errors, set beside the Cramer-Rao bound.
 
 The plug-in's conventions are probed without noise first. Then each trial reads a known
-sensor in poses spread over the sphere, with noise on each mean, and calibrates; the
-error is estimate minus truth in the nine parameters of the triangular form, to which
-every answer is brought: norms fix no more.
+sensor in poses spread over the sphere, or in the six faces of a cube, with noise on
+each mean, and calibrates; the error is estimate minus truth in the nine parameters of
+the triangular form, to which every answer is brought: norms fix no more. What the
+calibration leaves of the specific force, over all directions, is set beside the least
+that an unbiased one leaves (`left`).
+
+A calibrator may estimate fewer parameters and is then measured by them. Of its own
+class the sensor has no other errors, and all is as with nine. Of the full sensor, whose
+misalignment (and scale) is outside the class, the truth is what the class converges to,
+which `simval.theory.calibration_classes` knows up to the range of the criteria by which
+one may fit, and that range is allowed on either side; its covariance is not judged,
+for it says nothing of what is left out. What it leaves stands beside the least that its
+class can leave, and beside the bound of nine parameters.
 
 The plug-in's bias is not predicted. Every residual of the theory is biased by at most
 3.5 :math:`\sigma^2/g^2` in scale, so a scale and a misalignment are each allowed
@@ -16,41 +26,48 @@ makes it :math:`9 F(9, \nu)` instead of chi-square, with the mean
 and `FREEDOM` more is allowed. The spread is set beside the bound and kept for the
 baseline.
 
-A command is a process for each trial, so its time limit is for every `CALLS` of them.
+A command is a process for each trial, so its time limit is for every `CALLS` of them;
+in a batch the limit is for all trials.
 """
 
+from collections.abc import Iterator
 from math import ceil
-from typing import Annotated
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from jaxtyping import Float
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from simval.arrays import Array
 from simval.moments import Moments
 from simval.montecarlo import moments_of, simulate
 from simval.plugins import Calibrator, find_plugin, probe_calibrator
-from simval.plugins.answers import calibration_of
+from simval.plugins.calibrations import Calibration, calibrations_of
+from simval.plugins.calibrator_probe import G
+from simval.plugins.failures import TOLERANCE
 from simval.plugins.names import COMMAND
-from simval.plugins.probe import TOLERANCE, probe_sensor
-from simval.poses import fibonacci_sphere
+from simval.plugins.placeholders import in_batch
 from simval.results import Outcome, Row, limit, nees, plain, unjudged
 from simval.sensor import forms
+from simval.sensor.estimated import mean_square_left
 from simval.statistics import (
+    BEST_OF_CLASS,
     BIAS,
     CLAIM,
     CRAMER_RAO,
     EFFICIENCY,
+    LEFT,
     NEES,
+    NINE_PARAMETERS,
     NO_BIAS,
     PROBE,
+    PSEUDO_TRUE,
     SD,
     TRUTH,
 )
 from simval.streams import Streams
-from simval.studies.coverage import FREEDOM
+from simval.studies.calibrator_setting import FACES, Setting, setting_of
 from simval.studies.plugin import PluginName, PluginParameters, isolated
-from simval.theory.calibration import CalibrationMoments, calibration_moments
 
 TITLE = "User-supplied calibrator: bias, spread and stated covariance"
 SECTION = None
@@ -60,12 +77,15 @@ BIAS_ALLOWED = 7.0
 """Twice the greatest bias of the ladder's residuals, 3.5."""
 CALLS = 64
 """Trials of a command for which the time limit is."""
-
-G = 9.80665
+AROUND = 120.0
+"""Seconds for what is around a batch: loading, one probe, files."""
+AT_ONCE = 1 << 20
+"""Readings of an axis that are handed over at once: files of 20 MB, 14 000 trials of 24
+poses."""
 
 
 class Parameters(PluginParameters):
-    """One cell: a plug-in, a pose count and a noise level."""
+    """One cell: a plug-in, poses, a sensor and a noise level."""
 
     plugin = "algorithm"
 
@@ -73,8 +93,18 @@ class Parameters(PluginParameters):
         default="",
         description="FILE.py, FILE.py:NAME, an entry point, or command: PROGRAM.",
     )
-    poses: Annotated[int, Field(ge=9, le=400)] = Field(
-        default=24, description="Poses, spread evenly over the sphere."
+    poses: Annotated[int, Field(ge=FACES, le=400)] = Field(
+        default=24, description="Poses of a trial: 9 or more, of faces a multiple of 6."
+    )
+    pose_set: Literal["sphere", "faces"] = Field(
+        default="sphere",
+        description="Poses spread evenly over the sphere, or the six faces of a cube "
+        "in turn: +x, +y, +z, -x, -y, -z.",
+    )
+    sensor: Literal["full", "own class"] = Field(
+        default="full",
+        description="Sensor with all nine errors, or with those alone that the "
+        "calibrator estimates.",
     )
     noise_std: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
         default=0.01, description="Noise per axis of a pose mean, m/s^2."
@@ -85,14 +115,27 @@ class Parameters(PluginParameters):
     time_limit: Annotated[float, Field(gt=0.0, le=86_400.0)] = Field(
         default=300.0,
         description="Wall time after which the cell fails, s; of a command for every "
-        "64 trials.",
+        "64 trials, of one that takes all trials at once for all.",
     )
+
+    @model_validator(mode="after")
+    def _poses_of_the_set(self) -> Self:
+        least = 9 if self.pose_set == "sphere" else FACES
+        if self.poses < least or (self.pose_set == "faces" and self.poses % FACES):
+            msg = (
+                f"`poses` is {self.poses}; of the sphere there must be 9 or more, of "
+                'pose_set = "faces" a multiple of 6'
+            )
+            raise ValueError(msg)
+        return self
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Measure the plug-in in a child process."""
     limit = parameters.time_limit
-    if parameters.algorithm.startswith(COMMAND):
+    if in_batch(parameters.algorithm):
+        limit += AROUND
+    elif parameters.algorithm.startswith(COMMAND):
         limit *= ceil(parameters.trials / CALLS)
     return isolated(compute, parameters, streams, limit)
 
@@ -100,77 +143,122 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 def compute(parameters: Parameters, streams: Streams) -> Outcome:
     """Measure the plug-in in this process."""
     plugin = find_plugin(parameters.algorithm, Calibrator)
-    off = probe_calibrator(plugin)
-    sensor = probe_sensor()
-    directions = fibonacci_sphere(parameters.poses)
-    clean = sensor.distort(G * directions, np.random.default_rng(0))
-    scale = float(np.abs(np.linalg.inv(sensor.matrix)).max())
-    noise = parameters.noise_std * scale  # raw units
-    predicted = calibration_moments(sensor, directions, g=G, noise_std=noise)
-
-    def errors(rng: np.random.Generator, count: int) -> Float[Array, "p count"]:
-        raw = clean + noise * rng.standard_normal((count, *clean.shape))
-        return np.stack([_error(plugin, poses, noise) for poses in raw], axis=1)
-
-    sums = simulate(errors, streams, samples=parameters.trials, block=BLOCK, batch=1)
+    setting = setting_of(
+        plugin,
+        faces=parameters.pose_set == "faces",
+        poses=parameters.poses,
+        own_class=parameters.sensor == "own class",
+        noise_std=parameters.noise_std,
+    )
+    off = probe_calibrator(plugin, setting.directions if setting.faces else None)
+    errors = _errors(setting, parameters, streams)
+    sums = simulate(
+        lambda rng, count: next(errors), streams,
+        samples=parameters.trials, block=BLOCK, batch=1,
+    )  # fmt: skip
     measured = moments_of(sums)
     relative = (parameters.noise_std / G) ** 2
     rows = limit(PROBE(), off, TOLERANCE, TRUTH, n=1)
-    rows += _parameter_rows(measured, predicted, relative)
-    if sums.size == 10:
-        rows += _nees_row(measured, predicted)
+    rows += _parameter_rows(measured, setting, relative)
+    rows += _left_rows(measured, setting)
+    if sums.size == len(setting.theory.places) + 2:
+        rows += _nees_row(measured, setting)
     return Outcome(rows=tuple(rows))
 
 
-def _error(
-    plugin: Calibrator, poses: Float[Array, "n 3"], noise: float
-) -> Float[Array, " p"]:
-    """Error of the nine parameters and, with a covariance, its normalised square."""
-    answer = calibration_of(plugin, poses, G, noise)
-    sensor = probe_sensor()
-    error = answer.parameters("triangular") - sensor.parameters
+def _errors(
+    setting: Setting, parameters: Parameters, streams: Streams
+) -> Iterator[Float[Array, "p block"]]:
+    """Errors of block after block; readings are handed over many blocks at once."""
+    clean = setting.sensor.distort(G * setting.directions, np.random.default_rng(0))
+    shape, blocks = (BLOCK, *clean.shape), ceil(parameters.trials / BLOCK)
+    most = max(1, AT_ONCE // (BLOCK * clean.size))
+    for first in range(0, blocks, most):
+        numbers = range(first, min(first + most, blocks))
+        noise = [streams.block(k).standard_normal(shape) for k in numbers]
+        raw = clean + setting.noise * np.concatenate(noise)
+        answers = calibrations_of(
+            setting.plugin, raw, G, setting.noise, parameters.time_limit
+        )
+        for start in range(0, len(answers), BLOCK):
+            block = answers[start : start + BLOCK]
+            yield np.stack([_error(setting, answer) for answer in block], axis=1)
+
+
+def _error(setting: Setting, answer: Calibration) -> Float[Array, " p"]:
+    """Error of the parameters, what is left and, with a covariance, the square."""
+    places, form = list(setting.theory.places), setting.plugin.form
+    error = (answer.parameters("triangular") - setting.sensor.parameters)[places]
+    left = mean_square_left(answer.matrix, answer.bias, setting.sensor, G)
     if answer.covariance is None:
-        return error
-    truth = forms.from_gram(plugin.form, sensor.matrix.T @ sensor.matrix, sensor.B)
-    own = answer.parameters(plugin.form) - truth
+        return np.append(error, left)
+    own = error
+    if form != "triangular":
+        M = setting.sensor.matrix
+        truth = forms.from_gram(form, M.T @ M, setting.sensor.B)
+        own = answer.parameters(form) - truth
     square = own @ np.linalg.solve(answer.covariance, own)
-    # nine over the mean that a Type A covariance gives it
+    # its own mean over the one that a Type A covariance gives it
     factor = 1.0 if answer.dof is None else (answer.dof - 2) / answer.dof
-    return np.append(error, square * factor)
+    return np.append(error, [left, square * factor])
 
 
 def _parameter_rows(
-    measured: Moments, predicted: CalibrationMoments, relative: float
+    measured: Moments, setting: Setting, relative: float
 ) -> tuple[Row, ...]:
-    bound = np.sqrt(np.diagonal(predicted.cramer_rao))
-    sizes = np.abs(probe_sensor().parameters)
+    theory, n = setting.theory, measured.samples
+    places, p = list(theory.places), len(theory.places)
+    names = [forms.names("triangular")[k] for k in places]
+    units = [("1", "raw")[k >= 6] for k in places]
+    sizes = np.abs(setting.sensor.parameters)
     sizes[:3] = 1.0
-    sizes[6:] = G / np.abs(probe_sensor().K).min()
-    units = ("1",) * 6 + ("raw",) * 3
-    sd, n = measured.sd[:9], measured.samples
-    variance_error = np.diagonal(measured.covariance_error)[:9]
+    sizes[6:] = G / np.abs(setting.sensor.K).min()
+    allowed = BIAS_ALLOWED * relative * sizes[places] + theory.spread
+    sd = measured.sd[:p]
+    variance_error = np.diagonal(measured.covariance_error)[:p]
+    rows = plain(
+        BIAS.each(names, units), measured.bias[:p], measured.bias_error[:p], n,
+        theory.bias, NO_BIAS if setting.own else PSEUDO_TRUE, allowed,
+    )  # fmt: skip
+    if not setting.own:
+        return rows + unjudged(SD.each(names, units), sd, variance_error / (2 * sd), n)
+    bound = np.sqrt(np.diagonal(theory.bound))
     efficiency = (bound / sd) ** 2
     return (
-        *plain(
-            BIAS.each(predicted.names, units), measured.bias[:9],
-            measured.bias_error[:9], n, 0.0, NO_BIAS, BIAS_ALLOWED * relative * sizes,
-        ),
+        *rows,
         *unjudged(
-            SD.each(predicted.names, units), sd, variance_error / (2 * sd), n,
+            SD.each(names, units), sd, variance_error / (2 * sd), n,
             bound, CRAMER_RAO,
         ),
         *unjudged(
-            EFFICIENCY.each(predicted.names), efficiency,
+            EFFICIENCY.each(names), efficiency,
             efficiency * variance_error / sd**2, n,
         ),
     )  # fmt: skip
 
 
-def _nees_row(measured: Moments, predicted: CalibrationMoments) -> tuple[Row, ...]:
-    weight = np.linalg.inv(predicted.cramer_rao)
-    bias = measured.bias[:9]
-    left = bias @ weight @ bias + 9.0 * (predicted.variance_remainder + FREEDOM)
-    return nees(
-        NEES(), measured.bias[9], measured.bias_error[9], measured.samples,
-        9.0, CLAIM, left,
-    )  # fmt: skip
+def _left_rows(measured: Moments, setting: Setting) -> tuple[Row, ...]:
+    p = len(setting.theory.places)
+    rms = float(np.sqrt(measured.bias[p]))
+    error, n = float(measured.bias_error[p]) / (2.0 * rms), measured.samples
+    predictors = [(CRAMER_RAO, setting.theory.bound_left)]
+    if not setting.own:
+        predictors = [(BEST_OF_CLASS, setting.theory.least)]
+        if setting.theory.all_left is not None:
+            predictors += [(NINE_PARAMETERS, setting.theory.all_left)]
+    rows: tuple[Row, ...] = ()
+    for predictor, value in predictors:
+        rows += unjudged(LEFT(), rms, error, n, value, predictor)
+    return rows
+
+
+def _nees_row(measured: Moments, setting: Setting) -> tuple[Row, ...]:
+    theory = setting.theory
+    p = len(theory.places)
+    value, error = measured.bias[p + 1], measured.bias_error[p + 1]
+    if not setting.own:
+        return unjudged(NEES(), value, error, measured.samples, float(p), CLAIM)
+    bias = measured.bias[:p]
+    weight = np.linalg.inv(theory.bound)
+    left = bias @ weight @ bias + p * theory.variance_off
+    return nees(NEES(), value, error, measured.samples, float(p), CLAIM, left)

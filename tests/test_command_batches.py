@@ -1,0 +1,314 @@
+"""Commands that take all trials at once, and programs that get that wrong."""
+
+import json
+import shlex
+import sys
+import time
+
+import numpy as np
+import pytest
+from places import EXAMPLES
+
+from simval.errors import CrashedPluginError, UnusablePluginError
+from simval.plugins import Calibrator, PluginError, find_plugin, probe_calibrator
+from simval.plugins.calibrations import calibration_of, calibrations_of
+from simval.plugins.calibrator_probe import G, probe_sensor
+from simval.plugins.placeholders import fault_of, in_batch, invocation_of
+from simval.poses import fibonacci_sphere
+from simval.results import Outcome
+from simval.streams import Streams
+from simval.studies import calibrator
+
+TRIALS = 5
+SETS = np.stack([np.eye(3) + k for k in range(TRIALS)])
+ANSWERS = [{"matrix": np.eye(3).tolist(), "B": [k, 0.0, 0.0]} for k in range(TRIALS)]
+
+HEAD = "import csv, glob, json, os, signal, sys, time\n"
+"""Of a program in Python."""
+
+FOLDER = """
+for path in sorted(glob.glob(sys.argv[1] + "/*.csv")):
+    rows = [[float(word) for word in row] for row in csv.reader(open(path))]
+    answer = {"file": os.path.basename(path), "B": rows[0]}
+    print(json.dumps(answer | {"matrix": [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}))
+"""
+
+
+def answered(command, sets=SETS, seconds=30.0):
+    plugin = find_plugin(f"command: {command}", Calibrator)
+    return calibrations_of(plugin, sets, G, 0.01, seconds)
+
+
+def lines(answers=ANSWERS, key="trial"):
+    return [json.dumps({key: k} | answer) for k, answer in enumerate(answers)]
+
+
+def printing(folder, text, more=""):
+    """A command that prints a text whatever it is given."""
+    (folder / "text").write_bytes(text if isinstance(text, bytes) else text.encode())
+    return f"sh -c 'cat {folder}/text; {more}' {{trials}}"
+
+
+def program(folder, body, words="< {trials}"):
+    (folder / "program.py").write_text(HEAD + body)
+    return f"{sys.executable} {folder}/program.py {words}"
+
+
+def test_answers_belong_to_their_trials_in_any_order(tmp_path):
+    for order in (range(TRIALS), range(TRIALS)[::-1], (3, 0, 4, 1, 2)):
+        text = "\n\n".join(lines()[k] for k in order)
+        found = answered(printing(tmp_path, text))
+        assert [each.bias[0] for each in found] == list(range(TRIALS))
+
+
+def test_each_form_hands_over_the_same_readings(tmp_path):
+    echo = (
+        "for line in {where}:\n"
+        "    given = json.loads(line)\n"
+        "    B = [*given['poses'][1][:2], given['g'] * given['noise_std']]\n"
+        "    print(json.dumps({{'trial': given['trial'], 'B': B,\n"
+        "          'matrix': [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}}))\n"
+    )
+    sets = SETS + np.random.default_rng(1).standard_normal(SETS.shape)
+    for where, words in (
+        ("sys.stdin", "< {trials}"),
+        ("sys.stdin", "<{trials}"),
+        ("open(sys.argv[1])", "{trials}"),
+        ("open(sys.argv[2][7:])", "{g} --file={trials}"),
+    ):
+        found = answered(program(tmp_path, echo.format(where=where), words), sets)
+        for each, poses in zip(found, sets, strict=True):
+            assert each.bias.tolist() == [*poses[1, :2], G * 0.01]
+    found = answered(program(tmp_path, FOLDER, "{poses_folder}"), sets)
+    assert np.array_equal([each.bias for each in found], sets[:, 0])
+
+
+def test_one_of_many_is_what_it_is_alone():
+    command = f"command: {sys.executable} {EXAMPLES / 'lines.py'} < {{trials}}"
+    plugin = find_plugin(command, Calibrator)
+    assert probe_calibrator(plugin) <= 1e-11  # as that of the other forms
+    raw = probe_sensor().distort(G * fibonacci_sphere(24), np.random.default_rng(0))
+    sets = raw + 0.01 * np.random.default_rng(2).standard_normal((3, *raw.shape))
+    for poses, each in zip(
+        sets, calibrations_of(plugin, sets, G, 0.01, 30.0), strict=True
+    ):
+        alone = calibration_of(plugin, poses, G, 0.01)
+        assert np.array_equal(alone.matrix, each.matrix)
+        assert np.array_equal(alone.bias, each.bias)
+
+
+@pytest.mark.slow  # a process for each of 32 trials
+def test_the_forms_measure_the_same_numbers():
+    rows = []
+    for word in ("command.py {poses} {g}", "lines.py < {trials}"):
+        name, _, words = word.partition(" ")
+        parameters = calibrator.Parameters(
+            algorithm=f"command: {sys.executable} {EXAMPLES / name} {words}", trials=32
+        )
+        assert in_batch(parameters.algorithm) == ("trials" in word)
+        rows.append(calibrator.compute(parameters, Streams(1, (1,))).rows)
+    assert rows[0] == rows[1]
+
+
+def test_readings_are_handed_over_in_several_turns(monkeypatch):
+    parameters = calibrator.Parameters(
+        algorithm=str(EXAMPLES / "ellipsoid.py"), trials=80
+    )
+    rows = calibrator.compute(parameters, Streams(1, (1,))).rows
+    monkeypatch.setattr(calibrator, "AT_ONCE", 2 * 16 * 72)  # 32, 32 and 16 trials
+    assert calibrator.compute(parameters, Streams(1, (1,))).rows == rows
+
+
+GOOD = lines()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            "",
+            r"answered 0 of 5 trials .* no answer for `trial` 0, 1, 2, \.\.\.; print",
+        ),
+        ("\n".join(GOOD[:3]), r"answered 3 of 5 trials .* `trial` 3, 4; print one"),
+        ("\n".join(GOOD + GOOD[:1]), r"line 6 .*: `trial` 0 is answered twice"),
+        ("\n".join([*GOOD, '{"trial": 5}']), r"`trial` is 5; each .*, 0 to 4"),
+        ("ready\n" + "\n".join(GOOD), r"line 1 of `sh`: did not print one JSON object"),
+        ("\n".join(GOOD)[:-9], r"line 5 of `sh`: did not print one JSON object"),
+        ("\n".join(json.dumps(a) for a in ANSWERS), "`trial` is null; each answer"),
+        (GOOD[0].replace("0,", "true,", 1), "`trial` is true"),
+        (GOOD[0].replace("0,", "0.0,", 1), r"`trial` is 0\.0"),
+        (GOOD[0].replace("0,", "[0],", 1), r"`trial` is \[0\]"),
+        (json.dumps(ANSWERS), "printed list; print one JSON object"),
+        (GOOD[0] + GOOD[1], "did not print one JSON object .Extra data"),
+        ('{"trial": 0, "trial": 1}', "the key `trial` is given twice"),
+        ("[" * 10**5, "did not print one JSON object"),
+        (b"\xff\xfe\x00\n", "did not print one JSON object"),
+        ("x" * (2**20 + 9), "printed more than 1048576 bytes"),
+        (
+            "\n".join(lines([*ANSWERS[:3], {"B": [0, 0, 0]}, ANSWERS[4]])),
+            "trial 3, answered with B; it must hold `matrix`",
+        ),
+        (
+            "\n".join(GOOD).replace("[2, 0.0, 0.0]", "[NaN, 0.0, 0.0]"),
+            "trial 2, returned a bad answer: `B` ",
+        ),
+    ],
+)
+def test_a_program_that_prints_something_else_is_told_what(tmp_path, text, words):
+    with pytest.raises(PluginError, match=words) as caught:
+        answered(printing(tmp_path, text))
+    assert not isinstance(caught.value, CrashedPluginError)
+
+
+def test_a_folder_is_answered_by_file(tmp_path):
+    whole = FOLDER.replace("os.path.basename(path)", '"0000" + path')
+    half = FOLDER.replace('.csv"))', '.csv"))[:2]')
+    with pytest.raises(
+        PluginError, match=r'2 of 5 .*`file` "000002.csv", "0+3.csv", "0+4.csv"; print'
+    ):
+        answered(program(tmp_path, half, "{poses_folder}"))
+    with pytest.raises(
+        PluginError, match=r'is "0000.+"; each answer must repeat the `file` of'
+    ):
+        answered(program(tmp_path, whole, "{poses_folder}"))
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        ("exit(3)", "ended with exit code 3: silent; it had printed 0 of 5 lines"),
+        ("print(1)\nprint(2)\n1 / 0", "code 1: .*ZeroDivision.*printed 2 of 5 lines"),
+        (
+            "print(1, flush=True)\nos.kill(os.getpid(), signal.SIGKILL)",
+            r"was killed by SIGKILL .*printed 1 of 5 lines",
+        ),
+        (
+            "print(sys.stdin.readline(), flush=True)\ntime.sleep(600)",
+            "did not answer within 1 s; it had printed 1 of 5 lines",
+        ),
+        ("time.sleep(600)", "within 1 s; it had printed 0 of 5 lines"),
+    ],
+)
+def test_a_program_that_ends_or_hangs_has_crashed(tmp_path, body, words):
+    begun = time.monotonic()
+    with pytest.raises(CrashedPluginError, match=words):
+        answered(program(tmp_path, body), seconds=1.0 if "sleep" in body else 30.0)
+    assert time.monotonic() - begun < 20.0
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "os.close(0)",  # reads nothing
+        "everything = sys.stdin.read()",  # all of it before it prints
+        "sys.stdin.readline(); print('x' * 10**6, file=sys.stderr)",  # much beside it
+        "import subprocess; subprocess.Popen(['sleep', '2'])",  # leaves one behind
+    ],
+)
+def test_how_a_program_reads_and_writes_is_its_own_affair(tmp_path, body):
+    begun = time.monotonic()
+    text = "\n".join(GOOD)
+    found = answered(program(tmp_path, f"{body}\nprint({text!r})"))
+    assert [each.bias[0] for each in found] == list(range(TRIALS))
+    assert time.monotonic() - begun < 20.0
+
+
+@pytest.mark.slow  # 64 MB
+@pytest.mark.skipif(sys.platform != "linux", reason="limits differ elsewhere")
+def test_a_flood_is_ended_in_a_cell():
+    parameters = calibrator.Parameters(algorithm="command: yes {trials}", trials=32)
+    with pytest.raises(PluginError, match="`yes` was killed by SIGXFSZ"):
+        calibrator.run(parameters, Streams(1, (1,)))
+
+
+def replaced(old, *new, count=-1):
+    return lambda rng, line: line.replace(old, rng.choice(new), count)
+
+
+FAULTS = (
+    lambda rng, line: bytes(rng.integers(0, 256, rng.integers(1, 40)).tolist()),
+    lambda rng, line: line + b"\n" + line,
+    lambda rng, line: b"",
+    lambda rng, line: line[: rng.integers(max(1, len(line)))],
+    lambda rng, line: line + line,
+    replaced(b'"trial"', b'"Trial"', b"trial"),
+    replaced(b"[", b"{", b"[[", b"", count=1),
+    replaced(b"1.0", b"null", b"NaN", b"1e999", b'"1"', b"[]", b"true"),
+)
+
+
+def damaged(rng):
+    """Good lines, one to three of them with random faults, in random order."""
+    found = [line.encode() for line in GOOD]
+    for _ in range(rng.integers(1, 4)):
+        k = rng.integers(TRIALS)
+        found[k] = FAULTS[rng.integers(len(FAULTS))](rng, found[k])
+    rng.shuffle(found)
+    return b"\n".join(found)
+
+
+def test_no_damaged_output_passes(tmp_path):
+    rng = np.random.default_rng(15)
+    for _ in range(100):
+        with pytest.raises(PluginError, match=r".{30}"):
+            answered(printing(tmp_path, damaged(rng)))
+
+
+# what is wrong with the words is found before anything is run
+
+
+@pytest.mark.parametrize(
+    ("words", "fault"),
+    [
+        ("", "must name a program"),
+        ("./fit", "must name a program and where its file goes: .* < {trials}"),
+        ("< {trials}", "must name a program"),
+        ("./fit {g}", "where its file goes"),
+        ("./fit {pose}", r"{pose}, which does not exist; did you mean {poses}\?"),
+        ("./fit {Poses} {g}", r"did you mean {poses}\?"),
+        ("./fit {poses} --g={gg}", r"{gg}, .* exist; .*There are {poses}, {log}"),
+        ("./fit {poses} {gravity}", r"{gravity}, which does not exist; There are"),
+        ("./fit < {trial}", r"did you mean {trials}\?"),
+        ("./fit {folder}", "{folder}, which does not exist"),
+        ("./fit < {poses}", "asks for `< {poses}`; no shell .* only `< {trials}`"),
+        ("./fit < {trials} < {trials}", "once, can be given on standard input"),
+        ("./fit {trials} {poses}", "has {poses} and {trials}; {trials} holds all"),
+        ("./fit {poses_folder} < {trials}", "must be the only one"),
+        ("./fit {poses_folder} {log}", "must be the only one"),
+        ("'./fit {poses}", "cannot be split into words"),
+    ],
+)
+def test_words_that_cannot_be_meant_are_refused(words, fault):
+    with pytest.raises(UnusablePluginError, match=fault):
+        invocation_of(f"command: {words}")
+    assert fault_of(f"command: {words}")
+    assert not in_batch(f"command: {words}")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "awk '{ print $1 }' {poses}",
+        """sh -c 'echo "{a}"' {log}""",
+        "./fit {poses} < x",
+        "sh -c 'a\n< {trials}\nb' {poses_folder} '<' x",
+        "./fit --in={trials} --g:{g}",
+    ],
+)
+def test_words_that_are_no_placeholders_are_left_alone(words):
+    command = f"command: {words}"
+    if "< {trials}\n" in words:  # inside a word of its own shell it is still a place
+        assert "must be the only one" in fault_of(command)
+        return
+    assert fault_of(command) == ""
+    assert list(invocation_of(command).words) == shlex.split(words)
+
+
+def test_the_time_limit_of_a_batch_is_for_all_trials(monkeypatch):
+    seen = []
+    monkeypatch.setattr(
+        calibrator, "isolated", lambda *given: seen.append(given[3]) or Outcome(rows=())
+    )
+    parameters = calibrator.Parameters(algorithm="command: x < {trials}", trials=1024)
+    calibrator.run(parameters, Streams(1, (1,)))
+    assert seen == [300.0 + calibrator.AROUND]
