@@ -99,7 +99,11 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 
 def compute(parameters: Parameters, streams: Streams) -> Outcome:
     """Measure the plug-in in this process."""
-    plugin = find_plugin(parameters.algorithm, Calibrator)
+    return outcome(find_plugin(parameters.algorithm, Calibrator), parameters, streams)
+
+
+def outcome(plugin: Calibrator, parameters: Parameters, streams: Streams) -> Outcome:
+    """Measure a calibrator that this process holds."""
     off = probe_calibrator(plugin)
     sensor = probe_sensor()
     directions = fibonacci_sphere(parameters.poses)
