@@ -29,6 +29,8 @@ def what_fits(
         other = replace(estimator, components=components, matrix=matrix)
         fits[other] = ~failing(other, truth, vectors)
         if fits[other].all():
+            if _same(other, estimator):
+                return "asked again it is right: it must answer the same each time"
             return f'declare components="{components}", matrix="{matrix}" instead'
     # of equals the declared one, which is told without its words
     best = max(fits, key=lambda other: (fits[other].sum(), _same(other, estimator)))
