@@ -24,7 +24,7 @@ def simval_estimator() -> Check:
     the false-alarm rate of all checks together.
     """
 
-    def check(function: Any, **words: Any) -> None:
+    def check(function: Any, /, **words: Any) -> None:
         __tracebackhide__ = True
         from simval.plugins import Estimator
 
@@ -41,7 +41,7 @@ def simval_calibrator() -> Check:
     ``calibrator`` (``noise_std``, ``poses``, ``trials``), ``seed``, and ``alpha``.
     """
 
-    def check(function: Any, **words: Any) -> None:
+    def check(function: Any, /, **words: Any) -> None:
         __tracebackhide__ = True
         from simval.plugins import Calibrator
 
@@ -57,9 +57,9 @@ def _judge(function: Any, kind: Any, words: dict[str, Any]) -> None:
 
     try:
         checked = check_function(function, kind, **words)
+        text, good = told(checked), checked.result.exit_code == 0
     except SimvalError as error:
-        pytest.fail(str(error), pytrace=False)
-    text = told(checked)
-    if checked.result.exit_code:
+        text, good = str(error), False
+    if not good:  # not above: the error would be told a second time
         pytest.fail(text, pytrace=False)
     print(text)  # noqa: T201, for pytest's -rP and -s

@@ -5,6 +5,7 @@ from types import MappingProxyType
 from typing import Final
 
 from simval.gate import Finding
+from simval.statistics import CUBATURE
 
 _ADVICE: Final[Mapping[str, str]] = MappingProxyType(
     {
@@ -44,8 +45,17 @@ _OF_A_CALIBRATOR: Final = MappingProxyType(
 )
 
 
+UNSETTLED: Final = (
+    "cubature of the function does not settle at this noise: it jumps, or is far from "
+    "smooth"
+)
+"""Of a remainder that is too great to judge by: it is cubature's own error."""
+
+
 def advice_on(finding: Finding) -> str:
     """What to do about a failure; empty where its reason says it."""
+    if finding.answer == "inconclusive" and finding.against == CUBATURE:
+        return UNSETTLED if "a remainder of" in finding.reason else ""
     if finding.answer != "fail" or not finding.statistic:
         return ""
     family = finding.statistic.partition("[")[0]

@@ -11,11 +11,19 @@ from simval.sweep.suite import Suite, expand
 NOISE: Final = (0.01, 0.05)
 """Of a cell each: per axis of a unit vector, or of a pose mean in m/s²."""
 
+TIME_LIMIT: Final = 120.0
+"""Of a cell, s: whoever waits for a table wants to know what hangs."""
+
 SETTINGS: Final[Mapping[str, Mapping[str, Any]]] = MappingProxyType(
     {
         # rows resolved, and an eighth of the calls that the exact cases need
-        "estimator": {"noise_std": list(NOISE), "samples": 4096},
-        "calibrator": {"noise_std": list(NOISE)},
+        "estimator": {
+            "noise_std": list(NOISE),
+            "samples": 4096,
+            "time_limit": TIME_LIMIT,
+        },
+        "calibrator": {"noise_std": list(NOISE), "time_limit": TIME_LIMIT},
+        "custom_scene": {"time_limit": TIME_LIMIT},
     }
 )
 """What differs from the default of a study."""

@@ -50,6 +50,7 @@ Algorithm = Callable[..., Any] | Estimator | Calibrator
 def check_function(
     algorithm: Algorithm,
     kind: type[Estimator] | type[Calibrator],
+    /,
     *,
     seed: int = 1,
     alpha: float = ALPHA,
@@ -124,7 +125,7 @@ def _listed(value: Any) -> Any:
 
 
 def _plugin(
-    algorithm: Algorithm,
+    algorithm: Any,
     kind: type[Estimator] | type[Calibrator],
     declared: Mapping[str, Any],
 ) -> Estimator | Calibrator:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from math import floor, inf, log10
 from types import MappingProxyType
 from typing import Final
 
@@ -20,11 +21,19 @@ ANSWERS: Final[Mapping[str, str]] = MappingProxyType(
 )
 """How an answer is called in the table; what is not judged has none."""
 
+ENDINGS: Final = (
+    "crashed",
+    "fail",
+    "refused",
+    "inconclusive",
+    "pending",
+    "pass",
+    "done",
+)
+"""From worst to best: of cells, and of what was judged in them."""
+
 CRASH = f"{CrashedPluginError.__module__}.{CrashedPluginError.__qualname__}: "
 """What the words of a crash begin with in a store."""
-
-SHOWN = 12
-"""Findings told one by one; the others are counted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,8 +60,11 @@ def told(checked: Checked) -> str:
     judged = findings(checked.result)
     parts = ["\n".join(_plugin(checked, plugin, judged)) for plugin in checked.plugins]
     known = {one_line(cell.name) for cell in checked.cells}
+    # of several cells together, or of the whole run
     shared = [f for f in judged if f.answer != "pass" and f.cell.name not in known]
-    if shared:  # of several cells together, or of the whole run
+    if not checked.result.verdicts and checked.result.unfinished:
+        shared = []  # that nothing was judged is told with each
+    if shared:
         parts.append("\n".join(line for f in shared for line in _finding(f, checked)))
     result = checked.result
     parts.append(
@@ -66,11 +78,11 @@ def _plugin(
     checked: Checked, plugin: Meant, judged: Sequence[Finding]
 ) -> Iterator[str]:
     study = plugin.field.partition(".")[0].replace("_", " ")
-    yield f"{one_line(plugin.name)}: {study}"
-    declared = (f"{key} {one_line(value)}" for key, value in plugin.declared.items())
-    yield f"  declares  {'; '.join(declared) or 'nothing'}"
     cells = checked.of(plugin)
     own = [f for f in judged if f.cell.name in {one_line(c.name) for c in cells}]
+    yield f"{one_line(plugin.name)}, {study}: {_ending(cells, own)}"
+    declared = (f"{key} {one_line(value)}" for key, value in plugin.declared.items())
+    yield f"  declares  {'; '.join(declared) or 'nothing'}"
     done = [cell for cell in cells if cell.status == "done"]
     if done:
         yield from _fails_at(done[0])
@@ -79,10 +91,14 @@ def _plugin(
     bad = _distinct([f for f in own if f.answer != "pass"])
     if bad:
         yield ""
-    for finding in bad[:SHOWN]:
-        yield from _finding(finding, checked)
-    if len(bad) > SHOWN:
-        yield f"  ... and {len(bad) - SHOWN} more; --json has them all"
+    for finding, more in bad.items():
+        yield from _finding(finding, checked, more)
+
+
+def _ending(cells: Sequence[CellResult], judged: Sequence[Finding]) -> str:
+    """How a plug-in ended: the worst of its cells and of what was judged in them."""
+    found = {cell.ending for cell in cells} | {finding.answer for finding in judged}
+    return next(word for word in ENDINGS if word in found).upper()
 
 
 def _fails_at(cell: CellResult) -> Iterator[str]:
@@ -153,10 +169,17 @@ def _lines(cell: CellResult, judged: Sequence[Finding]) -> dict[str, Line]:
         greatest = max(rows, key=lambda r: (r.value != r.value, abs(r.value)))
         worst = next((word for word in ANSWERS if word in known and word != "pass"), "")
         answer = worst or ("pass" if known else "")
-        error = greatest.standard_error
-        value = f"{greatest.value:.3g}{f' ± {error:.1g}' if error > 0.0 else ''}"
+        value = _figure(greatest.value, greatest.standard_error)
         lines[_title(family, rows)] = Line(value, answer)
     return lines
+
+
+def _figure(value: float, error: float) -> str:
+    """A value, to the second digit of its standard error if it has one."""
+    if not (0.0 < error < inf and 0.0 < abs(value) < inf):
+        return f"{value:.3g}"
+    digits = max(1, floor(log10(abs(value))) - floor(log10(error)) + 2)
+    return f"{value:#.{digits}g} ± {error:#.2g}"
 
 
 def _title(family: Family, rows: Sequence[Row]) -> str:
@@ -166,15 +189,23 @@ def _title(family: Family, rows: Sequence[Row]) -> str:
     return f"{family.words}{unit}{many}"
 
 
-def _distinct(bad: Sequence[Finding]) -> list[Finding]:
-    """Findings without those that say the same of another cell."""
-    first: dict[tuple[str, str], Finding] = {}
+def _distinct(bad: Sequence[Finding]) -> dict[Finding, int]:
+    """The first finding of each family and cell, and how many more there are of it.
+
+    What is said of one cell is not said again of another.
+    """
+    groups: dict[tuple[str, str, str], list[Finding]] = {}
     for finding in bad:
-        first.setdefault((finding.what, finding.reason), finding)
-    return list(first.values())
+        family = finding.statistic.partition("[")[0]
+        group = (finding.cell.name, family, finding.answer)
+        groups.setdefault(group, []).append(finding)
+    said: dict[tuple[str, str], tuple[Finding, int]] = {}
+    for first, *others in groups.values():
+        said.setdefault((first.what, first.reason), (first, len(others)))
+    return dict(said.values())
 
 
-def _finding(finding: Finding, checked: Checked) -> Iterator[str]:
+def _finding(finding: Finding, checked: Checked, more: int = 0) -> Iterator[str]:
     cell = _cell(checked, finding.cell)
     crashed = cell is not None and cell.ending == "crashed"
     word = finding.check if finding.check == "refused" else ANSWERS[finding.answer]
@@ -185,7 +216,10 @@ def _finding(finding: Finding, checked: Checked) -> Iterator[str]:
     )
     what = " at ".join(filter(None, (finding.what, where)))
     reason = finding.reason.replace(CRASH, "")
-    yield f"  {': '.join(filter(None, ('crashed' if crashed else word, what, reason)))}"
+    words = ("crashed" if crashed else word, what, reason)
+    yield f"  {': '.join(filter(None, words))}"
+    if more:
+        yield f"    and {more} more of this kind"
     for line in _own_frames(cell):
         yield f"    {line}"
     if hint := advice_on(finding):
