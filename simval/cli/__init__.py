@@ -17,6 +17,7 @@ from simval.cli.interruption import watch
 from simval.errors import SimvalError
 
 COMMANDS = (
+    ("check", "Check an algorithm of one's own in seconds: a table and an answer."),
     ("sweep", "Run a suite of studies into a run folder."),
     ("report", "Write a run as one self-contained HTML file."),
     ("gate", "Judge a run against theory and the baseline; exit code for CI."),

@@ -33,6 +33,8 @@ def what_fits(
     for other in _conventions(estimator):
         fits[other] = ~failing(other, truth, vectors, noise)
         if fits[other].all():
+            if _same(other, estimator):
+                return "asked again it is right: it must answer the same each time"
             return f"declare {_words(other)} instead"
     if words := _fitting_frame(estimator, len(vectors) // 2, len(truth), noise):
         return words

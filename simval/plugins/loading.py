@@ -4,6 +4,8 @@ Loading runs a user's code, so what a file or a package offers is asked in a chi
 """
 
 import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
 from importlib import metadata
 from importlib.machinery import ModuleSpec, SourceFileLoader
 from importlib.util import module_from_spec
@@ -14,6 +16,7 @@ from typing import Any, TypeVar
 from simval.errors import PluginError, UnusablePluginError
 from simval.plugins.child import Answer, asked
 from simval.plugins.command import command_calibrator
+from simval.plugins.declarations import declarations
 from simval.plugins.names import COMMAND
 from simval.plugins.protocol import SCENE, Calibrator, Plugin
 from simval.text import message_of
@@ -31,9 +34,19 @@ Kind = TypeVar("Kind", bound=Plugin)
 
 
 class _Offer(Answer):
-    """For each plug-in that is held: the field that takes it, and its name."""
+    """For each plug-in that is held: the field that takes it, name, declarations."""
 
-    held: tuple[tuple[str, str], ...] = ()
+    held: tuple[tuple[str, str, dict[str, str]], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Meant:
+    """A plug-in that a word means."""
+
+    field: str  # of a study, which takes it
+    word: str  # what that field is set to
+    name: str  # as it calls itself
+    declared: Mapping[str, str]  # see `simval.plugins.declarations`
 
 
 def find_plugin(algorithm: str, kind: type[Kind]) -> Kind:
@@ -79,15 +92,22 @@ def overrides_of(plugins: tuple[str, ...]) -> list[str]:
         if "," in plugin:
             msg = f"`{plugin}` has a comma, which separates values; rename it"
             raise UnusablePluginError(msg)
-        for field, word in _meant(plugin):
-            values.setdefault(field, []).append(word)
+        for each in meant(plugin):
+            values.setdefault(each.field, []).append(each.word)
     return [f"{field}={','.join(words)}" for field, words in values.items()]
 
 
-def _meant(plugin: str) -> list[tuple[str, str]]:
-    """For each plug-in that is meant: the field that takes it, and its value."""
+def meant(plugin: str) -> list[Meant]:
+    """Plug-ins that a word means; each is loaded in a child.
+
+    Raises
+    ------
+    UnusablePluginError
+        If one cannot be used, or none is held.
+    """
     if plugin.startswith(COMMAND):
-        return [(command_calibrator(plugin).taken_by, plugin)]
+        command = command_calibrator(plugin)
+        return [Meant(command.taken_by, plugin, command.name, declarations(command))]
     file, name = _python_file(plugin)
     if not file and plugin not in dict(installed()):
         raise _no_plugin(plugin, 0)
@@ -97,16 +117,16 @@ def _meant(plugin: str) -> list[tuple[str, str]]:
     except PluginError as error:
         raise UnusablePluginError(str(error)) from None
     if not file:
-        return [(field, plugin) for field, _ in held]
+        return [Meant(field, plugin, own, declared) for field, own, declared in held]
     chosen = [each for each in held if name in ("", each[1])]
     if not chosen:
-        names = ", ".join(own for _, own in held)
+        names = ", ".join(own for _, own, _ in held)
         msg = f"{file} holds no plug-in named {name}; it has: {names}"
         raise UnusablePluginError(msg)
-    scenes = sum(field == SCENE for field, _ in held)
+    alone = sum(field == SCENE for field, *_ in held) == 1
     return [
-        (field, file if field == SCENE and scenes == 1 else f"{file}:{own}")
-        for field, own in chosen
+        Meant(field, file if field == SCENE and alone else f"{file}:{own}", own, words)
+        for field, own, words in chosen
     ]
 
 
@@ -126,7 +146,9 @@ def offer(plugin: str) -> dict[str, Any]:
         msg = f"the plug-in {what} {plugin} calls exit({error.code})"
         raise UnusablePluginError(msg) from None
     held = [
-        (value.taken_by, value.name) for value in values if isinstance(value, Plugin)
+        (value.taken_by, value.name, declarations(value))
+        for value in values
+        if isinstance(value, Plugin)
     ]
     if not held:
         msg = (

@@ -29,8 +29,9 @@ __all__ = [
 COUNT = 24
 """Rows of the first batch; a fast path starts later."""
 
-BATCHES = (1024, 4096)
-"""Rows of the large batches: what the study simulates at once, and more than its
+BATCHES = (3, 4, 1024, 4096)
+"""Rows of the other batches: as many as a vector or a quaternion has entries, so that
+rows may be taken for columns, what the study simulates at once, and more than its
 cubature evaluates at once."""
 
 BATCH_NOISE = 0.01

@@ -142,7 +142,11 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 
 def compute(parameters: Parameters, streams: Streams) -> Outcome:
     """Measure the plug-in in this process."""
-    plugin = find_plugin(parameters.algorithm, Calibrator)
+    return outcome(find_plugin(parameters.algorithm, Calibrator), parameters, streams)
+
+
+def outcome(plugin: Calibrator, parameters: Parameters, streams: Streams) -> Outcome:
+    """Measure a calibrator that this process holds."""
     setting = setting_of(
         plugin,
         faces=parameters.pose_set == "faces",

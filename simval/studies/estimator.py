@@ -154,7 +154,11 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 
 def compute(parameters: Parameters, streams: Streams) -> Outcome:
     """Measure the plug-in in this process."""
-    plugin = find_plugin(parameters.algorithm, Estimator)
+    return outcome(find_plugin(parameters.algorithm, Estimator), parameters, streams)
+
+
+def outcome(plugin: Estimator, parameters: Parameters, streams: Streams) -> Outcome:
+    """Measure an estimator that this process holds."""
     noise, vectors = parameters.noise_std, parameters.vectors
     setting = Setting(plugin, parameters.geometry, vectors, parameters.noise)
     asked = plugin if setting.claims else replace(plugin, covariance=None)

@@ -1,0 +1,12 @@
+"""A plug-in checked on its own, in seconds: measured in two cells, judged by the gate.
+
+`check_plugin` takes what a command line names and measures it as a sweep does, in a run
+folder that goes again; `check_function` takes a function that only this process has.
+Both answer with a `Checked`: the gate's result, and what the plug-ins declare.
+"""
+
+from simval.check.here import check_function
+from simval.check.measure import Checked, check_plugin
+from simval.check.words import told
+
+__all__ = ["Checked", "check_function", "check_plugin", "told"]

@@ -1,0 +1,46 @@
+"""The cells in which a plug-in is checked: few, cheap, and enough to be judged."""
+
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
+from typing import Any, Final
+
+from simval.plugins.loading import Meant
+from simval.plugins.names import COMMAND
+from simval.sweep.suite import Suite, expand
+
+NOISE: Final = (0.01, 0.05)
+"""Of a cell each: per axis of a unit vector, or of a pose mean in m/s²."""
+
+TIME_LIMIT: Final = 120.0
+"""Of a cell, s: whoever waits for a table wants to know what hangs."""
+
+SETTINGS: Final[Mapping[str, Mapping[str, Any]]] = MappingProxyType(
+    {
+        # rows resolved, and an eighth of the calls that the exact cases need
+        "estimator": {
+            "noise_std": list(NOISE),
+            "samples": 4096,
+            "time_limit": TIME_LIMIT,
+        },
+        "calibrator": {"noise_std": list(NOISE), "time_limit": TIME_LIMIT},
+        "custom_scene": {"time_limit": TIME_LIMIT},
+    }
+)
+"""What differs from the default of a study."""
+
+OF_A_COMMAND: Final[Mapping[str, Any]] = MappingProxyType(
+    {"noise_std": NOISE[0], "trials": 896}
+)
+"""A process for each trial: one cell, and about the fewest trials to be judged by."""
+
+
+def suite_of(plugins: Iterable[Meant], seed: int) -> Suite:
+    """Suite that checks some plug-ins and nothing else."""
+    content: dict[str, Any] = {"seed": seed}
+    for each in plugins:
+        study, _, field = each.field.partition(".")
+        command = each.word.startswith(COMMAND)
+        settings = OF_A_COMMAND if command else SETTINGS.get(study, {})
+        table = content.setdefault(study, {**settings, field: []})
+        table[field].append(each.word)
+    return expand("check", content)

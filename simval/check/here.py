@@ -1,0 +1,178 @@
+"""A check of a function that only this process has, without a file or a child.
+
+A closure or a lambda of a test is in no file that another process could load, so it is
+measured where it is, by the same study, and judged by the same gate. Nothing stops it
+here if it does not end.
+"""
+
+import time
+import traceback
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final
+
+import numpy as np
+
+from simval.check.cells import SETTINGS
+from simval.check.measure import Checked
+from simval.errors import CrashedPluginError, InputError, PluginError
+from simval.gate import judge_run
+from simval.plugins import Calibrator, Estimator
+from simval.plugins.declarations import declarations
+from simval.plugins.loading import Meant
+from simval.results import Outcome, Row
+from simval.studies import STUDIES, calibrator, estimator
+from simval.studies.study import Cell
+from simval.sweep.cells import REFUSED, CellResult
+from simval.sweep.run import Run
+from simval.sweep.suite import expand
+from simval.text import message_of
+from simval.verdict import ALPHA
+
+Measure = Callable[[Any, Any, Any], Outcome]
+
+MEASURES: Final[Mapping[type, Measure]] = MappingProxyType(
+    {Estimator: estimator.outcome, Calibrator: calibrator.outcome}
+)
+"""What measures a plug-in that this process holds."""
+
+FIRST: Final = MappingProxyType({Estimator: "estimate", Calibrator: "calibrate"})
+"""The field that is the algorithm itself."""
+
+OURS = Path(__file__).parents[1]
+
+Algorithm = Callable[..., Any] | Estimator | Calibrator
+
+
+def check_function(
+    algorithm: Algorithm,
+    kind: type[Estimator] | type[Calibrator],
+    /,
+    *,
+    seed: int = 1,
+    alpha: float = ALPHA,
+    **words: Any,
+) -> Checked:
+    """Measure and judge a function in this process.
+
+    Parameters
+    ----------
+    algorithm : callable, Estimator or Calibrator
+        The function, or all of a plug-in.
+    kind : type
+        `Estimator` or `Calibrator`: what the function is.
+    seed : int, default 1
+        Of the noise: the same one gives the same numbers.
+    alpha : float, default ALPHA
+        False-alarm rate of all checks together.
+    **words
+        What `kind` declares, and parameters of the study; a list of values of a
+        parameter is a cell for each. Where both have a word of that name, True and
+        False declare.
+
+    Returns
+    -------
+    Checked
+        What was measured, and the gate's answer.
+
+    Raises
+    ------
+    InputError
+        If a word is none of either, or its value is not allowed.
+    """
+    study, _, field = kind.taken_by.partition(".")
+    declared, settings = _sorted_out(kind, study, words)
+    plugin = _plugin(algorithm, kind, declared)
+    table = {**SETTINGS[study], **settings, field: plugin.name}
+    suite = expand("check", {"seed": seed, study: table})
+    cells = tuple(_ended(i, cell, plugin) for i, cell in enumerate(suite.cells))
+    run = Run(folder=Path("check"), cells=cells, manifest={}, timing={})
+    held = Meant(kind.taken_by, plugin.name, plugin.name, declarations(plugin))
+    return Checked(plugins=(held,), cells=cells, result=judge_run(run, None, alpha))
+
+
+def _sorted_out(
+    kind: type[Estimator] | type[Calibrator], study: str, words: Mapping[str, Any]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """What is declared, and what is set."""
+    own = {each.name for each in fields(kind)} - {FIRST[kind]}
+    parameters = STUDIES[study].parameters
+    set_by = set(parameters.model_fields) - {parameters.plugin, "time_limit"}
+    if unknown := words.keys() - own - set_by:
+        listed = ", ".join(f"`{word}`" for word in sorted(unknown))
+        msg = (
+            f"{listed} is no keyword here; {kind.__name__} declares "
+            f"{', '.join(sorted(own))}; the study `{study}` has "
+            f"{', '.join(sorted(set_by))}; and there are `seed` and `alpha`"
+        )
+        raise InputError(msg)
+    declared = {
+        word
+        for word in words.keys() & own
+        if word not in set_by or isinstance(words[word], bool)
+    }
+    return (
+        {word: words[word] for word in declared},
+        {word: _listed(value) for word, value in words.items() if word not in declared},
+    )
+
+
+def _listed(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _plugin(
+    algorithm: Any,
+    kind: type[Estimator] | type[Calibrator],
+    declared: Mapping[str, Any],
+) -> Estimator | Calibrator:
+    if isinstance(algorithm, kind):
+        if declared:
+            words = ", ".join(f"`{word}`" for word in sorted(declared))
+            msg = f"{words} is for a function; the {kind.__name__} declares it itself"
+            raise InputError(msg)
+        return algorithm
+    name = getattr(algorithm, "__name__", type(algorithm).__name__)
+    try:
+        return kind(**{"name": name, **declared, FIRST[kind]: algorithm})
+    except (TypeError, PluginError) as error:
+        msg = f"{name} cannot be used as it is declared: {error}"
+        raise InputError(msg) from None
+
+
+def _ended(position: int, cell: Cell, plugin: Estimator | Calibrator) -> CellResult:
+    start, error = time.process_time(), ""
+    rows: tuple[Row, ...] = ()
+    # a test's own settings must not change what is measured
+    with warnings.catch_warnings(), np.errstate(all="warn"):
+        warnings.simplefilter("default")
+        try:
+            rows = MEASURES[type(plugin)](plugin, cell.parameters, cell.streams).rows
+        except CrashedPluginError as crash:
+            error = _told(crash)
+        except PluginError as refusal:
+            error = f"{REFUSED}{refusal}\n"
+        except SystemExit as ending:
+            error = f"the plug-in raised {message_of(ending)}\n"
+    return CellResult(
+        position=position,
+        name=cell.name,
+        study=cell.study,
+        seed=cell.seed,
+        parameters=cell.parameters.named(),
+        status="failed" if error else "done",
+        error=error,
+        seconds=time.process_time() - start,
+        rows=rows,
+    )
+
+
+def _told(crash: CrashedPluginError) -> str:
+    """Frames of the user's own code, then the message."""
+    cause = crash.__cause__
+    frames = traceback.extract_tb(None if cause is None else cause.__traceback__)
+    own = [frame for frame in frames if not Path(frame.filename).is_relative_to(OURS)]
+    return f"{''.join(traceback.format_list(own))}{crash}\n"

@@ -1,0 +1,243 @@
+"""A check in words, for a terminal."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import floor, inf, log10
+from types import MappingProxyType
+from typing import Final
+
+from simval.check.advice import advice_on
+from simval.check.measure import Checked
+from simval.errors import CrashedPluginError
+from simval.gate import Finding, findings, headline
+from simval.plugins.loading import Meant
+from simval.results import CellName, Row
+from simval.statistics import FAILURES, Family
+from simval.sweep.cells import CellResult
+from simval.text import one_line
+
+ANSWERS: Final[Mapping[str, str]] = MappingProxyType(
+    {"pass": "ok", "fail": "FAIL", "inconclusive": "unclear", "": "-"}
+)
+"""How an answer is called in the table; what is not judged has none."""
+
+ENDINGS: Final = (
+    "crashed",
+    "fail",
+    "refused",
+    "inconclusive",
+    "pending",
+    "pass",
+    "done",
+)
+"""From worst to best: of cells, and of what was judged in them."""
+
+CRASH = f"{CrashedPluginError.__module__}.{CrashedPluginError.__qualname__}: "
+"""What the words of a crash begin with in a store."""
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One family of statistics in one cell: its greatest member, and its answer."""
+
+    value: str
+    answer: str
+
+
+def told(checked: Checked) -> str:
+    """Tell what was checked, and with what result.
+
+    Parameters
+    ----------
+    checked : Checked
+        As from `check_plugin`.
+
+    Returns
+    -------
+    str
+        Lines of text.
+    """
+    judged = findings(checked.result)
+    parts = ["\n".join(_plugin(checked, plugin, judged)) for plugin in checked.plugins]
+    known = {one_line(cell.name) for cell in checked.cells}
+    # of several cells together, or of the whole run
+    shared = [f for f in judged if f.answer != "pass" and f.cell.name not in known]
+    if not checked.result.verdicts and checked.result.unfinished:
+        shared = []  # that nothing was judged is told with each
+    if shared:
+        parts.append("\n".join(line for f in shared for line in _finding(f, checked)))
+    result = checked.result
+    parts.append(
+        f"{result.answer.upper()}: {headline(result)}; "
+        f"false-alarm rate {result.alpha:g} for all together"
+    )
+    return "\n\n".join(parts)
+
+
+def _plugin(
+    checked: Checked, plugin: Meant, judged: Sequence[Finding]
+) -> Iterator[str]:
+    study = plugin.field.partition(".")[0].replace("_", " ")
+    cells = checked.of(plugin)
+    own = [f for f in judged if f.cell.name in {one_line(c.name) for c in cells}]
+    yield f"{one_line(plugin.name)}, {study}: {_ending(cells, own)}"
+    declared = (f"{key} {one_line(value)}" for key, value in plugin.declared.items())
+    yield f"  declares  {'; '.join(declared) or 'nothing'}"
+    done = [cell for cell in cells if cell.status == "done"]
+    if done:
+        yield from _fails_at(done[0])
+        yield ""
+        yield from _table(done, own)
+    bad = _distinct([f for f in own if f.answer != "pass"])
+    if bad:
+        yield ""
+    for finding, more in bad.items():
+        yield from _finding(finding, checked, more)
+
+
+def _ending(cells: Sequence[CellResult], judged: Sequence[Finding]) -> str:
+    """How a plug-in ended: the worst of its cells and of what was judged in them."""
+    found = {cell.ending for cell in cells} | {finding.answer for finding in judged}
+    return next(word for word in ENDINGS if word in found).upper()
+
+
+def _fails_at(cell: CellResult) -> Iterator[str]:
+    """Classes of attitudes at which it fails, each with its share."""
+    rows = [row for row in cell.rows if row.statistic.family == FAILURES]
+    shares = {
+        row.statistic.entries[0]: f"{row.value:.1%}"
+        + (" (declared)" if row.check == "record" else "")
+        for row in rows
+        if row.value > 0.0
+    }
+    if shares:
+        words = "; ".join(f"{name} {share}" for name, share in shares.items())
+        yield f"  fails at  {words}"
+    elif rows:
+        n = rows[0].n
+        yield f"  fails at  none of {len(rows)} classes of attitudes, {n} cases of each"
+
+
+def _table(cells: Sequence[CellResult], judged: Sequence[Finding]) -> Iterator[str]:
+    """Columns for each cell: what is greatest of a family, and the answer."""
+    columns = [_lines(cell, judged) for cell in cells]
+    titles = list(dict.fromkeys(title for column in columns for title in column))
+    table = [["", *titles]]
+    for cell, column in zip(cells, columns, strict=True):
+        lines = [column.get(title) for title in titles]
+        table.append(
+            [_varied(cell, cells), *("" if n is None else n.value for n in lines)]
+        )
+        table.append(["", *("" if n is None else ANSWERS[n.answer] for n in lines)])
+    widths = [max(map(len, column)) for column in table]
+    for words in zip(*table, strict=True):
+        padded = (
+            word.rjust(width) if place % 2 else word.ljust(width)
+            for place, (word, width) in enumerate(zip(words, widths, strict=True))
+        )
+        yield f"  {'  '.join(padded)}".rstrip()
+
+
+def _varied(cell: CellResult, cells: Sequence[CellResult]) -> str:
+    """What sets a cell apart from the others."""
+    differing = {
+        key: value
+        for key, value in cell.parameters.items()
+        if any(other.parameters.get(key) != value for other in cells)
+    }
+    return ", ".join(f"{key} {value}" for key, value in differing.items())
+
+
+def _lines(cell: CellResult, judged: Sequence[Finding]) -> dict[str, Line]:
+    """Each family of a cell by its title, in the order of its rows."""
+    name = one_line(cell.name)
+    answers = {
+        (f.statistic, f.against): f.answer for f in judged if f.cell.name == name
+    }
+    families: dict[Family, list[Row]] = {}
+    for row in cell.rows:
+        families.setdefault(row.statistic.family, []).append(row)
+    lines = {}
+    for family, rows in families.items():
+        known = [
+            answers[key]
+            for row in rows
+            if (key := (one_line(str(row.statistic)), one_line(row.predictor)))
+            in answers
+        ]
+        # a NaN is greater than any number here: it must be seen
+        greatest = max(rows, key=lambda r: (r.value != r.value, abs(r.value)))
+        worst = next((word for word in ANSWERS if word in known and word != "pass"), "")
+        answer = worst or ("pass" if known else "")
+        value = _figure(greatest.value, greatest.standard_error)
+        lines[_title(family, rows)] = Line(value, answer)
+    return lines
+
+
+def _figure(value: float, error: float) -> str:
+    """A value, to the second digit of its standard error if it has one."""
+    if not (0.0 < error < inf and 0.0 < abs(value) < inf):
+        return f"{value:.3g}"
+    digits = max(1, floor(log10(abs(value))) - floor(log10(error)) + 2)
+    return f"{value:#.{digits}g} ± {error:#.2g}"
+
+
+def _title(family: Family, rows: Sequence[Row]) -> str:
+    units = {row.unit for row in rows}
+    unit = f", {units.pop()}" if len(units) == 1 and units != {"1"} else ""
+    many = f" (greatest of {len(rows)})" if len(rows) > 1 else ""
+    return f"{family.words}{unit}{many}"
+
+
+def _distinct(bad: Sequence[Finding]) -> dict[Finding, int]:
+    """The first finding of each family and cell, and how many more there are of it.
+
+    What is said of one cell is not said again of another.
+    """
+    groups: dict[tuple[str, str, str], list[Finding]] = {}
+    for finding in bad:
+        family = finding.statistic.partition("[")[0]
+        group = (finding.cell.name, family, finding.answer)
+        groups.setdefault(group, []).append(finding)
+    said: dict[tuple[str, str], tuple[Finding, int]] = {}
+    for first, *others in groups.values():
+        said.setdefault((first.what, first.reason), (first, len(others)))
+    return dict(said.values())
+
+
+def _finding(finding: Finding, checked: Checked, more: int = 0) -> Iterator[str]:
+    cell = _cell(checked, finding.cell)
+    crashed = cell is not None and cell.ending == "crashed"
+    word = finding.check if finding.check == "refused" else ANSWERS[finding.answer]
+    where = (
+        ""
+        if cell is None or cell.status != "done"
+        else _varied(cell, _of_same(cell, checked))
+    )
+    what = " at ".join(filter(None, (finding.what, where)))
+    reason = finding.reason.replace(CRASH, "")
+    words = ("crashed" if crashed else word, what, reason)
+    yield f"  {': '.join(filter(None, words))}"
+    if more:
+        yield f"    and {more} more of this kind"
+    for line in _own_frames(cell):
+        yield f"    {line}"
+    if hint := advice_on(finding):
+        yield f"    {hint}"
+
+
+def _of_same(cell: CellResult, checked: Checked) -> Sequence[CellResult]:
+    """Cells of the same plug-in."""
+    groups = (checked.of(plugin) for plugin in checked.plugins)
+    return next((group for group in groups if cell in group), ())
+
+
+def _own_frames(cell: CellResult | None) -> list[str]:
+    """Lines of a crash that show the user's own code, without its last line."""
+    if cell is None or cell.ending != "crashed" or "Traceback" in cell.error:
+        return []
+    return [line.rstrip() for line in cell.error.splitlines()[:-1]]
+
+
+def _cell(checked: Checked, name: CellName) -> CellResult | None:
+    return next((c for c in checked.cells if one_line(c.name) == name.name), None)

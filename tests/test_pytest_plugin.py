@@ -1,0 +1,160 @@
+"""The plug-in of pytest: what it judges, what it says, and what it costs."""
+
+import os
+import re
+import subprocess
+import sys
+from importlib import metadata
+
+import pytest
+from places import ROOT
+
+# what pytester runs in this process finds them: NumPy cannot be loaded a second time
+import simval.attitude.comparators
+import simval.check  # noqa: F401
+
+pytest_plugins = ["pytester"]
+
+PAGE = (ROOT / "docs" / "plugins.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def ended(pytester):
+    """Run pytest, in this process, on some tests of a user."""
+
+    def run(text, *words):
+        pytester.makepyfile(text)
+        return pytester.runpytest_inprocess(*words, "-p", "no:cacheprovider")
+
+    return run
+
+
+def test_it_is_installed_with_the_package():
+    (point,) = metadata.entry_points(group="pytest11", name="simval")
+    assert point.value == "simval.pytest_plugin"
+
+
+def test_the_page_keeps_its_word(ended):
+    text = PAGE.partition("## In your test suite")[2]
+    block = re.search(r"```python\n(.*?)```", text, re.DOTALL)[1]
+    lines = [line for line in block.splitlines() if line.strip()]
+    assert len(lines) <= 10
+    ended(block).assert_outcomes(passed=1)
+
+
+HEAD = """
+import numpy as np
+from simval.attitude.comparators import davenport
+"""
+WORDS = 'components="xyzs", matrix="passive", noise_std=0.05, samples=1024'
+
+
+def test_a_failure_is_the_gates_message_alone(ended):
+    result = ended(
+        HEAD
+        + "def test_mine(simval_estimator):\n"
+        + "    known = np.sin(np.pi / 2)\n"  # a closure: in no file by itself
+        + "    def mine(*v):\n"
+        + "        q = davenport(*v)\n"
+        + "        return np.where(np.abs(q[:, 1:2]) > known - 1e-12, np.nan, q)\n"
+        + f"    simval_estimator(mine, {WORDS})\n"
+    )
+    result.assert_outcomes(failed=1)
+    said = str(result.stdout)
+    assert "mine, estimator: FAIL" in said
+    assert "  fails at  half turns about y 100.0%" in said
+    assert "failures[half turns about y] against truth" in said
+    assert "FAIL: of 31 checks against theory, 1 failed; false-alarm rate" in said
+    assert "FAILED test_a_failure_is_the_gates_message_alone.py::test_mine - " in said
+    for inside in ("Traceback", "pytest_plugin", "simval/check", "def _judge", ">   "):
+        assert inside not in said
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (f"simval_estimator(lambda *v: 1 / 0, {WORDS})", "ZeroDivisionError: division"),
+        (f"simval_estimator(lambda *v: exit(3), {WORDS})", "raised SystemExit: 3"),
+        (f"simval_estimator(lambda *v: None, {WORDS})", "as NoneType of shape ()"),
+        (
+            'simval_estimator(davenport, components="xyzs", matrix="active")',
+            'declare components="xyzs", matrix="passive" instead',
+        ),
+        ("simval_estimator(davenport)", "cannot be used as it is declared"),
+        (f"simval_estimator(davenport, {WORDS}, tolerance=1)", "`tolerance` is no key"),
+        (
+            "simval_calibrator(lambda poses, g: (np.eye(3), np.zeros(3)))",
+            "the worst is",
+        ),
+        ("simval_calibrator(None)", "`calibrate` is None; it must be a function"),
+    ],
+)
+def test_what_cannot_be_judged_fails_in_words(ended, call, words):
+    fixture = call.partition("(")[0]
+    result = ended(f"{HEAD}\ndef test_mine({fixture}):\n    {call}\n")
+    result.assert_outcomes(failed=1)
+    said = str(result.stdout)
+    assert words in said
+    for inside in ("Traceback", "pytest_plugin", "During handling", "simval/"):
+        assert inside not in said
+
+
+def test_the_users_own_line_is_shown_where_it_raises(ended):
+    result = ended(
+        f"{HEAD}\ndef inner(v):\n    return v[0] @ np.eye(7)\n\n"
+        f"def test_mine(simval_estimator):\n"
+        f"    simval_estimator(lambda *v: inner(v), {WORDS})\n"
+    )
+    said = str(result.stdout)
+    assert "in inner" in said
+    assert "return v[0] @ np.eye(7)" in said
+    assert "raised ValueError: matmul" in said
+
+
+def test_settings_of_a_test_do_not_change_the_answer(ended):
+    # a warning of the function, where warnings are errors; state of NumPy
+    text = (
+        HEAD
+        + "def test_mine(simval_estimator):\n"
+        + "    np.seterr(all='raise')\n"
+        + "    def mine(*v):\n"
+        + "        with np.errstate(divide='warn'):\n"
+        + "            np.ones(1) / np.zeros(1)\n"
+        + "        return davenport(*v)\n"
+        + f"    simval_estimator(mine, {WORDS})\n"
+        + "    assert np.geterr()['over'] == 'raise'\n"
+        + "    np.seterr(all='warn')\n"
+    )
+    ended(text, "-W", "error::RuntimeWarning").assert_outcomes(passed=1)
+
+
+def test_a_pass_shows_its_table_where_asked(ended):
+    text = f"{HEAD}\ndef test_mine(simval_estimator):\n    simval_estimator("
+    result = ended(f"{text}davenport, {WORDS}, seed=2)\n", "-rP")
+    result.assert_outcomes(passed=1)
+    assert "davenport, estimator: PASS" in str(result.stdout)
+    assert "RMS error, rad" in str(result.stdout)
+
+
+def collected(folder, *words):
+    """Collect nothing in an empty folder; gives the modules that it imported."""
+    program = (
+        "import sys, pytest; code = pytest.main(sys.argv[1:]); "
+        "print(' '.join(sys.modules), file=sys.stderr); sys.exit(code)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program, "--collect-only", "-q", *words],
+        cwd=folder,
+        env={**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 5, done.stderr  # no tests
+    return set(done.stderr.split())
+
+
+def test_it_imports_nothing_until_it_is_asked(tmp_path):
+    beside = collected(tmp_path, "-p", "simval") - collected(tmp_path)
+    ours = {name for name in beside if name.startswith("simval")}
+    assert ours == {"simval", "simval.pytest_plugin"}
+    assert beside - ours <= {"typing"}
