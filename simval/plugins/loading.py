@@ -4,6 +4,7 @@ Loading runs a user's code, so what a file or a package offers is asked in a chi
 """
 
 import sys
+from collections.abc import Mapping, Sequence
 from importlib import metadata
 from importlib.machinery import ModuleSpec, SourceFileLoader
 from importlib.util import module_from_spec
@@ -12,13 +13,13 @@ from types import ModuleType
 from typing import Any, TypeVar
 
 from simval.errors import PluginError, UnusablePluginError
+from simval.plugins.builtin import BUILTIN, GROUP, PREFIX, points_of
 from simval.plugins.child import Answer, asked
 from simval.plugins.command import command_calibrator
 from simval.plugins.names import COMMAND
 from simval.plugins.protocol import SCENE, Calibrator, Plugin
 from simval.text import message_of
 
-GROUP = "simval.plugins"
 TIME_LIMIT = 60.0
 """Seconds for reading what a file or a package offers."""
 
@@ -67,7 +68,23 @@ def find_plugin(algorithm: str, kind: type[Kind]) -> Kind:
 
 
 def overrides_of(plugins: tuple[str, ...]) -> list[str]:
-    """Overrides that put some plug-ins into a suite.
+    """Overrides that put some plug-ins, and no others, into a suite.
+
+    Raises
+    ------
+    UnusablePluginError
+        As `chosen`.
+    """
+    return spelled(chosen(plugins))
+
+
+def spelled(words: Mapping[str, Sequence[str]]) -> list[str]:
+    """Plug-ins by field as overrides of a suite."""
+    return [f"{field}={','.join(each)}" for field, each in words.items()]
+
+
+def chosen(plugins: tuple[str, ...]) -> dict[str, list[str]]:
+    """Some plug-ins, by the field that takes them.
 
     Raises
     ------
@@ -81,7 +98,7 @@ def overrides_of(plugins: tuple[str, ...]) -> list[str]:
             raise UnusablePluginError(msg)
         for field, word in _meant(plugin):
             values.setdefault(field, []).append(word)
-    return [f"{field}={','.join(words)}" for field, words in values.items()]
+    return values
 
 
 def _meant(plugin: str) -> list[tuple[str, str]]:
@@ -89,7 +106,7 @@ def _meant(plugin: str) -> list[tuple[str, str]]:
     if plugin.startswith(COMMAND):
         return [(command_calibrator(plugin).taken_by, plugin)]
     file, name = _python_file(plugin)
-    if not file and plugin not in dict(installed()):
+    if not file and not points_of(plugin):
         raise _no_plugin(plugin, 0)
     whole = file or plugin
     try:
@@ -220,7 +237,7 @@ def _of_package(name: str, kind: type[Kind]) -> Kind:
     if len(fitting) == 1:
         return fitting[0]
     if len(held) == 1:
-        (point,) = metadata.entry_points(group=GROUP, name=name)
+        (point,) = points_of(name)
         home = kind.__module__.rpartition(".")[0]
         msg = (
             f"the entry point `{name}` = {point.value} is of type "
@@ -231,6 +248,10 @@ def _of_package(name: str, kind: type[Kind]) -> Kind:
 
 
 def _no_plugin(word: str, count: int) -> UnusablePluginError:
+    if word.startswith(PREFIX):
+        return UnusablePluginError(
+            f"there is no built-in algorithm `{word}`; there are {', '.join(BUILTIN)}"
+        )
     names = ", ".join(known for known, _ in installed()) or "none"
     return UnusablePluginError(
         f"there is no plug-in `{word}`: a file must end in .py (FILE.py or "
@@ -242,7 +263,7 @@ def _no_plugin(word: str, count: int) -> UnusablePluginError:
 
 def _loaded(name: str) -> list[Any]:
     try:
-        return [p.load() for p in metadata.entry_points(group=GROUP, name=name)]
+        return [point.load() for point in points_of(name)]
     except Exception as error:  # whatever an installed package may raise
         msg = f"the entry point `{name}` fails with {message_of(error)}"
         raise UnusablePluginError(msg) from error
