@@ -67,6 +67,15 @@ def find_plugin(algorithm: str, kind: type[Kind]) -> Kind:
     return _of_file(file, name, kind) if file else _of_package(algorithm, kind)
 
 
+def find_again(algorithm: str, kind: type[Kind]) -> Kind:
+    """The plug-in that this process has found before; its file is not run again."""
+    file, name = _python_file(algorithm)
+    module = sys.modules.get(_module_name(Path(file))) if file else None
+    if module is None:
+        return find_plugin(algorithm, kind)
+    return _fitting(file, _distinct(file, vars(module)), name, kind)
+
+
 def overrides_of(plugins: tuple[str, ...]) -> list[str]:
     """Overrides that put some plug-ins, and no others, into a suite.
 
@@ -164,7 +173,7 @@ def installed() -> list[tuple[str, str]]:
 
 
 def _held_by(file: Path) -> list[Any]:
-    """Plug-ins of a Python file; two names for the same one count once."""
+    """Plug-ins of a Python file."""
     if not file.is_file():
         msg = f"the plug-in file {file} does not exist; give the path of a Python file"
         raise UnusablePluginError(msg)
@@ -173,6 +182,11 @@ def _held_by(file: Path) -> list[Any]:
     except Exception as error:  # whatever a user's file may raise
         msg = f"the plug-in file {file} fails with {message_of(error)}"
         raise UnusablePluginError(msg) from error
+    return _distinct(file, content)
+
+
+def _distinct(file: str | Path, content: Mapping[str, Any]) -> list[Any]:
+    """Plug-ins among the values of a module; two names for the same one count once."""
     held = [value for value in content.values() if isinstance(value, Plugin)]
     plugins = list({id(value): value for value in held}.values())
     names: set[tuple[type, str]] = set()
@@ -193,7 +207,7 @@ def _imported(file: Path) -> ModuleType:
     It is a module like any other, so that what looks one up later finds it: pickle, the
     evaluation of annotations, an import of a neighbour from inside a function.
     """
-    folder, name = str(file.resolve().parent), f"simval_plugin_{file.stem}"
+    folder, name = str(file.resolve().parent), _module_name(file)
     # not resolved: what it has beside itself is beside the link that names it
     path = str(file.absolute())
     loader = SourceFileLoader(name, path)
@@ -207,6 +221,10 @@ def _imported(file: Path) -> ModuleType:
     return module
 
 
+def _module_name(file: Path) -> str:
+    return f"simval_plugin_{file.stem}"
+
+
 def _python_file(word: str) -> tuple[str, str]:
     """Python file that a word names, or nothing, and what is meant inside it."""
     path, _, name = word.partition(".py:")
@@ -216,7 +234,10 @@ def _python_file(word: str) -> tuple[str, str]:
 
 
 def _of_file(file: str, name: str, kind: type[Kind]) -> Kind:
-    held = _held_by(Path(file))
+    return _fitting(file, _held_by(Path(file)), name, kind)
+
+
+def _fitting(file: str, held: Sequence[Any], name: str, kind: type[Kind]) -> Kind:
     fitting = [value for value in held if isinstance(value, kind)]
     if name:
         fitting = [value for value in fitting if value.name == name]
