@@ -1,0 +1,162 @@
+r"""What is read from the rows of an algorithm's cell: accuracy, honesty, failures.
+
+Accuracy is the RMS error over the Cramer-Rao bound. Of an estimator that is
+
+.. math:: \sqrt{E|\theta|^2 / \mathrm{tr}\, B} = 1/\sqrt{\text{efficiency}},
+
+without sampling where the study has it so. Of a calibrator it is the root of the mean
+over its parameters of :math:`(s_k^2 + b_k^2) / B_{kk}`, with the square of the standard
+error taken from that of the bias b. Its standard error is that of parameters whose
+errors are one and the same, which no correlation exceeds.
+
+The honesty of a covariance is the normalised squared error over the mean that it must
+have: 2 for a variance that is half of what it should be.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from simval.results import Row
+from simval.statistics import (
+    BIAS,
+    CRAMER_RAO,
+    CUBATURE,
+    EFFICIENCY,
+    FAILURES,
+    NEES,
+    RMS,
+    SD,
+    Family,
+)
+from simval.sweep.run import CellResult, Run
+
+
+class Measured(NamedTuple):
+    """A value and its standard error; 0 where it is without chance."""
+
+    value: float
+    error: float
+
+
+class Share(NamedTuple):
+    """Share of exact cases of a class that fail."""
+
+    value: float
+    declared: bool  # whether the plug-in says that it fails there
+
+
+STUDIES = ("estimator", "calibrator")
+"""Studies that measure one algorithm in each cell."""
+
+
+def algorithm_of(cell: CellResult) -> str:
+    """Name of the algorithm that a cell measures."""
+    return str(cell.parameters.get("algorithm", ""))
+
+
+def algorithms_of(run: Run, study: str) -> tuple[str, ...]:
+    """Algorithms that a study of a run measures, in their order."""
+    cells = (cell for cell in run.cells if cell.study == study)
+    return tuple(dict.fromkeys(map(algorithm_of, cells)))
+
+
+def over_bound(cell: CellResult) -> Measured | None:
+    """RMS error over the Cramer-Rao bound."""
+    exact, sampled = cell.row(EFFICIENCY()), cell.row(RMS(), CRAMER_RAO)
+    if exact is not None and exact.standard_error == 0.0 and exact.value > 0.0:
+        return _finite(exact.value**-0.5, 0.0)
+    if sampled is not None and (sampled.prediction or 0.0) > 0.0:
+        return _scaled(sampled)
+    return _parameters_over_bound(cell)
+
+
+def _parameters_over_bound(cell: CellResult) -> Measured | None:
+    rows = _parameters(cell)
+    if not rows:
+        return None
+    parts, errors = [], []
+    for spread, bias in rows:
+        least = (spread.prediction or 0.0) ** 2
+        square = max(bias.value**2 - bias.standard_error**2, 0.0)
+        parts.append((spread.value**2 + square) / least)
+        slope = np.hypot(
+            spread.value * spread.standard_error, bias.value * bias.standard_error
+        )
+        errors.append(2.0 * float(slope) / least)
+    ratio = float(np.sqrt(np.mean(parts)))
+    return _finite(ratio, float(np.mean(errors)) / (2.0 * ratio))
+
+
+def _parameters(cell: CellResult) -> list[tuple[Row, Row]]:
+    """Spread beside the bound, and bias, of each parameter that has both."""
+    biases = {r.statistic.entries: r for r in of_family(cell, BIAS)}
+    return [
+        (row, biases[row.statistic.entries])
+        for row in of_family(cell, SD)
+        if row.predictor == CRAMER_RAO
+        and (row.prediction or 0.0) > 0.0
+        and row.statistic.entries in biases
+    ]
+
+
+def of_family(cell: CellResult, family: Family) -> Sequence[Row]:
+    """Rows of a family without control variates."""
+    return [
+        row
+        for row in cell.rows
+        if row.statistic.family == family and not row.statistic.controlled
+    ]
+
+
+def bias_over_bound(cell: CellResult) -> float | None:
+    """Length of the bias over the bound, by cubature or less what sampling adds."""
+    rms = cell.row(RMS(), CRAMER_RAO)
+    rows = [row for row in of_family(cell, BIAS) if row.predictor == CUBATURE]
+    if rms is not None and rms.prediction and rows:
+        bias = np.array([row.prediction or 0.0 for row in rows])
+        return float(np.linalg.norm(bias)) / rms.prediction
+    squares = [
+        (bias.value**2 - bias.standard_error**2) / (spread.prediction or 1.0) ** 2
+        for spread, bias in _parameters(cell)
+    ]
+    return float(np.sqrt(max(float(np.mean(squares)), 0.0))) if squares else None
+
+
+def group_rms(cell: CellResult, letter: str) -> Measured | None:
+    """RMS error over the parameters of one kind, by the first letter of their names."""
+    rows = [
+        (spread.value**2 + max(bias.value**2 - bias.standard_error**2, 0.0), spread)
+        for spread, bias in _parameters(cell)
+        if spread.statistic.entries[0].startswith(letter)
+    ]
+    if not rows:
+        return None
+    rms = float(np.sqrt(np.mean([square for square, _ in rows])))
+    slopes = [spread.value * spread.standard_error for _, spread in rows]
+    return _finite(rms, float(np.mean(slopes)) / rms) if rms > 0.0 else None
+
+
+def honesty(cell: CellResult) -> Measured | None:
+    """Normalised squared error over its mean, of the covariance that is stated."""
+    row = next((r for r in of_family(cell, NEES) if r.prediction), None)
+    return None if row is None else _scaled(row)
+
+
+def failures(cell: CellResult) -> Mapping[str, Share]:
+    """Share of failures by class."""
+    return {
+        row.statistic.entries[0]: Share(row.value, row.check == "record")
+        for row in of_family(cell, FAILURES)
+        if row.statistic.entries
+    }
+
+
+def _scaled(row: Row) -> Measured | None:
+    by = row.prediction or 1.0
+    return _finite(row.value / by, row.standard_error / by)
+
+
+def _finite(value: float, error: float) -> Measured | None:
+    return Measured(value, error) if np.isfinite([value, error]).all() else None

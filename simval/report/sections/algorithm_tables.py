@@ -1,0 +1,154 @@
+"""Tables of algorithms side by side: a row for each, and a row for each cell."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from simval.compare.merits import (
+    Share,
+    algorithm_of,
+    bias_over_bound,
+    group_rms,
+    honesty,
+    over_bound,
+)
+from simval.plugins.builtin import BESIDE
+from simval.report.contest import Contest, answer_of
+from simval.report.table import Column, Table
+from simval.statistics import CRAMER_RAO, RMS
+from simval.sweep.run import CellResult
+from simval.verdict import Verdict
+
+MAX_SETTINGS = 4
+"""Settings with a column of their own; the table of cells has all."""
+NAMED = 2
+"""Classes of failures that a row names; the figure has all."""
+MAX_CELLS = 60
+
+Times = Mapping[str, Mapping[str, float]]
+"""What was timed, by the name of the cell."""
+
+
+def side_by_side(
+    study: str, contest: Contest, verdicts: Sequence[Verdict], times: Times
+) -> Table:
+    """A row for each algorithm."""
+    settings = contest.settings[:MAX_SETTINGS]
+    reference = next((own[0] for f, own in BESIDE.items() if f.startswith(study)), "")
+    with_failures = any(contest.failures(name) for name in contest.algorithms)
+    rows = []
+    for name in contest.algorithms:
+        cells = contest.of(name)
+        biases = [bias_over_bound(cell) for cell in cells]
+        fails = (told(contest.failures(name)),) if with_failures else ()
+        rows.append(
+            (
+                name,
+                answer_of(cells, verdicts),
+                *(contest.measured(name, setting, over_bound) for setting in settings),
+                max((b for b in biases if b is not None), default=None),
+                _worst_honesty(cells),
+                *fails,
+                *_time(cells, times),
+            )
+        )
+    over = "RMS error over the bound"
+    return Table(
+        name=f"{study}-algorithms",
+        caption=(
+            "Side by side, greatest values over all settings where none is named; "
+            "sort by any column"
+        ),
+        columns=(
+            Column("algorithm", "code"),
+            Column("checks", "answer"),
+            *(Column(f"{over}, {setting}", "measured") for setting in settings),
+            Column("bias over the bound", "number", 2),
+            Column("NEES over its mean", "measured"),
+            *((Column("fails at"),) if with_failures else ()),
+            Column("time of a call, ms", "number", 2),
+            Column(f"over that of {reference}", "number", 2),
+        ),
+        rows=rows,
+    )
+
+
+def told(shares: Mapping[str, Share]) -> str:
+    """Say in which classes cases fail, the worst first."""
+    bad = sorted(
+        ((share, name) for name, share in shares.items() if share.value > 0.0),
+        key=lambda pair: (-pair[0].value, pair[1]),
+    )
+    words = [
+        f"{name} {100.0 * share.value:.3g} %{' (declared)' if share.declared else ''}"
+        for share, name in bad[:NAMED]
+    ]
+    more = [f"{len(bad) - NAMED} more classes"] if len(bad) > NAMED else []
+    return "; ".join([*words, *more]) if shares and bad else "nowhere" if shares else ""
+
+
+def _worst_honesty(cells: Sequence[CellResult]) -> tuple[float, float] | None:
+    found = [each for cell in cells if (each := honesty(cell)) is not None]
+    return max(found, key=lambda each: abs(each.value - 1.0), default=None)
+
+
+def _time(cells: Sequence[CellResult], times: Times) -> tuple[Any, Any]:
+    """Milliseconds of a call and how many times the reference's, medians over cells."""
+    found = [times[cell.name] for cell in cells if cell.name in times]
+    if not found:
+        return None, None
+    return (
+        1e3 * float(np.median([each["seconds"] for each in found])),
+        float(np.median([each["ratio"] for each in found])),
+    )
+
+
+def by_cell(study: str, contest: Contest) -> Table:
+    """A row for each cell that has a result."""
+    rows = []
+    whole = False
+    for setting in contest.settings:
+        for name in contest.algorithms:
+            for cell in contest.cells.get((name, setting), ()):
+                if not cell.rows:
+                    continue
+                rms = cell.row(RMS(), CRAMER_RAO)
+                whole = whole or rms is not None
+                rows.append((algorithm_of(cell), setting, *_sizes(cell)))
+    return Table(
+        name=f"{study}-cells",
+        caption="Each algorithm in each setting",
+        columns=(
+            Column("algorithm", "code"),
+            Column("setting"),
+            *(
+                (
+                    Column("RMS error, rad", "measured"),
+                    Column("bound, rad", "number"),
+                )
+                if whole
+                else (
+                    Column("RMS of T, 1", "measured"),
+                    Column("RMS of K, 1", "measured"),
+                    Column("RMS of B, raw", "measured"),
+                )
+            ),
+            Column("over the bound", "measured"),
+            Column("bias over the bound", "number", 3),
+            Column("NEES over its mean", "measured"),
+            Column("seed", "number", 12),
+        ),
+        rows=rows,
+        shown=MAX_CELLS,
+    )
+
+
+def _sizes(cell: CellResult) -> tuple[Any, ...]:
+    rms = cell.row(RMS(), CRAMER_RAO)
+    size = (
+        [group_rms(cell, letter) for letter in "SKB"]
+        if rms is None
+        else [(rms.value, rms.standard_error), rms.prediction]
+    )
+    return (*size, over_bound(cell), bias_over_bound(cell), honesty(cell), cell.seed)
