@@ -62,6 +62,13 @@ def algorithms_of(run: Run, study: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(map(algorithm_of, cells)))
 
 
+def called(algorithms: Sequence[str]) -> dict[str, str]:
+    """Short name of each: without its file where no other is called the same."""
+    short = {name: name.partition(".py:")[2] or name for name in algorithms}
+    taken = list(short.values())
+    return {n: own if taken.count(own) == 1 else n for n, own in short.items()}
+
+
 def over_bound(cell: CellResult) -> Measured | None:
     """RMS error over the Cramer-Rao bound."""
     exact, sampled = cell.row(EFFICIENCY()), cell.row(RMS(), CRAMER_RAO)

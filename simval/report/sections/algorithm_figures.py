@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from simval.compare.merits import over_bound
+from simval.compare.merits import called, over_bound
 from simval.report.contest import Contest
 from simval.report.curves import MAX_GROUPS
 from simval.report.panels import COLOURS, MARKERS, DotPanel, Drawing, HeatPanel, Series
@@ -15,6 +15,7 @@ MAX_ROWS = 60
 def dots(name: str, who: str, contest: Contest) -> Drawing | None:
     """RMS error over the bound of each algorithm in each setting, with bands."""
     drawn, settings = contest.algorithms[:MAX_ROWS], contest.settings[:MAX_GROUPS]
+    short = called(contest.algorithms)
     found = [
         (i, place, measured)
         for i, setting in enumerate(settings)
@@ -56,7 +57,7 @@ def dots(name: str, who: str, contest: Contest) -> Drawing | None:
             DotPanel(
                 title=f"accuracy of {who}",
                 x_label="RMS error over the Cramér-Rao bound, 1 (dashed: the bound)",
-                names=drawn,
+                names=[short[name] for name in drawn],
                 series=tuple(series),
                 reference=(1.0, "the bound"),
             )
@@ -68,7 +69,7 @@ def dots(name: str, who: str, contest: Contest) -> Drawing | None:
 
 def failing(name: str, who: str, contest: Contest) -> Drawing | None:
     """Share of exact cases that fail by class, if any fails."""
-    drawn = contest.algorithms[:MAX_ROWS]
+    drawn, short = contest.algorithms[:MAX_ROWS], called(contest.algorithms)
     shares = [contest.failures(algorithm) for algorithm in drawn]
     classes = list(dict.fromkeys(key for each in shares for key in each))
     if not any(share.value > 0.0 for each in shares for share in each.values()):
@@ -93,7 +94,7 @@ def failing(name: str, who: str, contest: Contest) -> Drawing | None:
         panels=[
             HeatPanel(
                 title="cases that fail, %",
-                names=drawn,
+                names=[short[name] for name in drawn],
                 columns=classes,
                 shares=table,
                 expected=declared,

@@ -22,8 +22,8 @@ from simval.verdict import Verdict
 
 MAX_SETTINGS = 4
 """Settings with a column of their own; the table of cells has all."""
-NAMED = 2
-"""Classes of failures that a row names; the figure has all."""
+BOUND = "\N{NO-BREAK SPACE}"
+"""Keeps the words of a field in one line."""
 MAX_CELLS = 60
 
 Times = Mapping[str, Mapping[str, float]]
@@ -53,39 +53,38 @@ def side_by_side(
                 *_time(cells, times),
             )
         )
-    over = "RMS error over the bound"
     return Table(
         name=f"{study}-algorithms",
         caption=(
-            "Side by side, greatest values over all settings where none is named; "
-            "sort by any column"
+            f"RMS error over the bound ({', '.join(settings)}), and the greatest bias "
+            "over the bound, the worst NEES over its mean, failures and the time of a "
+            f"call over all settings, the last beside {reference}"
         ),
         columns=(
             Column("algorithm", "code"),
             Column("checks", "answer"),
-            *(Column(f"{over}, {setting}", "measured") for setting in settings),
-            Column("bias over the bound", "number", 2),
-            Column("NEES over its mean", "measured"),
+            *(Column(setting, "measured") for setting in settings),
+            Column("bias", "number", 2),
+            Column("NEES", "measured"),
             *((Column("fails at"),) if with_failures else ()),
-            Column("time of a call, ms", "number", 2),
-            Column(f"over that of {reference}", "number", 2),
+            Column("call, ms", "number", 2),
+            Column("× built-in", "number", 2),
         ),
         rows=rows,
     )
 
 
 def told(shares: Mapping[str, Share]) -> str:
-    """Say in which classes cases fail, the worst first."""
-    bad = sorted(
-        ((share, name) for name, share in shares.items() if share.value > 0.0),
-        key=lambda pair: (-pair[0].value, pair[1]),
-    )
-    words = [
-        f"{name} {100.0 * share.value:.3g} %{' (declared)' if share.declared else ''}"
-        for share, name in bad[:NAMED]
-    ]
-    more = [f"{len(bad) - NAMED} more classes"] if len(bad) > NAMED else []
-    return "; ".join([*words, *more]) if shares and bad else "nowhere" if shares else ""
+    """Name the class in which most cases fail, and count the others."""
+    if not shares:
+        return ""
+    bad = [(share.value, name) for name, share in shares.items() if share.value > 0.0]
+    if not bad:
+        return "nowhere"
+    worst, name = min(bad, key=lambda each: (-each[0], each[1]))
+    declared = " (declared)" if shares[name].declared else ""
+    more = f", {len(bad) - 1} more" if len(bad) > 1 else ""
+    return f"{name} {100.0 * worst:.3g} %{declared}{more}".replace(" ", BOUND)
 
 
 def _worst_honesty(cells: Sequence[CellResult]) -> tuple[float, float] | None:
