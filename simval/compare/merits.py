@@ -25,8 +25,8 @@ from simval.statistics import (
     CUBATURE,
     EFFICIENCY,
     FAILURES,
+    FAMILIES,
     NEES,
-    RMS,
     SD,
     Family,
 )
@@ -46,6 +46,13 @@ class Share(NamedTuple):
     value: float
     declared: bool  # whether the plug-in says that it fails there
 
+
+SIZES = tuple(FAMILIES[name] for name in ("rms", "left") if name in FAMILIES)
+"""Size of the whole error of an algorithm; what a calibration leaves of the specific
+force, where the study measures it."""
+
+BOUNDS = (CRAMER_RAO, f"{CRAMER_RAO}, nine parameters")
+"""Bounds that a size is set beside; the second is of a calibrator that is less."""
 
 STUDIES = ("estimator", "calibrator")
 """Studies that measure one algorithm in each cell."""
@@ -71,12 +78,25 @@ def called(algorithms: Sequence[str]) -> dict[str, str]:
 
 def over_bound(cell: CellResult) -> Measured | None:
     """RMS error over the Cramer-Rao bound."""
-    exact, sampled = cell.row(EFFICIENCY()), cell.row(RMS(), CRAMER_RAO)
+    exact, sampled = cell.row(EFFICIENCY()), size_row(cell)
     if exact is not None and exact.standard_error == 0.0 and exact.value > 0.0:
         return _finite(exact.value**-0.5, 0.0)
-    if sampled is not None and (sampled.prediction or 0.0) > 0.0:
-        return _scaled(sampled)
-    return _parameters_over_bound(cell)
+    return _scaled(sampled) if sampled is not None else _parameters_over_bound(cell)
+
+
+def unresolved(cell: CellResult) -> float:
+    """What an accuracy without chance may be off by, relative to it."""
+    row = cell.row(EFFICIENCY())
+    return 0.0 if row is None else 0.5 * row.remainder / row.value
+
+
+def size_row(cell: CellResult) -> Row | None:
+    """Row of the size of the whole error, beside its bound."""
+    for row in cell.rows:
+        known = row.statistic.family in SIZES and row.predictor in BOUNDS
+        if known and not row.statistic.entries and (row.prediction or 0.0) > 0.0:
+            return row
+    return None
 
 
 def _parameters_over_bound(cell: CellResult) -> Measured | None:
@@ -119,7 +139,7 @@ def of_family(cell: CellResult, family: Family) -> Sequence[Row]:
 
 def bias_over_bound(cell: CellResult) -> float | None:
     """Length of the bias over the bound, by cubature or less what sampling adds."""
-    rms = cell.row(RMS(), CRAMER_RAO)
+    rms = size_row(cell)
     rows = [row for row in of_family(cell, BIAS) if row.predictor == CUBATURE]
     if rms is not None and rms.prediction and rows:
         bias = np.array([row.prediction or 0.0 for row in rows])

@@ -12,11 +12,12 @@ from simval.compare.merits import (
     group_rms,
     honesty,
     over_bound,
+    size_row,
 )
 from simval.plugins.builtin import BESIDE
 from simval.report.contest import Contest, answer_of
 from simval.report.table import Column, Table
-from simval.statistics import CRAMER_RAO, RMS
+from simval.results import Row
 from simval.sweep.run import CellResult
 from simval.verdict import Verdict
 
@@ -49,16 +50,16 @@ def side_by_side(
                 *(contest.measured(name, setting, over_bound) for setting in settings),
                 max((b for b in biases if b is not None), default=None),
                 _worst_honesty(cells),
-                *fails,
                 *_time(cells, times),
+                *fails,
             )
         )
     return Table(
         name=f"{study}-algorithms",
         caption=(
             f"RMS error over the bound ({', '.join(settings)}), and the greatest bias "
-            "over the bound, the worst NEES over its mean, failures and the time of a "
-            f"call over all settings, the last beside {reference}"
+            "over the bound, worst NEES over its mean, time of a call, also in times "
+            f"that of {reference}, and failures over all settings"
         ),
         columns=(
             Column("algorithm", "code"),
@@ -66,9 +67,9 @@ def side_by_side(
             *(Column(setting, "measured") for setting in settings),
             Column("bias", "number", 2),
             Column("NEES", "measured"),
-            *((Column("fails at"),) if with_failures else ()),
             Column("call, ms", "number", 2),
             Column("× built-in", "number", 2),
+            *((Column("fails at"),) if with_failures else ()),
         ),
         rows=rows,
     )
@@ -83,7 +84,7 @@ def told(shares: Mapping[str, Share]) -> str:
         return "nowhere"
     worst, name = min(bad, key=lambda each: (-each[0], each[1]))
     declared = " (declared)" if shares[name].declared else ""
-    more = f", {len(bad) - 1} more" if len(bad) > 1 else ""
+    more = f", +{len(bad) - 1}" if len(bad) > 1 else ""
     return f"{name} {100.0 * worst:.3g} %{declared}{more}".replace(" ", BOUND)
 
 
@@ -105,16 +106,14 @@ def _time(cells: Sequence[CellResult], times: Times) -> tuple[Any, Any]:
 
 def by_cell(study: str, contest: Contest) -> Table:
     """A row for each cell that has a result."""
-    rows = []
-    whole = False
+    rows: list[tuple[Any, ...]] = []
+    whole = next((r for c in contest.cells.values() if (r := size_row(c[0]))), None)
     for setting in contest.settings:
         for name in contest.algorithms:
             for cell in contest.cells.get((name, setting), ()):
                 if not cell.rows:
                     continue
-                rms = cell.row(RMS(), CRAMER_RAO)
-                whole = whole or rms is not None
-                rows.append((algorithm_of(cell), setting, *_sizes(cell)))
+                rows.append((algorithm_of(cell), setting, *_sizes(cell, whole)))
     return Table(
         name=f"{study}-cells",
         caption="Each algorithm in each setting",
@@ -123,10 +122,10 @@ def by_cell(study: str, contest: Contest) -> Table:
             Column("setting"),
             *(
                 (
-                    Column("RMS error, rad", "measured"),
-                    Column("bound, rad", "number"),
+                    Column(f"RMS error, {whole.unit}", "measured"),
+                    Column(f"bound, {whole.unit}", "number"),
                 )
-                if whole
+                if whole is not None
                 else (
                     Column("RMS of T, 1", "measured"),
                     Column("RMS of K, 1", "measured"),
@@ -143,11 +142,12 @@ def by_cell(study: str, contest: Contest) -> Table:
     )
 
 
-def _sizes(cell: CellResult) -> tuple[Any, ...]:
-    rms = cell.row(RMS(), CRAMER_RAO)
-    size = (
-        [group_rms(cell, letter) for letter in "SKB"]
-        if rms is None
-        else [(rms.value, rms.standard_error), rms.prediction]
-    )
+def _sizes(cell: CellResult, whole: Row | None) -> tuple[Any, ...]:
+    size: list[Any]
+    if whole is None:
+        size = [group_rms(cell, letter) for letter in "SKB"]
+    elif (row := size_row(cell)) is not None:
+        size = [(row.value, row.standard_error), row.prediction]
+    else:
+        size = [None, None]
     return (*size, over_bound(cell), bias_over_bound(cell), honesty(cell), cell.seed)
