@@ -87,7 +87,8 @@ def over_bound(cell: CellResult) -> Measured | None:
 def unresolved(cell: CellResult) -> float:
     """What an accuracy without chance may be off by, relative to it."""
     row = cell.row(EFFICIENCY())
-    return 0.0 if row is None else 0.5 * row.remainder / row.value
+    exact = row is not None and row.standard_error == 0.0 and row.value > 0.0
+    return 0.5 * row.remainder / row.value if row is not None and exact else 0.0
 
 
 def size_row(cell: CellResult) -> Row | None:
@@ -113,7 +114,7 @@ def _parameters_over_bound(cell: CellResult) -> Measured | None:
         )
         errors.append(2.0 * float(slope) / least)
     ratio = float(np.sqrt(np.mean(parts)))
-    return _finite(ratio, float(np.mean(errors)) / (2.0 * ratio))
+    return _finite(ratio, float(np.mean(errors)) / (2.0 * ratio)) if ratio else None
 
 
 def _parameters(cell: CellResult) -> list[tuple[Row, Row]]:
@@ -176,14 +177,16 @@ def failures(cell: CellResult) -> Mapping[str, Share]:
     return {
         row.statistic.entries[0]: Share(row.value, row.check == "record")
         for row in of_family(cell, FAILURES)
-        if row.statistic.entries
+        if row.statistic.entries and 0.0 <= row.value <= 1.0
     }
 
 
 def _scaled(row: Row) -> Measured | None:
-    by = row.prediction or 1.0
-    return _finite(row.value / by, row.standard_error / by)
+    by = row.prediction or 0.0
+    return _finite(row.value / by, row.standard_error / by) if by > 0.0 else None
 
 
 def _finite(value: float, error: float) -> Measured | None:
-    return Measured(value, error) if np.isfinite([value, error]).all() else None
+    """A size above zero with an error; None of what is no number."""
+    good = 0.0 < value < np.inf and 0.0 <= error < np.inf
+    return Measured(float(value), float(error)) if good else None
