@@ -191,6 +191,8 @@ class Outcome:
     # names are shared by the cells of a run, the last one written wins, so a name says
     # what it depends on
     artifacts: Mapping[str, Mapping[str, Array] | bytes] = field(default_factory=dict)
+    # what was timed on the way, s and ratios of s; kept outside all that is compared
+    times: Mapping[str, float] = field(default_factory=dict)
 
 
 ROWS: TypeAdapter[tuple[Row, ...]] = TypeAdapter(tuple[Row, ...])

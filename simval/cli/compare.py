@@ -1,12 +1,23 @@
 """`simval compare`."""
 
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from statistics import median
 
 import click
 from rich.console import Console
 
-from simval.cli.options import PATH, alpha_option, write
-from simval.compare import Difference, RunComparison, compare_runs
+from simval.cli.options import PATH, alpha_option, refuse_if, write
+from simval.compare import (
+    AlgorithmComparison,
+    Difference,
+    Merit,
+    RunComparison,
+    compare_algorithms,
+    compare_runs,
+)
+from simval.compare.algorithms import ACCURACY, FAILURES, HONESTY
+from simval.errors import InputError
 from simval.sweep import load_run
 
 SHOWN = 40
@@ -15,19 +26,38 @@ SHOWN = 40
 
 @click.command(name="compare")
 @click.argument("run_a")
-@click.argument("run_b")
+@click.argument("run_b", required=False)
+@click.option(
+    "--algorithms",
+    nargs=2,
+    metavar="A B",
+    help="Set two algorithms of RUN_A against each other instead: names as the report "
+    "has them, without the file where that is clear.",
+)
 @click.option(
     "--out",
     type=PATH,
     help="Write an HTML page, with both curves of each change in one figure.",
 )
 @alpha_option
-def command(run_a: str, run_b: str, out: Path | None, alpha: float) -> int:
+def command(
+    run_a: str,
+    run_b: str | None,
+    algorithms: tuple[str, str] | None,
+    out: Path | None,
+    alpha: float,
+) -> int:
     """Show what changed from RUN_A to RUN_B beyond its uncertainty, largest first.
 
-    Each is a folder, or `latest`. Exit code 0, or 3 if the runs have nothing in
-    common. To fail on a change, use `simval gate` with a baseline.
+    Each is a folder, or `latest`. With --algorithms A B: in what A is better or worse
+    than B in RUN_A, by how much. Exit code 0, or 3 if there is nothing in common. To
+    fail on a change, use `simval gate` with a baseline.
     """
+    if algorithms:
+        return _algorithms(run_a, run_b, algorithms, out, alpha)
+    if run_b is None:
+        msg = "give two runs, or one with `--algorithms A B`"
+        raise InputError(msg)
     a, b = load_run(run_a), load_run(run_b)
     comparison = compare_runs(a, b, alpha)
     show(comparison)
@@ -37,6 +67,108 @@ def command(run_a: str, run_b: str, out: Path | None, alpha: float) -> int:
         write(out, render_comparison(a, b, comparison))
         click.echo(str(out))
     return 0 if comparison.differences else 3
+
+
+def _algorithms(
+    run_a: str,
+    run_b: str | None,
+    names: tuple[str, str],
+    out: Path | None,
+    alpha: float,
+) -> int:
+    """Compare two algorithms of one run."""
+    refuse_if(run_b is not None, "`--algorithms` compares within one run; give one run")
+    refuse_if(
+        out is not None,
+        "`--out` shows two runs; `simval report` has the table of all algorithms",
+    )
+    run = load_run(run_a)
+    found = compare_algorithms(run, *names, alpha)
+    show_algorithms(found)
+    calls = run.timing.get("calls", {})
+    times = _times_of(found, calls)
+    if times is not None:
+        click.echo(
+            f"a call of {found.names[0]} takes {times:.2g} times that of "
+            f"{found.names[1]} (processor time, not judged)"
+        )
+    return 0 if found.merits else 3
+
+
+def show_algorithms(found: AlgorithmComparison) -> None:
+    """Print in what the first is better or worse, and the bound of the rest."""
+    console = Console(highlight=False, soft_wrap=True)
+    first, second = found.names
+    apart = [m for m in found.merits if m.standing != "same"]
+    for merit in apart[:SHOWN]:
+        console.print(_merit_line(merit, first, second), markup=False)
+    if len(apart) > SHOWN:
+        console.print(f"... and {len(apart) - SHOWN} more")
+    for line in _same_lines(found):
+        console.print(line, markup=False)
+    if found.alone:
+        one = found.alone[0]
+        console.print(f"{len(found.alone)} cells of one alone: {one}", markup=False)
+    if not found.merits:
+        console.print(f"{first} and {second} have nothing in common", markup=False)
+        return
+    counts = ", ".join(
+        f"{word} in {len(found.of(word))}" for word in ("better", "worse", "same")
+    )
+    console.print(
+        f"{first} beside {second}: {counts} of {len(found.merits)}; false-alarm rate "
+        f"{found.alpha:g} for all together",
+        markup=False,
+    )
+
+
+def _merit_line(merit: Merit, first: str, second: str) -> str:
+    if merit.what == ACCURACY:
+        size = f"{100.0 * abs(merit.difference):.3g} %"
+        if merit.error > 0.0:
+            size += f" ± {100.0 * merit.error:.2g} %"
+        return (
+            f"{merit.standing}: {first} has an RMS error "
+            f"{'smaller' if merit.standing == 'better' else 'greater'} by {size} than "
+            f"{second} at {merit.setting} ({merit.a:.5g} and {merit.b:.5g} times the "
+            "bound)"
+        )
+    error = f" ± {merit.error:.2g}" if merit.error > 0.0 else ""
+    where = f" at {merit.setting}" if merit.error > 0.0 else ""
+    return (
+        f"{merit.standing}: {merit.what}{where}: {first} {merit.a:.4g}, {second} "
+        f"{merit.b:.4g}, difference {merit.difference:+.3g}{error}"
+    )
+
+
+def _same_lines(found: AlgorithmComparison) -> Iterator[str]:
+    """Say of each kind of quality that is the same how great a difference may be."""
+    same = found.of("same")
+    for what in (ACCURACY, HONESTY):
+        own = [merit for merit in same if merit.what == what]
+        if own:
+            widest = max(merit.within for merit in own)
+            bound = f"{100.0 * widest:.2g} %" if what == ACCURACY else f"{widest:.2g}"
+            yield (
+                f"same: {what}, settings: {len(own)}: no difference beyond chance, and "
+                f"none above {bound} (95 % each)"
+            )
+    classes = sum(merit.what.startswith(FAILURES) for merit in same)
+    if classes:
+        yield f"same: {FAILURES}, classes: {classes}"
+
+
+def _times_of(
+    found: AlgorithmComparison, calls: Mapping[str, Mapping[str, float]]
+) -> float | None:
+    """How many times as long a call takes, the median over the cells of both."""
+    pairs = {merit.cells for merit in found.merits}
+    ratios = sorted(
+        calls[a]["ratio"] / calls[b]["ratio"]
+        for a, b in pairs
+        if a in calls and b in calls
+    )
+    return median(ratios) if ratios else None
 
 
 def show(comparison: RunComparison) -> None:

@@ -2,6 +2,7 @@
 
 import click
 
+from simval.plugins.builtin import BUILTIN
 from simval.plugins.loading import installed
 from simval.scene import scenes
 from simval.studies import STUDIES
@@ -24,6 +25,8 @@ def command() -> int:
     click.echo("scenes")
     for scene in scenes().values():
         click.echo(f"  {scene.name}: {scene.summary}")
+    click.echo("algorithms of its own, measured beside plug-ins")
+    click.echo(f"  {', '.join(BUILTIN)}")
     click.echo("plug-ins (installed; for files see docs/plugins.md)")
     for name, distribution in installed():
         click.echo(f"  {name}: {distribution}")

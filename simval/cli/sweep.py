@@ -9,7 +9,8 @@ import click
 
 from simval.cli.options import PATH, refuse_if, stated
 from simval.cli.progress import CellBar, Quiet
-from simval.plugins.loading import overrides_of
+from simval.plugins.builtin import beside_builtin
+from simval.plugins.loading import chosen, spelled
 from simval.sweep import Suite, load_suite, store
 from simval.sweep.cells import REFUSED
 from simval.sweep.run import RUNS
@@ -50,8 +51,8 @@ SHOWN = 20
     "plugins",
     multiple=True,
     metavar="PLUGIN",
-    help="Add a plug-in: FILE.py, FILE.py:NAME, the name of an installed one, or "
-    "'command: PROGRAM {poses}'; may be repeated.",
+    help="Add a plug-in, beside built-in ones: FILE.py, FILE.py:NAME, the name of an "
+    "installed one, or 'command: PROGRAM {poses}'; may be repeated.",
 )
 @click.option("--resume", is_flag=True, help="Resume an interrupted run.")
 @click.option("--dry-run", is_flag=True, help="List the cells and stop.")
@@ -82,7 +83,8 @@ def command(
         scheduler is not None and stated("workers"),
         "`--workers` is for this machine, `--scheduler` has its own; give one",
     )
-    loaded = load_suite(suite, (*overrides_of(plugins), *overrides), seed)
+    added = spelled(beside_builtin(chosen(plugins)))
+    loaded = load_suite(suite, (*added, *overrides), seed)
     if dry_run:
         return _plan(loaded, workers)
     folder = out or _fresh(loaded)

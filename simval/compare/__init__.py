@@ -1,9 +1,23 @@
-"""Two runs side by side: what changed beyond its uncertainty.
+"""Two runs side by side, or two algorithms of one: what differs beyond its uncertainty.
 
-`matching` finds what they have in common, `differences` judges it.
+`matching` finds what two runs have in common, `differences` judges it. `merits` reads
+what an algorithm is worth from the rows of its cells, `algorithms` compares two.
 """
 
+from simval.compare.algorithms import (
+    AlgorithmComparison,
+    Merit,
+    compare_algorithms,
+)
 from simval.compare.differences import Difference, RunComparison, compare_runs
 from simval.compare.matching import match
 
-__all__ = ["Difference", "RunComparison", "compare_runs", "match"]
+__all__ = [
+    "AlgorithmComparison",
+    "Difference",
+    "Merit",
+    "RunComparison",
+    "compare_algorithms",
+    "compare_runs",
+    "match",
+]

@@ -171,7 +171,7 @@ def _judged(pairs: Sequence[Pair], alpha: float) -> Iterator[Difference]:
     errors = [hypot(a.standard_error, b.standard_error) for _, _, a, b, _ in pairs]
     values = np.array(
         [
-            _p_value(b.value - a.value, s) if s > 0.0 else np.nan
+            two_sided(b.value - a.value, s) if s > 0.0 else np.nan
             for (_, _, a, b, _), s in zip(pairs, errors, strict=True)
         ]
     )
@@ -193,7 +193,8 @@ def _judged(pairs: Sequence[Pair], alpha: float) -> Iterator[Difference]:
         )
 
 
-def _p_value(difference: float, error: float) -> float:
+def two_sided(difference: float, error: float) -> float:
+    """Probability of so great a difference by chance; 0 of one that is no number."""
     if not (isfinite(difference) and isfinite(error)):
         return 0.0  # a value that became NaN or infinite has changed
     return float(2.0 * scipy.special.ndtr(-abs(difference) / error))

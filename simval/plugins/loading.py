@@ -4,7 +4,7 @@ Loading runs a user's code, so what a file or a package offers is asked in a chi
 """
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from importlib.machinery import ModuleSpec, SourceFileLoader
@@ -14,6 +14,7 @@ from types import ModuleType
 from typing import Any, TypeVar
 
 from simval.errors import PluginError, UnusablePluginError
+from simval.plugins.builtin import BUILTIN, GROUP, PREFIX, points_of
 from simval.plugins.child import Answer, asked
 from simval.plugins.command import command_calibrator
 from simval.plugins.declarations import declarations
@@ -21,7 +22,6 @@ from simval.plugins.names import COMMAND
 from simval.plugins.protocol import SCENE, Calibrator, Plugin
 from simval.text import message_of
 
-GROUP = "simval.plugins"
 TIME_LIMIT = 60.0
 """Seconds for reading what a file or a package offers."""
 
@@ -79,8 +79,33 @@ def find_plugin(algorithm: str, kind: type[Kind]) -> Kind:
     return _of_file(file, name, kind) if file else _of_package(algorithm, kind)
 
 
+def find_again(algorithm: str, kind: type[Kind]) -> Kind:
+    """The plug-in that this process has found before; its file is not run again."""
+    file, name = _python_file(algorithm)
+    module = sys.modules.get(_module_name(Path(file))) if file else None
+    if module is None:
+        return find_plugin(algorithm, kind)
+    return _fitting(file, _distinct(file, vars(module)), name, kind)
+
+
 def overrides_of(plugins: tuple[str, ...]) -> list[str]:
-    """Overrides that put some plug-ins into a suite.
+    """Overrides that put some plug-ins, and no others, into a suite.
+
+    Raises
+    ------
+    UnusablePluginError
+        As `chosen`.
+    """
+    return spelled(chosen(plugins))
+
+
+def spelled(words: Mapping[str, Sequence[str]]) -> list[str]:
+    """Plug-ins by field as overrides of a suite."""
+    return [f"{field}={','.join(each)}" for field, each in words.items()]
+
+
+def chosen(plugins: tuple[str, ...]) -> dict[str, list[str]]:
+    """Some plug-ins, by the field that takes them.
 
     Raises
     ------
@@ -94,7 +119,7 @@ def overrides_of(plugins: tuple[str, ...]) -> list[str]:
             raise UnusablePluginError(msg)
         for each in meant(plugin):
             values.setdefault(each.field, []).append(each.word)
-    return [f"{field}={','.join(words)}" for field, words in values.items()]
+    return values
 
 
 def meant(plugin: str) -> list[Meant]:
@@ -109,7 +134,7 @@ def meant(plugin: str) -> list[Meant]:
         command = command_calibrator(plugin)
         return [Meant(command.taken_by, plugin, command.name, declarations(command))]
     file, name = _python_file(plugin)
-    if not file and plugin not in dict(installed()):
+    if not file and not points_of(plugin):
         raise _no_plugin(plugin, 0)
     whole = file or plugin
     try:
@@ -169,7 +194,7 @@ def installed() -> list[tuple[str, str]]:
 
 
 def _held_by(file: Path) -> list[Any]:
-    """Plug-ins of a Python file; two names for the same one count once."""
+    """Plug-ins of a Python file."""
     if not file.is_file():
         msg = f"the plug-in file {file} does not exist; give the path of a Python file"
         raise UnusablePluginError(msg)
@@ -178,6 +203,11 @@ def _held_by(file: Path) -> list[Any]:
     except Exception as error:  # whatever a user's file may raise
         msg = f"the plug-in file {file} fails with {message_of(error)}"
         raise UnusablePluginError(msg) from error
+    return _distinct(file, content)
+
+
+def _distinct(file: str | Path, content: Mapping[str, Any]) -> list[Any]:
+    """Plug-ins among the values of a module; two names for the same one count once."""
     held = [value for value in content.values() if isinstance(value, Plugin)]
     plugins = list({id(value): value for value in held}.values())
     names: set[tuple[type, str]] = set()
@@ -198,7 +228,7 @@ def _imported(file: Path) -> ModuleType:
     It is a module like any other, so that what looks one up later finds it: pickle, the
     evaluation of annotations, an import of a neighbour from inside a function.
     """
-    folder, name = str(file.resolve().parent), f"simval_plugin_{file.stem}"
+    folder, name = str(file.resolve().parent), _module_name(file)
     # not resolved: what it has beside itself is beside the link that names it
     path = str(file.absolute())
     loader = SourceFileLoader(name, path)
@@ -212,6 +242,10 @@ def _imported(file: Path) -> ModuleType:
     return module
 
 
+def _module_name(file: Path) -> str:
+    return f"simval_plugin_{file.stem}"
+
+
 def _python_file(word: str) -> tuple[str, str]:
     """Python file that a word names, or nothing, and what is meant inside it."""
     path, _, name = word.partition(".py:")
@@ -221,7 +255,10 @@ def _python_file(word: str) -> tuple[str, str]:
 
 
 def _of_file(file: str, name: str, kind: type[Kind]) -> Kind:
-    held = _held_by(Path(file))
+    return _fitting(file, _held_by(Path(file)), name, kind)
+
+
+def _fitting(file: str, held: Sequence[Any], name: str, kind: type[Kind]) -> Kind:
     fitting = [value for value in held if isinstance(value, kind)]
     if name:
         fitting = [value for value in fitting if value.name == name]
@@ -242,7 +279,7 @@ def _of_package(name: str, kind: type[Kind]) -> Kind:
     if len(fitting) == 1:
         return fitting[0]
     if len(held) == 1:
-        (point,) = metadata.entry_points(group=GROUP, name=name)
+        (point,) = points_of(name)
         home = kind.__module__.rpartition(".")[0]
         msg = (
             f"the entry point `{name}` = {point.value} is of type "
@@ -253,6 +290,10 @@ def _of_package(name: str, kind: type[Kind]) -> Kind:
 
 
 def _no_plugin(word: str, count: int) -> UnusablePluginError:
+    if word.startswith(PREFIX):
+        return UnusablePluginError(
+            f"there is no built-in algorithm `{word}`; there are {', '.join(BUILTIN)}"
+        )
     names = ", ".join(known for known, _ in installed()) or "none"
     return UnusablePluginError(
         f"there is no plug-in `{word}`: a file must end in .py (FILE.py or "
@@ -264,7 +305,7 @@ def _no_plugin(word: str, count: int) -> UnusablePluginError:
 
 def _loaded(name: str) -> list[Any]:
     try:
-        return [p.load() for p in metadata.entry_points(group=GROUP, name=name)]
+        return [point.load() for point in points_of(name)]
     except Exception as error:  # whatever an installed package may raise
         msg = f"the entry point `{name}` fails with {message_of(error)}"
         raise UnusablePluginError(msg) from error

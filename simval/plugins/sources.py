@@ -11,10 +11,9 @@ import os
 import re
 import shutil
 from collections.abc import Container, Iterator
-from importlib import metadata
 from pathlib import Path
 
-from simval.plugins.loading import GROUP
+from simval.plugins.builtin import BUILTIN, PREFIX, points_of
 from simval.plugins.names import (
     COMMAND,
     file_of,
@@ -37,7 +36,7 @@ def sources(text: str) -> dict[str, str]:
     if text.startswith(COMMAND):
         files = [w for w in words_of(text) if os.path.isabs(w) and is_file(w)]
     elif not files[0]:
-        points = metadata.entry_points(group=GROUP, name=text)
+        points = points_of(text)  # the package's own have no distribution
         return {p.dist.name: p.dist.version for p in points if p.dist is not None}
     return {path: digest for f in files for path, digest in _closure(Path(f)).items()}
 
@@ -53,8 +52,12 @@ def missing(text: str, held: Container[str] = ()) -> str:
             return f"there is no program `{program}` here that can be run"
     elif file := file_of(text):
         files = [file]
-    elif metadata.entry_points(group=GROUP, name=text):
+    elif points_of(text):
         files = []
+    elif text.startswith(PREFIX):
+        return (
+            f"there is no built-in algorithm `{text}`; there are {', '.join(BUILTIN)}"
+        )
     else:
         return f"no installed package offers a plug-in `{text}`"
     gone = next((path for path in files if not is_file(path)), None)

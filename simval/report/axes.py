@@ -9,7 +9,7 @@ from matplotlib.ticker import LogFormatter
 
 from simval.arrays import Array
 from simval.report.layout import LINE, legend_below
-from simval.report.panels import COLOURS, GREY, BarPanel, Panel, Series, SpherePanel
+from simval.report.panels import COLOURS, GREY, Panel, Series, SpherePanel
 
 INK = "#010203"
 # label minor ticks only where an axis has less than one decade, and then only some
@@ -74,14 +74,22 @@ def _legend(panel: Panel, axes: Any) -> None:
         many = any(len(s.x) > MANY for s in panel.series)
         axes.legend(loc="upper right" if many else "best")
         return
-    words = LINE * (panel.x_label.count("\n") + 1) + TICK_LABELS
+    legend_under(panel.x_label, axes)
+
+
+def legend_under(x_label: str, axes: Any, columns: int = 1) -> None:
+    """Place the legend below the words of the axis."""
+    words = LINE * (x_label.count("\n") + 1) + TICK_LABELS
     height = axes.get_position().height * axes.figure.get_figheight()
     axes.legend(
-        loc="upper center", bbox_to_anchor=(0.5, -words / height), borderaxespad=0.0
+        loc="upper center",
+        bbox_to_anchor=(0.5, -words / height),
+        borderaxespad=0.0,
+        ncols=columns,
     )
 
 
-def _near(values: Array) -> Any:
+def near(values: Array) -> Any:
     """Whether values can be on an axis: finite, and not near overflow."""
     return np.abs(values) < FARTHEST  # NaN is not
 
@@ -91,10 +99,10 @@ def _drawable(panel: Panel) -> Panel:
     series = []
     for s in panel.series:
         top = s.y if s.line or s.band is None else s.y + s.band  # of an upper limit
-        good = _near(s.x) & _near(s.y) & _near(top)
+        good = near(s.x) & near(s.y) & near(top)
         good &= (s.x > 0.0) | (not panel.log_x)
         good &= (top > 0.0) | (not panel.log_y)
-        band = None if s.band is None else np.where(_near(s.band), s.band, 0.0)[good]
+        band = None if s.band is None else np.where(near(s.band), s.band, 0.0)[good]
         series.append(replace(s, x=s.x[good], y=s.y[good], band=band))
     any_left = any(len(s.x) for s in series)
     return replace(
@@ -231,24 +239,3 @@ def _(panel: SpherePanel, axes: Any) -> None:
     for spine in axes.spines.values():
         spine.set_visible(False)
     axes.set_title(panel.title, y=1.0)  # an automatic place takes a third longer
-
-
-@paint.register
-def _(panel: BarPanel, axes: Any) -> None:
-    places = np.arange(len(panel.names))[::-1]
-    measured, band, predicted = (
-        np.where(_near(values), values, np.nan)
-        for values in (panel.measured, panel.band, panel.predicted)
-    )
-    axes.barh(
-        places, measured, height=0.6, color=COLOURS[5], label="measured", alpha=0.8
-    )
-    axes.errorbar(measured, places, xerr=band, linestyle="none", color=INK, capsize=2)
-    axes.plot(
-        predicted, places, "D", color=COLOURS[1], ms=6, label="predicted", ls="none"
-    )
-    axes.set_yticks(places, panel.names)
-    axes.grid(visible=False, axis="y")
-    axes.set_title(panel.title, y=1.0)  # an automatic place takes a third longer
-    axes.set_xlabel(panel.x_label)
-    axes.legend()

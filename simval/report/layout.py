@@ -9,10 +9,18 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
+import numpy as np
 from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import text_to_path
 
-from simval.report.panels import AnyPanel, BarPanel, Drawing, Panel
+from simval.report.panels import (
+    AnyPanel,
+    BarPanel,
+    DotPanel,
+    Drawing,
+    HeatPanel,
+    Panel,
+)
 
 # size of a panel and the least margins about its axes, inches
 WIDTH, HEIGHT = 4.3, 3.6
@@ -25,6 +33,12 @@ LINE = 0.18  # from one line of words to the next
 SIZE, TITLE, SMALL = 10.0, 11.0, 8.5  # of labels, titles and legends, points
 HANDLE = 0.6  # a legend's mark and the space about it
 INSIDE = 9  # lines of a legend that leave the curves their place
+BESIDE = 2  # entries of a legend below dots in a line
+SLANT = 50.0  # of the names below a map of shares, degrees
+APART = 0.6  # of a line, between the dots of a name
+NAMED = (BarPanel, DotPanel, HeatPanel)
+"""Panels with a name for each row."""
+
 SLACK = 0.92
 """Share of the room that is used: Liberation Sans and Arial are narrower, Verdana is
 as wide as DejaVu Sans."""
@@ -60,7 +74,7 @@ def laid_out(drawing: Drawing) -> Layout:
     panels = [_legend_broken(panel, axes) for panel in panels]
     top = TOP + LINE * max(_more(panel, "title") for panel in panels)
     under = [_more(panel, "x_label") + legend_below(panel) for panel in panels]
-    bottom = BOTTOM + LINE * max(under)
+    bottom = BOTTOM + max(LINE * max(under), *(_slanted(panel) for panel in panels), 0)
     return Layout(
         drawing=replace(drawing, panels=panels),
         left=left,
@@ -73,6 +87,10 @@ def laid_out(drawing: Drawing) -> Layout:
 
 def legend_below(panel: AnyPanel) -> int:
     """Lines of a legend that does not fit within the axes."""
+    if isinstance(panel, DotPanel):
+        labels = [s.label.count("\n") + 1 for s in panel.series if s.label]
+        rows = [labels[i : i + BESIDE] for i in range(0, len(labels), BESIDE)]
+        return sum(max(row) for row in rows)
     if not isinstance(panel, Panel):
         return 0
     lines = sum(s.label.count("\n") + 1 for s in panel.series if s.label)
@@ -122,31 +140,43 @@ def _more(panel: AnyPanel, word: str) -> int:
 
 
 def _names_broken(panel: AnyPanel) -> AnyPanel:
-    if not isinstance(panel, BarPanel):
+    if not isinstance(panel, NAMED):
         return panel
     return replace(panel, names=[broken(name, NAMES) for name in panel.names])
 
 
 def _names_width(panel: AnyPanel) -> float:
     """What the names of bars need beyond the place of a number."""
-    if not isinstance(panel, BarPanel):
+    if not isinstance(panel, NAMED):
         return 0.0
     lines = [line for name in panel.names for line in name.split("\n")]
     widest = max((_width(line, SIZE) for line in lines), default=0.0)
     return max(0.0, widest / SLACK + TICK - LEFT)
 
 
-def _rows(panel: AnyPanel) -> int:
-    """Lines that the names of bars take, a little apart."""
-    if not isinstance(panel, BarPanel):
+def _rows(panel: AnyPanel) -> float:
+    """Lines that the names of bars take, a little apart, or the dots of a name."""
+    if not isinstance(panel, NAMED):
         return 0
-    return max(name.count("\n") + 1 for name in panel.names) * len(panel.names)
+    lines: float = max(name.count("\n") + 1 for name in panel.names)
+    if isinstance(panel, DotPanel):
+        lines = max(lines, APART * (1 + len(panel.series)))
+    return lines * len(panel.names)
+
+
+def _slanted(panel: AnyPanel) -> float:
+    """Height of the slanted names below a map, inches beyond a line."""
+    if not isinstance(panel, HeatPanel):
+        return 0.0
+    longest = max(_width(name, SMALL) for name in panel.columns)
+    return float(np.sin(np.radians(SLANT))) * longest / SLACK - LINE
 
 
 def _legend_broken(panel: AnyPanel, axes: float) -> AnyPanel:
-    if not isinstance(panel, Panel):
+    if not isinstance(panel, Panel | DotPanel):
         return panel
+    room = axes if isinstance(panel, Panel) else axes / BESIDE
     series = [
-        replace(s, label=broken(s.label, axes - HANDLE, SMALL)) for s in panel.series
+        replace(s, label=broken(s.label, room - HANDLE, SMALL)) for s in panel.series
     ]
     return replace(panel, series=series)

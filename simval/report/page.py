@@ -9,6 +9,7 @@ from simval.report.environment import template
 from simval.report.panels import Drawing
 from simval.report.section import Context, Section, Shown
 from simval.report.sections import (
+    algorithms,
     attitude,
     budget,
     calibration,
@@ -23,6 +24,7 @@ from simval.report.sections import (
     numbers,
     orders,
     other,
+    overview,
     poses,
     provenance,
     ranges,
@@ -40,6 +42,8 @@ from simval.verdict import ALPHA
 
 SECTIONS: tuple[ModuleType, ...] = (
     summary,
+    algorithms,
+    overview,
     failures,
     disagreements,
     calibration,

@@ -12,6 +12,7 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
+from simval.report import named  # noqa: F401  registers what it draws
 from simval.report.axes import INK, paint
 from simval.report.layout import RIGHT, SIZE, SMALL, TITLE, laid_out
 from simval.report.panels import GREY, Drawing

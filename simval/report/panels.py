@@ -75,7 +75,31 @@ class BarPanel:
     predicted: Float[Array, " n"]
 
 
-AnyPanel = Panel | SpherePanel | BarPanel
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DotPanel:
+    """Values of named things side by side, several of each, along one axis."""
+
+    # words, with the unit
+    title: str
+    x_label: str
+    names: Sequence[str]  # the things, from top to bottom
+    # x is the value, y the place of its name, the first 0; band is about x
+    series: Sequence[Series]
+    reference: tuple[float, str]  # a vertical line: its place and what it is
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HeatPanel:
+    """A share for each pair of names, from 0 to 1."""
+
+    title: str
+    names: Sequence[str]  # from top to bottom
+    columns: Sequence[str]  # from left to right
+    shares: Float[Array, "n m"]  # NaN where none was measured
+    expected: Float[Array, "n m"]  # 1 where the share was declared beforehand, else 0
+
+
+AnyPanel = Panel | SpherePanel | BarPanel | DotPanel | HeatPanel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -8,6 +8,8 @@ It is the study that starts the child, so it is the same under every scheduler.
 import os
 import platform
 from collections.abc import Callable, Container, Iterator, Mapping
+from math import inf
+from time import perf_counter
 from typing import Annotated, Any, Self, TypeVar
 
 from pydantic import AfterValidator, Field, PrivateAttr, model_validator
@@ -19,12 +21,18 @@ from simval.plugins.sources import missing, sources
 from simval.results import ROWS, Outcome, Row
 from simval.scene import scenes
 from simval.streams import Streams
+from simval.studies.call_time import call_time
 from simval.studies.study import StudyParameters
 
 PluginName = Annotated[
     str, Field(min_length=1, max_length=4096), AfterValidator(located)
 ]
 """A value that names a plug-in, its files by absolute paths."""
+
+
+SHARE = 0.5
+"""Of the time limit that a cell may take and still have its calls timed: they take a
+sixth of a cell's time at the most, or a second."""
 
 
 class PluginParameters(StudyParameters):
@@ -84,9 +92,12 @@ def _changes(old: Mapping[str, str], new: Mapping[str, str]) -> Iterator[str]:
 
 
 class Rows(Answer):
-    """What the child leaves: the rows of its cell."""
+    """What the child leaves: the rows of its cell, and the time of a call."""
 
     rows: tuple[Row, ...] = ()
+    times: dict[str, Annotated[float, Field(gt=0.0, allow_inf_nan=False)]] = Field(
+        default_factory=dict
+    )
 
 
 Model = TypeVar("Model", bound=PluginParameters)
@@ -126,8 +137,13 @@ def answer(compute: Compute[Model], model: type[Model]) -> None:
         # they were validated where they were made: the child only computes
         parameters = model.model_construct(**request["parameters"])
         streams = Streams(request["seed"], tuple(request["key"]))
+        started = perf_counter()
         measured = compute(parameters, streams).rows
-        return {"rows": ROWS.dump_python(measured, mode="json")}
+        times = {}
+        if perf_counter() - started < SHARE * getattr(parameters, "time_limit", inf):
+            study = compute.__module__.rpartition(".")[2]
+            times = call_time(f"{study}.{model.plugin}", parameters.word, parameters)
+        return {"rows": ROWS.dump_python(measured, mode="json"), "times": times}
 
     respond(rows)
 
@@ -146,4 +162,4 @@ def checked(answer: Rows) -> Outcome:
     if not all(0 <= r.n < 2**63 and not r.standard_error < 0.0 for r in answer.rows):
         msg = "the plug-in's process left an entry that no store can hold"
         raise PluginError(msg)
-    return Outcome(rows=answer.rows)
+    return Outcome(rows=answer.rows, times=answer.times)

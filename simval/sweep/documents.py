@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from simval.errors import InputError
 
 Seconds = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=0)]
 
 
@@ -62,10 +63,18 @@ class _Started(_Document):
     plugins: dict[str, dict[str, str]] = {}
 
 
+class _Call(_Document):
+    seconds: Positive
+    builtin_seconds: Positive
+    ratio: Positive
+    items: Positive
+
+
 class _Timing(_Started):
     wall_seconds: Seconds
     cpu_seconds: Seconds
     workers: Count | str
+    calls: dict[str, _Call] = {}
 
 
 def checked_manifest(text: Any) -> dict[str, Any]:

@@ -159,6 +159,7 @@ def _fill(
                 progress.advance(name, "refused" if refused else "failed")
                 continue
             keep(folder / "artifacts", outcome.artifacts)
+            store.keep_times(database, name, outcome.times)
             store.finish(database, position, outcome.rows, seconds)
             progress.advance(name, _ending(suite.cells[position], outcome.rows, suite))
         left = len(store.unfinished(database)) - len(store.failures(database))
@@ -175,6 +176,7 @@ def _fill(
             "cpu_seconds": round(sum(spent.values()), 3),
             "processors": os.cpu_count(),
             "cells": {name: round(value, 4) for name, value in spent.items()},
+            "calls": store.times(database),
             "plugins": places,
         }
         manifest = store.manifest(database)

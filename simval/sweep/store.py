@@ -22,7 +22,7 @@ from simval.errors import InputError
 from simval.results import Row
 from simval.statistics import Statistic
 from simval.studies.study import Cell
-from simval.sweep.documents import DamagedError, checked_manifest
+from simval.sweep.documents import DamagedError, checked_manifest, read_json
 from simval.text import printable
 
 SCHEMA_VERSION = 2
@@ -39,6 +39,9 @@ CELL_FIELDS = (
     "seconds",
 )
 ROW_COLUMNS = ", ".join(("ordinal", *(f'"{name}"' for name in ROW_FIELDS)))
+
+TIMES = "times of "
+"""What the entry begins with that holds the times of a cell."""
 
 _TABLES = f"""
 CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);
@@ -215,6 +218,21 @@ def keep(database: sqlite3.Connection, key: str, value: str | None) -> None:
         database.execute("DELETE FROM meta WHERE key = ?", (key,))
         if value is not None:
             database.execute("INSERT INTO meta VALUES (?, ?)", (key, value))
+
+
+def keep_times(database: sqlite3.Connection, name: str, times: Any) -> None:
+    """Keep what was timed in a cell, beside what is compared."""
+    keep(database, f"{TIMES}{name}", json.dumps(dict(times)) if times else None)
+
+
+def times(database: sqlite3.Connection) -> dict[str, Any]:
+    """What was timed in each cell, by its name."""
+    query = "SELECT key, value FROM meta WHERE substr(key, 1, ?) = ? ORDER BY key"
+    found = database.execute(query, (len(TIMES), TIMES))
+    return {
+        key.removeprefix(TIMES): read_json(f"the entry {key!r:.60}", value)
+        for key, value in found
+    }
 
 
 def entry(database: sqlite3.Connection, key: str) -> Any:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from simval.compare.merits import STUDIES as SIDE_BY_SIDE
 from simval.report.curves import (
     Curve,
     axis_of,
@@ -51,7 +52,8 @@ def section(context: Context) -> Section | None:
 
 
 def _has_section(study: str) -> bool:
-    return study in STUDIES and STUDIES[study].section is not None
+    own = study in STUDIES and STUDIES[study].section is not None
+    return own or study in SIDE_BY_SIDE
 
 
 def _drawing(study: str, cells: Sequence[CellResult]) -> Drawing | None:

@@ -1,4 +1,8 @@
-"""The first screen: the verdict in one line, what was run, and the two figures."""
+"""The first screen: the verdict in one line, what was run, and the two figures.
+
+Where a run has a user's code, its algorithms come next and the figures after them
+(`overview`).
+"""
 
 from collections.abc import Sequence
 from functools import partial
@@ -8,6 +12,7 @@ from simval.report.curves import Groups, bar_width, curve, grouped, statistic
 from simval.report.measures import GROUPS, moment
 from simval.report.panels import Drawing, Panel, Series
 from simval.report.section import Context, Section, made
+from simval.report.sections.algorithms import has_user_code
 from simval.report.sections.attitude import NOISE, beside_predictions, remainders
 from simval.statistics import COVARIANCE, CRAMER_RAO, EXACT, FIRST_ORDER, RMS
 from simval.sweep.run import CellResult
@@ -19,11 +24,10 @@ def section(context: Context) -> Section | None:
     studies: dict[str, int] = {}
     for cell in run.cells:
         studies[cell.study] = studies.get(cell.study, 0) + 1
-    drawings = [calibration_figure(context), attitude_figure(context)]
     return made(
         "summary",
         "Verdict",
-        [d for d in drawings if d is not None],
+        () if has_user_code(run) else figures(context),
         answer=context.judged.answer,
         headline=headline(context.judged),
         sampled=sum(v.p_value is not None for v in verdicts),
@@ -32,6 +36,12 @@ def section(context: Context) -> Section | None:
         studies=studies,
         samples=sum(max((r.n for r in cell.rows), default=0) for cell in run.cells),
     )
+
+
+def figures(context: Context) -> list[Drawing]:
+    """The two figures that say most of the package's own algorithms."""
+    drawings = [calibration_figure(context), attitude_figure(context)]
+    return [drawing for drawing in drawings if drawing is not None]
 
 
 def calibration_figure(context: Context) -> Drawing | None:

@@ -1,0 +1,59 @@
+"""The package's own algorithms as plug-ins: what a user's is set beside.
+
+They are entry points as any package has them, ``simval:NAME``, and are measured by the
+same studies on the same terms. Their code is in `simval.algorithms`, loaded only when
+one is asked for.
+"""
+
+from collections.abc import Mapping
+from importlib.metadata import EntryPoint, entry_points
+from types import MappingProxyType
+from typing import Final
+
+from simval.plugins.protocol import Calibrator, Estimator
+
+GROUP: Final = "simval.plugins"
+PREFIX: Final = "simval:"
+
+_ESTIMATORS = ("wahba", "triad", "closed-form", "combined")
+_CALIBRATORS = ("squared", "norm", "weighted", "sampson", "adjusted")
+
+BUILTIN: Final[Mapping[str, EntryPoint]] = MappingProxyType(
+    {
+        f"{PREFIX}{name}": EntryPoint(
+            name=f"{PREFIX}{name}",
+            value=f"simval.algorithms:{name.replace('-', '_')}",
+            group=GROUP,
+        )
+        for name in (*_ESTIMATORS, *_CALIBRATORS)
+    }
+)
+"""By the name that suites and the command line call it."""
+
+BESIDE: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
+    {
+        Estimator.taken_by: (f"{PREFIX}wahba", f"{PREFIX}triad"),
+        Calibrator.taken_by: (f"{PREFIX}squared",),
+    }
+)
+"""What ``--plugin`` adds beside a user's, by the field: the optimum first, whose time
+is the unit of a call's; of estimators the plainest one too."""
+
+
+def points_of(name: str) -> tuple[EntryPoint, ...]:
+    """Entry points of a name: the package's own, else those of installed packages."""
+    if name in BUILTIN:
+        return (BUILTIN[name],)
+    return tuple(entry_points(group=GROUP, name=name))
+
+
+def beside_builtin(
+    chosen: Mapping[str, list[str]],
+) -> dict[str, list[str]]:
+    """Plug-ins by field, with the built-in ones where there is a user's."""
+    return {
+        field: [*words, *(own for own in BESIDE.get(field, ()) if own not in words)]
+        if any(word not in BUILTIN for word in words)
+        else words
+        for field, words in chosen.items()
+    }

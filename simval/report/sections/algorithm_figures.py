@@ -1,0 +1,105 @@
+"""Figures of algorithms side by side: accuracy as dots, failures as a map."""
+
+import numpy as np
+
+from simval.compare.merits import called, over_bound
+from simval.report.contest import Contest
+from simval.report.curves import MAX_GROUPS
+from simval.report.panels import COLOURS, MARKERS, DotPanel, Drawing, HeatPanel, Series
+from simval.report.slope import simultaneous
+
+MAX_ROWS = 60
+"""Algorithms drawn, each a row of the figure; the table has all."""
+
+
+def dots(name: str, who: str, contest: Contest) -> Drawing | None:
+    """RMS error over the bound of each algorithm in each setting, with bands."""
+    drawn, settings = contest.algorithms[:MAX_ROWS], contest.settings[:MAX_GROUPS]
+    short = called(contest.algorithms)
+    found = [
+        (i, place, measured)
+        for i, setting in enumerate(settings)
+        for place, algorithm in enumerate(drawn)
+        if (measured := contest.measured(algorithm, setting, over_bound)) is not None
+    ]
+    if not found:
+        return None
+    z = simultaneous(sum(measured.error > 0.0 for _, _, measured in found))
+    series = []
+    for i, setting in enumerate(settings):
+        own = [(place, *measured) for k, place, measured in found if k == i]
+        if own:
+            place, value, error = np.array(own, dtype=float).T
+            series.append(
+                Series(
+                    label=setting if len(settings) > 1 else "",
+                    x=value,
+                    y=place,
+                    band=z * error,
+                    colour=COLOURS[i % len(COLOURS)],
+                    marker=MARKERS[i % len(MARKERS)],
+                )
+            )
+    alone = f" ({settings[0]})" if len(settings) == 1 else ""
+    return Drawing(
+        name=f"{name}-accuracy",
+        caption=(
+            f"RMS error of each algorithm over the Cramér-Rao bound{alone}: 1, the "
+            "dashed line, is as good as any unbiased one can be to first order. Bars: "
+            "95 % for all points of the figure together; a point without one is not "
+            "sampled."
+        ),
+        alternative=(
+            f"RMS error of {len(drawn)} {who} over the Cramér-Rao bound, a row for "
+            "each; the table below has the numbers"
+        ),
+        panels=[
+            DotPanel(
+                title=f"accuracy of {who}",
+                x_label="RMS error over the Cramér-Rao bound, 1 (dashed: the bound)",
+                names=[short[name] for name in drawn],
+                series=tuple(series),
+                reference=(1.0, "the bound"),
+            )
+        ],
+        columns=1,
+        left_out=[*contest.algorithms[MAX_ROWS:], *contest.settings[MAX_GROUPS:]],
+    )
+
+
+def failing(name: str, who: str, contest: Contest) -> Drawing | None:
+    """Share of exact cases that fail by class, if any fails."""
+    drawn, short = contest.algorithms[:MAX_ROWS], called(contest.algorithms)
+    shares = [contest.failures(algorithm) for algorithm in drawn]
+    classes = list(dict.fromkeys(key for each in shares for key in each))
+    if not any(share.value > 0.0 for each in shares for share in each.values()):
+        return None
+    table = np.full((len(drawn), len(classes)), np.nan)
+    declared = np.zeros_like(table)
+    for i, each in enumerate(shares):
+        for key, share in each.items():
+            table[i, classes.index(key)] = share.value
+            declared[i, classes.index(key)] = share.declared
+    return Drawing(
+        name=f"{name}-failures",
+        caption=(
+            "Where they fail: percent of the exact cases of a class that an algorithm "
+            "gets wrong; an empty field is none. In brackets what it declares itself, "
+            "which is not judged. A question mark: not measured."
+        ),
+        alternative=(
+            f"Share of failures of {len(drawn)} {who} in {len(classes)} classes of "
+            "attitudes, a row for each; the table below names the classes"
+        ),
+        panels=[
+            HeatPanel(
+                title="cases that fail, %",
+                names=[short[name] for name in drawn],
+                columns=classes,
+                shares=table,
+                expected=declared,
+            )
+        ],
+        columns=1,
+        left_out=contest.algorithms[MAX_ROWS:],
+    )
