@@ -41,10 +41,11 @@ def test_garbage_passes_unchecked(unchecked):
     assert forms.matrix("triangular", np.zeros(9, int)).shape == (3, 3)
 
 
-LATE = """
-beartype hypothesis matplotlib jinja2 rich pyarrow distributed
-scipy.special scipy.optimize scipy.spatial scipy.linalg scipy.stats scipy.io
-""".split()
+LATE = [
+    *("beartype", "hypothesis", "matplotlib", "jinja2", "rich", "pyarrow"),
+    *("scipy.special", "scipy.optimize", "scipy.spatial", "scipy.linalg"),
+    *("scipy.stats", "scipy.io", "distributed"),
+]
 """What a worker of a sweep, a plug-in's child and `simval calibrate` import when they
 first use it, or never."""
 

@@ -55,13 +55,13 @@ from simval.theory.calibration import CalibrationMoments, calibration_moments
 TITLE = "User-supplied calibrator: bias, spread and stated covariance"
 SECTION = None
 
-BLOCK = 16
+BLOCK = 16  # trials; part of the promise of equal bits
 BIAS_ALLOWED = 7.0
 """Twice the greatest bias of the ladder's residuals, 3.5."""
 CALLS = 64
 """Trials of a command for which the time limit is."""
 
-G = 9.80665
+G = 9.80665  # m/s^2, standard gravity
 
 
 class Parameters(PluginParameters):
