@@ -34,7 +34,7 @@ _KINDS: Final = {
 # Readings and gravity as a user gives them. A scale is one over the other, from 1e-72
 # to 1e72, and its fourth power, the highest that a moment takes, stays finite.
 GREATEST: Final = 1e36
-LEAST: Final = 1e-36
+LEAST: Final = 1e-36  # one over it: the same reason
 
 
 def finite_array(name: str, value: Any, tail: Sequence[int | None]) -> Array:

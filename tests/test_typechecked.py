@@ -42,19 +42,9 @@ def test_garbage_passes_unchecked(unchecked):
 
 
 LATE = [
-    "beartype",
-    "hypothesis",
-    "matplotlib",
-    "jinja2",
-    "rich",
-    "pyarrow",
-    "distributed",
-    "scipy.special",
-    "scipy.optimize",
-    "scipy.spatial",
-    "scipy.linalg",
-    "scipy.stats",
-    "scipy.io",
+    *("beartype", "hypothesis", "matplotlib", "jinja2", "rich", "pyarrow"),
+    *("scipy.special", "scipy.optimize", "scipy.spatial", "scipy.linalg"),
+    *("scipy.stats", "scipy.io", "distributed"),
 ]
 """What a worker of a sweep, a plug-in's child and `simval calibrate` import when they
 first use it, or never."""

@@ -17,9 +17,9 @@ from simval.streams import Streams
 from simval.studies.attitude import BATCH, BLOCK, random_geometry
 from simval.theory import attitude_moments
 
-NOISE = 0.01
+NOISE = 0.01  # a level of the accuracy suite; the time does not depend on it
 MANY, FEW = 200_000, 500
-SAMPLES = 2**19
+SAMPLES = 2**19  # 6.3 million normals, 0.1 to 0.3 s: long beside the clock's step
 
 
 Vectors = tuple[

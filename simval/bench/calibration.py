@@ -13,9 +13,9 @@ from simval.calibrate import calibrate
 from simval.poses import fibonacci_sphere
 from simval.sensor import AccelerometerModel
 
-G = 9.80665
-POSES = 40
-NOISE = 0.02
+G = 9.80665  # m/s^2, standard gravity
+POSES = 40  # chosen; every contender takes longer with more
+NOISE = 0.02  # m/s^2, of a pose; chosen
 TOLERANCE = 1e-12
 """Relative step at which every solver stops. Chosen: near rounding, so that all end at
 the same point."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 ROUNDS = 7
+"""Odd, so that the median is a round; chosen for the time that a race takes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,6 +14,7 @@ from simval.sweep.run import CellResult
 
 MAX_FIGURES = 12
 SHOWN = 400
+"""Of the cells of one run only. Both bound the size of a page; the rest is counted."""
 
 Key = tuple[str, str, Statistic, str]
 """Study, group of cells, statistic and predictor: what one figure shows."""

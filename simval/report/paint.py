@@ -17,7 +17,7 @@ from simval.report.axes import INK, paint
 from simval.report.layout import RIGHT, SIZE, SMALL, TITLE, laid_out
 from simval.report.panels import GREY, Drawing
 
-DOTS_PER_INCH = 160
+DOTS_PER_INCH = 160  # of points drawn as pixels: sharp on a screen at twice its size
 STYLE: dict[str, Any] = {
     "svg.fonttype": "none",
     "font.family": "sans-serif",

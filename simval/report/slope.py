@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from simval.arrays import Array
 
-Z95 = float(scipy.special.ndtri(0.975))
+Z95 = float(scipy.special.ndtri(0.975))  # of a two-sided interval of 95 %
 STEEPEST = 12.0
 """Slopes are sought between plus and minus this: twice the greatest order
 of a formula."""

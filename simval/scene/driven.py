@@ -14,7 +14,7 @@ from simval.scene.motion import steps, visit
 from simval.scene.script import Script
 from simval.streams import cell_key, stream
 
-MOST_POSES = 100_000
+MOST_POSES = 100_000  # of a hundred rows each, which is `motion.MOST_ROWS`
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
 

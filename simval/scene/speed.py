@@ -14,8 +14,8 @@ from simval.scene.engine import roll_out
 from simval.scene.messages import captured_messages
 from simval.scene.run import plan_run
 
-TOGETHER = 8
-MOST_STEPS = 10_000
+TOGETHER = 8  # as `many` takes
+MOST_STEPS = 10_000  # for the time of a race
 
 
 def scene_and_bare_loop(name: str) -> tuple[Callable[[], int], Callable[[], int]]:

@@ -12,7 +12,7 @@ from simval.scene.script import Script
 from simval.streams import cell_key, stream
 
 KICK_TIME = 0.02  # s
-STANDARD_G = 9.80665
+STANDARD_G = 9.80665  # m/s^2
 
 
 def drive_thrown(

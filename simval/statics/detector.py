@@ -13,8 +13,16 @@ from simval.statics.variance import WINDOW, checked_samples, variance_magnitude
 from simval.text import shown
 
 MINIMUM = 100  # samples
-FLOOR_QUANTILE = 0.1  # of the windowed variance: the noise floor of the log
-FLOOR_MULTIPLE = 3.0  # a window above this many floors has moved
+FLOOR_QUANTILE = 0.1
+"""Of the windowed variances: the noise floor of the log. The log needs rests in more of
+its windows than that, and a share of few windows would be a chance minimum. Any from
+0.01 to 0.2 leaves the rests as they are (`test_the_noise_floor_decides_little`,
+tests/test_rates.py); 0.5 loses those of a log that rests a fifth of its time."""
+
+FLOOR_MULTIPLE = 3.0
+"""Floors above which a window has moved. Windows of white noise vary by 8 % at 101
+samples, sqrt(2/300). Any from 1.2 to 10 leaves the rests as they are (the same test),
+for it chooses the rest that scales the threshold, and not the threshold."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -65,7 +65,7 @@ TITLE = "Attitude moments: bias and covariance of the two-vector quaternion"
 SECTION = "attitude"
 
 BLOCK = 16384  # trials; part of the promise of equal bits, as is `BATCH`
-BATCH = 256
+BATCH = 256  # of them
 MIN_BATCHES = 256
 """Fewer leave the standard error itself too uncertain for the far tail: with 64 the
 gate's false-alarm rate was measured as 1.9e-3 where 1e-3 was stated."""

@@ -33,7 +33,7 @@ from simval.theory.two_vector import true_vectors, two_vector_geometry
 TITLE = "Limits: the noise at which each attitude formula breaks down"
 SECTION = "closeness"
 
-BLOCK = 4096
+BLOCK = 4096  # samples; part of the promise of equal bits
 # what counts as off: the percent that a user would see, and the end of any use
 SHARES = {"1%": 0.01, "10%": 0.1}
 RATIOS = np.geomspace(200.0, 1.5, 50)

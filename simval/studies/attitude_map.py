@@ -27,7 +27,7 @@ from simval.theory.attitude import AttitudeMoments, attitude_moments
 TITLE = "Map of the limits: where each attitude formula holds, over many geometries"
 SECTION = "ranges"
 
-SHARES: Final = {"1%": 0.01, "10%": 0.1}
+SHARES: Final = {"1%": 0.01, "10%": 0.1}  # as of `attitude_limits`
 RATIOS: Final = np.geomspace(30.0, 1.2, 26)
 """|qbar|/sigma. Between two of them the log of an error is linear in that of the ratio
 but for its curvature, which moves a limit by less than 1 %."""

@@ -45,7 +45,7 @@ from simval.theory.calibration import CalibrationMoments, calibration_moments
 TITLE = "Calibration recovery: tumble, distort, average the holds, calibrate"
 SECTION = "calibration"
 
-BLOCK = 64
+BLOCK = 64  # trials; part of the promise of equal bits
 RECOVERED = 1e-9
 """Relative; of 500 random sensors the worst was off by 2e-15 (docs/calibration.md)."""
 UNITS = ("1",) * 6 + ("m/s²",) * 3

@@ -72,7 +72,7 @@ from simval.studies.plugin import PluginName, PluginParameters, isolated
 TITLE = "User-supplied calibrator: bias, spread and stated covariance"
 SECTION = None
 
-BLOCK = 16
+BLOCK = 16  # trials; part of the promise of equal bits
 BIAS_ALLOWED = 7.0
 """Twice the greatest bias of the ladder's residuals, 3.5."""
 CALLS = 64

@@ -44,9 +44,9 @@ from simval.theory.calibration import calibration_moments
 TITLE = "Coverage: do the reported error bars of a calibration hold?"
 SECTION = "statistics"
 
-BLOCK = 512
-G = 9.80665
-LEVEL = 0.95
+BLOCK = 512  # trials; part of the promise of equal bits
+G = 9.80665  # m/s^2, standard gravity
+LEVEL = 0.95  # as of the intervals that a calibration states
 FREEDOM = 0.003
 """Relative, of a Type A variance; measured for scales within 5 %, like those here."""
 INTERVAL_SLOPE = 0.23  # 2 z f(z) of the normal density at its 97.5 % quantile

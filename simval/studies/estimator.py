@@ -78,7 +78,7 @@ from simval.theory.unit_length import unit_length_defect, unit_length_rounding
 TITLE = "User-supplied attitude estimator: bias, spread and stated covariance"
 SECTION = None
 
-BLOCK = 1024
+BLOCK = 1024  # samples; part of the promise of equal bits, as is `BATCH`
 BATCH = 8
 AXES = ("x", "y", "z")
 MOST_NOISE = 0.1

@@ -42,8 +42,8 @@ from simval.theory.calibration import CalibrationMoments, calibration_moments
 TITLE = "Bias ladder: bias, spread and efficiency of each calibration residual"
 SECTION = "ladder"
 
-BLOCK = 256
-G = 9.80665
+BLOCK = 256  # trials; part of the promise of equal bits
+G = 9.80665  # m/s^2, standard gravity
 # of many poses of an ideal sensor: `test_the_ladder`, tests/test_calibration_theory.py
 RUNGS = {"squared": -3.5, "norm": -2.0, "weighted": -1.5, "sampson": 0.5, "adjusted": 0}
 UNITS = ("1",) * 6 + ("m/s²",) * 3

@@ -22,7 +22,7 @@ from simval.studies.study import Cost, StudyParameters
 TITLE = "Solvers: how each method of the calibration comes to the same answer"
 SECTION = "convergence"
 
-G = 9.80665
+G = 9.80665  # m/s^2, standard gravity
 METHODS = (FIRST_SOLVER, "gauss-newton", "newton")
 SHOWN = 30  # steps that the report draws
 AGREEMENT = 1e-9

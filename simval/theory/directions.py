@@ -31,6 +31,8 @@ _ABOUT_D2: Final = (22, 32)
 # varies within |d1|/|s1| of azimuth; the density varies within 1/k across the pole. The
 # azimuth nodes are a multiple of what resolves both.
 _ABOUT_D1: Final = ((12, 12.0), (16, 20.0), (24, 30.0), (32, 40.0))
+# Where more would be needed than the upper bound, which is for the memory, the rules
+# disagree and `oracle` refuses.
 _AZIMUTHS: Final = (64, 4096)
 # The density falls below e^{-9.5^2/2} = 3e-20 of its peak at 9.5/k from the pole.
 _CUT: Final = 9.5

@@ -24,7 +24,7 @@ import numpy as np
 
 from simval.theory.attitude import AttitudeMoments
 
-RANGE = 5.0
+RANGE = 5.0  # see above; of sigma
 _SIXTH = 2.0  # of eq. (R1), measured
 
 

@@ -19,6 +19,8 @@ from simval.theory.attitude import ORDERS, AttitudeMoments, attitude_moments
 from simval.theory.noise import noise_covariances
 from simval.theory.two_vector import FRAMES, require_one
 
+# Of 60 random geometries at noise from 1e-9 to 1e-7, where the fourth order is exact to
+# rounding, the exact mean is off by at most 6e-16: a third of this.
 _ROUNDING: Final = 2e-15
 
 

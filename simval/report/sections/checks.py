@@ -8,7 +8,7 @@ from simval.report.words import sign_of_entries
 from simval.results import CellName
 from simval.verdict import WORST_FIRST, Verdict
 
-MAX_ROWS = 300
+MAX_ROWS = 300  # for the size of a page; the rest is counted
 
 
 def section(context: Context) -> Section | None:

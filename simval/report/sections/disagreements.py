@@ -13,7 +13,7 @@ from simval.statistics import Statistic
 from simval.sweep.run import CellResult
 from simval.verdict import Verdict
 
-MAX_FIGURES = 6
+MAX_FIGURES = 6  # for the size of a page; the table names all
 
 Key = tuple[str, Statistic, str]
 """Study, statistic and predictor: what one figure shows."""

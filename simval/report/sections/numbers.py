@@ -4,7 +4,7 @@ from simval.report.section import Context, Section, made
 from simval.report.table import NUMBERS, Column, Table, numbers_of
 from simval.report.words import sign_of_entries
 
-MAX_ROWS = 500
+MAX_ROWS = 500  # for the size of a page; the rest is counted
 
 
 def section(context: Context) -> Section | None:

@@ -24,7 +24,7 @@ from simval.studies import STUDIES
 from simval.sweep.run import CellResult
 
 ELSEWHERE = (EFFICIENCY, COVERAGE, COVERAGE_NORMAL, NEES, BUDGET)
-MAX_PANELS = 6
+MAX_PANELS = 6  # for the size of a page, as is `MAX_ROWS`
 MAX_ROWS = 40
 
 

@@ -9,8 +9,8 @@ from simval.report.panels import Drawing, SpherePanel
 from simval.report.section import Context, Section, made
 from simval.report.words import slug
 
-MAX_SCENES = 8
-MAX_DIRECTIONS = 2000
+MAX_SCENES = 8  # for the size of a page; the others are named
+MAX_DIRECTIONS = 2000  # points of a panel, the first; for the size of a page
 MAX_PICTURE = 600_000
 """Bytes; a larger picture is left in the run folder."""
 

@@ -16,7 +16,7 @@ from simval.report.words import slug
 from simval.statistics import CHI_SQUARE_9, IMPURE, NEES, PRECISION, RECALL
 from simval.sweep.run import CellResult
 
-MAX_LOGS = 2
+MAX_LOGS = 2  # drawn; for the size of a page
 Spans = tuple[tuple[float, float], ...]
 """Begin and end of each interval, s."""
 SCORES = (

@@ -45,7 +45,7 @@ DRAWN = {
     ),
 }
 """Of each family: what its axis, its caption and its text alternative say."""
-MAX_PANELS = 9
+MAX_PANELS = 9  # for the size of a page, as is `MAX_KINDS`
 MAX_KINDS = 4
 """Statistics of a family drawn one by one; of more, their mean."""
 SHOWN = Shown("coverage", (COVERAGE, NEES))
