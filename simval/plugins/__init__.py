@@ -8,6 +8,7 @@ it declares about its conventions is checked without noise before anything is me
 
 from simval.errors import PluginError
 from simval.plugins.calibrator_probe import probe_calibrator
+from simval.plugins.command import command_calibrator, command_estimator
 from simval.plugins.loading import find_plugin
 from simval.plugins.probe import probe_estimator
 from simval.plugins.protocol import Calibrator, Estimator
@@ -16,6 +17,8 @@ __all__ = [
     "Calibrator",
     "Estimator",
     "PluginError",
+    "command_calibrator",
+    "command_estimator",
     "find_plugin",
     "probe_calibrator",
     "probe_estimator",
