@@ -1,9 +1,9 @@
 """User-supplied algorithms: what they must look like, how they are found and probed.
 
 A plug-in is an `Estimator`, a `Calibrator` or a scene (`simval.scene.Scene`), held by
-a Python file, offered as an entry point of the group ``simval.plugins``, or, for a
-calibrator in any language, a command that is given a file and answers with JSON. What
-it declares about its conventions is checked without noise before anything is measured.
+a Python file, offered as an entry point of the group ``simval.plugins``, or, in any
+language, a command that is given files and answers with JSON. What it declares about
+its conventions is checked without noise before anything is measured.
 """
 
 from simval.errors import PluginError
