@@ -158,6 +158,7 @@ def compute(parameters: Parameters, streams: Streams) -> Outcome:
         noise_std=parameters.noise_std,
     )
     off = probe_calibrator(plugin, setting.directions if setting.faces else None)
+    settled = _settled(setting)
     errors = _errors(setting, parameters, streams)
     sums = simulate(
         lambda rng, count: next(errors), streams,
@@ -166,7 +167,6 @@ def compute(parameters: Parameters, streams: Streams) -> Outcome:
     measured = moments_of(sums)
     relative = (parameters.noise_std / G) ** 2
     rows = limit(PROBE(), off, TOLERANCE, TRUTH, n=1)
-    settled = _settled(setting)
     if not setting.own:
         rows += _settled_rows(settled, setting)
     rows += _parameter_rows(measured, setting, settled, relative)
