@@ -277,7 +277,9 @@ def test_the_order_of_what_is_estimated_does_not_matter():
     ],
 )
 def test_poses_of_a_cell_must_fit_their_set(values):
-    with pytest.raises(InputError, match=r"calibrator: `poses` is|pose_set|sensor"):
+    with pytest.raises(
+        InputError, match=r"r: `poses` is|calibrator.poses`|pose_set|sensor"
+    ):
         expand("s", {"calibrator": {"algorithm": SIX, **values}})
 
 

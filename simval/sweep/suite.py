@@ -267,7 +267,7 @@ def _other_arm(error: Any) -> bool:
 
 def _explain(error: Any, model: type[BaseModel]) -> str:
     words = [str(part) for part in error["loc"]]
-    if not words:  # of the parameters together
+    if error["type"] == "value_error" and not words:  # of all parameters together
         return str(error["msg"]).removeprefix("Value error, ")
     names = [w for w in words if w.isidentifier() and w not in ("int", "float", "str")]
     path = ".".join(names[:2]) or "the file"
