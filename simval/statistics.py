@@ -146,6 +146,10 @@ LEFT = Family(
     "left", "specific-force error that the calibration leaves", unit="m/s²", least=0.0
 )
 
+SETTLED = Family(
+    "settled", "distance of the noise-free answer from those of its class", least=0.0
+)
+
 PROBE = Family("probe", "error of the noise-free probe")
 FAILURES = Family("failures", "share of exact cases that fail", least=0.0, most=1.0)
 CUBATURE_BIAS = Family("cubature_bias", "bias by cubature", unit="rad")
@@ -291,6 +295,7 @@ SAME_ROW = "same row"
 ATTITUDE = "attitude"
 FIRST_SOLVER = "lm"
 PSEUDO_TRUE = "what its class converges to"
+NOISE_FREE = "its noise-free answer"
 BEST_OF_CLASS = "best of its class"
 NINE_PARAMETERS = "Cramer-Rao, nine parameters"
 

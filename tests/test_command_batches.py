@@ -10,7 +10,14 @@ import pytest
 from places import EXAMPLES
 
 from simval.errors import CrashedPluginError, UnusablePluginError
-from simval.plugins import Calibrator, PluginError, find_plugin, probe_calibrator
+from simval.plugins import (
+    Calibrator,
+    PluginError,
+    command_estimator,
+    find_plugin,
+    probe_calibrator,
+    probe_estimator,
+)
 from simval.plugins.calibrations import calibration_of, calibrations_of
 from simval.plugins.calibrator_probe import G, probe_sensor
 from simval.plugins.placeholders import fault_of, in_batch, invocation_of
@@ -312,3 +319,88 @@ def test_the_time_limit_of_a_batch_is_for_all_trials(monkeypatch):
     parameters = calibrator.Parameters(algorithm="command: x < {trials}", trials=1024)
     calibrator.run(parameters, Streams(1, (1,)))
     assert seen == [300.0 + calibrator.AROUND]
+
+
+# declared in a file of Python
+
+
+QUEST = """
+import numpy as np
+for line in sys.stdin:
+    given = json.loads(line)
+    B = sum(np.outer(given[b], given[r]) for b, r in (("b1", "r1"), ("b2", "r2")))
+    U, _, V = np.linalg.svd(B)
+    A = U @ np.diag([1, 1, np.linalg.det(U) * np.linalg.det(V)]) @ V
+    K = np.empty((4, 4))
+    K[:3, :3], K[3, 3] = A + A.T - np.trace(A) * np.eye(3), np.trace(A)
+    K[:3, 3] = K[3, :3] = [A[1, 2] - A[2, 1], A[2, 0] - A[0, 2], A[0, 1] - A[1, 0]]
+    q = np.linalg.eigh(K)[1][:, -1]
+    print(json.dumps({"trial": given["trial"], "q": q.tolist()}))
+"""
+
+
+def test_an_estimator_may_be_a_program(tmp_path):
+    words = program(tmp_path, QUEST)
+    made = command_estimator(words, components="xyzs", matrix="passive", name="svd")
+    assert made.name == "svd"
+    # an eigenvector of a symmetric matrix whose values are 4 apart
+    assert probe_estimator(made) <= 1e-13
+    wrong = command_estimator(words, components="sxyz", matrix="passive")
+    with pytest.raises(PluginError, match='declare components="xyzs"'):
+        probe_estimator(wrong)
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        (
+            "for line in sys.stdin: print(line)",
+            r"quaternions that is not an array|shape",
+        ),
+        ("pass", "answered 0 of 24 trials"),
+        ("exit(3)", "ended with exit code 3"),
+    ],
+)
+def test_a_program_that_is_no_estimator_is_refused(tmp_path, body, words):
+    made = command_estimator(
+        program(tmp_path, body), components="xyzs", matrix="passive"
+    )
+    with pytest.raises(PluginError, match=words):
+        probe_estimator(made)
+
+
+def test_a_command_declares_what_a_file_of_python_says(tmp_path):
+    body = (
+        "for line in sys.stdin:\n"
+        "    given = json.loads(line)\n"
+        "    p, n = given['poses'][:3], given['poses'][3:]\n"
+        "    K = [2 * given['g'] / (p[i][i] - n[i][i]) for i in range(3)]\n"
+        "    M = [[K[i] * (i == j) for i in range(3)] for j in range(3)]\n"
+        "    B = [(p[i][i] + n[i][i]) / 2 for i in range(3)]\n"
+        "    print(json.dumps({'trial': given['trial'], 'matrix': M, 'B': B}))\n"
+    )
+    file = tmp_path / "mine.py"
+    file.write_text(
+        "from simval.plugins import command_calibrator\n"
+        f"mine = command_calibrator({program(tmp_path, body)!r}, name='mine',\n"
+        "    estimates=('scale', 'bias'))\n"
+    )
+    values = {"trials": 64, "pose_set": "faces", "poses": 6}
+    rows = [
+        calibrator.compute(
+            calibrator.Parameters(algorithm=str(path), **values), Streams(1, (1,))
+        ).rows
+        for path in (file, EXAMPLES / "six.py")
+    ]
+    # the same six formulas; sums of two in another order
+    for mine, other in zip(*rows, strict=True):
+        assert mine.statistic == other.statistic
+        assert mine.value == pytest.approx(other.value, rel=1e-9, abs=1e-13)
+
+
+@pytest.mark.parametrize(
+    "words", ["./x {poses}", "./x {poses_folder}", "./x {trials} {g}"]
+)
+def test_an_estimator_gets_vectors_alone(words):
+    with pytest.raises(UnusablePluginError, match="neither poses nor g"):
+        command_estimator(words, components="xyzs", matrix="passive")

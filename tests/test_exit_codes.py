@@ -18,6 +18,9 @@ SUITES = {
     "named": "[estimator]\nalgorithm = ['gone.py:one', 'gone.py:two']\n",
     "scene": "[custom_scene]\nscene = 'gone.py'\n",
     "program": "[calibrator]\nalgorithm = 'command: ./gone {poses}'\n",
+    "place": "[calibrator]\nalgorithm = 'command: ls'\n",
+    "misspelt": "[calibrator]\nalgorithm = 'command: ls < {trial}'\n",
+    "batch": "[calibrator]\nalgorithm = 'command: ./gone < {trials}'\n",
     "package": "[calibrator]\nalgorithm = 'gone'\n",
     "nothing": "[calibrator]\nposes = 24\n",
 }
@@ -51,7 +54,9 @@ TABLE = {
         for plugin in (
             *("gone.py", "gone.py:x", "dir.py", "gone", "a,b.py", ""),
             *("command: ./gone {poses}", "command: gone {poses}", "command: ls"),
-            *("command: ", "command: 'ls {poses}"),
+            *("command: ", "command: 'ls {poses}", "command: ls {pose}"),
+            *("command: ./gone < {trials}", "command: gone {poses_folder}"),
+            *("command: ls < {poses}", "command: ls {trials} {poses}"),
         )
     ],
     "a run": [

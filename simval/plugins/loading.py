@@ -71,7 +71,10 @@ def find_plugin(algorithm: str, kind: type[Kind]) -> Kind:
     """
     if algorithm.startswith(COMMAND):
         if kind is not Calibrator:
-            msg = f"`{algorithm}`: only a calibrator can be a command"
+            msg = (
+                f"`{algorithm}`: only a calibrator can be a command; declare the "
+                "program of an estimator in a Python file, with `command_estimator`"
+            )
             raise UnusablePluginError(msg)
         command: Any = command_calibrator(algorithm)
         return command

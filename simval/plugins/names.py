@@ -1,13 +1,13 @@
 r"""What the name of a plug-in stands for, and how it is spelled on any machine.
 
-========================== =====================================================
+========================== ==========================================================
 word                       what it names
-========================== =====================================================
+========================== ==========================================================
 ``mine.py``                the one plug-in of the wanted kind in a file
 ``mine.py:NAME``           the one of that name
-``command: ./mine {log}``  a calibrator that runs a command, see `command`
+``command: ./mine {log}``  a calibrator that runs a command, see `placeholders`
 ``NAME``                   an entry point of the group ``simval.plugins``
-========================== =====================================================
+========================== ==========================================================
 
 Who computes a cell needs the path; its name, its streams, the store and all that is
 shown have the file's name alone, so that the same plug-in in two folders is the same

@@ -9,11 +9,12 @@ that an unbiased one leaves (`left`).
 
 A calibrator may estimate fewer parameters and is then measured by them. Of its own
 class the sensor has no other errors, and all is as with nine. Of the full sensor, whose
-misalignment (and scale) is outside the class, the truth is what the class converges to,
-which `simval.theory.calibration_classes` knows up to the range of the criteria by which
-one may fit, and that range is allowed on either side; its covariance is not judged,
-for it says nothing of what is left out. What it leaves stands beside the least that its
-class can leave, and beside the bound of nine parameters.
+misalignment (and scale) is outside the class, the truth is what the class converges to
+without noise. `simval.theory.calibration_classes` knows it for each of the criteria by
+which one may fit, and the noise-free answer may be in the middle of these or off it by
+their range (`settled`); the mean of the trials must be the noise-free answer. Its
+covariance is not judged, for it says nothing of what is left out. What it leaves stands
+beside the least that its class can leave, and beside the bound of nine parameters.
 
 The plug-in's bias is not predicted. Every residual of the theory is biased by at most
 3.5 :math:`\sigma^2/g^2` in scale, so a scale and a misalignment are each allowed
@@ -42,7 +43,11 @@ from simval.arrays import Array
 from simval.moments import Moments
 from simval.montecarlo import moments_of, simulate
 from simval.plugins import Calibrator, find_plugin, probe_calibrator
-from simval.plugins.calibrations import Calibration, calibrations_of
+from simval.plugins.calibrations import (
+    Calibration,
+    calibration_of,
+    calibrations_of,
+)
 from simval.plugins.calibrator_probe import G
 from simval.plugins.failures import TOLERANCE
 from simval.plugins.names import COMMAND
@@ -60,9 +65,11 @@ from simval.statistics import (
     NEES,
     NINE_PARAMETERS,
     NO_BIAS,
+    NOISE_FREE,
     PROBE,
     PSEUDO_TRUE,
     SD,
+    SETTLED,
     TRUTH,
 )
 from simval.streams import Streams
@@ -155,6 +162,7 @@ def outcome(plugin: Calibrator, parameters: Parameters, streams: Streams) -> Out
         noise_std=parameters.noise_std,
     )
     off = probe_calibrator(plugin, setting.directions if setting.faces else None)
+    settled = _settled(setting)
     errors = _errors(setting, parameters, streams)
     sums = simulate(
         lambda rng, count: next(errors), streams,
@@ -163,7 +171,9 @@ def outcome(plugin: Calibrator, parameters: Parameters, streams: Streams) -> Out
     measured = moments_of(sums)
     relative = (parameters.noise_std / G) ** 2
     rows = limit(PROBE(), off, TOLERANCE, TRUTH, n=1)
-    rows += _parameter_rows(measured, setting, relative)
+    if not setting.own:
+        rows += _settled_rows(settled, setting)
+    rows += _parameter_rows(measured, setting, settled, relative)
     rows += _left_rows(measured, setting)
     if sums.size == len(setting.theory.places) + 2:
         rows += _nees_row(measured, setting)
@@ -189,6 +199,16 @@ def _errors(
             yield np.stack([_error(setting, answer) for answer in block], axis=1)
 
 
+def _settled(setting: Setting) -> Float[Array, " p"]:
+    """Error that is left without noise; none in its own class."""
+    p = len(setting.theory.places)
+    if setting.own:
+        return np.zeros(p)
+    clean = setting.sensor.distort(G * setting.directions, np.random.default_rng(0))
+    answer = calibration_of(setting.plugin, clean, G, setting.noise)
+    return _error(setting, answer)[:p]
+
+
 def _error(setting: Setting, answer: Calibration) -> Float[Array, " p"]:
     """Error of the parameters, what is left and, with a covariance, the square."""
     places, form = list(setting.theory.places), setting.plugin.form
@@ -207,22 +227,25 @@ def _error(setting: Setting, answer: Calibration) -> Float[Array, " p"]:
     return np.append(error, [left, square * factor])
 
 
+def _settled_rows(settled: Float[Array, " p"], setting: Setting) -> tuple[Row, ...]:
+    """Rows of the answer without noise, of a sensor outside the class."""
+    theory, (names, units) = setting.theory, setting.named
+    most = theory.spread + TOLERANCE * setting.sizes
+    off = np.abs(settled - theory.bias)
+    return limit(SETTLED.each(names, units), off, most, PSEUDO_TRUE, n=1)
+
+
 def _parameter_rows(
-    measured: Moments, setting: Setting, relative: float
+    measured: Moments, setting: Setting, settled: Float[Array, " p"], relative: float
 ) -> tuple[Row, ...]:
-    theory, n = setting.theory, measured.samples
-    places, p = list(theory.places), len(theory.places)
-    names = [forms.names("triangular")[k] for k in places]
-    units = [("1", "raw")[k >= 6] for k in places]
-    sizes = np.abs(setting.sensor.parameters)
-    sizes[:3] = 1.0
-    sizes[6:] = G / np.abs(setting.sensor.K).min()
-    allowed = BIAS_ALLOWED * relative * sizes[places] + theory.spread
+    theory, n, (names, units) = setting.theory, measured.samples, setting.named
+    p = len(names)
+    allowed = BIAS_ALLOWED * relative * setting.sizes
     sd = measured.sd[:p]
     variance_error = np.diagonal(measured.covariance_error)[:p]
     rows = plain(
         BIAS.each(names, units), measured.bias[:p], measured.bias_error[:p], n,
-        theory.bias, NO_BIAS if setting.own else PSEUDO_TRUE, allowed,
+        settled, NO_BIAS if setting.own else NOISE_FREE, allowed,
     )  # fmt: skip
     if not setting.own:
         return rows + unjudged(SD.each(names, units), sd, variance_error / (2 * sd), n)

@@ -10,7 +10,7 @@ from simval.errors import PluginError
 from simval.plugins import Calibrator
 from simval.plugins.calibrator_probe import G, probe_sensor
 from simval.poses import cube_faces, fibonacci_sphere
-from simval.sensor import AccelerometerModel
+from simval.sensor import AccelerometerModel, forms
 from simval.sensor.estimated import ALL, own_sensor, places_of
 from simval.studies.coverage import FREEDOM
 from simval.theory.calibration import VARIANCE_NEXT, calibration_moments
@@ -55,6 +55,20 @@ class Setting:
     def own(self) -> bool:
         """Whether the sensor has no errors but those that are estimated."""
         return self.theory.own
+
+    @property
+    def named(self) -> tuple[list[str], list[str]]:
+        """Names and units of what is estimated."""
+        places, names = self.theory.places, forms.names("triangular")
+        return [names[k] for k in places], [("1", "raw")[k >= 6] for k in places]
+
+    @property
+    def sizes(self) -> Float[Array, " p"]:
+        """Natural sizes of what is estimated."""
+        sizes = np.abs(self.sensor.parameters)
+        sizes[:3] = 1.0
+        sizes[6:] = G / np.abs(self.sensor.K).min()
+        return sizes[list(self.theory.places)]
 
 
 def setting_of(

@@ -267,6 +267,8 @@ def _other_arm(error: Any) -> bool:
 
 def _explain(error: Any, model: type[BaseModel]) -> str:
     words = [str(part) for part in error["loc"]]
+    if error["type"] == "value_error" and not words:  # of all parameters together
+        return str(error["msg"]).removeprefix("Value error, ")
     names = [w for w in words if w.isidentifier() and w not in ("int", "float", "str")]
     path = ".".join(names[:2]) or "the file"
     if error["type"] == "extra_forbidden":

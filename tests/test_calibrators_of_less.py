@@ -1,0 +1,308 @@
+"""Calibrators that estimate fewer than nine parameters, measured by what they leave."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import rows_by_name
+from places import EXAMPLES
+
+from simval.errors import InputError
+from simval.plugins import Calibrator, PluginError, find_plugin, probe_calibrator
+from simval.plugins.calibrations import calibration_of
+from simval.plugins.calibrator_probe import G, probe_sensor
+from simval.poses import cube_faces, fibonacci_sphere
+from simval.streams import Streams
+from simval.studies import calibrator
+from simval.sweep.suite import expand
+from simval.verdict import judge, overall
+
+SIX = str(EXAMPLES / "six.py")
+STREAMS = Streams(1, (1,))
+
+
+def fit(poses, noise_std, places):
+    """Scales and biases by lengths, weighted by their noise, and their covariance."""
+    theta = np.array([1.0, 1.0, 1.0, *poses.mean(axis=0)])
+    if 0 in places:
+        theta[:3] = 2.0 * G / np.ptp(poses, axis=0)
+    for _ in range(5):  # Gauss-Newton: quadratic from a few per cent
+        x = poses - theta[3:]
+        length = np.linalg.norm(theta[:3] * x, axis=1)
+        rows = np.concatenate([theta[:3] * x**2, -(theta[:3] ** 2) * x], axis=1)
+        size = np.linalg.norm(theta[:3] ** 2 * x, axis=1)  # of the noise it carries
+        J = (rows / size[:, None])[:, places]
+        step = np.linalg.lstsq(J, (G - length) * length / size, rcond=None)[0]
+        theta[places] += step
+    return theta, noise_std**2 * np.linalg.inv(J.T @ J)
+
+
+def lengths(estimates, factor=1.0, off=0.0):
+    places = list(range(6)) if "scale" in estimates else [3, 4, 5]
+
+    def calibrate(poses, g, noise_std):
+        theta, covariance = fit(poses, noise_std, places)
+        theta[places[-1]] += off * (noise_std > 1e-6)
+        return np.diag(theta[:3]), theta[3:], factor * covariance
+
+    return Calibrator(
+        name="lengths", calibrate=calibrate, estimates=estimates, noise_std=True
+    )
+
+
+def rows_of(plugin, monkeypatch, **values):
+    monkeypatch.setattr(calibrator, "find_plugin", lambda *_: plugin)
+    parameters = calibrator.Parameters(algorithm="any", **values)
+    return calibrator.compute(parameters, STREAMS).rows
+
+
+def named(rows):
+    return {(str(row.statistic), row.predictor): row for row in rows}
+
+
+LESS = (("scale", "bias"), ("bias",))
+
+
+@pytest.mark.parametrize("pose_set", ["sphere", "faces"])
+@pytest.mark.parametrize("estimates", LESS)
+def test_a_sound_calibrator_of_less_passes_in_its_own_class(
+    estimates, pose_set, monkeypatch
+):
+    values = {"sensor": "own class", "pose_set": pose_set, "trials": 1024}
+    rows = rows_of(lengths(estimates), monkeypatch, **values)
+    judged = judge(rows_by_name.named(rows))
+    assert {v.answer for v in judged if v.row.check != "record"} == {"pass"}
+    found = named(rows)
+    count = 3 * len(estimates)
+    assert found["nees", "claim"].prediction == count
+    assert len([name for name, _ in found if name.startswith("bias[")]) == count
+    share = found["efficiency[B_x]", ""]
+    # on faces it does not use what it knows of the directions: of six readings two see
+    # the bias of an axis along it, and all six would tell of it
+    expected = 1.0 if pose_set == "sphere" else 1.0 / 3.0
+    assert abs(share.value - expected) < 4 * share.standard_error
+    left = found["left", "Cramer-Rao"]
+    if pose_set == "sphere":  # the bound itself, but for the next order in the noise
+        assert abs(left.value - left.prediction) < 4 * left.standard_error
+    assert left.value > left.prediction - 4 * left.standard_error
+
+
+@pytest.mark.parametrize(
+    ("wrong", "what"),
+    [({"factor": 1.3}, "nees"), ({"off": 2e-3}, "bias[B_z]")],
+)
+def test_a_wrong_calibrator_of_less_fails(wrong, what, monkeypatch):
+    plugin = lengths(("scale", "bias"), **wrong)
+    assert what in failed(plugin, monkeypatch, sensor="own class", trials=512)
+
+
+@pytest.mark.parametrize("pose_set", ["sphere", "faces"])
+@pytest.mark.parametrize("estimates", LESS)
+def test_of_the_full_sensor_it_is_judged_by_what_its_class_converges_to(
+    estimates, pose_set, monkeypatch
+):
+    plugin = lengths(estimates)
+    rows = rows_of(plugin, monkeypatch, pose_set=pose_set, trials=256)
+    verdicts = judge(rows_by_name.named(rows))
+    assert overall(verdicts) != "fail"
+    found = named(rows)
+    least = found["left", "best of its class"]
+    assert least.value > least.prediction  # an inequality, not a test
+    assert least.value < 1.01 * least.prediction
+    nees = found["nees", "claim"]
+    assert nees.check == "record"
+    # what a right covariance of noise alone makes of the misalignment, as documented
+    told = {("scale", "sphere"): 89.0, ("scale", "faces"): 20.0}
+    expected = told.get((estimates[0], pose_set))
+    assert expected is None or abs(nees.value - expected) < 4 * nees.standard_error + 1
+    nine = found.get(("left", "Cramer-Rao, nine parameters"))
+    assert (nine is None) == (pose_set == "faces")
+    if nine is not None:
+        assert nine.value > 20 * nine.prediction
+    settled = [row for name, row in found.items() if name[0].startswith("settled")]
+    assert len(settled) == len(estimates) * 3
+    assert all(row.value <= row.prediction for row in settled)
+    # power: a tenth of what is left, put into one bias
+    off = lengths(estimates, off=0.02)
+    assert "settled[B_z]" in failed(off, monkeypatch, pose_set=pose_set, trials=32)
+
+
+def failed(plugin, monkeypatch, **values):
+    rows = rows_of(plugin, monkeypatch, **values)
+    verdicts = judge(rows_by_name.named(rows))
+    return {str(v.row.statistic) for v in verdicts if v.answer == "fail"}
+
+
+def test_what_goes_wrong_in_noise_alone_is_seen_of_the_full_sensor(monkeypatch):
+    sound, calls = lengths(("scale", "bias")), []
+
+    def late(poses, g, noise_std):
+        matrix, bias, covariance = sound.calibrate(poses, g, noise_std)
+        calls.append(poses)
+        return matrix, bias + 2e-3 * (len(calls) > 2), covariance
+
+    plugin = dataclasses.replace(sound, calibrate=late)
+    found = failed(plugin, monkeypatch, trials=512)
+    assert {"bias[B_x]", "bias[B_y]", "bias[B_z]"} <= found
+    assert not any(name.startswith("settled") for name in found)
+
+
+def test_all_nine_are_set_beside_what_they_leave(monkeypatch):
+    plugin = find_plugin(str(EXAMPLES / "ellipsoid.py"), Calibrator)
+    found = named(rows_of(plugin, monkeypatch, trials=512))
+    left = found["left", "Cramer-Rao"]
+    # linear least squares weighs scales of 7 % difference wrongly, by 2 % at the most
+    assert left.prediction * 0.98 < left.value < 1.06 * left.prediction
+
+
+def test_six_positions_are_the_example_of_the_documentation(monkeypatch):
+    plugin = find_plugin(SIX, Calibrator)
+    assert probe_calibrator(plugin, cube_faces()) < 1e-14
+    for poses in (6, 24):
+        values = {"pose_set": "faces", "poses": poses, "trials": 512}
+        found = named(rows_of(plugin, monkeypatch, **values))
+        assert found["left", "best of its class"].value == pytest.approx(
+            0.2447, abs=4e-4
+        )
+
+
+@pytest.mark.parametrize(
+    ("plugin", "values", "words"),
+    [
+        (SIX, {}, r'not finite|set `calibrator.pose_set = "faces"`'),
+        (
+            "ellipsoid.py",
+            {"pose_set": "faces"},
+            "nine parameters, of which the six|six",
+        ),
+    ],
+)
+def test_poses_that_do_not_fit_are_refused_with_the_others(
+    plugin, values, words, monkeypatch
+):
+    plugin = find_plugin(str(EXAMPLES / plugin), Calibrator)
+    with pytest.raises(PluginError, match=words):
+        rows_of(plugin, monkeypatch, trials=32, **values)
+
+
+def test_it_is_probed_with_the_errors_that_it_declares():
+    for estimates in LESS:
+        assert probe_calibrator(lengths(estimates)) < 1e-12
+    six = lengths(("scale", "bias"))
+    nine = Calibrator(name="nine", calibrate=lambda p, g: six.calibrate(p, g, 1.0)[:2])
+    with pytest.raises(PluginError, match=r"S_\w+: .* If it estimates fewer, declare"):
+        probe_calibrator(nine)
+
+
+def test_what_is_estimated_and_not_declared_is_seen_in_noise(monkeypatch):
+    # without noise its scales are 1, as declared
+    plugin = dataclasses.replace(
+        lengths(("scale", "bias")),
+        estimates=("bias",),
+        calibrate=lambda p, g, s: lengths(("scale", "bias")).calibrate(p, g, s)[:2],
+    )
+    with pytest.raises(
+        PluginError, match="estimates bias, so its matrix must be the u"
+    ):
+        rows_of(plugin, monkeypatch, trials=32)
+
+
+EYE, ZERO = np.eye(3), np.zeros(3)
+
+
+@pytest.mark.parametrize(
+    ("estimates", "answer", "words"),
+    [
+        (
+            ("scale", "bias"),
+            (EYE + 1e-6 * np.eye(3, k=1), ZERO),
+            "must be diagonal, bu",
+        ),
+        (("scale", "bias"), (EYE[::-1], ZERO), "diagonal, but it has 1 in row 0, colu"),
+        (("scale", "bias"), (np.zeros((3, 3)), ZERO), "true parameters|finite"),
+        (("scale", "bias"), (EYE, ZERO, np.eye(9)), r"shape \(9, 9\); .* \(6, 6\)"),
+        (("scale", "bias"), (EYE, ZERO, -np.eye(6)), "not positive definite"),
+        (("bias",), (1.001 * EYE, ZERO), "unit matrix, but it has 1.001 in row 0, col"),
+        (("bias",), (EYE, ZERO, np.eye(6)), r"shape \(6, 6\); .* \(3, 3\)"),
+        (("bias",), (EYE, 0.3), r"B as float of shape \(\)"),
+        (
+            ("bias",),
+            {"matrix": EYE, "B": ZERO, "covariance_kind": "type A", "dof": 4},
+            "5 or more: use 8 poses or more",
+        ),
+    ],
+)
+def test_an_answer_outside_the_class_is_refused(estimates, answer, words):
+    plugin = Calibrator(name="c", calibrate=lambda p, g: answer, estimates=estimates)
+    with pytest.raises(PluginError, match=words):
+        probe_calibrator(plugin)
+
+
+@pytest.mark.parametrize(
+    "estimates",
+    [
+        *(
+            (),
+            ("scale",),
+            ("misalignment", "bias"),
+            ("misalignment",),
+            ("bias", "bias"),
+        ),
+        *(("bias", "scale", "bias"), ("Bias",), ("bias", 1), "bias", None, 3, {"bias"}),
+        *(np.array(["bias"]), [["bias"]], ("scale", "bias", "temperature")),
+    ],
+)
+def test_what_is_estimated_must_be_a_known_class(estimates):
+    with pytest.raises(PluginError, match=r"`estimates` is .*; it must be declared as"):
+        Calibrator(name="c", calibrate=print, estimates=estimates)
+
+
+def test_the_order_of_what_is_estimated_does_not_matter():
+    for words in (("bias", "scale"), ["scale", "bias"]):
+        plugin = Calibrator(name="c", calibrate=print, estimates=words)
+        assert plugin.estimates == ("scale", "bias")
+    with pytest.raises(PluginError, match="`form` is 'upper', but a calibrator of sca"):
+        Calibrator(name="c", calibrate=print, estimates=words, form="upper")
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"poses": 8},
+        {"poses": 5, "pose_set": "faces"},
+        {"poses": 7, "pose_set": "faces"},
+        {"poses": 20, "pose_set": "faces"},
+        {"pose_set": "six"},
+        {"sensor": "aligned"},
+    ],
+)
+def test_poses_of_a_cell_must_fit_their_set(values):
+    with pytest.raises(
+        InputError, match=r"r: `poses` is|calibrator.poses`|pose_set|sensor"
+    ):
+        expand("s", {"calibrator": {"algorithm": SIX, **values}})
+
+
+def test_a_type_a_covariance_of_less_is_judged_by_its_own_law(monkeypatch):
+    sound = lengths(("scale", "bias"))
+    values = {"trials": 32, "sensor": "own class"}
+    plain = named(rows_of(sound, monkeypatch, **values))["nees", "claim"].value
+
+    def scaled(poses, g, noise_std):
+        matrix, bias, covariance = sound.calibrate(poses, g, noise_std)
+        answer = {"matrix": matrix, "B": bias, "covariance": covariance}
+        return answer | {"covariance_kind": "type A", "dof": 18}
+
+    plugin = dataclasses.replace(sound, calibrate=scaled)
+    found = named(rows_of(plugin, monkeypatch, **values))["nees", "claim"].value
+    assert found == pytest.approx(plain * 16 / 18, rel=1e-12, abs=0)
+
+
+def test_a_covariance_can_be_probed_with_a_stated_noise():
+    # the probe states some noise: a covariance of none would not be one
+    plugin = lengths(("scale", "bias"))
+    sensor = probe_sensor()
+    raw = sensor.distort(G * fibonacci_sphere(24), np.random.default_rng(0))
+    with pytest.raises(PluginError, match="not positive definite"):
+        calibration_of(plugin, raw, G, 0.0)
+    probe_calibrator(plugin)
