@@ -95,6 +95,9 @@ class Estimator(Plugin):
         Dip of the field that it was written for, rad; default any.
     reads : tuple of {"noise_std", "weights", "covariances"}, default ()
         What else `estimate` and `covariance` are handed, by these names.
+    series : bool, default False
+        Whether `estimate` is made of + - * / **, `abs`, comparisons and `numpy.sqrt`
+        alone, so that it works with power series (`simval.theory.series`).
     """
 
     taken_by: ClassVar[str] = "estimator.algorithm"
@@ -114,6 +117,7 @@ class Estimator(Plugin):
     vertical: Vertical = "up"
     dip: float | None = None
     reads: tuple[str, ...] = ()
+    series: bool = False
 
     def __post_init__(self) -> None:
         _check_name(self.name)
@@ -123,6 +127,7 @@ class Estimator(Plugin):
         _one_of("claim", self.claim, ("exact", 2, 4))
         _one_of("takes", self.takes, ("pairs", "vectors"))
         _one_of("batch", self.batch, (True, False))
+        _one_of("series", self.series, (True, False))
         if self.kind is not None:
             _one_of("kind", self.kind, get_args(Kind))
         _check_words("fails_at", self.fails_at, MAY_FAIL)

@@ -68,6 +68,7 @@ class Parameters(PluginParameters):
     """One cell: a plug-in, a pose count and a noise level."""
 
     plugin = "algorithm"
+    no_noise = ("algorithm", "time_limit")
 
     algorithm: PluginName = Field(
         default="",

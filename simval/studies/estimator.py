@@ -68,6 +68,7 @@ from simval.statistics import (
     order,
 )
 from simval.streams import Streams
+from simval.studies.estimator_series import series_rows
 from simval.studies.estimator_setting import DEGREE, Setting
 from simval.studies.estimator_size import size_rows
 from simval.studies.failure_rows import failure_rows
@@ -102,6 +103,7 @@ class Parameters(PluginParameters):
     """One cell: a plug-in, a geometry and a noise level."""
 
     plugin = "algorithm"
+    no_noise = ("algorithm", "time_limit")
 
     algorithm: PluginName = Field(
         default="", description="FILE.py, FILE.py:NAME or the name of an entry point."
@@ -177,6 +179,8 @@ def compute(parameters: Parameters, streams: Streams) -> Outcome:
         *size_rows(setting, sums, noise, (cubature, coarser), off),
         *_unit_rows(setting, noise, streams),
     ]
+    if plugin.series:
+        rows += series_rows(setting, noise, moments_of(sums), cubature)
     if setting.claims:
         off, other = claim_off(cubature), claim_off(coarser)
         half = setting.cubature(noise / 2.0, DEGREE)
