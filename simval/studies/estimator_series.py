@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from simval.errors import PluginError
 from simval.geometry import attitude_matrix
 from simval.moments import Moments
-from simval.plugins.calling import one_answer
+from simval.plugins import calling
 from simval.plugins.rotations import tail
 from simval.results import Row, plain
 from simval.statistics import BIAS, COVARIANCE, ORDER_2, ORDER_4
@@ -46,7 +46,7 @@ def series_of(setting: Setting, noise_std: float, order: int) -> Moments:
 
     def error(*vectors: NDArray[np.object_]) -> NDArray[np.object_]:
         try:
-            answer = one_answer(plugin, [v[None] for v in vectors], truth, told)
+            answer = calling.one_answer(plugin, [v[None] for v in vectors], truth, told)
             return _rotation(setting, np.asarray(answer, dtype=object))
         except Exception as fault:  # whatever a user's function may raise
             raised.append(fault)
@@ -70,8 +70,7 @@ def series_of(setting: Setting, noise_std: float, order: int) -> Moments:
 def _place(error: BaseException) -> str:
     """The line of the user's file at which it was raised."""
     frames = traceback.extract_tb(error.__traceback__)
-    caller = one_answer.__code__.co_filename
-    own = [i for i, frame in enumerate(frames) if frame.filename == caller]
+    own = [i for i, frame in enumerate(frames) if frame.filename == calling.__file__]
     theirs = frames[own[-1] + 1 :] if own else []
     lines = [f.line for f in theirs if f.filename == theirs[0].filename and f.line]
     return f" at `{lines[-1]}`" if lines else ""

@@ -66,7 +66,9 @@ def leading_rows(setting: Setting, rounding: float) -> tuple[Row, ...]:
     slack = 6.0 * weights * rounding
     limits = (TOLERANCE + slack / size, TOLERANCE + 2.0 * slack / np.sqrt(size))
     for predictor, mean, spread in _predictions(setting, noise, A):
-        off = float(np.linalg.norm(covariance - spread) / np.linalg.norm(spread))
+        # which is the bound's size or more, where it is the theory of an estimator
+        most_spread = max(np.linalg.norm(spread), np.linalg.norm(bound))
+        off = float(np.linalg.norm(covariance - spread) / most_spread)
         rows += limit(
             (CLASS_BIAS(), CLASS_COVARIANCE()),
             (float(np.linalg.norm(bias - mean)) / size, off), limits, predictor, n=1,
