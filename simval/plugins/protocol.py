@@ -147,7 +147,18 @@ class Estimator(Plugin):
         )
 
     def observed(self, vectors: int = 2) -> Observed:
-        """What it observes, of so many vectors."""
+        """What it observes.
+
+        Parameters
+        ----------
+        vectors : int, default 2
+            Body vectors, and as many references.
+
+        Returns
+        -------
+        Observed
+            How its exact cases are drawn.
+        """
         return Observed(vectors=vectors, fixed=self.fixed)
 
 
