@@ -173,6 +173,19 @@ def test_answers_of_one_sample_may_be_lists(monkeypatch):
     assert 0.1 < shares["generic"] < 0.9
 
 
+def test_one_that_takes_single_samples_is_told_so():
+    def estimate(b1, b2, r1, r2):
+        if b1.shape != (3,):
+            msg = "one vector, please"
+            raise ValueError(msg)
+        return ALONE.estimate(b1, b2, r1, r2)
+
+    wrong = dataclasses.replace(ALONE, estimate=estimate, batch=True)
+    words = "raised ValueError: one vector, please; it takes one .* batch=False"
+    with pytest.raises(CrashedPluginError, match=words):
+        probe_estimator(wrong)
+
+
 def overwritten(function):
     def estimate(first, *others, **words):
         answer = function(first, *others, **words)

@@ -23,12 +23,13 @@ most 0.17 of that trace; orthogonal frames and least squares have no such bias t
 `simval.studies.leading_terms` asks more: no bias of first order, nothing below the
 bound, and of an estimator that declares its class the bias and covariance of it.
 
-Where the plug-in gives a covariance, and can know the noise that this is of, its normalised squared error has the mean 3, up
-to what the claim leaves out. An exact claim leaves out nothing: by cubature it may be
-off only by the error of cubature itself, again twice the difference of the degrees. A
-claim of order k is allowed twice the error that cubature finds in it, and its order
-must be true: halving the noise must reduce that error by :math:`2^k`, and at least by
-:math:`2^{k - 1/2}`. So a wrong leading term is never hidden by its own remainder.
+Where the plug-in gives a covariance, and can know the noise that this is of, its
+normalised squared error has the mean 3, up to what the claim leaves out. An exact claim
+leaves out nothing: by cubature it may be off only by the error of cubature itself,
+again twice the difference of the degrees. A claim of order k is allowed twice the error
+that cubature finds in it, and its order must be true: halving the noise must reduce
+that error by :math:`2^k`, and at least by :math:`2^{k - 1/2}`. So a wrong leading term
+is never hidden by its own remainder.
 
 Whatever the estimator, unit quaternions have :math:`E|q - \hat q|^2 = 2 q^T E[q - \hat
 q]`. The first block is held to it within what the lengths that the plug-in returned
