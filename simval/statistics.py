@@ -154,7 +154,7 @@ PROBE = Family("probe", "error of the noise-free probe")
 FAILURES = Family("failures", "share of exact cases that fail", least=0.0, most=1.0)
 CUBATURE_BIAS = Family("cubature_bias", "bias by cubature", unit="rad")
 CUBATURE_BIAS_SMALL = Family(
-    "cubature_bias_at_small_noise", "bias by cubature at small noise", unit="rad"
+    "cubature_bias_at_small_noise", "bias by cubature at small noise", "rad"
 )
 FIRST_ORDER_BIAS = Family(
     "first_order_bias", "bias of first order over one standard deviation"
@@ -162,10 +162,8 @@ FIRST_ORDER_BIAS = Family(
 BELOW_BOUND = Family(
     "below_bound", "share by which a leading variance is below the bound"
 )
-CLASS_BIAS = Family("class_bias", "error of the leading bias for its class")
-CLASS_COVARIANCE = Family(
-    "class_covariance", "error of the leading covariance for its class"
-)
+CLASS_BIAS = Family("class_bias", "error of the leading bias")
+CLASS_COVARIANCE = Family("class_covariance", "error of the leading covariance")
 CLAIM_OFF = Family("claim_off", "error of a covariance that is claimed exact")
 CLAIM_OFF_HALF = Family(
     "claim_off_at_half_noise", "error of a claimed covariance at half the noise"

@@ -5,11 +5,12 @@ are one to the caller are one to the estimator, and it works on copies, which it
 leave as they were.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.errors import CrashedPluginError, PluginError
@@ -43,21 +44,15 @@ def answers(
     PluginError
         If it raises, or changes what it is given.
     """
-    given, words = arranged(estimator, vectors, noise)
+    given, words = stacked(estimator, vectors), handed(estimator, vectors, noise)
     kept = [a.copy() for a in (*given, *words.values())]
     if estimator.batch:
         found = [called(estimator.name, function, *given, *more, **words)]
     else:
-        rowwise = {word for word in words if word == "covariances"}
+        rows = range(len(vectors[0]))
         found = [
-            called(
-                estimator.name,
-                function,
-                *(a[i] for a in given),
-                *more,
-                **{word: a[i] if word in rowwise else a for word, a in words.items()},
-            )
-            for i in range(len(vectors[0]))
+            called(estimator.name, function, *one, *more, **own)
+            for one, own in (_row(i, given, words) for i in rows)
         ]
     now = (*given, *words.values())
     if not all(np.array_equal(a, b) for a, b in zip(now, kept, strict=True)):
@@ -66,23 +61,50 @@ def answers(
     return found
 
 
-def arranged(
+def one_answer(
     estimator: Estimator,
-    vectors: list[Float[Array, "n 3"]],
-    noise: VectorNoise | None,
-) -> tuple[list[Array], Mapping[str, Array]]:
-    """Arguments of an estimator: its vectors, and what it asked to be handed."""
+    vectors: list[NDArray[np.object_]],
+    truth: list[Float[Array, "1 3"]],
+    noise: VectorNoise,
+) -> Any:
+    """Answer of one row of numbers of any kind, unchecked; `truth` is their values."""
+    given, words = stacked(estimator, vectors), handed(estimator, truth, noise)
+    if not estimator.batch:
+        given, words = _row(0, given, words)
+    return estimator.estimate(*given, **words)
+
+
+def stacked(estimator: Estimator, vectors: list[Any]) -> list[Any]:
+    """Vectors as an estimator takes them, in copies."""
     k = len(vectors) // 2
-    noise = vector_noise("body", k) if noise is None else noise
-    words = noise.told(estimator.reads, vectors)
     own = {id(v): np.array(v) for v in vectors}
     each = [own[id(v)] for v in vectors]
     if estimator.takes == "pairs":
-        return each, words
+        return each
     body = np.stack(each[:k], axis=1)
     same = all(b is r for b, r in zip(each[:k], each[k:], strict=True))
-    reference = body if same else np.stack(each[k:], axis=1)
-    return [body, reference], {word: _in_rows(word, a) for word, a in words.items()}
+    return [body, body if same else np.stack(each[k:], axis=1)]
+
+
+def handed(
+    estimator: Estimator,
+    vectors: list[Float[Array, "n 3"]],
+    noise: VectorNoise | None,
+) -> dict[str, Array]:
+    """What an estimator asked to be handed, by name."""
+    noise = vector_noise("body", len(vectors) // 2) if noise is None else noise
+    words = noise.told(estimator.reads, vectors)
+    if estimator.takes == "pairs":
+        return words
+    return {word: _in_rows(word, values) for word, values in words.items()}
+
+
+def _row(
+    i: int, given: list[Any], words: dict[str, Array]
+) -> tuple[list[Any], dict[str, Array]]:
+    """One row of what a batch is given; only covariances are of each row."""
+    own = {word: a[i] if word == "covariances" else a for word, a in words.items()}
+    return [a[i] for a in given], own
 
 
 def _in_rows(word: str, values: Array) -> Array:

@@ -159,16 +159,19 @@ def _isotropic(words: list[str], text: str) -> Float[Array, "m 3 3"]:
     try:
         numbers = np.array([float(word) for word in words])
     except ValueError:
+        numbers = np.zeros(0)
+    if not len(numbers):
         msg = (
             f"`noise` is {text:.60}; it must be one of {', '.join(NAMED)}, or standard "
             'deviations relative to `noise_std`, such as "1 3 0 0" of b1, b2, r1, r2, '
             "or as many 3 x 3 covariances in JSON"
         )
-        raise InputError(msg) from None
+        raise InputError(msg)
     if not np.all(numbers >= 0.0):
         msg = f"`noise` is {text:.60}; standard deviations must be 0 or more"
         raise InputError(msg)
-    unit: Array = numbers[:, None, None] ** 2 * np.eye(3)
+    capped = np.minimum(numbers, 1e100)  # whose squares are numbers, and refused
+    unit: Array = capped[:, None, None] ** 2 * np.eye(3)
     return unit
 
 

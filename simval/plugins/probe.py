@@ -7,16 +7,18 @@ are what is measured. What it does at half turns and the like is no convention, 
 measured by `simval.plugins.failures`.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float
 
 from simval.arrays import Array
-from simval.errors import PluginError
+from simval.errors import CrashedPluginError, PluginError
 from simval.geometry import attitude_error
 from simval.plugins.answers import covariances_of, quaternions_of
 from simval.plugins.conventions import what_fits
 from simval.plugins.covariance_probe import probe_covariance, rotation_error
-from simval.plugins.failures import TOLERANCE
+from simval.plugins.failures import TOLERANCE, failing
 from simval.plugins.noise import VectorNoise, vector_noise
 from simval.plugins.protocol import Estimator
 
@@ -70,7 +72,7 @@ def probe_estimator(
     told = noise.at(BATCH_NOISE)
     observed = estimator.observed(vectors)
     truth, exact = observed.generic(COUNT, np.random.default_rng(20_268))
-    q = quaternions_of(estimator, exact, told)
+    q = _first_answer(estimator, truth, exact, told)
     error = float(attitude_error(truth, q).max())
     if not error <= TOLERANCE:
         msg = (
@@ -85,6 +87,23 @@ def probe_estimator(
         rng = np.random.default_rng(count)
         _probe_batch(estimator, *observed.generic(count, rng), rng, told)
     return error
+
+
+def _first_answer(
+    estimator: Estimator,
+    truth: Float[Array, "n 4"],
+    vectors: list[Float[Array, "n 3"]],
+    noise: VectorNoise,
+) -> Float[Array, "n 4"]:
+    """Attitudes of the first batch; one that takes single samples is told so."""
+    try:
+        return quaternions_of(estimator, vectors, noise)
+    except CrashedPluginError as error:
+        alone = replace(estimator, batch=False)
+        if estimator.batch and not failing(alone, truth, vectors, noise).any():
+            msg = f"{error}; it takes one sample at a time, so declare batch=False"
+            raise CrashedPluginError(msg) from error
+        raise
 
 
 def _probe_batch(

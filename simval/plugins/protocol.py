@@ -97,6 +97,9 @@ class Estimator(Plugin):
         Dip of the field that it was written for, rad; default any.
     reads : tuple of {"noise_std", "weights", "covariances"}, default ()
         What else `estimate` and `covariance` are handed, by these names.
+    series : bool, default False
+        Whether `estimate` is made of + - * / **, `abs`, comparisons and `numpy.sqrt`
+        alone, so that it works with power series (`simval.theory.series`).
     """
 
     taken_by: ClassVar[str] = "estimator.algorithm"
@@ -116,6 +119,7 @@ class Estimator(Plugin):
     vertical: Vertical = "up"
     dip: float | None = None
     reads: tuple[str, ...] = ()
+    series: bool = False
 
     def __post_init__(self) -> None:
         _check_name(self.name)
@@ -125,6 +129,7 @@ class Estimator(Plugin):
         _one_of("claim", self.claim, ("exact", 2, 4))
         _one_of("takes", self.takes, ("pairs", "vectors"))
         _one_of("batch", self.batch, (True, False))
+        _one_of("series", self.series, (True, False))
         if self.kind is not None:
             _one_of("kind", self.kind, get_args(Kind))
         _check_words("fails_at", self.fails_at, MAY_FAIL)
@@ -144,7 +149,18 @@ class Estimator(Plugin):
         )
 
     def observed(self, vectors: int = 2) -> Observed:
-        """What it observes, of so many vectors."""
+        """What it observes.
+
+        Parameters
+        ----------
+        vectors : int, default 2
+            Body vectors, and as many references.
+
+        Returns
+        -------
+        Observed
+            How its exact cases are drawn.
+        """
         return Observed(vectors=vectors, fixed=self.fixed)
 
 

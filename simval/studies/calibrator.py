@@ -95,6 +95,7 @@ class Parameters(PluginParameters):
     """One cell: a plug-in, poses, a sensor and a noise level."""
 
     plugin = "algorithm"
+    no_noise = ("algorithm", "time_limit")
 
     algorithm: PluginName = Field(
         default="",

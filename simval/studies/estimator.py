@@ -3,7 +3,8 @@ r"""A user-supplied attitude estimator: its errors, beside cubature and the boun
 The plug-in's conventions are probed without noise first, at generic attitudes. At the
 classes of attitudes where estimators break (`simval.plugins.attitude_classes`) the
 share of exact cases that fail must be 0, unless the plug-in declares that class. Then
-each trial adds noise to both body and both reference vectors; the error is the rotation
+each trial adds noise to the body vectors, or what `noise` says
+(`simval.plugins.noise`); the references are exact by default. The error is the rotation
 vector from the truth to the estimate, on the side that the plug-in declares. Its bias
 and covariance are set beside Gaussian cubature of the plug-in itself: no theory of it
 is needed, and the two share nothing but its code. The remainder is twice the difference
@@ -16,18 +17,19 @@ first-order bias, :math:`e = Jn + \tfrac12 n^T H n`, has the mean
 the trace of the covariance, up to the error of cubature itself. At a noise of `SMALL`,
 where that error is negligible, it must be within the trace of the Cramer-Rao bound, up
 to rounding: a constant error does not shrink with the noise and fails. Of 400
-geometries the two-vector estimator takes at most 0.17 of that trace; orthogonal frames
-and least squares have no second-order bias.
+geometries with the same noise on all four vectors the two-vector estimator takes at
+most 0.17 of that trace; orthogonal frames and least squares have no such bias there.
 
 `simval.studies.leading_terms` asks more: no bias of first order, nothing below the
 bound, and of an estimator that declares its class the bias and covariance of it.
 
-Where the plug-in gives a covariance, its normalised squared error has the mean 3, up
-to what the claim leaves out. An exact claim leaves out nothing: by cubature it may be
-off only by the error of cubature itself, again twice the difference of the degrees. A
-claim of order k is allowed twice the error that cubature finds in it, and its order
-must be true: halving the noise must reduce that error by :math:`2^k`, and at least by
-:math:`2^{k - 1/2}`. So a wrong leading term is never hidden by its own remainder.
+Where the plug-in gives a covariance, and can know the noise that this is of, its
+normalised squared error has the mean 3, up to what the claim leaves out. An exact claim
+leaves out nothing: by cubature it may be off only by the error of cubature itself,
+again twice the difference of the degrees. A claim of order k is allowed twice the error
+that cubature finds in it, and its order must be true: halving the noise must reduce
+that error by :math:`2^k`, and at least by :math:`2^{k - 1/2}`. So a wrong leading term
+is never hidden by its own remainder.
 
 Whatever the estimator, unit quaternions have :math:`E|q - \hat q|^2 = 2 q^T E[q - \hat
 q]`. The first block is held to it within what the lengths that the plug-in returned
@@ -68,6 +70,7 @@ from simval.statistics import (
     order,
 )
 from simval.streams import Streams
+from simval.studies.estimator_series import series_rows
 from simval.studies.estimator_setting import DEGREE, Setting
 from simval.studies.estimator_size import size_rows
 from simval.studies.failure_rows import failure_rows
@@ -102,6 +105,7 @@ class Parameters(PluginParameters):
     """One cell: a plug-in, a geometry and a noise level."""
 
     plugin = "algorithm"
+    no_noise = ("algorithm", "time_limit")
 
     algorithm: PluginName = Field(
         default="", description="FILE.py, FILE.py:NAME or the name of an entry point."
@@ -110,7 +114,7 @@ class Parameters(PluginParameters):
         default=3, description="Number of the random attitude and vectors, a seed."
     )
     noise_std: Annotated[float, Field(gt=0.0, le=MOST_NOISE)] = Field(
-        default=0.01, description="Noise per axis of each unit vector, 1."
+        default=0.01, description="Noise per axis of each body vector of length 1, 1."
     )
     noise: Annotated[str, AfterValidator(lambda text: " ".join(text.split()))] = Field(
         default="body",
@@ -181,6 +185,8 @@ def outcome(plugin: Estimator, parameters: Parameters, streams: Streams) -> Outc
         *size_rows(setting, sums, noise, (cubature, coarser), off),
         *_unit_rows(setting, noise, streams),
     ]
+    if plugin.series:
+        rows += series_rows(setting, noise, moments_of(sums), cubature)
     if setting.claims:
         off, other = claim_off(cubature), claim_off(coarser)
         half = setting.cubature(noise / 2.0, DEGREE)

@@ -9,8 +9,11 @@ By cubature at a noise h and at half of it. With
 
 An estimate that is right without noise is unbiased to first order: l is zero, and
 nothing is below the Cramer-Rao bound. An estimator that declares its class has the m
-and P of that class as well. The rest of the sums are of relative order :math:`h^4`.
+and P of that class as well, and one that works with power series those of its own
+second order. The rest of the sums are of relative order :math:`h^4`.
 """
+
+from collections.abc import Iterator
 
 import numpy as np
 from jaxtyping import Float
@@ -25,8 +28,10 @@ from simval.statistics import (
     CRAMER_RAO,
     FIRST_ORDER_BIAS,
     NO_BIAS,
+    ORDER_2,
     class_of,
 )
+from simval.studies.estimator_series import series_of
 from simval.studies.estimator_setting import DEGREE, Setting
 from simval.theory.estimator_classes import class_moments
 
@@ -58,23 +63,34 @@ def leading_rows(setting: Setting, rounding: float) -> tuple[Row, ...]:
         (BELOW_BOUND(),), (max(0.0, 1.0 - _least_ratio(covariance, bound)),),
         most, CRAMER_RAO, n=1,
     )  # fmt: skip
-    if plugin.kind is None:
-        return rows
-    mean, spread = class_moments(
-        plugin.kind,
-        setting.q,
-        setting.references,
-        setting.covariances(noise),
-        setting.noise.weights,
-    )
-    off = float(np.linalg.norm(covariance - spread) / np.linalg.norm(spread))
     slack = 6.0 * weights * rounding
-    return rows + limit(
-        (CLASS_BIAS(), CLASS_COVARIANCE()),
-        (float(np.linalg.norm(bias - mean)) / size, off),
-        (TOLERANCE + slack / size, TOLERANCE + 2.0 * slack / np.sqrt(size)),
-        class_of(plugin.kind), n=1,
-    )  # fmt: skip
+    limits = (TOLERANCE + slack / size, TOLERANCE + 2.0 * slack / np.sqrt(size))
+    for predictor, mean, spread in _predictions(setting, noise, A):
+        # which is the bound's size or more, where it is the theory of an estimator
+        most_spread = max(np.linalg.norm(spread), np.linalg.norm(bound))
+        off = float(np.linalg.norm(covariance - spread) / most_spread)
+        rows += limit(
+            (CLASS_BIAS(), CLASS_COVARIANCE()),
+            (float(np.linalg.norm(bias - mean)) / size, off), limits, predictor, n=1,
+        )  # fmt: skip
+    return rows
+
+
+def _predictions(
+    setting: Setting, noise: float, A: Float[Array, "3 3"]
+) -> Iterator[tuple[str, Float[Array, "3"], Float[Array, "3 3"]]]:
+    """Theory of second order: of the declared class, and of the plug-in's own series.
+
+    Each with its name, on the body side, to which A takes the plug-in's.
+    """
+    kind = setting.plugin.kind
+    if kind is not None:
+        covariances, weights = setting.covariances(noise), setting.noise.weights
+        given = setting.q, setting.references, covariances, weights
+        yield class_of(kind), *class_moments(kind, *given)
+    if setting.plugin.series:
+        own = series_of(setting, noise, 2)
+        yield ORDER_2, A @ own.bias, A @ own.covariance @ A.T
 
 
 def _least_ratio(covariance: Float[Array, "3 3"], bound: Float[Array, "3 3"]) -> float:

@@ -32,6 +32,9 @@ class StudyParameters(BaseModel):
     plugin: ClassVar[str] = ""
     """Field that names a plug-in; only there a slash is more than text."""
 
+    no_noise: ClassVar[tuple[str, ...]] = ()
+    """Fields on which the random streams do not depend: their cells share the noise."""
+
     def named(self) -> dict[str, Any]:
         """Values as a name, a store and a table hold them."""
         return self.model_dump()
@@ -89,9 +92,7 @@ class Cell:
     @property
     def key_name(self) -> str:
         """Canonical name without the seed: study and sorted parameters."""
-        values = sorted(self.parameters.named().items())
-        inside = ",".join(f"{key}={canonical(value)}" for key, value in values)
-        return f"{self.study}({inside})"
+        return self._named(())
 
     @property
     def name(self) -> str:
@@ -100,8 +101,16 @@ class Cell:
 
     @property
     def streams(self) -> Streams:
-        """The cell's random streams, fixed by its name and seed alone."""
-        return Streams(self.seed, cell_key(self.key_name))
+        """The cell's random streams, fixed by its seed and its name alone.
+
+        Of the name without the fields that do not count, where there are such.
+        """
+        return Streams(self.seed, cell_key(self._named(self.parameters.no_noise)))
+
+    def _named(self, without: tuple[str, ...]) -> str:
+        values = sorted(self.parameters.named().items())
+        inside = (f"{k}={canonical(v)}" for k, v in values if k not in without)
+        return f"{self.study}({','.join(inside)})"
 
 
 def canonical(value: Any) -> str:

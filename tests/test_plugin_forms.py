@@ -1,0 +1,491 @@
+"""Forms of an estimator: matrices, stacks, one by one, fixed frames, power series.
+
+Bad answers of each form are refused or fail in the right words; the clean twins pass.
+"""
+
+import dataclasses
+from fractions import Fraction
+
+import numpy as np
+import pytest
+import rows_by_name
+
+from simval.attitude import wahba_quaternion
+from simval.attitude.comparators import davenport
+from simval.errors import CrashedPluginError, PluginError
+from simval.geometry import attitude_matrix, conjugate, normalize
+from simval.plugins import Estimator, probe_estimator
+from simval.plugins.attitude_classes import CLASSES, ORTHOGONAL, PARALLEL
+from simval.plugins.failures import failure_shares
+from simval.plugins.reference_frames import AXES, FRAMES, VERTICALS, FixedReferences
+from simval.streams import Streams
+from simval.studies import estimator
+from simval.verdict import judge
+
+STREAMS = Streams(1, (1,))
+
+
+def matrices(*vectors):
+    return attitude_matrix(davenport(*vectors))
+
+
+MATRIX = Estimator(
+    name="matrix", estimate=matrices, components="matrix", matrix="active"
+)
+ALONE = dataclasses.replace(
+    MATRIX,
+    name="alone",
+    batch=False,
+    estimate=lambda *v: matrices(*(x[None] for x in v))[0],
+)
+STACKED = Estimator(
+    name="stacked",
+    estimate=wahba_quaternion,
+    components="xyzs",
+    matrix="passive",
+    takes="vectors",
+)
+
+
+def changed(plugin, change):
+    """The plug-in with its answers changed."""
+    return dataclasses.replace(
+        plugin, estimate=lambda *v, **w: change(plugin.estimate(*v, **w))
+    )
+
+
+def measured(plugin, monkeypatch, **words):
+    """Rows of a cell by name, and the names of those that fail without chance."""
+    monkeypatch.setattr(estimator, "find_plugin", lambda *_: plugin)
+    parameters = estimator.Parameters(algorithm="any", samples=1024, **words)
+    rows = estimator.compute(parameters, STREAMS).rows
+    judged = judge(rows_by_name.named([row for row in rows if row.check == "limit"]))
+    assert {verdict.answer for verdict in judged} <= {"pass", "fail"}
+    failed = {str(v.row.statistic) for v in judged if v.answer == "fail"}
+    return {str(row.statistic): row for row in rows}, failed
+
+
+MIRROR = np.diag([1.0, 1.0, -1.0])
+
+BAD_MATRICES = [
+    (lambda M: M @ MIRROR, r"is a reflection, its determinant is -1"),
+    (lambda M: -M, r"is a reflection"),
+    (lambda M: 1.01 * M, r"columns have the length 1\.01 instead of 1"),
+    (lambda M: -2.0 * M, r"columns have the length 2 instead of 1"),
+    (lambda M: M * np.array([1.0, 1.0, 1.001]), r"not orthonormal, by 0\.001"),
+    (lambda M: M + 1e-3, r"not orthonormal, by 0\.00\d+"),
+    (lambda M: 0.0 * M, r"not orthonormal, by 0\.5"),
+    (lambda M: M.swapaxes(-1, -2), r'declare components="matrix", matrix="passive"'),
+    (lambda M: M * np.nan, "non-finite matrices in 24 of 24 rows"),
+    (lambda M: M[0], r"shape \(3, 3\).*declare batch=False"),
+    (lambda M: M[:-1], r"shape \(23, 3, 3\)"),
+    (lambda M: M.reshape(-1, 9), r"shape \(24, 9\)"),
+    (lambda M: davenport_of(M), r"shape \(24, 4\).*declare the order of the `comp"),
+    (lambda M: M.astype(str), r"\(str\) at"),
+    (lambda M: 1j * M, "complex"),
+    (lambda M: np.ma.masked_less(M, 0.0), "masked entries"),
+    (lambda M: np.roll(M, 1, axis=0), "rad from the truth"),
+    (lambda M: np.roll(M, 1, axis=1), "fits any of 24 rows"),
+    (lambda M: None, "NoneType"),
+]
+
+
+def davenport_of(M):
+    return np.zeros((len(M), 4))
+
+
+@pytest.mark.parametrize(("change", "words"), BAD_MATRICES)
+def test_a_bad_matrix_is_refused_in_words(change, words):
+    with pytest.raises(PluginError, match=words):
+        probe_estimator(changed(MATRIX, change))
+
+
+def test_matrices_in_other_numbers_and_on_the_edge_are_taken():
+    assert probe_estimator(MATRIX) < 1e-13
+    fractions = np.vectorize(Fraction, otypes=[object])
+    small = dataclasses.replace(MATRIX, name="fractions")
+    exact = changed(small, lambda M: fractions(M) if len(M) < 30 else M)
+    assert probe_estimator(exact) < 1e-13
+    # float32 is right to 1e-7 and within the tolerance of the probe, or told
+    single = changed(MATRIX, lambda M: M.astype(np.float32))
+    assert 1e-9 < probe_estimator(single) < 1e-6
+    assert probe_estimator(changed(MATRIX, lambda M: (1 + 9e-7) * M)) < 1e-13
+    with pytest.raises(PluginError, match=r"length 1 instead|length 1\.0"):
+        probe_estimator(changed(MATRIX, lambda M: (1 + 2e-6) * M))
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_random_matrices_are_never_rotations(seed):
+    rng = np.random.default_rng(seed)
+    size = 10.0 ** rng.uniform(-5.0, 2.0)
+    off = size * rng.standard_normal((3, 3))
+    with pytest.raises(PluginError, match=r"no rotation in row|rad from the truth"):
+        probe_estimator(changed(MATRIX, lambda M: M + off))
+
+
+@pytest.mark.parametrize(
+    ("shape", "declared", "words"),
+    [
+        ("matrix", "xyzs", r'shape \(24, 3, 3\).*, or declare components="matrix"'),
+        ("xyzs", "matrix", r"shape \(24, 4\).*declare the order"),
+    ],
+)
+def test_another_form_of_answer_is_told(shape, declared, words):
+    function = matrices if shape == "matrix" else davenport
+    wrong = dataclasses.replace(MATRIX, estimate=function, components=declared)
+    with pytest.raises(PluginError, match=words):
+        probe_estimator(wrong)
+
+
+BAD_ALONE = [
+    (lambda M: M[None], r"shape \(1, 3, 3\)"),
+    (lambda M: np.tile(M, (24, 1, 1)), r"shape \(24, 3, 3\)"),
+    (lambda M: M[0], r"shape \(3,\)"),
+    (lambda M: [[0.0], [1.0, 2.0]], "not an array"),
+    (lambda M: np.ma.masked_less(M, 2.0), "masked entries"),
+    (lambda M: M.astype(str), r"\(str\) at"),
+    (lambda M: None, "NoneType"),
+    (lambda M: MIRROR @ M, "reflection"),
+    (lambda M: 1 / 0, "raised ZeroDivisionError"),
+]
+
+
+@pytest.mark.parametrize(("change", "words"), BAD_ALONE)
+def test_a_bad_answer_of_one_sample_is_refused_in_words(change, words):
+    with pytest.raises(PluginError, match=words):
+        probe_estimator(changed(ALONE, change))
+
+
+def test_answers_of_one_sample_may_be_lists(monkeypatch):
+    monkeypatch.setattr("simval.plugins.probe.BATCHES", (64,))
+    assert probe_estimator(changed(ALONE, lambda M: M.tolist())) < 1e-13
+    found = failure_shares(ALONE, 8)
+    assert found.keys() == CLASSES.keys()
+    assert not any(found.values())
+
+    def raising(*v):
+        if v[2][0] > 0.0:
+            msg = "only in the west"
+            raise ValueError(msg)
+        return ALONE.estimate(*v)
+
+    shares = failure_shares(dataclasses.replace(ALONE, estimate=raising), 16)
+    assert 0.1 < shares["generic"] < 0.9
+
+
+def test_one_that_takes_single_samples_is_told_so():
+    def estimate(b1, b2, r1, r2):
+        if b1.shape != (3,):
+            msg = "one vector, please"
+            raise ValueError(msg)
+        return ALONE.estimate(b1, b2, r1, r2)
+
+    wrong = dataclasses.replace(ALONE, estimate=estimate, batch=True)
+    words = "raised ValueError: one vector, please; it takes one .* batch=False"
+    with pytest.raises(CrashedPluginError, match=words):
+        probe_estimator(wrong)
+
+
+def overwritten(function):
+    def estimate(first, *others, **words):
+        answer = function(first, *others, **words)
+        first[...] = 0.0
+        return answer
+
+    return estimate
+
+
+@pytest.mark.parametrize("plugin", [MATRIX, ALONE, STACKED], ids=lambda p: p.name)
+def test_no_form_may_change_its_input(plugin):
+    wrong = dataclasses.replace(plugin, estimate=overwritten(plugin.estimate))
+    with pytest.raises(PluginError, match="changes its input"):
+        probe_estimator(wrong)
+
+
+@pytest.mark.parametrize("vectors", [2, 3, 6])
+def test_vectors_come_in_stacks(vectors):
+    seen = []
+
+    def estimate(body, references):
+        seen.append((body.shape, references.shape))
+        return wahba_quaternion(body, references)
+
+    probe_estimator(dataclasses.replace(STACKED, estimate=estimate), vectors)
+    assert {shape[1:] for pair in seen for shape in pair} == {(vectors, 3)}
+    shares = failure_shares(STACKED, 32, vectors)
+    assert not any(shares.values())
+
+
+@pytest.mark.parametrize(
+    ("estimate", "vectors", "words"),
+    [
+        (lambda b, r: wahba_quaternion(r, b), 2, 'declare .*matrix="active"'),
+        (lambda b, r: wahba_quaternion(b, r[:, ::-1]), 3, "rad from the truth"),
+        (lambda b, r: wahba_quaternion(b[0], r[0]), 2, "declare batch=False"),
+        (lambda b, r: wahba_quaternion(b[:, :2], r), 3, "raised"),
+        (lambda b1, b2, r1, r2: None, 2, "raised TypeError"),
+    ],
+)
+def test_bad_answers_to_stacks_are_refused(estimate, vectors, words):
+    with pytest.raises(PluginError, match=words):
+        probe_estimator(dataclasses.replace(STACKED, estimate=estimate), vectors)
+
+
+def test_what_cannot_take_more_vectors_is_refused(monkeypatch):
+    for plugin, words in (
+        (MATRIX, r"takes two pairs and `vectors` is 3; set it to 2, or"),
+        (dataclasses.replace(STACKED, reference="NED"), "takes the two fixed ref"),
+        (dataclasses.replace(STACKED, kind="triad"), "theory is of two vectors"),
+    ):
+        with pytest.raises(PluginError, match=words):
+            measured(plugin, monkeypatch, vectors=3)
+
+
+# fixed frames
+
+
+def fixed_davenport(fixed, dip=None):
+    """Davenport's solution of a frame, of one dip or of the field's level part."""
+
+    def estimate(b1, b2, *_):
+        level = np.zeros(len(b1))
+        if dip is None:
+            b1 = normalize(b1)
+            b2 = normalize(b2 - np.sum(b1 * b2, axis=1, keepdims=True) * b1)
+        return davenport(b1, b2, *fixed.vectors(level + (dip or 0.0)))
+
+    return estimate
+
+
+def in_frame(frame, vertical, dip=None):
+    fixed = FixedReferences(frame=frame, vertical=vertical)
+    return Estimator(
+        name="fixed",
+        estimate=fixed_davenport(fixed, dip),
+        components="xyzs",
+        matrix="passive",
+        reference=frame,
+        vertical=vertical,
+        dip=dip,
+    )
+
+
+def test_the_frames_are_what_they_say():
+    for frame, (north, up) in AXES.items():
+        east = np.cross(north, up)
+        axes = dict(zip("NED", (north, east, -np.array(up)), strict=True))
+        axes |= {"U": np.array(up), "W": -east}
+        for letter, axis in zip(frame, np.eye(3), strict=True):
+            assert np.array_equal(np.abs(axes[letter]), axis)
+            assert axes[letter] @ axis == 1.0
+        force, field = FixedReferences(frame=frame).vectors(np.array([0.0, 1.0]))
+        assert np.array_equal(force, [up, up])
+        assert np.allclose(field @ up, [0.0, -np.sin(1.0)], rtol=0, atol=1e-16)
+        assert np.allclose(field @ north, [1.0, np.cos(1.0)], rtol=0, atol=1e-16)
+
+
+@pytest.mark.parametrize("vertical", VERTICALS)
+@pytest.mark.parametrize("frame", FRAMES)
+def test_a_frame_passes_and_every_other_is_told(frame, vertical):
+    sound = in_frame(frame, vertical, 1.1)
+    assert probe_estimator(sound) < 1e-13
+    assert probe_estimator(in_frame(frame, vertical)) < 1e-13
+    other = next(name for name in FRAMES if name != frame)
+    flipped = next(name for name in VERTICALS if name != vertical)
+    for wrong in (
+        dataclasses.replace(sound, reference=other),
+        dataclasses.replace(sound, vertical=flipped),
+    ):
+        words = f'declare reference="{frame}", vertical="{vertical}" and comp'
+        with pytest.raises(PluginError, match=words):
+            probe_estimator(wrong)
+    undeclared = dataclasses.replace(
+        in_frame(frame, vertical), reference=None, vertical="up"
+    )
+    # of any dip, NED and NWU are one frame whose first reference has the other sign
+    same = {"NED": "NWU", "NWU": "NED"}.get(frame, frame)
+    words = f'reference="({frame}", vertical="{vertical}|{same}", vertical="{flipped})"'
+    with pytest.raises(PluginError, match=words):
+        probe_estimator(undeclared)
+
+
+def test_classes_of_a_fixed_frame():
+    sound = in_frame("NED", "down")
+    shares = failure_shares(sound, 64)
+    assert shares.keys() == CLASSES.keys()
+    assert not any(shares.values())
+    shares = failure_shares(in_frame("NED", "down", 1.1), 64)
+    assert shares.keys() == CLASSES.keys() - {PARALLEL, ORTHOGONAL}
+    assert not any(shares.values())
+
+
+@pytest.mark.parametrize("declared", [-1.1, 0.3, 1.0, None])
+def test_a_wrong_dip_is_told(declared):
+    assert probe_estimator(in_frame("ENU", "up", 1.1)) < 1e-13
+    wrong = dataclasses.replace(in_frame("ENU", "up", 1.1), dip=declared)
+    with pytest.raises(PluginError, match="declare the dip that it was written for"):
+        probe_estimator(wrong)
+
+
+def test_a_fixed_frame_is_measured(monkeypatch):
+    for frame, kind in (
+        (in_frame("NED", "down", 1.1), "wahba"),
+        (in_frame("NED", "down"), "triad"),
+    ):
+        plugin = dataclasses.replace(frame, kind=kind)
+        rows, failed = measured(plugin, monkeypatch)
+        assert not failed
+        assert rows["class_bias"].value < 1e-6
+    with pytest.raises(PluginError, match=r"`noise` gives the references noise"):
+        measured(in_frame("NED", "down"), monkeypatch, noise="all")
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"reference": "ned"}, "^`reference` is 'ned'"),
+        ({"reference": ("NED",)}, "^`reference` is"),
+        ({"vertical": "top"}, "^`vertical` is 'top'"),
+        ({"vertical": "down"}, "so declare its `reference` as well"),
+        ({"dip": 0.5}, "so declare its `reference` as well"),
+        ({"reference": "NED", "dip": 66.0}, r"^`dip` is 66\.0; .* 1\.5 or less"),
+        ({"reference": "NED", "dip": True}, "^`dip` is True"),
+        ({"reference": "NED", "dip": float("nan")}, "^`dip` is nan"),
+        ({"reference": "NED", "dip": "1.1"}, "^`dip` is '1.1'"),
+        ({"takes": "rows"}, "^`takes` is 'rows'"),
+        ({"batch": 1}, "^`batch` is 1; it must be declared as one of True, False"),
+        ({"series": "yes"}, "^`series` is 'yes'"),
+        ({"reads": "weights"}, "^`reads` is 'weights'; it must be a tuple"),
+        ({"reads": ("sigma",)}, "^`reads` is .*names out of 'noise_std', 'weights'"),
+    ],
+)
+def test_forms_are_declared_by_known_words(values, words):
+    with pytest.raises(PluginError, match=words):
+        dataclasses.replace(MATRIX, **values)
+
+
+# power series
+
+
+def triad_frame(u, v):
+    first = u / np.sqrt(np.sum(u * u, axis=-1, keepdims=True))
+    normal = np.cross(u, v)
+    normal = normal / np.sqrt(np.sum(normal * normal, axis=-1, keepdims=True))
+    return np.stack([first, np.cross(normal, first), normal], axis=-1)
+
+
+def arithmetic_triad(b1, b2, r1, r2):
+    return triad_frame(b1, b2) @ np.swapaxes(triad_frame(r1, r2), -1, -2)
+
+
+SERIES = dataclasses.replace(
+    MATRIX, name="series", estimate=arithmetic_triad, series=True, kind="triad"
+)
+
+
+@pytest.mark.parametrize("side", ["body", "reference"])
+def test_theory_of_a_plugin_comes_from_itself(side, monkeypatch):
+    plugin = dataclasses.replace(SERIES, side=side)
+    monkeypatch.setattr(estimator, "find_plugin", lambda *_: plugin)
+    parameters = estimator.Parameters(algorithm="any", noise_std=0.05, samples=1024)
+    rows = estimator.compute(parameters, STREAMS).rows
+    found = {(str(row.statistic), row.predictor): row for row in rows}
+    for name in ("bias[x]", "covariance[z,z]"):
+        second, fourth, cubature = (
+            found[name, predictor].prediction
+            for predictor in ("order 2", "order 4, complete", "cubature")
+        )
+        # each order is nearer, and what order 2 says it leaves out covers the rest
+        assert abs(fourth - cubature) < 0.2 * abs(second - cubature)
+        assert abs(second - cubature) <= found[name, "order 2"].remainder
+    for name in ("class_bias", "class_covariance"):
+        assert found[name, "order 2"].value < 1e-6
+    judged = judge(rows_by_name.named(rows))
+    assert "fail" not in {verdict.answer for verdict in judged}
+
+
+def test_series_of_quaternions_are_those_of_matrices(monkeypatch):
+    def estimate(b1, b2, r1, r2):
+        e = np.cross(b1 - r1, b2 - r2)
+        s = np.sum((b1 - r1) * (b2 + r2), axis=-1, keepdims=True)
+        q = np.concatenate([e, s], axis=-1)
+        square = np.sum(q * q, axis=-1, keepdims=True)
+        return q / np.sqrt(square + (square == 0.0))
+
+    plain = dataclasses.replace(
+        SERIES,
+        estimate=estimate,
+        components="xyzs",
+        kind=None,
+        fails_at=("identity", "reference as body", "yaw only", "axis in the plane"),
+    )
+    turned = dataclasses.replace(
+        plain,
+        estimate=lambda *v: np.roll(estimate(*v), 1, axis=-1),
+        components="sxyz",
+    )
+    values = []
+    for plugin in (plain, turned):
+        rows, _ = measured(plugin, monkeypatch)
+        assert rows["class_covariance"].value < 1e-6
+        assert rows["class_bias"].value < 1e-6
+        values.append(rows["covariance[x,x]"].prediction)
+    assert values[0] == pytest.approx(values[1], rel=1e-12)
+
+
+def with_norm(b1, b2, r1, r2):
+    length = np.linalg.norm(b1, axis=-1)[..., None, None]
+    return arithmetic_triad(b1, b2, r1, r2) * length / length
+
+
+def by_angle(b1, b2, r1, r2):
+    angle = np.arctan2(b1[..., :1], b1[..., 1:2])[..., None]
+    return arithmetic_triad(b1, b2, r1, r2) + 0.0 * angle
+
+
+def of_floats(*vectors):
+    return arithmetic_triad(*(v.astype(float) for v in vectors))
+
+
+@pytest.mark.parametrize(
+    ("estimate", "words"),
+    [
+        (with_norm, r"at `length = np\.linalg\.norm\(b1, axis=-1\)"),
+        (by_angle, r"at `angle = np\.arctan2.*arctan2"),
+        (of_floats, r"astype\(float\).*Series"),
+        (matrices, r"cannot work with power series at `return attitude_matrix"),
+    ],
+)
+def test_what_cannot_work_with_series_is_refused_with_its_line(
+    estimate, words, monkeypatch
+):
+    wrong = dataclasses.replace(SERIES, estimate=estimate, kind=None)
+    with pytest.raises(PluginError, match=r"series declares series=True") as caught:
+        measured(wrong, monkeypatch)
+    assert not isinstance(caught.value, CrashedPluginError)
+    with pytest.raises(PluginError, match=words):
+        raise caught.value
+    sound = dataclasses.replace(wrong, series=False)
+    assert not measured(sound, monkeypatch)[1]
+
+
+def test_a_series_without_its_noise_fails(monkeypatch):
+    def estimate(*vectors):
+        if vectors[0].dtype != object:
+            return arithmetic_triad(*vectors)
+        constant = [
+            np.array([[x.coefficients[0] for x in v[0]]], dtype=float) for v in vectors
+        ]
+        return arithmetic_triad(*constant)
+
+    wrong = dataclasses.replace(SERIES, estimate=estimate, kind=None)
+    assert "class_covariance" in measured(wrong, monkeypatch)[1]
+
+
+def test_conjugates_are_told_of_stacks_too():
+    wrong = changed(STACKED, conjugate)
+    with pytest.raises(PluginError, match='components="xyzs", matrix="active"'):
+        probe_estimator(wrong, 3)
+    far = changed(STACKED, lambda q: normalize(q + 1e-5))
+    with pytest.raises(PluginError, match="rad from the truth"):
+        probe_estimator(far, 3)
