@@ -21,8 +21,8 @@ of the force or of the reading end in different parameters.
 from collections.abc import Callable, Iterator
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.optimize import least_squares
 
 from simval.arrays import Array
 from simval.errors import ConvergenceError, GeometryError
@@ -208,7 +208,7 @@ def _fitted(
         parameters = whole(values)
         return residual(parameters[SCALES], parameters[BIASES])
 
-    fit = least_squares(
+    fit = scipy.optimize.least_squares(
         of,
         start[chosen],
         jac="3-point",
