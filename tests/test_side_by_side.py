@@ -23,7 +23,7 @@ from simval.report.sections.algorithm_figures import dots, failing
 from simval.report.sections.algorithm_tables import BOUND, side_by_side
 from simval.report.table import csv_text, text
 from simval.results import unjudged
-from simval.statistics import CRAMER_RAO, FAMILIES, Family
+from simval.statistics import CRAMER_RAO, EFFICIENCY, FAMILIES, Family
 
 A, B = "mine.py:a", "simval:wahba"
 
@@ -103,6 +103,17 @@ def test_accuracy_is_drawn_with_bands_that_hold_together(tmp_path):
         assert series.y.tolist() == list(range(19))  # the refused one has no point
         # Šidák for 57 points: 0.95^(1/57) two-sided, 3.32 standard errors
         np.testing.assert_allclose(series.band, 3.32 * 0.004, rtol=2e-3)
+
+
+def test_what_is_not_sampled_has_no_bar(tmp_path):
+    rows = [r for r in estimator_rows(1.0, 0.01, 0.01) if r.statistic != EFFICIENCY()]
+    rows += unjudged(EFFICIENCY(), 0.25)
+    cells = [cell(A, rows), cell(B, estimator_rows(1.5, 0.01, 0.01))]
+    drawing = dots("estimator", "estimators", contest_of(cells))
+    (series,) = drawing.panels[0].series
+    np.testing.assert_allclose(series.x, [2.0, 1.5], rtol=1e-12)
+    assert np.isnan(series.band).tolist() == [True, False]
+    ElementTree.fromstring(svg(drawing))
 
 
 def test_failures_are_a_map_with_what_was_declared(tmp_path):
