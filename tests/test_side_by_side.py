@@ -89,6 +89,14 @@ def test_seeds_are_one_number_with_a_smaller_error(tmp_path):
     assert found == (pytest.approx(1.1), pytest.approx(0.01 / np.sqrt(2.0)))
 
 
+def test_the_nees_shown_is_the_one_farthest_from_its_mean(tmp_path):
+    cells = [
+        cell(A, estimator_rows(1.0, 0.01, noise, honest=value), noise_std=noise)
+        for noise, value in ((0.001, 0.4), (0.01, 1.0), (0.05, 1.3))
+    ]
+    assert fields(table_of(run_of(tmp_path, cells)), A)["NEES"][0] == pytest.approx(0.4)
+
+
 def test_accuracy_is_drawn_with_bands_that_hold_together(tmp_path):
     run = league(tmp_path)
     (panel,) = dots("estimator", "estimators", contest_of(run.cells)).panels
