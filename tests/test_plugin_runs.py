@@ -285,19 +285,27 @@ def test_a_worked_example_is_gated(simval, tmp_path, monkeypatch):
     fewer = ("--set", "estimator.samples=4096")
     assert simval(*words, *fewer, "--out", "first")[0] == 0
     assert [simval("gate", "first")[0] for _ in range(2)] == [1, 0]
-    assert len(load_run(tmp_path / "first").of("estimator")) == 1
+    # beside it, unasked, what stands in its table
+    assert [c.parameters["algorithm"] for c in load_run("first").of("estimator")] == [
+        "align.py:align",
+        "simval:wahba",
+        "simval:triad",
+    ]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("plugin", "study"), [("align.py", "estimator"), ("ellipsoid.py", "calibrator")]
+    ("plugin", "study", "cells"),
+    [("align.py", "estimator", 3), ("ellipsoid.py", "calibrator", 2)],
 )
-def test_worked_examples_from_an_empty_folder_to_a_gated_run(tmp_path, plugin, study):
+def test_worked_examples_from_an_empty_folder_to_a_gated_run(
+    tmp_path, plugin, study, cells
+):
     shutil.copy(EXAMPLES / plugin, tmp_path)
     lines = (EXAMPLES / plugin).read_text().splitlines()
     assert sum(bool(line.strip()) for line in lines) < 15
     run = gated(tmp_path, "--plugin", plugin)
-    assert len(run.of(study)) == 1
+    assert len(run.of(study)) == cells  # with the built-in ones
 
 
 @pytest.mark.slow
@@ -306,7 +314,7 @@ def test_an_external_command_from_an_empty_folder_to_a_gated_run(tmp_path):
     words = f"command: {sys.executable} command.py {{poses}} {{g}}"
     # as few trials as a judgement needs: each is a process of its own
     run = gated(tmp_path, "--plugin", words, "--set", "calibrator.trials=896")
-    assert len(run.of("calibrator")) == 1
+    assert len(run.of("calibrator")) == 2  # with the built-in one
 
 
 def test_an_external_command_is_probed():

@@ -43,9 +43,10 @@ def gone_through(job, simval, plugin):
         if words[:1] != ["simval"]:
             assert not words or words[:2] == ["pip", "install"]
             continue
-        if words[1] == "sweep":  # one option more, and another suite to save time
+        if words[1] == "sweep":  # one option more, and less to do to save time
             words = [w if w != "smoke" else "suite.toml" for w in words]
             words += ["--plugin", plugin, "--workers", "1"]
+            words += ["--set", f"estimator.algorithm={plugin}"]
         codes[words[1]], out, _ = simval(*words[1:])
         printed += out.splitlines()
     return codes, printed

@@ -144,12 +144,15 @@ def bias_over_bound(cell: CellResult) -> float | None:
     rows = [row for row in of_family(cell, BIAS) if row.predictor == CUBATURE]
     if rms is not None and rms.prediction and rows:
         bias = np.array([row.prediction or 0.0 for row in rows])
-        return float(np.linalg.norm(bias)) / rms.prediction
+        length = float(np.linalg.norm(bias)) / rms.prediction
+        return length if np.isfinite(length) else None
     squares = [
         (bias.value**2 - bias.standard_error**2) / (spread.prediction or 1.0) ** 2
         for spread, bias in _parameters(cell)
     ]
-    return float(np.sqrt(max(float(np.mean(squares)), 0.0))) if squares else None
+    if not squares or not np.isfinite(squares).all():
+        return None
+    return float(np.sqrt(max(float(np.mean(squares)), 0.0)))
 
 
 def group_rms(cell: CellResult, letter: str) -> Measured | None:

@@ -169,7 +169,7 @@ def _slanted(panel: AnyPanel) -> float:
     if not isinstance(panel, HeatPanel):
         return 0.0
     longest = max(_width(name, SMALL) for name in panel.columns)
-    return float(np.sin(np.radians(SLANT))) * longest / SLACK - LINE
+    return float(np.sin(np.radians(SLANT))) * longest / SLACK + TICK - BOTTOM
 
 
 def _legend_broken(panel: AnyPanel, axes: float) -> AnyPanel:

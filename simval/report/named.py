@@ -122,6 +122,6 @@ def _(panel: HeatPanel, axes: Any) -> None:
 
 def _percent(share: float) -> str:
     """A share in percent: never 0 where some fail, never 100 where some do not."""
-    if share < 0.005:
+    if share < 0.01:
         return "<1"
-    return ">99" if 0.995 <= share < 1.0 else f"{100.0 * share:.0f}"
+    return ">99" if 0.99 < share < 1.0 else f"{100.0 * share:.0f}"

@@ -35,7 +35,7 @@ def dots(name: str, who: str, contest: Contest) -> Drawing | None:
                     label=setting if len(settings) > 1 else "",
                     x=value,
                     y=place,
-                    band=z * error,
+                    band=np.where(error > 0.0, z * error, np.nan),
                     colour=COLOURS[i % len(COLOURS)],
                     marker=MARKERS[i % len(MARKERS)],
                 )

@@ -37,6 +37,10 @@ def side_by_side(
     """A row for each algorithm."""
     settings = contest.settings[:MAX_SETTINGS]
     reference = next((own[0] for f, own in BESIDE.items() if f.startswith(study)), "")
+    many = len(contest.settings)
+    shown = (
+        f"{MAX_SETTINGS} of {many} settings" if many > MAX_SETTINGS else "each setting"
+    )
     with_failures = any(contest.failures(name) for name in contest.algorithms)
     rows = []
     for name in contest.algorithms:
@@ -57,9 +61,9 @@ def side_by_side(
     return Table(
         name=f"{study}-algorithms",
         caption=(
-            f"RMS error over the bound ({', '.join(settings)}), and the greatest bias "
-            "over the bound, worst NEES over its mean, time of a call, also in times "
-            f"that of {reference}, and failures over all settings"
+            f"RMS error over the bound in {shown}; then, over all of them: greatest "
+            "bias over the bound, worst NEES over its mean, time of a call, the same "
+            f"over that of {reference}, where it fails"
         ),
         columns=(
             Column("algorithm", "code"),

@@ -1,0 +1,254 @@
+"""The package's own algorithms as plug-ins, beside a user's; and the time of a call."""
+
+import json
+import time
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from places import EXAMPLES
+from quick_align import ALIGN
+
+from simval import algorithms
+from simval.cli.listing import command as list_command
+from simval.cli.sweep import command as sweep_command
+from simval.errors import InputError, PluginError
+from simval.plugins import (
+    Calibrator,
+    Estimator,
+    find_plugin,
+    probe_calibrator,
+    probe_estimator,
+)
+from simval.plugins.builtin import BESIDE, BUILTIN, beside_builtin
+from simval.plugins.loading import chosen, find_again, overrides_of
+from simval.plugins.sources import missing, sources
+from simval.studies import call_time, estimator
+from simval.sweep import load_run, run_suite
+from simval.sweep.documents import read_timing
+from simval.sweep.suite import expand, load_suite
+
+ESTIMATORS = ("simval:wahba", "simval:triad", "simval:closed-form", "simval:combined")
+
+
+def test_every_name_is_an_algorithm_of_its_kind():
+    for name in BUILTIN:
+        kind = Estimator if name in ESTIMATORS else Calibrator
+        found = find_plugin(name, kind)
+        assert f"simval:{found.name}" == name
+        assert sources(name) == {}  # the package's own version and source say it
+        assert missing(name) == ""
+    assert {name for own in BESIDE.values() for name in own} <= set(BUILTIN)
+    with pytest.raises(PluginError, match=r"must be a simval\.plugins\.Calibrator"):
+        find_plugin("simval:wahba", Calibrator)
+
+
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_estimators_pass_the_probe_of_a_users(name):
+    assert probe_estimator(find_plugin(name, Estimator)) <= 1e-9
+
+
+@pytest.mark.parametrize("name", [n for n in BUILTIN if n not in ESTIMATORS])
+def test_calibrators_pass_the_probe_of_a_users(name):
+    assert probe_calibrator(find_plugin(name, Calibrator)) <= 1e-9
+
+
+def test_a_noise_of_nothing_moves_no_parameter():
+    """What stands in for no noise is below rounding."""
+    poses = np.random.default_rng(0).standard_normal((24, 3))
+    poses *= 9.80665 / np.linalg.norm(poses, axis=1)[:, None]
+    for name in ("squared", "adjusted"):
+        own = getattr(algorithms, name)
+        matrix, bias, covariance = own.calibrate(poses, 9.80665, 0.0)
+        np.testing.assert_allclose(matrix, np.eye(3), rtol=0, atol=1e-13)
+        np.testing.assert_allclose(bias, 0.0, rtol=0, atol=1e-12)
+        assert np.diagonal(covariance).max() < 1e-20
+
+
+def test_a_users_algorithm_gets_its_comparison_without_being_asked():
+    field = Estimator.taken_by
+    for given, added in (
+        (["m.py:a"], ["simval:wahba", "simval:triad"]),
+        (["m.py:a", "m.py:b"], ["simval:wahba", "simval:triad"]),
+        (["m.py:a", "simval:triad"], ["simval:wahba"]),
+        (["theirs"], ["simval:wahba", "simval:triad"]),
+    ):
+        assert beside_builtin({field: given}) == {field: [*given, *added]}
+    field = Calibrator.taken_by
+    for given in (["m.py:a"], ["command: x {poses}"]):
+        assert beside_builtin({field: given}) == {field: [*given, "simval:squared"]}
+    # a built-in one alone is what was asked for, and a scene has none beside it
+    assert beside_builtin(chosen(("simval:triad",))) == {
+        "estimator.algorithm": ["simval:triad"]
+    }
+    assert beside_builtin({"custom_scene.scene": ["s.py"]}) == {
+        "custom_scene.scene": ["s.py"]
+    }
+
+
+def invoked(*words):
+    done = CliRunner().invoke(sweep_command, list(words), standalone_mode=False)
+    if done.exception is not None:
+        raise done.exception
+    return done.output
+
+
+def test_the_command_adds_them_and_a_set_takes_them_away():
+    mine = str(EXAMPLES / "align.py")
+    out = invoked("smoke", "--plugin", mine, "--dry-run")
+    for name in ("align.py:align", "simval:wahba", "simval:triad"):
+        assert out.count(f"estimator(algorithm={name},") == 1
+    words = ("--set", f"estimator.algorithm={mine}")
+    out = invoked("smoke", "--plugin", mine, *words, "--dry-run")
+    assert out.count("estimator(") == 1
+    listed = CliRunner().invoke(list_command, standalone_mode=False).output
+    assert ", ".join(BUILTIN) in listed
+
+
+@pytest.mark.parametrize(
+    "word", ["simval:", "simval:nope", "simval:Wahba", "simval:x y"]
+)
+def test_a_name_that_is_none_is_refused_with_those_there_are(word, tmp_path):
+    words = (
+        rf"no built-in algorithm `{word}`; there are simval:wahba, .*simval:adjusted"
+    )
+    with pytest.raises(InputError, match=words):
+        overrides_of((word,))
+    with pytest.raises(InputError, match=words):
+        find_plugin(word, Estimator)
+    suite = expand("s", {"estimator": {"algorithm": word}})
+    with pytest.raises(InputError, match=words):
+        run_suite(suite, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_suite_names_them_as_any_other(tmp_path):
+    file = tmp_path / "s.toml"
+    file.write_text('[estimator]\nalgorithm = ["simval:wahba", "simval:closed-form"]\n')
+    names = [cell.parameters.algorithm for cell in load_suite(str(file)).cells]
+    assert names == ["simval:wahba", "simval:closed-form"]
+
+
+# the time of a call
+
+
+def burning(milliseconds):
+    """A function that takes this much processor time."""
+
+    def work(*given):
+        end = time.process_time() + 1e-3 * milliseconds
+        while time.process_time() < end:
+            pass
+
+    return work
+
+
+def test_the_ratio_is_that_of_the_work():
+    found = call_time._in_turns(burning(6.0), burning(2.0))
+    # each call ends at the first look at the clock after its time: at most 10 % late
+    assert found["seconds"] == pytest.approx(6e-3, rel=0.1)
+    assert found["ratio"] == pytest.approx(3.0, rel=0.2)
+    assert found["turns"] == call_time.TURNS
+
+
+def test_slow_calls_have_fewer_turns(monkeypatch):
+    monkeypatch.setattr(call_time, "BUDGET", 0.0)
+    assert call_time._in_turns(burning(1.0), burning(1.0))["turns"] == 3
+
+
+COUNTED = """
+from pathlib import Path
+mark = Path(__file__).with_name("count")
+mark.write_text(mark.read_text() + "x" if mark.exists() else "x")
+"""
+
+
+def test_a_file_is_not_run_again_for_its_time(tmp_path):
+    file = tmp_path / "counted.py"
+    file.write_text(COUNTED + ALIGN)
+    first = find_plugin(str(file), Estimator)
+    assert find_again(str(file), Estimator) is first
+    assert find_again(f"{file}:align", Estimator) is first
+    assert (tmp_path / "count").read_text() == "x"
+    assert find_again("simval:triad", Estimator) is algorithms.triad
+
+
+@pytest.mark.parametrize("error", [ValueError("no"), SystemExit(3)])
+def test_what_cannot_be_timed_has_no_time(monkeypatch, error):
+    def fails(*given):
+        raise error
+
+    monkeypatch.setattr(call_time, "_in_turns", fails)
+    word = Estimator.taken_by
+    assert call_time.call_time(word, "simval:triad", None) == {}
+    assert call_time.call_time("custom_scene.scene", "gimbal", None) == {}
+
+
+def test_a_cell_brings_its_time_and_no_row_of_it(tmp_path):
+    (tmp_path / "align.py").write_text(ALIGN)
+    content = {"estimator": {"algorithm": str(tmp_path / "align.py"), "samples": 1024}}
+    run_suite(expand("s", content), tmp_path / "run")
+    run = load_run(tmp_path / "run")
+    (cell,) = run.of("estimator")
+    times = run.timing["calls"][cell.name]
+    assert times["items"] == call_time.BATCH
+    # Davenport's method beside itself, but for a sign
+    assert 0.2 < times["ratio"] < 5.0
+    assert 0.0 < times["seconds"] < 1.0
+    table = (tmp_path / "run" / "results.csv").read_text()
+    assert repr(times["seconds"]) not in table
+    assert repr(times["ratio"]) not in table
+    # they go with the run: what a resumed sweep need not compute keeps its time
+    before = run.timing["calls"]
+    run_suite(expand("s", content), tmp_path / "run", resume=True)
+    assert load_run(tmp_path / "run").timing["calls"] == before
+
+
+def test_no_time_is_taken_of_a_cell_that_nears_its_limit(monkeypatch):
+    from simval.studies import plugin
+
+    asked = []
+    monkeypatch.setattr(plugin, "call_time", lambda *given: asked.append(given) or {})
+    answers = []
+    monkeypatch.setattr(plugin, "respond", lambda rows: answers.append(rows))
+    monkeypatch.setattr(plugin, "perf_counter", iter((0.0, 149.0, 0.0, 151.0)).__next__)
+
+    def compute(parameters, streams):
+        from simval.results import Outcome
+
+        return Outcome(rows=())
+
+    compute.__module__ = "simval.studies.estimator"
+    plugin.answer(compute, estimator.Parameters)
+    values = estimator.Parameters(algorithm="simval:triad").model_dump(mode="json")
+    for _ in range(2):  # below half of 300 s, and above
+        answers[0]({"parameters": values, "seed": 1, "key": [1]})
+    assert [given[:2] for given in asked] == [("estimator.algorithm", "simval:triad")]
+
+
+@pytest.mark.parametrize(
+    "calls",
+    [
+        {"x": 3},
+        {"x": {"seconds": 1.0}},
+        {"x": {"seconds": -1.0, "builtin_seconds": 1.0, "ratio": 1.0, "items": 1.0}},
+        {"x": {"seconds": 1.0, "builtin_seconds": 1.0, "ratio": 0.0, "items": 1.0}},
+        {"x": {"seconds": "1", "builtin_seconds": 1.0, "ratio": 1.0, "items": 1.0}},
+        [],
+    ],
+)
+def test_damaged_times_are_refused_in_words(tmp_path, calls):
+    content = {"wall_seconds": 1.0, "cpu_seconds": 1.0, "workers": 1, "calls": calls}
+    (tmp_path / "timing.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match=r"timing\.json is damaged: `calls"):
+        read_timing(tmp_path)
+
+
+def test_a_forged_time_from_a_child_is_refused():
+    from pydantic import ValidationError
+
+    from simval.studies.plugin import Rows
+
+    for bad in (-1.0, 0.0, float("nan"), float("inf"), "x"):
+        with pytest.raises(ValidationError):
+            Rows.model_validate({"rows": [], "times": {"seconds": bad}})

@@ -1,0 +1,298 @@
+"""Algorithms side by side on the page: a table, accuracy as dots, failures as a map."""
+
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from browser import browser, find_chromium
+from side_by_side import cell, estimator_rows, league, run_of
+
+from simval.gate import judge_run
+from simval.plugins.attitude_classes import CLASSES
+from simval.plugins.builtin import BUILTIN
+from simval.report import render
+from simval.report.contest import answer_of, contest_of
+from simval.report.named import _percent
+from simval.report.page import sections
+from simval.report.paint import svg
+from simval.report.section import Context
+from simval.report.sections import algorithms, other, overview, summary
+from simval.report.sections.algorithm_figures import dots, failing
+from simval.report.sections.algorithm_tables import BOUND, side_by_side
+from simval.report.table import csv_text, text
+from simval.results import unjudged
+from simval.statistics import CRAMER_RAO, EFFICIENCY, FAMILIES, Family
+
+A, B = "mine.py:a", "simval:wahba"
+
+
+def context_of(run):
+    return Context(run=run, judged=judge_run(run), titles={})
+
+
+def table_of(run, study="estimator"):
+    own = [c for c in run.cells if c.study == study]
+    verdicts = judge_run(run).verdicts
+    return side_by_side(study, contest_of(own), verdicts, run.timing["calls"])
+
+
+def fields(table, name):
+    (row,) = (row for row in table.rows if row[0] == name)
+    return dict(zip([column.title for column in table.columns], row, strict=True))
+
+
+def test_each_algorithm_has_a_row_with_all_that_is_known(tmp_path):
+    found = fields(table_of(league(tmp_path)), "league.py:estimator-5")
+    assert found["checks"] == "fail"
+    for noise in ("0.001", "0.01", "0.05"):
+        # RMS over the bound, as the rows say
+        assert found[f"noise std {noise}"] == (pytest.approx(1.1), pytest.approx(0.004))
+    assert found["bias"] == pytest.approx(1e-3 * np.sqrt(3.0))
+    assert found["NEES"] == (pytest.approx(1.5), pytest.approx(0.02 / 3.0))
+    assert found["call, ms"] == pytest.approx(6.0)
+    assert found["× built-in"] == pytest.approx(6.0)
+    assert (
+        found["fails at"]
+        == f"reference{BOUND}as{BOUND}body{BOUND}100{BOUND}%,{BOUND}+1"
+    )
+
+
+def test_what_was_refused_stands_there_empty(tmp_path):
+    run = league(tmp_path)
+    found = fields(table_of(run), "league.py:estimator-19")
+    assert found.pop("algorithm") == "league.py:estimator-19"
+    assert found.pop("checks") == "refused"
+    assert found.pop("fails at") == ""
+    assert set(found.values()) == {None}
+
+
+def test_the_worst_ending_is_the_answer(tmp_path):
+    rows = estimator_rows(1.0, 0.01, 0.01)
+    done = cell(A, rows)
+    crashed = replace(cell(A, (), seed=2, status="failed"), error="Traceback\nboom\n")
+    refused = cell(A, (), seed=3, status="failed")
+    verdicts = judge_run(run_of(tmp_path, [done])).verdicts
+    assert answer_of([done], verdicts) == "pass"
+    assert answer_of([done, refused], verdicts) == "refused"
+    assert answer_of([done, refused, crashed], verdicts) == "crashed"
+    assert answer_of([done], ()) == ""
+
+
+def test_seeds_are_one_number_with_a_smaller_error(tmp_path):
+    cells = [
+        cell(A, estimator_rows(ratio, 0.01, 0.01), seed=seed)
+        for seed, ratio in enumerate((1.0, 1.2))
+    ]
+    found = fields(table_of(run_of(tmp_path, cells)), A)["noise std 0.01"]
+    assert found == (pytest.approx(1.1), pytest.approx(0.01 / np.sqrt(2.0)))
+
+
+def test_the_nees_shown_is_the_one_farthest_from_its_mean(tmp_path):
+    cells = [
+        cell(A, estimator_rows(1.0, 0.01, noise, honest=value), noise_std=noise)
+        for noise, value in ((0.001, 0.4), (0.01, 1.0), (0.05, 1.3))
+    ]
+    assert fields(table_of(run_of(tmp_path, cells)), A)["NEES"][0] == pytest.approx(0.4)
+
+
+def test_accuracy_is_drawn_with_bands_that_hold_together(tmp_path):
+    run = league(tmp_path)
+    (panel,) = dots("estimator", "estimators", contest_of(run.cells)).panels
+    assert panel.names[:2] == ["simval:wahba", "estimator-1"]
+    assert [series.label for series in panel.series] == [
+        "noise std 0.001",
+        "noise std 0.01",
+        "noise std 0.05",
+    ]
+    for series in panel.series:
+        np.testing.assert_allclose(series.x, 1.0 + 0.02 * np.arange(19), rtol=1e-12)
+        assert series.y.tolist() == list(range(19))  # the refused one has no point
+        # Šidák for 57 points: 0.95^(1/57) two-sided, 3.32 standard errors
+        np.testing.assert_allclose(series.band, 3.32 * 0.004, rtol=2e-3)
+
+
+def test_what_is_not_sampled_has_no_bar(tmp_path):
+    rows = [r for r in estimator_rows(1.0, 0.01, 0.01) if r.statistic != EFFICIENCY()]
+    rows += unjudged(EFFICIENCY(), 0.25)
+    cells = [cell(A, rows), cell(B, estimator_rows(1.5, 0.01, 0.01))]
+    drawing = dots("estimator", "estimators", contest_of(cells))
+    (series,) = drawing.panels[0].series
+    np.testing.assert_allclose(series.x, [2.0, 1.5], rtol=1e-12)
+    assert np.isnan(series.band).tolist() == [True, False]
+    ElementTree.fromstring(svg(drawing))
+
+
+def test_failures_are_a_map_with_what_was_declared(tmp_path):
+    run = league(tmp_path)
+    (panel,) = failing("estimator", "estimators", contest_of(run.cells)).panels
+    assert panel.columns == list(CLASSES)
+    place = list(CLASSES).index("half turns about r2")
+    assert panel.shares[8, place] == 0.3
+    assert panel.expected[8, place] == 1.0
+    assert panel.shares[5, 2] == 1.0
+    assert panel.expected[5, 2] == 0.0
+    assert np.isnan(panel.shares[19]).all()
+    assert np.nansum(panel.shares) == pytest.approx(6 + 5 * 0.3)
+
+
+def test_where_none_fails_there_is_a_sentence_and_no_map(tmp_path, undrawn):
+    run = league(tmp_path, count=2)
+    section = algorithms.section(context_of(run))
+    assert [d.name for d in section.drawings] == ["estimator-accuracy"]
+    assert "No algorithm fails in any of 16 classes of exact cases" in section.body
+    assert "No algorithm" not in algorithms.section(context_of(league(tmp_path))).body
+
+
+@pytest.mark.parametrize(
+    ("share", "words"),
+    [
+        (1e-3, "<1"),
+        (0.00999, "<1"),
+        (0.01, "1"),
+        (0.3, "30"),
+        (0.99, "99"),
+        (0.9999, ">99"),
+        (1.0, "100"),
+    ],
+)
+def test_a_class_that_fails_a_little_is_never_called_whole_or_none(share, words):
+    assert _percent(share) == words
+
+
+def test_a_users_algorithms_come_right_after_the_verdict(tmp_path, monkeypatch):
+    def anchors(run):
+        return [s.anchor for s in sections(run)]
+
+    assert anchors(league(tmp_path))[:2] == ["summary", "algorithms"]
+    only = [cell(name, estimator_rows(1.0, 0.01, 0.01)) for name in list(BUILTIN)[:2]]
+    assert not algorithms.has_user_code(run_of(tmp_path, only))
+    assert algorithms.has_user_code(league(tmp_path))
+    # the figures of the first screen go below them, and are on the page once
+    drawn = [dots("x", "estimators", contest_of(only))]
+    monkeypatch.setattr(summary, "figures", lambda context: drawn)
+    monkeypatch.setattr(overview, "figures", lambda context: drawn)
+    for run, first, then in (
+        (league(tmp_path), (), tuple(drawn)),
+        (run_of(tmp_path, only), tuple(drawn), None),
+    ):
+        context = context_of(run)
+        assert summary.section(context).drawings == first
+        below = overview.section(context)
+        assert (None if below is None else below.drawings) == then
+
+
+def test_no_algorithm_is_among_further_studies_and_none_is_lost(tmp_path):
+    run = league(tmp_path, count=3)
+    assert other.section(context_of(run)) is None
+    section = algorithms.section(context_of(run))
+    by_name = {table.name: table for table in section.tables}
+    assert set(by_name) == {
+        "estimator-algorithms", "estimator-cells", "study-estimator",
+    }  # fmt: skip
+    done = [c for c in run.cells if c.status == "done"]
+    assert len(by_name["estimator-cells"].rows) == len(done) == 6
+    assert len(by_name["study-estimator"].rows) == sum(len(c.rows) for c in done)
+    assert "RMS error, rad" in [c.title for c in by_name["estimator-cells"].columns]
+
+
+def test_a_calibrator_by_what_it_leaves(tmp_path, monkeypatch):
+    """A study that measures the whole error has it beside its bound, in its unit."""
+    left = FAMILIES.get("left", Family("left", "what is left", "m/s²"))
+    monkeypatch.setattr("simval.compare.merits.SIZES", (left,))
+    rows = unjudged(left(), 0.03, 0.001, 1024, 0.02, f"{CRAMER_RAO}, nine parameters")
+    run = run_of(tmp_path, [cell("six.py", rows, study="calibrator")])
+    section = algorithms.section(context_of(run))
+    by_name = {table.name: table for table in section.tables}
+    assert fields(by_name["calibrator-algorithms"], "six.py")["noise std 0.01"] == (
+        pytest.approx(1.5),
+        pytest.approx(0.05),
+    )
+    found = fields(by_name["calibrator-cells"], "six.py")
+    assert found["RMS error, m/s²"] == (0.03, 0.001)
+    assert found["bound, m/s²"] == 0.02
+
+
+@pytest.fixture
+def alone(monkeypatch):
+    """A page of this section only."""
+    monkeypatch.setattr("simval.report.page.SECTIONS", (algorithms,))
+
+
+def test_the_same_run_gives_the_same_bytes(tmp_path, alone, undrawn):
+    run = league(tmp_path, count=4)
+    assert render(run) == render(run)
+    # of another run of the same suite only the times differ
+    slower = {
+        name: each | {"seconds": 3.0 * each["seconds"], "ratio": 3.0 * each["ratio"]}
+        for name, each in run.timing["calls"].items()
+    }
+    again = replace(run, timing={**run.timing, "calls": slower})
+    lines = [render(each).splitlines() for each in (run, again)]
+    differ = [a for a, b in zip(*lines, strict=True) if a != b]
+    assert differ
+    assert all('class="n"' in line for line in differ)
+    # and without any the columns are empty
+    bare = replace(run, timing={})
+    assert fields(table_of(replace(run, timing={"calls": {}})), B)["call, ms"] is None
+    assert "Algorithms side by side" in render(bare)
+
+
+@pytest.mark.parametrize("bad", [float("nan"), float("inf"), 0.0, -1.0, 1e100])
+def test_no_row_of_garbage_breaks_the_page_or_is_a_number_there(tmp_path, bad):
+    rows = list(
+        estimator_rows(1.0, 0.01, 0.01, honest=1.0, fails={"identity": (0.5, 0)})
+    )
+    cells = [cell(B, rows)]
+    for place in (0, 1, 2, 6, len(rows) - 1):
+        for field in ("value", "prediction", "standard_error"):
+            broken = [*rows]
+            broken[place] = replace(rows[place], **{field: bad})
+            cells.append(cell(f"x.py:{place}-{field}", broken))
+    run = run_of(tmp_path, cells)
+    section = algorithms.section(context_of(run))
+    for drawing in section.drawings:
+        ElementTree.fromstring(svg(drawing))
+    table = section.tables[0]
+    for row in table.rows:
+        for value, column in zip(row, table.columns, strict=True):
+            words = text(value, column)
+            assert not {"nan", "inf"} & set(words.split()), row
+    assert csv_text(table)
+
+
+@pytest.mark.skipif(
+    find_chromium() is None,
+    reason="Chromium is not installed, so the table was not opened in a browser",
+)
+def test_it_fits_two_algorithms_and_twenty(tmp_path, alone):
+    pages = []
+    for count in (2, 20):
+        page = tmp_path / f"{count}.html"
+        page.write_text(render(league(Path(tmp_path), count)), encoding="utf-8")
+        pages.append(page)
+    with browser(tmp_path / "profile") as tab:
+        for page in pages:
+            for width in (380, 1280):
+                for scheme in ("light", "dark"):
+                    tab.open(page, width=width, scheme=scheme)
+                    tab.run(
+                        "document.querySelectorAll('details').forEach(d => d.open = 1)"
+                    )
+                    assert tab.run("document.documentElement.scrollWidth") <= width
+                    assert tab.complaints() == []
+        unnamed = (
+            "[...document.querySelectorAll('#algorithms svg')]"
+            ".filter(s => !s.getAttribute('aria-label')).length"
+        )
+        assert tab.run(unnamed) == 0
+        # no word of a figure is outside of it
+        outside = """[...document.querySelectorAll('#algorithms svg')].flatMap(s => {
+          const box = s.getBoundingClientRect();
+          return [...s.querySelectorAll('text')].filter(t => {
+            const b = t.getBoundingClientRect();
+            return b.left < box.left - 1 || b.right > box.right + 1 ||
+              b.bottom > box.bottom + 1 || b.top < box.top - 1; })
+            .map(t => t.textContent); })"""
+        assert tab.run(outside) == []
