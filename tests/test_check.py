@@ -157,8 +157,9 @@ def test_a_file_that_cannot_be_loaded_is_exit_code_2(simval, tmp_path, text, com
 
 
 def test_the_document_holds_every_number():
-    checked = check_function(found("known to fail"), Estimator, **QUICK)
+    checked = check_function(found("known to fail"), Estimator, **QUICK, alpha=0.01)
     document = json.loads(to_json(checked))
+    assert document["alpha"] == 0.01
     assert document["answer"] == "pass"
     assert document["exit_code"] == 0
     (plugin,) = document["plugins"]

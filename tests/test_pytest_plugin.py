@@ -116,14 +116,13 @@ def test_settings_of_a_test_do_not_change_the_answer(ended):
     text = (
         HEAD
         + "def test_mine(simval_estimator):\n"
-        + "    np.seterr(all='raise')\n"
+        + "    before = np.seterr(all='raise')\n"
         + "    def mine(*v):\n"
-        + "        with np.errstate(divide='warn'):\n"
-        + "            np.ones(1) / np.zeros(1)\n"
+        + "        np.ones(1) / np.zeros(1)\n"
         + "        return davenport(*v)\n"
         + f"    simval_estimator(mine, {WORDS})\n"
         + "    assert np.geterr()['over'] == 'raise'\n"
-        + "    np.seterr(all='warn')\n"
+        + "    np.seterr(**before)\n"
     )
     ended(text, "-W", "error::RuntimeWarning").assert_outcomes(passed=1)
 

@@ -42,6 +42,11 @@ MEASURES: Final[Mapping[type, Measure]] = MappingProxyType(
 FIRST: Final = MappingProxyType({Estimator: "estimate", Calibrator: "calibrate"})
 """The field that is the algorithm itself."""
 
+NUMPYS_OWN: Final[Mapping[str, Any]] = MappingProxyType(
+    {"divide": "warn", "over": "warn", "under": "ignore", "invalid": "warn"}
+)
+"""What NumPy does about floating-point errors if it is not told otherwise."""
+
 OURS = Path(__file__).parents[1]
 
 Algorithm = Callable[..., Any] | Estimator | Calibrator
@@ -147,7 +152,7 @@ def _ended(position: int, cell: Cell, plugin: Estimator | Calibrator) -> CellRes
     start, error = time.process_time(), ""
     rows: tuple[Row, ...] = ()
     # a test's own settings must not change what is measured
-    with warnings.catch_warnings(), np.errstate(all="warn"):
+    with warnings.catch_warnings(), np.errstate(**NUMPYS_OWN):
         warnings.simplefilter("default")
         try:
             rows = MEASURES[type(plugin)](plugin, cell.parameters, cell.streams).rows
