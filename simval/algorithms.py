@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Float
 
 from simval.arrays import Array
-from simval.attitude import two_vector_quaternion
-from simval.attitude.comparators import davenport
+from simval.attitude import two_vector_quaternion, wahba_quaternion
 from simval.attitude.comparators import triad as triad_quaternion
 from simval.calibrate import calibrate
+from simval.geometry import attitude_matrix, cross_matrix, normalize
 from simval.plugins import Calibrator, Estimator
 
 LEAST = 1e-12
@@ -23,7 +23,48 @@ moves a parameter by less than rounding."""
 
 _own = partial(Estimator, components="xyzs", matrix="passive")
 
-wahba = _own(name="wahba", estimate=davenport, kind="wahba")
+
+def _covariance(
+    body: Float[Array, "n k 3"],
+    references: Float[Array, "n k 3"],
+    _: float,
+    *,
+    covariances: Float[Array, "n 2 k 3 3"],
+    weights: Float[Array, " k"] | None = None,
+) -> Float[Array, "n 3 3"]:
+    r"""First-order covariance of least squares under any noise, in body axes, rad².
+
+    With a the weights, :math:`M^{-1} \sum_i a_i^2 [b_i\times] (P_{bi} + A P_{ri} A^T)
+    [b_i\times]^T M^{-1}` and :math:`M = \sum_i a_i (I - b_i b_i^T)`.
+    """
+    A = attitude_matrix(wahba_quaternion(body, references, weights))[:, None]
+    P = covariances[:, 0] + A @ covariances[:, 1] @ A.swapaxes(-1, -2)
+    cross = cross_matrix(normalize(body))
+    a = np.ones(body.shape[1]) if weights is None else weights
+    spread = np.einsum("k,nkij,nkjl,nkml->nim", a**2, cross, P, cross)
+    inverse = np.linalg.inv(np.einsum("k,nkij,nklj->nil", a, cross, cross))
+    result: Array = inverse @ spread @ inverse
+    return (result + result.swapaxes(-1, -2)) / 2.0
+
+
+wahba = _own(
+    name="wahba",
+    takes="vectors",
+    estimate=lambda body, references, covariances: wahba_quaternion(body, references),
+    covariance=_covariance,
+    reads=("covariances",),
+    kind="wahba",
+)
+weighted_wahba = _own(
+    name="weighted-wahba",
+    takes="vectors",
+    estimate=lambda body, references, covariances, weights: wahba_quaternion(
+        body, references, weights
+    ),
+    covariance=_covariance,
+    reads=("covariances", "weights"),
+    kind="weighted wahba",
+)
 triad = _own(name="triad", estimate=triad_quaternion, kind="triad")
 closed_form = _own(
     name="closed-form", estimate=two_vector_quaternion, kind="closed form"

@@ -5,6 +5,7 @@ import time
 
 import numpy as np
 import pytest
+import rows_by_name
 from click.testing import CliRunner
 from places import EXAMPLES
 from quick_align import ALIGN
@@ -23,12 +24,20 @@ from simval.plugins import (
 from simval.plugins.builtin import BESIDE, BUILTIN, beside_builtin
 from simval.plugins.loading import chosen, find_again, overrides_of
 from simval.plugins.sources import missing, sources
+from simval.streams import Streams
 from simval.studies import call_time, estimator
 from simval.sweep import load_run, run_suite
 from simval.sweep.documents import read_timing
 from simval.sweep.suite import expand, load_suite
+from simval.verdict import judge
 
-ESTIMATORS = ("simval:wahba", "simval:triad", "simval:closed-form", "simval:combined")
+ESTIMATORS = (
+    "simval:wahba",
+    "simval:weighted-wahba",
+    "simval:triad",
+    "simval:closed-form",
+    "simval:combined",
+)
 
 
 def test_every_name_is_an_algorithm_of_its_kind():
@@ -63,6 +72,19 @@ def test_a_noise_of_nothing_moves_no_parameter():
         np.testing.assert_allclose(matrix, np.eye(3), rtol=0, atol=1e-13)
         np.testing.assert_allclose(bias, 0.0, rtol=0, atol=1e-12)
         assert np.diagonal(covariance).max() < 1e-20
+
+
+@pytest.mark.parametrize("noise", ["body", "unequal", "general"])
+@pytest.mark.parametrize("name", ["wahba", "weighted-wahba"])
+def test_least_squares_of_three_vectors_states_a_covariance_that_is_right(name, noise):
+    """A false alarm of 1e-3 for all rows together; NEES of a claim of order two."""
+    parameters = estimator.Parameters(
+        algorithm=f"simval:{name}", noise=noise, vectors=3, samples=4096
+    )
+    found = estimator.compute(parameters, Streams(1, (20_270,)))
+    judged = judge(rows_by_name.named(found.rows), alpha=1e-3)
+    assert {"nees", "class_bias"} <= {str(v.row.statistic) for v in judged}
+    assert [v for v in judged if v.answer != "pass" and v.row.check != "record"] == []
 
 
 def test_a_users_algorithm_gets_its_comparison_without_being_asked():

@@ -15,7 +15,7 @@ from simval.plugins.protocol import Calibrator, Estimator
 GROUP: Final = "simval.plugins"
 PREFIX: Final = "simval:"
 
-_ESTIMATORS = ("wahba", "triad", "closed-form", "combined")
+_ESTIMATORS = ("wahba", "weighted-wahba", "triad", "closed-form", "combined")
 _CALIBRATORS = ("squared", "norm", "weighted", "sampson", "adjusted")
 
 BUILTIN: Final[Mapping[str, EntryPoint]] = MappingProxyType(

@@ -28,6 +28,12 @@ from simval.studies.estimator_setting import SQUARES, Moments, Setting
 
 _EPS = float(np.finfo(float).eps)
 
+SAME = 1e-9
+"""Relative difference of two RMS errors that may be rounding."""
+
+_CLEARLY = 3.0
+"""A spread of so many remainders is enough to judge: twice is required."""
+
 
 def size_rows(
     setting: Setting,
@@ -70,11 +76,13 @@ def _difference_rows(
     slope = np.array([0.5, -0.5]) / np.sqrt(squares)
     variance = float(slope @ measured.covariance[SQUARES, SQUARES] @ slope)
     predicted = _difference(fine)
-    left = 2.0 * abs(predicted - _difference(coarse))
+    left = 2.0 * abs(predicted - _difference(coarse)) + weights * rounding
+    spread = max(variance, rounding**2 * sums.samples)
+    if left < SAME * np.sqrt(squares[1]):  # what differs by rounding is judged by it
+        spread = max(spread, (_CLEARLY * left) ** 2)
     return plain(
-        RMS_DIFFERENCE(), _difference(squares),
-        np.hypot(np.sqrt(max(variance, 0.0) / sums.samples), rounding), sums.samples,
-        predicted, CUBATURE, left + weights * rounding,
+        RMS_DIFFERENCE(), _difference(squares), np.sqrt(spread / sums.samples),
+        sums.samples, predicted, CUBATURE, left,
     )  # fmt: skip
 
 
