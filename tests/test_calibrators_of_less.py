@@ -306,3 +306,26 @@ def test_a_covariance_can_be_probed_with_a_stated_noise():
     with pytest.raises(PluginError, match="not positive definite"):
         calibration_of(plugin, raw, G, 0.0)
     probe_calibrator(plugin)
+
+
+def test_an_answer_that_never_varies_is_no_estimate(monkeypatch):
+    """It is right about the sensor of the study, and looks at no reading."""
+
+    def constant(poses, g, noise_std):
+        if noise_std < 1e-6:  # the probes, which have other sensors
+            return lengths(("scale", "bias")).calibrate(poses, g, noise_std)[:2]
+        return np.diag([2.06, 1.92, 2.1]), np.array([0.3, -0.2, 0.1])
+
+    def of_one(poses, g, noise_std):
+        matrix, bias, _ = lengths(("scale", "bias")).calibrate(poses, g, noise_std)
+        return matrix, np.array([*bias[:2], bias[2] if noise_std < 1e-6 else 0.1])
+
+    for calibrate, name in ((constant, "K_x"), (of_one, "B_z")):
+        plugin = Calibrator(
+            name="still",
+            calibrate=calibrate,
+            estimates=("scale", "bias"),
+            noise_std=True,
+        )
+        with pytest.raises(PluginError, match=rf"still gives the same {name} in all"):
+            rows_of(plugin, monkeypatch, sensor="own class", trials=64)

@@ -102,6 +102,10 @@ BAD_WORDS = {
     | {"shape": np.ones(5), "negative ones": -np.ones(14), "huge": 1e300}
     | {"masked one": np.ma.array(np.ones(14), mask=[True] + [False] * 13)},
 }
+# one standard deviation may stand in the last axis of any batch
+BAD_WORDS["noise of samples"] = without(
+    BAD_WORDS["noise"], "list", "nested", "array of one"
+)
 
 
 def bad_values(kind, good):
@@ -114,6 +118,8 @@ def bad_values(kind, good):
         return without(found, "deep") | off
     if kind == "batch":
         return without(found, "no rows", "deep")
+    if kind == "any length, batch":
+        return without(bad_values("any length", good), "deep", "no rows")
     if kind == "any length":
         return without(found, "huge") | {"zero": np.zeros_like(good)}
     return found
@@ -263,7 +269,8 @@ FACES = {
     "attitude_moments": (
         theory.attitude_moments,
         {**TRUTH, "order": 2, "frame": "plain", "normalized": False},
-        {**TRUTHS, "noise_std": "noise", "order": "choice", "frame": "choice",
+        {**dict.fromkeys(TRUTHS, "any length, batch"),
+         "noise_std": "noise of samples", "order": "choice", "frame": "choice",
          "normalized": "switch"},
     ),
     "multiplicative_moments": (

@@ -40,6 +40,7 @@ from jaxtyping import Float
 from pydantic import Field, model_validator
 
 from simval.arrays import Array
+from simval.errors import PluginError
 from simval.moments import Moments
 from simval.montecarlo import moments_of, simulate
 from simval.plugins import Calibrator, find_plugin, probe_calibrator
@@ -84,6 +85,9 @@ BIAS_ALLOWED = 7.0
 """Twice the greatest bias of the ladder's residuals, 3.5."""
 CALLS = 64
 """Trials of a command for which the time limit is."""
+STILL = 1e-6
+"""Spread of a parameter over that of the readings, relative to its size, below which it
+is not estimated: a mean of as many readings as there are in a cell has 1e-3."""
 AROUND = 120.0
 """Seconds for what is around a batch: loading, one probe, files."""
 AT_ONCE = 1 << 20
@@ -171,6 +175,7 @@ def outcome(plugin: Calibrator, parameters: Parameters, streams: Streams) -> Out
     )  # fmt: skip
     measured = moments_of(sums)
     relative = (parameters.noise_std / G) ** 2
+    _require_spread(measured, setting, np.sqrt(relative))
     rows = limit(PROBE(), off, TOLERANCE, TRUTH, n=1)
     if not setting.own:
         rows += _settled_rows(settled, setting)
@@ -226,6 +231,19 @@ def _error(setting: Setting, answer: Calibration) -> Float[Array, " p"]:
     # its own mean over the one that a Type A covariance gives it
     factor = 1.0 if answer.dof is None else (answer.dof - 2) / answer.dof
     return np.append(error, [left, square * factor])
+
+
+def _require_spread(measured: Moments, setting: Setting, relative: float) -> None:
+    """Refuse what does not estimate a parameter: it never varies as the noise does."""
+    names, _ = setting.named
+    still = ~(measured.sd[: len(names)] > STILL * relative * setting.sizes)
+    if still.any():
+        msg = (
+            f"{setting.plugin.name} gives the same {names[int(still.argmax())]} in all "
+            f"{measured.samples} trials, whatever their noise; it must estimate what it "
+            "declares from the readings, or leave it out of `estimates`"
+        )
+        raise PluginError(msg)
 
 
 def _settled_rows(settled: Float[Array, " p"], setting: Setting) -> tuple[Row, ...]:
