@@ -53,7 +53,7 @@ def leading(b1, b2, r1, r2, noise_std, factor=1.0):
     """Leading covariance of the clean estimator."""
     size = (b1**2 + b2**2).sum(axis=1)[:, None, None]
     H = size * np.eye(3) - b1[:, :, None] * b1[:, None] - b2[:, :, None] * b2[:, None]
-    return factor * 2.0 * noise_std**2 * np.linalg.inv(H)
+    return factor * noise_std**2 * np.linalg.inv(H)
 
 
 # the clean ones

@@ -54,10 +54,10 @@ def estimator_rows(ratio, error, noise, *, bias=1e-3, honest=None, fails=None):
 
 def cell(algorithm, rows, *, study="estimator", seed=1, status="done", **values):
     """A cell of an algorithm."""
-    given = {"noise_std": 0.01, "geometry": 3, "samples": N, "time_limit": 300.0}
+    given = {"geometry": 3, "samples": N, "noise": "body", "vectors": 2}
     if study == "calibrator":
-        given = {"noise_std": 0.01, "poses": 24, "trials": 1024, "time_limit": 300.0}
-    given |= {"algorithm": algorithm} | values
+        given = {"poses": 24, "trials": 1024, "pose_set": "sphere", "sensor": "full"}
+    given |= {"noise_std": 0.01, "time_limit": 300.0, "algorithm": algorithm} | values
     inside = ",".join(f"{k}={v}" for k, v in sorted(given.items()))
     return CellResult(
         name=f"{study}({inside})@{seed}",

@@ -114,7 +114,7 @@ def test_the_command_tells_what_fails_and_what_to_do(simval, tmp_path, monkeypat
         assert any(line.startswith(f"  {words} ") for line in lines)
     assert "half turns about y] against truth at noise_std 0.01: 1 is above" in out
     assert "mend the formula there, or declare the class in `fails_at`" in out
-    assert lines[-1].startswith("FAIL: of 62 checks against theory, 2 failed; false-")
+    assert lines[-1].startswith("FAIL: of 66 checks against theory, 2 failed; false-")
     assert "error" not in err
     assert [path.name for path in Path().iterdir()] == ["mine.py"]  # no run is left
 
@@ -199,7 +199,10 @@ def test_a_function_is_measured_as_its_file_is(tmp_path):
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
-        ({"matrx": "active"}, "`matrx` is no keyword here; Estimator declares claim"),
+        (
+            {"matrx": "active"},
+            "`matrx` is no keyword here; Estimator declares batch, claim",
+        ),
         ({"components": "wxyz"}, "cannot be used as it is declared: `components` is"),
         ({"noise_std": "much"}, r"noise_std`: .*\(given 'much'\)"),
         ({"noise_std": True}, "noise_std"),

@@ -64,7 +64,7 @@ def test_a_failure_is_the_gates_message_alone(ended):
     assert "mine, estimator: FAIL" in said
     assert "  fails at  half turns about y 100.0%" in said
     assert "failures[half turns about y] against truth" in said
-    assert "FAIL: of 31 checks against theory, 1 failed; false-alarm rate" in said
+    assert "FAIL: of 33 checks against theory, 1 failed; false-alarm rate" in said
     assert "FAILED test_a_failure_is_the_gates_message_alone.py::test_mine - " in said
     for inside in ("Traceback", "pytest_plugin", "simval/check", "def _judge", ">   "):
         assert inside not in said

@@ -6,7 +6,8 @@ one is asked for.
 """
 
 from collections.abc import Mapping
-from importlib.metadata import EntryPoint, entry_points
+from importlib import metadata
+from importlib.metadata import EntryPoint
 from types import MappingProxyType
 from typing import Final
 
@@ -44,7 +45,7 @@ def points_of(name: str) -> tuple[EntryPoint, ...]:
     """Entry points of a name: the package's own, else those of installed packages."""
     if name in BUILTIN:
         return (BUILTIN[name],)
-    return tuple(entry_points(group=GROUP, name=name))
+    return tuple(metadata.entry_points(group=GROUP, name=name))
 
 
 def beside_builtin(
