@@ -6,11 +6,12 @@ Weights have the sum that they have by default.
 """
 
 import numpy as np
-from packages import package
+from adapting import needed
 
 from simval.plugins import Estimator
 
-filters = package("ahrs.filters")
+with needed():
+    from ahrs import filters
 
 
 def _davenport(body, references, weights):
@@ -73,13 +74,11 @@ LEAST_SQUARES = {"kind": "weighted wahba", "reads": ("weights",)}
 PASSIVE = {"components": "sxyz", "matrix": "passive"}
 
 davenport = Estimator(
-    name="ahrs Davenport", estimate=_davenport, **PASSIVE, **GRAVITY, **LEAST_SQUARES
+    name="Davenport", estimate=_davenport, **PASSIVE, **GRAVITY, **LEAST_SQUARES
 )
-quest = Estimator(
-    name="ahrs QUEST", estimate=_quest, **PASSIVE, **GRAVITY, **LEAST_SQUARES
-)
+quest = Estimator(name="QUEST", estimate=_quest, **PASSIVE, **GRAVITY, **LEAST_SQUARES)
 flae_symbolic = Estimator(
-    name="ahrs FLAE symbolic",
+    name="FLAE symbolic",
     estimate=_flae("symbolic"),
     reference="NWU",
     **PASSIVE,
@@ -87,7 +86,7 @@ flae_symbolic = Estimator(
     **LEAST_SQUARES,
 )
 flae_newton = Estimator(
-    name="ahrs FLAE newton",
+    name="FLAE newton",
     estimate=_flae("newton"),
     reference="NWU",
     **PASSIVE,
@@ -95,16 +94,16 @@ flae_newton = Estimator(
     **LEAST_SQUARES,
 )
 flae_eig = Estimator(
-    name="ahrs FLAE eig",
+    name="FLAE eig",
     estimate=_flae("eig"),
     reference="NWU",
     **PASSIVE,
     **ROWS,
     **LEAST_SQUARES,
 )
-oleq = Estimator(name="ahrs OLEQ", estimate=_oleq, **PASSIVE, **FORCE, **LEAST_SQUARES)
+oleq = Estimator(name="OLEQ", estimate=_oleq, **PASSIVE, **FORCE, **LEAST_SQUARES)
 triad_matrix = Estimator(
-    name="ahrs TRIAD matrix",
+    name="TRIAD matrix",
     estimate=_triad("rotmat"),
     components="matrix",
     matrix="active",
@@ -112,7 +111,7 @@ triad_matrix = Estimator(
     **ROWS,
 )
 triad_quaternion = Estimator(
-    name="ahrs TRIAD quaternion",
+    name="TRIAD quaternion",
     estimate=_triad("quaternion"),
     components="sxyz",
     matrix="active",
@@ -120,8 +119,8 @@ triad_quaternion = Estimator(
     **ROWS,
 )
 saam = Estimator(
-    name="ahrs SAAM", estimate=_saam, components="sxyz", matrix="active", **GRAVITY
+    name="SAAM", estimate=_saam, components="sxyz", matrix="active", **GRAVITY
 )
-famc = Estimator(name="ahrs FAMC", estimate=_famc, **PASSIVE, **GRAVITY)
-fqa = Estimator(name="ahrs FQA", estimate=_fqa, **PASSIVE, **FORCE)
-tilt = Estimator(name="ahrs Tilt", estimate=_tilt, **PASSIVE, **GRAVITY)
+famc = Estimator(name="FAMC", estimate=_famc, **PASSIVE, **GRAVITY)
+fqa = Estimator(name="FQA", estimate=_fqa, **PASSIVE, **FORCE)
+tilt = Estimator(name="Tilt", estimate=_tilt, **PASSIVE, **GRAVITY)

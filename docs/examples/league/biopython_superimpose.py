@@ -3,12 +3,14 @@
 Both rotate the second set by a matrix to the right of its rows.
 """
 
-from packages import mirrored, package
+from adapting import mirrored, needed
 
 from simval.plugins import Estimator
 
-svd = package("Bio.SVDSuperimposer")
-qcp = package("Bio.PDB.qcprot")
+with needed():
+    from Bio import SVDSuperimposer as svd
+with needed():
+    from Bio.PDB import qcprot as qcp
 
 
 def _rotation(superimposer):
@@ -30,8 +32,8 @@ WAHBA = {
 }
 
 svd_superimposer = Estimator(
-    name="Biopython SVD", estimate=_rotation(svd.SVDSuperimposer), **WAHBA
+    name="SVD", estimate=_rotation(svd.SVDSuperimposer), **WAHBA
 )
 qcp_superimposer = Estimator(
-    name="Biopython QCP", estimate=_rotation(qcp.QCPSuperimposer), **WAHBA
+    name="QCP", estimate=_rotation(qcp.QCPSuperimposer), **WAHBA
 )

@@ -1,11 +1,12 @@
 """gemmi's `superpose_positions`: the quaternion characteristic polynomial, weighted."""
 
 import numpy as np
-from packages import mirrored, package
+from adapting import mirrored, needed
 
 from simval.plugins import Estimator
 
-gemmi = package("gemmi")
+with needed():
+    import gemmi
 
 
 def _positions(vectors):

@@ -6,11 +6,12 @@ right-hand error, which is on the side of the references.
 """
 
 import numpy as np
-from packages import package
+from adapting import needed
 
 from simval.plugins import Estimator
 
-gtsam = package("gtsam")
+with needed():
+    import gtsam
 
 
 def _profile(body, references, weights):
@@ -45,14 +46,14 @@ def _marginal(body, references, noise_std):
 ROWS = {"components": "matrix", "matrix": "active", "takes": "vectors", "batch": False}
 
 closest_to = Estimator(
-    name="GTSAM ClosestTo",
+    name="ClosestTo",
     estimate=_closest,
     kind="weighted wahba",
     reads=("weights",),
     **ROWS,
 )
 wahba_factor = Estimator(
-    name="GTSAM WahbaFactor",
+    name="WahbaFactor",
     estimate=_wahba,
     covariance=_marginal,
     side="reference",

@@ -1,10 +1,11 @@
 """numpy-quaternion's `optimal_alignment_in_Euclidean_metric`: the q-method."""
 
-from packages import package
+from adapting import needed
 
 from simval.plugins import Estimator
 
-quaternion = package("quaternion")
+with needed():
+    import quaternion
 
 
 def _align(body, references):

@@ -1,10 +1,11 @@
 """qc-procrustes' `rotational`: A R closest to B, rows of A weighted."""
 
-from packages import package
+from adapting import needed
 
 from simval.plugins import Estimator
 
-procrustes = package("procrustes")
+with needed():
+    import procrustes
 
 
 def _rotational(body, references, weights):

@@ -1,10 +1,11 @@
 """quaternionic's `align`: Davenport's q-method, with weights."""
 
-from packages import package
+from adapting import needed
 
 from simval.plugins import Estimator
 
-quaternionic = package("quaternionic")
+with needed():
+    import quaternionic
 
 
 def _align(body, references, weights):
@@ -12,7 +13,7 @@ def _align(body, references, weights):
 
 
 align = Estimator(
-    name="quaternionic align",
+    name="quaternionic",
     estimate=_align,
     components="sxyz",
     matrix="active",

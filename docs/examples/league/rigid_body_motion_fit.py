@@ -1,10 +1,11 @@
 """rigid-body-motion's `best_fit_rotation`."""
 
-from packages import package
+from adapting import needed
 
 from simval.plugins import Estimator
 
-rigid_body_motion = package("rigid_body_motion")
+with needed():
+    import rigid_body_motion
 
 
 def _rotation(body, references):

@@ -5,11 +5,12 @@ as they are; `kabsch_weighted` centres them itself.
 """
 
 import numpy as np
-from packages import mirrored, package
+from adapting import mirrored, needed
 
 from simval.plugins import Estimator
 
-rmsd = package("rmsd")
+with needed():
+    import rmsd
 
 
 def _kabsch(body, references):
@@ -28,10 +29,10 @@ def _quaternion(body, references):
 ROWS = {"components": "matrix", "takes": "vectors", "batch": False}
 
 kabsch = Estimator(
-    name="rmsd kabsch", estimate=_kabsch, matrix="passive", kind="wahba", **ROWS
+    name="kabsch", estimate=_kabsch, matrix="passive", kind="wahba", **ROWS
 )
 kabsch_weighted = Estimator(
-    name="rmsd kabsch_weighted",
+    name="kabsch_weighted",
     estimate=_weighted,
     matrix="passive",
     kind="weighted wahba",
@@ -39,5 +40,9 @@ kabsch_weighted = Estimator(
     **ROWS,
 )
 quaternion_rotate = Estimator(
-    name="rmsd quaternion", estimate=_quaternion, matrix="passive", kind="wahba", **ROWS
+    name="quaternion_rotate",
+    estimate=_quaternion,
+    matrix="passive",
+    kind="wahba",
+    **ROWS,
 )

@@ -1,10 +1,11 @@
 """rowan's mappings of points: Kabsch's SVD, Horn's and Davenport's quaternions."""
 
-from packages import mirrored, package
+from adapting import mirrored, needed
 
 from simval.plugins import Estimator
 
-mapping = package("rowan.mapping")
+with needed():
+    from rowan import mapping
 
 
 def _mapped(function):
@@ -17,16 +18,16 @@ def _mapped(function):
 WAHBA = {"matrix": "active", "kind": "wahba", "takes": "vectors", "batch": False}
 
 kabsch = Estimator(
-    name="rowan kabsch",
+    name="kabsch",
     estimate=_mapped(mapping.kabsch),
     components="matrix",
     **WAHBA,
 )
 horn = Estimator(
-    name="rowan horn", estimate=_mapped(mapping.horn), components="sxyz", **WAHBA
+    name="horn", estimate=_mapped(mapping.horn), components="sxyz", **WAHBA
 )
 davenport = Estimator(
-    name="rowan davenport",
+    name="davenport",
     estimate=_mapped(mapping.davenport),
     components="sxyz",
     **WAHBA,

@@ -5,11 +5,9 @@ the variances, of a rotation vector in the frame of the first argument.
 """
 
 import numpy as np
-from packages import package
+from scipy.spatial.transform import Rotation
 
 from simval.plugins import Estimator
-
-Rotation = package("scipy.spatial.transform").Rotation
 
 
 def _align(body, references, weights):
@@ -24,7 +22,7 @@ def _covariance(body, references, noise_std, weights):
 
 
 align_vectors = Estimator(
-    name="scipy align_vectors",
+    name="align_vectors",
     estimate=_align,
     covariance=_covariance,
     components="xyzs",

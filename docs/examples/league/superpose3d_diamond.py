@@ -1,11 +1,12 @@
 """superpose3d's `Superpose3D`: Diamond's quaternions, with weights."""
 
 import numpy as np
-from packages import mirrored, package
+from adapting import mirrored, needed
 
 from simval.plugins import Estimator
 
-superpose3d = package("superpose3d")
+with needed():
+    import superpose3d
 
 
 def _superpose(body, references, weights):

@@ -1,10 +1,11 @@
 """scikit-surgerycore's `orthogonal_procrustes`: Arun's SVD without reflections."""
 
-from packages import mirrored, package
+from adapting import mirrored, needed
 
 from simval.plugins import Estimator
 
-procrustes = package("sksurgerycore.algorithms.procrustes")
+with needed():
+    from sksurgerycore.algorithms import procrustes
 
 
 def _rotation(body, references):

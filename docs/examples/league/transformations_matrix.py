@@ -1,10 +1,11 @@
 """transformations' `superimposition_matrix`."""
 
-from packages import mirrored, package
+from adapting import mirrored, needed
 
 from simval.plugins import Estimator
 
-transformations = package("transformations")
+with needed():
+    import transformations
 
 
 def _superimposed(body, references):

@@ -4,11 +4,12 @@ Its page says that weights which are not equal "won't yield the optimal rotation
 is given none.
 """
 
-from packages import package
+from adapting import needed
 
 from simval.plugins import Estimator
 
-registration = package("trimesh.registration")
+with needed():
+    from trimesh import registration
 
 ONLY_ROTATION = {"reflection": False, "translation": False, "scale": False}
 
@@ -21,7 +22,7 @@ def _procrustes(body, references):
 
 
 procrustes = Estimator(
-    name="trimesh procrustes",
+    name="trimesh",
     estimate=_procrustes,
     components="matrix",
     matrix="active",

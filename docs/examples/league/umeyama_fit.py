@@ -1,10 +1,11 @@
 """umeyama's `umeyama`, without scale."""
 
-from packages import mirrored, package
+from adapting import mirrored, needed
 
 from simval.plugins import Estimator
 
-umeyama = package("umeyama")
+with needed():
+    import umeyama
 
 
 def _rotation(body, references):

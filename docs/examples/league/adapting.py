@@ -1,6 +1,7 @@
-"""How the league's adapters ask for a public package."""
+"""What the league's adapters share."""
 
-from importlib import import_module
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -8,10 +9,11 @@ import numpy as np
 from simval.plugins import PluginError
 
 
-def package(name: str) -> Any:
-    """Import a module of a public package, or say what installs it."""
+@contextmanager
+def needed() -> Iterator[None]:
+    """Say what installs a package whose import fails for want of it."""
     try:
-        return import_module(name)
+        yield
     except ModuleNotFoundError as error:
         msg = (
             f"the module {error.name} is not installed; install the packages of the "
@@ -27,3 +29,9 @@ def mirrored(vectors: np.ndarray) -> np.ndarray:
     correlation matrix is twice that of the vectors, and the best rotation is the same.
     """
     return np.concatenate([vectors, -vectors])
+
+
+def sized(matrix: Any, bias: Any, poses: np.ndarray, g: float) -> tuple[Any, Any]:
+    """Give a matrix without a size the one at which the readings are g on the mean."""
+    lengths = np.linalg.norm((poses - bias) @ np.asarray(matrix).T, axis=1)
+    return np.asarray(matrix) * g / lengths.mean(), bias
