@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
 import numpy as np
 
@@ -29,9 +28,3 @@ def mirrored(vectors: np.ndarray) -> np.ndarray:
     correlation matrix is twice that of the vectors, and the best rotation is the same.
     """
     return np.concatenate([vectors, -vectors])
-
-
-def sized(matrix: Any, bias: Any, poses: np.ndarray, g: float) -> tuple[Any, Any]:
-    """Give a matrix without a size the one at which the readings are g on the mean."""
-    lengths = np.linalg.norm((poses - bias) @ np.asarray(matrix).T, axis=1)
-    return np.asarray(matrix) * g / lengths.mean(), bias
