@@ -8,11 +8,15 @@ import subprocess
 import sys
 import tomllib
 
+import numpy as np
 import pytest
 from places import EXAMPLES
+from simval.plugins.calling import arranged
+from simval.plugins.rotations import package_quaternion
 
 from simval.errors import PluginError
-from simval.plugins import imported
+from simval.geometry import attitude_error
+from simval.plugins import Estimator, find_plugin, imported
 from simval.plugins.imported import imported_versions
 from simval.plugins.loading import offer
 from simval.plugins.sources import sources
@@ -192,3 +196,22 @@ def test_the_league_s_facts_are_found_again(tmp_path, facts):
                     assert again["over_bound"] == pytest.approx(
                         fact["over_bound"], rel=1e-3
                     )
+
+
+@pytest.mark.league
+@pytest.mark.filterwarnings("ignore::numpy.exceptions.ComplexWarning")  # rowan's own
+@pytest.mark.parametrize(
+    ("file", "name"),
+    [("ahrs_filters.py", "Davenport"), ("ahrs_filters.py", "FLAE eig"),
+     ("rowan_mapping.py", "horn"), ("rowan_mapping.py", "davenport")],
+)  # fmt: skip
+def test_complex_answers_have_the_right_real_parts(file, name, monkeypatch):
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    plugin = find_plugin(f"{LEAGUE / file}:{name}", Estimator)
+    truth, vectors = plugin.observed().cases("orthogonal")
+    given, words = arranged(plugin, vectors, None)
+    rows = [plugin.estimate(*(a[i] for a in given), **words) for i in range(len(truth))]
+    assert any(np.iscomplexobj(row) for row in rows)
+    assert not np.imag(rows).any()
+    q = package_quaternion(np.real(rows), plugin.components, plugin.matrix)
+    assert attitude_error(truth, q).max() <= 1e-12  # 1e4 roundings of an eigenvector
