@@ -5,11 +5,11 @@ from adapting import needed
 from simval.plugins import Calibrator
 
 with needed():
-    from ctef import ctef
+    from ctef.ctef import ctef
 
 
 def _fit(poses, g):
-    found = ctef.ctef(poses)
+    found = ctef(poses)
     return g * found["Lambda_inv"], found["center"]
 
 

@@ -8,6 +8,7 @@ import re
 import sys
 from pathlib import Path
 
+from simval.compare.merits import over_bound
 from simval.sweep import load_run
 
 HERE = Path(__file__).parent
@@ -21,19 +22,17 @@ def _found(cell):
         ended, _, words = cell.error.partition(": ")
         ended = ended if ended == "refused" else "crashed"
         return {"ended": ended, "words": _first(words or cell.error)}
-    rows = {row.statistic: row.value for row in cell.rows}
+    rows = {str(row.statistic): row.value for row in cell.rows}
     shares = {
         name.removeprefix("failures[").removesuffix("]"): value
         for name, value in rows.items()
         if name.startswith("failures[") and value > 0.0
     }
-    efficiencies = [
-        value
-        for name, value in rows.items()
-        if name.startswith("efficiency") and name != "efficiency[simulated]"
-    ]
-    over = (sum(1.0 / e for e in efficiencies) / len(efficiencies)) ** 0.5
-    found = {"ended": "measured", "over_bound": round(over, 4)}
+    over, found = over_bound(cell), {"ended": "measured"}
+    if over is not None:
+        found["over_bound"] = round(over.value, 4)
+    elif "left" in rows:
+        found["left"] = round(rows["left"], 4)
     if "nees" in rows:
         found["nees"] = round(rows["nees"], 3)
     return found | ({"fails": shares} if shares else {})
@@ -79,6 +78,8 @@ def _cell(found):
     if found["ended"] != "measured":
         return f"{found['ended']}: {found['words']}"
     nees = f", NEES {found['nees']}" if "nees" in found else ""
+    if "over_bound" not in found:
+        return f"leaves {found['left']} m/s²" if "left" in found else "no number"
     return f"{found['over_bound']}{nees}"
 
 

@@ -17,20 +17,14 @@ with needed():
 HOURS = 12
 
 
-def _fit(**options):
-    def calibrate(poses, g):
-        unit = np.linalg.norm(poses, axis=1).mean()  # of one g, nearly
-        each = 10 * (HOURS * 360 // len(poses) + 1)  # whole windows of 10 s
-        readings = np.repeat(poses / unit, each, axis=0)
-        time = np.arange(float(len(readings)))
-        fit = preprocessing.CalibrateAccelerometer(min_hours=HOURS, **options)
-        found = fit.predict(time=time, accel=readings, fs=1.0, apply=False)
-        return np.diag(found["scale"] * g / unit), -found["offset"] * unit
-
-    return calibrate
+def _fit(poses, g, **options):
+    unit = np.linalg.norm(poses, axis=1).mean()  # of one g, nearly
+    each = 10 * (HOURS * 360 // len(poses) + 1)  # whole windows of 10 s
+    readings = np.repeat(poses / unit, each, axis=0)
+    time = np.arange(float(len(readings)))
+    fit = preprocessing.CalibrateAccelerometer(min_hours=HOURS, **options)
+    found = fit.predict(time=time, accel=readings, fs=1.0, apply=False)
+    return np.diag(found["scale"] * g / unit), -found["offset"] * unit
 
 
-LESS = {"estimates": ("scale", "bias")}
-
-van_hees = Calibrator(name="van Hees", calibrate=_fit(), **LESS)
-van_hees_fine = Calibrator(name="van Hees to 1e-20", calibrate=_fit(tol=1e-20), **LESS)
+van_hees = Calibrator(name="van Hees", calibrate=_fit, estimates=("scale", "bias"))
