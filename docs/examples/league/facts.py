@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 from simval.compare.merits import over_bound
+
 from simval.sweep import load_run
 
 HERE = Path(__file__).parent
