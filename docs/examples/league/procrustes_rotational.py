@@ -1,5 +1,10 @@
-"""qc-procrustes' `rotational`: A R closest to B, rows of A weighted."""
+"""qc-procrustes' `rotational`: A R closest to B, weighted row by row.
 
+Its weights multiply the rows of both, so residuals are weighted by them and squares by
+their squares: they are inverse standard deviations.
+"""
+
+import numpy as np
 from adapting import needed
 
 from simval.plugins import Estimator
@@ -9,8 +14,8 @@ with needed():
 
 
 def _rotational(body, references, weights):
-    result = procrustes.rotational(references, body, pad=False, weight=weights)
-    return result.t
+    rows = {"pad": False, "weight": np.sqrt(weights)}
+    return procrustes.rotational(references, body, **rows).t
 
 
 rotational = Estimator(
