@@ -11,11 +11,12 @@ import tomllib
 import numpy as np
 import pytest
 from places import EXAMPLES
+from scipy.spatial.transform import Rotation
 from simval.plugins.calling import arranged
 from simval.plugins.rotations import package_quaternion
 
 from simval.errors import PluginError
-from simval.geometry import attitude_error
+from simval.geometry import attitude_error, normalize
 from simval.plugins import (
     Calibrator,
     Estimator,
@@ -235,3 +236,32 @@ def test_van_hees_s_fit_is_exact_to_a_finer_tolerance(monkeypatch):
     assert probe_calibrator(fine) <= 1e-7
     with pytest.raises(PluginError, match=r"is 0\.00431 from the true parameters"):
         probe_calibrator(skdh_gravity.van_hees)
+
+
+WEIGHTED = (
+    "gemmi_superpose", "gtsam_rotations", "procrustes_rotational",
+    "quaternionic_align", "rmsd_kabsch", "superpose3d_diamond",
+)  # fmt: skip
+
+
+@pytest.mark.league
+@pytest.mark.parametrize("name", WEIGHTED)
+def test_weights_mean_what_scipy_s_do(name, monkeypatch):
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    rng, file = np.random.default_rng(0), LEAGUE / f"{name}.py"
+    r = normalize(rng.standard_normal((2, 3)))
+    turned = Rotation.from_rotvec([0.3, -1.1, 0.7]).apply(r)
+    b, weights = turned + 0.05 * rng.standard_normal((2, 3)), np.array([100.0, 1.0])
+    best = Rotation.align_vectors(b, r, weights)[0].as_matrix()
+    equal = Rotation.align_vectors(b, r)[0].as_matrix()
+    assert np.abs(best - equal).max() > 1e-3  # weights that are left out would show
+    held = [find_plugin(f"{file}:{own}", Estimator) for own in names_in(file)]
+    weighted = [plugin for plugin in held if plugin.reads == ("weights",)]
+    assert len(weighted) == 1
+    found = np.asarray(weighted[0].estimate(b, r, weights=weights))
+    if found.shape == (4,):
+        assert weighted[0].components == "sxyz"
+        found = Rotation.from_quat(found, scalar_first=True).as_matrix()
+    A = found.T if weighted[0].matrix == "passive" else found
+    # a Newton iteration to 1e-11 of the eigenvalue, the coarsest of them
+    np.testing.assert_allclose(A, best, rtol=0.0, atol=1e-10)
