@@ -89,7 +89,11 @@ def _failing(found):
     for each in found:
         for name, share in each.get("fails", {}).items():
             worst[name] = max(share, worst.get(name, 0.0))
-    return ", ".join(f"{name} {100 * share:.2g} %" for name, share in worst.items())
+    return ", ".join(f"{name} {_percent(share)} %" for name, share in worst.items())
+
+
+def _percent(share):
+    return f"{100 * share:.0f}" if share >= 0.1 else f"{100 * share:.2g}"
 
 
 def main():
