@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: report test check nightly mutants lowest sample clean
+.PHONY: report test check nightly mutants lowest sample league clean
 
 report: .venv/installed
 	@mkdir -p reports/runs
@@ -14,7 +14,7 @@ report: .venv/installed
 test: check
 	env -u PYTHONDONTWRITEBYTECODE OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
 	  $(BIN)/python -m pytest -n auto \
-	  --dist loadfile --no-loadscope-reorder -m "not slow and not wheel"
+	  --dist loadfile --no-loadscope-reorder -m "not slow and not wheel and not league"
 
 check: .venv/installed
 	$(BIN)/ruff format --check .
@@ -23,10 +23,12 @@ check: .venv/installed
 	$(BIN)/lint-imports
 
 nightly: check
-	HYPOTHESIS_PROFILE=nightly $(BIN)/python -m pytest
+	HYPOTHESIS_PROFILE=nightly $(BIN)/python -m pytest -m "not league"
 	$(BIN)/simval selftest
 	$(BIN)/simval selftest --rates
 	$(MAKE) mutants
+	$(MAKE) .venv-league/installed
+	PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 .venv-league/bin/python -m pytest -m league tests/test_league.py
 
 # faults put into the code one at a time: a sample of each package, or PACKAGES, COUNT, SEED
 COUNT ?= 200
@@ -43,6 +45,21 @@ sample: .venv/installed
 	$(BIN)/simval report reports/runs/sample --out reports/sample.html --figures reports/figures \
 	  --only orders --only summary-attitude --only summary-calibration --only budget
 
+# the public packages side by side: the committed report and its facts; a package that is
+# refused (3) is what it shows
+LEAGUE := docs/examples/league
+league: .venv-league/installed
+	rm -rf reports/runs/league
+	OMP_NUM_THREADS=1 .venv-league/bin/simval sweep $(LEAGUE)/league.toml --out reports/runs/league \
+	  || test $$? -eq 3
+	.venv-league/bin/simval report reports/runs/league --out reports/league.html
+	.venv-league/bin/python $(LEAGUE)/facts.py reports/runs/league
+
+.venv-league/installed: pyproject.toml
+	test -x .venv-league/bin/python || $(PYTHON) -m venv .venv-league
+	.venv-league/bin/python -m pip install --quiet --disable-pip-version-check -e '.[test,league]'
+	touch $@
+
 # the stated lower bounds, really installed; once before each release
 lowest:
 	rm -rf .venv-lowest && $(PYTHON) -m venv .venv-lowest
@@ -57,4 +74,4 @@ lowest:
 	touch $@
 
 clean:
-	rm -rf .venv .venv-lowest dist build mutants .mypy_cache .ruff_cache .pytest_cache
+	rm -rf .venv .venv-lowest .venv-league dist build mutants .mypy_cache .ruff_cache .pytest_cache

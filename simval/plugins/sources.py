@@ -2,7 +2,8 @@
 
 It is the SHA-256 of each file, and of each file that it names in turn (an imported
 module or a string beside a Python file, a ``file`` beside an XML file), and the version
-of a package. A cell is computed, and a run resumed, only where all of it is unchanged.
+of a package, be it the plug-in or imported by one. A cell is computed, and a run
+resumed, only where all of it is unchanged.
 """
 
 import ast
@@ -14,6 +15,7 @@ from collections.abc import Container, Iterator
 from pathlib import Path
 
 from simval.plugins.builtin import BUILTIN, PREFIX, points_of
+from simval.plugins.imported import imported_versions
 from simval.plugins.names import (
     COMMAND,
     file_of,
@@ -38,7 +40,8 @@ def sources(text: str) -> dict[str, str]:
     elif not files[0]:
         points = points_of(text)  # the package's own have no distribution
         return {p.dist.name: p.dist.version for p in points if p.dist is not None}
-    return {path: digest for f in files for path, digest in _closure(Path(f)).items()}
+    held = {path: digest for f in files for path, digest in _closure(Path(f)).items()}
+    return held | imported_versions(held)
 
 
 def missing(text: str, held: Container[str] = ()) -> str:

@@ -240,8 +240,8 @@ def _require_spread(measured: Moments, setting: Setting, relative: float) -> Non
     if still.any():
         msg = (
             f"{setting.plugin.name} gives the same {names[int(still.argmax())]} in all "
-            f"{measured.samples} trials, whatever their noise; it must estimate what it "
-            "declares from the readings, or leave it out of `estimates`"
+            f"{measured.samples} trials, whatever their noise; it must estimate what "
+            "it declares from the readings, or leave it out of `estimates`"
         )
         raise PluginError(msg)
 
