@@ -22,9 +22,10 @@ from simval.plugins import (
     imported,
     probe_calibrator,
 )
-from simval.plugins.calling import arranged
+from simval.plugins.calling import handed, stacked
 from simval.plugins.imported import imported_versions
 from simval.plugins.loading import offer
+from simval.plugins.noise import vector_noise
 from simval.plugins.rotations import package_quaternion
 from simval.plugins.sources import sources
 from simval.studies import estimator
@@ -60,7 +61,7 @@ def names_in(file):
 def offered(file):
     """Names of the plug-ins of a file, or what it says instead."""
     try:
-        return [name for _, name in offer(str(file))["held"]], ""
+        return [name for _, name, *_ in offer(str(file))["held"]], ""
     except PluginError as error:
         return [], str(error)
 
@@ -71,7 +72,7 @@ def test_each_adapter_loads_or_says_what_is_missing(file, monkeypatch):
     held, said = offered(file)
     if said:
         assert "is not installed; install the packages of the league" in said
-        assert "pip install 'simval[league]'" in said
+        assert "pip install -e '.[league]'" in said
     else:
         assert sorted(held) == sorted(names_in(file))
 
@@ -216,7 +217,8 @@ def test_complex_answers_have_the_right_real_parts(file, name, monkeypatch):
     monkeypatch.setattr(sys, "path", list(sys.path))
     plugin = find_plugin(f"{LEAGUE / file}:{name}", Estimator)
     truth, vectors = plugin.observed().cases("orthogonal")
-    given, words = arranged(plugin, vectors, None)
+    noise = vector_noise("body", 2)
+    given, words = stacked(plugin, vectors), handed(plugin, vectors, noise)
     rows = [plugin.estimate(*(a[i] for a in given), **words) for i in range(len(truth))]
     assert any(np.iscomplexobj(row) for row in rows)
     assert not np.imag(rows).any()

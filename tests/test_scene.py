@@ -214,7 +214,7 @@ def test_every_scene_keeps_its_own_bound(name, parameters, least):
     assert planned == set(range(len(planned)))
 
 
-def test_a_scene_of_an_installed_package_is_found_by_its_name(monkeypatch):
+def test_a_scene_of_an_installed_package_is_found_by_its_name(monkeypatch, unchecked):
     from importlib import metadata
 
     class Point:

@@ -16,7 +16,7 @@ def needed() -> Iterator[None]:
     except ModuleNotFoundError as error:
         msg = (
             f"the module {error.name} is not installed; install the packages of the "
-            "league: pip install 'simval[league]', or make league in a checkout"
+            "league in a checkout: pip install -e '.[league]', or make league"
         )
         raise PluginError(msg) from None
 
