@@ -78,7 +78,7 @@ from simval.studies.calibrator_setting import FACES, Setting, setting_of
 from simval.studies.plugin import PluginName, PluginParameters, isolated
 
 TITLE = "User-supplied calibrator: bias, spread and stated covariance"
-SECTION = None
+SECTION = "algorithms"
 
 BLOCK = 16  # trials; part of the promise of equal bits
 BIAS_ALLOWED = 7.0

@@ -79,7 +79,7 @@ from simval.studies.plugin import PluginName, PluginParameters, isolated
 from simval.theory.unit_length import unit_length_defect, unit_length_rounding
 
 TITLE = "User-supplied attitude estimator: bias, spread and stated covariance"
-SECTION = None
+SECTION = "algorithms"
 
 BLOCK = 1024  # samples; part of the promise of equal bits, as is `BATCH`
 BATCH = 8

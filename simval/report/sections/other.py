@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from simval.compare.merits import STUDIES as SIDE_BY_SIDE
 from simval.report.curves import (
     Curve,
     axis_of,
@@ -52,8 +51,7 @@ def section(context: Context) -> Section | None:
 
 
 def _has_section(study: str) -> bool:
-    own = study in STUDIES and STUDIES[study].section is not None
-    return own or study in SIDE_BY_SIDE
+    return study in STUDIES and STUDIES[study].section is not None
 
 
 def _drawing(study: str, cells: Sequence[CellResult]) -> Drawing | None:
