@@ -10,6 +10,7 @@ import pytest
 from places import EXAMPLES
 
 from simval.errors import CrashedPluginError, UnusablePluginError
+from simval.geometry import attitude_error
 from simval.plugins import (
     Calibrator,
     PluginError,
@@ -18,8 +19,10 @@ from simval.plugins import (
     probe_calibrator,
     probe_estimator,
 )
+from simval.plugins.answers import quaternions_of
 from simval.plugins.calibrations import calibration_of, calibrations_of
 from simval.plugins.calibrator_probe import G, probe_sensor
+from simval.plugins.noise import vector_noise
 from simval.plugins.placeholders import fault_of, in_batch, invocation_of
 from simval.poses import fibonacci_sphere
 from simval.results import Outcome
@@ -343,11 +346,20 @@ def test_an_estimator_may_be_a_program(tmp_path):
     words = program(tmp_path, QUEST)
     made = command_estimator(words, components="xyzs", matrix="passive", name="svd")
     assert made.name == "svd"
+    truth, exact = made.observed().generic(24, np.random.default_rng(1))
     # an eigenvector of a symmetric matrix whose values are 4 apart
-    assert probe_estimator(made) <= 1e-13
+    off = attitude_error(truth, quaternions_of(made, exact, vector_noise("body", 2)))
+    assert off.max() <= 1e-13
     wrong = command_estimator(words, components="sxyz", matrix="passive")
     with pytest.raises(PluginError, match='declare components="xyzs"'):
         probe_estimator(wrong)
+
+
+@pytest.mark.slow
+def test_a_program_passes_the_whole_probe(tmp_path):
+    words = program(tmp_path, QUEST)
+    made = command_estimator(words, components="xyzs", matrix="passive", name="svd")
+    assert probe_estimator(made) <= 1e-13
 
 
 @pytest.mark.parametrize(

@@ -277,9 +277,9 @@ def gated(folder, *plugin):
     return load_run(folder / "first")
 
 
-def test_a_worked_example_is_gated(simval, tmp_path, monkeypatch):
-    shutil.copy(EXAMPLES / "align.py", tmp_path)
+def test_a_plugin_is_gated_beside_the_built_in_ones(simval, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    Path("align.py").write_text(ALIGN)
     Path("suite.toml").write_text("[attitude]\nsamples = 65536\n")
     words = ("sweep", "suite.toml", "--plugin", "align.py", "--workers", 1, "--quiet")
     fewer = ("--set", "estimator.samples=4096")
