@@ -8,7 +8,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.attitude import two_vector_quaternion, wahba_quaternion
@@ -16,6 +15,7 @@ from simval.attitude.comparators import triad as triad_quaternion
 from simval.calibrate import calibrate
 from simval.geometry import attitude_matrix, cross_matrix, normalize
 from simval.plugins import Calibrator, Estimator
+from simval.shapes import Float
 
 LEAST = 1e-12
 """Relative noise of readings that have none: some residuals ask for its size, and this

@@ -12,10 +12,10 @@ from numbers import Real
 from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Float
 from numpy.typing import NDArray
 
 from simval.errors import InputError
+from simval.shapes import Float
 from simval.text import shown
 
 Array = NDArray[np.floating]

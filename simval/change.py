@@ -22,9 +22,9 @@ from math import isfinite
 from typing import Any, Literal, TypeVar
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
+from simval.shapes import Float
 
 A = TypeVar("A")
 B = TypeVar("B")

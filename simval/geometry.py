@@ -19,11 +19,11 @@ and composition follows the source paper (Peng and Choukroun, eq. 38),
 from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arguments import instance, whole_number
 from simval.arrays import Array, Scalars, finite_array
 from simval.errors import InputError
+from simval.shapes import Float
 
 # four single-precision numbers, each rounded by 6e-8, leave a length within 1.2e-7 of
 # 1; an angle read from such a quaternion is off by as much

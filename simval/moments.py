@@ -7,9 +7,9 @@ number of samples and the standard errors. Comparing the two is `verdict`'s work
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array, frozen
+from simval.shapes import Float
 
 _ERRORS = (("bias_error", "bias"), ("covariance_error", "covariance"))
 

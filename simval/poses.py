@@ -23,12 +23,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arguments import instance, whole_number
 from simval.arrays import Array, finite_array, frozen, physical_array
 from simval.errors import InputError
 from simval.geometry import normalize
+from simval.shapes import Float
 
 PARAMETERS = 9
 MOST = 10_000_000  # directions at once: a quarter of a gigabyte

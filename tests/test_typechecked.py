@@ -42,7 +42,7 @@ def test_garbage_passes_unchecked(unchecked):
 
 
 LATE = [
-    *("beartype", "hypothesis", "matplotlib", "jinja2", "rich", "pyarrow"),
+    *("beartype", "jaxtyping", "hypothesis", "matplotlib", "jinja2", "rich", "pyarrow"),
     *("scipy.special", "scipy.optimize", "scipy.spatial", "scipy.linalg"),
     *("scipy.stats", "scipy.io", "distributed"),
 ]

@@ -11,11 +11,11 @@ from typing import Any, Final
 
 import numpy as np
 import scipy
-from jaxtyping import Bool, Float
 from numpy.typing import NDArray
 
 from simval.arrays import Array, finite_array, real_number
 from simval.errors import GeometryError, InputError, SimvalError
+from simval.shapes import Bool, Float
 from simval.text import shown
 
 Codes = NDArray[np.int8]

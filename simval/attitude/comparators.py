@@ -12,13 +12,13 @@ from typing import Any, Final
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.attitude.estimator import two_vector_quaternion, valid_batch
 from simval.attitude.wahba import profile_matrix
 from simval.errors import InputError
 from simval.geometry import normalize
+from simval.shapes import Float
 
 
 def davenport(

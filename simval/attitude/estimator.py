@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arguments import choice
 from simval.arrays import GREATEST, Array, finite_array, real_number, shaped_array
@@ -23,6 +22,7 @@ from simval.attitude.checks import (
     widest_difference,
 )
 from simval.errors import InputError
+from simval.shapes import Float
 from simval.text import shown
 
 SELECTIONS = ("best", "combined", *kernel.FRAMES)

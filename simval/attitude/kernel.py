@@ -35,9 +35,9 @@ Blocks of `BLOCK` columns stay in the processor's cache.
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
+from simval.shapes import Float
 
 BLOCK: Final = 4096  # samples worked at once, for the cache; no result depends on it
 FRAMES: Final = ("x", "y", "z", "plain")  # the order of the columns in (K2)

@@ -30,7 +30,6 @@ from enum import IntEnum
 from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 from numpy.typing import NDArray
 
 from simval.arguments import whole_number
@@ -40,6 +39,7 @@ from simval.attitude.checks import Mask
 from simval.attitude.estimator import valid_batch
 from simval.errors import InputError
 from simval.geometry import normalize
+from simval.shapes import Bool, Float, Int
 from simval.text import shown
 
 

@@ -23,12 +23,12 @@ from typing import Any, Final
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
 from simval.arrays import GREATEST, LEAST, Array, finite_array
 from simval.attitude.checks import MIN_SINE
 from simval.errors import GeometryError, InputError
 from simval.geometry import attitude_matrix, normalize
+from simval.shapes import Float
 from simval.text import shown
 
 # Rounding turns q by eps times the sum of the weights over the gap of the eigenvalues.

@@ -4,7 +4,6 @@ from functools import partial
 from importlib.util import find_spec
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.attitude import two_vector_quaternion
@@ -13,6 +12,7 @@ from simval.attitude.kernel import normalize_columns, raw_quaternion
 from simval.bench.race import Contender
 from simval.geometry import attitude_matrix
 from simval.montecarlo import METHODS, moments_of, simulate, simulate_reduced
+from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.attitude import BATCH, BLOCK, random_geometry
 from simval.theory import attitude_moments

@@ -4,7 +4,6 @@ from functools import partial
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.bench.imu_tk import imu_tk_jacobian, imu_tk_residual
@@ -12,6 +11,7 @@ from simval.bench.race import Contender
 from simval.calibrate import calibrate
 from simval.poses import fibonacci_sphere
 from simval.sensor import AccelerometerModel
+from simval.shapes import Float
 
 G = 9.80665  # m/s^2, standard gravity
 POSES = 40  # chosen; every contender takes longer with more

@@ -8,9 +8,9 @@ second form that the tests hold the solver to. Misprints put right: ``docs/errat
 """
 
 import numpy as np
-from jaxtyping import Float, Inexact
 
 from simval.arrays import Array
+from simval.shapes import Float, Inexact
 
 
 def imu_tk_residual(

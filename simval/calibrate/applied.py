@@ -8,11 +8,11 @@ nothing that is carried is shaken at many g from end to end.
 """
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate.result import FitResult, raw_unit
 from simval.errors import RefusedError
+from simval.shapes import Float
 
 # Another temperature moves a bias by 0.1 g and a scale by 3 %; the least mistake of a
 # unit or a range is a factor of 2.

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arguments import choice, switch, whole_number
 from simval.arrays import (
@@ -18,6 +17,7 @@ from simval.calibrate.solver import METHODS, Rules
 from simval.errors import GeometryError, InputError
 from simval.poses import PARAMETERS
 from simval.sensor import forms
+from simval.shapes import Float
 from simval.text import shown
 
 # Above it (singular values 1e4 apart) the moments, whose condition is the square, keep

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate.deletion import LEFT, deletion_of, scaled, slope_of
 from simval.calibrate.moments import monomials
+from simval.shapes import Float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate.evidence import WIDEST
@@ -14,6 +13,7 @@ from simval.calibrate.pencil import second_noise
 from simval.calibrate.solver import STATUS_NAMES, Code
 from simval.errors import GeometryError, RefusedError
 from simval.poses import PARAMETERS, describe, observability
+from simval.shapes import Float
 
 _FEW = 3  # degrees of freedom; below, the factor of eq. (N2) of `pencil` exceeds 20
 _RANK_TOLERANCE = 1e-7  # relative; what a scatter matrix of readings can resolve

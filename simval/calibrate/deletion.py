@@ -9,10 +9,10 @@ the poses K are :math:`r - P_K (P_{KK})^{-1} r_K`.  (O2)
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate.moments import quadratic
+from simval.shapes import Float
 
 NO_ROOM = 1e-9  # a pose that the parameters follow leaves no residual
 LEFT = 2  # degrees of freedom that outliers must leave: with one, any pose will do

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
 from simval.arguments import instance
 from simval.arrays import Array, frozen, noise_levels, physical_array
@@ -35,6 +34,7 @@ from simval.calibrate.verdict import (
 from simval.errors import InputError
 from simval.geometry import normalize
 from simval.sensor import forms
+from simval.shapes import Float
 from simval.text import shown
 
 __all__ = ["FALSE_ALARM", "Diagnosis", "Residuals", "diagnose", "residuals", "verdict"]

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate.moments import moment_matrix
@@ -12,6 +11,7 @@ from simval.calibrate.pencil import NOISE_MARGIN, ambiguous, required_noise
 from simval.calibrate.solver import Code
 from simval.calibrate.uncertainty import Summary
 from simval.poses import PARAMETERS
+from simval.shapes import Float
 
 # An uncalibrated sensor is within some percent of its nominal scale, so error bars
 # wider than this say less than its data sheet. Of caps and of jittered rank-deficient

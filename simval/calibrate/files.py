@@ -11,7 +11,6 @@ from os import PathLike
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arguments import file_path, instance, whole_number
 from simval.arrays import Array, positive_number, shaped_array
@@ -25,6 +24,7 @@ from simval.calibrate.statements import (
 )
 from simval.errors import InputError
 from simval.sensor import forms
+from simval.shapes import Float
 from simval.text import shown
 
 FORMAT = "simval calibration 1"

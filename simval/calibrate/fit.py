@@ -11,7 +11,6 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate import checks, objective
@@ -33,6 +32,7 @@ from simval.calibrate.start import fit_ellipsoid
 from simval.calibrate.uncertainty import summarize
 from simval.poses import PARAMETERS
 from simval.sensor import forms
+from simval.shapes import Float
 
 _EXPLAINED = 4.0  # standard deviations; of 100 clean poses one in 160 sets has more
 _BLOCK = 1 << 16  # poses worked at once: 5 MB of monomials

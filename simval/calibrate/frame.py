@@ -3,13 +3,13 @@
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate import quadric
 from simval.calibrate.positive import solve_positive, trace
 from simval.poses import cube_corners, cube_edges, cube_faces, direction_jacobian
 from simval.sensor import forms
+from simval.shapes import Float
 
 _LEAST = 1e-61  # raw units; squares of the results stay finite
 # w'Ew in the six parameters of E, one row for each direction w

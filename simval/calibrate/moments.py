@@ -7,9 +7,9 @@ every sum over poses that a step needs is a form in the moment matrix
 """
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
+from simval.shapes import Float
 
 CHUNK = 1 << 15  # samples of one pass; 2.6 MB of monomials
 PAIRS = ((0, 1), (0, 2), (1, 2))

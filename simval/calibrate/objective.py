@@ -7,13 +7,13 @@ quadrics' ten coefficients, so no Jacobian of poses by parameters is ever formed
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate import quadric
 from simval.calibrate.moments import moment_matrix, weighted_sum
 from simval.calibrate.residuals import SLOPES
 from simval.calibrate.solver import Local, Objective
+from simval.shapes import Float
 
 
 def moment_objective(

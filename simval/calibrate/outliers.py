@@ -23,7 +23,6 @@ from typing import Any
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate.deletion import (
@@ -35,6 +34,7 @@ from simval.calibrate.deletion import (
     slope_of,
 )
 from simval.calibrate.moments import monomials
+from simval.shapes import Float
 
 FALSE_ALARM = 0.01  # chance that any pose of a clean set is called an outlier
 BELIEVED = 0.01  # of the chi-square, beyond which a sigma is not believed

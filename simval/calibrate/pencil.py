@@ -28,11 +28,11 @@ found in the residuals by a factor that is great where few of them are left.
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate.moments import PAIRS
 from simval.calibrate.positive import negative_pivots
+from simval.shapes import Float
 
 FALSE_ACCEPTANCE = 1e-3  # of poses with two quadrics through them, by (N2)
 

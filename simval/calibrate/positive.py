@@ -7,9 +7,9 @@ when one matrix is singular.
 """
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
+from simval.shapes import Float
 
 
 def solve_positive(

@@ -23,9 +23,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
+from simval.shapes import Float
 
 RESIDUALS = ("squared", "norm", "weighted", "sampson", "adjusted")
 WEIGHTED = ("weighted", "sampson")  # by the variance of the residual

@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
 from simval.arrays import Array, frozen, real_number
 from simval.errors import ConvergenceError, InputError
 from simval.sensor import AccelerometerModel, forms
+from simval.shapes import Float
 from simval.text import shown
 
 STANDARD_GRAVITY = 9.80665  # m/s^2

@@ -8,7 +8,6 @@ one weighted moment matrix and one solution; the rounds end by the same stop rul
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate import quadric
@@ -16,6 +15,7 @@ from simval.calibrate.moments import moment_matrix
 from simval.calibrate.objective import moment_objective
 from simval.calibrate.residuals import LOSSES
 from simval.calibrate.solver import Code, Rules, Solution, minimize
+from simval.shapes import Float
 
 _ROUNDS = 200  # then `max iterations`; like the default of `max_iterations`
 _SCALE_ROUNDS = 10  # then the scale is held, so that the rounds have a fixed point

@@ -18,10 +18,10 @@ from enum import IntEnum
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate.positive import solve_positive, trace
+from simval.shapes import Float
 
 METHODS = ("lm", "gauss-newton", "newton")
 

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate.moments import quadratic
 from simval.calibrate.positive import solve_positive
+from simval.shapes import Float
 
 # Relative to a column's own length, so the square of a sine: rounding of exactly
 # singular monomials leaves 1e-15, poses at the limit of the condition 1e-7 or more.

@@ -17,13 +17,13 @@ and more (`breaks`), one bias a single degree of freedom.
 """
 
 import numpy as np
-from jaxtyping import Float, Int
 from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.calibrate.breaks import Change, change
 from simval.calibrate.deletion import LEAST_SLOPE, LEFT, deletion_of, scaled, slope_of
 from simval.calibrate.moments import monomials, quadratic
+from simval.shapes import Float, Int
 
 _ITERATIONS = 6  # of Gauss-Newton; a step not yet settled lowers the sum less
 _MOST = 64  # poses, some 0.5 s; of more the parts are judged by themselves (`breaks`)

@@ -29,13 +29,13 @@ outliers do not move.
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate import quadric
 from simval.calibrate.moments import moment_matrix, weighted_sum
 from simval.calibrate.positive import solve_positive
 from simval.calibrate.residuals import LOSSES, WEIGHTED
+from simval.shapes import Float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

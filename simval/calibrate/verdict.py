@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.poses import PARAMETERS, direction_jacobian
+from simval.shapes import Float
 
 _TAIL = 0.01  # of the chi-square, on either side, beyond which sigma is not believed
 # Of 1000 sets of 20 random directions all over the sphere 99 % lose at most 4.1, of

@@ -8,7 +8,6 @@ from typing import Any
 import click
 import numpy as np
 from click.decorators import FC
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate import FitResult
@@ -18,6 +17,7 @@ from simval.cli.options import COLUMNS, PATH
 from simval.logs import Log, read_log
 from simval.multiposition import LogCalibration, calibrate_log
 from simval.sensor import forms
+from simval.shapes import Float
 
 _CHOICES = choices()
 

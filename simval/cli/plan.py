@@ -6,7 +6,6 @@ from typing import Any
 
 import click
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate.files import load_calibration
@@ -15,6 +14,7 @@ from simval.errors import InputError
 from simval.poses import cube_corners, cube_edges, cube_faces, fibonacci_sphere
 from simval.sensor import MODELS
 from simval.sensor.forms import entries
+from simval.shapes import Float
 from simval.theory.planning import Plan, plan, pose_noise
 
 SETS = {"faces": cube_faces, "edges": cube_edges, "corners": cube_corners}

@@ -8,13 +8,13 @@ times are dates of this century and the rate fits too, or if the caller's rate f
 import re
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.errors import InputError
 from simval.logs.columns import Column
 from simval.logs.names import SECONDS
 from simval.logs.table import Table
+from simval.shapes import Float
 
 GAP_STEPS = 5.0  # a step longer than this many median steps is a hole in the log,
 GAP_SECONDS = 0.05  # if it is longer than this, too: five steps at 100 Hz, at any rate

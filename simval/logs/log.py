@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from os import PathLike
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array, frozen, positive_number
 from simval.logs.clock import read_clock, require_finite
@@ -14,6 +13,7 @@ from simval.logs.content import decoded, file_bytes, is_matlab
 from simval.logs.matlab import matlab_table
 from simval.logs.table import Table
 from simval.logs.text import text_table
+from simval.shapes import Float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -2,10 +2,9 @@
 
 from dataclasses import dataclass
 
-from jaxtyping import Float
-
 from simval.arrays import Array, frozen
 from simval.logs.text import TextTable
+from simval.shapes import Float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

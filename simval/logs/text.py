@@ -3,13 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
 from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.errors import InputError
 from simval.logs.dialect import Dialect, judged
 from simval.logs.header import Line, header_names, header_of, is_names
+from simval.shapes import Bool, Float
 
 COMMENTS = ("#", "%", "//")
 

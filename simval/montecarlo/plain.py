@@ -23,13 +23,13 @@ from dataclasses import dataclass, replace
 from functools import cache, reduce
 
 import numpy as np
-from jaxtyping import Float
 from numpy.typing import NDArray
 
 from simval.arguments import function, instance, whole_number
 from simval.arrays import Array, physical_array, shaped_array
 from simval.errors import InputError
 from simval.moments import Moments
+from simval.shapes import Float
 from simval.streams import Streams
 
 GROUP = 16

@@ -30,12 +30,12 @@ from typing import Literal
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
 from simval.arguments import choice, function, instance, whole_number
 from simval.arrays import Array, frozen, shaped_array
 from simval.errors import InputError
 from simval.montecarlo.plain import Sums, batch_means, sums_of
+from simval.shapes import Float
 from simval.streams import Streams
 
 Method = Literal["plain", "antithetic", "control", "both", "sobol"]

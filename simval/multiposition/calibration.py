@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array, frozen
 from simval.calibrate import FitResult, calibrate
@@ -15,6 +14,7 @@ from simval.multiposition.faults import require_unsaturated
 from simval.multiposition.health import explained, require_sound
 from simval.multiposition.rests import find_rests
 from simval.poses import observability
+from simval.shapes import Float
 from simval.statics import Intervals, Rest, interval_counts, interval_means
 from simval.theory.calibration import CalibrationMoments, calibration_moments
 

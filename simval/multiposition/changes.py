@@ -9,7 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.calibrate import FitResult, calibrate
@@ -21,6 +20,7 @@ from simval.logs import Log
 from simval.multiposition.faults import AXES, MISFIT
 from simval.multiposition.rests import Rests
 from simval.poses import PARAMETERS
+from simval.shapes import Float
 from simval.statics import Intervals, interval_means
 
 Detector = Callable[[Log, int], Intervals]  # the rests of a log, at least so many

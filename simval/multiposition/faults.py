@@ -6,13 +6,13 @@ most faults still give nine numbers and error bars.
 """
 
 import numpy as np
-from jaxtyping import Float
 from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.errors import SaturatedError
 from simval.logs import Log
 from simval.multiposition.rests import Rests
+from simval.shapes import Float
 from simval.statics import Intervals
 from simval.statics.intervals import runs_of
 

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.errors import RefusedError
 from simval.logs import Log
 from simval.poses import PARAMETERS
+from simval.shapes import Float
 from simval.statics import (
     SLOWEST_NOISE,
     WHITE,

@@ -10,7 +10,6 @@ from numbers import Real
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 from numpy.typing import NDArray
 
 from simval.arrays import Array, finite_array
@@ -25,6 +24,7 @@ from simval.plugins.rotations import (
     sound_rows,
     tail,
 )
+from simval.shapes import Float
 from simval.text import message_of
 
 LISTED = 1 << 10

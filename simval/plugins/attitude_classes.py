@@ -14,11 +14,11 @@ from types import MappingProxyType
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.geometry import attitude_matrix, normalize, random_quaternions
 from simval.plugins.reference_frames import FixedReferences
+from simval.shapes import Float
 
 COUNT = 1024
 """Cases of a class. With 0.45 % of the class failing one is among them with

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.errors import PluginError
@@ -14,6 +13,7 @@ from simval.plugins.calling import called
 from simval.plugins.protocol import BatchCalibrator, Calibrator
 from simval.sensor import forms
 from simval.sensor.estimated import FIXED, places_of
+from simval.shapes import Float
 
 MIN_FREEDOM = 5
 """Least degrees of freedom of a Type A covariance: with fewer the normalised square

@@ -6,7 +6,6 @@ the probe says which other meaning the answer would fit, or which parameter is w
 """
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.errors import PluginError
@@ -16,6 +15,7 @@ from simval.plugins.protocol import Calibrator
 from simval.poses import fibonacci_sphere
 from simval.sensor import AccelerometerModel, forms
 from simval.sensor.estimated import ALL, own_sensor
+from simval.shapes import Float
 
 COUNT = 24
 """Poses, where none are given."""

@@ -9,13 +9,13 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.errors import CrashedPluginError, PluginError
 from simval.plugins.noise import VectorNoise, vector_noise
 from simval.plugins.protocol import Estimator
+from simval.shapes import Float
 from simval.text import message_of
 
 

@@ -18,7 +18,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.errors import CrashedPluginError, UnusablePluginError
@@ -34,6 +33,7 @@ from simval.plugins.program import (
     run,
 )
 from simval.plugins.protocol import BatchCalibrator, Calibrator, Estimator
+from simval.shapes import Float
 
 CALL_LIMIT = 60.0
 """Seconds that one call may take; the cell has its own limit beside it."""

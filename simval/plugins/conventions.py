@@ -5,7 +5,6 @@ from itertools import product
 from typing import Final, Literal
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.geometry import attitude_error
@@ -14,6 +13,7 @@ from simval.plugins.failures import failing, failure_shares
 from simval.plugins.noise import VectorNoise
 from simval.plugins.protocol import Estimator
 from simval.plugins.reference_frames import FRAMES, VERTICALS
+from simval.shapes import Float
 
 ORDERS: Final[tuple[Literal["xyzs", "sxyz"], ...]] = ("xyzs", "sxyz")
 DIRECTIONS: Final[tuple[Literal["active", "passive"], ...]] = ("active", "passive")

@@ -7,7 +7,6 @@ theory of ours stands behind the verdict.
 from itertools import product
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.errors import PluginError
@@ -15,6 +14,7 @@ from simval.geometry import compose, conjugate
 from simval.plugins.answers import covariances_of, quaternions_of
 from simval.plugins.noise import VectorNoise
 from simval.plugins.protocol import Estimator
+from simval.shapes import Float
 
 NOISE = 1e-3
 """At which a covariance is asked for."""

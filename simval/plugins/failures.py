@@ -6,7 +6,6 @@ or whose answer cannot be read, is tried in halves: what fails alone fails.
 """
 
 import numpy as np
-from jaxtyping import Bool, Float
 from numpy.typing import NDArray
 
 from simval.arrays import Array
@@ -17,6 +16,7 @@ from simval.plugins.attitude_classes import COUNT
 from simval.plugins.noise import VectorNoise
 from simval.plugins.protocol import Estimator
 from simval.plugins.rotations import package_quaternion, sound_rows, tail
+from simval.shapes import Bool, Float
 
 TOLERANCE = 1e-6
 """Rad, and relative to the parameters: the root of rounding is 1.5e-8, which is what a

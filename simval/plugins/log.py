@@ -15,9 +15,9 @@ agree where the rests are.
 """
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
+from simval.shapes import Float
 
 RATE = 100.0  # Hz
 REST, MOVE = 10.0, 1.0  # s

@@ -22,10 +22,10 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.errors import InputError
+from simval.shapes import Float
 
 NAMED: Final = ("body", "all", "tangent", "unequal", "general")
 

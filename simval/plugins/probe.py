@@ -10,7 +10,6 @@ measured by `simval.plugins.failures`.
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.errors import CrashedPluginError, PluginError
@@ -21,6 +20,7 @@ from simval.plugins.covariance_probe import probe_covariance, rotation_error
 from simval.plugins.failures import TOLERANCE, failing
 from simval.plugins.noise import VectorNoise, vector_noise
 from simval.plugins.protocol import Estimator
+from simval.shapes import Float
 
 __all__ = [
     "TOLERANCE",

@@ -18,9 +18,9 @@ from types import MappingProxyType
 from typing import Final, Literal, get_args
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
+from simval.shapes import Float
 
 Frame = Literal["NED", "ENU", "NWU"]
 Vertical = Literal["up", "down"]

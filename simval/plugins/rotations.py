@@ -6,10 +6,10 @@ M)`. It has no branch, and is as smooth as the matrix.
 """
 
 import numpy as np
-from jaxtyping import Bool, Float
 from numpy.typing import NDArray
 
 from simval.arrays import Array
+from simval.shapes import Bool, Float
 
 UNIT = 1e-6
 """How far from 1 the length of a quaternion, and a column of a matrix, may be, and how

@@ -4,13 +4,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.change import EFFORT
 from simval.report.panels import COLOURS, MARKERS, BarPanel, Series
 from simval.report.slope import simultaneous
 from simval.results import Row
+from simval.shapes import Float
 from simval.statistics import FAMILIES, Statistic
 from simval.sweep.run import CellResult
 

@@ -1,10 +1,10 @@
 """A distribution as a curve: the share of values that are at most each value."""
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.report.panels import Series
+from simval.shapes import Float
 
 MOST = 1000
 """Points of a curve; of more values, as many of the sorted ones, evenly, both ends in.

@@ -6,10 +6,9 @@ No drawing here: a section computes panels, a panel is arrays and words.
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from jaxtyping import Float
-
 from simval.arrays import Array
 from simval.report.words import slug
+from simval.shapes import Float
 
 # Okabe and Ito's palette: told apart with every kind of colour vision
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
 from simval.arrays import Array
+from simval.shapes import Float
 
 Z95 = float(scipy.special.ndtri(0.975))  # of a two-sided interval of 95 %
 STEEPEST = 12.0

@@ -10,12 +10,12 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from jaxtyping import Float
 from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.errors import SimulationError
 from simval.scene.script import Script
+from simval.shapes import Float
 
 CLOCK_TOLERANCE = 1e-6  # of a step: a sum of 1e7 steps is off by 1e7 eps = 2e-9 of one
 

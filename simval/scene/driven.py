@@ -2,7 +2,6 @@
 
 import mujoco
 import numpy as np
-from jaxtyping import Float
 from numpy.typing import NDArray
 
 from simval.arguments import whole_number
@@ -12,6 +11,7 @@ from simval.geometry import normalize
 from simval.poses import fibonacci_sphere
 from simval.scene.motion import steps, visit
 from simval.scene.script import Script
+from simval.shapes import Float
 from simval.streams import cell_key, stream
 
 MOST_POSES = 100_000  # of a hundred rows each, which is `motion.MOST_ROWS`

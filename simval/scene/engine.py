@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from jaxtyping import Float
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
@@ -20,6 +19,7 @@ from simval.errors import InputError
 from simval.scene.messages import captured_messages
 from simval.scene.models import SENSORS, SITE
 from simval.scene.script import Script
+from simval.shapes import Float
 
 INPUTS = {
     "ctrl": mujoco.mjtState.mjSTATE_CTRL,

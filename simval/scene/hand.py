@@ -3,13 +3,13 @@
 import mujoco
 import numpy as np
 import scipy
-from jaxtyping import Float
 
 from simval.arrays import Array, nonnegative_number
 from simval.scene.driven import tour
 from simval.scene.models import SITE
 from simval.scene.motion import steps
 from simval.scene.script import Script
+from simval.shapes import Float
 from simval.streams import cell_key, stream
 
 TREMOR_BAND = (6.0, 12.0)  # Hz, physiological tremor of a hand

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array, frozen
 from simval.errors import InputError, SimulationError
@@ -16,6 +15,7 @@ from simval.scene.models import load_model
 from simval.scene.run import Plan, checked_trajectory, plan_of
 from simval.scene.script import Scene
 from simval.scene.trajectory import Trajectory
+from simval.shapes import Float
 
 TOGETHER = 8  # runs in memory at once: 46 MB at 51 200 rows each
 

@@ -8,11 +8,11 @@ with zero velocity and acceleration at both ends (Flash and Hogan 1985).
 """
 
 import numpy as np
-from jaxtyping import Float
 from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.errors import InputError
+from simval.shapes import Float
 
 MOST_ROWS = 10_000_000  # 1.1 GB of sensor data
 

@@ -4,11 +4,11 @@ from os import PathLike
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.errors import InputError
 from simval.scene.trajectory import Trajectory
+from simval.shapes import Float
 
 HEADER = (
     "t [s],ax [raw],ay [raw],az [raw],"

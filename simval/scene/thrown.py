@@ -2,13 +2,13 @@
 
 import mujoco
 import numpy as np
-from jaxtyping import Float
 
 from simval.arguments import whole_number
 from simval.arrays import Array
 from simval.geometry import normalize, random_quaternions
 from simval.scene.motion import require_rows, steps
 from simval.scene.script import Script
+from simval.shapes import Float
 from simval.streams import cell_key, stream
 
 KICK_TIME = 0.02  # s

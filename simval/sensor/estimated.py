@@ -15,10 +15,10 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.sensor.model import AccelerometerModel
+from simval.shapes import Float
 
 ALL = ("misalignment", "scale", "bias")
 

@@ -19,11 +19,11 @@ positive: norms cannot tell the sign of an axis.
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Inexact
 
 from simval.arguments import choice
 from simval.arrays import GREATEST, Array, finite_array, physical_array, shaped_array
 from simval.errors import InputError
+from simval.shapes import Float, Inexact
 
 MODELS = ("triangular", "upper", "symmetric")
 

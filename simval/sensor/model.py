@@ -10,7 +10,6 @@ r"""The accelerometer of the IMU-TK derivation.
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arguments import instance
 from simval.arrays import (
@@ -23,6 +22,7 @@ from simval.arrays import (
 )
 from simval.errors import InputError
 from simval.sensor import forms
+from simval.shapes import Float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 from numpy.typing import NDArray
 
 from simval.arguments import instance
@@ -29,6 +28,7 @@ from simval.arrays import (
 )
 from simval.errors import InputError
 from simval.sensor.model import AccelerometerModel
+from simval.shapes import Float
 from simval.text import shown
 
 STANDARD_GRAVITY = 9.80665  # m/s^2, the unit of `range_g`

@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arguments import whole_number
 from simval.arrays import Array, real_number, shaped_array
 from simval.errors import InputError, RefusedError
+from simval.shapes import Float
 from simval.statics.intervals import Intervals, runs_of
 from simval.statics.variance import WINDOW, checked_samples, variance_magnitude
 from simval.text import shown

@@ -10,10 +10,10 @@ neither for nor against a rest.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array, finite_array, frozen
 from simval.errors import InputError, RefusedError
+from simval.shapes import Float
 from simval.statics.detector import Rest, initial_rest, intervals_below
 from simval.statics.intervals import Intervals
 

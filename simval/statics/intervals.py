@@ -3,12 +3,12 @@
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 from numpy.typing import NDArray
 
 from simval.arguments import MOST
 from simval.arrays import Array, finite_array, physical_array
 from simval.errors import InputError
+from simval.shapes import Float
 
 Intervals = NDArray[np.intp]
 

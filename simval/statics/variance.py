@@ -1,11 +1,11 @@
 """Windowed variance magnitude of a log, eq. (D1) of `simval.statics`."""
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arguments import whole_number
 from simval.arrays import Array, physical_array
 from simval.errors import InputError
+from simval.shapes import Float
 
 WINDOW = 101  # samples; one second at 100 Hz
 

@@ -24,7 +24,6 @@ reported.
 from typing import Annotated
 
 import numpy as np
-from jaxtyping import Float
 from pydantic import Field
 
 from simval.arrays import Array
@@ -38,6 +37,7 @@ from simval.montecarlo import (
     simulate_reduced,
 )
 from simval.results import Outcome, Row, control, limit, nees, plain, unjudged
+from simval.shapes import Float
 from simval.statistics import (
     BIAS,
     COVARIANCE,

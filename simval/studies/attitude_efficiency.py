@@ -13,7 +13,6 @@ from functools import partial
 from typing import Annotated
 
 import numpy as np
-from jaxtyping import Float
 from pydantic import Field
 
 from simval.arrays import Array
@@ -21,6 +20,7 @@ from simval.attitude import two_vector_quaternion
 from simval.attitude.comparators import davenport, triad
 from simval.geometry import attitude_error, normalize, random_quaternions
 from simval.results import Outcome, Row, limit, plain, unjudged
+from simval.shapes import Float
 from simval.statistics import (
     FIRST_ORDER,
     RMS_RATIO,

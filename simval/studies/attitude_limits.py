@@ -10,12 +10,12 @@ selection of the greatest column would have taken another frame than the true ge
 from typing import Annotated
 
 import numpy as np
-from jaxtyping import Float
 from pydantic import Field
 
 from simval.arrays import Array
 from simval.attitude.kernel import column_matrix, raw_quaternion
 from simval.results import Outcome, Row, plain, unjudged
+from simval.shapes import Float
 from simval.statistics import (
     EXACT,
     FLIP_RATE,

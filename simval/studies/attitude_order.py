@@ -12,7 +12,6 @@ from functools import partial
 from typing import Annotated, Literal
 
 import numpy as np
-from jaxtyping import Float
 from pydantic import Field
 
 from simval.arrays import Array
@@ -20,6 +19,7 @@ from simval.attitude import two_vector_quaternion
 from simval.errors import GeometryError
 from simval.moments import Moments
 from simval.results import Outcome, Row, exact, unjudged
+from simval.shapes import Float
 from simval.statistics import (
     BIAS_ERROR,
     BIAS_ORDER,

@@ -16,7 +16,6 @@ from functools import lru_cache
 from typing import Annotated, Literal
 
 import numpy as np
-from jaxtyping import Float
 from pydantic import Field
 
 from simval.arrays import Array, frozen
@@ -25,6 +24,7 @@ from simval.montecarlo import Sums, mean_square, moments_of, simulate
 from simval.results import Outcome, Row, limit, nees, plain, unjudged
 from simval.scene import simulate_cached
 from simval.sensor import AccelerometerModel
+from simval.shapes import Float
 from simval.statistics import (
     BIAS,
     CRAMER_RAO,

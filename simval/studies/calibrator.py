@@ -36,7 +36,6 @@ from math import ceil
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from jaxtyping import Float
 from pydantic import Field, model_validator
 
 from simval.arrays import Array
@@ -56,6 +55,7 @@ from simval.plugins.placeholders import in_batch
 from simval.results import Outcome, Row, limit, nees, plain, unjudged
 from simval.sensor import forms
 from simval.sensor.estimated import mean_square_left
+from simval.shapes import Float
 from simval.statistics import (
     BEST_OF_CLASS,
     BIAS,

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.errors import PluginError
@@ -12,6 +11,7 @@ from simval.plugins.calibrator_probe import G, probe_sensor
 from simval.poses import cube_faces, fibonacci_sphere
 from simval.sensor import AccelerometerModel, forms
 from simval.sensor.estimated import ALL, own_sensor, places_of
+from simval.shapes import Float
 from simval.studies.coverage import FREEDOM
 from simval.theory.calibration import VARIANCE_NEXT, calibration_moments
 from simval.theory.calibration_classes import (

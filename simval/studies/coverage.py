@@ -18,7 +18,6 @@ from typing import Annotated, Literal
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 from pydantic import Field
 
 from simval.arrays import Array
@@ -27,6 +26,7 @@ from simval.montecarlo import moments_of, simulate
 from simval.poses import fibonacci_sphere
 from simval.results import Outcome, nees, plain, unjudged
 from simval.sensor import names
+from simval.shapes import Float
 from simval.statistics import (
     CHI_SQUARE,
     COVERAGE,

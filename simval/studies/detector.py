@@ -15,12 +15,12 @@ from functools import lru_cache
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from jaxtyping import Float
 from pydantic import Field, field_validator
 
 from simval.arrays import Array
 from simval.results import Outcome, Row, nees, unjudged
 from simval.scene import simulate_cached
+from simval.shapes import Float
 from simval.statics import Intervals
 from simval.statistics import CHI_SQUARE_9, FITTED, NEES, Family
 from simval.streams import Streams

@@ -15,7 +15,6 @@ from functools import lru_cache
 from typing import Annotated
 
 import numpy as np
-from jaxtyping import Float
 from pydantic import Field
 
 from simval.arrays import Array
@@ -26,6 +25,7 @@ from simval.poses import fibonacci_sphere
 from simval.results import Outcome, nees, plain, unjudged
 from simval.scene import Trajectory, simulate_cached
 from simval.sensor import AccelerometerModel
+from simval.shapes import Float
 from simval.statics import Intervals, interval_counts, interval_means
 from simval.statistics import BUDGET, CARRIED, CHI_SQUARE_3, IMPURE, NEES
 from simval.streams import Streams

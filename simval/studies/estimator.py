@@ -40,7 +40,6 @@ from dataclasses import replace
 from typing import Annotated, Self
 
 import numpy as np
-from jaxtyping import Float
 from pydantic import AfterValidator, Field, model_validator
 
 from simval.arrays import Array
@@ -51,6 +50,7 @@ from simval.plugins import Estimator, find_plugin, probe_estimator
 from simval.plugins.noise import vector_noise
 from simval.plugins.probe import TOLERANCE
 from simval.results import Outcome, Row, limit, nees, plain
+from simval.shapes import Float
 from simval.statistics import (
     BIAS,
     CLAIM_OFF,

@@ -6,7 +6,6 @@ seen under equal noise.
 """
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.attitude import wahba_quaternion
@@ -16,6 +15,7 @@ from simval.plugins import Estimator
 from simval.plugins.answers import covariances_of, quaternions_of
 from simval.plugins.noise import VectorNoise, vector_noise
 from simval.plugins.probe import rotation_error
+from simval.shapes import Float
 from simval.studies.attitude import random_geometry
 from simval.theory import wahba_bound
 from simval.theory.cubature import cubature_moments, smolyak_hermite

@@ -12,11 +12,11 @@ and at least by the rounding of one estimate.
 """
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.montecarlo import Sums, mean_square, moments_of
 from simval.results import Row, plain, unjudged
+from simval.shapes import Float
 from simval.statistics import (
     CRAMER_RAO,
     CUBATURE,

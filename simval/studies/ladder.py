@@ -17,7 +17,6 @@ Both predictions are allowed the remainder that theory states for them.
 from typing import Annotated, Literal
 
 import numpy as np
-from jaxtyping import Float
 from pydantic import Field
 
 from simval.arrays import Array
@@ -26,6 +25,7 @@ from simval.montecarlo import moments_of, simulate
 from simval.poses import fibonacci_sphere
 from simval.results import Outcome, Row, control, plain, unjudged
 from simval.sensor import AccelerometerModel
+from simval.shapes import Float
 from simval.statistics import (
     BIAS,
     EFFICIENCY,

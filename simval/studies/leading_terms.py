@@ -16,11 +16,11 @@ second order. The rest of the sums are of relative order :math:`h^4`.
 from collections.abc import Iterator
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.geometry import attitude_matrix
 from simval.results import Row, limit
+from simval.shapes import Float
 from simval.statistics import (
     BELOW_BOUND,
     CLASS_BIAS,

@@ -8,7 +8,6 @@ An interval is impure if one of its rows is not still.
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 from numpy.typing import NDArray
 
 from simval.arrays import Array
@@ -17,6 +16,7 @@ from simval.errors import RefusedError
 from simval.poses import PARAMETERS
 from simval.scene import Trajectory
 from simval.sensor import AccelerometerModel
+from simval.shapes import Float
 from simval.statics import (
     Intervals,
     initial_rest,

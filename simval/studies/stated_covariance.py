@@ -1,9 +1,9 @@
 """Errors normalised by the covariance that is stated for each sample."""
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
+from simval.shapes import Float
 from simval.theory import attitude_moments, multiplicative_moments
 from simval.theory.two_vector import FRAMES, MIN_NORM, column_norms
 

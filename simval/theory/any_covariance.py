@@ -31,9 +31,9 @@ from functools import partial
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
+from simval.shapes import Float
 from simval.theory.cubature import covariance_roots
 from simval.theory.directions import about_d2
 from simval.theory.expansion import half_noise

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Shaped
 from numpy.typing import NDArray
 
 from simval.arguments import choice, instance, switch
@@ -18,6 +17,7 @@ from simval.arrays import Array, frozen
 from simval.errors import InputError
 from simval.geometry import compose, conjugate
 from simval.moments import Moments
+from simval.shapes import Float, Shaped
 from simval.theory.attitude_samples import (
     combined_of,
     exact_of_columns,

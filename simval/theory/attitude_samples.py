@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.errors import RefusedError
+from simval.shapes import Float
 from simval.theory import orders
 from simval.theory.any_covariance import exact_moments_any
 from simval.theory.combined import combined_moments

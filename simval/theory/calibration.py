@@ -48,7 +48,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arguments import choice, instance
 from simval.arrays import Array, frozen, noise_levels, positive_number
@@ -56,6 +55,7 @@ from simval.errors import GeometryError
 from simval.geometry import normalize
 from simval.poses import PARAMETERS, observability, one_set
 from simval.sensor import AccelerometerModel, forms
+from simval.shapes import Float
 
 RESIDUALS = ("squared", "norm", "weighted", "sampson", "adjusted")
 BIAS_NEXT = 40.0  # of eq. (K3), measured

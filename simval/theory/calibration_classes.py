@@ -22,13 +22,13 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.errors import ConvergenceError, GeometryError
 from simval.geometry import normalize
 from simval.sensor import AccelerometerModel, forms
 from simval.sensor.estimated import FIXED
+from simval.shapes import Float
 
 SCALES, BIASES = slice(3, 6), slice(6, 9)
 STEPS = 1000

@@ -17,11 +17,11 @@ of samples in each interval that was found.
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Inexact
 
 from simval.arrays import Array
 from simval.geometry import compose, conjugate
 from simval.sensor import AccelerometerModel
+from simval.shapes import Float, Inexact
 from simval.theory.attitude import attitude_moments
 
 PARTS = ("calibration", "accelerometer noise", "magnetometer noise", "total")

@@ -28,9 +28,9 @@ tie of two columns the fourth-order remainder is not smooth in the noise.
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float, Shaped
 
 from simval.arrays import Array
+from simval.shapes import Float, Shaped
 from simval.theory.orders import tangent_projector
 from simval.theory.two_vector import column_maps
 

@@ -18,11 +18,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array, frozen
 from simval.errors import InputError
 from simval.geometry import attitude_matrix, cross_matrix
+from simval.shapes import Float
 from simval.theory.noise import noise_covariances
 from simval.theory.two_vector import require_one, true_vectors
 

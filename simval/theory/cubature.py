@@ -20,12 +20,12 @@ from math import comb, fsum
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arguments import function, whole_number
 from simval.arrays import Array, physical_array, shaped_array
 from simval.errors import InputError, RefusedError
 from simval.moments import Moments
+from simval.shapes import Float
 from simval.theory.noise import checked_covariances
 
 Estimator = Callable[..., Any]

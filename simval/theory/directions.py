@@ -17,9 +17,9 @@ from typing import Final
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
 from simval.arrays import Array
+from simval.shapes import Float
 from simval.theory.two_vector import TwoVectorGeometry
 
 # Azimuth nodes, with twice as many polar ones, about the direction of d2. The first

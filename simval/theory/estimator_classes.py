@@ -15,11 +15,11 @@ A quaternion's error :math:`e = q - \hat q` is the rotation vector
 from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arguments import choice
 from simval.arrays import Array
 from simval.geometry import compose, conjugate, normalize
+from simval.shapes import Float
 from simval.theory.attitude import attitude_moments
 from simval.theory.triad import triad_bias, triad_covariance
 from simval.theory.wahba import wahba_moments

@@ -17,10 +17,10 @@ the mean of x and every odd moment vanish.
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.geometry import cross_matrix
+from simval.shapes import Float
 from simval.theory.two_vector import TwoVectorGeometry
 
 # eps[j, a, k] with (v x w)_a = sum eps[j, a, k] v_j w_k

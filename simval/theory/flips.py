@@ -16,11 +16,11 @@ from typing import Final
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.errors import RefusedError
 from simval.geometry import cross_matrix
+from simval.shapes import Float
 from simval.theory.cubature import covariance_roots
 from simval.theory.expansion import half_noise
 from simval.theory.two_vector import TwoVectorGeometry

@@ -3,10 +3,10 @@
 from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import GREATEST, LEAST, Array, finite_array
 from simval.errors import InputError
+from simval.shapes import Float
 from simval.text import shown
 from simval.theory.samples import refuse_samples
 

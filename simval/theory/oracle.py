@@ -26,10 +26,10 @@ from typing import Final
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.errors import InputError, RefusedError
+from simval.shapes import Float
 from simval.theory.directions import direction_rules
 from simval.theory.two_vector import TwoVectorGeometry
 

@@ -30,9 +30,9 @@ accurate to second order, like the linear one (docs/attitude.md).
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
+from simval.shapes import Float
 from simval.theory.expansion import ScaledErrorMoments
 
 

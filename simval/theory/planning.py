@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arguments import choice, instance
 from simval.arrays import Array, frozen, positive_number
@@ -17,6 +16,7 @@ from simval.errors import InputError
 from simval.geometry import normalize
 from simval.poses import PARAMETERS, observability, one_set
 from simval.sensor import AccelerometerModel, forms
+from simval.shapes import Float
 from simval.theory.calibration import calibration_moments
 
 

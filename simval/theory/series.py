@@ -16,13 +16,13 @@ from math import prod
 from typing import Any, Union
 
 import numpy as np
-from jaxtyping import Float
 from numpy.typing import NDArray
 
 from simval.arguments import choice, function
 from simval.arrays import Array, physical_array
 from simval.errors import InputError, RefusedError
 from simval.moments import Moments
+from simval.shapes import Float
 from simval.theory.cubature import covariance_roots
 from simval.theory.noise import checked_covariances
 

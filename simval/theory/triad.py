@@ -24,10 +24,10 @@ reference frames have the same mean, and the estimate none, where their noise is
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.geometry import cross_matrix
+from simval.shapes import Float
 from simval.theory.noise import noise_covariances
 from simval.theory.two_vector import true_vectors
 

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Float, Int
 from numpy.typing import NDArray
 
 from simval.arrays import Array, finite_array, frozen
 from simval.errors import GeometryError, InputError
 from simval.geometry import attitude_matrix, compose, normalize
+from simval.shapes import Float, Int
 from simval.theory.samples import refuse_samples
 
 # rounding enters a prediction as eps / |qbar|^k, k up to 4

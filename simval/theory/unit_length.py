@@ -12,10 +12,10 @@ also says which way a bias points: inward, by half of the mean square.
 """
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.moments import Moments
+from simval.shapes import Float
 
 EPS = float(np.finfo(np.float64).eps)
 _LEAST = EPS**2
