@@ -20,61 +20,67 @@ It is a module with four names:
 A study that runs a user's code has a fifth, ``compute``: what ``run`` asks a child
 process to do.
 
-To add a study, write the module and put it into `_MODULES`; suites, the command line,
-the gate and the report take it from there. A study never plots, prints or judges.
+To add a study, write the module and put its name into `_NAMES`; suites, the command
+line, the gate and the report take it from there. A module is imported when its study is
+asked for: the child process of a plug-in needs no other. A study never plots, prints or
+judges.
 """
 
-from collections.abc import Mapping
-from types import MappingProxyType
+from collections.abc import Iterator, Mapping
+from functools import cache
+from importlib import import_module
 
 from simval.errors import InputError
-from simval.studies import (
-    attitude,
-    attitude_efficiency,
-    attitude_geometries,
-    attitude_limits,
-    attitude_map,
-    attitude_order,
-    attitude_vectors,
-    calibration,
-    calibrator,
-    coverage,
-    custom_scene,
-    detector,
-    end_to_end,
-    estimator,
-    ladder,
-    scene,
-    solvers,
-)
 from simval.studies.study import Study, StudyParameters, study_of
 
 __all__ = ["STUDIES", "Study", "StudyParameters", "find_study"]
 
-_MODULES = (
-    scene,
-    calibration,
-    ladder,
-    coverage,
-    solvers,
-    attitude,
-    attitude_order,
-    attitude_efficiency,
-    attitude_limits,
-    attitude_vectors,
-    attitude_geometries,
-    attitude_map,
-    detector,
-    end_to_end,
-    estimator,
-    calibrator,
-    custom_scene,
+_NAMES = (
+    "scene",
+    "calibration",
+    "ladder",
+    "coverage",
+    "solvers",
+    "attitude",
+    "attitude_order",
+    "attitude_efficiency",
+    "attitude_limits",
+    "attitude_vectors",
+    "attitude_geometries",
+    "attitude_map",
+    "detector",
+    "end_to_end",
+    "estimator",
+    "calibrator",
+    "custom_scene",
 )
 """In the order of the page."""
 
-STUDIES: Mapping[str, Study] = MappingProxyType(
-    {study.name: study for study in map(study_of, _MODULES)}
-)
+
+@cache
+def _study(name: str) -> Study:
+    return study_of(import_module(f"simval.studies.{name}"))
+
+
+class _Studies(Mapping[str, Study]):
+    """The studies by their names."""
+
+    def __getitem__(self, name: str) -> Study:
+        if name not in _NAMES:
+            raise KeyError(name)
+        return _study(name)
+
+    def __contains__(self, name: object) -> bool:
+        return name in _NAMES
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(_NAMES)
+
+    def __len__(self) -> int:
+        return len(_NAMES)
+
+
+STUDIES: Mapping[str, Study] = _Studies()
 
 
 def find_study(name: str) -> Study:

@@ -5,12 +5,13 @@ It is run in a child process; the trajectory's own checks have passed before any
 is measured here.
 """
 
+from collections.abc import Container
 from typing import Annotated
 
 from pydantic import Field
 
 from simval.results import Outcome
-from simval.scene import simulate
+from simval.scene import scenes, simulate
 from simval.streams import Streams
 from simval.studies.plugin import PluginName, PluginParameters, isolated
 from simval.studies.scene import judged_rows
@@ -30,6 +31,10 @@ class Parameters(PluginParameters):
     time_limit: Annotated[float, Field(gt=0.0, le=86_400.0)] = Field(
         default=300.0, description="Wall time after which the cell fails, s."
     )
+
+    def missing(self, held: Container[str] = ()) -> str:
+        """Say what is not on this machine; the package's scenes always are."""
+        return "" if self.scene in scenes() else super().missing(held)
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:

@@ -19,7 +19,6 @@ from simval.plugins.child import Answer, asked, respond
 from simval.plugins.names import located, portable
 from simval.plugins.sources import missing, sources
 from simval.results import ROWS, Outcome, Row
-from simval.scene import scenes
 from simval.streams import Streams
 from simval.studies.call_time import call_time
 from simval.studies.study import StudyParameters
@@ -59,7 +58,7 @@ class PluginParameters(StudyParameters):
         """Say what of the plug-in is not on this machine."""
         if not self.word:
             return "no plug-in is given"
-        return "" if self.word in scenes() else missing(self.word, held)
+        return missing(self.word, held)
 
     @property
     def files(self) -> tuple[str, ...]:
