@@ -76,9 +76,11 @@ def _difference_rows(
     slope = np.array([0.5, -0.5]) / np.sqrt(squares)
     variance = float(slope @ measured.covariance[SQUARES, SQUARES] @ slope)
     predicted = _difference(fine)
-    left = 2.0 * abs(predicted - _difference(coarse)) + weights * rounding
+    unresolved, rounded = 2.0 * abs(predicted - _difference(coarse)), weights * rounding
+    left = unresolved + rounded
     spread = max(variance, rounding**2 * sums.samples)
-    if left < SAME * np.sqrt(squares[1]):  # what differs by rounding is judged by it
+    # what differs by rounding, its own or of cubature, is judged by it
+    if unresolved < max(rounded, SAME * np.sqrt(squares[1])):
         spread = max(spread, (_CLEARLY * left) ** 2)
     return plain(
         RMS_DIFFERENCE(), _difference(squares), np.sqrt(spread / sums.samples),
