@@ -290,6 +290,6 @@ def test_what_differs_from_least_squares_by_rounding_is_judged_by_it():
     found = estimator.outcome(single, parameters, Streams(1, (20_271,))).rows
     answers = {str(v.row.statistic): v.answer for v in judge(rows_by_name.named(found))}
     assert answers["rms_difference"] == "pass"
-    # power: what it may be off by is a millionth of the error itself
+    # power: it may be off by less than a thousandth of the noise
     (row,) = (r for r in found if str(r.statistic) == "rms_difference")
     assert 0.0 < row.remainder < 1e-3 * parameters.noise_std
