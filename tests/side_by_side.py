@@ -54,7 +54,7 @@ def estimator_rows(ratio, error, noise, *, bias=1e-3, honest=None, fails=None):
 
 def cell(algorithm, rows, *, study="estimator", seed=1, status="done", **values):
     """A cell of an algorithm."""
-    given = {"geometry": 3, "samples": N, "noise": "body", "vectors": 2}
+    given = {"geometry": 3, "samples": N, "noise": "body", "vectors": 2, "cases": 1024}
     if study == "calibrator":
         given = {"poses": 24, "trials": 1024, "pose_set": "sphere", "sensor": "full"}
     given |= {"noise_std": 0.01, "time_limit": 300.0, "algorithm": algorithm} | values

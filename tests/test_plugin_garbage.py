@@ -9,11 +9,20 @@ from typing import get_args
 import numpy as np
 import pytest
 import rows_by_name
+from garbage_estimators import (
+    IDENTITY,
+    about_x,
+    leading,
+    off,
+    overwriting,
+    raising_at_yaw,
+    where,
+)
 
 from simval.attitude import two_vector_quaternion
 from simval.attitude.comparators import ESTIMATORS, davenport, triad
 from simval.errors import CrashedPluginError, PluginError
-from simval.geometry import attitude_matrix, compose, conjugate, normalize
+from simval.geometry import attitude_matrix, conjugate, normalize
 from simval.plugins import Estimator, probe_estimator
 from simval.plugins.attitude_classes import CLASSES, COUNT, MAY_FAIL, exact_cases
 from simval.plugins.failures import failure_shares
@@ -54,23 +63,12 @@ def failing(rows):
     return {str(v.row.statistic) for v in judged if v.answer == "fail"}
 
 
-def where(q, mask, other):
-    return np.where(mask[:, None], other, q)
-
-
 def nan_at_identity(q, *_):
     return where(q, np.abs(q[:, 3]) == 1.0, np.nan)
 
 
 def wrong_at_half_turns_about_y(q, *_):
-    return where(q, np.abs(q[:, 1]) > 1.0 - 1e-12, np.array([0.0, 0.0, 0.0, 1.0]))
-
-
-def raising_at_yaw(b1, b2, r1, r2):
-    if r1[0, 2] == 1.0:
-        msg = "gimbal lock"
-        raise ZeroDivisionError(msg)
-    return davenport(b1, b2, r1, r2)
+    return where(q, np.abs(q[:, 1]) > 1.0 - 1e-12, IDENTITY)
 
 
 @pytest.mark.parametrize("name", CLASSES)
@@ -176,17 +174,6 @@ def test_a_refusal_counts_what_fits(estimate, words):
         probe_estimator(garbage(estimate))
 
 
-def off(b1, b2, r1, r2):
-    """What the angle between the vectors is off by: zero without noise, else of it."""
-    return np.einsum("ni,ni->n", b1, b2) - np.einsum("ni,ni->n", r1, r2)
-
-
-def about_x(q, angle):
-    half = np.broadcast_to(angle, len(q))[:, None] / 2.0
-    turn = np.concatenate([np.sin(half), 0 * half, 0 * half, np.cos(half)], axis=1)
-    return compose(q, turn)
-
-
 def constant(q, *v):
     return about_x(q, np.where(np.abs(off(*v)) > 1e-7, 1e-4, 0.0))
 
@@ -256,13 +243,6 @@ def test_a_quadratic_bias_is_seen_beside_a_class_alone(monkeypatch):
     }
 
 
-def leading(b1, b2, r1, r2, noise_std, factor=1.0):
-    """Leading covariance of the clean estimator."""
-    size = (b1**2 + b2**2).sum(axis=1)[:, None, None]
-    H = size * np.eye(3) - b1[:, :, None] * b1[:, None] - b2[:, :, None] * b2[:, None]
-    return factor * noise_std**2 * np.linalg.inv(H)
-
-
 def remembering():
     """An estimator that drifts by 1e-4 rad with every call."""
     calls = []
@@ -272,11 +252,6 @@ def remembering():
         return about_x(davenport(*vectors), 1e-4 * (len(calls) - 1))
 
     return dataclasses.replace(CLEAN, estimate=estimate)
-
-
-def overwriting(q, b1, *_):
-    b1[:] = 0.0
-    return q
 
 
 def centred(q, *_):

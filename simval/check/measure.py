@@ -87,7 +87,7 @@ def check_plugin(
     plugins = meant(plugin)
     suite = suite_of(plugins, seed)
     with TemporaryDirectory(prefix="simval-check-") as folder:
-        run = run_suite(suite, Path(folder, "run"), workers=1, progress=progress)
+        run = run_suite(suite, Path(folder, "run"), workers=2, progress=progress)
     return Checked(
         plugins=tuple(plugins), cells=run.cells, result=judge_run(run, None, alpha)
     )

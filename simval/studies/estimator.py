@@ -47,6 +47,7 @@ from simval.errors import InputError
 from simval.moments import Moments
 from simval.montecarlo import moments_of, simulate
 from simval.plugins import Estimator, find_plugin, probe_estimator
+from simval.plugins.attitude_classes import COUNT
 from simval.plugins.noise import vector_noise
 from simval.plugins.probe import TOLERANCE
 from simval.results import Outcome, Row, limit, nees, plain
@@ -105,7 +106,7 @@ class Parameters(PluginParameters):
     """One cell: a plug-in, a geometry and a noise level."""
 
     plugin = "algorithm"
-    no_noise = ("algorithm", "time_limit")
+    no_noise = ("algorithm", "cases", "time_limit")
 
     algorithm: PluginName = Field(
         default="", description="FILE.py, FILE.py:NAME or the name of an entry point."
@@ -127,6 +128,9 @@ class Parameters(PluginParameters):
     )
     samples: Annotated[int, Field(ge=BLOCK)] = Field(
         default=16_384, description="Trials; rounded up to whole blocks of 1024."
+    )
+    cases: Annotated[int, Field(ge=64, le=1 << 20)] = Field(
+        default=COUNT, description="Exact cases of each class of attitudes."
     )
     time_limit: Annotated[float, Field(gt=0.0, le=86_400.0)] = Field(
         default=300.0, description="Wall time after which the cell fails, s."
@@ -178,7 +182,7 @@ def outcome(plugin: Estimator, parameters: Parameters, streams: Streams) -> Outc
     coarser = setting.cubature(noise, DEGREE - 2)
     rows = [
         *limit(PROBE(unit="rad"), off, TOLERANCE, TRUTH, n=1),
-        *failure_rows(plugin, vectors, setting.noise),
+        *failure_rows(plugin, parameters.cases, vectors, setting.noise),
         *_bias_rows(setting, cubature, coarser),
         *leading_rows(setting, off),
         *_moment_rows(moments_of(sums), cubature, coarser),

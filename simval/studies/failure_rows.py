@@ -1,7 +1,6 @@
 """Where an estimator of one's own fails: a row for each class of attitudes."""
 
 from simval.plugins import Estimator
-from simval.plugins.attitude_classes import COUNT
 from simval.plugins.failures import failure_shares
 from simval.plugins.noise import VectorNoise
 from simval.results import Row, limit, unjudged
@@ -9,13 +8,16 @@ from simval.statistics import FAILURES, TRUTH
 
 
 def failure_rows(
-    plugin: Estimator, vectors: int = 2, noise: VectorNoise | None = None
+    plugin: Estimator,
+    cases: int,
+    vectors: int = 2,
+    noise: VectorNoise | None = None,
 ) -> tuple[Row, ...]:
     """Share of failures of each class; one that is declared is not judged."""
-    shares = failure_shares(plugin, COUNT, vectors, noise)
+    shares = failure_shares(plugin, cases, vectors, noise)
     declared = dict.fromkeys(name for name in plugin.fails_at if name in shares)
     known = {name: shares.pop(name) for name in declared}
     return (
-        *limit(FAILURES.each(shares), tuple(shares.values()), 0.0, TRUTH, n=COUNT),
-        *unjudged(FAILURES.each(known), tuple(known.values()), n=COUNT),
+        *limit(FAILURES.each(shares), tuple(shares.values()), 0.0, TRUTH, n=cases),
+        *unjudged(FAILURES.each(known), tuple(known.values()), n=cases),
     )
