@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: report test check nightly mutants lowest sample league clean
+.PHONY: report test landing check nightly mutants lowest sample league clean
 
 report: .venv/installed
 	@mkdir -p reports/runs
@@ -11,10 +11,15 @@ report: .venv/installed
 
 # a file's tests stay together, for what they share; one thread for each process; each
 # starts many more, so what they compile is kept, though a container may forbid it
+PYTEST := env -u PYTHONDONTWRITEBYTECODE OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
+  $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
+
 test: check
-	env -u PYTHONDONTWRITEBYTECODE OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
-	  $(BIN)/python -m pytest -n auto \
-	  --dist loadfile --no-loadscope-reorder -m "not slow and not wheel and not league"
+	$(PYTEST) -m "not (ci or slow or wheel or league)"
+
+landing: test
+	$(PYTEST) -m "ci and not slow"
+	$(BIN)/python -m pytest -m wheel
 
 check: .venv/installed
 	$(BIN)/ruff format --check .

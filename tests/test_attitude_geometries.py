@@ -37,6 +37,7 @@ def found(rows, predictor):
 # As an independent program found them over 500 other geometries: median and share
 # nearer. A median of 500 has a standard error of 0.02 here, a share one of 0.022; four
 # of them both ways.
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("noise", "frame", "median", "share"),
     [

@@ -49,6 +49,7 @@ def test_never_singular(frame, problem):
     assert q[3] >= 0.0
 
 
+@pytest.mark.ci
 @given(problem=problems())
 @example(problem=IDENTITY)
 def test_frames_agree_where_valid(problem):

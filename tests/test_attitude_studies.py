@@ -57,6 +57,7 @@ def test_a_geometry_near_singular_is_refused(monkeypatch):
         run(attitude_order, geometry=3)
 
 
+@pytest.mark.ci
 def test_efficiency():
     outcome = run(attitude_efficiency, geometries=120, trials=50)
     assert answers(outcome) == ["pass"] * 4
@@ -72,6 +73,7 @@ def test_efficiency():
     assert abs(row.value - 0.9) > 4 * row.standard_error + row.remainder
 
 
+@pytest.mark.ci
 def test_limits_depend_on_norm_over_noise_alone():
     # seven times the length of qbar moves the limit by a third at most: the constant
     # of (sigma/|qbar|)^2 depends on the geometry, its order of magnitude does not
@@ -85,6 +87,7 @@ def test_limits_depend_on_norm_over_noise_alone():
         assert a["order 2"] > 1.3 * a["order 4, complete"]
 
 
+@pytest.mark.ci
 def test_limit_is_where_the_formula_is_off_by_that_much():
     found = values(
         run(attitude_limits, norm=0.4, samples=4096), "limit_ratio[bias,10%]"
@@ -117,6 +120,7 @@ def test_flip_probability_against_monte_carlo(ratio, std):
     assert abs(z) < 4.4  # 1e-5 two-sided, nine cases
 
 
+@pytest.mark.ci
 def test_flips_are_judged_when_there_are_enough():
     outcome = run(attitude_limits, norm=0.3, ratio=1.5, samples=100_000)
     assert answers(outcome) == ["pass"]

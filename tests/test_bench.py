@@ -51,6 +51,7 @@ def test_a_race_finds_the_slower_one():
     assert long.low <= long.ratio <= long.high
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("threads", [1, 2])
 def test_memory_does_not_grow_with_the_samples(threads):
     # 146 MiB of samples, were they all kept
@@ -59,6 +60,7 @@ def test_memory_does_not_grow_with_the_samples(threads):
     assert float(done.stdout) < MEMORY_LIMIT
 
 
+@pytest.mark.ci
 def test_the_command_prints_and_writes(simval, tmp_path):
     path = tmp_path / "bench.json"
     code, out, _ = simval("bench", "predictions", "--rounds", 1, "--json", path)

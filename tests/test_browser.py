@@ -11,10 +11,13 @@ from simval.compare import compare_runs
 from simval.report import render, render_comparison
 from simval.sweep import load_run
 
-pytestmark = pytest.mark.skipif(
-    find_chromium() is None,
-    reason="Chromium is not installed, so the report was not opened in a browser",
-)
+pytestmark = [
+    pytest.mark.ci,
+    pytest.mark.skipif(
+        find_chromium() is None,
+        reason="Chromium is not installed, so the report was not opened in a browser",
+    ),
+]
 
 WIDTHS = (380, 1280)
 

@@ -52,6 +52,7 @@ def test_every_name_is_an_algorithm_of_its_kind():
         find_plugin("simval:wahba", Calibrator)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("name", ESTIMATORS)
 def test_estimators_pass_the_probe_of_a_users(name):
     assert probe_estimator(find_plugin(name, Estimator)) <= 1e-9
@@ -74,6 +75,7 @@ def test_a_noise_of_nothing_moves_no_parameter():
         assert np.diagonal(covariance).max() < 1e-20
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("noise", ["body", "unequal", "general"])
 @pytest.mark.parametrize("name", ["wahba", "weighted-wahba"])
 def test_least_squares_of_three_vectors_states_a_covariance_that_is_right(name, noise):
@@ -115,6 +117,7 @@ def invoked(*words):
     return done.output
 
 
+@pytest.mark.ci
 def test_the_command_adds_them_and_a_set_takes_them_away():
     mine = str(EXAMPLES / "align.py")
     out = invoked("smoke", "--plugin", mine, "--dry-run")
@@ -206,6 +209,7 @@ def test_what_cannot_be_timed_has_no_time(monkeypatch, error):
     assert call_time.call_time("custom_scene.scene", "gimbal", None) == {}
 
 
+@pytest.mark.ci
 def test_a_cell_brings_its_time_and_no_row_of_it(tmp_path):
     (tmp_path / "align.py").write_text(ALIGN)
     content = {"estimator": {"algorithm": str(tmp_path / "align.py"), "samples": 1024}}

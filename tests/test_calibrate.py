@@ -61,6 +61,7 @@ def test_forms_and_methods_reach_one_ellipsoid(residual):
     assert np.ptp(biases, axis=0).max() < 1e-11 * G
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("residual", ["squared", "norm", "sampson"])
 def test_against_scipy_least_squares(residual):
     """scipy minimises the residual as defined, with its own solver, from the truth."""
@@ -161,6 +162,7 @@ def test_a_row_of_a_batch_is_bit_equal_to_fitting_it_alone(residual, method):
     assert many.status[8].startswith("refused: rank")
 
 
+@pytest.mark.ci
 def test_robust_rows_are_independent_too():
     batch = noisy(9, 20, 0.05, seed=6)
     batch[::2, 4] += 2.0
@@ -198,6 +200,7 @@ def test_rows_do_not_depend_on_the_block():
     np.testing.assert_array_equal(tail.parameters, many.parameters[-7:])
 
 
+@pytest.mark.ci
 def test_500_sensors_from_no_start_at_all():
     """Scales within a factor of 3, biases to 5 g, in m/s^2 and in raw counts."""
     rng = np.random.default_rng(8)
@@ -304,6 +307,7 @@ def test_a_million_samples_cost_no_more_iterations():
     assert np.abs(many.parameters - PARAMETERS)[3:6].max() < 3e-4
 
 
+@pytest.mark.ci
 @given(
     angles=st.tuples(*[st.floats(-3.0, 3.0)] * 3),
     offset=st.tuples(*[st.floats(-20.0, 20.0)] * 3),
@@ -334,6 +338,7 @@ def test_ellipsoid_follows_a_change_of_axes(angles, offset, stretch):
     np.testing.assert_allclose(after.B, bias, rtol=0, atol=1e4 * EPS * G * stretch)
 
 
+@pytest.mark.ci
 @given(order=st.permutations(range(15)))
 def test_the_order_of_poses_does_not_matter(order):
     poses = noisy(1, 15, 0.05, seed=21)[0]

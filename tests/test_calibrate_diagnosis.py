@@ -47,6 +47,7 @@ def test_distances_are_the_shortest_way_to_the_ellipsoid():
         assert abs(abs(distance) - exact) < 2 * exact**2 / G
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("residual", ["squared", "norm", "weighted", "sampson"])
 def test_standardised_residuals_are_standard(residual):
     """Known sigma: each pose's has variance 1, whatever its leverage (12 poses)."""
@@ -89,6 +90,7 @@ def test_leverage_is_what_a_pose_pulls_its_own_fit_by(residual, known):
         assert abs(pulled - leverage[k]) < 0.02
 
 
+@pytest.mark.ci
 def test_type_a_standardised_residuals_follow_student():
     trials, n = 1200, 12
     batch = poses(n, trials, seed=2)
@@ -99,6 +101,7 @@ def test_type_a_standardised_residuals_follow_student():
     assert stats.kstest(values, stats.norm.cdf).pvalue < 1e-4  # power
 
 
+@pytest.mark.ci
 def test_clean_sets_have_few_outliers():
     """The stated chance of any: 1 %; 150 sets, binomial at 1e-4."""
     trials = 150
@@ -141,6 +144,7 @@ def test_robust_losses_let_go_of_bad_poses(loss):
     assert set(diagnose(robust, y).outliers) >= {3, 17, 30} or loss != "cauchy"
 
 
+@pytest.mark.ci
 def test_robust_loss_costs_little_on_clean_data():
     """Tuned for 95 % efficiency in location; here the parameters' spread grows by
     less than 8 %, and the error bars still cover."""

@@ -341,6 +341,7 @@ def wrong_answers(rng, count):
     return wrong
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("count", [60, pytest.param(1000, marks=pytest.mark.slow)])
 def test_a_log_of_another_unit_is_refused_and_no_other(count):
     # signed counts in motion may pass for counts: a factor of four is a shaken hand

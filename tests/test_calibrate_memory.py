@@ -21,6 +21,7 @@ def peak(poses, **options):
         tracemalloc.stop()
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     "residual",
     [
@@ -37,6 +38,7 @@ def test_ten_thousand_trials_of_forty_poses(residual):
     assert used < 300
 
 
+@pytest.mark.ci
 def test_a_million_samples():
     rng = np.random.default_rng(1)
     poses = G * random_directions(1_000_000, rng)

@@ -225,6 +225,7 @@ def test_the_circles_of_the_report(height):
         assert not fit.converged.any()
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("noise_std", [None, 0.01])
 def test_one_set_and_a_batch_are_judged_alike(noise_std):
     """Circles with a little height: some pass, some do not, and each as by itself."""

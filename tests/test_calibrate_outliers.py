@@ -182,6 +182,7 @@ def test_outliers_do_not_depend_on_the_loss(loss):
         assert set(diagnose(fit, y, 0.005).outliers) == which
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("known", [None, 0.005])
 @pytest.mark.parametrize("bad", [1, 3])
 def test_a_set_that_outliers_spoil_is_never_told_to_add_poses(bad, known):

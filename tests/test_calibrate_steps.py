@@ -31,6 +31,7 @@ def false_alarms(count, sets, level):
     return called
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("count", [12, 16])
 def test_clean_series_have_no_step(count):
     """The chance is a bound; binomial at 1e-4. Without counting places and

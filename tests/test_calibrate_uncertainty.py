@@ -60,6 +60,7 @@ def test_nees_distribution(n, known):
     assert stats.kstest(values * 1.06, law.cdf).pvalue < 1e-4 / 6
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     "residual", ["squared", "norm", "weighted", "sampson", "adjusted"]
 )
@@ -73,6 +74,7 @@ def test_reported_covariance_is_the_predicted_one(residual):
     assert np.all(np.abs(ratio.mean(axis=0) - 1) < 1e-3)
 
 
+@pytest.mark.ci
 def test_type_a_of_every_residual_agrees():
     """To first order the residuals differ by the weights alone, which cost the
     squared one 0.3 % here (theory.efficiency); s itself varies by 7 %, in common."""
@@ -122,6 +124,7 @@ def test_chi_square(n):
     assert stats.kstest(values * 1.05, law.cdf).pvalue < 1e-4 / 2
 
 
+@pytest.mark.ci
 def test_covariance_follows_the_form():
     """Each form's own covariance is the converted one: first order is invariant."""
     fit = fits(12, SIGMA)

@@ -30,6 +30,7 @@ def readings(truth, count, sigma, trials=TRIALS, seed=1):
     return clean + np.broadcast_to(sigma, (count,))[:, None] * noise
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("residual", ["weighted", "sampson"])
 @pytest.mark.parametrize("model", ["triangular", "symmetric"])
 def test_known_noise_of_each_pose_attains_the_bound(residual, model):
@@ -107,6 +108,7 @@ def test_a_pose_without_noise_among_noisy_ones():
 
 
 # the effect is greatest with the fewest poses
+@pytest.mark.ci
 @pytest.mark.parametrize(
     "count", [12, *(pytest.param(n, marks=pytest.mark.slow) for n in (20, 40))]
 )

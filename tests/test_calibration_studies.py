@@ -20,6 +20,7 @@ def excess(row):
     return (abs(row.value - row.prediction) - row.remainder) / row.standard_error
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("residual", ladder.RUNGS)
 def test_ladder_rows_agree_with_theory(residual):
     parameters = ladder.Parameters(residual=residual, poses=60, trials=2048)
@@ -34,6 +35,7 @@ def test_ladder_rows_agree_with_theory(residual):
     assert abs(rung.value - other) / rung.standard_error > 20
 
 
+@pytest.mark.ci
 def test_ladder_is_the_ladder():
     """400 poses: each rung within 30/N and its sampling error of the large-N law."""
     for residual, rung in ladder.RUNGS.items():

@@ -139,6 +139,7 @@ def test_efficiency():
 NIGHTLY = {"norm", "weighted"}  # the others show the same at a quarter of the time
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     "residual",
     [
@@ -235,6 +236,7 @@ def covered(seed, draws, pairs):
     return (mean - limit * error).max(axis=0)
 
 
+@pytest.mark.ci
 def test_what_the_next_order_may_be():
     # power: factors of a tenth of (K3) and (K4) would be rejected
     assert np.all(covered(3, 6, 250) > 0.1)

@@ -63,6 +63,7 @@ def named(rows):
 LESS = (("scale", "bias"), ("bias",))
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("pose_set", ["sphere", "faces"])
 @pytest.mark.parametrize("estimates", LESS)
 def test_a_sound_calibrator_of_less_passes_in_its_own_class(
@@ -133,6 +134,7 @@ def failed(plugin, monkeypatch, **values):
     return {str(v.row.statistic) for v in verdicts if v.answer == "fail"}
 
 
+@pytest.mark.ci
 def test_what_goes_wrong_in_noise_alone_is_seen_of_the_full_sensor(monkeypatch):
     sound, calls = lengths(("scale", "bias")), []
 

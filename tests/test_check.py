@@ -89,6 +89,7 @@ def test_the_gate_finds_the_same(simval, tmp_path):
             assert cell.ending == "crashed"
 
 
+@pytest.mark.ci
 def test_the_command_tells_what_fails_and_what_to_do(simval, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("mine.py").write_text(
@@ -119,6 +120,7 @@ def test_the_command_tells_what_fails_and_what_to_do(simval, tmp_path, monkeypat
     assert [path.name for path in Path().iterdir()] == ["mine.py"]  # no run is left
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
@@ -186,6 +188,7 @@ def test_the_document_of_what_was_refused():
     assert document["findings"][0]["check"] == "refused"
 
 
+@pytest.mark.ci
 def test_a_function_is_measured_as_its_file_is(tmp_path):
     # same word, seed and settings: the same streams, and the same bits
     here = check_function(davenport, Estimator, **CLEAN, **QUICK)
@@ -228,6 +231,7 @@ def test_a_function_needs_its_conventions():
         check_function(whole, Estimator, matrix="active")
 
 
+@pytest.mark.ci
 def test_a_calibrator_is_checked():
     plugin = find_plugin(str(EXAMPLES / "ellipsoid.py"), Calibrator)
     checked = check_function(plugin, Calibrator, noise_std=0.02)

@@ -93,6 +93,7 @@ def test_each_form_hands_over_the_same_readings(tmp_path):
     assert np.array_equal([each.bias for each in found], sets[:, 0])
 
 
+@pytest.mark.ci
 def test_one_of_many_is_what_it_is_alone():
     command = f"command: {sys.executable} {EXAMPLES / 'lines.py'} < {{trials}}"
     plugin = find_plugin(command, Calibrator)
@@ -183,6 +184,7 @@ def test_a_folder_is_answered_by_file(tmp_path):
         answered(program(tmp_path, whole, "{poses_folder}"))
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("body", "words"),
     [
@@ -342,6 +344,7 @@ for line in sys.stdin:
 """
 
 
+@pytest.mark.ci
 def test_an_estimator_may_be_a_program(tmp_path):
     words = program(tmp_path, QUEST)
     made = command_estimator(words, components="xyzs", matrix="passive", name="svd")
@@ -362,6 +365,7 @@ def test_a_program_passes_the_whole_probe(tmp_path):
     assert probe_estimator(made) <= 1e-13
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("body", "words"),
     [

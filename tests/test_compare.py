@@ -34,6 +34,7 @@ def test_a_run_beside_itself_is_the_same(tiny_run):
     assert found.only_a == found.only_b == found.environment == ()
 
 
+@pytest.mark.ci
 def test_false_alarms_are_as_rare_as_stated(tmp_path):
     """500 pairs of independent runs of 50 statistics, none changed."""
     rng = np.random.default_rng(3)

@@ -136,6 +136,7 @@ def attacked(run, folder, capsys, count, seed, *, old):
     return [each for each in done if each is not None]
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("old", [False, True])
 def test_one_damaged_field_is_no_traceback_and_no_pass(
     old, tiny_run, tmp_path, capsys, undrawn

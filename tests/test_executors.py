@@ -22,6 +22,8 @@ from simval.sweep import executors, load_run, load_suite, run_suite, store
 from simval.sweep.cells import read_cells
 from simval.sweep.suite import expand
 
+pytestmark = pytest.mark.ci
+
 SITE = "import poison; poison.install()\n"
 
 

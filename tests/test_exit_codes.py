@@ -94,6 +94,7 @@ TABLE = {
 }
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("kind", TABLE)
 def test_what_cannot_be_used_is_exit_code_2(kind, here, simval):
     before = sorted(here.rglob("*"))
@@ -121,6 +122,7 @@ def refused(*arguments):
     raise InputError(msg)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("where", ["connection", "store", "interrupt"])
 def test_a_start_that_fails_leaves_no_folder(
     where, tiny_suite, tmp_path, simval, monkeypatch
@@ -181,6 +183,7 @@ def unfinished(tmp_path, monkeypatch, simval, seeds=30):
     return run
 
 
+@pytest.mark.ci
 def test_what_was_never_run_is_one_line(simval, tmp_path, monkeypatch):
     run = unfinished(tmp_path, monkeypatch, simval)
     files = [tmp_path / name for name in ("g.md", "g.xml")]

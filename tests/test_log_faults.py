@@ -40,6 +40,7 @@ def outcome(rec):
         return None, str(error)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("name", WORDS)
 def test_a_fault_is_refused_and_named(name):
     rec = recording(name, 4)

@@ -100,6 +100,7 @@ def test_a_bad_matrix_is_refused_in_words(change, words):
         probe_estimator(changed(MATRIX, change))
 
 
+@pytest.mark.ci
 def test_matrices_in_other_numbers_and_on_the_edge_are_taken():
     assert probe_estimator(MATRIX) < 1e-13
     fractions = np.vectorize(Fraction, otypes=[object])
@@ -447,6 +448,7 @@ def of_floats(*vectors):
     return arithmetic_triad(*(v.astype(float) for v in vectors))
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("estimate", "words"),
     [

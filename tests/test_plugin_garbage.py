@@ -97,6 +97,7 @@ def test_sound_estimators_fail_nowhere(estimate):
     assert not any(shares.values())
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("plugin", "classes"),
     [
@@ -235,6 +236,7 @@ def test_a_wrong_estimator_cannot_agree_with_itself(estimate, row, monkeypatch):
     assert row in failing(measured(garbage(estimate), monkeypatch))
 
 
+@pytest.mark.ci
 def test_a_quadratic_bias_is_seen_beside_a_class_alone(monkeypatch):
     # within the size of second-order terms, so it may be an estimator's own
     assert not failing(measured(garbage(quadratic), monkeypatch))
@@ -317,6 +319,7 @@ refused = Estimator(
 """
 
 
+@pytest.mark.ci
 def test_a_refused_plugin_is_refused_in_every_output(simval, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("GITHUB_ACTIONS", "true")
@@ -348,6 +351,7 @@ def test_a_refused_plugin_is_refused_in_every_output(simval, tmp_path, monkeypat
     assert "the cell refused its plug-in" in err
 
 
+@pytest.mark.ci
 def test_a_slow_estimator_ends_with_its_time(tmp_path):
     path = tmp_path / "slow.py"
     path.write_text(

@@ -281,6 +281,7 @@ def test_the_time_limit_of_a_command_grows_with_its_trials(monkeypatch):
 # the code that was measured is the code that was meant
 
 
+@pytest.mark.ci
 def test_a_cell_takes_its_plugin_with_it_to_another_folder(tmp_path, monkeypatch):
     here, there = tmp_path / "here", tmp_path / "there"
     for folder in (here, there):
@@ -346,6 +347,7 @@ def test_all_that_a_plugin_names_is_known_again(tmp_path, name):
         parameters.require_same_sources()
 
 
+@pytest.mark.ci
 def test_a_run_with_another_helper_cannot_go_on(tmp_path):
     (tmp_path / "helper.py").write_text("K = 1\n")
     (tmp_path / "mine.py").write_text("import helper\n1 / 0\n")
@@ -371,6 +373,7 @@ def installed_package(folder, monkeypatch, version="1.0"):
     monkeypatch.setenv("PYTHONPATH", str(folder))
 
 
+@pytest.mark.ci
 def test_an_installed_plugin_is_listed_chosen_and_known_again(tmp_path, monkeypatch):
     installed_package(tmp_path, monkeypatch)
     listed = CliRunner().invoke(list_command, standalone_mode=False).output
@@ -385,6 +388,7 @@ def test_an_installed_plugin_is_listed_chosen_and_known_again(tmp_path, monkeypa
         parameters.require_same_sources()
 
 
+@pytest.mark.ci
 def test_what_can_be_given_as_a_plugin(tmp_path):
     file = str(EXAMPLES / "align.py")
     assert overrides_of((f"{file}:align",)) == [f"estimator.algorithm={file}:align"]
@@ -401,6 +405,7 @@ def test_what_can_be_given_as_a_plugin(tmp_path):
 # words of a command
 
 
+@pytest.mark.ci
 def test_a_command_in_a_suite_finds_its_files_in_the_suite_s_folder(
     tmp_path, monkeypatch
 ):

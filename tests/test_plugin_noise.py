@@ -212,6 +212,7 @@ def test_tangent_noise_is_across_each_vector():
 # what follows
 
 
+@pytest.mark.ci
 def test_a_textbook_covariance_passes_by_default(monkeypatch):
     plugin = dataclasses.replace(PLAIN, covariance=textbook)
     rows, failed = measured(plugin, monkeypatch, samples=16_384)
@@ -229,6 +230,7 @@ def read_covariance(body, references, noise_std, weights):
     return wahba_covariance(body, references, noise_std, weights)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("noise", ["unequal", "1 3 0.5 2"])
 @pytest.mark.parametrize("factor", [1.0, 1.02])
 def test_a_covariance_that_reads_its_noise_is_judged(noise, factor, monkeypatch):
@@ -271,6 +273,7 @@ def test_theory_of_each_class_holds_under_each_noise(plugin, noise, monkeypatch)
         assert rows[name].prediction < 2e-3
 
 
+@pytest.mark.ci
 def test_ignored_weights_fail_beside_the_class(monkeypatch):
     ignoring = dataclasses.replace(
         WEIGHTED, estimate=lambda b, r, weights: wahba_quaternion(b, r)
@@ -319,6 +322,7 @@ def test_cells_of_one_geometry_share_their_noise():
         assert first.streams != cell(study, algorithm="a", noise_std=0.02).streams
 
 
+@pytest.mark.ci
 def test_differences_have_their_own_small_error(monkeypatch):
     rows, failed = measured(
         dataclasses.replace(PLAIN, estimate=triad), monkeypatch, samples=16_384
@@ -341,6 +345,7 @@ def test_differences_have_their_own_small_error(monkeypatch):
     assert changed.standard_error < 1e-3 * rms.standard_error
 
 
+@pytest.mark.ci
 def test_efficiency_is_without_chance(monkeypatch):
     found = []
     for key in (1, 2):
@@ -362,6 +367,7 @@ def test_efficiency_is_without_chance(monkeypatch):
     assert abs(square.mean() - least) < 4.5 * square.std() / np.sqrt(len(square))
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("vectors", [2, 3, 5])
 def test_weighted_vectors_reach_the_bound(vectors, monkeypatch):
     rows, failed = measured(WEIGHTED, monkeypatch, vectors=vectors, noise="unequal")

@@ -34,6 +34,8 @@ from simval.sweep import load_run, run_suite
 from simval.sweep.suite import expand
 from simval.text import LIMIT
 
+pytestmark = pytest.mark.ci
+
 HEAD = """
 import os, signal, sys, tempfile, time
 import numpy as np

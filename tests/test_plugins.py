@@ -358,6 +358,7 @@ def test_a_long_message_keeps_head_and_tail():
     assert one_line(found) == found
 
 
+@pytest.mark.ci
 def test_overrides_of_files():
     files = (str(EXAMPLES / "align.py"), str(EXAMPLES / "ellipsoid.py"))
     assert overrides_of((*files, "command: x {poses}")) == [
@@ -376,6 +377,7 @@ a, b = (Scene(name=n, summary="", model=__file__, drive=print) for n in NAMES)
 """
 
 
+@pytest.mark.ci
 def test_a_scene_is_a_plugin_like_any_other(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", list(sys.path))
     file = str(written(tmp_path, SHELVES))

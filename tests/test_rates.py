@@ -201,6 +201,7 @@ def decimated(log, step):
     )
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("step", [2, 4, 8])
 def test_decimated_recordings_give_the_same_answer(step):
     """The real log at 50, 25 and 12.5 Hz, within two of its own standard deviations.

@@ -55,6 +55,7 @@ def test_moments_are_unbiased_within_their_standard_errors(method):
     assert (wrong / moments.covariance_error).max() > limit
 
 
+@pytest.mark.ci
 def test_standard_errors_are_those_of_repeated_runs():
     for method in ("plain", "both", "sobol"):
         runs = [found(method, 2**13, seed) for seed in range(60)]

@@ -43,6 +43,7 @@ def with_cells(run, change):
     return replace(run, cells=tuple(map(change, run.cells)))
 
 
+@pytest.mark.ci
 def test_figures_are_drawn_whatever_the_numbers(tiny_run):
     """Values that are infinite, huge, none, zero or negative, all in one run."""
 
@@ -74,6 +75,7 @@ def test_the_same_run_gives_the_same_page(tiny_run, page):
     assert render(load_run(tiny_run)) == page
 
 
+@pytest.mark.ci
 def test_the_same_run_gives_the_same_bytes(tiny_run, page_and_figures, monkeypatch):
     """The words around the figures, and three of the figures, drawn once more."""
     run = load_run(tiny_run)
@@ -242,6 +244,7 @@ def test_a_pooled_check_that_fails_needs_no_cell(tiny_run, undrawn):
     assert "attitude, all cells" in page
 
 
+@pytest.mark.ci
 def test_figures_and_tables_as_files(simval, tiny_run, tmp_path, undrawn):
     run = edited_run(  # one recovery and the numbers of a study without a section
         tiny_run,
@@ -266,6 +269,7 @@ def test_figures_and_tables_as_files(simval, tiny_run, tmp_path, undrawn):
         assert len({len(line) for line in lines}) == 1
 
 
+@pytest.mark.ci
 def test_one_figure_by_its_name(simval, tiny_run, tmp_path, undrawn):
     words = ("report", tiny_run, "--figures", tmp_path / "f", "--only")
     code, _, err = simval(*words, "nothing")
@@ -390,6 +394,7 @@ def test_artifacts_become_figures(tiny_run, undrawn):
     assert len("".join(pictures)) < 300_000
 
 
+@pytest.mark.ci
 def test_a_budget_becomes_a_figure(tiny_run):
     run = edited_run(
         tiny_run,

@@ -301,6 +301,7 @@ def test_every_panel_of_a_statistic_is_full_or_split(tmp_path):
     assert not drawing.left_out
 
 
+@pytest.mark.ci
 def test_no_study_is_on_the_page_twice(tmp_path):
     run = made(tmp_path)
     found = {s.anchor: s for s in sections(run)}
@@ -401,6 +402,7 @@ def whole(count, seed):
         assert not clipped(drawing), drawing
 
 
+@pytest.mark.ci
 def test_no_label_is_clipped(tmp_path):
     found = {d.name: d for d in drawings(of_study(made(tmp_path), "ladder"))}
     assert not clipped(found["ladder"])

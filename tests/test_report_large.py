@@ -104,6 +104,7 @@ def test_a_large_run_stays_within_time_memory_and_size(tiny_run):
     assert re.search(r"6 of \d+ groups of cells are drawn", text)
 
 
+@pytest.mark.ci
 def test_a_run_of_some_thousand_rows_says_what_it_leaves_out(tiny_run, monkeypatch):
     from simval.report import render, tables
     from simval.sweep import load_run

@@ -66,6 +66,7 @@ COVERAGE = 4 * np.sqrt(0.05 * 0.95 / FITS)
 """Four standard errors: 88 % instead of 95 % would be seen nineteen times in twenty."""
 
 
+@pytest.mark.ci
 def test_fitted_slope_recovers_a_known_one_with_its_interval():
     rng = np.random.default_rng(4)
     x = np.geomspace(1e-3, 1e-1, 6)
@@ -78,6 +79,7 @@ def test_fitted_slope_recovers_a_known_one_with_its_interval():
     assert fitted_slope(x[:1], x[:1], x[:1]) is None
 
 
+@pytest.mark.ci
 def test_fitted_slope_is_not_biased_by_points_near_zero():
     """Half of the points scatter about zero; leaving them out would bias the slope."""
     rng = np.random.default_rng(5)
@@ -134,6 +136,7 @@ def pixels(text):
     return [imread(io.BytesIO(b64decode(each)))[:, :, 3] > 0.0 for each in found]
 
 
+@pytest.mark.ci
 def test_many_points_are_pixels_and_none_is_left_out():
     rng = np.random.default_rng(7)
     n = 20_000

@@ -29,6 +29,8 @@ from simval.statistics import (
 )
 from simval.sweep import load_run, run_suite
 
+pytestmark = pytest.mark.ci
+
 WEIGHTED = RMS_OVER_BOUND("weighted"), FIRST_ORDER
 
 

@@ -11,6 +11,7 @@ from simval.sweep.repro import find_cell
 from simval.sweep.suite import load_suite
 
 
+@pytest.mark.ci
 def test_a_cell_is_found_by_its_name(tiny_run):
     run = load_run(tiny_run)
     for cell in run.cells:

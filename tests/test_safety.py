@@ -214,6 +214,7 @@ def damage(kind, seed, count, files):
 KINDS = ("sqlite", "json", "toml", "csv", "log", "xml")
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("kind", KINDS)
 def test_damaged_files_end_in_words(kind, tiny_run, tmp_path, capsys, undrawn):
     # a damaged store goes through every command; test_damaged_runs has more
@@ -284,6 +285,7 @@ PLAIN = (
 )
 
 
+@pytest.mark.ci
 def test_html_escapes_what_comes_from_data_and_plugins(tiny_run, tmp_path, capsys):
     with rewritten(tiny_run) as db:
         for table, column, where in (

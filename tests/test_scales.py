@@ -51,6 +51,7 @@ def agree(rng, trials):
         assert np.isfinite(diagnose(fit, (readings + offset) * raw).distance).all()
 
 
+@pytest.mark.ci
 def test_scales():
     agree(np.random.default_rng(5), 30)
 

@@ -126,6 +126,7 @@ def test_a_file_that_the_model_includes_changes_the_key(tmp_path):
     assert keys[0] == keys[1] != keys[2]
 
 
+@pytest.mark.ci
 def test_the_same_bits_in_another_process():
     code = (
         "import sys; sys.path.insert(0, 'tests')\n"

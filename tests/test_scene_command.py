@@ -34,6 +34,7 @@ def sensor(tmp_path):
     return path
 
 
+@pytest.mark.ci
 def test_the_round_trip_through_the_calibrator_finds_the_sensor(
     tmp_path, sensor, capsys
 ):
@@ -75,6 +76,7 @@ def test_the_file_holds_the_truth_to_the_last_bit(tmp_path):
         write_signal(tmp_path, trajectory)
 
 
+@pytest.mark.ci
 def test_the_same_seed_gives_the_same_file(tmp_path, sensor):
     paths = [tmp_path / name for name in ("a.csv", "b.csv", "c.csv")]
     for path, seed in zip(paths, ("1", "1", "2"), strict=True):
@@ -94,6 +96,7 @@ def test_it_says_what_it_did(capsys):
     assert told["scene"] == "pivot"
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("words", "code", "message"),
     [
@@ -134,6 +137,7 @@ def test_a_picture_shows_the_body(picture, tmp_path):
     assert 1000 < orange.sum() < 100_000
 
 
+@pytest.mark.ci
 def test_an_animation_has_its_frames_and_moves(picture, tmp_path):
     path = tmp_path / "gimbal.gif"
     size = {"width": 160, "height": 120, "directions": 2, "first_hold": 0.2}
@@ -164,6 +168,7 @@ def test_a_machine_that_cannot_draw_is_told_what_to_install(monkeypatch):
     assert "disable: " in str(caught.value)
 
 
+@pytest.mark.ci
 def test_a_film_is_written_or_the_encoder_named(picture, tmp_path):
     path = tmp_path / "gimbal.mp4"
     size = {"seconds": 0.4, "width": 160, "height": 120, "directions": 2}

@@ -58,6 +58,7 @@ def test_free_fall_never_passes_for_a_calibration(falling, method, residual):
         ).require_converged()
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("name", "setting", "message"),
     [

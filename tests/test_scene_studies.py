@@ -80,6 +80,7 @@ def chi_square_limits(dof, trials, alarm):
     return stats.chi2.ppf([alarm / 2, 1 - alarm / 2], dof * trials) / trials
 
 
+@pytest.mark.ci
 def test_clean_rests_are_found_whole_and_calibrate_as_predicted():
     found = detected(trials=60)
     for name, value in (
@@ -101,6 +102,7 @@ def test_clean_rests_are_found_whole_and_calibrate_as_predicted():
     assert found["nees[pure]"].value * 1.2**2 > high
 
 
+@pytest.mark.ci
 def test_more_noise_lets_moving_rows_in_and_trimming_keeps_them_out():
     raw = detected(noise_std=0.05, trim=0, trials=20)
     # power: without the trim there are moving rows in some rests, 7 of them are seen
@@ -122,6 +124,7 @@ def test_impure_windows_harm_the_parameters():
     assert pure_only["nees[all]"].value < chi_square_limits(9, 12, 1e-4)[1]
 
 
+@pytest.mark.ci
 def test_a_trembling_hand_is_never_at_rest():
     found = detected(scene="handheld", noise_std=0.02, trials=4)
     assert found["precision"].value == 0.0
@@ -192,6 +195,7 @@ def test_the_parts_add_up(budget):
     assert abs(sum(measured[:3]) - measured[3]) < 4.4 * np.linalg.norm(spread)
 
 
+@pytest.mark.ci
 def test_a_budget_without_the_calibration_is_rejected():
     """Power: with a poor calibration its part cannot be left out."""
     parameters = end_to_end.Parameters(trials=TRIALS, poses=12, average=400)
@@ -274,6 +278,7 @@ def test_the_true_attitude_is_what_the_true_vectors_give():
         end_to_end.tumbles(0, 5)
 
 
+@pytest.mark.ci
 def test_what_the_linear_budget_leaves_out():
     # At a relative noise of 1e-3 the two vectors' own part is off by a few squares of
     # it. The difference to the linear error of the same noise, in antithetic pairs, has

@@ -222,6 +222,7 @@ def test_the_excess_grows_with_the_arm_and_the_square_of_the_rate():
     assert scale > 1e-3
 
 
+@pytest.mark.ci
 def test_rest_bounds_are_kept_and_not_idle():
     """What the hand and the spin add stays within the bound, and within 30 of it."""
     for name, parameters in (("pivot", {"spin_rate": 0.5}), ("handheld", {})):

@@ -12,6 +12,8 @@ from simval.selftest.matrix import faults, inject_all
 from simval.studies import attitude
 from simval.sweep import executors
 
+pytestmark = pytest.mark.ci
+
 FAULTS = {fault.name: fault for fault in faults()}
 
 

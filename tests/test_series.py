@@ -11,6 +11,7 @@ from simval.theory.cubature import cubature_moments
 from simval.theory.series import algebra, series_moments
 
 
+@pytest.mark.ci
 def test_arithmetic_against_a_symbolic_expansion():
     sympy = pytest.importorskip("sympy")
     x, y, t = sympy.symbols("x y t")

@@ -239,6 +239,7 @@ def test_the_same_run_gives_the_same_bytes(tmp_path, alone, undrawn):
     assert "Algorithms side by side" in render(bare)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("bad", [float("nan"), float("inf"), 0.0, -1.0, 1e100])
 def test_no_row_of_garbage_breaks_the_page_or_is_a_number_there(tmp_path, bad):
     rows = list(
@@ -262,6 +263,7 @@ def test_no_row_of_garbage_breaks_the_page_or_is_a_number_there(tmp_path, bad):
     assert csv_text(table)
 
 
+@pytest.mark.ci
 @pytest.mark.skipif(
     find_chromium() is None,
     reason="Chromium is not installed, so the table was not opened in a browser",

@@ -88,6 +88,7 @@ def test_expansions_are_not_judged_outside_their_range():
     assert judged == {"exact", "rounding"}
 
 
+@pytest.mark.ci
 def test_scenes_rest_and_leave_their_poses():
     found = outcome("scene", scene.Parameters(scene="gimbal", poses=12))
     assert overall(verdicts(found)) == "pass"

@@ -49,6 +49,7 @@ def test_what_cannot_be_answered_says_why():
         sufficient_order(GEOMETRY[0], GEOMETRY[1], GEOMETRY[1], 0.01)
 
 
+@pytest.mark.ci
 def test_the_map_is_where_a_formula_is_off_by_that_much():
     cell = attitude_map.Parameters(geometries=5)
     rows = attitude_map.run(cell, Streams(1, (2, 3))).rows

@@ -24,6 +24,7 @@ def digest(folder):
     return hashlib.sha256((folder / "results.csv").read_bytes()).hexdigest()
 
 
+@pytest.mark.ci
 def test_workers_and_order_do_not_change_the_table(tiny_suite, tiny_run, tmp_path):
     run_suite(str(tiny_suite), tmp_path / "two", workers=2)
     assert digest(tmp_path / "two") == digest(tiny_run)

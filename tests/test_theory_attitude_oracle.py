@@ -79,6 +79,7 @@ def attitude_norm(q, r1, r2, k):
     return abs(column_norms(q, r1, r2)[[3, 0, 1, 2][k]])
 
 
+@pytest.mark.ci
 def test_two_quadratures_in_different_coordinates_agree():
     # about d2, and on graded panels about d1: they share the integrand alone. Frames
     # that are nearly singular are included, where only the second resolves it.

@@ -50,6 +50,7 @@ LATE = [
 first use it, or never."""
 
 
+@pytest.mark.ci
 def test_a_start_imports_neither_a_checker_nor_what_is_used_late():
     program = (
         "import sys, simval.cli.calibrate, simval.plugins, simval.sweep; "

@@ -85,6 +85,7 @@ def test_the_tail_of_skewed_rows_is_the_stated_one(n, p):
         assert normal >= 2 * p
 
 
+@pytest.mark.ci
 def test_false_alarm_rate_of_a_family_is_the_stated_one():
     rng = np.random.default_rng(20_261)
     runs, alpha = 2000, 0.05
@@ -304,6 +305,7 @@ def test_pooled_nees_sees_what_no_cell_does():
     assert len(judge(one + other)) == 2
 
 
+@pytest.mark.ci
 def test_false_alarm_rate_with_the_pool_is_at_most_the_stated_one():
     rng = np.random.default_rng(20_263)
     runs, alpha = 4000, 0.05

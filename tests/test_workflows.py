@@ -69,6 +69,7 @@ def test_there_is_a_workflow():
         assert any("simval gate" in step.get("run", "") for step in job["steps"])
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("job", JOBS)
 def test_a_crash_is_annotated_and_in_every_file(job, simval, runner):
     codes, printed = gone_through(job, simval, "crash.py")
@@ -88,6 +89,7 @@ def test_a_crash_is_annotated_and_in_every_file(job, simval, runner):
         assert (runner / name).stat().st_size > 0
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("job", JOBS)
 def test_a_healthy_plugin_passes_once_the_baseline_is_there(job, simval, runner):
     codes, _ = gone_through(job, simval, "align.py")

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from importlib import metadata
 from importlib.metadata import EntryPoint
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
 from simval.plugins.protocol import Calibrator, Estimator
 
@@ -41,8 +41,12 @@ BESIDE: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
 is the unit of a call's; of estimators the plainest one too."""
 
 
-def points_of(name: str) -> tuple[EntryPoint, ...]:
-    """Entry points of a name: the package's own, else those of installed packages."""
+def points_of(name: str) -> tuple[Any, ...]:
+    """Entry points of a name: the package's own, else those of installed packages.
+
+    Of the standard library's kind, or of `importlib_metadata`'s, which some packages
+    put in its place when they are imported.
+    """
     if name in BUILTIN:
         return (BUILTIN[name],)
     return tuple(metadata.entry_points(group=GROUP, name=name))
