@@ -165,6 +165,9 @@ BELOW_BOUND = Family(
 CLASS_BIAS = Family("class_bias", "error of the leading bias")
 CLASS_COVARIANCE = Family("class_covariance", "error of the leading covariance")
 CLAIM_OFF = Family("claim_off", "error of a covariance that is claimed exact")
+CLAIM_OFF_FULL = Family(
+    "claim_off_at_the_noise", "error of a claimed covariance at the noise"
+)
 CLAIM_OFF_HALF = Family(
     "claim_off_at_half_noise", "error of a claimed covariance at half the noise"
 )

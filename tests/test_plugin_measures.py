@@ -186,6 +186,34 @@ def test_an_exact_claim_is_allowed_what_cubature_is_off_by(monkeypatch):
     assert row.value <= row.prediction
 
 
+@pytest.mark.parametrize("noise", [0.01, 0.02, 0.05])
+def test_a_covariance_that_is_wrong_at_one_noise_alone_fails_there(noise, monkeypatch):
+    """Its order is kept from this noise to half of it: only its size is wrong."""
+
+    def plugin(factor):
+        def covariance(*given):
+            return leading(*given, factor=factor if given[-1] == noise else 1.0)
+
+        return Estimator(
+            name="d",
+            estimate=davenport,
+            components="sxyz",
+            matrix="passive",
+            covariance=covariance,
+        )
+
+    rows = limits(plugin(1.0), monkeypatch, noise)
+    assert rows["claim_off_at_the_noise"].value <= (
+        rows["claim_off_at_the_noise"].prediction
+    )
+    for factor in (0.6, 0.85, 1.25):
+        rows = limits(plugin(factor), monkeypatch, noise)
+        over = rows["claim_off_at_the_noise"]
+        assert over.value > over.prediction
+        half = rows["claim_off_at_half_noise"]
+        assert half.value <= half.prediction  # which alone would let it pass
+
+
 def test_a_calibrator_without_misalignment_is_told_so():
     sensor = probe_sensor()
     six = Calibrator(name="six", calibrate=lambda p, g: (np.diag(sensor.K), sensor.B))

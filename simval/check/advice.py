@@ -34,6 +34,7 @@ _ADVICE: Final[Mapping[str, str]] = MappingProxyType(
         ),
         "nees": "the covariance that it states is not that of its errors",
         "claim_off": "the covariance is not exact: declare the order that it keeps",
+        "claim_off_at_the_noise": "the covariance is not that of its errors",
         "claim_off_at_half_noise": "the covariance lacks a term of the claimed order",
         "unit_length": "the quaternions are not of unit length",
     }
