@@ -1,5 +1,6 @@
 """Accelerometer models: what the sensor does to the specific force, and its inverse."""
 
+from simval.sensor.coloured import NoiseModel
 from simval.sensor.files import load_sensor
 from simval.sensor.forms import MODELS, convert, names
 from simval.sensor.model import AccelerometerModel
@@ -9,6 +10,7 @@ __all__ = [
     "MODELS",
     "AccelerometerModel",
     "Effects",
+    "NoiseModel",
     "Readings",
     "convert",
     "load_sensor",
