@@ -16,12 +16,12 @@ average by 0.6 degrees a move when it is integrated.
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
 
 from simval.arrays import Array
 from simval.errors import InputError
 from simval.geometry import compose, conjugate
 from simval.scene.trajectory import Trajectory
+from simval.shapes import Float
 
 _ROUNDS: Final = 60  # each takes a tenth of the error at 1 rad a step
 _MOST: Final = 1.0  # rad a step; the bracket leaves out a power of this
