@@ -72,11 +72,14 @@ def triple(table, name, unit):
 def test_the_file_holds_the_truth_to_the_last_bit(tmp_path, sensor, every):
     trajectory = simulate("gimbal", directions=2, move_time=0.2, hold_time=0.1)
     motion = motion_of(trajectory, every)
+    sensor.write_text(SENSOR + "[clock]\njitter_s = 1e-5\n")
     readings = read_imu(load_imu(sensor), motion, stream(1, (1,), 0))
     path = tmp_path / "log.csv"
     write_signal(path, trajectory, readings, every)
     table, kept = table_of(path), slice(None, None, every)
-    np.testing.assert_array_equal(table["t [s]"], trajectory.time[kept])
+    np.testing.assert_array_equal(table["t [s]"], readings.stamp)
+    np.testing.assert_array_equal(table["true t [s]"], trajectory.time[kept])
+    assert np.any(readings.stamp != trajectory.time[kept])
     raw = triple(table, "a", "raw")
     np.testing.assert_array_equal(raw, readings.accelerometer.raw)
     for name, unit, rows in (
