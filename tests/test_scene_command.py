@@ -10,11 +10,12 @@ from PIL import Image
 from simval.cli import run
 from simval.errors import InputError
 from simval.logs import read_log
-from simval.scene import render, render_file, simulate
+from simval.scene import average_rates, render, render_file, simulate
 from simval.scene.draw import CAMERA
 from simval.scene.models import load_model, model_path
-from simval.scene.signal import HEADER, write_signal
-from simval.sensor.files import load_sensor
+from simval.scene.signal import header, motion_of, write_signal
+from simval.sensor import load_imu, load_sensor, read_imu
+from simval.streams import stream
 
 SENSOR = """
 T = [[1, 0, 0], [0.01, 1, 0], [-0.02, 0.03, 1]]
@@ -55,25 +56,87 @@ def test_the_round_trip_through_the_calibrator_finds_the_sensor(
     assert 0.002 * model.parameters[3] / found["sd"][3] > 5.2
 
 
-def test_the_file_holds_the_truth_to_the_last_bit(tmp_path):
+def table_of(path):
+    """Columns of a log by name."""
+    names = path.read_text().split("\n", 1)[0].split(",")
+    rows = np.loadtxt(path, delimiter=",", skiprows=1)
+    assert rows.shape[1] == len(names)
+    return dict(zip(names, rows.T, strict=True))
+
+
+def triple(table, name, unit):
+    return np.stack([table[f"{name}{axis} [{unit}]"] for axis in "xyz"], axis=1)
+
+
+@pytest.mark.parametrize("every", [1, 4])
+def test_the_file_holds_the_truth_to_the_last_bit(tmp_path, sensor, every):
     trajectory = simulate("gimbal", directions=2, move_time=0.2, hold_time=0.1)
-    raw = 3.0 * trajectory.specific_force + 1.0
+    motion = motion_of(trajectory, every)
+    sensor.write_text(SENSOR + "[clock]\njitter_s = 1e-5\n")
+    readings = read_imu(load_imu(sensor), motion, stream(1, (1,), 0))
     path = tmp_path / "log.csv"
-    write_signal(path, trajectory, raw)
-    table = np.loadtxt(path, delimiter=",", skiprows=1)
-    assert table.shape == (len(trajectory.time), len(HEADER.split(",")))
-    np.testing.assert_array_equal(table[:, 0], trajectory.time)
-    np.testing.assert_array_equal(table[:, 1:4], raw)
-    np.testing.assert_array_equal(table[:, 4:7], trajectory.specific_force)
-    np.testing.assert_array_equal(table[:, 7:10], trajectory.angular_velocity)
-    np.testing.assert_array_equal(table[:, 10:13], trajectory.magnetic_field)
-    np.testing.assert_array_equal(table[:, 13:17], trajectory.attitude)
-    np.testing.assert_array_equal(table[:, 17], trajectory.hold)
+    write_signal(path, trajectory, readings, every)
+    table, kept = table_of(path), slice(None, None, every)
+    np.testing.assert_array_equal(table["t [s]"], readings.stamp)
+    np.testing.assert_array_equal(table["true t [s]"], trajectory.time[kept])
+    assert np.any(readings.stamp != trajectory.time[kept])
+    raw = triple(table, "a", "raw")
+    np.testing.assert_array_equal(raw, readings.accelerometer.raw)
+    for name, unit, rows in (
+        ("true f", "m/s^2", trajectory.specific_force[kept]),
+        ("w", "rad/s", average_rates(trajectory, every)),  # an ideal gyroscope's
+        ("true w", "rad/s", average_rates(trajectory, every)),
+        ("true instant w", "rad/s", trajectory.angular_velocity[kept]),
+        ("m", "T", trajectory.magnetic_field[kept]),
+        ("true m", "T", trajectory.magnetic_field[kept]),
+    ):
+        np.testing.assert_array_equal(triple(table, name, unit), rows)
+    attitude = np.stack([table[f"q{part}"] for part in "xyzs"], axis=1)
+    np.testing.assert_array_equal(attitude, trajectory.attitude[kept])
+    np.testing.assert_array_equal(table["rest"], trajectory.hold[kept])
     log = read_log(path)
     np.testing.assert_array_equal(log.accelerometer, raw)
-    np.testing.assert_array_equal(log.gyro, trajectory.angular_velocity)
+    np.testing.assert_array_equal(log.gyro, triple(table, "w", "rad/s"))
     with pytest.raises(InputError, match="cannot write"):
         write_signal(tmp_path, trajectory)
+
+
+def test_without_a_sensor_all_are_ideal(tmp_path):
+    trajectory = simulate("gimbal", directions=2, move_time=0.2, hold_time=0.1)
+    write_signal(tmp_path / "log.csv", trajectory)
+    table = table_of(tmp_path / "log.csv")
+    assert list(table) == header().split(",")
+    for name, true, unit in (("a", "f", "m/s^2"), ("w", "w", "rad/s"), ("m", "m", "T")):
+        np.testing.assert_array_equal(
+            triple(table, name, unit), triple(table, f"true {true}", unit)
+        )
+
+
+IMU = """
+[gyroscope]
+T = [[1, 0.01, 0], [0, 1, 0.02], [-0.01, 0, 1]]
+K = [1.1e-3, 1.1e-3, 1.1e-3]
+B = [12, -30, 5]
+range_rad_s = 3
+white_raw_per_sqrt_hz = 0.15
+"""
+
+
+@pytest.mark.ci
+def test_a_gyroscope_beyond_its_range_is_said(tmp_path, capsys):
+    path, log = tmp_path / "imu.toml", tmp_path / "log.csv"
+    path.write_text(SENSOR + IMU)
+    words = ["scene", *SHORT, "--sensor", str(path), "--out", str(log)]
+    assert run([*words, "--every", "5"]) == 0
+    said = capsys.readouterr().out
+    assert "rows of the gyroscope are at the end of its range: move more" in said
+    assert "of the accelerometer are" not in said
+    table = table_of(log)
+    assert np.unique(np.diff(table["true t [s]"]).round(9)).tolist() == [0.01]
+    assert "mx [T]" in table
+    assert "wx [raw]" in table
+    assert run([*words, "--set", "move_time=4"]) == 0  # slow enough
+    assert "saturated" not in capsys.readouterr().out
 
 
 @pytest.mark.ci

@@ -8,9 +8,8 @@ from rounding import EPS
 from scipy import stats
 
 from simval.errors import InputError
-from simval.sensor import AccelerometerModel
-from simval.sensor.files import load_sensor
-from simval.sensor.realism import Effects, effects_from, read_sensor
+from simval.sensor import AccelerometerModel, Effects, load_sensor, read_sensor
+from simval.sensor.effects import effects_from
 from simval.streams import cell_key, stream
 
 KEY = cell_key("test realism")
@@ -176,7 +175,7 @@ def test_one_effect_leaves_the_numbers_of_the_others_alone():
 )
 def test_bad_effects_are_refused(values, message):
     with pytest.raises(InputError, match=message):
-        effects_from(values)
+        effects_from(values, Effects)
 
 
 def test_rows_that_do_not_belong_together_are_refused():

@@ -11,9 +11,8 @@ import numpy as np
 from simval.cli.options import PATH, refuse_if, stated
 from simval.errors import InputError
 from simval.scene import Trajectory, find_scene, render_file, scenes, simulate
-from simval.scene.signal import write_signal
-from simval.sensor.files import load_sensor
-from simval.sensor.realism import read_sensor
+from simval.scene.signal import motion_of, write_signal
+from simval.sensor import ImuModel, ImuReadings, load_imu, read_imu
 from simval.streams import cell_key, stream
 
 COMMON = ("site_offset", "timestep", "integrator")
@@ -22,9 +21,18 @@ COMMON = ("site_offset", "timestep", "integrator")
 @click.command(name="scene")
 @click.argument("name", default="gimbal")
 @click.option(
-    "--sensor", type=PATH, help="TOML or JSON file of T, K, B, noise and other effects."
+    "--sensor",
+    type=PATH,
+    help="TOML or JSON file of the accelerometer's T, K, B, noise and other effects; "
+    "tables of gyroscope, magnetometer and clock.",
 )
 @click.option("--out", type=PATH, help="Write the log, CSV.")
+@click.option(
+    "--every",
+    type=click.IntRange(min=1),
+    default=1,
+    help="Keep every so many rows in the log, with the turn of all steps between.",
+)
 @click.option(
     "--render",
     "picture",
@@ -47,6 +55,7 @@ def command(
     name: str,
     sensor: Path | None,
     out: Path | None,
+    every: int,
     picture: Path | None,
     settings: tuple[str, ...],
     seed: int,
@@ -57,8 +66,8 @@ def command(
 
     NAME is gimbal (default), die, shaker, pivot, handheld, cube, freefall, or the path
     of a Python file with a Scene. --out writes a log with the raw readings of the
-    sensor in --sensor (else of an ideal one) and the truth beside them: a test signal
-    for any calibrator.
+    accelerometer, gyroscope and magnetometer in --sensor (else of ideal ones) and the
+    truth beside them: a test signal for any calibrator.
     """
     refuse_if(
         stated("seed") and sensor is None,
@@ -69,28 +78,25 @@ def command(
         "`--seconds` is the length of what `--render` writes; give that file too",
     )
     parameters = parsed(name, settings)
-    described_sensor = None if sensor is None else load_sensor(sensor)
+    imu = None if sensor is None else load_imu(sensor)
     refuse_if(
         sensor is not None and out is None,
         "`--sensor` distorts what `--out` writes; give that file too",
     )
+    refuse_if(
+        stated("every") and out is None,
+        "`--every` thins what `--out` writes; give that file too",
+    )
     trajectory = simulate(name, **parameters)
-    readings = None
-    if described_sensor is not None:
-        model, effects = described_sensor
-        rng = stream(seed, cell_key("sensor of simval scene"), 0)
-        read = read_sensor(
-            model, effects, trajectory.time, trajectory.specific_force, rng
-        )
-        readings = read.raw
+    readings = None if imu is None else read(imu, trajectory, every, seed)
     if out is not None:
-        write_signal(out, trajectory, readings)
+        write_signal(out, trajectory, readings, every)
     if picture is not None:
         render_file(picture, name, seconds=seconds, **parameters)
     if as_json:
         click.echo(json.dumps(dict(trajectory.provenance), default=_plain))
         return
-    for line in described(trajectory):
+    for line in [*described(trajectory), *stopped(readings)]:
         click.echo(line)
     for path in (out, picture):
         if path is not None:
@@ -114,6 +120,34 @@ def parsed(name: str, settings: tuple[str, ...]) -> dict[str, Any]:
         except (ValueError, SyntaxError):
             values[key] = value
     return values
+
+
+def read(imu: ImuModel, trajectory: Trajectory, every: int, seed: int) -> ImuReadings:
+    """Readings of a run's kept rows, with noise of a seed."""
+    rng = stream(seed, cell_key("sensor of simval scene"), 0)
+    return read_imu(imu, motion_of(trajectory, every), rng)
+
+
+def stopped(readings: ImuReadings | None) -> list[str]:
+    """Lines on readings that stop at the end of a range, so that nobody trusts them."""
+    if readings is None:
+        return []
+    sensors = {
+        "accelerometer": readings.accelerometer,
+        "gyroscope": readings.gyroscope,
+        "magnetometer": readings.magnetometer,
+    }
+    lines = []
+    for name, sensor in sensors.items():
+        if sensor is None:
+            continue
+        rows = int(np.any(sensor.out_of_range | sensor.saturated, axis=1).sum())
+        if rows:
+            lines.append(
+                f"saturated {rows} rows of the {name} are at the end of its range: "
+                "move more slowly (--set move_time=3), or widen the range"
+            )
+    return lines
 
 
 def described(trajectory: Trajectory) -> list[str]:

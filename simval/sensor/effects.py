@@ -1,0 +1,341 @@
+r"""What a real sensor adds to its model: each effect optional, the truth recorded.
+
+The three readings of a row, :math:`y'` by the sensor's own model, leave it as
+
+.. math:: y = \mathrm{clip}\bigl(q\,\mathrm{round}
+   ((y' + b(t) + c(t) + n)/q),\ y_{min}, y_{max}\bigr)  \tag{E3}
+
+with the bias random walk :math:`b`, flicker noise :math:`c`, white noise :math:`n`, the
+quantum :math:`q` and the converter's limits. Before the model, what is measured is late
+by the delay, and the sensing element stops at its range. Each random effect draws from
+a stream of its own: switching one on leaves the others' numbers alone.
+"""
+
+from dataclasses import dataclass, fields
+from typing import Any, Final, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simval.arrays import (
+    Array,
+    frozen,
+    nonnegative_number,
+    physical_array,
+    positive_number,
+)
+from simval.errors import InputError
+from simval.sensor.coloured import NoiseModel
+from simval.shapes import Float
+from simval.text import shown
+
+STANDARD_GRAVITY: Final = 9.80665  # m/s^2, the unit of `range_g`
+UNEVEN: Final = 1e-3  # share of a step that a clock of even steps may be off by
+E = TypeVar("E", bound="Electronics")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Electronics:
+    """Imperfections of any triad; the defaults switch all off.
+
+    Attributes
+    ----------
+    noise_std_raw : Array or None
+        White noise of each axis and sample, raw units, (3,) or one number for all;
+        None takes the model's own.
+    white_raw_per_sqrt_hz : Array or None
+        The same as a density N, raw units per square root of a hertz: a sample has N
+        times the square root of the rate. One of the two is given at most.
+    flicker_raw : Array
+        Flicker noise B of each axis, raw units, (3,): its Allan deviation is 0.664 B.
+    bias_walk_raw_per_sqrt_s : Array
+        Bias random walk K of each axis, raw units per square root of a second, (3,):
+        the standard deviation that it has reached after one second.
+    quantum_raw : float
+        Step of the converter, raw units; 0 does not quantise.
+    limits_raw : tuple of float or None
+        Least and greatest reading of the converter, raw units.
+    delay_s : float
+        Time by which a reading is late, s; what is between two rows is on the straight
+        line through them.
+
+    Raises
+    ------
+    InputError
+        If a value is negative, not finite, or the limits are not in order.
+    """
+
+    noise_std_raw: Array | float | None = None
+    white_raw_per_sqrt_hz: Array | float | None = None
+    flicker_raw: Array | float = 0.0
+    bias_walk_raw_per_sqrt_s: Array | float = 0.0
+    quantum_raw: float = 0.0
+    limits_raw: tuple[float, float] | None = None
+    delay_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("noise_std_raw", "white_raw_per_sqrt_hz"):
+            if getattr(self, name) is not None:  # else the model's
+                object.__setattr__(self, name, _axes(name, getattr(self, name)))
+        if self.noise_std_raw is not None and self.white_raw_per_sqrt_hz is not None:
+            msg = (
+                f"`noise_std_raw` is {shown(self.noise_std_raw)} and "
+                f"`white_raw_per_sqrt_hz` {shown(self.white_raw_per_sqrt_hz)}; both "
+                "state the white noise, so give one of them"
+            )
+            raise InputError(msg)
+        for name in ("flicker_raw", "bias_walk_raw_per_sqrt_s"):
+            object.__setattr__(self, name, _axes(name, getattr(self, name)))
+        for name, unit in (("quantum_raw", "raw units"), ("delay_s", "s")):
+            number = nonnegative_number(name, getattr(self, name), unit)
+            object.__setattr__(self, name, number)
+        if self.limits_raw is not None:
+            low, high = _limits(self.limits_raw)
+            object.__setattr__(self, "limits_raw", (low, high))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Effects(Electronics):
+    """Imperfections of an accelerometer: those of `Electronics`, and its element's.
+
+    Attributes
+    ----------
+    vibration_m_s2 : Array
+        Amplitude of a sine vibration along each sensor axis, m/s^2, (3,).
+    vibration_hz : float
+        Its frequency, Hz.
+    range_g : float or None
+        The sensing element stops at plus and minus this, standard gravities.
+    """
+
+    vibration_m_s2: Array | float = 0.0
+    vibration_hz: float = 0.0
+    range_g: float | None = None
+
+    def __post_init__(self) -> None:
+        Electronics.__post_init__(self)
+        vibration = _axes("vibration_m_s2", self.vibration_m_s2)
+        object.__setattr__(self, "vibration_m_s2", vibration)
+        number = nonnegative_number("vibration_hz", self.vibration_hz, "Hz")
+        object.__setattr__(self, "vibration_hz", number)
+        _keep_range(self, "range_g", "g")
+
+    @property
+    def reach(self) -> float:
+        """Range of the sensing element, m/s^2; infinite without one."""
+        return np.inf if self.range_g is None else self.range_g * STANDARD_GRAVITY
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GyroscopeEffects(Electronics):
+    """Imperfections of a gyroscope: those of `Electronics`, and its range.
+
+    Attributes
+    ----------
+    range_rad_s : float or None
+        The sensing element stops at plus and minus this, rad/s.
+    """
+
+    range_rad_s: float | None = None
+
+    def __post_init__(self) -> None:
+        Electronics.__post_init__(self)
+        _keep_range(self, "range_rad_s", "rad/s")
+
+    @property
+    def reach(self) -> float:
+        """Range of the sensing element, rad/s; infinite without one."""
+        return np.inf if self.range_rad_s is None else self.range_rad_s
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MagnetometerEffects(Electronics):
+    """Imperfections of a magnetometer: those of `Electronics`, and its range.
+
+    Attributes
+    ----------
+    range_t : float or None
+        The sensing element stops at plus and minus this, T.
+    """
+
+    range_t: float | None = None
+
+    def __post_init__(self) -> None:
+        Electronics.__post_init__(self)
+        _keep_range(self, "range_t", "T")
+
+    @property
+    def reach(self) -> float:
+        """Range of the sensing element, T; infinite without one."""
+        return np.inf if self.range_t is None else self.range_t
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Readings:
+    """Raw readings, and the truth of every effect in them.
+
+    Attributes
+    ----------
+    raw : Array
+        What the sensor puts out, raw units, (n, 3).
+    vibration_m_s2 : Array
+        Vibration that was added to an accelerometer's specific force, m/s^2, (n, 3).
+    bias_walk_raw : Array
+        Bias random walk, raw units, (n, 3).
+    flicker_raw : Array
+        Flicker noise, raw units, (n, 3).
+    noise_raw : Array
+        White noise, raw units, (n, 3).
+    out_of_range : NDArray[np.bool_]
+        Where the sensing element stopped, (n, 3).
+    saturated : NDArray[np.bool_]
+        Where the converter stopped, (n, 3).
+    """
+
+    raw: Float[Array, "n 3"]
+    vibration_m_s2: Float[Array, "n 3"]
+    bias_walk_raw: Float[Array, "n 3"]
+    flicker_raw: Float[Array, "n 3"]
+    noise_raw: Float[Array, "n 3"]
+    out_of_range: NDArray[np.bool_]
+    saturated: NDArray[np.bool_]
+
+    def __post_init__(self) -> None:
+        for name in _KEPT:
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+
+_KEPT = ("raw", "vibration_m_s2", "bias_walk_raw", "flicker_raw", "noise_raw")
+
+
+@dataclass(frozen=True, slots=True)
+class EffectStreams:
+    """One stream of random numbers for each effect."""
+
+    noise: np.random.Generator
+    walk: np.random.Generator
+    phase: np.random.Generator
+    flicker: np.random.Generator
+
+
+def streams_of(rng: np.random.Generator) -> EffectStreams:
+    """Streams of one sensor; a new effect's comes last, so the others' stay."""
+    return EffectStreams(*rng.spawn(4))
+
+
+def delayed(
+    truth: Float[Array, "n 3"], delay: float, time: Float[Array, " n"]
+) -> Float[Array, "n 3"]:
+    """What a sensor sees that is late by some seconds; before, the first row holds."""
+    if delay == 0.0:
+        return truth
+    axes = [np.interp(time - delay, time, axis) for axis in truth.T]
+    return np.stack(axes, axis=1)
+
+
+def converted(
+    ideal: Float[Array, "n 3"],
+    effects: Electronics,
+    std: Float[Array, "3"],
+    time: Float[Array, " n"],
+    streams: EffectStreams,
+) -> tuple[dict[str, Float[Array, "n 3"]], NDArray[np.bool_]]:
+    """Readings of what the model says, eq. (E3): their parts, and where they stop."""
+    noise = std * streams.noise.standard_normal(ideal.shape)
+    walk = _walk(effects, time, streams.walk)
+    flicker: Array = np.zeros(ideal.shape)
+    raw = ideal + walk + noise
+    if np.any(effects.flicker_raw):
+        model = NoiseModel(flicker_raw=effects.flicker_raw)
+        flicker = model.draw(len(time), even_rate(time), streams.flicker)
+        raw = raw + flicker
+    if effects.quantum_raw > 0.0:
+        raw = effects.quantum_raw * np.round(raw / effects.quantum_raw)
+    low, high = effects.limits_raw or (-np.inf, np.inf)
+    parts = {
+        "raw": np.clip(raw, low, high),
+        "bias_walk_raw": walk,
+        "flicker_raw": flicker,
+        "noise_raw": noise,
+    }
+    return parts, (raw < low) | (raw > high)
+
+
+def white_std(
+    effects: Electronics, own: float | Array, time: Float[Array, " n"]
+) -> Float[Array, "3"]:
+    """White noise of a sample: what the effects state, else the model's own."""
+    if effects.white_raw_per_sqrt_hz is not None:
+        return np.full(3, effects.white_raw_per_sqrt_hz) * np.sqrt(even_rate(time))
+    stated = own if effects.noise_std_raw is None else effects.noise_std_raw
+    return np.full(3, stated)
+
+
+def even_rate(time: Float[Array, " n"]) -> float:
+    """Rows per second of a clock with even steps.
+
+    Raises
+    ------
+    InputError
+        If the steps differ, since a density is noise of a rate.
+    """
+    steps = np.diff(time)
+    if not (len(steps) and np.ptp(steps) <= UNEVEN * steps.mean()):
+        longest = f"{steps.min():.3g} to {steps.max():.3g} s" if len(steps) else "none"
+        msg = (
+            f"the steps of `time` are {longest}; a noise density and flicker noise are "
+            "of one rate, so give rows at even steps, or `noise_std_raw`"
+        )
+        raise InputError(msg)
+    return len(steps) / float(time[-1] - time[0])
+
+
+def _walk(
+    effects: Electronics, time: Float[Array, " n"], rng: np.random.Generator
+) -> Float[Array, "n 3"]:
+    # a Wiener process from zero: increments of variance density^2 dt
+    steps = np.sqrt(np.diff(time, prepend=time[:1]))[:, None]
+    density = np.asarray(effects.bias_walk_raw_per_sqrt_s)
+    return np.cumsum(density * steps * rng.standard_normal((len(time), 3)), axis=0)
+
+
+def _axes(name: str, value: Any) -> Float[Array, "3"]:
+    array = physical_array(name, value, ())
+    if array.shape not in ((), (3,)) or not np.all(array >= 0.0):
+        msg = f"`{name}` is {shown(value)}; give one number or three, each 0 or more"
+        raise InputError(msg)
+    return frozen(np.broadcast_to(array, (3,)))
+
+
+def _limits(value: Any) -> tuple[float, float]:
+    array = physical_array("limits_raw", value, (2,))
+    if array.shape != (2,) or not array[0] < array[1]:
+        msg = f"`limits_raw` is {shown(value)}; give the least and the greatest"
+        raise InputError(msg)
+    return float(array[0]), float(array[1])
+
+
+def _keep_range(effects: Electronics, name: str, unit: str) -> None:
+    value = getattr(effects, name)
+    if value is not None:
+        object.__setattr__(effects, name, positive_number(name, value, unit))
+
+
+def effects_from(values: dict[str, Any], kind: type[E]) -> E:
+    """Effects of a sensor from plain values, as a file holds them.
+
+    Raises
+    ------
+    InputError
+        If a name is unknown or a value cannot be used.
+    """
+    known = [field.name for field in fields(kind)]
+    for name in values:
+        if name not in known:
+            msg = f"there is no effect `{name}`; there are {', '.join(known)}"
+            raise InputError(msg)
+    try:
+        return kind(**values)
+    except TypeError as error:
+        msg = f"an effect cannot be used: {error}"
+        raise InputError(msg) from None

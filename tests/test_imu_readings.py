@@ -1,0 +1,333 @@
+"""An IMU's readings: every sensor by its own model, and the truth of what is added."""
+
+import json
+import tomllib
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rounding import EPS
+from scipy import stats
+
+from simval.errors import InputError
+from simval.sensor import (
+    AccelerometerModel,
+    Effects,
+    GyroscopeEffects,
+    GyroscopeModel,
+    ImuModel,
+    MagnetometerEffects,
+    MagnetometerModel,
+    Motion,
+    load_imu,
+    load_sensor,
+    read_imu,
+)
+from simval.streams import cell_key, stream
+
+KEY = cell_key("test imu readings")
+N, RATE = 4000, 200.0
+TIME = np.arange(N) / RATE
+ANGLE = 2.0 * np.pi * TIME[:, None] * np.array([0.5, 0.7, 1.1]) + [0.0, 1.0, 2.0]
+MOTION = Motion(
+    time=TIME,
+    specific_force=9.8 * np.sin(ANGLE),
+    rate=3.0 * np.cos(ANGLE),
+    field=5e-5 * np.sin(ANGLE + 0.5),
+)
+ACCELEROMETER = AccelerometerModel(
+    T=[[1, 0, 0], [0.01, 1, 0], [-0.02, 0.03, 1]], K=[1.02, 0.97, 1.01], B=[0.3, 0, -1]
+)
+M_W = np.array([[2e-3, 1e-5, 0], [-3e-5, 2.1e-3, 2e-5], [0, 4e-5, 1.9e-3]])
+B_W = np.array([12.0, -30.0, 5.0])
+G_W = np.array([[0.1, 0.02, 0], [0, -0.2, 0], [0.01, 0, 0.05]])
+M_M = 1.5e-7 * np.array([[1, 0.02, 0], [0.1, 1.1, -0.03], [0, 0.05, 0.9]])
+B_M = np.array([120.0, -40.0, 60.0])
+
+
+def imu(**parts):
+    """All three sensors, without noise but for what is given."""
+    return ImuModel(
+        accelerometer=ACCELEROMETER,
+        gyroscope=GyroscopeModel(M=M_W, B=B_W, G=G_W),
+        magnetometer=MagnetometerModel(M=M_M, b=B_M),
+        **parts,
+    )
+
+
+def read(seed=1, **parts):
+    return read_imu(imu(**parts), MOTION, stream(seed, KEY, 0))
+
+
+def test_without_effects_each_is_its_model():
+    readings = read()
+    force, rate, field = MOTION.specific_force, MOTION.rate, MOTION.field
+    back = ACCELEROMETER.correct(readings.accelerometer.raw)
+    # a solve and a product of condition 1.1 at values of 10
+    np.testing.assert_allclose(back, force, rtol=0, atol=64 * EPS * 10)
+    raw = readings.gyroscope.raw
+    felt = np.einsum("ij,nj->ni", M_W, raw - B_W - np.einsum("ij,nj->ni", G_W, force))
+    np.testing.assert_allclose(felt, rate, rtol=0, atol=64 * EPS * 3.0)
+    felt = np.einsum("ij,nj->ni", M_M, readings.magnetometer.raw - B_M)
+    # the hard iron is a third of the reading, so it costs as many digits
+    np.testing.assert_allclose(felt, field, rtol=0, atol=64 * EPS * 1e-4)
+    np.testing.assert_array_equal(readings.stamp, TIME)
+
+
+def test_one_sensor_leaves_the_others_numbers_alone():
+    noisy = Effects(noise_std_raw=0.1)
+    alone = read(accelerometer_effects=noisy)
+    gyroscope = GyroscopeEffects(
+        white_raw_per_sqrt_hz=0.3, flicker_raw=0.2, bias_walk_raw_per_sqrt_s=0.1
+    )
+    both = read(
+        accelerometer_effects=noisy,
+        gyroscope_effects=gyroscope,
+        magnetometer_effects=MagnetometerEffects(noise_std_raw=2.0),
+        clock_jitter_s=1e-4,
+    )
+    np.testing.assert_array_equal(alone.accelerometer.raw, both.accelerometer.raw)
+    only = read(gyroscope_effects=GyroscopeEffects(white_raw_per_sqrt_hz=0.3))
+    np.testing.assert_array_equal(both.gyroscope.noise_raw, only.gyroscope.noise_raw)
+    drawn = [both.accelerometer, both.gyroscope, both.magnetometer]
+    numbers = [(r.noise_raw / r.noise_raw.std(axis=0)).ravel() for r in drawn]
+    for a, b in ((0, 1), (0, 2), (1, 2)):  # no two share a stream
+        r = float(numbers[a] @ numbers[b]) / len(numbers[a])
+        # a mean of 12 000 products of variance 1: one false alarm in 1e4 seeds
+        assert abs(r) < stats.norm.isf(1e-4 / 6) / np.sqrt(len(numbers[a]))
+
+
+def test_what_is_added_is_recorded():
+    effects = {
+        "white_raw_per_sqrt_hz": [0.3, 0.1, 0.0],
+        "flicker_raw": [0.2, 0.0, 0.5],
+        "bias_walk_raw_per_sqrt_s": [0.1, 0.4, 0.0],
+    }
+    clean = read()
+    dirty = read(
+        accelerometer_effects=Effects(**effects),
+        gyroscope_effects=GyroscopeEffects(**effects),
+        magnetometer_effects=MagnetometerEffects(**effects),
+    )
+    for name, size in (
+        ("accelerometer", 12.0),
+        ("gyroscope", 2000.0),
+        ("magnetometer", 700.0),
+    ):
+        sensor = getattr(dirty, name)
+        parts = sensor.noise_raw + sensor.flicker_raw + sensor.bias_walk_raw
+        added = sensor.raw - getattr(clean, name).raw
+        # sums of readings of this size
+        np.testing.assert_allclose(added, parts, rtol=0, atol=4 * EPS * size)
+        assert not sensor.flicker_raw[:, 1].any()
+        assert not sensor.bias_walk_raw[:, 2].any()
+        # a density of N is a sample of N sqrt(rate): chi-square, 6 of these limits
+        spread = np.sum(sensor.noise_raw[:, :2] ** 2, axis=0) / RATE
+        low, high = stats.chi2.ppf([1e-4 / 12, 1 - 1e-4 / 12], N)
+        assert np.all((low < spread / [0.09, 0.01]) & (spread / [0.09, 0.01] < high))
+        assert np.all(1.25 * spread / [0.09, 0.01] > high)  # power: 12 % more noise
+
+
+def test_a_delay_of_whole_rows_is_a_shift():
+    late = read(
+        accelerometer_effects=Effects(delay_s=3 / RATE),
+        gyroscope_effects=GyroscopeEffects(delay_s=3 / RATE),
+        magnetometer_effects=MagnetometerEffects(delay_s=3 / RATE),
+    )
+    prompt = read()
+    for name, size in (
+        ("accelerometer", 12.0),
+        ("gyroscope", 2e3),
+        ("magnetometer", 7e2),
+    ):
+        raw, before = getattr(late, name).raw, getattr(prompt, name).raw
+        # time - delay is rounded: eps of 20 s at the greatest slope, 7 a second
+        atol = size * (20.0 * 7.0 + 8.0) * EPS
+        np.testing.assert_allclose(raw[3:], before[:-3], rtol=0, atol=atol)
+        np.testing.assert_allclose(raw[:3], before[[0, 0, 0]], rtol=0, atol=atol)
+        half = read(**{f"{name}_effects": _late(name, 0.5 / RATE)})
+        between = (before[1:] + before[:-1]) / 2.0
+        np.testing.assert_allclose(
+            getattr(half, name).raw[1:], between, rtol=0, atol=2 * atol * RATE / 10
+        )
+
+
+def _late(name, delay):
+    kinds = {
+        "accelerometer": Effects,
+        "gyroscope": GyroscopeEffects,
+        "magnetometer": MagnetometerEffects,
+    }
+    return kinds[name](delay_s=delay)
+
+
+def test_ranges_and_limits_stop_each_sensor():
+    readings = read(
+        accelerometer_effects=Effects(range_g=0.5),
+        gyroscope_effects=GyroscopeEffects(range_rad_s=2.0),
+        magnetometer_effects=MagnetometerEffects(limits_raw=(-100.0, 200.0)),
+    )
+    clean = read()
+    over = np.abs(MOTION.rate) > 2.0
+    np.testing.assert_array_equal(readings.gyroscope.out_of_range, over)
+    whole = ~over.any(axis=1)
+    np.testing.assert_array_equal(
+        readings.gyroscope.raw[whole], clean.gyroscope.raw[whole]
+    )
+    assert np.any(readings.gyroscope.raw[~whole] != clean.gyroscope.raw[~whole])
+    raw = clean.magnetometer.raw
+    np.testing.assert_array_equal(
+        readings.magnetometer.saturated, (raw < -100) | (raw > 200)
+    )
+    np.testing.assert_array_equal(readings.magnetometer.raw, np.clip(raw, -100, 200))
+    assert readings.accelerometer.out_of_range.any()
+
+
+def test_the_g_sensitivity_is_of_the_force_of_the_row():
+    with_g, plain = (
+        read_imu(
+            ImuModel(
+                accelerometer=ACCELEROMETER, gyroscope=GyroscopeModel(M=M_W, B=B_W, G=G)
+            ),
+            MOTION,
+            stream(1, KEY, 0),
+        ).gyroscope.raw
+        for G in (G_W, np.zeros((3, 3)))
+    )
+    seen = np.linalg.lstsq(MOTION.specific_force, with_g - plain, rcond=None)[0].T
+    np.testing.assert_allclose(seen, G_W, rtol=0, atol=1e4 * EPS)  # readings of 2e3
+
+
+def test_time_stamps_jitter_and_stay_in_order():
+    readings = read(clock_jitter_s=2e-4)
+    off = readings.stamp - TIME
+    spread = np.sum(off**2) / 2e-4**2
+    low, high = stats.chi2.ppf([5e-5, 1 - 5e-5], N)
+    assert low < spread < high
+    np.testing.assert_array_equal(readings.gyroscope.raw, read().gyroscope.raw)
+    with pytest.raises(InputError, match=r"out of order; give a tenth of the step"):
+        read(clock_jitter_s=5e-3)
+
+
+def test_a_density_needs_even_steps():
+    uneven = np.sort(np.random.default_rng(0).uniform(0.0, 1.0, N))
+    motion = Motion(
+        time=uneven,
+        specific_force=MOTION.specific_force,
+        rate=MOTION.rate,
+        field=MOTION.field,
+    )
+    for effects in (Effects(white_raw_per_sqrt_hz=1.0), Effects(flicker_raw=1.0)):
+        with pytest.raises(InputError, match="so give rows at even steps"):
+            read_imu(imu(accelerometer_effects=effects), motion, stream(1, KEY, 0))
+    read_imu(
+        imu(accelerometer_effects=Effects(noise_std_raw=1)), motion, stream(1, KEY, 0)
+    )
+
+
+FILE = """
+T = [[1, 0, 0], [0.01, 1, 0], [-0.02, 0.03, 1]]
+K = [1.02, 0.97, 1.01]
+B = [0.3, 0, -1]
+noise_std_raw = 0.01
+
+[gyroscope]
+T = [[1, 0.01, 0], [0, 1, 0.02], [-0.01, 0, 1]]
+K = [2e-3, 2.1e-3, 1.9e-3]
+B = [12, -30, 5]
+G = [[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]
+white_raw_per_sqrt_hz = 0.8
+flicker_raw = 0.2
+bias_walk_raw_per_sqrt_s = 0.05
+range_rad_s = 35
+delay_s = 0.001
+
+[magnetometer]
+T = [[1, 0, 0], [0.02, 1, 0], [0.01, -0.03, 1]]
+K = [1.5e-7, 1.5e-7, 1.6e-7]
+B = [120, -40, 60]
+noise_std_raw = 3.0
+quantum_raw = 1
+
+[clock]
+jitter_s = 1e-5
+"""
+
+
+def test_one_file_describes_all_sensors(tmp_path):
+    path = tmp_path / "imu.toml"
+    path.write_text(FILE)
+    other = tmp_path / "imu.json"
+    other.write_text(json.dumps(tomllib.loads(FILE)))
+    for file in (path, other):
+        found = load_imu(file)
+        np.testing.assert_array_equal(found.accelerometer.matrix, ACCELEROMETER.matrix)
+        T = np.array([[1, 0.01, 0], [0, 1, 0.02], [-0.01, 0, 1]])
+        M = T * np.array([2e-3, 2.1e-3, 1.9e-3])
+        np.testing.assert_array_equal(found.gyroscope.M, M)
+        np.testing.assert_array_equal(found.gyroscope.G, 0.1 * np.eye(3))
+        assert found.gyroscope_effects.range_rad_s == 35.0
+        np.testing.assert_array_equal(found.magnetometer.b, B_M)
+        assert found.magnetometer_effects.quantum_raw == 1.0
+        assert found.clock_jitter_s == 1e-5
+        model, effects = load_sensor(file)
+        np.testing.assert_array_equal(model.B, [0.3, 0, -1])
+        np.testing.assert_array_equal(effects.noise_std_raw, [0.01] * 3)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("[gyroscope]\nT", "[gyroscope]\nU", "the table `gyroscope` lacks T; T, K"),
+        ("range_rad_s", "range_g", "there is no effect `range_g`; there are noise"),
+        ("range_rad_s = 35", "range_rad_s = 0", "`range_rad_s` is 0"),
+        ("K = [1.5e-7, 1.5e-7, 1.6e-7]", "K = [1e-7, 0, 1e-7]", "M is singular"),
+        ("jitter_s = 1e-5", "jitter_s = -1", "`clock_jitter_s` is -1"),
+        ("jitter_s = 1e-5", "skew = 1", "the table `clock` has skew; it takes"),
+        ("[clock]\njitter_s = 1e-5", "[clock]", "the table `clock` has nothing"),
+        ("G = [[0.1, 0, 0], ", "G = [", "G"),
+        ("noise_std_raw = 3.0", "noise_std_raw = 3\nwhite_raw_per_sqrt_hz = 1", "both"),
+        ("[magnetometer]", "[compass]", "there is no effect `compass`"),
+        ("delay_s = 0.001", "delay_s = -0.001", "`delay_s` is -0.001"),
+        ("flicker_raw = 0.2", "flicker_raw = [1, 2]", "one number or three"),
+    ],
+)
+def test_a_bad_table_is_named(tmp_path, old, new, message):
+    path = tmp_path / "imu.toml"
+    assert old in FILE
+    path.write_text(FILE.replace(old, new))
+    with pytest.raises(InputError, match=message):
+        load_imu(path)
+
+
+GARBAGE = [None, True, "a", -1.0, [], {}, [1.0], [[1.0, 2.0]], 1e400, float("nan"), {
+    "T": 1
+}, [[float("nan")] * 3] * 3, 10**400, ["a", "b", "c"], [[0.0] * 3] * 3]  # fmt: skip
+
+
+@given(st.data())
+def test_no_damaged_file_becomes_a_traceback(tmp_path_factory, data):
+    values = tomllib.loads(FILE)
+    for _ in range(data.draw(st.integers(1, 3))):
+        table = data.draw(
+            st.sampled_from([values, *filter(_is_table, values.values())])
+        )
+        name = data.draw(st.sampled_from([*table, "x"]))
+        if data.draw(st.booleans()):
+            table.pop(name, None)
+        else:
+            table[name] = data.draw(st.sampled_from(GARBAGE))
+    path = tmp_path_factory.mktemp("damaged") / "imu.json"
+    path.write_text(json.dumps(values))
+    try:
+        raw = read_imu(load_imu(path), MOTION, stream(1, KEY, 0))
+    except InputError:
+        return
+    assert np.all(np.isfinite(raw.accelerometer.raw))
+    assert raw.gyroscope is None or np.all(np.isfinite(raw.gyroscope.raw))
+    assert raw.magnetometer is None or np.all(np.isfinite(raw.magnetometer.raw))
+
+
+def _is_table(value):
+    return isinstance(value, dict)
