@@ -93,6 +93,61 @@ def test_the_header_says_which_columns(tmp_path, header, places):
     assert [each.place for each in log.columns][1:4] == places
 
 
+def test_a_magnetometer_is_taken_by_its_names(tmp_path, capsys):
+    nine = "ax,ay,az,wx,wy,wz,mx,my,mz"
+    path, rows = write(tmp_path, f"t,{nine}", 10)
+    log = read_log(path)
+    np.testing.assert_array_equal(log.gyro, rows[:, 4:7])
+    np.testing.assert_array_equal(log.magnetometer, rows[:, 7:])
+    assert [each.role for each in log.columns] == ["t", *nine.split(",")]
+    other, _ = write(tmp_path, "t,acc_x,acc_y,acc_z,mag_z,mag_y,mag_x", 7, "other.csv")
+    log = read_log(other)
+    assert log.gyro is None
+    np.testing.assert_array_equal(log.magnetometer[:, 0], rows_of(other)[:, 6])
+    # asked for by name, in any order; all or none
+    log = read_log(other, columns="t,ax,ay,az,mz,mx,my")
+    np.testing.assert_array_equal(log.magnetometer, rows_of(other)[:, [5, 6, 4]])
+    with pytest.raises(InputError, match="mx, my, mz all or none"):
+        read_log(other, columns="t,ax,ay,az,mz,mx,-")
+    # nobody guesses nine columns without names
+    bare = tmp_path / "bare.csv"
+    bare.write_text("".join(f"{','.join(map(str, row))}\n" for row in rows))
+    with pytest.raises(InputError, match="10 columns and no names"):
+        read_log(bare)
+
+
+def rows_of(path):
+    return np.loadtxt(path, delimiter=",", skiprows=1, encoding="latin-1")
+
+
+def test_a_slow_magnetometer_is_left_out_and_that_is_said(tmp_path):
+    path, rows = write(tmp_path, "t,ax,ay,az,mx,my,mz", 7)
+    lines = path.read_text().split("\n")
+    for hole in ("nan", ""):
+        fields = lines[5].split(",")
+        lines[5] = ",".join([*fields[:4], hole, *fields[5:]])
+        path.write_text("\n".join(lines))
+        log = read_log(path)
+        assert log.magnetometer is None
+        np.testing.assert_array_equal(log.accelerometer, rows[:, 1:4])
+        assert "left out          the magnetometer: " in "\n".join(log.described())
+        assert ", line 6" in log.unclear[0]
+        with pytest.raises(InputError):  # but not where it is asked for
+            read_log(path, columns="t,ax,ay,az,mx,my,mz")
+
+
+def test_two_sensors_of_a_kind_are_left_out_and_that_is_said(tmp_path):
+    gyros = [f"imu{k}_gyro_{axis}" for k in (1, 2) for axis in "xyz"]
+    path, _ = write(tmp_path, ",".join(["t,ax,ay,az", *gyros]), 10)
+    log = read_log(path)
+    assert log.gyro is None
+    assert log.unclear == (
+        "2 gyroscopes are named and none is taken; choose one by --columns with "
+        "wx, wy, wz",
+    )
+    assert read_log(path, columns="t,ax,ay,az,-,-,-,wx,wy,wz").unclear == ()
+
+
 @pytest.mark.parametrize(
     ("header", "why"),
     [

@@ -12,8 +12,9 @@ from simval.verdict import ALPHA
 PATH = click.Path(path_type=Path)
 
 COLUMNS = (
-    "What each column is, in their order: t,ax,ay,az,wx,wy,wz, - to ignore one; t[ms], "
-    "t[us], t[ns] for a clock not in seconds.  [default: what the header says]"
+    "What each column is, in their order: t,ax,ay,az,wx,wy,wz,mx,my,mz, - to ignore "
+    "one; t[ms], t[us], t[ns] for a clock not in seconds.  [default: what the header "
+    "says]"
 )
 
 

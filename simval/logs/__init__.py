@@ -8,7 +8,8 @@ MATLAB file (format 4 or 5) is read by the names of its variables.
 The header says which columns are taken (by the rules of `simval.logs.names`); where it
 does not, the user is asked, and nothing is guessed. Without a header the number of
 columns decides: 3 are ``ax ay az``, 4 ``t ax ay az``, 6 ``ax ay az wx wy wz`` and 7
-``t`` and those six.
+``t`` and those six. A magnetometer's are taken by their names alone, ``mx my mz``;
+where one is read more slowly and leaves holes, it is left out, and that is said.
 
 Time becomes seconds by the unit that the header or the caller states
 (`simval.logs.clock`). A log without a clock relies on the caller's rate: everything in

@@ -9,11 +9,13 @@ from simval.errors import InputError
 from simval.logs.names import SECONDS, Channel, Kind, channel
 from simval.logs.table import Table
 
-NAMES = ("t", "ax", "ay", "az", "wx", "wy", "wz")
+NAMES = ("t", "ax", "ay", "az", "wx", "wy", "wz", "mx", "my", "mz")
+SENSORS = {"gyroscope": NAMES[4:7], "magnetometer": NAMES[7:]}  # beside the first
 SKIP = "-"
-LAYOUTS = {3: NAMES[1:4], 4: NAMES[:4], 6: NAMES[1:], 7: NAMES}
+LAYOUTS = {3: NAMES[1:4], 4: NAMES[:4], 6: NAMES[1:7], 7: NAMES[:7]}
+KINDS: dict[Kind, tuple[str, ...]] = {"gyro": NAMES[4:7], "mag": NAMES[7:]}
 Triple = tuple[int, int, int]
-_GIVEN = re.compile(r"(t|-|[aw][xyz])(?:\[([^\]]+)\])?")
+_GIVEN = re.compile(r"(t|-|[awm][xyz])(?:\[([^\]]+)\])?")
 _OTHER_FILES = re.compile(
     r"gyr|mag|gravity|linear|user|orient|euler|rotation|quat", re.I
 )
@@ -28,7 +30,7 @@ class Column:
     Attributes
     ----------
     role : str
-        Out of ``t ax ay az wx wy wz``.
+        Out of `NAMES`.
     place : int
         Its place in the row, from 0.
     name : str
@@ -90,13 +92,13 @@ def _given(table: Table, columns: str | Sequence[str]) -> tuple[Column, ...]:
         raise InputError(msg)
     matches = [_GIVEN.fullmatch(name) for name in names]
     used = [match[1] for match in matches if match and match[1] != SKIP]
-    gyro = [name for name in used if name in NAMES[4:]]
-    complete = {"ax", "ay", "az"} <= set(used) and len(gyro) in (0, 3)
+    parts = [len(set(names) & set(used)) for names in SENSORS.values()]
+    complete = {"ax", "ay", "az"} <= set(used) and set(parts) <= {0, 3}
     if not (all(matches) and complete and len(set(used)) == len(used)):
         msg = (
             f"`columns` is {','.join(names)}; each of ax, ay, az is needed once, t "
             "once at most (t[ms], t[us], t[ns] for a clock not in seconds), wx, wy, wz "
-            "all or none, and - marks a column to ignore"
+            "all or none, mx, my, mz all or none, and - marks a column to ignore"
         )
         raise InputError(msg)
     headers = table.names or ("",) * table.width
@@ -123,9 +125,10 @@ def _by_header(table: Table, names: tuple[str, ...]) -> tuple[Column, ...]:
     channels = [channel(name) for name in names]
     force = _force(table, names, channels)
     places = dict(zip(NAMES[1:4], force, strict=True))
-    gyros = triples(channels, "gyro")
-    if len(gyros) == 1:
-        places |= zip(NAMES[4:], gyros[0], strict=True)
+    for kind, roles in KINDS.items():
+        sensors = triples(channels, kind)
+        if len(sensors) == 1:
+            places |= zip(roles, sensors[0], strict=True)
     clock = _clock(table, channels)
     if clock is not None:
         places = {"t": clock} | places
@@ -138,6 +141,22 @@ def _by_header(table: Table, names: tuple[str, ...]) -> tuple[Column, ...]:
         )
         for role, place in places.items()
     )
+
+
+def several(table: Table) -> tuple[str, ...]:
+    """What is said of sensors that a header names more than once, so that none is."""
+    if table.names is None:
+        return ()
+    channels = [channel(name) for name in table.names]
+    said = []
+    for (kind, roles), name in zip(KINDS.items(), SENSORS, strict=True):
+        count = len(triples(channels, kind))
+        if count > 1:
+            said.append(
+                f"{count} {name}s are named and none is taken; choose one by "
+                f"--columns with {', '.join(roles)}"
+            )
+    return tuple(said)
 
 
 def triples(channels: list[Channel], kind: Kind) -> list[Triple]:
@@ -244,5 +263,5 @@ def _question(
     return InputError(
         f"{table.path}: which columns are the accelerometer's x, y and z? The header "
         f"has {listed}{more}; {why}. Name each column in its order, "
-        f"{form} {say} (t, ax, ay, az, wx, wy, wz, - for one to ignore)"
+        f"{form} {say} ({', '.join(NAMES)}, - for one to ignore)"
     )

@@ -7,8 +7,9 @@ from os import PathLike
 import numpy as np
 
 from simval.arrays import Array, frozen, positive_number
+from simval.errors import InputError
 from simval.logs.clock import read_clock, require_finite
-from simval.logs.columns import NAMES, Column, chosen
+from simval.logs.columns import NAMES, SENSORS, Column, chosen, several
 from simval.logs.content import decoded, file_bytes, is_matlab
 from simval.logs.matlab import matlab_table
 from simval.logs.table import Table
@@ -30,12 +31,16 @@ class Log:
         Raw readings in sensor axes, (n, 3), raw counts or m/s^2.
     gyro : Array or None
         Raw angular rate in sensor axes, (n, 3), raw counts or rad/s.
+    magnetometer : Array or None
+        Raw magnetic field in sensor axes, (n, 3), raw counts or a unit of field.
     rate : float
         Rows per second, Hz.
     columns : tuple of Column
         The columns of the file that these are.
     second : float
         Unit of the file's clock, s.
+    unclear : tuple of str
+        Why a sensor that the file seems to have was left out.
     """
 
     path: str
@@ -45,9 +50,11 @@ class Log:
     rate: float
     columns: tuple[Column, ...] = ()
     second: float = 1.0
+    magnetometer: Float[Array, "n 3"] | None = None
+    unclear: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in ("time", "accelerometer", "gyro"):
+        for name in ("time", "accelerometer", "gyro", "magnetometer"):
             value = getattr(self, name)
             if value is not None:
                 object.__setattr__(self, name, frozen(value))
@@ -70,7 +77,7 @@ class Log:
         return int(np.searchsorted(self.time, end, side="right"))
 
     def described(self) -> list[str]:
-        """Say in two lines which columns were taken, and how the clock runs.
+        """Say which columns were taken, what was left out, and how the clock runs.
 
         Returns
         -------
@@ -85,6 +92,7 @@ class Log:
             source += f", in units of {self.second:g} s"
         return [
             f"columns           {taken}",
+            *(f"left out          {each}" for each in self.unclear),
             f"clock             {source}: {len(self.time)} rows in {seconds:.2f} s, "
             f"{self.rate:.6g} Hz",
         ]
@@ -95,7 +103,7 @@ def read_log(
     rate: float | None = None,
     columns: str | Sequence[str] | None = None,
 ) -> Log:
-    """Read a log of accelerometer (and gyro) rows.
+    """Read a log of an accelerometer's rows, with a gyroscope's and a magnetometer's.
 
     Parameters
     ----------
@@ -105,10 +113,10 @@ def read_log(
         Rows per second, Hz. Needed where the file has no clock; beside one it must
         agree with it within 10 %, and may tell its unit.
     columns : str or sequence of str or None
-        What each column is: names out of ``t ax ay az wx wy wz`` or ``-`` for a
-        column to ignore, e.g. ``"-,ax,ay,az"``; ``t[ms]``, ``t[us]``, ``t[ns]`` for
-        a clock that is not in seconds. None takes the file's header where it has one,
-        else the number of columns.
+        What each column is: names out of ``t ax ay az wx wy wz mx my mz`` or ``-``
+        for a column to ignore, e.g. ``"-,ax,ay,az"``; ``t[ms]``, ``t[us]``,
+        ``t[ns]`` for a clock that is not in seconds. None takes the file's header where
+        it has one, else the number of columns.
 
     Returns
     -------
@@ -127,20 +135,41 @@ def read_log(
         rate = positive_number("rate", rate, "Hz")
     table = _table(str(path))
     picked = chosen(table, columns)
-    places = {each.role: each.place for each in picked}
-    values = table.numbers([place for role, place in places.items() if role != "t"])
-    require_finite(table, values)
+    unclear = several(table) if columns is None else ()
+    try:
+        rows = _rows(table, picked)
+    except InputError as error:
+        least = tuple(each for each in picked if each.role not in NAMES[7:])
+        if columns is not None or len(least) == len(picked):
+            raise
+        rows, picked = _rows(table, least), least  # one more slowly read leaves holes
+        unclear = (*unclear, f"the magnetometer: {error}")
+    sensors = {
+        name: np.stack([rows[role] for role in own], axis=1)
+        for name, own in SENSORS.items()
+        if own[0] in rows
+    }
     clock = next((each for each in picked if each.role == "t"), None)
     time, rate, second = read_clock(table, clock, rate)
     return Log(
         path=str(path),
         time=time,
-        accelerometer=values[:, :3],
-        gyro=values[:, 3:] if NAMES[4] in places else None,
+        accelerometer=np.stack([rows[role] for role in NAMES[1:4]], axis=1),
+        gyro=sensors.get("gyroscope"),
+        magnetometer=sensors.get("magnetometer"),
         rate=rate,
         columns=tuple(each for each in picked if each.role != "t" or second),
         second=second or 1.0,
+        unclear=unclear,
     )
+
+
+def _rows(table: Table, picked: tuple[Column, ...]) -> dict[str, Float[Array, " n"]]:
+    # the numbers of each role but the clock's
+    roles = [each.role for each in picked if each.role != "t"]
+    values = table.numbers([each.place for each in picked if each.role != "t"])
+    require_finite(table, values)
+    return dict(zip(roles, values.T, strict=True))
 
 
 def _table(path: str) -> Table:
