@@ -13,7 +13,7 @@ from simval.arrays import Array
 from simval.calibrate import FitResult
 from simval.calibrate.arguments import choices
 from simval.calibrate.files import to_json, write_json
-from simval.cli.options import COLUMNS, PATH
+from simval.cli.options import COLUMNS, PATH, write
 from simval.logs import Log, read_log
 from simval.multiposition import LogCalibration, calibrate_log
 from simval.sensor import forms
@@ -41,12 +41,16 @@ def _choice(name: str, default: str, words: str) -> Callable[[FC], FC]:
 @_choice("loss", "linear", "Robust loss, against outlier poses.")
 @click.option("--full-scale", type=float, help="Greatest reading, units of the log.")
 @click.option("--out", type=PATH, help="Write the JSON file.")
+@click.option(
+    "--report", "page", type=PATH, help="Write a page with figures, one HTML file."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def command(
     path: Path,
     rate: float | None,
     columns: str | None,
     out: Path | None,
+    page: Path | None,
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -64,11 +68,20 @@ def command(
         written = as_object(result) | log_object(log)
     if out is not None:
         write_json(out, written)
+    if page is not None:
+        write_page(page, log, result)
     if as_json:
         click.echo(json.dumps(written, allow_nan=False))
         return
     for line in log.described() + described(result):
         click.echo(line)
+
+
+def write_page(path: Path, log: Log, result: LogCalibration) -> None:
+    """Write the page of a calibration."""
+    from simval.report import render_calibration  # starts the drawing
+
+    write(path, render_calibration(log, result))
 
 
 def log_object(log: Log) -> dict[str, Any]:

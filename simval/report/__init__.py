@@ -6,6 +6,7 @@ Each section is one module in `sections`, with a function ``section(context)`` t
 returns the section, or None where the run has nothing for it, and one template.
 """
 
+from simval.report.calibrated import render_calibration
 from simval.report.comparison import render_comparison
 from simval.report.page import drawings, render, tables
 from simval.report.paint import png, svg_file
@@ -16,6 +17,7 @@ __all__ = [
     "drawings",
     "png",
     "render",
+    "render_calibration",
     "render_comparison",
     "svg_file",
     "tables",

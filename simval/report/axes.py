@@ -224,10 +224,14 @@ def _limit(panel: Panel, axes: Any) -> None:
 
 @paint.register
 def _(panel: SpherePanel, axes: Any) -> None:
-    half = panel.directions[panel.sign * panel.directions[:, 2] >= 0.0]
-    # Lambert's azimuthal equal-area projection about the pole
-    scale = np.sqrt(2.0 / (1.0 + np.abs(half[:, 2])))
-    axes.plot(half[:, 0] * scale, half[:, 1] * scale, "o", color=COLOURS[0], ms=5)
+    for directions, mark, colour in (
+        (panel.directions, "o", COLOURS[0]),
+        (panel.wanted, "D", COLOURS[1]),
+    ):
+        half = directions[panel.sign * directions[:, 2] >= 0.0]
+        # Lambert's azimuthal equal-area projection about the pole
+        scale = np.sqrt(2.0 / (1.0 + np.abs(half[:, 2])))
+        axes.plot(half[:, 0] * scale, half[:, 1] * scale, mark, color=colour, ms=5)
     angle = np.linspace(0.0, 2.0 * np.pi, 181)
     for degrees in (30, 60, 90):
         radius = 2.0 * np.sin(np.radians(degrees) / 2.0)

@@ -6,6 +6,8 @@ No drawing here: a section computes panels, a panel is arrays and words.
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from simval.arrays import Array
 from simval.report.words import slug
 from simval.shapes import Float
@@ -57,6 +59,8 @@ class SpherePanel:
     # unit vectors; those of the other half are not drawn
     directions: Float[Array, "n 3"]
     sign: float  # 1 for z >= 0, -1 for z <= 0
+    # those to be set apart, where something is still to come
+    wanted: Float[Array, "m 3"] = field(default_factory=lambda: np.empty((0, 3)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
