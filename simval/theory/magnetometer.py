@@ -1,0 +1,387 @@
+r"""Error of a magnetometer's calibration to second order, the bound, and the usual recipe.
+
+A pose of unknown attitude leaves of its six readings three equations,
+
+.. math:: c = [\,|u|^2 - 1,\ |v|^2 - 1,\ u^T v + \sin(\mathrm{dip})\,] = 0, \quad
+   u = M_a (y_a - b_a)/g,\ v = M_m (y_m - b_m)/F,  \tag{M1}
+
+and nothing else of the 22 parameters: with :math:`J = \partial c/\partial\theta` and
+:math:`D = \partial c/\partial(y_a, y_m)` the Cramer-Rao bound, attitudes unknown, is
+
+.. math:: P = \Big(\sum_i J_i^T W_i J_i\Big)^{-1}, \quad
+   W_i = (D_i \Sigma D_i^T)^{-1}.  \tag{M2}
+
+The estimate that solves :math:`\psi = \sum_i J_i^T W_i c_i = 0` reaches it to first
+order. Along a reading k it moves by :math:`\theta_k = -P\, \partial\psi/\partial y_k`,
+and its mean is off by
+
+.. math:: -\tfrac12 P \sum_k \sigma_k^2 \frac{d^2}{d\varepsilon^2}
+   \psi(\theta + \varepsilon \theta_k,\ y + \varepsilon e_k),  \tag{M7}
+
+left out is :math:`O(\sigma^4)`. The usual recipe, an unweighted ellipsoid for each
+sensor and then a turn, solves :math:`\sum_i \partial c_{i1}/\partial\theta_a\, c_{i1} =
+0`, the same of :math:`c_2` for the symmetric part of :math:`dM M^{-1}` and b, and of
+:math:`c_3` for its turn and the dip; :math:`H^{-1} B H^{-T}`, with H the derivative of
+these equations and B their covariance, is its covariance  (M8).
+
+With :math:`w` the greatest first-order standard deviation of the natural parameters
+(:math:`dM M^{-1}`, M db, the sine), the next order changes a bias by a share
+:math:`w^2` of a second-order one, which is itself a share of w of the standard
+deviation, and a variance by a share of :math:`w^2`, times factors that are measured:
+
+.. math:: 40\, n\, w^3\, \mathrm{sd} \tag{M9}, \qquad 10\, n\, w^2. \tag{M10}
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from simval.arguments import choice, instance
+from simval.arrays import (
+    Array,
+    finite_array,
+    frozen,
+    noise_levels,
+    positive_number,
+    real_number,
+)
+from simval.errors import GeometryError, InputError
+from simval.geometry import attitude_matrix
+from simval.sensor import AccelerometerModel, MagnetometerModel, forms
+from simval.shapes import Float, Inexact
+
+PARAMETERS = 22
+BIAS_NEXT = 40.0  # of eq. (M9), measured
+VARIANCE_NEXT = 10.0  # of eq. (M10), measured
+_TINY = 1e-30  # complex step: exact to rounding
+_STEP = 1e-4  # of a reading's size: rounding and truncation leave 1e-8 of a derivative
+_CHUNK = 256  # perturbed readings worked at once
+_RANK = 1e-10  # of the greatest singular value, columns of equal length
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MagnetometerMoments:
+    """Predicted error of a magnetometer's calibration, estimate minus truth.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Names of the 22 parameters: the accelerometer's, M by rows, b, and the dip.
+    bias : Array
+        Second-order bias of the weighted fit, (22,); the dip in rad.
+    covariance : Array
+        Its first-order covariance, which is the Cramer-Rao bound (M2), (22, 22).
+    recipe : Array
+        First-order covariance of the usual recipe, eq. (M8), (22, 22).
+    bias_remainder : Array
+        What the bias may be off by, eq. (M9), (22,).
+    variance_remainder : float
+        What a variance may be off by relative to itself, eq. (M10).
+    """
+
+    names: tuple[str, ...]
+    bias: Float[Array, "22"]
+    covariance: Float[Array, "22 22"]
+    recipe: Float[Array, "22 22"]
+    bias_remainder: Float[Array, "22"]
+    variance_remainder: float
+
+    def __post_init__(self) -> None:
+        for name in ("bias", "covariance", "recipe", "bias_remainder"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    @property
+    def sd(self) -> Float[Array, "22"]:
+        """Standard deviation of each parameter, (22,)."""
+        return np.sqrt(np.diagonal(self.covariance))
+
+    @property
+    def recipe_ratio(self) -> Float[Array, "22"]:
+        """Variance of the usual recipe over the bound, (22,)."""
+        return np.diagonal(self.recipe) / np.diagonal(self.covariance)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Problem:
+    # sensors and readings at the truth, and the noise; readings y_a then y_m, (n, 6)
+    form: str
+    g: float
+    field: float
+    theta: Float[Array, "22"]
+    y: Float[Array, "n 6"]
+    sigma: Float[Array, "n 6"]
+    size: Float[Array, "6"]  # of a reading of gravity or of the field, raw units
+
+
+def magnetometer_moments(
+    accelerometer: AccelerometerModel,
+    magnetometer: MagnetometerModel,
+    attitudes: Any,
+    dip: float,
+    *,
+    accelerometer_std: Any,
+    magnetometer_std: Any,
+    g: float = 9.80665,
+    field: float = 1.0,
+    form: str = "triangular",
+) -> MagnetometerMoments:
+    """Predict the error of a magnetometer's calibration from its poses.
+
+    Parameters
+    ----------
+    accelerometer, magnetometer : AccelerometerModel, MagnetometerModel
+        The true sensors.
+    attitudes : array_like
+        True attitudes, world to body, world axes north, west and up, (n, 4).
+    dip : float
+        Angle of the field below the horizon, rad.
+    accelerometer_std, magnetometer_std : float or array_like
+        Noise of each axis of a pose mean, raw units, one number or (n,).
+    g, field : float
+        Gravity, m/s^2, and strength of the field in the unit of M.
+    form : {"triangular", "upper", "symmetric"}
+        Form of the accelerometer's parameters.
+
+    Returns
+    -------
+    MagnetometerMoments
+        Bias, covariance (the bound), and the covariance of the usual recipe.
+
+    Raises
+    ------
+    InputError
+        If an argument is not usable.
+    GeometryError
+        If the poses leave a parameter unobservable.
+    """
+    problem = _problem(
+        accelerometer, magnetometer, attitudes, dip, accelerometer_std,
+        magnetometer_std, g=g, field=field, form=form,
+    )  # fmt: skip
+    slopes, weights = _jacobian(problem), _weights(problem)
+    information = _information(slopes, weights)
+    rank = _rank(information)
+    if rank < PARAMETERS:
+        msg = (
+            f"the {len(problem.y)} poses have rank {rank} of {PARAMETERS}, so some "
+            "parameters cannot be told apart; turn and tilt to more sides"
+        )
+        raise GeometryError(msg)
+    covariance = _inverse(information)
+    carry = _natural(problem)
+    worst = float(np.sqrt(np.max(np.diagonal(carry @ covariance @ carry.T))))
+    to_dip = np.ones(PARAMETERS)
+    to_dip[-1] = 1.0 / np.cos(np.arcsin(problem.theta[-1]))
+    bias = _second_order(problem, covariance, slopes, weights)
+    # arcsin is curved: half its second derivative times the variance
+    bias[-1] += 0.5 * np.tan(dip) * to_dip[-1] * covariance[-1, -1] * to_dip[-1]
+    sd, count = np.sqrt(np.diagonal(covariance)), len(problem.y)
+    both = np.outer(to_dip, to_dip)
+    return MagnetometerMoments(
+        names=(*forms.names(problem.form), *_NAMES),
+        bias=bias * to_dip,
+        covariance=covariance * both,
+        recipe=_recipe(problem, slopes) * both,
+        bias_remainder=BIAS_NEXT * count * worst**3 * sd * to_dip,
+        variance_remainder=VARIANCE_NEXT * count * worst**2,
+    )
+
+
+_NAMES = (
+    *(f"M_{row}{column}" for row in "xyz" for column in "xyz"),
+    *(f"b_{axis}" for axis in "xyz"),
+    "dip",
+)
+
+
+def _problem(
+    accelerometer: Any,
+    magnetometer: Any,
+    attitudes: Any,
+    dip: Any,
+    accelerometer_std: Any,
+    magnetometer_std: Any,
+    *,
+    g: Any,
+    field: Any,
+    form: Any,
+) -> _Problem:
+    body = instance("accelerometer", accelerometer, AccelerometerModel)
+    iron = instance("magnetometer", magnetometer, MagnetometerModel)
+    g, field = positive_number("g", g, "m/s^2"), positive_number("field", field, "")
+    form = choice("form", form, forms.MODELS)
+    dip = real_number("dip", dip, "rad")
+    if not abs(dip) < np.radians(89.9):
+        msg = f"`dip` is {dip:g} rad; between -1.569 and 1.569 a field tells a heading"
+        raise InputError(msg)
+    q = finite_array("attitudes", attitudes, (None, 4))
+    if q.ndim != 2 or len(q) == 0:
+        msg = f"`attitudes` has shape {q.shape}; give those of one set, (n, 4)"
+        raise InputError(msg)
+    count, turn = len(q), attitude_matrix(q)
+    noise = [
+        noise_levels(name, value, count)
+        for name, value in (
+            ("accelerometer_std", accelerometer_std),
+            ("magnetometer_std", magnetometer_std),
+        )
+    ]
+    if not all(np.all(each > 0.0) for each in noise):
+        msg = "a noise is 0, and the bound is then 0; give both sensors some noise"
+        raise InputError(msg)
+    up = turn[:, :, 2]
+    along = turn @ np.array([np.cos(dip), 0.0, -np.sin(dip)])
+    quiet = np.random.default_rng(0)  # draws nothing: the noise is left out
+    clean = MagnetometerModel(M=iron.M, b=iron.b)
+    own = AccelerometerModel(T=body.T, K=body.K, B=body.B)
+    y = [own.distort(g * up, quiet), clean.distort(field * along, quiet)]
+    matrix = body.matrix
+    theta = np.empty(PARAMETERS)
+    theta[:9] = forms.from_gram(form, matrix.T @ matrix, body.B)
+    if not np.allclose(forms.matrix(form, theta[:9]), matrix, rtol=1e-9, atol=0.0):
+        # M_m refers to the axes of the accelerometer's form
+        turned = forms.matrix(form, theta[:9]) @ np.linalg.inv(matrix)
+        theta[9:18] = (turned @ iron.M).ravel()
+    else:
+        theta[9:18] = iron.M.ravel()
+    theta[18:21], theta[21] = iron.b, np.sin(dip)
+    return _Problem(
+        form=form, g=g, field=field, theta=theta, y=np.concatenate(y, axis=1),
+        sigma=np.repeat(np.stack(noise, axis=1), 3, axis=1),
+        size=np.repeat(
+            [g / np.linalg.norm(matrix, 2), field / np.linalg.norm(iron.M, 2)], 3
+        ),
+    )  # fmt: skip
+
+
+def _equations(
+    p: _Problem, theta: Inexact[Array, "... 22"], y: Inexact[Array, "... n 6"]
+) -> Inexact[Array, "... n 3"]:
+    # eq. (M1)
+    matrix_a = forms.matrix(p.form, theta[..., :9]) / p.g
+    matrix_m = theta[..., 9:18].reshape(*theta.shape[:-1], 3, 3) / p.field
+    u = (y[..., :3] - theta[..., None, 6:9]) @ np.swapaxes(matrix_a, -1, -2)
+    v = (y[..., 3:] - theta[..., None, 18:21]) @ np.swapaxes(matrix_m, -1, -2)
+    dot = np.sum(u * v, axis=-1) + theta[..., None, 21]
+    return np.stack(
+        [np.sum(u * u, axis=-1) - 1.0, np.sum(v * v, axis=-1) - 1.0, dot], axis=-1
+    )
+
+
+def _slopes(p: _Problem, theta: Array, y: Array) -> Array:
+    # dc/dtheta by complex steps, (..., n, 3, 22)
+    columns = [
+        _equations(p, theta + 1j * _TINY * e, y).imag / _TINY
+        for e in np.eye(PARAMETERS)
+    ]
+    return np.stack(columns, axis=-1)
+
+
+def _reach(p: _Problem, theta: Array, y: Array) -> Array:
+    # dc/dy by complex steps, (..., n, 3, 6): a pose depends on its own readings only
+    columns = [
+        _equations(p, theta + 0j, y + 1j * _TINY * e).imag / _TINY for e in np.eye(6)
+    ]
+    return np.stack(columns, axis=-1)
+
+
+def _jacobian(p: _Problem) -> Float[Array, "n 3 22"]:
+    return _slopes(p, p.theta, p.y)
+
+
+def _noise(p: _Problem) -> Float[Array, "n 3 3"]:
+    reach = _reach(p, p.theta, p.y) * p.sigma[:, None, :]
+    return reach @ np.swapaxes(reach, -1, -2)
+
+
+def _weights(p: _Problem) -> Float[Array, "n 3 3"]:
+    return np.linalg.inv(_noise(p))
+
+
+def _information(slopes: Array, weights: Array) -> Float[Array, "22 22"]:
+    return np.einsum("nai,nab,nbj->ij", slopes, weights, slopes)
+
+
+def _rank(information: Float[Array, "22 22"]) -> int:
+    scale = np.sqrt(np.diagonal(information))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    values = np.linalg.eigvalsh(information / np.outer(scale, scale))
+    return int(np.count_nonzero(values > _RANK * values[-1]))
+
+
+def _inverse(information: Float[Array, "22 22"]) -> Float[Array, "22 22"]:
+    scale = np.sqrt(np.diagonal(information))
+    whole = np.linalg.inv(information / np.outer(scale, scale))
+    return (whole + whole.T) / 2.0 / np.outer(scale, scale)
+
+
+def _natural(p: _Problem) -> Float[Array, "22 22"]:
+    # the parameters' natural sizes: dM M^-1, M db over field or gravity, the sine
+    carry = np.eye(PARAMETERS)
+    matrix_a = forms.matrix(p.form, p.theta[:9])
+    for row in range(6):
+        slope = forms.matrix_derivatives(p.form, p.theta[None, :9])[0, row]
+        carry[row, row] = np.linalg.norm(slope @ np.linalg.inv(matrix_a))
+    carry[6:9, 6:9] = matrix_a / p.g
+    matrix_m = p.theta[9:18].reshape(3, 3)
+    carry[9:18, 9:18] = np.kron(np.eye(3), np.linalg.inv(matrix_m).T)
+    carry[18:21, 18:21] = matrix_m / p.field
+    return carry
+
+
+def _second_order(
+    p: _Problem, covariance: Array, slopes: Array, weights: Array
+) -> Float[Array, "22"]:
+    # eq. (M7) by central differences along each reading
+    reach = _reach(p, p.theta, p.y)
+    pushed = np.einsum("nai,nab,nbk->nki", slopes, weights, reach)  # dpsi/dy
+    along = -(pushed @ covariance).reshape(-1, PARAMETERS)  # theta_k
+    count = p.y.size
+    step, total = _STEP * np.tile(p.size, len(p.y)), np.zeros(PARAMETERS)
+    for first in range(0, count, _CHUNK):
+        rows = np.arange(first, min(first + _CHUNK, count))
+        theta = step[rows, None] * along[rows]
+        y = np.zeros((len(rows), count))
+        y[np.arange(len(rows)), rows] = step[rows]
+        y = y.reshape(-1, *p.y.shape)
+        twice = sum(_score(p, p.theta + s * theta, p.y + s * y) for s in (1.0, -1.0))
+        bent = (twice - 2.0 * _score(p, p.theta, p.y)) / step[rows, None] ** 2
+        total += p.sigma.reshape(-1)[rows] ** 2 @ bent
+    return -0.5 * covariance @ total
+
+
+def _score(
+    p: _Problem, theta: Float[Array, "... 22"], y: Float[Array, "... n 6"]
+) -> Float[Array, "... 22"]:
+    # psi, the sum of J'W c
+    reach = _reach(p, theta, y) * p.sigma[:, None, :]
+    c = _equations(p, theta, y)
+    weighted = np.linalg.solve(reach @ np.swapaxes(reach, -1, -2), c[..., None])[..., 0]
+    return np.einsum("...nai,...na->...i", _slopes(p, theta, y), weighted)
+
+
+def _recipe(p: _Problem, slopes: Float[Array, "n 3 22"]) -> Float[Array, "22 22"]:
+    # eq. (M8), in parameters that part M into shape and turn: dM = (S + [f x]) M
+    carry = np.zeros((PARAMETERS, PARAMETERS))
+    carry[:9, :9], carry[18:21, 15:18], carry[21, 21] = np.eye(9), np.eye(3), 1.0
+    matrix = p.theta[9:18].reshape(3, 3)
+    for column, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))):
+        unit = np.zeros((3, 3))
+        unit[i, j] = unit[j, i] = 1.0
+        carry[9:18, 9 + column] = (unit @ matrix).ravel()
+    for column, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
+        unit = np.zeros((3, 3))
+        unit[j, i], unit[i, j] = 1.0, -1.0
+        carry[9:18, 18 + column] = (unit @ matrix).ravel()
+    parted = slopes @ carry
+    own = np.zeros_like(parted)  # what each equation is made least in
+    stages = (slice(0, 9), slice(9, 18), slice(18, 22))
+    for equation, part in enumerate(stages):
+        own[:, equation, part] = parted[:, equation, part]
+    slope = np.einsum("nai,naj->ij", own, parted)
+    scatter = np.einsum("nai,nab,nbj->ij", own, _noise(p), own)
+    scale = np.sqrt(np.diagonal(slope))
+    influence = np.linalg.inv(slope / np.outer(scale, scale)) / np.outer(scale, scale)
+    whole = carry @ influence
+    return np.asarray(whole @ scatter @ whole.T)
