@@ -11,7 +11,8 @@ one by one, the worst first, while it is beyond chance for the worst of n.
 A strength of the field that varies as :math:`1 + \sum_j \kappa_j P_j(\tau)`, Legendre
 polynomials of degree 1 to 3 over the time of the poses, adds the columns
 :math:`\partial c/\partial \kappa_j = P_j(\tau) [0, -2, s]`; the chi-square of the three
-:math:`\kappa` beside all 22 parameters says whether it does  (M6).
+:math:`\kappa` beside all 22 parameters says whether it does, over their scatter
+where that is more than the noise  (M6).
 """
 
 from dataclasses import dataclass
@@ -35,7 +36,8 @@ class Trend:
     """How the strength of the field varies with time, eq. (M6)."""
 
     span: float  # greatest less least strength over the poses, relative
-    p_value: float  # that a steady field shows as much; NaN where it cannot be seen
+    chi_square: float  # what it takes off the total
+    p_value: float  # that a steady field shows as much; 1 where it cannot be seen
 
 
 def pose_chi_squares(here: Local, covariance: Float[Array, "22 22"]) -> Array:
@@ -60,6 +62,7 @@ def trend(
     theta: Float[Array, "22"],
     covariance: Float[Array, "22 22"],
     time: Float[Array, " n"],
+    dof: int,
 ) -> Trend:
     """How the strength of the field of one trial varies with time, eq. (M6)."""
     count = here.whiten.shape[1]
@@ -73,10 +76,16 @@ def trend(
     own = whole - slopes @ (covariance @ (slopes.T @ whole))
     normal = own.T @ whole
     if not np.linalg.eigvalsh(normal)[0] > _FREE * np.trace(whole.T @ whole):
-        return Trend(span=float("nan"), p_value=float("nan"))
+        return Trend(span=0.0, chi_square=0.0, p_value=1.0)
     kappa = -np.linalg.solve(normal, own.T @ rows)
     chi_square = float(kappa @ normal @ kappa)
+    # beside scatter that the noise does not explain, it is judged by that scatter
+    rest = (float(rows @ rows) - chi_square) / max(dof - _DEGREE, 1)
+    if rest > 1.0:
+        ratio = chi_square / rest / _DEGREE
+        p_value = scipy.special.fdtrc(_DEGREE, max(dof - _DEGREE, 1), ratio)
+    else:
+        p_value = scipy.special.gammaincc(_DEGREE / 2.0, chi_square / 2.0)
     return Trend(
-        span=float(np.ptp(basis @ kappa)),
-        p_value=float(scipy.special.gammaincc(_DEGREE / 2.0, chi_square / 2.0)),
+        span=float(np.ptp(basis @ kappa)), chi_square=chi_square, p_value=float(p_value)
     )

@@ -19,6 +19,10 @@ STRONG_IRON = 0.7
 _TAIL = 0.01  # of the chi-square, on either side, beyond which the noise is not believed
 # Of 1000 sets of 20 random attitudes 99 % lose at most 4 (docs/magnetometer.md).
 GEOMETRY_LIMIT = 5.0
+_NOT_CONVERGED = (
+    "the solver did not converge: the poses hardly fix the parameters, so do not use "
+    "them; turn and tilt to more sides"
+)
 _FEWEST_LEFT = 9  # poses after those that do not fit are left out
 _TILTS, _HEADINGS = 24, 5  # attitudes that stand for evenly spread ones
 
@@ -34,6 +38,7 @@ class Single:
     summary: Summary
     dof: int
     time: Float[Array, " n"]
+    converged: bool
     iron: float  # hard iron over the strength of the field
 
 
@@ -50,11 +55,18 @@ def look(fit: Single) -> Found:
     """Look at one set pose by pose and as a whole."""
     here, covariance = fit.summary.here, fit.summary.covariance[0]
     poses = disturbed.pose_chi_squares(here, covariance)
-    worst, rest = _left_out(fit)
+    varies = disturbed.trend(here, fit.theta, covariance, fit.time, fit.dof)
+    steady = not varies.p_value < disturbed.FALSE_ALARM
+    # a pose that is far off bends any curve, and a field that varies puts poses off:
+    # what takes more off the chi-square is said
+    worst, rest = (), 1.0
+    if steady or varies.chi_square < np.nanmax(poses, initial=0.0):
+        worst, rest = _left_out(fit)
     words = [
+        "" if fit.converged else _NOT_CONVERGED,
         _poses_named(poses, worst, rest),
-        _scatter_words(fit, worst),
-        _trend_words(fit, worst),
+        "" if steady or worst else _trend_words(varies),
+        _scatter_words(fit, explained=bool(worst)),
         _iron_words(fit),
         _geometry_words(fit),
         _axes_words(fit),
@@ -103,7 +115,7 @@ def _poses_named(poses: Array, worst: tuple[int, ...], rest: float) -> str:
     )
 
 
-def _scatter_words(fit: Single, worst: tuple[int, ...]) -> str:
+def _scatter_words(fit: Single, *, explained: bool) -> str:
     chi_square = float(fit.summary.chi_square[0])
     low, high = 2.0 * scipy.special.gammaincinv(fit.dof / 2.0, [_TAIL, 1.0 - _TAIL])
     ratio = chi_square / fit.dof
@@ -112,7 +124,7 @@ def _scatter_words(fit: Single, worst: tuple[int, ...]) -> str:
             f"residuals are {np.sqrt(ratio):.2f} times what the noise explains: the "
             "noise is overstated, or the poses are not independent"
         )
-    if chi_square <= high or worst:
+    if chi_square <= high or explained:
         return ""
     return (
         f"the field is disturbed: chi-square per degree of freedom is {ratio:.2f}, and "
@@ -136,14 +148,7 @@ def _by_equation(fit: Single) -> str:
     )
 
 
-def _trend_words(fit: Single, worst: tuple[int, ...]) -> str:
-    if worst:  # a disturbed pose bends any curve
-        return ""
-    found = disturbed.trend(
-        fit.summary.here, fit.theta, fit.summary.covariance[0], fit.time
-    )
-    if not found.p_value < disturbed.FALSE_ALARM:
-        return ""
+def _trend_words(found: disturbed.Trend) -> str:
     return (
         f"the strength of the field varies with time, by {100.0 * found.span:.2g} "
         f"percent over the poses (chance shows as much in {found.p_value:.1g} of "

@@ -134,7 +134,7 @@ def calibrate_magnetometer(
         code = int(numbers["code"][0])
         if code > Code.MAX_ITERATIONS:
             _refuse(code, named, parts[0], noise)
-        if code == Code.CONVERGED:
+        if code <= Code.MAX_ITERATIONS:
             found = look(_single(parts[0], times, options))
         numbers = {name: value[0] for name, value in numbers.items()}
     status = STATUS_NAMES[numbers.pop("code")]
@@ -303,5 +303,6 @@ def _single(block: _Block, time: Float[Array, " n"], options: Options) -> Single
         summary=block.summary,
         dof=block.dof,
         time=time,
+        converged=bool(block.numbers["code"][0] == Code.CONVERGED),
         iron=float(iron / options.field),
     )

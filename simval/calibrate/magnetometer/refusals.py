@@ -8,11 +8,10 @@ from simval.arrays import Array
 from simval.calibrate.evidence import WIDEST
 from simval.calibrate.magnetometer.equations import (
     PARAMETERS,
-
     Readings,
-
+    corrected,
+    jacobian,
 )
-from simval.calibrate.magnetometer.solver import local
 from simval.calibrate.magnetometer.summary import LEAST_COSINE, Code
 from simval.errors import GeometryError, RefusedError
 from simval.sensor import forms
@@ -77,17 +76,19 @@ def refuse(
             "are then taken as right-handed (det M > 0)"
         )
         raise RefusedError(msg)
-    if code == Code.VERTICAL:
+    said = _geometry_words(body, field)
+    if code == Code.VERTICAL and not said:
         msg = (
             f"the field is along the vertical (dip {_degrees(sine)} degrees): it does "
             "not tell a heading, and the three equations of a pose are only two; "
             f"nearer than {np.degrees(np.arcsin(LEAST_COSINE)):.1f} degrees, or five "
-            "error bars, nothing is fitted: go to another place, or look for iron "
-            "below the sensor"
+            "error bars, nothing is fitted: go to another place, look for iron below "
+            "the sensor, and check that the columns of one sensor were not given twice"
         )
         raise GeometryError(msg)
     rank = nominal_rank(body, field, noise)
-    said = _geometry_words(body, field, rank)
+    if rank < PARAMETERS and not said:
+        said = "the poses are too few or too much alike for their noise; "
     if code == Code.WIDE and rank == PARAMETERS:
         scatter = (
             f"; the poses scatter {factor:.3g} times as much as the stated noise "
@@ -128,8 +129,8 @@ def _directions(readings: Float[Array, "n 3"], centre: Any) -> Float[Array, "n 3
     return off / np.where(length > 0.0, length, 1.0)
 
 
-def _geometry_words(body: Array, field: Array, rank: int) -> str:
-    # what the raw readings themselves say of the poses
+def _geometry_words(body: Float[Array, "n 3"], field: Float[Array, "n 3"]) -> str:
+    # what the raw readings themselves say against the poses
     up = _directions(body, 0.0)
     mean = _directions(up.mean(axis=0, keepdims=True), 0.0)[0]
     tilt = float(np.arccos(np.clip(np.min(up @ mean), -1.0, 1.0)))
@@ -147,7 +148,7 @@ def _geometry_words(body: Array, field: Array, rank: int) -> str:
                 f"the readings of the {name} lie in a plane, as when all turns are "
                 "about one axis: turn about another axis as well; "
             )
-    return "" if rank == PARAMETERS else "the poses are too few or too much alike; "
+    return ""
 
 
 def nominal_rank(
@@ -166,10 +167,8 @@ def nominal_rank(
         accelerometer_std=one,
         magnetometer_std=one,
     )
-    with np.errstate(all="ignore"):
-        slopes = local("triangular", theta, readings, None).slopes[0]
-    if not np.isfinite(slopes).all():
-        return 0
+    at = corrected("triangular", theta, readings)
+    slopes = jacobian("triangular", theta, at)[0].reshape(-1, PARAMETERS)
     values = np.linalg.svd(slopes, compute_uv=False)
     return int(np.count_nonzero(values > min(_RANK * noise, 0.1) * values[0]))
 
