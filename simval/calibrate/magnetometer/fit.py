@@ -22,6 +22,7 @@ from simval.calibrate.magnetometer.arguments import (
     refuse_repeated,
 )
 from simval.calibrate.magnetometer.equations import (
+    ACCELEROMETER,
     DIP,
     IRON,
     MATRIX,
@@ -30,8 +31,8 @@ from simval.calibrate.magnetometer.equations import (
 )
 from simval.calibrate.magnetometer.findings import Found, Single, look
 from simval.calibrate.magnetometer.result import MagnetometerFit
-from simval.calibrate.magnetometer.solver import Prior, minimize
-from simval.calibrate.magnetometer.start import start
+from simval.calibrate.magnetometer.few import solve
+from simval.calibrate.magnetometer.solver import Prior
 from simval.calibrate.magnetometer.summary import (
     STATUS_NAMES,
     Code,
@@ -218,24 +219,24 @@ def _prior(options: Options, rows: slice, sizes: Array, shifts: Array) -> Prior 
     parameters, covariance = options.known.parameters, options.known.covariance
     if parameters.ndim == 2:
         parameters, covariance = parameters[rows], covariance[rows]
+    count = len(sizes)
     scaled = covariance / (sizes[:, :, None] * sizes[:, None, :])
-    root = np.linalg.cholesky(scaled)
-    return Prior(theta=(parameters - shifts) / sizes, root=np.linalg.inv(root))
+    theta = np.zeros((count, PARAMETERS))
+    theta[:, ACCELEROMETER] = (parameters - shifts) / sizes
+    root = np.zeros((count, 9, PARAMETERS))
+    root[:, :, ACCELEROMETER] = np.linalg.inv(np.linalg.cholesky(scaled))
+    return Prior(theta=theta, root=root)
 
 
 def _fit_block(scaled: _Scaled, options: Options) -> _Block:
     readings, prior = scaled.readings, scaled.prior
-    with np.errstate(all="ignore"):  # a hopeless trial has NaN, and is refused
-        known = None if prior is None else prior.theta
-        theta = start(options.model, readings, known)
-    solution = minimize(
-        options.model, theta, readings, prior, options.max_iterations
-    )
+    solution, sure = solve(options.model, readings, prior, options.max_iterations)
     theta = _twin(solution.theta, options.hemisphere)
     equations = 3 * readings.accelerometer.shape[1] + (0 if prior is None else 9)
     dof = equations - PARAMETERS
     summary = summarize(options.model, theta, readings, prior, dof)
     code = judge(summary, theta, solution.converged, options.hemisphere)
+    code = np.where(sure | (code > Code.MAX_ITERATIONS), code, int(Code.AMBIGUOUS))
     code = np.where(scaled.finite, code, int(Code.NON_FINITE))
     bad = code > Code.MAX_ITERATIONS
     parameters = theta * scaled.sizes + scaled.shifts

@@ -12,13 +12,10 @@ import numpy as np
 from simval.arrays import Array
 from simval.calibrate.arguments import checked_readings
 from simval.calibrate.frame import normalized
-from simval.calibrate.magnetometer.start import shape, turn_between
+from simval.calibrate.magnetometer.start import refined, shape, turn_between
 from simval.errors import GeometryError, InputError
 from simval.sensor import forms
 from simval.shapes import Float
-
-_STEPS = 8  # of Gauss-Newton for three angles and the dip; it gains digits twofold
-
 
 def ellipsoid_then_rotation(
     accelerometer: Any, magnetometer: Any
@@ -65,7 +62,7 @@ def ellipsoid_then_rotation(
     matrix = forms.matrix("triangular", theta)
     up = (za - body.bias[:, None]) @ np.swapaxes(matrix, -1, -2)
     field = (zm - iron.bias[:, None]) @ iron.root
-    turn, sine = _refined(up, field)
+    turn, sine = refined(up, field, *turn_between(up, field))
     result = np.concatenate(
         [
             (turn @ iron.root / scale[:, None, None]).reshape(-1, 9),
@@ -75,27 +72,3 @@ def ellipsoid_then_rotation(
         axis=1,
     )
     return result[0] if pair[0].ndim == 2 else result
-
-
-def _refined(
-    up: Float[Array, "t n 3"], field: Float[Array, "t n 3"]
-) -> tuple[Float[Array, "t 3 3"], Float[Array, " t"]]:
-    # least squares of u'R m + s, from the closed form
-    turn, sine = turn_between(up, field)
-    for _ in range(_STEPS):
-        turned = field @ np.swapaxes(turn, -1, -2)
-        rows = np.cross(turned, up)  # d(u' exp([f x]) R m) = f . (R m x u)
-        rows = np.concatenate([rows, np.ones((*rows.shape[:-1], 1))], axis=-1)
-        off = np.vecdot(up, turned) + sine[:, None]
-        normal = np.swapaxes(rows, -1, -2) @ rows
-        step = -np.linalg.solve(normal, np.vecmat(off, rows)[..., None])[..., 0]
-        turn, sine = _rotation(step[:, :3]) @ turn, sine + step[:, 3]
-    return turn, sine
-
-
-def _rotation(phi: Float[Array, "t 3"]) -> Float[Array, "t 3 3"]:
-    # Cayley's map: a rotation to second order in phi, exactly orthogonal
-    half = np.zeros((len(phi), 3, 3))
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        half[:, k, j], half[:, j, k] = phi[:, i] / 2.0, -phi[:, i] / 2.0
-    return np.linalg.solve(np.eye(3) - half, np.eye(3) + half)

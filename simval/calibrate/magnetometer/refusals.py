@@ -76,6 +76,13 @@ def refuse(
             "are then taken as right-handed (det M > 0)"
         )
         raise RefusedError(msg)
+    if code == Code.AMBIGUOUS:
+        msg = (
+            f"two different calibrations fit the {len(body)} poses alike; so few poses "
+            "do not tell which is right: add poses, twelve or more are always enough "
+            "when turned to all sides"
+        )
+        raise GeometryError(msg)
     said = _geometry_words(body, field)
     if code == Code.VERTICAL and not said:
         msg = (

@@ -14,7 +14,6 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.calibrate.magnetometer.equations import (
-    ACCELEROMETER,
     DIP,
     PARAMETERS,
     Readings,
@@ -37,10 +36,10 @@ _FIRST_DAMPING, _LAST_DAMPING = 1e-4, 1e12  # of the diagonal
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Prior:
-    """An accelerometer that is known: its parameters, and root of its information."""
+    """What is known beside the poses: R (theta - theta_0) is standard normal."""
 
-    theta: Float[Array, "t 9"]
-    root: Float[Array, "t 9 9"]  # R with R'R the inverse covariance
+    theta: Float[Array, "t 22"]  # theta_0
+    root: Float[Array, "t k 22"]  # R
 
     def take(self, rows: Any) -> "Prior":
         """Some of the trials."""
@@ -51,7 +50,7 @@ class Prior:
 class Local:
     """The whitened equations at some parameters."""
 
-    rows: Float[Array, "t r"]  # three for each pose, and nine of the prior
+    rows: Float[Array, "t r"]  # three for each pose, and those of the prior
     slopes: Float[Array, "t r 22"]
     whiten: Float[Array, "t n 3 3"]
 
@@ -95,16 +94,14 @@ def _whitened(
     rows = np.matvec(whiten, c).reshape(len(theta), -1)
     if prior is None:
         return rows
-    off = np.matvec(prior.root, theta[:, ACCELEROMETER] - prior.theta)
+    off = np.matvec(prior.root, theta - prior.theta)
     return np.concatenate([rows, off], axis=1)
 
 
 def _with_prior(slopes: Array, prior: Prior | None) -> Float[Array, "t r 22"]:
     if prior is None:
         return slopes
-    more = np.zeros((len(slopes), 9, PARAMETERS))
-    more[:, :, ACCELEROMETER] = prior.root
-    return np.concatenate([slopes, more], axis=1)
+    return np.concatenate([slopes, prior.root], axis=1)
 
 
 def minimize(

@@ -34,6 +34,7 @@ from simval.shapes import Float
 _QUADRIC = 9  # coefficients
 # A quadric as flat as that is no sensor's: its scales differ by 100. A sphere stands in.
 _FLATTEST = 1e-4
+_STEPS = 8  # of Gauss-Newton for three angles and the dip: digits double in each
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -49,29 +50,54 @@ def start(
     model: str, readings: Readings, known: Float[Array, "t 9"] | None
 ) -> Float[Array, "t 22"]:
     """Start of the 22 parameters; those of a known accelerometer as they are."""
-    theta = np.empty((len(readings.accelerometer), PARAMETERS))
-    if known is None:
-        body = shape(readings.accelerometer)
-        gram = body.root @ body.root
-        known = forms.from_gram(model, gram, body.bias)
-    theta[:, ACCELEROMETER] = known
-    matrix = forms.matrix(model, known)
-    up = (readings.accelerometer - known[:, None, 6:]) @ np.swapaxes(matrix, -1, -2)
-    iron = shape(readings.magnetometer)
-    field = (readings.magnetometer - iron.bias[:, None]) @ iron.root
+    body, iron = both_shapes(model, readings, known)
+    up, field = seen(model, body, iron, readings)
     turn, sine = turn_between(up, field)
+    return assembled(body, iron, turn, sine)
+
+
+def both_shapes(
+    model: str,
+    readings: Readings,
+    known: Float[Array, "t 9"] | None,
+    *,
+    spheres: bool = False,
+) -> tuple[Float[Array, "t 9"], Shape]:
+    """Parameters of the accelerometer, and the shape of the magnetometer."""
+    least = np.inf if spheres else _QUADRIC
+    if known is None:
+        body = shape(readings.accelerometer, least)
+        known = forms.from_gram(model, body.root @ body.root, body.bias)
+    return known, shape(readings.magnetometer, least)
+
+
+def seen(
+    model: str, body: Float[Array, "t 9"], iron: Shape, readings: Readings
+) -> tuple[Float[Array, "t n 3"], Float[Array, "t n 3"]]:
+    """Up on the accelerometer's axes, and the field on the magnetometer's own."""
+    matrix = forms.matrix(model, body)
+    up = (readings.accelerometer - body[:, None, 6:]) @ np.swapaxes(matrix, -1, -2)
+    return up, (readings.magnetometer - iron.bias[:, None]) @ iron.root
+
+
+def assembled(
+    body: Float[Array, "t 9"], iron: Shape, turn: Array, sine: Array
+) -> Float[Array, "t 22"]:
+    """The 22 parameters of two shapes and the turn between them."""
+    theta = np.empty((len(body), PARAMETERS))
+    theta[:, ACCELEROMETER] = body
     theta[:, MATRIX] = (turn @ iron.root).reshape(-1, 9)
     theta[:, IRON] = iron.bias
     theta[:, DIP] = sine
     return theta
 
 
-def shape(z: Float[Array, "t n 3"]) -> Shape:
+def shape(z: Float[Array, "t n 3"], least: float = _QUADRIC) -> Shape:
     """The ellipsoid through each trial's readings, or a sphere where there is none."""
     centre, radius = _spheres(z)
     root = np.eye(3) / radius[:, None, None]
     found = np.zeros(len(z), dtype=bool)
-    if z.shape[1] >= _QUADRIC:
+    if z.shape[1] >= least:
         ellipsoid = fit_ellipsoid(moment_matrix(z))
         proper = np.asarray(ellipsoid.proper & ellipsoid.determined, dtype=bool)
         gram = np.where(proper[:, None, None], ellipsoid.gram, np.eye(3))
@@ -108,3 +134,29 @@ def turn_between(
     turn = sign[:, None, None] * (left @ right)
     sine = sign * least[:, 9] / np.where(size > 0.0, size, 1.0)
     return turn, np.clip(sine, -1.0, 1.0)
+
+
+def refined(
+    up: Float[Array, "t n 3"],
+    field: Float[Array, "t n 3"],
+    turn: Float[Array, "t 3 3"],
+    sine: Float[Array, " t"],
+) -> tuple[Float[Array, "t 3 3"], Float[Array, " t"]]:
+    """Turn and sine of the dip that make the sum of (u'R m + s)^2 least."""
+    for _ in range(_STEPS):
+        turned = field @ np.swapaxes(turn, -1, -2)
+        rows = np.cross(turned, up)  # d(u' exp([f x]) R m) = f . (R m x u)
+        rows = np.concatenate([rows, np.ones((*rows.shape[:-1], 1))], axis=-1)
+        off = np.vecdot(up, turned) + sine[:, None]
+        normal = np.swapaxes(rows, -1, -2) @ rows
+        step = -np.linalg.solve(normal, np.vecmat(off, rows)[..., None])[..., 0]
+        turn, sine = _rotation(step[:, :3]) @ turn, sine + step[:, 3]
+    return turn, sine
+
+
+def _rotation(phi: Float[Array, "t 3"]) -> Float[Array, "t 3 3"]:
+    # Cayley's map: a rotation to second order in phi, exactly orthogonal
+    half = np.zeros((len(phi), 3, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        half[:, k, j], half[:, j, k] = phi[:, i] / 2.0, -phi[:, i] / 2.0
+    return np.linalg.solve(np.eye(3) - half, np.eye(3) + half)

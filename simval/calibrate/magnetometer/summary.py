@@ -48,6 +48,7 @@ class Code(IntEnum):
     VERTICAL = 4
     WIDE = 5
     HEMISPHERE = 6
+    AMBIGUOUS = 7
 
 
 STATUS_NAMES = np.array(
@@ -59,6 +60,7 @@ STATUS_NAMES = np.array(
         "refused: field along the vertical",
         "refused: error bars too wide",
         "refused: the dip does not tell the hemisphere",
+        "refused: two calibrations fit alike",
     ]
 )
 
