@@ -4,7 +4,8 @@ From twelve poses on the closed form (M3) starts within the noise. Below, its el
 and its turn are not fixed by the poses, and more than one calibration may fit: eight
 poses are 24 equations for 22 unknowns. Then the turn is sought among all the turns of a
 cube, and each of the best is solved twice, first with both sensors held near a sphere
-(within `ROUND`), then freely. The best answer counts; where another one explains the
+(within `ROUND`), then freely; and from the best answer others are sought along what the
+poses see least. The best answer counts; where another one explains the
 poses as well, to within `APART` of chi-square, none does.
 """
 
@@ -40,6 +41,8 @@ ROUND = 0.1
 APART = 20.0
 """Of chi-square: the odds against the worse answer are then exp(10), 22 000."""
 _STARTS = 6
+_WEAKEST = 4  # directions of the parameters along which another answer is looked for
+_SIZES = (-0.5, -0.2, 0.2, 0.5)  # of a jump, in scaled units
 _SAME = 1e-3  # of the parameters in scaled units: two ends of the same answer
 
 
@@ -57,7 +60,12 @@ def solve(
             _ended(model, theta, readings, prior, most)
             for theta in _starts(model, readings, known)
         ]
-    return _best(found)
+        best = _best(found)[0]
+        found += [
+            _freed(model, theta, readings, prior, most)
+            for theta in _jumps(model, best.theta, readings, prior)
+        ]
+        return _best(found)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -70,10 +78,28 @@ def _ended(
     model: str, theta: Array, readings: Readings, prior: Prior | None, most: int
 ) -> _Ended:
     near = minimize(model, theta, readings, _rounded(model, theta, prior), most)
-    ended = minimize(model, near.theta, readings, prior, most)
+    return _freed(model, near.theta, readings, prior, most)
+
+
+def _freed(
+    model: str, theta: Array, readings: Readings, prior: Prior | None, most: int
+) -> _Ended:
+    ended = minimize(model, theta, readings, prior, most)
     rows = local(model, ended.theta, readings, prior).rows
     cost = np.where(ended.converged, np.vecdot(rows, rows), np.inf)
     return _Ended(solution=ended, cost=np.where(np.isfinite(cost), cost, np.inf))
+
+
+def _jumps(
+    model: str, theta: Float[Array, "t 22"], readings: Readings, prior: Prior | None
+) -> list[Float[Array, "t 22"]]:
+    # another answer lies along what the poses see least
+    normal = local(model, theta, readings, prior).normal
+    usable = np.isfinite(normal).all(axis=(1, 2))
+    vectors = np.linalg.eigh(np.where(usable[:, None, None], normal, np.eye(22)))[1]
+    return [
+        theta + size * vectors[:, :, k] for k in range(_WEAKEST) for size in _SIZES
+    ]
 
 
 def _rounded(model: str, theta: Float[Array, "t 22"], prior: Prior | None) -> Prior:

@@ -8,6 +8,7 @@ import scipy
 from simval.arrays import Array
 from simval.calibrate.magnetometer import disturbed
 from simval.calibrate.magnetometer.equations import DIP, IRON, Readings
+from simval.calibrate.magnetometer.few import ENOUGH
 from simval.calibrate.magnetometer.solver import Prior, minimize
 from simval.calibrate.magnetometer.summary import Summary, natural_sd, summarize
 from simval.geometry import normalize
@@ -64,6 +65,7 @@ def look(fit: Single) -> Found:
         worst, rest = _left_out(fit)
     words = [
         "" if fit.converged else _NOT_CONVERGED,
+        _few_words(fit),
         _poses_named(poses, worst, rest),
         "" if steady or worst else _trend_words(varies),
         _scatter_words(fit, explained=bool(worst)),
@@ -101,6 +103,17 @@ def _left_out(fit: Single) -> tuple[tuple[int, ...], float]:
     if len(out) > count // 3:  # then it is no matter of single poses
         return (), float("nan")
     return tuple(out), float(summary.chi_square[0] / dof)
+
+
+def _few_words(fit: Single) -> str:
+    count = fit.readings.accelerometer.shape[1]
+    if fit.prior is not None or count >= ENOUGH:
+        return ""
+    return (
+        f"{count} poses leave {fit.dof} degrees of freedom: another calibration may fit "
+        "as well, and a pose that does not belong can hide (of random sets of eight "
+        f"poses one in a hundred went wrong unseen); take {ENOUGH} or more"
+    )
 
 
 def _poses_named(poses: Array, worst: tuple[int, ...], rest: float) -> str:
