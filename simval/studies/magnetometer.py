@@ -1,4 +1,4 @@
-r"""Magnetometer: is its calibration at the bound, and do its error bars hold?
+r"""Magnetometer: its calibration beside the bound, and whether its error bars hold.
 
 A set of random attitudes is drawn once for each number of poses, so that predictions
 involve no chance. Each trial adds fresh noise to the pose means of both sensors and
@@ -7,10 +7,10 @@ ellipsoid for each sensor and then the turn between them. Errors are estimate mi
 truth, beside the bound, the second-order bias, and the recipe's own covariance
 (`simval.theory.magnetometer`).
 
-A relative error e of a standard deviation moves a 95 % interval's coverage by 0.23 e, a
-bias of b standard deviations by 0.11 b^2; that of the ellipsoid of k parameters moves by
-:math:`2 x f_k(x)\, e`, with f the density of chi-square at its 95 % quantile x. One
-noise-free set in each cell must recover the truth to `RECOVERED`.
+A relative error e of a standard deviation moves a 95 % interval's coverage by 0.23 e,
+and a bias of b standard deviations by 0.11 b^2; that of the ellipsoid of k parameters
+moves by :math:`2 x f_k(x)\, e`, with f the density of chi-square at its 95 % quantile
+x. One noise-free set in each cell must recover the truth to `RECOVERED`.
 """
 
 from dataclasses import dataclass
@@ -194,9 +194,10 @@ def _recovery(case: Scenario) -> tuple[Row, ...]:
         magnetometer_std=case.magnetometer_std,
     )
     error = np.abs(fit.parameters - case.truth)
+    sizes = [np.abs(case.truth[PARTS[name]]).max() for name in (*PARTS,)[:-1]]
     relative = [
-        float(error[part].max() / np.abs(case.truth[part]).max())
-        for part in PARTS.values()
+        float(error[part].max() / size)
+        for part, size in zip(PARTS.values(), (*sizes, 1.0), strict=True)  # dip: rad
     ]
     return limit(RECOVERY.each(PARTS), relative, RECOVERED, TRUTH, n=1)
 

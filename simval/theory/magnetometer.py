@@ -1,4 +1,4 @@
-r"""Error of a magnetometer's calibration to second order, the bound, and the usual recipe.
+r"""Error of a magnetometer's calibration to second order, and of the usual recipe.
 
 A pose of unknown attitude leaves of its six readings three equations,
 
@@ -24,9 +24,9 @@ sensor and then a turn, solves :math:`\sum_i \partial c_{i1}/\partial\theta_a\, 
 :math:`c_3` for its turn and the dip; :math:`H^{-1} B H^{-T}`, with H the derivative of
 these equations and B their covariance, is its covariance  (M8).
 
-With :math:`u = \sigma^2 / \cos^2(\mathrm{dip})`, :math:`\sigma` the relative noise of the
-noisier sensor's corrected reading, since only the horizontal part of the field tells a
-heading, and w the greatest standard deviation of the
+With :math:`u = \sigma^2 / \cos^2(\mathrm{dip})`, :math:`\sigma` the relative noise of
+the noisier sensor's corrected reading, since only the horizontal part of the field
+tells a heading, and w the greatest standard deviation of the
 natural parameters (:math:`dM M^{-1}`, M db over the field, the sine), poses see their
 worst combination :math:`k = \max(1, w \sqrt n / 2.4 \sigma)` times worse than many
 even ones do with one noisy sensor. As for the accelerometer (`calibration`) a variance
@@ -43,25 +43,28 @@ from typing import Any
 
 import numpy as np
 
-from simval.arguments import choice, instance
 from simval.arrays import (
     Array,
-    finite_array,
     frozen,
-    noise_levels,
-    positive_number,
-    real_number,
 )
-from simval.errors import GeometryError, InputError
-from simval.geometry import attitude_matrix
+from simval.errors import GeometryError
 from simval.sensor import AccelerometerModel, MagnetometerModel, forms
-from simval.shapes import Float, Inexact
+from simval.shapes import Float
+from simval.theory.magnetometer_poses import (
+    PARAMETERS,
+    Problem,
+    equations,
+    jacobian,
+    noise_of,
+    problem_of,
+    reach_of,
+    slopes_of,
+    weights_of,
+)
 
-PARAMETERS = 22
 VARIANCE_NEXT = 10.0  # of eq. (M9), measured
 BIAS_NEXT = 10.0  # of eq. (M10), measured
-EVEN = 2.4  # w sqrt(n) / sigma of many poses: 2.3 to 2.4 for any dip from 0 to 89 degrees
-_TINY = 1e-30  # complex step: exact to rounding
+EVEN = 2.4  # w sqrt(n) / sigma of many poses, for any dip from 0 to 89 degrees
 _STEP = 1e-4  # of a reading's size: rounding and truncation leave 1e-8 of a derivative
 _CHUNK = 256  # perturbed readings worked at once
 _RANK = 1e-10  # of the greatest singular value, columns of equal length
@@ -109,18 +112,6 @@ class MagnetometerMoments:
         return np.diagonal(self.recipe) / np.diagonal(self.covariance)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Problem:
-    # sensors and readings at the truth, and the noise; readings y_a then y_m, (n, 6)
-    form: str
-    g: float
-    field: float
-    theta: Float[Array, "22"]
-    y: Float[Array, "n 6"]
-    sigma: Float[Array, "n 6"]
-    size: Float[Array, "6"]  # of a reading of gravity or of the field, raw units
-
-
 def magnetometer_moments(
     accelerometer: AccelerometerModel,
     magnetometer: MagnetometerModel,
@@ -162,11 +153,11 @@ def magnetometer_moments(
     GeometryError
         If the poses leave a parameter unobservable.
     """
-    problem = _problem(
+    problem = problem_of(
         accelerometer, magnetometer, attitudes, dip, accelerometer_std,
         magnetometer_std, g=g, field=field, form=form,
     )  # fmt: skip
-    slopes, weights = _jacobian(problem), _weights(problem)
+    slopes, weights = jacobian(problem), weights_of(problem)
     information = _information(slopes, weights)
     rank = _rank(information)
     if rank < PARAMETERS:
@@ -204,110 +195,6 @@ _NAMES = (
 )
 
 
-def _problem(
-    accelerometer: Any,
-    magnetometer: Any,
-    attitudes: Any,
-    dip: Any,
-    accelerometer_std: Any,
-    magnetometer_std: Any,
-    *,
-    g: Any,
-    field: Any,
-    form: Any,
-) -> _Problem:
-    body = instance("accelerometer", accelerometer, AccelerometerModel)
-    iron = instance("magnetometer", magnetometer, MagnetometerModel)
-    g, field = positive_number("g", g, "m/s^2"), positive_number("field", field, "")
-    form = choice("form", form, forms.MODELS)
-    dip = real_number("dip", dip, "rad")
-    if not abs(dip) < np.radians(89.9):
-        msg = f"`dip` is {dip:g} rad; between -1.569 and 1.569 a field tells a heading"
-        raise InputError(msg)
-    q = finite_array("attitudes", attitudes, (None, 4))
-    if q.ndim != 2 or len(q) == 0:
-        msg = f"`attitudes` has shape {q.shape}; give those of one set, (n, 4)"
-        raise InputError(msg)
-    count, turn = len(q), attitude_matrix(q)
-    noise = [
-        noise_levels(name, value, count)
-        for name, value in (
-            ("accelerometer_std", accelerometer_std),
-            ("magnetometer_std", magnetometer_std),
-        )
-    ]
-    if not all(np.all(each > 0.0) for each in noise):
-        msg = "a noise is 0, and the bound is then 0; give both sensors some noise"
-        raise InputError(msg)
-    up = turn[:, :, 2]
-    along = turn @ np.array([np.cos(dip), 0.0, -np.sin(dip)])
-    quiet = np.random.default_rng(0)  # draws nothing: the noise is left out
-    clean = MagnetometerModel(M=iron.M, b=iron.b)
-    own = AccelerometerModel(T=body.T, K=body.K, B=body.B)
-    y = [own.distort(g * up, quiet), clean.distort(field * along, quiet)]
-    matrix = body.matrix
-    theta = np.empty(PARAMETERS)
-    theta[:9] = forms.from_gram(form, matrix.T @ matrix, body.B)
-    if not np.allclose(forms.matrix(form, theta[:9]), matrix, rtol=1e-9, atol=0.0):
-        # M_m refers to the axes of the accelerometer's form
-        turned = forms.matrix(form, theta[:9]) @ np.linalg.inv(matrix)
-        theta[9:18] = (turned @ iron.M).ravel()
-    else:
-        theta[9:18] = iron.M.ravel()
-    theta[18:21], theta[21] = iron.b, np.sin(dip)
-    return _Problem(
-        form=form, g=g, field=field, theta=theta, y=np.concatenate(y, axis=1),
-        sigma=np.repeat(np.stack(noise, axis=1), 3, axis=1),
-        size=np.repeat(
-            [g / np.linalg.norm(matrix, 2), field / np.linalg.norm(iron.M, 2)], 3
-        ),
-    )  # fmt: skip
-
-
-def _equations(
-    p: _Problem, theta: Inexact[Array, "... 22"], y: Inexact[Array, "... n 6"]
-) -> Inexact[Array, "... n 3"]:
-    # eq. (M1)
-    matrix_a = forms.matrix(p.form, theta[..., :9]) / p.g
-    matrix_m = theta[..., 9:18].reshape(*theta.shape[:-1], 3, 3) / p.field
-    u = (y[..., :3] - theta[..., None, 6:9]) @ np.swapaxes(matrix_a, -1, -2)
-    v = (y[..., 3:] - theta[..., None, 18:21]) @ np.swapaxes(matrix_m, -1, -2)
-    dot = np.sum(u * v, axis=-1) + theta[..., None, 21]
-    return np.stack(
-        [np.sum(u * u, axis=-1) - 1.0, np.sum(v * v, axis=-1) - 1.0, dot], axis=-1
-    )
-
-
-def _slopes(p: _Problem, theta: Array, y: Array) -> Array:
-    # dc/dtheta by complex steps, (..., n, 3, 22)
-    columns = [
-        _equations(p, theta + 1j * _TINY * e, y).imag / _TINY
-        for e in np.eye(PARAMETERS)
-    ]
-    return np.stack(columns, axis=-1)
-
-
-def _reach(p: _Problem, theta: Array, y: Array) -> Array:
-    # dc/dy by complex steps, (..., n, 3, 6): a pose depends on its own readings only
-    columns = [
-        _equations(p, theta + 0j, y + 1j * _TINY * e).imag / _TINY for e in np.eye(6)
-    ]
-    return np.stack(columns, axis=-1)
-
-
-def _jacobian(p: _Problem) -> Float[Array, "n 3 22"]:
-    return _slopes(p, p.theta, p.y)
-
-
-def _noise(p: _Problem) -> Float[Array, "n 3 3"]:
-    reach = _reach(p, p.theta, p.y) * p.sigma[:, None, :]
-    return reach @ np.swapaxes(reach, -1, -2)
-
-
-def _weights(p: _Problem) -> Float[Array, "n 3 3"]:
-    return np.linalg.inv(_noise(p))
-
-
 def _information(slopes: Array, weights: Array) -> Float[Array, "22 22"]:
     return np.einsum("nai,nab,nbj->ij", slopes, weights, slopes)
 
@@ -325,7 +212,7 @@ def _inverse(information: Float[Array, "22 22"]) -> Float[Array, "22 22"]:
     return (whole + whole.T) / 2.0 / np.outer(scale, scale)
 
 
-def _natural(p: _Problem) -> Float[Array, "22 22"]:
+def _natural(p: Problem) -> Float[Array, "22 22"]:
     # the parameters' natural sizes: dM M^-1, M db over field or gravity, the sine
     carry = np.eye(PARAMETERS)
     matrix_a = forms.matrix(p.form, p.theta[:9])
@@ -340,10 +227,10 @@ def _natural(p: _Problem) -> Float[Array, "22 22"]:
 
 
 def _second_order(
-    p: _Problem, covariance: Array, slopes: Array, weights: Array
+    p: Problem, covariance: Array, slopes: Array, weights: Array
 ) -> Float[Array, "22"]:
     # eq. (M7) by central differences along each reading
-    reach = _reach(p, p.theta, p.y)
+    reach = reach_of(p, p.theta, p.y)
     pushed = np.einsum("nai,nab,nbk->nki", slopes, weights, reach)  # dpsi/dy
     along = -(pushed @ covariance).reshape(-1, PARAMETERS)  # theta_k
     count = p.y.size
@@ -361,16 +248,16 @@ def _second_order(
 
 
 def _score(
-    p: _Problem, theta: Float[Array, "... 22"], y: Float[Array, "... n 6"]
+    p: Problem, theta: Float[Array, "... 22"], y: Float[Array, "... n 6"]
 ) -> Float[Array, "... 22"]:
     # psi, the sum of J'W c
-    reach = _reach(p, theta, y) * p.sigma[:, None, :]
-    c = _equations(p, theta, y)
+    reach = reach_of(p, theta, y) * p.sigma[:, None, :]
+    c = equations(p, theta, y)
     weighted = np.linalg.solve(reach @ np.swapaxes(reach, -1, -2), c[..., None])[..., 0]
-    return np.einsum("...nai,...na->...i", _slopes(p, theta, y), weighted)
+    return np.einsum("...nai,...na->...i", slopes_of(p, theta, y), weighted)
 
 
-def _recipe(p: _Problem, slopes: Float[Array, "n 3 22"]) -> Float[Array, "22 22"]:
+def _recipe(p: Problem, slopes: Float[Array, "n 3 22"]) -> Float[Array, "22 22"]:
     # eq. (M8), in parameters that part M into shape and turn: dM = (S + [f x]) M
     carry = np.zeros((PARAMETERS, PARAMETERS))
     carry[:9, :9], carry[18:21, 15:18], carry[21, 21] = np.eye(9), np.eye(3), 1.0
@@ -389,7 +276,7 @@ def _recipe(p: _Problem, slopes: Float[Array, "n 3 22"]) -> Float[Array, "22 22"
     for equation, part in enumerate(stages):
         own[:, equation, part] = parted[:, equation, part]
     slope = np.einsum("nai,naj->ij", own, parted)
-    scatter = np.einsum("nai,nab,nbj->ij", own, _noise(p), own)
+    scatter = np.einsum("nai,nab,nbj->ij", own, noise_of(p), own)
     scale = np.sqrt(np.diagonal(slope))
     influence = np.linalg.inv(slope / np.outer(scale, scale)) / np.outer(scale, scale)
     whole = carry @ influence

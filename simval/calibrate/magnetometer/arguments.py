@@ -54,7 +54,7 @@ class Options:
 
 def _known(known: Any, g: float) -> FitResult:
     known = instance("known", known, FitResult)
-    if not known.g == g:
+    if known.g != g:
         msg = (
             f"`known` was calibrated with g = {known.g:g} m/s^2 and `g` is {g:g}; the "
             "two must be the same, so pass `g=known.g`"

@@ -26,7 +26,7 @@ from simval.calibrate.magnetometer.solver import Local
 from simval.shapes import Float
 
 FALSE_ALARM = 0.01
-"""Of a clean set, that any of its poses is named; and that its field is called varying."""
+"""Of a clean set: that a pose of it is named, or that its field is called varying."""
 _FREE = 1e-9  # share of a residual that its own fit leaves; below it says nothing
 _DEGREE = 3
 

@@ -95,11 +95,9 @@ def _jumps(
 ) -> list[Float[Array, "t 22"]]:
     # another answer lies along what the poses see least
     normal = local(model, theta, readings, prior).normal
-    usable = np.isfinite(normal).all(axis=(1, 2))
+    usable = np.asarray(np.isfinite(normal).all(axis=(1, 2)))
     vectors = np.linalg.eigh(np.where(usable[:, None, None], normal, np.eye(22)))[1]
-    return [
-        theta + size * vectors[:, :, k] for k in range(_WEAKEST) for size in _SIZES
-    ]
+    return [theta + size * vectors[:, :, k] for k in range(_WEAKEST) for size in _SIZES]
 
 
 def _rounded(model: str, theta: Float[Array, "t 22"], prior: Prior | None) -> Prior:

@@ -17,7 +17,9 @@ from simval.shapes import Float
 
 STRONG_IRON = 0.7
 """Hard iron, of the field: beyond it the field inside the sensor can pass near zero."""
-_TAIL = 0.01  # of the chi-square, on either side, beyond which the noise is not believed
+_TAIL = (
+    0.01  # of the chi-square, on either side, beyond which the noise is not believed
+)
 # Of 1000 sets of 20 random attitudes 99 % lose at most 4 (docs/magnetometer.md).
 GEOMETRY_LIMIT = 5.0
 _NOT_CONVERGED = (
@@ -60,7 +62,8 @@ def look(fit: Single) -> Found:
     steady = not varies.p_value < disturbed.FALSE_ALARM
     # a pose that is far off bends any curve, and a field that varies puts poses off:
     # what takes more off the chi-square is said
-    worst, rest = (), 1.0
+    worst: tuple[int, ...] = ()
+    rest = 1.0
     if steady or varies.chi_square < np.nanmax(poses, initial=0.0):
         worst, rest = _left_out(fit)
     words = [
@@ -110,9 +113,9 @@ def _few_words(fit: Single) -> str:
     if fit.prior is not None or count >= ENOUGH:
         return ""
     return (
-        f"{count} poses leave {fit.dof} degrees of freedom: another calibration may fit "
-        "as well, and a pose that does not belong can hide (of random sets of eight "
-        f"poses one in a hundred went wrong unseen); take {ENOUGH} or more"
+        f"{count} poses leave {fit.dof} degrees of freedom: another calibration may "
+        "fit as well, and a pose that does not belong can hide (of random sets of "
+        f"eight poses one in a hundred went wrong unseen); take {ENOUGH} or more"
     )
 
 

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array
-from simval.calibrate.frame import normalized
 from simval.calibrate.magnetometer import refusals
 from simval.calibrate.magnetometer.arguments import (
     Options,
@@ -22,17 +21,15 @@ from simval.calibrate.magnetometer.arguments import (
     refuse_repeated,
 )
 from simval.calibrate.magnetometer.equations import (
-    ACCELEROMETER,
     DIP,
     IRON,
     MATRIX,
     PARAMETERS,
-    Readings,
 )
+from simval.calibrate.magnetometer.few import solve
 from simval.calibrate.magnetometer.findings import Found, Single, look
 from simval.calibrate.magnetometer.result import MagnetometerFit
-from simval.calibrate.magnetometer.few import solve
-from simval.calibrate.magnetometer.solver import Prior
+from simval.calibrate.magnetometer.scaling import Scaled, scale
 from simval.calibrate.magnetometer.summary import (
     STATUS_NAMES,
     Code,
@@ -126,7 +123,7 @@ def calibrate_magnetometer(
         refuse_repeated(*pair)
     size = max(1, _BLOCK // count)
     parts = [
-        _fit_block(_scaled(batch, noise, slice(i, i + size), options), options)
+        _fit_block(scale(batch, noise, slice(i, i + size), options), options)
         for i in range(0, len(batch[0]), size)
     ]
     numbers = {k: np.concatenate([p.numbers[k] for p in parts]) for k in _SHAPES}
@@ -154,20 +151,10 @@ def calibrate_magnetometer(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Scaled:
-    # a block of trials in the units of the fit, and the way back
-    readings: Readings
-    prior: Prior | None
-    finite: Any  # bool, (t,)
-    sizes: Float[Array, "t 22"]
-    shifts: Float[Array, "t 22"]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Block:
     # what came of a block of trials
     numbers: dict[str, Any]
-    scaled: _Scaled
+    scaled: Scaled
     theta: Float[Array, "t 22"]
     summary: Summary
     dof: int
@@ -183,52 +170,7 @@ _SHAPES: dict[str, tuple[int, ...]] = {
 }
 
 
-def _scaled(
-    batch: tuple[Array, ...], noise: tuple[Array, Array], rows: slice, options: Options
-) -> _Scaled:
-    raw = [readings[rows] for readings in batch]
-    finite = np.isfinite(raw[0]).all(axis=(1, 2)) & np.isfinite(raw[1]).all(axis=(1, 2))
-    filler = np.arange(raw[0][0].size, dtype=float).reshape(raw[0][0].shape)
-    safe = [np.where(finite[:, None, None], x, filler) for x in raw]
-    (za, centre_a, scale_a), (zm, centre_m, scale_m) = map(normalized, safe)
-    count = len(za)
-    sizes, shifts = np.ones((count, PARAMETERS)), np.zeros((count, PARAMETERS))
-    first = 0 if options.model == "symmetric" else 3
-    sizes[:, first:6] = (options.g / scale_a)[:, None]
-    sizes[:, 6:9] = scale_a[:, None]
-    sizes[:, MATRIX] = (options.field / scale_m)[:, None]
-    sizes[:, IRON] = scale_m[:, None]
-    shifts[:, 6:9], shifts[:, IRON] = centre_a, centre_m
-    return _Scaled(
-        readings=Readings(
-            accelerometer=za,
-            magnetometer=zm,
-            accelerometer_std=noise[0] / scale_a[:, None],
-            magnetometer_std=noise[1] / scale_m[:, None],
-        ),
-        prior=_prior(options, rows, sizes[:, :9], shifts[:, :9]),
-        finite=finite,
-        sizes=sizes,
-        shifts=shifts,
-    )
-
-
-def _prior(options: Options, rows: slice, sizes: Array, shifts: Array) -> Prior | None:
-    if options.known is None:
-        return None
-    parameters, covariance = options.known.parameters, options.known.covariance
-    if parameters.ndim == 2:
-        parameters, covariance = parameters[rows], covariance[rows]
-    count = len(sizes)
-    scaled = covariance / (sizes[:, :, None] * sizes[:, None, :])
-    theta = np.zeros((count, PARAMETERS))
-    theta[:, ACCELEROMETER] = (parameters - shifts) / sizes
-    root = np.zeros((count, 9, PARAMETERS))
-    root[:, :, ACCELEROMETER] = np.linalg.inv(np.linalg.cholesky(scaled))
-    return Prior(theta=theta, root=root)
-
-
-def _fit_block(scaled: _Scaled, options: Options) -> _Block:
+def _fit_block(scaled: Scaled, options: Options) -> _Block:
     readings, prior = scaled.readings, scaled.prior
     solution, sure = solve(options.model, readings, prior, options.max_iterations)
     theta = _twin(solution.theta, options.hemisphere)
@@ -239,11 +181,7 @@ def _fit_block(scaled: _Scaled, options: Options) -> _Block:
     code = np.where(sure | (code > Code.MAX_ITERATIONS), code, int(Code.AMBIGUOUS))
     code = np.where(scaled.finite, code, int(Code.NON_FINITE))
     bad = code > Code.MAX_ITERATIONS
-    parameters = theta * scaled.sizes + scaled.shifts
-    covariance = (
-        summary.covariance * scaled.sizes[:, :, None] * scaled.sizes[:, None, :]
-    )
-    _dip_from_sine(parameters, covariance)
+    parameters, covariance = scaled.physical(theta, summary.covariance)
     numbers = {
         "parameters": parameters,
         "covariance": covariance,
@@ -253,9 +191,7 @@ def _fit_block(scaled: _Scaled, options: Options) -> _Block:
     for value in numbers.values():
         value[bad] = np.nan
     numbers |= {"code": code, "iterations": solution.iterations}
-    return _Block(
-        numbers=numbers, scaled=scaled, theta=theta, summary=summary, dof=dof
-    )
+    return _Block(numbers=numbers, scaled=scaled, theta=theta, summary=summary, dof=dof)
 
 
 def _twin(theta: Float[Array, "t 22"], hemisphere: str) -> Float[Array, "t 22"]:
@@ -267,14 +203,6 @@ def _twin(theta: Float[Array, "t 22"], hemisphere: str) -> Float[Array, "t 22"]:
     turned[:, MATRIX] *= -1.0
     turned[:, DIP] *= -1.0
     return np.where((down == (hemisphere == "north"))[:, None], theta, turned)
-
-
-def _dip_from_sine(parameters: Array, covariance: Array) -> None:
-    with np.errstate(invalid="ignore"):
-        parameters[:, DIP] = np.arcsin(parameters[:, DIP])
-        slope = 1.0 / np.cos(parameters[:, DIP])
-    covariance[:, DIP, :] *= slope[:, None]
-    covariance[:, :, DIP] *= slope[:, None]
 
 
 def _refuse(

@@ -1,8 +1,9 @@
 r"""The usual recipe, for comparison: an ellipsoid for each sensor, then a turn.
 
 An unweighted ellipsoid for each sensor, :math:`M_m = R\,S` with S symmetric, and the
-rotation R and the sine s of the dip that make :math:`\sum (u^T R S (y - b) + s)^2` least.
-It throws away what the angle between the two vectors says of shape and hard iron.
+rotation R and the sine s of the dip with the least
+:math:`\sum (u^T R S (y - b) + s)^2`. It throws away what the angle between the two
+vectors says of shape and hard iron.
 """
 
 from typing import Any
@@ -16,6 +17,7 @@ from simval.calibrate.magnetometer.start import refined, shape, turn_between
 from simval.errors import GeometryError, InputError
 from simval.sensor import forms
 from simval.shapes import Float
+
 
 def ellipsoid_then_rotation(
     accelerometer: Any, magnetometer: Any

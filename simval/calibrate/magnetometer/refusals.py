@@ -1,4 +1,4 @@
-"""Refusals in words: readings from which no honest magnetometer calibration can come."""
+"""Refusals: readings from which no honest calibration of a magnetometer can come."""
 
 from typing import Any
 

@@ -32,7 +32,8 @@ from simval.sensor import forms
 from simval.shapes import Float
 
 _QUADRIC = 9  # coefficients
-# A quadric as flat as that is no sensor's: its scales differ by 100. A sphere stands in.
+# A quadric as flat as that is no sensor's, whose scales would differ by 100: a sphere
+# stands in.
 _FLATTEST = 1e-4
 _STEPS = 8  # of Gauss-Newton for three angles and the dip: digits double in each
 
@@ -110,7 +111,9 @@ def shape(z: Float[Array, "t n 3"], least: float = _QUADRIC) -> Shape:
     return Shape(root=root, bias=centre, quadric=found)
 
 
-def _spheres(z: Float[Array, "t n 3"]) -> tuple[Float[Array, "t 3"], Float[Array, " t"]]:
+def _spheres(
+    z: Float[Array, "t n 3"],
+) -> tuple[Float[Array, "t 3"], Float[Array, " t"]]:
     # |z|^2 = 2 z'b + (r^2 - b'b) is linear; readings in a plane take the least b
     columns = np.concatenate([2.0 * z, np.ones((*z.shape[:-1], 1))], axis=-1)
     p = np.linalg.pinv(columns, rcond=1e-6) @ np.sum(z * z, axis=-1)[..., None]

@@ -112,9 +112,7 @@ def summarize(
     )
 
 
-def seen_over_stated(
-    chi_square: Float[Array, " t"], dof: int
-) -> Float[Array, " t"]:
+def seen_over_stated(chi_square: Float[Array, " t"], dof: int) -> Float[Array, " t"]:
     """Factor by which the scatter seen exceeds the noise stated, 1 where chance can."""
     if dof <= 0:
         return np.ones(len(chi_square))
@@ -128,7 +126,7 @@ def natural_sd(
     """Standard deviations of E, M db of both sensors and ds: natural sizes."""
     count = len(theta)
     carry = np.zeros((count, 25, PARAMETERS))
-    bad = ~np.isfinite(theta).all(axis=1)
+    bad = np.asarray(~np.isfinite(theta).all(axis=1))
     eye = np.eye(3)
     matrix_a = np.where(bad[:, None, None], eye, at.matrix_a)
     matrix_m = np.where(bad[:, None, None], eye, at.matrix_m)
