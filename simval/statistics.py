@@ -82,6 +82,18 @@ COVERAGE_NORMAL = Family(
     "coverage_normal", "coverage of 1.96 standard deviations", least=0.0, most=1.0
 )
 
+VARIANCE_OVER_BOUND = Family(
+    "variance_over_bound",
+    "variance over the Cramer-Rao bound",
+    margin=0.02,
+    least=0.0,
+)
+CHI_SQUARE_OF_FREEDOM = Family(
+    "chi_square_of_freedom",
+    "chi-square of the residuals by degree of freedom",
+    least=0.0,
+)
+
 RECOVERY = Family("recovery", "error of a noise-free recovery", least=0.0)
 NOISE_OF_MEAN = Family("noise_of_mean", "noise of a pose mean", unit="m/s²", least=0.0)
 SCALE_BIAS = Family("scale_bias", "mean relative bias of the scales", unit="σ²/g²")

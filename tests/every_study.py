@@ -11,6 +11,8 @@ trials = 1024
 sigma = ["known", "type A"]
 poses = [12, 20]
 trials = 1024
+[magnetometer]
+trials = 1024
 [attitude_order]
 geometry = 3
 [attitude_efficiency]

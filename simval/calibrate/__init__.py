@@ -1,4 +1,4 @@
-"""Calibration of an accelerometer from its readings at rest.
+"""Calibration of an accelerometer, and of a magnetometer, from readings at rest.
 
 The package can be called: ``from simval import calibrate`` gives the function, or,
 once anything has imported this package, the package itself under the same name, and
@@ -11,13 +11,21 @@ from types import ModuleType
 from simval.calibrate.diagnosis import Diagnosis, diagnose
 from simval.calibrate.files import load_calibration, save_calibration
 from simval.calibrate.fit import calibrate
+from simval.calibrate.magnetometer import (
+    MagnetometerFit,
+    calibrate_magnetometer,
+    ellipsoid_then_rotation,
+)
 from simval.calibrate.result import FitResult
 
 __all__ = [
     "Diagnosis",
     "FitResult",
+    "MagnetometerFit",
     "calibrate",
+    "calibrate_magnetometer",
     "diagnose",
+    "ellipsoid_then_rotation",
     "load_calibration",
     "save_calibration",
 ]

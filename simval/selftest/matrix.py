@@ -17,6 +17,7 @@ from simval.gate import GateResult, findings, judge_run, read_baseline, write_ba
 from simval.selftest.attitude_faults import attitude_faults
 from simval.selftest.calibration_faults import calibration_faults
 from simval.selftest.fault import Fault, replaced
+from simval.selftest.magnetometer_faults import magnetometer_faults
 from simval.selftest.run_faults import run_faults
 from simval.studies import scene
 from simval.sweep.run import Run, load_run
@@ -33,6 +34,14 @@ SUITES: dict[str, dict[str, Any]] = {
             "poses": 20,
             "hold_time": 0.02,
             "trials": 6144,
+        }
+    },
+    # of an accelerometer as noisy as the magnetometer, too: there it counts
+    "magnetometer": {
+        "magnetometer": {
+            "accelerometer_noise": [1e-4, 5e-3],
+            "poses": 20,
+            "trials": 1024,
         }
     },
     "scene": {"scene": {"scene": "gimbal", "poses": 20}},
@@ -59,7 +68,12 @@ class Result:
 
 def faults() -> tuple[Fault, ...]:
     """Every fault, in the order of the flow."""
-    return (*calibration_faults(), *attitude_faults(), *run_faults())
+    return (
+        *calibration_faults(),
+        *magnetometer_faults(),
+        *attitude_faults(),
+        *run_faults(),
+    )
 
 
 def inject_all(

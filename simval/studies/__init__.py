@@ -41,6 +41,7 @@ _NAMES = (
     "ladder",
     "coverage",
     "solvers",
+    "magnetometer",
     "attitude",
     "attitude_order",
     "attitude_efficiency",

@@ -8,6 +8,7 @@ from simval.theory.attitude import (
 from simval.theory.calibration import CalibrationMoments, calibration_moments
 from simval.theory.cramer_rao import AttitudeBound, attitude_bound
 from simval.theory.cubature import cubature_moments
+from simval.theory.magnetometer import MagnetometerMoments, magnetometer_moments
 from simval.theory.planning import Plan, plan, pose_noise
 from simval.theory.series import series_moments
 from simval.theory.sufficient import SufficientOrder, sufficient_order
@@ -17,6 +18,7 @@ __all__ = [
     "AttitudeBound",
     "AttitudeMoments",
     "CalibrationMoments",
+    "MagnetometerMoments",
     "Plan",
     "SufficientOrder",
     "attitude_bound",
@@ -24,6 +26,7 @@ __all__ = [
     "calibration_moments",
     "cubature_moments",
     "loss_noncentrality",
+    "magnetometer_moments",
     "multiplicative_moments",
     "plan",
     "pose_noise",

@@ -1,0 +1,128 @@
+r"""The three equations of a pose, their derivatives and their weights.
+
+In units where gravity and the strength of the field are 1, with the corrected readings
+:math:`u = M_a (y_a - b_a)` and :math:`v = M_m (y_m - b_m)` and with
+:math:`s = \sin(\mathrm{dip})`, the attitude of a pose leaves
+
+.. math:: c = [\,|u|^2 - 1,\ |v|^2 - 1,\ u^T v + s\,] = 0,  \tag{M1}
+
+because the specific force points up and the field below the horizon by the dip. The
+noise of the readings makes of it, with :math:`D = \partial c/\partial(y_a, y_m)`,
+
+.. math:: \mathrm{cov}\,c = D \Sigma D^T = \begin{bmatrix}
+   4 \sigma_a^2 |p|^2 & 0 & 2 \sigma_a^2\, p^T q \\
+   \cdot & 4 \sigma_m^2 |r|^2 & 2 \sigma_m^2\, r^T t \\
+   \cdot & \cdot & \sigma_a^2 |q|^2 + \sigma_m^2 |t|^2 \end{bmatrix},
+   \quad p = M_a^T u,\ q = M_a^T v,\ r = M_m^T v,\ t = M_m^T u.  \tag{M4}
+
+The 22 parameters stand in the order: nine of the accelerometer, the rows of
+:math:`M_m`, :math:`b_m`, s.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.sensor import forms
+from simval.shapes import Float, Inexact
+
+PARAMETERS = 22
+ACCELEROMETER, MATRIX, IRON, DIP = slice(0, 9), slice(9, 18), slice(18, 21), 21
+"""Where the parameters stand."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Readings:
+    """Pose means of both sensors and their noise, in the scaled units of the fit."""
+
+    accelerometer: Float[Array, "t n 3"]
+    magnetometer: Float[Array, "t n 3"]
+    accelerometer_std: Float[Array, "t n"]
+    magnetometer_std: Float[Array, "t n"]
+
+    def take(self, rows: object) -> "Readings":
+        """Some of the trials."""
+        return Readings(**{k: getattr(self, k)[rows] for k in self.__slots__})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Corrected:
+    """What both sensors say of each pose, at some parameters."""
+
+    matrix_a: Inexact[Array, "t 3 3"]
+    matrix_m: Inexact[Array, "t 3 3"]
+    x_a: Inexact[Array, "t n 3"]  # readings less the bias
+    x_m: Inexact[Array, "t n 3"]
+    up: Inexact[Array, "t n 3"]  # u of eq. (M1)
+    field: Inexact[Array, "t n 3"]  # v
+
+
+def corrected(
+    model: str, theta: Inexact[Array, "t 22"], readings: Readings
+) -> Corrected:
+    """Both sensors' readings, corrected."""
+    matrix_a = forms.matrix(model, theta[:, ACCELEROMETER])
+    matrix_m = theta[:, MATRIX].reshape(-1, 3, 3)
+    x_a = readings.accelerometer - theta[:, None, 6:9]
+    x_m = readings.magnetometer - theta[:, None, IRON]
+    return Corrected(
+        matrix_a=matrix_a,
+        matrix_m=matrix_m,
+        x_a=x_a,
+        x_m=x_m,
+        up=x_a @ np.swapaxes(matrix_a, -1, -2),
+        field=x_m @ np.swapaxes(matrix_m, -1, -2),
+    )
+
+
+def residual(at: Corrected, sine: Inexact[Array, " t"]) -> Inexact[Array, "t n 3"]:
+    """The three equations of each pose, eq. (M1)."""
+    u, v = at.up, at.field
+    products = [np.sum(a * b, axis=-1) for a, b in ((u, u), (v, v), (u, v))]
+    return np.stack(
+        [products[0] - 1.0, products[1] - 1.0, products[2] + sine[:, None]], axis=-1
+    )
+
+
+def jacobian(
+    model: str, theta: Float[Array, "t 22"], at: Corrected
+) -> Float[Array, "t n 3 22"]:
+    """Derivatives of the three equations by the 22 parameters."""
+    u, v, x_m = at.up, at.field, at.x_m
+    result = np.zeros((*u.shape[:-1], 3, PARAMETERS))
+    slopes = forms.matrix_derivatives(model, theta[:, ACCELEROMETER])
+    turned = np.swapaxes(slopes.reshape(len(u), 18, 3), -1, -2)
+    moved = (at.x_a @ turned).reshape(*u.shape[:-1], 6, 3)  # du by six parameters
+    result[..., 0, :6] = 2.0 * np.matvec(moved, u)
+    result[..., 2, :6] = np.matvec(moved, v)
+    result[..., 0, 6:9] = -2.0 * (u @ at.matrix_a)
+    result[..., 2, 6:9] = -(v @ at.matrix_a)
+    shape = (*u.shape[:-1], 9)
+    result[..., 1, MATRIX] = 2.0 * (v[..., :, None] * x_m[..., None, :]).reshape(shape)
+    result[..., 2, MATRIX] = (u[..., :, None] * x_m[..., None, :]).reshape(shape)
+    result[..., 1, IRON] = -2.0 * (v @ at.matrix_m)
+    result[..., 2, IRON] = -(u @ at.matrix_m)
+    result[..., 2, DIP] = 1.0
+    return result
+
+
+def whitener(at: Corrected, readings: Readings) -> Float[Array, "t n 3 3"]:
+    """Lower triangular matrix that makes the noise of eq. (M4) one."""
+    a2, m2 = readings.accelerometer_std**2, readings.magnetometer_std**2
+    p, q = at.up @ at.matrix_a, at.field @ at.matrix_a
+    r, t = at.field @ at.matrix_m, at.up @ at.matrix_m
+    # Cholesky factor of eq. (M4), then its inverse
+    first = 2.0 * np.sqrt(a2 * np.vecdot(p, p))
+    second = 2.0 * np.sqrt(m2 * np.vecdot(r, r))
+    along_a = 2.0 * a2 * np.vecdot(p, q) / first
+    along_m = 2.0 * m2 * np.vecdot(r, t) / second
+    rest = a2 * np.vecdot(q, q) - along_a**2 + m2 * np.vecdot(t, t) - along_m**2
+    third = np.sqrt(np.maximum(rest, 0.0))
+    result = np.zeros((*first.shape, 3, 3))
+    result[..., 0, 0] = 1.0 / first
+    result[..., 1, 1] = 1.0 / second
+    result[..., 2, 0] = -along_a / (first * third)
+    result[..., 2, 1] = -along_m / (second * third)
+    result[..., 2, 2] = 1.0 / third
+    return result

@@ -1,0 +1,241 @@
+"""What is to be known before a calibration is used, in words."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from simval.arrays import Array
+from simval.calibrate.magnetometer import disturbed
+from simval.calibrate.magnetometer.equations import DIP, IRON, Readings
+from simval.calibrate.magnetometer.few import ENOUGH
+from simval.calibrate.magnetometer.solver import Prior, minimize
+from simval.calibrate.magnetometer.summary import Summary, natural_sd, summarize
+from simval.geometry import normalize
+from simval.poses import fibonacci_sphere
+from simval.shapes import Float
+
+STRONG_IRON = 0.7
+"""Hard iron, of the field: beyond it the field inside the sensor can pass near zero."""
+_TAIL = (
+    0.01  # of the chi-square, on either side, beyond which the noise is not believed
+)
+# Of 1000 sets of 20 random attitudes 99 % lose at most 4 (docs/magnetometer.md).
+GEOMETRY_LIMIT = 5.0
+_NOT_CONVERGED = (
+    "the solver did not converge: the poses hardly fix the parameters, so do not use "
+    "them; turn and tilt to more sides"
+)
+_FEWEST_LEFT = 9  # poses after those that do not fit are left out
+_TILTS, _HEADINGS = 24, 5  # attitudes that stand for evenly spread ones
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Single:
+    """One set, fitted, in the scaled units of the fit."""
+
+    model: str
+    theta: Float[Array, "22"]
+    readings: Readings
+    prior: Prior | None
+    summary: Summary
+    dof: int
+    time: Float[Array, " n"]
+    converged: bool
+    iron: float  # hard iron over the strength of the field
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Found:
+    """What was found in one set."""
+
+    pose_chi_square: Float[Array, " n"]
+    disturbed: tuple[int, ...]
+    findings: tuple[str, ...]
+
+
+def look(fit: Single) -> Found:
+    """Look at one set pose by pose and as a whole."""
+    here, covariance = fit.summary.here, fit.summary.covariance[0]
+    poses = disturbed.pose_chi_squares(here, covariance)
+    varies = disturbed.trend(here, fit.theta, covariance, fit.time, fit.dof)
+    steady = not varies.p_value < disturbed.FALSE_ALARM
+    # a pose that is far off bends any curve, and a field that varies puts poses off:
+    # what takes more off the chi-square is said
+    worst: tuple[int, ...] = ()
+    rest = 1.0
+    if steady or varies.chi_square < np.nanmax(poses, initial=0.0):
+        worst, rest = _left_out(fit)
+    words = [
+        "" if fit.converged else _NOT_CONVERGED,
+        _few_words(fit),
+        _poses_named(poses, worst, rest),
+        "" if steady or worst else _trend_words(varies),
+        _scatter_words(fit, explained=bool(worst)),
+        _iron_words(fit),
+        _geometry_words(fit),
+        _axes_words(fit),
+    ]
+    return Found(
+        pose_chi_square=poses,
+        disturbed=worst,
+        findings=tuple(text for text in words if text),
+    )
+
+
+def _left_out(fit: Single) -> tuple[tuple[int, ...], float]:
+    # poses that do not fit the others, and the chi-square by freedom of the others
+    count = fit.readings.accelerometer.shape[1]
+    kept, out = np.arange(count), []
+    summary, dof = fit.summary, fit.dof
+    while True:
+        values = disturbed.pose_chi_squares(summary.here, summary.covariance[0])
+        values = np.where(np.isfinite(values), values, 0.0)
+        worst = int(np.argmax(values))
+        if values[worst] <= disturbed.chance_limit(count) or len(kept) <= _FEWEST_LEFT:
+            break
+        out.append(int(kept[worst]))
+        kept, dof = np.delete(kept, worst), dof - 3
+        readings = Readings(
+            **{k: getattr(fit.readings, k)[:, kept] for k in Readings.__slots__}
+        )
+        again = minimize(fit.model, fit.theta[None], readings, fit.prior, 50)
+        summary = summarize(fit.model, again.theta, readings, fit.prior, dof)
+        if not np.isfinite(summary.covariance).all():
+            break
+    if len(out) > count // 3:  # then it is no matter of single poses
+        return (), float("nan")
+    return tuple(out), float(summary.chi_square[0] / dof)
+
+
+def _few_words(fit: Single) -> str:
+    count = fit.readings.accelerometer.shape[1]
+    if fit.prior is not None or count >= ENOUGH:
+        return ""
+    return (
+        f"{count} poses leave {fit.dof} degrees of freedom: another calibration may "
+        "fit as well, and a pose that does not belong can hide (of random sets of "
+        f"eight poses one in a hundred went wrong unseen); take {ENOUGH} or more"
+    )
+
+
+def _poses_named(poses: Array, worst: tuple[int, ...], rest: float) -> str:
+    if not worst:
+        return ""
+    named = ", ".join(f"{k} (chi-square {poses[k]:.3g} of 3)" for k in worst)
+    plural = "poses" if len(worst) > 1 else "pose"
+    return (
+        f"{plural} {named} not of the same field as the others: iron or a current near "
+        "by, a hold that moved, or another unit; without, chi-square per degree of "
+        f"freedom is {rest:.2f}: leave out and calibrate again"
+    )
+
+
+def _scatter_words(fit: Single, *, explained: bool) -> str:
+    chi_square = float(fit.summary.chi_square[0])
+    low, high = 2.0 * scipy.special.gammaincinv(fit.dof / 2.0, [_TAIL, 1.0 - _TAIL])
+    ratio = chi_square / fit.dof
+    if chi_square < low:
+        return (
+            f"residuals are {np.sqrt(ratio):.2f} times what the noise explains: the "
+            "noise is overstated, or the poses are not independent"
+        )
+    if chi_square <= high or explained:
+        return ""
+    return (
+        f"the field is disturbed: chi-square per degree of freedom is {ratio:.2f}, and "
+        f"no few poses explain it; {_by_equation(fit)}; the error bars are "
+        f"{np.sqrt(ratio):.1f} times too small"
+    )
+
+
+def _by_equation(fit: Single) -> str:
+    # the raw sizes of the three equations, in units that a person knows
+    at, sine = fit.summary.at, fit.theta[DIP]
+    up, field = at.up[0], at.field[0]
+    lengths = np.linalg.norm(up, axis=1), np.linalg.norm(field, axis=1)
+    cosine = np.clip(np.vecdot(up, field) / (lengths[0] * lengths[1]), -1.0, 1.0)
+    angle = np.degrees(np.arcsin(-cosine) - np.arcsin(sine))
+    sizes = [float(np.sqrt(np.mean(x * x))) for x in (*lengths - np.ones(1), angle)]
+    return (
+        f"the dip of the poses varies by {sizes[2]:.2g} degrees rms, the strength of "
+        f"the field by {100.0 * sizes[1]:.2g} percent and gravity by "
+        f"{100.0 * sizes[0]:.2g} percent"
+    )
+
+
+def _trend_words(found: disturbed.Trend) -> str:
+    return (
+        f"the strength of the field varies with time, by {100.0 * found.span:.2g} "
+        f"percent over the poses (chance shows as much in {found.p_value:.1g} of "
+        "steady fields): a current, warming, or iron that moves; calibrate with "
+        "everything switched as it will be in use"
+    )
+
+
+def _iron_words(fit: Single) -> str:
+    if not fit.iron > STRONG_IRON:
+        return ""
+    return (
+        f"the hard iron is {fit.iron:.2f} times the field, beyond {STRONG_IRON:g}: a "
+        "magnet or a strong current near the sensor, whose part may change; move the "
+        "sensor away from it"
+    )
+
+
+def _geometry_words(fit: Single) -> str:
+    own, even = _natural(fit, fit.summary), even_sd(fit)
+    loss = float(np.max(own[12:] / even[12:]))
+    if loss <= GEOMETRY_LIMIT:
+        return ""
+    return (
+        f"the geometry is the limit: the worst error bar is {loss:.0f} times that of "
+        "as many poses turned to all sides; add poses where there are none"
+    )
+
+
+def _natural(fit: Single, summary: Summary) -> Float[Array, "25"]:
+    return natural_sd(fit.model, fit.theta[None], summary.at, summary.covariance)[0]
+
+
+def even_sd(fit: Single) -> Float[Array, "25"]:
+    """Natural error bars of as many poses turned evenly to all sides."""
+    up, field = even_poses(float(np.clip(fit.theta[DIP], -1.0, 1.0)))
+    at, given = fit.summary.at, fit.readings
+    x_a = up @ np.linalg.inv(at.matrix_a[0]).T + fit.theta[6:9]
+    x_m = field @ np.linalg.inv(at.matrix_m[0]).T + fit.theta[IRON]
+    std = [
+        np.full((1, len(up)), 1.0 / np.sqrt(np.mean(x**-2.0)))
+        for x in (given.accelerometer_std, given.magnetometer_std)
+    ]
+    readings = Readings(
+        accelerometer=x_a[None],
+        magnetometer=x_m[None],
+        accelerometer_std=std[0],
+        magnetometer_std=std[1],
+    )
+    # the information of many is shared out; a prior, which is not, is left out
+    even = summarize(fit.model, fit.theta[None], readings, None, 0)
+    share = np.sqrt(len(up) / given.accelerometer.shape[1])
+    return natural_sd(fit.model, fit.theta[None], even.at, even.covariance)[0] * share
+
+
+def even_poses(sine: float) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"]]:
+    """Up and field directions of poses that are turned evenly to all sides."""
+    up = np.repeat(fibonacci_sphere(_TILTS), _HEADINGS, axis=0)
+    # the heading turns on from tilt to tilt by the golden angle
+    angle = np.arange(len(up)) * (2.0 * np.pi / _HEADINGS + np.pi * (3.0 - 5.0**0.5))
+    side = normalize(np.cross(up, np.roll(np.eye(3)[np.abs(up).argmin(1)], 1, axis=1)))
+    turned = np.cross(up, side)
+    level = np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * turned
+    return up, np.sqrt(1.0 - sine**2) * level - sine * up
+
+
+def _axes_words(fit: Single) -> str:
+    right = np.linalg.det(fit.summary.at.matrix_m[0]) > 0.0
+    if right:
+        return ""
+    return (
+        "the axes of the magnetometer are left-handed (det M < 0), as the hemisphere "
+        "says; if that is not in its data sheet, check the sign of a column"
+    )

@@ -1,0 +1,184 @@
+"""Refusals: readings from which no honest calibration of a magnetometer can come."""
+
+from typing import Any
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.calibrate.evidence import WIDEST
+from simval.calibrate.magnetometer.equations import (
+    PARAMETERS,
+    Readings,
+    corrected,
+    jacobian,
+)
+from simval.calibrate.magnetometer.summary import LEAST_COSINE, Code
+from simval.errors import GeometryError, RefusedError
+from simval.sensor import forms
+from simval.shapes import Float
+
+_LEVEL = np.radians(15.0)  # decides the words of a message only
+_STILL = 1e-9  # of the length: a column that does not change
+_RANK = 10.0  # times the relative noise, of the greatest singular value
+_ADVICE = (
+    "turn each axis up and down in turn, and change the heading at each tilt, so that "
+    "gravity and the field are seen from all sides"
+)
+
+
+def refuse_still(readings: dict[str, Float[Array, "n 3"]]) -> None:
+    """Refuse a sensor with an axis that reads the same in every pose.
+
+    Raises
+    ------
+    GeometryError
+        If there is one.
+    """
+    for name, values in readings.items():
+        still = np.ptp(values, axis=0) <= _STILL * np.abs(values).max()
+        if still.all():
+            msg = (
+                f"the {name} reads the same in all {len(values)} poses; it was not "
+                f"moved, or its columns are not those of a sensor: {_ADVICE}"
+            )
+            raise GeometryError(msg)
+        if still.any():
+            axis = int(np.flatnonzero(still)[0])
+            msg = (
+                f"axis {'xyz'[axis]} of the {name} reads {values[0, axis]:g} in all "
+                f"{len(values)} poses; a working axis changes from pose to pose, so "
+                "check the column and the wire"
+            )
+            raise GeometryError(msg)
+
+
+def refuse(
+    code: int,
+    poses: dict[str, Float[Array, "n 3"]],
+    half_width: float,
+    widest: int,
+    sine: float,
+    factor: float,
+    noise: float,
+) -> None:
+    """Raise the error that says what is wrong with one set.
+
+    Raises
+    ------
+    RefusedError
+        Always; `GeometryError` where the poses leave something unobservable.
+    """
+    body, field = poses["accelerometer"], poses["magnetometer"]
+    if code == Code.HEMISPHERE:
+        msg = (
+            f"the dip is {_degrees(sine)} degrees, too near 0 for its error bars to "
+            "tell the hemisphere; leave `hemisphere` out: the axes of the magnetometer "
+            "are then taken as right-handed (det M > 0)"
+        )
+        raise RefusedError(msg)
+    if code == Code.AMBIGUOUS:
+        msg = (
+            f"two different calibrations fit the {len(body)} poses alike; so few poses "
+            "do not tell which is right: add poses, twelve or more are always enough "
+            "when turned to all sides"
+        )
+        raise GeometryError(msg)
+    said = _geometry_words(body, field)
+    if code == Code.VERTICAL and not said:
+        msg = (
+            f"the field is along the vertical (dip {_degrees(sine)} degrees): it does "
+            "not tell a heading, and the three equations of a pose are only two; "
+            f"nearer than {np.degrees(np.arcsin(LEAST_COSINE)):.1f} degrees, or five "
+            "error bars, nothing is fitted: go to another place, look for iron below "
+            "the sensor, and check that the columns of one sensor were not given twice"
+        )
+        raise GeometryError(msg)
+    rank = nominal_rank(body, field, noise)
+    if rank < PARAMETERS and not said:
+        said = "the poses are too few or too much alike for their noise; "
+    if code == Code.WIDE and rank == PARAMETERS:
+        scatter = (
+            f"; the poses scatter {factor:.3g} times as much as the stated noise "
+            "explains, which counts here: check units, the order of the poses, and "
+            "that the two sensors are not swapped"
+            if factor > 1.0
+            else ""
+        )
+        msg = (
+            f"the calibration is uncertain by {100.0 * half_width:.3g} percent of the "
+            f"field or of gravity ({_named(widest)}, 95 percent half-width), and at "
+            f"most {100.0 * WIDEST:.0f} percent is accepted{scatter}; {said}{_ADVICE}, "
+            "or hold each pose longer"
+        )
+        raise (RefusedError if factor > 1.0 else GeometryError)(msg)
+    msg = (
+        f"the {len(body)} poses leave some of the {PARAMETERS} parameters open (rank "
+        f"{min(rank, PARAMETERS - 1)} of {PARAMETERS}): {said}{_ADVICE}"
+    )
+    raise GeometryError(msg)
+
+
+def _degrees(sine: float) -> str:
+    return f"{np.degrees(np.arcsin(np.clip(sine, -1.0, 1.0))):.2f}"
+
+
+def _named(widest: int) -> str:
+    if widest < 12:
+        return f"the accelerometer's {'bias' if widest >= 9 else 'matrix'}"
+    if widest < 24:
+        return "the matrix M" if widest < 21 else "the hard iron b"
+    return "the dip"
+
+
+def _directions(readings: Float[Array, "n 3"], centre: Any) -> Float[Array, "n 3"]:
+    off = readings - centre
+    length = np.linalg.norm(off, axis=1, keepdims=True)
+    return off / np.where(length > 0.0, length, 1.0)
+
+
+def _geometry_words(body: Float[Array, "n 3"], field: Float[Array, "n 3"]) -> str:
+    # what the raw readings themselves say against the poses
+    up = _directions(body, 0.0)
+    mean = _directions(up.mean(axis=0, keepdims=True), 0.0)[0]
+    tilt = float(np.arccos(np.clip(np.min(up @ mean), -1.0, 1.0)))
+    if tilt < _LEVEL:
+        return (
+            f"the accelerometer points within {np.degrees(tilt):.2g} degrees of one "
+            "direction in all poses, as on a level table, and turning there says "
+            "little: tilt it; "
+        )
+    for name, readings in (("accelerometer", body), ("magnetometer", field)):
+        off = readings - readings.mean(axis=0)
+        values = np.linalg.svd(off, compute_uv=False)
+        if not values[2] > 0.05 * values[0]:
+            return (
+                f"the readings of the {name} lie in a plane, as when all turns are "
+                "about one axis: turn about another axis as well; "
+            )
+    return ""
+
+
+def nominal_rank(
+    body: Float[Array, "n 3"], field: Float[Array, "n 3"], noise: float
+) -> int:
+    """Rank of the equations above the relative noise, both sensors taken as ideal."""
+    up, along = _directions(body, 0.0), _directions(field, _middle(field))
+    theta = np.zeros((1, PARAMETERS))
+    theta[0, :9] = forms.from_gram("triangular", np.eye(3), np.zeros(3))
+    theta[0, 9:18] = np.eye(3).ravel()
+    theta[0, 21] = -np.mean(np.vecdot(up, along))
+    one = np.ones((1, len(up)))
+    readings = Readings(
+        accelerometer=up[None],
+        magnetometer=along[None],
+        accelerometer_std=one,
+        magnetometer_std=one,
+    )
+    at = corrected("triangular", theta, readings)
+    slopes = jacobian("triangular", theta, at)[0].reshape(-1, PARAMETERS)
+    values = np.linalg.svd(slopes, compute_uv=False)
+    return int(np.count_nonzero(values > min(_RANK * noise, 0.1) * values[0]))
+
+
+def _middle(readings: Float[Array, "n 3"]) -> Float[Array, "3"]:
+    return (readings.max(axis=0) + readings.min(axis=0)) / 2.0
