@@ -158,7 +158,7 @@ def test_the_recorded_signal_is_shaded_where_it_rests(run, figures):
 
 def test_the_budget_has_its_parts_and_their_predictions(run, figures):
     (panel,) = figures["budget"].panels
-    assert set(panel.names) >= {"calibration", "total"}
+    assert set(panel.names) >= {"magnetometer noise in the tumble", "total"}
     assert np.isfinite(panel.predicted).all()
     (cell,) = run.of("end_to_end")
     for name, value in zip(panel.names, panel.measured, strict=True):

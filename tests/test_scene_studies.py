@@ -1,16 +1,18 @@
 """The detector scored against true rest, and the error budget from end to end."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from rounding import EPS
 from scipy import stats
-from true_sensor import MODEL, PARAMETERS
 
 from simval.attitude import two_vector_quaternion
+from simval.calibrate import calibrate_magnetometer
 from simval.errors import SimvalError
 from simval.geometry import attitude_error, compose, conjugate, normalize
 from simval.scene import simulate
-from simval.sensor import AccelerometerModel
+from simval.sensor import AccelerometerModel, MagnetometerModel
 from simval.streams import Streams, cell_key
 from simval.studies import detector, end_to_end
 from simval.studies.scoring import (
@@ -20,7 +22,8 @@ from simval.studies.scoring import (
     score,
     thinned,
 )
-from simval.theory.carry import PARTS, UP, carrier, corrected
+from simval.theory.carry import PARTS, UP, calibration_parts, carrier, corrected
+from simval.theory.magnetometer import magnetometer_moments
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -172,7 +175,7 @@ def budget():
 
 
 def test_every_part_of_the_budget_is_as_predicted(budget):
-    limit = stats.t.isf(1e-4 / 2 / 5, TRIALS - 1)  # five rows, one alarm in 1e4 seeds
+    limit = stats.t.isf(1e-4 / 2 / 6, TRIALS - 1)  # six rows, one alarm in 1e4 seeds
     for part in PARTS:
         row = budget[f"budget[{part}]"]
         assert abs(row.value - row.prediction) < limit * row.standard_error
@@ -185,26 +188,28 @@ def test_every_part_of_the_budget_is_as_predicted(budget):
 def test_the_parts_add_up(budget):
     predicted = [budget[f"budget[{part}]"].prediction ** 2 for part in PARTS]
     # the mean over trials of a sum is the sum of the means: rounding only
-    assert sum(predicted[:3]) == pytest.approx(predicted[3], rel=1e-12, abs=0)
+    assert sum(predicted[:4]) == pytest.approx(predicted[4], rel=1e-12, abs=0)
     measured = [budget[f"budget[{part}]"].value ** 2 for part in PARTS]
     spread = [
         2 * budget[f"budget[{p}]"].value * budget[f"budget[{p}]"].standard_error
         for p in PARTS
     ]
     # the cross terms of independent sources average to zero; 4.4 sigma, 1e-5
-    assert abs(sum(measured[:3]) - measured[3]) < 4.4 * np.linalg.norm(spread)
+    assert abs(sum(measured[:4]) - measured[4]) < 4.4 * np.linalg.norm(spread)
 
 
 @pytest.mark.ci
-def test_a_budget_without_the_calibration_is_rejected():
-    """Power: with a poor calibration its part cannot be left out."""
-    parameters = end_to_end.Parameters(trials=TRIALS, poses=12, average=400)
+def test_a_budget_without_a_part_is_rejected():
+    """Power: with few poses and long means neither part of the tumble can be left."""
+    parameters = end_to_end.Parameters(trials=TRIALS, poses=12, average=2000)
     rows = rows_of(end_to_end.run(parameters, streams("power")))
     total = rows["budget[total]"]
-    without = np.sqrt(total.prediction**2 - rows["budget[calibration]"].prediction ** 2)
     limit = stats.t.isf(1e-4 / 2, TRIALS - 1)
     assert abs(total.value - total.prediction) < limit * total.standard_error
-    assert abs(total.value - without) > limit * total.standard_error
+    for part in PARTS[:2]:
+        left = rows[f"budget[{part}]"].prediction ** 2
+        without = np.sqrt(total.prediction**2 - left)
+        assert abs(total.value - without) > limit * total.standard_error
 
 
 def rotation_between(q, truth):
@@ -212,59 +217,101 @@ def rotation_between(q, truth):
     return 2.0 * step[:3] * np.sign(step[3])
 
 
-def test_the_carried_covariance_is_the_derivative_of_the_whole_chain():
+def case(poses=12, attitudes=5):
+    """Both sensors on their tumbles, and the truth of the calibration."""
+    trajectory, wanted = end_to_end.tumbles(poses, attitudes)
+    bench = end_to_end.bench_of(trajectory, 0.0)
+    return bench, wanted, bench.problem(wanted.q, (1.0, 1.0))
+
+
+def sensors_of(theta):
+    body = AccelerometerModel.from_parameters(theta[:9])
+    return body, MagnetometerModel(M=theta[9:18].reshape(3, 3), b=theta[18:21])
+
+
+def test_the_carriers_jacobian_is_the_derivative_of_the_whole_chain():
     """Against central differences through correction and estimator, no formula."""
-    _, wanted = end_to_end.tumbles(12, 5)
-    root = np.random.default_rng(3).standard_normal((9, 9))
-    covariance = root @ root.T
-    for k in range(5):
-        raw = np.linalg.solve(MODEL.matrix, wanted.force[k]) + MODEL.B
+    _, wanted, problem = case()
+    body, iron = sensors_of(problem.theta)
+    quiet = np.random.default_rng(0)
+    raw = body.distort(wanted.force, quiet), iron.distort(wanted.field, quiet)
 
-        def turned(theta, raw=raw, field=wanted.field[k], truth=wanted.q[k]):
-            model = AccelerometerModel.from_parameters(theta)
-            seen = normalize(model.correct(raw))
-            q = two_vector_quaternion(seen, normalize(field), UP, wanted.field_world)
-            return rotation_between(q, truth)
-
-        h = 1e-5
-        steps = [
-            (turned(PARAMETERS + h * e) - turned(PARAMETERS - h * e)) / (2 * h)
-            for e in np.eye(9)
+    def turned(theta, noise, k):
+        models = sensors_of(theta)
+        seen = [
+            normalize(model.correct(rows[k] + part))
+            for model, rows, part in zip(models, raw, np.split(noise, 2), strict=True)
         ]
-        gain = np.stack(steps, axis=1)
-        expected = gain @ covariance @ gain.T
-        got = carrier(MODEL, wanted, k, 0.0, 0.0).parts(covariance)[0]
+        q = two_vector_quaternion(*seen, UP, wanted.field_world)
+        return rotation_between(q, wanted.q[k])
+
+    h = 1e-5
+    for k in range(5):
+        by_theta, by_noise = (
+            np.stack([(f(h * e) - f(-h * e)) / (2 * h) for e in np.eye(n)], axis=1)
+            for n, f in (
+                (22, lambda d, k=k: turned(problem.theta + d, np.zeros(6), k)),
+                (6, lambda d, k=k: turned(problem.theta, d, k)),
+            )
+        )
+        got = carrier(problem, wanted, k, 2.0, 3.0)
         # central differences: h^2 of curvature and eps / h of rounding, 1e-10 each,
         # relative to gains of up to 10
-        atol = 1e-8 * np.abs(expected).max()
-        np.testing.assert_allclose(got, expected, rtol=0, atol=atol)
+        np.testing.assert_allclose(got.jacobian, by_theta, rtol=0, atol=1e-8)
+        parts = (got.force, 2.0, by_noise[:, :3]), (got.field, 3.0, by_noise[:, 3:])
+        for covariance, std, gain in parts:
+            expected = std**2 * gain @ gain.T
+            np.testing.assert_allclose(covariance, expected, rtol=0, atol=1e-7)
 
 
-def test_the_carriers_jacobian_is_that_of_a_direction():
-    """Central differences of f / |f|; what is along f does not turn it."""
-    _, wanted = end_to_end.tumbles(12, 5)
-    h = 1e-5
-    for k, force in enumerate(wanted.force):
-        raw = np.linalg.solve(MODEL.matrix, force) + MODEL.B
-        steps = [
-            normalize(corrected(PARAMETERS + h * e, raw))
-            - normalize(corrected(PARAMETERS - h * e, raw))
-            for e in np.eye(9)
-        ]
-        found = carrier(MODEL, wanted, k, 0.0, 0.0).jacobian
-        expected = np.stack(steps, axis=1) / (2 * h)
-        # h^2 of curvature and eps / h of rounding, 1e-10 each, gains of up to 1
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
+def test_the_calibrations_parts_are_what_moves_the_fit():
+    """Against the weighted fit itself, moved one reading at a time; they add up."""
+    bench, wanted, _ = case()
+    q = np.concatenate([wanted.q, end_to_end.tumbles(12, 24)[1].q])
+    std = np.linspace(1e-3, 3e-3, len(q)), np.linspace(2e-3, 1e-3, len(q))
+    problem = bench.problem(q, std)
+    parts = calibration_parts(problem)
+
+    def fitted(y):
+        return calibrate_magnetometer(
+            y[..., :3], y[..., 3:], bench.tumble.g,
+            accelerometer_std=std[0], magnetometer_std=std[1],
+        ).parameters  # fmt: skip
+
+    h = 1e-4
+    steps = h * np.eye(problem.y.size).reshape(-1, *problem.y.shape)
+    # the weights are taken where the readings are: a second-order change
+    slopes = (fitted(problem.y + steps) - fitted(problem.y - steps)) / (2.0 * h)
+    slopes = slopes.reshape(*problem.y.shape, 22)
+    slopes[..., 21] *= np.cos(bench.dip)  # of the sine
+    moved = slopes * problem.sigma[..., None]
+    for part, own in zip(parts, (moved[:, :3], moved[:, 3:]), strict=True):
+        rows = own.reshape(-1, 22)
+        size = np.sqrt(np.diagonal(parts.sum(axis=0)))
+        # the solver stops at 1e-9 of a step; h^2 of curvature beside it
+        expected = rows.T @ rows / np.outer(size, size)
+        found = part / np.outer(size, size)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-4)
+    whole = magnetometer_moments(
+        bench.accelerometer, bench.magnetometer, q, bench.dip,
+        accelerometer_std=std[0], magnetometer_std=std[1], g=bench.tumble.g,
+    ).covariance  # fmt: skip
+    scale = np.append(np.ones(21), np.cos(bench.dip))
+    bound = whole * np.outer(scale, scale)
+    size = np.sqrt(np.diagonal(bound))
+    off = (parts.sum(axis=0) - bound) / np.outer(size, size)
+    # inverses of a matrix of condition 1e4 after scaling
+    assert np.abs(off).max() < 1e-9
 
 
-def test_the_corrected_reading_is_the_models():
-    raw = np.array([1.0, -7.0, 4.0])
-    np.testing.assert_allclose(
+def test_the_corrected_readings_are_the_models():
+    _, _, problem = case()
+    models = sensors_of(problem.theta)
+    raw = [np.array([1.0, -7.0, 4.0]), np.array([0.7, -0.2, 1.1])]
+    found = corrected(problem, problem.theta, raw)
+    for got, model, rows in zip(found, models, raw, strict=True):
         # three by three, solved in two ways, condition 1.1
-        corrected(PARAMETERS, raw),
-        MODEL.correct(raw),
-        rtol=12 * EPS,
-    )
+        np.testing.assert_allclose(got, model.correct(rows), rtol=0, atol=100 * EPS)
 
 
 def test_the_true_attitude_is_what_the_true_vectors_give():
@@ -285,8 +332,11 @@ def test_what_the_linear_budget_leaves_out():
     # a standard error of 0.8 squares over all poses; `NEXT_ORDER` allows 30.
     _, wanted = end_to_end.tumbles(12, 24)
     rng, size, n = np.random.default_rng(60), 1e-3, 1000
-    scale = size * np.repeat([9.81, np.linalg.norm(wanted.field[0])], 3)
-    ideal = AccelerometerModel(T=np.eye(3), K=np.ones(3), B=np.zeros(3))
+    scale = size * np.repeat([9.80665, 1.0], 3)
+    _, _, real = case(12, 24)
+    ideal = replace(real, theta=np.concatenate(
+        [np.zeros(3), np.ones(3), np.zeros(3), np.eye(3).ravel(), np.zeros(3), [0.0]]
+    ))  # fmt: skip
     extra, linear, squares = [], [], []
     for k, q in enumerate(wanted.q):
 
@@ -301,9 +351,8 @@ def test_what_the_linear_budget_leaves_out():
         J = (error(h) - error(-h)).T / 2.0 / (1e-2 * scale)
         noise = scale * rng.standard_normal((n, 6))
         first, both = noise @ J.T, np.stack([error(noise), error(-noise)])
-        covariance = carrier(ideal, wanted, k, scale[0], scale[3]).parts(
-            np.zeros((9, 9))
-        )[3]
+        carried = carrier(ideal, wanted, k, scale[0], scale[3])
+        covariance = carried.parts(np.zeros((2, 22, 22)))[4]
         extra.append(np.mean(np.sum(both**2, axis=-1)) - np.mean(np.sum(first**2, -1)))
         linear.append(np.trace(covariance))
         inverse = np.linalg.inv(covariance)

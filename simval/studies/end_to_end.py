@@ -1,16 +1,18 @@
 r"""End to end: tumble, distort, detect, calibrate, then gravity and field to attitude.
 
-Each trial calibrates the accelerometer from the static intervals that the detector
-finds in a noisy tumble. With that calibration it measures the direction of gravity in
-the rests of a second tumble, takes the magnetometer as the second vector, and estimates
-the attitude in closed form. The true attitude is the simulator's own.
+Each trial calibrates the accelerometer and the magnetometer beside it from the static
+intervals that the detector finds in a noisy tumble, by the weighted fit of both. With
+that calibration it measures the directions of gravity and of the field in the rests of
+a second tumble, and estimates the attitude in closed form. The true attitude is the
+simulator's own.
 
-The prediction carries the covariance of the calibration through to the attitude
+The prediction carries the noise of each sensor through the calibration to the attitude
 (`simval.theory.carry`), for the number of samples in each interval.
-Each part of the budget is also measured by itself: with the noise of one source only,
-all others at their truth.
+Each part of the budget is also measured by itself: with the noise of one sensor in one
+of the two tumbles only, and all else at the truth.
 """
 
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated
 
@@ -19,23 +21,24 @@ from pydantic import Field
 
 from simval.arrays import Array
 from simval.attitude import two_vector_quaternion
-from simval.calibrate import calibrate
+from simval.calibrate import calibrate_magnetometer
 from simval.geometry import attitude_error, compose, conjugate, normalize
 from simval.poses import fibonacci_sphere
 from simval.results import Outcome, nees, plain, unjudged
 from simval.scene import Trajectory, simulate_cached
-from simval.sensor import AccelerometerModel
+from simval.sensor import AccelerometerModel, MagnetometerModel
 from simval.shapes import Float
 from simval.statics import Intervals, interval_counts, interval_means
 from simval.statistics import BUDGET, CARRIED, CHI_SQUARE_3, IMPURE, NEES
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
-from simval.studies.scoring import detect, mean_of, pure, thinned
+from simval.studies.magnetometer import true_magnetometer
+from simval.studies.scoring import RATE, Tumble, detect, mean_of, pure, thinned
 from simval.studies.study import Cost, StudyParameters
-from simval.theory import calibration_moments
-from simval.theory.carry import PARTS, UP, Wanted, carrier
+from simval.theory.carry import PARTS, UP, Wanted, calibration_parts, carrier
+from simval.theory.magnetometer_poses import Problem, problem_of
 
-TITLE = "Error budget: tumble, detect, calibrate, gravity and field to attitude"
+TITLE = "Error budget: tumble, calibrate both sensors, gravity and field to attitude"
 SECTION = "budget"
 
 SETTINGS = (6.0, 51, 15)  # the detector's multiplier, window and trim, in samples
@@ -67,7 +70,7 @@ class Parameters(StudyParameters):
 
     def cost(self) -> Cost:
         """Cost of a cell."""
-        return Cost(0.5 + 8e-3 * self.trials, 20)
+        return Cost(0.5 + 3.5e-2 * self.trials, 22)
 
 
 @lru_cache(maxsize=8)
@@ -78,7 +81,7 @@ def tumbles(poses: int, attitudes: int) -> tuple[Trajectory, Wanted]:
     second = simulate_cached("gimbal", directions=turned, hold_time=0.2)
     wanted = Wanted(
         force=second.hold_means(),
-        field=second.hold_means(second.magnetic_field),
+        field=normalize(second.hold_means(second.magnetic_field)),
         q=normalize(second.hold_means(second.attitude)),
         field_world=normalize(second.magnetic),
     )
@@ -92,34 +95,75 @@ def _rotation() -> Float[Array, "3 3"]:
     return np.asarray(orthogonal)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Bench:
+    """Both true sensors and the first tumble; the field has length 1."""
+
+    accelerometer: AccelerometerModel
+    magnetometer: MagnetometerModel
+    tumble: Tumble
+    field: Float[Array, "n 3"]  # of each row of the tumble
+    attitude: Float[Array, "n 4"]
+    dip: float  # rad
+
+    def problem(
+        self,
+        q: Float[Array, "m 4"],
+        std: tuple[float | Float[Array, " m"], float | Float[Array, " m"]],
+    ) -> Problem:
+        """Poses of these attitudes at the truth, for theory."""
+        return problem_of(
+            self.accelerometer, self.magnetometer, q, self.dip, *std,
+            g=self.tumble.g, field=1.0, form="triangular",
+        )  # fmt: skip
+
+
+def bench_of(trajectory: Trajectory, noise: float) -> Bench:
+    """Sensors on the first tumble, thinned to the rate of a log."""
+    every = slice(None, None, max(round(trajectory.rate / RATE), 1))
+    return Bench(
+        accelerometer=true_sensor(noise),
+        magnetometer=true_magnetometer(),
+        tumble=thinned(trajectory),
+        field=normalize(trajectory.magnetic_field[every]),
+        attitude=trajectory.attitude[every],
+        dip=float(-np.arcsin(normalize(trajectory.magnetic)[2])),
+    )
+
+
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Measure the error budget of one cell beside its prediction."""
     trajectory, wanted = tumbles(parameters.poses, parameters.attitudes)
-    truth = thinned(trajectory)
-    noise = parameters.accelerometer_noise_std
-    sensor = true_sensor(noise)
-    field_std = parameters.magnetometer_noise_std / np.sqrt(parameters.average)
-    force_std = noise / np.sqrt(parameters.average)
-    carriers = [
-        carrier(sensor, wanted, k, force_std, field_std) for k in range(len(wanted.q))
-    ]
+    bench = bench_of(trajectory, parameters.accelerometer_noise_std)
+    strength = float(np.linalg.norm(trajectory.magnetic))
+    noise = (
+        parameters.accelerometer_noise_std,
+        parameters.magnetometer_noise_std / strength,
+    )
+    mean_std = (
+        noise[0] / np.sqrt(parameters.average),
+        noise[1] / np.sqrt(parameters.average),
+    )
+    true = bench.problem(wanted.q, mean_std)
+    carriers = [carrier(true, wanted, k, *mean_std) for k in range(len(wanted.q))]
     measured, predicted, squares, impure = [], [], [], []
     for trial in range(parameters.trials):
         rng = streams.block(trial)
-        raw = sensor.distort(truth.force, rng)
+        raw = bench.accelerometer.distort(bench.tumble.force, rng)
         intervals, _, _ = detect(raw, *SETTINGS)
-        impure.append(float(np.sum(~pure(intervals, truth.still))))
-        means = interval_means(raw, intervals)
-        fit = calibrate(means, g=truth.g, covariance=False).require_converged()
-        estimates = _estimates(sensor, fit.sensor(), wanted, force_std, field_std, rng)
+        impure.append(float(np.sum(~pure(intervals, bench.tumble.still))))
+        samples = np.sqrt(interval_counts(intervals))
+        std = noise[0] / samples, noise[1] / samples
+        fitted = _calibrated(bench, raw, intervals, std, rng)
+        estimates = _estimates(bench, fitted, wanted, mean_std, rng)
         angles = np.array([attitude_error(q, wanted.q) for q in estimates])
         measured.append(np.mean(angles**2, axis=1))
-        covariance = _calibration_covariance(sensor, truth.force, intervals, truth.g)
+        middle = bench.attitude[intervals.sum(axis=1) // 2]  # whole rests
+        covariance = calibration_parts(bench.problem(middle, std))
         parts = np.array([each.parts(covariance) for each in carriers])
         predicted.append(np.trace(parts, axis1=2, axis2=3).mean(axis=0))
-        squares.append(_normalized_square(estimates[3], wanted.q, parts[:, 3]))
-    size = max(force_std / truth.g, field_std / np.linalg.norm(trajectory.magnetic))
-    remainder = NEXT_ORDER * size**2
+        squares.append(_normalized_square(estimates[-1], wanted.q, parts[:, -1]))
+    remainder = NEXT_ORDER * max(mean_std[0] / bench.tumble.g, mean_std[1]) ** 2
     rms, error = _root_mean_square(np.transpose(measured))
     expected = np.sqrt(np.mean(np.ascontiguousarray(np.transpose(predicted)), axis=1))
     return Outcome(
@@ -134,43 +178,79 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     )  # fmt: skip
 
 
-def _estimates(
-    sensor: AccelerometerModel,
-    calibrated: AccelerometerModel,
-    wanted: Wanted,
-    force_std: float,
-    field_std: float,
+Sensors = tuple[AccelerometerModel, MagnetometerModel]
+
+
+def _calibrated(
+    bench: Bench,
+    raw: Float[Array, "n 3"],
+    intervals: Intervals,
+    std: tuple[Float[Array, " m"], Float[Array, " m"]],
     rng: np.random.Generator,
-) -> list[Array]:
-    # attitudes with one source of error after the other, and with all, in PARTS' order
-    exact = np.linalg.solve(sensor.matrix, wanted.force.T).T + sensor.B
-    noisy = exact + force_std * rng.standard_normal(exact.shape)
-    field = wanted.field + field_std * rng.standard_normal(exact.shape)
-    cases = (
-        (calibrated.correct(exact), wanted.field),
-        (sensor.correct(noisy), wanted.field),
-        (wanted.force, field),
-        (calibrated.correct(noisy), field),
-    )
-    r1, r2 = (
-        np.broadcast_to(UP, exact.shape),
-        np.broadcast_to(wanted.field_world, exact.shape),
-    )
+) -> list[Sensors]:
+    """Both sensors from the accelerometer's noise, the magnetometer's, and both."""
+    quiet = np.random.default_rng(0)  # draws nothing: without noise
+    body = bench.accelerometer
+    still = AccelerometerModel(T=body.T, K=body.K, B=body.B)
+    force = interval_means(still.distort(bench.tumble.force, quiet), intervals)
+    field = interval_means(bench.magnetometer.distort(bench.field, quiet), intervals)
+    noisy = interval_means(raw, intervals)
+    stirred = field + std[1][:, None] * rng.standard_normal(field.shape)
+    fit = calibrate_magnetometer(
+        np.stack([noisy, force, noisy]),
+        np.stack([field, stirred, stirred]),
+        bench.tumble.g,
+        accelerometer_std=std[0],
+        magnetometer_std=std[1],
+        model="triangular",
+    ).require_converged()
     return [
-        two_vector_quaternion(normalize(force), normalize(seen), r1, r2)
-        for force, seen in cases
+        (
+            AccelerometerModel.from_parameters(values[:9]),
+            MagnetometerModel(M=values[9:18].reshape(3, 3), b=values[18:21]),
+        )
+        for values in fit.parameters
     ]
 
 
-def _calibration_covariance(
-    sensor: AccelerometerModel,
-    force: Float[Array, "n 3"],
-    intervals: Intervals,
-    g: float,
-) -> Float[Array, "9 9"]:
-    std = sensor.noise_std / np.sqrt(interval_counts(intervals))
-    directions = interval_means(force, intervals)
-    return calibration_moments(sensor, directions, g, std).covariance
+def _estimates(
+    bench: Bench,
+    fitted: list[Sensors],
+    wanted: Wanted,
+    std: tuple[float, float],
+    rng: np.random.Generator,
+) -> list[Array]:
+    # attitudes with one source of error after the other, and with all, in PARTS' order
+    true = (
+        AccelerometerModel(
+            T=bench.accelerometer.T, K=bench.accelerometer.K, B=bench.accelerometer.B
+        ),
+        bench.magnetometer,
+    )
+    quiet = np.random.default_rng(0)  # draws nothing: without noise
+    exact = true[0].distort(wanted.force, quiet), true[1].distort(wanted.field, quiet)
+    noisy = tuple(
+        rows + each * rng.standard_normal(rows.shape)
+        for rows, each in zip(exact, std, strict=True)
+    )
+    cases = (
+        (fitted[0], exact),
+        (fitted[1], exact),
+        (true, (noisy[0], exact[1])),
+        (true, (exact[0], noisy[1])),
+        (fitted[2], noisy),
+    )
+    shape = exact[0].shape
+    r1, r2 = np.broadcast_to(UP, shape), np.broadcast_to(wanted.field_world, shape)
+    return [
+        two_vector_quaternion(
+            normalize(sensors[0].correct(rows[0])),
+            normalize(sensors[1].correct(rows[1])),
+            r1,
+            r2,
+        )
+        for sensors, rows in cases
+    ]
 
 
 def _normalized_square(

@@ -1,30 +1,52 @@
 r"""The way of an error from the readings to the attitude, linearised.
 
-The predicted error budget carries the covariance of the calibration through to the
-attitude. With :math:`f = M (y - B)`, :math:`\theta` the nine parameters,
-:math:`J = \partial f/\partial\theta` at the true reading and :math:`\sigma_f` the
-noise of a mean reading, the direction :math:`b_1 = f/|f|` has the covariance
+The predicted error budget carries each source of noise through the calibration of both
+sensors to the attitude. With the 22 parameters :math:`\theta` of the accelerometer and
+the magnetometer beside it, the directions :math:`b_1 = M_a (y_a - B)/|f|` and
+:math:`b_2 = M_m (y_m - b)/|m|` turn the estimate by
 
-.. math:: P_{b_1} = \frac{1}{g^2}\left(J C_\theta J^T + \sigma_f^2 M M^T\right),
-   \tag{B1}
+.. math:: \delta\rho = A_1\,\delta b_1 + A_2\,\delta b_2, \qquad
+   \delta b_i = \tfrac{\partial b_i}{\partial\theta}\,\delta\theta
+   + \tfrac{\partial b_i}{\partial y_i}\, n_i,  \tag{B1}
 
-the field's direction :math:`\sigma_m^2 I/|m|^2`, and the references none; the theory of
-the two-vector estimate turns them into the covariance of the quaternion, and four times
-its trace is the mean square of the angle. :math:`C_\theta` is theory's, for the number
-of samples in each interval that was found.
+with the gains :math:`A_i` of the linear part of the two-vector theory, eq. (X1); the
+references have no noise. The weighted fit of a tumble's poses, eqs. (M1), (M2), moves
+by
+
+.. math:: \delta\theta = -\Bigl(\sum_i J_i^T W_i J_i\Bigr)^{-1} \sum_i J_i^T W_i D_i
+   n_i,  \tag{B2}
+
+J and D the derivatives of a pose's equations by the parameters and by its readings, so
+what either sensor's noise in the tumble leaves in the calibration is a covariance of
+its own, and the two add up to the bound.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from simval.arrays import Array
+from simval.arrays import Array, frozen
 from simval.geometry import compose, conjugate
-from simval.sensor import AccelerometerModel
+from simval.sensor import forms
 from simval.shapes import Float, Inexact
-from simval.theory.attitude import attitude_moments
+from simval.theory.expansion import mean_linear_error
+from simval.theory.magnetometer_poses import (
+    PARAMETERS,
+    Problem,
+    jacobian,
+    reach_of,
+    weights_of,
+)
+from simval.theory.orders import tangent_projector
+from simval.theory.two_vector import two_vector_geometry
 
-PARTS = ("calibration", "accelerometer noise", "magnetometer noise", "total")
+PARTS = (
+    "accelerometer noise in the tumble",
+    "magnetometer noise in the tumble",
+    "accelerometer noise",
+    "magnetometer noise",
+    "total",
+)
 UP = np.array([0.0, 0.0, 1.0])
 STEP = 1e-20  # of the complex-step derivative: exact to rounding
 
@@ -38,7 +60,7 @@ class Wanted:
     force : Array
         Specific force, sensor axes, m/s^2.
     field : Array
-        Magnetic field, sensor axes, T.
+        Magnetic field, sensor axes, of length 1.
     q : Array
         World to sensor, vector first.
     field_world : Array
@@ -58,86 +80,113 @@ class Carrier:
     Attributes
     ----------
     jacobian : Array
-        Of the direction b1 by the nine parameters.
-    rotation : Array
-        Covariance of the small rotation, rad^2, by that of b1: a linear map of
-        symmetric matrices.
-    noise : Array
-        Covariance of the small rotation from the accelerometer's noise.
+        Of the small rotation by the 22 parameters.
+    force : Array
+        Covariance of the small rotation from the accelerometer's noise, rad^2.
     field : Array
         The same from the magnetometer's.
     """
 
-    jacobian: Float[Array, "3 9"]
-    rotation: Float[Array, "3 3 3 3"]
-    noise: Float[Array, "3 3"]
+    jacobian: Float[Array, "3 22"]
+    force: Float[Array, "3 3"]
     field: Float[Array, "3 3"]
 
-    def parts(self, covariance: Float[Array, "9 9"]) -> Float[Array, "4 3 3"]:
-        """Covariance of the small rotation by source of error."""
-        b1 = self.jacobian @ covariance @ self.jacobian.T
-        calibration = np.einsum("abij,ij->ab", self.rotation, b1)
-        total = calibration + self.noise + self.field
-        return np.stack([calibration, self.noise, self.field, total])
+    def __post_init__(self) -> None:
+        for name in ("jacobian", "force", "field"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    def parts(self, calibration: Float[Array, "2 22 22"]) -> Float[Array, "5 3 3"]:
+        """Covariance of the small rotation by source of error, in PARTS' order."""
+        tumble = self.jacobian @ calibration @ self.jacobian.T
+        total = tumble[0] + tumble[1] + self.force + self.field
+        return np.stack([*tumble, self.force, self.field, total])
+
+
+def calibration_parts(problem: Problem) -> Float[Array, "2 22 22"]:
+    """Covariance of the 22 parameters by the sensor whose noise it is, eq. (B2).
+
+    The last parameter is the sine of the dip.
+    """
+    J, W = jacobian(problem), weights_of(problem)
+    pushed = np.einsum(
+        "nai,nab,nbk->nik", J, W, reach_of(problem, problem.theta, problem.y)
+    )
+    moved = np.linalg.solve(
+        np.einsum("nai,nab,nbj->ij", J, W, J), pushed * problem.sigma[:, None, :]
+    )
+    own = [moved[:, :, :3], moved[:, :, 3:]]
+    return np.stack([np.einsum("nik,njk->ij", each, each) for each in own])
 
 
 def carrier(
-    sensor: AccelerometerModel,
-    wanted: Wanted,
-    k: int,
-    force_std: float,
-    field_std: float,
+    problem: Problem, wanted: Wanted, k: int, force_std: float, field_std: float
 ) -> Carrier:
     """Linearise the way from the readings to the attitude at one pose, eq. (B1)."""
-    force = wanted.force[k]
-    g, strength = np.linalg.norm(force), np.linalg.norm(wanted.field[k])
-    raw = np.linalg.solve(sensor.matrix, force) + sensor.B
-    across = (np.eye(3) - np.outer(force, force) / g**2) / g
-    columns = [
-        corrected(sensor.parameters + 1j * STEP * e, raw).imag / STEP for e in np.eye(9)
+    theta = problem.theta
+    gains = _gains(wanted.q[k], wanted.field_world)
+    truth = wanted.force[k], wanted.field[k]
+    matrices = _matrices(problem, theta)
+    raw = [
+        np.linalg.solve(M, v) + theta[place]
+        for M, v, place in zip(matrices, truth, (_BIAS, _IRON), strict=True)
     ]
-
-    def turned(b1: Float[Array, "3 3"], b2: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
-        return _rotation_covariance(wanted.q[k], wanted.field_world, b1, b2)
-
-    none = np.zeros((3, 3))
-    rotation = np.empty((3, 3, 3, 3))
-    for i, j in np.ndindex(3, 3):
-        pair = np.eye(3)[i] + np.eye(3)[j]
-        other = np.eye(3)[i] - np.eye(3)[j]
-        # polarised: only covariances, which are not negative, can be asked for
-        plus = turned(np.outer(pair, pair), none)
-        minus = turned(np.outer(other, other), none) if i != j else none
-        rotation[:, :, i, j] = (plus - minus) / 4.0
-    gain = across @ sensor.matrix
+    across = [_across(v) for v in truth]
+    columns = [
+        [v.imag / STEP for v in corrected(problem, theta + 1j * STEP * e, raw)]
+        for e in np.eye(PARAMETERS)
+    ]
+    by_theta = np.moveaxis(np.array(columns), 0, -1)  # (2, 3, 22)
+    noise = [
+        std * A @ P @ M
+        for std, A, P, M in zip(
+            (force_std, field_std), gains, across, matrices, strict=True
+        )
+    ]
     return Carrier(
-        jacobian=across @ np.stack(columns, axis=1),
-        rotation=rotation,
-        noise=turned(force_std**2 * gain @ gain.T, none),
-        field=turned(none, (field_std / strength) ** 2 * np.eye(3)),
+        jacobian=sum(
+            A @ P @ each for A, P, each in zip(gains, across, by_theta, strict=True)
+        ),
+        force=noise[0] @ noise[0].T,
+        field=noise[1] @ noise[1].T,
     )
 
 
-def _rotation_covariance(
-    q: Float[Array, "4"],
-    field_world: Float[Array, "3"],
-    b1: Float[Array, "3 3"],
-    b2: Float[Array, "3 3"],
-) -> Float[Array, "3 3"]:
-    none = np.zeros((3, 3))
-    noise = np.stack([b1, b2, none, none])
-    moments = attitude_moments(q, UP, field_world, noise, normalized=True)
-    # the small rotation is twice the vector part of conj(q) * qhat
-    back = conjugate(moments.q_true)
-    to_rotation = 2.0 * np.stack([compose(back, e)[:3] for e in np.eye(4)], axis=1)
-    covariance: Array = to_rotation @ moments.covariance @ to_rotation.T
-    return covariance
+_BIAS, _IRON = slice(6, 9), slice(18, 21)
+
+
+def _across(v: Float[Array, "3"]) -> Float[Array, "3 3"]:
+    # derivative of a vector's direction by the vector
+    length = np.linalg.norm(v)
+    return (np.eye(3) - np.outer(v, v) / length**2) / length
+
+
+def _gains(
+    q: Float[Array, "4"], field_world: Float[Array, "3"]
+) -> tuple[Float[Array, "3 3"], Float[Array, "3 3"]]:
+    # small rotation of the estimate, body side, by the two measured directions
+    geometry = two_vector_geometry(q, UP, field_world)
+    means = np.zeros((2, 3, 4, 3))
+    means[0, :, 0], means[1, :, 1] = np.eye(3), np.eye(3)
+    turned = np.array(
+        [[mean_linear_error(geometry, mean) for mean in each] for each in means]
+    )
+    tangent = turned @ tangent_projector(geometry.q)
+    error = tangent @ geometry.back.T  # truth minus estimate
+    back = conjugate(geometry.back @ geometry.q)
+    rotation = -2.0 * compose(back, error)[..., :3]
+    return rotation[0].T, rotation[1].T
+
+
+def _matrices(
+    problem: Problem, theta: Inexact[Array, "22"]
+) -> tuple[Inexact[Array, "3 3"], Inexact[Array, "3 3"]]:
+    # M of both sensors
+    return forms.matrix(problem.form, theta[:9]), theta[9:18].reshape(3, 3)
 
 
 def corrected(
-    theta: Inexact[Array, "9"], raw: Inexact[Array, "3"]
-) -> Inexact[Array, "3"]:
-    """Specific force M (y - B) in the triangular form, analytic in the parameters."""
-    s_yx, s_zx, s_zy = theta[:3]
-    x, y, z = theta[3:6] * (raw - theta[6:])
-    return np.array([x, s_yx * x + y, -s_zx * x + s_zy * y + z])
+    problem: Problem, theta: Inexact[Array, "22"], raw: list[Float[Array, "3"]]
+) -> tuple[Inexact[Array, "3"], Inexact[Array, "3"]]:
+    """Specific force and field of readings, analytic in the parameters."""
+    M_a, M_m = _matrices(problem, theta)
+    return M_a @ (raw[0] - theta[_BIAS]), M_m @ (raw[1] - theta[_IRON])
