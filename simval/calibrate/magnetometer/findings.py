@@ -92,7 +92,8 @@ def _left_out(fit: Single) -> tuple[tuple[int, ...], float]:
         values = disturbed.pose_chi_squares(summary.here, summary.covariance[0])
         values = np.where(np.isfinite(values), values, 0.0)
         worst = int(np.argmax(values))
-        if values[worst] <= disturbed.chance_limit(count) or len(kept) <= _FEWEST_LEFT:
+        most = len(kept) <= _FEWEST_LEFT or len(out) > count // 3
+        if most or values[worst] <= disturbed.chance_limit(count):
             break
         out.append(int(kept[worst]))
         kept, dof = np.delete(kept, worst), dof - 3

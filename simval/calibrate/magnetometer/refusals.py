@@ -84,7 +84,8 @@ def refuse(
         )
         raise GeometryError(msg)
     said = _geometry_words(body, field)
-    if code == Code.VERTICAL and not said:
+    wide = not half_width <= WIDEST
+    if code == Code.VERTICAL and not wide and not said:
         msg = (
             f"the field is along the vertical (dip {_degrees(sine)} degrees): it does "
             "not tell a heading, and the three equations of a pose are only two; "
@@ -96,7 +97,12 @@ def refuse(
     rank = nominal_rank(body, field, noise)
     if rank < PARAMETERS and not said:
         said = "the poses are too few or too much alike for their noise; "
-    if code == Code.WIDE and rank == PARAMETERS:
+    if code == Code.VERTICAL:
+        said += (
+            f"the dip comes out as {_degrees(sine)} degrees, and a field along the "
+            "vertical tells no heading; "
+        )
+    if wide and rank == PARAMETERS:
         scatter = (
             f"; the poses scatter {factor:.3g} times as much as the stated noise "
             "explains, which counts here: check units, the order of the poses, and "
