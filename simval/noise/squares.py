@@ -136,8 +136,11 @@ def _nonnegative(
     # the best of all sets of coefficients whose free estimates are above zero
     law, target = whitened
     count = law.shape[1]
+    every = _free(whitened)[0]
+    if np.all(every > 0.0):
+        return every
     best, least = np.zeros(count), float(target @ target)
-    for size in range(1, count + 1):
+    for size in range(1, count):
         for some in map(list, combinations(range(count), size)):
             free = _free((law[:, some], target))[0]
             left = float(np.sum((target - law[:, some] @ free) ** 2))
