@@ -66,7 +66,7 @@ def command(
     sensors: Sensors = {
         "accelerometer": (
             found.accelerometer,
-            accelerometer_scale(log, found, accelerometer_unit),
+            accelerometer_scale(log, found.means, accelerometer_unit),
         )
     }
     if found.gyro:
@@ -112,7 +112,7 @@ def _draw(figure: Path, log: Log, sensors: Sensors) -> None:
 
 def as_object(log: Log, found: LogNoise, sensors: Sensors) -> dict[str, Any]:
     """Return the noise of a log as one JSON object."""
-    gravity = float(np.linalg.norm(found.mean_accelerometer))
+    gravity = float(np.linalg.norm(found.means[0]))
     listed: dict[str, Any] = {
         name: {
             "si_unit": "m/s^2" if name == "accelerometer" else "rad/s",

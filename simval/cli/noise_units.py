@@ -6,11 +6,14 @@ from typing import Final
 
 import numpy as np
 
-from simval.errors import InputError
+from simval.arrays import Array
+from simval.calibrate import calibrate
+from simval.errors import InputError, RefusedError
 from simval.logs import Log
 from simval.logs.names import channel
-from simval.multiposition.noise import LogNoise
 from simval.noise import Coefficient
+from simval.poses import PARAMETERS
+from simval.shapes import Float
 
 G0: Final = 9.80665  # m/s^2, the g of data sheets
 DEGREE: Final = np.pi / 180.0
@@ -43,25 +46,60 @@ class Scale:
     how: str
 
 
-def accelerometer_scale(log: Log, noise: LogNoise, given: str | None) -> Scale:
-    """Find the unit of the accelerometer: as stated, else by gravity at rest."""
+def accelerometer_scale(
+    log: Log, means: Float[Array, "m 3"], given: str | None
+) -> Scale:
+    """Find the unit of the accelerometer: as stated, else by gravity at rest.
+
+    From nine rests on in poses all over the sphere by a calibration, which needs no
+    zero; with fewer by the length of the mean reading, if zero is where it seems.
+    """
     stated = _stated("accelerometer", log, "ax", given)
-    length = float(np.linalg.norm(noise.mean_accelerometer))
     if stated is not None:
         return stated
+    fitted = _by_rests(means[1:])
+    if fitted is not None:
+        return Scale(
+            fitted,
+            f"{fitted:.5g} m/s^2, by a calibration with the log's {len(means) - 1} rests",
+        )
+    lengths = np.linalg.norm(means, axis=1)
+    length = float(lengths[0])
+    if not length > 0.0 or np.ptp(lengths) > NEAR * length or _offset(means[0]):
+        return Scale(
+            None,
+            "not known: the mean readings at rest, as in "
+            f"({', '.join(f'{x:.6g}' for x in means[0])}), do not show gravity about a "
+            "zero; give --accelerometer-unit m/s^2, g, mg, or m/s^2 per count",
+        )
     for unit in ("m/s^2", "g"):
         size = UNITS["accelerometer"][unit]
         if abs(length * size / G0 - 1.0) <= NEAR:
             return Scale(
                 size, f"{unit}, as its mean length at rest, {length:.5g}, says"
             )
-    if not length > 0.0:
-        return Scale(None, "not known: the mean reading is zero")
     return Scale(
         G0 / length,
         f"{G0 / length:.5g} m/s^2, as the mean length at rest, {length:.6g}, is taken "
         "for gravity (--accelerometer-unit states another)",
     )
+
+
+def _by_rests(means: Float[Array, "m 3"]) -> float | None:
+    # m/s^2 per raw unit, the three axes' mean
+    if len(means) <= PARAMETERS:
+        return None
+    try:
+        fit = calibrate(means, G0).require_converged()
+    except RefusedError:
+        return None
+    return float(np.mean(np.diagonal(fit.matrix)))
+
+
+def _offset(mean: Float[Array, "3"]) -> bool:
+    # whether counts are about the middle of an unsigned converter, not about zero
+    middles = 2.0 ** np.arange(9, 32)
+    return bool(np.any(np.all(np.abs(mean[:, None] / middles - 1.0) < 0.3, axis=0)))
 
 
 def gyro_scale(log: Log, given: str | None) -> Scale:

@@ -11,7 +11,7 @@ from simval.multiposition.rests import find_rests
 from simval.noise import AxisNoise, noise_of
 from simval.noise.measure import LEAST_ROWS
 from simval.shapes import Float
-from simval.statics import WINDOWS, Intervals
+from simval.statics import WINDOWS, Intervals, interval_means
 
 MISSING = 0.01  # share of rows lost beyond which averages are over other times
 SHOWS = 5.0
@@ -36,8 +36,9 @@ class LogNoise:
         Of the three axes, raw units.
     gyro : tuple of AxisNoise
         Of the three axes, raw units; empty without a gyroscope.
-    mean_accelerometer : Array
-        Mean reading in these rows, raw units, (3,).
+    means : Array
+        Mean reading of the accelerometer in these rows, and then in every rest that
+        was found, raw units, (m, 3).
     """
 
     start: int
@@ -46,11 +47,10 @@ class LogNoise:
     how: str
     accelerometer: tuple[AxisNoise, ...]
     gyro: tuple[AxisNoise, ...]
-    mean_accelerometer: Float[Array, "3"]
+    means: Float[Array, "m 3"]
 
     def __post_init__(self) -> None:
-        name = "mean_accelerometer"
-        object.__setattr__(self, name, frozen(getattr(self, name)))
+        object.__setattr__(self, "means", frozen(self.means))
 
 
 def log_noise(
@@ -79,7 +79,8 @@ def log_noise(
     RefusedError
         If there is no rest, it is too short, or rows are missing in it.
     """
-    start, stop, how = _still(log, rest)
+    intervals = _rests(log, rest)
+    start, stop, how = _still(log, rest, intervals)
     require_even(log, start, stop)
     rows = log.accelerometer[start:stop]
     if log.gyro is not None:
@@ -92,7 +93,12 @@ def log_noise(
         how=how,
         accelerometer=found[:3],
         gyro=found[3:],
-        mean_accelerometer=log.accelerometer[start:stop].mean(axis=0),
+        means=np.concatenate(
+            [
+                log.accelerometer[start:stop].mean(axis=0, keepdims=True),
+                interval_means(log.accelerometer, intervals),
+            ]
+        ),
     )
 
 
@@ -120,13 +126,22 @@ def require_even(log: Log, start: int, stop: int) -> None:
         raise RefusedError(msg)
 
 
-def _still(log: Log, rest: float | None) -> tuple[int, int, str]:
+def _rests(log: Log, rest: float | None) -> Intervals:
+    # those that are found; of a log whose rest is stated, there may be none to find
+    try:
+        return find_rests(log, rest, 1).plateau[0][1]
+    except RefusedError:
+        if rest is None:
+            raise
+        return np.empty((0, 2), dtype=np.intp)
+
+
+def _still(log: Log, rest: float | None, intervals: Intervals) -> tuple[int, int, str]:
     # rows at rest, and where they come from
     rows = len(log.time)
     if rest is not None:
         stop = log.rows_within(rest)
         return 0, stop, f"the first {log.time[stop - 1] - log.time[0]:.2f} s, as given"
-    intervals = find_rests(log, None, 1).plateau[0][1]
     lengths = intervals[:, 1] - intervals[:, 0]
     start, stop = map(int, intervals[int(np.argmax(lengths))])
     edge = int(np.ceil(WINDOWS[0] * log.rate))  # the detector's window is not full

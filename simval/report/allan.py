@@ -22,7 +22,7 @@ def allan_drawing(name: str, sensors: Sequence[Sensor]) -> Drawing:
         ),
         alternative=f"Allan deviation over averaging time of each axis of {name}",
         panels=[_panel(*sensor) for sensor in sensors],
-        columns=2,
+        columns=1,
     )
 
 
@@ -55,7 +55,6 @@ def _panel(name: str, axes: Sequence[AxisNoise], si: float | None) -> Panel:
         x_label="averaging time, s",
         y_label=f"deviation, {unit}",
         series=series,
-        dodge=True,
     )
 
 
