@@ -22,6 +22,7 @@ from simval.logs import Log, read_log
 from simval.multiposition.noise import LogNoise, log_noise
 from simval.noise import AxisNoise
 from simval.noise.files import AXES, FORMAT, axis_to_json
+from simval.noise.model import UNITS as RAW
 
 Sensors = dict[str, tuple[tuple[AxisNoise, ...], Scale]]
 KALIBR = {
@@ -169,7 +170,7 @@ def _table(
 ) -> list[str]:
     # one row for each axis; a bound is printed as a bound
     how = printed(name, kind)
-    unit = how.si if si is not None else f"{how.si} for raw units in place of SI"
+    unit = RAW[kind] if si is None else how.si
     further = how.further if si is not None else ()
     scale = 1.0 if si is None else si
     head = f"  {'':4s}{'value':>12s}{'sd':>10s}   {'95 % interval':22s}"

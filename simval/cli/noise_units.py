@@ -61,7 +61,7 @@ def accelerometer_scale(
     if fitted is not None:
         return Scale(
             fitted,
-            f"{fitted:.5g} m/s^2, by a calibration with the log's {len(means) - 1} rests",
+            f"{fitted:.5g} m/s^2, by a calibration with its {len(means) - 1} rests",
         )
     lengths = np.linalg.norm(means, axis=1)
     length = float(lengths[0])

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from simval.arrays import Array, frozen
-from simval.errors import RefusedError
+from simval.errors import InputError, RefusedError
 from simval.logs import Log
 from simval.multiposition.rests import find_rests
 from simval.noise import AxisNoise, noise_of
+from simval.noise.files import NoiseFile
 from simval.noise.measure import LEAST_ROWS
 from simval.shapes import Float
 from simval.statics import WINDOWS, Intervals, interval_means
@@ -17,6 +18,7 @@ MISSING = 0.01  # share of rows lost beyond which averages are over other times
 SHOWS = 5.0
 """Median rests in the longest one that shows how their means scatter. Allan variances
 go to a tenth of it, and the fitted model a factor of two farther."""
+OTHER_UNIT = 5.0  # times the noise: 9.8, 1000, 57 or counts are other units
 LATE = 1.5  # median steps from row to row: one is missing
 
 
@@ -153,6 +155,81 @@ def _still(log: Log, rest: float | None, intervals: Intervals) -> tuple[int, int
         f"the longest of {len(intervals)} rest(s), from {log.time[start]:.2f} s to "
         f"{log.time[stop - 1]:.2f} s",
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PoseNoise:
+    """Noise of the mean of each rest, and where it comes from.
+
+    Attributes
+    ----------
+    std : Array
+        Standard deviation of each axis of the mean of each rest, raw units, (m,).
+    white : Array
+        The same if white noise were all there is, raw units, (m,).
+    source : str
+        ``white``, ``log`` (the log's longest rest) or ``file``.
+    words : str
+        Where it comes from.
+    """
+
+    std: Float[Array, " m"]
+    white: Float[Array, " m"]
+    source: str
+    words: str
+
+    def __post_init__(self) -> None:
+        for name in ("std", "white"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+
+def pose_noise(
+    log: Log,
+    intervals: Intervals,
+    white: Float[Array, " m"],
+    file: NoiseFile | None = None,
+) -> PoseNoise:
+    """Noise of the means of a log's rests: by Allan variance where that is known.
+
+    Raises
+    ------
+    InputError
+        If the noise file is that of another log's unit.
+    """
+    seconds = (intervals[:, 1] - intervals[:, 0]) / log.rate
+    axes = None if file is None else of_this_unit(file, log, intervals)
+    source = "log" if axes is None else "file"
+    try:
+        std = mean_noise(own_noise(log, intervals) if axes is None else axes, seconds)
+    except RefusedError as refusal:
+        words = f"white noise alone: {refusal}; give --noise FILE of a longer one"
+        return PoseNoise(std=white, white=white, source="white", words=words)
+    where = "the log's longest rest" if axes is None else "the noise file"
+    words = f"the Allan variance at each rest's length, of {where}"
+    return PoseNoise(std=std, white=white, source=source, words=words)
+
+
+def of_this_unit(
+    file: NoiseFile, log: Log, intervals: Intervals
+) -> tuple[AxisNoise, ...]:
+    """Noise of a file, if its readings are in the unit of this log.
+
+    Raises
+    ------
+    InputError
+        If white noise of the two differs by a factor of `OTHER_UNIT` or more.
+    """
+    rows = [log.accelerometer[a:b] for a, b in intervals]
+    here = np.sqrt(np.mean([np.diff(part, axis=0).var(axis=0) for part in rows]) / 2.0)
+    there = np.sqrt(np.mean([axis.variances[0] for axis in file.accelerometer]))
+    if not 1.0 / OTHER_UNIT < here / max(there, 1e-300) < OTHER_UNIT:
+        msg = (
+            f"a row of {log.path} has a noise of {here:.3g} in its unit at rest, and "
+            f"the noise file one of {there:.3g}: it is of another sensor, range or "
+            "unit; measure the noise in the unit of the log"
+        )
+        raise InputError(msg)
+    return file.accelerometer
 
 
 def own_noise(log: Log, intervals: Intervals) -> tuple[AxisNoise, ...]:

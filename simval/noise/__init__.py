@@ -9,16 +9,19 @@ frame and no gravity enters.
 
 from simval.noise.allan import allan_variance, averaging_counts
 from simval.noise.covariance import allan_covariance, allan_law, covariance_forms
+from simval.noise.files import NoiseFile, load_noise
 from simval.noise.measure import noise_of
 from simval.noise.model import AxisNoise, Coefficient
 
 __all__ = [
     "AxisNoise",
     "Coefficient",
+    "NoiseFile",
     "allan_covariance",
     "allan_law",
     "allan_variance",
     "averaging_counts",
     "covariance_forms",
+    "load_noise",
     "noise_of",
 ]

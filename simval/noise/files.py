@@ -26,14 +26,14 @@ class NoiseFile:
     ----------
     accelerometer : tuple of AxisNoise
         Of the three axes, raw units.
-    si_per_raw : float
-        m/s^2 per raw unit.
+    si_per_raw : float or None
+        m/s^2 per raw unit; None where it was not known.
     gravity_raw : float
         Length of the mean reading at rest, raw units.
     """
 
     accelerometer: tuple[AxisNoise, ...]
-    si_per_raw: float
+    si_per_raw: float | None
     gravity_raw: float
 
 
@@ -184,8 +184,9 @@ def _accelerometer(sensors: Any) -> NoiseFile:
     if not (isinstance(sensor, dict) and isinstance(axes, dict) and known):
         msg = "it has no accelerometer with the axes x, y and z"
         raise InputError(msg)
+    size = sensor.get("si_per_raw")
     return NoiseFile(
         accelerometer=tuple(axis_from_json(axes[a]) for a in AXES),
-        si_per_raw=positive_number("si_per_raw", sensor.get("si_per_raw"), "m/s^2"),
+        si_per_raw=None if size is None else positive_number("si_per_raw", size, ""),
         gravity_raw=positive_number("gravity_raw", sensor.get("gravity_raw"), "raw"),
     )
