@@ -102,8 +102,15 @@ def axis_from_json(data: dict[str, Any]) -> AxisNoise:
         dof=whole_number("dof", data.get("dof"), 0),
         p_value=float(finite_array("p_value", data.get("p_value"), ())),
         step=float(finite_array("rounding_step", data.get("rounding_step"), ())),
-        statements=tuple(map(str, data.get("statements") or ())),
+        statements=_words(data.get("statements")),
     )
+
+
+def _words(given: Any) -> tuple[str, ...]:
+    if not isinstance(given, list) or not all(isinstance(each, str) for each in given):
+        msg = f"`statements` is {shown(given)}; it must be a list of texts"
+        raise InputError(msg)
+    return tuple(given)
 
 
 def _items(made: Any) -> list[tuple[str, dict[str, Any]]]:
