@@ -26,11 +26,12 @@ from simval.arrays import Array, frozen
 from simval.noise.covariance import allan_covariance
 from simval.shapes import Float
 
-ROUNDS: Final = 12  # two to four settle the weights where the noise is not near a bound
-SETTLED: Final = 1e-3  # standard deviations by which a further round moves nothing
+ROUNDS: Final = 12  # four to seven settle the weights
+SETTLED: Final = 0.02  # standard deviations; the next round moves half of it or less
 RIDGE: Final = 1e-4
 """Share of each variance that is added to it, what (V4) itself may be off by; without
 it neighbours of a long random walk, equal to 1e-6, would be told apart."""
+_FLAT: Final = 1e-12  # relative: a slope that is rounding
 Z: Final = 1.959963984540054  # of 95 %, both ends together
 
 
@@ -133,21 +134,22 @@ def _free(
 def _nonnegative(
     whitened: tuple[Float[Array, "m k"], Float[Array, " m"]],
 ) -> Float[Array, " k"]:
-    # the best of all sets of coefficients whose free estimates are above zero
+    # the set of coefficients whose free estimates are above zero, and which no other
+    # would improve: the conditions of Karush, Kuhn and Tucker, for which it is the best
     law, target = whitened
     count = law.shape[1]
-    every = _free(whitened)[0]
-    if np.all(every > 0.0):
-        return every
-    best, least = np.zeros(count), float(target @ target)
-    for size in range(1, count):
-        for some in map(list, combinations(range(count), size)):
-            free = _free((law[:, some], target))[0]
-            left = float(np.sum((target - law[:, some] @ free) ** 2))
-            if np.all(free > 0.0) and left < least:
-                best, least = np.zeros(count), left
-                best[some] = free
-    return best
+    size = np.linalg.norm(law, axis=0) * np.linalg.norm(target)
+    for many in range(count, 0, -1):
+        for some in map(list, combinations(range(count), many)):
+            values = np.zeros(count)
+            values[some] = _free((law[:, some], target))[0]
+            slope = law.T @ (target - law @ values)
+            others = np.setdiff1d(np.arange(count), some)
+            if np.all(values[some] > 0.0) and np.all(
+                slope[others] <= _FLAT * size[others]
+            ):
+                return values
+    return np.zeros(count)
 
 
 def _end(problem: Problem, found: Squares, place: int, z: float) -> float:
