@@ -306,6 +306,17 @@ def test_pose_noise_by_the_log_by_a_file_and_by_white_noise(
     assert 0.4 < ratio < 2.5
 
 
+def test_the_noise_of_a_pose_is_at_the_length_of_its_rest(long_first):
+    intervals = np.array([[0, 2900], [3150, 3350], [3550, 3950]])
+    white = np.full(3, 0.001)
+    found = pose_noise(long_first, intervals, white)
+    axes = noise_of(long_first.accelerometer[:2900], RATE)
+    # 29, 2 and 4 seconds at 100 Hz, the model's own variance of each
+    expected = [np.mean([a.law(np.array([t]))[0] for a in axes]) for t in (29, 2, 4)]
+    np.testing.assert_allclose(found.std**2, expected, rtol=1e-12)
+    np.testing.assert_array_equal(found.white, white)
+
+
 def test_a_file_of_another_unit_is_refused(long_first):
     force, _ = static(3000, 4)
     axes = noise_of(1000.0 * force, RATE)

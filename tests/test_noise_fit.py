@@ -121,6 +121,8 @@ def test_what_is_not_there_is_bounded():
     white, flicker, walk = found.coefficients
     assert abs(white.value - 0.02) < 4.0 * white.sd
     assert white.low < 0.02 < white.high
+    # what is well known has a normal interval; its ends take their own sd, 1 % apart
+    assert abs((white.high - white.low) / (2.0 * 1.96 * white.sd) - 1.0) < 0.05
     for each in (flicker, walk):
         assert each.value is None
         assert 0.0 < each.high < 0.02
