@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from simval.bench import attitude, calibration, scene
+from simval.bench import attitude, calibration, noise, scene
 from simval.bench.race import Race
 from simval.errors import InputError
 
@@ -61,6 +61,12 @@ RACES: tuple[Race, ...] = (
         title="One calibration of many samples",
         item="samples",
         contenders=calibration.samples,
+    ),
+    Race(
+        name="allan",
+        title="Overlapping Allan variances of a million rows",
+        item="row averages",
+        contenders=noise.allan,
     ),
 )
 

@@ -78,7 +78,7 @@ def verdict(chi2_per_dof: float, dof: int, *, first: bool = True) -> str:
     if chi2_per_dof > high:
         return (
             f"the poses are the limit, not the noise: residuals are {factor:.1f} times "
-            "what white noise explains (moved holds, drift, a sensor that is not "
+            "what the noise explains (moved holds, drift, a sensor that is not "
             "linear); trust the Type A error bars, more averaging will not help"
         )
     if chi2_per_dof < low:

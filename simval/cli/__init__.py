@@ -23,6 +23,7 @@ COMMANDS = (
     ("gate", "Judge a run against theory and the baseline; exit code for CI."),
     ("calibrate", "Calibrate an accelerometer from a log."),
     ("correct", "Apply a calibration to a log."),
+    ("noise", "Measure the noise model of a sensor at rest, from a log."),
     ("plan", "Predict a calibration's error bars before any data is taken."),
     ("scene", "Simulate a tumble and write its readings or a picture."),
     ("compare", "Show what changed between two runs beyond its uncertainty."),

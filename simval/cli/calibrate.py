@@ -16,6 +16,7 @@ from simval.calibrate.files import to_json, write_json
 from simval.cli.options import COLUMNS, PATH, write
 from simval.logs import Log, read_log
 from simval.multiposition import LogCalibration, calibrate_log
+from simval.noise import load_noise
 from simval.sensor import forms
 from simval.shapes import Float
 
@@ -39,6 +40,7 @@ def _choice(name: str, default: str, words: str) -> Callable[[FC], FC]:
 @_choice("method", "lm", "Solver.")
 @_choice("residual", "squared", "What is minimised.")
 @_choice("loss", "linear", "Robust loss, against outlier poses.")
+@click.option("--noise", type=PATH, help="Its noise, by `simval noise LOG --json`.")
 @click.option("--full-scale", type=float, help="Greatest reading, units of the log.")
 @click.option("--out", type=PATH, help="Write the JSON file.")
 @click.option(
@@ -49,6 +51,7 @@ def command(
     path: Path,
     rate: float | None,
     columns: str | None,
+    noise: Path | None,
     out: Path | None,
     page: Path | None,
     as_json: bool,
@@ -63,7 +66,8 @@ def command(
     parameters with error bars.
     """
     log = read_log(path, rate, columns)
-    result = calibrate_log(log, **options)
+    known = None if noise is None else load_noise(noise)
+    result = calibrate_log(log, noise=known, **options)
     if out is not None or as_json:
         written = as_object(result) | log_object(log)
     if out is not None:
@@ -102,6 +106,10 @@ def as_object(result: LogCalibration) -> dict[str, Any]:
         "rest_found": result.rest.found,
         "chi2_per_dof": diagnosis.chi2_per_dof if known else None,
         "p_value": diagnosis.p_value if known else None,
+        "white_chi2_per_dof": result.white_chi2_per_dof if known else None,
+        "pose_noise": result.pose_noise.source,
+        "pose_noise_std": result.pose_noise.std.tolist(),
+        "pose_noise_white_std": result.pose_noise.white.tolist(),
         "verdict": diagnosis.verdict,
         "outliers": list(diagnosis.outliers),
         "next_direction": result.next_direction.tolist(),
@@ -130,8 +138,9 @@ def described(result: LogCalibration) -> list[str]:
         f"residual RMS      {float(fit.rms):.4g} m/s^2 of | |TK(y - B)| - g |",
         f"chi2 per dof      {diagnosis.chi2_per_dof:.3g} with {fit.dof} degrees of "
         "freedom",
+        *_noise_lines(result),
         f"verdict           {diagnosis.verdict}",
-        "bound             least sd that white noise alone would allow with these "
+        f"bound             least sd that {_noise(result)} would allow with these "
         "poses (Cramer-Rao)",
         f"gravity           {fit.g:g} m/s^2 was assumed; a g wrong by 0.1 % makes "
         "every K wrong by 0.1 %, and leaves T and B",
@@ -147,6 +156,23 @@ def described(result: LogCalibration) -> list[str]:
             f"outlier           interval {pose} (samples {start} to {stop - 1}): "
             f"{diagnosis.standardized[pose]:.1f} standard deviations off; look at it, "
             "or use --loss cauchy"
+        )
+    return lines
+
+
+def _noise(result: LogCalibration) -> str:
+    white = result.pose_noise.source == "white"
+    return "white noise alone" if white else "the noise of the poses"
+
+
+def _noise_lines(result: LogCalibration) -> list[str]:
+    # which noise the chi-square and the bound take, and what white noise would give
+    noise = result.pose_noise
+    lines = [f"noise of a pose   {np.median(noise.std):.4g} raw units, {noise.words}"]
+    if noise.source != "white":
+        lines.append(
+            f"                  white noise alone, {np.median(noise.white):.4g}, would "
+            f"leave a chi2 per dof of {result.white_chi2_per_dof:.3g}"
         )
     return lines
 

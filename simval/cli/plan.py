@@ -7,16 +7,25 @@ from typing import Any
 import click
 import numpy as np
 
-from simval.arrays import Array
+from simval.arrays import Array, positive_number
 from simval.calibrate.files import load_calibration
 from simval.cli.options import PATH, refuse_if, stated
-from simval.errors import InputError
+from simval.errors import InputError, RefusedError
+from simval.multiposition.noise import SHOWS, mean_noise
+from simval.noise import load_noise
 from simval.poses import cube_corners, cube_edges, cube_faces, fibonacci_sphere
-from simval.sensor import MODELS
+from simval.sensor import MODELS, AccelerometerModel
 from simval.sensor.forms import entries
 from simval.shapes import Float
 from simval.theory.planning import Plan, plan, pose_noise
 
+SOURCES = {
+    "given": "",
+    "white": ", white noise alone",
+    "file": ", the Allan variance at the hold's length by --noise",
+}
+OTHERS = ("noise_std", "noise_density", "velocity_random_walk")
+FARTHEST = 2.0  # times the longest average: so far the fitted model is believed
 SETS = {"faces": cube_faces, "edges": cube_edges, "corners": cube_corners}
 
 
@@ -35,6 +44,9 @@ SETS = {"faces": cube_faces, "edges": cube_edges, "corners": cube_corners}
 @click.option("--noise-std", type=float, help="Noise of a pose mean, units of raw.")
 @click.option("--noise-density", type=float, help="Data sheet, one-sided, per root Hz.")
 @click.option("--velocity-random-walk", type=float, help="Allan deviation at 1 s.")
+@click.option(
+    "--noise", "noise_file", type=PATH, help="Measured: by `simval noise LOG --json`."
+)
 @click.option("--hold", type=float, metavar="SECONDS", help="Time averaged in a pose.")
 @click.option(
     "--sensor", type=PATH, help="JSON file of an earlier calibration, for its scales."
@@ -49,13 +61,14 @@ def command(
     g: float,
     model: str,
     as_json: bool,
+    noise_file: Path | None,
     **noise: float | None,
 ) -> None:
     """Predict the error bars of a calibration before any data is taken.
 
     Prints the standard deviation of each parameter for a pose set, the rank and
     condition of the set, and the next direction that helps most. Give the noise of a
-    pose mean, or a noise density and a hold time.
+    pose mean, or a hold time with a noise density or a measured noise model.
     """
     refuse_if(
         directions is not None and stated("poses"),
@@ -63,12 +76,60 @@ def command(
     )
     chosen = named_poses(poses) if directions is None else read_directions(directions)
     known = None if sensor is None else load_calibration(sensor).sensor()
-    result = plan(chosen, noise_of(**noise), sensor=known, g=g, form=model)
+    refuse_if(
+        noise_file is not None and any(noise[x] is not None for x in OTHERS),
+        "`--noise` is a measured noise model; leave out the other noises",
+    )
+    std = (
+        noise_of(**noise)
+        if noise_file is None
+        else measured_noise(noise_file, noise["hold"], known)
+    )
+    result = plan(chosen, std, sensor=known, g=g, form=model)
+    source = "given" if noise["noise_std"] is not None else "white"
+    source = source if noise_file is None else "file"
     if as_json:
-        click.echo(json.dumps(as_object(result), allow_nan=False))
+        written = as_object(result) | {"noise_source": source}
+        click.echo(json.dumps(written, allow_nan=False))
         return
-    for line in described(result, model):
+    for line in described(result, model, SOURCES[source]):
         click.echo(line)
+
+
+def measured_noise(
+    path: Path, hold: float | None, sensor: AccelerometerModel | None
+) -> float:
+    """Noise of a pose mean by the Allan variance at its length, units of the plan.
+
+    Those are the log's where a sensor is given, else m/s^2.
+    """
+    known = load_noise(path)
+    if hold is None:
+        msg = "the time that is averaged in a pose is not known; give `--hold`"
+        raise InputError(msg)
+    hold = positive_number("hold", hold, "s")
+    longest = FARTHEST * float(known.accelerometer[0].seconds[-1])
+    if hold > longest:
+        msg = (
+            f"{path} has averages over {longest / FARTHEST:.3g} s at most, which says "
+            f"enough for holds of {longest:.3g} s, and `--hold` is {hold:.3g} s; "
+            f"measure the noise in a rest of {SHOWS * hold:.3g} s or longer"
+        )
+        raise RefusedError(msg)
+    std = float(mean_noise(known.accelerometer, np.array([hold]))[0])
+    if sensor is None:
+        if known.si_per_raw is None:
+            msg = f"{path} does not know m/s^2 in its unit; give `--sensor` too"
+            raise InputError(msg)
+        return std * known.si_per_raw
+    scale = float(np.mean(np.diagonal(sensor.matrix)))
+    if known.si_per_raw is not None and not 0.5 < scale / known.si_per_raw < 2.0:
+        msg = (
+            f"the sensor has {scale:.4g} m/s^2 in one raw unit, and {path} "
+            f"{known.si_per_raw:.4g}; give both in the same unit"
+        )
+        raise InputError(msg)
+    return std
 
 
 def noise_of(
@@ -87,7 +148,7 @@ def noise_of(
     if hold is None:
         msg = (
             "the noise of a pose mean is not known; give `--noise-std`, or `--hold` "
-            "with `--noise-density` or `--velocity-random-walk`"
+            "with `--noise`, `--noise-density` or `--velocity-random-walk`"
         )
         raise InputError(msg)
     return pose_noise(
@@ -147,13 +208,13 @@ def as_object(result: Plan) -> dict[str, Any]:
     return {key: plain(getattr(result, key)) for key in keys}
 
 
-def described(result: Plan, form: str) -> list[str]:
+def described(result: Plan, form: str, source: str = "") -> list[str]:
     """Describe a plan in lines of text."""
     helps = ", ".join(f"{x:.3f}" for x in result.next_direction)
     lines = [
         f"poses           {result.poses}, rank {result.rank} of 9, condition "
         f"{result.condition:.3g}",
-        f"noise           {result.noise_std:.4g} in each axis of a pose mean",
+        f"noise           {result.noise_std:.4g} in each axis of a pose mean{source}",
         f"next direction  ({helps}), specific force in sensor axes",
         "",
         "            predicted sd      bound       bias   with the next pose",

@@ -12,7 +12,9 @@ from simval.errors import RefusedError
 from simval.logs import Log
 from simval.multiposition.faults import require_unsaturated
 from simval.multiposition.health import explained, require_sound
+from simval.multiposition.noise import PoseNoise, pose_noise
 from simval.multiposition.rests import find_rests
+from simval.noise import NoiseFile
 from simval.poses import observability
 from simval.shapes import Float
 from simval.statics import Intervals, Rest, interval_counts, interval_means
@@ -28,7 +30,12 @@ class LogCalibration:
     fit : FitResult
         The calibration, with Type A error bars.
     diagnosis : Diagnosis
-        Residuals, outliers, chi-square and verdict.
+        Residuals, outliers, chi-square and verdict, by `pose_noise`.
+    white_chi2_per_dof : float
+        Chi-square per degree of freedom if white noise were all there is; NaN where the
+        readings show no noise.
+    pose_noise : PoseNoise
+        Noise of the mean of each rest, and where it comes from.
     rest : Rest
         The initial rest.
     rest_seconds : float
@@ -38,14 +45,16 @@ class LogCalibration:
     intervals : Intervals
         Static intervals, samples start <= k < stop, (m, 2).
     predicted : CalibrationMoments or None
-        Bias, covariance and Cramer-Rao bound if white noise were all there is; None
-        where the readings show no noise.
+        Bias, covariance and Cramer-Rao bound by `pose_noise`; None where the readings
+        show no noise.
     next_direction : Array
         Direction of a further pose that would help most, sensor axes, (3,).
     """
 
     fit: FitResult
     diagnosis: Diagnosis
+    white_chi2_per_dof: float
+    pose_noise: PoseNoise
     rest: Rest
     rest_seconds: float
     multiplier: float
@@ -67,6 +76,7 @@ def calibrate_log(
     loss: str = "linear",
     rest: float | None = None,
     full_scale: float | None = None,
+    noise: NoiseFile | None = None,
 ) -> LogCalibration:
     """Calibrate the accelerometer of a log.
 
@@ -82,6 +92,9 @@ def calibrate_log(
         Length of the initial rest, s; None finds it.
     full_scale : float or None
         Greatest reading of the sensor, units of the log.
+    noise : NoiseFile or None
+        The sensor's noise, see `simval.noise.load_noise`; None takes it from the log's
+        longest rest, and white noise alone where that is too short.
 
     Returns
     -------
@@ -101,10 +114,10 @@ def calibrate_log(
 
     form = {"model": model, "method": method, "loss": loss}
     try:
-        result = _calibrated(log, rest, full_scale, g, residual, form)
+        result, white = _calibrated(log, rest, full_scale, g, residual, form, noise)
     except RefusedError as refusal:
         raise explained(log, refusal, g, detect) from refusal
-    require_sound(log, result.fit, result.intervals, result.diagnosis, detect)
+    require_sound(log, result.fit, result.intervals, white, detect)
     return result
 
 
@@ -115,34 +128,40 @@ def _calibrated(
     g: float,
     residual: str,
     form: dict[str, Any],
-) -> LogCalibration:
+    known: NoiseFile | None,
+) -> tuple[LogCalibration, Diagnosis]:
+    # and the diagnosis by white noise alone, which faults are told by
     rests = find_rests(log, rest)
     refusal: RefusedError | None = None
     for multiplier, intervals in rests.plateau:
         require_unsaturated(log, intervals, full_scale)
         poses = interval_means(log.accelerometer, intervals)
-        noise = white_noise(log.accelerometer, intervals, rests.block)
-        known = noise if residual == "adjusted" else None
+        white = white_noise(log.accelerometer, intervals, rests.block)
+        noise = pose_noise(log, intervals, white, known)
         try:
             fit = calibrate(
-                poses, g, noise_std=known, residual=residual, full_scale=full_scale,
-                **form,
+                poses, g, noise_std=noise.std if residual == "adjusted" else None,
+                residual=residual, full_scale=full_scale, **form,
             ).require_converged()  # fmt: skip
         except RefusedError as error:
             refusal = error
             continue
-        noisy = not np.any(noise == 0.0)
+        noisy = not np.any(noise.std == 0.0)
+        alone = diagnose(fit, poses, None if np.any(white == 0.0) else white)
         initial = rests.initial
-        return LogCalibration(
+        result = LogCalibration(
             fit=fit,
-            diagnosis=diagnose(fit, poses, noise if noisy else None),
+            diagnosis=diagnose(fit, poses, noise.std if noisy else None),
+            white_chi2_per_dof=alone.chi2_per_dof,
+            pose_noise=noise,
             rest=initial,
             rest_seconds=float(log.time[initial.stop - 1] - log.time[initial.start]),
             multiplier=multiplier,
             intervals=intervals,
-            predicted=_predicted(fit, poses, noise) if noisy else None,
+            predicted=_predicted(fit, poses, noise.std) if noisy else None,
             next_direction=observability(fit.sensor().correct(poses)).next_direction,
         )
+        return result, alone
     assert refusal is not None  # a plateau is never empty
     raise refusal
 

@@ -1,0 +1,230 @@
+"""`simval noise`."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from simval.cli.calibrate import log_object
+from simval.cli.noise_units import (
+    Scale,
+    accelerometer_scale,
+    gyro_scale,
+    largest,
+    printed,
+)
+from simval.cli.options import COLUMNS, PATH
+from simval.errors import InputError, RefusedError
+from simval.logs import Log, read_log
+from simval.multiposition.noise import LogNoise, log_noise
+from simval.noise import AxisNoise
+from simval.noise.files import AXES, FORMAT, axis_to_json
+from simval.noise.model import UNITS as RAW
+
+Sensors = dict[str, tuple[tuple[AxisNoise, ...], Scale]]
+KALIBR = {
+    ("accelerometer", "N"): "accelerometer_noise_density",
+    ("accelerometer", "K"): "accelerometer_random_walk",
+    ("gyro", "N"): "gyroscope_noise_density",
+    ("gyro", "K"): "gyroscope_random_walk",
+}
+
+
+@click.command(name="noise")
+@click.argument("path", metavar="LOG", type=PATH)
+@click.option("--rate", type=float, metavar="HZ", help="Rows per second.")
+@click.option("--rest", type=float, metavar="SECONDS", help="Length of initial rest.")
+@click.option("--columns", help=COLUMNS)
+@click.option("--accelerometer-unit", metavar="UNIT", help="m/s^2, g, mg, or a number.")
+@click.option("--gyro-unit", metavar="UNIT", help="rad/s, deg/s, mdps, or a number.")
+@click.option("--increments", is_flag=True, help="Rows are rounded increments: fit Q.")
+@click.option("--figure", type=PATH, help="Draw the Allan deviations: .svg or .png.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def command(
+    path: Path,
+    rate: float | None,
+    rest: float | None,
+    columns: str | None,
+    accelerometer_unit: str | None,
+    gyro_unit: str | None,
+    increments: bool,
+    figure: Path | None,
+    as_json: bool,
+) -> None:
+    """Measure the noise model of a LOG of a sensor at rest.
+
+    Prints white noise N, flicker B and random walk K of each axis with 95 % intervals,
+    or an upper bound where the log does not show one, in SI units and as data sheets
+    and Kalibr have them. Takes the whole log if it is at rest, else its longest rest.
+    LOG, its columns and its clock are as for `simval calibrate`.
+    """
+    _require_drawable(figure)
+    log = read_log(path, rate, columns)
+    found = log_noise(log, rest, increments=increments)
+    sensors: Sensors = {
+        "accelerometer": (
+            found.accelerometer,
+            accelerometer_scale(log, found.means, accelerometer_unit),
+        )
+    }
+    if found.gyro:
+        sensors["gyro"] = (found.gyro, gyro_scale(log, gyro_unit))
+    elif gyro_unit is not None:
+        msg = f"`--gyro-unit` is given, and {path} has no gyro; name its columns"
+        raise InputError(msg)
+    if figure is not None:
+        _draw(figure, log, sensors)
+    if as_json:
+        click.echo(json.dumps(as_object(log, found, sensors), allow_nan=False))
+    else:
+        for line in [*log.described(), *described(found, sensors)]:
+            click.echo(line)
+    if not any(axis.coefficients for axes, _ in sensors.values() for axis in axes):
+        msg = f"{path}: no axis has a noise model; the reasons stand with each axis"
+        raise RefusedError(msg)
+
+
+def _require_drawable(figure: Path | None) -> None:
+    if figure is not None and figure.suffix.lower() not in (".svg", ".png"):
+        msg = f"`--figure` is {figure}; its name must end in .svg or .png"
+        raise InputError(msg)
+
+
+def _draw(figure: Path, log: Log, sensors: Sensors) -> None:
+    from simval.report import png, svg_file
+    from simval.report.allan import allan_drawing
+
+    drawing = allan_drawing(
+        Path(log.path).name,
+        [(name, axes, scale.si_per_raw) for name, (axes, scale) in sensors.items()],
+    )
+    try:
+        if figure.suffix.lower() == ".svg":
+            figure.write_text(svg_file(drawing), encoding="utf-8")
+        else:
+            figure.write_bytes(png(drawing))
+    except OSError as error:
+        msg = f"cannot write {figure}: {error.strerror}; choose another file"
+        raise InputError(msg) from None
+
+
+def as_object(log: Log, found: LogNoise, sensors: Sensors) -> dict[str, Any]:
+    """Return the noise of a log as one JSON object."""
+    gravity = float(np.linalg.norm(found.means[0]))
+    listed: dict[str, Any] = {
+        name: {
+            "si_unit": "m/s^2" if name == "accelerometer" else "rad/s",
+            "si_per_raw": scale.si_per_raw,
+            "unit": scale.how,
+            "axes": {
+                axis: axis_to_json(each) for axis, each in zip(AXES, axes, strict=True)
+            },
+        }
+        for name, (axes, scale) in sensors.items()
+    }
+    listed["accelerometer"]["gravity_raw"] = gravity
+    return {
+        "format": FORMAT,
+        **log_object(log),
+        "rest": {
+            "start": found.start,
+            "stop": found.stop,
+            "seconds": found.seconds,
+            "how": found.how,
+        },
+        "sensors": listed,
+        "kalibr": dict(_kalibr(sensors)) | {"update_rate": log.rate},
+    }
+
+
+def _kalibr(sensors: Sensors) -> Iterator[tuple[str, float]]:
+    # one number for the three axes: the largest
+    for (name, kind), title in KALIBR.items():
+        if name in sensors:
+            axes, scale = sensors[name]
+            each = [c for axis in axes for c in axis.coefficients if c.kind == kind]
+            size = largest(each)[0] if len(each) == len(axes) else np.inf
+            if scale.si_per_raw is not None and np.isfinite(size):
+                yield title, size * scale.si_per_raw
+
+
+def described(found: LogNoise, sensors: Sensors) -> list[str]:
+    """Describe the noise of a log in lines of text."""
+    lines = [f"rest              {found.how}: {found.stop - found.start} rows"]
+    lines += [f"raw unit          {name}: {sensors[name][1].how}" for name in sensors]
+    for name, (axes, scale) in sensors.items():
+        kinds = sorted(
+            {c.kind for axis in axes for c in axis.coefficients}, key="NBKQ".index
+        )
+        for kind in kinds:
+            lines += ["", *_table(name, kind, axes, scale.si_per_raw)]
+        lines += ["", f"{name}, how far the model holds", *_fits(axes)]
+    return lines + _kalibr_lines(sensors)
+
+
+def _table(
+    name: str, kind: str, axes: tuple[AxisNoise, ...], si: float | None
+) -> list[str]:
+    # one row for each axis; a bound is printed as a bound
+    how = printed(name, kind)
+    unit = RAW[kind] if si is None else how.si
+    further = how.further if si is not None else ()
+    scale = 1.0 if si is None else si
+    head = f"  {'':4s}{'value':>12s}{'sd':>10s}   {'95 % interval':22s}"
+    lines = [f"{name}, {how.title}, {unit}", head + _heads(further)]
+    for letter, axis in zip(AXES, axes, strict=True):
+        each = next((c for c in axis.coefficients if c.kind == kind), None)
+        if each is None:
+            lines.append(f"  {letter:4s}{'no model':>12s}")
+            continue
+        seen = each.value is not None
+        size = scale * (each.high if each.value is None else each.value)
+        if not np.isfinite(size):
+            lines.append(f"  {letter:4s}{'not seen, and not bounded either':>12s}")
+            continue
+        mark = "" if seen else "<"
+        cells = [f"{mark}{size:.4g}", f"{scale * each.sd:.2g}" if each.sd else "-"]
+        ends = f"{scale * each.low:.4g} to {scale * each.high:.4g}"
+        extra = "".join(
+            f"{mark + format(convert(size, axis.rate_hz), '.4g'):>{len(title) + 3}s}"
+            for title, convert in further
+        )
+        lines.append(f"  {letter:4s}{cells[0]:>12s}{cells[1]:>10s}   {ends:22s}{extra}")
+    return [line.rstrip() for line in lines]
+
+
+def _heads(further: Any) -> str:
+    return "".join(f"   {title}" for title, _ in further)
+
+
+def _fits(axes: tuple[AxisNoise, ...]) -> list[str]:
+    lines = []
+    for letter, axis in zip(AXES, axes, strict=True):
+        if axis.coefficients:
+            times = axis.seconds[slice(*axis.used)]
+            lines.append(
+                f"  {letter:4s}averages over {times[0]:.3g} s to {times[-1]:.3g} s, "
+                f"chi2 per dof {axis.chi2 / axis.dof:.3g} with {axis.dof} degrees of "
+                "freedom"
+            )
+        lines += [f"  {letter:4s}{words}" for words in axis.statements]
+    return lines
+
+
+def _kalibr_lines(sensors: Sensors) -> list[str]:
+    lines = []
+    values = dict(_kalibr(sensors))
+    for (name, kind), title in KALIBR.items():
+        if title in values:
+            axes = sensors[name][0]
+            each = [c for axis in axes for c in axis.coefficients if c.kind == kind]
+            note = "   # an upper bound: not seen" if largest(each)[1] else ""
+            lines.append(f"  {title + ':':30s}{values[title]:.4g}{note}")
+    if not lines:
+        return []
+    rate = next(iter(sensors.values()))[0][0].rate_hz
+    head = ["", "as Kalibr's imu.yaml has them, the largest of the axes"]
+    return [*head, *lines, f"  {'update_rate:':30s}{rate:.6g}"]

@@ -1,0 +1,199 @@
+"""The noise of a log as a JSON file: written, read back, and checked."""
+
+import json
+from dataclasses import dataclass
+from os import PathLike
+from typing import Any, Final
+
+import numpy as np
+
+from simval.arguments import file_path, whole_number
+from simval.arrays import Array, finite_array, positive_number
+from simval.errors import InputError
+from simval.noise.model import AxisNoise, Coefficient
+from simval.shapes import Float
+from simval.text import shown
+
+FORMAT: Final = "simval noise 1"
+AXES: Final = ("x", "y", "z")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NoiseFile:
+    """What a noise file says of an accelerometer.
+
+    Attributes
+    ----------
+    accelerometer : tuple of AxisNoise
+        Of the three axes, raw units.
+    si_per_raw : float or None
+        m/s^2 per raw unit; None where it was not known.
+    gravity_raw : float
+        Length of the mean reading at rest, raw units.
+    """
+
+    accelerometer: tuple[AxisNoise, ...]
+    si_per_raw: float | None
+    gravity_raw: float
+
+
+def axis_to_json(axis: AxisNoise) -> dict[str, Any]:
+    """Return the noise of one signal as plain JSON values; infinite becomes null."""
+    return {
+        "rate_hz": axis.rate_hz,
+        "rows": axis.rows,
+        "coefficients": {c.kind: _coefficient(c, 1.0) for c in axis.coefficients},
+        "squares_per_row": axis.squares.tolist(),
+        "rows_to_an_average": axis.counts.tolist(),
+        "seconds": axis.seconds.tolist(),
+        "allan_variance": axis.variances.tolist(),
+        "allan_variance_sd": axis.variance_sd.tolist(),
+        "fitted_lengths": list(axis.used),
+        "chi2": axis.chi2,
+        "dof": axis.dof,
+        "p_value": axis.p_value,
+        "rounding_step": axis.step,
+        "statements": list(axis.statements),
+    }
+
+
+def _coefficient(found: Coefficient, scale: float) -> dict[str, Any]:
+    # an upper bound where there is no value
+    def plain(value: float | None) -> float | None:
+        return None if value is None or not np.isfinite(value) else value * scale
+
+    ends = {"low": plain(found.low), "high": plain(found.high)}
+    return {"value": plain(found.value), "sd": plain(found.sd), **ends}
+
+
+def axis_from_json(data: dict[str, Any]) -> AxisNoise:
+    """Rebuild the noise of one signal.
+
+    Raises
+    ------
+    InputError
+        If a value is missing, or cannot be one.
+    """
+    counts = _array(data, "rows_to_an_average")
+    variances = _array(data, "allan_variance", len(counts))
+    squares = _array(data, "squares_per_row", 4)
+    used = _array(data, "fitted_lengths", 2)
+    if not (
+        len(counts)
+        and np.all(np.diff(counts) > 0.0)
+        and counts[0] >= 1.0
+        and np.all(variances >= 0.0)
+        and np.all(squares >= 0.0)
+        and 0.0 <= used[0] < used[1] <= len(counts)
+    ):
+        msg = "its lengths do not increase, or a variance is negative"
+        raise InputError(msg)
+    made = data.get("coefficients")
+    return AxisNoise(
+        rate_hz=positive_number("rate_hz", data.get("rate_hz"), "Hz"),
+        rows=whole_number("rows", data.get("rows"), 1),
+        counts=counts.astype(np.int64),
+        variances=variances,
+        variance_sd=_array(data, "allan_variance_sd", len(counts)),
+        used=(int(used[0]), int(used[1])),
+        coefficients=tuple(_rebuilt(kind, value) for kind, value in _items(made)),
+        squares=squares,
+        chi2=float(finite_array("chi2", data.get("chi2"), ())),
+        dof=whole_number("dof", data.get("dof"), 0),
+        p_value=float(finite_array("p_value", data.get("p_value"), ())),
+        step=float(finite_array("rounding_step", data.get("rounding_step"), ())),
+        statements=_words(data.get("statements")),
+    )
+
+
+def _words(given: Any) -> tuple[str, ...]:
+    if not isinstance(given, list) or not all(isinstance(each, str) for each in given):
+        msg = f"`statements` is {shown(given)}; it must be a list of texts"
+        raise InputError(msg)
+    return tuple(given)
+
+
+def _items(made: Any) -> list[tuple[str, dict[str, Any]]]:
+    if not isinstance(made, dict) or not all(
+        isinstance(value, dict) for value in made.values()
+    ):
+        msg = f"`coefficients` is {shown(made)}; it must be an object of objects"
+        raise InputError(msg)
+    return list(made.items())
+
+
+def _rebuilt(kind: str, data: dict[str, Any]) -> Coefficient:
+    def number(name: str, empty: float | None) -> Any:
+        value = data.get(name)
+        return empty if value is None else float(finite_array(name, value, ()))
+
+    return Coefficient(
+        kind=kind,
+        value=number("value", None),
+        sd=number("sd", None),
+        low=number("low", 0.0),
+        high=number("high", np.inf),
+    )
+
+
+def _array(
+    data: dict[str, Any], name: str, size: int | None = None
+) -> Float[Array, " m"]:
+    array = finite_array(name, data.get(name), (size,))
+    if array.ndim != 1:
+        msg = f"`{name}` has shape {array.shape}; a list of numbers is needed"
+        raise InputError(msg)
+    return array
+
+
+def load_noise(path: str | PathLike[str]) -> NoiseFile:
+    """Read what ``simval noise LOG --json`` printed.
+
+    Parameters
+    ----------
+    path : path-like
+        JSON file.
+
+    Returns
+    -------
+    NoiseFile
+        Noise of its accelerometer.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or is no noise of an accelerometer.
+    """
+    file = file_path("path", path)
+    how = "write one with `simval noise LOG --json > FILE`"
+    try:
+        data = json.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        msg = f"cannot read the noise file {file}: {error.strerror}; {how}"
+        raise InputError(msg) from None
+    except ValueError:
+        msg = f"the noise file {file} is not JSON; {how}"
+        raise InputError(msg) from None
+    if not isinstance(data, dict) or data.get("format") != FORMAT:
+        msg = f"{file} is not a noise file (no format {FORMAT!r}); {how}"
+        raise InputError(msg)
+    try:
+        return _accelerometer(data.get("sensors"))
+    except (InputError, OverflowError) as error:
+        msg = f"the noise file {file}: {error}; {how}"
+        raise InputError(msg) from None
+
+
+def _accelerometer(sensors: Any) -> NoiseFile:
+    sensor = sensors.get("accelerometer") if isinstance(sensors, dict) else None
+    axes = sensor.get("axes") if isinstance(sensor, dict) else None
+    known = isinstance(axes, dict) and all(isinstance(axes.get(a), dict) for a in AXES)
+    if not (isinstance(sensor, dict) and isinstance(axes, dict) and known):
+        msg = "it has no accelerometer with the axes x, y and z"
+        raise InputError(msg)
+    size = sensor.get("si_per_raw")
+    return NoiseFile(
+        accelerometer=tuple(axis_from_json(axes[a]) for a in AXES),
+        si_per_raw=None if size is None else positive_number("si_per_raw", size, ""),
+        gravity_raw=positive_number("gravity_raw", sensor.get("gravity_raw"), "raw"),
+    )

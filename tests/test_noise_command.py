@@ -1,0 +1,462 @@
+"""`simval noise`: rows, units, what is printed; and its file in other commands."""
+
+import json
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from places import RECORDINGS
+
+from simval.cli.noise_units import DEGREE, FLOOR, printed
+from simval.errors import InputError, RefusedError
+from simval.logs import Log, read_log
+from simval.multiposition import calibrate_log
+from simval.multiposition.noise import (
+    log_noise,
+    mean_noise,
+    own_noise,
+    pose_noise,
+    require_even,
+)
+from simval.noise import NoiseFile, load_noise, noise_of
+from simval.poses import fibonacci_sphere
+from simval.sensor import NoiseModel
+from simval.streams import cell_key, stream
+
+KEY = cell_key("test noise command")
+RATE, G = 100.0, 9.80665
+FORCE = NoiseModel(white_raw_per_sqrt_hz=0.002, flicker_raw=[0.0, 0.0, 0.004])
+TURN = NoiseModel(white_raw_per_sqrt_hz=2e-4)
+
+
+def static(rows=3000, seed=0):
+    """Readings at rest: force in m/s^2 and rate in rad/s."""
+    rng = stream(1, KEY, seed)
+    force = np.array([0.3, -0.4, 9.79]) + FORCE.draw(rows, RATE, rng)
+    return force, TURN.draw(rows, RATE, rng)
+
+
+def written(path, header, *columns):
+    rows = np.column_stack(columns)
+    lines = [",".join(repr(float(x)) for x in row) for row in rows]
+    path.write_text("\n".join([header, *lines]) + "\n")
+    return path
+
+
+@pytest.fixture(scope="module")
+def still(tmp_path_factory):
+    path = tmp_path_factory.mktemp("noise") / "still.csv"
+    force, turn = static()
+    return written(
+        path,
+        "t,ax,ay,az,wx [deg/s],wy [deg/s],wz [deg/s]",
+        np.arange(len(force)) / RATE,
+        force,
+        turn / DEGREE,
+    )
+
+
+def answer(simval, *words):
+    code, out, err = simval("noise", *words)
+    assert code == 0, err
+    return json.loads(out)
+
+
+def test_the_numbers_of_a_log_at_rest(simval, still):
+    found = answer(simval, still, "--json")
+    assert found["format"] == "simval noise 1"
+    assert found["rest"]["how"] == "the whole log, which is at rest"
+    assert found["rest"]["stop"] == 3000
+    for name, truth, scale in (("accelerometer", 2e-3, 1.0), ("gyro", 2e-4, DEGREE)):
+        sensor = found["sensors"][name]
+        assert abs(sensor["si_per_raw"] / scale - 1.0) < 1e-12
+        for axis in "xy" if name == "accelerometer" else "xyz":
+            white = sensor["axes"][axis]["coefficients"]["N"]
+            # 95 % intervals, five of them: 5 standard deviations never fail
+            assert abs(white["value"] * scale - truth) < 5.0 * white["sd"] * scale
+    flicker = found["sensors"]["accelerometer"]["axes"]["z"]["coefficients"]["B"]
+    assert flicker["low"] < 0.004 < flicker["high"]
+    worst = max(
+        found["sensors"]["gyro"]["axes"][a]["coefficients"]["N"]["value"] for a in "xyz"
+    )
+    assert (
+        abs(found["kalibr"]["gyroscope_noise_density"] / (worst * DEGREE) - 1) < 1e-12
+    )
+    assert found["kalibr"]["update_rate"] == pytest.approx(RATE, rel=1e-9)
+
+
+def test_the_printed_table(simval, still):
+    code, out, _ = simval("noise", still)
+    assert code == 0
+    for words in (
+        "gyro: deg/s, as the header says",
+        "accelerometer: m/s^2, as its mean length at rest",
+        "gyro, white noise N, rad/s/sqrt(Hz)",
+        "deg/sqrt(h)",
+        "accelerometer_noise_density:",
+        "degrees of freedom",
+    ):
+        assert words in out
+    # what is not seen is printed as a bound in every unit
+    bound = next(line for line in out.splitlines() if "<" in line)
+    assert bound.count("<") >= 3
+    assert "nan" not in out
+    assert "inf" not in out
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("kind", [".svg", ".png"])
+def test_the_figure(simval, still, tmp_path, kind):
+    path = tmp_path / f"allan{kind}"
+    assert simval("noise", still, "--figure", path)[0] == 0
+    content = path.read_bytes()
+    assert content[:4] == (b"<svg" if kind == ".svg" else b"\x89PNG")
+    if kind == ".svg":
+        for words in (b"averaging time, s", "m/s²".encode(), b"rad/s", b"N = "):
+            assert words in content
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--figure", "a.pdf"], ".svg or .png"),
+        (["--figure", "/nowhere/at/all.svg"], "cannot write"),
+        (["--gyro-unit", "furlongs"], "must be one of"),
+        (["--gyro-unit", "nan"], "must be one of"),
+        (["--accelerometer-unit", "-1"], "must be one of"),
+        (["--rest", "-3"], "rest|seconds"),
+        (["--rate", "250"], "rate"),
+    ],
+)
+def test_options_that_are_none(simval, still, words, said):
+    code, _, err = simval("noise", still, *words)
+    assert code == 2
+    assert any(each in err for each in said.split("|"))
+
+
+def test_units_of_data_sheets():
+    """One of each, against numbers worked out by hand."""
+    further = {
+        (sensor, kind): {
+            title: convert for title, convert in printed(sensor, kind).further
+        }
+        for sensor in ("accelerometer", "gyro")
+        for kind in "NBK"
+    }
+    # 1e-4 rad/s/sqrt(Hz) is 0.00573 deg/s/sqrt(Hz), 0.3438 deg/sqrt(h)
+    turn = further["gyro", "N"]
+    assert turn["deg/sqrt(h)"](1e-4, 100.0) == pytest.approx(0.343775, rel=1e-5)
+    assert turn["rad/s a row"](1e-4, 100.0) == pytest.approx(1e-3)
+    one_sided = turn["one-sided deg/s/sqrt(Hz)"](1e-4, 100.0)
+    assert one_sided == pytest.approx(0.0081028, rel=1e-4)
+    # 1 deg/h is 4.848e-6 rad/s
+    assert further["gyro", "B"]["deg/h"](4.8481368e-6, 1.0) == pytest.approx(1.0)
+    assert pytest.approx(0.6642824) == FLOOR
+    # 100 ug/sqrt(Hz) is 9.80665e-4 m/s^2/sqrt(Hz), 0.05884 m/s/sqrt(h)
+    force = further["accelerometer", "N"]
+    assert force["ug/sqrt(Hz)"](9.80665e-4, 1.0) == pytest.approx(100.0)
+    assert force["m/s/sqrt(h)"](9.80665e-4, 1.0) == pytest.approx(0.0588399)
+    walk = further["gyro", "K"]["deg/h/sqrt(h)"]
+    assert walk(4.8481368e-6 / 60.0, 1.0) == pytest.approx(1.0)
+
+
+def counts_log(means, rows=600, seed=5):
+    rng = stream(2, KEY, seed)
+    noise = 5.0 * rng.standard_normal((rows * len(means), 3))
+    force = np.repeat(np.asarray(means, dtype=float), rows, axis=0) + noise
+    return np.round(force)
+
+
+@pytest.mark.parametrize(
+    ("mean", "known", "words"),
+    [
+        ([100.0, -300.0, 16_380.0], True, "taken for gravity"),
+        ([32_900.0, 32_500.0, 36_800.0], False, "do not show gravity"),
+        ([0.02 * 4096, 0.0, 1.01 * 4096], True, "taken for gravity"),
+    ],
+)
+def test_raw_counts(simval, tmp_path, mean, known, words):
+    path = written(tmp_path / "c.csv", "ax,ay,az", counts_log([mean], 2000))
+    found = answer(simval, path, "--rate", 100, "--json")
+    sensor = found["sensors"]["accelerometer"]
+    assert words in sensor["unit"]
+    assert (sensor["si_per_raw"] is not None) is known
+    assert ("accelerometer_noise_density" in found["kalibr"]) is known
+    stated = answer(
+        simval, path, "--rate", 100, "--accelerometer-unit", "0.002", "--json"
+    )
+    assert stated["sensors"]["accelerometer"]["si_per_raw"] == 0.002
+
+
+def tumble(rest_rows, first_rows, poses=20, seed=7, noise=FORCE):
+    """A log of rests with moves of a second between them, m/s^2."""
+    rng = stream(3, KEY, seed)
+    directions = G * fibonacci_sphere(poses)
+    parts = [np.tile(directions[0], (first_rows, 1))]
+    for before, after in pairwise(directions):
+        share = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, 100))[:, None]
+        shake = 3.0 * rng.standard_normal((100, 3))
+        parts += [before + share * (after - before) + shake]
+        parts += [np.tile(after, (rest_rows, 1))]
+    force = np.concatenate(parts)
+    rows = len(force)
+    return Log(
+        path="tumble",
+        time=np.arange(rows) / RATE,
+        accelerometer=force + noise.draw(rows, RATE, rng),
+        gyro=None,
+        rate=RATE,
+    )
+
+
+@pytest.fixture(scope="module")
+def long_first():
+    return tumble(300, 3000)
+
+
+def test_the_longest_rest_is_taken_where_the_log_moves(long_first):
+    found = log_noise(long_first)
+    assert "the longest of 20 rest(s)" in found.how
+    assert found.stop < 3100
+    assert found.seconds > 28.0
+    assert found.gyro == ()
+    assert len(found.means) == 21
+    with pytest.raises(RefusedError, match="too few"):
+        log_noise(tumble(300, 300))
+    stated = log_noise(long_first, rest=20.0)
+    assert (stated.start, stated.stop) == (0, 2001)
+    assert "as given" in stated.how
+
+
+def test_a_log_that_never_rests_is_refused(simval, tmp_path):
+    angle = 3.0 * np.sin(np.arange(3000) / RATE) + np.arange(3000) / RATE
+    force = G * np.column_stack([np.sin(angle), 0.2 * np.cos(3 * angle), np.cos(angle)])
+    force += FORCE.draw(3000, RATE, stream(4, KEY, 0))
+    path = written(tmp_path / "m.csv", "ax,ay,az", force)
+    code, _, err = simval("noise", path, "--rate", 100)
+    assert code == 3
+    assert "no initial rest found" in err
+
+
+def test_axes_without_a_model_end_in_exit_code_3(simval, tmp_path):
+    rows = np.tile([0.0, 0.0, 4096.0], (2000, 1))
+    rows[:, 2] += np.arange(2000) % 2
+    path = written(tmp_path / "s.csv", "ax,ay,az", rows)
+    code, out, err = simval("noise", path, "--rate", 100, "--rest", 19)
+    assert code == 3
+    assert "no axis has a noise model" in err
+    assert "stuck sensor" in out
+
+
+@pytest.mark.parametrize("lost", [0, 10, 200])
+def test_lost_rows(lost):
+    keep = np.ones(3000, dtype=bool)
+    keep[stream(5, KEY, 0).choice(2999, lost, replace=False)] = False
+    time = (np.arange(3000) / RATE)[keep]
+    force = np.zeros((len(time), 3))
+    log = Log(path="lost", time=time, accelerometer=force, gyro=None, rate=RATE)
+    if lost == 200:
+        with pytest.raises(RefusedError, match="of the rows are missing"):
+            require_even(log, 0, int(keep.sum()))
+    else:
+        require_even(log, 0, int(keep.sum()))
+
+
+def test_the_noise_of_a_pose_is_the_scatter_of_means(long_first):
+    """Means of rests of flicker noise scatter as the Allan variance says."""
+    model = NoiseModel(white_raw_per_sqrt_hz=0.002, flicker_raw=0.01)
+    (rows,) = [model.draw(30_000, RATE, stream(6, KEY, 0))]
+    axes = noise_of(rows, RATE)
+    rest = 300
+    predicted = mean_noise(axes, np.array([rest / RATE]))[0]
+    # neighbouring rests: half the mean square of their differences, 33 pairs and axes
+    fresh = model.draw(60_000, RATE, stream(6, KEY, 1))
+    means = fresh.reshape(-1, rest, 3).mean(axis=1)
+    differences = means[1::2] - means[:-1:2]
+    measured = np.sqrt(np.mean(differences**2) / 2.0)
+    # 300 differences: relative 4 %, and the estimate's own 8 %; 4 of their sum
+    assert abs(measured / predicted - 1.0) < 0.36
+    white = 0.002 / np.sqrt(3.0)
+    assert predicted > 3.0 * white  # power: white noise alone says a fifth of it
+
+
+@pytest.mark.ci
+def test_pose_noise_by_the_log_by_a_file_and_by_white_noise(
+    long_first, simval, tmp_path
+):
+    result = calibrate_log(long_first, g=G)
+    noise = result.pose_noise
+    assert noise.source == "log"
+    assert result.white_chi2_per_dof > result.diagnosis.chi2_per_dof
+    assert np.all(noise.std > 0.0)
+    short = calibrate_log(tumble(300, 900), g=G)
+    assert short.pose_noise.source == "white"
+    np.testing.assert_array_equal(short.pose_noise.std, short.pose_noise.white)
+    assert short.white_chi2_per_dof == short.diagnosis.chi2_per_dof
+    force, _ = static(6000, 3)
+    path = written(tmp_path / "still.csv", "ax,ay,az", force)
+    code, out, _ = simval("noise", path, "--rate", RATE, "--json")
+    assert code == 0
+    (tmp_path / "noise.json").write_text(out)
+    file = load_noise(tmp_path / "noise.json")
+    by_file = calibrate_log(tumble(300, 900), g=G, noise=file)
+    assert by_file.pose_noise.source == "file"
+    # one model seen in 60 s and in 30 s: the floor of z is known to 20 and 30 %
+    ratio = np.median(by_file.pose_noise.std) / np.median(noise.std)
+    assert 0.4 < ratio < 2.5
+
+
+def test_the_noise_of_a_pose_is_at_the_length_of_its_rest(long_first):
+    intervals = np.array([[0, 2900], [3150, 3350], [3550, 3950]])
+    white = np.full(3, 0.001)
+    found = pose_noise(long_first, intervals, white)
+    axes = noise_of(long_first.accelerometer[:2900], RATE)
+    # 29, 2 and 4 seconds at 100 Hz, the model's own variance of each
+    expected = [np.mean([a.law(np.array([t]))[0] for a in axes]) for t in (29, 2, 4)]
+    np.testing.assert_allclose(found.std**2, expected, rtol=1e-12)
+    np.testing.assert_array_equal(found.white, white)
+
+
+def test_a_file_of_another_unit_is_refused(long_first):
+    force, _ = static(3000, 4)
+    axes = noise_of(1000.0 * force, RATE)
+    file = NoiseFile(accelerometer=axes, si_per_raw=1e-3, gravity_raw=1e4)
+    intervals = np.array([[0, 3000]])
+    with pytest.raises(InputError, match="another sensor, range or unit"):
+        pose_noise(long_first, intervals, np.ones(1), file)
+
+
+def test_too_short_a_rest_says_how_long_it_must_be(long_first):
+    with pytest.raises(RefusedError, match="is shorter than"):
+        own_noise(long_first, np.array([[0, 900], [1000, 1300], [1400, 1700]]))
+
+
+def test_plan_takes_the_noise_of_a_file(simval, still, tmp_path):
+    code, out, _ = simval("noise", still, "--json")
+    path = tmp_path / "noise.json"
+    path.write_text(out)
+    code, out, _ = simval("plan", "--noise", path, "--hold", 2, "--json")
+    assert code == 0
+    planned = json.loads(out)
+    assert planned["noise_source"] == "file"
+    axes = load_noise(path).accelerometer
+    assert planned["noise_std"] == pytest.approx(mean_noise(axes, np.array([2.0]))[0])
+    for words, expected, said in (
+        (["--noise", path], 2, "`--hold`"),
+        (["--noise", path, "--hold", 2, "--noise-std", 1], 2, "leave out"),
+        (["--noise", path, "--hold", 1e4], 3, "measure the noise in a rest"),
+        (["--noise", path, "--hold", -1], 2, "`hold`"),
+        (["--noise", tmp_path / "no.json", "--hold", 1], 2, "cannot read"),
+    ):
+        code, _, err = simval("plan", *words)
+        assert code == expected
+        assert said in err
+
+
+def damage(data, *keys, value):
+    *path, last = keys
+    for key in path:
+        data = data[key]
+    data[last] = value
+
+
+X = ("sensors", "accelerometer", "axes", "x")
+
+
+@pytest.mark.parametrize(
+    ("keys", "value"),
+    [
+        (("format",), "other"),
+        (("sensors",), None),
+        (("sensors", "accelerometer"), {}),
+        (X, None),
+        ((*X, "allan_variance"), [1.0]),
+        ((*X, "allan_variance"), None),
+        ((*X, "rows_to_an_average"), "many"),
+        ((*X, "squares_per_row"), [-1.0, 0.0, 0.0, 0.0]),
+        ((*X, "fitted_lengths"), [5, 2]),
+        ((*X, "coefficients"), [1, 2]),
+        ((*X, "coefficients"), {"N": {"value": "big"}}),
+        ((*X, "rate_hz"), 0),
+        ((*X, "rows"), 1e400),
+        ((*X, "statements"), 5),
+        (("sensors", "accelerometer", "gravity_raw"), None),
+    ],
+)
+def test_damaged_noise_files_end_in_words(simval, still, tmp_path, keys, value):
+    data = damage_source(simval, still)
+    damage(data, *keys, value=value)
+    path = tmp_path / "noise.json"
+    path.write_text(json.dumps(data))
+    code, _, err = simval("plan", "--noise", path, "--hold", 1)
+    assert code == 2, err
+    assert "noise.json" in err
+
+
+_SOURCE = {}
+
+
+def damage_source(simval, still):
+    if "text" not in _SOURCE:
+        _SOURCE["text"] = simval("noise", still, "--json")[1]
+    return json.loads(_SOURCE["text"])
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", "3", "\ud800"])
+def test_files_that_are_no_json(simval, tmp_path, content):
+    path = tmp_path / "noise.json"
+    path.write_bytes(content.encode("utf-8", "surrogatepass"))
+    code, _, err = simval("plan", "--noise", path, "--hold", 1)
+    assert code == 2
+    assert "noise.json" in err
+
+
+# Real recordings
+
+
+def recording(name):
+    path = RECORDINGS / name
+    if not path.exists():
+        pytest.skip(f"the recording {path} is not on this machine")
+    return path
+
+
+@pytest.mark.ci
+def test_mpu6050_at_rest(simval):
+    """449 s: N of the gyro 1.3, 1.9, 1.6e-4; B and K bounds; the model fits."""
+    path = recording("mpu6050/static.csv")
+    scale = DEGREE / 131.0
+    found = answer(simval, path, "--rate", 100, "--gyro-unit", repr(scale), "--json")
+    gyro = found["sensors"]["gyro"]["axes"]
+    white = [gyro[a]["coefficients"]["N"]["value"] * scale for a in "xyz"]
+    np.testing.assert_allclose(white, [1.30e-4, 1.94e-4, 1.63e-4], atol=0.01e-4)
+    for sensor in found["sensors"].values():
+        for axis in sensor["axes"].values():
+            assert 0.4 < axis["chi2"] / axis["dof"] < 1.4
+            assert axis["fitted_lengths"][0] == 0
+            for kind in "BK":
+                assert axis["coefficients"][kind]["value"] is None
+                assert axis["coefficients"][kind]["high"] is not None
+
+
+@pytest.mark.ci
+def test_xsens_first_49_seconds(simval):
+    """Not white at short times, and said; z shows flicker."""
+    path = recording("xsens/xsens_acc.mat")
+    found = answer(simval, path, "--rest", 49, "--json")
+    sensor = found["sensors"]["accelerometer"]
+    assert abs(sensor["si_per_raw"] / 0.002414 - 1.0) < 0.01
+    for axis in sensor["axes"].values():
+        assert axis["fitted_lengths"][0] > 0
+        assert "not white" in axis["statements"][0]
+    assert sensor["axes"]["z"]["coefficients"]["B"]["value"] is not None
+
+
+@pytest.mark.ci
+def test_what_white_noise_leaves_unexplained_on_xsens():
+    """Chi-square per degree of freedom 20 by white noise, 1.7 by the Allan variance."""
+    log = read_log(recording("xsens/xsens_acc.mat"))
+    result = calibrate_log(log, g=9.81744)
+    assert result.pose_noise.source == "log"
+    assert 15.0 < result.white_chi2_per_dof < 25.0
+    assert 0.8 < result.diagnosis.chi2_per_dof < 2.5
