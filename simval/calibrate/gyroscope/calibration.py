@@ -12,6 +12,7 @@ from simval.calibrate.gyroscope.fit import (
     Fitted,
     Setting,
     approach,
+    coarse,
     iterate,
 )
 from simval.calibrate.gyroscope.gravity import across, directions
@@ -41,6 +42,7 @@ def calibrate_gyroscope(
     bias_random_walk: float = 0.0,
     estimator: str = "joint",
     bias: str = "constant",
+    known_bias: Any = None,
     start: Any = None,
 ) -> GyroscopeFit:
     """Fit M and B of a gyroscope to the moves between rests, one log or a batch.
@@ -66,6 +68,8 @@ def calibrate_gyroscope(
     bias : {"constant", "first rest", "line"}
         constant is estimated, from the rests and the moves; first rest is the mean of
         that and kept (IMU-TK); line is what `moves` has taken out already.
+    known_bias : array_like, optional
+        Raw units, (3,): kept instead of the mean of the first rest.
     start : array_like, optional
         M to start from, (3, 3); found by itself if not given.
 
@@ -93,7 +97,7 @@ def calibrate_gyroscope(
     readings, theta = _readings(moves, poses, accelerometer)
     noise = _noise(moves, readings, pose_std, angle_random_walk, bias_random_walk)
     estimator = choice("estimator", estimator, ESTIMATORS)
-    setting = _setting(moves, accelerometer, noise, estimator, bias)
+    setting = _setting(moves, accelerometer, noise, estimator, bias, known_bias)
     u, _ = directions(setting.model, theta, readings, setting.g)
     M = _start(moves, u, start)
     M, rounds = approach(moves, setting, u, M)
@@ -184,11 +188,17 @@ def _setting(
     noise: GyroscopeNoise,
     estimator: str,
     bias: str,
+    known: Any,
 ) -> Setting:
     bias = choice("bias", bias, BIASES)
     value, std = rest_bias(moves, noise)
+    if known is not None and bias != "first rest":
+        msg = f"`known_bias` is given and `bias` is {bias}; ask for first rest"
+        raise InputError(msg)
     if bias == "first rest":
         value = moves.rest_rates[:, 0] - moves.centre
+        if known is not None:
+            value = physical_array("known_bias", known, (3,)) - moves.centre
         span = moves.rest_times[-1] - moves.rest_times[0]
         white = noise.angle_random_walk**2 / moves.rest_seconds[0]
         std = np.sqrt(white + noise.bias_random_walk**2 * span / 3.0)
@@ -221,7 +231,7 @@ def _judged(
     moves: Moves, setting: Setting, u: Float[Array, "t n 3"], M: Float[Array, "t 3 3"]
 ) -> tuple[list[str], Float[Array, " t"]]:
     # why a trial is refused, empty where it is not, and the condition of its moves
-    moved = turn(moves.statistics, M, setting.bias_value)
+    moved = turn(coarse(moves, M), M, setting.bias_value)
     E = across(u[:, 1:])
     EC = E @ np.swapaxes(moved.C, -1, -2)
     rows = np.cross(EC, u[:, :-1, None, :]) @ moved.slopes

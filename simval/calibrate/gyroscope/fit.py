@@ -95,7 +95,7 @@ def approach(
     """Plain steps on larger chunks, the bias as the rests say."""
     E = across(u[:, 1:])
     B = setting.bias_value
-    statistics = _coarse(moves, M)
+    statistics = coarse(moves, M)
     for count in range(1, MOST_PLAIN + 1):
         moved = turn(statistics, M, B)
         EC = E @ np.swapaxes(moved.C, -1, -2)
@@ -111,7 +111,8 @@ def approach(
     return M, count
 
 
-def _coarse(moves: Moves, M: Float[Array, "t 3 3"]) -> Float[Array, "t k 10 c"]:
+def coarse(moves: Moves, M: Float[Array, "t 3 3"]) -> Float[Array, "t k 10 c"]:
+    """Statistics of larger chunks, good to a few milliradians a move."""
     S = moves.statistics[0, :, :3]
     scale = float(np.linalg.norm(M[0], 2))
     greatest = float(np.sqrt((S * S).sum(axis=1)).max()) * scale

@@ -12,12 +12,14 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.calibrate.gyroscope.rows import gap_values
+from simval.calibrate.gyroscope.statistics import merged
 from simval.calibrate.gyroscope.turn import end_of
 from simval.shapes import Float
 
 _RATIO: Final = 1.1  # of neighbouring scales
 _LEAST, _MOST = 0.05, 12.0  # rad, along the way of a typical move
-_CHUNKS: Final = 1 << 18  # worked at once
+_CHUNKS: Final = 1 << 16  # worked at once
+_ENOUGH: Final = 24  # chunks of a move: a third of a radian each at the most
 GOOD: Final = 0.1  # rad, rms of rows at a start that is near; sensors are 1 % off
 
 
@@ -29,6 +31,8 @@ def first_matrix(
     """Best of the matrices that are a scale times an order of axes."""
     way = np.sqrt((statistics[:, :3] ** 2).sum(axis=1)).sum(axis=1)
     typical = float(np.median(way))
+    size = max(1, statistics.shape[-1] // _ENOUGH)
+    statistics = merged(statistics[None], 2 ** int(np.log2(size)))[0]
     if not typical > 0.0:
         return np.full((3, 3), np.nan)
     count = int(np.ceil(np.log(_MOST / _LEAST) / np.log(_RATIO)))

@@ -146,11 +146,19 @@ def _vectors(statistics: Array, M: Array, B: Array) -> Float[Array, "3 j n"]:
 
 def quaternions(phi: Float[Array, "3 j n"]) -> Float[Array, "4 j n"]:
     """Quaternions, vector first, of rotation vectors."""
-    angle = np.sqrt(phi[0] ** 2 + phi[1] ** 2 + phi[2] ** 2)
-    q = np.empty((4, *angle.shape))
-    q[:3] = phi * (0.5 * np.sinc(angle / (2.0 * np.pi)))
-    q[3] = np.cos(0.5 * angle)
+    half = 0.5 * _length(phi)
+    q = np.empty((4, *half.shape))
+    np.multiply(phi, np.sin(half) / half * 0.5, out=q[:3])
+    np.cos(half, out=q[3])
     return q
+
+
+def _length(phi: Float[Array, "3 j n"]) -> Float[Array, "j n"]:
+    # never 0, where sin(x)/x is not told; 1e-100 is 0 beside any angle
+    squared = phi[0] * phi[0]
+    squared += phi[1] * phi[1]
+    squared += phi[2] * phi[2]
+    return np.sqrt(np.maximum(squared, 1e-200))
 
 
 def product(p: Float[Array, "4 ..."], q: Float[Array, "4 ..."]) -> Array:
@@ -190,20 +198,18 @@ def _swept(
     phi: Float[Array, "3 j n"], whole: Float[Array, "4 i n"]
 ) -> tuple[Float[Array, "3 3 j n"], Float[Array, "4 n"]]:
     # D = C J(phi), J = I + b [phi x] + c (phi phi' - |phi|^2 I), and the last quaternion
-    squared = phi[0] ** 2 + phi[1] ** 2 + phi[2] ** 2
-    angle = np.sqrt(squared)
-    half = np.sinc(angle / (2.0 * np.pi))
-    b = 0.5 * half * half
+    angle = _length(phi)
+    squared = angle * angle
+    half = np.sin(0.5 * angle) / angle
+    b = 2.0 * half * half
     small = angle < _SMALL
-    safe = np.where(small, 1.0, angle)
     series = (1.0 - squared / 20.0 * (1.0 - squared / 42.0)) / 6.0
-    c = np.where(small, series, (1.0 - np.sinc(angle / np.pi)) / (safe * safe))
-    J = c * phi[:, None] * phi[None]
-    for i in range(3):
-        J[i, i] += 1.0 - c * squared
+    c = np.where(small, series, (1.0 - np.sin(angle) / angle) / squared)
+    J = np.empty((3, 3, *angle.shape))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        J[i, j] -= b * phi[k]
-        J[j, i] += b * phi[k]
+        even, odd = c * phi[i] * phi[j], b * phi[k]
+        J[i, j], J[j, i] = even - odd, even + odd
+        J[k, k] = 1.0 - c * (phi[i] * phi[i] + phi[j] * phi[j])
     C = _entries(whole[:, :-1])
     D = C[:, 0, None] * J[0]
     D += C[:, 1, None] * J[1]
