@@ -37,9 +37,9 @@ from simval.shapes import Float
 NEAR: Final = 0.03  # relative step; the next error is its square
 MOST_PLAIN: Final = 30
 MOST_STEPS: Final = 12  # with one linearisation; each takes a thousandth of the error
-SETTLED: Final = 1e-6  # standard deviations
+SETTLED: Final = 1e-5  # standard deviations
 ROUNDED: Final = 1e-13  # of the parameters' own size
-_ANGLE: Final = 0.15  # rad a chunk on the way to the start
+_ANGLE: Final = 0.5  # rad a chunk on the way there
 A = 9  # accelerometer's parameters
 
 
@@ -215,25 +215,30 @@ def iterate(
     first = A if setting.joint else 0
     sd = np.sqrt(np.diagonal(linear.gain.covariance, axis1=-2, axis2=-1))
     size = _sizes(moves, M, theta, first, setting.free)
-    r, count = linear.r, 1
-    active = np.ones(len(M), dtype=bool)
-    ratio = np.full(len(M), np.inf)
-    for _ in range(MOST_STEPS):
-        step = -(linear.gain.K @ r[..., None])[..., 0] * active[:, None]
-        ratio = np.where(active, np.max(np.abs(step) / sd, axis=1), ratio)
-        rounding = np.max(np.abs(step) / size, axis=1) <= ROUNDED
+    r = linear.r
+    taken, left = np.full(len(M), np.nan), np.full(len(M), np.inf)
+    for count in range(1, MOST_STEPS + 1):
+        step = -(linear.gain.K @ r[..., None])[..., 0]
+        step[left <= SETTLED] = 0.0  # a trial does not wait for its neighbours
         theta = theta + step[:, :first] if first else theta
         M = M + step[:, first : first + A].reshape(-1, 3, 3)
         B = B + step[:, first + A :] if setting.free == 12 else B
-        active = active & ~((ratio <= SETTLED) | rounding)
-        r = _rows_at(moves, poses, setting, theta, M, B, linear.E)
-        count += 1
-        if not active.any():
-            ratio = np.where(rounding, np.minimum(ratio, SETTLED), ratio)
+        last, taken = taken, np.max(np.abs(step) / sd, axis=1)
+        rounding = np.max(np.abs(step) / size, axis=1) <= ROUNDED
+        left = np.where(rounding, 0.0, _left(taken, last))
+        if np.all(left <= SETTLED) or count == MOST_STEPS:
+            r = r + (linear.gain.J @ step[..., None])[..., 0]
             break
+        r = _rows_at(moves, poses, setting, theta, M, B, linear.E)
     return Fitted(
-        theta=theta, M=M, B=B, linear=linear, r=r, step=ratio, iterations=count
+        theta=theta, M=M, B=B, linear=linear, r=r, step=left, iterations=count
     )
+
+
+def _left(taken: Float[Array, " t"], last: Float[Array, " t"]) -> Float[Array, " t"]:
+    # what the next step would be if steps go on shrinking as they did
+    shrinking = np.where(np.isnan(last), 1.0, taken / np.maximum(last, 1e-300))
+    return taken * np.minimum(shrinking, 1.0)
 
 
 def _rows_at(

@@ -64,7 +64,8 @@ def path_statistics(
     longest = int((last - first).max())
     reach = first[:, None] + np.arange(-1, longest + 2)
     inside = np.arange(longest) < (last - first)[:, None]
-    y = np.swapaxes(rates[:, np.clip(reach, 0, rates.shape[1] - 1)], -1, -2)
+    rows = rates[:, np.clip(reach, 0, rates.shape[1] - 1)]
+    y = np.ascontiguousarray(np.swapaxes(rows, -1, -2))
     h = np.where(inside, step[np.clip(reach[:, 2:-1], 0, len(step) - 1)], 0.0)
     steps = _step(y, h[:, None, :], scheme)
     return merged(steps, chunk)
