@@ -1,4 +1,4 @@
-"""Calibration of an accelerometer from its readings at rest.
+"""Calibration of an accelerometer from its rests, and of a gyroscope between them.
 
 The package can be called: ``from simval import calibrate`` gives the function, or,
 once anything has imported this package, the package itself under the same name, and
@@ -11,14 +11,28 @@ from types import ModuleType
 from simval.calibrate.diagnosis import Diagnosis, diagnose
 from simval.calibrate.files import load_calibration, save_calibration
 from simval.calibrate.fit import calibrate
+from simval.calibrate.gyroscope import (
+    GyroscopeFit,
+    ImuFit,
+    Moves,
+    calibrate_gyroscope,
+    calibrate_imu,
+    moves_between,
+)
 from simval.calibrate.result import FitResult
 
 __all__ = [
     "Diagnosis",
     "FitResult",
+    "GyroscopeFit",
+    "ImuFit",
+    "Moves",
     "calibrate",
+    "calibrate_gyroscope",
+    "calibrate_imu",
     "diagnose",
     "load_calibration",
+    "moves_between",
     "save_calibration",
 ]
 

@@ -1,6 +1,7 @@
-"""Calibration of a gyroscope, and of both sensors together, from moves between rests."""
+"""Calibration of a gyroscope, alone or with the accelerometer, between rests."""
 
 from simval.calibrate.gyroscope.calibration import calibrate_gyroscope
+from simval.calibrate.gyroscope.imu import calibrate_imu
 from simval.calibrate.gyroscope.moves import Moves, moves_between
 from simval.calibrate.gyroscope.result import GyroscopeFit, ImuFit
 
@@ -9,5 +10,6 @@ __all__ = [
     "ImuFit",
     "Moves",
     "calibrate_gyroscope",
+    "calibrate_imu",
     "moves_between",
 ]

@@ -17,7 +17,12 @@ from simval.calibrate.gyroscope.fit import (
 )
 from simval.calibrate.gyroscope.gravity import across, directions
 from simval.calibrate.gyroscope.moves import Moves
-from simval.calibrate.gyroscope.noise import GyroscopeNoise, floored, rest_bias
+from simval.calibrate.gyroscope.noise import (
+    GyroscopeNoise,
+    floored,
+    rest_bias,
+    rest_weights,
+)
 from simval.calibrate.gyroscope.refusal import relative_rows, require_told, worst_sd
 from simval.calibrate.gyroscope.result import GyroscopeFit
 from simval.calibrate.gyroscope.rows import gap_values
@@ -100,7 +105,7 @@ def calibrate_gyroscope(
     setting = _setting(moves, accelerometer, noise, estimator, bias, known_bias)
     u, _ = directions(setting.model, theta, readings, setting.g)
     M = _start(moves, u, start)
-    M, rounds = approach(moves, setting, u, M)
+    M = approach(moves, setting, u, M)
     refusals, condition = _judged(moves, setting, u, M)
     single = np.ndim(poses) == 2
     if single and refusals[0]:
@@ -115,7 +120,6 @@ def calibrate_gyroscope(
     result["status"] = np.where(
         good, result["status"], [f"refused: {text}" for text in refusals]
     )
-    result["iterations"] = np.where(good, result["iterations"] + rounds, 0)
     if single:
         sd, _ = worst_sd(result["covariance"][0, A : 2 * A, A : 2 * A], found.M[0])
         rows = relative_rows(found.linear.by_gyroscope[0], found.M[0])
@@ -191,17 +195,13 @@ def _setting(
     known: Any,
 ) -> Setting:
     bias = choice("bias", bias, BIASES)
-    value, std = rest_bias(moves, noise)
-    if known is not None and bias != "first rest":
+    weights = rest_weights(moves, first=bias == "first rest")
+    value, std = rest_bias(moves, noise, weights)
+    if known is not None and bias == "constant":
         msg = f"`known_bias` is given and `bias` is {bias}; ask for first rest"
         raise InputError(msg)
-    if bias == "first rest":
-        value = moves.rest_rates[:, 0] - moves.centre
-        if known is not None:
-            value = physical_array("known_bias", known, (3,)) - moves.centre
-        span = moves.rest_times[-1] - moves.rest_times[0]
-        white = noise.angle_random_walk**2 / moves.rest_seconds[0]
-        std = np.sqrt(white + noise.bias_random_walk**2 * span / 3.0)
+    if known is not None:
+        value = physical_array("known_bias", known, (3,)) - moves.centre
     return Setting(
         model=accelerometer.model,
         residual=accelerometer.residual,
@@ -212,6 +212,7 @@ def _setting(
         noise=noise,
         bias_value=value,
         bias_std=std,
+        weights=weights,
     )
 
 

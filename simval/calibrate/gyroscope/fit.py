@@ -20,7 +20,12 @@ from simval.calibrate.gyroscope.gravity import (
     influence,
 )
 from simval.calibrate.gyroscope.moves import Moves
-from simval.calibrate.gyroscope.noise import GyroscopeNoise, line_noise
+from simval.calibrate.gyroscope.noise import (
+    GyroscopeNoise,
+    drift_noise,
+    line_noise,
+    sensitivity_noise,
+)
 from simval.calibrate.gyroscope.rows import (
     Rows,
     carried,
@@ -56,6 +61,7 @@ class Setting:
     noise: GyroscopeNoise
     bias_value: Float[Array, "t 3"]  # from the rests, less the centre
     bias_std: Float[Array, "3"]
+    weights: Float[Array, " n"]  # of the rests in that value
 
     @property
     def free(self) -> int:
@@ -91,12 +97,12 @@ class Fitted:
 
 def approach(
     moves: Moves, setting: Setting, u: Float[Array, "t n 3"], M: Float[Array, "t 3 3"]
-) -> tuple[Float[Array, "t 3 3"], int]:
+) -> Float[Array, "t 3 3"]:
     """Plain steps on larger chunks, the bias as the rests say."""
     E = across(u[:, 1:])
     B = setting.bias_value
     statistics = coarse(moves, M)
-    for count in range(1, MOST_PLAIN + 1):
+    for _ in range(MOST_PLAIN):
         moved = turn(statistics, M, B)
         EC = E @ np.swapaxes(moved.C, -1, -2)
         J = np.cross(EC, u[:, :-1, None, :]) @ moved.slopes[..., :9]
@@ -108,7 +114,7 @@ def approach(
         M = M + step * np.minimum(1.0, 0.33 / np.maximum(size, 1e-300))[:, None, None]
         if not np.any(size > NEAR):
             break
-    return M, count
+    return M
 
 
 def coarse(moves: Moves, M: Float[Array, "t 3 3"]) -> Float[Array, "t k 10 c"]:
@@ -134,18 +140,27 @@ def linearise(
     moved = turn(moves.statistics, M, B)
     rows = gap_rows(found, moved, noise.pose_std)
     pulled = influence(found, setting.residual, noise.pose_std)
-    theta_noise = wander(moved, moves.statistics, M * noise.angle_random_walk)
+    theta_noise: Array = wander(moved, moves.statistics, M * noise.angle_random_walk)
     maps = []
     if setting.bias == "line":
         rests, bridge = line_noise(rows, moved, moves, M, B, noise)
         maps.append(rests)
         theta_noise = theta_noise + bridge
-    elif setting.bias == "known":
+    elif noise.bias_random_walk > 0.0:
+        maps.append(drift_noise(rows, moves, noise, setting.weights))
+        # and within a move, about what it is in the middle
+        even = wander(moved, moves.statistics, M * noise.bias_random_walk)
+        theta_noise += even * (moves.seconds**2 / 12.0)[:, None, None]
+    if setting.bias == "known":
         maps.append(rows.by_gyroscope[..., 9:] * setting.bias_std)
+    ends = np.zeros((3, 0))
+    if moves.force.size:
+        gaps, ends = sensitivity_noise(rows, moved, moves, M, noise)
+        maps.append(gaps)
     blocks = walk_blocks(rows, theta_noise)
     if not setting.joint:
         rows = carried(rows, pulled)
-    r, J, V = _assembled(rows, maps, blocks, found, setting, B)
+    r, J, V = _assembled(rows, maps, blocks, found, setting, B, ends)
     estimator = gain(J, V, weighted=setting.weighted)
     K = estimator.K[..., : rows.e.shape[1]]
     back = np.swapaxes(pulled, -1, -2)
@@ -166,6 +181,7 @@ def _assembled(
     found: Gravity,
     setting: Setting,
     B: Float[Array, "t 3"],
+    of_bias: Float[Array, "3 q"],
 ) -> tuple[Float[Array, "t r"], Float[Array, "t r p"], Float[Array, "t r r"]]:
     # gaps, then norms if the fit is joint, then the bias if it is estimated
     t, gaps = rows.e.shape
@@ -190,6 +206,10 @@ def _assembled(
     if ends:
         J[:, -3:, -3:] = np.eye(3)
         V[:, [-3, -2, -1], [-3, -2, -1]] = setting.bias_std**2
+    if ends and of_bias.size:  # the last of the maps
+        V[:, -3:, -3:] += of_bias @ of_bias.T
+        V[:, :gaps, -3:] = maps[-1] @ of_bias.T
+        V[:, -3:, :gaps] = np.swapaxes(V[:, :gaps, -3:], -1, -2)
     return _values(rows.e, found.c, B, setting), J, V
 
 

@@ -40,6 +40,12 @@ class Moves:
         hertz, (t, 3).
     seconds : Array
         Time of each move, s, (k,).
+    force : Array
+        Integral of the specific force over each chunk, m/s, (k, 3, j); empty unless
+        what it does has been taken out.
+    force_noise : Array
+        Covariance of the bias and of a row of the sensitivity that was taken out, over
+        the variance N^2, (4, 4); zero if none was.
     """
 
     statistics: Float[Array, "t k 10 j"]
@@ -50,6 +56,8 @@ class Moves:
     times: Float[Array, "k j"]
     white: Float[Array, "t 3"]
     seconds: Float[Array, " k"]
+    force: Float[Array, "k 3 f"]
+    force_noise: Float[Array, "4 4"]
 
     def __post_init__(self) -> None:
         for each in fields(self):
@@ -65,6 +73,8 @@ def moves_between(
     margin: int = 10,
     chunk: int = 1,
     offset: Any = None,
+    force: Any = None,
+    force_noise: Any = None,
 ) -> Moves:
     """Reduce a gyroscope's rows to the moves between rests.
 
@@ -87,6 +97,10 @@ def moves_between(
     offset : array_like, optional
         Readings to take out of each row before, raw units, as `rates`: a bias that
         moves, or what the specific force does.
+    force : array_like, optional
+        Specific force of each row, m/s^2, (n, 3), if what it does is in `offset`.
+    force_noise : array_like, optional
+        Covariance of that, as in `Moves`, (4, 4); needed with `force`.
 
     Returns
     -------
@@ -128,7 +142,23 @@ def moves_between(
         times=t[first][:, None] + np.cumsum(spent, axis=1) - 0.5 * spent,
         white=white,
         seconds=t[last] - t[first],
+        **_forces(force, force_noise, step, first, last, statistics.shape[-1], chunk),
     )
+
+
+def _forces(
+    force: Any, noise: Any, step: Array, first: Any, last: Any, chunks: int, chunk: int
+) -> dict[str, Array]:
+    # integrals of the specific force over the chunks
+    if force is None:
+        return {"force": np.zeros((len(first), 3, 0)), "force_noise": np.zeros((4, 4))}
+    rows = physical_array("force", force, (len(step), 3))
+    shape = physical_array("force_noise", noise, (4, 4))
+    made = np.zeros((len(first), 3, chunks * chunk))
+    for k, (a, b) in enumerate(zip(first, last, strict=True)):
+        made[k, :, : b - a] = (rows[a + 1 : b + 1] * step[a + 1 : b + 1, None]).T
+    summed = made.reshape(len(first), 3, chunks, chunk).sum(axis=-1)
+    return {"force": summed, "force_noise": shape}
 
 
 def _checked(time: Array, y: Array, intervals: Any) -> Any:

@@ -2,7 +2,7 @@ r"""What is known of a gyroscope's noise, and what the rests say of its bias.
 
 White noise N leaves the angle a random walk of variance :math:`N^2 t`, and the mean of
 a rest of :math:`T_r` seconds the variance :math:`N^2/T_r`; the bias walks by
-:math:`K^2 t`. A constant bias from rests with cumulative weights W(s), in moves with G(s),
+:math:`K^2 t`. A constant bias from rests of cumulative weights W(s), in moves of G(s),
 is off by :math:`N^2 \sum w_i^2/T_i + K^2 \int (W - G)^2 ds`. A line between the
 neighbouring rests leaves a move, for the walk, the noise of a Brownian bridge,
 :math:`K^2 T^3/12` in the angle, and for the white noise that of the two rests.
@@ -59,31 +59,45 @@ def floored(noise: GyroscopeNoise, moves: Moves, poses: Array) -> GyroscopeNoise
     )
 
 
+def rest_weights(moves: Moves, *, first: bool = False) -> Float[Array, " n"]:
+    """Weight of each rest in the bias: by its time, or all for the first."""
+    if first:
+        return np.eye(len(moves.rest_seconds))[0]
+    return moves.rest_seconds / moves.rest_seconds.sum()
+
+
 def rest_bias(
-    moves: Moves, noise: GyroscopeNoise
+    moves: Moves, noise: GyroscopeNoise, w: Float[Array, " n"]
 ) -> tuple[Float[Array, "t 3"], Float[Array, "3"]]:
-    """Bias from the rests, less the centre, and its standard deviation."""
-    w = moves.rest_seconds / moves.rest_seconds.sum()
+    """Mean bias of the rests, less the centre, and what white noise leaves in it."""
     mean = np.einsum("n,tni->ti", w, moves.rest_rates)
-    share = moves.seconds / moves.seconds.sum()
+    white = float(np.sum(w * w / moves.rest_seconds))
+    return mean - moves.centre, noise.angle_random_walk * np.sqrt(white)
+
+
+def walk_covariance(
+    times: Float[Array, " m"], w: Float[Array, " n"], rests: Float[Array, " n"]
+) -> Float[Array, "m m"]:
+    """Covariance of a unit walk at some times, less its mean over the rests."""
+    every = np.concatenate([times, rests])
+    walk = np.minimum(every[:, None], every) - every.min()
+    less = np.concatenate([np.eye(len(times)), -np.tile(w, (len(times), 1))], axis=1)
+    return less @ walk @ less.T
+
+
+def drift_noise(
+    rows: Rows, moves: Moves, noise: GyroscopeNoise, w: Float[Array, " n"]
+) -> Float[Array, "t r m"]:
+    """Noise of the gaps by a bias that walks, where it is held for constant."""
+    t, k = moves.statistics.shape[:2]
     middle = moves.times[:, 0] + 0.5 * moves.seconds
-    walked = drift_variance(moves.rest_times, w, middle, share)
-    white = noise.angle_random_walk**2 * float(np.sum(w * w / moves.rest_seconds))
-    variance = white + noise.bias_random_walk**2 * walked
-    return mean - moves.centre, np.sqrt(variance)
-
-
-def drift_variance(
-    one: Float[Array, " n"],
-    w: Float[Array, " n"],
-    two: Float[Array, " k"],
-    v: Float[Array, " k"],
-) -> float:
-    """Variance between two weighted means of a walk with unit K."""
-    times = np.concatenate([one, two])
-    order = np.argsort(times)
-    between = np.cumsum(np.concatenate([w, -v])[order])[:-1]
-    return float(np.sum(between**2 * np.diff(times[order])))
+    covariance = walk_covariance(middle, w, moves.rest_times)
+    # a walk that has been seen at fewer times than moves leaves roots of zero
+    values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    by_bias = rows.by_gyroscope[..., 9:].reshape(t, k, 2, 3)
+    L = np.einsum("tkeb,km->tkemb", by_bias, noise.bias_random_walk * root)
+    return L.reshape(t, 2 * k, -1)
 
 
 def line_noise(
@@ -133,3 +147,27 @@ def _bridge(
     square = np.einsum("tkab,tkcb,k->tkac", total, total, begin)
     square += np.einsum("tkab,tkcb,k->tkac", whole[:, :, 0], whole[:, :, 0], rest)
     return noise.bias_random_walk**2 * (inside + square)
+
+
+def sensitivity_noise(
+    rows: Rows,
+    moved: Turn,
+    moves: Moves,
+    M: Float[Array, "t 3 3"],
+    noise: GyroscopeNoise,
+) -> tuple[Float[Array, "t r 9"], Float[Array, "3 9"]]:
+    """Noise of a sensitivity that was taken out: in the gaps, and in the rests' bias.
+
+    The regression on the rests gives each axis a row of G with the covariance
+    :math:`N^2 C`; the mean reading less G times the mean force is the bias.
+    """
+    t, k, _, j = moves.statistics.shape
+    C = moves.force_noise[1:, 1:]
+    root = np.linalg.cholesky(C)
+    mean = -np.linalg.solve(C, moves.force_noise[1:, 0])
+    DM = np.moveaxis(moved.D.reshape(t, k, 3, 3, j), -1, 2) @ M[:, None, None]
+    by_G = np.einsum("tkjia,kbj->tkiab", DM, moves.force)
+    unit = np.einsum("tkiab,bq,a->tkiaq", by_G, root, noise.angle_random_walk)
+    gaps = -rows.by_turn @ unit.reshape(t, k, 3, 9)
+    bias = np.einsum("ac,q,a->acq", np.eye(3), mean @ root, noise.angle_random_walk)
+    return gaps.reshape(t, 2 * k, 9), bias.reshape(3, 9)

@@ -53,7 +53,7 @@ class GyroscopeFit:
     condition : Array
         Condition of the moves, eq. (N7) of `observability`, (...).
     gap_angles : Array
-        Angle between gravity as turned and as read at the end of each gap, rad, (..., k).
+        Between gravity as turned and as read at the end of each gap, rad, (..., k).
     step : Array
         Greatest last step over its standard deviation, (...).
     """

@@ -22,9 +22,10 @@ middle and b the slope times h, :math:`S = h\bar y`, :math:`A = h^2 a \times b/1
 
 - ``averages``: each row is the mean over the step that ends at it, b half the
   difference of the two neighbours. Order 4;
-- ``cubic``: rows are of one instant, through four of them goes a cubic. Order 4;
+- ``cubic``: rows are of one instant, through four of them goes a cubic. Order 4, and 3
+  where the rate's curvature jumps, as at the ends of a minimum-jerk move;
 - ``linear``: rows are of one instant, with straight lines between. Order 2. That is
-  what a Runge-Kutta step on samples integrates (IMU-TK, INSLIB), whatever its own order.
+  what a Runge-Kutta step on samples integrates (IMU-TK, INSLIB), of whatever order.
 """
 
 from typing import Final

@@ -172,7 +172,7 @@ def product(p: Float[Array, "4 ..."], q: Float[Array, "4 ..."]) -> Array:
 
 
 def prefixes(q: Float[Array, "4 j n"]) -> Float[Array, "4 i n"]:
-    """Products of the first 0, 1, ... j quaternions, in blocks: few, long operations."""
+    """Products of the first 0, 1, ... quaternions, in blocks: few, long operations."""
     count, moves = q.shape[1:]
     size = max(1, round(count**0.5))
     blocks = -(-count // size)
@@ -197,7 +197,7 @@ def prefixes(q: Float[Array, "4 j n"]) -> Float[Array, "4 i n"]:
 def _swept(
     phi: Float[Array, "3 j n"], whole: Float[Array, "4 i n"]
 ) -> tuple[Float[Array, "3 3 j n"], Float[Array, "4 n"]]:
-    # D = C J(phi), J = I + b [phi x] + c (phi phi' - |phi|^2 I), and the last quaternion
+    # D = C J(phi), J = I + b [phi x] + c (phi phi' - |phi|^2 I); the last quaternion
     angle = _length(phi)
     squared = angle * angle
     half = np.sin(0.5 * angle) / angle
