@@ -76,7 +76,7 @@ class Linear:
     r: Float[Array, "t r"]
     gain: Gain
     E: Float[Array, "t k 2 3"]
-    by_gyroscope: Float[Array, "t r 12"]  # of the gaps, for the observability
+    by_gyroscope: Float[Array, "t e 12"]  # of the gaps, for the observability
     # covariance of the accelerometer's own fit, and of the estimate with it
     accelerometer: Float[Array, "t 9 9"]
     cross: Float[Array, "t p 9"]
@@ -145,7 +145,7 @@ def linearise(
     if setting.bias == "line":
         rests, bridge = line_noise(rows, moved, moves, M, B, noise)
         maps.append(rests)
-        theta_noise = theta_noise + bridge
+        theta_noise += bridge
     elif noise.bias_random_walk > 0.0:
         maps.append(drift_noise(rows, moves, noise, setting.weights))
         # and within a move, about what it is in the middle
@@ -153,7 +153,7 @@ def linearise(
         theta_noise += even * (moves.seconds**2 / 12.0)[:, None, None]
     if setting.bias == "known":
         maps.append(rows.by_gyroscope[..., 9:] * setting.bias_std)
-    ends = np.zeros((3, 0))
+    ends: Array = np.zeros((3, 0))
     if moves.force.size:
         gaps, ends = sensitivity_noise(rows, moved, moves, M, noise)
         maps.append(gaps)

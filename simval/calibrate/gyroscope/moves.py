@@ -12,7 +12,7 @@ from simval.errors import InputError, RefusedError
 from simval.shapes import Float
 
 _HOLE = 3.5  # steps; a row or two may be missing, a move is not told without more
-_LEAST_REST = 4  # rows, of which half may be given to the moves
+_LEAST_REST = 3  # rows, of which two may be given to the moves
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -63,6 +63,9 @@ def _costs(statistics: Array, u: Array, E: Array, guesses: Array) -> Float[Array
     for i in range(0, len(guesses), size):
         some = guesses[i : i + size]
         C = end_of(statistics[None], some, np.zeros((len(some), 3)))
-        e = gap_values(C, np.broadcast_to(u, (len(some), *u.shape)), E[None])
+        m = len(some)
+        e = gap_values(
+            C, np.broadcast_to(u, (m, *u.shape)), np.broadcast_to(E, (m, *E.shape))
+        )
         parts.append(np.sqrt((e * e).mean(axis=-1)))
     return np.concatenate(parts)
