@@ -1,4 +1,4 @@
-"""Calibration of an accelerometer, and of a magnetometer, from readings at rest.
+"""Calibration of an accelerometer, a gyroscope and a magnetometer, from rests.
 
 The package can be called: ``from simval import calibrate`` gives the function, or,
 once anything has imported this package, the package itself under the same name, and
@@ -11,6 +11,14 @@ from types import ModuleType
 from simval.calibrate.diagnosis import Diagnosis, diagnose
 from simval.calibrate.files import load_calibration, save_calibration
 from simval.calibrate.fit import calibrate
+from simval.calibrate.gyroscope import (
+    GyroscopeFit,
+    ImuFit,
+    Moves,
+    calibrate_gyroscope,
+    calibrate_imu,
+    moves_between,
+)
 from simval.calibrate.magnetometer import (
     MagnetometerFit,
     calibrate_magnetometer,
@@ -21,12 +29,18 @@ from simval.calibrate.result import FitResult
 __all__ = [
     "Diagnosis",
     "FitResult",
+    "GyroscopeFit",
+    "ImuFit",
     "MagnetometerFit",
+    "Moves",
     "calibrate",
+    "calibrate_gyroscope",
+    "calibrate_imu",
     "calibrate_magnetometer",
     "diagnose",
     "ellipsoid_then_rotation",
     "load_calibration",
+    "moves_between",
     "save_calibration",
 ]
 

@@ -1,0 +1,329 @@
+"""Calibrate a gyroscope from the moves between rests."""
+
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+
+from simval.arguments import choice, instance
+from simval.arrays import Array, nonnegative_number, physical_array
+from simval.calibrate.gyroscope.fit import (
+    A,
+    Fitted,
+    Setting,
+    approach,
+    coarse,
+    iterate,
+)
+from simval.calibrate.gyroscope.gravity import across, directions
+from simval.calibrate.gyroscope.moves import Moves
+from simval.calibrate.gyroscope.noise import (
+    GyroscopeNoise,
+    floored,
+    rest_bias,
+    rest_weights,
+)
+from simval.calibrate.gyroscope.refusal import relative_rows, require_told, worst_sd
+from simval.calibrate.gyroscope.result import GyroscopeFit
+from simval.calibrate.gyroscope.rows import gap_values
+from simval.calibrate.gyroscope.start import first_matrix
+from simval.calibrate.gyroscope.turn import turn
+from simval.calibrate.result import FitResult
+from simval.errors import GeometryError, InputError
+from simval.shapes import Float
+
+ESTIMATORS: Final = ("joint", "generalised", "unweighted")
+BIASES: Final = ("constant", "first rest", "line")
+_FAR: Final = 0.3  # rad, rms of the rows: turned to somewhere else
+
+
+def calibrate_gyroscope(
+    moves: Moves,
+    poses: Any,
+    accelerometer: FitResult,
+    *,
+    pose_std: Any,
+    angle_random_walk: Any = None,
+    bias_random_walk: float = 0.0,
+    estimator: str = "joint",
+    bias: str = "constant",
+    known_bias: Any = None,
+    start: Any = None,
+) -> GyroscopeFit:
+    """Fit M and B of a gyroscope to the moves between rests, one log or a batch.
+
+    Parameters
+    ----------
+    moves : Moves
+        Path statistics, see `moves_between`.
+    poses : array_like
+        Mean accelerometer reading of each rest, raw units, (n, 3) or (trials, n, 3).
+    accelerometer : FitResult
+        The accelerometer's calibration from the same rests.
+    pose_std : float or array_like
+        Noise of each axis of a pose mean, raw units: one number, (n,) or (n, 3).
+    angle_random_walk : float or array_like, optional
+        White noise N of the gyroscope, raw units per root hertz, one number or (3,);
+        from the scatter within rests if not given.
+    bias_random_walk : float, default 0.0
+        K, raw units times root hertz.
+    estimator : {"joint", "generalised", "unweighted"}
+        joint fits the accelerometer again, together with the gyroscope; generalised
+        keeps it, and counts its errors; unweighted is IMU-TK's least squares.
+    bias : {"constant", "first rest", "line"}
+        constant is estimated, from the rests and the moves; first rest is the mean of
+        that and kept (IMU-TK); line is what `moves` has taken out already.
+    known_bias : array_like, optional
+        Raw units, (3,): kept instead of the mean of the first rest.
+    start : array_like, optional
+        M to start from, (3, 3); found by itself if not given.
+
+    Returns
+    -------
+    GyroscopeFit
+        Parameters, covariance and status; the accelerometer's of a joint fit too.
+
+    Raises
+    ------
+    InputError
+        If an argument is not usable.
+    GeometryError
+        If the moves of one log do not tell the parameters. In a batch such a trial has
+        a status that says so, and NaN for its numbers.
+
+    Notes
+    -----
+    IMU-TK's calibration is ``estimator="unweighted", bias="first rest"`` on moves of
+    ``scheme="linear"``. The covariance is that of the stated noise, for each estimator
+    its own (`simval.calibrate.gyroscope.solve`).
+    """
+    instance("moves", moves, Moves)
+    instance("accelerometer", accelerometer, FitResult)
+    readings, theta = _readings(moves, poses, accelerometer)
+    noise = _noise(moves, readings, pose_std, angle_random_walk, bias_random_walk)
+    estimator = choice("estimator", estimator, ESTIMATORS)
+    setting = _setting(moves, accelerometer, noise, estimator, bias, known_bias)
+    u, _ = directions(setting.model, theta, readings, setting.g)
+    M = _start(moves, u, start)
+    M = approach(moves, setting, u, M)
+    refusals, condition = _judged(moves, setting, u, M)
+    single = np.ndim(poses) == 2
+    if single and refusals[0]:
+        raise GeometryError(refusals[0])
+    good = np.array([not text for text in refusals])
+    result = _empty(len(M), moves, setting, estimator, condition)
+    if good.any():
+        part = moves if good.all() else _taken(moves, good)
+        chosen = replace(setting, bias_value=setting.bias_value[good])
+        found = iterate(part, readings[good], chosen, theta[good], M[good])
+        _write(result, good, found, part, chosen, theta[good])
+    result["status"] = np.where(
+        good, result["status"], [f"refused: {text}" for text in refusals]
+    )
+    if single:
+        sd, _ = worst_sd(result["covariance"][0, A : 2 * A, A : 2 * A], found.M[0])
+        rows = relative_rows(found.linear.by_gyroscope[0], found.M[0])
+        require_told(rows, u[0], sd)
+        result = {name: value[0] for name, value in result.items()}
+    return GyroscopeFit(
+        model=setting.model,
+        estimator=estimator,
+        bias=bias,
+        dof=_dof(moves, setting),
+        **result,
+    )
+
+
+def _readings(
+    moves: Moves, poses: Any, accelerometer: FitResult
+) -> tuple[Float[Array, "t n 3"], Float[Array, "t 9"]]:
+    readings = physical_array("poses", poses, (None, 3))
+    readings = readings[None] if readings.ndim == 2 else readings
+    theta = np.atleast_2d(accelerometer.parameters)
+    trials, rests = moves.rest_rates.shape[:2]
+    fits = readings.shape[:2] == (trials, rests) and theta.shape == (trials, A)
+    if not fits or rests < 3:
+        msg = (
+            f"`moves` has {trials} trial(s) of {rests} rests, `poses` the shape "
+            f"{readings.shape} and the accelerometer {len(theta)} fit(s); give one "
+            "pose for each rest, three rests or more, and one fit for each trial"
+        )
+        raise InputError(msg)
+    if not np.isfinite(theta).all():
+        msg = (
+            "the accelerometer has not been calibrated in every trial; leave those out"
+        )
+        raise InputError(msg)
+    return readings, theta
+
+
+def _noise(
+    moves: Moves, readings: Array, pose_std: Any, walk: Any, drift: float
+) -> GyroscopeNoise:
+    n = readings.shape[1]
+    std = physical_array("pose_std", pose_std, ())
+    if std.shape == (n,):
+        std = std[:, None]
+    if std.shape not in ((), (n, 1), (n, 3)) or not np.all(std >= 0.0):
+        msg = (
+            f"`pose_std` has shape {std.shape}; give one number, or one of each pose "
+            f"({n},) or axis ({n}, 3), 0 or more"
+        )
+        raise InputError(msg)
+    given = moves.white.mean(axis=0) if walk is None else walk
+    N = physical_array("angle_random_walk", given, ())
+    if N.shape not in ((), (3,)) or not np.all(N >= 0.0):
+        msg = (
+            f"`angle_random_walk` has shape {N.shape}; give one number, or one of each "
+            "axis (3,), 0 or more"
+        )
+        raise InputError(msg)
+    noise = GyroscopeNoise(
+        angle_random_walk=np.broadcast_to(N, (3,)),
+        bias_random_walk=nonnegative_number("bias_random_walk", drift, "raw units"),
+        pose_std=np.broadcast_to(std, (n, 3)),
+    )
+    return floored(noise, moves, readings)
+
+
+def _setting(
+    moves: Moves,
+    accelerometer: FitResult,
+    noise: GyroscopeNoise,
+    estimator: str,
+    bias: str,
+    known: Any,
+) -> Setting:
+    bias = choice("bias", bias, BIASES)
+    weights = rest_weights(moves, first=bias == "first rest")
+    value, std = rest_bias(moves, noise, weights)
+    if known is not None and bias == "constant":
+        msg = f"`known_bias` is given and `bias` is {bias}; ask for first rest"
+        raise InputError(msg)
+    if known is not None:
+        value = physical_array("known_bias", known, (3,)) - moves.centre
+    return Setting(
+        model=accelerometer.model,
+        residual=accelerometer.residual,
+        g=accelerometer.g,
+        joint=estimator == "joint",
+        weighted=estimator != "unweighted",
+        bias="known" if bias == "first rest" else bias,
+        noise=noise,
+        bias_value=value,
+        bias_std=std,
+        weights=weights,
+    )
+
+
+def _start(moves: Moves, u: Float[Array, "t n 3"], start: Any) -> Float[Array, "t 3 3"]:
+    if start is not None:
+        given = physical_array("start", start, (3, 3))
+        return np.broadcast_to(given, (len(u), 3, 3))
+    E = across(u[:, 1:])
+    found = [first_matrix(moves.statistics[i], u[i], E[i]) for i in range(len(u))]
+    if not np.isfinite(found).all():
+        msg = "the gyroscope reads nothing between the rests; check its columns"
+        raise InputError(msg)
+    return np.array(found)
+
+
+def _judged(
+    moves: Moves, setting: Setting, u: Float[Array, "t n 3"], M: Float[Array, "t 3 3"]
+) -> tuple[list[str], Float[Array, " t"]]:
+    # why a trial is refused, empty where it is not, and the condition of its moves
+    moved = turn(coarse(moves, M), M, setting.bias_value)
+    E = across(u[:, 1:])
+    EC = E @ np.swapaxes(moved.C, -1, -2)
+    rows = np.cross(EC, u[:, :-1, None, :]) @ moved.slopes
+    off = np.sqrt((gap_values(moved.C, u, E) ** 2).mean(axis=1))
+    said, condition = [], np.full(len(u), np.inf)
+    for i, each in enumerate(rows.reshape(len(u), -1, 12)):
+        try:
+            condition[i] = require_told(relative_rows(each, M[i]), u[i]).condition
+            said.append("")
+        except GeometryError as refusal:
+            said.append(str(refusal))
+        if not said[-1] and not off[i] <= _FAR:
+            said[-1] = (
+                f"the moves end {off[i]:.2g} rad (rms) from where gravity is, whatever "
+                "the scale and the order of the axes; look at the time of both "
+                "sensors, at saturation, and whether the columns are what they are "
+                "taken for"
+            )
+    return said, condition
+
+
+def _dof(moves: Moves, setting: Setting) -> int:
+    k = moves.statistics.shape[1]
+    norms = k + 1 - A if setting.joint else 0
+    return 2 * k + norms - 9
+
+
+def _taken(moves: Moves, good: Any) -> Moves:
+    return replace(
+        moves,
+        statistics=moves.statistics[good],
+        centre=moves.centre[good],
+        rest_rates=moves.rest_rates[good],
+        white=moves.white[good],
+    )
+
+
+def _empty(
+    t: int, moves: Moves, setting: Setting, estimator: str, condition: Array
+) -> dict[str, Any]:
+    k = moves.statistics.shape[1]
+    shapes: dict[str, tuple[int, ...]] = {
+        "parameters": (12,), "accelerometer": (9,), "covariance": (21, 21),
+        "gap_angles": (k,), "chi2_per_dof": (), "step": (),
+    }  # fmt: skip
+    made: dict[str, Any] = {k: np.full((t, *v), np.nan) for k, v in shapes.items()}
+    made["status"] = np.full(t, "converged", dtype=object)
+    made["iterations"] = np.zeros(t, int)
+    made["condition"] = condition
+    return made
+
+
+def _write(
+    result: dict[str, Any],
+    good: Any,
+    found: Fitted,
+    moves: Moves,
+    setting: Setting,
+    theta: Float[Array, "t 9"],
+) -> None:
+    t, k = len(found.M), moves.statistics.shape[1]
+    matrix = found.M.reshape(t, 9)
+    result["parameters"][good] = np.concatenate(
+        [matrix, found.B + moves.centre], axis=1
+    )
+    result["accelerometer"][good] = found.theta
+    result["covariance"][good] = _whole(found, setting, theta, moves)
+    across2 = (found.r[:, : 2 * k].reshape(t, k, 2) ** 2).sum(axis=-1)
+    result["gap_angles"][good] = np.arcsin(np.minimum(np.sqrt(across2), 1.0))
+    dof = _dof(moves, setting)
+    chi2 = found.linear.gain.chi2(found.r)
+    result["chi2_per_dof"][good] = chi2 / dof if dof > 0 else np.nan
+    result["step"][good] = found.step
+    done = found.step <= 1e-3
+    result["status"][good] = np.where(done, "converged", "max iterations")
+    result["iterations"][good] = found.iterations
+
+
+def _whole(
+    found: Fitted, setting: Setting, theta: Float[Array, "t 9"], moves: Moves
+) -> Float[Array, "t 21 21"]:
+    # covariance of the accelerometer's nine, M and B
+    C = found.linear.gain.covariance
+    t, first = len(C), A if setting.joint else 0
+    whole = np.zeros((t, 21, 21))
+    if not setting.joint:
+        whole[:, :A, :A] = found.linear.accelerometer
+        whole[:, A : A + C.shape[1], :A] = found.linear.cross
+        whole[:, :A, A : A + C.shape[1]] = np.swapaxes(found.linear.cross, -1, -2)
+    start = A - first
+    whole[:, start : start + C.shape[1], start : start + C.shape[1]] = C
+    if setting.free == 9:
+        whole[:, [18, 19, 20], [18, 19, 20]] = setting.bias_std**2
+    return whole

@@ -1,0 +1,210 @@
+"""Accelerometer and gyroscope of one recording, calibrated together."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from simval.arguments import choice, switch
+from simval.arrays import Array, physical_array
+from simval.calibrate.fit import calibrate
+from simval.calibrate.gyroscope.calibration import calibrate_gyroscope
+from simval.calibrate.gyroscope.choice import (
+    Rests,
+    Sensitivity,
+    choose_bias,
+    choose_sensitivity,
+)
+from simval.calibrate.gyroscope.moves import Moves, moves_between
+from simval.calibrate.gyroscope.result import GyroscopeFit, ImuFit
+from simval.calibrate.result import FitResult
+from simval.errors import InputError
+from simval.sensor import forms
+from simval.shapes import Float
+
+_CHOICES = ("auto", "constant", "line")
+
+
+def calibrate_imu(
+    time: Any,
+    accelerometer: Any,
+    gyroscope: Any,
+    intervals: Any,
+    *,
+    g: float = 9.80665,
+    model: str = "triangular",
+    pose_std: Any = None,
+    angle_random_walk: Any = None,
+    bias_random_walk: float | None = None,
+    bias: str = "auto",
+    sensitivity: bool | None = None,
+    estimator: str = "joint",
+    scheme: str = "averages",
+    margin: int = 10,
+    chunk: int = 1,
+    start: Any = None,
+) -> ImuFit:
+    """Calibrate both sensors from their rows and the rests among them.
+
+    Parameters
+    ----------
+    time : array_like
+        Time of each row, s, (n,).
+    accelerometer : array_like
+        Raw readings, (n, 3).
+    gyroscope : array_like
+        Raw readings, (n, 3).
+    intervals : array_like
+        Rows of each rest, start <= row < stop, in order, (m, 2).
+    g : float, default 9.80665
+        Local gravity, m/s^2.
+    model : {"triangular", "upper", "symmetric"}
+        Form of the accelerometer, which fixes the axes of both.
+    pose_std : float or array_like, optional
+        Noise of each axis of a pose mean, raw units, one number, (m,) or (m, 3); white
+        noise from the scatter within rests if not given.
+    angle_random_walk : float or array_like, optional
+        White noise N of the gyroscope, raw units per root hertz, one number or (3,);
+        from the scatter within rests if not given.
+    bias_random_walk : float, optional
+        K of the gyroscope, raw units times root hertz; from the differences between
+        rests if not given.
+    bias : {"auto", "constant", "line"}
+        Model of the bias; auto chooses by evidence.
+    sensitivity : bool, optional
+        Whether specific force acts on the gyroscope; by the F test if not given.
+    estimator : {"joint", "generalised", "unweighted"}
+        As in `calibrate_gyroscope`.
+    scheme : {"averages", "cubic", "linear"}
+        What a row is, and how it is integrated.
+    margin : int, default 10
+        Rows by which a move reaches into the rests beside it.
+    chunk : {1, 2, 4, 8}
+        Steps that are merged into one.
+    start : array_like, optional
+        M to start from, (3, 3).
+
+    Returns
+    -------
+    ImuFit
+        Both calibrations with the covariance of all 21 parameters, and the reasons of
+        what was chosen.
+
+    Raises
+    ------
+    InputError
+        If an argument is not usable.
+    RefusedError
+        If the rests or the moves do not tell the parameters, or rows are missing.
+    """
+    bias = choice("bias", bias, _CHOICES)
+    asked = None if sensitivity is None else switch("sensitivity", sensitivity)
+    rows = physical_array("accelerometer", accelerometer, (None, 3))
+    moves = moves_between(
+        time, gyroscope, intervals, scheme=scheme, margin=margin, chunk=chunk
+    )
+    if rows.ndim != 2 or len(rows) != len(np.asarray(time)):
+        msg = (
+            f"`accelerometer` has shape {rows.shape} for {len(np.asarray(time))} rows "
+            "of time; give a reading of each, (n, 3)"
+        )
+        raise InputError(msg)
+    at = np.asarray(intervals, dtype=np.intp)
+    poses = np.array([rows[a:b].mean(axis=0) for a, b in at])
+    std = _white(rows, at) if pose_std is None else pose_std
+    acc = _accelerometer(poses, std, g, model)
+    walk = np.broadcast_to(
+        moves.white[0] if angle_random_walk is None else angle_random_walk, (3,)
+    ).astype(float)
+    rests = _rests(moves)
+    found = choose_sensitivity(
+        rests, acc.sensor().correct(poses), walk, bias_random_walk, asked=asked
+    )
+    rests = replace(rests, rates=rests.rates - acc.sensor().correct(poses) @ found.G.T)
+    chosen, drift, said = choose_bias(rests, walk, bias_random_walk)
+    if bias != "auto" and bias != chosen:
+        chosen, said = bias, f"bias: {bias}, as asked; by evidence {said}"
+    more, known = _taken_out(time, acc, rows, found, rests, chosen)
+    if more:
+        moves = moves_between(
+            time,
+            gyroscope,
+            intervals,
+            scheme=scheme,
+            margin=margin,
+            chunk=chunk,
+            **more,
+        )
+    fit = calibrate_gyroscope(
+        moves, poses, acc, pose_std=std, angle_random_walk=walk,
+        bias_random_walk=drift, estimator=estimator, bias=chosen, known_bias=known,
+        start=start,
+    )  # fmt: skip
+    return ImuFit(
+        accelerometer=_joined(acc, fit, poses),
+        gyroscope=fit,
+        reasons=(said, found.reason),
+        G=found.G,
+    )
+
+
+def _white(rows: Float[Array, "n 3"], rests: Any) -> Float[Array, "m 3"]:
+    # what white noise leaves in the mean of each rest, by axis
+    squares = sum(rows[a:b].var(axis=0) * (b - a) for a, b in rests)
+    counts = np.diff(rests)[:, 0]
+    return np.sqrt(squares / (counts.sum() - len(counts)) / counts[:, None])
+
+
+def _accelerometer(poses: Array, std: Any, g: float, model: str) -> FitResult:
+    level = np.asarray(std, dtype=float)
+    if level.ndim == 2:
+        level = np.sqrt((level**2).mean(axis=1))
+    known = None if not np.all(level > 0.0) else level
+    fit = calibrate(poses, g, model, residual="weighted", noise_std=known)
+    return fit.require_converged()
+
+
+def _rests(moves: Moves) -> Rests:
+    return Rests(
+        rates=moves.rest_rates[0],
+        times=moves.rest_times,
+        seconds=moves.rest_seconds,
+        moves=moves.seconds,
+    )
+
+
+def _taken_out(
+    time: Any,
+    acc: FitResult,
+    rows: Float[Array, "n 3"],
+    found: Sensitivity,
+    rests: Rests,
+    bias: str,
+) -> tuple[dict[str, Any], Any]:
+    # what the rows lose before they are integrated, and the bias that is then left
+    more: dict[str, Any] = {}
+    known = None
+    if found.kept:
+        force = acc.sensor().correct(rows)
+        more = {"force": force, "force_noise": found.shape, "offset": force @ found.G.T}
+    if bias == "line":
+        known = np.average(rests.rates, axis=0, weights=rests.seconds)
+        clock = np.asarray(time, dtype=float)
+        line = [np.interp(clock, rests.times, y) for y in (rests.rates - known).T]
+        more["offset"] = more.get("offset", 0.0) + np.stack(line, axis=1)
+    return more, known
+
+
+def _joined(acc: FitResult, fit: GyroscopeFit, poses: Float[Array, "n 3"]) -> FitResult:
+    # the accelerometer as the joint fit leaves it
+    if fit.estimator != "joint":
+        return acc
+    M = forms.matrix(acc.model, fit.accelerometer)
+    length = np.linalg.norm((poses - fit.accelerometer[6:]) @ M.T, axis=1)
+    return replace(
+        acc,
+        parameters=fit.accelerometer,
+        covariance=fit.covariance[:9, :9],
+        covariance_kind="known sigma",
+        rms=np.sqrt(((length - acc.g) ** 2).mean()),
+    )

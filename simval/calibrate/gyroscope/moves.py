@@ -1,0 +1,220 @@
+"""Moves between rests: what a recording of a gyroscope is reduced to."""
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from simval.arguments import choice, whole_number
+from simval.arrays import Array, finite_array, frozen, physical_array
+from simval.calibrate.gyroscope.statistics import SCHEMES, path_statistics
+from simval.errors import InputError, RefusedError
+from simval.shapes import Float
+
+_HOLE = 3.5  # steps; a row or two may be missing, a move is not told without more
+_LEAST_REST = 3  # rows, of which two may be given to the moves
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Moves:
+    """Path statistics of the moves between rests, and the rests' mean readings.
+
+    Leading axis t: trials, 1 for a recording.
+
+    Attributes
+    ----------
+    statistics : Array
+        Of the readings less `centre`, eq. (N1), (t, k, 10, j).
+    centre : Array
+        Mean of the rests' means, raw units, (t, 3).
+    rest_rates : Array
+        Mean reading of each rest, raw units, less what was taken out, (t, k + 1, 3).
+    rest_seconds : Array
+        Time that each of these means covers, s, (k + 1,).
+    rest_times : Array
+        Middle of each, s, (k + 1,).
+    times : Array
+        Middle of each chunk, s, (k, j).
+    white : Array
+        White noise N of each axis from the scatter within rests, raw units per root
+        hertz, (t, 3).
+    seconds : Array
+        Time of each move, s, (k,).
+    force : Array
+        Integral of the specific force over each chunk, m/s, (k, 3, j); empty unless
+        what it does has been taken out.
+    force_noise : Array
+        Covariance of the bias and of a row of the sensitivity that was taken out, over
+        the variance N^2, (4, 4); zero if none was.
+    """
+
+    statistics: Float[Array, "t k 10 j"]
+    centre: Float[Array, "t 3"]
+    rest_rates: Float[Array, "t n 3"]
+    rest_seconds: Float[Array, " n"]
+    rest_times: Float[Array, " n"]
+    times: Float[Array, "k j"]
+    white: Float[Array, "t 3"]
+    seconds: Float[Array, " k"]
+    force: Float[Array, "k 3 f"]
+    force_noise: Float[Array, "4 4"]
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            object.__setattr__(self, each.name, frozen(getattr(self, each.name)))
+
+
+def moves_between(
+    time: Any,
+    rates: Any,
+    intervals: Any,
+    *,
+    scheme: str = "averages",
+    margin: int = 10,
+    chunk: int = 1,
+    offset: Any = None,
+    force: Any = None,
+    force_noise: Any = None,
+) -> Moves:
+    """Reduce a gyroscope's rows to the moves between rests.
+
+    Parameters
+    ----------
+    time : array_like
+        Time of each row, s, (n,).
+    rates : array_like
+        Raw readings, (n, 3), or of several trials on one clock, (trials, n, 3).
+    intervals : array_like
+        Rows of each rest, start <= row < stop, in order, (m, 2).
+    scheme : {"averages", "cubic", "linear"}
+        What a row is, and how it is integrated; see `statistics`.
+    margin : int, default 10
+        Rows by which a move reaches into the rests beside it, so that a delay between
+        the sensors costs nothing; a third of a shorter rest at most.
+    chunk : {1, 2, 4, 8}
+        Steps that are merged into one. The third order of what a chunk turns is left
+        out: 1e-5 rad of a move of one second at 100 Hz and chunks of 2.
+    offset : array_like, optional
+        Readings to take out of each row before, raw units, as `rates`: a bias that
+        moves, or what the specific force does.
+    force : array_like, optional
+        Specific force of each row, m/s^2, (n, 3), if what it does is in `offset`.
+    force_noise : array_like, optional
+        Covariance of that, as in `Moves`, (4, 4); needed with `force`.
+
+    Returns
+    -------
+    Moves
+        Path statistics and means of the rests.
+
+    Raises
+    ------
+    InputError
+        If an argument is not usable.
+    RefusedError
+        If rows are missing in a move, or a rest is too short.
+    """
+    scheme = choice("scheme", scheme, SCHEMES)
+    chunk = choice("chunk", chunk, (1, 2, 4, 8))
+    margin = whole_number("margin", margin, 0)
+    y = physical_array("rates", rates, (None, 3))
+    y = y[None] if y.ndim == 2 else y
+    if offset is not None:
+        y = y - physical_array("offset", offset, (None, 3))
+    t = finite_array("time", time, (None,))
+    rows = _checked(t, y, intervals)
+    step = np.diff(t, prepend=2.0 * t[0] - t[1])
+    inner = np.minimum(margin, np.maximum(np.diff(rows)[:, 0] // 3, 1))
+    first, last = rows[:-1, 1] - 1 - inner[:-1], rows[1:, 0] + inner[1:]
+    _require_no_holes(step, first, last)
+    lo, hi = rows[:, 0] + inner, rows[:, 1] - inner
+    lo[0], hi[-1] = rows[0, 0], rows[-1, 1]  # nothing moves before the first rest
+    means, white = _rest_means(y, step, lo, hi)
+    centre = means.mean(axis=1)
+    statistics = path_statistics(y - centre[:, None], step, first, last, scheme, chunk)
+    spent = statistics[0, :, 9]
+    return Moves(
+        statistics=statistics,
+        centre=centre,
+        rest_rates=means,
+        rest_seconds=(hi - lo) * float(np.median(step)),
+        rest_times=0.5 * (t[lo] + t[hi - 1]),
+        times=t[first][:, None] + np.cumsum(spent, axis=1) - 0.5 * spent,
+        white=white,
+        seconds=t[last] - t[first],
+        **_forces(force, force_noise, step, first, last, statistics.shape[-1], chunk),
+    )
+
+
+def _forces(
+    force: Any, noise: Any, step: Array, first: Any, last: Any, chunks: int, chunk: int
+) -> dict[str, Array]:
+    # integrals of the specific force over the chunks
+    if force is None:
+        return {"force": np.zeros((len(first), 3, 0)), "force_noise": np.zeros((4, 4))}
+    rows = physical_array("force", force, (len(step), 3))
+    shape = physical_array("force_noise", noise, (4, 4))
+    made = np.zeros((len(first), 3, chunks * chunk))
+    for k, (a, b) in enumerate(zip(first, last, strict=True)):
+        made[k, :, : b - a] = (rows[a + 1 : b + 1] * step[a + 1 : b + 1, None]).T
+    summed = made.reshape(len(first), 3, chunks, chunk).sum(axis=-1)
+    return {"force": summed, "force_noise": shape}
+
+
+def _checked(time: Array, y: Array, intervals: Any) -> Any:
+    rows = finite_array("intervals", intervals, (None, 2))
+    if time.ndim != 1 or y.ndim != 3 or y.shape[1] != len(time) or len(time) < 2:
+        msg = (
+            f"`time` has shape {time.shape} and `rates` {y.shape[1:]}; give a time of "
+            "each row (n,) and its readings (n, 3)"
+        )
+        raise InputError(msg)
+    if not np.all(np.diff(time) > 0.0):
+        where = int(np.argmin(np.diff(time))) + 1
+        msg = (
+            f"`time` does not rise at row {where}; sort the rows, or cut the log there"
+        )
+        raise InputError(msg)
+    flat = rows.reshape(-1)
+    whole = rows.ndim == 2 and len(rows) >= 2 and np.all(flat == np.round(flat))
+    if not (whole and flat[0] >= 0 and flat[-1] <= len(time)):
+        msg = (
+            "`intervals` must be rows of two whole numbers, 0 <= start < stop, at "
+            f"least two and none beyond row {len(time)}, (m, 2)"
+        )
+        raise InputError(msg)
+    if not np.all(np.diff(flat) >= 0) or not np.all(np.diff(rows) >= _LEAST_REST):
+        msg = (
+            f"`intervals` overlap, are not in order, or are below {_LEAST_REST} rows; "
+            "give the rests in order of time"
+        )
+        raise InputError(msg)
+    return rows.astype(np.intp)
+
+
+def _require_no_holes(step: Array, first: Any, last: Any) -> None:
+    usual = float(np.median(step))
+    for k, (a, b) in enumerate(zip(first, last, strict=True)):
+        longest = a + 1 + int(np.argmax(step[a + 1 : b + 1]))
+        if step[longest] > _HOLE * usual:
+            msg = (
+                f"rows are missing in the move between rests {k} and {k + 1}: "
+                f"{step[longest]:.3g} s before row {longest}, where {usual:.3g} s is "
+                "usual; what was turned there is not known, so leave out the rests "
+                "before or after it, or record again"
+            )
+            raise RefusedError(msg)
+
+
+def _rest_means(
+    y: Array, step: Array, lo: Any, hi: Any
+) -> tuple[Float[Array, "t n 3"], Float[Array, "t 3"]]:
+    # means of the rests, and white noise N from the differences of neighbouring rows,
+    # which a drift does not inflate
+    means = np.stack([y[:, a:b].mean(axis=1) for a, b in zip(lo, hi, strict=True)], 1)
+    squares, count = np.zeros((len(y), 3)), 0
+    for a, b in zip(lo, hi, strict=True):
+        squares += (np.diff(y[:, a:b], axis=1) ** 2).sum(axis=1)
+        count += b - a - 1
+    per_row = squares / (2.0 * max(count, 1))
+    return means, np.sqrt(per_row * float(np.median(step)))

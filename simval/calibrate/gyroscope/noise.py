@@ -1,0 +1,173 @@
+r"""What is known of a gyroscope's noise, and what the rests say of its bias.
+
+White noise N leaves the angle a random walk of variance :math:`N^2 t`, and the mean of
+a rest of :math:`T_r` seconds the variance :math:`N^2/T_r`; the bias walks by
+:math:`K^2 t`. A constant bias from rests of cumulative weights W(s), in moves of G(s),
+is off by :math:`N^2 \sum w_i^2/T_i + K^2 \int (W - G)^2 ds`. A line between the
+neighbouring rests leaves a move, for the walk, the noise of a Brownian bridge,
+:math:`K^2 T^3/12` in the angle, and for the white noise that of the two rests.
+"""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from simval.arrays import Array, frozen
+from simval.calibrate.gyroscope.moves import Moves
+from simval.calibrate.gyroscope.rows import Rows
+from simval.calibrate.gyroscope.turn import Turn, bias_slopes
+from simval.shapes import Float
+
+# Of the readings' own size: below it noise is rounding, and V is still positive.
+_FLOOR = 1e-11
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GyroscopeNoise:
+    """Noise of the gyroscope and of the accelerometer's pose means.
+
+    Attributes
+    ----------
+    angle_random_walk : Array
+        White noise N of each axis, raw units per root hertz, (3,).
+    bias_random_walk : float
+        K, raw units times root hertz.
+    pose_std : Array
+        Noise of each axis of each pose mean, raw units of the accelerometer, (n, 3).
+    """
+
+    angle_random_walk: Float[Array, "3"]
+    bias_random_walk: float
+    pose_std: Float[Array, "n 3"]
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            value = getattr(self, each.name)
+            if each.name != "bias_random_walk":
+                object.__setattr__(self, each.name, frozen(value))
+
+
+def floored(noise: GyroscopeNoise, moves: Moves, poses: Array) -> GyroscopeNoise:
+    """Noise that is at least rounding, so that a covariance can be factorised."""
+    way = np.sqrt((moves.statistics[:, :, :3] ** 2).sum(axis=2)).sum(axis=-1)
+    typical = float(np.median(way)) / float(np.median(moves.seconds)) ** 0.5
+    size = float(np.sqrt((poses**2).mean()))
+    return GyroscopeNoise(
+        angle_random_walk=np.maximum(noise.angle_random_walk, _FLOOR * typical),
+        bias_random_walk=noise.bias_random_walk,
+        pose_std=np.maximum(noise.pose_std, _FLOOR * size),
+    )
+
+
+def rest_weights(moves: Moves, *, first: bool = False) -> Float[Array, " n"]:
+    """Weight of each rest in the bias: by its time, or all for the first."""
+    if first:
+        return np.eye(len(moves.rest_seconds))[0]
+    return moves.rest_seconds / moves.rest_seconds.sum()
+
+
+def rest_bias(
+    moves: Moves, noise: GyroscopeNoise, w: Float[Array, " n"]
+) -> tuple[Float[Array, "t 3"], Float[Array, "3"]]:
+    """Mean bias of the rests, less the centre, and what white noise leaves in it."""
+    mean = np.einsum("n,tni->ti", w, moves.rest_rates)
+    white = float(np.sum(w * w / moves.rest_seconds))
+    return mean - moves.centre, noise.angle_random_walk * np.sqrt(white)
+
+
+def walk_covariance(
+    times: Float[Array, " m"], w: Float[Array, " n"], rests: Float[Array, " n"]
+) -> Float[Array, "m m"]:
+    """Covariance of a unit walk at some times, less its mean over the rests."""
+    every = np.concatenate([times, rests])
+    walk = np.minimum(every[:, None], every) - every.min()
+    less = np.concatenate([np.eye(len(times)), -np.tile(w, (len(times), 1))], axis=1)
+    return less @ walk @ less.T
+
+
+def drift_noise(
+    rows: Rows, moves: Moves, noise: GyroscopeNoise, w: Float[Array, " n"]
+) -> Float[Array, "t r m"]:
+    """Noise of the gaps by a bias that walks, where it is held for constant."""
+    t, k = moves.statistics.shape[:2]
+    middle = moves.times[:, 0] + 0.5 * moves.seconds
+    covariance = walk_covariance(middle, w, moves.rest_times)
+    # a walk that has been seen at fewer times than moves leaves roots of zero
+    values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    by_bias = rows.by_gyroscope[..., 9:].reshape(t, k, 2, 3)
+    L = np.einsum("tkeb,km->tkemb", by_bias, noise.bias_random_walk * root)
+    return L.reshape(t, 2 * k, -1)
+
+
+def line_noise(
+    rows: Rows,
+    moved: Turn,
+    moves: Moves,
+    M: Float[Array, "t 3 3"],
+    B: Float[Array, "t 3"],
+    noise: GyroscopeNoise,
+) -> tuple[Float[Array, "t r m"], Float[Array, "t k 3 3"]]:
+    """Noise of a line between rests: of each rest's mean, and of the walk in a move.
+
+    Returns the map of unit noises of the rests' means to the rows, and the covariance
+    of the moves' turns.
+    """
+    t, k = moves.statistics.shape[:2]
+    start, end = moves.rest_times[:-1, None], moves.rest_times[1:, None]
+    along = (moves.times - start) / (end - start)
+    std = noise.angle_random_walk / np.sqrt(moves.rest_seconds)[:, None]
+    L = np.zeros((t, k, 2, k + 1, 3))
+    gap = np.arange(k)
+    for weights, rest in ((1.0 - along, gap), (along, gap + 1)):
+        turned = bias_slopes(moved, moves.statistics, M, B, weights)
+        pull = rows.by_turn @ turned * std[rest][:, None]
+        L[:, gap, :, rest] = np.moveaxis(pull, 1, 0)
+    return L.reshape(t, 2 * k, -1), _bridge(moved, moves, M, noise)
+
+
+def _bridge(
+    moved: Turn, moves: Moves, M: Float[Array, "t 3 3"], noise: GyroscopeNoise
+) -> Float[Array, "t k 3 3"]:
+    # theta = int A (b - line) dt = int g dW, g(s) = int_s A dt - int (t / T) A dt
+    t, k, _, j = moves.statistics.shape
+    tau = moves.statistics[0, :, 9]  # k j
+    A = np.moveaxis(moved.D.reshape(t, k, 3, 3, j), -1, 2) @ M[:, None, None]
+    pulls = A * tau[:, :, None, None]  # t k j 3 3
+    length = (moves.rest_times[1:] - moves.rest_times[:-1])[:, None]
+    along = (moves.times - moves.rest_times[:-1, None]) / length
+    whole = (pulls * along[:, :, None, None]).sum(axis=2, keepdims=True)
+    later = np.cumsum(pulls[:, :, ::-1], axis=2)[:, :, ::-1] - 0.5 * pulls
+    g = later - whole
+    inside = np.einsum("tkjab,tkjcb,kj->tkac", g, g, tau)
+    # before the move the integral is whole, after it nothing is left of it
+    total = pulls.sum(axis=2) - whole[:, :, 0]
+    begin = moves.times[:, 0] - 0.5 * tau[:, 0] - moves.rest_times[:-1]
+    rest = length[:, 0] - begin - tau.sum(axis=1)
+    square = np.einsum("tkab,tkcb,k->tkac", total, total, begin)
+    square += np.einsum("tkab,tkcb,k->tkac", whole[:, :, 0], whole[:, :, 0], rest)
+    return noise.bias_random_walk**2 * (inside + square)
+
+
+def sensitivity_noise(
+    rows: Rows,
+    moved: Turn,
+    moves: Moves,
+    M: Float[Array, "t 3 3"],
+    noise: GyroscopeNoise,
+) -> tuple[Float[Array, "t r 9"], Float[Array, "3 9"]]:
+    """Noise of a sensitivity that was taken out: in the gaps, and in the rests' bias.
+
+    The regression on the rests gives each axis a row of G with the covariance
+    :math:`N^2 C`; the mean reading less G times the mean force is the bias.
+    """
+    t, k, _, j = moves.statistics.shape
+    C = moves.force_noise[1:, 1:]
+    root = np.linalg.cholesky(C)
+    mean = -np.linalg.solve(C, moves.force_noise[1:, 0])
+    DM = np.moveaxis(moved.D.reshape(t, k, 3, 3, j), -1, 2) @ M[:, None, None]
+    by_G = np.einsum("tkjia,kbj->tkiab", DM, moves.force)
+    unit = np.einsum("tkiab,bq,a->tkiaq", by_G, root, noise.angle_random_walk)
+    gaps = -rows.by_turn @ unit.reshape(t, k, 3, 9)
+    bias = np.einsum("ac,q,a->acq", np.eye(3), mean @ root, noise.angle_random_walk)
+    return gaps.reshape(t, 2 * k, 9), bias.reshape(3, 9)

@@ -1,0 +1,312 @@
+"""The result of a gyroscope's calibration, alone or with the accelerometer's."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import scipy
+
+from simval.arrays import Array, frozen, real_number
+from simval.calibrate.result import FitResult
+from simval.errors import ConvergenceError, InputError
+from simval.sensor import GyroscopeFactors, GyroscopeModel, forms, gyroscope_factors
+from simval.shapes import Float
+from simval.text import shown
+
+NAMES = (*(f"M_{a}{b}" for a in "xyz" for b in "xyz"), "B_x", "B_y", "B_z")
+_ARRAYS = (
+    "parameters", "accelerometer", "covariance", "chi2_per_dof", "condition",
+    "gap_angles", "step",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GyroscopeFit:
+    """Calibration of a gyroscope beside an accelerometer, one or a batch of trials.
+
+    Leading axes ``...`` are empty for one recording and (trials,) for a batch; a trial
+    that was refused is NaN in every number. The gyroscope's axes are those of the
+    accelerometer's form (`model`): see the gauge in `simval.sensor.gyroscope`.
+
+    Attributes
+    ----------
+    model : str
+        Form of the accelerometer: triangular, upper or symmetric.
+    estimator : str
+        joint, generalised or unweighted.
+    bias : str
+        constant (estimated), first rest, or line (taken out between neighbours).
+    parameters : Array
+        M row by row and B, in the order of `names`, (..., 12).
+    accelerometer : Array
+        The accelerometer's nine, whose axes these are, (..., 9).
+    covariance : Array
+        Of the accelerometer's nine and these twelve together, (..., 21, 21).
+    dof : int
+        Rows less parameters.
+    status : Array of str
+        ``converged``, ``max iterations`` or ``refused: ...``, (...).
+    iterations : Array of int
+        Evaluations of the moves, (...).
+    chi2_per_dof : Array
+        Weighted sum of squares by degree of freedom, (...).
+    condition : Array
+        Condition of the moves, eq. (N7) of `observability`, (...).
+    gap_angles : Array
+        Between gravity as turned and as read at the end of each gap, rad, (..., k).
+    step : Array
+        Greatest last step over its standard deviation, (...).
+    """
+
+    model: str
+    estimator: str
+    bias: str
+    parameters: Float[Array, "... 12"]
+    accelerometer: Float[Array, "... 9"]
+    covariance: Float[Array, "... 21 21"]
+    dof: int
+    status: Any
+    iterations: Any
+    chi2_per_dof: Float[Array, "..."]
+    condition: Float[Array, "..."]
+    gap_angles: Float[Array, "... k"]
+    step: Float[Array, "..."]
+
+    def __post_init__(self) -> None:
+        for name in _ARRAYS:
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the twelve parameters."""
+        return NAMES
+
+    @property
+    def M(self) -> Float[Array, "... 3 3"]:
+        """Raw units to rad/s in the accelerometer's axes, (..., 3, 3)."""
+        return self.parameters[..., :9].reshape(*self.parameters.shape[:-1], 3, 3)
+
+    @property
+    def B(self) -> Float[Array, "... 3"]:
+        """Bias, raw units, (..., 3); of a line its mean over the rests."""
+        return self.parameters[..., 9:]
+
+    @property
+    def own_covariance(self) -> Float[Array, "... 12 12"]:
+        """Covariance of the twelve parameters, (..., 12, 12)."""
+        return self.covariance[..., 9:, 9:]
+
+    @property
+    def sd(self) -> Float[Array, "... 12"]:
+        """Standard deviation of each parameter, (..., 12)."""
+        return np.sqrt(np.diagonal(self.own_covariance, axis1=-2, axis2=-1))
+
+    @property
+    def sd_from_residuals(self) -> Float[Array, "... 12"]:
+        """Standard deviations for as much noise as the residuals show, (..., 12)."""
+        excess = np.sqrt(np.maximum(self.chi2_per_dof, 1.0))
+        return self.sd * excess[..., None]
+
+    @property
+    def cost(self) -> Float[Array, "..."]:
+        """Half the sum of squared differences of unit vectors, IMU-TK's cost, (...)."""
+        return (2.0 * np.sin(self.gap_angles / 2.0) ** 2).sum(axis=-1)
+
+    @property
+    def converged(self) -> Any:
+        """Whether each trial converged, (...) of bool."""
+        return self.status == "converged"
+
+    @property
+    def intervals(self) -> Float[Array, "... 12 2"]:
+        """Confidence intervals at 95 percent, (..., 12, 2)."""
+        return self.confidence_intervals(0.95)
+
+    def confidence_intervals(self, level: float) -> Float[Array, "... 12 2"]:
+        """Confidence interval of each parameter, for the noise that was stated.
+
+        Parameters
+        ----------
+        level : float
+            Probability that an interval covers the truth, between 0 and 1.
+
+        Returns
+        -------
+        Array
+            Lower and upper limit, (..., 12, 2).
+
+        Raises
+        ------
+        InputError
+            If `level` is not between 0 and 1.
+        """
+        if not 0.0 < real_number("level", level, "") < 1.0:
+            msg = f"`level` is {shown(level)}; it must be a probability between 0 and 1"
+            raise InputError(msg)
+        half = -scipy.special.ndtri((1.0 - level) / 2.0) * self.sd
+        return np.stack([self.parameters - half, self.parameters + half], axis=-1)
+
+    def factors(self, form: str = "misalignment-scale") -> GyroscopeFactors:
+        """M of one fit as others write it, with its covariance.
+
+        Parameters
+        ----------
+        form : {"misalignment-scale", "kalibr", "polar"}
+            Form wanted.
+
+        Returns
+        -------
+        GyroscopeFactors
+            The factors.
+        """
+        self._require_one()
+        return gyroscope_factors(self.M, self.own_covariance[:9, :9], form=form)
+
+    def to_form(self, model: str) -> "GyroscopeFit":
+        """Return one fit beside another form of the accelerometer.
+
+        The accelerometer's axes turn by Q and M becomes Q M, the gauge of
+        `simval.sensor.gyroscope`; Q depends on the accelerometer's parameters, so the
+        covariance of all 21 is carried together.
+
+        Parameters
+        ----------
+        model : str
+            Form wanted: triangular, upper or symmetric.
+
+        Returns
+        -------
+        GyroscopeFit
+            The same sensors.
+        """
+        self._require_one()
+        old = self.accelerometer
+        new, _ = forms.convert(old, None, source=self.model, target=model)
+        Q = forms.matrix(model, new) @ np.linalg.inv(forms.matrix(self.model, old))
+        J = _frame_jacobian(self.model, model, old, new, self.M)
+        return replace(
+            self,
+            model=model,
+            accelerometer=new,
+            parameters=np.concatenate([(Q @ self.M).ravel(), self.B]),
+            covariance=J @ self.covariance @ J.T,
+        )
+
+    def sensor(self) -> GyroscopeModel:
+        """Return the calibrated gyroscope of a single fit.
+
+        Returns
+        -------
+        GyroscopeModel
+            M and B, without noise.
+        """
+        self._require_one()
+        return GyroscopeModel(M=self.M, B=self.B)
+
+    def require_converged(self) -> "GyroscopeFit":
+        """Return the fit if every trial converged.
+
+        Returns
+        -------
+        GyroscopeFit
+            This fit.
+
+        Raises
+        ------
+        ConvergenceError
+            If a trial did not converge.
+        """
+        bad = np.flatnonzero(~np.atleast_1d(self.converged))
+        if bad.size:
+            status = np.atleast_1d(self.status)[bad[0]]
+            msg = (
+                f"{bad.size} gyroscope fit(s) did not converge, the first is trial "
+                f"{bad[0]} ({status}): look for rests that do not belong, for another "
+                "order of the axes, and give a `start` near the truth"
+            )
+            raise ConvergenceError(msg)
+        return self
+
+    def as_object(self) -> dict[str, Any]:
+        """One fit as plain JSON values.
+
+        Returns
+        -------
+        dict
+            Names, parameters, error bars, factors and statistics.
+        """
+        scaled = self.factors()
+        return {
+            "axes": f"accelerometer, {self.model} form",
+            "estimator": self.estimator,
+            "bias_model": self.bias,
+            "names": list(self.names),
+            "parameters": self.parameters.tolist(),
+            "sd": self.sd.tolist(),
+            "M": self.M.tolist(),
+            "B": self.B.tolist(),
+            "T": scaled.shape.tolist(),
+            "K": np.diagonal(scaled.rest).tolist(),
+            "T_K_names": list(scaled.names),
+            "T_K_sd": scaled.sd.tolist(),
+            "chi2_per_dof": float(self.chi2_per_dof),
+            "dof": self.dof,
+            "condition": float(self.condition),
+            "sd_from_residuals": self.sd_from_residuals.tolist(),
+            "gap_angles_rad": self.gap_angles.tolist(),
+            "status": str(self.status),
+        }
+
+    def _require_one(self) -> None:
+        if self.parameters.ndim != 1:
+            msg = (
+                f"this is a batch of {self.parameters.shape[0]} trials; a sensor is "
+                "made from one of them"
+            )
+            raise InputError(msg)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ImuFit:
+    """Accelerometer and gyroscope of one recording.
+
+    Attributes
+    ----------
+    accelerometer : FitResult
+        Nine parameters with their covariance.
+    gyroscope : GyroscopeFit
+        Twelve parameters; its covariance holds all 21.
+    reasons : tuple of str
+        What was chosen (model of the bias, sensitivity to force), and why.
+    G : Array
+        Sensitivity to specific force that was taken out, raw units per m/s^2, (3, 3);
+        zero where there is none.
+    """
+
+    accelerometer: FitResult
+    gyroscope: GyroscopeFit
+    reasons: tuple[str, ...]
+    G: Float[Array, "3 3"]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "G", frozen(self.G))
+
+
+def _frame_jacobian(
+    source: str,
+    target: str,
+    old: Float[Array, "9"],
+    new: Float[Array, "9"],
+    M: Float[Array, "3 3"],
+) -> Float[Array, "21 21"]:
+    # new accelerometer parameters and Q M, by the old ones; Q = M_new M_old^-1
+    J = np.eye(21)
+    J[:9, :9] = forms.conversion_jacobian(old, new, source=source, target=target)
+    inverse = np.linalg.inv(forms.matrix(source, old))
+    Q = forms.matrix(target, new) @ inverse
+    d_old = forms.matrix_derivatives(source, old)
+    d_new = np.einsum("pq,pij->qij", J[:6, :6], forms.matrix_derivatives(target, new))
+    dQ = (d_new - Q @ d_old) @ inverse
+    J[9:18, :6] = (dQ @ M).reshape(6, 9).T
+    J[9:18, 9:18] = np.kron(Q, np.eye(3))
+    return J

@@ -1,0 +1,101 @@
+r"""The rows of the fit: gaps, norms and the bias, with their noise.
+
+Gap k turns the direction :math:`u_k` into :math:`u_{k+1}`; along it nothing is seen,
+so with :math:`E_k` two unit vectors across :math:`u_{k+1}`
+
+.. math:: e_k = E_k^T (C_k^T u_k - u_{k+1}) \tag{N5}
+
+and, :math:`\epsilon_k` the angle random walk of the move,
+
+.. math:: \mathrm{d}e_k = E_k^T C_k^T [u_k\times](\theta_k + \epsilon_k)
+   + E_k^T (C_k^T \mathrm{d}u_k - \mathrm{d}u_{k+1}),\quad
+   \mathrm{cov}\,\epsilon_k = N^2 \sum_j \tau_j (D_j M)(D_j M)^T. \tag{N6}
+
+Neighbouring gaps share a direction. Where the accelerometer has been calibrated before,
+its error is a sum over the same poses (`gravity.influence`), common to all gaps; where
+it is fitted together with the gyroscope, the norms :math:`c_i` are rows as well, and
+the poses are noise of both. The rows' covariance is :math:`V = LL^T` plus the walk's
+blocks, L the map from unit noises to rows.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.calibrate.gyroscope.gravity import Gravity, across
+from simval.calibrate.gyroscope.turn import Turn
+from simval.shapes import Float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rows:
+    """Linearised rows of the gaps at some parameters."""
+
+    e: Float[Array, "t r"]
+    by_turn: Float[Array, "t k 2 3"]  # of each gap, by theta
+    by_gyroscope: Float[Array, "t r 12"]
+    by_accelerometer: Float[Array, "t r 9"]
+    by_pose: Float[Array, "t r m"]  # unit noise of each pose and axis, direct
+    E: Float[Array, "t k 2 3"]
+
+
+def gap_values(
+    C: Float[Array, "t k 3 3"],
+    u: Float[Array, "t n 3"],
+    E: Float[Array, "t k 2 3"],
+) -> Float[Array, "t r"]:
+    """Rows of the gaps, eq. (N5)."""
+    arrived = (u[:, :-1, None, :] @ C)[..., 0, :]  # C'u
+    e = (E @ (arrived - u[:, 1:])[..., None])[..., 0]
+    return e.reshape(len(u), -1)
+
+
+def gap_rows(found: Gravity, moved: Turn, pose_std: Float[Array, "n 3"]) -> Rows:
+    """Rows of the gaps and their derivatives, eq. (N6)."""
+    u = found.u
+    t, n = u.shape[:2]
+    k = n - 1
+    E = across(u[:, 1:])
+    EC = E @ np.swapaxes(moved.C, -1, -2)  # by u_k
+    by_turn = np.cross(EC, u[:, :-1, None, :])  # E C'[u x], row by row
+    by_a = EC @ found.u_by_theta[:, :-1] - E @ found.u_by_theta[:, 1:]
+    noise = found.u_by_reading * pose_std[:, None, :]
+    by_pose = np.zeros((t, k, 2, n, 3))
+    gap = np.arange(k)
+    by_pose[:, gap, :, gap] = np.moveaxis(EC @ noise[:, :-1], 1, 0)
+    by_pose[:, gap, :, gap + 1] = -np.moveaxis(E @ noise[:, 1:], 1, 0)
+    return Rows(
+        e=gap_values(moved.C, u, E),
+        by_turn=by_turn,
+        by_gyroscope=(by_turn @ moved.slopes).reshape(t, 2 * k, 12),
+        by_accelerometer=by_a.reshape(t, 2 * k, 9),
+        by_pose=by_pose.reshape(t, 2 * k, 3 * n),
+        E=E,
+    )
+
+
+def walk_blocks(
+    rows: Rows, theta_covariance: Float[Array, "t k 3 3"]
+) -> Float[Array, "t k 2 2"]:
+    """Covariance that the angle's own noise leaves in each gap."""
+    back = np.swapaxes(rows.by_turn, -1, -2)
+    return rows.by_turn @ theta_covariance @ back
+
+
+def covariance_of(
+    L: Float[Array, "t r m"], blocks: Float[Array, "t k 2 2"]
+) -> Float[Array, "t r r"]:
+    """Covariance V of rows of which the first are those of the gaps."""
+    V = L @ np.swapaxes(L, -1, -2)
+    k = blocks.shape[1]
+    first = 2 * np.arange(k)
+    for i in range(2):
+        for j in range(2):
+            V[:, first + i, first + j] += blocks[:, :, i, j]
+    return V
+
+
+def carried(rows: Rows, influence: Float[Array, "t 9 m"]) -> Rows:
+    """Rows with the way of the pose noise through the accelerometer's calibration."""
+    return replace(rows, by_pose=rows.by_pose + rows.by_accelerometer @ influence)

@@ -1,0 +1,236 @@
+r"""The turn of each move and its derivative, from path statistics in one pass.
+
+With the ten statistics X of a chunk (N1) is linear in them,
+
+.. math:: \phi = F X, \qquad F = [M,\ \mathrm{cof} M,\ -\mathrm{cof} M [B\times],\ -MB],
+
+and the move is :math:`C = \prod_j \exp([\phi_j\times])`, body now to body at its start.
+With J the left Jacobian of the exponential, C_j the turn up to chunk j and
+:math:`D_j = C_j J(\phi_j)`, a change of the parameters turns the whole move by
+:math:`\theta`, axes of its start,
+
+.. math:: \theta = \sum_j D_j\, \mathrm{d}\phi_j
+   = \sum_p \mathrm{d}p \sum_{ix} \Big(\sum_j D_j \otimes X_j\Big)_{ix}
+     \partial_p F_{ix}, \tag{N3}
+
+so one contraction over the chunks, a product of matrices, gives the columns of all
+twelve parameters. A row of cof M is the cross product of the two other rows of M, so
+
+.. math:: \partial_{ab}\,\mathrm{cof}_{a+1} = M_{a+2} \times e_b,\qquad
+   \partial_{ab}\,\mathrm{cof}_{a+2} = e_b \times M_{a+1}. \tag{N4}
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.shapes import Float, Inexact
+
+_CROSS = np.zeros((3, 3, 3))  # [v x]_ij = sum over k of _CROSS[k, i, j] v_k
+for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+    _CROSS[_k, _i, _j], _CROSS[_k, _j, _i] = -1.0, 1.0
+_SMALL = 1e-2  # rad; the next term of each series is below 1e-16 of its first
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Turn:
+    """Moves for one guess of the parameters."""
+
+    C: Float[Array, "t k 3 3"]  # body at the end to body at the start
+    slopes: Float[Array, "t k 3 12"]  # theta by M (row by row) and B, eq. (N3)
+    D: Float[Array, "t k 9 j"]  # of each chunk
+
+
+def cofactor(M: Inexact[Array, "... 3 3"]) -> Inexact[Array, "... 3 3"]:
+    """Matrix of cofactors: each row the cross product of the two others."""
+    return np.cross(M[..., [1, 2, 0], :], M[..., [2, 0, 1], :])
+
+
+def map_of(
+    M: Inexact[Array, "... 3 3"], B: Inexact[Array, "... 3"]
+) -> Inexact[Array, "... 3 10"]:
+    """Matrix F that takes path statistics to a rotation vector, eq. (N1)."""
+    cof = cofactor(M)
+    bias = B @ _CROSS.reshape(3, 9)
+    last = -(M @ B[..., None])
+    bent = -cof @ bias.reshape(*B.shape[:-1], 3, 3)
+    return np.concatenate([M, cof, bent, last], axis=-1)
+
+
+def map_slopes(
+    M: Float[Array, "t 3 3"], B: Float[Array, "t 3"]
+) -> Float[Array, "t 30 12"]:
+    """Derivative of F by M, row by row, and B, eq. (N4)."""
+    result = np.zeros((len(M), 12, 3, 10))
+    bias = (B @ _CROSS.reshape(3, 9)).reshape(-1, 3, 3)
+    for a in range(3):
+        one, two = (a + 1) % 3, (a + 2) % 3
+        for b in range(3):
+            p, e = 3 * a + b, np.eye(3)[b]
+            dcof = np.zeros((len(M), 3, 3))
+            dcof[:, one] = np.cross(M[:, two], e)
+            dcof[:, two] = np.cross(e, M[:, one])
+            result[:, p, a, b] = 1.0
+            result[:, p, :, 3:6] = dcof
+            result[:, p, :, 6:9] = -dcof @ bias
+            result[:, p, a, 9] = -B[:, b]
+    cof = cofactor(M)
+    for b in range(3):
+        result[:, 9 + b, :, 6:9] = -cof @ _CROSS[b]
+        result[:, 9 + b, :, 9] = -M[:, :, b]
+    return np.swapaxes(result.reshape(-1, 12, 30), -1, -2)
+
+
+def turn(
+    statistics: Float[Array, "t k 10 j"],
+    M: Float[Array, "t 3 3"],
+    B: Float[Array, "t 3"],
+) -> Turn:
+    """Turns and derivatives, eqs. (N1) and (N3)."""
+    t, k, _, j = statistics.shape
+    phi = _vectors(statistics, M, B)
+    D, q = _swept(phi, prefixes(quaternions(phi)))
+    flat = np.moveaxis(D.reshape(9, j, t, k), 1, -1)  # 9 t k j
+    D = np.ascontiguousarray(np.moveaxis(flat, 0, 2))  # t k 9 j
+    moments = D @ np.swapaxes(statistics, -1, -2)  # t k 9 10
+    slopes = moments.reshape(t, k, 3, 30) @ map_slopes(M, B)[:, None]
+    return Turn(C=_matrices(q, t, k), slopes=slopes, D=D)
+
+
+def wander(
+    found: Turn, statistics: Float[Array, "t k 10 j"], M: Float[Array, "t 3 3"]
+) -> Float[Array, "t k 3 3"]:
+    """Covariance of theta by unit white noise, the integral of D M (D M)'."""
+    t, k, _, j = statistics.shape
+    D = found.D.reshape(t, k, 3, 3, j).transpose(0, 1, 2, 4, 3)
+    DM = (D @ M[:, None, None]).reshape(t, k, 3, 3 * j)
+    shares = np.repeat(statistics[:, :, 9], 3, axis=-1)[:, :, None]
+    return (DM * shares) @ np.swapaxes(DM, -1, -2)
+
+
+def bias_slopes(
+    found: Turn,
+    statistics: Float[Array, "t k 10 j"],
+    M: Float[Array, "t 3 3"],
+    B: Float[Array, "t 3"],
+    weights: Float[Array, "k j"],
+) -> Float[Array, "t k 3 3"]:
+    """Theta by a bias that is weighted along the move, as a line is."""
+    t, k = statistics.shape[:2]
+    moments = found.D @ np.swapaxes(statistics * weights[:, None], -1, -2)
+    return moments.reshape(t, k, 3, 30) @ map_slopes(M, B)[:, None, :, 9:]
+
+
+def end_of(
+    statistics: Float[Array, "s k 10 j"],
+    M: Float[Array, "m 3 3"],
+    B: Float[Array, "m 3"],
+) -> Float[Array, "t k 3 3"]:
+    """Turns alone, of many trials for one guess each, or of one for many guesses."""
+    t, k = max(len(statistics), len(M)), statistics.shape[1]
+    q = quaternions(_vectors(statistics, M, B))
+    while q.shape[1] > 1:
+        odd = q[:, -1:] if q.shape[1] % 2 else q[:, :0]
+        even = q.shape[1] - odd.shape[1]
+        q = np.concatenate([product(q[:, 0:even:2], q[:, 1:even:2]), odd], axis=1)
+    return _matrices(q[:, 0], t, k)
+
+
+def _vectors(statistics: Array, M: Array, B: Array) -> Float[Array, "3 j n"]:
+    # rotation vectors, chunks before moves so that sums along a move go in rows
+    phi = map_of(M, B)[:, None] @ statistics  # t k 3 j
+    flat = phi.reshape(-1, 3, statistics.shape[-1])
+    return np.ascontiguousarray(flat.transpose(1, 2, 0))
+
+
+def quaternions(phi: Float[Array, "3 j n"]) -> Float[Array, "4 j n"]:
+    """Quaternions, vector first, of rotation vectors."""
+    half = 0.5 * _length(phi)
+    q = np.empty((4, *half.shape))
+    np.multiply(phi, np.sin(half) / half * 0.5, out=q[:3])
+    np.cos(half, out=q[3])
+    return q
+
+
+def _length(phi: Float[Array, "3 j n"]) -> Float[Array, "j n"]:
+    # never 0, where sin(x)/x is not told; 1e-100 is 0 beside any angle
+    squared = phi[0] * phi[0]
+    squared += phi[1] * phi[1]
+    squared += phi[2] * phi[2]
+    return np.sqrt(np.maximum(squared, 1e-200))
+
+
+def product(p: Float[Array, "4 ..."], q: Float[Array, "4 ..."]) -> Array:
+    """Hamilton's product: of two turns, first p, then q about the axes that p left."""
+    result = np.empty(np.broadcast_shapes(p.shape, q.shape))
+    result[0] = p[3] * q[0] + p[0] * q[3] + p[1] * q[2] - p[2] * q[1]
+    result[1] = p[3] * q[1] + p[1] * q[3] + p[2] * q[0] - p[0] * q[2]
+    result[2] = p[3] * q[2] + p[2] * q[3] + p[0] * q[1] - p[1] * q[0]
+    result[3] = p[3] * q[3] - p[0] * q[0] - p[1] * q[1] - p[2] * q[2]
+    return result
+
+
+def prefixes(q: Float[Array, "4 j n"]) -> Float[Array, "4 i n"]:
+    """Products of the first 0, 1, ... quaternions, in blocks: few, long operations."""
+    count, moves = q.shape[1:]
+    size = max(1, round(count**0.5))
+    blocks = -(-count // size)
+    padded = np.zeros((4, blocks * size, moves))
+    padded[3] = 1.0
+    padded[:, :count] = q
+    inner = np.ascontiguousarray(
+        padded.reshape(4, blocks, size, moves).transpose(0, 2, 1, 3)
+    )
+    for i in range(1, size):
+        inner[:, i] = product(inner[:, i - 1], inner[:, i])
+    outer = inner[:, -1].copy()
+    for i in range(1, blocks):
+        outer[:, i] = product(outer[:, i - 1], outer[:, i])
+    inner[:, :, 1:] = product(outer[:, None, :-1], inner[:, :, 1:])
+    whole = np.empty((4, blocks * size + 1, moves))
+    whole[:3, 0], whole[3, 0] = 0.0, 1.0
+    whole[:, 1:] = inner.transpose(0, 2, 1, 3).reshape(4, -1, moves)
+    return whole[:, : count + 1]
+
+
+def _swept(
+    phi: Float[Array, "3 j n"], whole: Float[Array, "4 i n"]
+) -> tuple[Float[Array, "3 3 j n"], Float[Array, "4 n"]]:
+    # D = C J(phi), J = I + b [phi x] + c (phi phi' - |phi|^2 I); the last quaternion
+    angle = _length(phi)
+    squared = angle * angle
+    half = np.sin(0.5 * angle) / angle
+    b = 2.0 * half * half
+    small = angle < _SMALL
+    series = (1.0 - squared / 20.0 * (1.0 - squared / 42.0)) / 6.0
+    c = np.where(small, series, (1.0 - np.sin(angle) / angle) / squared)
+    J = np.empty((3, 3, *angle.shape))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        even, odd = c * phi[i] * phi[j], b * phi[k]
+        J[i, j], J[j, i] = even - odd, even + odd
+        J[k, k] = 1.0 - c * (phi[i] * phi[i] + phi[j] * phi[j])
+    C = _entries(whole[:, :-1])
+    D = C[:, 0, None] * J[0]
+    D += C[:, 1, None] * J[1]
+    D += C[:, 2, None] * J[2]
+    return D, whole[:, -1]
+
+
+def _entries(q: Float[Array, "4 ..."]) -> Float[Array, "3 3 ..."]:
+    # rotation matrices, the transposes of the attitude matrices of eq. (G1)
+    x, y, z, s = q
+    R = np.empty((3, 3, *x.shape))
+    xx, yy, zz = x * x, y * y, z * z
+    R[0, 0], R[1, 1] = 1.0 - 2.0 * (yy + zz), 1.0 - 2.0 * (xx + zz)
+    R[2, 2] = 1.0 - 2.0 * (xx + yy)
+    for i, j, one, two in ((0, 1, x * y, z * s), (2, 0, x * z, y * s)):
+        R[i, j], R[j, i] = 2.0 * (one - two), 2.0 * (one + two)
+    R[1, 2], R[2, 1] = 2.0 * (y * z - x * s), 2.0 * (y * z + x * s)
+    return R
+
+
+def _matrices(q: Float[Array, "4 n"], t: int, k: int) -> Float[Array, "t k 3 3"]:
+    # unit to rounding after hundreds of products
+    q = q / np.sqrt((q * q).sum(axis=0))
+    return np.moveaxis(_entries(q), -1, 0).reshape(t, k, 3, 3)

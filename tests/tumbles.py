@@ -1,0 +1,92 @@
+"""Tumbles with a gyroscope: attitudes of a scene, readings of known sensors."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from simval.calibrate import calibrate
+from simval.calibrate.gyroscope import moves_between
+from simval.scene import average_rates, simulate
+from simval.sensor import AccelerometerModel, GyroscopeModel
+
+ACCELEROMETER = AccelerometerModel.from_parameters(
+    np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
+)
+M = 1.02 * np.eye(3) + np.array(
+    [[0.0, 0.02, -0.01], [0.03, 0.01, 0.02], [-0.02, 0.01, -0.03]]
+)
+GYROSCOPE = GyroscopeModel(M=M, B=np.array([0.02, -0.01, 0.03]))
+FORCE_STD = 0.01  # m/s^2, of a sample at 100 Hz
+WALK = np.radians(0.01)  # rad/s per root hertz
+
+
+@dataclass(frozen=True)
+class Tumble:
+    """A scene's truth at some rate."""
+
+    time: np.ndarray
+    rate: np.ndarray  # averages
+    force: np.ndarray
+    attitude: np.ndarray
+    intervals: np.ndarray
+    g: float
+
+    @property
+    def directions(self):
+        """True specific force of each rest, sensor axes."""
+        return np.array([self.force[a:b].mean(axis=0) for a, b in self.intervals])
+
+    @property
+    def pose_std(self):
+        """Noise of a pose mean."""
+        rows = np.diff(self.intervals)[:, 0]
+        return FORCE_STD / np.sqrt(rows)
+
+
+@cache
+def tumble(
+    directions=40, every=5, move_time=2.0, first_hold=20.0, hold_time=1.0, **more
+):
+    """Tumble of the gimbal, every so many of its rows (500 Hz)."""
+    run = simulate(
+        "gimbal",
+        directions=directions,
+        move_time=move_time,
+        first_hold=first_hold,
+        hold_time=hold_time,
+        **more,
+    )
+    return of(run, every)
+
+
+def of(run, every=1):
+    """A trajectory as a tumble."""
+    hold = run.hold[::every]
+    rests = [np.flatnonzero(hold == k) for k in run.hold_indices()]
+    return Tumble(
+        time=run.time[::every],
+        rate=average_rates(run, every),
+        force=run.specific_force[::every],
+        attitude=run.attitude[::every],
+        intervals=np.array([[r[0], r[-1] + 1] for r in rests]),
+        g=run.g,
+    )
+
+
+def readings(truth, trials, rng, *, gyroscope=GYROSCOPE, times=1.0, rates=None):
+    """Pose means and gyroscope rows of some trials, noise `times` the nominal one."""
+    poses = ACCELEROMETER.distort(truth.directions, rng)
+    noise = rng.standard_normal((trials, *poses.shape)) * truth.pose_std[:, None]
+    step = truth.time[1] - truth.time[0]
+    clean = gyroscope.distort(truth.rate if rates is None else rates, rng)
+    rows = rng.standard_normal((trials, *clean.shape)) * (WALK / np.sqrt(step))
+    return poses + times * noise, clean + times * rows
+
+
+def fitted(truth, poses, rows, *, chunk=2, **options):
+    """Accelerometer fits and moves of some trials."""
+    moves = moves_between(truth.time, rows, truth.intervals, chunk=chunk, **options)
+    return calibrate(
+        poses, truth.g, residual="weighted", noise_std=truth.pose_std
+    ), moves
