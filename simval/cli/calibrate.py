@@ -14,8 +14,14 @@ from simval.calibrate import FitResult
 from simval.calibrate.arguments import choices
 from simval.calibrate.files import to_json, write_json
 from simval.cli.options import COLUMNS, PATH, write
+from simval.cli.sensors import sensor_lines, sensors_object
 from simval.logs import Log, read_log
-from simval.multiposition import LogCalibration, calibrate_log
+from simval.multiposition import (
+    ImuCalibration,
+    LogCalibration,
+    calibrate_log,
+    calibrate_sensors,
+)
 from simval.noise import load_noise
 from simval.sensor import forms
 from simval.shapes import Float
@@ -40,6 +46,24 @@ def _choice(name: str, default: str, words: str) -> Callable[[FC], FC]:
 @_choice("method", "lm", "Solver.")
 @_choice("residual", "squared", "What is minimised.")
 @_choice("loss", "linear", "Robust loss, against outlier poses.")
+@click.option(
+    "--sensors",
+    help="Beside the accelerometer: gyroscope,magnetometer, one of them, or none.  "
+    "[default: those of the log that can be]",
+)
+@click.option(
+    "--hemisphere",
+    type=click.Choice(["unstated", "north", "south"]),
+    default="unstated",
+    help="Where it was, for a magnetometer whose axes may be left-handed.",
+)
+@click.option(
+    "--field",
+    type=float,
+    default=1.0,
+    show_default=True,
+    help="Strength of the magnetic field, in the unit that it is wanted in.",
+)
 @click.option("--noise", type=PATH, help="Its noise, by `simval noise LOG --json`.")
 @click.option("--full-scale", type=float, help="Greatest reading, units of the log.")
 @click.option("--out", type=PATH, help="Write the JSON file.")
@@ -51,41 +75,57 @@ def command(
     path: Path,
     rate: float | None,
     columns: str | None,
+    sensors: str | None,
+    hemisphere: str,
+    field: float,
     noise: Path | None,
     out: Path | None,
     page: Path | None,
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Calibrate the accelerometer of a LOG.
+    """Calibrate the accelerometer of a LOG, and what other sensors it has.
 
     A row of LOG is one instant; its header or --columns says which columns are the
     accelerometer's x y z, the gyro's and the time. Without names 3 columns are x y z,
     4 t x y z, 6 x y z and the gyro, 7 t and those six; raw counts or m/s^2. Finds the
     initial rest, the static intervals and a threshold for them, and prints the
-    parameters with error bars.
+    parameters with error bars. A gyroscope and a magnetometer are calibrated from the
+    same rests; one that cannot be is named with the reason.
     """
     log = read_log(path, rate, columns)
     known = None if noise is None else load_noise(noise)
     result = calibrate_log(log, noise=known, **options)
+    whole = calibrate_sensors(
+        log,
+        result,
+        sensors=None if sensors is None else listed(sensors),
+        hemisphere=hemisphere,
+        field=field,
+    )
     if out is not None or as_json:
-        written = as_object(result) | log_object(log)
+        written = as_object(result) | sensors_object(whole, log) | log_object(log)
     if out is not None:
         write_json(out, written)
     if page is not None:
-        write_page(page, log, result)
+        write_page(page, log, whole)
     if as_json:
         click.echo(json.dumps(written, allow_nan=False))
         return
-    for line in log.described() + described(result):
+    for line in log.described() + described(result) + sensor_lines(whole):
         click.echo(line)
 
 
-def write_page(path: Path, log: Log, result: LogCalibration) -> None:
+def listed(words: str) -> list[str]:
+    """Names between commas; none for the word none."""
+    return [] if words == "none" else [word.strip() for word in words.split(",")]
+
+
+def write_page(path: Path, log: Log, whole: ImuCalibration) -> None:
     """Write the page of a calibration."""
     from simval.report import render_calibration  # starts the drawing
 
-    write(path, render_calibration(log, result))
+    write(path, render_calibration(log, whole))
 
 
 def log_object(log: Log) -> dict[str, Any]:

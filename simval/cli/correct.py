@@ -6,11 +6,14 @@ from pathlib import Path
 import click
 import numpy as np
 
+from simval.arrays import Array
 from simval.calibrate.applied import require_same_sensor
 from simval.calibrate.files import load_calibration
+from simval.calibrate.others import load_others
 from simval.cli.options import COLUMNS, PATH
 from simval.errors import InputError
-from simval.logs import read_log
+from simval.logs import Log, read_log
+from simval.shapes import Float
 
 
 @click.command(name="correct")
@@ -37,19 +40,18 @@ def command(
     A log of another unit or sensor is refused, since its rests would not be g.
 
     Writes comma-separated rows t,ax,ay,az: time in seconds and specific force in
-    m/s^2, with all digits. The gyro of the log, if there is one, follows unchanged.
-    Standard error says which columns of LOG were taken.
+    m/s^2, with all digits; then wx,wy,wz in rad/s and mx,my,mz in the unit of the
+    calibration, of the sensors that the log has. One that the calibration has not
+    follows unchanged, and standard error says so, and which columns of LOG were taken.
     """
     fit = load_calibration(calibration).require_converged()
     log = read_log(path, rate, columns)
     if not unchecked:
         require_same_sensor(fit, log.accelerometer, log.rate)
     force = fit.sensor().correct(log.accelerometer)
-    parts, names = [log.time[:, None], force], ["t", "ax", "ay", "az"]
-    if log.gyro is not None:
-        parts.append(log.gyro)
-        names += ["wx", "wy", "wz"]
-    rows, header = np.hstack(parts), ",".join(names)
+    parts, names, raw = others_corrected(log, force, calibration)
+    rows = np.hstack([log.time[:, None], force, *parts])
+    header = ",".join(["t", "ax", "ay", "az", *names])
     target = sys.stdout if out is None else out
     try:
         np.savetxt(target, rows, fmt="%.17g", delimiter=",", header=header, comments="")
@@ -61,3 +63,29 @@ def command(
     sys.stdout.flush()  # the rows first where both outputs are one
     for line in log.described():
         click.echo(line, err=True)
+    for name in raw:
+        said = f"unchanged         {name}: the calibration has none"
+        click.echo(said, err=True)
+
+
+def others_corrected(
+    log: Log, force: Float[Array, "n 3"], calibration: Path
+) -> tuple[list[Float[Array, "n 3"]], list[str], list[str]]:
+    """Rows and columns of the other sensors, and which of them are unchanged."""
+    gyroscope, magnetometer = load_others(calibration)
+    parts, names, raw = [], [], []
+    if log.gyro is not None:
+        names += ["wx", "wy", "wz"]
+        if gyroscope is None:
+            parts.append(log.gyro)
+            raw.append("the gyroscope")
+        else:
+            parts.append(gyroscope.correct(log.gyro, specific_force=force))
+    if log.magnetometer is not None:
+        names += ["mx", "my", "mz"]
+        if magnetometer is None:
+            parts.append(log.magnetometer)
+            raw.append("the magnetometer")
+        else:
+            parts.append(magnetometer.correct(log.magnetometer))
+    return parts, names, raw

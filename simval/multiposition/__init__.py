@@ -10,5 +10,6 @@ logger leaves in them, and `health` decides whether the fit may be given out.
 """
 
 from simval.multiposition.calibration import LogCalibration, calibrate_log
+from simval.multiposition.imu import ImuCalibration, calibrate_sensors
 
-__all__ = ["LogCalibration", "calibrate_log"]
+__all__ = ["ImuCalibration", "LogCalibration", "calibrate_log", "calibrate_sensors"]

@@ -9,7 +9,8 @@ import numpy as np
 from simval import __version__
 from simval.arrays import Array
 from simval.logs import Log
-from simval.multiposition import LogCalibration
+from simval.multiposition import ImuCalibration, LogCalibration
+from simval.report.calibrated_sensors import gyroscope_section, magnetometer_section
 from simval.report.environment import template
 from simval.report.panels import COLOURS, Drawing, Panel, Series, SpherePanel
 from simval.report.section import Section, made
@@ -23,15 +24,15 @@ POINTS = 2000
 no spike is lost, and a page stays below a megabyte."""
 
 
-def render_calibration(log: Log, result: LogCalibration) -> str:
+def render_calibration(log: Log, whole: ImuCalibration) -> str:
     """Render the calibration of a log as one HTML page.
 
     Parameters
     ----------
     log : Log
         The log.
-    result : LogCalibration
-        As from `simval.multiposition.calibrate_log`.
+    whole : ImuCalibration
+        As from `simval.multiposition.calibrate_sensors`.
 
     Returns
     -------
@@ -40,7 +41,7 @@ def render_calibration(log: Log, result: LogCalibration) -> str:
     """
     return template("page").render(
         title=f"Calibration from {_name(log)}",
-        sections=calibration_sections(log, result),
+        sections=calibration_sections(log, whole),
         version=__version__,
         source=f"the log {_name(log)}",
     )
@@ -51,18 +52,21 @@ def _name(log: Log) -> str:
     return PurePath(log.path).name
 
 
-def calibration_sections(log: Log, result: LogCalibration) -> tuple[Section, ...]:
+def calibration_sections(log: Log, whole: ImuCalibration) -> tuple[Section, ...]:
     """Make the sections of the page."""
+    result = whole.log
+    others = gyroscope_section(whole), magnetometer_section(whole)
     return (
-        _result(log, result),
+        _result(log, whole),
+        *(section for section in others if section is not None),
         made("signals", "Static intervals", [_signals(log, result)]),
         made("residuals", "Residual of each pose", [_residuals(result)]),
         made("coverage", "Where the poses are", [_coverage(log, result)]),
     )
 
 
-def _result(log: Log, result: LogCalibration) -> Section:
-    fit = result.fit
+def _result(log: Log, whole: ImuCalibration) -> Section:
+    result, fit = whole.log, whole.accelerometer
     bound = _bound(result)
     rows = [
         (name, sign * value, sd, least, sd / least if least > 0.0 else None, *ends)
@@ -104,7 +108,7 @@ def _result(log: Log, result: LogCalibration) -> Section:
         rest=result.rest_seconds,
         rms=float(fit.rms),
         chi2=result.diagnosis.chi2_per_dof,
-        dof=fit.dof,
+        dof=result.fit.dof,
         kind=fit.covariance_kind,
         matrix=_written(fit.T if fit.model != "symmetric" else fit.K),
         product="T diag(K) (reading - B)"
@@ -113,6 +117,8 @@ def _result(log: Log, result: LogCalibration) -> Section:
         letter="T" if fit.model != "symmetric" else "K",
         g=fit.g,
         further=", ".join(f"{x:.2f}" for x in result.next_direction),
+        left_out=dict(whole.left_out),
+        joint=whole.gyroscope is not None,
     )
 
 

@@ -1,0 +1,136 @@
+"""The gyroscope and the magnetometer on the page of a log."""
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.multiposition import ImuCalibration
+from simval.report.panels import COLOURS, Drawing, Panel, Series
+from simval.report.section import Section, made
+from simval.report.table import Column, Table
+
+COLUMNS = (
+    Column("parameter", "code"),
+    Column("value", "number", 8),
+    Column("standard deviation", "number", 3),
+)
+
+
+def gyroscope_section(whole: ImuCalibration) -> Section | None:
+    """M and B with error bars, and what each move leaves."""
+    fit = whole.gyroscope
+    if fit is None:
+        return None
+    sd = fit.sd_from_residuals if fit.chi2_per_dof > 1.0 else fit.sd
+    table = Table(
+        name="gyroscope",
+        caption=(
+            "Rate = M (reading - B), rad/s in the accelerometer's axes; "
+            f"chi-square per degree of freedom {float(fit.chi2_per_dof):.3g} with "
+            f"{fit.dof}."
+        ),
+        columns=COLUMNS,
+        rows=_rows(fit.names, fit.parameters, sd),
+    )
+    angles = np.degrees(fit.gap_angles)
+    return made(
+        "gyroscope",
+        "Gyroscope",
+        [
+            _dots(
+                "gaps",
+                "After each move: the angle between gravity as the gyroscope turned it "
+                "and as the accelerometer reads it in the next rest. Chosen by "
+                f"evidence: {'; '.join(whole.reasons)}.",
+                "what each move leaves",
+                "move, from 0",
+                "angle, degrees",
+                angles,
+                (),
+            )
+        ],
+        [table],
+    )
+
+
+def magnetometer_section(whole: ImuCalibration) -> Section | None:
+    """M, b and the dip with error bars, and what each pose leaves."""
+    fit = whole.magnetometer
+    if fit is None:
+        return None
+    own = slice(9, 21)
+    dip = ("dip, degrees", float(np.degrees(fit.dip)), float(np.degrees(fit.sd[-1])))
+    found = f" Findings: {'; '.join(fit.findings)}." if fit.findings else ""
+    table = Table(
+        name="magnetometer",
+        caption=(
+            "Field = M (reading - b), in the accelerometer's axes, of a field of "
+            f"{fit.field:g}; chi-square per degree of freedom "
+            f"{float(fit.chi2_per_dof):.3g} with {fit.dof}. Taken: "
+            f"{fit.assumption}.{found}"
+        ),
+        columns=COLUMNS,
+        rows=[*_rows(fit.names[own], fit.parameters[own], fit.sd[own]), dip],
+    )
+    return made(
+        "magnetometer-result",
+        "Magnetometer",
+        [
+            _dots(
+                "disturbed",
+                "Chi-square of each pose, three equations: 3 on average where the "
+                "field is that of the other poses and the noise is right.",
+                "chi-square of each pose",
+                "static interval, from 0",
+                "chi-square, 1",
+                np.asarray(fit.pose_chi_square),
+                fit.disturbed,
+            )
+        ],
+        [table],
+    )
+
+
+def _rows(
+    names: tuple[str, ...], values: Array, sd: Array
+) -> list[tuple[str, float, float]]:
+    return list(zip(names, values.tolist(), sd.tolist(), strict=True))
+
+
+def _dots(
+    name: str,
+    caption: str,
+    title: str,
+    x_label: str,
+    y_label: str,
+    values: Array,
+    marked: tuple[int, ...],
+) -> Drawing:
+    places = np.arange(float(len(values)))
+    odd = np.isin(places, marked)
+    series = [Series(label="", x=places[~odd], y=values[~odd])]
+    if odd.any():
+        series.append(
+            Series(
+                label="does not fit the others",
+                x=places[odd],
+                y=values[odd],
+                colour=COLOURS[1],
+                marker="D",
+            )
+        )
+    return Drawing(
+        name=name,
+        caption=caption,
+        alternative=f"{title}, {len(values)} of them",
+        panels=[
+            Panel(
+                title=title,
+                x_label=x_label,
+                y_label=y_label,
+                series=series,
+                log_x=False,
+                log_y=False,
+            )
+        ],
+        columns=1,
+    )

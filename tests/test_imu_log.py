@@ -1,0 +1,217 @@
+"""All sensors of a log: found, calibrated, corrected, or named with the reason."""
+
+import json
+
+import numpy as np
+import pytest
+
+from simval.calibrate.others import load_others
+from simval.cli import run
+from simval.errors import InputError, RefusedError, SaturatedError
+from simval.logs import Log, read_log
+from simval.multiposition import calibrate_log, calibrate_sensors
+from simval.multiposition.imu import rail, require_alive
+from simval.report.calibrated import calibration_sections
+from simval.scene import simulate
+from simval.scene.signal import motion_of, write_signal
+from simval.sensor import load_imu, read_imu
+
+SENSORS = """
+T = [[1, 0, 0], [0.01, 1, 0], [-0.02, 0.03, 1]]
+K = [0.0024, 0.0025, 0.0023]
+B = [100, -50, 30]
+noise_std_raw = 4.0
+[gyroscope]
+T = [[1, 0.01, 0], [0, 1, 0.02], [-0.01, 0, 1]]
+K = [1.1e-3, 1.12e-3, 1.05e-3]
+B = [12, -30, 5]
+white_raw_per_sqrt_hz = 0.15
+[magnetometer]
+T = [[1, 0, 0], [0.02, 1, 0], [0.01, -0.03, 1]]
+K = [1.5e-7, 1.5e-7, 1.6e-7]
+B = [120, -40, 60]
+noise_std_raw = 3.0
+"""
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    """A log of nine axes at 100 Hz, with the truth beside it."""
+    folder = tmp_path_factory.mktemp("imu")
+    (folder / "imu.toml").write_text(SENSORS)
+    run_of = simulate(
+        "gimbal", directions=16, first_hold=12.0, hold_time=1.6, move_time=1.5
+    )
+    motion = motion_of(run_of, 5)
+    imu = load_imu(folder / "imu.toml")
+    readings = read_imu(imu, motion, np.random.default_rng(8))
+    write_signal(folder / "log.csv", run_of, readings, 5)
+    return folder / "log.csv"
+
+
+@pytest.fixture(scope="module")
+def whole(path):
+    log = read_log(path)
+    return calibrate_sensors(log, calibrate_log(log), field=4.47213595499958e-05)
+
+
+def test_every_sensor_of_a_log_is_found_within_its_error_bars(path, whole):
+    truth = load_imu(path.with_name("imu.toml"))
+    assert not whole.left_out
+    found = (
+        (whole.gyroscope, truth.gyroscope, "B", 0),
+        (whole.magnetometer, truth.magnetometer, "b", 9),
+    )
+    for fit, sensor, bias, first in found:
+        values = np.concatenate([sensor.M.ravel(), getattr(sensor, bias)])
+        part = slice(first, first + 12)
+        P = fit.own_covariance if first == 0 else fit.covariance[part, part]
+        error = fit.parameters[part] - values
+        # chi-square of 12, one false alarm in 1e5 seeds on either side
+        assert 0.7 < error @ np.linalg.solve(P, error) < 46.0
+        # power: 0.2 % more scale is told
+        wrong = fit.parameters[part] - np.append(1.002 * values[:9], values[9:])
+        assert wrong @ np.linalg.solve(P, wrong) > 46.0
+    assert np.degrees(whole.magnetometer.dip) == pytest.approx(63.435, abs=0.3)
+    assert "bias: constant" in whole.reasons[0]
+    assert "force: none" in whole.reasons[1]
+    np.testing.assert_array_equal(whole.sensitivity, np.zeros((3, 3)))
+
+
+def test_the_moves_help_the_accelerometer(whole):
+    own, joint = whole.log.fit, whole.accelerometer
+    assert np.all(joint.parameters == whole.gyroscope.accelerometer)
+    assert np.any(joint.parameters != own.parameters)
+
+
+@pytest.mark.ci
+def test_the_command_writes_all_and_correct_applies_it(path, tmp_path, capsys):
+    file, page = tmp_path / "imu.json", tmp_path / "imu.html"
+    words = ["calibrate", str(path), "--out", str(file), "--report", str(page)]
+    assert run([*words, "--field", "4.47213595499958e-05"]) == 0
+    said = capsys.readouterr().out
+    for words in ("gyroscope         rate = M (reading - B)", "degrees below", "M_zz"):
+        assert words in said
+    written = json.loads(file.read_text())
+    assert written["left_out"] == {}
+    covariance = written["ros_imu"]["angular_velocity_covariance"]
+    # 0.15 raw per root hertz is 1.5 a row at 100 Hz, on scales of 1.1e-3
+    assert np.sqrt(covariance[::4]) == pytest.approx(
+        1.5 * np.array([1.1e-3, 1.12e-3, 1.05e-3]), rel=0.1
+    )
+    assert written["ros_imu"]["orientation_covariance"][0] == -1.0
+    assert "<h2" in page.read_text(encoding="utf-8")
+    out = tmp_path / "corrected.csv"
+    line = ["correct", str(path), "--calibration", str(file), "--out", str(out)]
+    assert run(line) == 0
+    assert "unchanged" not in capsys.readouterr().err
+    corrected = np.genfromtxt(out, delimiter=",", names=True)
+    true = np.genfromtxt(path, delimiter=",", names=True)
+    truths = (("a", "true_fz_ms2", 0.02), ("w", "true_wz_rads", 4e-3))
+    for letter, name, atol in (*truths, ("m", "true_mz_T", 1e-6)):
+        off = corrected[f"{letter}z"] - true[name]
+        # noise of a row, and the calibration's error beside it
+        assert abs(off.mean()) < atol
+        assert off.std() < atol
+
+
+def test_what_a_calibration_lacks_is_unchanged_and_said(path, tmp_path, capsys):
+    file, out = tmp_path / "a.json", tmp_path / "out.csv"
+    words = ["calibrate", str(path), "--out", str(file), "--sensors", "none"]
+    assert run(words) == 0
+    capsys.readouterr()
+    line = ["correct", str(path), "--calibration", str(file), "--out", str(out)]
+    assert run(line) == 0
+    said = capsys.readouterr().err
+    assert "unchanged         the gyroscope: the calibration has none" in said
+    assert "unchanged         the magnetometer" in said
+    rows = np.loadtxt(out, delimiter=",", skiprows=1)
+    np.testing.assert_array_equal(rows[:, 4:7], read_log(path).gyro)
+
+
+def spoilt(path, **rows):
+    log = read_log(path)
+    kept = {name: getattr(log, name) for name in ("gyro", "magnetometer")}
+    return type(log)(
+        path="log.csv", time=log.time, accelerometer=log.accelerometer,
+        rate=log.rate, **(kept | rows),
+    )  # fmt: skip
+
+
+def test_a_sensor_that_cannot_be_is_left_out_with_the_reason(path):
+    log = read_log(path)
+    result = calibrate_log(log)
+    dead = np.array(log.gyro)
+    dead[:, 1] = 7.0
+    clipped = np.clip(log.gyro, -np.inf, 0.6 * log.gyro.max())
+    mixed = log.gyro * [1.0, 57.3, 1.0]
+    for rows, words in (
+        (dead, "axis y of the gyroscope shows 7 in every row"),
+        (clipped, "for [0-9]+ rows from .* end of its range"),
+        (mixed, "a unit of axis . of the gyroscope is .* write all three axes"),
+    ):
+        wrong = spoilt(path, gyro=rows)
+        found = calibrate_sensors(wrong, result)
+        assert found.gyroscope is None
+        assert found.magnetometer is not None
+        assert found.accelerometer is result.fit
+        with pytest.raises(RefusedError, match=words):
+            calibrate_sensors(wrong, result, sensors=["gyroscope"])
+        assert list(found.left_out) == ["gyroscope"]
+        (section,) = [
+            s for s in calibration_sections(wrong, found) if s.anchor == "result"
+        ]
+        assert found.left_out["gyroscope"] in str(section.values["left_out"])
+
+
+def test_a_sensor_that_is_asked_for_must_be_there(path):
+    log = spoilt(path, gyro=None)
+    result = calibrate_log(log)
+    assert calibrate_sensors(log, result).left_out == {}
+    with pytest.raises(InputError, match=r"no gyroscope, .* wx, wy and wz"):
+        calibrate_sensors(log, result, sensors=["gyroscope"])
+    with pytest.raises(InputError, match="`sensors`"):
+        calibrate_sensors(log, result, sensors=["barometer"])
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_a_rail_is_told_from_a_round_top(seed):
+    """Random moves, noise and converters: clipped ones are told, whole ones are not."""
+    rng = np.random.default_rng([5, seed])
+    t = np.arange(4000) / 100.0
+    waves = rng.uniform(0.02, 1.5, (3, 1)) * t + rng.uniform(0, 1, (3, 1))
+    whole = np.sin(2 * np.pi * waves).sum(axis=0) * rng.uniform(100.0, 30000.0)
+    whole += rng.choice([0.0, 0.3, 3.0, 30.0]) * rng.standard_normal(len(t))
+    step = rng.choice([0.0, 1.0, 4.0, 16.0])
+    column = step * np.round(whole / step) if step else whole
+    assert rail(column) == (0, 0)
+    top = 0.7 * column.max()
+    top = step * np.round(top / step) if step else top
+    clipped = np.minimum(column, top)
+    start, length = rail(clipped)
+    assert length >= 3
+    assert np.all(clipped[start : start + length] == top)
+    rows = np.stack([column, clipped, column], axis=1)
+    with pytest.raises(SaturatedError):
+        require_alive(log_of(t, rows), "gyroscope", rows)
+
+
+def log_of(time, rows):
+    return Log(path="log.csv", time=time, accelerometer=rows, gyro=rows, rate=100.0)
+
+
+BAD = [None, 1, "M", [], {}, {"M": 1}, {"M": [[1, 0], [0, 1]], "B": [0, 0, 0]}, {
+    "M": [[0] * 3] * 3, "B": [0] * 3, "b": [0] * 3
+}, {"M": [["a"] * 3] * 3, "B": [0] * 3, "b": [0] * 3}]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["gyroscope", "magnetometer"])
+@pytest.mark.parametrize("block", BAD)
+def test_a_damaged_block_is_refused(tmp_path, name, block):
+    path = tmp_path / "imu.json"
+    path.write_text(json.dumps({name: block}))
+    if block is None:
+        assert load_others(path) == (None, None)
+        return
+    with pytest.raises(InputError, match=str(path)):
+        load_others(path)
