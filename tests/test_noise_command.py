@@ -114,13 +114,15 @@ def test_the_figure(simval, still, tmp_path, kind):
     if kind == ".svg":
         for words in (b"averaging time, s", "m/s²".encode(), b"rad/s", b"N = "):
             assert words in content
+    code, _, err = simval("noise", still, "--figure", tmp_path / f"no/where{kind}")
+    assert code == 2
+    assert "cannot write" in err
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         (["--figure", "a.pdf"], ".svg or .png"),
-        (["--figure", "/nowhere/at/all.svg"], "cannot write"),
         (["--gyro-unit", "furlongs"], "must be one of"),
         (["--gyro-unit", "nan"], "must be one of"),
         (["--accelerometer-unit", "-1"], "must be one of"),
