@@ -12,9 +12,9 @@ from simval.studies import find_study
 STREAMS = Streams(1, cell_key("test noise study"))
 
 
-def rows(trials=96):
+def rows(trials=264, intervals=False):
     study = find_study("noise_model")
-    parameters = study.parameters(rows=4096, trials=trials)
+    parameters = study.parameters(rows=4096, trials=trials, intervals=intervals)
     return study.run(parameters, STREAMS).rows
 
 
@@ -25,13 +25,13 @@ def excess(row):
 
 @pytest.mark.ci
 def test_every_row_is_near_its_prediction():
-    found = rows()
+    found = rows(intervals=True)
     families = {row.statistic.family for row in found}
     assert {ALLAN_ERROR, COVERAGE, VARIANCE_OVER_BOUND} <= families
     # one false alarm in 1e3 seeds for all of them together
     limit = stats.norm.isf(1e-3 / (2 * len(found)))
     assert max(excess(row) for row in found) < limit
-    assert all(row.n == 96 and np.isfinite(row.value) for row in found)
+    assert all(row.n == 264 and np.isfinite(row.value) for row in found)
 
 
 @pytest.mark.ci

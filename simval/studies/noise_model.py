@@ -49,6 +49,7 @@ BLOCK = 24  # trials; part of the promise of equal bits
 RATE = 100.0  # Hz
 WHITE = 1.0  # per root Hz; the others are shares of it, the unit cancels
 REMAINDER = 0.05
+RATE_OF_INTERVALS = 0.95
 COVERED = 0.015
 SHORTEST = 4  # rows to an average from which samples follow the laws of averages
 KINDS = ("N", "B", "K")
@@ -66,13 +67,17 @@ class Parameters(StudyParameters):
     walk: Annotated[float, Field(gt=0.0, le=10.0)] = Field(
         default=0.3, description="Random walk K over white noise N, Hz."
     )
-    trials: Annotated[int, Field(ge=2 * BLOCK)] = Field(
+    intervals: bool = Field(
+        default=True, description="Whether the intervals are made and counted, too."
+    )
+    trials: Annotated[int, Field(ge=256)] = Field(
         default=480, description="Signals; rounded up to whole blocks of 24."
     )
 
     def cost(self) -> Cost:
         """Cost of a cell: a fit with its intervals, and a draw, for each signal."""
-        return Cost(0.2 + self.trials * (0.02 + 4e-7 * self.rows), 40)
+        fit = 0.02 if self.intervals else 0.005
+        return Cost(0.2 + self.trials * (fit + 4e-7 * self.rows), 40)
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
@@ -100,33 +105,34 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
             for variances in signals.T:
                 problem = Problem(variances, law, forms)
                 found = fitted(problem)
-                low, high = ends(problem, found)
                 square = (found.free - truth) ** 2
                 allan = (variances - law @ truth) ** 2 / np.diagonal(covariance)
-                inside = (low <= truth) & (truth <= high)
-                columns.append(
-                    np.concatenate(
-                        [square / predicted, [square[0] / bound], inside, allan[long]]
-                    )
-                )
+                parts = [square / predicted, [square[0] / bound], allan[long]]
+                if parameters.intervals:
+                    low, high = ends(problem, found)
+                    parts.append((low <= truth) & (truth <= high))
+                columns.append(np.concatenate(parts))
         return np.array(columns).T
 
     sums = simulate(errors, streams, samples=parameters.trials, block=BLOCK, batch=1)
     measured = moments_of(sums)
     value, error, n = measured.bias, measured.bias_error, sums.samples
-    rate = 0.95
-    spread = np.sqrt(rate * (1.0 - rate) / n)
     allan = ALLAN_ERROR.each(f"{m}" for m in counts[long])
-    return Outcome(
-        rows=(
-            *plain(SQUARED_ERROR.each(f"{k}^2" for k in KINDS), value[:3], error[:3], n,
-                   1.0, LEAST_SQUARES, REMAINDER),
-            *plain(VARIANCE_OVER_BOUND("N^2"), value[3], error[3], n,
-                   predicted[0] / bound, LEAST_SQUARES, REMAINDER),
-            *plain(COVERAGE.each(KINDS), value[4:7], spread, n, rate, NORMAL, COVERED),
-            *plain(allan, value[7:], error[7:], n, 1.0, CLOSED_FORM, REMAINDER),
-        )
+    last = 4 + len(allan)
+    rows = (
+        *plain(SQUARED_ERROR.each(f"{k}^2" for k in KINDS), value[:3], error[:3], n,
+               1.0, LEAST_SQUARES, REMAINDER),
+        *plain(VARIANCE_OVER_BOUND("N^2"), value[3], error[3], n,
+               predicted[0] / bound, LEAST_SQUARES, REMAINDER),
+        *plain(allan, value[4:last], error[4:last], n, 1.0, CLOSED_FORM, REMAINDER),
     )  # fmt: skip
+    if parameters.intervals:
+        spread = np.sqrt(RATE_OF_INTERVALS * (1.0 - RATE_OF_INTERVALS) / n)
+        rows += plain(
+            COVERAGE.each(KINDS), value[last:], spread, n,
+            RATE_OF_INTERVALS, NORMAL, COVERED,
+        )  # fmt: skip
+    return Outcome(rows=rows)
 
 
 def _predicted(
