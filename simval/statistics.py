@@ -128,6 +128,15 @@ SQUARED_ERROR = Family(
 RMS_OVER_BOUND = Family(
     "rms_over_bound", "RMS error over the Cramer-Rao bound", least=0.0
 )
+VARIANCE_OVER_BOUND = Family(
+    "variance_over_bound", "variance over the Cramer-Rao bound", margin=0.02, least=0.0
+)
+ALLAN_ERROR = Family(
+    "allan_square_error_over_predicted",
+    "mean square error of an Allan variance over the predicted one",
+    margin=0.02,
+    least=0.0,
+)
 INCONSISTENT_RATE = Family(
     "inconsistent_rate", "share of samples called inconsistent", least=0.0, most=1.0
 )
@@ -310,6 +319,8 @@ FIRST_SOLVER = "lm"
 PSEUDO_TRUE = "what its class converges to"
 NOISE_FREE = "its noise-free answer"
 BEST_OF_CLASS = "best of its class"
+LEAST_SQUARES = "generalised least squares"
+CLOSED_FORM = "closed form"
 NINE_PARAMETERS = "Cramer-Rao, nine parameters"
 
 

@@ -79,6 +79,7 @@ TABLE = {
         for name in (*INPUTS, "short.csv")
         for line in (
             *(f"calibrate {name}", f"correct short.csv --calibration {name}"),
+            *(f"noise {name}", f"plan --hold 1 --noise {name}"),
             *(f"plan --noise-std 1 --{key} {name}" for key in ("directions", "sensor")),
             f"scene --sensor {name}",
         )

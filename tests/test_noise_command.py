@@ -114,13 +114,15 @@ def test_the_figure(simval, still, tmp_path, kind):
     if kind == ".svg":
         for words in (b"averaging time, s", "m/s²".encode(), b"rad/s", b"N = "):
             assert words in content
+    code, _, err = simval("noise", still, "--figure", tmp_path / f"no/where{kind}")
+    assert code == 2
+    assert "cannot write" in err
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         (["--figure", "a.pdf"], ".svg or .png"),
-        (["--figure", "/nowhere/at/all.svg"], "cannot write"),
         (["--gyro-unit", "furlongs"], "must be one of"),
         (["--gyro-unit", "nan"], "must be one of"),
         (["--accelerometer-unit", "-1"], "must be one of"),
@@ -409,6 +411,47 @@ def test_files_that_are_no_json(simval, tmp_path, content):
     code, _, err = simval("plan", "--noise", path, "--hold", 1)
     assert code == 2
     assert "noise.json" in err
+
+
+def garbage():
+    """Logs of every kind that has no noise model, and what is said of them."""
+    force, _ = static(1200, 9)
+    time = np.arange(1200) / RATE
+    hole, torn = time.copy(), time.copy()
+    hole[600:] += 3.0
+    torn[600] = torn[599]
+    bad = force.copy()
+    bad[700, 1] = np.nan
+    uneven = np.cumsum(np.where(np.arange(1200) % 10 == 9, 4.0 / RATE, 1.0 / RATE))
+    both = "t,ax,ay,az"
+    yield "nan", both, (time, bad), 2, "not finite|not a"
+    yield "short", both, (time[:300], force[:300]), 3, "too few"
+    yield "one row", both, (time[:1], force[:1]), 2, "no row of numbers"
+    yield "gap", both, (hole, force), 2, "a gap of"
+    yield "clock stops", both, (torn, force), 2, "times must increase"
+    yield "uneven clock", both, (uneven, force), 3, "of the rows are missing"
+    yield "no clock", "ax,ay,az", (force,), 2, "sampling rate"
+    yield "one axis", "t,ax", (time, force[:, 0]), 2, "accelerometer"
+    yield "constant", both, (time, np.tile(force[0], (1200, 1))), 3, "do not vary"
+    yield "huge", both, (time, 1e200 * force), 2, "beyond"
+
+
+@pytest.mark.parametrize("case", list(garbage()), ids=lambda case: case[0])
+def test_garbage_ends_in_words(simval, tmp_path, case):
+    _, header, columns, expected, said = case
+    path = written(tmp_path / "log.csv", header, *columns)
+    code, out, err = simval("noise", path)
+    assert code == expected, (out, err)
+    assert any(words in err for words in said.split("|")), err
+    assert "Traceback" not in err
+
+
+def test_a_huge_offset_costs_digits_and_nothing_else(simval, tmp_path):
+    force, _ = static(1200, 9)
+    path = written(tmp_path / "log.csv", "ax,ay,az", np.round(1e3 * force) + 1e12)
+    found = answer(simval, path, "--rate", RATE, "--json")
+    white = found["sensors"]["accelerometer"]["axes"]["x"]["coefficients"]["N"]
+    assert abs(white["value"] - 2.0) < 5.0 * white["sd"]
 
 
 # Real recordings

@@ -138,6 +138,7 @@ def as_object(result: LogCalibration) -> dict[str, Any]:
     """Return the result as one JSON object; a calibration file with more in it."""
     diagnosis = result.diagnosis
     known = not np.isnan(diagnosis.chi2_per_dof)
+    white = result.white_chi2_per_dof
     return to_json(result.fit) | {
         "intervals": len(result.intervals),
         "interval_samples": result.intervals.tolist(),
@@ -146,7 +147,7 @@ def as_object(result: LogCalibration) -> dict[str, Any]:
         "rest_found": result.rest.found,
         "chi2_per_dof": diagnosis.chi2_per_dof if known else None,
         "p_value": diagnosis.p_value if known else None,
-        "white_chi2_per_dof": result.white_chi2_per_dof if known else None,
+        "white_chi2_per_dof": None if np.isnan(white) else white,
         "pose_noise": result.pose_noise.source,
         "pose_noise_std": result.pose_noise.std.tolist(),
         "pose_noise_white_std": result.pose_noise.white.tolist(),

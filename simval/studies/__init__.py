@@ -49,6 +49,7 @@ _NAMES = (
     "attitude_vectors",
     "attitude_geometries",
     "attitude_map",
+    "noise_model",
     "detector",
     "end_to_end",
     "estimator",
