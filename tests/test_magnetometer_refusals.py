@@ -38,6 +38,7 @@ def refused(body, iron, kind=GeometryError, **options):
 # what leaves something open
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("tilt", [0.0, 3.0, 8.0])
 def test_turning_on_a_level_table_is_refused(tilt):
     for seed in range(3):
@@ -94,6 +95,7 @@ def test_repeated_poses_are_refused():
 # what is no pair of sensors
 
 
+@pytest.mark.ci
 def test_a_dead_axis_is_named():
     body, iron = noisy(FORTY)
     for k, axis in enumerate("xyz"):

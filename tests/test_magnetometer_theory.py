@@ -21,7 +21,8 @@ from simval.errors import GeometryError, InputError
 from simval.geometry import attitude_matrix, cross_matrix, random_quaternions
 from simval.sensor import MODELS, AccelerometerModel, MagnetometerModel, forms
 from simval.theory import magnetometer as own
-from simval.theory import magnetometer_moments
+from simval.theory import magnetometer_moments, plan_magnetometer
+from simval.theory import magnetometer_planning as planning
 
 NOISE = {"accelerometer_std": BODY_STD, "magnetometer_std": IRON_STD}
 UNITS = {"g": G, "field": FIELD}
@@ -95,6 +96,7 @@ def test_bound_is_that_of_all_attitudes_unknown(count, dip_deg, seed):
     assert np.abs(np.diagonal(known) - 1.0).max() > 100 * limit
 
 
+@pytest.mark.ci
 def test_the_fit_states_the_same_covariance():
     case = random_set(40, 5)
     fit = calibrate_magnetometer(case.body, case.iron, G, FIELD, **NOISE)
@@ -203,6 +205,7 @@ def test_the_recipe_s_covariance_is_that_of_its_derivatives():
     )  # fmt: skip
 
 
+@pytest.mark.ci
 def test_what_the_recipe_costs_depends_on_the_dip():
     ratios = {}
     for dip_deg in (0.0, 66.0, 80.0):
@@ -247,17 +250,17 @@ def test_singular_sets_have_their_rank(q, rank):
         predicted(made(q))
 
 
-@pytest.mark.ci
 def test_tilts_cost_what_they_cost():
     """RMS of M's error bars beside that of attitudes of all kinds."""
-    rms = {
-        tilt: np.sqrt(np.mean(predicted(made(tilted(40, tilt, 3))).sd[9:18] ** 2))
-        for tilt in (20.0, 45.0)
-    }
-    even = {
-        n: np.sqrt(np.mean(predicted(random_set(n, 3)).sd[9:18] ** 2))
-        for n in (12, 40, 160)
-    }
+
+    def bars(q):
+        found = plan_magnetometer(
+            q, np.radians(60.0), accelerometer_noise=1e-4, magnetometer_noise=5e-3
+        )
+        return np.sqrt(np.mean(found.sd[9:18] ** 2))
+
+    rms = {tilt: bars(tilted(40, tilt, 3)) for tilt in (20.0, 45.0)}
+    even = {n: bars(random_set(n, 3).q) for n in (12, 40, 160)}
     # of 20 drawn sets of each kind: 13 to 30 times, 1.9 to 2.8 times
     assert 10.0 < rms[20.0] / even[40] < 40.0
     assert 1.7 < rms[45.0] / even[40] < 3.5
@@ -265,6 +268,51 @@ def test_tilts_cost_what_they_cost():
         40 / 12
     )  # few poses cost more than their number
     assert even[40] / even[160] == pytest.approx(2.0, rel=0.15)
+
+
+@pytest.mark.ci
+def test_a_plan_predicts_what_a_fit_states():
+    body = AccelerometerModel(T=np.eye(3), K=np.full(3, G), B=np.zeros(3))
+    iron = MagnetometerModel(M=np.eye(3), b=np.zeros(3))
+    case = random_set(20, 5, body=body, iron=iron, field=1.0)
+    found = plan_magnetometer(
+        case.q, np.radians(60.0), accelerometer_noise=1e-4, magnetometer_noise=5e-3
+    )
+    fit = calibrate_magnetometer(
+        case.body, case.iron, G, 1.0, accelerometer_std=1e-4, magnetometer_std=5e-3
+    )
+    assert found.names == fit.names
+    assert found.rank == 22
+    np.testing.assert_allclose(found.sd[9:], fit.sd[9:], rtol=1e-8)
+    more = made(np.vstack([case.q, found.next_attitude]), 60.0, body, iron, 1.0)
+    again = calibrate_magnetometer(
+        more.body, more.iron, G, 1.0, accelerometer_std=1e-4, magnetometer_std=5e-3
+    )
+    np.testing.assert_allclose(found.sd_next[9:], again.sd[9:], rtol=1e-8)
+    # no candidate does better: each is tried, with the sensors of the fit
+    total = np.sum(again.sd[9:] ** 2)
+    for q in planning.candidate_attitudes()[::7]:
+        other = predicted(
+            made(np.vstack([case.q, q])), body=body, iron=iron, g=G, field=1.0,
+            accelerometer_std=1e-4, magnetometer_std=5e-3,
+        )  # fmt: skip
+        assert np.sum(other.sd[9:] ** 2) >= total * (1.0 - 1e-9)
+
+
+def test_a_plan_grows_to_full_rank_from_nothing():
+    q = random_quaternions(1, np.random.default_rng(1))
+    ranks = []
+    for _ in range(10):
+        found = plan_magnetometer(
+            q, 1.0, accelerometer_noise=1e-4, magnetometer_noise=5e-3
+        )
+        ranks.append(found.rank)
+        assert np.isfinite(found.sd).all() == (found.rank == 22)
+        q = np.vstack([q, found.next_attitude])
+    assert ranks[:4] == [3, 6, 9, 12]  # three equations each, none of them wasted
+    assert 22 in ranks
+    assert len(np.unique(np.round(planning.candidate_attitudes(), 9), axis=0)) == 156
+    np.testing.assert_allclose(np.linalg.norm(q, axis=1), 1.0, rtol=1e-12)
 
 
 def test_what_no_theory_is_made_of_is_refused():
@@ -320,9 +368,7 @@ def test_even_attitudes_are_the_scale_of_what_is_left_out():
             body, iron, q, np.radians(dip_deg), 1e-6, 1e-3,
             g=1.0, field=1.0, form="triangular",
         )  # fmt: skip
-        covariance = own._inverse(
-            own._information(own.jacobian(problem), own.weights_of(problem))
-        )
+        covariance = own.inverse_of(own.information_of(problem).sum(axis=0))
         carry = own._natural(problem)
         worst = np.sqrt(np.max(np.diagonal(carry @ covariance @ carry.T)))
         # the 2.4 of eq. (M9); 1000 random attitudes are even within some percent

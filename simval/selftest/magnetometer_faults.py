@@ -104,6 +104,6 @@ def _formula() -> list[Fault]:
         _fault(
             "formula",
             "bound with the accelerometer known",
-            wrapped(theory, "_inverse", known),
+            wrapped(theory, "inverse_of", known),
         ),
     ]

@@ -9,6 +9,7 @@ from simval.theory.calibration import CalibrationMoments, calibration_moments
 from simval.theory.cramer_rao import AttitudeBound, attitude_bound
 from simval.theory.cubature import cubature_moments
 from simval.theory.magnetometer import MagnetometerMoments, magnetometer_moments
+from simval.theory.magnetometer_planning import MagnetometerPlan, plan_magnetometer
 from simval.theory.planning import Plan, plan, pose_noise
 from simval.theory.series import series_moments
 from simval.theory.sufficient import SufficientOrder, sufficient_order
@@ -19,6 +20,7 @@ __all__ = [
     "AttitudeMoments",
     "CalibrationMoments",
     "MagnetometerMoments",
+    "MagnetometerPlan",
     "Plan",
     "SufficientOrder",
     "attitude_bound",
@@ -29,6 +31,7 @@ __all__ = [
     "magnetometer_moments",
     "multiplicative_moments",
     "plan",
+    "plan_magnetometer",
     "pose_noise",
     "series_moments",
     "sufficient_order",

@@ -158,15 +158,15 @@ def magnetometer_moments(
         magnetometer_std, g=g, field=field, form=form,
     )  # fmt: skip
     slopes, weights = jacobian(problem), weights_of(problem)
-    information = _information(slopes, weights)
-    rank = _rank(information)
+    information = information_of(problem).sum(axis=0)
+    rank = rank_of(information)
     if rank < PARAMETERS:
         msg = (
             f"the {len(problem.y)} poses have rank {rank} of {PARAMETERS}, so some "
             "parameters cannot be told apart; turn and tilt to more sides"
         )
         raise GeometryError(msg)
-    covariance = _inverse(information)
+    covariance = inverse_of(information)
     carry = _natural(problem)
     worst = float(np.sqrt(np.max(np.diagonal(carry @ covariance @ carry.T))))
     to_dip = np.ones(PARAMETERS)
@@ -179,7 +179,7 @@ def magnetometer_moments(
     u, k = (noise / np.cos(dip)) ** 2, max(1.0, worst * count**0.5 / noise / EVEN)
     both = np.outer(to_dip, to_dip)
     return MagnetometerMoments(
-        names=(*forms.names(problem.form), *_NAMES),
+        names=(*forms.names(problem.form), *NAMES),
         bias=bias * to_dip,
         covariance=covariance * both,
         recipe=_recipe(problem, slopes) * both,
@@ -188,25 +188,29 @@ def magnetometer_moments(
     )
 
 
-_NAMES = (
+NAMES = (
     *(f"M_{row}{column}" for row in "xyz" for column in "xyz"),
     *(f"b_{axis}" for axis in "xyz"),
     "dip",
 )
 
 
-def _information(slopes: Array, weights: Array) -> Float[Array, "22 22"]:
-    return np.einsum("nai,nab,nbj->ij", slopes, weights, slopes)
+def information_of(p: Problem) -> Float[Array, "n 22 22"]:
+    """Fisher information of each pose, the terms of eq. (M2)."""
+    slopes = jacobian(p)
+    return np.swapaxes(slopes, -1, -2) @ weights_of(p) @ slopes
 
 
-def _rank(information: Float[Array, "22 22"]) -> int:
+def rank_of(information: Float[Array, "22 22"]) -> int:
+    """How many combinations of the parameters the poses see."""
     scale = np.sqrt(np.diagonal(information))
     scale = np.where(scale > 0.0, scale, 1.0)
     values = np.linalg.eigvalsh(information / np.outer(scale, scale))
     return int(np.count_nonzero(values > _RANK * values[-1]))
 
 
-def _inverse(information: Float[Array, "22 22"]) -> Float[Array, "22 22"]:
+def inverse_of(information: Float[Array, "22 22"]) -> Float[Array, "22 22"]:
+    """The bound: the inverse, by way of columns of equal length."""
     scale = np.sqrt(np.diagonal(information))
     whole = np.linalg.inv(information / np.outer(scale, scale))
     return (whole + whole.T) / 2.0 / np.outer(scale, scale)

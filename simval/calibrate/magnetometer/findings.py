@@ -86,7 +86,7 @@ def look(fit: Single) -> Found:
 def _left_out(fit: Single) -> tuple[tuple[int, ...], float]:
     # poses that do not fit the others, and the chi-square by freedom of the others
     count = fit.readings.accelerometer.shape[1]
-    kept, out = np.arange(count), []
+    kept, out = np.arange(count), list[int]()
     summary, dof = fit.summary, fit.dof
     while True:
         values = disturbed.pose_chi_squares(summary.here, summary.covariance[0])
