@@ -14,7 +14,7 @@ from tumbles import ACCELEROMETER, GYROSCOPE, WALK, M, fitted, readings, tumble
 
 from simval.calibrate import calibrate, calibrate_gyroscope, moves_between
 from simval.calibrate.gyroscope import fit as fit_module
-from simval.theory.gyroscope import Path, gyroscope_moments
+from simval.theory.gyroscope import MovePath, gyroscope_moments
 from simval.theory.gyroscope_bias import gyroscope_bias
 
 TRUTH = np.concatenate([ACCELEROMETER.parameters, M.ravel(), GYROSCOPE.B])
@@ -130,7 +130,7 @@ def path_of(truth, pieces=40, margin=10):
         attitude = Rotation.from_quat(truth.attitude[nodes])
         turns.append((attitude[:-1].inv() * attitude[1:]).as_rotvec())
         seconds.append(np.diff(truth.time[nodes]))
-    return Path(turns=np.array(turns), seconds=np.array(seconds))
+    return MovePath(turns=np.array(turns), seconds=np.array(seconds))
 
 
 def bound_of(truth, rest_seconds):
@@ -155,7 +155,7 @@ def predicted(estimator, bias="constant"):
 
 @pytest.mark.ci
 def test_variance_over_the_joint_bound():
-    """The bound has every attitude as an unknown, and shares no formula with the fit."""
+    """The bound has every attitude unknown, and shares no formula with the fit."""
     joint, _, _ = predicted("joint")
     # taken at a noisy estimate, which moves a variance by some 1e-3 of itself; the
     # theory's segments leave 3e-4

@@ -28,7 +28,7 @@ from simval.geometry import normalize
 from simval.poses import one_set
 from simval.sensor import AccelerometerModel, GyroscopeModel, forms
 from simval.shapes import Float, Inexact
-from simval.theory.gyroscope import PARAMETERS, Path
+from simval.theory.gyroscope import PARAMETERS, MovePath
 
 _STEP: Final = 1e-30  # of the complex step: exact to rounding
 _WIDE: Final = 1e-4  # of the differences of first derivatives, relative
@@ -53,7 +53,7 @@ def gyroscope_bias(
     gyroscope: GyroscopeModel,
     accelerometer: AccelerometerModel,
     directions: Any,
-    path: Path,
+    path: MovePath,
     *,
     pose_std: float,
     bias_std: float,
@@ -61,7 +61,34 @@ def gyroscope_bias(
     g: float = 9.80665,
     form: str = "triangular",
 ) -> Float[Array, "12"]:
-    """Second-order bias of M and B, eq. (Y3); segments of a tenth of a radian do."""
+    """Predict the second-order bias of a joint calibration, eq. (Y3).
+
+    Parameters
+    ----------
+    gyroscope : GyroscopeModel
+        The true gyroscope.
+    accelerometer : AccelerometerModel
+        The true accelerometer.
+    directions : array_like
+        True directions of the specific force at the rests, sensor axes, (n, 3).
+    path : MovePath
+        The moves between them; segments of a tenth of a radian are short enough.
+    pose_std : float
+        Noise of each axis of a pose mean, raw units.
+    bias_std : float
+        Noise of what the rests say of the gyroscope's bias, raw units.
+    angle_random_walk : float
+        White noise N, raw units per root hertz.
+    g : float, default 9.80665
+        Gravity, m/s^2.
+    form : {"triangular", "upper", "symmetric"}
+        Form of the accelerometer's parameters.
+
+    Returns
+    -------
+    Array
+        Bias of M row by row and of B, (12,).
+    """
     u = normalize(one_set("directions", directions))
     theta = forms.from_gram(form, accelerometer.matrix.T @ accelerometer.matrix,
                             accelerometer.B)  # fmt: skip
