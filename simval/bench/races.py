@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from simval.bench import attitude, calibration, scene
+from simval.bench import attitude, calibration, gyroscope, scene
 from simval.bench.race import Race
 from simval.errors import InputError
 
@@ -61,6 +61,12 @@ RACES: tuple[Race, ...] = (
         title="One calibration of many samples",
         item="samples",
         contenders=calibration.samples,
+    ),
+    Race(
+        name="gyroscope",
+        title="Calibrations of a gyroscope, 39 moves of 200 samples each",
+        item="fits",
+        contenders=gyroscope.contenders,
     ),
 )
 
