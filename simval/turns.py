@@ -89,23 +89,29 @@ def turns_of(
 ) -> tuple[Float[Array, "k 3"], Float[Array, " k"]]:
     """Axes and angles of the shortest turns from each direction to the next.
 
+    Between opposite ones any axis across them is the shortest; one is chosen.
+
     Raises
     ------
     InputError
-        If two neighbours are the same or opposite, where there is no shortest turn.
+        If two neighbours are the same, so that nothing is turned.
     """
     u = normalize(finite_array("directions", directions, (None, 3)))
     # gravity turns from u to v in body axes when the body turns the other way
     axis = np.cross(u[1:], u[:-1])
-    sine = np.linalg.norm(axis, axis=-1)
-    if not np.all(sine > _RANK_TOLERANCE):
-        k = int(np.argmin(sine))
+    sine, cosine = np.linalg.norm(axis, axis=-1), np.vecdot(u[1:], u[:-1])
+    same = (sine <= _RANK_TOLERANCE) & (cosine > 0.0)
+    if same.any():
+        k = int(np.argmax(same))
         msg = (
-            f"directions {k} and {k + 1} are the same or opposite, so that no axis is "
-            "the shortest; give another order, or axes and angles"
+            f"directions {k} and {k + 1} are the same: nothing is turned between them; "
+            "leave one out, or give axes and angles"
         )
         raise InputError(msg)
-    return axis / sine[:, None], np.arctan2(sine, np.vecdot(u[1:], u[:-1]))
+    other = np.eye(3)[np.argmin(np.abs(u[1:]), axis=1)]
+    opposite = sine <= _RANK_TOLERANCE
+    axis = np.where(opposite[:, None], np.cross(u[1:], other), axis)
+    return normalize(axis), np.arctan2(sine, cosine)
 
 
 def judge(rows: Float[Array, "r p"]) -> TurnObservability:

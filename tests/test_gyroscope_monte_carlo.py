@@ -12,9 +12,10 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 from tumbles import ACCELEROMETER, GYROSCOPE, WALK, M, fitted, readings, tumble
 
-from simval.calibrate import calibrate_gyroscope
+from simval.calibrate import calibrate, calibrate_gyroscope, moves_between
 from simval.calibrate.gyroscope import fit as fit_module
-from simval.theory.gyroscope import Path, gyroscope_moments
+from simval.theory.gyroscope import MovePath, gyroscope_moments
+from simval.theory.gyroscope_bias import gyroscope_bias
 
 TRUTH = np.concatenate([ACCELEROMETER.parameters, M.ravel(), GYROSCOPE.B])
 EVERY, ACC, OWN, MATRIX = slice(None), slice(0, 9), slice(9, 21), slice(9, 18)
@@ -129,7 +130,7 @@ def path_of(truth, pieces=40, margin=10):
         attitude = Rotation.from_quat(truth.attitude[nodes])
         turns.append((attitude[:-1].inv() * attitude[1:]).as_rotvec())
         seconds.append(np.diff(truth.time[nodes]))
-    return Path(turns=np.array(turns), seconds=np.array(seconds))
+    return MovePath(turns=np.array(turns), seconds=np.array(seconds))
 
 
 def bound_of(truth, rest_seconds):
@@ -154,7 +155,7 @@ def predicted(estimator, bias="constant"):
 
 @pytest.mark.ci
 def test_variance_over_the_joint_bound():
-    """The bound has every attitude as an unknown, and shares no formula with the fit."""
+    """The bound has every attitude unknown, and shares no formula with the fit."""
     joint, _, _ = predicted("joint")
     # taken at a noisy estimate, which moves a variance by some 1e-3 of itself; the
     # theory's segments leave 3e-4
@@ -173,6 +174,69 @@ def test_the_gaps_give_back_to_the_accelerometer():
     _, alone, together = predicted("joint")
     share = np.diagonal(together)[:9] / np.diagonal(alone)
     assert np.all((share > 0.70) & (share < 0.92))  # 0.77 to 0.90 at these poses
+
+
+def predicted_bias(truth, pieces, rest_seconds):
+    return gyroscope_bias(
+        GYROSCOPE, ACCELEROMETER, truth.directions, path_of(truth, pieces),
+        pose_std=float(truth.pose_std[1]), bias_std=WALK / np.sqrt(rest_seconds.sum()),
+        angle_random_walk=WALK, g=truth.g,
+    )  # fmt: skip
+
+
+@pytest.mark.ci
+def test_second_order_bias_is_negligible():
+    """Below a hundredth of a standard deviation; no correction is worth its code."""
+    truth = tumble()
+    rest_seconds = np.diff(truth.intervals)[:, 0] * 0.01
+    bias = predicted_bias(truth, 4, rest_seconds)
+    sd = bound_of(truth, rest_seconds).sd[9:]
+    assert 1e-4 < np.abs(bias / sd).max() < 5e-3
+    # about minus the variance of a move's angle, of a scale of one
+    angle = WALK**2 * (truth.time[-1] - truth.time[0]) / 39.0
+    assert -3.0 < bias[[0, 4, 8]].mean() / angle < -0.1
+
+
+@pytest.mark.slow
+def test_second_order_bias_is_as_predicted():
+    """Antithetic pairs at ten times the noise, where it is ten times as visible."""
+    truth, times, pairs = tumble(), 10.0, 5
+    rng = np.random.default_rng(3)
+    std = np.full(len(truth.directions), truth.pose_std[1])
+    poses = ACCELEROMETER.distort(truth.directions, rng)
+    rows = GYROSCOPE.distort(truth.rate, rng)
+
+    def errors(pose_noise, row_noise):
+        moves = moves_between(
+            truth.time, rows + times * row_noise, truth.intervals, chunk=2
+        )
+        noisy = poses + times * pose_noise
+        acc = calibrate(noisy, truth.g, residual="weighted", noise_std=times * std)
+        fit = calibrate_gyroscope(
+            moves, noisy, acc, pose_std=times * std, angle_random_walk=times * WALK,
+            start=np.eye(3),
+        )  # fmt: skip
+        return fit.parameters - TRUTH[OWN], moves.rest_seconds
+
+    clean, rest_seconds = errors(
+        np.zeros((1, *poses.shape)), np.zeros((1, *rows.shape))
+    )
+    means = []
+    for _ in range(100):
+        n = rng.standard_normal((pairs, *poses.shape)) * std[:, None]
+        w = rng.standard_normal((pairs, *rows.shape)) * WALK / 0.1
+        both = errors(np.concatenate([n, -n]), np.concatenate([w, -w]))[0] - clean
+        means.append((both[:pairs] + both[pairs:]) / 2.0)
+    seen = np.concatenate(means) / times**2
+    error = seen.std(axis=0) / np.sqrt(len(seen))
+    bias = predicted_bias(truth, 16, rest_seconds)
+    # five standard errors, and what segments of 0.2 rad and the weights leave
+    room = (
+        5.0 * error + 0.05 * np.abs(bias[:9]).max() * np.r_[np.ones(9), np.full(3, 0.1)]
+    )
+    assert np.all(np.abs(seen.mean(axis=0) - bias) < room)
+    # power: without the noise of the moves' angle the scales would not shrink
+    assert np.all((seen.mean(axis=0) + room)[[0, 4, 8]] < 0.0)
 
 
 # Power: the same test must see a covariance or a reading that is wrong.

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from simval.bench import attitude, calibration, noise, scene
+from simval.bench import attitude, calibration, gyroscope, noise, scene
 from simval.bench.race import Race
 from simval.errors import InputError
 
@@ -67,6 +67,12 @@ RACES: tuple[Race, ...] = (
         title="Overlapping Allan variances of a million rows",
         item="row averages",
         contenders=noise.allan,
+    ),
+    Race(
+        name="gyroscope",
+        title="Calibrations of a gyroscope, 39 moves of 200 samples each",
+        item="fits",
+        contenders=gyroscope.contenders,
     ),
 )
 

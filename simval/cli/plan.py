@@ -1,6 +1,7 @@
 """`simval plan`."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from simval.poses import cube_corners, cube_edges, cube_faces, fibonacci_sphere
 from simval.sensor import MODELS, AccelerometerModel
 from simval.sensor.forms import entries
 from simval.shapes import Float
+from simval.theory.gyroscope_planning import GyroscopePlan, plan_gyroscope
 from simval.theory.planning import Plan, plan, pose_noise
 
 SOURCES = {
@@ -26,6 +28,14 @@ SOURCES = {
 }
 OTHERS = ("noise_std", "noise_density", "velocity_random_walk")
 FARTHEST = 2.0  # times the longest average: so far the fitted model is believed
+PLAN_KEYS = (
+    "names", "sd", "bound", "bias", "noise_std", "poses", "rank", "condition",
+    "next_direction", "sd_next",
+)  # fmt: skip
+GYROSCOPE_KEYS = (
+    "names", "sd", "accelerometer_sd", "moves", "rank", "condition", "next_axis",
+    "next_angle", "sd_next",
+)  # fmt: skip
 SETS = {"faces": cube_faces, "edges": cube_edges, "corners": cube_corners}
 
 
@@ -51,6 +61,14 @@ SETS = {"faces": cube_faces, "edges": cube_edges, "corners": cube_corners}
 @click.option(
     "--sensor", type=PATH, help="JSON file of an earlier calibration, for its scales."
 )
+@click.option(
+    "--angle-random-walk",
+    type=float,
+    help="Plan a gyroscope too: its white noise, rad/s per root Hz.",
+)
+@click.option(
+    "--move", type=float, metavar="SECONDS", help="Time of a move, 2 if not given."
+)
 @click.option("--g", type=float, default=9.80665, show_default=True, help="m/s^2.")
 @click.option("--model", type=click.Choice(MODELS), default="triangular")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
@@ -62,6 +80,8 @@ def command(
     model: str,
     as_json: bool,
     noise_file: Path | None,
+    angle_random_walk: float | None,
+    move: float | None,
     **noise: float | None,
 ) -> None:
     """Predict the error bars of a calibration before any data is taken.
@@ -69,7 +89,19 @@ def command(
     Prints the standard deviation of each parameter for a pose set, the rank and
     condition of the set, and the next direction that helps most. Give the noise of a
     pose mean, or a hold time with a noise density or a measured noise model.
+
+    With the noise of a gyroscope, the same for its matrix and bias, from the shortest
+    moves between the poses in their order, and the next turn that helps most.
     """
+    refuse_if(
+        angle_random_walk is not None and noise["hold"] is None,
+        "`--angle-random-walk` needs `--hold`, the time of a rest, and the "
+        "accelerometer's noise density or random walk",
+    )
+    refuse_if(
+        move is not None and angle_random_walk is None,
+        "`--move` is of a gyroscope; give `--angle-random-walk` too",
+    )
     refuse_if(
         directions is not None and stated("poses"),
         "`--directions` replaces `--poses`; give one",
@@ -88,11 +120,26 @@ def command(
     result = plan(chosen, std, sensor=known, g=g, form=model)
     source = "given" if noise["noise_std"] is not None else "white"
     source = source if noise_file is None else "file"
+    turned = None
+    if angle_random_walk is not None:
+        turned = plan_gyroscope(
+            chosen,
+            pose_std=result.noise_std,
+            angle_random_walk=angle_random_walk,
+            move_seconds=2.0 if move is None else move,
+            rest_seconds=noise["hold"] or 0.0,
+            g=g,
+            form=model,
+        )
     if as_json:
-        written = as_object(result) | {"noise_source": source}
-        click.echo(json.dumps(written, allow_nan=False))
+        made = as_object(result) | {"noise_source": source}
+        if turned is not None:
+            made["gyroscope"] = as_object(turned, GYROSCOPE_KEYS)
+        click.echo(json.dumps(made, allow_nan=False))
         return
     for line in described(result, model, SOURCES[source]):
+        click.echo(line)
+    for line in gyroscope_described(turned) if turned else ():
         click.echo(line)
 
 
@@ -191,7 +238,9 @@ def read_directions(path: Path) -> Float[Array, "n 3"]:
     return np.array(rows)
 
 
-def as_object(result: Plan) -> dict[str, Any]:
+def as_object(
+    result: Plan | GyroscopePlan, keys: Sequence[str] = PLAN_KEYS
+) -> dict[str, Any]:
     """Plan as plain JSON values; infinite becomes null."""
 
     def plain(value: Any) -> Any:
@@ -201,10 +250,6 @@ def as_object(result: Plan) -> dict[str, Any]:
             objects[~np.isfinite(array)] = None
         return objects.tolist()
 
-    keys = (
-        "names", "sd", "bound", "bias", "noise_std", "poses", "rank", "condition",
-        "next_direction", "sd_next",
-    )  # fmt: skip
     return {key: plain(getattr(result, key)) for key in keys}
 
 
@@ -228,5 +273,29 @@ def described(result: Plan, form: str, source: str = "") -> list[str]:
             "",
             "rank below nine: these poses do not tell some parameters apart, whatever "
             "the noise; add the next direction and plan again",
+        ]
+    return lines
+
+
+def gyroscope_described(result: GyroscopePlan) -> list[str]:
+    """Describe the plan of a gyroscope in lines of text."""
+    helps = ", ".join(f"{x:.3f}" for x in result.next_axis)
+    lines = [
+        "",
+        f"moves           {result.moves}, rank {result.rank} of 9, condition "
+        f"{result.condition:.3g}",
+        f"next turn       {np.degrees(result.next_angle):.0f} degrees about ({helps}), "
+        "sensor axes, from the last pose",
+        "",
+        "            predicted sd   with the next turn",
+    ]
+    for name, sd, after in zip(result.names, result.sd, result.sd_next, strict=True):
+        lines.append(f"  {name:7s} {sd:14.4g} {after:20.4g}")
+    lines.append("rad/s per rad/s, and rad/s; both sensors fitted together")
+    if not np.isfinite(result.sd[0]):
+        lines += [
+            "",
+            "these moves do not tell the matrix, whatever the noise; add the next turn "
+            "and plan again",
         ]
     return lines

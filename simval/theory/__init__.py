@@ -8,6 +8,9 @@ from simval.theory.attitude import (
 from simval.theory.calibration import CalibrationMoments, calibration_moments
 from simval.theory.cramer_rao import AttitudeBound, attitude_bound
 from simval.theory.cubature import cubature_moments
+from simval.theory.gyroscope import GyroscopeMoments, MovePath, gyroscope_moments
+from simval.theory.gyroscope_bias import gyroscope_bias
+from simval.theory.gyroscope_planning import GyroscopePlan, plan_gyroscope
 from simval.theory.magnetometer import MagnetometerMoments, magnetometer_moments
 from simval.theory.magnetometer_planning import MagnetometerPlan, plan_magnetometer
 from simval.theory.planning import Plan, plan, pose_noise
@@ -19,18 +22,24 @@ __all__ = [
     "AttitudeBound",
     "AttitudeMoments",
     "CalibrationMoments",
+    "GyroscopeMoments",
+    "GyroscopePlan",
     "MagnetometerMoments",
     "MagnetometerPlan",
+    "MovePath",
     "Plan",
     "SufficientOrder",
     "attitude_bound",
     "attitude_moments",
     "calibration_moments",
     "cubature_moments",
+    "gyroscope_bias",
+    "gyroscope_moments",
     "loss_noncentrality",
     "magnetometer_moments",
     "multiplicative_moments",
     "plan",
+    "plan_gyroscope",
     "plan_magnetometer",
     "pose_noise",
     "series_moments",

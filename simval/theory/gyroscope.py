@@ -41,13 +41,13 @@ from simval.sensor import AccelerometerModel, GyroscopeModel, forms
 from simval.shapes import Float
 
 PARAMETERS: Final = 21
-_GYROSCOPE = (*(f"M_{a}{b}" for a in "xyz" for b in "xyz"), "B_x", "B_y", "B_z")
+GYROSCOPE = (*(f"M_{a}{b}" for a in "xyz" for b in "xyz"), "B_x", "B_y", "B_z")
 _NODES: Final = 4  # of Gauss and Legendre in a segment: exact to the eighth power of it
 _SINGULAR: Final = 1e-12  # least over greatest eigenvalue of the scaled information
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Path:
+class MovePath:
     """Moves between rests, each in segments of a fixed axis.
 
     Attributes
@@ -102,7 +102,7 @@ def gyroscope_moments(
     gyroscope: GyroscopeModel,
     accelerometer: AccelerometerModel,
     directions: Any,
-    path: Path,
+    path: MovePath,
     *,
     pose_std: Any,
     bias_std: Any,
@@ -120,7 +120,7 @@ def gyroscope_moments(
         The true accelerometer.
     directions : array_like
         True directions of the specific force at the rests, sensor axes, (n, 3).
-    path : Path
+    path : MovePath
         The n - 1 moves between them.
     pose_std : float or array_like
         Noise of each axis of a pose mean, raw units, one number or (n,).
@@ -168,7 +168,7 @@ def gyroscope_moments(
     information = _information(rows.reshape(-1, rows.shape[-1]), moves, C, u)
     information[18:21, 18:21] += np.diag(1.0 / rest**2)
     return GyroscopeMoments(
-        names=(*forms.names(form), *_GYROSCOPE), cramer_rao=_bound(information)
+        names=(*forms.names(form), *GYROSCOPE), cramer_rao=_bound(information)
     )
 
 
@@ -191,7 +191,7 @@ def _pose_rows(
 
 
 def _move_rows(
-    M: Float[Array, "3 3"], path: Path, walk: float
+    M: Float[Array, "3 3"], path: MovePath, walk: float
 ) -> tuple[Float[Array, "k 3 15"], Float[Array, "k 3 3"]]:
     # white rows of each move by dp and, in the last three columns, by its angle
     rotation = scipy.spatial.transform.Rotation

@@ -12,7 +12,6 @@ from simval.calibrate.gyroscope.fit import (
     Fitted,
     Setting,
     approach,
-    coarse,
     iterate,
 )
 from simval.calibrate.gyroscope.gravity import across, directions
@@ -25,9 +24,7 @@ from simval.calibrate.gyroscope.noise import (
 )
 from simval.calibrate.gyroscope.refusal import relative_rows, require_told, worst_sd
 from simval.calibrate.gyroscope.result import GyroscopeFit
-from simval.calibrate.gyroscope.rows import gap_values
 from simval.calibrate.gyroscope.start import first_matrix
-from simval.calibrate.gyroscope.turn import turn
 from simval.calibrate.result import FitResult
 from simval.errors import GeometryError, InputError
 from simval.shapes import Float
@@ -105,8 +102,8 @@ def calibrate_gyroscope(
     setting = _setting(moves, accelerometer, noise, estimator, bias, known_bias)
     u, _ = directions(setting.model, theta, readings, setting.g)
     M = _start(moves, u, start)
-    M = approach(moves, setting, u, M)
-    refusals, condition = _judged(moves, setting, u, M)
+    M, J, e = approach(moves, setting, u, M)
+    refusals, condition = _judged(u, M, J, e)
     single = np.ndim(poses) == 2
     if single and refusals[0]:
         raise GeometryError(refusals[0])
@@ -229,16 +226,15 @@ def _start(moves: Moves, u: Float[Array, "t n 3"], start: Any) -> Float[Array, "
 
 
 def _judged(
-    moves: Moves, setting: Setting, u: Float[Array, "t n 3"], M: Float[Array, "t 3 3"]
+    u: Float[Array, "t n 3"],
+    M: Float[Array, "t 3 3"],
+    J: Float[Array, "t r 12"],
+    e: Float[Array, "t r"],
 ) -> tuple[list[str], Float[Array, " t"]]:
     # why a trial is refused, empty where it is not, and the condition of its moves
-    moved = turn(coarse(moves, M), M, setting.bias_value)
-    E = across(u[:, 1:])
-    EC = E @ np.swapaxes(moved.C, -1, -2)
-    rows = np.cross(EC, u[:, :-1, None, :]) @ moved.slopes
-    off = np.sqrt((gap_values(moved.C, u, E) ** 2).mean(axis=1))
+    off = np.sqrt((e * e).mean(axis=1))
     said, condition = [], np.full(len(u), np.inf)
-    for i, each in enumerate(rows.reshape(len(u), -1, 12)):
+    for i, each in enumerate(J):
         try:
             condition[i] = require_told(relative_rows(each, M[i]), u[i]).condition
             said.append("")

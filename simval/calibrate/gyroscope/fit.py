@@ -39,7 +39,7 @@ from simval.calibrate.gyroscope.statistics import merged
 from simval.calibrate.gyroscope.turn import end_of, turn, wander
 from simval.shapes import Float
 
-NEAR: Final = 0.03  # relative step; the next error is its square
+NEAR: Final = 3e-3  # relative step; the next error is its square
 MOST_PLAIN: Final = 30
 MOST_STEPS: Final = 12  # with one linearisation; each takes a thousandth of the error
 SETTLED: Final = 1e-5  # standard deviations
@@ -97,24 +97,26 @@ class Fitted:
 
 def approach(
     moves: Moves, setting: Setting, u: Float[Array, "t n 3"], M: Float[Array, "t 3 3"]
-) -> Float[Array, "t 3 3"]:
-    """Plain steps on larger chunks, the bias as the rests say."""
+) -> tuple[Float[Array, "t 3 3"], Float[Array, "t r 12"], Float[Array, "t r"]]:
+    """Plain steps on larger chunks, the bias as the rests say.
+
+    Returns M, and the derivative and the values of the gaps a small step before it.
+    """
     E = across(u[:, 1:])
     B = setting.bias_value
     statistics = coarse(moves, M)
     for _ in range(MOST_PLAIN):
         moved = turn(statistics, M, B)
         EC = E @ np.swapaxes(moved.C, -1, -2)
-        J = np.cross(EC, u[:, :-1, None, :]) @ moved.slopes[..., :9]
-        step = least_squares(
-            J.reshape(len(u), -1, 9), gap_values(moved.C, u, E)
-        ).reshape(-1, 3, 3)
+        J = np.cross(EC, u[:, :-1, None, :]) @ moved.slopes
+        J, e = J.reshape(len(u), -1, 12), gap_values(moved.C, u, E)
+        step = least_squares(J[..., :A], e).reshape(-1, 3, 3)
         size = np.linalg.norm(step, axis=(1, 2)) / np.linalg.norm(M, axis=(1, 2))
         # a step of more than a third is outside of what a linearisation tells
         M = M + step * np.minimum(1.0, 0.33 / np.maximum(size, 1e-300))[:, None, None]
         if not np.any(size > NEAR):
             break
-    return M
+    return M, J, e
 
 
 def coarse(moves: Moves, M: Float[Array, "t 3 3"]) -> Float[Array, "t k 10 c"]:

@@ -14,10 +14,10 @@ With J the left Jacobian of the exponential, C_j the turn up to chunk j and
      \partial_p F_{ix}, \tag{N3}
 
 so one contraction over the chunks, a product of matrices, gives the columns of all
-twelve parameters. A row of cof M is the cross product of the two other rows of M, so
+twelve parameters. Those of the cofactors are linear in M,
 
-.. math:: \partial_{ab}\,\mathrm{cof}_{a+1} = M_{a+2} \times e_b,\qquad
-   \partial_{ab}\,\mathrm{cof}_{a+2} = e_b \times M_{a+1}. \tag{N4}
+.. math:: \partial_{ab}\,\mathrm{cof}_{ij}
+   = \sum_{ln} \epsilon_{ial}\, \epsilon_{jbn}\, M_{ln}. \tag{N4}
 """
 
 from dataclasses import dataclass
@@ -30,6 +30,9 @@ from simval.shapes import Float, Inexact
 _CROSS = np.zeros((3, 3, 3))  # [v x]_ij = sum over k of _CROSS[k, i, j] v_k
 for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
     _CROSS[_k, _i, _j], _CROSS[_k, _j, _i] = -1.0, 1.0
+_ENTRIES = np.eye(9).reshape(9, 3, 3)  # derivative of M by its entries, row by row
+# of its cofactors, by entry ab: sum over l, n of e_ial e_jbn M_ln
+_COFACTOR = np.einsum("lia,njb->lnabij", _CROSS, _CROSS).reshape(9, 81)
 _SMALL = 1e-2  # rad; the next term of each series is below 1e-16 of its first
 
 
@@ -62,24 +65,17 @@ def map_slopes(
     M: Float[Array, "t 3 3"], B: Float[Array, "t 3"]
 ) -> Float[Array, "t 30 12"]:
     """Derivative of F by M, row by row, and B, eq. (N4)."""
-    result = np.zeros((len(M), 12, 3, 10))
-    bias = (B @ _CROSS.reshape(3, 9)).reshape(-1, 3, 3)
-    for a in range(3):
-        one, two = (a + 1) % 3, (a + 2) % 3
-        for b in range(3):
-            p, e = 3 * a + b, np.eye(3)[b]
-            dcof = np.zeros((len(M), 3, 3))
-            dcof[:, one] = np.cross(M[:, two], e)
-            dcof[:, two] = np.cross(e, M[:, one])
-            result[:, p, a, b] = 1.0
-            result[:, p, :, 3:6] = dcof
-            result[:, p, :, 6:9] = -dcof @ bias
-            result[:, p, a, 9] = -B[:, b]
-    cof = cofactor(M)
-    for b in range(3):
-        result[:, 9 + b, :, 6:9] = -cof @ _CROSS[b]
-        result[:, 9 + b, :, 9] = -M[:, :, b]
-    return np.swapaxes(result.reshape(-1, 12, 30), -1, -2)
+    t = len(M)
+    bias = (B @ _CROSS.reshape(3, 9)).reshape(t, 1, 3, 3)
+    dcof = (M.reshape(t, 9) @ _COFACTOR).reshape(t, 9, 3, 3)
+    result = np.zeros((t, 12, 3, 10))
+    result[:, :9, :, :3] = _ENTRIES
+    result[:, :9, :, 3:6] = dcof
+    result[:, :9, :, 6:9] = -dcof @ bias
+    result[:, :9, :, 9] = -(_ENTRIES @ B[:, None, :, None])[..., 0]
+    result[:, 9:, :, 6:9] = -cofactor(M)[:, None] @ _CROSS
+    result[:, 9:, :, 9] = -np.swapaxes(M, -1, -2)
+    return np.swapaxes(result.reshape(t, 12, 30), -1, -2)
 
 
 def turn(

@@ -1,0 +1,142 @@
+"""Races of the gyroscope's calibration: path statistics beside a loop over samples."""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import scipy
+
+from simval.arrays import Array
+from simval.bench.race import Contender
+from simval.calibrate import FitResult, calibrate, calibrate_gyroscope, moves_between
+from simval.poses import fibonacci_sphere
+from simval.sensor import AccelerometerModel, GyroscopeModel
+from simval.shapes import Float
+from simval.turns import turns_of
+
+G = 9.80665  # m/s^2, standard gravity
+POSES, MOVE, REST, STEP = 40, 200, 100, 0.01  # rows and s: moves of 2 s at 100 Hz
+POSE_STD = 1e-3  # m/s^2, of the mean of a rest; chosen
+WALK = 1.75e-4  # rad/s per root hertz: 0.01 degree
+TRIALS, BLOCK = 24, 8
+AGREEMENT = 1e-6
+"""Difference allowed between contenders, rad/s per rad/s. Chosen: a hundredth of a
+standard deviation; Runge and Kutta's own fourth order leaves 1e-8."""
+
+
+@cache
+def _data() -> tuple[Array, Array, Any, Array, FitResult]:
+    # time, rows of each trial, rests, poses and their fit
+    u = fibonacci_sphere(POSES)
+    axis, angle = turns_of(u)
+    s = np.linspace(0.0, 1.0, MOVE + 1)
+    course = np.diff(s**3 * (10.0 + s * (6.0 * s - 15.0))) / STEP
+    still = np.zeros((REST, 3))
+    parts = [still]
+    for a, b in zip(axis, angle, strict=True):
+        parts += [course[:, None] * a * b, still]
+    rate = np.concatenate(parts)
+    off = np.array([[0.02, 0.02, -0.01], [0.03, 0.03, 0.02], [0.0, 0.01, 0.0]])
+    bias = np.array([0.02, -0.01, 0.03])
+    sensor = GyroscopeModel(M=np.eye(3) + off, B=bias, angle_random_walk=WALK)
+    rng = np.random.default_rng(1)
+    rows = np.stack([sensor.distort(rate, rng, timestep=STEP) for _ in range(TRIALS)])
+    values = np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
+    force = AccelerometerModel.from_parameters(values, noise_std=POSE_STD)
+    poses = force.distort(G * np.broadcast_to(u, (TRIALS, POSES, 3)), rng)
+    starts = np.arange(POSES) * (MOVE + REST)
+    rests = np.stack([starts, starts + REST], axis=1)
+    return np.arange(len(rate)) * STEP, rows, rests, poses, calibrate(poses, G)
+
+
+def contenders() -> list[Contender]:
+    """List the ways to fit; the reference is SciPy with Runge-Kutta over samples."""
+    time, rows, rests, poses, _ = _data()
+
+    def fitted(some: slice, **options: Any) -> Any:
+        scheme, chunk = options.pop("scheme", "averages"), options.pop("chunk", 2)
+        moves = moves_between(
+            time, rows[some], rests, scheme=scheme, chunk=chunk, margin=0
+        )
+        acc = calibrate(poses[some], G, covariance=False)
+        return calibrate_gyroscope(
+            moves, poses[some], acc, pose_std=POSE_STD, angle_random_walk=WALK,
+            start=np.eye(3), **options,
+        )  # fmt: skip
+
+    def loop() -> int:
+        found = _scipy(0)
+        ours = fitted(
+            slice(0, 1), scheme="linear", chunk=1, estimator="unweighted",
+            bias="first rest",
+        ).M[0]  # fmt: skip
+        off = float(np.abs(found - ours).max())
+        if not off <= AGREEMENT:
+            msg = f"the contenders differ by {off:.1e}; {AGREEMENT:g} is allowed"
+            raise AssertionError(msg)
+        return 1
+
+    def batch(estimator: str, chunk: int) -> int:
+        for i in range(0, TRIALS, BLOCK):
+            fitted(slice(i, i + BLOCK), estimator=estimator, chunk=chunk)
+        return TRIALS
+
+    def one_by_one() -> int:
+        for i in range(4):
+            fitted(slice(i, i + 1), estimator="generalised")
+        return 4
+
+    return [
+        Contender(name="scipy least_squares, Runge-Kutta on samples", run=loop),
+        Contender(name="calibrate_gyroscope, one at a time", run=one_by_one),
+        Contender(
+            name="calibrate_gyroscope, batch", run=lambda: batch("generalised", 2)
+        ),
+        Contender(name="the same, chunks of four", run=lambda: batch("generalised", 4)),
+        Contender(name="with the accelerometer, batch", run=lambda: batch("joint", 2)),
+    ]
+
+
+def _scipy(trial: int) -> Float[Array, "3 3"]:
+    # what IMU-TK minimises, as a user of SciPy would: nine entries, unit vectors
+    _, rows, rests, poses, acc = _data()
+    h = (poses[trial] - acc.B[trial]) @ acc.matrix[trial].T
+    u = h / np.linalg.norm(h, axis=1, keepdims=True)
+    first, last = rests[:-1, 1] - 1, rests[1:, 0]
+    # the mean of the first rest, its last row given to the move
+    bias = rows[trial, :REST].mean(axis=0)
+    samples = np.stack(
+        [rows[trial, a : b + 1] - bias for a, b in zip(first, last, strict=True)]
+    )
+
+    def residual(values: Array) -> Array:
+        q = _runge_kutta(samples @ values.reshape(3, 3).T)
+        return (_turned_back(q, u[:-1]) - u[1:]).ravel()
+
+    return scipy.optimize.least_squares(
+        residual, np.eye(3).ravel(), xtol=1e-12, ftol=1e-12, gtol=1e-12
+    ).x.reshape(3, 3)
+
+
+def _runge_kutta(w: Float[Array, "k n 3"]) -> Float[Array, "k 4"]:
+    # quaternion, vector first, of each move; one step between any two samples
+    q = np.tile([0.0, 0.0, 0.0, 1.0], (len(w), 1))
+    for a, b in zip(np.moveaxis(w, 1, 0)[:-1], np.moveaxis(w, 1, 0)[1:], strict=True):
+        k1 = _slope(q, a)
+        k2 = _slope(q + 0.5 * STEP * k1, 0.5 * (a + b))
+        k3 = _slope(q + 0.5 * STEP * k2, 0.5 * (a + b))
+        k4 = _slope(q + STEP * k3, b)
+        q = q + STEP / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+        q /= np.linalg.norm(q, axis=1, keepdims=True)
+    return q
+
+
+def _slope(q: Float[Array, "k 4"], w: Float[Array, "k 3"]) -> Float[Array, "k 4"]:
+    vector = q[:, 3:] * w + np.cross(q[:, :3], w)
+    return 0.5 * np.concatenate([vector, -(q[:, :3] * w).sum(1, keepdims=True)], axis=1)
+
+
+def _turned_back(q: Float[Array, "k 4"], v: Float[Array, "k 3"]) -> Float[Array, "k 3"]:
+    e, s = q[:, :3], q[:, 3:]
+    twice = 2.0 * np.cross(-e, v)
+    return v + s * twice + np.cross(-e, twice)
