@@ -308,6 +308,30 @@ def test_pose_noise_by_the_log_by_a_file_and_by_white_noise(
     assert 0.4 < ratio < 2.5
 
 
+@pytest.mark.ci
+def test_calibrate_says_which_noise_it_took(simval, still, tmp_path):
+    noise = tmp_path / "noise.json"
+    noise.write_text(simval("noise", still, "--json")[1])
+    short = tumble(300, 900).accelerometer
+    path = written(tmp_path / "log.csv", "ax,ay,az", short)
+    for words, source, said in (
+        ([], "white", "white noise alone: the longest rest"),
+        (["--noise", noise], "file", "at each rest's length, of the noise file"),
+    ):
+        code, out, err = simval("calibrate", path, "--rate", RATE, *words, "--json")
+        assert code == 0, err
+        found = json.loads(out)
+        assert found["pose_noise"] == source
+        assert len(found["pose_noise_std"]) == found["intervals"]
+        assert (found["chi2_per_dof"] == found["white_chi2_per_dof"]) == (not words)
+        code, out, _ = simval("calibrate", path, "--rate", RATE, *words)
+        assert code == 0
+        assert said in out
+    code, _, err = simval("calibrate", path, "--rate", RATE, "--noise", path)
+    assert code == 2
+    assert "is not JSON" in err
+
+
 def test_the_noise_of_a_pose_is_at_the_length_of_its_rest(long_first):
     intervals = np.array([[0, 2900], [3150, 3350], [3550, 3950]])
     white = np.full(3, 0.001)
