@@ -42,6 +42,7 @@ VARIED = {
     "attitude_map": ("frame", ("greatest", "plain")),
     "attitude_vectors": ("vectors", range(2, 7)),
     "detector": ("trim", range(1, 10)),
+    "magnetometer": ("poses", range(12, 21)),
     "end_to_end": ("poses", range(12, 21)),
     "solvers": ("poses", range(20, 29)),
     "scene": ("poses", range(12, 21)),
@@ -186,6 +187,8 @@ def made(folder):
     cells += cells_of(
         "end_to_end", [row("budget[noise]", "first order"), row("impure")]
     )
+    rows = entries("variance_over_bound", "Cramer-Rao", ("M", "b"))
+    cells += cells_of("magnetometer", [*rows, *entries("sd", "first order", AXES)])
     cells += cells_of("solvers", [row("steps[lm]"), row("apart[lm]", "lm")])
     cells += cells_of("scene", [row("condition"), row("rests")], scene="die")
     return Run(folder=folder, cells=tuple(cells), manifest=MANIFEST, timing={})
