@@ -40,6 +40,7 @@ _NAMES = (
     "calibration",
     "ladder",
     "coverage",
+    "gyroscope",
     "solvers",
     "attitude",
     "attitude_order",
