@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 
 from simval.cli import run
 from simval.logs import read_log
-from simval.multiposition import calibrate_log
+from simval.multiposition import calibrate_log, calibrate_sensors
 from simval.poses import fibonacci_sphere
 from simval.report import render_calibration
 from simval.report.calibrated import calibration_sections, envelope
@@ -44,23 +44,28 @@ def log(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def result(log):
-    return calibrate_log(log)
+def whole(log):
+    return calibrate_sensors(log, calibrate_log(log), sensors=[])
 
 
-def section(log, result, anchor):
-    (found,) = [s for s in calibration_sections(log, result) if s.anchor == anchor]
+@pytest.fixture(scope="module")
+def result(whole):
+    return whole.log
+
+
+def section(log, whole, anchor):
+    (found,) = [s for s in calibration_sections(log, whole) if s.anchor == anchor]
     return found
 
 
 @pytest.mark.ci
-def test_the_page_says_the_result_and_what_to_do_next(log, result):
-    page = render_calibration(log, result)
-    assert page == render_calibration(log, result)
+def test_the_page_says_the_result_and_what_to_do_next(log, whole, result):
+    page = render_calibration(log, whole)
+    assert page == render_calibration(log, whole)
     assert result.diagnosis.verdict in page
     for number in result.next_direction:
         assert f"{number:.2f}" in page
-    (table,) = section(log, result, "result").tables
+    (table,) = section(log, whole, "result").tables
     names = [row[0] for row in table.rows]
     assert names == ["T[1][0]", "T[2][0]", "T[2][1]", *names[3:]]
     np.testing.assert_array_equal(
@@ -75,16 +80,16 @@ def test_the_page_says_the_result_and_what_to_do_next(log, result):
 
 
 @pytest.mark.ci
-def test_nothing_of_a_log_is_code_and_no_folder_is_shown(log, result):
-    page = render_calibration(log, result)
+def test_nothing_of_a_log_is_code_and_no_folder_is_shown(log, whole, result):
+    page = render_calibration(log, whole)
     assert "<b>" not in page
     assert "a &lt;b&gt; &amp; c.csv" in page
     assert str(log.path).rsplit("/", 1)[0] not in page
     assert not re.search(r'(src|href)="(?!#|data:)', page)
 
 
-def test_every_sensor_is_drawn_under_the_rests(log, result):
-    (drawing,) = section(log, result, "signals").drawings
+def test_every_sensor_is_drawn_under_the_rests(log, whole, result):
+    (drawing,) = section(log, whole, "signals").drawings
     assert [p.title for p in drawing.panels] == [
         "accelerometer", "gyroscope", "magnetometer",
     ]  # fmt: skip
@@ -95,8 +100,8 @@ def test_every_sensor_is_drawn_under_the_rests(log, result):
         assert end == log.time[result.intervals[0][1] - 1]
 
 
-def test_the_poses_and_the_next_one_are_on_the_map(log, result):
-    (drawing,) = section(log, result, "coverage").drawings
+def test_the_poses_and_the_next_one_are_on_the_map(log, whole, result):
+    (drawing,) = section(log, whole, "coverage").drawings
     up, down = drawing.panels
     assert (up.sign, down.sign) == (1.0, -1.0)
     off = up.directions @ fibonacci_sphere(16).T
@@ -112,8 +117,9 @@ def test_an_outlier_is_marked(log):
         path="log.csv", time=log.time, accelerometer=raw, gyro=None, rate=log.rate
     )
     result = calibrate_log(wrong)
+    found = calibrate_sensors(wrong, result)
     assert result.diagnosis.outliers
-    (panel,) = section(wrong, result, "residuals").drawings[0].panels
+    (panel,) = section(wrong, found, "residuals").drawings[0].panels
     dots = {series.label: series.x.astype(int).tolist() for series in panel.series}
     assert dots["outlier"] == list(result.diagnosis.outliers)
     assert len(dots[""]) + len(dots["outlier"]) == len(result.intervals)

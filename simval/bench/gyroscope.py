@@ -50,7 +50,7 @@ def _data() -> tuple[Array, Array, Any, Array, FitResult]:
 
 
 def contenders() -> list[Contender]:
-    """List the ways to fit; the reference is SciPy with Runge-Kutta over samples."""
+    """List the ways to fit; the reference is SciPy over Runge-Kutta steps."""
     time, rows, rests, poses, _ = _data()
 
     def fitted(some: slice, **options: Any) -> Any:

@@ -40,6 +40,7 @@ _NAMES = (
     "calibration",
     "ladder",
     "coverage",
+    "gyroscope",
     "solvers",
     "magnetometer",
     "attitude",

@@ -16,6 +16,7 @@ from simval.calibrate.gyroscope.choice import (
     choose_sensitivity,
 )
 from simval.calibrate.gyroscope.moves import Moves, moves_between
+from simval.calibrate.gyroscope.noise import checked_pose_std, checked_walk
 from simval.calibrate.gyroscope.result import GyroscopeFit, ImuFit
 from simval.calibrate.result import FitResult
 from simval.errors import InputError
@@ -111,11 +112,11 @@ def calibrate_imu(
         raise InputError(msg)
     at = np.asarray(intervals, dtype=np.intp)
     poses = np.array([rows[a:b].mean(axis=0) for a, b in at])
-    std = _white(rows, at) if pose_std is None else pose_std
+    std = _white(rows, at) if pose_std is None else checked_pose_std(pose_std, len(at))
     acc = _accelerometer(poses, std, g, model)
-    walk = np.broadcast_to(
-        moves.white[0] if angle_random_walk is None else angle_random_walk, (3,)
-    ).astype(float)
+    walk = checked_walk(
+        moves.white[0] if angle_random_walk is None else angle_random_walk
+    )
     rests = _rests(moves)
     found = choose_sensitivity(
         rests, acc.sensor().correct(poses), walk, bias_random_walk, asked=asked
@@ -155,10 +156,10 @@ def _white(rows: Float[Array, "n 3"], rests: Any) -> Float[Array, "m 3"]:
     return np.sqrt(squares / (counts.sum() - len(counts)) / counts[:, None])
 
 
-def _accelerometer(poses: Array, std: Any, g: float, model: str) -> FitResult:
-    level = np.asarray(std, dtype=float)
-    if level.ndim == 2:
-        level = np.sqrt((level**2).mean(axis=1))
+def _accelerometer(
+    poses: Array, std: Float[Array, "m 3"], g: float, model: str
+) -> FitResult:
+    level = np.sqrt((std**2).mean(axis=1))
     known = None if not np.all(level > 0.0) else level
     fit = calibrate(poses, g, model, residual="weighted", noise_std=known)
     return fit.require_converged()

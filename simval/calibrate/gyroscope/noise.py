@@ -9,13 +9,15 @@ neighbouring rests leaves a move, for the walk, the noise of a Brownian bridge,
 """
 
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
-from simval.arrays import Array, frozen
+from simval.arrays import Array, frozen, physical_array
 from simval.calibrate.gyroscope.moves import Moves
 from simval.calibrate.gyroscope.rows import Rows
 from simval.calibrate.gyroscope.turn import Turn, bias_slopes
+from simval.errors import InputError
 from simval.shapes import Float
 
 # Of the readings' own size: below it noise is rounding, and V is still positive.
@@ -45,6 +47,46 @@ class GyroscopeNoise:
             value = getattr(self, each.name)
             if each.name != "bias_random_walk":
                 object.__setattr__(self, each.name, frozen(value))
+
+
+def checked_walk(value: Any) -> Float[Array, "3"]:
+    """Require white noise of each axis.
+
+    Raises
+    ------
+    InputError
+        If it is not one number or three, 0 or more.
+    """
+    N = physical_array("angle_random_walk", value, ())
+    if N.shape not in ((), (3,)) or not np.all(N >= 0.0):
+        msg = (
+            f"`angle_random_walk` has shape {N.shape}, least {N.min(initial=0.0):g}; "
+            "give one number, or one of each axis (3,), 0 or more"
+        )
+        raise InputError(msg)
+    return np.array(np.broadcast_to(N, (3,)))
+
+
+def checked_pose_std(value: Any, count: int) -> Float[Array, "n 3"]:
+    """Require the noise of pose means, of all, each pose, or each of its axes.
+
+    Raises
+    ------
+    InputError
+        If the shape is another, or one is negative.
+    """
+    std = physical_array("pose_std", value, ())
+    if std.shape == (count,):
+        std = std[:, None]
+    fits = std.shape in ((), (count, 1), (count, 3))
+    if not fits or not np.all(std >= 0.0):
+        msg = (
+            f"`pose_std` has shape {std.shape}, least value {std.min(initial=0.0):g}; "
+            f"give one number, or one of each pose ({count},) or axis ({count}, 3), 0 "
+            "or more"
+        )
+        raise InputError(msg)
+    return np.array(np.broadcast_to(std, (count, 3)))
 
 
 def floored(noise: GyroscopeNoise, moves: Moves, poses: Array) -> GyroscopeNoise:

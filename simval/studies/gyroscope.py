@@ -1,0 +1,223 @@
+r"""Gyroscope: error bars of a calibration between rests, beside the bound on them.
+
+The gimbal visits poses; every sample of the gyroscope and every pose mean is drawn. The
+accelerometer is calibrated alone, then the gyroscope from the moves between the rests,
+by itself (generalised, or IMU-TK's unweighted way) or with the accelerometer (joint).
+Judged are the normalised squared error under the reported covariance, the coverage of
+the reported intervals, the mean square error over the Cramer-Rao bound with every
+attitude unknown, which the joint and the generalised fit must reach, and the recovery
+without noise.
+
+The laws are of first order. The next one is of the size of the second-order bias, below
+a hundredth of a standard deviation (`simval.theory.gyroscope_bias`), and of what the
+bound's moves of `PIECES` segments leave out.
+"""
+
+from math import sqrt
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import scipy
+from pydantic import Field
+
+from simval.arrays import Array
+from simval.calibrate import (
+    FitResult,
+    GyroscopeFit,
+    calibrate,
+    calibrate_gyroscope,
+    moves_between,
+)
+from simval.results import Outcome, Row, limit, nees, plain, unjudged
+from simval.scene import Trajectory, average_rates, simulate_cached
+from simval.sensor import GyroscopeModel
+from simval.shapes import Float
+from simval.statistics import (
+    BIAS,
+    CHI_SQUARE,
+    COVERAGE,
+    CRAMER_RAO,
+    NEES,
+    NO_BIAS,
+    NORMAL,
+    RECOVERY,
+    ROUNDING,
+    SQUARED_ERROR,
+)
+from simval.streams import Streams
+from simval.studies.calibration import true_sensor
+from simval.studies.study import Cost, StudyParameters
+from simval.theory.gyroscope import MovePath, gyroscope_moments
+
+TITLE = "Gyroscope: do the error bars of a calibration between rests hold?"
+SECTION = None  # the report draws its statistics along what varies
+
+BLOCK = 8  # trials; part of the promise of equal bits
+ROWS = 500.0  # Hz, of the gimbal
+FORCE = 0.01  # m/s^2, of an accelerometer's sample at 100 Hz
+CHUNK = 2
+PIECES = 40
+"""Segments of a move in the bound: a variance is good to 5e-4 of itself."""
+RELATIVE = 5e-3
+"""Of a variance or a NEES: the bound's segments, and the covariance that is taken at a
+noisy estimate, which moves it by some 1e-3."""
+SMALL_BIAS = 0.01
+"""Standard deviations: 0.0017 of second order at 40 poses, 0.003 of the fourth order of
+a step at 100 Hz."""
+ENOUGH = 1024  # trials, from which a bias of a fifth of a standard deviation is seen
+LEVEL = 0.95
+NAMES = (*(f"M_{a}{b}" for a in "xyz" for b in "xyz"), "B_x", "B_y", "B_z")
+UNITS = ("1",) * 9 + ("rad/s",) * 3
+
+
+class Parameters(StudyParameters):
+    """One cell: an estimator, poses, moves, rate of the rows and noise."""
+
+    estimator: Literal["joint", "generalised", "unweighted"] = Field(
+        default="joint", description="Both sensors together, one by one, or IMU-TK's."
+    )
+    poses: Annotated[int, Field(ge=12, le=100)] = Field(
+        default=40, description="Poses, spread evenly over the sphere."
+    )
+    move_time: Annotated[float, Field(ge=1.5, le=10.0)] = Field(
+        default=2.0, description="Time of a move, s."
+    )
+    every: Annotated[int, Field(ge=1, le=10)] = Field(
+        default=5, description="Rows of 500 Hz that one reading averages."
+    )
+    angle_random_walk: Annotated[float, Field(gt=0.0, le=0.3)] = Field(
+        default=0.01, description="White noise, degrees/s per root hertz."
+    )
+    trials: Annotated[int, Field(ge=256)] = Field(
+        default=1024, description="Trials; rounded up to whole blocks of 8."
+    )
+
+    def cost(self) -> Cost:
+        """Cost of a cell: the scene, and a fit for each trial."""
+        rows = self.poses * (self.move_time + 1.6) * 5.0 / self.every
+        return Cost(1.0 + 7e-5 * rows * self.trials, 20)
+
+
+def run(parameters: Parameters, streams: Streams) -> Outcome:
+    """Simulate one cell."""
+    data = _Tumble(parameters)
+    blocks = -(-parameters.trials // BLOCK)
+    found = [data.trial(streams.block(i), BLOCK) for i in range(blocks)]
+    error = np.concatenate([fit.parameters for fit in found]) - data.truth
+    C = np.concatenate([fit.own_covariance for fit in found])
+    free = 9 if parameters.estimator == "unweighted" else 12
+    error, C = error[:, :free], C[:, :free, :free]
+    bound = np.diagonal(data.bound())[:free]
+    rows = _judged(error, C, bound, parameters.estimator != "unweighted")
+    clean = data.trial(np.random.default_rng(0), 1, noise=0.0)
+    off = float(np.abs(clean.M[0] - data.gyroscope.M).max())
+    # of fourth order in the step; chunks of two leave another 1e-8
+    most = 1e-8 + 1e-9 * parameters.every**4
+    return Outcome(rows=(*rows, *limit(RECOVERY("M"), off, most, ROUNDING)))
+
+
+def _judged(
+    error: Float[Array, "t p"],
+    C: Float[Array, "t p p"],
+    bound: Float[Array, " p"],
+    efficient: bool,
+) -> tuple[Row, ...]:
+    n, p = error.shape
+    sd = np.sqrt(np.diagonal(C, axis1=1, axis2=2))
+    squares = np.vecdot(error, np.linalg.solve(C, error[..., None])[..., 0])
+    z = -scipy.special.ndtri((1.0 - LEVEL) / 2.0)
+    covered = (np.abs(error) < z * sd).mean(axis=1)
+    over = (error**2 / bound).mean(axis=1)
+
+    def mean(values: Array) -> tuple[float, float, int]:
+        return float(values.mean()), float(values.std(ddof=1)) / sqrt(n), n
+
+    several = tuple(error.mean(axis=0)), tuple(error.std(axis=0, ddof=1) / sqrt(n)), n
+    small = tuple(SMALL_BIAS * sd.mean(axis=0))
+    judge: Any = plain if efficient else unjudged
+    shift: Any = plain if n >= ENOUGH else unjudged
+    return (
+        *nees(NEES(), *mean(squares), float(p), CHI_SQUARE, RELATIVE * p),
+        *plain(COVERAGE("mean"), *mean(covered), LEVEL, NORMAL, 0.23 * RELATIVE / 2.0),
+        *judge(SQUARED_ERROR("mean"), *mean(over), 1.0, CRAMER_RAO, RELATIVE),
+        *shift(BIAS.each(NAMES[:p], UNITS[:p]), *several, 0.0, NO_BIAS, small),
+    )
+
+
+class _Tumble:
+    """A cell's scene at its rate, its sensors, and how a trial is drawn and fitted."""
+
+    def __init__(self, parameters: Parameters) -> None:
+        self.parameters = parameters
+        every = parameters.every
+        run = simulate_cached(
+            "gimbal", directions=parameters.poses, move_time=parameters.move_time,
+            first_hold=20.0,
+        )  # fmt: skip
+        self.g = run.g
+        self.time, self.attitude = run.time[::every], run.attitude[::every]
+        self.rests = _rests(run, every)
+        force = run.specific_force[::every]
+        self.force = np.array([force[a:b].mean(axis=0) for a, b in self.rests])
+        seconds = np.diff(self.rests)[:, 0] * every / ROWS
+        self.pose_std = FORCE / np.sqrt(100.0 * seconds)
+        self.walk = float(np.radians(parameters.angle_random_walk))
+        off = [[0.02, 0.02, -0.01], [0.03, 0.03, 0.02], [-0.02, 0.01, -0.01]]
+        bias = np.array([0.02, -0.01, 0.03])
+        self.gyroscope = GyroscopeModel(M=np.eye(3) + np.array(off), B=bias)
+        self.accelerometer = true_sensor(0.0)
+        rng = np.random.default_rng(0)  # draws nothing
+        self.rates = self.gyroscope.distort(average_rates(run, every), rng)
+        self.poses = self.accelerometer.distort(self.force, rng)
+        self.truth = np.concatenate([self.gyroscope.M.ravel(), bias])
+
+    def trial(
+        self, rng: np.random.Generator, count: int, noise: float = 1.0
+    ) -> GyroscopeFit:
+        """Draw and fit some trials."""
+        std = noise * self.pose_std[:, None]
+        poses = self.poses + std * rng.standard_normal((count, *self.poses.shape))
+        step = self.parameters.every / ROWS
+        each = noise * self.walk / sqrt(step)
+        rows = self.rates + each * rng.standard_normal((count, *self.rates.shape))
+        moves = moves_between(self.time, rows, self.rests, chunk=CHUNK)
+        known = self.parameters.estimator == "unweighted"
+        fit: FitResult = calibrate(
+            poses, self.g, residual="weighted", noise_std=self.pose_std
+        )
+        return calibrate_gyroscope(
+            moves, poses, fit, pose_std=self.pose_std, angle_random_walk=self.walk,
+            estimator=self.parameters.estimator, start=np.eye(3),
+            bias="first rest" if known else "constant",
+        ).require_converged()  # fmt: skip
+
+    def bound(self) -> Float[Array, "12 12"]:
+        """Cramer-Rao bound of the gyroscope's twelve."""
+        moves = moves_between(self.time, self.rates, self.rests, chunk=CHUNK)
+        moments = gyroscope_moments(
+            self.gyroscope, self.accelerometer, self.force, self._path(),
+            pose_std=self.pose_std, g=self.g, angle_random_walk=self.walk,
+            bias_std=self.walk / np.sqrt(moves.rest_seconds.sum()),
+        )  # fmt: skip
+        return moments.cramer_rao[9:, 9:]
+
+    def _path(self) -> MovePath:
+        # from the attitudes, from ten rows before the end of a rest to ten of the next
+        rotation = scipy.spatial.transform.Rotation
+        inner = np.minimum(10, np.diff(self.rests)[:, 0] // 3)
+        first = self.rests[:-1, 1] - 1 - inner[:-1]
+        last = self.rests[1:, 0] + inner[1:]
+        turns, seconds = [], []
+        for a, b in zip(first, last, strict=True):
+            nodes = np.round(np.linspace(a, b, PIECES + 1)).astype(int)
+            # the package's world to sensor is what SciPy reads as sensor to world
+            attitude = rotation.from_quat(np.array(self.attitude[nodes]))
+            turns.append((attitude[:-1].inv() * attitude[1:]).as_rotvec())
+            seconds.append(np.diff(self.time[nodes]))
+        return MovePath(turns=np.array(turns), seconds=np.array(seconds))
+
+
+def _rests(run: Trajectory, every: int) -> Any:
+    hold = run.hold[::every]
+    rows = [np.flatnonzero(hold == k) for k in run.hold_indices()]
+    return np.array([[r[0], r[-1] + 1] for r in rows])
