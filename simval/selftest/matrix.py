@@ -17,6 +17,7 @@ from simval.gate import GateResult, findings, judge_run, read_baseline, write_ba
 from simval.selftest.attitude_faults import attitude_faults
 from simval.selftest.calibration_faults import calibration_faults
 from simval.selftest.fault import Fault, replaced
+from simval.selftest.gyroscope_faults import gyroscope_faults, noise_faults
 from simval.selftest.magnetometer_faults import magnetometer_faults
 from simval.selftest.run_faults import run_faults
 from simval.studies import scene
@@ -44,6 +45,11 @@ SUITES: dict[str, dict[str, Any]] = {
             "trials": 1024,
         }
     },
+    # once with a quiet gyroscope: there the noise of the poses counts
+    "gyroscope": {
+        "gyroscope": {"poses": 14, "trials": 512, "angle_random_walk": [0.01, 1e-3]}
+    },
+    "noise": {"noise_model": {"estimate": "known weights", "rows": 4096}},
     "scene": {"scene": {"scene": "gimbal", "poses": 20}},
     "order": {"attitude_order": {"geometry": 3, "noise": "isotropic"}},
 }
@@ -71,6 +77,8 @@ def faults() -> tuple[Fault, ...]:
     return (
         *calibration_faults(),
         *magnetometer_faults(),
+        *gyroscope_faults(),
+        *noise_faults(),
         *attitude_faults(),
         *run_faults(),
     )
