@@ -72,7 +72,8 @@ def test_white_noise_is_found_within_three_per_cent_of_the_bound():
     se = np.sqrt(2.0 / (signals - 1))
     assert ours < 1.03 + stats.norm.isf(1e-4) * se
     assert usual > 2.0
-    assert abs(stated - 1.0) < 0.03
+    # the stated variance is the one that is seen, to its sampling error
+    assert abs(stated / ours - 1.0) < stats.norm.isf(1e-4) * se
 
 
 @pytest.mark.ci
@@ -157,7 +158,7 @@ def test_a_filter_in_the_sensor_is_said():
 
 
 def test_what_follows_no_model_has_no_coefficients():
-    rows = 8192
+    rows = 2048
     sine = np.sin(2.0 * np.pi * 0.7 * np.arange(rows) / RATE)
     noise = drawn(1, rows, 8, white_raw_per_sqrt_hz=0.02)[:, 0]
     (found,) = noise_of(sine + noise, RATE)
@@ -166,9 +167,9 @@ def test_what_follows_no_model_has_no_coefficients():
 
 
 def test_a_drift_of_the_longest_averages_is_said():
-    rows = 20_000
+    rows = 8192
     noise = drawn(1, rows, 16, white_raw_per_sqrt_hz=0.02)[:, 0]
-    settling = 2.0 * np.exp(-np.arange(rows) / RATE / 30.0)
+    settling = 2.0 * np.exp(-np.arange(rows) / RATE / 15.0)
     (found,) = noise_of(noise + settling, RATE)
     white = found.coefficients[0]
     assert abs(white.value - 0.02) < 4.0 * white.sd
@@ -268,7 +269,7 @@ def test_odd_signals_get_no_coefficients_but_words():
 
 
 def test_noise_far_from_zero_and_tiny_or_huge_units():
-    signal = drawn(1, 2048, 14, white_raw_per_sqrt_hz=0.02)[:, 0]
+    signal = drawn(1, 1024, 14, white_raw_per_sqrt_hz=0.02)[:, 0]
     (plain,) = noise_of(signal, RATE)
     for scale, offset in ((1e-30, 0.0), (1e30, 0.0), (1.0, 1e6)):
         (found,) = noise_of(scale * signal + offset, RATE)
