@@ -21,8 +21,8 @@ from simval.text import shown
 
 FEWEST = 8
 """Poses: three equations each for 22 parameters."""
-FEWEST_KNOWN = 5
-"""Poses with a known accelerometer: three equations each for 13 parameters."""
+FEWEST_KNOWN = 7
+"""Poses with a known accelerometer: two equations each for the other 13 parameters."""
 HEMISPHERES = ("unstated", "north", "south")
 
 
@@ -104,10 +104,14 @@ def checked_pair(
         )
         raise InputError(msg)
     if count < fewest:
-        what = "22 parameters" if known is None else "13 parameters"
+        what = (
+            "three equations, and 22 parameters need"
+            if known is None
+            else "two equations for the magnetometer, and its 13 parameters need"
+        )
         msg = (
-            f"{count} pose(s) given; each gives three equations, and {what} need "
-            f"{fewest} poses or more, turned and tilted to all sides: add poses"
+            f"{count} pose(s) given; each gives {what} {fewest} poses or more, turned "
+            "and tilted to all sides: add poses"
         )
         raise GeometryError(msg)
     return pair[0], pair[1]

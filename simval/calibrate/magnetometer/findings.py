@@ -17,9 +17,7 @@ from simval.shapes import Float
 
 STRONG_IRON = 0.7
 """Hard iron, of the field: beyond it the field inside the sensor can pass near zero."""
-_TAIL = (
-    0.01  # of the chi-square, on either side, beyond which the noise is not believed
-)
+_TAIL = 0.01  # of the chi-square, on either side, where the noise is not believed
 # Of 150 random sets 99 % lose at most 4.6 with 12 poses, 2.0 with 20, 1.6 with 40.
 GEOMETRY_LIMIT = 5.0
 _NOT_CONVERGED = (
@@ -111,7 +109,7 @@ def _left_out(fit: Single) -> tuple[tuple[int, ...], float]:
 
 def _few_words(fit: Single) -> str:
     count = fit.readings.accelerometer.shape[1]
-    if fit.prior is not None or count >= ENOUGH:
+    if count >= ENOUGH:
         return ""
     return (
         f"{count} poses leave {fit.dof} degrees of freedom: another calibration may "

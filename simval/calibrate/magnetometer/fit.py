@@ -132,8 +132,7 @@ def calibrate_magnetometer(
         code = int(numbers["code"][0])
         if code > Code.MAX_ITERATIONS:
             _refuse(code, named, parts[0], noise)
-        if code <= Code.MAX_ITERATIONS:
-            found = look(_single(parts[0], times, options))
+        found = look(_single(parts[0], times, options))
         numbers = {name: value[0] for name, value in numbers.items()}
     status = STATUS_NAMES[numbers.pop("code")]
     return MagnetometerFit(
