@@ -8,7 +8,7 @@ from tumbles import ACCELEROMETER, GYROSCOPE, WALK, M, tumble
 from simval.calibrate import calibrate_imu
 from simval.calibrate.gyroscope.choice import Rests, choose_bias, choose_sensitivity
 from simval.calibrate.gyroscope.noise import walk_covariance
-from simval.errors import GeometryError, InputError, RefusedError
+from simval.errors import GeometryError, InputError, RefusedError, SaturatedError
 from simval.poses import fibonacci_sphere
 from simval.sensor import GyroscopeModel
 
@@ -183,7 +183,10 @@ def test_bad_input_is_refused_in_words():
     for arguments, kind, words in cases:
         with pytest.raises(kind, match=words):
             calibrate_imu(*arguments, g=truth.g)
+    with pytest.raises(SaturatedError, match="range ends at 4"):
+        calibrate_imu(*good, g=truth.g, full_scale=4.0)
     options = {
+        "full_scale": -1.0,
         "bias": "parabola", "scheme": "simpson", "chunk": 3, "margin": -1,
         "pose_std": -1.0, "angle_random_walk": [1.0, 2.0], "bias_random_walk": -1.0,
         "estimator": "magic",
