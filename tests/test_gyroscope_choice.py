@@ -5,10 +5,17 @@ import pytest
 from scipy import stats
 from tumbles import ACCELEROMETER, GYROSCOPE, WALK, M, tumble
 
-from simval.calibrate import calibrate_imu
+from simval.calibrate import calibrate_imu, moves_between
 from simval.calibrate.gyroscope.choice import Rests, choose_bias, choose_sensitivity
-from simval.calibrate.gyroscope.noise import walk_covariance
-from simval.errors import GeometryError, InputError, RefusedError
+from simval.calibrate.gyroscope.gravity import across, gravity
+from simval.calibrate.gyroscope.noise import (
+    GyroscopeNoise,
+    sensitivity_noise,
+    walk_covariance,
+)
+from simval.calibrate.gyroscope.rows import gap_rows, gap_values
+from simval.calibrate.gyroscope.turn import end_of, turn
+from simval.errors import GeometryError, InputError, RefusedError, SaturatedError
 from simval.poses import fibonacci_sphere
 from simval.sensor import GyroscopeModel
 
@@ -183,7 +190,10 @@ def test_bad_input_is_refused_in_words():
     for arguments, kind, words in cases:
         with pytest.raises(kind, match=words):
             calibrate_imu(*arguments, g=truth.g)
+    with pytest.raises(SaturatedError, match="range ends at 4"):
+        calibrate_imu(*good, g=truth.g, full_scale=4.0)
     options = {
+        "full_scale": -1.0,
         "bias": "parabola", "scheme": "simpson", "chunk": 3, "margin": -1,
         "pose_std": -1.0, "angle_random_walk": [1.0, 2.0], "bias_random_walk": -1.0,
         "estimator": "magic",
@@ -191,3 +201,50 @@ def test_bad_input_is_refused_in_words():
     for name, bad in options.items():
         with pytest.raises(InputError, match=f"`{name}`"):
             calibrate_imu(*good, g=truth.g, **{name: bad})
+
+
+def test_white_noise_is_measured_within_the_rests():
+    truth, _, rate = one_log()
+    moves = moves_between(truth.time, rate, truth.intervals)
+    # differences of some 2400 rows: 1.22 / sqrt(2 n) of a standard deviation each
+    rows = np.diff(truth.intervals)[:, 0].sum() - 22 * 20
+    error = np.sqrt(1.5 / (2.0 * rows))
+    assert np.all(np.abs(moves.white[0] / WALK - 1.0) < 4.5 * error)
+
+
+def test_noise_of_a_sensitivity_is_what_a_wrong_one_does():
+    """Its map to the rows and to the bias, against moves with another one taken out."""
+    truth, _, rate = one_log()
+    force = truth.force
+    shape = choose_sensitivity(
+        rests(np.random.default_rng(1)), FORCE, N, 0.0, asked=True
+    ).shape
+    moves, at = [], np.random.default_rng(2).standard_normal((3, 3))
+    root = np.linalg.cholesky(shape[1:, 1:])
+    wrong = 10.0 * WALK * at @ root.T  # rows of G by unit noises, ten of them
+    for G_out in (np.zeros((3, 3)), wrong):
+        moves.append(
+            moves_between(
+                truth.time, rate, truth.intervals, offset=force @ G_out.T,
+                force=force, force_noise=shape,
+            )
+        )  # fmt: skip
+    poses = ACCELEROMETER.distort(truth.directions, np.random.default_rng(0))
+    theta = ACCELEROMETER.parameters[None]
+    found = gravity("triangular", theta, poses[None], truth.g)
+    E = across(found.u[:, 1:])
+    B = GYROSCOPE.B[None]
+    values = [
+        gap_values(end_of(m.statistics, M[None], B - m.centre), found.u, E)
+        for m in moves
+    ]
+    noise = GyroscopeNoise(
+        angle_random_walk=N, bias_random_walk=0.0, pose_std=np.full((20, 3), 1e-3)
+    )
+    moved = turn(moves[0].statistics, M[None], B - moves[0].centre)
+    rows = gap_rows(found, moved, noise.pose_std)
+    gaps, _ = sensitivity_noise(rows, moved, moves[0], M[None], noise)
+    expected = 10.0 * (gaps @ at.ravel())
+    # linear in what is wrong: the second order of 1e-3 rad is left
+    room = 2e-3 * np.abs(expected).max()
+    np.testing.assert_allclose(values[1] - values[0], expected, atol=room)

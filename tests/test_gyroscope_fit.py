@@ -175,7 +175,10 @@ def test_xsens_without_a_hint(xsens):
     Q = upper.M @ np.linalg.inv(fit.gyroscope.M)
     np.testing.assert_allclose(Q @ Q.T, np.eye(3), atol=1e-12)
     assert abs(np.degrees(Rotation.from_matrix(Q).magnitude()) - 1.35) < 0.01
-    json.dumps(fit.gyroscope.as_object(), allow_nan=False)
+    written = json.loads(json.dumps(fit.as_object(), allow_nan=False))
+    assert written["gyroscope"]["sd"] == list(np.sqrt(fit.covariance.diagonal())[9:])
+    assert written["accelerometer"]["sd"] == list(fit.accelerometer.sd)
+    assert len(fit.names) == 21
 
 
 def test_another_form_is_fitted_as_it_is_carried(slow_clock):

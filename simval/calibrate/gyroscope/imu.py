@@ -43,6 +43,7 @@ def calibrate_imu(
     scheme: str = "averages",
     margin: int = 10,
     chunk: int = 1,
+    full_scale: float | None = None,
     start: Any = None,
 ) -> ImuFit:
     """Calibrate both sensors from their rows and the rests among them.
@@ -82,6 +83,9 @@ def calibrate_imu(
         Rows by which a move reaches into the rests beside it.
     chunk : {1, 2, 4, 8}
         Steps that are merged into one.
+    full_scale : float, optional
+        Greatest reading of the gyroscope, raw units from the middle of its range; a
+        move that reaches it is refused.
     start : array_like, optional
         M to start from, (3, 3).
 
@@ -96,14 +100,16 @@ def calibrate_imu(
     InputError
         If an argument is not usable.
     RefusedError
-        If the rests or the moves do not tell the parameters, or rows are missing.
+        If the rests or the moves do not tell the parameters, rows are missing, or the
+        range ends.
     """
     bias = choice("bias", bias, _CHOICES)
     asked = None if sensitivity is None else switch("sensitivity", sensitivity)
     rows = physical_array("accelerometer", accelerometer, (None, 3))
-    moves = moves_between(
-        time, gyroscope, intervals, scheme=scheme, margin=margin, chunk=chunk
-    )
+    how: dict[str, Any] = {
+        "scheme": scheme, "margin": margin, "chunk": chunk, "full_scale": full_scale,
+    }  # fmt: skip
+    moves = moves_between(time, gyroscope, intervals, **how)
     if rows.ndim != 2 or len(rows) != len(np.asarray(time)):
         msg = (
             f"`accelerometer` has shape {rows.shape} for {len(np.asarray(time))} rows "
@@ -127,15 +133,7 @@ def calibrate_imu(
         chosen, said = bias, f"bias: {bias}, as asked; by evidence {said}"
     more, known = _taken_out(time, acc, rows, found, rests, chosen)
     if more:
-        moves = moves_between(
-            time,
-            gyroscope,
-            intervals,
-            scheme=scheme,
-            margin=margin,
-            chunk=chunk,
-            **more,
-        )
+        moves = moves_between(time, gyroscope, intervals, **how, **more)
     fit = calibrate_gyroscope(
         moves, poses, acc, pose_std=std, angle_random_walk=walk,
         bias_random_walk=drift, estimator=estimator, bias=chosen, known_bias=known,

@@ -6,9 +6,15 @@ from typing import Any
 import numpy as np
 
 from simval.arguments import choice, whole_number
-from simval.arrays import Array, finite_array, frozen, physical_array
+from simval.arrays import (
+    Array,
+    finite_array,
+    frozen,
+    physical_array,
+    positive_number,
+)
 from simval.calibrate.gyroscope.statistics import SCHEMES, path_statistics
-from simval.errors import InputError, RefusedError
+from simval.errors import InputError, RefusedError, SaturatedError
 from simval.shapes import Float
 
 _HOLE = 3.5  # steps; a row or two may be missing, a move is not told without more
@@ -72,6 +78,7 @@ def moves_between(
     scheme: str = "averages",
     margin: int = 10,
     chunk: int = 1,
+    full_scale: float | None = None,
     offset: Any = None,
     force: Any = None,
     force_noise: Any = None,
@@ -94,6 +101,9 @@ def moves_between(
     chunk : {1, 2, 4, 8}
         Steps that are merged into one. The third order of what a chunk turns is left
         out: 1e-5 rad of a move of one second at 100 Hz and chunks of 2.
+    full_scale : float, optional
+        Greatest reading of the sensor, raw units from the middle of its range; a move
+        that reaches it is refused.
     offset : array_like, optional
         Readings to take out of each row before, raw units, as `rates`: a bias that
         moves, or what the specific force does.
@@ -119,6 +129,7 @@ def moves_between(
     margin = whole_number("margin", margin, 0)
     y = physical_array("rates", rates, (None, 3))
     y = y[None] if y.ndim == 2 else y
+    raw = y
     if offset is not None:
         y = y - physical_array("offset", offset, (None, 3))
     t = finite_array("time", time, (None,))
@@ -127,6 +138,8 @@ def moves_between(
     inner = np.minimum(margin, np.maximum(np.diff(rows)[:, 0] // 3, 1))
     first, last = rows[:-1, 1] - 1 - inner[:-1], rows[1:, 0] + inner[1:]
     _require_no_holes(step, first, last)
+    if full_scale is not None:
+        _require_in_range(raw, first, last, full_scale)
     lo, hi = rows[:, 0] + inner, rows[:, 1] - inner
     lo[0], hi[-1] = rows[0, 0], rows[-1, 1]  # nothing moves before the first rest
     means, white = _rest_means(y, step, lo, hi)
@@ -204,6 +217,20 @@ def _require_no_holes(step: Array, first: Any, last: Any) -> None:
                 "before or after it, or record again"
             )
             raise RefusedError(msg)
+
+
+def _require_in_range(y: Array, first: Any, last: Any, full_scale: float) -> None:
+    most = positive_number("full_scale", full_scale, "raw units")
+    for k, (a, b) in enumerate(zip(first, last, strict=True)):
+        reached = np.abs(y[:, a : b + 1]).max(axis=(0, 2))
+        if reached.max() >= most:
+            msg = (
+                f"the move between rests {k} and {k + 1} reads {reached.max():.6g} in "
+                f"row {a + int(reached.argmax())}, and the sensor's range ends at "
+                f"{most:g}: what was turned there is not known; turn more slowly, or "
+                "set a wider range"
+            )
+            raise SaturatedError(msg)
 
 
 def _rest_means(

@@ -47,7 +47,7 @@ class GyroscopeFit:
     status : Array of str
         ``converged``, ``max iterations`` or ``refused: ...``, (...).
     iterations : Array of int
-        Evaluations of the moves, (...).
+        Steps with the last linearisation, (...).
     chi2_per_dof : Array
         Weighted sum of squares by degree of freedom, (...).
     condition : Array
@@ -55,7 +55,7 @@ class GyroscopeFit:
     gap_angles : Array
         Between gravity as turned and as read at the end of each gap, rad, (..., k).
     step : Array
-        Greatest last step over its standard deviation, (...).
+        What a further step would be, over its standard deviation, (...).
     """
 
     model: str
@@ -290,6 +290,38 @@ class ImuFit:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "G", frozen(self.G))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the 21 parameters, the accelerometer's first."""
+        return (*self.accelerometer.names, *NAMES)
+
+    @property
+    def covariance(self) -> Float[Array, "21 21"]:
+        """Covariance of the 21 parameters."""
+        return self.gyroscope.covariance
+
+    def as_object(self) -> dict[str, Any]:
+        """Both as plain JSON values.
+
+        Returns
+        -------
+        dict
+            The accelerometer's parameters and error bars, the gyroscope's object, what
+            was taken out, and the reasons.
+        """
+        force = self.accelerometer
+        return {
+            "accelerometer": {
+                "model": force.model,
+                "names": list(force.names),
+                "parameters": force.parameters.tolist(),
+                "sd": force.sd.tolist(),
+            },
+            "gyroscope": self.gyroscope.as_object(),
+            "G": self.G.tolist(),
+            "reasons": list(self.reasons),
+        }
 
 
 def _frame_jacobian(
