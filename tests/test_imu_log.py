@@ -1,9 +1,11 @@
 """All sensors of a log: found, calibrated, corrected, or named with the reason."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 
 from simval.calibrate.others import load_others
 from simval.cli import run
@@ -11,6 +13,7 @@ from simval.errors import InputError, RefusedError, SaturatedError
 from simval.logs import Log, read_log
 from simval.multiposition import calibrate_log, calibrate_sensors
 from simval.multiposition.imu import rail, require_alive
+from simval.multiposition.kalibr import kalibr_yaml
 from simval.report.calibrated import calibration_sections
 from simval.scene import simulate
 from simval.scene.signal import motion_of, write_signal
@@ -88,10 +91,12 @@ def test_the_moves_help_the_accelerometer(whole):
 def test_the_command_writes_all_and_correct_applies_it(path, tmp_path, capsys):
     file, page = tmp_path / "imu.json", tmp_path / "imu.html"
     words = ["calibrate", str(path), "--out", str(file), "--report", str(page)]
+    words += ["--kalibr", str(tmp_path / "imu.yaml")]
     assert run([*words, "--field", "4.47213595499958e-05"]) == 0
     said = capsys.readouterr().out
     for words in ("gyroscope         rate = M (reading - B)", "degrees below", "M_zz"):
         assert words in said
+    assert (tmp_path / "imu.yaml").read_text().startswith("imu0:\n  T_i_b:")
     written = json.loads(file.read_text())
     assert written["left_out"] == {}
     covariance = written["ros_imu"]["angular_velocity_covariance"]
@@ -113,6 +118,35 @@ def test_the_command_writes_all_and_correct_applies_it(path, tmp_path, capsys):
         # noise of a row, and the calibration's error beside it
         assert abs(off.mean()) < atol
         assert off.std() < atol
+
+
+def test_kalibrs_file_says_the_same_readings(path, whole):
+    """Its model of readings, applied to the truth, gives the model's readings."""
+    log = read_log(path)
+    text = kalibr_yaml(log, whole)
+    found = yaml.safe_load(text)["imu0"]
+    assert found["model"] == "scale-misalignment"
+    assert found["update_rate"] == log.rate
+    rng = np.random.default_rng(0)
+    force, rate = 9.8 * rng.normal(size=(2, 20, 3))
+    model = whole.accelerometer.sensor()
+    M_a = np.array(found["accelerometers"]["M"])
+    np.testing.assert_array_equal(M_a, np.tril(M_a))
+    read = force @ M_a.T + model.B
+    # two inverses of condition 1.1 and readings of 1e4
+    np.testing.assert_allclose(model.correct(read), force, rtol=0, atol=1e-11)
+    gyro = found["gyroscopes"]
+    M_g, C, A = (np.array(gyro[name]) for name in ("M", "C_gyro_i", "A"))
+    np.testing.assert_array_equal(M_g, np.tril(M_g))
+    np.testing.assert_allclose(C @ C.T, np.eye(3), rtol=0, atol=1e-14)
+    read = rate @ (M_g @ C).T + force @ A.T + whole.gyroscope.B
+    back = whole.gyroscope.sensor().correct(read)
+    np.testing.assert_allclose(back, rate, rtol=0, atol=1e-11)
+    # 0.15 raw per root hertz on scales of 1.1e-3, in 12 s at rest
+    assert found["gyroscope_noise_density"] == pytest.approx(1.65e-4, rel=0.2)
+    wrong = replace(whole, gyroscope=None)
+    with pytest.raises(InputError, match="the gyroscope is not calibrated; Kalibr"):
+        kalibr_yaml(log, wrong)
 
 
 def test_what_a_calibration_lacks_is_unchanged_and_said(path, tmp_path, capsys):

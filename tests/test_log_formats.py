@@ -146,6 +146,12 @@ def test_two_sensors_of_a_kind_are_left_out_and_that_is_said(tmp_path):
         "wx, wy, wz",
     )
     assert read_log(path, columns="t,ax,ay,az,-,-,-,wx,wy,wz").unclear == ()
+    path, _ = write(tmp_path, "t,ax,ay,az,gyr_x,gyr_y,temp", 7)
+    log = read_log(path)
+    assert log.gyro is None
+    assert log.unclear[0].startswith(
+        "the gyroscope has not x, y and z once each ('gyr_x', 'gyr_y'); choose"
+    )
 
 
 @pytest.mark.parametrize(

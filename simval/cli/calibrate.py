@@ -22,6 +22,7 @@ from simval.multiposition import (
     calibrate_log,
     calibrate_sensors,
 )
+from simval.multiposition.kalibr import kalibr_yaml
 from simval.noise import load_noise
 from simval.sensor import forms
 from simval.shapes import Float
@@ -70,6 +71,7 @@ def _choice(name: str, default: str, words: str) -> Callable[[FC], FC]:
 @click.option(
     "--report", "page", type=PATH, help="Write a page with figures, one HTML file."
 )
+@click.option("--kalibr", type=PATH, help="Write it as Kalibr's imu.yaml.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def command(
     path: Path,
@@ -81,6 +83,7 @@ def command(
     noise: Path | None,
     out: Path | None,
     page: Path | None,
+    kalibr: Path | None,
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -107,6 +110,8 @@ def command(
         written = as_object(result) | sensors_object(whole, log) | log_object(log)
     if out is not None:
         write_json(out, written)
+    if kalibr is not None:
+        write(kalibr, kalibr_yaml(log, whole))
     if page is not None:
         write_page(page, log, whole)
     if as_json:

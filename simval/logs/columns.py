@@ -144,18 +144,24 @@ def _by_header(table: Table, names: tuple[str, ...]) -> tuple[Column, ...]:
 
 
 def several(table: Table) -> tuple[str, ...]:
-    """What is said of sensors that a header names more than once, so that none is."""
+    """What is said of sensors that a header names, and of which none is taken."""
     if table.names is None:
         return ()
     channels = [channel(name) for name in table.names]
     said = []
     for (kind, roles), name in zip(KINDS.items(), SENSORS, strict=True):
         count = len(triples(channels, kind))
-        if count > 1:
-            said.append(
-                f"{count} {name}s are named and none is taken; choose one by "
-                f"--columns with {', '.join(roles)}"
-            )
+        own = [
+            repr(column)
+            for column, each in zip(table.names, channels, strict=True)
+            if each.kind == kind and each.axis
+        ]
+        if count == 1 or not own:
+            continue
+        why = f"{count} {name}s are named and none is taken"
+        if not count:
+            why = f"the {name} has not x, y and z once each ({', '.join(own[:_SHOWN])})"
+        said.append(f"{why}; choose one by --columns with {', '.join(roles)}")
     return tuple(said)
 
 
