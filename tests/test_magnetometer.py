@@ -285,7 +285,7 @@ def test_a_known_accelerometer_joins_with_its_covariance():
     assert np.all(one.sd[:9] <= single.sd * (1.0 + 1e-9))
 
 
-def test_an_accelerometer_without_covariance_is_not_known():
+def test_an_accelerometer_without_covariance_is_not_known(unchecked):
     none = calibrate(noisy(random_set(20, 1))[0], G, covariance=False)
     with pytest.raises(InputError, match="no covariance"):
         fitted(FORTY, known=none)

@@ -190,7 +190,7 @@ def test_noise_that_is_far_too_low_hides_nothing():
         ({"time": np.full(40, np.nan)}, "non-finite"),
     ],
 )
-def test_bad_options_are_named(change, words):
+def test_bad_options_are_named(change, words, unchecked):
     assert words in refused(*noisy(FORTY), InputError, **change)
 
 
@@ -217,7 +217,7 @@ def spoilt(good, rng):
 
 
 @pytest.mark.parametrize("which", [0, 1])
-def test_readings_that_are_none_end_in_words(which):
+def test_readings_that_are_none_end_in_words(which, unchecked):
     pair = noisy(FORTY)
     for name, bad in spoilt(pair[which], np.random.default_rng(1)).items():
         given = list(pair)

@@ -315,7 +315,7 @@ def test_a_plan_grows_to_full_rank_from_nothing():
     np.testing.assert_allclose(np.linalg.norm(q, axis=1), 1.0, rtol=1e-12)
 
 
-def test_what_no_theory_is_made_of_is_refused():
+def test_what_no_theory_is_made_of_is_refused(unchecked):
     case = random_set(12, 1)
     for change, words in (
         ({"dip_deg": 90.0}, "tells a heading"),
