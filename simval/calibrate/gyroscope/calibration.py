@@ -6,7 +6,7 @@ from typing import Any, Final
 import numpy as np
 
 from simval.arguments import choice, instance
-from simval.arrays import Array, nonnegative_number, physical_array
+from simval.arrays import Array, noise_levels, nonnegative_number, physical_array
 from simval.calibrate.gyroscope.fit import (
     A,
     Fitted,
@@ -49,6 +49,7 @@ def calibrate_gyroscope(
     estimator: str = "joint",
     bias: str = "constant",
     known_bias: Any = None,
+    bias_std: Any = None,
     start: Any = None,
 ) -> GyroscopeFit:
     """Fit M and B of a gyroscope to the moves between rests, one log or a batch.
@@ -76,6 +77,9 @@ def calibrate_gyroscope(
         that and kept (IMU-TK); line is what `moves` has taken out already.
     known_bias : array_like, optional
         Raw units, (3,): kept instead of the mean of the first rest.
+    bias_std : float or array_like, optional
+        How well the rests tell the bias, raw units, one number or (3,); by their white
+        noise if not given.
     start : array_like, optional
         M to start from, (3, 3); found by itself if not given.
 
@@ -104,6 +108,9 @@ def calibrate_gyroscope(
     noise = _noise(moves, readings, pose_std, angle_random_walk, bias_random_walk)
     estimator = choice("estimator", estimator, ESTIMATORS)
     setting = _setting(moves, accelerometer, noise, estimator, bias, known_bias)
+    if bias_std is not None:
+        level = noise_levels("bias_std", bias_std, 3)
+        setting = replace(setting, bias_std=np.maximum(level, setting.bias_std))
     u, _ = directions(setting.model, theta, readings, setting.g)
     M = _start(moves, u, start)
     M, J, e = approach(moves, setting, u, M)
