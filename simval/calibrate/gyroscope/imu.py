@@ -18,7 +18,8 @@ from simval.calibrate.gyroscope.choice import (
 )
 from simval.calibrate.gyroscope.moves import Moves, moves_between
 from simval.calibrate.gyroscope.noise import checked_pose_std, checked_walk
-from simval.calibrate.gyroscope.result import GyroscopeFit, ImuFit
+from simval.calibrate.gyroscope.pair import ImuFit
+from simval.calibrate.gyroscope.result import GyroscopeFit
 from simval.calibrate.result import FitResult
 from simval.errors import InputError
 from simval.sensor import forms
