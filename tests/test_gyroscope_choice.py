@@ -1,5 +1,7 @@
 """Models chosen by evidence: the bias, and the sensitivity to force."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -83,6 +85,9 @@ def test_bias_by_evidence():
     rng = np.random.default_rng(7)
     assert choose_bias(rests(rng), N, 0.0)[0] == "constant"
     assert choose_bias(rests(rng, walk=5e-4), N, 5e-4)[0] == "line"
+    # scatter that does not grow with time is no walk, however large
+    still = replace(rests(rng), rates=1e-2 * rng.standard_normal((20, 3)))
+    assert choose_bias(still, N, None)[0] == "constant"
     kind, drift, said = choose_bias(rests(rng, walk=5e-4), N, None)
     assert kind == "line"
     assert 2.5e-4 < drift < 1e-3  # from 57 differences: a factor of two is ample
@@ -125,7 +130,8 @@ def nees(count, seed, *, drift=0.0, actual=None, **options):
     for truth, force, rate in logs(count, seed, drift=drift, sensitivity=actual):
         fit = calibrate_imu(
             truth.time, force, rate, truth.intervals, g=truth.g, chunk=2,
-            start=np.eye(3), angle_random_walk=WALK, bias_random_walk=drift, **options,
+            start=np.eye(3), angle_random_walk=WALK,
+            **{"bias_random_walk": drift, **options},
         )  # fmt: skip
         got = np.concatenate([fit.accelerometer.parameters, fit.gyroscope.M.ravel()])
         e, C = got - expected, fit.gyroscope.covariance[:18, :18]
@@ -148,6 +154,14 @@ def test_error_bars_of_what_was_chosen_hold(name, bias, keeps):
     values, fit = nees(100, 9, **how)
     assert abs(values.mean() - 18.0) < 4.0 * values.std(ddof=1) / 10.0
     assert (fit.gyroscope.bias, bool(fit.G.any())) == (bias, keeps)
+
+
+@pytest.mark.slow
+def test_a_walk_that_is_measured_leaves_the_bars_nearly_right():
+    """Twenty rests tell K within a half: NEES 18 to 21, and 24 with a moment's K."""
+    values, _ = nees(100, 9, drift=1e-4, actual=G, bias_random_walk=None)
+    error = values.std(ddof=1) / 10.0
+    assert 18.0 - 4.0 * error < values.mean() < 20.0 + 4.0 * error
 
 
 @pytest.mark.slow
