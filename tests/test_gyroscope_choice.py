@@ -12,6 +12,8 @@ from simval.calibrate.gyroscope.choice import Rests, choose_bias, choose_sensiti
 from simval.calibrate.gyroscope.gravity import across, gravity
 from simval.calibrate.gyroscope.noise import (
     GyroscopeNoise,
+    rest_bias,
+    rest_weights,
     sensitivity_noise,
     walk_covariance,
 )
@@ -230,9 +232,12 @@ def test_noise_of_a_sensitivity_is_what_a_wrong_one_does():
     """Its map to the rows and to the bias, against moves with another one taken out."""
     truth, _, rate = one_log()
     force = truth.force
-    shape = choose_sensitivity(
-        rests(np.random.default_rng(1)), FORCE, N, 0.0, asked=True
-    ).shape
+    plain = moves_between(truth.time, rate, truth.intervals)
+    known = Rests(
+        rates=plain.rest_rates[0], times=plain.rest_times,
+        seconds=plain.rest_seconds, moves=plain.seconds,
+    )  # fmt: skip
+    shape = choose_sensitivity(known, truth.directions, N, 0.0, asked=True).shape
     moves, at = [], np.random.default_rng(2).standard_normal((3, 3))
     root = np.linalg.cholesky(shape[1:, 1:])
     wrong = 10.0 * WALK * at @ root.T  # rows of G by unit noises, ten of them
@@ -257,8 +262,14 @@ def test_noise_of_a_sensitivity_is_what_a_wrong_one_does():
     )
     moved = turn(moves[0].statistics, M[None], B - moves[0].centre)
     rows = gap_rows(found, moved, noise.pose_std)
-    gaps, _ = sensitivity_noise(rows, moved, moves[0], M[None], noise)
+    gaps, of_bias = sensitivity_noise(rows, moved, moves[0], M[None], noise)
     expected = 10.0 * (gaps @ at.ravel())
     # linear in what is wrong: the second order of 1e-3 rad is left
     room = 2e-3 * np.abs(expected).max()
     np.testing.assert_allclose(values[1] - values[0], expected, atol=room)
+    # the row of the bias is B less what the rests say of it
+    w = rest_weights(plain)
+    told = [rest_bias(m, noise, w)[0][0] + m.centre[0] for m in moves]
+    np.testing.assert_allclose(
+        told[0] - told[1], 10.0 * of_bias @ at.ravel(), rtol=1e-6, atol=1e-9 * WALK
+    )
