@@ -178,6 +178,7 @@ def one_log():
     return log
 
 
+@pytest.mark.ci
 def test_bad_input_is_refused_in_words():
     truth, force, rate = one_log()
     good = (truth.time, force, rate, truth.intervals)

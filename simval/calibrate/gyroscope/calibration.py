@@ -73,8 +73,9 @@ def calibrate_gyroscope(
         joint fits the accelerometer again, together with the gyroscope; generalised
         keeps it, and counts its errors; unweighted is IMU-TK's least squares.
     bias : {"constant", "first rest", "line"}
-        constant is estimated, from the rests and the moves; first rest is the mean of
-        that and kept (IMU-TK); line is what `moves` has taken out already.
+        constant is estimated, from the rests and the moves (unweighted: from the rests
+        alone); first rest is the mean of that and kept (IMU-TK); line is what `moves`
+        has taken out already.
     known_bias : array_like, optional
         Raw units, (3,): kept instead of the mean of the first rest.
     bias_std : float or array_like, optional
@@ -193,6 +194,7 @@ def _setting(
     if known is not None and bias == "constant":
         msg = f"`known_bias` is given and `bias` is {bias}; ask for first rest"
         raise InputError(msg)
+    kept = bias == "first rest" or (bias == "constant" and estimator == "unweighted")
     if known is not None:
         value = physical_array("known_bias", known, (3,)) - moves.centre
     return Setting(
@@ -201,7 +203,7 @@ def _setting(
         g=accelerometer.g,
         joint=estimator == "joint",
         weighted=estimator != "unweighted",
-        bias="known" if bias == "first rest" else bias,
+        bias="known" if kept else bias,
         noise=noise,
         bias_value=value,
         bias_std=std,
