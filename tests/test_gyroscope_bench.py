@@ -17,6 +17,7 @@ def test_contenders_agree_and_count(monkeypatch):
     gyroscope._data.cache_clear()
 
 
+@pytest.mark.ci
 def test_a_contender_that_differs_is_an_error(monkeypatch):
     monkeypatch.setattr(gyroscope, "TRIALS", 1)
     gyroscope._data.cache_clear()

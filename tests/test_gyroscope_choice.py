@@ -1,5 +1,7 @@
 """Models chosen by evidence: the bias, and the sensitivity to force."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -10,6 +12,8 @@ from simval.calibrate.gyroscope.choice import Rests, choose_bias, choose_sensiti
 from simval.calibrate.gyroscope.gravity import across, gravity
 from simval.calibrate.gyroscope.noise import (
     GyroscopeNoise,
+    rest_bias,
+    rest_weights,
     sensitivity_noise,
     walk_covariance,
 )
@@ -83,6 +87,9 @@ def test_bias_by_evidence():
     rng = np.random.default_rng(7)
     assert choose_bias(rests(rng), N, 0.0)[0] == "constant"
     assert choose_bias(rests(rng, walk=5e-4), N, 5e-4)[0] == "line"
+    # scatter that does not grow with time is no walk, however large
+    still = replace(rests(rng), rates=1e-2 * rng.standard_normal((20, 3)))
+    assert choose_bias(still, N, None)[0] == "constant"
     kind, drift, said = choose_bias(rests(rng, walk=5e-4), N, None)
     assert kind == "line"
     assert 2.5e-4 < drift < 1e-3  # from 57 differences: a factor of two is ample
@@ -125,7 +132,8 @@ def nees(count, seed, *, drift=0.0, actual=None, **options):
     for truth, force, rate in logs(count, seed, drift=drift, sensitivity=actual):
         fit = calibrate_imu(
             truth.time, force, rate, truth.intervals, g=truth.g, chunk=2,
-            start=np.eye(3), angle_random_walk=WALK, bias_random_walk=drift, **options,
+            start=np.eye(3), angle_random_walk=WALK,
+            **{"bias_random_walk": drift, **options},
         )  # fmt: skip
         got = np.concatenate([fit.accelerometer.parameters, fit.gyroscope.M.ravel()])
         e, C = got - expected, fit.gyroscope.covariance[:18, :18]
@@ -151,6 +159,14 @@ def test_error_bars_of_what_was_chosen_hold(name, bias, keeps):
 
 
 @pytest.mark.slow
+def test_a_walk_that_is_measured_leaves_the_bars_nearly_right():
+    """Twenty rests tell K within a half: NEES 18 to 21, and 24 with a moment's K."""
+    values, _ = nees(100, 9, drift=1e-4, actual=G, bias_random_walk=None)
+    error = values.std(ddof=1) / 10.0
+    assert 18.0 - 4.0 * error < values.mean() < 20.0 + 4.0 * error
+
+
+@pytest.mark.slow
 def test_a_sensitivity_that_is_ignored_is_seen():
     """Power: the same logs with none asked for, eight standard errors of NEES."""
     values, _ = nees(20, 9, actual=G, sensitivity=False)
@@ -162,6 +178,7 @@ def one_log():
     return log
 
 
+@pytest.mark.ci
 def test_bad_input_is_refused_in_words():
     truth, force, rate = one_log()
     good = (truth.time, force, rate, truth.intervals)
@@ -216,9 +233,12 @@ def test_noise_of_a_sensitivity_is_what_a_wrong_one_does():
     """Its map to the rows and to the bias, against moves with another one taken out."""
     truth, _, rate = one_log()
     force = truth.force
-    shape = choose_sensitivity(
-        rests(np.random.default_rng(1)), FORCE, N, 0.0, asked=True
-    ).shape
+    plain = moves_between(truth.time, rate, truth.intervals)
+    known = Rests(
+        rates=plain.rest_rates[0], times=plain.rest_times,
+        seconds=plain.rest_seconds, moves=plain.seconds,
+    )  # fmt: skip
+    shape = choose_sensitivity(known, truth.directions, N, 0.0, asked=True).shape
     moves, at = [], np.random.default_rng(2).standard_normal((3, 3))
     root = np.linalg.cholesky(shape[1:, 1:])
     wrong = 10.0 * WALK * at @ root.T  # rows of G by unit noises, ten of them
@@ -243,8 +263,14 @@ def test_noise_of_a_sensitivity_is_what_a_wrong_one_does():
     )
     moved = turn(moves[0].statistics, M[None], B - moves[0].centre)
     rows = gap_rows(found, moved, noise.pose_std)
-    gaps, _ = sensitivity_noise(rows, moved, moves[0], M[None], noise)
+    gaps, of_bias = sensitivity_noise(rows, moved, moves[0], M[None], noise)
     expected = 10.0 * (gaps @ at.ravel())
     # linear in what is wrong: the second order of 1e-3 rad is left
     room = 2e-3 * np.abs(expected).max()
     np.testing.assert_allclose(values[1] - values[0], expected, atol=room)
+    # the row of the bias is B less what the rests say of it
+    w = rest_weights(plain)
+    told = [rest_bias(m, noise, w)[0][0] + m.centre[0] for m in moves]
+    np.testing.assert_allclose(
+        told[0] - told[1], 10.0 * of_bias @ at.ravel(), rtol=1e-6, atol=1e-9 * WALK
+    )

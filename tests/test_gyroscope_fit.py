@@ -16,6 +16,8 @@ from simval.calibrate import (
     moves_between,
 )
 from simval.errors import GeometryError
+from simval.logs import read_log
+from simval.multiposition import calibrate_log
 from simval.scene import simulate
 from simval.sensor import GyroscopeModel
 
@@ -179,6 +181,25 @@ def test_xsens_without_a_hint(xsens):
     assert written["gyroscope"]["sd"] == list(np.sqrt(fit.covariance.diagonal())[9:])
     assert written["accelerometer"]["sd"] == list(fit.accelerometer.sd)
     assert len(fit.names) == 21
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("name", ["imu0", "imu1"])
+def test_mpu_9150_by_hand(name):
+    """SI units, rests held by hand: scales within a percent of one, axes within one."""
+    path = RECORDINGS / "mpu9150" / f"{name}.log"
+    if not path.exists():
+        pytest.skip(f"the recording {path} is not on this machine")
+    log = read_log(path, rate=100.0)
+    found = calibrate_log(log, g=9.81)
+    fit = calibrate_imu(
+        log.time, log.accelerometer, log.gyro, found.intervals, g=9.81
+    ).gyroscope
+    assert fit.status == "converged"
+    assert np.abs(fit.M - np.eye(3)).max() < 0.02
+    assert np.all(fit.sd_from_residuals[:9] < 5e-3)
+    # the residuals are those of hands, some times the white noise
+    assert 2.0 < fit.chi2_per_dof < 15.0
 
 
 def test_another_form_is_fitted_as_it_is_carried(slow_clock):

@@ -6,10 +6,9 @@ from typing import Any, Final
 import numpy as np
 
 from simval.arguments import choice, instance
-from simval.arrays import Array, nonnegative_number, physical_array
+from simval.arrays import Array, noise_levels, nonnegative_number, physical_array
 from simval.calibrate.gyroscope.fit import (
     A,
-    Fitted,
     Setting,
     approach,
     iterate,
@@ -24,6 +23,7 @@ from simval.calibrate.gyroscope.noise import (
     rest_bias,
     rest_weights,
 )
+from simval.calibrate.gyroscope.outcome import degrees_of_freedom, empty, write
 from simval.calibrate.gyroscope.refusal import relative_rows, require_told, worst_sd
 from simval.calibrate.gyroscope.result import GyroscopeFit
 from simval.calibrate.gyroscope.start import first_matrix
@@ -49,6 +49,7 @@ def calibrate_gyroscope(
     estimator: str = "joint",
     bias: str = "constant",
     known_bias: Any = None,
+    bias_std: Any = None,
     start: Any = None,
 ) -> GyroscopeFit:
     """Fit M and B of a gyroscope to the moves between rests, one log or a batch.
@@ -72,10 +73,14 @@ def calibrate_gyroscope(
         joint fits the accelerometer again, together with the gyroscope; generalised
         keeps it, and counts its errors; unweighted is IMU-TK's least squares.
     bias : {"constant", "first rest", "line"}
-        constant is estimated, from the rests and the moves; first rest is the mean of
-        that and kept (IMU-TK); line is what `moves` has taken out already.
+        constant is estimated, from the rests and the moves (unweighted: from the rests
+        alone); first rest is the mean of that and kept (IMU-TK); line is what `moves`
+        has taken out already.
     known_bias : array_like, optional
         Raw units, (3,): kept instead of the mean of the first rest.
+    bias_std : float or array_like, optional
+        How well the rests tell the bias, raw units, one number or (3,); by their white
+        noise if not given.
     start : array_like, optional
         M to start from, (3, 3); found by itself if not given.
 
@@ -104,6 +109,9 @@ def calibrate_gyroscope(
     noise = _noise(moves, readings, pose_std, angle_random_walk, bias_random_walk)
     estimator = choice("estimator", estimator, ESTIMATORS)
     setting = _setting(moves, accelerometer, noise, estimator, bias, known_bias)
+    if bias_std is not None:
+        level = noise_levels("bias_std", bias_std, 3)
+        setting = replace(setting, bias_std=np.maximum(level, setting.bias_std))
     u, _ = directions(setting.model, theta, readings, setting.g)
     M = _start(moves, u, start)
     M, J, e = approach(moves, setting, u, M)
@@ -112,12 +120,12 @@ def calibrate_gyroscope(
     if single and refusals[0]:
         raise GeometryError(refusals[0])
     good = np.array([not text for text in refusals])
-    result = _empty(len(M), moves, setting, estimator, condition)
+    result = empty(len(M), moves, setting, estimator, condition)
     if good.any():
         part = moves if good.all() else _taken(moves, good)
         chosen = replace(setting, bias_value=setting.bias_value[good])
         found = iterate(part, readings[good], chosen, theta[good], M[good])
-        _write(result, good, found, part, chosen, theta[good])
+        write(result, good, found, part, chosen, theta[good])
     result["status"] = np.where(
         good, result["status"], [f"refused: {text}" for text in refusals]
     )
@@ -130,7 +138,7 @@ def calibrate_gyroscope(
         model=setting.model,
         estimator=estimator,
         bias=bias,
-        dof=_dof(moves, setting),
+        dof=degrees_of_freedom(moves, setting),
         **result,
     )
 
@@ -186,6 +194,7 @@ def _setting(
     if known is not None and bias == "constant":
         msg = f"`known_bias` is given and `bias` is {bias}; ask for first rest"
         raise InputError(msg)
+    kept = bias == "first rest" or (bias == "constant" and estimator == "unweighted")
     if known is not None:
         value = physical_array("known_bias", known, (3,)) - moves.centre
     return Setting(
@@ -194,7 +203,7 @@ def _setting(
         g=accelerometer.g,
         joint=estimator == "joint",
         weighted=estimator != "unweighted",
-        bias="known" if bias == "first rest" else bias,
+        bias="known" if kept else bias,
         noise=noise,
         bias_value=value,
         bias_std=std,
@@ -239,12 +248,6 @@ def _judged(
     return said, condition
 
 
-def _dof(moves: Moves, setting: Setting) -> int:
-    k = moves.statistics.shape[1]
-    norms = k + 1 - A if setting.joint else 0
-    return 2 * k + norms - 9
-
-
 def _taken(moves: Moves, good: Any) -> Moves:
     return replace(
         moves,
@@ -253,62 +256,3 @@ def _taken(moves: Moves, good: Any) -> Moves:
         rest_rates=moves.rest_rates[good],
         white=moves.white[good],
     )
-
-
-def _empty(
-    t: int, moves: Moves, setting: Setting, estimator: str, condition: Array
-) -> dict[str, Any]:
-    k = moves.statistics.shape[1]
-    shapes: dict[str, tuple[int, ...]] = {
-        "parameters": (12,), "accelerometer": (9,), "covariance": (21, 21),
-        "gap_angles": (k,), "chi2_per_dof": (), "step": (),
-    }  # fmt: skip
-    made: dict[str, Any] = {k: np.full((t, *v), np.nan) for k, v in shapes.items()}
-    made["status"] = np.full(t, "converged", dtype=object)
-    made["iterations"] = np.zeros(t, int)
-    made["condition"] = condition
-    return made
-
-
-def _write(
-    result: dict[str, Any],
-    good: Any,
-    found: Fitted,
-    moves: Moves,
-    setting: Setting,
-    theta: Float[Array, "t 9"],
-) -> None:
-    t, k = len(found.M), moves.statistics.shape[1]
-    matrix = found.M.reshape(t, 9)
-    result["parameters"][good] = np.concatenate(
-        [matrix, found.B + moves.centre], axis=1
-    )
-    result["accelerometer"][good] = found.theta
-    result["covariance"][good] = _whole(found, setting, theta, moves)
-    across2 = (found.r[:, : 2 * k].reshape(t, k, 2) ** 2).sum(axis=-1)
-    result["gap_angles"][good] = np.arcsin(np.minimum(np.sqrt(across2), 1.0))
-    dof = _dof(moves, setting)
-    chi2 = found.linear.gain.chi2(found.r)
-    result["chi2_per_dof"][good] = chi2 / dof if dof > 0 else np.nan
-    result["step"][good] = found.step
-    done = found.step <= 1e-3
-    result["status"][good] = np.where(done, "converged", "max iterations")
-    result["iterations"][good] = found.iterations
-
-
-def _whole(
-    found: Fitted, setting: Setting, theta: Float[Array, "t 9"], moves: Moves
-) -> Float[Array, "t 21 21"]:
-    # covariance of the accelerometer's nine, M and B
-    C = found.linear.gain.covariance
-    t, first = len(C), A if setting.joint else 0
-    whole = np.zeros((t, 21, 21))
-    if not setting.joint:
-        whole[:, :A, :A] = found.linear.accelerometer
-        whole[:, A : A + C.shape[1], :A] = found.linear.cross
-        whole[:, :A, A : A + C.shape[1]] = np.swapaxes(found.linear.cross, -1, -2)
-    start = A - first
-    whole[:, start : start + C.shape[1], start : start + C.shape[1]] = C
-    if setting.free == 9:
-        whole[:, [18, 19, 20], [18, 19, 20]] = setting.bias_std**2
-    return whole

@@ -25,6 +25,7 @@ from simval.shapes import Float
 CHANCE: Final = 0.01
 """Of keeping a sensitivity where there is none. Chosen: nine entries are given out
 then, each with its error bar."""
+_SHARES: Final = 31  # of the walk in the scatter that are tried, a factor 1.6 apart
 _COPLANAR: Final = 1e-3  # least singular value of (1, f/g) over the greatest
 
 
@@ -58,7 +59,7 @@ def choose_bias(
 ) -> tuple[str, float, str]:
     """Model of the bias, the walk K it was chosen with, and the reason."""
     N2 = float((walk**2).mean())
-    K = _drift_of(rests, walk) if drift is None else drift
+    K = walk_of(rests, np.ones((len(rests.times), 1)))[1] if drift is None else drift
     w = rests.seconds / rests.seconds.sum()
     middle = 0.5 * (rests.times[1:] + rests.times[:-1])
     away = np.diagonal(walk_covariance(middle, w, rests.times))
@@ -78,18 +79,30 @@ def choose_bias(
     return chosen, K, said
 
 
-def _drift_of(rests: Rests, walk: Float[Array, "3"]) -> float:
-    # K from what the differences of neighbouring rests show beyond white noise
-    return _drift_in(rests.rates, rests, walk)
+def walk_of(rests: Rests, X: Float[Array, "n p"]) -> tuple[float, float]:
+    """White scatter and walk of the rests, raw units per root hertz and times it.
 
-
-def _drift_in(
-    rates: Float[Array, "n 3"], rests: Rests, walk: Float[Array, "3"]
-) -> float:
-    change = np.diff(rates, axis=0) ** 2
-    white = (1.0 / rests.seconds[1:] + 1.0 / rests.seconds[:-1])[:, None] * walk**2
-    excess = float(np.sum(change - white)) / (3.0 * float(np.diff(rests.times).sum()))
-    return float(np.sqrt(max(excess, 0.0)))
+    Most likely for what is left of the rests' means without X (restricted likelihood):
+    a scatter that does not grow with the time between rests is no walk.
+    """
+    n, p = X.shape
+    if n - p < 2:
+        return 0.0, 0.0
+    Z = np.linalg.qr(X, mode="complete")[0][:, p:]
+    y = Z.T @ rests.rates
+    times = rests.times - rests.times[0]
+    white = Z.T @ np.diag(1.0 / rests.seconds) @ Z
+    walk = Z.T @ np.minimum(times[:, None], times) @ Z
+    unit = float(np.trace(white) / np.trace(walk))
+    best = (-np.inf, 0.0, 0.0)
+    for share in (0.0, *np.geomspace(1e-3, 1e3, _SHARES)):
+        L = np.linalg.cholesky(white + share * unit * walk)
+        square = float((np.linalg.solve(L, y) ** 2).mean())
+        if not square > 0.0:
+            return 0.0, 0.0
+        likely = -0.5 * y.size * np.log(square) - 3.0 * np.log(L.diagonal()).sum()
+        best = max(best, (float(likely), square, share * unit * square))
+    return float(np.sqrt(best[1])), float(np.sqrt(best[2]))
 
 
 def _left_out(rests: Rests) -> tuple[float, float]:
@@ -162,8 +175,8 @@ def _whitening(
     # is no drift
     N2 = max(float((walk**2).mean()), np.finfo(float).tiny)
     if drift is None:
-        found, *_ = np.linalg.lstsq(X, rests.rates, rcond=None)
-        drift = _drift_in(rests.rates - X @ found, rests, walk)
+        scatter, drift = walk_of(rests, X)
+        N2 = max(N2, scatter**2)
     times = rests.times - rests.times[0]
     walked = np.minimum(times[:, None], times)
     S = np.diag(1.0 / rests.seconds) + drift**2 / N2 * walked

@@ -14,10 +14,12 @@ from simval.calibrate.gyroscope.choice import (
     Sensitivity,
     choose_bias,
     choose_sensitivity,
+    walk_of,
 )
 from simval.calibrate.gyroscope.moves import Moves, moves_between
 from simval.calibrate.gyroscope.noise import checked_pose_std, checked_walk
-from simval.calibrate.gyroscope.result import GyroscopeFit, ImuFit
+from simval.calibrate.gyroscope.pair import ImuFit
+from simval.calibrate.gyroscope.result import GyroscopeFit
 from simval.calibrate.result import FitResult
 from simval.errors import InputError
 from simval.sensor import forms
@@ -131,13 +133,14 @@ def calibrate_imu(
     chosen, drift, said = choose_bias(rests, walk, bias_random_walk)
     if bias != "auto" and bias != chosen:
         chosen, said = bias, f"bias: {bias}, as asked; by evidence {said}"
+    scatter, _ = walk_of(rests, np.ones((len(at), 1)))
     more, known = _taken_out(time, acc, rows, found, rests, chosen)
     if more:
         moves = moves_between(time, gyroscope, intervals, **how, **more)
     fit = calibrate_gyroscope(
         moves, poses, acc, pose_std=std, angle_random_walk=walk,
         bias_random_walk=drift, estimator=estimator, bias=chosen, known_bias=known,
-        start=start,
+        start=start, bias_std=scatter / np.sqrt(moves.rest_seconds.sum()),
     )  # fmt: skip
     return ImuFit(
         accelerometer=_joined(acc, fit, poses),

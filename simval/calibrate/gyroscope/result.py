@@ -7,7 +7,6 @@ import numpy as np
 import scipy
 
 from simval.arrays import Array, frozen, real_number
-from simval.calibrate.result import FitResult
 from simval.errors import ConvergenceError, InputError
 from simval.sensor import GyroscopeFactors, GyroscopeModel, forms, gyroscope_factors
 from simval.shapes import Float
@@ -264,64 +263,6 @@ class GyroscopeFit:
                 "made from one of them"
             )
             raise InputError(msg)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ImuFit:
-    """Accelerometer and gyroscope of one recording.
-
-    Attributes
-    ----------
-    accelerometer : FitResult
-        Nine parameters with their covariance.
-    gyroscope : GyroscopeFit
-        Twelve parameters; its covariance holds all 21.
-    reasons : tuple of str
-        What was chosen (model of the bias, sensitivity to force), and why.
-    G : Array
-        Sensitivity to specific force that was taken out, raw units per m/s^2, (3, 3);
-        zero where there is none.
-    """
-
-    accelerometer: FitResult
-    gyroscope: GyroscopeFit
-    reasons: tuple[str, ...]
-    G: Float[Array, "3 3"]
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "G", frozen(self.G))
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the 21 parameters, the accelerometer's first."""
-        return (*self.accelerometer.names, *NAMES)
-
-    @property
-    def covariance(self) -> Float[Array, "21 21"]:
-        """Covariance of the 21 parameters."""
-        return self.gyroscope.covariance
-
-    def as_object(self) -> dict[str, Any]:
-        """Both as plain JSON values.
-
-        Returns
-        -------
-        dict
-            The accelerometer's parameters and error bars, the gyroscope's object, what
-            was taken out, and the reasons.
-        """
-        force = self.accelerometer
-        return {
-            "accelerometer": {
-                "model": force.model,
-                "names": list(force.names),
-                "parameters": force.parameters.tolist(),
-                "sd": force.sd.tolist(),
-            },
-            "gyroscope": self.gyroscope.as_object(),
-            "G": self.G.tolist(),
-            "reasons": list(self.reasons),
-        }
 
 
 def _frame_jacobian(
