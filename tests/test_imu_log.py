@@ -58,6 +58,7 @@ def whole(path):
     return calibrate_sensors(log, calibrate_log(log), field=4.47213595499958e-05)
 
 
+@pytest.mark.ci
 def test_every_sensor_of_a_log_is_found_within_its_error_bars(path, whole):
     truth = load_imu(path.with_name("imu.toml"))
     assert not whole.left_out
@@ -81,6 +82,7 @@ def test_every_sensor_of_a_log_is_found_within_its_error_bars(path, whole):
     np.testing.assert_array_equal(whole.sensitivity, np.zeros((3, 3)))
 
 
+@pytest.mark.ci
 def test_the_moves_help_the_accelerometer(whole):
     own, joint = whole.log.fit, whole.accelerometer
     assert np.all(joint.parameters == whole.gyroscope.accelerometer)
@@ -120,6 +122,7 @@ def test_the_command_writes_all_and_correct_applies_it(path, tmp_path, capsys):
         assert off.std() < atol
 
 
+@pytest.mark.ci
 def test_kalibrs_file_says_the_same_readings(path, whole):
     """Its model of readings, applied to the truth, gives the model's readings."""
     log = read_log(path)
@@ -149,6 +152,7 @@ def test_kalibrs_file_says_the_same_readings(path, whole):
         kalibr_yaml(log, wrong)
 
 
+@pytest.mark.ci
 def test_what_a_calibration_lacks_is_unchanged_and_said(path, tmp_path, capsys):
     file, out = tmp_path / "a.json", tmp_path / "out.csv"
     words = ["calibrate", str(path), "--out", str(file), "--sensors", "none"]
@@ -172,6 +176,7 @@ def spoilt(path, **rows):
     )  # fmt: skip
 
 
+@pytest.mark.ci
 def test_a_sensor_that_cannot_be_is_left_out_with_the_reason(path):
     log = read_log(path)
     result = calibrate_log(log)
@@ -198,6 +203,7 @@ def test_a_sensor_that_cannot_be_is_left_out_with_the_reason(path):
         assert found.left_out["gyroscope"] in str(section.values["left_out"])
 
 
+@pytest.mark.ci
 def test_a_sensor_that_is_asked_for_must_be_there(path):
     log = spoilt(path, gyro=None)
     result = calibrate_log(log)
