@@ -113,7 +113,14 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     off = float(np.abs(clean.M[0] - data.gyroscope.M).max())
     # of fourth order in the step; chunks of two leave another 1e-8
     most = 1e-8 + 1e-9 * parameters.every**4
-    return Outcome(rows=(*rows, *limit(RECOVERY("M"), off, most, ROUNDING)))
+    straight = data.straight_lines()
+    return Outcome(
+        rows=(
+            *rows,
+            *limit(RECOVERY("M"), off, most, ROUNDING),
+            *unjudged(RECOVERY("M", "straight lines"), straight),
+        )
+    )
 
 
 def _judged(
@@ -168,8 +175,23 @@ class _Tumble:
         self.accelerometer = true_sensor(0.0)
         rng = np.random.default_rng(0)  # draws nothing
         self.rates = self.gyroscope.distort(average_rates(run, every), rng)
+        steps = average_rates(run)
+        beside = 0.5 * (steps + np.concatenate([steps[1:], steps[-1:]]))[::every]
+        self.instants = self.gyroscope.distort(beside, rng)
         self.poses = self.accelerometer.distort(self.force, rng)
         self.truth = np.concatenate([self.gyroscope.M.ravel(), bias])
+
+    def straight_lines(self) -> float:
+        """Error of M from instants with straight lines between, without noise.
+
+        An instant is the mean of the two steps of 500 Hz beside it.
+        """
+        moves = moves_between(self.time, self.instants, self.rests, scheme="linear")
+        fit = calibrate_gyroscope(
+            moves, self.poses, calibrate(self.poses, self.g), pose_std=self.pose_std,
+            angle_random_walk=self.walk, start=np.eye(3), estimator="unweighted",
+        )  # fmt: skip
+        return float(np.abs(fit.M - self.gyroscope.M).max())
 
     def trial(
         self, rng: np.random.Generator, count: int, noise: float = 1.0
