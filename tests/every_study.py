@@ -13,6 +13,9 @@ poses = [12, 20]
 trials = 1024
 [magnetometer]
 trials = 1024
+[gyroscope]
+poses = 14
+trials = 256
 [attitude_order]
 geometry = 3
 [attitude_efficiency]

@@ -30,10 +30,20 @@ def test_a_small_cell_is_as_predicted():
     rows = rows_of()
     # three correlated statistics at a fixed seed: one false alarm in 1e4
     assert all(off(rows, name) < 4.2 for name in SAMPLED)
-    recovery, straight = [r for r in rows if r.statistic.family.name == "recovery"]
+    recovery, *others = [r for r in rows if r.statistic.family.name == "recovery"]
     assert recovery.value < recovery.prediction
-    # the order of Runge-Kutta on samples is two, of averages four
-    assert straight.value > 20.0 * recovery.value
+    off_by = {row.statistic.entries[1:]: row.value for row in others}
+    # the order of Runge-Kutta on samples is two; of averages four, where what chunks
+    # of two leave at 500 Hz is not greater
+    for (kind, rate), value in off_by.items():
+        slower = {"500 Hz": "250 Hz", "250 Hz": "100 Hz", "100 Hz": "50 Hz"}.get(rate)
+        if slower and rate != "500 Hz":
+            steps = float(rate[:-3]) / float(slower[:-3])
+            slope = np.log(off_by[kind, slower] / value) / np.log(steps)
+            assert abs(slope - (2.0 if kind == study.STRAIGHT else 4.0)) < 0.4, kind
+    assert off_by[study.STRAIGHT, "100 Hz"] > 20.0 * off_by[study.AVERAGES, "100 Hz"]
+    bound = [row for row in rows if str(row.statistic) == "sd[M,bound]"]
+    assert 1e-5 < bound[0].value < 1e-3
     assert sum(row.statistic.family.name == "bias" for row in rows) == 12
 
 

@@ -43,6 +43,7 @@ VARIED = {
     "attitude_vectors": ("vectors", range(2, 7)),
     "detector": ("trim", range(1, 10)),
     "magnetometer": ("poses", range(12, 21)),
+    "gyroscope": ("poses", range(12, 21)),
     "end_to_end": ("poses", range(12, 21)),
     "solvers": ("poses", range(20, 29)),
     "scene": ("poses", range(12, 21)),
@@ -189,6 +190,10 @@ def made(folder):
     )
     rows = entries("variance_over_bound", "Cramer-Rao", ("M", "b"))
     cells += cells_of("magnetometer", [*rows, *entries("sd", "first order", AXES)])
+    rates = ("500 Hz", "250 Hz", "100 Hz", "50 Hz")
+    rows = [row(f"recovery[M,straight lines,{rate}]") for rate in rates]
+    rows += [row(f"recovery[M,averages,{rate}]") for rate in rates]
+    cells += cells_of("gyroscope", [*rows, row("sd[M,bound]")])
     cells += cells_of("solvers", [row("steps[lm]"), row("apart[lm]", "lm")])
     cells += cells_of("scene", [row("condition"), row("rests")], scene="die")
     return Run(folder=folder, cells=tuple(cells), manifest=MANIFEST, timing={})

@@ -42,6 +42,7 @@ from simval.statistics import (
     NORMAL,
     RECOVERY,
     ROUNDING,
+    SD,
     SQUARED_ERROR,
 )
 from simval.streams import Streams
@@ -50,7 +51,7 @@ from simval.studies.study import Cost, StudyParameters
 from simval.theory.gyroscope import MovePath, gyroscope_moments
 
 TITLE = "Gyroscope: do the error bars of a calibration between rests hold?"
-SECTION = None  # the report draws its statistics along what varies
+SECTION = "gyroscope"
 
 BLOCK = 8  # trials; part of the promise of equal bits
 ROWS = 500.0  # Hz, of the gimbal
@@ -66,6 +67,9 @@ SMALL_BIAS = 0.01
 a step at 100 Hz."""
 ENOUGH = 1024  # trials, from which a bias of a fifth of a standard deviation is seen
 LEVEL = 0.95
+THINNED = {f"{ROWS / k:g} Hz": k for k in (1, 2, 5, 10)}
+"""Rows of 500 Hz to a reading, for the order of an integrator, by the rate's name."""
+AVERAGES, STRAIGHT = "averages", "straight lines"
 NAMES = (*(f"M_{a}{b}" for a in "xyz" for b in "xyz"), "B_x", "B_y", "B_z")
 UNITS = ("1",) * 9 + ("rad/s",) * 3
 
@@ -113,14 +117,28 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     off = float(np.abs(clean.M[0] - data.gyroscope.M).max())
     # of fourth order in the step; chunks of two leave another 1e-8
     most = 1e-8 + 1e-9 * parameters.every**4
-    straight = data.straight_lines()
     return Outcome(
         rows=(
             *rows,
             *limit(RECOVERY("M"), off, most, ROUNDING),
-            *unjudged(RECOVERY("M", "straight lines"), straight),
+            *_integrators(parameters),
+            *unjudged(SD("M", "bound"), sqrt(bound[:9].mean())),
         )
     )
+
+
+def _integrators(parameters: Parameters) -> tuple[Row, ...]:
+    """Error of M without noise, by rate of the rows and what is between them."""
+    rows: list[Row] = []
+    for rate, every in THINNED.items():
+        data = _Tumble(parameters.model_copy(update={"every": every}))
+        clean = data.trial(np.random.default_rng(0), 1, noise=0.0)
+        averages = float(np.abs(clean.M[0] - data.gyroscope.M).max())
+        rows += unjudged(
+            (RECOVERY("M", AVERAGES, rate), RECOVERY("M", STRAIGHT, rate)),
+            (averages, data.straight_lines()),
+        )
+    return tuple(rows)
 
 
 def _judged(

@@ -1,0 +1,87 @@
+"""Gyroscope: what straight lines between samples cost, beside the bound."""
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.report.curves import MAX_GROUPS, grouped
+from simval.report.panels import COLOURS, GREY, Drawing, Panel, Series
+from simval.report.section import Context, Section, Shown, made
+from simval.report.words import spelled
+from simval.shapes import Float
+from simval.statistics import RECOVERY, SD
+from simval.studies.gyroscope import AVERAGES, ROWS, STRAIGHT, THINNED
+from simval.sweep.run import CellResult
+
+SHOWN = Shown("gyroscope", (RECOVERY, SD))
+KINDS = (
+    (STRAIGHT, "straight lines between samples (Runge-Kutta)"),
+    (AVERAGES, "averages with their coning"),
+)
+
+
+def section(context: Context) -> Section | None:
+    """Make the section."""
+    cells = context.cells("gyroscope")
+    if not cells:
+        return None
+    groups = grouped(cells)
+    labels = list(groups)
+    shown = [group[0] for group in groups.values()][:MAX_GROUPS]
+    drawing = Drawing(
+        name="gyroscope",
+        caption=(
+            "Greatest error of M in a calibration without noise, by the rate of the "
+            "rows. Runge-Kutta on samples integrates straight lines between them and "
+            "is of second order; averages over a step with their coning are of the "
+            "fourth. Dotted: the least standard deviation that noise allows an entry "
+            "of M in this cell (Cramér-Rao), root mean square."
+        ),
+        alternative=(
+            "Error of the gyroscope's matrix against the rate of its rows, for two "
+            "integrators, beside the Cramér-Rao bound"
+        ),
+        panels=[
+            _panel(cell, label) for cell, label in zip(shown, labels, strict=False)
+        ],
+        columns=2,
+        left_out=labels[MAX_GROUPS:],
+    )
+    return made("gyroscope", "Gyroscope", [drawing])
+
+
+def _panel(cell: CellResult, label: str) -> Panel:
+    bound = [row.value for row in cell.rows if row.statistic.family == SD]
+    return Panel(
+        title=label or spelled(cell.study),
+        x_label="rows per second, Hz",
+        y_label="error of M, 1",
+        series=[
+            Series(label=words, x=x, y=y, colour=COLOURS[i], marker="os"[i])
+            for i, (kind, words) in enumerate(KINDS)
+            for x, y in [_curve(cell, kind)]
+        ]
+        + [
+            Series(
+                label="bound",
+                x=ROWS / np.array([*THINNED.values()], dtype=float),
+                y=np.full(len(THINNED), value),
+                colour=GREY,
+                line=":",
+            )
+            for value in bound
+        ],
+    )
+
+
+def _curve(
+    cell: CellResult, kind: str
+) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+    points = [
+        (ROWS / THINNED[row.statistic.entries[2]], row.value)
+        for row in cell.rows
+        if row.statistic.family == RECOVERY
+        and row.statistic.entries[1:2] == (kind,)
+        and row.statistic.entries[2] in THINNED
+    ]
+    x, y = np.array(sorted(points)).reshape(-1, 2).T
+    return x, y
