@@ -41,6 +41,7 @@ def noise_free(truth, gyroscope=GYROSCOPE):
     return poses, gyroscope.distort(truth.rate, ZERO), calibrate(poses, truth.g)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("estimator", ["joint", "generalised", "unweighted"])
 @pytest.mark.parametrize("bias", ["constant", "first rest"])
 def test_noise_free_recovery_at_500_hz(short, estimator, bias):

@@ -59,6 +59,7 @@ def test_turning_about_one_axis_is_refused():
     )
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("dip_deg", [90.0, -90.0, 89.6])
 def test_a_vertical_field_is_refused(dip_deg):
     for seed in range(3):

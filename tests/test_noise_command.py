@@ -119,6 +119,7 @@ def test_the_figure(simval, still, tmp_path, kind):
     assert "cannot write" in err
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -169,6 +170,7 @@ def counts_log(means, rows=600, seed=5):
     return np.round(force)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("mean", "known", "words"),
     [

@@ -100,6 +100,7 @@ def test_law_is_the_middle_of_the_covariance():
             assert abs(middle / (2.0 * m * m) - value) <= limit / m**2
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("name", ["white", "all"])
 def test_against_simulated_noise(name):
     n, b, k, _ = SETS[name]

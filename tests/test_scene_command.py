@@ -190,6 +190,7 @@ def picture():
         pytest.skip(f"no picture can be drawn here: {error}")
 
 
+@pytest.mark.ci
 def test_a_picture_shows_the_body(picture, tmp_path):
     path = tmp_path / "gimbal.png"
     path.write_bytes(picture)
@@ -224,6 +225,7 @@ def test_pictures_that_cannot_be_drawn_say_why(picture, monkeypatch, tmp_path):
         render("gimbal", poses=2)
 
 
+@pytest.mark.ci
 def test_a_machine_that_cannot_draw_is_told_what_to_install(monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "disable")  # MuJoCo then draws nothing
     with pytest.raises(InputError, match=r"install EGL.*libegl1.*or OSMesa") as caught:
