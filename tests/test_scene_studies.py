@@ -220,8 +220,8 @@ def rotation_between(q, truth):
 def case(poses=12, attitudes=5):
     """Both sensors on their tumbles, and the truth of the calibration."""
     trajectory, wanted = end_to_end.tumbles(poses, attitudes)
-    bench = end_to_end.bench_of(trajectory, 0.0)
-    return bench, wanted, bench.problem(wanted.q, (1.0, 1.0))
+    scenario = end_to_end.scenario_of(trajectory, 0.0)
+    return scenario, wanted, scenario.problem(wanted.q, (1.0, 1.0))
 
 
 def sensors_of(theta):
@@ -266,15 +266,15 @@ def test_the_carriers_jacobian_is_the_derivative_of_the_whole_chain():
 
 def test_the_calibrations_parts_are_what_moves_the_fit():
     """Against the weighted fit itself, moved one reading at a time; they add up."""
-    bench, wanted, _ = case()
+    scenario, wanted, _ = case()
     q = np.concatenate([wanted.q, end_to_end.tumbles(12, 24)[1].q])
     std = np.linspace(1e-3, 3e-3, len(q)), np.linspace(2e-3, 1e-3, len(q))
-    problem = bench.problem(q, std)
+    problem = scenario.problem(q, std)
     parts = calibration_parts(problem)
 
     def fitted(y):
         return calibrate_magnetometer(
-            y[..., :3], y[..., 3:], bench.tumble.g,
+            y[..., :3], y[..., 3:], scenario.tumble.g,
             accelerometer_std=std[0], magnetometer_std=std[1],
         ).parameters  # fmt: skip
 
@@ -283,7 +283,7 @@ def test_the_calibrations_parts_are_what_moves_the_fit():
     # the weights are taken where the readings are: a second-order change
     slopes = (fitted(problem.y + steps) - fitted(problem.y - steps)) / (2.0 * h)
     slopes = slopes.reshape(*problem.y.shape, 22)
-    slopes[..., 21] *= np.cos(bench.dip)  # of the sine
+    slopes[..., 21] *= np.cos(scenario.dip)  # of the sine
     moved = slopes * problem.sigma[..., None]
     for part, own in zip(parts, (moved[:, :3], moved[:, 3:]), strict=True):
         rows = own.reshape(-1, 22)
@@ -293,10 +293,10 @@ def test_the_calibrations_parts_are_what_moves_the_fit():
         found = part / np.outer(size, size)
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-4)
     whole = magnetometer_moments(
-        bench.accelerometer, bench.magnetometer, q, bench.dip,
-        accelerometer_std=std[0], magnetometer_std=std[1], g=bench.tumble.g,
+        scenario.accelerometer, scenario.magnetometer, q, scenario.dip,
+        accelerometer_std=std[0], magnetometer_std=std[1], g=scenario.tumble.g,
     ).covariance  # fmt: skip
-    scale = np.append(np.ones(21), np.cos(bench.dip))
+    scale = np.append(np.ones(21), np.cos(scenario.dip))
     bound = whole * np.outer(scale, scale)
     size = np.sqrt(np.diagonal(bound))
     off = (parts.sum(axis=0) - bound) / np.outer(size, size)

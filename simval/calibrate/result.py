@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import scipy
 
-from simval.arrays import Array, frozen, real_number
+from simval.arrays import Array, frozen
+from simval.calibrate.intervals import around, one_tail
 from simval.errors import ConvergenceError, InputError
 from simval.sensor import AccelerometerModel, forms
 from simval.shapes import Float
-from simval.text import shown
 
 STANDARD_GRAVITY = 9.80665  # m/s^2
 _AMPLE = 200  # steps, the default: sets that can be fitted take 5 to 20
@@ -188,16 +188,12 @@ class FitResult:
         InputError
             If `level` is not between 0 and 1.
         """
-        if not 0.0 < real_number("level", level, "") < 1.0:
-            msg = f"`level` is {shown(level)}; it must be a probability between 0 and 1"
-            raise InputError(msg)
-        tail = (1.0 - level) / 2.0
+        tail = one_tail(level)
         if self.covariance_kind == "type A":
             quantile = -scipy.special.stdtrit(self.dof, tail)
         else:
             quantile = -scipy.special.ndtri(tail)
-        half = quantile * self.sd
-        return np.stack([self.parameters - half, self.parameters + half], axis=-1)
+        return around(self.parameters, quantile * self.sd)
 
     def to_form(self, model: str) -> "FitResult":
         """Return the same calibration in another form, covariance carried along.

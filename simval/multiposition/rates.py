@@ -7,9 +7,8 @@ corrected reading is :math:`M\,\mathrm{diag}(\sigma^2)\,M^T`, row by row.
 
 from typing import Any
 
-import numpy as np
-
 from simval.arrays import Array
+from simval.calibrate.gyroscope.imu import variance_within
 from simval.logs import Log
 from simval.multiposition.imu import ImuCalibration
 from simval.shapes import Float
@@ -34,8 +33,4 @@ def message_covariances(log: Log, whole: ImuCalibration) -> dict[str, Any]:
 def _covariance(
     samples: Float[Array, "n 3"], rests: Intervals, M: Float[Array, "3 3"]
 ) -> list[float]:
-    # pooled within the rests, by axis
-    counts = np.diff(rests)[:, 0]
-    squares = sum(samples[a:b].var(axis=0) * (b - a) for a, b in rests)
-    variance = squares / (counts.sum() - len(counts))
-    return (M * variance @ M.T).ravel().tolist()
+    return (M * variance_within(samples, rests) @ M.T).ravel().tolist()

@@ -16,16 +16,15 @@ half is thrown away.
 """
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import scipy
 
 from simval.arguments import instance, whole_number
-from simval.arrays import Array, frozen, physical_array, positive_number
-from simval.errors import InputError
+from simval.arrays import Array, positive_number
+from simval.sensor.rows import levels_of_axes
 from simval.shapes import Float
-from simval.text import shown
 
 MOST_ROWS: Final = 10**8  # 2.4 GB for each effect; more is a slip
 
@@ -61,7 +60,7 @@ class NoiseModel:
 
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:
-            object.__setattr__(self, name, _axes(name, getattr(self, name)))
+            object.__setattr__(self, name, levels_of_axes(name, getattr(self, name)))
 
     def parts(
         self, n: int, rate_hz: float, rng: np.random.Generator
@@ -151,11 +150,3 @@ def _walk(n: int, rng: np.random.Generator) -> Float[Array, "n 3"]:
     steps = rng.standard_normal((n, 3))
     steps[0] = 0.0
     return np.cumsum(steps, axis=0)
-
-
-def _axes(name: str, value: Any) -> Float[Array, "3"]:
-    array = physical_array(name, value, ())
-    if array.shape not in ((), (3,)) or not np.all(array >= 0.0):
-        msg = f"`{name}` is {shown(value)}; give one number or three, each 0 or more"
-        raise InputError(msg)
-    return frozen(np.broadcast_to(array, (3,)))

@@ -26,6 +26,7 @@ from simval.arrays import (
 )
 from simval.errors import InputError
 from simval.sensor.coloured import NoiseModel
+from simval.sensor.rows import levels_of_axes
 from simval.shapes import Float
 from simval.text import shown
 
@@ -76,7 +77,9 @@ class Electronics:
     def __post_init__(self) -> None:
         for name in ("noise_std_raw", "white_raw_per_sqrt_hz"):
             if getattr(self, name) is not None:  # else the model's
-                object.__setattr__(self, name, _axes(name, getattr(self, name)))
+                object.__setattr__(
+                    self, name, levels_of_axes(name, getattr(self, name))
+                )
         if self.noise_std_raw is not None and self.white_raw_per_sqrt_hz is not None:
             msg = (
                 f"`noise_std_raw` is {shown(self.noise_std_raw)} and "
@@ -85,7 +88,7 @@ class Electronics:
             )
             raise InputError(msg)
         for name in ("flicker_raw", "bias_walk_raw_per_sqrt_s"):
-            object.__setattr__(self, name, _axes(name, getattr(self, name)))
+            object.__setattr__(self, name, levels_of_axes(name, getattr(self, name)))
         for name, unit in (("quantum_raw", "raw units"), ("delay_s", "s")):
             number = nonnegative_number(name, getattr(self, name), unit)
             object.__setattr__(self, name, number)
@@ -114,7 +117,7 @@ class Effects(Electronics):
 
     def __post_init__(self) -> None:
         Electronics.__post_init__(self)
-        vibration = _axes("vibration_m_s2", self.vibration_m_s2)
+        vibration = levels_of_axes("vibration_m_s2", self.vibration_m_s2)
         object.__setattr__(self, "vibration_m_s2", vibration)
         number = nonnegative_number("vibration_hz", self.vibration_hz, "Hz")
         object.__setattr__(self, "vibration_hz", number)
@@ -297,14 +300,6 @@ def _walk(
     steps = np.sqrt(np.diff(time, prepend=time[:1]))[:, None]
     density = np.asarray(effects.bias_walk_raw_per_sqrt_s)
     return np.cumsum(density * steps * rng.standard_normal((len(time), 3)), axis=0)
-
-
-def _axes(name: str, value: Any) -> Float[Array, "3"]:
-    array = physical_array(name, value, ())
-    if array.shape not in ((), (3,)) or not np.all(array >= 0.0):
-        msg = f"`{name}` is {shown(value)}; give one number or three, each 0 or more"
-        raise InputError(msg)
-    return frozen(np.broadcast_to(array, (3,)))
 
 
 def _limits(value: Any) -> tuple[float, float]:

@@ -29,6 +29,7 @@ from simval.arrays import (
     positive_number,
 )
 from simval.errors import InputError
+from simval.sensor.rows import unscaled
 from simval.shapes import Float
 
 _ORTHOGONAL = 1e-9  # of a rotation, by element; rounding leaves 1e-15
@@ -111,8 +112,7 @@ class GyroscopeModel:
         """
         rate = physical_array("rate", rate, (3,))
         instance("rng", rng, np.random.Generator)
-        columns = np.linalg.solve(self.M, rate.reshape(-1, 3).T)
-        raw = columns.T.reshape(rate.shape) + self._offset(specific_force, rate.shape)
+        raw = unscaled(self.M, rate) + self._offset(specific_force, rate.shape)
         if self.angle_random_walk == 0.0:
             return raw
         if timestep is None:

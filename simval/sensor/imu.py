@@ -36,6 +36,7 @@ from simval.sensor.effects import (
 from simval.sensor.gyroscope import GyroscopeModel
 from simval.sensor.magnetometer import MagnetometerModel
 from simval.sensor.model import AccelerometerModel
+from simval.sensor.rows import unscaled
 from simval.shapes import Float
 
 
@@ -237,7 +238,7 @@ def read_sensor(
     late = delayed(force, effects.delay_s, time)
     shaken = late + np.asarray(effects.vibration_m_s2) * swing
     felt = np.clip(shaken, -effects.reach, effects.reach)
-    ideal = np.linalg.solve(model.matrix, felt.T).T + model.B
+    ideal = unscaled(model.matrix, felt) + model.B
     std = white_std(effects, model.noise_std, time)
     return _readings(ideal, effects, std, time, streams, shaken - late, felt != shaken)
 
@@ -253,7 +254,7 @@ def _read_gyroscope(
     rate = delayed(motion.rate, effects.delay_s, time)
     felt = np.clip(rate, -effects.reach, effects.reach)
     force = delayed(motion.specific_force, effects.delay_s, time)
-    ideal = np.linalg.solve(model.M, felt.T).T + model.B
+    ideal = unscaled(model.M, felt) + model.B
     if model.G is not None:
         ideal = ideal + force @ model.G.T
     density = model.angle_random_walk
@@ -273,7 +274,7 @@ def _read_magnetometer(
     time, streams = motion.time, streams_of(rng)
     late = delayed(motion.field, effects.delay_s, time)
     felt = np.clip(late, -effects.reach, effects.reach)
-    ideal = np.linalg.solve(model.M, felt.T).T + model.b
+    ideal = unscaled(model.M, felt) + model.b
     std = white_std(effects, model.noise_std, time)
     still = np.zeros(late.shape)
     return _readings(ideal, effects, std, time, streams, still, felt != late)

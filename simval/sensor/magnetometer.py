@@ -22,6 +22,7 @@ from simval.arrays import (
     physical_array,
 )
 from simval.errors import InputError
+from simval.sensor.rows import unscaled
 from simval.shapes import Float
 
 
@@ -95,8 +96,7 @@ class MagnetometerModel:
         """
         field = physical_array("field_b", field_b, (3,))
         instance("rng", rng, np.random.Generator)
-        columns = np.linalg.solve(self.M, field.reshape(-1, 3).T)
-        raw = columns.T.reshape(field.shape) + self.b
+        raw = unscaled(self.M, field) + self.b
         if self.noise_std == 0.0:
             return raw
         return raw + self.noise_std * rng.standard_normal(raw.shape)

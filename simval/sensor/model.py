@@ -22,6 +22,7 @@ from simval.arrays import (
 )
 from simval.errors import InputError
 from simval.sensor import forms
+from simval.sensor.rows import unscaled
 from simval.shapes import Float
 
 
@@ -151,8 +152,7 @@ class AccelerometerModel:
         """
         force = physical_array("f_s", f_s, (3,))
         instance("rng", rng, np.random.Generator)
-        columns = np.linalg.solve(self.matrix, force.reshape(-1, 3).T)
-        raw = columns.T.reshape(force.shape) + self.B
+        raw = unscaled(self.matrix, force) + self.B
         if self.noise_std == 0.0:
             return raw
         return raw + self.noise_std * rng.standard_normal(raw.shape)

@@ -96,7 +96,7 @@ def _rotation() -> Float[Array, "3 3"]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Bench:
+class Scenario:
     """Both true sensors and the first tumble; the field has length 1."""
 
     accelerometer: AccelerometerModel
@@ -118,10 +118,10 @@ class Bench:
         )  # fmt: skip
 
 
-def bench_of(trajectory: Trajectory, noise: float) -> Bench:
+def scenario_of(trajectory: Trajectory, noise: float) -> Scenario:
     """Sensors on the first tumble, thinned to the rate of a log."""
     every = slice(None, None, max(round(trajectory.rate / RATE), 1))
-    return Bench(
+    return Scenario(
         accelerometer=true_sensor(noise),
         magnetometer=true_magnetometer(),
         tumble=thinned(trajectory),
@@ -134,7 +134,7 @@ def bench_of(trajectory: Trajectory, noise: float) -> Bench:
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Measure the error budget of one cell beside its prediction."""
     trajectory, wanted = tumbles(parameters.poses, parameters.attitudes)
-    bench = bench_of(trajectory, parameters.accelerometer_noise_std)
+    scenario = scenario_of(trajectory, parameters.accelerometer_noise_std)
     strength = float(np.linalg.norm(trajectory.magnetic))
     noise = (
         parameters.accelerometer_noise_std,
@@ -144,26 +144,26 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         noise[0] / np.sqrt(parameters.average),
         noise[1] / np.sqrt(parameters.average),
     )
-    true = bench.problem(wanted.q, mean_std)
+    true = scenario.problem(wanted.q, mean_std)
     carriers = [carrier(true, wanted, k, *mean_std) for k in range(len(wanted.q))]
     measured, predicted, squares, impure = [], [], [], []
     for trial in range(parameters.trials):
         rng = streams.block(trial)
-        raw = bench.accelerometer.distort(bench.tumble.force, rng)
+        raw = scenario.accelerometer.distort(scenario.tumble.force, rng)
         intervals, _, _ = detect(raw, *SETTINGS)
-        impure.append(float(np.sum(~pure(intervals, bench.tumble.still))))
+        impure.append(float(np.sum(~pure(intervals, scenario.tumble.still))))
         samples = np.sqrt(interval_counts(intervals))
         std = noise[0] / samples, noise[1] / samples
-        fitted = _calibrated(bench, raw, intervals, std, rng)
-        estimates = _estimates(bench, fitted, wanted, mean_std, rng)
+        fitted = _calibrated(scenario, raw, intervals, std, rng)
+        estimates = _estimates(scenario, fitted, wanted, mean_std, rng)
         angles = np.array([attitude_error(q, wanted.q) for q in estimates])
         measured.append(np.mean(angles**2, axis=1))
-        middle = bench.attitude[intervals.sum(axis=1) // 2]  # whole rests
-        covariance = calibration_parts(bench.problem(middle, std))
+        middle = scenario.attitude[intervals.sum(axis=1) // 2]  # whole rests
+        covariance = calibration_parts(scenario.problem(middle, std))
         parts = np.array([each.parts(covariance) for each in carriers])
         predicted.append(np.trace(parts, axis1=2, axis2=3).mean(axis=0))
         squares.append(_normalized_square(estimates[-1], wanted.q, parts[:, -1]))
-    remainder = NEXT_ORDER * max(mean_std[0] / bench.tumble.g, mean_std[1]) ** 2
+    remainder = NEXT_ORDER * max(mean_std[0] / scenario.tumble.g, mean_std[1]) ** 2
     rms, error = _root_mean_square(np.transpose(measured))
     expected = np.sqrt(np.mean(np.ascontiguousarray(np.transpose(predicted)), axis=1))
     return Outcome(
@@ -182,7 +182,7 @@ Sensors = tuple[AccelerometerModel, MagnetometerModel]
 
 
 def _calibrated(
-    bench: Bench,
+    scenario: Scenario,
     raw: Float[Array, "n 3"],
     intervals: Intervals,
     std: tuple[Float[Array, " m"], Float[Array, " m"]],
@@ -190,16 +190,18 @@ def _calibrated(
 ) -> list[Sensors]:
     """Both sensors from the accelerometer's noise, the magnetometer's, and both."""
     quiet = np.random.default_rng(0)  # draws nothing: without noise
-    body = bench.accelerometer
+    body = scenario.accelerometer
     still = AccelerometerModel(T=body.T, K=body.K, B=body.B)
-    force = interval_means(still.distort(bench.tumble.force, quiet), intervals)
-    field = interval_means(bench.magnetometer.distort(bench.field, quiet), intervals)
+    force = interval_means(still.distort(scenario.tumble.force, quiet), intervals)
+    field = interval_means(
+        scenario.magnetometer.distort(scenario.field, quiet), intervals
+    )
     noisy = interval_means(raw, intervals)
     stirred = field + std[1][:, None] * rng.standard_normal(field.shape)
     fit = calibrate_magnetometer(
         np.stack([noisy, force, noisy]),
         np.stack([field, stirred, stirred]),
-        bench.tumble.g,
+        scenario.tumble.g,
         accelerometer_std=std[0],
         magnetometer_std=std[1],
         model="triangular",
@@ -214,7 +216,7 @@ def _calibrated(
 
 
 def _estimates(
-    bench: Bench,
+    scenario: Scenario,
     fitted: list[Sensors],
     wanted: Wanted,
     std: tuple[float, float],
@@ -223,9 +225,11 @@ def _estimates(
     # attitudes with one source of error after the other, and with all, in PARTS' order
     true = (
         AccelerometerModel(
-            T=bench.accelerometer.T, K=bench.accelerometer.K, B=bench.accelerometer.B
+            T=scenario.accelerometer.T,
+            K=scenario.accelerometer.K,
+            B=scenario.accelerometer.B,
         ),
-        bench.magnetometer,
+        scenario.magnetometer,
     )
     quiet = np.random.default_rng(0)  # draws nothing: without noise
     exact = true[0].distort(wanted.force, quiet), true[1].distort(wanted.field, quiet)

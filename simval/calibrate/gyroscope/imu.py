@@ -150,11 +150,16 @@ def calibrate_imu(
     )
 
 
+def variance_within(rows: Float[Array, "n 3"], rests: Any) -> Float[Array, "3"]:
+    """Variance of single readings about the mean of their rest, by axis."""
+    counts = np.diff(rests)[:, 0]
+    squares = sum(rows[a:b].var(axis=0) * (b - a) for a, b in rests)
+    return np.asarray(squares / (counts.sum() - len(counts)))
+
+
 def _white(rows: Float[Array, "n 3"], rests: Any) -> Float[Array, "m 3"]:
     # what white noise leaves in the mean of each rest, by axis
-    squares = sum(rows[a:b].var(axis=0) * (b - a) for a, b in rests)
-    counts = np.diff(rests)[:, 0]
-    return np.sqrt(squares / (counts.sum() - len(counts)) / counts[:, None])
+    return np.sqrt(variance_within(rows, rests) / np.diff(rests))
 
 
 def _accelerometer(

@@ -4,13 +4,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import scipy
 
-from simval.arrays import Array, frozen, real_number
+from simval.arrays import Array, frozen
+from simval.calibrate.intervals import normal_intervals
 from simval.errors import ConvergenceError, InputError
 from simval.sensor import GyroscopeFactors, GyroscopeModel, forms, gyroscope_factors
 from simval.shapes import Float
-from simval.text import shown
 
 NAMES = (*(f"M_{a}{b}" for a in "xyz" for b in "xyz"), "B_x", "B_y", "B_z")
 _ARRAYS = (
@@ -139,11 +138,7 @@ class GyroscopeFit:
         InputError
             If `level` is not between 0 and 1.
         """
-        if not 0.0 < real_number("level", level, "") < 1.0:
-            msg = f"`level` is {shown(level)}; it must be a probability between 0 and 1"
-            raise InputError(msg)
-        half = -scipy.special.ndtri((1.0 - level) / 2.0) * self.sd
-        return np.stack([self.parameters - half, self.parameters + half], axis=-1)
+        return normal_intervals(self.parameters, self.sd, level)
 
     def factors(self, form: str = "misalignment-scale") -> GyroscopeFactors:
         """M of one fit as others write it, with its covariance.

@@ -4,14 +4,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy
 
-from simval.arrays import Array, frozen, real_number
+from simval.arrays import Array, frozen
+from simval.calibrate.intervals import normal_intervals
 from simval.calibrate.magnetometer.equations import ACCELEROMETER, DIP, IRON, MATRIX
 from simval.errors import ConvergenceError, InputError
 from simval.sensor import AccelerometerModel, MagnetometerModel, forms
 from simval.shapes import Float
-from simval.text import shown
 
 OWN_NAMES = (
     *(f"M_{row}{column}" for row in "xyz" for column in "xyz"),
@@ -140,11 +139,7 @@ class MagnetometerFit:
         InputError
             If `level` is not between 0 and 1.
         """
-        if not 0.0 < real_number("level", level, "") < 1.0:
-            msg = f"`level` is {shown(level)}; it must be a probability between 0 and 1"
-            raise InputError(msg)
-        half = -scipy.special.ndtri((1.0 - level) / 2.0) * self.sd
-        return np.stack([self.parameters - half, self.parameters + half], axis=-1)
+        return normal_intervals(self.parameters, self.sd, level)
 
     def sensor(self) -> MagnetometerModel:
         """Return the calibrated magnetometer of a single fit.
