@@ -12,7 +12,7 @@ from simval.cli import run
 from simval.errors import InputError, RefusedError, SaturatedError
 from simval.logs import Log, read_log
 from simval.multiposition import calibrate_log, calibrate_sensors
-from simval.multiposition.imu import rail, require_alive
+from simval.multiposition.axes import rail, require_alive
 from simval.multiposition.kalibr import kalibr_yaml
 from simval.report.calibrated import calibration_sections
 from simval.scene import simulate
