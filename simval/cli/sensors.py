@@ -5,11 +5,12 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array
-from simval.calibrate import GyroscopeFit, MagnetometerFit, NineAxisFit
+from simval.calibrate import FitResult, GyroscopeFit, MagnetometerFit, NineAxisFit
 from simval.calibrate.files import to_json
 from simval.logs import Log
 from simval.multiposition import ImuCalibration
 from simval.multiposition.rates import message_covariances
+from simval.sensor import forms
 from simval.shapes import Float
 
 KNOWN_UNITS = (
@@ -42,6 +43,8 @@ def sensors_object(whole: ImuCalibration, log: Log) -> dict[str, Any]:
 def sensor_lines(whole: ImuCalibration) -> list[str]:
     """Describe the other sensors, and what was left out."""
     lines: list[str] = []
+    if whole.together is not None:
+        lines += ["", *accelerometer_lines(whole.accelerometer)]
     if whole.gyroscope is not None:
         others = "accelerometer"
         if whole.together is not None:
@@ -52,6 +55,26 @@ def sensor_lines(whole: ImuCalibration) -> list[str]:
         lines += ["", *magnetometer_lines(whole.magnetometer, whole.together)]
     for name, why in whole.left_out.items():
         lines += ["", f"left out          the {name}: {why}"]
+    return lines
+
+
+def accelerometer_lines(fit: FitResult) -> list[str]:
+    """T, K and B as the one fit of three sensors has them."""
+    lines = [
+        "together          accelerometer, gyroscope and magnetometer in one fit, whose "
+        "numbers all files have;",
+        f"                  above is the accelerometer alone, here its {fit.model} "
+        "form in the fit of all",
+        "                  value           sd   95 % interval",
+    ]
+    columns = (fit.parameters, fit.sd, fit.intervals)
+    for (name, sign), value, sd, ends in zip(
+        forms.entries(fit.model), *columns, strict=True
+    ):
+        low, high = sorted(sign * ends)
+        lines.append(
+            f"  {name:7s} {sign * value:15.8g} {sd:12.3g}   {low:.8g} to {high:.8g}"
+        )
     return lines
 
 

@@ -118,8 +118,15 @@ def _result(log: Log, whole: ImuCalibration) -> Section:
         g=fit.g,
         further=", ".join(f"{x:.2f}" for x in result.next_direction),
         left_out=dict(whole.left_out),
-        joint=whole.gyroscope is not None,
+        joint=_partners(whole),
     )
+
+
+def _partners(whole: ImuCalibration) -> str:
+    # the sensors that the accelerometer's numbers come from a fit with
+    if whole.together is not None:
+        return "gyroscope and the magnetometer in one fit"
+    return "" if whole.gyroscope is None else "gyroscope"
 
 
 def _ordered(model: str, intervals: Float[Array, "9 2"]) -> list[list[float]]:
