@@ -54,8 +54,8 @@ class NineAxisMoments:
     Attributes
     ----------
     names : tuple of str
-        Names of the 34 parameters: accelerometer, gyroscope, and the magnetometer's,
-        which begin with mag.
+        Names of the 34 parameters: the accelerometer's, and the others', which begin
+        with gyro and mag.
     cramer_rao : Array
         Bound on their covariance, (34, 34); the dip in rad.
     """
@@ -150,7 +150,11 @@ def nine_axis_moments(
     own = slice(18, 21)
     information[own, own] += np.diag(1.0 / levels[2] ** 2)
     return NineAxisMoments(
-        names=(*forms.names(form), *GYROSCOPE, *(f"mag_{name}" for name in NAMES)),
+        names=(
+            *forms.names(form),
+            *(f"gyro_{name}" for name in GYROSCOPE),
+            *(f"mag_{name}" for name in NAMES),
+        ),
         cramer_rao=bound_of(information, PARAMETERS),
     )
 

@@ -66,9 +66,12 @@ class NineAxisFit:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the 34 parameters; those of the magnetometer begin with mag."""
-        own = (f"mag_{name}" for name in OWN_NAMES)
-        return (*forms.names(self.gyroscope.model), *NAMES, *own)
+        """Names of the 34: the accelerometer's, then with gyro and mag before them."""
+        others = (
+            (f"gyro_{name}" for name in NAMES),
+            (f"mag_{name}" for name in OWN_NAMES),
+        )
+        return (*forms.names(self.gyroscope.model), *others[0], *others[1])
 
     @property
     def sd(self) -> Float[Array, "... 34"]:
