@@ -92,8 +92,12 @@ def nine_axis_moments(
 
     Parameters
     ----------
-    gyroscope, accelerometer, magnetometer
-        The true sensors, on the axes of the body.
+    gyroscope : GyroscopeModel
+        The true gyroscope, on the axes of the body, as all three.
+    accelerometer : AccelerometerModel
+        The true accelerometer.
+    magnetometer : MagnetometerModel
+        The true magnetometer.
     attitudes : array_like
         True attitudes of the rests, world to body, world axes north, west and up,
         (n, 4).

@@ -68,8 +68,14 @@ def calibrate_nine_axis(
     pose_std, field_std : float or array_like
         Noise of each axis of a pose mean of either sensor, raw units: one number, (n,)
         or (n, 3).
-    angle_random_walk, bias_random_walk, known_bias, bias_std
-        As in `calibrate_gyroscope`.
+    angle_random_walk : float or array_like, optional
+        As in `calibrate_gyroscope`, as are the following.
+    bias_random_walk : float, default 0.0
+        K, raw units times root hertz.
+    known_bias : array_like, optional
+        Raw units, (3,): where the gyroscope's bias was kept.
+    bias_std : float or array_like, optional
+        How well the rests tell the bias, raw units.
 
     Returns
     -------
