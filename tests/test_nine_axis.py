@@ -31,7 +31,13 @@ from simval.calibrate import (
 from simval.calibrate.gyroscope.pair import ImuReadings
 from simval.calibrate.nine_axis import calibration
 from simval.calibrate.nine_axis.rows import linearise
-from simval.errors import ConvergenceError, GeometryError, InputError
+from simval.errors import (
+    ConvergenceError,
+    GeometryError,
+    InputError,
+    RefusedError,
+)
+from simval.geometry import attitude_matrix
 from simval.multiposition.together import fit_together
 from simval.sensor import MagnetometerModel
 from simval.theory import (
@@ -504,20 +510,26 @@ def test_models_of_the_bias_and_of_force_are_kept(bias, sensitivity):
         assert stats.chi2.ppf(1e-5, dof) < value < stats.chi2.isf(1e-5, dof)
 
 
+def imu_of(truth, found, poses):
+    """The first trial as the fit of one recording."""
+    reduced = ImuReadings(
+        moves=found.moves, poses=poses[0], pose_std=np.tile(truth.pose_std, (3, 1)).T,
+        angle_random_walk=np.full(3, WALK), bias_random_walk=0.0, known_bias=None,
+        bias_std=WALK / found.moves.rest_seconds.sum() ** 0.5,
+    )  # fmt: skip
+    return ImuFit(
+        accelerometer=None, gyroscope=single(found.gyroscope), reasons=(),
+        G=np.zeros((3, 3)), reduced=reduced,
+    )  # fmt: skip
+
+
 def test_a_sensor_of_more_noise_than_it_says_does_not_spoil_the_others(noisy):
     """A field of five times its noise: the others stay within their error bars."""
     truth, (poses, rows, _), _ = noisy
     rng = np.random.default_rng(9)
     fields = fields_of(truth) + 5.0 * IRON_STD * rng.standard_normal((20, 3))
     found = calibrated(truth, poses[:1], rows[:1], fields[None])
-    one = {"accelerometer": None, "reasons": (), "G": np.zeros((3, 3))}
-    reduced = ImuReadings(
-        moves=found.moves, poses=poses[0], pose_std=np.tile(truth.pose_std, (3, 1)).T,
-        angle_random_walk=np.full(3, WALK), bias_random_walk=0.0, known_bias=None,
-        bias_std=WALK / found.moves.rest_seconds.sum() ** 0.5,
-    )  # fmt: skip
-    imu = ImuFit(gyroscope=single(found.gyroscope), reduced=reduced, **one)
-    compass = single(found.magnetometer)
+    imu, compass = imu_of(truth, found, poses), single(found.magnetometer)
     fit, said = fit_together(imu, compass, fields, np.full(20, IRON_STD))
     assert len(said) == 1
     assert said[0].startswith("noise of the magnetometer: ")
@@ -529,6 +541,23 @@ def test_a_sensor_of_more_noise_than_it_says_does_not_spoil_the_others(noisy):
     worse = found.fit
     assert worse.chi2_per_dof[0] > 4.0
     assert np.abs((worse.parameters[0] - TRUTH) / worse.sd[0]).max() > 4.6
+
+
+def test_headings_that_the_moves_do_not_know_are_refused(noisy):
+    """A field that turns about the vertical: only the moves can tell."""
+    truth, (poses, rows, _), _ = noisy
+    rng = np.random.default_rng(10)
+    turned = np.zeros((20, 4))
+    half = 0.5 * 0.05 * rng.standard_normal(20)  # three degrees
+    turned[:, 2], turned[:, 3] = np.sin(half), np.cos(half)
+    along = FIELD * attitude_matrix(turned) @ [np.cos(DIP), 0.0, -np.sin(DIP)]
+    along = (attitude_matrix(attitudes(truth)) @ along[..., None])[..., 0]
+    fields = IRON.distort(along, rng) + IRON_STD * rng.standard_normal((20, 3))
+    found = calibrated(truth, poses[:1], rows[:1], fields[None])
+    imu, compass = imu_of(truth, found, poses), single(found.magnetometer)
+    assert 0.4 < compass.chi2_per_dof < 1.9  # it sees nothing
+    with pytest.raises(RefusedError, match=r"would be [0-9.]+ with 86, though each"):
+        fit_together(imu, compass, fields, np.full(20, IRON_STD))
 
 
 def single(fit):

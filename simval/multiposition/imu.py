@@ -25,7 +25,7 @@ from simval.calibrate import (
     calibrate_magnetometer,
 )
 from simval.calibrate.gyroscope.imu import joined
-from simval.errors import ConvergenceError, InputError, RefusedError
+from simval.errors import InputError, RefusedError
 from simval.logs import Log
 from simval.multiposition.axes import require_alive, require_one_unit
 from simval.multiposition.calibration import LogCalibration, white_noise
@@ -163,7 +163,7 @@ def _all(
     fields = interval_means(samples, intervals)
     try:
         fit, said = fit_together(imu, compass, fields, white_noise(samples, intervals))
-    except ConvergenceError as error:
+    except RefusedError as error:
         said = (f"the three sensors are not fitted together: {error}",)
         return replace(found, reasons=(*found.reasons, *said))
     own = fit.gyroscope

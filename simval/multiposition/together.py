@@ -10,6 +10,7 @@ from simval.calibrate import (
     calibrate_nine_axis,
 )
 from simval.calibrate.magnetometer.summary import seen_over_stated
+from simval.errors import RefusedError
 from simval.shapes import Float
 
 
@@ -26,8 +27,9 @@ def fit_together(
 
     Raises
     ------
-    ConvergenceError
-        If the fits of two sensors disagree so far that no step leads to one of all.
+    RefusedError
+        If no step leads from the fits of two sensors to one of all, or one of all is
+        beyond what even these noises explain.
     """
     own, reduced = imu.gyroscope, imu.reduced
     turned = _excess(float(own.chi2_per_dof) * own.dof, own.dof)
@@ -43,8 +45,17 @@ def fit_together(
         angle_random_walk=reduced.angle_random_walk * turned,
         bias_random_walk=reduced.bias_random_walk,
         known_bias=reduced.known_bias,
-        bias_std=reduced.bias_std,
+        bias_std=reduced.bias_std * turned,
     ).require_converged()
+    ratio = float(fit.chi2_per_dof)
+    if _excess(ratio * fit.dof, fit.dof) > 1.0:
+        msg = (
+            f"chi-square per degree of freedom would be {ratio:.3g} with {fit.dof}, "
+            "though each fits beside the accelerometer: the turns of the gyroscope and "
+            "those of the field disagree; look for iron that moves with the sensor, "
+            "for a reading in coarse steps, and at the time of both sensors"
+        )
+        raise RefusedError(msg)
     factors = {"gyroscope": turned, "magnetometer": scattered}
     return fit, tuple(
         f"noise of the {name}: {factor:.2f} times what its rests show, as its "
