@@ -15,7 +15,6 @@ from simval.calibrate.magnetometer.arguments import Options
 from simval.calibrate.magnetometer.equations import (
     ACCELEROMETER,
     DIP,
-    MATRIX,
     PARAMETERS,
 )
 from simval.calibrate.magnetometer.result import MagnetometerFit
@@ -283,7 +282,6 @@ def _result(
     parameters, covariance = result["parameters"], result["covariance"]
     ratio = result["chi2"] / dof if dof > 0 else result["chi2"] * np.nan
     poses = np.r_[0:9, 21:34]  # accelerometer and magnetometer
-    assert MATRIX.start == ACCELEROMETER.stop
     shared = {key: result[key] for key in ("status", "iterations")}
     return NineAxisFit(
         parameters=parameters,

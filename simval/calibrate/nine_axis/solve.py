@@ -20,7 +20,7 @@ FAR: Final = 0.3  # of the parameters' own size: a step that no fit of two senso
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Solved:
-    """Where the steps ended; a trial that went astray is where it began."""
+    """Where the steps ended; a trial that goes astray stays where it was."""
 
     state: State
     linear: Linear
