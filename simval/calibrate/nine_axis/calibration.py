@@ -15,22 +15,17 @@ from simval.calibrate.magnetometer.arguments import Options
 from simval.calibrate.magnetometer.equations import (
     ACCELEROMETER,
     DIP,
-    PARAMETERS,
 )
 from simval.calibrate.magnetometer.result import MagnetometerFit
 from simval.calibrate.magnetometer.scaling import Scaled, scale
-from simval.calibrate.magnetometer.summary import natural_sd
+from simval.calibrate.nine_axis.outcome import COUNT, empty, result_of, write
 from simval.calibrate.nine_axis.result import NineAxisFit
 from simval.calibrate.nine_axis.rows import EACH, Problem, State
-from simval.calibrate.nine_axis.solve import Solved, solve
+from simval.calibrate.nine_axis.solve import solve
 from simval.errors import InputError
 from simval.shapes import Float
 
-COUNT: Final = 34
 _FLOOR: Final = 1e-11  # of the readings' own size, as for the other noises
-_NORMAL_95: Final = 1.959964
-_ORDER = np.r_[0:9, 22:34, 9:22]
-"""Accelerometer, gyroscope, magnetometer; the fit has the gyroscope last."""
 
 
 def calibrate_nine_axis(
@@ -103,15 +98,15 @@ def calibrate_nine_axis(
         estimator="joint",
     )  # fmt: skip
     good = _usable(gyroscope, magnetometer)
-    result = _empty(good, gyroscope, magnetometer)
+    result = empty(good, gyroscope, magnetometer)
     if good.any():
         part = moves if good.all() else taken(moves, good)
         chosen = replace(setting, bias_value=setting.bias_value[good])
         scaled = _scaled((pair[0][good], pair[1][good]), noise, magnetometer)
         problem = _problem(part, chosen, scaled, noise)
         found = solve(problem, _start(part, scaled, gyroscope, magnetometer, good))
-        _write(result, good, found, problem, scaled)
-    return _result(result, gyroscope, magnetometer, 2 * EACH * count - COUNT)
+        write(result, good, found, problem, scaled)
+    return result_of(result, gyroscope, magnetometer, 2 * EACH * count - COUNT)
 
 
 def checked_field_std(value: Any, count: int) -> Float[Array, "n 3"]:
@@ -213,99 +208,4 @@ def _start(
         poses=(values - scaled.shifts) / scaled.sizes,
         M=own[:, :9].reshape(-1, 3, 3),
         B=own[:, 9:] - moves.centre,
-    )
-
-
-def _empty(
-    good: Any, gyroscope: GyroscopeFit, magnetometer: MagnetometerFit
-) -> dict[str, Any]:
-    t = len(good)
-    made: dict[str, Any] = {
-        "parameters": np.full((t, COUNT), np.nan),
-        "covariance": np.full((t, COUNT, COUNT), np.nan),
-        "gap_angles": np.full((t, gyroscope.gap_angles.shape[-1]), np.nan),
-    }
-    made |= {name: np.full(t, np.nan) for name in ("chi2", "half_width", "step")}
-    made["iterations"] = np.zeros(t, int)
-    said = np.where(
-        np.atleast_1d(gyroscope.converged),
-        np.atleast_1d(magnetometer.status),
-        np.atleast_1d(gyroscope.status),
-    )
-    made["status"] = said.astype(object)
-    return made
-
-
-def _write(
-    result: dict[str, Any], good: Any, found: Solved, problem: Problem, scaled: Scaled
-) -> None:
-    # the numbers of the fitted trials, in their own units
-    state, linear = found.state, found.linear
-    t = len(state.M)
-    own = linear.gain.covariance
-    whole = np.zeros((t, COUNT, COUNT))
-    free = own.shape[1]
-    whole[:, :free, :free] = own
-    if free < COUNT:
-        last = np.arange(free, COUNT)
-        whole[:, last, last] = problem.setting.bias_std**2
-    inner = whole[:, :PARAMETERS, :PARAMETERS]
-    natural = natural_sd(problem.setting.model, state.poses, linear.at, inner)
-    values, _ = scaled.physical(state.poses, inner)
-    slope = np.ones((t, COUNT))
-    slope[:, :PARAMETERS] = scaled.sizes
-    slope[:, DIP] = 1.0 / np.cos(values[:, DIP])
-    whole *= slope[:, :, None] * slope[:, None, :]
-    parameters = np.concatenate(
-        [values, state.M.reshape(t, 9), state.B + problem.moves.centre], axis=1
-    )
-    result["parameters"][good] = parameters[:, _ORDER]
-    result["covariance"][good] = whole[:, _ORDER[:, None], _ORDER]
-    result["half_width"][good] = _NORMAL_95 * natural.max(axis=1)
-    turned = (linear.u[:, :-1, None] @ linear.C)[:, :, 0]
-    sine = np.linalg.norm(np.cross(turned, linear.u[:, 1:]), axis=-1)
-    result["gap_angles"][good] = np.arcsin(np.minimum(sine, 1.0))
-    result["chi2"][good] = found.chi2
-    result["step"][good] = found.step
-    result["iterations"][good] = found.iterations
-    result["status"][good] = np.where(found.converged, "converged", "max iterations")
-
-
-def _result(
-    result: dict[str, Any],
-    gyroscope: GyroscopeFit,
-    magnetometer: MagnetometerFit,
-    dof: int,
-) -> NineAxisFit:
-    if gyroscope.parameters.ndim == 1:
-        result = {name: value[0] for name, value in result.items()}
-    parameters, covariance = result["parameters"], result["covariance"]
-    ratio = result["chi2"] / dof if dof > 0 else result["chi2"] * np.nan
-    poses = np.r_[0:9, 21:34]  # accelerometer and magnetometer
-    shared = {key: result[key] for key in ("status", "iterations")}
-    return NineAxisFit(
-        parameters=parameters,
-        covariance=covariance,
-        dof=dof,
-        chi2_per_dof=ratio,
-        step=result["step"],
-        gyroscope=replace(
-            gyroscope,
-            parameters=parameters[..., 9:21],
-            accelerometer=parameters[..., :9],
-            covariance=covariance[..., :21, :21],
-            dof=dof,
-            chi2_per_dof=ratio,
-            gap_angles=result["gap_angles"],
-            step=result["step"],
-            **shared,
-        ),
-        magnetometer=replace(
-            magnetometer,
-            parameters=parameters[..., poses],
-            covariance=covariance[..., poses[:, None], poses],
-            half_width=result["half_width"],
-            **shared,
-        ),
-        **shared,
     )
