@@ -26,6 +26,10 @@ from simval.calibrate import (
 from simval.errors import InputError, RefusedError, SaturatedError
 from simval.logs import Log
 from simval.multiposition.calibration import LogCalibration, white_noise
+from simval.multiposition.compass import compass_pose_noise
+from simval.multiposition.pose_noise import PoseNoise
+from simval.noise import NoiseFile
+from simval.noise.held import rows_to_a_reading
 from simval.shapes import Float
 from simval.statics import interval_means
 
@@ -35,7 +39,7 @@ SENSORS: Final = ("gyroscope", "magnetometer")
 
 AXES: Final = "xyz"
 RAIL: Final = 3
-"""Rows in a row at the greatest or least reading of an axis that may be a rail."""
+"""Readings in a row at the greatest or least one of an axis that may be a rail."""
 
 KINK: Final = 4.0
 """Steps of the converter by which the rows beside a rail are off it. A round top that
@@ -66,6 +70,8 @@ class ImuCalibration:
         What was chosen by evidence, and why.
     left_out : mapping of str to str
         Sensors of the log that are not calibrated, and why.
+    compass_noise : PoseNoise or None
+        Noise of the magnetometer's pose means, and where it comes from.
     """
 
     log: LogCalibration
@@ -75,6 +81,7 @@ class ImuCalibration:
     magnetometer: MagnetometerFit | None
     reasons: tuple[str, ...]
     left_out: Mapping[str, str]
+    compass_noise: PoseNoise | None
 
 
 def calibrate_sensors(
@@ -84,6 +91,7 @@ def calibrate_sensors(
     sensors: Sequence[str] | None = None,
     hemisphere: str = "unstated",
     field: float = 1.0,
+    noise: NoiseFile | None = None,
 ) -> ImuCalibration:
     """Calibrate the other sensors of a log whose accelerometer is calibrated.
 
@@ -100,6 +108,9 @@ def calibrate_sensors(
         Where the log was made, which the magnetometer's axes cannot tell.
     field : float
         Strength of the field, in the unit that the magnetometer's M is wanted in.
+    noise : NoiseFile or None
+        Where it has a magnetometer, its noise; None, or one without, takes it from the
+        log's longest rest, and white noise alone where that is too short.
 
     Returns
     -------
@@ -139,14 +150,15 @@ def calibrate_sensors(
     imu = tried("gyroscope", lambda samples: _gyroscope(log, result, samples))
     compass = tried(
         "magnetometer",
-        lambda samples: _magnetometer(log, result, samples, hemisphere, field),
+        lambda samples: _magnetometer(log, result, samples, hemisphere, field, noise),
     )
     return ImuCalibration(
         log=result,
         accelerometer=result.fit if imu is None else imu.accelerometer,
         gyroscope=None if imu is None else imu.gyroscope,
         sensitivity=np.zeros((3, 3)) if imu is None else imu.G,
-        magnetometer=compass,
+        magnetometer=None if compass is None else compass[0],
+        compass_noise=None if compass is None else compass[1],
         reasons=() if imu is None else imu.reasons,
         left_out=left_out,
     )
@@ -204,21 +216,24 @@ def _magnetometer(
     samples: Float[Array, "n 3"],
     hemisphere: str,
     field: float,
-) -> MagnetometerFit:
+    known: NoiseFile | None,
+) -> tuple[MagnetometerFit, PoseNoise]:
     middle = result.intervals.sum(axis=1) // 2
+    white = white_noise(samples, result.intervals)
+    noise = compass_pose_noise(log, samples, result.intervals, white, known)
     fit = calibrate_magnetometer(
         interval_means(log.accelerometer, result.intervals),
         interval_means(samples, result.intervals),
         result.fit.g,
         field,
         accelerometer_std=pose_std(result),
-        magnetometer_std=white_noise(samples, result.intervals),
+        magnetometer_std=noise.std,
         hemisphere=hemisphere,
         model=result.fit.model,
         time=log.time[middle],
     ).require_converged()
     require_one_unit(log, "magnetometer", fit.M)
-    return fit
+    return fit, noise
 
 
 def require_alive(log: Log, name: str, samples: Float[Array, "n 3"]) -> None:
@@ -229,6 +244,7 @@ def require_alive(log: Log, name: str, samples: Float[Array, "n 3"]) -> None:
     RefusedError
         Naming the axis, and where.
     """
+    least = int(np.ceil(RAIL * rows_to_a_reading(samples)))
     for axis, column in zip(AXES, samples.T, strict=True):
         if np.ptp(column) == 0.0:
             msg = (
@@ -237,7 +253,7 @@ def require_alive(log: Log, name: str, samples: Float[Array, "n 3"]) -> None:
             )
             raise RefusedError(msg)
         for sign in (1.0, -1.0):
-            start, length = rail(sign * column)
+            start, length = rail(sign * column, least)
             if length:
                 msg = (
                     f"{log.path}: axis {axis} of the {name} stays at "
@@ -248,7 +264,7 @@ def require_alive(log: Log, name: str, samples: Float[Array, "n 3"]) -> None:
                 raise SaturatedError(msg)
 
 
-def rail(column: Float[Array, " n"]) -> tuple[int, int]:
+def rail(column: Float[Array, " n"], least: int = RAIL) -> tuple[int, int]:
     """Start and length of the longest stay at the greatest reading; length 0: none."""
     top = float(column.max())
     edges = np.flatnonzero(np.diff(np.r_[0, column == top, 0]))
@@ -258,7 +274,7 @@ def rail(column: Float[Array, " n"]) -> tuple[int, int]:
     kinked = np.maximum(walled[starts], walled[stops + 1]) < top - KINK * step
     lengths = np.where(kinked, stops - starts, 0)
     k = int(np.argmax(lengths))
-    return (int(starts[k]), int(lengths[k])) if lengths[k] >= RAIL else (0, 0)
+    return (int(starts[k]), int(lengths[k])) if lengths[k] >= least else (0, 0)
 
 
 def require_one_unit(log: Log, name: str, M: Float[Array, "3 3"]) -> None:
