@@ -219,6 +219,9 @@ def test_steps_are_found_and_none_invented():
     assert rounding_step(counts + 1e9) == 1.0
     assert rounding_step(rng.standard_normal(2000)) == 0.0
     assert rounding_step(np.full(2000, 3.0)) == 0.0
+    # last digits of a reading are no step of a converter
+    last = 9.8 * (1.0 + np.finfo(float).eps * rng.integers(0, 5, 2000))
+    assert rounding_step(last) == 0.0
 
 
 @pytest.mark.parametrize(
