@@ -46,6 +46,7 @@ def calibrate_gyroscope(
     pose_std: Any,
     angle_random_walk: Any = None,
     bias_random_walk: float = 0.0,
+    clock_jitter: float = 0.0,
     estimator: str = "joint",
     bias: str = "constant",
     known_bias: Any = None,
@@ -69,6 +70,9 @@ def calibrate_gyroscope(
         from the scatter within rests if not given.
     bias_random_walk : float, default 0.0
         K, raw units times root hertz.
+    clock_jitter : float, default 0.0
+        Standard deviation of each time stamp, s, where the rows are even and their
+        stamps are not.
     estimator : {"joint", "generalised", "unweighted"}
         joint fits the accelerometer again, together with the gyroscope; generalised
         keeps it, and counts its errors; unweighted is IMU-TK's least squares.
@@ -106,7 +110,8 @@ def calibrate_gyroscope(
     instance("moves", moves, Moves)
     instance("accelerometer", accelerometer, FitResult)
     readings, theta = _readings(moves, poses, accelerometer)
-    noise = _noise(moves, readings, pose_std, angle_random_walk, bias_random_walk)
+    walks = angle_random_walk, bias_random_walk
+    noise = _noise(moves, readings, pose_std, *walks, clock_jitter)
     estimator = choice("estimator", estimator, ESTIMATORS)
     setting = _setting(moves, accelerometer, noise, estimator, bias, known_bias)
     if bias_std is not None:
@@ -167,7 +172,7 @@ def _readings(
 
 
 def _noise(
-    moves: Moves, readings: Array, pose_std: Any, walk: Any, drift: float
+    moves: Moves, readings: Array, pose_std: Any, walk: Any, drift: Any, jitter: Any
 ) -> GyroscopeNoise:
     n = readings.shape[1]
     noise = GyroscopeNoise(
@@ -175,6 +180,7 @@ def _noise(
             moves.white.mean(axis=0) if walk is None else walk
         ),
         bias_random_walk=nonnegative_number("bias_random_walk", drift, "raw units"),
+        clock_jitter=nonnegative_number("clock_jitter", jitter, "s"),
         pose_std=checked_pose_std(pose_std, n),
     )
     return floored(noise, moves, readings)

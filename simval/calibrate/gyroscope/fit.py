@@ -23,6 +23,7 @@ from simval.calibrate.gyroscope.moves import Moves
 from simval.calibrate.gyroscope.noise import (
     GyroscopeNoise,
     drift_noise,
+    jitter_noise,
     line_noise,
     sensitivity_noise,
 )
@@ -144,6 +145,8 @@ def linearise(
     pulled = influence(found, setting.residual, noise.pose_std)
     theta_noise: Array = wander(moved, moves.statistics, M * noise.angle_random_walk)
     maps = []
+    if noise.clock_jitter > 0.0:
+        theta_noise += jitter_noise(moved, moves, M, B, noise)
     if setting.bias == "line":
         rests, bridge = line_noise(rows, moved, moves, M, B, noise)
         maps.append(rests)

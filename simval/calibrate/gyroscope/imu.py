@@ -39,6 +39,7 @@ def calibrate_imu(
     pose_std: Any = None,
     angle_random_walk: Any = None,
     bias_random_walk: float | None = None,
+    clock_jitter: float = 0.0,
     bias: str = "auto",
     sensitivity: bool | None = None,
     estimator: str = "joint",
@@ -73,6 +74,9 @@ def calibrate_imu(
     bias_random_walk : float, optional
         K of the gyroscope, raw units times root hertz; from the differences between
         rests if not given.
+    clock_jitter : float, default 0.0
+        Standard deviation of each time stamp, s, where the rows are even and their
+        stamps are not.
     bias : {"auto", "constant", "line"}
         Model of the bias; auto chooses by evidence.
     sensitivity : bool, optional
@@ -139,8 +143,9 @@ def calibrate_imu(
         moves = moves_between(time, gyroscope, intervals, **how, **more)
     fit = calibrate_gyroscope(
         moves, poses, acc, pose_std=std, angle_random_walk=walk,
-        bias_random_walk=drift, estimator=estimator, bias=chosen, known_bias=known,
-        start=start, bias_std=scatter / np.sqrt(moves.rest_seconds.sum()),
+        bias_random_walk=drift, clock_jitter=clock_jitter, estimator=estimator,
+        bias=chosen, known_bias=known, start=start,
+        bias_std=scatter / np.sqrt(moves.rest_seconds.sum()),
     )  # fmt: skip
     return ImuFit(
         accelerometer=_joined(acc, fit, poses),

@@ -46,6 +46,8 @@ class Moves:
         hertz, (t, 3).
     seconds : Array
         Time of each move, s, (k,).
+    chunk : int
+        Steps of the clock that were merged into one.
     force : Array
         Integral of the specific force over each chunk, m/s, (k, 3, j); empty unless
         what it does has been taken out.
@@ -62,12 +64,14 @@ class Moves:
     times: Float[Array, "k j"]
     white: Float[Array, "t 3"]
     seconds: Float[Array, " k"]
+    chunk: int
     force: Float[Array, "k 3 f"]
     force_noise: Float[Array, "4 4"]
 
     def __post_init__(self) -> None:
         for each in fields(self):
-            object.__setattr__(self, each.name, frozen(getattr(self, each.name)))
+            if each.name != "chunk":
+                object.__setattr__(self, each.name, frozen(getattr(self, each.name)))
 
 
 def moves_between(
@@ -155,6 +159,7 @@ def moves_between(
         times=t[first][:, None] + np.cumsum(spent, axis=1) - 0.5 * spent,
         white=white,
         seconds=t[last] - t[first],
+        chunk=chunk,
         **_forces(force, force_noise, step, first, last, statistics.shape[-1], chunk),
     )
 
