@@ -114,6 +114,21 @@ def test_rows_that_repeat_irregularly_are_refused(kind):
             noise_of_readings(rows, RATE)
 
 
+@pytest.mark.parametrize("step", [4.0, 6.0])
+def test_steps_far_above_the_noise_are_said_in_their_own_words(step):
+    """Coarse, and no slower than the log: what other sensors are told of it."""
+    for seed in SEEDS[:4]:
+        rows = drawn(900, 300 + seed, step) + 0.3 * step
+        for axis in noise_of_readings(rows, RATE):
+            assert not axis.coefficients
+            said = axis.statements[-1]
+            assert "steps of the converter" in said or "do not vary" in said
+    rows[:, :2] = 0.0  # alone, an axis might as well be a slow one
+    rows[:, 2] = step * (stream(1, KEY, 310).random(900) < 0.1)
+    with pytest.raises(RefusedError, match="far above its noise"):
+        noise_of_readings(rows, RATE)
+
+
 @pytest.mark.parametrize("count", [0, 1, 2, 6, 60, 480])
 def test_too_few_readings_are_refused(count):
     rows = np.repeat(drawn(count + 1, 3), 1200 // (count + 1), axis=0)

@@ -1,8 +1,8 @@
 r"""Readings of a sensor that is slower than its log, each of which stands in some rows.
 
 Noise that makes its own rounding white repeats a reading with a chance of at most one
-half, and then two axes do not repeat together (V7). Rows that repeat more often, or
-axes that repeat together, or rows that change too seldom after one that did, are not
+half, and two axes do not repeat together, however coarse (V7). Axes that do, or a lone
+one that repeats more often, or rows that change too seldom after one that did, are not
 the sensor's own readings. Where every reading stands in the same number of rows, to
 one, the sensor's own readings and its own rate are known; else they are not.
 """
@@ -22,7 +22,7 @@ from simval.shapes import Float
 _CHANCE: Final = 0.5
 """Greatest share of rows in which an axis repeats by chance: 0.49 of a noise of half a
 step (`simval.noise.rounding`), less of any other that is white."""
-_OFTEN: Final = 0.4  # share of rows that change, below one less that chance
+_OFTEN: Final = 0.4  # share of rows in which a lone axis changes; it is less if coarse
 _ALONE: Final = 0.8  # share of rows that change, over that of axes that do so alone
 _SD: Final = 5.0  # standard deviations of a correlation of changes: 3e-7 by chance
 _SHARE: Final = 0.99  # of readings that stand as long as the others
@@ -64,9 +64,9 @@ def own_readings(rows: Float[Array, "n axes"]) -> OwnReadings:
         share = 100.0 * (1.0 - changed.any(axis=1).mean())
         msg = (
             f"{share:.2g} % of its rows repeat the one before, at no regular step: it "
-            "is slower than the log, or interpolated, or stands still at times, and "
-            "its noise cannot be told from that of the repetition; log it at its own "
-            "rate"
+            "is slower than the log, or interpolated, or stands still at times, or its "
+            "steps are far above its noise, which cannot be told then; log it at its "
+            "own rate, and with a finer resolution"
         )
         raise RefusedError(msg)
     own = np.append(np.repeat(places[:-1], count), places[-1])
@@ -116,4 +116,5 @@ def _held(changed: NDArray[np.bool_]) -> bool:
     both = float((some[1:] & some[:-1]).mean()) - seen**2
     # independent readings change in neighbouring rows at least as often as that
     seldom = both / (seen * (1.0 - seen)) < -_SD / np.sqrt(len(some))
-    return bool(seen < _OFTEN or seen < _ALONE * alone or seldom)
+    lone = np.count_nonzero(changed.any(axis=0)) == 1
+    return bool((lone and seen < _OFTEN) or seen < _ALONE * alone or seldom)
