@@ -161,6 +161,19 @@ def test_the_command_writes_all_and_correct_applies_it(path, tmp_path, capsys):
         written["covariance"], np.array(one["covariance"])[:9, :9]
     )
     assert load_calibration(file).parameters.tolist() == written["parameters"]
+    part = said[said.index("magnetometer      field") :]
+    assert "noise of a pose" in part
+    assert "of the log's longest rest" in part
+    # 3 counts a row, rounded: the root of 9 + 1/12 over the rows of a rest, to three
+    # standard deviations, 0.7 % each; the Allan variance of 12 s tells
+    # that of a usual rest to a fifth
+    compass = written["magnetometer"]
+    assert compass["pose_noise"] == "log"
+    rows = np.diff(written["interval_samples"])[:, 0]
+    white = np.array(compass["pose_noise_white_std"])
+    np.testing.assert_allclose(white, np.sqrt(9.0833 / rows), rtol=0.021)
+    std = np.median(compass["pose_noise_std"])
+    assert std == pytest.approx(np.median(white), rel=0.4)
     covariance = written["ros_imu"]["angular_velocity_covariance"]
     # 0.15 raw per root hertz is 1.5 a row at 100 Hz, on scales of 1.1e-3
     assert np.sqrt(covariance[::4]) == pytest.approx(

@@ -33,7 +33,7 @@ def sensors_object(whole: ImuCalibration, log: Log) -> dict[str, Any]:
             "reasons": list(whole.reasons),
         }
     if whole.magnetometer is not None:
-        values["magnetometer"] = whole.magnetometer.as_document()
+        values["magnetometer"] = whole.magnetometer.as_document() | noise_object(whole)
     if whole.together is not None:
         values["together"] = whole.together.as_object()
     values["ros_imu"] = message_covariances(log, whole)
@@ -53,9 +53,30 @@ def sensor_lines(whole: ImuCalibration) -> list[str]:
         lines += [f"{'':18s}{reason}" for reason in whole.reasons]
     if whole.magnetometer is not None:
         lines += ["", *magnetometer_lines(whole.magnetometer, whole.together)]
+        lines += noise_lines(whole)
     for name, why in whole.left_out.items():
         lines += ["", f"left out          the {name}: {why}"]
     return lines
+
+
+def noise_object(whole: ImuCalibration) -> dict[str, Any]:
+    """Noise of the magnetometer's pose means as plain JSON values."""
+    noise = whole.compass_noise
+    if noise is None:
+        return {}
+    return {
+        "pose_noise": noise.source,
+        "pose_noise_std": noise.std.tolist(),
+        "pose_noise_white_std": noise.white.tolist(),
+    }
+
+
+def noise_lines(whole: ImuCalibration) -> list[str]:
+    """Say which noise the magnetometer's error bars are by."""
+    noise = whole.compass_noise
+    if noise is None:
+        return []
+    return [f"noise of a pose   {np.median(noise.std):.4g} raw units, {noise.words}"]
 
 
 def accelerometer_lines(fit: FitResult) -> list[str]:

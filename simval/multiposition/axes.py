@@ -7,11 +7,12 @@ import numpy as np
 from simval.arrays import Array
 from simval.errors import RefusedError, SaturatedError
 from simval.logs import Log
+from simval.noise.held import rows_to_a_reading
 from simval.shapes import Float
 
 AXES: Final = "xyz"
 RAIL: Final = 3
-"""Rows in a row at the greatest or least reading of an axis that may be a rail."""
+"""Readings in a row at the greatest or least reading of an axis that may be a rail."""
 
 KINK: Final = 4.0
 """Steps of the converter by which the rows beside a rail are off it. A round top that
@@ -30,6 +31,7 @@ def require_alive(log: Log, name: str, samples: Float[Array, "n 3"]) -> None:
     RefusedError
         Naming the axis, and where.
     """
+    least = int(np.ceil(RAIL * rows_to_a_reading(samples)))
     for axis, column in zip(AXES, samples.T, strict=True):
         if np.ptp(column) == 0.0:
             msg = (
@@ -38,7 +40,7 @@ def require_alive(log: Log, name: str, samples: Float[Array, "n 3"]) -> None:
             )
             raise RefusedError(msg)
         for sign in (1.0, -1.0):
-            start, length = rail(sign * column)
+            start, length = rail(sign * column, least)
             if length:
                 msg = (
                     f"{log.path}: axis {axis} of the {name} stays at "
@@ -49,7 +51,7 @@ def require_alive(log: Log, name: str, samples: Float[Array, "n 3"]) -> None:
                 raise SaturatedError(msg)
 
 
-def rail(column: Float[Array, " n"]) -> tuple[int, int]:
+def rail(column: Float[Array, " n"], least: int = RAIL) -> tuple[int, int]:
     """Start and length of the longest stay at the greatest reading; length 0: none."""
     top = float(column.max())
     edges = np.flatnonzero(np.diff(np.r_[0, column == top, 0]))
@@ -59,7 +61,7 @@ def rail(column: Float[Array, " n"]) -> tuple[int, int]:
     kinked = np.maximum(walled[starts], walled[stops + 1]) < top - KINK * step
     lengths = np.where(kinked, stops - starts, 0)
     k = int(np.argmax(lengths))
-    return (int(starts[k]), int(lengths[k])) if lengths[k] >= RAIL else (0, 0)
+    return (int(starts[k]), int(lengths[k])) if lengths[k] >= least else (0, 0)
 
 
 def require_one_unit(log: Log, name: str, M: Float[Array, "3 3"]) -> None:

@@ -29,7 +29,10 @@ from simval.errors import InputError, RefusedError
 from simval.logs import Log
 from simval.multiposition.axes import require_alive, require_one_unit
 from simval.multiposition.calibration import LogCalibration, white_noise
+from simval.multiposition.compass import compass_pose_noise
+from simval.multiposition.pose_noise import PoseNoise
 from simval.multiposition.together import fit_together
+from simval.noise import NoiseFile
 from simval.shapes import Float
 from simval.statics import interval_means
 
@@ -61,6 +64,8 @@ class ImuCalibration:
         What was chosen by evidence, and why.
     left_out : mapping of str to str
         Sensors of the log that are not calibrated, and why.
+    compass_noise : PoseNoise or None
+        Noise of the magnetometer's pose means, and where it comes from.
     """
 
     log: LogCalibration
@@ -71,6 +76,7 @@ class ImuCalibration:
     together: NineAxisFit | None
     reasons: tuple[str, ...]
     left_out: Mapping[str, str]
+    compass_noise: PoseNoise | None
 
 
 def calibrate_sensors(
@@ -80,6 +86,7 @@ def calibrate_sensors(
     sensors: Sequence[str] | None = None,
     hemisphere: str = "unstated",
     field: float = 1.0,
+    noise: NoiseFile | None = None,
 ) -> ImuCalibration:
     """Calibrate the other sensors of a log whose accelerometer is calibrated.
 
@@ -96,6 +103,9 @@ def calibrate_sensors(
         Where the log was made, which the magnetometer's axes cannot tell.
     field : float
         Strength of the field, in the unit that the magnetometer's M is wanted in.
+    noise : NoiseFile or None
+        Where it has a magnetometer, its noise; None, or one without, takes it from the
+        log's longest rest, and white noise alone where that is too short.
 
     Returns
     -------
@@ -135,15 +145,16 @@ def calibrate_sensors(
     imu = tried("gyroscope", lambda samples: _gyroscope(log, result, samples))
     compass = tried(
         "magnetometer",
-        lambda samples: _magnetometer(log, result, samples, hemisphere, field),
+        lambda samples: _magnetometer(log, result, samples, hemisphere, field, noise),
     )
     found = ImuCalibration(
         log=result,
         accelerometer=result.fit if imu is None else imu.accelerometer,
         gyroscope=None if imu is None else imu.gyroscope,
         sensitivity=np.zeros((3, 3)) if imu is None else imu.G,
-        magnetometer=compass,
+        magnetometer=None if compass is None else compass[0],
         together=None,
+        compass_noise=None if compass is None else compass[1],
         reasons=() if imu is None else imu.reasons,
         left_out=left_out,
     )
@@ -155,14 +166,13 @@ def calibrate_sensors(
 def _all(
     found: ImuCalibration,
     imu: ImuFit,
-    compass: MagnetometerFit,
+    compass: tuple[MagnetometerFit, PoseNoise],
     samples: Float[Array, "n 3"],
 ) -> ImuCalibration:
     # the three sensors as one fit has them, or two and two as they are
-    intervals = found.log.intervals
-    fields = interval_means(samples, intervals)
+    fields = interval_means(samples, found.log.intervals)
     try:
-        fit, said = fit_together(imu, compass, fields, white_noise(samples, intervals))
+        fit, said = fit_together(imu, compass[0], fields, compass[1].std)
     except RefusedError as error:
         said = (f"the three sensors are not fitted together: {error}",)
         return replace(found, reasons=(*found.reasons, *said))
@@ -232,18 +242,21 @@ def _magnetometer(
     samples: Float[Array, "n 3"],
     hemisphere: str,
     field: float,
-) -> MagnetometerFit:
+    known: NoiseFile | None,
+) -> tuple[MagnetometerFit, PoseNoise]:
     middle = result.intervals.sum(axis=1) // 2
+    white = white_noise(samples, result.intervals)
+    noise = compass_pose_noise(log, samples, result.intervals, white, known)
     fit = calibrate_magnetometer(
         interval_means(log.accelerometer, result.intervals),
         interval_means(samples, result.intervals),
         result.fit.g,
         field,
         accelerometer_std=pose_std(result),
-        magnetometer_std=white_noise(samples, result.intervals),
+        magnetometer_std=noise.std,
         hemisphere=hemisphere,
         model=result.fit.model,
         time=log.time[middle],
     ).require_converged()
     require_one_unit(log, "magnetometer", fit.M)
-    return fit
+    return fit, noise

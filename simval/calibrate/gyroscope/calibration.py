@@ -37,6 +37,7 @@ def calibrate_gyroscope(
     pose_std: Any,
     angle_random_walk: Any = None,
     bias_random_walk: float = 0.0,
+    clock_jitter: float = 0.0,
     estimator: str = "joint",
     bias: str = "constant",
     known_bias: Any = None,
@@ -60,6 +61,9 @@ def calibrate_gyroscope(
         from the scatter within rests if not given.
     bias_random_walk : float, default 0.0
         K, raw units times root hertz.
+    clock_jitter : float, default 0.0
+        Standard deviation of each time stamp, s, where the rows are even and their
+        stamps are not.
     estimator : {"joint", "generalised", "unweighted"}
         joint fits the accelerometer again, together with the gyroscope; generalised
         keeps it, and counts its errors; unweighted is IMU-TK's least squares.
@@ -100,7 +104,7 @@ def calibrate_gyroscope(
     given = Given(
         pose_std=pose_std, angle_random_walk=angle_random_walk,
         bias_random_walk=bias_random_walk, bias=bias, known_bias=known_bias,
-        bias_std=bias_std,
+        bias_std=bias_std, clock_jitter=clock_jitter,
     )  # fmt: skip
     estimator = choice("estimator", estimator, ESTIMATORS)
     setting = setting_of(

@@ -38,6 +38,7 @@ def calibrate_imu(
     pose_std: Any = None,
     angle_random_walk: Any = None,
     bias_random_walk: float | None = None,
+    clock_jitter: float = 0.0,
     bias: str = "auto",
     sensitivity: bool | None = None,
     estimator: str = "joint",
@@ -72,6 +73,9 @@ def calibrate_imu(
     bias_random_walk : float, optional
         K of the gyroscope, raw units times root hertz; from the differences between
         rests if not given.
+    clock_jitter : float, default 0.0
+        Standard deviation of each time stamp, s, where the rows are even and their
+        stamps are not.
     bias : {"auto", "constant", "line"}
         Model of the bias; auto chooses by evidence.
     sensitivity : bool, optional
@@ -143,8 +147,8 @@ def calibrate_imu(
     )  # fmt: skip
     fit = calibrate_gyroscope(
         moves, poses, acc, pose_std=std, angle_random_walk=walk,
-        bias_random_walk=drift, estimator=estimator, bias=chosen, known_bias=known,
-        start=start, bias_std=reduced.bias_std,
+        bias_random_walk=drift, clock_jitter=clock_jitter, estimator=estimator,
+        bias=chosen, known_bias=known, start=start, bias_std=reduced.bias_std,
     )  # fmt: skip
     if fit.estimator == "joint":
         acc = joined(acc, fit.accelerometer, fit.covariance[:9, :9], poses)

@@ -53,6 +53,7 @@ class Given:
     bias: str
     known_bias: Any
     bias_std: Any
+    clock_jitter: float = 0.0
 
 
 def noise_of(moves: Moves, readings: Array, given: Given) -> GyroscopeNoise:
@@ -71,6 +72,7 @@ def noise_of(moves: Moves, readings: Array, given: Given) -> GyroscopeNoise:
         bias_random_walk=nonnegative_number(
             "bias_random_walk", given.bias_random_walk, "raw units"
         ),
+        clock_jitter=nonnegative_number("clock_jitter", given.clock_jitter, "s"),
         pose_std=checked_pose_std(given.pose_std, readings.shape[1]),
     )
     return floored(noise, moves, readings)

@@ -8,6 +8,7 @@ from simval.arrays import Array
 from simval.calibrate.gyroscope.moves import Moves
 from simval.calibrate.gyroscope.noise import (
     drift_noise,
+    jitter_noise,
     line_noise,
     sensitivity_noise,
 )
@@ -38,6 +39,8 @@ def spread(
     noise = setting.noise
     theta_noise: Array = wander(moved, moves.statistics, M * noise.angle_random_walk)
     maps = []
+    if noise.clock_jitter > 0.0:
+        theta_noise += jitter_noise(moved, moves, M, B, noise)
     if setting.bias == "line":
         rests, bridge = line_noise(rows, moved, moves, M, B, noise)
         maps.append(rests)
