@@ -53,7 +53,7 @@ class Given:
     bias: str
     known_bias: Any
     bias_std: Any
-    clock_jitter: float = 0.0
+    clock_jitter: Any = 0.0
 
 
 def noise_of(moves: Moves, readings: Array, given: Given) -> GyroscopeNoise:
