@@ -18,6 +18,7 @@ PREFIX: Final = "simval:"
 
 _ESTIMATORS = ("wahba", "weighted-wahba", "triad", "closed-form", "combined")
 _CALIBRATORS = ("squared", "norm", "weighted", "sampson", "adjusted")
+_FILTERS = ("mekf",)
 
 BUILTIN: Final[Mapping[str, EntryPoint]] = MappingProxyType(
     {
@@ -26,7 +27,7 @@ BUILTIN: Final[Mapping[str, EntryPoint]] = MappingProxyType(
             value=f"simval.algorithms:{name.replace('-', '_')}",
             group=GROUP,
         )
-        for name in (*_ESTIMATORS, *_CALIBRATORS)
+        for name in (*_ESTIMATORS, *_CALIBRATORS, *_FILTERS)
     }
 )
 """By the name that suites and the command line call it."""
