@@ -92,7 +92,7 @@ def _whitened(
 def settled_at(
     angle: Float[Array, "n k"], time: Float[Array, " k"], most: Float[Array, " k"]
 ) -> Float[Array, " n"]:
-    """Time from which an error stays below `most`; infinite where it does not end so."""
+    """Time from which an error stays below `most`; infinite where it never does."""
     within = angle <= most
     kept = np.flip(np.logical_and.accumulate(np.flip(within, axis=1), axis=1), axis=1)
     first = kept.argmax(axis=1)

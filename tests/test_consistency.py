@@ -146,8 +146,8 @@ def alarms(rng, scale, trials=40, instants=10, rho=0.9):
 
 @pytest.mark.ci
 def test_the_rate_of_false_alarms_is_the_stated_one_and_faults_are_seen():
-    # stated 5 %: 1000 campaigns see at most 7.3 % with 99.9 % if it is true; Bonferroni's
-    # rule between correlated instants makes it less
+    # stated 5 %: 1000 campaigns see at most 7.3 % with 99.9 % if it is true;
+    # Bonferroni's rule between correlated instants makes it less
     rng = np.random.default_rng(7)
     over, under = alarms(rng, 1.0)
     assert over + under < 0.073

@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from simval.errors import InputError
 from simval.plugins.filter_signals import Told
-from simval.studies.filter_wrong import MOST, NOTHING, Wrong, spelled, wrong_of
+from simval.studies.filter_scenarios import NAMES, scenario_of, spelled
+from simval.studies.filter_wrong import MOST, Wrong, wrong_of
 
 TRUE = Told(
     gyroscope_noise=1.0,
@@ -23,13 +24,13 @@ TRUE = Told(
 
 
 def test_nothing_is_wrong_with_nothing():
-    assert wrong_of(NOTHING) == Wrong()
-    told = wrong_of(NOTHING).told(TRUE)
+    assert wrong_of([]) == Wrong()
+    told = wrong_of([]).told(TRUE)
     assert all(
         np.array_equal(getattr(told, name), getattr(TRUE, name))
         for name in Told.__dataclass_fields__
     )
-    assert np.array_equal(wrong_of(NOTHING).M, np.eye(3))
+    assert np.array_equal(wrong_of([]).M, np.eye(3))
 
 
 @given(st.dictionaries(st.sampled_from(sorted(MOST)), st.floats(0.0, 1.0), min_size=1))
@@ -38,8 +39,10 @@ def test_words_and_numbers_are_read_as_they_are_written(shares):
     for name, share in shares.items():
         least, most = MOST[name]
         values[name] = min(max(least + share * (most - least), least), most)
-    text = ",   ".join(f"{name}  {value!r}" for name, value in values.items())
-    found = wrong_of(spelled(text))
+    words = [f"{name}  {value!r}" for name, value in values.items()]
+    text = ",   ".join(["  long   rest", *words])
+    scenario, found = scenario_of(spelled(text))
+    assert scenario == "long rest"
     assert spelled(spelled(text)) == spelled(text)
     for name in MOST:
         right = getattr(Wrong(), name.replace(" ", "_"))
@@ -47,46 +50,49 @@ def test_words_and_numbers_are_read_as_they_are_written(shares):
 
 
 def test_the_gyroscope_is_scaled_and_turned():
-    found = wrong_of("scale 0.01, turned 0.02").M
+    found = wrong_of(["scale 0.01", "turned 0.02"]).M
     turn = Rotation.from_rotvec(0.02 * np.ones(3) / np.sqrt(3.0)).as_matrix()
     assert np.abs(found - 1.01 * turn.T).max() < 1e-15
 
 
 def test_a_noise_is_told_so_many_times_too_great():
-    told = wrong_of("gyroscope noise 3, magnetometer noise 0.5").told(TRUE)
+    told = wrong_of(["gyroscope noise 3", "magnetometer noise 0.5"]).told(TRUE)
     noises = told.gyroscope_noise, told.accelerometer_noise, told.magnetometer_noise
     assert noises == (3.0, 3.0, 2.0)
     assert told.gyroscope_walk == TRUE.gyroscope_walk
 
 
 REFUSED = [
-    ("", "is not `nothing` nor"),
-    ("nothing, scale 1e-3", "'nothing' is not"),
-    ("scale", "'scale' is not"),
-    ("scale nan", "must be from -0.1 to 0.1"),
-    ("scale inf", "must be from -0.1 to 0.1"),
-    ("scale one", "must be from -0.1 to 0.1"),
-    ("scale 0.2", "must be from -0.1 to 0.1"),
-    ("gyroscope noise 0", "must be from 0.001 to 1000"),
-    ("calibration -1e-3", "must be from 0 to 0.1"),
-    ("scale 1e-3, scale 1e-3", "has `scale` twice"),
-    ("bias 1e-3", "'bias 1e-3' is not"),
-    ("scale 1e-3,", "is not `nothing` nor"),
+    ("", "it must be one of gimbal slow"),
+    ("scale 1e-3", "it must be one of gimbal slow"),
+    ("gimbal", "it must be one of gimbal slow"),
+    ("pivot, scale", "has 'scale'; after its name there may be"),
+    ("pivot, scale nan", "must be from -0.1 to 0.1"),
+    ("pivot, scale inf", "must be from -0.1 to 0.1"),
+    ("pivot, scale one", "must be from -0.1 to 0.1"),
+    ("pivot, scale 0.2", "must be from -0.1 to 0.1"),
+    ("pivot, gyroscope noise 0", "must be from 0.001 to 1000"),
+    ("pivot, calibration -1e-3", "must be from 0 to 0.1"),
+    ("pivot, scale 1e-3, scale 1e-3", "has `scale` twice"),
+    ("pivot, bias 1e-3", "has 'bias 1e-3'; after its name there may be"),
+    ("pivot, scale 1e-3,", "has ''; after its name there may be"),
+    ("pivot, long rest", "has 'long rest'; after its name there may be"),
 ]
 
 
 @pytest.mark.parametrize(("text", "words"), REFUSED)
 def test_what_cannot_be_read_is_refused_with_what_can(text, words):
-    with pytest.raises(InputError, match="`wrong` is") as refusal:
-        wrong_of(spelled(text))
+    with pytest.raises(InputError, match="`scenario` ") as refusal:
+        scenario_of(spelled(text))
     assert words in str(refusal.value)
 
 
-@given(st.text(max_size=40))
-def test_no_text_is_read_by_chance(text):
+@given(st.text(max_size=40), st.sampled_from(["", *NAMES]))
+def test_no_text_is_read_by_chance(text, name):
+    whole = spelled(f"{name}, {text}" if name else text)
     try:
-        found = wrong_of(spelled(text))
-    except InputError as refusal:
-        assert "`wrong` is" in str(refusal)
-    else:
-        assert found == Wrong() or any(name in text for name in MOST)
+        found = scenario_of(whole)
+    except InputError:
+        return
+    assert found[0] in NAMES
+    assert len(whole.split(", ")) == 1 or any(word in text for word in MOST)

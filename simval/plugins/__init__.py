@@ -9,6 +9,7 @@ its conventions is checked without noise before anything is measured.
 from simval.errors import PluginError
 from simval.plugins.calibrator_probe import probe_calibrator
 from simval.plugins.command import command_calibrator, command_estimator
+from simval.plugins.filter_protocol import Filter
 from simval.plugins.loading import find_plugin
 from simval.plugins.probe import probe_estimator
 from simval.plugins.protocol import Calibrator, Estimator
@@ -16,6 +17,7 @@ from simval.plugins.protocol import Calibrator, Estimator
 __all__ = [
     "Calibrator",
     "Estimator",
+    "Filter",
     "PluginError",
     "command_calibrator",
     "command_estimator",

@@ -11,6 +11,7 @@ from importlib.metadata import EntryPoint
 from types import MappingProxyType
 from typing import Any, Final
 
+from simval.plugins.filter_protocol import Filter
 from simval.plugins.protocol import Calibrator, Estimator
 
 GROUP: Final = "simval.plugins"
@@ -36,6 +37,7 @@ BESIDE: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
     {
         Estimator.taken_by: (f"{PREFIX}wahba", f"{PREFIX}triad"),
         Calibrator.taken_by: (f"{PREFIX}squared",),
+        Filter.taken_by: (f"{PREFIX}mekf",),
     }
 )
 """What ``--plugin`` adds beside a user's, by the field: the optimum first, whose time

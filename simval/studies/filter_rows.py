@@ -155,7 +155,7 @@ def predicted_rows(
     check = plain if judged else unjudged
     rows = [
         *check(
-            RMS(CARRIED, unit="rad"), *root_mean_square(angle),
+            RMS(unit="rad"), *root_mean_square(angle),
             prediction=root, predictor=CARRIED, remainder=OVER * root,
         )
     ]  # fmt: skip
@@ -215,7 +215,7 @@ def _squares(
 
 
 def lost_row(answers: Answers, judged: bool) -> tuple[Row, ...]:
-    """Share of trials that end, or stray in their second half, beyond thirty degrees."""
+    """Share of trials that stray beyond thirty degrees in their second half."""
     angle = np.linalg.norm(answers.error, axis=-1)
     share = float(diverged(angle, since=angle.shape[1] // 2).mean())
     if judged:
@@ -224,7 +224,7 @@ def lost_row(answers: Answers, judged: bool) -> tuple[Row, ...]:
 
 
 def root_mean_square(values: Float[Array, "n k"]) -> tuple[float, float, int]:
-    """Root mean square over all, its standard error from the trials, and their count."""
+    """Root mean square over all, its standard error by trials, and their count."""
     square, error, n = mean_of_trials(values**2)
     root = float(np.sqrt(square))
     return root, error / (2.0 * root) if root > 0.0 else 0.0, n

@@ -27,7 +27,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from types import MappingProxyType
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 
@@ -37,23 +37,13 @@ from simval.geometry import attitude_matrix, compose, random_quaternions
 from simval.plugins.filter_signals import FilterInput, Told
 from simval.scene import average_rates, simulate_cached
 from simval.shapes import Float
-
-Scenario = Literal[
-    "gimbal slow",
-    "gimbal fast",
-    "lever arm",
-    "handheld",
-    "pivot",
-    "long rest",
-    "vibration",
-    "magnetic disturbance",
-    "unknown start",
-]
+from simval.studies.filter_wrong import Wrong, wrong_of
 
 ROWS: Final = 500.0  # Hz, of the scenes
 SHAKE: Final = (1.0, 42.0)  # m/s^2 and Hz
 IRON: Final = 0.5  # of the field, eastwards and up
-ANYWHERE: Final = np.pi / np.sqrt(3.0)  # rad per axis: a turn that is not known at all
+ANYWHERE: Final = "unknown start"
+UNKNOWN: Final = np.pi / np.sqrt(3.0)  # rad per axis of a turn that may be any
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +75,32 @@ _SCENES: Final[Mapping[str, _Recorded]] = MappingProxyType(
         "unknown start": _SLOW,
     }
 )
+
+
+NAMES: Final = tuple(_SCENES)
+
+
+def spelled(text: str) -> str:
+    """One spelling for each scenario: single spaces, a comma and a space between."""
+    return ", ".join(" ".join(part.split()) for part in text.split(","))
+
+
+def scenario_of(text: str) -> tuple[str, Wrong]:
+    """Name of a scenario, and what is wrong in it.
+
+    Raises
+    ------
+    InputError
+        If there is no such scenario, or what follows its name cannot be read.
+    """
+    name, *parts = text.split(", ")
+    if name not in NAMES:
+        msg = (
+            f"`scenario` is {name[:60]!r}; it must be one of {', '.join(NAMES)}, and "
+            "what is wrong may follow after a comma"
+        )
+        raise InputError(msg)
+    return name, wrong_of(parts)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -120,7 +136,7 @@ class Course:
 
 
 @lru_cache(maxsize=16)
-def course(scenario: Scenario, rate: float, seconds: float) -> Course:
+def course(scenario: str, rate: float, seconds: float) -> Course:
     """Course of a scenario, of so many rows per second and so long.
 
     Raises
@@ -170,7 +186,7 @@ def _steps(own: float, rate: float, seconds: float) -> tuple[int, int]:
 
 
 def _iron(
-    scenario: Scenario,
+    scenario: str,
     attitude: Float[Array, "T 4"],
     magnetic: Float[Array, "3"],
     clock: Float[Array, " T"],

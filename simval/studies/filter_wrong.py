@@ -1,9 +1,8 @@
-"""What a filter is told wrongly, or a calibration left: one string, an axis of a suite.
+"""What a filter is told wrongly, or a calibration left: words after a scenario's name.
 
 ========================= ========================================================
 words                     what is wrong
 ========================= ========================================================
-``nothing``               the filter is told its sensors as they are
 ``gyroscope noise X``     it is told X times the angle random walk
 ``accelerometer noise X`` it is told X times the noise of the accelerometer
 ``magnetometer noise X``  it is told X times the noise of the magnetometer
@@ -13,9 +12,11 @@ words                     what is wrong
                           of standard deviation X, its own in each trial
 ========================= ========================================================
 
-Several are joined by a comma.
+``gimbal slow, scale 1e-3, gyroscope noise 2`` is a scenario with two of them. It is one
+string, so that a list of such is an axis of a suite.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Final
@@ -28,7 +29,6 @@ from simval.geometry import attitude_matrix
 from simval.plugins.filter_signals import Told
 from simval.shapes import Float
 
-NOTHING: Final = "nothing"
 MOST: Final = MappingProxyType(
     {
         "gyroscope noise": (1e-3, 1e3),
@@ -71,7 +71,7 @@ class Wrong:
         )
 
 
-def wrong_of(text: str) -> Wrong:
+def wrong_of(parts: Sequence[str]) -> Wrong:
     """Read the words.
 
     Raises
@@ -79,22 +79,15 @@ def wrong_of(text: str) -> Wrong:
     InputError
         If they are none of the table, or X is not allowed.
     """
-    if text == NOTHING:
-        return Wrong()
     found: dict[str, float] = {}
-    for part in text.split(","):
-        name, _, number = part.strip().rpartition(" ")
+    for part in parts:
+        name, _, number = part.rpartition(" ")
         value = _number(number)
         least, most = MOST.get(name, (np.inf, -np.inf))
         if name in found or not least <= value <= most:
-            raise _refused(text, part.strip(), name, name in found)
+            raise _refused(part, name, name in found)
         found[name] = value
     return Wrong(**{name.replace(" ", "_"): value for name, value in found.items()})
-
-
-def spelled(text: str) -> str:
-    """One spelling for each value: single spaces, a comma and a space between parts."""
-    return ", ".join(" ".join(part.split()) for part in text.split(","))
 
 
 def _number(text: str) -> float:
@@ -104,16 +97,16 @@ def _number(text: str) -> float:
         return np.nan
 
 
-def _refused(text: str, part: str, name: str, twice: bool) -> InputError:
+def _refused(part: str, name: str, twice: bool) -> InputError:
     if twice:
-        return InputError(f"`wrong` is {text[:80]!r}; it has `{name}` twice")
+        return InputError(f"`scenario` has `{name}` twice; give it once")
     if name in MOST:
         least, most = MOST[name]
         msg = (
-            f"`wrong` is {text[:80]!r}; the number of `{name}` must be from {least:g} "
-            f"to {most:g}"
+            f"`scenario` has {part[:60]!r}; the number of `{name}` must be from "
+            f"{least:g} to {most:g}"
         )
         return InputError(msg)
     words = ", ".join(f"`{each} X`" for each in MOST)
-    msg = f"`wrong` is {text[:80]!r}; {part[:60]!r} is not `{NOTHING}` nor {words}"
+    msg = f"`scenario` has {part[:60]!r}; after its name there may be {words}"
     return InputError(msg)

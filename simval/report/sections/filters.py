@@ -59,8 +59,8 @@ def _errors(
         name="filter-errors",
         caption=(
             "Attitude error over time, root mean square over the trials. Grey: the "
-            "posterior Cramér-Rao bound, which no filter that knows the sensors as they "
-            "are is below."
+            "posterior Cramér-Rao bound, which no filter is below that knows of the "
+            "sensors what they are."
         ),
         alternative="RMS attitude error of each filter over time beside the bound",
         panels=[
