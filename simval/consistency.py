@@ -70,16 +70,19 @@ def mean_of_trials(values: Float[Array, "n k"]) -> tuple[float, float, int]:
     return float(means.mean()), error, n
 
 
-def lag_one(
+def pairs_of(
     innovation: Float[Array, "n k m"],
     before: Float[Array, "n k m"],
     covariance: Float[Array, "n k m m"],
     covariance_before: Float[Array, "n k m m"],
 ) -> Float[Array, "n k"]:
-    r"""Correlation of whitened neighbours, :math:`w_j^T w_{j-1} / m`; mean 0."""
+    r"""Square of the sum of whitened neighbours, :math:`|w_j + w_{j-1}|^2 / 2m`.
+
+    Its mean is 1 for white innovations, and 1 and the correlation for others.
+    """
     m = innovation.shape[-1]
-    now = _whitened(innovation, covariance)
-    return np.vecdot(now, _whitened(before, covariance_before)) / m
+    both = _whitened(innovation, covariance) + _whitened(before, covariance_before)
+    return np.vecdot(both, both) / (2.0 * m)
 
 
 def _whitened(

@@ -141,11 +141,11 @@ NIS = Family("nis", "normalised squared innovation", margin=0.02, least=0.0)
 WORST_INSTANT = Family(
     "worst_instant", "greatest excess of an instant, in standard deviations", least=0.0
 )
-INNOVATION_CORRELATION = Family(
-    "innovation_correlation",
-    "correlation of neighbouring innovations",
-    margin=0.05,
-    scale="sample",
+INNOVATION_PAIRS = Family(
+    "innovation_pairs",
+    "variance of two neighbouring innovations' sum over white ones'",
+    margin=0.02,
+    least=0.0,
 )
 DIVERGED = Family("diverged", "share of trials that diverge", least=0.0, most=1.0)
 SETTLING = Family("settling", "time to settle", unit="s", least=0.0)
@@ -339,8 +339,7 @@ NOISE_FREE = "its noise-free answer"
 BEST_OF_CLASS = "best of its class"
 LEAST_SQUARES = "generalised least squares"
 CLOSED_FORM = "closed form"
-POSTERIOR_BOUND = "posterior Cramer-Rao"
-REFERENCE_FILTER = "what the reference filter does"
+WHITE = "white"
 NINE_PARAMETERS = "Cramer-Rao, nine parameters"
 
 

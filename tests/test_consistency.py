@@ -11,9 +11,9 @@ from simval.consistency import (
     heading_and_inclination,
     instant_scores,
     judge,
-    lag_one,
     mean_of_trials,
     normalised_squares,
+    pairs_of,
     rotation_error,
     settled_at,
 )
@@ -77,8 +77,9 @@ def test_normalised_squares_and_whitened_neighbours_by_hand():
     P = root @ root.swapaxes(-1, -2)
     by_hand = np.einsum("nki,nkij,nkj->nk", error, np.linalg.inv(P), error)
     assert np.allclose(normalised_squares(error, P), by_hand, rtol=1e-9)
-    same = lag_one(error, error, P, P)
-    assert np.allclose(same, by_hand / 3.0, rtol=1e-9)
+    same = pairs_of(error, error, P, P)
+    assert np.allclose(same, 2.0 * by_hand / 3.0, rtol=1e-9)
+    assert np.abs(pairs_of(error, -error, P, P)).max() < 1e-12
 
 
 def test_innovations_that_correlate_are_told_from_white_ones():
@@ -87,10 +88,10 @@ def test_innovations_that_correlate_are_told_from_white_ones():
     eye = np.broadcast_to(np.eye(3), (40, 50, 3, 3))
     for rho, seen in ((0.0, False), (0.1, True)):
         rows = correlated(rng, 40, 51, 3, rho)
-        mean, error, n = mean_of_trials(lag_one(rows[:, 1:], rows[:, :-1], eye, eye))
+        mean, error, n = mean_of_trials(pairs_of(rows[:, 1:], rows[:, :-1], eye, eye))
         assert n == 40
-        assert (abs(mean) > 3.29 * error) == seen
-        assert abs(mean - rho) < 4.0 * error
+        assert (abs(mean - 1.0) > 3.29 * error) == seen
+        assert abs(mean - 1.0 - rho) < 4.0 * error
 
 
 def test_an_error_settles_where_it_stays():

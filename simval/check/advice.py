@@ -49,7 +49,7 @@ _OF_A_FILTER: Final = MappingProxyType(
     {
         "nis": "the innovations are not what it says: look at the noise it is told",
         "worst_instant": "its covariance is wrong at that time, perhaps at the start",
-        "innovation_correlation": (
+        "innovation_pairs": (
             "what one row did not explain the next one shows again: a state is "
             "missing, or a noise is told too small"
         ),

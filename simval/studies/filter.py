@@ -19,13 +19,14 @@ not, theory predicts what the reference filter then does; another filter is only
 """
 
 from dataclasses import replace
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, model_validator
 
 from simval.plugins import Filter, find_plugin
+from simval.plugins.filter_frames import find_world
 from simval.plugins.filter_run import run_filter
 from simval.plugins.filter_signals import FilterInput, Told
 from simval.results import Outcome, Row
@@ -144,7 +145,9 @@ class Parameters(PluginParameters):
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
-    """Measure the filter in a child process."""
+    """Measure the filter, a user's in a child process."""
+    if parameters.reference:
+        return compute(parameters, streams)
     return isolated(compute, parameters, streams, parameters.time_limit)
 
 
@@ -157,7 +160,7 @@ def outcome(plugin: Filter, parameters: Parameters, streams: Streams) -> Outcome
     """Measure a filter that this process holds."""
     way = course(parameters.named_scenario, parameters.rate, parameters.seconds)
     sensors, told = sensors_of(parameters, way), told_of(parameters, way)
-    world = plugin.world
+    world = find_world(plugin, told, parameters.rate).world
     blocks = -(-parameters.trials // BLOCK)
     parts = [
         drawn(way, sensors, told, BLOCK, streams.block(i), parameters.anywhere)
@@ -172,19 +175,25 @@ def outcome(plugin: Filter, parameters: Parameters, streams: Streams) -> Outcome
         time=way.time[kept],
         late=late,
     )
-    theory = prediction(way, sensors, told, kept[late])
-    return Outcome(rows=_rows(parameters, way, answers, theory))
+    if not (plugin.magnetometer or "start" in plugin.reads):
+        answers = answers.from_its_own_heading()
+    exact = replace(sensors, M=np.eye(3), calibration_std=0.0)
+    still, true = undisturbed(way), exact.told(way)
+    least = prediction(still, exact, true, kept[late], plugin.magnetometer)
+    theory = prediction(way, sensors, told, kept[late], plugin.magnetometer)
+    return Outcome(rows=_rows(parameters, way, answers, (least, theory)))
 
 
 def _rows(
-    parameters: Parameters, way: Course, answers: Answers, theory: FilterPrediction
+    parameters: Parameters,
+    way: Course,
+    answers: Answers,
+    predictions: tuple[FilterPrediction, FilterPrediction],
 ) -> tuple[Row, ...]:
-    sensors = sensors_of(parameters, way)
-    exact = replace(sensors, M=np.eye(3), calibration_std=0.0)
-    least = prediction(undisturbed(way), exact, exact.told(way), theory.kept)
+    least, theory = predictions
     small = parameters.start_std <= SMALL and not parameters.anywhere
     first_order = small and not way.disturbed
-    judged = first_order and parameters.wrong == Wrong()
+    judged = first_order and parameters.wrong == Wrong() and not answers.shifted
     bound = least.told[:, :3, :3]
     rows = [
         *error_rows(answers, bound, judged and parameters.reference),
@@ -222,7 +231,7 @@ def told_of(parameters: Parameters, way: Course) -> Told:
 def joined(parts: list[FilterInput]) -> FilterInput:
     """Trials of several blocks together."""
     several = ("gyroscope", "accelerometer", "magnetometer", "start")
-    whole = {
+    whole: dict[str, Any] = {
         name: np.concatenate([getattr(part, name) for part in parts])
         for name in several
     }

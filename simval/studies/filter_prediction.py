@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from simval.arrays import Array
 from simval.plugins.filter_signals import Told
 from simval.results import Row, unjudged
+from simval.shapes import Float
 from simval.statistics import BUDGET_AT
 from simval.studies.filter_rows import spread
 from simval.studies.filter_scenarios import Course, Imperfect
@@ -25,10 +27,14 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 def prediction(
-    way: Course, sensors: Imperfect, told: Told, instants: NDArray[np.intp]
+    way: Course,
+    sensors: Imperfect,
+    told: Told,
+    instants: NDArray[np.intp],
+    magnetometer: bool = True,
 ) -> FilterPrediction:
-    """Error of the reference filter at some rows, by source."""
-    truth = model_of(sensors.told(way))
+    """Error of the reference filter at some rows, by source; of fewer sensors too."""
+    truth = model_of(sensors.told(way), magnetometer)
     path = FilterPath(dt=way.dt, attitude=way.attitude)
     calibration = CalibrationError(
         of="gyroscope",
@@ -38,18 +44,21 @@ def prediction(
     return filter_prediction(
         path,
         truth,
-        told=model_of(told),
+        told=model_of(told, magnetometer),
         errors=(
             calibration,
             RowError(of=ACCELEROMETER, rows=way.acceleration),
-            RowError(of=MAGNETOMETER, rows=way.iron),
+            *([RowError(of=MAGNETOMETER, rows=way.iron)] if magnetometer else ()),
         ),
         keep=instants,
     )
 
 
-def model_of(told: Told) -> FilterModel:
+def model_of(told: Told, magnetometer: bool) -> FilterModel:
     """What a filter knows, as theory has it."""
+    field = VectorSensor(
+        name=MAGNETOMETER, reference=told.field, std=told.magnetometer_noise
+    )
     start = np.repeat([told.start_std**2, told.bias_std**2], 3)
     return FilterModel(
         gyroscope_noise=told.gyroscope_noise,
@@ -60,15 +69,13 @@ def model_of(told: Told) -> FilterModel:
                 reference=told.gravity * UP,
                 std=told.accelerometer_noise,
             ),
-            VectorSensor(
-                name=MAGNETOMETER, reference=told.field, std=told.magnetometer_noise
-            ),
+            *([field] if magnetometer else ()),
         ),
         start=np.diag(start),
     )
 
 
-def budget_rows(theory: FilterPrediction, time: NDArray[np.float64]) -> tuple[Row, ...]:
+def budget_rows(theory: FilterPrediction, time: Float[Array, " k"]) -> tuple[Row, ...]:
     """What each source adds to the predicted error, where it adds anything."""
     rows: list[Row] = []
     shown = spread(len(time))

@@ -1,7 +1,7 @@
 """What is measured of a filter's answers: rows of errors, consistency and time."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -12,12 +12,13 @@ from simval.consistency import (
     diverged,
     heading_and_inclination,
     instant_scores,
-    lag_one,
     mean_of_trials,
     normalised_squares,
+    pairs_of,
     rotation_error,
     settled_at,
 )
+from simval.geometry import compose
 from simval.plugins.filter_signals import FilterOutput
 from simval.results import Row, limit, nees, plain, unjudged
 from simval.shapes import Float
@@ -27,15 +28,15 @@ from simval.statistics import (
     CHI_SQUARE,
     CRAMER_RAO,
     DIVERGED,
-    INNOVATION_CORRELATION,
+    INNOVATION_PAIRS,
     NEES,
     NEES_AT,
     NIS,
-    NO_BIAS,
     NORMAL,
     RMS,
     RMS_AT,
     SETTLING,
+    WHITE,
     WORST_INSTANT,
     Family,
     Statistic,
@@ -69,12 +70,24 @@ class Answers:
     bias: Float[Array, "n k 3"]
     time: Float[Array, " k"]  # s
     late: NDArray[np.intp]  # places of the instants among the rows kept
+    shifted: bool = False  # whether its headings count from its own first one
 
     @property
     def error(self) -> Float[Array, "n i 3"]:
         """Attitude errors at the instants, rad."""
         estimate = self.found.attitude[:, self.late]
         return rotation_error(estimate, self.truth[self.late])
+
+    def from_its_own_heading(self) -> "Answers":
+        """The same, each trial turned about the vertical so that it starts right."""
+        q, first = self.found.attitude, self.late[0]
+        heading, _ = heading_and_inclination(q[:, first], self.truth[first])
+        back = np.zeros((len(q), 1, 4))
+        back[..., 2], back[..., 3] = (
+            f(-heading[:, None] / 2.0) for f in (np.sin, np.cos)
+        )
+        turned = compose(np.broadcast_to(back, q.shape), q)
+        return replace(self, found=replace(self.found, attitude=turned), shifted=True)
 
     def squares(self) -> dict[str, tuple[int, Float[Array, "n i"]]]:
         """NEES of the attitude, and with the bias, by name with its dimension."""
@@ -197,11 +210,11 @@ def _innovations(answers: Answers, judged: bool) -> tuple[Row, ...]:
     late, m = answers.late, nu.shape[-1]
     rows = _squares(NIS(), normalised_squares(nu, S)[:, late], m, judged)
     early = late - 1
-    white = lag_one(nu[:, late], nu[:, early], S[:, late], S[:, early])
+    white = pairs_of(nu[:, late], nu[:, early], S[:, late], S[:, early])
     mean = mean_of_trials(white)
     if judged:
-        return rows + plain(INNOVATION_CORRELATION(), *mean, 0.0, NO_BIAS, RELATIVE)
-    return rows + unjudged(INNOVATION_CORRELATION(), *mean)
+        return rows + plain(INNOVATION_PAIRS(), *mean, 1.0, WHITE, RELATIVE)
+    return rows + unjudged(INNOVATION_PAIRS(), *mean, 1.0, WHITE)
 
 
 def _squares(
