@@ -159,7 +159,7 @@ def sound_covariances(each: Float[Array, "n p p"]) -> Bool[Mask, " n"]:
 
 
 def _words_of_fault(filter: Filter, word: str, value: Float[Array, "..."]) -> str:
-    what = f"a `{word}`"
+    what = f"`{word}`"
     if not np.isfinite(value).all():
         first = tuple(int(i) for i in np.argwhere(~np.isfinite(value))[0])
         number = value[first]
