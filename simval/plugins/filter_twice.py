@@ -59,8 +59,8 @@ def require_the_same_again(
     if readings.lead:  # a batch is all of the work, so a part of its rows has to do
         count = max(len(rows) // PART, 1)
         rows, readings = rows[:count], _beginning(readings, int(rows[count - 1]) + 1)
-        words = {word: values[:count] for word, values in before.words.items()}
-        before = replace(before, words=words)
+        some = {word: values[:count] for word, values in before.words.items()}
+        before = replace(before, words=some)
     again = run_of(filter, readings, rows)
     if difference := _difference(filter, before, again):
         row, words = difference
