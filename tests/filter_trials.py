@@ -205,19 +205,22 @@ def far_start(truth, turns, start_std):
 
 
 def line(name, found, wanted, bound):
-    """One row of the table: simulated, standard error, predicted."""
-    cells = [f"{name:38s}"]
-    for each, theory in zip(
-        ("attitude", "whole", "nis"),
-        (wanted.nees(3), wanted.nees(), wanted.nis), strict=True,
-    ):  # fmt: skip
+    """One row of the table: simulated, standard error, (predicted, of the second half).
+
+    The last cell is the root mean square error over the bound.
+    """
+    cells = [f"{name:36s}"]
+    own = {"attitude": wanted.nees(3), "whole": wanted.nees(), "nis": wanted.nis}
+    for each, theory in own.items():
         mean, se = found.mean(each, SKIP)
-        cells.append(f"{mean:8.2f} +- {se:5.2f} ({theory[SKIP:].mean():7.2f})")
-    rms = np.sqrt(found.square[SKIP:].sum() / (bound.attitude_sd[SKIP:] ** 2).sum())
-    own = np.sqrt(
-        (wanted.rms()[SKIP:] ** 2).sum() / (bound.attitude_sd[SKIP:] ** 2).sum()
-    )
-    cells.append(f"{rms:6.3f} ({own:.3f})")
+        late = theory[len(theory) // 2 :].mean()
+        cells.append(
+            f"{mean:7.2f} +- {se:4.2f} ({theory[SKIP:].mean():6.2f},{late:7.2f})"
+        )
+    square = (bound.attitude_sd[SKIP:] ** 2).sum()
+    rms = np.sqrt(found.square[SKIP:].sum() / square)
+    theory = np.sqrt((wanted.rms()[SKIP:] ** 2).sum() / square)
+    cells.append(f"{rms:6.3f} ({theory:6.3f})")
     return "  ".join(cells)
 
 

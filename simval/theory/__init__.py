@@ -9,6 +9,7 @@ from simval.theory.calibration import CalibrationMoments, calibration_moments
 from simval.theory.cramer_rao import AttitudeBound, attitude_bound
 from simval.theory.cubature import cubature_moments
 from simval.theory.filter_budget import FilterPrediction, filter_prediction
+from simval.theory.filter_calibration import calibration_error
 from simval.theory.filter_errors import CalibrationError, RowError
 from simval.theory.filter_model import FilterModel, FilterPath, VectorSensor
 from simval.theory.filter_start import FirstUpdate, first_update
@@ -44,6 +45,7 @@ __all__ = [
     "VectorSensor",
     "attitude_bound",
     "attitude_moments",
+    "calibration_error",
     "calibration_moments",
     "cubature_moments",
     "filter_bound",
