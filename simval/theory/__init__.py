@@ -9,8 +9,10 @@ from simval.theory.calibration import CalibrationMoments, calibration_moments
 from simval.theory.cramer_rao import AttitudeBound, attitude_bound
 from simval.theory.cubature import cubature_moments
 from simval.theory.filter_budget import FilterPrediction, filter_prediction
+from simval.theory.filter_calibration import calibration_error
 from simval.theory.filter_errors import CalibrationError, RowError
 from simval.theory.filter_model import FilterModel, FilterPath, VectorSensor
+from simval.theory.filter_start import FirstUpdate, first_update
 from simval.theory.filtering import FilterBound, filter_bound
 from simval.theory.gyroscope import GyroscopeMoments, MovePath, gyroscope_moments
 from simval.theory.gyroscope_bias import gyroscope_bias
@@ -31,6 +33,7 @@ __all__ = [
     "FilterModel",
     "FilterPath",
     "FilterPrediction",
+    "FirstUpdate",
     "GyroscopeMoments",
     "GyroscopePlan",
     "MagnetometerMoments",
@@ -42,10 +45,12 @@ __all__ = [
     "VectorSensor",
     "attitude_bound",
     "attitude_moments",
+    "calibration_error",
     "calibration_moments",
     "cubature_moments",
     "filter_bound",
     "filter_prediction",
+    "first_update",
     "gyroscope_bias",
     "gyroscope_moments",
     "loss_noncentrality",
