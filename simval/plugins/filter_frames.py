@@ -27,6 +27,9 @@ from simval.plugins.reference_frames import WORLDS
 
 DIRECTIONS: Final[tuple[Literal["active", "passive"], ...]] = ("active", "passive")
 
+PREFERRED: Final = ("NWU", "NED", *(w for w in WORLDS if w not in ("NWU", "NED")))
+"""Of worlds that are the same to a filter the scenes' is taken, or the usual one."""
+
 CLEARLY: Final = 5.0
 """Times that another world must fit better than a declared one that fits."""
 
@@ -83,15 +86,24 @@ def find_world(filter: Filter, told: Told, rate: float = 100.0) -> FoundWorld:
     if np.radians(1.0) < best.judged and CLEARLY * better.judged < best.judged:
         raise _misdeclared(trial, filter, strays)
     alike = [each for each in (*fits, *beside) if each.judged <= STAYS]
-    if filter.magnetometer and filter.world is None and len(alike) > 1:
-        alike = trial.after_a_long_rest(alike)
-        best = _only_one(filter, alike)
-    names = [str(e.declared.world) for e in alike]
+    if filter.world is None:
+        alike, best = _chosen(trial, filter, alike)
+    names = [str(each.declared.world) for each in alike]
     world = str(best.declared.world)
-    if not filter.magnetometer and filter.world is None:
-        world = next(w for w in WORLDS if w in names)
-    rest = tuple(name for name in WORLDS if name in names and name != world)
+    rest = tuple(name for name in PREFERRED if name in names and name != world)
     return FoundWorld(world=world, alike=rest, stray=best.judged)
+
+
+def _chosen(
+    trial: Trial, filter: Filter, alike: list[Stray]
+) -> tuple[list[Stray], Stray]:
+    """One of the worlds in which a filter stays, if its answers are the same in all."""
+    if filter.magnetometer and len(alike) > 1:
+        alike = trial.after_a_long_rest(alike)
+    # without a magnetometer, or handed the field, it has the north that it is given
+    if filter.magnetometer and "field" not in filter.reads:
+        return alike, _only_one(filter, alike)
+    return alike, min(alike, key=lambda e: PREFERRED.index(str(e.declared.world)))
 
 
 def _only_one(filter: Filter, fits: list[Stray]) -> Stray:
