@@ -273,6 +273,36 @@ def test_a_heading_that_is_not_of_the_field_is_hinted_at():
         find_world(filter, told(), RATE)
 
 
+def lazy(true, share, **declared):
+    """It is pulled so weakly that it leaves no world in a short rest."""
+    form = ("sxyz", "active")
+    filter = complementary(true, form, (None, form, "specific force"))
+    make = lambda start: Complementary(true, form, share, start)  # noqa: E731
+    return replace(filter, make=make, **declared)
+
+
+@pytest.mark.slow
+def test_a_slow_filter_has_time_to_leave_a_wrong_world():
+    """Upside down it is pulled nowhere but for the 2.2 degrees that its start is off.
+
+    They grow by exp(20/30), to 4 at most, over the short path, and by exp(90/30) over
+    the long.
+    """
+    share = 1.0 / (30.0 * RATE)
+    assert find_world(lazy("ENU", share), told(), RATE).world == "ENU"
+    with pytest.raises(PluginError, match='declare world="ENU"'):
+        find_world(lazy("ENU", share, world="WND"), told(), RATE)
+
+
+@pytest.mark.slow
+def test_a_filter_that_stays_anywhere_is_said_to():
+    found = find_world(lazy("ENU", 0.0, world="NWU"), told(), RATE)
+    assert len(found.alike) == 7
+    assert "stays in NWU within 2.2 degrees, and in NED, ENU" in found.words
+    with pytest.raises(PluginError, match="alike, so its own cannot be found"):
+        find_world(lazy("ENU", 0.0), told(), RATE)
+
+
 def test_time_to_settle_is_given():
     """From 100 to 150 degrees off at a time constant of 8 s, and no start read."""
     share = 1.0 / (8.0 * RATE)
