@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simval.arguments import instance
-from simval.arrays import Array, finite_array, frozen
+from simval.arrays import Array, frozen, physical_array
 from simval.errors import InputError
 from simval.geometry import (
     attitude_matrix,
@@ -86,7 +86,7 @@ def first_update(
     instance("path", path, FilterPath)
     instance("truth", truth, FilterModel)
     told = instance("told", truth if told is None else told, FilterModel)
-    delta = finite_array("turn", turn, (3,))
+    delta = physical_array("turn", turn, (3,))
     T = len(path.dt)
     if delta.shape != (3,) or T < 2:
         msg = (
