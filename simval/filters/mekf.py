@@ -32,7 +32,7 @@ from typing import Any
 import numpy as np
 
 from simval.arguments import switch
-from simval.arrays import Array, finite_array, nonnegative_number, positive_number
+from simval.arrays import Array, nonnegative_number, physical_array, positive_number
 from simval.errors import InputError
 from simval.geometry import unit_quaternions
 from simval.shapes import Float
@@ -84,7 +84,11 @@ class Mekf:
         self.N2 = nonnegative_number("gyroscope_noise", gyroscope_noise, "rad/s") ** 2
         self.K2 = nonnegative_number("gyroscope_walk", gyroscope_walk, "rad/s^2") ** 2
         up = [0.0, 0.0, positive_number("gravity", gravity, "m/s^2")]
-        self.references = np.stack([up, finite_array("field", field, (3,))])
+        m = physical_array("field", field, (3,))
+        if m.shape != (3,):
+            msg = f"`field` has shape {m.shape}; give one vector of the world, T, (3,)"
+            raise InputError(msg)
+        self.references = np.stack([up, m])
         noise = [
             positive_number("accelerometer_noise", accelerometer_noise, "m/s^2"),
             positive_number("magnetometer_noise", magnetometer_noise, "T"),
@@ -123,7 +127,7 @@ class Mekf:
         }  # fmt: skip
 
     def _rows(self, name: str, rows: Any) -> Float[Array, "... 3"]:
-        array = finite_array(name, rows, (3,))
+        array = physical_array(name, rows, (3,))
         if array.shape != self.b.shape:
             msg = (
                 f"`{name}` has shape {array.shape}; the start has {self.q.shape}, so "

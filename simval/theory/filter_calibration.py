@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from simval.arguments import choice, instance
-from simval.arrays import Array, finite_array
+from simval.arrays import Array, physical_array
 from simval.errors import InputError
 from simval.sensor import forms
 from simval.shapes import Float
@@ -50,7 +50,7 @@ def calibration_error(
         If a shape does not fit, or M is singular or not of the form.
     """
     instance("of", of, str)
-    M = finite_array("matrix", matrix, (3, 3))
+    M = physical_array("matrix", matrix, (3, 3))
     if M.shape != (3, 3) or not np.linalg.cond(M) < 1.0 / np.finfo(float).eps:
         msg = f"`matrix` of {of} must be one matrix of full rank, (3, 3)"
         raise InputError(msg)
@@ -67,7 +67,7 @@ def calibration_error(
         J = J @ _of_form(form, M)
     if of == GYROSCOPE:
         J = J[:9, :9]
-    C = finite_array("covariance", covariance, (None, None))
+    C = physical_array("covariance", covariance, (None, None))
     sizes = {J.shape[1], 12 if of == GYROSCOPE else J.shape[1]}
     if C.ndim != 2 or C.shape[0] != C.shape[1] or len(C) not in sizes:
         wanted = " or ".join(f"({n}, {n})" for n in sorted(sizes))

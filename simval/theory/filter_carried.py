@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simval.arrays import Array, finite_array
+from simval.arrays import Array, physical_array
 from simval.errors import InputError
 from simval.shapes import Float
 from simval.theory.filter_errors import (
@@ -53,7 +53,7 @@ class State:
         X[0] = truth.start
         S = np.zeros((6, sum(each.parameters for each in errors) + 1))
         if start_error is not None:
-            given = finite_array("start_error", start_error, (6,))
+            given = physical_array("start_error", start_error, (6,))
             if given.shape != (6,):
                 msg = f"`start_error` has shape {given.shape}; one start needs (6,)"
                 raise InputError(msg)

@@ -18,7 +18,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from simval.arguments import instance
+from simval.arguments import instance, whole_number
 from simval.arrays import Array, frozen
 from simval.errors import InputError
 from simval.shapes import Float
@@ -136,14 +136,12 @@ def kept_rows(keep: Any, T: int) -> NDArray[np.intp]:
     InputError
         If a row is not one of the T, or they do not increase.
     """
-    if isinstance(keep, int | np.integer) and not isinstance(keep, bool):
-        if not 1 <= keep <= T:
-            msg = f"`keep` is {keep}; of {T} rows give every so many, 1 to {T}"
-            raise InputError(msg)
-        return np.arange(int(keep) - 1, T, int(keep))
+    if not isinstance(keep, list | tuple | range | np.ndarray):
+        every = whole_number("keep", keep, 1, T)
+        return np.arange(every - 1, T, every)
     try:
         kept = np.asarray(keep)
-    except (TypeError, ValueError, RuntimeError):
+    except (TypeError, ValueError, RuntimeError, OverflowError):
         kept = np.array([])
     whole = kept.ndim == 1 and kept.size > 0 and kept.dtype.kind in "iu"
     if not (whole and kept[0] >= 0 and kept[-1] < T and np.all(np.diff(kept) > 0)):
