@@ -97,9 +97,10 @@ def program(tmp_path, monkeypatch):
     """A filter that runs the program in a mode; limits are short."""
     file = tmp_path / "mine.py"
     file.write_text(PROGRAM)
-    monkeypatch.setattr(commands, "FIRST_LIMIT", 5.0)
-    monkeypatch.setattr(commands, "ROW_LIMIT", 0.3)
-    monkeypatch.setattr(commands, "END_LIMIT", 2.0)
+    # generous, for a busy machine
+    monkeypatch.setattr(commands, "FIRST_LIMIT", 20.0)
+    monkeypatch.setattr(commands, "ROW_LIMIT", 5.0)
+    monkeypatch.setattr(commands, "END_LIMIT", 5.0)
 
     def filter(mode, **more):
         words = [sys.executable, "-S", str(file), mode]
@@ -146,13 +147,15 @@ def test_a_program_that_fails_is_told_why(program, mode, monkeypatch):
     crashed, said = SAID[mode]
     if mode in ("silent", "holds"):
         monkeypatch.setattr(commands, "FIRST_LIMIT", 0.5)
+    if mode == "skips":
+        monkeypatch.setattr(commands, "ROW_LIMIT", 1.0)
     if mode in ("stays", "silent", "skips", "kept open"):
         monkeypatch.setattr(commands, "END_LIMIT", 0.3)
     before, files, start = set(children()), opened(), time.monotonic()
     with pytest.raises(PluginError, match=said) as refused:
         run_filter(program(mode), GIVEN, KEEP, "NWU")
     assert isinstance(refused.value, CrashedPluginError) == crashed
-    assert time.monotonic() - start < 10.0  # no hang
+    assert time.monotonic() - start < 20.0  # no hang
     gc.collect()
     assert set(children()) == before  # neither zombies nor what runs on
     assert opened() == files
