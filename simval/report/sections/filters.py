@@ -5,9 +5,12 @@ from typing import Any
 
 import numpy as np
 import scipy
+from markupsafe import Markup
 
 from simval.arrays import Array
 from simval.compare.merits import algorithm_of
+from simval.report.artifacts import arrays, shaped
+from simval.report.attitudes import turning
 from simval.report.curves import MAX_GROUPS, grouped
 from simval.report.panels import COLOURS, GREY, Drawing, Panel, Series
 from simval.report.section import Context, Section, Shown, made
@@ -29,6 +32,7 @@ from simval.statistics import (
     WORST_INSTANT,
     Family,
 )
+from simval.studies.filter import artifact_of
 from simval.studies.filter_rows import ATTITUDE, HEADING, INCLINATION
 from simval.sweep.run import CellResult
 
@@ -66,7 +70,36 @@ def section(context: Context) -> Section | None:
     if budgets:
         drawings.append(_drawn_budget(budgets))
     drawn = [drawing for drawing in drawings if drawing.panels]
-    return made("filters", "Attitude filters", drawn, [_table(cells)])
+    pictures = _turning(context, cells)
+    return made(
+        "filters", "Attitude filters", drawn, [_table(cells)],
+        turning=pictures[:MAX_GROUPS], hidden=max(len(pictures) - MAX_GROUPS, 0),
+    )  # fmt: skip
+
+
+def _turning(context: Context, cells: Sequence[CellResult]) -> list[tuple[str, Markup]]:
+    """A moving picture of each cell that left attitudes, the worst first."""
+    found = []
+    for cell in cells:
+        file = context.run.folder / "artifacts" / artifact_of(cell.parameters)
+        if not file.is_file():
+            continue
+        content = arrays(file)
+        time = shaped(file, content, "time", None)
+        count = len(time)
+        truth, estimate = (
+            shaped(file, content, name, count, 4) for name in ("truth", "estimate")
+        )
+        if count < 2 or not (np.diff(time) > 0.0).all():
+            continue
+        words = f"{algorithm_of(cell)}, {cell.parameters.get('scenario', '')}"
+        worst = float(np.abs(np.vecdot(truth, estimate)).min())
+        found.append((worst, words, turning(words, time, truth, estimate)))
+    return [(words, picture) for _, words, picture in sorted(found, key=_worst)]
+
+
+def _worst(found: tuple[float, str, Markup]) -> float:
+    return found[0]
 
 
 def _table(cells: Sequence[CellResult]) -> Table:
