@@ -19,6 +19,7 @@ from simval.theory.gyroscope_bias import gyroscope_bias
 from simval.theory.gyroscope_planning import GyroscopePlan, plan_gyroscope
 from simval.theory.magnetometer import MagnetometerMoments, magnetometer_moments
 from simval.theory.magnetometer_planning import MagnetometerPlan, plan_magnetometer
+from simval.theory.nine_axis import NineAxisMoments, nine_axis_moments
 from simval.theory.planning import Plan, plan, pose_noise
 from simval.theory.series import series_moments
 from simval.theory.sufficient import SufficientOrder, sufficient_order
@@ -39,6 +40,7 @@ __all__ = [
     "MagnetometerMoments",
     "MagnetometerPlan",
     "MovePath",
+    "NineAxisMoments",
     "Plan",
     "RowError",
     "SufficientOrder",
@@ -56,6 +58,7 @@ __all__ = [
     "loss_noncentrality",
     "magnetometer_moments",
     "multiplicative_moments",
+    "nine_axis_moments",
     "plan",
     "plan_gyroscope",
     "plan_magnetometer",

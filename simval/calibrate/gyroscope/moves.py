@@ -1,6 +1,6 @@
 """Moves between rests: what a recording of a gyroscope is reduced to."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -245,3 +245,14 @@ def _rest_means(
         count += b - a - 1
     per_row = squares / (2.0 * max(count, 1))
     return means, np.sqrt(per_row * float(np.median(step)))
+
+
+def taken(moves: Moves, good: Any) -> Moves:
+    """Some of the trials."""
+    return replace(
+        moves,
+        statistics=moves.statistics[good],
+        centre=moves.centre[good],
+        rest_rates=moves.rest_rates[good],
+        white=moves.white[good],
+    )

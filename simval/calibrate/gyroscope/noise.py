@@ -137,9 +137,9 @@ def drift_noise(
     # a walk that has been seen at fewer times than moves leaves roots of zero
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    by_bias = rows.by_gyroscope[..., 9:].reshape(t, k, 2, 3)
+    by_bias = rows.by_gyroscope[..., 9:].reshape(t, k, -1, 3)
     L = np.einsum("tkeb,km->tkemb", by_bias, noise.bias_random_walk * root)
-    return L.reshape(t, 2 * k, -1)
+    return L.reshape(t, rows.e.shape[1], -1)
 
 
 def line_noise(
@@ -159,13 +159,13 @@ def line_noise(
     start, end = moves.rest_times[:-1, None], moves.rest_times[1:, None]
     along = (moves.times - start) / (end - start)
     std = noise.angle_random_walk / np.sqrt(moves.rest_seconds)[:, None]
-    L = np.zeros((t, k, 2, k + 1, 3))
+    L = np.zeros((*rows.by_turn.shape[:3], k + 1, 3))
     gap = np.arange(k)
     for weights, rest in ((1.0 - along, gap), (along, gap + 1)):
         turned = bias_slopes(moved, moves.statistics, M, B, weights)
         pull = rows.by_turn @ turned * std[rest][:, None]
         L[:, gap, :, rest] = np.moveaxis(pull, 1, 0)
-    return L.reshape(t, 2 * k, -1), _bridge(moved, moves, M, noise)
+    return L.reshape(t, rows.e.shape[1], -1), _bridge(moved, moves, M, noise)
 
 
 def _bridge(
@@ -212,4 +212,4 @@ def sensitivity_noise(
     unit = np.einsum("tkiab,bq,a->tkiaq", by_G, root, noise.angle_random_walk)
     gaps = -rows.by_turn @ unit.reshape(t, k, 3, 9)
     bias = np.einsum("ac,q,a->acq", np.eye(3), mean @ root, noise.angle_random_walk)
-    return gaps.reshape(t, 2 * k, 9), bias.reshape(3, 9)
+    return gaps.reshape(t, -1, 9), bias.reshape(3, 9)
