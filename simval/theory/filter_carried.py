@@ -28,7 +28,7 @@ from simval.theory.filter_errors import (
     channel,
 )
 from simval.theory.filter_model import FilterModel, FilterPath, Steps, steps_of
-from simval.theory.filter_scan import apply_linear, compose_linear, scan
+from simval.theory.filter_scan import apply_linear, carry_linear, scan
 from simval.theory.filtering import covariances, predicted
 
 
@@ -96,7 +96,7 @@ class Part:
         """State after the last row, and the answer at some rows."""
         P = covariances(self.told, state.P)
         maps = self._maps(P[1:])
-        X, S = scan(maps, (state.X, state.S), compose_linear, apply_linear)
+        X, S = scan(maps, (state.X, state.S), carry_linear, apply_linear)
         last = State(P=P[-1], X=X[-1], S=S[-1])
         X = np.concatenate([state.X[None], X])
         S = np.concatenate([state.S[None], S])

@@ -23,12 +23,7 @@ from simval.arrays import Array, frozen
 from simval.errors import InputError
 from simval.shapes import Float
 from simval.theory.filter_model import FilterModel, FilterPath, Steps, steps_of
-from simval.theory.filter_scan import (
-    apply_riccati,
-    compose_riccati,
-    riccati_rows,
-    scan,
-)
+from simval.theory.filter_scan import apply_riccati, carry_riccati, scan
 
 TOGETHER: Final = 1 << 14
 """Rows at once: 50 MB, and blocks of 128 rows."""
@@ -110,8 +105,8 @@ def filter_bound(path: FilterPath, model: FilterModel, *, keep: Any = 1) -> Filt
 
 def covariances(steps: Steps, start: Float[Array, "6 6"]) -> Float[Array, "n 6 6"]:
     """Covariance before the first of some rows, and after each."""
-    maps = riccati_rows(steps.F, steps.Q, steps.informations.sum(axis=1))
-    (P,) = scan(maps, (start,), compose_riccati, apply_riccati)
+    rows = steps.F, steps.Q, steps.informations.sum(axis=1)
+    (P,) = scan(rows, (start,), carry_riccati, apply_riccati)
     return np.concatenate([start[None], P])
 
 
