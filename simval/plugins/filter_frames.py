@@ -75,8 +75,10 @@ def find_world(filter: Filter, told: Told, rate: float = 100.0) -> FoundWorld:
     strays = trial.all_of(replace(filter, world=world) for world in worlds)
     if not any(each.judged <= STAYS for each in strays):
         raise _misdeclared(trial, filter, min(strays, key=lambda each: each.judged))
-    every = trial.all_of(replace(filter, world=world) for world in WORLDS)
-    alike = [each for each in every if each.judged <= STAYS]
+    # of a declared one that has any north the others say nothing
+    more = () if filter.world and _any_north(filter) else WORLDS
+    every = trial.all_of(replace(filter, world=world) for world in (*worlds, *more))
+    alike = list({e.declared.world: e for e in every if e.judged <= STAYS}.values())
     if len(alike) > 1 and not _any_north(filter):
         alike = _lasting(trial, filter, alike)
     best = _chosen(filter, alike)
