@@ -21,6 +21,7 @@ import numpy as np
 from simval.errors import PluginError
 from simval.plugins.filter_protocol import Filter, Force
 from simval.plugins.filter_signals import Told
+from simval.plugins.filter_signs import require_signs
 from simval.plugins.filter_strays import DECLARED, STAYS, Stray, Trial
 from simval.plugins.protocol import Components
 from simval.plugins.reference_frames import WORLDS
@@ -68,7 +69,7 @@ def find_world(filter: Filter, told: Told, rate: float = 100.0) -> FoundWorld:
     ------
     PluginError
         If it does not stay as declared, with the declaration that fits or, if none
-        does, with what was tried.
+        does, with what was tried; or if a sign of its bias is wrong.
     """
     trial = Trial(filter, told, rate)
     worlds = (filter.world,) if filter.world else WORLDS
@@ -85,6 +86,7 @@ def find_world(filter: Filter, told: Told, rate: float = 100.0) -> FoundWorld:
     names = [str(each.declared.world) for each in alike]
     world = str(best.declared.world)
     rest = tuple(name for name in PREFERRED if name in names and name != world)
+    require_signs(filter, told, world, rate)
     return FoundWorld(world=world, alike=rest, stray=best.judged)
 
 
