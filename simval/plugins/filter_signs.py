@@ -65,8 +65,8 @@ def _require_bias(filter: Filter, found: Float[Array, "3"]) -> None:
     if float(found @ bias) < -CLEAR * float(bias @ bias):
         msg = (
             f"{filter.name} answers with the `bias` {_numbers(found)} rad/s where it "
-            f"is {_numbers(bias)}: return what the gyroscope reads at rest, so that the "
-            "rate is the reading less the bias"
+            f"is {_numbers(bias)}: return what the gyroscope reads at rest, so that "
+            "the rate is the reading less the bias"
         )
         raise PluginError(msg)
 
