@@ -100,6 +100,13 @@ def test_an_attitude_of_another_form_is_told_its_declaration():
     assert "declare the order of the `components`" in message_of(quaternion)
 
 
+def test_a_reading_that_is_missing_is_not_taken_for_a_change():
+    m = GIVEN.magnetometer.copy()
+    m[:, 3::4] = np.nan
+    found = run_filter(declared(Rate), replace(GIVEN, magnetometer=m), KEEP, "NWU")
+    assert np.isfinite(found.attitude).all()
+
+
 def test_takes_no_magnetometer_unless_declared():
     class Six(Rate):
         def update(self, dt, w, f):
