@@ -232,7 +232,9 @@ def _require_unchanged(
     filter: Filter, readings: Readings, rows: slice, columns: list[Array]
 ) -> None:
     for name, whole, now in zip(SENSORS, readings.sensors, columns, strict=False):
-        same = np.equal(whole[rows], now).reshape(len(now), -1).all(axis=1)
+        before = whole[rows]
+        equal = (before == now) | (np.isnan(before) & np.isnan(now))
+        same = equal.reshape(len(now), -1).all(axis=1)
         if not same.all():
             row = rows.start + int(np.argmin(same))
             msg = (
