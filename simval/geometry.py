@@ -21,7 +21,7 @@ from typing import Any, Final
 import numpy as np
 
 from simval.arguments import instance, whole_number
-from simval.arrays import Array, Scalars, finite_array
+from simval.arrays import Array, Scalars, finite_array, physical_array
 from simval.errors import InputError
 from simval.shapes import Float
 
@@ -136,6 +136,21 @@ def attitude_error(
     difference = compose(conjugate(q1), q2)
     sine = np.linalg.norm(difference[..., :3], axis=-1)
     return 2.0 * np.arctan2(sine, np.abs(difference[..., 3]))
+
+
+def rotation_vector(q: Float[Array, "... 4"]) -> Float[Array, "... 3"]:
+    """Axis times angle of attitudes, rad, at most pi long; `from_rotation_vector`."""
+    q = physical_array("q", q, (4,))
+    sine = np.linalg.norm(q[..., :3], axis=-1)
+    angle = 2.0 * np.arctan2(sine, np.abs(q[..., 3])) * np.copysign(1.0, q[..., 3])
+    return q[..., :3] * (angle / np.maximum(sine, np.finfo(float).tiny))[..., None]
+
+
+def from_rotation_vector(v: Float[Array, "... 3"]) -> Float[Array, "... 4"]:
+    """Attitude after a turn of the body by a rotation vector, rad, from the frame's."""
+    v = physical_array("v", v, (3,))
+    half = np.linalg.norm(v, axis=-1, keepdims=True) / 2.0
+    return np.concatenate([v * np.sinc(half / np.pi) / 2.0, np.cos(half)], axis=-1)
 
 
 def random_quaternions(count: int, rng: np.random.Generator) -> Float[Array, "count 4"]:

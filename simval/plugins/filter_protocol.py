@@ -9,7 +9,8 @@ object that is stepped through the readings, one row after the other:
 specific force, m/s^2, and the field, T, are of its end, and so is the attitude that is
 answered. The answer is the attitude, or a pair of attitude and covariance, or a mapping
 with some of the words of `ANSWERS`. A covariance is of the rotation vector of the
-error, rad^2, or larger with that first and the bias of the gyroscope, rad/s, next.
+error, rad^2, or larger with that first and the bias of the gyroscope, rad/s, next, both
+estimate minus truth. What is made may have a `close`, which is called after its run.
 
 Attitudes are declared as those of `simval.plugins.protocol`, from the filter's world
 frame (`simval.plugins.reference_frames`) to the body.
@@ -27,7 +28,7 @@ from simval.plugins.protocol import (
     _check_words,
     _one_of,
 )
-from simval.plugins.reference_frames import FRAMES, Frame
+from simval.plugins.reference_frames import WORLDS, World
 
 Force = Literal["specific force", "gravity"]
 
@@ -73,8 +74,8 @@ class Filter(Plugin):
         Order of the quaternion, or a matrix.
     matrix : {"active", "passive"}
         Direction of the attitude.
-    world : {"NED", "ENU", "NWU"}, optional
-        Its reference frame; default the one that is found.
+    world : {"NED", "ENU", "NWU", "SEU", "WSU", "ESD", "SWD", "WND"}, optional
+        Its reference frame, x, y and z by their letters; default the one found.
     accelerometer : {"specific force", "gravity"}, default "specific force"
         What it calls the accelerometer's reading: at rest up, or down.
     magnetometer : bool, default True
@@ -94,7 +95,7 @@ class Filter(Plugin):
     make: Callable[..., Any]
     components: Components
     matrix: Literal["active", "passive"]
-    world: Frame | None = None
+    world: World | None = None
     accelerometer: Force = "specific force"
     magnetometer: bool = True
     side: Literal["body", "reference"] = "body"
@@ -112,4 +113,4 @@ class Filter(Plugin):
         _one_of("batch", self.batch, (True, False))
         _check_words("reads", self.reads, READS)
         if self.world is not None:
-            _one_of("world", self.world, FRAMES)
+            _one_of("world", self.world, WORLDS)
