@@ -46,7 +46,7 @@ def test_error_budget():
         "magnetometer noise", "gyroscope's matrix", "magnetometer, 1.3e-3",
     )  # fmt: skip
     for line, part in zip(lines, fine.parts, strict=True):
-        digits = 0 if part is fine.parts[-1] else 1
+        digits = 0 if line == lines[-1] else 1
         np.testing.assert_allclose(
             cells(line), millidegrees(part), rtol=0, atol=0.51 * 10.0**-digits
         )
