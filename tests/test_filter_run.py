@@ -57,6 +57,26 @@ def test_right_filters_are_accepted(name):
         assert found.attitude.shape == (3, len(KEEP), 4)
 
 
+@pytest.mark.parametrize("first", [0, 1030])
+def test_a_batch_that_keeps_state_is_refused(first):
+    """It is run again to its first kept row at the least, and 1000 rows."""
+    past = []
+
+    class Batch:
+        def __init__(self, start):
+            past.append(None)
+            self.q = start
+
+        def update(self, dt, w, f, m):
+            q = self.q + 1e-9 * len(past)
+            return q / np.linalg.norm(q, axis=1, keepdims=True)
+
+    filter = declared(Batch, batch=True)
+    given, _ = tumbling(2, 1040, noise=False)
+    with pytest.raises(PluginError, match=f"at row {first} .*random numbers"):
+        run_filter(filter, given, np.arange(first, 1040, 3), "NWU")
+
+
 def test_what_raises_has_crashed():
     """A filter that breaks a rule is refused, one that raises has crashed."""
     drawn, _ = WRONG["raises"]

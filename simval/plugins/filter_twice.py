@@ -32,8 +32,8 @@ from simval.shapes import Float
 BY_TURNS: Final = 100
 """Rows of two filters that are stepped by turns, and of one trial of a batch alone."""
 
-PART: Final = 4
-"""One in so many of the kept rows of a batch is answered a second time."""
+AGAIN: Final = 1000
+"""Rows of a batch that is run again."""
 
 ALONE: Final = 1e-9
 """Attitude error of a trial alone, rad, whose sums may be rounded in another order."""
@@ -55,22 +55,24 @@ def require_the_same_again(
 ) -> None:
     """Require that a fresh filter answers the same readings with the same bits.
 
+    Of a batch, which is all trials, it is asked for the beginning alone.
+
     Raises
     ------
     PluginError
         If it does not.
     """
-    if readings.lead:  # a batch is all of the work, so a part of its rows has to do
-        count = max(len(rows) // PART, 1)
-        rows, readings = rows[:count], _beginning(readings, int(rows[count - 1]) + 1)
-        some = {word: values[:count] for word, values in before.words.items()}
-        before = replace(before, words=some)
+    if readings.lead:
+        readings = _beginning(readings, max(AGAIN, int(rows[0]) + 1))
+        rows = rows[rows < len(readings.dt)]
+        words = {word: values[: len(rows)] for word, values in before.words.items()}
+        before = replace(before, words=words)
     again = run_of(filter, readings, rows)
     if difference := _difference(filter, before, again):
-        row, words = difference
+        row, said = difference
         msg = (
             f"{filter.name} answers the same readings differently when they are run "
-            f"again: {words}, {place(readings, int(rows[row]))}; it keeps state "
+            f"again: {said}, {place(readings, int(rows[row]))}; it keeps state "
             "between runs, or draws random numbers: `make` must return a fresh filter, "
             "with nothing kept in the module or the class, and a generator seeded anew"
         )
