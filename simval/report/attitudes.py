@@ -42,8 +42,8 @@ def turning(
 def _seen(axes: Float[Array, "k 3 3"]) -> Float[Array, "k 3 2"]:
     """Ends of the body's axes, the rows, on the page: x right, y down."""
     right = np.array([-np.sin(AZIMUTH), np.cos(AZIMUTH), 0.0])
-    away = np.array([np.cos(AZIMUTH), np.sin(AZIMUTH), 0.0])
-    up = np.cos(ELEVATION) * np.array([0.0, 0.0, 1.0]) - np.sin(ELEVATION) * away
+    near = np.array([np.cos(AZIMUTH), np.sin(AZIMUTH), 0.0])
+    up = np.cos(ELEVATION) * np.array([0.0, 0.0, 1.0]) - np.sin(ELEVATION) * near
     middle = SIZE / 2.0
     across, down = axes @ right, -(axes @ up)
     return middle + LENGTH * np.stack([across, down], axis=-1)
