@@ -1,0 +1,176 @@
+r"""Clock, axes and gyroscope against the truth, in one least-squares fit.
+
+.. math:: y_j = L x_j(\tau) + \beta T_j + r_j \tag{R3}
+
+with a stretch's turns :math:`y_j, x_j` (R1) and length :math:`T_j`: thirteen unknowns,
+the offset :math:`\tau`, the nine of L and the bias. The rotation nearest to L, its
+polar factor Q, carries the truth's body axes to the sensor's; what is left, Q'L, is
+symmetric: the gyroscope's own scale and misalignment, and is reported as that. So a
+gyroscope that is wrong by some per cent does not turn the truth.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from simval.arrays import Array, frozen
+from simval.errors import GeometryError, RefusedError
+from simval.geometry import cross_matrix
+from simval.recorded.attitudes import Attitudes
+from simval.recorded.blocks import block_of, jackknife
+from simval.recorded.turns import STRETCH, Stretches
+from simval.shapes import Float
+
+STEPS: Final = 20
+ENOUGH: Final = 1e-3  # of a standard deviation of the offset: a step below it is none
+LEAST: Final = 40  # stretches; the blocks then hold two each
+STEEP: Final = 1e6  # condition of X'X beyond which an axis was not turned about
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TurnFit:
+    """Least squares of eq. (R3)."""
+
+    offset: float  # s: what the truth's clock shows minus what the log's does
+    linear: Float[Array, "3 3"]  # L, raw units per rad/s
+    bias: Float[Array, "3"]  # raw units
+    residuals: Float[Array, "m 3"]  # r_j, raw units times s
+    rows: Float[Array, "m 3 13"]  # derivatives of r by offset, L and bias
+    used: Float[Array, " m"]  # middle of each stretch used, log's clock, s
+    share: float  # of the variance of y that is left, 0 to 1
+    converged: bool
+
+    def __post_init__(self) -> None:
+        for name in ("linear", "bias", "residuals", "rows", "used"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    @property
+    def scale(self) -> float:
+        """Raw units per rad/s, the mean of the three axes."""
+        return float(abs(np.linalg.det(self.linear)) ** (1.0 / 3.0))
+
+
+def fit_turns(
+    stretches: Stretches, attitudes: Attitudes, offset: float, *, steps: int = STEPS
+) -> TurnFit:
+    """Fit eq. (R3) from an offset that is right to a stretch or so.
+
+    Raises
+    ------
+    RefusedError
+        If there are too few stretches with truth, or nothing turns in them.
+    """
+    delta = 0.25 * attitudes.step
+    linear: Array = np.eye(3)
+    for _ in range(steps):
+        x = stretches.truth(attitudes, offset)
+        slope = (
+            stretches.truth(attitudes, offset + delta)
+            - stretches.truth(attitudes, offset - delta)
+        ) / (2.0 * delta)
+        good = np.isfinite(x + slope).all(axis=1)
+        _require_motion(x[good])
+        y, T = stretches.turn[good], stretches.seconds[good]
+        known = np.column_stack([x[good], T])
+        solution = np.linalg.lstsq(known, y, rcond=None)[0]
+        linear, bias = solution[:3].T, solution[3]
+        residuals = y - known @ solution
+        rows = _derivatives(x[good], slope[good], T, linear)
+        flat = rows.reshape(-1, 13)
+        size = np.linalg.norm(flat, axis=0)
+        change = np.linalg.lstsq(flat / size, -residuals.ravel(), rcond=None)[0] / size
+        done = abs(change[0]) < ENOUGH * delta
+        if done:
+            break
+        offset += float(np.clip(change[0], -0.05, 0.05))
+    spread = np.sum((y - y.mean(axis=0)) ** 2)
+    return TurnFit(
+        offset=offset,
+        linear=linear,
+        bias=bias,
+        residuals=residuals,
+        rows=rows,
+        used=stretches.time[good].mean(axis=1),
+        share=float(np.sum(residuals**2) / spread) if spread > 0.0 else 1.0,
+        converged=bool(done),
+    )
+
+
+def _derivatives(
+    x: Float[Array, "m 3"],
+    slope: Float[Array, "m 3"],
+    T: Float[Array, " m"],
+    linear: Float[Array, "3 3"],
+) -> Float[Array, "m 3 13"]:
+    # of r by offset, L row by row, and bias
+    rows = np.zeros((len(x), 3, 13))
+    rows[:, :, 0] = -slope @ linear.T
+    for axis in range(3):
+        rows[:, axis, 1 + 3 * axis : 4 + 3 * axis] = -x
+        rows[:, axis, 10 + axis] = -T
+    return rows
+
+
+def _require_motion(x: Float[Array, "m 3"]) -> None:
+    if len(x) < LEAST:
+        msg = (
+            f"truth and gyroscope share {len(x) * STRETCH:.1f} s, and "
+            f"{LEAST * STRETCH:g} s are needed; give the truth of this log"
+        )
+        raise RefusedError(msg)
+    off = x - x.mean(axis=0)
+    values = np.linalg.eigvalsh(off.T @ off)
+    if not values[0] * STEEP > values[-1] > 0.0:
+        msg = (
+            "the truth turns about fewer than three axes, so the sensor's axes in it "
+            "cannot be found; turn the sensor about each of its axes"
+        )
+        raise GeometryError(msg)
+
+
+def polar(linear: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
+    """Rotation nearest to a matrix of positive determinant."""
+    U, _, V = np.linalg.svd(linear)
+    return U @ np.diag([1.0, 1.0, np.linalg.det(U @ V)]) @ V
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TurnErrors:
+    """Error bars of a `TurnFit`."""
+
+    offset: float  # s
+    rotation: Float[Array, "3 3"]  # covariance, rotation vector in sensor axes, rad^2
+    own: Float[Array, "3 3"]  # standard deviations of Q'L, relative
+    bias: Float[Array, "3"]  # raw units
+    dof: int
+
+
+def turn_errors(fit: TurnFit) -> TurnErrors:
+    """Error bars by blocks of equal information, eq. (R2), and the delta method.
+
+    A change dL turns the polar factor, Q exp([a x]), by the antisymmetric part of
+    Q'dL = [a x] P + dP:  (tr P I - P) a = the axial vector of Q'dL - (Q'dL)'.
+    """
+    weight = np.sum(fit.rows[:, :, 1:4] ** 2, axis=(1, 2))
+    block, count = block_of(weight + weight.mean())
+    covariance = jackknife(fit.rows, fit.residuals, block)
+    Q = polar(fit.linear)
+    P = Q.T @ fit.linear
+    turn, own = np.zeros((3, 9)), np.zeros((9, 9))
+    for k in range(9):
+        dL = np.zeros(9)
+        dL[k] = 1.0
+        D = Q.T @ dL.reshape(3, 3)
+        axial = np.array([D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1]])
+        a = np.linalg.solve(np.trace(P) * np.eye(3) - P, axial)
+        turn[:, k] = Q @ a
+        own[:, k] = (D - cross_matrix(a) @ P).ravel() / fit.scale
+    nine = covariance[1:10, 1:10]
+    return TurnErrors(
+        offset=float(np.sqrt(covariance[0, 0])),
+        rotation=turn @ nine @ turn.T,
+        own=np.sqrt(np.diagonal(own @ nine @ own.T)).reshape(3, 3),
+        bias=np.sqrt(np.diagonal(covariance)[10:]),
+        dof=count - 1,
+    )

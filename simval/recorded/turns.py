@@ -1,0 +1,71 @@
+r"""What the gyroscope and the recorded attitudes say of the same stretches of time.
+
+A stretch is a tenth of a second. In it the gyroscope's rows, averages over the steps
+that end with them, sum to :math:`y_j = \sum y_k \Delta t_k`, whatever their unit, and
+the recorded attitudes to the integral of the rate in body axes,
+
+.. math:: x_j(\tau) = \sum_k d_k - \tfrac{1}{24}(d_{k-1} \times d_k + d_k \times
+   d_{k+1}), \quad d_k = \log A(t_{k-1} + \tau) A(t_k + \tau)'. \tag{R1}
+
+Both are sums, so that a matrix between them is linear, and the noise of a recorded
+attitude counts at the two ends of a stretch only (to first order).
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from simval.arrays import Array, frozen
+from simval.recorded.attitudes import Attitudes, turned
+from simval.shapes import Float, Int
+
+STRETCH: Final = 0.1
+"""s. Shorter ones hear more of the noise at their ends, longer ones lose fast turns."""
+
+STEP: Final = 0.01
+"""s; longest between attitudes within a stretch, or one row: (R1) leaves the fourth
+order in it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Stretches:
+    """Stretches of a log, and what its gyroscope turned by in each."""
+
+    time: Float[Array, "m s"]  # of the attitudes in each, the two ends among them, s
+    turn: Float[Array, "m 3"]  # sums y_j, raw units times s
+
+    def __post_init__(self) -> None:
+        for name in ("time", "turn"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    @property
+    def seconds(self) -> Float[Array, " m"]:
+        """Length of each, s."""
+        return np.asarray(self.time[:, -1] - self.time[:, 0])
+
+    def truth(self, attitudes: Attitudes, offset: float) -> Float[Array, "m 3"]:
+        """Integral of the rate by eq. (R1), rad; NaN where an attitude is missing."""
+        q = attitudes.at(self.time.ravel() + offset).reshape(*self.time.shape, 4)
+        d = turned(q[:, :-1], q[:, 1:])
+        coning = 2.0 * np.sum(np.cross(d[:, :-1], d[:, 1:]), axis=1) / 24.0
+        return d.sum(axis=1) - coning
+
+
+def stretches(
+    time: Float[Array, " n"], gyro: Float[Array, "n 3"], *, coarse: bool = False
+) -> Stretches:
+    """Cut a log into stretches; coarse ones look at the attitudes at their ends only."""
+    step = float(np.median(np.diff(time)))
+    inner = max(1, round(STEP / step))
+    count = max(1, round(STRETCH / (inner * step)))
+    rows = inner * count
+    starts: Int[np.ndarray, " m"] = np.arange(0, len(time) - rows, rows)
+    sums = np.cumsum(
+        np.concatenate([np.zeros((1, 3)), gyro[1:] * np.diff(time)[:, None]]), axis=0
+    )
+    places = (0, rows) if coarse else range(0, rows + 1, inner)
+    return Stretches(
+        time=time[starts[:, None] + np.array(places)],
+        turn=sums[starts + rows] - sums[starts],
+    )
