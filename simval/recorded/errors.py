@@ -1,0 +1,119 @@
+r"""Errors of a filter against the truth: in all, of heading, of inclination.
+
+In the world, the error is the quaternion :math:`d = \hat q * q^*` with vector part
+(x, y, z), z up, and scalar s. Heading is the turn about the vertical that is nearest to
+it, inclination what is left:
+
+.. math:: \psi = 2 \arctan(z / s), \quad
+   \iota = 2 \arctan\frac{\sqrt{x^2 + y^2}}{\sqrt{s^2 + z^2}}, \quad
+   \cos\tfrac{\theta}{2} = \cos\tfrac{\psi}{2} \cos\tfrac{\iota}{2}. \tag{R4}
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from simval.arrays import Array, frozen
+from simval.geometry import compose, conjugate
+from simval.recorded.attitudes import turned
+from simval.recorded.blocks import mean_with_error
+from simval.shapes import Bool, Float
+
+SETTLED: Final = 2.0
+"""Times the RMS error of the last half of the log, below which a filter has converged."""
+
+WINDOW: Final = 1.0  # s, of the running RMS that is compared
+FEWEST: Final = 30  # rows of which an RMS is given
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Errors:
+    """Errors at the rows that have truth."""
+
+    time: Float[Array, " k"]  # s
+    body: Float[Array, "k 3"]  # rotation vector from truth to estimate, body axes, rad
+    total: Float[Array, " k"]  # rad, 0 to pi
+    heading: Float[Array, " k"]  # rad, positive from north to west
+    inclination: Float[Array, " k"]  # rad, 0 to pi
+    rest: Bool[np.ndarray, " k"]
+
+    def __post_init__(self) -> None:
+        for name in ("time", "body", "total", "heading", "inclination"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rms:
+    """Root mean square of an error with its standard error, rad; NaN of too few rows."""
+
+    value: float
+    sd: float
+    rows: int
+
+
+def errors_of(
+    time: Float[Array, " k"],
+    truth: Float[Array, "k 4"],
+    estimate: Float[Array, "k 4"],
+    rest: Bool[np.ndarray, " k"],
+) -> Errors:
+    """Errors of estimated attitudes by eq. (R4)."""
+    d = compose(estimate, conjugate(truth))
+    d = np.where(d[:, 3:] < 0.0, -d, d)
+    heading = 2.0 * np.arctan2(d[:, 2], d[:, 3])
+    level = np.hypot(d[:, 0], d[:, 1])
+    return Errors(
+        time=time,
+        body=turned(truth, estimate),
+        total=2.0 * np.arctan2(np.linalg.norm(d[:, :3], axis=1), d[:, 3]),
+        heading=heading,
+        inclination=2.0 * np.arctan2(level, np.hypot(d[:, 3], d[:, 2])),
+        rest=rest,
+    )
+
+
+def rms(values: Float[Array, " k"]) -> Rms:
+    """RMS with the standard error of correlated rows, by blocks."""
+    if len(values) < FEWEST:
+        return Rms(value=np.nan, sd=np.nan, rows=len(values))
+    mean, covariance, _ = mean_with_error(values[:, None] ** 2)
+    value = float(np.sqrt(mean[0]))
+    sd = float(np.sqrt(covariance[0, 0])) / (2.0 * value) if value > 0.0 else 0.0
+    return Rms(value=value, sd=sd, rows=len(values))
+
+
+def table(errors: Errors) -> dict[str, dict[str, Rms]]:
+    """RMS of each error, over all rows, at rest and moving."""
+    parts = {
+        "all": np.ones(len(errors.time), dtype=bool),
+        "rest": errors.rest,
+        "moving": ~errors.rest,
+    }
+    return {
+        part: {
+            name: rms(getattr(errors, name)[rows])
+            for name in ("total", "heading", "inclination")
+        }
+        for part, rows in parts.items()
+    }
+
+
+def convergence(errors: Errors) -> float:
+    """Seconds from the first row until the running RMS stays below `SETTLED`; NaN never.
+
+    Each second is compared with the RMS of the last half.
+    """
+    time = errors.time - errors.time[0]
+    squares = errors.total**2
+    half = squares[time >= 0.5 * time[-1]]
+    limit = SETTLED * float(np.sqrt(half.mean()))
+    ticks = (time / WINDOW).astype(int)
+    sums = np.bincount(ticks, squares)
+    counts = np.bincount(ticks)
+    running = np.sqrt(sums[counts > 0] / counts[counts > 0])
+    above = np.flatnonzero(running > limit)
+    if not len(above):
+        return 0.0
+    last = int(np.flatnonzero(counts > 0)[above[-1]])
+    return np.nan if last == ticks[-1] else (last + 1) * WINDOW
