@@ -22,7 +22,7 @@ from simval.shapes import Float
 HOLE: Final = 2.5
 """Median steps between measurements beyond which nothing is drawn between them."""
 
-NEIGHBOURS: Final = 4  # of a cubic
+NEIGHBOURS: Final = 6  # of a polynomial of the fifth degree
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +66,8 @@ class Attitudes:
 
         The first neglected term is of fourth order in the step.
         """
-        last = np.searchsorted(self.time, wanted, side="right") + 1
+        half = NEIGHBOURS // 2
+        last = np.searchsorted(self.time, wanted, side="right") + half - 1
         place = np.clip(last, NEIGHBOURS - 1, len(self.time) - 1)
         rows = place[:, None] + np.arange(1 - NEIGHBOURS, 1)
         knots, values = self.time[rows], self.q[rows]

@@ -2,7 +2,9 @@ r"""Error bars of a fit whose residuals are correlated: leave out one block at a
 
 The rows are cut into blocks of time with equal shares of the information. Residuals
 within a block may be correlated in any way; between blocks they are taken as
-independent. At the solution, with :math:`H_b, g_b` a block's share of J'J and J'r,
+independent. At the solution, where residuals r with derivatives J are orthogonal to
+instruments Z (J itself in least squares), and :math:`H_b, g_b` are a block's share of
+Z'J and Z'r,
 
 .. math:: \delta_b = (H - H_b)^{-1} g_b, \quad
    \mathrm{cov} = \tfrac{B - 1}{B} \sum_b (\delta_b - \bar\delta)(\delta_b -
@@ -57,14 +59,15 @@ def block_of(
 
 
 def jackknife(
+    instruments: Float[Array, "m k p"],
     rows: Float[Array, "m k p"],
     residuals: Float[Array, "m k"],
     block: Int[np.ndarray, " m"],
 ) -> Float[Array, "p p"]:
-    """Covariance of a least-squares solution by eq. (R2)."""
+    """Covariance of a solution by eq. (R2)."""
     count, p = int(block.max()) + 1, rows.shape[-1]
-    each_H = np.einsum("mkp,mkq->mpq", rows, rows)
-    each_g = np.einsum("mkp,mk->mp", rows, residuals)
+    each_H = np.einsum("mkp,mkq->mpq", instruments, rows)
+    each_g = np.einsum("mkp,mk->mp", instruments, residuals)
     H, g = np.zeros((count, p, p)), np.zeros((count, p))
     np.add.at(H, block, each_H)
     np.add.at(g, block, each_g)
@@ -80,4 +83,4 @@ def mean_with_error(
     block, count = block_of(np.ones(len(values)), min(blocks, len(values)))
     mean = values.mean(axis=0)
     rows = np.broadcast_to(np.eye(values.shape[1]), (*values.shape, values.shape[1]))
-    return mean, jackknife(rows, mean - values, block), count - 1
+    return mean, jackknife(rows, rows, mean - values, block), count - 1

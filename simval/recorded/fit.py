@@ -7,6 +7,11 @@ the offset :math:`\tau`, the nine of L and the bias. The rotation nearest to L, 
 polar factor Q, carries the truth's body axes to the sensor's; what is left, Q'L, is
 symmetric: the gyroscope's own scale and misalignment, and is reported as that. So a
 gyroscope that is wrong by some per cent does not turn the truth.
+
+The offset is where the residuals do not depend on the change of the rate over a
+stretch, :math:`\partial x / \partial \tau`, *as the gyroscope has it*. The truth's own
+would share its noise with the residuals: between two rows an interpolation has less
+noise than on one, and least squares would move the clock to where there is less.
 """
 
 from dataclasses import dataclass
@@ -23,7 +28,7 @@ from simval.recorded.turns import STRETCH, Stretches
 from simval.shapes import Float
 
 STEPS: Final = 20
-ENOUGH: Final = 1e-3  # of a standard deviation of the offset: a step below it is none
+ENOUGH: Final = 1e-4  # of a quarter of the truth's step: a change below it is none
 LEAST: Final = 40  # stretches; the blocks then hold two each
 STEEP: Final = 1e6  # condition of X'X beyond which an axis was not turned about
 
@@ -37,12 +42,13 @@ class TurnFit:
     bias: Float[Array, "3"]  # raw units
     residuals: Float[Array, "m 3"]  # r_j, raw units times s
     rows: Float[Array, "m 3 13"]  # derivatives of r by offset, L and bias
+    instruments: Float[Array, "m 3 13"]  # what the residuals are made orthogonal to
     used: Float[Array, " m"]  # middle of each stretch used, log's clock, s
     share: float  # of the variance of y that is left, 0 to 1
     converged: bool
 
     def __post_init__(self) -> None:
-        for name in ("linear", "bias", "residuals", "rows", "used"):
+        for name in ("linear", "bias", "residuals", "rows", "instruments", "used"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
@@ -77,13 +83,13 @@ def fit_turns(
         linear, bias = solution[:3].T, solution[3]
         residuals = y - known @ solution
         rows = _derivatives(x[good], slope[good], T, linear)
-        flat = rows.reshape(-1, 13)
-        size = np.linalg.norm(flat, axis=0)
-        change = np.linalg.lstsq(flat / size, -residuals.ravel(), rcond=None)[0] / size
-        done = abs(change[0]) < ENOUGH * delta
+        instruments = rows.copy()
+        instruments[:, :, 0] = -stretches.change[good]
+        step = _step(instruments, rows, residuals)
+        done = abs(step) < ENOUGH * delta
         if done:
             break
-        offset += float(np.clip(change[0], -0.05, 0.05))
+        offset += float(np.clip(step, -0.5 * STRETCH, 0.5 * STRETCH))
     spread = np.sum((y - y.mean(axis=0)) ** 2)
     return TurnFit(
         offset=offset,
@@ -91,10 +97,25 @@ def fit_turns(
         bias=bias,
         residuals=residuals,
         rows=rows,
+        instruments=instruments,
         used=stretches.time[good].mean(axis=1),
         share=float(np.sum(residuals**2) / spread) if spread > 0.0 else 1.0,
         converged=bool(done),
     )
+
+
+def _step(
+    instruments: Float[Array, "m 3 13"],
+    rows: Float[Array, "m 3 13"],
+    residuals: Float[Array, "m 3"],
+) -> float:
+    # of the offset, towards residuals that are orthogonal to all instruments
+    Z, J = instruments.reshape(-1, 13), rows.reshape(-1, 13)
+    left, right = np.linalg.norm(Z, axis=0), np.linalg.norm(J, axis=0)
+    change = np.linalg.lstsq(
+        (Z / left).T @ (J / right), -(Z / left).T @ residuals.ravel(), rcond=None
+    )[0]
+    return float(change[0] / right[0])
 
 
 def _derivatives(
@@ -154,7 +175,7 @@ def turn_errors(fit: TurnFit) -> TurnErrors:
     """
     weight = np.sum(fit.rows[:, :, 1:4] ** 2, axis=(1, 2))
     block, count = block_of(weight + weight.mean())
-    covariance = jackknife(fit.rows, fit.residuals, block)
+    covariance = jackknife(fit.instruments, fit.rows, fit.residuals, block)
     Q = polar(fit.linear)
     P = Q.T @ fit.linear
     turn, own = np.zeros((3, 9)), np.zeros((9, 9))

@@ -34,9 +34,11 @@ class Stretches:
 
     time: Float[Array, "m s"]  # of the attitudes in each, the two ends among them, s
     turn: Float[Array, "m 3"]  # sums y_j, raw units times s
+    # rate at the end less that at the start, by the gyroscope, raw units
+    change: Float[Array, "m 3"]
 
     def __post_init__(self) -> None:
-        for name in ("time", "turn"):
+        for name in ("time", "turn", "change"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
@@ -48,8 +50,10 @@ class Stretches:
         """Integral of the rate by eq. (R1), rad; NaN where an attitude is missing."""
         q = attitudes.at(self.time.ravel() + offset).reshape(*self.time.shape, 4)
         d = turned(q[:, :-1], q[:, 1:])
-        coning = 2.0 * np.sum(np.cross(d[:, :-1], d[:, 1:]), axis=1) / 24.0
-        return d.sum(axis=1) - coning
+        pairs = np.cross(d[:, :-1], d[:, 1:])
+        # each inner pair counts for both its steps; beyond the ends as next to them
+        ends = pairs[:, :1].sum(axis=1) + pairs[:, -1:].sum(axis=1)
+        return d.sum(axis=1) - (2.0 * pairs.sum(axis=1) + ends) / 24.0
 
 
 def stretches(
@@ -60,7 +64,7 @@ def stretches(
     inner = max(1, round(STEP / step))
     count = max(1, round(STRETCH / (inner * step)))
     rows = inner * count
-    starts: Int[np.ndarray, " m"] = np.arange(0, len(time) - rows, rows)
+    starts: Int[np.ndarray, " m"] = np.arange(inner, len(time) - rows - inner, rows)
     sums = np.cumsum(
         np.concatenate([np.zeros((1, 3)), gyro[1:] * np.diff(time)[:, None]]), axis=0
     )
@@ -68,4 +72,17 @@ def stretches(
     return Stretches(
         time=time[starts[:, None] + np.array(places)],
         turn=sums[starts + rows] - sums[starts],
+        change=_about(sums, time, starts + rows, inner)
+        - _about(sums, time, starts, inner),
     )
+
+
+def _about(
+    sums: Float[Array, "n 3"],
+    time: Float[Array, " n"],
+    rows: Int[np.ndarray, " m"],
+    half: int,
+) -> Float[Array, "m 3"]:
+    # mean rate about the ends of some rows, over as many rows before as behind
+    first, last = rows - half, rows + half
+    return (sums[last] - sums[first]) / (time[last] - time[first])[:, None]
