@@ -20,7 +20,7 @@ AXES: Final = ("x", "y", "z")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NoiseFile:
-    """What a noise file says of an accelerometer.
+    """What a noise file says of an accelerometer, and of a gyroscope if it has one.
 
     Attributes
     ----------
@@ -30,11 +30,17 @@ class NoiseFile:
         m/s^2 per raw unit; None where it was not known.
     gravity_raw : float
         Length of the mean reading at rest, raw units.
+    gyro : tuple of AxisNoise
+        Of the three axes, raw units; empty without one.
+    gyro_si_per_raw : float or None
+        rad/s per raw unit; None where it was not known.
     """
 
     accelerometer: tuple[AxisNoise, ...]
     si_per_raw: float | None
     gravity_raw: float
+    gyro: tuple[AxisNoise, ...] = ()
+    gyro_si_per_raw: float | None = None
 
 
 def axis_to_json(axis: AxisNoise) -> dict[str, Any]:
@@ -191,9 +197,18 @@ def _accelerometer(sensors: Any) -> NoiseFile:
     if not (isinstance(sensor, dict) and isinstance(axes, dict) and known):
         msg = "it has no accelerometer with the axes x, y and z"
         raise InputError(msg)
-    size = sensor.get("si_per_raw")
+    gyro = sensors.get("gyro")
+    turned = gyro.get("axes") if isinstance(gyro, dict) else None
+    known = isinstance(turned, dict) and all(isinstance(turned.get(a), dict) for a in AXES)
     return NoiseFile(
         accelerometer=tuple(axis_from_json(axes[a]) for a in AXES),
-        si_per_raw=None if size is None else positive_number("si_per_raw", size, ""),
+        si_per_raw=_unit(sensor),
         gravity_raw=positive_number("gravity_raw", sensor.get("gravity_raw"), "raw"),
+        gyro=tuple(axis_from_json(turned[a]) for a in AXES) if known else (),
+        gyro_si_per_raw=_unit(gyro) if known else None,
     )
+
+
+def _unit(sensor: dict[str, Any]) -> float | None:
+    size = sensor.get("si_per_raw")
+    return None if size is None else positive_number("si_per_raw", size, "")

@@ -137,7 +137,7 @@ def align(
     read = attitudes(truth.time, truth.components, meaning)
     raw = read.at(time + fit.offset)
     q = after(raw, turn)
-    world = find_world(q, force, field, rests)
+    world = find_world(q, force, field, rests, errors.rotation)
     return Alignment(
         meaning=meaning,
         same=same,

@@ -10,8 +10,9 @@ from typing import Final
 import numpy as np
 
 from simval.arrays import Array
-from simval.errors import RefusedError
+from simval.errors import InputError, RefusedError
 from simval.noise import AxisNoise, noise_of
+from simval.noise.files import NoiseFile
 from simval.plugins.filter_signals import Told
 from simval.recorded.attitudes import of_matrix
 from simval.recorded.signals import Signals
@@ -33,17 +34,22 @@ class Start:
 
 
 def start_of(
-    found: Signals, gyro_noise: tuple[AxisNoise, ...] | None, source: str
+    found: Signals, known: NoiseFile | None = None, source: str = "the noise file"
 ) -> Start:
     """Start at the first rest, by two vectors, and say what a filter is told.
 
-    `gyro_noise` is of three axes in rad/s; None measures the log's longest rest.
+    Without known noise the log's longest rest is measured.
+
+    Raises
+    ------
+    InputError
+        If the noise file has no gyroscope in rad/s.
     """
     parts = [slice(a, b) for a, b in found.rests]
     first = parts[0]
     longest = max(parts, key=lambda each: each.stop - each.start)
     up, north = _directions(found, first)
-    N, K, words = _gyro_noise(found, longest, gyro_noise, source)
+    N, K, words = _gyro_noise(found, longest, known, source)
     gravity = float(
         np.mean([np.linalg.norm(found.force[part].mean(axis=0)) for part in parts])
     )
@@ -112,20 +118,13 @@ def _scatter(rows: Float[Array, "n 3"], parts: list[slice]) -> float:
 
 
 def _gyro_noise(
-    found: Signals,
-    part: slice,
-    given: tuple[AxisNoise, ...] | None,
-    source: str,
+    found: Signals, part: slice, known: NoiseFile | None, source: str
 ) -> tuple[float, float, str]:
-    # N and K: means of squares over the axes; K that is not seen counts as nothing
+    # N and K, and where they are from
     seconds = (part.stop - part.start) / found.rate
-    try:
-        axes = given or noise_of(found.gyro[part], found.rate)
-    except RefusedError:  # a short rest
-        axes = ()
-    N = _coefficient(axes, "N")
-    K = _coefficient(axes, "K")
-    words = source if given else f"Allan variances of a rest of {seconds:.0f} s"
+    axes, scale, words = _axes(found, part, known, source)
+    N = _coefficient(axes, "N", scale)
+    K = _coefficient(axes, "K", scale)
     if N is None:
         # no model: the scatter from row to row
         steps = np.diff(found.gyro[part], axis=0)
@@ -134,13 +133,33 @@ def _gyro_noise(
     if K is None:
         # what would double the variance of an average over the rest, N^2/T + K^2 T/3
         K = np.sqrt(3.0) * N / seconds
-        words += ", K not seen in it: as much as would double that of its mean"
+        words += f"; K is not seen, and is as would double it over {seconds:.0f} s"
     return N, K, words
 
 
-def _coefficient(axes: tuple[AxisNoise, ...], kind: str) -> float | None:
+def _axes(
+    found: Signals, part: slice, known: NoiseFile | None, source: str
+) -> tuple[tuple[AxisNoise, ...], float, str]:
+    if known is None:
+        seconds = (part.stop - part.start) / found.rate
+        words = f"Allan variances of a rest of {seconds:.0f} s"
+        try:
+            return noise_of(found.gyro[part], found.rate), 1.0, words
+        except RefusedError:  # a short rest
+            return (), 1.0, words
+    if not known.gyro or known.gyro_si_per_raw is None:
+        msg = (
+            f"{source} has no gyroscope with a known unit, and a filter is told of its "
+            "noise in rad/s; write it by `simval noise LOG --gyro-unit rad/s --json`"
+        )
+        raise InputError(msg)
+    return known.gyro, known.gyro_si_per_raw, source
+
+
+def _coefficient(axes: tuple[AxisNoise, ...], kind: str, scale: float) -> float | None:
+    # root of the mean square over the axes; one that is not seen counts as nothing
     values = [c.value for axis in axes for c in axis.coefficients if c.kind == kind]
     seen = [value for value in values if value is not None]
-    if not seen or not axes or (kind == "N" and len(seen) < len(axes)):
+    if not seen or (kind == "N" and len(seen) < len(axes)):
         return None
-    return float(np.sqrt(np.sum(np.square(seen)) / len(axes)))
+    return scale * float(np.sqrt(np.sum(np.square(seen)) / len(axes)))

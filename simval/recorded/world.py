@@ -82,8 +82,12 @@ def find_world(
     force: Float[Array, "n 3"],
     field: Float[Array, "n 3"],
     rests: Intervals,
+    axes: Float[Array, "3 3"],
 ) -> World:
     """Find north and up, from attitudes that take the truth's world to the sensor.
+
+    `axes` is the covariance of the sensor's axes in those attitudes, rad^2, which goes
+    into both; and what up is off by itself counts by the tangent of the dip in north.
 
     Raises
     ------
@@ -92,6 +96,11 @@ def find_world(
     """
     there = np.isfinite(q).all(axis=1)
     ups = _ups(rotated(q, force), there, rests)
+    turn = np.stack(
+        [rotated(q[there], np.tile(e, (len(q[there]), 1))).mean(axis=0) for e in np.eye(3)],
+        axis=1,
+    )
+    common = turn @ axes @ turn.T
     up = ups.mean(axis=0)
     up /= np.linalg.norm(up)
     mean, covariance, dof = mean_with_error(rotated(q, field)[there])
@@ -109,11 +118,14 @@ def find_world(
     matrix = np.stack([north, west, up])
     name, off = _named(matrix)
     tilt_sd, tilt_dof = _tilt(ups, up)
+    leak = float(mean @ up) / length * (0.0 if np.isnan(tilt_sd) else tilt_sd)
+    tilt_sd = float(np.sqrt(tilt_sd**2 + 0.5 * (np.trace(common) - up @ common @ up)))
+    heading = west @ covariance @ west / length**2 + leak**2 + up @ common @ up
     return World(
         matrix=matrix,
         tilt_sd=tilt_sd,
         tilt_dof=tilt_dof,
-        heading_sd=float(np.sqrt(west @ covariance @ west)) / length,
+        heading_sd=float(np.sqrt(heading)),
         heading_dof=dof,
         rests=len(ups),
         name=name,
