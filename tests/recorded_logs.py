@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from simval.logs import Truth
-from simval.recorded.attitudes import attitudes, meanings, of_vector
 from simval.geometry import attitude_matrix, compose, conjugate, normalize
+from simval.logs import Truth
+from simval.recorded.attitudes import of_vector
 
 BROAD = Path(__file__).parents[1].parent / "shared" / "data" / "broad"
 G = 9.81

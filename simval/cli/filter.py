@@ -95,20 +95,14 @@ def command(
     Exit code 0 measured, 2 unreadable input, 3 refused, 4 a filter crashed.
     """
     log = read_log(path, rate, columns)
-    recorded = None
-    if truth is not None or truth_columns is not None:
-        recorded = truth_of(log, truth, truth_columns, truth_rate)
-    refuse_if(
-        truth_rate is not None and (recorded is None or not recorded.own_clock),
-        "`--truth-rate` is for a truth in a file of its own; give that (--truth FILE)",
-    )
+    recorded = truth_of(log, truth, truth_columns, truth_rate)
     units = accelerometer_unit, gyro_unit
     found, alignment = prepared(log, recorded, calibration, units)
     start = start_of(found, None if noise is None else load_noise(noise), str(noise))
     head = [*log.described(), *found.said(), *start.said]
     head += alignment_lines(alignment, recorded, found)
-    if recorded is None:
-        head += _offered(path)
+    head += _offered(path) if recorded is None else []
+    _print([] if as_json else head)
     done, failed, code = _evaluated(plugins, found, start, alignment, time_limit)
     written = as_object(log, found, start, alignment, recorded) | {
         "filters": [evaluation_object(each) for each in done],
@@ -116,24 +110,42 @@ def command(
     }
     if out is not None:
         write(out, json.dumps(written, allow_nan=False, indent=1) + "\n")
-    if page is not None and done:
-        from simval.report.filtered import render_filters  # starts the drawing
-
-        write(page, render_filters(log, head, done, failed, alignment))
-    if as_json:
-        click.echo(json.dumps(written, allow_nan=False))
-        return code
-    for line in [*head, "", *filter_lines(done, failed, alignment is not None)]:
-        click.echo(line)
+    if page is not None:
+        _write_page(page, log, head, done, failed)
+    lines = ["", *filter_lines(done, failed, alignment is not None)]
+    _print([json.dumps(written, allow_nan=False)] if as_json else lines)
     return code
+
+
+def _print(lines: list[str]) -> None:
+    for line in lines:
+        click.echo(line)
+
+
+def _write_page(
+    page: Path,
+    log: Log,
+    said: list[str],
+    done: list[Evaluation],
+    failed: dict[str, str],
+) -> None:
+    from simval.report.filtered import render_filters  # starts the drawing
+
+    write(page, render_filters(log, said, done, failed))
 
 
 def truth_of(
     log: Log, truth: str | None, columns: str | None, rate: float | None
-) -> Truth:
-    """Recorded attitudes: columns of the log, or a file of their own."""
+) -> Truth | None:
+    """Recorded attitudes: columns of the log, a file of their own, or none."""
     if truth is not None and Path(truth).is_file():
         return read_truth(truth, columns=columns, rate=rate)
+    refuse_if(
+        rate is not None,
+        "`--truth-rate` is for a truth in a file of its own; give that (--truth FILE)",
+    )
+    if truth is None and columns is None:
+        return None
     if truth is not None and truth.lower().endswith((".csv", ".txt", ".mat", ".tsv")):
         msg = f"cannot read {truth}: there is no such file; give the path of the truth"
         raise InputError(msg)

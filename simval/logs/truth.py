@@ -209,7 +209,10 @@ def _numbers(table: Table, places: list[int]) -> Float[Array, "n 4"]:
     except InputError:
         pass  # an empty field is a row without a measurement
     rows = [
-        [_number(table, place, row, text) for row, text in enumerate(table.texts(place))]
+        [
+            _number(table, place, row, text)
+            for row, text in enumerate(table.texts(place))
+        ]
         for place in places
     ]
     return np.array(rows).T
@@ -236,8 +239,8 @@ def _unit(table: Table, components: Float[Array, "n 4"]) -> Float[Array, "n 4"]:
     there = int(np.count_nonzero(~missing))
     if there < LEAST:
         msg = (
-            f"{table.path}: {there} of {len(length)} rows have a recorded attitude, and "
-            f"{LEAST} are needed; look at the columns (--truth-columns)"
+            f"{table.path}: {there} of {len(length)} rows have a recorded attitude, "
+            f"and {LEAST} are needed; look at the columns (--truth-columns)"
         )
         raise InputError(msg)
     off = ~missing & ~(np.abs(length - 1.0) <= UNIT)
@@ -282,7 +285,9 @@ def _clock_column(table: Table, columns: str | None) -> Column | None:
         for place, match in enumerate(matches):
             if match and match[1] == "t" and match[1] != SKIP:
                 unit = (match[2] or "").strip().lower()
-                return Column(role="t", place=place, unit=unit if unit in SECONDS else "")
+                return Column(
+                    role="t", place=place, unit=unit if unit in SECONDS else ""
+                )
         return None
     if table.names is None:
         return Column(role="t", place=0) if table.width == 5 else None

@@ -199,7 +199,8 @@ def _accelerometer(sensors: Any) -> NoiseFile:
         raise InputError(msg)
     gyro = sensors.get("gyro")
     turned = gyro.get("axes") if isinstance(gyro, dict) else None
-    known = isinstance(turned, dict) and all(isinstance(turned.get(a), dict) for a in AXES)
+    turned = turned if isinstance(turned, dict) else {}
+    known = all(isinstance(turned.get(a), dict) for a in AXES)
     return NoiseFile(
         accelerometer=tuple(axis_from_json(axes[a]) for a in AXES),
         si_per_raw=_unit(sensor),

@@ -3,8 +3,8 @@
 A log is brought to SI units (`signals`), a filter is told of its noise and started from
 its first rest (`told`), run in a child (`run`), and measured (`evaluation`). Recorded
 attitudes are read by `simval.logs`, and aligned before anything is compared: their
-meaning (`attitudes`), clock and axes (`search`, `turns`, `fit`) and world (`world`), each
-with an error bar (`blocks`).
+meaning (`attitudes`), clock and axes (`search`, `turns`, `fit`) and world (`world`),
+each with an error bar (`blocks`).
 """
 
 from simval.recorded.alignment import Alignment, align

@@ -156,7 +156,7 @@ def _best(
 ) -> tuple[_Tried, list[_Tried]]:
     # one meaning of each class is enough, see `attitudes`
     pieces = stretches(time, gyro, coarse=True)
-    tried = []
+    tried: list[_Tried] = []
     pair = meanings(truth.scalar)[:2]
     first = attitudes(truth.time, truth.components, pair[0])
     for start in likely_offsets(time, gyro, first):
@@ -165,8 +165,6 @@ def _best(
             try:
                 fit = fit_turns(pieces, read, start)
             except RefusedError:
-                if len(pair) == len(tried) == 0:
-                    raise
                 continue
             tried.append(_Tried(meaning=meaning, offset=start, fit=fit))
     if not tried:

@@ -1,4 +1,4 @@
-r"""Recorded quaternions as attitudes over time: what their numbers mean, and between rows.
+r"""Recorded quaternions as attitudes over time: what they mean, and between rows.
 
 Four numbers can be read scalar first or last, and as taking the world to the body or
 the body to the world. A quaternion read in another order is the same one under an
@@ -45,7 +45,7 @@ def meanings(scalar: Scalar) -> tuple[Meaning, ...]:
     return tuple(
         Meaning(order, takes)
         for order in orders
-        for takes in ("body to world", "world to body")  # type: ignore[misc]
+        for takes in ("body to world", "world to body")
     )
 
 
@@ -114,7 +114,7 @@ def rotation_vector(q: Float[Array, "... 4"]) -> Float[Array, "... 3"]:
 
 
 def turned(first: Float[Array, "... 4"], then: Float[Array, "... 4"]) -> Array:
-    """Rotation vector by which a body turns from one attitude to the next, body axes."""
+    """Rotation vector from one attitude to the next, in body axes, rad."""
     e1, s1 = first[..., :3], first[..., 3:]
     e2, s2 = then[..., :3], then[..., 3:]
     vector = s1 * e2 - s2 * e1 - np.cross(e1, e2)
@@ -142,7 +142,9 @@ def of_matrix(matrix: Float[Array, "3 3"]) -> Float[Array, "4"]:
     return q if q[3] >= 0.0 else -q
 
 
-def rotated(q: Float[Array, "n 4"], vectors: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
+def rotated(
+    q: Float[Array, "n 4"], vectors: Float[Array, "n 3"]
+) -> Float[Array, "n 3"]:
     """A(q)' v: vectors in body axes as the world has them; NaN stays NaN."""
     e, s = q[..., :3], q[..., 3:]
     twice = 2.0 * np.cross(e, vectors)
@@ -151,7 +153,6 @@ def rotated(q: Float[Array, "n 4"], vectors: Float[Array, "n 3"]) -> Float[Array
 
 def after(q: Float[Array, "n 4"], body: Float[Array, "4"]) -> Float[Array, "n 4"]:
     """Attitudes of a frame that is turned from the body, A(body) A(q)."""
-    with np.errstate(invalid="ignore"):
-        there = np.isfinite(q).all(axis=1)
-        filled = np.where(there[:, None], q, [0.0, 0.0, 0.0, 1.0])
-        return np.where(there[:, None], compose(filled, body), np.nan)
+    there = np.isfinite(q).all(axis=1, keepdims=True)
+    filled = np.where(there, q, [0.0, 0.0, 0.0, 1.0])
+    return np.where(there, compose(filled, body), np.nan)

@@ -1,7 +1,7 @@
 r"""Whether a covariance is true, from one recording: NEES, NIS, whiteness.
 
 The normalised squared error of one recording is correlated over its whole length, so
-its mean is judged by blocks, :math:`e' P^{-1} e` with P the filter's covariance plus the
+its mean is judged by blocks, :math:`e' P^{-1} e` with P the filter's covariance and the
 truth's own: its noise, and the error bars of its axes and world. Blocks are as many of
 `COUNTS` as leave their means uncorrelated; Student's t then gives the interval. A
 recording can only show a mean that is off by its own scatter or more.

@@ -21,9 +21,11 @@ from simval.recorded.blocks import mean_with_error
 from simval.shapes import Bool, Float
 
 SETTLED: Final = 2.0
-"""Times the RMS error of the last half of the log, below which a filter has converged."""
+"""Times the RMS error of the last half of the log: below, a filter has converged."""
 
-WINDOW: Final = 1.0  # s, of the running RMS that is compared
+WINDOW: Final = 10.0
+"""s, of the RMS that is compared: as long as a rest or a move of a recording."""
+
 FEWEST: Final = 30  # rows of which an RMS is given
 
 
@@ -45,7 +47,7 @@ class Errors:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rms:
-    """Root mean square of an error with its standard error, rad; NaN of too few rows."""
+    """RMS of an error with its standard error, rad; NaN of too few rows."""
 
     value: float
     sd: float
@@ -100,20 +102,16 @@ def table(errors: Errors) -> dict[str, dict[str, Rms]]:
 
 
 def convergence(errors: Errors) -> float:
-    """Seconds from the first row until the running RMS stays below `SETTLED`; NaN never.
+    """Seconds until the RMS of the following `WINDOW` is below `SETTLED`; NaN never.
 
-    Each second is compared with the RMS of the last half.
+    In whole seconds, against the RMS of the last half.
     """
     time = errors.time - errors.time[0]
     squares = errors.total**2
-    half = squares[time >= 0.5 * time[-1]]
-    limit = SETTLED * float(np.sqrt(half.mean()))
-    ticks = (time / WINDOW).astype(int)
-    sums = np.bincount(ticks, squares)
-    counts = np.bincount(ticks)
-    running = np.sqrt(sums[counts > 0] / counts[counts > 0])
-    above = np.flatnonzero(running > limit)
-    if not len(above):
-        return 0.0
-    last = int(np.flatnonzero(counts > 0)[above[-1]])
-    return np.nan if last == ticks[-1] else (last + 1) * WINDOW
+    limit = SETTLED**2 * float(squares[time >= 0.5 * time[-1]].mean())
+    sums = np.concatenate([[0.0], np.cumsum(squares)])
+    begins = np.arange(0.0, max(time[-1] - WINDOW, 0.0) + 1.0)
+    first, last = np.searchsorted(time, begins), np.searchsorted(time, begins + WINDOW)
+    counts = np.maximum(last - first, 1)
+    below = ((sums[last] - sums[first]) / counts <= limit) & (last > first)
+    return float(begins[np.argmax(below)]) if below.any() else np.nan

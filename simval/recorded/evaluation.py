@@ -92,9 +92,7 @@ class Evaluation:
     microseconds: float
 
 
-def evaluate(
-    run: FilterRun, found: Signals, alignment: Alignment | None
-) -> Evaluation:
+def evaluate(run: FilterRun, found: Signals, alignment: Alignment | None) -> Evaluation:
     """Measure a filter's answers.
 
     Parameters
@@ -152,9 +150,7 @@ def _with_truth(run: FilterRun, found: Signals, alignment: Alignment) -> WithTru
     )
 
 
-def extra(
-    alignment: Alignment, truth: Float[Array, "k 4"]
-) -> Float[Array, "k 3 3"]:
+def extra(alignment: Alignment, truth: Float[Array, "k 4"]) -> Float[Array, "k 3 3"]:
     """Covariance of the truth itself: its noise, the sensor's axes, the world."""
     A = attitude_matrix(truth)
     noise = np.diag(np.nan_to_num(alignment.noise) ** 2)

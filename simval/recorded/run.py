@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from simval.arrays import Array
 from simval.errors import PluginError
 from simval.plugins.child import Answer, asked
-from simval.plugins.filter_frames import find_frame
+from simval.plugins.filter_frames import find_world
 from simval.plugins.filter_protocol import Filter
 from simval.plugins.filter_run import run_filter
 from simval.plugins.filter_signals import FilterInput, FilterOutput, Told
@@ -129,17 +129,21 @@ def answer(request: dict[str, Any]) -> dict[str, Any]:
     filter = find_plugin(str(request["algorithm"]), Filter)
     folder = Path(str(request["folder"]))
     given, keep = _load(folder)
-    world, how = filter.world, "declared"
-    if world is None:
-        world, how = find_frame(filter, given), "found"
-    output = run_filter(filter, given, keep, world)
+    rate = 1.0 / float(np.median(given.dt))
+    found = find_world(filter, given.told, rate)
+    output = run_filter(filter, given, keep, found.world)
     left = []
     for name in _OUTPUTS:
         value = getattr(output, name)
         if value is not None:
             np.save(folder / f"out_{name}.npy", value)
             left.append(name)
-    return {"world": world, "how": how, "arrays": left}
+    how = "declared" if filter.world else "found"
+    return {
+        "world": found.world,
+        "how": f"{how}: {filter.name} {found.words}",
+        "arrays": left,
+    }
 
 
 def _output(arrays: dict[str, Array], keep: NDArray[np.intp]) -> FilterOutput:
@@ -177,5 +181,3 @@ def _output(arrays: dict[str, Array], keep: NDArray[np.intp]) -> FilterOutput:
 def _in_log(output: FilterOutput, first: int) -> FilterOutput:
     words = {each: getattr(output, each) for each in _OUTPUTS}
     return FilterOutput(**words | {"kept": output.kept + first})
-
-

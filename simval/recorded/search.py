@@ -1,4 +1,4 @@
-"""Where on the truth's clock a log lies: by the size of the rate, which no frame changes.
+"""Where on the truth's clock a log lies: by the size of the rate, in whatever axes.
 
 Both are brought to an even clock and correlated at every shift that leaves enough
 overlap, with holes left out (Pearson's coefficient of what both have at that shift).
@@ -62,7 +62,9 @@ def likely_offsets(
     return found
 
 
-def _log_rate(time: Float[Array, " n"], gyro: Float[Array, "n 3"]) -> Float[Array, " t"]:
+def _log_rate(
+    time: Float[Array, " n"], gyro: Float[Array, "n 3"]
+) -> Float[Array, " t"]:
     # about the median, which is the bias of a sensor that rests, and of counts
     centred = gyro - np.median(gyro, axis=0)
     sums = np.cumsum(centred[1:] * np.diff(time)[:, None], axis=0)

@@ -151,12 +151,11 @@ def with_field_unit(log: Log, found: Signals) -> Signals:
     name = next((each.name for each in log.columns if each.role == "mx"), "")
     unit = _WRITTEN.get(channel(name).unit, "") if name else ""
     length = float(np.median(np.linalg.norm(found.field, axis=1)))
+    assert log.magnetometer is not None
     if unit and np.array_equal(found.field, log.magnetometer):
         return _in_tesla(found, unit, "as the header says")
     fitting = [
-        each
-        for each, size in FIELDS.items()
-        if EARTH[0] <= length * size <= EARTH[1]
+        each for each, size in FIELDS.items() if EARTH[0] <= length * size <= EARTH[1]
     ]
     if len(fitting) == 1:
         words = f"as its median length {length:.4g} says (the Earth's is 22 to 67 uT)"
@@ -165,7 +164,9 @@ def with_field_unit(log: Log, found: Signals) -> Signals:
 
 
 def _in_tesla(found: Signals, unit: str, words: str) -> Signals:
-    return replace(found, field=found.field * FIELDS[unit], field_unit=f"{unit}, {words}")
+    return replace(
+        found, field=found.field * FIELDS[unit], field_unit=f"{unit}, {words}"
+    )
 
 
 def with_gyro_unit(found: Signals, raw_per_si: float | None) -> Signals:
@@ -189,8 +190,8 @@ def with_gyro_unit(found: Signals, raw_per_si: float | None) -> Signals:
         if abs(raw_per_si - 1.0) <= NEAR:
             return found
         msg = (
-            f"the gyroscope, {found.gyro_unit}, turns {raw_per_si:.4g} times as fast as "
-            "the truth; look at its unit (--gyro-unit) and at the truth's clock"
+            f"the gyroscope, {found.gyro_unit}, turns {raw_per_si:.4g} times as fast "
+            "as the truth; look at its unit (--gyro-unit) and at the truth's clock"
         )
         raise InputError(msg)
     for unit, size in GYRO_UNITS.items():
@@ -198,7 +199,8 @@ def with_gyro_unit(found: Signals, raw_per_si: float | None) -> Signals:
             words = f"{unit}, as the truth says ({raw_per_si:.5g} to a rad/s)"
             return replace(found, gyro=found.gyro * size, gyro_unit=words)
     msg = (
-        f"by the truth {raw_per_si:.6g} units of the gyroscope are a rad/s, which is no "
-        f"unit; give --gyro-unit {1.0 / raw_per_si:.6g} for raw counts, or --calibration"
+        f"by the truth {raw_per_si:.6g} units of the gyroscope are a rad/s, which is "
+        f"no unit; give --gyro-unit {1.0 / raw_per_si:.6g} for raw counts, or "
+        "--calibration"
     )
     raise InputError(msg)

@@ -81,10 +81,10 @@ def start_of(
             f"                  accelerometer {told.accelerometer_noise:.3g} m/s^2, "
             f"magnetometer {told.magnetometer_noise:.3g} {unit} a row: scatter in "
             f"{len(parts)} rest(s)",
-            f"                  gravity {gravity:.5g} m/s^2, field {length:.4g} {unit}, "
-            f"dip {np.degrees(dip):.2f} degrees: means of the rests",
-            f"                  start at {found.time[first.start]:.2f} s by two vectors "
-            f"of the first rest, sd {np.degrees(START_STD):.2g} degrees; bias 0, sd "
+            f"                  gravity {gravity:.5g} m/s^2, field {length:.4g} {unit},"
+            f" dip {np.degrees(dip):.2f} degrees: means of the rests",
+            f"                  start at {found.time[first.start]:.2f} s by two vectors"
+            f" of the first rest, sd {np.degrees(START_STD):.2g} degrees; bias 0, sd "
             f"{told.bias_std:.2g} rad/s (what that rest reads)",
         ),
     )
@@ -106,8 +106,8 @@ def _directions(
     flat = field - (field @ up) * up
     if not np.linalg.norm(flat) > 0.02 * np.linalg.norm(field):
         msg = (
-            "at the first rest the magnetic field is vertical, so it has no north; look "
-            "at the magnetometer, or calibrate it (--calibration)"
+            "at the first rest the magnetic field is vertical, so it has no north; "
+            "look at the magnetometer, or calibrate it (--calibration)"
         )
         raise RefusedError(msg)
     return up, flat / np.linalg.norm(flat)

@@ -59,7 +59,7 @@ class Stretches:
 def stretches(
     time: Float[Array, " n"], gyro: Float[Array, "n 3"], *, coarse: bool = False
 ) -> Stretches:
-    """Cut a log into stretches; coarse ones look at the attitudes at their ends only."""
+    """Cut a log into stretches; coarse ones take the attitudes at their ends only."""
     step = float(np.median(np.diff(time)))
     inner = max(1, round(STEP / step))
     count = max(1, round(STRETCH / (inner * step)))

@@ -94,10 +94,13 @@ def find_world(
     RefusedError
         If no rest has truth, or the field has no north.
     """
-    there = np.isfinite(q).all(axis=1)
+    there = np.asarray(np.isfinite(q).all(axis=1))
     ups = _ups(rotated(q, force), there, rests)
     turn = np.stack(
-        [rotated(q[there], np.tile(e, (len(q[there]), 1))).mean(axis=0) for e in np.eye(3)],
+        [
+            rotated(q[there], np.tile(e, (len(q[there]), 1))).mean(axis=0)
+            for e in np.eye(3)
+        ],
         axis=1,
     )
     common = turn @ axes @ turn.T
