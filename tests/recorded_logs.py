@@ -7,7 +7,7 @@ import numpy as np
 
 from simval.geometry import attitude_matrix, compose, conjugate, normalize
 from simval.logs import Truth
-from simval.recorded.attitudes import of_vector
+from simval.recorded.attitudes import of_vector, turned
 
 BROAD = Path(__file__).parents[1].parent / "shared" / "data" / "broad"
 G = 9.81
@@ -84,10 +84,9 @@ def made(
     def attitude(t):
         return compose(np.broadcast_to(first, (len(t), 4)), of_vector(vector(t)))
 
-    fine = 8
+    fine = 4
     inner = (time[:-1, None] + np.arange(fine + 1) / fine / rate).ravel()
     A = attitude_matrix(attitude(inner)).reshape(len(time) - 1, fine + 1, 3, 3)
-    from simval.recorded.attitudes import turned
 
     q = attitude(inner).reshape(len(time) - 1, fine + 1, 4)
     d = turned(q[:, :-1], q[:, 1:])

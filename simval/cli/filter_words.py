@@ -38,7 +38,7 @@ def alignment_lines(
     turn = "  ".join(_degrees(each) for each in alignment.axes)
     own = polar(fit.linear).T @ fit.linear / fit.scale
     scales = "  ".join(
-        f"{value:.4f} +- {half:.4f}"
+        with_error(value, half)
         for value, half in zip(
             np.diagonal(own) * _in_unit(alignment, found),
             np.diagonal(alignment.errors.own) * _factor(alignment),
@@ -55,14 +55,14 @@ def alignment_lines(
         f"                  missing in {100 * missing:.2f} % of the rows; noise at rest"
         " "
         f"{_rms_degrees(alignment.noise)} degrees a row",
-        f"truth's clock     {1e3 * offset.value:+.3f} +- {1e3 * offset.half:.3f} ms "
+        f"truth's clock     {with_error(1e3 * offset.value, 1e3 * offset.half)} ms "
         "against the log's, a row of the gyroscope being the mean of its step",
         f"sensor's axes     turned ({turn}) degrees about x, y, z from the truth's",
         f"gyroscope         {scales} times the truth's rate; {100 * fit.share:.2g} % "
         "of the variance is not explained",
         f"truth's world     {_world(alignment)}",
         f"                  up by {world.rests} rest(s), {_tilt(alignment)}; north by "
-        f"the magnetometer's mean, +- {np.degrees(world.half('heading')):.2f} degrees",
+        f"the magnetometer's mean, +- {np.degrees(world.half('heading')):.2g} degrees",
     ]
 
 
@@ -80,7 +80,15 @@ def _in_unit(alignment: Alignment, found: Signals) -> float:
 
 
 def _degrees(each: Measured) -> str:
-    return f"{np.degrees(each.value):.2f} +- {np.degrees(each.half):.2f}"
+    return with_error(np.degrees(each.value), np.degrees(each.half))
+
+
+def with_error(value: float, half: float) -> str:
+    """A value and the half width of its interval, to the digits that the latter has."""
+    if not half > 0.0:
+        return f"{value:.6g}"
+    digits = int(np.clip(1 - np.floor(np.log10(half)), 0, 9))
+    return f"{value:.{digits}f} +- {half:.{digits}f}"
 
 
 def _rms_degrees(vector: Any) -> str:
@@ -91,7 +99,7 @@ def _tilt(alignment: Alignment) -> str:
     half = alignment.world.half("tilt")
     if np.isnan(half):
         return "whose error one rest does not show"
-    return f"+- {np.degrees(half):.2f} degrees"
+    return f"+- {np.degrees(half):.2g} degrees"
 
 
 def _world(alignment: Alignment) -> str:
@@ -191,10 +199,15 @@ def _alone(done: list[Evaluation]) -> list[str]:
         second = "-" if nis is None else f"{nis.mean:.3g} of {nis.expected:.0f}"
         verdict = "" if nis is None else nis.verdict
         lines.append(
-            f"  {each.run.name:{width}s}{drift:15.3g}"
-            f"{np.degrees(rest.inclination):9.3g}{second:>12s}   {verdict:16s}{white}"
+            f"  {each.run.name:{width}s}{_known(drift):>15s}"
+            f"{_known(np.degrees(rest.inclination)):>9s}{second:>12s}   "
+            f"{verdict:16s}{white}"
         )
     return lines
+
+
+def _known(value: float) -> str:
+    return f"{value:.3g}" if np.isfinite(value) else "-"
 
 
 def truth_object(alignment: Alignment, recorded: Truth) -> dict[str, Any]:

@@ -41,6 +41,9 @@ BETTER: Final = 4.0
 """Factor in that share by which the best must be ahead of any other meaning or offset;
 two halves of the residual are then each of its size."""
 
+TRIES: Final = 8
+"""Steps of a fit that may be at a wrong offset; from a right one it takes four."""
+
 WIDEST: Final = np.radians(2.0)
 """Standard deviation of an axis of the sensor in the truth's, beyond which the error of
 a filter would be that of the alignment."""
@@ -163,7 +166,7 @@ def _best(
         for meaning in pair:
             read = attitudes(truth.time, truth.components, meaning)
             try:
-                fit = fit_turns(pieces, read, start)
+                fit = fit_turns(pieces, read, start, steps=TRIES)
             except RefusedError:
                 continue
             tried.append(_Tried(meaning=meaning, offset=start, fit=fit))
