@@ -56,7 +56,7 @@ def form_of(filter: Filter, answer: Any, lead: tuple[int, ...]) -> Form:
 
 def storing(form: Form, arrays: list[Array]) -> Callable[[int, Any], None]:
     """Build the function that copies the answer of a row into arrays of all rows."""
-    ndarray, name, shapes = np.ndarray, form.name, form.shapes
+    ndarray, shapes = np.ndarray, form.shapes
     if form.kind == "attitude":
         (array,), (shape,) = arrays, shapes
 
@@ -87,7 +87,7 @@ def storing(form: Form, arrays: list[Array]) -> Callable[[int, Any], None]:
             ):
                 array[row] = value
             else:
-                array[row] = array_of(name, word, value, shape)
+                array[row] = _converted(form, word, value, shape)
 
     return put
 
@@ -159,7 +159,7 @@ def sound_covariances(each: Float[Array, "n p p"]) -> Bool[Mask, " n"]:
 
 
 def _words_of_fault(filter: Filter, word: str, value: Float[Array, "..."]) -> str:
-    what = f"a `{word}`"
+    what = f"`{word}`"
     if not np.isfinite(value).all():
         first = tuple(int(i) for i in np.argwhere(~np.isfinite(value))[0])
         number = value[first]
@@ -248,9 +248,23 @@ def _converted(form: Form, word: str, value: Any, shape: tuple[int, ...]) -> Any
         and set(map(type, value)) == {float}
     ):
         return value
-    if _kind(value) != form.kind or value is None:
+    if form.kind == "attitude" and (value is None or _kind(value) != form.kind):
         raise PluginError(_changed(form, value))
-    return array_of(form.name, word, value, shape)
+    try:
+        return array_of(form.name, word, value, shape)
+    except PluginError as error:
+        msg = f"{error}{_other_form(value, shape)}"
+        raise PluginError(msg) from None
+
+
+def _other_form(value: Any, shape: tuple[int, ...]) -> str:
+    """What to declare where the shape is that of another form of attitude."""
+    found = getattr(value, "shape", ())
+    if shape[-1:] == (4,) and found[-2:] == (3, 3):
+        return ', or declare components="matrix"'
+    if shape[-2:] == (3, 3) and found[-1:] == (4,):
+        return ", or declare the order of the `components`"
+    return ""
 
 
 def _changed(form: Form, answer: Any) -> str:
