@@ -142,7 +142,7 @@ def made(
 
 
 def needs_broad(name):
-    """The path of a trial of BROAD, by Laidig, Caruso, Cereatti and Seel (CC BY 4.0)."""
+    """Path of a trial of BROAD, by Laidig, Caruso, Cereatti and Seel (CC BY 4.0)."""
     path = BROAD / f"{name}.mat"
     if not path.is_file():
         pytest.skip(f"the recording {path} is not here: see docs/filters_recorded.md")

@@ -1,5 +1,7 @@
 """The optical truth of BROAD, by Laidig, Caruso, Cereatti and Seel (CC BY 4.0)."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from recorded_logs import needs_broad
@@ -15,6 +17,7 @@ BREAKS = "05_undisturbed_slow_rotation_with_breaks_B"
 TRANSLATION = "10_undisturbed_slow_translation_A"
 
 
+@cache
 def aligned(name):
     path = needs_broad(name)
     log = read_log(path, RATE)

@@ -20,7 +20,7 @@ from simval.logs import Log, Truth, read_log, read_truth
 from simval.logs.truth import quaternion_stems
 from simval.noise import load_noise
 from simval.recorded import Alignment, Evaluation, align, evaluate
-from simval.recorded.run import TIME_LIMIT, run_on_log
+from simval.recorded.run import TIME_LIMIT, filters_of, run_on_log
 from simval.recorded.signals import Signals, rests_of_log, signals, with_gyro_unit
 from simval.recorded.told import Start, start_of
 from simval.statics import interval_means
@@ -94,6 +94,7 @@ def command(
 
     Exit code 0 measured, 2 unreadable input, 3 refused, 4 a filter crashed.
     """
+    filters = filters_of(plugins)
     log = read_log(path, rate, columns)
     recorded = truth_of(log, truth, truth_columns, truth_rate)
     units = accelerometer_unit, gyro_unit
@@ -103,7 +104,7 @@ def command(
     head += alignment_lines(alignment, recorded, found)
     head += _offered(path) if recorded is None else []
     _print([] if as_json else head)
-    done, failed, code = _evaluated(plugins, found, start, alignment, time_limit)
+    done, failed, code = _evaluated(filters, found, start, alignment, time_limit)
     written = as_object(log, found, start, alignment, recorded) | {
         "filters": [evaluation_object(each) for each in done],
         "failed": failed,
@@ -189,7 +190,7 @@ def _offered(path: Path) -> list[str]:
 
 
 def _evaluated(
-    plugins: tuple[str, ...],
+    filters: dict[str, str],
     found: Signals,
     start: Start,
     alignment: Alignment | None,
@@ -197,13 +198,12 @@ def _evaluated(
 ) -> tuple[list[Evaluation], dict[str, str], int]:
     # what was measured, why others were not, and the exit code of that
     done, failed, code = [], {}, 0
-    for plugin in plugins:
+    for name, word in filters.items():
         try:
-            run = run_on_log(plugin, found, start, time_limit)
+            run = run_on_log(name, word, found, start, time_limit)
         except PluginError as error:
-            failed[plugin] = str(error)
-            own = 4 if isinstance(error, CrashedPluginError) else error.exit_code
-            code = min(filter(None, (code, own)), key=(2, 4, 3).index)
+            failed[name] = str(error)
+            code = 4 if isinstance(error, CrashedPluginError) else max(code, 3)
             continue
         done.append(evaluate(run, found, alignment))
     return done, failed, code

@@ -1,5 +1,6 @@
 """Running a user's filter over a log, in a child process with a time limit."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -8,14 +9,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from simval.arrays import Array
-from simval.errors import PluginError
+from simval.errors import PluginError, UnusablePluginError
 from simval.plugins.child import Answer, asked
 from simval.plugins.filter_frames import find_world
 from simval.plugins.filter_protocol import Filter
 from simval.plugins.filter_run import run_filter
 from simval.plugins.filter_signals import FilterInput, FilterOutput, Told
-from simval.plugins.loading import find_plugin
+from simval.plugins.loading import find_plugin, meant
 from simval.recorded.signals import Signals
 from simval.recorded.told import Start
 
@@ -63,10 +63,34 @@ def filter_input(found: Signals, start: Start) -> FilterInput:
     )
 
 
+def filters_of(plugins: Sequence[str]) -> dict[str, str]:
+    """Words that mean one filter each, by the names that they are called in a table.
+
+    Raises
+    ------
+    UnusablePluginError
+        If one cannot be loaded, or holds no filter.
+    """
+    found: dict[str, str] = {}
+    for plugin in plugins:
+        held = [each for each in meant(plugin) if each.field == Filter.taken_by]
+        if not held:
+            msg = f"{plugin} holds no Filter, and that is what runs over a log"
+            raise UnusablePluginError(msg)
+        for each in held:
+            name = each.name if each.name not in found else each.word
+            found[name] = each.word
+    return found
+
+
 def run_on_log(
-    algorithm: str, found: Signals, start: Start, time_limit: float = TIME_LIMIT
+    name: str,
+    algorithm: str,
+    found: Signals,
+    start: Start,
+    time_limit: float = TIME_LIMIT,
 ) -> FilterRun:
-    """Run a filter of a name over a log.
+    """Run a filter over a log, and give its answers a name.
 
     Raises
     ------
@@ -80,7 +104,7 @@ def run_on_log(
     with TemporaryDirectory(prefix="simval-filter-") as folder:
         _save(Path(folder), given, keep)
         request = {"algorithm": algorithm, "folder": folder}
-        done = asked(PROGRAM, request, time_limit, _Done, f"the filter {algorithm}")
+        done = asked(PROGRAM, request, time_limit, _Done, f"the filter {name}")
         try:
             arrays = {
                 name: np.load(Path(folder, f"out_{name}.npy"), allow_pickle=False)
@@ -89,10 +113,10 @@ def run_on_log(
             }
             output = _output(arrays, keep)
         except (OSError, ValueError, EOFError, KeyError) as error:
-            msg = f"the filter {algorithm} left no readable answer ({error})"
+            msg = f"the filter {name} left no readable answer ({error})"
             raise PluginError(msg) from None
     return FilterRun(
-        name=algorithm,
+        name=name,
         world=done.world,
         how=done.how,
         output=_in_log(output, start.row + 1),
@@ -146,7 +170,7 @@ def answer(request: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _output(arrays: dict[str, Array], keep: NDArray[np.intp]) -> FilterOutput:
+def _output(arrays: dict[str, Any], keep: NDArray[np.intp]) -> FilterOutput:
     # what a child left is believed only in its shapes
     count = len(keep)
     expected: dict[str, tuple[int | None, ...]] = {

@@ -16,7 +16,7 @@ from simval.report.panels import COLOURS, GREY, Drawing, Panel, Series
 from simval.report.section import Section, made
 from simval.report.table import Column, Table
 from simval.report.words import slug
-from simval.shapes import Float
+from simval.shapes import Bool, Float
 
 BAND = 3.0
 """Standard deviations of the band that is drawn."""
@@ -83,7 +83,7 @@ def filter_sections(
 
 
 def _named(done: Sequence[Evaluation]) -> dict[str, Evaluation]:
-    return {PurePath(each.run.name).name: each for each in done}
+    return {each.run.name: each for each in done}
 
 
 def _rms(done: Sequence[Evaluation]) -> Table:
@@ -165,7 +165,7 @@ def _drawing(name: str, truth: WithTruth) -> Drawing:
     errors = truth.errors
     rested = [
         (float(errors.time[a]), float(errors.time[b - 1]))
-        for a, b in _spans(np.asarray(errors.rest))
+        for a, b in _spans(errors.rest)
     ]
     panels = [
         Panel(
@@ -211,6 +211,6 @@ def _lines(
     return tuple(lines)
 
 
-def _spans(rest: Array) -> list[tuple[int, int]]:
+def _spans(rest: Bool[np.ndarray, " k"]) -> list[tuple[int, int]]:
     edges = np.flatnonzero(np.diff(np.concatenate([[0], rest.astype(int), [0]])))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
