@@ -66,6 +66,7 @@ def made(
     rate=100.0,
     truth_rate=None,
     offset=0.013,
+    drift=0.0,
     gyro_noise=2e-3,
     truth_noise=2e-4,
     bias=0.01,
@@ -95,19 +96,21 @@ def made(
     rates = np.concatenate([np.zeros((1, 3)), (d.sum(axis=1) - coning) * rate])
     true = attitude(time)
     A = attitude_matrix(true)
-    drift = bias * rng.standard_normal(3)
+    bent = bias * rng.standard_normal(3)
     noise = scale * rng.standard_normal((3, 3))
     own = np.eye(3) + 0.5 * (noise + noise.T)  # no turn: that is the axes'
-    gyro = rates @ own.T + drift + gyro_noise * rng.standard_normal(rates.shape)
+    gyro = rates @ own.T + bent + gyro_noise * rng.standard_normal(rates.shape)
     force = A @ np.array([0.0, 0.0, G]) + force_noise * rng.standard_normal(rates.shape)
     field = A @ FIELD + field_noise * rng.standard_normal(rates.shape)
     axes = 0.3 * rng.standard_normal(3)
     world = of_vector(rng.standard_normal(3))
+    middle = time.mean()
+    seen = (truth_time - offset + drift * middle) / (1.0 + drift)  # log's clock
     # A_sensor = A(axes) A_marker, and the truth's world is A(world) of NWU
     marker = compose(
         compose(
             np.broadcast_to(conjugate(world), (len(truth_time), 4)),
-            attitude(truth_time - offset),
+            attitude(seen),
         ),
         np.broadcast_to(conjugate(of_vector(axes)), (len(truth_time), 4)),
     )

@@ -98,15 +98,30 @@ def test_between_rows_of_sixth_order():
 def test_error_bars_hold():
     # offset, axes and north: coverage of 95 % intervals, and NEES of the axes
     trials = 60
-    inside, squares, errors = np.zeros((trials, 7), bool), np.zeros(trials), []
+    inside, squares, errors = np.zeros((trials, 8), bool), np.zeros(trials), []
     for k in range(trials):
-        log = made(1000 + k, seconds=60.0, rate=50.0, truth_noise=1e-3, scale=0.01)
+        log = made(
+            1000 + k,
+            seconds=60.0,
+            rate=50.0,
+            truth_noise=1e-3,
+            scale=0.01,
+            drift=3e-5,
+        )
         found = aligned(log)
         off = turned(of_vector(log.axes)[None], of_vector(found.rotation)[None])[0]
         halves = [each.half for each in found.axes]
         world = rotation_vector(of_matrix(found.world.matrix @ log.world))
-        inside[k] = np.abs([found.offset.value - log.offset, *off, *world]) <= [
+        inside[k] = np.abs(
+            [
+                found.offset.value - log.offset,
+                found.drift.value - 3e-5,
+                *off,
+                *world,
+            ]
+        ) <= [
             found.offset.half,
+            found.drift.half,
             *halves,
             found.world.half("tilt"),
             found.world.half("tilt"),
@@ -114,7 +129,7 @@ def test_error_bars_hold():
         ]
         squares[k] = off @ np.linalg.solve(found.errors.rotation, off)
         errors.append(found.offset.value - log.offset)
-    # at a false-alarm rate of 1e-4 for each of seven; error bars that are too wide are
+    # at a false-alarm rate of 1e-4 for each of eight; error bars that are too wide are
     # allowed for the world, whose sum holds a part twice
     low = binom.ppf(1e-4, trials, 0.95)
     assert (inside.sum(axis=0) >= low).all(), inside.mean(axis=0)
@@ -140,6 +155,7 @@ def test_what_was_put_in_is_found():
     )
     found = aligned(log)
     assert abs(found.offset.value + 7.25) < 6.0 * found.offset.sd < 1e-3
+    assert abs(found.drift.value - 1e-4) < 6.0 * found.drift.sd < 3e-5
     assert found.meaning == Meaning("last", "body to world")
     assert found.same == (Meaning("first", "world to body"),)
     assert found.better > 20.0

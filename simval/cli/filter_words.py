@@ -33,7 +33,8 @@ def alignment_lines(
     """The truth and what lies between it and the log, each with a 95 % interval."""
     if alignment is None or recorded is None:
         return []
-    offset, world, fit = alignment.offset, alignment.world, alignment.fit
+    offset, drift = alignment.offset, alignment.drift
+    world, fit = alignment.world, alignment.fit
     missing = 1.0 - float(np.mean(np.isfinite(alignment.attitude[:, 0])))
     turn = "  ".join(_degrees(each) for each in alignment.axes)
     own = polar(fit.linear).T @ fit.linear / fit.scale
@@ -56,7 +57,9 @@ def alignment_lines(
         " "
         f"{_rms_degrees(alignment.noise)} degrees a row",
         f"truth's clock     {with_error(1e3 * offset.value, 1e3 * offset.half)} ms "
-        "against the log's, a row of the gyroscope being the mean of its step",
+        "against the log's, a row of the gyroscope being the mean over its step;",
+        "                  it drifts by "
+        f"{with_error(1e6 * drift.value, 1e6 * drift.half)} us a second",
         f"sensor's axes     turned ({turn}) degrees about x, y, z from the truth's",
         f"gyroscope         {scales} times the truth's rate; {100 * fit.share:.2g} % "
         "of the variance is not explained",
@@ -223,6 +226,7 @@ def truth_object(alignment: Alignment, recorded: Truth) -> dict[str, Any]:
         "missing": 1.0 - float(np.mean(np.isfinite(alignment.attitude[:, 0]))),
         "noise": plain(alignment.noise),
         "offset": _measured(alignment.offset),
+        "drift": _measured(alignment.drift),
         "axes": [_measured(each) for each in alignment.axes],
         "gyroscope": {
             "linear": plain(fit.linear),

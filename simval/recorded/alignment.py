@@ -93,10 +93,15 @@ class Alignment:
 
     @property
     def offset(self) -> Measured:
-        """What the truth's clock shows minus what the log's does, s."""
+        """What the truth's clock shows minus the log's in the middle of the log, s."""
         return Measured(
             value=self.fit.offset, sd=self.errors.offset, dof=self.errors.dof
         )
+
+    @property
+    def drift(self) -> Measured:
+        """What that grows by, s a second."""
+        return Measured(value=self.fit.drift, sd=self.errors.drift, dof=self.errors.dof)
 
     @property
     def axes(self) -> tuple[Measured, ...]:
@@ -138,7 +143,7 @@ def align(
     Q = polar(fit.linear)
     turn = of_matrix(Q)
     read = attitudes(truth.time, truth.components, meaning)
-    raw = read.at(time + fit.offset)
+    raw = read.at(time + fit.offset + fit.drift * (time - fit.middle))
     q = after(raw, turn)
     world = find_world(q, force, field, rests, errors.rotation)
     return Alignment(
@@ -221,7 +226,7 @@ def _refined(
     alike.sort(key=lambda each: each[0])
     nearest = alike[0][1]
     read = attitudes(truth.time, truth.components, nearest)
-    fit = fit_turns(pieces, read, best.fit.offset)
+    fit = fit_turns(pieces, read, best.fit.offset, drifts=True)
     return tuple(meaning for _, meaning in alike[1:]), nearest, fit
 
 

@@ -2,8 +2,10 @@ r"""Clock, axes and gyroscope against the truth, in one least-squares fit.
 
 .. math:: y_j = L x_j(\tau) + \beta T_j + r_j \tag{R3}
 
-with a stretch's turns :math:`y_j, x_j` (R1) and length :math:`T_j`: thirteen unknowns,
-the offset :math:`\tau`, the nine of L and the bias. The rotation nearest to L, its
+with a stretch's turns :math:`y_j, x_j` (R1) and length :math:`T_j`, and
+:math:`\tau = \tau_0 + d (t - t_0)` about the middle of the log: fourteen unknowns, the
+offset :math:`\tau_0`, the nine of L, the bias, and the drift d of one clock against the
+other (left out of a first fit). The rotation nearest to L, its
 polar factor Q, carries the truth's body axes to the sensor's; what is left, Q'L, is
 symmetric: the gyroscope's own scale and misalignment, and is reported as that. So a
 gyroscope that is wrong by some per cent does not turn the truth.
@@ -28,6 +30,7 @@ from simval.recorded.turns import STRETCH, Stretches
 from simval.shapes import Float
 
 STEPS: Final = 20
+MOST: Final = 1e-3  # s a second, in a step: the worst of clocks
 ENOUGH: Final = 1e-4  # of a quarter of the truth's step: a change below it is none
 LEAST: Final = 40  # stretches; the blocks then hold two each
 STEEP: Final = 1e6  # condition of X'X beyond which an axis was not turned about
@@ -37,12 +40,14 @@ STEEP: Final = 1e6  # condition of X'X beyond which an axis was not turned about
 class TurnFit:
     """Least squares of eq. (R3)."""
 
-    offset: float  # s: what the truth's clock shows minus what the log's does
+    offset: float  # s, at `middle`: what the truth's clock shows minus the log's
+    drift: float  # of that, s a second
+    middle: float  # s, log's clock
     linear: Float[Array, "3 3"]  # L, raw units per rad/s
     bias: Float[Array, "3"]  # raw units
     residuals: Float[Array, "m 3"]  # r_j, raw units times s
-    rows: Float[Array, "m 3 13"]  # derivatives of r by offset, L and bias
-    instruments: Float[Array, "m 3 13"]  # what the residuals are made orthogonal to
+    rows: Float[Array, "m 3 p"]  # derivatives of r by offset, L, bias (and drift)
+    instruments: Float[Array, "m 3 p"]  # what the residuals are made orthogonal to
     used: Float[Array, " m"]  # middle of each stretch used, log's clock, s
     share: float  # of the variance of y that is left, 0 to 1
     converged: bool
@@ -58,7 +63,12 @@ class TurnFit:
 
 
 def fit_turns(
-    stretches: Stretches, attitudes: Attitudes, offset: float, *, steps: int = STEPS
+    stretches: Stretches,
+    attitudes: Attitudes,
+    offset: float,
+    *,
+    steps: int = STEPS,
+    drifts: bool = False,
 ) -> TurnFit:
     """Fit eq. (R3) from an offset that is right to a stretch or so.
 
@@ -68,65 +78,83 @@ def fit_turns(
         If there are too few stretches with truth, or nothing turns in them.
     """
     delta = 0.25 * attitudes.step
-    linear: Array = np.eye(3)
+    about = stretches.middle - stretches.middle.mean()
+    drift = 0.0
     for _ in range(steps):
-        x = stretches.truth(attitudes, offset)
-        slope = (
-            stretches.truth(attitudes, offset + delta)
-            - stretches.truth(attitudes, offset - delta)
-        ) / (2.0 * delta)
-        good = np.isfinite(x + slope).all(axis=1)
+        x, slope = _turns(stretches, attitudes, offset + drift * about, delta)
+        good = np.asarray(np.isfinite(x + slope).all(axis=1))
         _require_motion(x[good])
         y, T = stretches.turn[good], stretches.seconds[good]
         known = np.column_stack([x[good], T])
         solution = np.linalg.lstsq(known, y, rcond=None)[0]
-        linear, bias = solution[:3].T, solution[3]
+        linear = solution[:3].T
         residuals = y - known @ solution
-        rows = _derivatives(x[good], slope[good], T, linear)
-        instruments = rows.copy()
-        instruments[:, :, 0] = -stretches.change[good]
-        step = _step(instruments, rows, residuals)
-        done = abs(step) < ENOUGH * delta
+        rows = _derivatives(x[good], slope[good] @ linear.T, T)
+        instruments = _derivatives(x[good], stretches.change[good], T)
+        if drifts:
+            rows, instruments = (
+                _with_drift(each, about[good]) for each in (rows, instruments)
+            )
+        change = _change(instruments, rows, residuals)
+        done = abs(change[0]) < ENOUGH * delta
         if done:
             break
-        offset += float(np.clip(step, -0.5 * STRETCH, 0.5 * STRETCH))
+        offset += float(np.clip(change[0], -0.5 * STRETCH, 0.5 * STRETCH))
+        drift += float(np.clip(change[13], -MOST, MOST)) if drifts else 0.0
     spread = np.sum((y - y.mean(axis=0)) ** 2)
     return TurnFit(
         offset=offset,
+        drift=drift,
+        middle=float(stretches.middle.mean()),
         linear=linear,
-        bias=bias,
+        bias=solution[3],
         residuals=residuals,
         rows=rows,
         instruments=instruments,
-        used=stretches.time[good].mean(axis=1),
+        used=stretches.middle[good],
         share=float(np.sum(residuals**2) / spread) if spread > 0.0 else 1.0,
         converged=bool(done),
     )
 
 
-def _step(
-    instruments: Float[Array, "m 3 13"],
-    rows: Float[Array, "m 3 13"],
+def _turns(
+    stretches: Stretches, attitudes: Attitudes, offset: Float[Array, " m"], delta: float
+) -> tuple[Float[Array, "m 3"], Float[Array, "m 3"]]:
+    # the truth's turns, and their derivative by the offset
+    before, after = (stretches.truth(attitudes, offset + d) for d in (-delta, delta))
+    return stretches.truth(attitudes, offset), (after - before) / (2.0 * delta)
+
+
+def _with_drift(
+    rows: Float[Array, "m 3 13"], about: Float[Array, " m"]
+) -> Float[Array, "m 3 14"]:
+    # a drift moves a stretch by its time; that it also stretches it is in L
+    return np.concatenate([rows, rows[:, :, :1] * about[:, None, None]], axis=2)
+
+
+def _change(
+    instruments: Float[Array, "m 3 p"],
+    rows: Float[Array, "m 3 p"],
     residuals: Float[Array, "m 3"],
-) -> float:
-    # of the offset, towards residuals that are orthogonal to all instruments
-    Z, J = instruments.reshape(-1, 13), rows.reshape(-1, 13)
+) -> Float[Array, " p"]:
+    # of the unknowns, towards residuals that are orthogonal to all instruments
+    Z, J = (
+        instruments.reshape(-1, instruments.shape[-1]),
+        rows.reshape(-1, rows.shape[-1]),
+    )
     left, right = np.linalg.norm(Z, axis=0), np.linalg.norm(J, axis=0)
     change = np.linalg.lstsq(
         (Z / left).T @ (J / right), -(Z / left).T @ residuals.ravel(), rcond=None
     )[0]
-    return float(change[0] / right[0])
+    return np.asarray(change / right)
 
 
 def _derivatives(
-    x: Float[Array, "m 3"],
-    slope: Float[Array, "m 3"],
-    T: Float[Array, " m"],
-    linear: Float[Array, "3 3"],
+    x: Float[Array, "m 3"], slope: Float[Array, "m 3"], T: Float[Array, " m"]
 ) -> Float[Array, "m 3 13"]:
     # of r by offset, L row by row, and bias
     rows = np.zeros((len(x), 3, 13))
-    rows[:, :, 0] = -slope @ linear.T
+    rows[:, :, 0] = -slope
     for axis in range(3):
         rows[:, axis, 1 + 3 * axis : 4 + 3 * axis] = -x
         rows[:, axis, 10 + axis] = -T
@@ -161,6 +189,7 @@ class TurnErrors:
     """Error bars of a `TurnFit`."""
 
     offset: float  # s
+    drift: float  # s a second; NaN where it was not fitted
     rotation: Float[Array, "3 3"]  # covariance, rotation vector in sensor axes, rad^2
     own: Float[Array, "3 3"]  # standard deviations of Q'L, relative
     bias: Float[Array, "3"]  # raw units
@@ -190,8 +219,9 @@ def turn_errors(fit: TurnFit) -> TurnErrors:
     nine = covariance[1:10, 1:10]
     return TurnErrors(
         offset=float(np.sqrt(covariance[0, 0])),
+        drift=float(np.sqrt(covariance[13, 13])) if len(covariance) > 13 else np.nan,
         rotation=turn @ nine @ turn.T,
         own=np.sqrt(np.diagonal(own @ nine @ own.T)).reshape(3, 3),
-        bias=np.sqrt(np.diagonal(covariance)[10:]),
+        bias=np.sqrt(np.diagonal(covariance)[10:13]),
         dof=count - 1,
     )

@@ -46,9 +46,17 @@ class Stretches:
         """Length of each, s."""
         return np.asarray(self.time[:, -1] - self.time[:, 0])
 
-    def truth(self, attitudes: Attitudes, offset: float) -> Float[Array, "m 3"]:
+    @property
+    def middle(self) -> Float[Array, " m"]:
+        """Middle of each, s."""
+        return np.asarray(0.5 * (self.time[:, -1] + self.time[:, 0]))
+
+    def truth(
+        self, attitudes: Attitudes, offset: Float[Array, " m"]
+    ) -> Float[Array, "m 3"]:
         """Integral of the rate by eq. (R1), rad; NaN where an attitude is missing."""
-        q = attitudes.at(self.time.ravel() + offset).reshape(*self.time.shape, 4)
+        moved = self.time + offset[:, None]
+        q = attitudes.at(moved.ravel()).reshape(*moved.shape, 4)
         d = turned(q[:, :-1], q[:, 1:])
         pairs = np.cross(d[:, :-1], d[:, 1:])
         # each inner pair counts for both its steps; beyond the ends as next to them
