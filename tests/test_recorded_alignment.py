@@ -149,9 +149,9 @@ def test_what_was_put_in_is_found():
         seconds=40.0,
         rate=50.0,
         truth_rate=60.0,
-        offset=-37.25,
+        offset=-7.25,
+        drift=1e-4,
         scale=0.02,
-        gyro_noise=5e-3,
     )
     found = aligned(log)
     assert abs(found.offset.value + 7.25) < 6.0 * found.offset.sd < 1e-3
@@ -248,7 +248,7 @@ def test_derivatives_by_differences():
     fit = fit_turns(pieces, read, log.offset)
 
     def residuals(offset, L, bias):
-        x = pieces.truth(read, offset)
+        x = pieces.truth(read, np.full(len(pieces.turn), offset))
         r = pieces.turn - x @ L.T - bias * pieces.seconds[:, None]
         return r[np.isfinite(r).all(axis=1)]
 
