@@ -130,6 +130,26 @@ def align(
 ) -> Alignment:
     """Align a truth with a log, see the module.
 
+    Parameters
+    ----------
+    truth : Truth
+        As from `simval.logs.read_truth`.
+    time : Array
+        Times of the log's rows, s, (n,).
+    gyro : Array
+        Angular rate, the average over the step that ends at a row, any unit, (n, 3).
+    force : Array
+        Specific force, m/s^2, (n, 3).
+    field : Array
+        Magnetic field, any unit, (n, 3).
+    rests : Array
+        Rows ``start <= k < stop`` of each rest, (m, 2).
+
+    Returns
+    -------
+    Alignment
+        What lies between them, with error bars, and the aligned attitudes.
+
     Raises
     ------
     RefusedError
