@@ -28,6 +28,7 @@ a factor of 57 apart."""
 FIELDS: Final[Mapping[str, float]] = MappingProxyType(
     {"T": 1.0, "mT": 1e-3, "G": 1e-4, "uT": 1e-6, "mG": 1e-7, "nT": 1e-9}
 )
+UNKNOWN: Final = "in the unit of its calibration or of the log"
 EARTH: Final = (20e-6, 70e-6)
 """T. The Earth's field is 22 to 67 uT: a factor of three, and the units in `FIELDS` are
 ten apart or more."""
@@ -60,7 +61,7 @@ class Signals:
         return [
             f"units             gyroscope {self.gyro_unit}",
             f"                  accelerometer {self.force_unit}",
-            f"                  magnetometer {self.field_unit or 'not known'}",
+            f"                  magnetometer {self.field_unit or UNKNOWN}",
         ]
 
 

@@ -70,7 +70,7 @@ def start_of(
         start_std=START_STD,
         bias_std=max(bias, N / np.sqrt((first.stop - first.start) / found.rate)),
     )
-    unit = "T" if found.field_unit else "of the log's units"
+    unit = "T" if found.field_unit else "in its unit"
     return Start(
         row=int(first.start),
         attitude=of_matrix(np.stack([north, np.cross(up, north), up], axis=1)),
@@ -121,8 +121,10 @@ def _gyro_noise(
     found: Signals, part: slice, known: NoiseFile | None, source: str
 ) -> tuple[float, float, str]:
     # N and K, and where they are from
-    seconds = (part.stop - part.start) / found.rate
     axes, scale, words = _axes(found, part, known, source)
+    seconds = (part.stop - part.start) / found.rate
+    if known is not None:
+        seconds = min(axis.rows / axis.rate_hz for axis in axes)
     N = _coefficient(axes, "N", scale)
     K = _coefficient(axes, "K", scale)
     if N is None:
