@@ -8,15 +8,18 @@ from recorded_logs import made
 from scipy.spatial.transform import Rotation
 from scipy.stats import binom, f
 
+from simval.cli import run
 from simval.geometry import (
     attitude_error,
     attitude_matrix,
     conjugate,
     random_quaternions,
 )
+from simval.logs import read_log, read_truth
 from simval.recorded import align
 from simval.recorded.attitudes import (
     Meaning,
+    after,
     attitudes,
     meanings,
     of_matrix,
@@ -28,6 +31,7 @@ from simval.recorded.attitudes import (
 from simval.recorded.blocks import mean_with_error
 from simval.recorded.fit import fit_turns, polar
 from simval.recorded.search import likely_offsets
+from simval.recorded.signals import rests_of_log
 from simval.recorded.turns import stretches
 
 
@@ -262,3 +266,37 @@ def test_derivatives_by_differences():
     # the truth's own slope is by differences already; the gyroscope's is that in body
     # axes, but for noise: 2e-3 rad/s over two rows, six of its standard deviations
     assert np.abs(fit.rows[:, :, 0] - fit.instruments[:, :, 0]).std() < 6 * 0.02
+
+
+@pytest.mark.ci
+def test_a_log_of_simval_scene(tmp_path):
+    # the scene's own truth, moved to another clock, other axes and another world
+    path = str(tmp_path / "log.csv")
+    words = ["scene", "gimbal", "--out", path, "--every", "10"]
+    assert run([*words, "--set", "move_time=2"]) == 0
+    log = read_log(path)
+    truth = read_truth(path, clock=log.time)
+    assert truth.scalar == "first"
+    assert truth.columns == ("qs", "qx", "qy", "qz")
+    rng = np.random.default_rng(3)
+    rate = log.gyro + 1e-3 * rng.standard_normal(log.gyro.shape)
+    field = log.magnetometer + 1e-7 * rng.standard_normal(log.gyro.shape)
+    force = log.accelerometer + 1e-2 * rng.standard_normal(log.gyro.shape)
+    q = np.roll(truth.components, -1, axis=1)
+    put = of_vector(np.array([0.3, -0.2, 1.0]))
+    moved = after(q, np.array(conjugate(put)))
+    recorded = replace(
+        truth,
+        time=log.time + 4.321,
+        components=np.roll(moved, 1, axis=1),
+        own_clock=True,
+    )
+    found = align(recorded, log.time, rate, force, field, rests_of_log(log))
+    assert abs(found.offset.value - 4.321) < 6.0 * found.offset.sd < 1e-3
+    off = turned(put[None], of_vector(found.rotation)[None])[0]
+    sd = np.sqrt(np.diagonal(found.errors.rotation))
+    assert (np.abs(off) < 6.0 * sd).all()
+    assert found.world.name == "NWU"
+    assert np.abs(found.world.off).max() < np.radians(0.1)
+    there = np.isfinite(found.attitude).all(axis=1)
+    assert attitude_error(found.attitude[there], q[there]).max() < np.radians(0.1)
