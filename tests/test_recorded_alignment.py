@@ -300,3 +300,11 @@ def test_a_log_of_simval_scene(tmp_path):
     assert np.abs(found.world.off).max() < np.radians(0.1)
     there = np.isfinite(found.attitude).all(axis=1)
     assert attitude_error(found.attitude[there], q[there]).max() < np.radians(0.1)
+    # a world that is stated is taken as it is, right or wrong
+    for world, angle in (("NWU", 0.0), ("ENU", np.pi / 2.0), ("NED", np.pi)):
+        stated = align(recorded, log.time, rate, force, field, rests_of_log(log), world)
+        off = attitude_error(stated.attitude[there], q[there])
+        assert np.abs(off - angle).max() < np.radians(0.1)
+        assert stated.world.stated
+        assert np.linalg.norm(stated.world.off) == pytest.approx(angle, abs=2e-3)
+        assert not stated.world.covariance.any()

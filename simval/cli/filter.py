@@ -19,6 +19,7 @@ from simval.errors import CrashedPluginError, InputError, PluginError
 from simval.logs import Log, Truth, read_log, read_truth
 from simval.logs.truth import quaternion_stems
 from simval.noise import load_noise
+from simval.plugins.reference_frames import FRAMES, Frame
 from simval.recorded import Alignment, Evaluation, align, evaluate
 from simval.recorded.run import TIME_LIMIT, filters_of, run_on_log
 from simval.recorded.signals import Signals, rests_of_log, signals, with_gyro_unit
@@ -50,6 +51,11 @@ FORMAT = "simval filter 1"
     help="What each column of the truth's file is: t,qx,qy,qz,qs (or q0,q1,q2,q3), -.",
 )
 @click.option("--truth-rate", type=float, metavar="HZ", help="Rows per second of it.")
+@click.option(
+    "--truth-world",
+    type=click.Choice(FRAMES),
+    help="World of the truth, if it is known.  [default: what the log shows]",
+)
 @click.option("--calibration", type=PATH, help="JSON file of `simval calibrate`.")
 @click.option("--noise", type=PATH, help="JSON of `simval noise`: what to tell it.")
 @click.option("--rate", type=float, metavar="HZ", help="Rows per second.")
@@ -73,6 +79,7 @@ def command(
     truth: str | None,
     truth_columns: str | None,
     truth_rate: float | None,
+    truth_world: Frame | None,
     calibration: Path | None,
     noise: Path | None,
     rate: float | None,
@@ -98,7 +105,7 @@ def command(
     log = read_log(path, rate, columns)
     recorded = truth_of(log, truth, truth_columns, truth_rate)
     units = accelerometer_unit, gyro_unit
-    found, alignment = prepared(log, recorded, calibration, units)
+    found, alignment = prepared(log, recorded, calibration, units, truth_world)
     start = start_of(found, None if noise is None else load_noise(noise), str(noise))
     head = [*log.described(), *found.said(), *start.said]
     head += alignment_lines(alignment, recorded, found)
@@ -159,6 +166,7 @@ def prepared(
     recorded: Truth | None,
     calibration: Path | None,
     units: tuple[str | None, str | None],
+    world: Frame | None = None,
 ) -> tuple[Signals, Alignment | None]:
     """Readings in SI units, and the truth aligned with them."""
     rests = rests_of_log(log)
@@ -176,7 +184,13 @@ def prepared(
     if recorded is None:
         return with_gyro_unit(found, None), None
     alignment = align(
-        recorded, found.time, found.gyro, found.force, found.field, found.rests
+        recorded,
+        found.time,
+        found.gyro,
+        found.force,
+        found.field,
+        found.rests,
+        world,
     )
     return with_gyro_unit(found, alignment.fit.scale), alignment
 

@@ -111,6 +111,8 @@ def _world(alignment: Alignment) -> str:
     if not world.name:
         return f"none of {', '.join(WORLDS)}: the nearest is {size:.0f} degrees off"
     off = ", ".join(f"{x:.2f}" for x in np.degrees(world.off))
+    if world.stated:
+        return f"{world.name}, as stated; the log shows it off by ({off}) degrees"
     return (
         f"{world.name} ({WORLDS[world.name]}), but for ({off}) degrees about north, "
         "west and up"
@@ -244,6 +246,7 @@ def truth_object(alignment: Alignment, recorded: Truth) -> dict[str, Any]:
             "rests": world.rests,
             "name": world.name or None,
             "off": plain(world.off),
+            "stated": world.stated,
         },
     }
 

@@ -14,6 +14,7 @@ import numpy as np
 from simval.arrays import Array, frozen
 from simval.errors import RefusedError
 from simval.logs import Truth
+from simval.plugins.reference_frames import Frame
 from simval.recorded.attitudes import (
     Attitudes,
     Meaning,
@@ -28,7 +29,7 @@ from simval.recorded.blocks import Measured
 from simval.recorded.fit import TurnErrors, TurnFit, fit_turns, polar, turn_errors
 from simval.recorded.search import likely_offsets
 from simval.recorded.turns import stretches
-from simval.recorded.world import World, find_world
+from simval.recorded.world import World, as_stated, find_world
 from simval.shapes import Float
 from simval.statics import Intervals
 
@@ -127,6 +128,7 @@ def align(
     force: Float[Array, "n 3"],
     field: Float[Array, "n 3"],
     rests: Intervals,
+    world: Frame | None = None,
 ) -> Alignment:
     """Align a truth with a log, see the module.
 
@@ -144,6 +146,8 @@ def align(
         Magnetic field, any unit, (n, 3).
     rests : Array
         Rows ``start <= k < stop`` of each rest, (m, 2).
+    world : {"NWU", "ENU", "NED"}, optional
+        The truth's world, if it is known; default what rests and field show.
 
     Returns
     -------
@@ -165,7 +169,8 @@ def align(
     read = attitudes(truth.time, truth.components, meaning)
     raw = read.at(time + fit.offset + fit.drift * (time - fit.middle))
     q = after(raw, turn)
-    world = find_world(q, force, field, rests, errors.rotation)
+    shown = find_world(q, force, field, rests, errors.rotation)
+    there = shown if world is None else as_stated(shown, world)
     return Alignment(
         meaning=meaning,
         same=same,
@@ -173,8 +178,8 @@ def align(
         fit=fit,
         errors=errors,
         rotation=rotation_vector(turn),
-        world=world,
-        attitude=_in_world(q, world),
+        world=there,
+        attitude=_in_world(q, there),
         noise=_noise(read, time[rests] + fit.offset),
     )
 

@@ -6,7 +6,7 @@ truth is the magnetometer's own, on the average over the log: a constant error o
 does not show, and neither does an accelerometer's bias that all rests have in common.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -43,9 +43,11 @@ class World:
     rests : int
         Rests that up is from.
     name : str
-        Named world that the truth's is nearest to, empty for none.
+        Named world that the truth's is nearest to, or is stated to be; empty for none.
     off : Array
-        Rotation vector from that named world, rad, (3,).
+        Rotation vector from that named world to what the log shows, rad, (3,).
+    stated : bool
+        Whether `matrix` is that of the named world, and not what the log shows.
     """
 
     matrix: Float[Array, "3 3"]
@@ -56,6 +58,7 @@ class World:
     rests: int
     name: str
     off: Float[Array, "3"]
+    stated: bool = False
 
     def __post_init__(self) -> None:
         for name in ("matrix", "off"):
@@ -64,6 +67,8 @@ class World:
     @property
     def covariance(self) -> Float[Array, "3 3"]:
         """Of the rotation vector in north-west-up, rad^2; what is unknown counts 0."""
+        if self.stated:
+            return np.zeros((3, 3))
         tilt = 0.0 if np.isnan(self.tilt_sd) else self.tilt_sd**2
         return np.diag([tilt, tilt, self.heading_sd**2])
 
@@ -134,6 +139,14 @@ def find_world(
         name=name,
         off=off,
     )
+
+
+def as_stated(world: World, name: str) -> World:
+    """The world that a user states, beside what the log shows of it."""
+    north, up = (np.array(axis) for axis in AXES[name])
+    own = np.stack([north, np.cross(up, north), up])
+    off = -rotation_vector(of_matrix(world.matrix @ own.T))
+    return replace(world, matrix=own, name=name, off=off, stated=True)
 
 
 def _ups(
