@@ -52,6 +52,8 @@ class WithTruth:
         Seconds until it has converged; NaN if it has not.
     nees : Consistency or None
         Of the attitude, 3 expected; None without a covariance.
+    squares : Array or None
+        The squared error over covariance of each row that it is of, (k,).
     band : Array or None
         Standard deviations of total (root of the trace), heading and inclination (both
         in the world) that its covariance states, rad, (k, 3).
@@ -61,6 +63,7 @@ class WithTruth:
     rms: dict[str, dict[str, Rms]]
     settled: float
     nees: Consistency | None
+    squares: Float[Array, " k"] | None
     band: Float[Array, "k 3"] | None
 
 
@@ -136,16 +139,18 @@ def _with_truth(run: FilterRun, found: Signals, alignment: Alignment) -> WithTru
     errors = errors_of(
         found.time[rows], truth, run.output.attitude[0][there], resting(found)[rows]
     )
-    nees, band = None, None
+    nees, squares, band = None, None, None
     if run.output.covariance is not None:
         own = run.output.covariance[0][there][:, :3, :3]
-        nees = judged(normalised(errors.body, own + extra(alignment, truth)), 3.0)
+        squares = normalised(errors.body, own + extra(alignment, truth))
+        nees = judged(squares, 3.0)
         band = _band(own, truth)
     return WithTruth(
         errors=errors,
         rms=table(errors),
         settled=convergence(errors),
         nees=nees,
+        squares=squares,
         band=band,
     )
 

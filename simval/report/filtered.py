@@ -21,6 +21,9 @@ from simval.shapes import Bool, Float
 BAND = 3.0
 """Standard deviations of the band that is drawn."""
 
+CHI2 = (0.2158, 9.3484)
+"""Ends of 95 % of a chi-square of 3 degrees of freedom, that of one row."""
+
 NAMES = ("total", "heading", "inclination")
 
 
@@ -179,8 +182,11 @@ def _drawing(name: str, truth: WithTruth) -> Drawing:
         )
         for k, word in enumerate(NAMES)
     ]
+    if truth.squares is not None:
+        panels.append(_squares(errors.time, truth.squares, rested))
     band = (
-        f" Grey: {BAND:g} standard deviations of the filter's own covariance."
+        f" Grey: {BAND:g} standard deviations of the filter's own covariance; "
+        "in the last panel 95 % of the rows are between the lines if it is true."
         if truth.band is not None
         else ""
     )
@@ -190,6 +196,25 @@ def _drawing(name: str, truth: WithTruth) -> Drawing:
         alternative=f"Total, heading and inclination error of {name} over time",
         panels=panels,
         columns=1,
+    )
+
+
+def _squares(
+    time: Float[Array, " k"],
+    squares: Float[Array, " k"],
+    rested: Sequence[tuple[float, float]],
+) -> Panel:
+    # above the lines the covariance is too small, below too large
+    x, y = envelope(time, squares)
+    return Panel(
+        title="squared error over covariance",
+        x_label="time, s",
+        y_label="NEES of a row, of 3",
+        series=(Series(label="", x=x, y=y, colour=COLOURS[3], line="-"),),
+        log_x=False,
+        log_y=True,
+        references=((CHI2[0], ""), (3.0, "3"), (CHI2[1], "")),
+        spans=rested,
     )
 
 
