@@ -369,7 +369,6 @@ def test_frames_of_ahrs(name):
 def test_roleq_of_ahrs_in_ned_stays_nowhere():
     """Its reference field in NED has sine and cosine of the dip exchanged."""
     words = {"frame": "NED", "magnetic_ref": np.degrees(1.1)}
-    AHRS["ROLEQ NED"] = ("update", words, None)
     filters = pytest.importorskip("ahrs.filters")
 
     class Adapted:

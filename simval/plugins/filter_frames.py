@@ -21,6 +21,7 @@ import numpy as np
 from simval.errors import PluginError
 from simval.plugins.filter_protocol import Filter, Force
 from simval.plugins.filter_signals import Told
+from simval.plugins.filter_signs import require_signs
 from simval.plugins.filter_strays import DECLARED, STAYS, Stray, Trial
 from simval.plugins.protocol import Components
 from simval.plugins.reference_frames import WORLDS
@@ -68,21 +69,24 @@ def find_world(filter: Filter, told: Told, rate: float = 100.0) -> FoundWorld:
     ------
     PluginError
         If it does not stay as declared, with the declaration that fits or, if none
-        does, with what was tried.
+        does, with what was tried; or if a sign of its bias is wrong.
     """
     trial = Trial(filter, told, rate)
     worlds = (filter.world,) if filter.world else WORLDS
     strays = trial.all_of(replace(filter, world=world) for world in worlds)
     if not any(each.judged <= STAYS for each in strays):
         raise _misdeclared(trial, filter, min(strays, key=lambda each: each.judged))
-    every = trial.all_of(replace(filter, world=world) for world in WORLDS)
-    alike = [each for each in every if each.judged <= STAYS]
+    # of a declared one that has any north the others say nothing
+    more = () if filter.world and _any_north(filter) else WORLDS
+    every = trial.all_of(replace(filter, world=world) for world in (*worlds, *more))
+    alike = list({e.declared.world: e for e in every if e.judged <= STAYS}.values())
     if len(alike) > 1 and not _any_north(filter):
         alike = _lasting(trial, filter, alike)
     best = _chosen(filter, alike)
     names = [str(each.declared.world) for each in alike]
     world = str(best.declared.world)
     rest = tuple(name for name in PREFERRED if name in names and name != world)
+    require_signs(filter, told, world, rate)
     return FoundWorld(world=world, alike=rest, stray=best.judged)
 
 

@@ -3,7 +3,8 @@
 State that outlives a run, instances that share it, and trials of a batch that depend on
 each other are told by answers that differ. A step that takes the longer the longer a
 filter runs is told by the same readings once more without a fresh filter, so that what
-the motion costs is the same: three times, and each time by a factor.
+the motion costs is the same: three times, and each time by a factor. It is processor
+time, which a busy machine leaves alone; that of a program beside us is not seen.
 """
 
 from collections.abc import Sequence
@@ -41,6 +42,9 @@ and of a second time through the same readings over the first. A step whose cost
 evenly with the rows so far reaches the second before the first."""
 
 REPEATS: Final = 3
+
+LEAST: Final = 1e-9
+"""Processor time that a stretch takes at the least, s."""
 
 
 def require_the_same_again(
@@ -145,7 +149,7 @@ def require_an_even_pace(
 
 def _ends(runs: Sequence[Run]) -> tuple[float, float]:
     """Time of a row at the beginning of a run, and at its end: the least of a few."""
-    paces = np.array([run.seconds / run.rows for run in runs])
+    paces = np.array([run.processor / run.rows for run in runs])
     count = max(paces.shape[1] // 8, 1)
     return float(paces[:, :count].min()), float(paces[:, -count:].min())
 
@@ -160,7 +164,7 @@ def _second_time(filter: Filter, readings: Readings) -> float:
             paces = [stepped(filter, update, readings, none) for _ in range(2)]
     except PluginError:  # of readings that begin anew it makes nothing
         return 0.0
-    return float(np.median(paces[1].seconds / paces[0].seconds))
+    return float(np.median(paces[1].processor / np.maximum(paces[0].processor, LEAST)))
 
 
 def _some(readings: Readings, trials: int) -> Readings:
