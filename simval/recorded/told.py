@@ -135,7 +135,7 @@ def _gyro_noise(
     if K is None:
         # what would double the variance of an average over the rest, N^2/T + K^2 T/3
         K = np.sqrt(3.0) * N / seconds
-        words += f"; K is not seen, and is as would double it over {seconds:.0f} s"
+        words += f"; K is not seen: what doubles the variance of {seconds:.0f} s"
     return N, K, words
 
 
