@@ -7,12 +7,8 @@ from typing import Any
 import click
 
 from simval.cli.calibrate import log_object
-from simval.cli.filter_words import (
-    alignment_lines,
-    evaluation_object,
-    filter_lines,
-    truth_object,
-)
+from simval.cli.filter_object import evaluation_object, truth_object
+from simval.cli.filter_words import alignment_lines, filter_lines
 from simval.cli.noise_units import accelerometer_scale, gyro_scale
 from simval.cli.options import COLUMNS, PATH, refuse_if, write
 from simval.errors import CrashedPluginError, InputError, PluginError
