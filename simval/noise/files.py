@@ -20,7 +20,7 @@ AXES: Final = ("x", "y", "z")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NoiseFile:
-    """What a noise file says of an accelerometer, and of a magnetometer if it has one.
+    """What a noise file says of an accelerometer, and of others that it has.
 
     Attributes
     ----------
@@ -30,6 +30,10 @@ class NoiseFile:
         m/s^2 per raw unit; None where it was not known.
     gravity_raw : float
         Length of the mean reading at rest, raw units.
+    gyro : tuple of AxisNoise
+        Of the three axes, raw units; empty where the file has none.
+    gyro_si_per_raw : float or None
+        rad/s per raw unit; None where it was not known.
     magnetometer : tuple of AxisNoise
         Of the three axes, raw units; empty where the file has none.
     """
@@ -37,6 +41,8 @@ class NoiseFile:
     accelerometer: tuple[AxisNoise, ...]
     si_per_raw: float | None
     gravity_raw: float
+    gyro: tuple[AxisNoise, ...] = ()
+    gyro_si_per_raw: float | None = None
     magnetometer: tuple[AxisNoise, ...] = ()
 
 
@@ -190,13 +196,14 @@ def load_noise(path: str | PathLike[str]) -> NoiseFile:
 def _sensors(sensors: Any) -> NoiseFile:
     known = sensors if isinstance(sensors, dict) else {}
     axes = _axes("accelerometer", known.get("accelerometer"))
-    compass = known.get("magnetometer")
+    compass, gyro = known.get("magnetometer"), known.get("gyro")
     sensor = known["accelerometer"]
-    size = sensor.get("si_per_raw")
     return NoiseFile(
         accelerometer=axes,
-        si_per_raw=None if size is None else positive_number("si_per_raw", size, ""),
+        si_per_raw=_unit(sensor),
         gravity_raw=positive_number("gravity_raw", sensor.get("gravity_raw"), "raw"),
+        gyro=() if gyro is None else _axes("gyro", gyro),
+        gyro_si_per_raw=None if gyro is None else _unit(gyro),
         magnetometer=() if compass is None else _axes("magnetometer", compass),
     )
 
@@ -208,3 +215,8 @@ def _axes(name: str, sensor: Any) -> tuple[AxisNoise, ...]:
         msg = f"it has no {name} with the axes x, y and z"
         raise InputError(msg)
     return tuple(axis_from_json(axes[a]) for a in AXES)
+
+
+def _unit(sensor: dict[str, Any]) -> float | None:
+    size = sensor.get("si_per_raw")
+    return None if size is None else positive_number("si_per_raw", size, "")
