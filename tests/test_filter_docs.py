@@ -33,7 +33,7 @@ def test_every_word_is_on_the_page():
 def test_the_example_stays_in_its_world_and_near_the_truth():
     """A pull of 2 1/s towards vectors that are noisy by 2e-3 and 5e-3 rad."""
     pulled = find_plugin(str(EXAMPLE), Filter)
-    assert find_world(pulled, told(), 20.0).world == "NWU"
+    assert find_world(pulled, told(), 10.0).world == "NWU"
     given, truth = tumbling(1, 300)
     found = run_filter(pulled, given, np.arange(0, 300, 50), "NWU")
     off = truth[:, ::50] @ np.swapaxes(attitude_matrix(found.attitude), -1, -2)
