@@ -35,6 +35,10 @@ ratio = [1.0, 100.0]
 samples = 4096
 [detector]
 trials = 2
+[filter]
+rate = 25.0
+seconds = 4.0
+trials = 8
 [end_to_end]
 poses = 12
 attitudes = 4

@@ -47,6 +47,7 @@ VARIED = {
     "end_to_end": ("poses", range(12, 21)),
     "solvers": ("poses", range(20, 29)),
     "scene": ("poses", range(12, 21)),
+    "filter": ("seconds", [4.0 + i for i in range(9)]),
 }
 SHOWN = {
     module.__name__.rpartition(".")[2]: module.SHOWN
@@ -195,6 +196,14 @@ def made(folder):
     rows += [row(f"recovery[M,averages,{rate}]") for rate in rates]
     cells += cells_of("gyroscope", [*rows, row("sd[M,bound]")])
     cells += cells_of("solvers", [row("steps[lm]"), row("apart[lm]", "lm")])
+    rows = [row("rms", "Cramer-Rao"), row("rms[heading]"), row("nees", "chi-square")]
+    rows += [row("nis", "chi-square"), row("settling[median]"), row("settling[share]")]
+    rows += [row("diverged"), row("worst_instant[attitude]", "chi-square")]
+    for t in (1, 2):
+        rows += entries("budget_at", "", (f"start,{t}", f"gyroscope walk,{t}"))
+        for family in ("rms_at", "bound_at", "nees_at"):
+            rows.append(row(f"{family}[attitude,{t}]"))
+    cells += cells_of("filter", rows)
     cells += cells_of("scene", [row("condition"), row("rests")], scene="die")
     return Run(folder=folder, cells=tuple(cells), manifest=MANIFEST, timing={})
 

@@ -133,9 +133,7 @@ def error_rows(
         rows += unjudged(SETTLING("median"), middle, 0.0, int(ended.sum()))
     shown = spread(len(time))
     at = [f"{t:.6g}" for t in time[shown]]
-    several = ((ATTITUDE, angle), (HEADING, heading), (INCLINATION, inclination))
-    for name, values in several:
-        rows += _at_each(RMS_AT, name, at, values[:, shown], root_mean_square)
+    rows += _at_each(RMS_AT, ATTITUDE, at, angle[:, shown], root_mean_square)
     return (*rows, *unjudged([BOUND_AT(ATTITUDE, t) for t in at], least[shown]))
 
 
@@ -151,7 +149,8 @@ def consistency_rows(answers: Answers, judged: bool) -> tuple[Row, ...]:
         if judged:
             worst = float(np.abs(instant_scores(squares, dimension)).max())
             rows += limit(WORST_INSTANT(name), worst, WORST, CHI_SQUARE, len(squares))
-        rows += _at_each(NEES_AT, name, at, squares[:, shown], mean_of_trials)
+        if name == ATTITUDE:
+            rows += _at_each(NEES_AT, name, at, squares[:, shown], mean_of_trials)
     return (*rows, *_innovations(answers, judged))
 
 
