@@ -69,7 +69,7 @@ def command(
     dry_run: bool,
     quiet: bool,
 ) -> int:
-    """Run SUITE: smoke, accuracy, full, or the path of a TOML file.
+    """Run SUITE: smoke, accuracy, filters, full, or the path of a TOML file.
 
     The last line printed is the folder of the run. Exit code 0 if every cell was
     computed, 4 if one crashed, 3 if a plug-in was refused; `simval gate` judges the
