@@ -1,5 +1,7 @@
 """Faults of the filter's chain: rates, draws, the reference filter, and its theory."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -30,13 +32,23 @@ def _scene() -> list[Fault]:
         return np.roll(original(run, every), 1, axis=0)
 
     def rates(name: str, change: Any) -> Fault:
-        inject = wrapped(filter_scenarios, "average_rates", change)
-        return _fault("scene", name, inject)
+        return _fault("scene", name, lambda: _recorded_anew(change))
 
     return [
         rates("rates of an instant under a filter", instant),
         rates("rates a row late under a filter", late),
     ]
+
+
+@contextmanager
+def _recorded_anew(change: Any) -> Iterator[None]:
+    """Other rates, in courses that are made with them and kept no longer."""
+    filter_scenarios.course.cache_clear()
+    try:
+        with wrapped(filter_scenarios, "average_rates", change)():
+            yield
+    finally:
+        filter_scenarios.course.cache_clear()
 
 
 def _sensor() -> list[Fault]:
