@@ -129,10 +129,11 @@ def _stated() -> list[Fault]:
     def answer(name: str, change: Any) -> Fault:
         return _fault("estimator", name, wrapped(Mekf, "update", change))
 
-    def before(original: Any, own: Any, *given: Any) -> Any:
-        # what it knew before the row's measurements, a step older
-        stated = own.P
-        return original(own, *given) | {"covariance": stated}
+    def half(original: Any, own: Any, *given: Any) -> Any:
+        # of the quaternion's vector part, which is half of the turn
+        found = original(own, *given)
+        halves = np.repeat([0.5, 1.0], 3)
+        return found | {"covariance": found["covariance"] * np.outer(halves, halves)}
 
     def other_side(original: Any, own: Any, *given: Any) -> Any:
         found = original(own, *given)
@@ -149,7 +150,7 @@ def _stated() -> list[Fault]:
         return found | {"innovation_covariance": S}
 
     return [
-        answer("covariance of before the measurements", before),
+        answer("covariance of the quaternion's vector part", half),
         answer("covariance of the reference side", other_side),
         answer("a quarter of the noise left out of the innovations'", without_noise),
     ]
