@@ -143,7 +143,7 @@ def test_what_cannot_be_checked_is_exit_code_2(simval, words, complaint):
     ("text", "complaint"),
     [
         ("1 / 0", "fails with ZeroDivisionError"),
-        ("x = 1", "holds no Estimator, Calibrator or Scene"),
+        ("x = 1", "holds no Estimator, Calibrator, Filter or Scene"),
         (
             "from simval.plugins import Estimator\n"
             "e = Estimator(name='e', estimate=print, components='wxyz', matrix='a')",

@@ -404,7 +404,7 @@ def test_a_scene_is_a_plugin_like_any_other(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("x = 1", "holds no Estimator, Calibrator or Scene"),
+        ("x = 1", "holds no Estimator, Calibrator, Filter or Scene"),
         ("import os; os._exit(3)", "exit code 3"),
         ("raise SystemExit(0)", "calls exit"),
         ("import os; os.kill(os.getpid(), 11)", "was killed by SIGSEGV"),

@@ -1,14 +1,19 @@
 """User-supplied algorithms: what they must look like, how they are found and probed.
 
-A plug-in is an `Estimator`, a `Calibrator` or a scene (`simval.scene.Scene`), held by
-a Python file, offered as an entry point of the group ``simval.plugins``, or, in any
-language, a command that is given files and answers with JSON. What it declares about
-its conventions is checked without noise before anything is measured.
+A plug-in is an `Estimator`, a `Calibrator`, a `Filter` or a scene
+(`simval.scene.Scene`), held by a Python file, offered as an entry point of the group
+``simval.plugins``, or, in any language, a command that is given files and answers with
+JSON. What it declares about its conventions is checked without noise before anything
+is measured.
 """
 
 from simval.errors import PluginError
 from simval.plugins.calibrator_probe import probe_calibrator
 from simval.plugins.command import command_calibrator, command_estimator
+from simval.plugins.filter_command import command_filter
+from simval.plugins.filter_frames import find_world
+from simval.plugins.filter_protocol import Filter
+from simval.plugins.filter_run import run_filter
 from simval.plugins.loading import find_plugin
 from simval.plugins.probe import probe_estimator
 from simval.plugins.protocol import Calibrator, Estimator
@@ -16,10 +21,14 @@ from simval.plugins.protocol import Calibrator, Estimator
 __all__ = [
     "Calibrator",
     "Estimator",
+    "Filter",
     "PluginError",
     "command_calibrator",
     "command_estimator",
+    "command_filter",
     "find_plugin",
+    "find_world",
     "probe_calibrator",
     "probe_estimator",
+    "run_filter",
 ]

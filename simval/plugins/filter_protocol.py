@@ -27,7 +27,7 @@ from simval.plugins.protocol import (
     _check_words,
     _one_of,
 )
-from simval.plugins.reference_frames import FRAMES, Frame
+from simval.plugins.reference_frames import WORLDS, World
 
 Force = Literal["specific force", "gravity"]
 
@@ -73,7 +73,7 @@ class Filter(Plugin):
         Order of the quaternion, or a matrix.
     matrix : {"active", "passive"}
         Direction of the attitude.
-    world : {"NED", "ENU", "NWU"}, optional
+    world : {"NED", "ENU", "NWU", "SEU", "WSU", "ESD", "SWD", "WND"}, optional
         Its reference frame; default the one that is found.
     accelerometer : {"specific force", "gravity"}, default "specific force"
         What it calls the accelerometer's reading: at rest up, or down.
@@ -94,7 +94,7 @@ class Filter(Plugin):
     make: Callable[..., Any]
     components: Components
     matrix: Literal["active", "passive"]
-    world: Frame | None = None
+    world: World | None = None
     accelerometer: Force = "specific force"
     magnetometer: bool = True
     side: Literal["body", "reference"] = "body"
@@ -112,4 +112,4 @@ class Filter(Plugin):
         _one_of("batch", self.batch, (True, False))
         _check_words("reads", self.reads, READS)
         if self.world is not None:
-            _one_of("world", self.world, FRAMES)
+            _one_of("world", self.world, WORLDS)

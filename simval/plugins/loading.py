@@ -57,11 +57,11 @@ def find_plugin(algorithm: str, kind: type[Kind]) -> Kind:
     algorithm : str
         As in the table of `simval.plugins.names`.
     kind : type
-        `Estimator`, `Calibrator` or `simval.scene.Scene`.
+        `Estimator`, `Calibrator`, `Filter` or `simval.scene.Scene`.
 
     Returns
     -------
-    Estimator, Calibrator or Scene
+    Estimator, Calibrator, Filter or Scene
         The plug-in, as it declares itself; see `simval.plugins.probe`.
 
     Raises
@@ -73,7 +73,8 @@ def find_plugin(algorithm: str, kind: type[Kind]) -> Kind:
         if kind is not Calibrator:
             msg = (
                 f"`{algorithm}`: only a calibrator can be a command; declare the "
-                "program of an estimator in a Python file, with `command_estimator`"
+                "program of an estimator or of a filter in a Python file, with "
+                "`command_estimator` or `command_filter`"
             )
             raise UnusablePluginError(msg)
         command: Any = command_calibrator(algorithm)
@@ -180,8 +181,8 @@ def offer(plugin: str) -> dict[str, Any]:
     ]
     if not held:
         msg = (
-            f"{plugin} holds no Estimator, Calibrator or Scene at its top level; see "
-            "docs/plugins.md"
+            f"{plugin} holds no Estimator, Calibrator, Filter or Scene at its top "
+            "level; see docs/plugins.md"
         )
         raise UnusablePluginError(msg)
     return {"held": held}

@@ -37,6 +37,24 @@ AXES: Final[Mapping[str, tuple[tuple[float, ...], tuple[float, ...]]]] = (
 """North and up of each frame."""
 
 FRAMES: Final = get_args(Frame)
+
+World = Literal["NED", "ENU", "NWU", "SEU", "WSU", "ESD", "SWD", "WND"]
+
+WORLD_AXES: Final[Mapping[str, tuple[tuple[float, ...], tuple[float, ...]]]] = (
+    MappingProxyType(
+        {
+            **AXES,
+            "SEU": ((-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+            "WSU": ((0.0, -1.0, 0.0), (0.0, 0.0, 1.0)),
+            "ESD": ((0.0, -1.0, 0.0), (0.0, 0.0, -1.0)),
+            "SWD": ((-1.0, 0.0, 0.0), (0.0, 0.0, -1.0)),
+            "WND": ((0.0, 1.0, 0.0), (0.0, 0.0, -1.0)),
+        }
+    )
+)
+"""North and up of the worlds that filters have: the frames, and the same turned."""
+
+WORLDS: Final = get_args(World)
 VERTICALS: Final = get_args(Vertical)
 
 MOST_DIP: Final = np.radians(80.0)
