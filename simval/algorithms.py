@@ -13,8 +13,10 @@ from simval.arrays import Array
 from simval.attitude import two_vector_quaternion, wahba_quaternion
 from simval.attitude.comparators import triad as triad_quaternion
 from simval.calibrate import calibrate
+from simval.filters import Mekf
 from simval.geometry import attitude_matrix, cross_matrix, normalize
 from simval.plugins import Calibrator, Estimator
+from simval.plugins.filter_protocol import Filter
 from simval.shapes import Float
 
 LEAST = 1e-12
@@ -96,3 +98,23 @@ norm = _calibrator("norm")
 weighted = _calibrator("weighted")
 sampson = _calibrator("sampson")
 adjusted = _calibrator("adjusted")
+
+mekf = Filter(
+    name="mekf",
+    make=Mekf,
+    components="xyzs",
+    matrix="passive",
+    world="NWU",
+    reads=(
+        "start",
+        "start_std",
+        "bias_std",
+        "gravity",
+        "field",
+        "gyroscope_noise",
+        "gyroscope_walk",
+        "accelerometer_noise",
+        "magnetometer_noise",
+    ),
+    batch=True,
+)

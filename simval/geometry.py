@@ -138,6 +138,21 @@ def attitude_error(
     return 2.0 * np.arctan2(sine, np.abs(difference[..., 3]))
 
 
+def rotation_vector(q: Float[Array, "... 4"]) -> Float[Array, "... 3"]:
+    """Axis times angle of attitudes, rad, at most pi long; `from_rotation_vector`."""
+    q = finite_array("q", q, (4,))
+    sine = np.linalg.norm(q[..., :3], axis=-1)
+    angle = 2.0 * np.arctan2(sine, np.abs(q[..., 3])) * np.copysign(1.0, q[..., 3])
+    return q[..., :3] * (angle / np.maximum(sine, np.finfo(float).tiny))[..., None]
+
+
+def from_rotation_vector(v: Float[Array, "... 3"]) -> Float[Array, "... 4"]:
+    """Attitude after a turn of the body by a rotation vector, rad, from the frame's."""
+    v = finite_array("v", v, (3,))
+    half = np.linalg.norm(v, axis=-1, keepdims=True) / 2.0
+    return np.concatenate([v * np.sinc(half / np.pi) / 2.0, np.cos(half)], axis=-1)
+
+
 def random_quaternions(count: int, rng: np.random.Generator) -> Float[Array, "count 4"]:
     """Attitudes drawn uniformly from the rotation group."""
     count = whole_number("count", count, 0, MOST)

@@ -50,6 +50,23 @@ def simval_calibrator() -> Check:
     return check
 
 
+@pytest.fixture(scope="session")
+def simval_filter() -> Check:
+    """Judge an attitude filter: ``simval_filter(make, components=...)``.
+
+    Keywords are what `simval.plugins.Filter` declares, parameters of the study
+    ``filter`` (``scenario``, ``seconds``, ``trials``), ``seed``, and ``alpha``.
+    """
+
+    def check(function: Any, /, **words: Any) -> None:
+        __tracebackhide__ = True
+        from simval.plugins import Filter
+
+        _judge(function, Filter, words)
+
+    return check
+
+
 def _judge(function: Any, kind: Any, words: dict[str, Any]) -> None:
     __tracebackhide__ = True
     from simval.check import check_function, told

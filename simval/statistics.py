@@ -137,6 +137,24 @@ ALLAN_ERROR = Family(
     margin=0.02,
     least=0.0,
 )
+NIS = Family("nis", "normalised squared innovation", margin=0.02, least=0.0)
+WORST_INSTANT = Family(
+    "worst_instant", "greatest excess of an instant, in standard deviations", least=0.0
+)
+INNOVATION_PAIRS = Family(
+    "innovation_pairs",
+    "variance of two neighbouring innovations' sum over white ones'",
+    margin=0.02,
+    least=0.0,
+)
+DIVERGED = Family("diverged", "share of trials that diverge", least=0.0, most=1.0)
+SETTLING = Family("settling", "time to settle", unit="s", least=0.0)
+RMS_AT = Family("rms_at", "RMS error at an instant", unit="rad", least=0.0)
+BOUND_AT = Family("bound_at", "bound at an instant", unit="rad", least=0.0)
+BUDGET_AT = Family(
+    "budget_at", "part of the predicted error at an instant", unit="rad", least=0.0
+)
+NEES_AT = Family("nees_at", "normalised squared error at an instant", least=0.0)
 INCONSISTENT_RATE = Family(
     "inconsistent_rate", "share of samples called inconsistent", least=0.0, most=1.0
 )
@@ -321,6 +339,7 @@ NOISE_FREE = "its noise-free answer"
 BEST_OF_CLASS = "best of its class"
 LEAST_SQUARES = "generalised least squares"
 CLOSED_FORM = "closed form"
+WHITE = "white"
 NINE_PARAMETERS = "Cramer-Rao, nine parameters"
 
 

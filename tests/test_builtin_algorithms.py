@@ -22,6 +22,7 @@ from simval.plugins import (
     probe_estimator,
 )
 from simval.plugins.builtin import BESIDE, BUILTIN, beside_builtin
+from simval.plugins.filter_protocol import Filter
 from simval.plugins.loading import chosen, find_again, overrides_of
 from simval.plugins.sources import missing, sources
 from simval.streams import Streams
@@ -39,10 +40,13 @@ ESTIMATORS = (
     "simval:combined",
 )
 
+FILTERS = ("simval:mekf",)
+KINDS = {name: Estimator for name in ESTIMATORS} | {name: Filter for name in FILTERS}
+
 
 def test_every_name_is_an_algorithm_of_its_kind():
     for name in BUILTIN:
-        kind = Estimator if name in ESTIMATORS else Calibrator
+        kind = KINDS.get(name, Calibrator)
         found = find_plugin(name, kind)
         assert f"simval:{found.name}" == name
         assert sources(name) == {}  # the package's own version and source say it
@@ -58,7 +62,7 @@ def test_estimators_pass_the_probe_of_a_users(name):
     assert probe_estimator(find_plugin(name, Estimator)) <= 1e-9
 
 
-@pytest.mark.parametrize("name", [n for n in BUILTIN if n not in ESTIMATORS])
+@pytest.mark.parametrize("name", [n for n in BUILTIN if n not in KINDS])
 def test_calibrators_pass_the_probe_of_a_users(name):
     assert probe_calibrator(find_plugin(name, Calibrator)) <= 1e-9
 

@@ -24,6 +24,8 @@ SETTINGS: Final[Mapping[str, Mapping[str, Any]]] = MappingProxyType(
             "time_limit": TIME_LIMIT,
         },
         "calibrator": {"noise_std": list(NOISE), "time_limit": TIME_LIMIT},
+        # 256 trials, which the gate needs to judge
+        "filter": {"seconds": 8.0, "time_limit": TIME_LIMIT},
         "custom_scene": {"time_limit": TIME_LIMIT},
     }
 )

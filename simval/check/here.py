@@ -20,11 +20,11 @@ from simval.check.cells import SETTINGS
 from simval.check.measure import Checked
 from simval.errors import CrashedPluginError, InputError, PluginError
 from simval.gate import judge_run
-from simval.plugins import Calibrator, Estimator
+from simval.plugins import Calibrator, Estimator, Filter
 from simval.plugins.declarations import declarations
 from simval.plugins.loading import Meant
 from simval.results import Outcome, Row
-from simval.studies import STUDIES, calibrator, estimator
+from simval.studies import STUDIES, calibrator, estimator, filter
 from simval.studies.study import Cell
 from simval.sweep.cells import REFUSED, CellResult
 from simval.sweep.run import Run
@@ -35,11 +35,17 @@ from simval.verdict import ALPHA
 Measure = Callable[[Any, Any, Any], Outcome]
 
 MEASURES: Final[Mapping[type, Measure]] = MappingProxyType(
-    {Estimator: estimator.outcome, Calibrator: calibrator.outcome}
+    {
+        Estimator: estimator.outcome,
+        Calibrator: calibrator.outcome,
+        Filter: filter.outcome,
+    }
 )
 """What measures a plug-in that this process holds."""
 
-FIRST: Final = MappingProxyType({Estimator: "estimate", Calibrator: "calibrate"})
+FIRST: Final = MappingProxyType(
+    {Estimator: "estimate", Calibrator: "calibrate", Filter: "make"}
+)
 """The field that is the algorithm itself."""
 
 NUMPYS_OWN: Final[Mapping[str, Any]] = MappingProxyType(
@@ -49,12 +55,13 @@ NUMPYS_OWN: Final[Mapping[str, Any]] = MappingProxyType(
 
 OURS = Path(__file__).parents[1]
 
-Algorithm = Callable[..., Any] | Estimator | Calibrator
+Held = Estimator | Calibrator | Filter
+Algorithm = Callable[..., Any] | Held
 
 
 def check_function(
     algorithm: Algorithm,
-    kind: type[Estimator] | type[Calibrator],
+    kind: type[Held],
     /,
     *,
     seed: int = 1,
@@ -65,10 +72,10 @@ def check_function(
 
     Parameters
     ----------
-    algorithm : callable, Estimator or Calibrator
+    algorithm : callable, Estimator, Calibrator or Filter
         The function, or all of a plug-in.
     kind : type
-        `Estimator` or `Calibrator`: what the function is.
+        `Estimator`, `Calibrator` or `Filter`: what the function is.
     seed : int, default 1
         Of the noise: the same one gives the same numbers.
     alpha : float, default ALPHA
@@ -100,7 +107,7 @@ def check_function(
 
 
 def _sorted_out(
-    kind: type[Estimator] | type[Calibrator], study: str, words: Mapping[str, Any]
+    kind: type[Held], study: str, words: Mapping[str, Any]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """What is declared, and what is set."""
     own = {each.name for each in fields(kind)} - {FIRST[kind]}
@@ -131,9 +138,9 @@ def _listed(value: Any) -> Any:
 
 def _plugin(
     algorithm: Any,
-    kind: type[Estimator] | type[Calibrator],
+    kind: type[Held],
     declared: Mapping[str, Any],
-) -> Estimator | Calibrator:
+) -> Held:
     if isinstance(algorithm, kind):
         if declared:
             words = ", ".join(f"`{word}`" for word in sorted(declared))
@@ -148,7 +155,7 @@ def _plugin(
         raise InputError(msg) from None
 
 
-def _ended(position: int, cell: Cell, plugin: Estimator | Calibrator) -> CellResult:
+def _ended(position: int, cell: Cell, plugin: Held) -> CellResult:
     start, error = time.process_time(), ""
     rows: tuple[Row, ...] = ()
     # a test's own settings must not change what is measured

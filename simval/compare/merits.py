@@ -54,7 +54,7 @@ force, where the study measures it."""
 BOUNDS = (CRAMER_RAO, f"{CRAMER_RAO}, nine parameters")
 """Bounds that a size is set beside; the second is of a calibrator that is less."""
 
-STUDIES = ("estimator", "calibrator")
+STUDIES = ("estimator", "calibrator", "filter")
 """Studies that measure one algorithm in each cell."""
 
 

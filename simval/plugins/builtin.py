@@ -11,6 +11,7 @@ from importlib.metadata import EntryPoint
 from types import MappingProxyType
 from typing import Any, Final
 
+from simval.plugins.filter_protocol import Filter
 from simval.plugins.protocol import Calibrator, Estimator
 
 GROUP: Final = "simval.plugins"
@@ -18,6 +19,7 @@ PREFIX: Final = "simval:"
 
 _ESTIMATORS = ("wahba", "weighted-wahba", "triad", "closed-form", "combined")
 _CALIBRATORS = ("squared", "norm", "weighted", "sampson", "adjusted")
+_FILTERS = ("mekf",)
 
 BUILTIN: Final[Mapping[str, EntryPoint]] = MappingProxyType(
     {
@@ -26,7 +28,7 @@ BUILTIN: Final[Mapping[str, EntryPoint]] = MappingProxyType(
             value=f"simval.algorithms:{name.replace('-', '_')}",
             group=GROUP,
         )
-        for name in (*_ESTIMATORS, *_CALIBRATORS)
+        for name in (*_ESTIMATORS, *_CALIBRATORS, *_FILTERS)
     }
 )
 """By the name that suites and the command line call it."""
@@ -35,6 +37,7 @@ BESIDE: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
     {
         Estimator.taken_by: (f"{PREFIX}wahba", f"{PREFIX}triad"),
         Calibrator.taken_by: (f"{PREFIX}squared",),
+        Filter.taken_by: (f"{PREFIX}mekf",),
     }
 )
 """What ``--plugin`` adds beside a user's, by the field: the optimum first, whose time

@@ -19,7 +19,7 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.errors import InputError
-from simval.geometry import compose, conjugate
+from simval.geometry import compose, conjugate, rotation_vector
 from simval.scene.trajectory import Trajectory
 from simval.shapes import Float
 
@@ -83,10 +83,7 @@ def increments(attitude: Float[Array, "n 4"]) -> Float[Array, "n-1 3"]:
 
 def turns(attitude: Float[Array, "n 4"]) -> Float[Array, "n-1 3"]:
     """Rotation vectors from each attitude to the next, in body axes, rad."""
-    turn = compose(conjugate(attitude[:-1]), attitude[1:])
-    sine = np.linalg.norm(turn[:, :3], axis=1)
-    angle = 2.0 * np.arctan2(sine, np.abs(turn[:, 3])) * np.sign(turn[:, 3])
-    return turn[:, :3] * (angle / np.maximum(sine, np.finfo(float).tiny))[:, None]
+    return rotation_vector(compose(conjugate(attitude[:-1]), attitude[1:]))
 
 
 def coning(S: Float[Array, "n 3"]) -> Float[Array, "n 3"]:

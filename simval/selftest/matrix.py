@@ -17,6 +17,7 @@ from simval.gate import GateResult, findings, judge_run, read_baseline, write_ba
 from simval.selftest.attitude_faults import attitude_faults
 from simval.selftest.calibration_faults import calibration_faults
 from simval.selftest.fault import Fault, replaced
+from simval.selftest.filter_faults import filter_faults
 from simval.selftest.gyroscope_faults import gyroscope_faults, noise_faults
 from simval.selftest.magnetometer_faults import magnetometer_faults
 from simval.selftest.run_faults import run_faults
@@ -51,6 +52,17 @@ SUITES: dict[str, dict[str, Any]] = {
     },
     "noise": {"noise_model": {"estimate": "known weights", "rows": 4096}},
     "scene": {"scene": {"scene": "gimbal", "poses": 20}},
+    # fast, too: there coning counts; and told wrongly, which theory predicts
+    "filter": {
+        "filter": {
+            "scenario": [
+                "gimbal slow",
+                "gimbal fast",
+                "gimbal slow, gyroscope noise 3",
+            ],
+            "seconds": 8.0,
+        }
+    },
     "order": {"attitude_order": {"geometry": 3, "noise": "isotropic"}},
 }
 
@@ -79,6 +91,7 @@ def faults() -> tuple[Fault, ...]:
         *magnetometer_faults(),
         *gyroscope_faults(),
         *noise_faults(),
+        *filter_faults(),
         *attitude_faults(),
         *run_faults(),
     )

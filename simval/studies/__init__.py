@@ -55,6 +55,7 @@ _NAMES = (
     "end_to_end",
     "estimator",
     "calibrator",
+    "filter",
     "custom_scene",
 )
 """In the order of the page."""

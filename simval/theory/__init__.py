@@ -8,6 +8,10 @@ from simval.theory.attitude import (
 from simval.theory.calibration import CalibrationMoments, calibration_moments
 from simval.theory.cramer_rao import AttitudeBound, attitude_bound
 from simval.theory.cubature import cubature_moments
+from simval.theory.filter_budget import FilterPrediction, filter_prediction
+from simval.theory.filter_errors import CalibrationError, RowError
+from simval.theory.filter_model import FilterModel, FilterPath, VectorSensor
+from simval.theory.filtering import FilterBound, filter_bound
 from simval.theory.gyroscope import GyroscopeMoments, MovePath, gyroscope_moments
 from simval.theory.gyroscope_bias import gyroscope_bias
 from simval.theory.gyroscope_planning import GyroscopePlan, plan_gyroscope
@@ -21,18 +25,27 @@ from simval.theory.wahba import loss_noncentrality, wahba_bound, wahba_moments
 __all__ = [
     "AttitudeBound",
     "AttitudeMoments",
+    "CalibrationError",
     "CalibrationMoments",
+    "FilterBound",
+    "FilterModel",
+    "FilterPath",
+    "FilterPrediction",
     "GyroscopeMoments",
     "GyroscopePlan",
     "MagnetometerMoments",
     "MagnetometerPlan",
     "MovePath",
     "Plan",
+    "RowError",
     "SufficientOrder",
+    "VectorSensor",
     "attitude_bound",
     "attitude_moments",
     "calibration_moments",
     "cubature_moments",
+    "filter_bound",
+    "filter_prediction",
     "gyroscope_bias",
     "gyroscope_moments",
     "loss_noncentrality",

@@ -16,10 +16,15 @@ from simval.report.sections.other import numbers
 from simval.report.table import Table
 from simval.sweep import Run
 
-CALLED = {"estimator": "attitude estimators", "calibrator": "calibrators"}
+CALLED = {
+    "estimator": "attitude estimators",
+    "calibrator": "calibrators",
+    "filter": "attitude filters",
+}
 CALL = {
     "estimator": "A call estimates 1024 attitudes.",
     "calibrator": "A call calibrates one set of poses.",
+    "filter": "A call is a step of one trial.",
 }
 
 

@@ -1,0 +1,212 @@
+r"""Multiplicative extended Kalman filter: attitude and bias, all trials at once.
+
+The estimate is the attitude :math:`\hat q`, world to body, and the bias
+:math:`\hat b`; the error is truth against estimate, :math:`q = \hat q *
+q(\delta\theta)` and :math:`\delta b = b - \hat b`, with the covariance P. A step of h
+seconds with the average rate y turns by
+
+.. math:: S_k = h (y_k - \hat b), \qquad
+   \phi_k = S_k + \tfrac{1}{12} S_{k-1} \times S_k, \qquad
+   \hat q \leftarrow \hat q * q(\phi_k),  \tag{F9}
+
+the cross product being the coning of a rate that changes over the two steps; the error
+turns with the body and the bias adds to it,
+
+.. math:: P \leftarrow F P F^T + Q,\quad
+   F = \begin{bmatrix} e^{-[\phi\times]} & -h J(-\phi) \\ 0 & I \end{bmatrix},\quad
+   Q = \begin{bmatrix} (N^2 h + K^2 h^3/3) I & -\tfrac12 K^2 h^2 I \\ \cdot & K^2 h I
+   \end{bmatrix}.  \tag{F10}
+
+Specific force and field are vectors r of the world, read as :math:`A r + n`:
+
+.. math:: z = y - \hat A r,\quad H = [(\hat A r)\times,\ 0],\quad
+   K = P H^T (H P H^T + R)^{-1},\quad P \leftarrow P - K H P,  \tag{F11}
+
+and :math:`K z = (\delta\theta, \delta b)` goes into the estimate: :math:`\hat q
+\leftarrow \hat q * q(\delta\theta)`, :math:`\hat b \leftarrow \hat b + \delta b`.
+Left out are terms of second order of the error, and of the turn in Q.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from simval.arguments import switch
+from simval.arrays import Array, finite_array, nonnegative_number, positive_number
+from simval.errors import InputError
+from simval.geometry import unit_quaternions
+from simval.shapes import Float
+
+
+class Mekf:
+    """A multiplicative extended Kalman filter of n trials, eqs. (F9) to (F11).
+
+    Parameters
+    ----------
+    start : array_like
+        Attitudes before the first row, world to body, vector first, (n, 4) or (4,).
+    start_std, bias_std : float
+        Standard deviation per axis of the start, rad, and of the bias, rad/s, which is
+        taken as 0 at first.
+    gravity : float
+        m/s^2; the specific force at rest points along z of the world.
+    field : array_like
+        Magnetic field in the world, T, (3,).
+    gyroscope_noise, gyroscope_walk : float
+        Angle random walk N, rad/s per root hertz, and rate random walk K, rad/s^2 per
+        root hertz.
+    accelerometer_noise, magnetometer_noise : float
+        Standard deviation per axis and row, m/s^2 and T.
+    coning : bool, default True
+        Whether the cross product of eq. (F9) is added.
+
+    Raises
+    ------
+    InputError
+        If an argument is not usable.
+    """
+
+    def __init__(
+        self, *, start: Any, start_std: float, bias_std: float, gravity: float,
+        field: Any, gyroscope_noise: float, gyroscope_walk: float,
+        accelerometer_noise: float, magnetometer_noise: float, coning: bool = True,
+    ) -> None:  # fmt: skip
+        self.q = unit_quaternions("start", start)
+        lead = self.q.shape[:-1]
+        self.b = np.zeros((*lead, 3))
+        sd = [
+            nonnegative_number("start_std", start_std, "rad"),
+            nonnegative_number("bias_std", bias_std, "rad/s"),
+        ]
+        self.P = np.zeros((*lead, 6, 6)) + np.diag(np.repeat(np.square(sd), 3))
+        self.coning = switch("coning", coning)
+        self.before = np.zeros((*lead, 3))  # S of the step before
+        self.N2 = nonnegative_number("gyroscope_noise", gyroscope_noise, "rad/s") ** 2
+        self.K2 = nonnegative_number("gyroscope_walk", gyroscope_walk, "rad/s^2") ** 2
+        up = [0.0, 0.0, positive_number("gravity", gravity, "m/s^2")]
+        self.references = np.stack([up, finite_array("field", field, (3,))])
+        noise = [
+            positive_number("accelerometer_noise", accelerometer_noise, "m/s^2"),
+            positive_number("magnetometer_noise", magnetometer_noise, "T"),
+        ]
+        self.R = np.repeat(np.square(noise), 3)
+
+    def update(
+        self, dt: float, gyroscope: Any, accelerometer: Any, magnetometer: Any = None
+    ) -> dict[str, Array]:
+        """Step to the next row and take its measurements.
+
+        Parameters
+        ----------
+        dt : float
+            Time since the row before, s.
+        gyroscope : array_like
+            Average rate over that time, rad/s, (n, 3).
+        accelerometer, magnetometer : array_like
+            Specific force, m/s^2, and field, T, at its end, (n, 3); None where a row
+            has none.
+
+        Returns
+        -------
+        dict
+            The attitude (n, 4), the bias (n, 3), the covariance of the error (n, 6, 6),
+            the innovation (n, m) and its covariance (n, m, m).
+        """
+        self._step(positive_number("dt", dt, "s"), self._rows("gyroscope", gyroscope))
+        given = [("accelerometer", accelerometer), ("magnetometer", magnetometer)]
+        some = [i for i, (_, rows) in enumerate(given) if rows is not None]
+        y = [self._rows(*given[i]) for i in some]
+        z, S = self._correct(np.array(some, dtype=int), y)
+        return {
+            "attitude": self.q, "bias": self.b, "covariance": self.P,
+            "innovation": z, "innovation_covariance": S,
+        }  # fmt: skip
+
+    def _rows(self, name: str, rows: Any) -> Float[Array, "... 3"]:
+        array = finite_array(name, rows, (3,))
+        if array.shape != self.b.shape:
+            msg = (
+                f"`{name}` has shape {array.shape}; the start has {self.q.shape}, so "
+                f"give {self.b.shape}"
+            )
+            raise InputError(msg)
+        return array
+
+    def _step(self, h: float, rate: Float[Array, "... 3"]) -> None:
+        S = h * (rate - self.b)
+        phi = S + np.matvec(_skew(self.before), S) / 12.0 if self.coning else S
+        self.q = _turned(self.q, phi)
+        F = _transition(phi, h)
+        P = F @ self.P @ F.swapaxes(-1, -2)
+        i = np.arange(6)
+        P[..., i, i] += np.repeat([self.N2 * h + self.K2 * h**3 / 3, self.K2 * h], 3)
+        P[..., i, (i + 3) % 6] -= self.K2 * h**2 / 2.0
+        self.P, self.before = P, S
+
+    def _correct(
+        self, some: Any, y: list[Float[Array, "... 3"]]
+    ) -> tuple[Float[Array, "... m"], Float[Array, "... m m"]]:
+        v = self.references[some] @ _matrix(self.q).swapaxes(-1, -2)  # (..., s, 3)
+        lead, m = self.q.shape[:-1], 3 * len(some)
+        z = (
+            np.reshape(np.stack(y, axis=-2) - v, (*lead, m))
+            if y
+            else np.zeros((*lead, 0))
+        )
+        H = _skew(v).reshape(*lead, m, 3)
+        HP = H @ self.P[..., :3, :]
+        S = HP[..., :3] @ H.swapaxes(-1, -2)
+        i = np.arange(m)
+        S[..., i, i] += self.R.reshape(2, 3)[some].ravel()
+        K = np.linalg.solve(S, HP).swapaxes(-1, -2)
+        P = self.P - K @ HP
+        self.P = (P + P.swapaxes(-1, -2)) / 2.0
+        error = np.matvec(K, z)
+        self.q = _turned(self.q, error[..., :3])
+        self.b = self.b + error[..., 3:]
+        return z, S
+
+
+def _transition(phi: Float[Array, "... 3"], h: float) -> Float[Array, "... 6 6"]:
+    # F of eq. (F10); X^2 = phi phi' - |phi|^2
+    X = _skew(phi)
+    square = np.vecdot(phi, phi)
+    angle = np.sqrt(square)
+    sinc = np.sinc(angle / np.pi)[..., None, None]
+    half = (np.sinc(angle / (2.0 * np.pi)) ** 2 / 2.0)[..., None, None]
+    # (1 - sinc)/angle^2, by its series to 1e-13 below 0.01 rad, where its digits go
+    small = 1.0 / 6.0 - square / 120.0
+    large = (1.0 - sinc[..., 0, 0]) / np.maximum(square, 1e-4)
+    rest = np.where(square < 1e-4, small, large)[..., None, None]
+    XX = phi[..., :, None] * phi[..., None, :] - square[..., None, None] * np.eye(3)
+    F = np.zeros((*phi.shape[:-1], 6, 6))
+    F[..., :3, :3] = np.eye(3) - sinc * X + half * XX
+    F[..., :3, 3:] = -h * (np.eye(3) - half * X + rest * XX)
+    F[..., [3, 4, 5], [3, 4, 5]] = 1.0
+    return F
+
+
+def _skew(v: Float[Array, "... 3"]) -> Float[Array, "... 3 3"]:
+    # matrix of the cross product
+    X = np.zeros((*v.shape, 3))
+    X[..., 2, 1], X[..., 0, 2], X[..., 1, 0] = v[..., 0], v[..., 1], v[..., 2]
+    X[..., 1, 2], X[..., 2, 0], X[..., 0, 1] = -v[..., 0], -v[..., 1], -v[..., 2]
+    return X
+
+
+def _matrix(q: Float[Array, "... 4"]) -> Float[Array, "... 3 3"]:
+    # A(q) = I - 2 s [e x] + 2 [e x]^2, of unit length
+    X = _skew(q[..., :3])
+    return np.eye(3) - 2.0 * (q[..., 3, None, None] * X - X @ X)
+
+
+def _turned(
+    q: Float[Array, "... 4"], turn: Float[Array, "... 3"]
+) -> Float[Array, "... 4"]:
+    # q * q(turn), of length 1 again
+    half = np.sqrt(np.vecdot(turn, turn))[..., None] / 2.0
+    e, s = turn * (np.sinc(half / np.pi) / 2.0), np.cos(half)
+    vector = q[..., 3:] * e + s * q[..., :3] + np.matvec(_skew(q[..., :3]), e)
+    scalar = q[..., 3:] * s - np.vecdot(q[..., :3], e)[..., None]
+    made = np.concatenate([vector, scalar], axis=-1)
+    return made / np.sqrt(np.vecdot(made, made))[..., None]

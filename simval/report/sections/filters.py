@@ -1,0 +1,224 @@
+"""Attitude filters: errors over time beside the bound, and what they say of them."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import scipy
+
+from simval.arrays import Array
+from simval.compare.merits import algorithm_of
+from simval.report.curves import MAX_GROUPS, grouped
+from simval.report.panels import COLOURS, GREY, Drawing, Panel, Series
+from simval.report.section import Context, Section, Shown, made
+from simval.report.words import spelled
+from simval.results import Row
+from simval.shapes import Float
+from simval.statistics import (
+    BOUND_AT,
+    BUDGET_AT,
+    NEES_AT,
+    NIS,
+    RMS,
+    RMS_AT,
+    SETTLING,
+    WORST_INSTANT,
+    Family,
+)
+from simval.studies.filter_rows import ATTITUDE
+from simval.sweep.run import CellResult
+
+SHOWN = Shown(
+    "filter",
+    (RMS, RMS_AT, BOUND_AT, NEES_AT, BUDGET_AT, NIS, SETTLING, WORST_INSTANT),
+)
+LINES = ("-", "--", "-.", ":")
+BAND = 1e-3  # of false alarms: how often an honest instant is outside, two-sided
+DIMENSION = 3  # of the attitude
+
+
+def section(context: Context) -> Section | None:
+    """Make the section."""
+    cells = context.cells("filter")
+    if not cells:
+        return None
+    groups = grouped(cells, "algorithm")
+    labels = list(groups)
+    shown = list(groups.items())[:MAX_GROUPS]
+    left_out = labels[MAX_GROUPS:]
+    drawings = [_errors(shown, left_out), _squares(shown, left_out)]
+    budgets = [panel for label, own in shown for panel in _budget(label, own)]
+    if budgets:
+        drawings.append(_drawn_budget(budgets))
+    return made("filters", "Attitude filters", [d for d in drawings if d.panels])
+
+
+def _errors(
+    groups: Sequence[tuple[str, Sequence[CellResult]]], left_out: Sequence[str]
+) -> Drawing:
+    return Drawing(
+        name="filter-errors",
+        caption=(
+            "Attitude error over time, root mean square over the trials. Grey: the "
+            "posterior Cramér-Rao bound, which no filter is below that knows of the "
+            "sensors what they are."
+        ),
+        alternative="RMS attitude error of each filter over time beside the bound",
+        panels=[
+            Panel(
+                title=label or spelled("filter"),
+                x_label="time, s",
+                y_label="RMS error, degrees",
+                series=[
+                    *_bound(cells[0]),
+                    *_curves(cells, RMS_AT, np.degrees(1.0)),
+                ],
+                log_x=False,
+            )
+            for label, cells in groups
+        ],
+        columns=2,
+        left_out=left_out,
+    )
+
+
+def _squares(
+    groups: Sequence[tuple[str, Sequence[CellResult]]], left_out: Sequence[str]
+) -> Drawing:
+    return Drawing(
+        name="filter-nees",
+        caption=(
+            "Normalised squared error of the attitude over time, mean over the trials: "
+            "3 for an honest covariance. Grey lines: where one honest instant in a "
+            "thousand is outside. Above, a filter is overconfident; below, its errors "
+            "are smaller than it says."
+        ),
+        alternative="Normalised squared error of each filter over time with its band",
+        panels=[
+            Panel(
+                title=label or spelled("filter"),
+                x_label="time, s",
+                y_label="NEES of 3",
+                series=[*_curves(cells, NEES_AT, 1.0), *_band(cells)],
+                log_x=False,
+            )
+            for label, cells in groups
+            if any(_at(cell, NEES_AT)[0].size for cell in cells)
+        ],
+        columns=2,
+        left_out=left_out,
+    )
+
+
+def _drawn_budget(panels: Sequence[Panel]) -> Drawing:
+    return Drawing(
+        name="filter-budget",
+        caption=(
+            "What each source adds to the predicted attitude error of the reference "
+            "filter over time. The squares of the parts add up to that of the whole."
+        ),
+        alternative="Predicted attitude error over time, by source",
+        panels=panels,
+        columns=2,
+    )
+
+
+def _budget(label: str, cells: Sequence[CellResult]) -> list[Panel]:
+    for cell in cells:
+        rows = [r for r in cell.rows if r.statistic.family == BUDGET_AT]
+        parts = list(dict.fromkeys(row.statistic.entries[0] for row in rows))
+        if not parts:
+            continue
+        series = [
+            Series(
+                label=part,
+                x=x,
+                y=np.degrees(y),
+                colour=COLOURS[k % len(COLOURS)],
+                line=LINES[k // len(COLOURS)],
+            )
+            for k, part in enumerate(parts)
+            for x, y, _ in [
+                _points([r for r in rows if r.statistic.entries[0] == part])
+            ]
+        ]
+        return [
+            Panel(
+                title=label or spelled("filter"),
+                x_label="time, s",
+                y_label="part of the RMS error, degrees",
+                series=series,
+                log_x=False,
+            )
+        ]
+    return []
+
+
+def _bound(cell: CellResult) -> list[Series]:
+    x, y, _ = _at(cell, BOUND_AT)
+    least = np.degrees(y)
+    return (
+        [Series(label="bound", x=x, y=least, colour=GREY, line="-")] if len(x) else []
+    )
+
+
+def _band(cells: Sequence[CellResult]) -> list[Series]:
+    """Where the mean over so many trials lies, by its chi-square law."""
+    for cell in cells:
+        x, _, n = _at(cell, NEES_AT)
+        if len(x):
+            freedom = DIMENSION * n
+            law = scipy.stats.chi2
+            return [
+                Series(label="", x=x, y=y, colour=GREY, line="--")
+                for y in (
+                    law.ppf(BAND / 2.0, freedom) / n,
+                    law.isf(BAND / 2.0, freedom) / n,
+                )
+            ]
+    return []
+
+
+def _curves(cells: Sequence[CellResult], family: Family, scale: float) -> list[Series]:
+    series = []
+    for k, cell in enumerate(cells):
+        x, y, _ = _at(cell, family)
+        if len(x):
+            series.append(
+                Series(
+                    label=algorithm_of(cell),
+                    x=x,
+                    y=scale * y,
+                    colour=COLOURS[k % len(COLOURS)],
+                    line=LINES[k // len(COLOURS) % len(LINES)],
+                )
+            )
+    return series
+
+
+def _at(
+    cell: CellResult, family: Family
+) -> tuple[Float[Array, " n"], Float[Array, " n"], Float[Array, " n"]]:
+    """Time, value and trials of the rows of the attitude."""
+    return _points(
+        [
+            row
+            for row in cell.rows
+            if row.statistic.family == family
+            and row.statistic.entries[:1] == (ATTITUDE,)
+        ]
+    )
+
+
+def _points(
+    rows: Sequence[Row],
+) -> tuple[Float[Array, " n"], Float[Array, " n"], Float[Array, " n"]]:
+    found = [(_number(r.statistic.entries[-1]), r.value, float(r.n)) for r in rows]
+    x, y, n = np.array(sorted(p for p in found if np.isfinite(p[0]))).reshape(-1, 3).T
+    return x, y, n
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return np.nan

@@ -1,0 +1,246 @@
+r"""Attitude filter: its errors over many trials, what it says of them, and the bound.
+
+A scenario is recorded once (`simval.studies.filter_scenarios`); over it each trial
+draws the noise of all sensors, a bias of the gyroscope that walks, and the attitude
+that the filter is told to start from. The filter, anybody's, is stepped through the
+rows.
+
+Where the filter is told the truth and nothing disturbs it, its normalised squared error
+(NEES) must have the mean that chi-square gives, 3 for the attitude and 6 with the bias,
+its normalised squared innovations (NIS) the number of them, and its innovations must
+not correlate; both sides are judged. Judged are means of whole trials with their own
+standard error, and the worst instant by the exact law over trials: rows of one trial
+are correlated and are never counted as samples (`simval.consistency`).
+
+The root mean square error stands beside the posterior Cramer-Rao bound
+(`simval.theory.filtering`). Where the filter is told otherwise, or a calibration left
+an error (`simval.studies.filter_wrong`), or a sensor reads what it should
+not, theory predicts what the reference filter then does; another filter is only shown.
+"""
+
+from dataclasses import replace
+from typing import Annotated, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import AfterValidator, Field, model_validator
+
+from simval.plugins import Filter, find_plugin
+from simval.plugins.filter_frames import find_world
+from simval.plugins.filter_run import run_filter
+from simval.plugins.filter_signals import FilterInput, Told
+from simval.results import Outcome, Row
+from simval.streams import Streams
+from simval.studies.filter_prediction import budget_rows, prediction, undisturbed
+from simval.studies.filter_rows import (
+    Answers,
+    consistency_rows,
+    error_rows,
+    lost_row,
+    predicted_rows,
+)
+from simval.studies.filter_scenarios import (
+    ANYWHERE,
+    UNKNOWN,
+    Course,
+    Imperfect,
+    course,
+    drawn,
+    scenario_of,
+    spelled,
+)
+from simval.studies.filter_wrong import Wrong
+from simval.studies.plugin import PluginName, PluginParameters, isolated
+from simval.studies.study import Cost
+from simval.theory import FilterPrediction
+
+TITLE = "Attitude filter: errors, stated covariance, and the bound"
+SECTION = "filters"
+
+REFERENCE = "simval:mekf"
+BLOCK = 8  # trials; part of the promise of equal bits
+SMALL = 0.02
+"""Rad: a start beyond it is not forgotten before it bends what a filter says of itself,
+beside sensors of 2 and 5 mrad (docs/filters.md)."""
+INSTANTS = 100
+"""At which errors are kept, evenly in time, each with the row before."""
+
+
+class Parameters(PluginParameters):
+    """One cell: a filter, a scenario, its sensors, and what the filter is told."""
+
+    plugin = "algorithm"
+    no_noise = ("algorithm", "scenario", "time_limit")
+
+    algorithm: PluginName = Field(
+        default="simval:mekf", description="FILE.py, FILE.py:NAME or an entry point."
+    )
+    scenario: Annotated[str, AfterValidator(spelled)] = Field(
+        default="gimbal slow",
+        description="What happens (docs/filters.md), then after commas what is wrong: "
+        '"gimbal slow, scale 1e-3".',
+    )
+    rate: Annotated[float, Field(ge=25.0, le=500.0)] = Field(
+        default=100.0, description="Rows per second: 500 Hz over a whole number."
+    )
+    seconds: Annotated[float, Field(ge=4.0, le=100.0)] = Field(
+        default=20.0, description="Length of a trial, s."
+    )
+    accelerometer_noise: Annotated[float, Field(gt=0.0, le=0.1)] = Field(
+        default=2e-3, description="Noise per axis and row, of gravity, 1."
+    )
+    magnetometer_noise: Annotated[float, Field(gt=0.0, le=0.1)] = Field(
+        default=5e-3, description="Noise per axis and row, of the field, 1."
+    )
+    angle_random_walk: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
+        default=0.01, description="White noise, degrees/s per root hertz."
+    )
+    rate_random_walk: Annotated[float, Field(ge=0.0, le=0.01)] = Field(
+        default=2e-5, description="Of the gyroscope's bias, rad/s^2 per root hertz."
+    )
+    bias_std: Annotated[float, Field(gt=0.0, le=0.1)] = Field(
+        default=1e-3, description="Of the gyroscope's first bias, rad/s per axis."
+    )
+    start_std: Annotated[float, Field(gt=0.0, le=0.5)] = Field(
+        default=5e-3, description="Of the attitude that is told first, rad per axis."
+    )
+    trials: Annotated[int, Field(ge=BLOCK)] = Field(
+        default=256, description="Trials; rounded up to whole blocks of 8."
+    )
+    time_limit: Annotated[float, Field(gt=0.0, le=86_400.0)] = Field(
+        default=600.0, description="Wall time after which the cell fails, s."
+    )
+
+    def cost(self) -> Cost:
+        """Cost of a cell: a filter of many trials at once, or one by one."""
+        steps = self.rate * self.seconds * self.trials
+        own = self.algorithm.startswith("simval:")
+        return Cost(2.0 + steps * (1.2e-5 if own else 1e-4), 150)
+
+    @model_validator(mode="after")
+    def _require_scenario(self) -> Self:
+        """Check that there is such a scenario."""
+        scenario_of(self.scenario)
+        return self
+
+    @property
+    def named_scenario(self) -> str:
+        """Name of the scenario alone."""
+        return scenario_of(self.scenario)[0]
+
+    @property
+    def wrong(self) -> Wrong:
+        """What the filter is told wrongly, or a calibration left."""
+        return scenario_of(self.scenario)[1]
+
+    @property
+    def anywhere(self) -> bool:
+        """Whether the start is not known at all."""
+        return self.named_scenario == ANYWHERE
+
+    @property
+    def reference(self) -> bool:
+        """Whether it is the package's own filter, whose errors theory predicts."""
+        return self.algorithm == REFERENCE
+
+
+def run(parameters: Parameters, streams: Streams) -> Outcome:
+    """Measure the filter, a user's in a child process."""
+    if parameters.reference:
+        return compute(parameters, streams)
+    return isolated(compute, parameters, streams, parameters.time_limit)
+
+
+def compute(parameters: Parameters, streams: Streams) -> Outcome:
+    """Measure the filter in this process."""
+    return outcome(find_plugin(parameters.algorithm, Filter), parameters, streams)
+
+
+def outcome(plugin: Filter, parameters: Parameters, streams: Streams) -> Outcome:
+    """Measure a filter that this process holds."""
+    way = course(parameters.named_scenario, parameters.rate, parameters.seconds)
+    sensors, told = sensors_of(parameters, way), told_of(parameters, way)
+    world = find_world(plugin, told, parameters.rate).world
+    blocks = -(-parameters.trials // BLOCK)
+    parts = [
+        drawn(way, sensors, told, BLOCK, streams.block(i), parameters.anywhere)
+        for i in range(blocks)
+    ]
+    given = joined([part[0] for part in parts])
+    kept, late = instants(len(way.dt))
+    answers = Answers(
+        found=run_filter(plugin, given, kept, world),
+        truth=way.attitude[kept + 1],
+        bias=np.concatenate([part[1][:, kept] for part in parts]),
+        time=way.time[kept],
+        late=late,
+    )
+    if not (plugin.magnetometer or "start" in plugin.reads):
+        answers = answers.from_its_own_heading()
+    exact = replace(sensors, M=np.eye(3), calibration_std=0.0)
+    still, true = undisturbed(way), exact.told(way)
+    least = prediction(still, exact, true, kept[late], plugin.magnetometer)
+    theory = prediction(way, sensors, told, kept[late], plugin.magnetometer)
+    return Outcome(rows=_rows(parameters, way, answers, (least, theory)))
+
+
+def _rows(
+    parameters: Parameters,
+    way: Course,
+    answers: Answers,
+    predictions: tuple[FilterPrediction, FilterPrediction],
+) -> tuple[Row, ...]:
+    least, theory = predictions
+    small = parameters.start_std <= SMALL and not parameters.anywhere
+    first_order = small and not way.disturbed
+    judged = first_order and parameters.wrong == Wrong() and not answers.shifted
+    bound = least.told[:, :3, :3]
+    rows = [
+        *error_rows(answers, bound, judged and parameters.reference),
+        *consistency_rows(answers, judged),
+        *lost_row(answers, judged),
+    ]
+    if parameters.reference and not parameters.anywhere:
+        if not judged:  # else it is what is said above
+            rows += predicted_rows(answers, theory, first_order)
+        rows += budget_rows(theory, answers.time[answers.late])
+    return tuple(rows)
+
+
+def sensors_of(parameters: Parameters, way: Course) -> Imperfect:
+    """The sensors as they are."""
+    wrong = parameters.wrong
+    return Imperfect(
+        gyroscope_noise=float(np.radians(parameters.angle_random_walk)),
+        gyroscope_walk=parameters.rate_random_walk,
+        accelerometer_noise=parameters.accelerometer_noise * way.g,
+        magnetometer_noise=parameters.magnetometer_noise
+        * float(np.linalg.norm(way.magnetic)),
+        start_std=UNKNOWN if parameters.anywhere else parameters.start_std,
+        bias_std=parameters.bias_std,
+        M=wrong.M,
+        calibration_std=wrong.calibration,
+    )
+
+
+def told_of(parameters: Parameters, way: Course) -> Told:
+    """What the filter is told."""
+    return parameters.wrong.told(sensors_of(parameters, way).told(way))
+
+
+def joined(parts: list[FilterInput]) -> FilterInput:
+    """Trials of several blocks together."""
+    several = ("gyroscope", "accelerometer", "magnetometer", "start")
+    whole: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part in parts])
+        for name in several
+    }
+    return replace(parts[0], **whole)
+
+
+def instants(steps: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows that are kept, the instants and the row before each, and places of them."""
+    late = np.unique(np.linspace(0, steps - 1, INSTANTS + 1).astype(np.intp)[1:])
+    late = late[late > 0]
+    kept = np.unique(np.concatenate([late - 1, late]))
+    return kept, np.searchsorted(kept, late)

@@ -1,0 +1,248 @@
+"""What is measured of a filter's answers: rows of errors, consistency and time."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simval.arrays import Array
+from simval.consistency import (
+    diverged,
+    heading_and_inclination,
+    instant_scores,
+    mean_of_trials,
+    normalised_squares,
+    pairs_of,
+    rotation_error,
+    settled_at,
+)
+from simval.geometry import compose
+from simval.plugins.filter_signals import FilterOutput
+from simval.results import Row, limit, nees, plain, unjudged
+from simval.shapes import Float
+from simval.statistics import (
+    BOUND_AT,
+    CARRIED,
+    CHI_SQUARE,
+    CRAMER_RAO,
+    DIVERGED,
+    INNOVATION_PAIRS,
+    NEES,
+    NEES_AT,
+    NIS,
+    NORMAL,
+    RMS,
+    RMS_AT,
+    SETTLING,
+    WHITE,
+    WORST_INSTANT,
+    Family,
+    Statistic,
+)
+from simval.theory import FilterPrediction
+
+ATTITUDE, BOTH = "attitude", "attitude and bias"
+HEADING, INCLINATION = "heading", "inclination"
+
+SHOWN = 25
+"""Instants in the table and the figure."""
+SETTLED = 3.0
+"""Root mean squares of the bound below which an error has settled."""
+ENOUGH = np.radians(1.0)
+"""An error that has settled whatever the bound, rad."""
+WORST = 6.5
+"""Standard deviations of a normal law that the worst instant may reach: of a hundred,
+once in 10^8 cells."""
+OVER = 0.02
+"""Of a root mean square over what theory says."""
+RELATIVE = 0.01
+"""Of a NEES or NIS: what is of second order in the errors, see docs/filters.md."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Answers:
+    """Answers of a filter at some instants, each with the row before, and the truth."""
+
+    found: FilterOutput
+    truth: Float[Array, "k 4"]  # at the rows that were kept
+    bias: Float[Array, "n k 3"]
+    time: Float[Array, " k"]  # s
+    late: NDArray[np.intp]  # places of the instants among the rows kept
+    shifted: bool = False  # whether its headings count from its own first one
+
+    @property
+    def error(self) -> Float[Array, "n i 3"]:
+        """Attitude errors at the instants, rad."""
+        estimate = self.found.attitude[:, self.late]
+        return rotation_error(estimate, self.truth[self.late])
+
+    def from_its_own_heading(self) -> "Answers":
+        """The same, each trial turned about the vertical so that it starts right."""
+        q, first = self.found.attitude, self.late[0]
+        heading, _ = heading_and_inclination(q[:, first], self.truth[first])
+        back = np.zeros((len(q), 1, 4))
+        back[..., 2], back[..., 3] = (
+            f(-heading[:, None] / 2.0) for f in (np.sin, np.cos)
+        )
+        turned = compose(np.broadcast_to(back, q.shape), q)
+        return replace(self, found=replace(self.found, attitude=turned), shifted=True)
+
+    def squares(self) -> dict[str, tuple[int, Float[Array, "n i"]]]:
+        """NEES of the attitude, and with the bias, by name with its dimension."""
+        P = self.found.covariance
+        if P is None:
+            return {}
+        P, e = P[:, self.late], self.error
+        squares = {ATTITUDE: (3, normalised_squares(e, P[..., :3, :3]))}
+        if P.shape[-1] >= 6 and self.found.bias is not None:
+            off = self.found.bias[:, self.late] - self.bias[:, self.late]
+            both = np.concatenate([e, off], axis=-1)
+            squares[BOTH] = 6, normalised_squares(both, P[..., :6, :6])
+        return squares
+
+
+def error_rows(
+    answers: Answers, bound: Float[Array, "i 3 3"], judged: bool
+) -> tuple[Row, ...]:
+    """Errors beside the bound, heading and inclination apart, in all and at instants.
+
+    Judged is that the error reaches the bound.
+    """
+    estimate, truth = answers.found.attitude[:, answers.late], answers.truth
+    angle = np.linalg.norm(answers.error, axis=-1)
+    heading, inclination = heading_and_inclination(estimate, truth[answers.late])
+    time = answers.time[answers.late]
+    square = np.trace(bound, axis1=-2, axis2=-1)
+    whole, least = float(np.sqrt(square.mean())), np.sqrt(square)
+    check = partial(plain, remainder=OVER * whole) if judged else unjudged
+    rows = [
+        *check(
+            RMS(unit="rad"), *root_mean_square(angle),
+            prediction=whole, predictor=CRAMER_RAO,
+        ),
+        *unjudged(RMS(HEADING, unit="rad"), *root_mean_square(heading)),
+        *unjudged(RMS(INCLINATION, unit="rad"), *root_mean_square(inclination)),
+    ]  # fmt: skip
+    settled = settled_at(angle, time, np.maximum(SETTLED * least, ENOUGH))
+    ended = np.isfinite(settled)
+    rows += unjudged(SETTLING("share"), float(ended.mean()), 0.0, len(settled))
+    if ended.any():
+        middle = float(np.median(settled[ended]))
+        rows += unjudged(SETTLING("median"), middle, 0.0, int(ended.sum()))
+    shown = spread(len(time))
+    at = [f"{t:.6g}" for t in time[shown]]
+    several = ((ATTITUDE, angle), (HEADING, heading), (INCLINATION, inclination))
+    for name, values in several:
+        rows += _at_each(RMS_AT, name, at, values[:, shown], root_mean_square)
+    return (*rows, *unjudged([BOUND_AT(ATTITUDE, t) for t in at], least[shown]))
+
+
+def consistency_rows(answers: Answers, judged: bool) -> tuple[Row, ...]:
+    """NEES, NIS and the correlation of innovations, judged or only shown."""
+    rows: list[Row] = []
+    time = answers.time[answers.late]
+    shown = spread(len(time))
+    at = [f"{t:.6g}" for t in time[shown]]
+    for name, (dimension, squares) in answers.squares().items():
+        statistic = NEES() if name == ATTITUDE else NEES(name)
+        rows += _squares(statistic, squares, dimension, judged)
+        if judged:
+            worst = float(np.abs(instant_scores(squares, dimension)).max())
+            rows += limit(WORST_INSTANT(name), worst, WORST, CHI_SQUARE, len(squares))
+        rows += _at_each(NEES_AT, name, at, squares[:, shown], mean_of_trials)
+    return (*rows, *_innovations(answers, judged))
+
+
+def predicted_rows(
+    answers: Answers, theory: FilterPrediction, judged: bool
+) -> tuple[Row, ...]:
+    """Errors of the reference filter beside what theory says that they are.
+
+    Judged where the whole error stays small enough for the first order.
+    """
+    angle = np.linalg.norm(answers.error, axis=-1)
+    moment = np.trace(theory.second_moment[:, :3, :3], axis1=1, axis2=2)
+    root = float(np.sqrt(moment.mean()))
+    check = plain if judged else unjudged
+    rows = [
+        *check(
+            RMS(unit="rad"), *root_mean_square(angle),
+            prediction=root, predictor=CARRIED, remainder=OVER * root,
+        )
+    ]  # fmt: skip
+    for name, (dimension, squares) in answers.squares().items():
+        statistic = NEES() if name == ATTITUDE else NEES(name)
+        expected = float(theory.nees(dimension).mean())
+        rows += check(
+            statistic, *mean_of_trials(squares),
+            prediction=expected, predictor=CARRIED, remainder=OVER * expected,
+        )  # fmt: skip
+    nu, S = answers.found.innovation, answers.found.innovation_covariance
+    if nu is not None and S is not None:
+        squares = normalised_squares(nu, S)[:, answers.late]
+        expected = float(theory.nis.mean())
+        rows += check(
+            NIS(), *mean_of_trials(squares),
+            prediction=expected, predictor=CARRIED, remainder=OVER * expected,
+        )  # fmt: skip
+    return tuple(rows)
+
+
+def _at_each(
+    family: Family,
+    name: str,
+    at: Sequence[str],
+    values: Float[Array, "n k"],
+    mean: Callable[[Float[Array, "n 1"]], tuple[float, float, int]],
+) -> tuple[Row, ...]:
+    """Rows of each instant by itself."""
+    each = [mean(values[:, k : k + 1]) for k in range(len(at))]
+    value, error, n = zip(*each, strict=True)
+    return unjudged([family(name, t) for t in at], value, error, n[0])
+
+
+def _innovations(answers: Answers, judged: bool) -> tuple[Row, ...]:
+    nu, S = answers.found.innovation, answers.found.innovation_covariance
+    if nu is None or S is None:
+        return ()
+    late, m = answers.late, nu.shape[-1]
+    rows = _squares(NIS(), normalised_squares(nu, S)[:, late], m, judged)
+    early = late - 1
+    white = pairs_of(nu[:, late], nu[:, early], S[:, late], S[:, early])
+    mean = mean_of_trials(white)
+    if judged:
+        return rows + plain(INNOVATION_PAIRS(), *mean, 1.0, WHITE, RELATIVE)
+    return rows + unjudged(INNOVATION_PAIRS(), *mean, 1.0, WHITE)
+
+
+def _squares(
+    statistic: Statistic, squares: Float[Array, "n i"], dimension: int, judged: bool
+) -> tuple[Row, ...]:
+    mean = mean_of_trials(squares)
+    if judged:
+        most = RELATIVE * dimension
+        return nees(statistic, *mean, float(dimension), CHI_SQUARE, most)
+    return unjudged(statistic, *mean, prediction=float(dimension), predictor=CHI_SQUARE)
+
+
+def lost_row(answers: Answers, judged: bool) -> tuple[Row, ...]:
+    """Share of trials that stray beyond thirty degrees in their second half."""
+    angle = np.linalg.norm(answers.error, axis=-1)
+    share = float(diverged(angle, since=angle.shape[1] // 2).mean())
+    if judged:
+        return limit(DIVERGED(), share, 0.0, NORMAL, len(angle))
+    return unjudged(DIVERGED(), share, 0.0, len(angle))
+
+
+def root_mean_square(values: Float[Array, "n k"]) -> tuple[float, float, int]:
+    """Root mean square over all, its standard error by trials, and their count."""
+    square, error, n = mean_of_trials(values**2)
+    root = float(np.sqrt(square))
+    return root, error / (2.0 * root) if root > 0.0 else 0.0, n
+
+
+def spread(count: int) -> NDArray[np.intp]:
+    """Places of the instants that are shown, the last one among them."""
+    return np.unique(np.linspace(0, count - 1, SHOWN).astype(np.intp))

@@ -1,0 +1,274 @@
+r"""Scenes that an attitude filter meets, recorded once, and the trials drawn over them.
+
+================== ===============================================================
+scenario           what happens; the accelerometer reads gravity alone, unless it
+                   says otherwise
+================== ===============================================================
+gimbal slow        servos turn the body through twelve poses, 2 s a move
+gimbal fast        the same, 0.5 s a move
+lever arm          the same as slow, with what the IMU feels 27 mm from the axes
+handheld           a trembling hand, with the acceleration that it gives
+pivot              a spin about a pivot, off-centre, with its centripetal acceleration
+long rest          nothing moves
+vibration          gimbal slow, and 1 m/s^2 at 42 Hz along each axis
+magnetic           gimbal slow; iron adds half a field for a third of the time
+disturbance
+unknown start      gimbal slow, started anywhere
+================== ===============================================================
+
+A reading of a trial is the truth with its own noise and, of the gyroscope, a bias b of
+its own, which walks: over a step of h seconds the average of white noise has the
+standard deviation :math:`N/\sqrt h`, and the average of the walk is the bias at the
+step's start with :math:`K\sqrt h\,(\xi/2 + \zeta/\sqrt{12})`, where :math:`K\sqrt h\,
+\xi` is the walk's step.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from types import MappingProxyType
+from typing import Any, Final
+
+import numpy as np
+
+from simval.arrays import Array, frozen
+from simval.errors import InputError
+from simval.geometry import attitude_matrix, compose, random_quaternions
+from simval.plugins.filter_signals import FilterInput, Told
+from simval.scene import average_rates, simulate_cached
+from simval.shapes import Float
+from simval.studies.filter_wrong import Wrong, wrong_of
+
+ROWS: Final = 500.0  # Hz, of the scenes
+SHAKE: Final = (1.0, 42.0)  # m/s^2 and Hz
+IRON: Final = 0.5  # of the field, eastwards and up
+ANYWHERE: Final = "unknown start"
+UNKNOWN: Final = np.pi / np.sqrt(3.0)  # rad per axis of a turn that may be any
+
+
+@dataclass(frozen=True, slots=True)
+class _Recorded:
+    """A scene and its parameters, and whether its own acceleration is felt."""
+
+    scene: str
+    words: Mapping[str, Any] = field(default_factory=dict)
+    felt: bool = False
+
+
+def _gimbal(move: float, *, felt: bool = False) -> _Recorded:
+    poses = 12 if move > 1.0 else 30
+    words = {"directions": poses, "move_time": move, "hold_time": 0.5}
+    return _Recorded("gimbal", words, felt)
+
+
+_SLOW = _gimbal(2.0)
+_SCENES: Final[Mapping[str, _Recorded]] = MappingProxyType(
+    {
+        "gimbal slow": _SLOW,
+        "gimbal fast": _gimbal(0.5),
+        "lever arm": _gimbal(2.0, felt=True),
+        "handheld": _Recorded("handheld", {"directions": 20}, felt=True),
+        "pivot": _Recorded("pivot", {"spin_rate": 4.0, "turns": 40.0}, felt=True),
+        "long rest": _Recorded("gimbal", {"directions": 2, "first_hold": 100.0}),
+        "vibration": _SLOW,
+        "magnetic disturbance": _SLOW,
+        "unknown start": _SLOW,
+    }
+)
+
+
+NAMES: Final = tuple(_SCENES)
+
+
+def spelled(text: str) -> str:
+    """One spelling for each scenario: single spaces, a comma and a space between."""
+    return ", ".join(" ".join(part.split()) for part in text.split(","))
+
+
+def scenario_of(text: str) -> tuple[str, Wrong]:
+    """Name of a scenario, and what is wrong in it.
+
+    Raises
+    ------
+    InputError
+        If there is no such scenario, or what follows its name cannot be read.
+    """
+    name, *parts = text.split(", ")
+    if name not in NAMES:
+        msg = (
+            f"`scenario` is {name[:60]!r}; it must be one of {', '.join(NAMES)}, and "
+            "what is wrong may follow after a comma"
+        )
+        raise InputError(msg)
+    return name, wrong_of(parts)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Course:
+    """What ideal sensors read of a scenario, row by row, and what they should.
+
+    The first row of the attitude is before the first step.
+    """
+
+    dt: Float[Array, " T"]  # s
+    attitude: Float[Array, "T+1 4"]  # world to body
+    rate: Float[Array, "T 3"]  # average over the step, rad/s
+    up: Float[Array, "T 3"]  # gravity's reaction in body axes, m/s^2
+    field: Float[Array, "T 3"]  # in body axes, T
+    acceleration: Float[Array, "T 3"]  # which the accelerometer reads besides, m/s^2
+    iron: Float[Array, "T 3"]  # which the magnetometer reads besides, T
+    g: float  # m/s^2
+    magnetic: Float[Array, "3"]  # the field in the world, T
+
+    def __post_init__(self) -> None:
+        for name in ("dt", "attitude", "rate", "up", "field", "acceleration", "iron"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    @property
+    def time(self) -> Float[Array, " T"]:
+        """Of the end of each step, s from the start."""
+        return np.cumsum(self.dt)
+
+    @property
+    def disturbed(self) -> bool:
+        """Whether a sensor reads what no filter is told of."""
+        return bool(np.any(self.acceleration) or np.any(self.iron))
+
+
+@lru_cache(maxsize=16)
+def course(scenario: str, rate: float, seconds: float) -> Course:
+    """Course of a scenario, of so many rows per second and so long.
+
+    Raises
+    ------
+    InputError
+        If the rate does not divide that of the scenes, or the scenario is shorter.
+    """
+    recorded = _SCENES[scenario]
+    run = simulate_cached(recorded.scene, **recorded.words)
+    every, count = _steps(run.rate, rate, seconds)
+    most = (len(run.time) - 1) // every
+    if count > most:
+        msg = (
+            f"`seconds` is {seconds:g}, but the scenario {scenario!r} lasts "
+            f"{most / rate:.4g} s; ask for less"
+        )
+        raise InputError(msg)
+    kept = slice(None, count * every + 1, every)
+    attitude, time = run.attitude[kept], run.time[kept]
+    up = attitude_matrix(attitude[1:]) @ np.array([0.0, 0.0, run.g])
+    felt = run.specific_force[kept][1:] - up if recorded.felt else np.zeros_like(up)
+    clock = time[1:] - time[0]
+    if scenario == "vibration":
+        wave = np.sin(2.0 * np.pi * SHAKE[1] * clock)
+        felt = felt + SHAKE[0] * wave[:, None]
+    magnetic = np.array(run.magnetic)
+    return Course(
+        dt=np.diff(time),
+        attitude=attitude,
+        rate=average_rates(run, every)[1 : count + 1],
+        up=up,
+        field=attitude_matrix(attitude[1:]) @ magnetic,
+        acceleration=felt,
+        iron=_iron(scenario, attitude[1:], magnetic, clock),
+        g=run.g,
+        magnetic=magnetic,
+    )
+
+
+def _steps(own: float, rate: float, seconds: float) -> tuple[int, int]:
+    """Rows of the scene in a step, and steps."""
+    every = round(own / rate)
+    if every < 1 or abs(own / every - rate) > 1e-6 * rate:
+        msg = f"`rate` is {rate:g} Hz; it must be {own:g} divided by a whole number"
+        raise InputError(msg)
+    return every, round(seconds * rate)
+
+
+def _iron(
+    scenario: str,
+    attitude: Float[Array, "T 4"],
+    magnetic: Float[Array, "3"],
+    clock: Float[Array, " T"],
+) -> Float[Array, "T 3"]:
+    """Field of iron that passes by, in the second third of the time."""
+    if scenario != "magnetic disturbance":
+        return np.zeros((len(clock), 3))
+    share = np.clip(3.0 * clock / clock[-1] - 1.0, 0.0, 1.0)
+    near = np.sin(np.pi * share) ** 2  # comes and goes
+    world = IRON * np.linalg.norm(magnetic) * np.array([0.0, -0.8, 0.6])
+    return np.asarray(near[:, None] * (attitude_matrix(attitude) @ world))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Imperfect:
+    """The sensors as they are: noise, bias, and what a calibration left of theirs."""
+
+    gyroscope_noise: float  # N, rad/s/sqrt(Hz)
+    gyroscope_walk: float  # K, rad/s^2/sqrt(Hz)
+    accelerometer_noise: float  # per axis and row, m/s^2
+    magnetometer_noise: float  # per axis and row, T
+    start_std: float  # per axis, rad, of the start that is told
+    bias_std: float  # per axis, rad/s, about the 0 that is told
+    M: Float[Array, "3 3"]  # which the gyroscope multiplies rates by; I is right
+    calibration_std: float  # of each entry of M about that, a trial's own
+
+    def told(self, course: Course) -> Told:
+        """What a filter is told if it is told the truth."""
+        return Told(
+            gyroscope_noise=self.gyroscope_noise,
+            gyroscope_walk=self.gyroscope_walk,
+            accelerometer_noise=self.accelerometer_noise,
+            magnetometer_noise=self.magnetometer_noise,
+            gravity=course.g,
+            field=course.magnetic,
+            start_std=self.start_std,
+            bias_std=self.bias_std,
+        )
+
+
+def drawn(
+    course: Course,
+    sensors: Imperfect,
+    told: Told,
+    count: int,
+    rng: np.random.Generator,
+    anywhere: bool = False,
+) -> tuple[FilterInput, Float[Array, "n T 3"]]:
+    """Readings of some trials, and the gyroscope's bias after each step."""
+    shape = (count, len(course.dt), 3)
+    start = _start(course, sensors.start_std, count, rng, anywhere)
+    first = sensors.bias_std * rng.standard_normal((count, 1, 3))
+    root = np.sqrt(course.dt)[:, None]
+    xi, zeta = rng.standard_normal(shape), rng.standard_normal(shape)
+    step = sensors.gyroscope_walk * root * xi
+    bias = first + np.cumsum(step, axis=1)
+    inside = bias - step / 2.0 + sensors.gyroscope_walk * root * zeta / np.sqrt(12.0)
+    white = sensors.gyroscope_noise / root * rng.standard_normal(shape)
+    force, magnetic = (rng.standard_normal(shape) for _ in range(2))
+    M = sensors.M + sensors.calibration_std * rng.standard_normal((count, 3, 3))
+    given = FilterInput(
+        dt=course.dt,
+        gyroscope=course.rate @ M.swapaxes(-1, -2) + inside + white,
+        accelerometer=course.up
+        + course.acceleration
+        + sensors.accelerometer_noise * force,
+        magnetometer=course.field + course.iron + sensors.magnetometer_noise * magnetic,
+        start=start,
+        told=told,
+    )
+    return given, bias
+
+
+def _start(
+    course: Course, std: float, count: int, rng: np.random.Generator, anywhere: bool
+) -> Float[Array, "n 4"]:
+    if anywhere:
+        return random_quaternions(count, rng)
+    turn = std * rng.standard_normal((count, 3))
+    angle = np.linalg.norm(turn, axis=1, keepdims=True)
+    vector = turn * 0.5 * np.sinc(angle / (2.0 * np.pi))
+    step = np.concatenate([vector, np.cos(angle / 2.0)], axis=1)
+    truth = np.broadcast_to(course.attitude[0], (count, 4))
+    q = compose(truth, step)
+    return q / np.linalg.norm(q, axis=1, keepdims=True)

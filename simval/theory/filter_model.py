@@ -1,0 +1,291 @@
+r"""What an attitude filter meets: a path, sensors with their noise, and a start.
+
+The path is the truth: attitudes A of the body before the first row and at every row,
+and the turn :math:`\phi_k` of the body between, :math:`A_k = e^{-[\phi_k\times]}
+A_{k-1}`. A row has the gyroscope's average over the step that ends there, with white
+noise of the density N and a bias that walks with the density K, and what vector sensors
+read at its end: :math:`A_k r` of a reference r in the world, and noise.
+
+The error is truth against estimate, body side: :math:`A = e^{-[\delta\theta\times]}
+\hat A`, in quaternions :math:`q = \hat q * q(\delta\theta)`, and :math:`\delta b = b -
+\hat b`. To first order, with J the left Jacobian of the exponential,
+
+.. math:: F = \begin{bmatrix} e^{-[\phi\times]} & -h L \\ 0 & I \end{bmatrix},\quad
+   Q = \begin{bmatrix} L (N^2 h + K^2 h^3/3) L^T & -L K^2 h^2/2 \\ \cdot & K^2 h
+   \end{bmatrix},\quad L = J(-\phi),\quad H_i = [(A r_i)\times,\ 0],  \tag{F1}
+
+and a measurement's information on the attitude is :math:`\Omega_i = [v_i\times]^T
+R_i^{-1} [v_i\times]` with :math:`v_i = A r_i`.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simval.arguments import instance, whole_number
+from simval.arrays import Array, finite_array, frozen
+from simval.errors import InputError
+from simval.geometry import (
+    attitude_matrix,
+    compose,
+    conjugate,
+    cross_matrix,
+    rotation_vector,
+    unit_quaternions,
+)
+from simval.shapes import Float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FilterPath:
+    """The true motion that a filter follows, in T steps.
+
+    Attributes
+    ----------
+    dt : Array
+        Time of each step, s, (T,).
+    attitude : Array
+        World to body, vector first, before the first step and after each, (T + 1, 4).
+
+    Raises
+    ------
+    InputError
+        If the two do not belong together, or a step has no time.
+    """
+
+    dt: Float[Array, " T"]
+    attitude: Float[Array, "T+1 4"]
+
+    def __post_init__(self) -> None:
+        dt = finite_array("dt", self.dt, (None,))
+        q = unit_quaternions("attitude", self.attitude)
+        if not (dt.ndim == 1 and len(dt) and q.shape == (len(dt) + 1, 4)):
+            msg = (
+                f"`dt` has shape {dt.shape} and `attitude` {q.shape}; give the time of "
+                "each of T steps, (T,), and the attitudes before and after, (T + 1, 4)"
+            )
+            raise InputError(msg)
+        if not np.all(dt > 0.0):
+            k = int(np.argmin(dt))
+            msg = f"`dt` has {dt[k]:g} s at index {k}; every step needs time above 0"
+            raise InputError(msg)
+        object.__setattr__(self, "dt", frozen(dt))
+        object.__setattr__(self, "attitude", frozen(q))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class VectorSensor:
+    """A sensor of a vector that is known in the world, or of its direction.
+
+    Attributes
+    ----------
+    name : str
+        What it is called in a budget.
+    reference : Array
+        The vector in the world, any unit, (3,); of length 1 for a sensor of directions.
+    std : Array
+        Standard deviation of each body axis of a row, same unit, one number or (3,).
+    rows : Array, int
+        Which rows it measures at: every so many, or True and False, (T,).
+
+    Raises
+    ------
+    InputError
+        If the reference is zero, or a standard deviation is not above 0.
+    """
+
+    name: str
+    reference: Float[Array, "3"]
+    std: Any
+    rows: Any = 1
+
+    def __post_init__(self) -> None:
+        instance("name", self.name, str)
+        r = finite_array("reference", self.reference, (3,))
+        if r.shape != (3,) or not np.linalg.norm(r) > 0.0:
+            msg = f"`reference` is {r.tolist()}; give a vector of three, not zero"
+            raise InputError(msg)
+        object.__setattr__(self, "reference", frozen(r))
+        object.__setattr__(self, "std", _levels("std", self.std, above=True))
+        if isinstance(self.rows, np.ndarray):
+            if self.rows.dtype != np.bool_ or self.rows.ndim != 1:
+                msg = (
+                    f"`rows` has shape {self.rows.shape} and type {self.rows.dtype}; "
+                    "give True or False for each row, (T,), or a number"
+                )
+                raise InputError(msg)
+            kept = self.rows.copy()
+            kept.flags.writeable = False
+            object.__setattr__(self, "rows", kept)
+        else:
+            whole_number("rows", self.rows, 1)
+
+    def active(self, T: int) -> NDArray[np.bool_]:
+        """Rows at which it measures.
+
+        Parameters
+        ----------
+        T : int
+            How many there are.
+
+        Returns
+        -------
+        NDArray[np.bool_]
+            (T,); of every so many rows the last one.
+        """
+        if not isinstance(self.rows, np.ndarray):
+            return np.arange(1, T + 1) % self.rows == 0
+        if len(self.rows) != T:
+            msg = (
+                f"`rows` of {self.name} has {len(self.rows)} values for {T} steps; "
+                "give one for each"
+            )
+            raise InputError(msg)
+        return self.rows
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FilterModel:
+    """Noise of a gyroscope, vector sensors beside it, and a start: true, or told.
+
+    Attributes
+    ----------
+    gyroscope_noise : Array
+        Angle random walk N, rad/s per root hertz, one number or (3,).
+    gyroscope_walk : Array
+        Rate random walk K, rad/s^2 per root hertz, one number or (3,).
+    sensors : tuple of VectorSensor
+        One or more, of different names.
+    start : Array
+        Covariance of the error before the first row, rotation vector, rad, first, then
+        bias, rad/s, (6, 6).
+
+    Raises
+    ------
+    InputError
+        If a noise is negative, or the start is no covariance.
+    """
+
+    gyroscope_noise: Any
+    gyroscope_walk: Any
+    sensors: tuple[VectorSensor, ...]
+    start: Float[Array, "6 6"]
+
+    def __post_init__(self) -> None:
+        for name in ("gyroscope_noise", "gyroscope_walk"):
+            object.__setattr__(self, name, _levels(name, getattr(self, name)))
+        names = [instance("sensors", each, VectorSensor).name for each in self.sensors]
+        if not names or len(set(names)) < len(names):
+            msg = f"`sensors` are {names}; give one or more, each with its own name"
+            raise InputError(msg)
+        object.__setattr__(self, "sensors", tuple(self.sensors))
+        object.__setattr__(
+            self, "start", frozen(covariance_matrix("start", self.start, 6))
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Steps:
+    """Rows of a path, linearised for one model, eq. (F1)."""
+
+    F: Float[Array, "T 6 6"]
+    L: Float[Array, "T 3 3"]  # -h J(-phi): what an error of the rate turns
+    rate: Float[Array, "T 3"]  # phi/h
+    v: Float[Array, "T s 3"]  # references in the body
+    white: Float[Array, "T 6 6"]  # Q of the white noise
+    walk: Float[Array, "T 6 6"]  # Q of the walk
+    H: Float[Array, "T s 3 3"]  # by the attitude; 0 where a sensor has no row
+    weight: Float[Array, "s 3"]  # one over the variances
+    active: NDArray[np.bool_]  # (T, s)
+
+    @property
+    def Q(self) -> Float[Array, "T 6 6"]:
+        """Noise of the step, both kinds."""
+        return self.white + self.walk
+
+    @property
+    def informations(self) -> Float[Array, "T s 3 3"]:
+        """Information of each sensor's row on the attitude."""
+        return self.H.swapaxes(-1, -2) @ (self.weight[:, :, None] * self.H)
+
+
+def steps_of(
+    path: FilterPath, model: FilterModel, active: NDArray[np.bool_], rows: slice
+) -> Steps:
+    """Linearise some rows of a path; `active` is that of all rows."""
+    h = path.dt[rows, None, None]
+    q = path.attitude[rows.start : rows.stop + 1]
+    turn = compose(conjugate(q[:-1]), q[1:])
+    phi = rotation_vector(turn)
+    L = -h * left_jacobian(-phi)
+    F = np.tile(np.eye(6), (len(L), 1, 1))
+    F[:, :3, :3], F[:, :3, 3:] = attitude_matrix(turn), L
+    white = np.zeros_like(F)
+    Lt = L.swapaxes(-1, -2)
+    white[:, :3, :3] = L @ (model.gyroscope_noise[:, None] ** 2 * Lt) / h
+    K = model.gyroscope_walk[:, None] ** 2 * np.eye(3)
+    walk = np.zeros_like(F)
+    walk[:, :3, :3], walk[:, 3:, 3:] = L @ K @ Lt * h / 3.0, K * h
+    walk[:, :3, 3:] = L @ K * h / 2.0
+    walk[:, 3:, :3] = walk[:, :3, 3:].swapaxes(-1, -2)
+    reference = np.stack([each.reference for each in model.sensors])
+    v = np.einsum("tij,sj->tsi", attitude_matrix(q[1:]), reference)
+    some = active[rows]
+    return Steps(
+        F=F, L=L, rate=phi / h[:, 0], v=v, white=white, walk=walk, active=some,
+        H=cross_matrix(v) * some[:, :, None, None],
+        weight=1.0 / np.stack([each.std for each in model.sensors]) ** 2,
+    )  # fmt: skip
+
+
+def left_jacobian(v: Float[Array, "... 3"]) -> Float[Array, "... 3 3"]:
+    """Left Jacobian J of the exponential: exp(v + dv) = exp(J dv) exp(v)."""
+    angle = np.linalg.norm(v, axis=-1)[..., None, None]
+    X = cross_matrix(v)
+    # 1e-4: below it the digits of 1 - sinc are gone, and the next term is 1e-10
+    small = angle < 1e-4
+    rest = (1.0 - np.sinc(angle / np.pi)) / np.where(small, 1.0, angle**2)
+    even = np.sinc(angle / (2.0 * np.pi)) ** 2 / 2.0
+    return np.eye(3) + even * X + np.where(small, 1.0 / 6.0, rest) * (X @ X)
+
+
+def _levels(name: str, value: Any, above: bool = False) -> Float[Array, "3"]:
+    levels = finite_array(name, value, ())
+    least = 0.0 if not above else np.finfo(float).tiny
+    if levels.shape not in ((), (3,)) or not np.all(levels >= least):
+        msg = (
+            f"`{name}` is {np.array2string(levels, threshold=6)}; give one number for "
+            f"all axes or three, {'above 0' if above else '0 or more'}"
+        )
+        raise InputError(msg)
+    return frozen(np.broadcast_to(levels, (3,)))
+
+
+def covariance_matrix(name: str, value: Any, size: int) -> Float[Array, "p p"]:
+    """Require a covariance of so many numbers.
+
+    Raises
+    ------
+    InputError
+        If it has another shape, or is not symmetric with no eigenvalue below 0.
+    """
+    P = finite_array(name, value, (size, size))
+    if P.shape != (size, size):
+        msg = f"`{name}` has shape {P.shape}; give one covariance, ({size}, {size})"
+        raise InputError(msg)
+    unit = np.sqrt(np.maximum(np.diagonal(P), 0.0))
+    unit = np.where(unit > 0.0, unit, 1.0)
+    scaled = P / np.outer(unit, unit)
+    # 1e-9: a thousand times what rounding leaves of a covariance that was computed
+    off = float(np.abs(scaled - scaled.T).max())
+    least = float(np.linalg.eigvalsh((scaled + scaled.T) / 2.0)[0])
+    if not (off <= 1e-9 and least >= -1e-9):
+        msg = (
+            f"`{name}` is no covariance: relative asymmetry {off:.1e}, least "
+            f"eigenvalue {least:.1e} of its correlations; it must be symmetric, with "
+            "none below 0"
+        )
+        raise InputError(msg)
+    return (P + P.T) / 2.0
