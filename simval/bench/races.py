@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from simval.bench import attitude, calibration, gyroscope, noise, scene
+from simval.bench import attitude, calibration, filters, gyroscope, noise, scene
 from simval.bench.race import Race
 from simval.errors import InputError
 
@@ -73,6 +73,12 @@ RACES: tuple[Race, ...] = (
         title="Calibrations of a gyroscope, 39 moves of 200 samples each",
         item="fits",
         contenders=gyroscope.contenders,
+    ),
+    Race(
+        name="filter",
+        title="Attitude filters, and the bound on them, at 100 Hz",
+        item="rows of a trial",
+        contenders=filters.contenders,
     ),
 )
 

@@ -11,6 +11,7 @@ from simval.theory.cubature import cubature_moments
 from simval.theory.filter_budget import FilterPrediction, filter_prediction
 from simval.theory.filter_errors import CalibrationError, RowError
 from simval.theory.filter_model import FilterModel, FilterPath, VectorSensor
+from simval.theory.filter_start import FirstUpdate, first_update
 from simval.theory.filtering import FilterBound, filter_bound
 from simval.theory.gyroscope import GyroscopeMoments, MovePath, gyroscope_moments
 from simval.theory.gyroscope_bias import gyroscope_bias
@@ -31,6 +32,7 @@ __all__ = [
     "FilterModel",
     "FilterPath",
     "FilterPrediction",
+    "FirstUpdate",
     "GyroscopeMoments",
     "GyroscopePlan",
     "MagnetometerMoments",
@@ -46,6 +48,7 @@ __all__ = [
     "cubature_moments",
     "filter_bound",
     "filter_prediction",
+    "first_update",
     "gyroscope_bias",
     "gyroscope_moments",
     "loss_noncentrality",

@@ -150,7 +150,12 @@ def check_errors(errors: Any, sensors: tuple[str, ...], T: int) -> tuple[Error, 
     """
     known = (GYROSCOPE, G_SENSITIVITY, *sensors)
     for each in errors:
-        instance("errors", each, Error)  # type: ignore[arg-type]
+        if not isinstance(each, Error):
+            msg = (
+                f"`errors` has {type(each).__name__}; give errors of a calibration "
+                "(`CalibrationError`) or of rows (`RowError`)"
+            )
+            raise InputError(msg)
         if each.of not in known:
             msg = f"`errors` has one of {each.of!r}; there are {', '.join(known)}"
             raise InputError(msg)

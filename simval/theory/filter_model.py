@@ -56,7 +56,7 @@ class FilterPath:
     """
 
     dt: Float[Array, " T"]
-    attitude: Float[Array, "T+1 4"]
+    attitude: Float[Array, "n 4"]
 
     def __post_init__(self) -> None:
         dt = finite_array("dt", self.dt, (None,))

@@ -108,7 +108,7 @@ def filter_bound(path: FilterPath, model: FilterModel, *, keep: Any = 1) -> Filt
     )
 
 
-def covariances(steps: Steps, start: Float[Array, "6 6"]) -> Float[Array, "T+1 6 6"]:
+def covariances(steps: Steps, start: Float[Array, "6 6"]) -> Float[Array, "n 6 6"]:
     """Covariance before the first of some rows, and after each."""
     maps = riccati_rows(steps.F, steps.Q, steps.informations.sum(axis=1))
     (P,) = scan(maps, (start,), compose_riccati, apply_riccati)

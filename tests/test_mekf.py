@@ -1,0 +1,221 @@
+"""The reference filter's equations by other routes; its trials are beside."""
+
+import numpy as np
+import pytest
+import scipy
+from filter_paths import FIELD, UP, G, Plain, cross, model, wobble
+from filter_trials import (
+    NOISE,
+    gimbal,
+)
+from scipy.spatial.transform import Rotation
+
+from simval.errors import InputError
+from simval.filters import Mekf, mekf
+
+TOLD = {**NOISE, "gravity": G, "field": FIELD}
+
+
+def filter_of(n=3, seed=0, **options):
+    q = np.random.default_rng(seed).standard_normal((n, 4))
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    return Mekf(start=q, **{**TOLD, **options}), q
+
+
+def readings(rng, n=3):
+    return (
+        rng.standard_normal((n, 3)),
+        UP + rng.standard_normal((n, 3)),
+        FIELD * (1.0 + 0.1 * rng.standard_normal((n, 3))),
+    )
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-9, 0.00999, 0.01001, 1.0, 3.0])
+def test_transition_by_complex_steps(size):
+    r"""F of (F10): :math:`e^{-[\delta']} = e^{-[\phi]} e^{-[\delta]} e^{[\hat\phi]}`.
+
+    The derivative of a rotation at the identity is its skew part, so the complex step
+    through SciPy's matrix exponential is exact to rounding.
+    """
+    h, phi, step = 0.01, size * np.array([0.6, -0.8, 0.0]), 1e-20
+
+    def after(x):
+        hat = phi + h * x[3:]  # y - b_hat is too large by b - b_hat
+        return (
+            scipy.linalg.expm(-cross(phi.astype(complex)))
+            @ scipy.linalg.expm(-cross(x[:3]))
+            @ scipy.linalg.expm(cross(hat))
+        )
+
+    wanted = np.eye(6)
+    for j, e in enumerate(np.eye(6)):
+        turned = -after(1j * step * e).imag / step
+        wanted[:3, j] = turned[2, 1], turned[0, 2], turned[1, 0]
+    # the exponential of 16 nodes' worth: a few ulp; the series below 0.01 rad: 1e-13
+    np.testing.assert_allclose(
+        mekf._transition(phi[None], h)[0], wanted, rtol=0, atol=2e-13
+    )
+
+
+def test_one_step_by_scipy():
+    """Attitude, covariance and correction of two rows, from rotations and (F10)."""
+    ours, q = filter_of(bias_std=0.02)
+    rng, h = np.random.default_rng(1), 0.05
+    A = [Rotation.from_quat(each) for each in q]
+    b, before = np.zeros((3, 3)), np.zeros((3, 3))
+    P = np.tile(np.diag(np.repeat([0.05**2, 0.02**2], 3)), (3, 1, 1))
+    N2, K2 = NOISE["gyroscope_noise"] ** 2, NOISE["gyroscope_walk"] ** 2
+    Q = np.kron([[N2 * h + K2 * h**3 / 3, -K2 * h**2 / 2], [-K2 * h**2 / 2, K2 * h]],
+                np.eye(3))  # fmt: skip
+    sd = [NOISE["accelerometer_noise"], NOISE["magnetometer_noise"]]
+    R = np.diag(np.repeat(np.square(sd), 3))
+    for _ in range(3):
+        w, f, m = readings(rng)
+        answer = ours.update(h, w, f, m)
+        for i in range(3):
+            S = h * (w[i] - b[i])
+            phi = S + np.cross(before[i], S) / 12.0
+            before[i] = S
+            A[i] = A[i] * Rotation.from_rotvec(phi)
+            F = mekf._transition(phi[None], h)[0]
+            P[i] = F @ P[i] @ F.T + Q
+            v = A[i].inv().apply(np.stack([UP, FIELD]))
+            H = np.zeros((6, 6))
+            H[:3, :3], H[3:, :3] = cross(v[0]), cross(v[1])
+            z = np.concatenate([f[i] - v[0], m[i] - v[1]])
+            S = H @ P[i] @ H.T + R
+            K = P[i] @ H.T @ np.linalg.inv(S)
+            W = np.eye(6) - K @ H
+            P[i] = W @ P[i] @ W.T + K @ R @ K.T
+            d = K @ z
+            A[i], b[i] = A[i] * Rotation.from_rotvec(d[:3]), b[i] + d[3:]
+            off = A[i].inv() * Rotation.from_quat(answer["attitude"][i])
+            assert off.magnitude() < 1e-12
+            np.testing.assert_allclose(answer["bias"][i], b[i], rtol=0, atol=1e-12)
+            root = np.sqrt(np.diagonal(P[i]))
+            # 1 - K H loses the square of the prior's sd over the posterior's: 1e3
+            assert (
+                np.abs((answer["covariance"][i] - P[i]) / np.outer(root, root)).max()
+                < 1e-10
+            )
+            np.testing.assert_allclose(answer["innovation"][i], z, rtol=0, atol=1e-12)
+            np.testing.assert_allclose(
+                answer["innovation_covariance"][i], S, rtol=1e-11, atol=1e-22
+            )
+
+
+def test_the_update_turns_towards_the_readings():
+    """Signs: without noise, from 0.1 rad off, truth and bias are reached."""
+    path, told = wobble(150, h=0.04), dict(TOLD, start_std=0.1)
+    plain = Plain(path, model())
+    bias = np.array([0.004, -0.003, 0.005])
+    off = Rotation.from_quat(path.attitude[0]) * Rotation.from_rotvec(
+        [0.06, -0.05, 0.06]
+    )
+    ours = Mekf(start=off.as_quat()[None], **told)
+    for k, h in enumerate(path.dt):
+        rows = (plain.phi[k] / h + bias, plain.A[k + 1] @ UP, plain.A[k + 1] @ FIELD)
+        answer = ours.update(h, *(row[None] for row in rows))
+    end = Rotation.from_quat(answer["attitude"][0]).inv()
+    # the phi of a step holds its coning already: a tenth of a standard deviation
+    sd = np.sqrt(np.diagonal(answer["covariance"][0]))
+    assert (end * Rotation.from_quat(path.attitude[-1])).magnitude() < 2.0 * sd[0]
+    assert np.abs(answer["bias"][0] - bias).max() < 2.0 * sd[3:].max()
+    assert sd[3:].max() < 3e-4
+
+
+@pytest.mark.ci
+def test_coning_term():
+    """Without noise the averages of 100 Hz integrate to the attitude, or do not."""
+    truth = gimbal().part(320)  # the first move is over
+    off = {}
+    for coning in (True, False):
+        sure = dict(TOLD, start_std=0.0, bias_std=0.0, accelerometer_noise=1e6,
+                    magnetometer_noise=1e6, coning=coning)  # fmt: skip
+        ours = Mekf(start=truth.path.attitude[0], **sure)
+        for k, h in enumerate(truth.path.dt):
+            rows = (truth.rate[k], truth.force[k], truth.field[k])
+            answer = ours.update(h, *rows)
+        left = Rotation.from_quat(answer["attitude"]).inv()
+        left = left * Rotation.from_quat(truth.path.attitude[-1])
+        off[coning] = left.magnitude()
+    # 2.7e-7 and 2.7e-5 rad: the term of the step before leaves a sum that telescopes
+    assert off[True] < 1e-6
+    assert off[False] > 2e-5
+
+
+def test_trials_are_their_own():
+    """A batch is its trials one by one; nothing that was given or answered changes."""
+    rng = np.random.default_rng(3)
+    ours, q = filter_of()
+    single = [Mekf(start=each, **TOLD) for each in q]
+    kept, copies = [], []
+    for _ in range(3):
+        rows = readings(rng)
+        given = [row.copy() for row in rows]
+        answer = ours.update(0.02, *rows)
+        for row, copy in zip(rows, given, strict=True):
+            np.testing.assert_array_equal(row, copy)
+        kept.append(answer)
+        copies.append({name: value.copy() for name, value in answer.items()})
+        for i, one in enumerate(single):
+            alone = one.update(0.02, *(row[i] for row in rows))
+            for name, value in alone.items():
+                # sums of other lengths in BLAS: rounding, of the largest entries
+                atol = 1e-12 * max(np.abs(value).max(), 1e-12)
+                np.testing.assert_allclose(answer[name][i], value, rtol=0, atol=atol)
+    for answer, copy in zip(kept, copies, strict=True):
+        for name, value in answer.items():
+            np.testing.assert_array_equal(value, copy[name])
+
+
+def test_a_row_may_lack_a_sensor():
+    ours, q = filter_of()
+    A = Rotation.from_quat(q).inv()
+    w, f, m = np.zeros((3, 3)), A.apply(UP), A.apply(FIELD)  # as the estimate has them
+    answer = ours.update(0.02, w, f)
+    assert answer["innovation"].shape == (3, 3)
+    assert answer["innovation_covariance"].shape == (3, 3, 3)
+    blind = ours.update(0.02, w, None, None)
+    assert blind["innovation"].shape == (3, 0)
+    assert np.all(np.trace(blind["covariance"], axis1=1, axis2=2)
+                  > np.trace(answer["covariance"], axis1=1, axis2=2))  # fmt: skip
+    # the two sensors in one row are the same as both apart, in a step of no time
+    other, _ = filter_of()
+    both, _ = filter_of()
+    whole = both.update(0.02, w, f, m)["covariance"]
+    other.update(0.02, w, f, None)
+    nearly = other.update(1e-12, w, None, m)["covariance"]
+    sd = np.sqrt(np.einsum("nii->ni", whole))
+    # rounding: 1 - K H loses the square of the prior's sd over the posterior's, 1e3
+    assert np.abs((nearly - whole) / (sd[:, :, None] * sd[:, None])).max() < 1e-9
+
+
+BAD = [
+    (dict(start=[0.0, 0, 0, 2.0]), "length 2"),
+    (dict(start_std=-1.0), "start_std"),
+    (dict(gravity=0.0), "gravity"),
+    (dict(field=[1.0, 2.0]), "field"),
+    (dict(accelerometer_noise=0.0), "accelerometer_noise"),
+    (dict(gyroscope_walk=np.nan), "gyroscope_walk"),
+    (dict(coning=1), "coning"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("change", "words"), BAD)
+def test_refusals(change, words):
+    with pytest.raises(InputError, match=words):
+        Mekf(**{**TOLD, "start": [0.0, 0, 0, 1.0], **change})
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [((0.0, 3, 3, 3), "dt"), ((0.1, 2, 3, 3), r"shape \(2, 3\)"),
+     ((0.1, 3, 3, np.nan), "non-finite")],
+)  # fmt: skip
+def test_rows_are_refused(rows, words):
+    ours, _ = filter_of()
+    h, *counts = rows
+    given = [np.full((int(c), 3) if c == c else (3, 3), c / c) for c in counts]
+    with pytest.raises(InputError, match=words):
+        ours.update(h, *given)
