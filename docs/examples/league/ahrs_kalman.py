@@ -1,14 +1,14 @@
 """The Kalman filters of ahrs: EKF and UKF over a quaternion, without a gyroscope bias.
 
-Told the truth they get variances: of the rate per row, N^2 / h, and of the vectors, which
-they scale to length 1, relative to gravity and field. Their process noise and start are
-matrices of the quaternion's four numbers, their covariance too; what is answered is that
-of the rotation vector. Both take the vertical for gravity's reaction or gravity itself
-by the reference that they have: the EKF's is down (NED), the UKF's (0, 0, 1) fits z up.
+Told the truth they get variances: of the rate per row, N^2 / h, and of the vectors,
+which have length 1, relative to gravity and field. Their process noise and start are
+matrices of the quaternion's four numbers, and so is their covariance; what is answered
+is that of the rotation vector. Both have gravity for the vertical, (0, 0, 1) in NED.
 """
 
 import numpy as np
-from adapting import of_quaternion, of_rotation, needed
+from adapting import needed
+from quaternions import of_quaternion, of_rotation
 
 from simval.plugins import Filter
 

@@ -1,8 +1,8 @@
 """The filters of ahrs that have gains and no covariance.
 
 None but Mahony estimates a bias. The quaternion is kept here between rows, since their
-`update` is handed the one before; Complementary has no step, and is called with two rows,
-the angles before as `w0`. Each has the world that it was written for, which none says.
+`update` is handed the one before; Complementary has no step, and is called with two
+rows, the angles before as `w0`. Tuned gains are those that `tuning.py` finds.
 """
 
 import numpy as np
@@ -121,3 +121,17 @@ aqua = Filter(name="AQUA", make=_aqua(), reads=OWN, **AQUA)
 roleq = Filter(name="ROLEQ", make=_roleq, reads=PLACE, **ROLEQ)
 roleq_told = Filter(name="ROLEQ told", make=_roleq_told, reads=PLACE + NOISE, **ROLEQ)
 fourati = Filter(name="Fourati", make=_fourati(), reads=PLACE, **FOURATI)
+madgwick_tuned = Filter(name="Madgwick tuned", make=_madgwick(0.041), reads=OWN, **NWU)
+mahony_tuned = Filter(name="Mahony tuned", make=_mahony(1.0, 0.3), reads=OWN, **ENU)
+complementary_tuned = Filter(
+    name="Complementary tuned", make=_complementary(0.9), reads=OWN, **NWU
+)
+aqua_tuned = Filter(name="AQUA tuned", make=_aqua(0.01, 0.01), reads=OWN, **AQUA)
+fourati_tuned = Filter(name="Fourati tuned", make=_fourati(0.1), reads=PLACE, **FOURATI)
+SEARCHED = {
+    "Madgwick tuned": (_madgwick, (0.041,)),
+    "Mahony tuned": (_mahony, (1.0, 0.3)),
+    "Complementary tuned": (_complementary, (0.9,)),
+    "AQUA tuned": (_aqua, (0.01, 0.01)),
+    "Fourati tuned": (_fourati, (0.1,)),
+}

@@ -1,14 +1,16 @@
 """The AHRS of attipy, a multiplicative Kalman filter with a gyroscope bias.
 
 It takes the vertical from a velocity that stays near zero, and a heading, which is made
-here of the magnetometer's reading, levelled by the filter's own attitude. A call goes
+here of both vectors, with its variance, where x is not near the vertical. A call goes
 forward by the rate of the call before; the rate of a row is the average before its
 vectors. So a row hands in the vectors of the row before with its own rate, and what is
 answered is turned by that rate.
 """
 
 import numpy as np
-from adapting import heading_of, needed, turned
+from adapting import needed
+from compass import Compass
+from quaternions import turned
 
 from simval.plugins import Filter
 
@@ -18,7 +20,7 @@ with needed():
 HOURS = 1e4  # s: of a bias that walks, over any of these runs
 
 
-def _stepped(own, heading_variance, **aiding):
+def _stepped(own, compass, **aiding):
     before, answer = None, own.q_nb
 
     def update(dt, gyroscope, accelerometer, magnetometer):
@@ -26,9 +28,8 @@ def _stepped(own, heading_variance, **aiding):
         if before is None:  # nothing aids the start
             own.update(accelerometer, gyroscope, **aiding)
         else:
-            force, field = before
-            head = heading_of(answer, field)
-            own.update(force, gyroscope, yaw=head, yaw_var=heading_variance, **aiding)
+            yaw, variance = compass(*before)
+            own.update(before[0], gyroscope, yaw=yaw, yaw_var=variance, **aiding)
         before, answer = (accelerometer, magnetometer), turned(own.q_nb, dt * own.w_b)
         P = own.P[:6, :6]
         return {
@@ -40,13 +41,9 @@ def _stepped(own, heading_variance, **aiding):
     return update
 
 
-def _heading_variance(field, magnetometer_noise):
-    return float((magnetometer_noise / np.hypot(field[0], field[1])) ** 2)
-
-
-def _ahrs(start, rate, gravity, field, magnetometer_noise):
+def _ahrs(start, rate, gravity, **sensors):
     own = attipy.AHRS(rate, q_nb=start, g=gravity)
-    return _stepped(own, _heading_variance(field, magnetometer_noise))
+    return _stepped(own, Compass(gravity, **sensors))
 
 
 def _ahrs_told(start, rate, gravity, field, start_std, bias_std, **noise):
@@ -61,13 +58,15 @@ def _ahrs_told(start, rate, gravity, field, start_std, bias_std, **noise):
         bias_corr_time=HOURS,
     )
     still = np.full(3, 1e-12)  # (m/s)^2: it stays where it is
-    variance = _heading_variance(field, noise["magnetometer_noise"])
-    return _stepped(own, variance, v_var=still)
+    compass = Compass(
+        gravity, field, noise["accelerometer_noise"], noise["magnetometer_noise"]
+    )
+    return _stepped(own, compass, v_var=still)
 
 
 OWN = {"components": "sxyz", "matrix": "passive", "world": "NED"}
-READS = ("start", "rate", "gravity", "field", "magnetometer_noise")
-NOISE = ("start_std", "bias_std", "gyroscope_noise", "gyroscope_walk",
-         "accelerometer_noise")  # fmt: skip
+READS = ("start", "rate", "gravity", "field", "accelerometer_noise",
+         "magnetometer_noise")  # fmt: skip
+NOISE = ("start_std", "bias_std", "gyroscope_noise", "gyroscope_walk")
 ahrs = Filter(name="AHRS", make=_ahrs, reads=READS, **OWN)
 told = Filter(name="AHRS told", make=_ahrs_told, reads=READS + NOISE, **OWN)

@@ -1,15 +1,15 @@
 """Two quaternion filters put together from filterpy's classes, with a gyroscope bias.
 
-filterpy has no attitude filter and no noise of its own: each matrix is told here. The EKF
-is the usual one of seven numbers, quaternion and bias, with the quaternion scaled to
-length 1 after each row. The UKF has the rotation vector from a quaternion that is kept
-beside it, and the bias.
+filterpy has no attitude filter and no noise of its own: each matrix is told here. The
+EKF is the usual one of seven numbers, quaternion and bias, with the quaternion scaled
+to length 1 after each row. The UKF has the rotation vector from a quaternion that is
+kept beside it, and the bias.
 """
 
 import numpy as np
-from adapting import (
+from adapting import needed
+from quaternions import (
     body_to_world,
-    needed,
     of_quaternion,
     of_rotation,
     turn_of,

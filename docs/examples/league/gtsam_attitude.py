@@ -1,9 +1,9 @@
-"""Two attitude filters of gtsam: the invariant EKF on rotations, and a fixed-lag smoother.
+"""Two attitude filters of gtsam: an invariant EKF of rotations and a fixed-lag smoother.
 
 The EKF has no bias; it is handed the innovations of both vectors as its pages show. The
 smoother has factors of the rate, with a bias that walks, and of both directions, and
-answers the newest attitude of the last 0.2 s. Both are told the truth: gtsam has no noise
-of its own to be a default.
+answers the newest attitude of the last 0.2 s. Both are told the truth: gtsam has no
+noise of its own to be a default.
 """
 
 import numpy as np

@@ -41,4 +41,6 @@ OWN = {
     "world": "NWU",
     "reads": ("start", "rate", "gravity"),
 }
-ahrs = Filter(name="imufusion", make=_ahrs(), **OWN)
+ahrs = Filter(name="Ahrs", make=_ahrs(), **OWN)
+ahrs_tuned = Filter(name="Ahrs tuned", make=_ahrs(0.5), **OWN)
+SEARCHED = {"Ahrs tuned": (_ahrs, (0.5,))}

@@ -5,7 +5,8 @@ the magnetometer the second and third number of the quaternion as they are.
 """
 
 import numpy as np
-from adapting import needed, of_quaternion
+from adapting import needed
+from quaternions import of_quaternion
 
 from simval.plugins import Filter
 
@@ -22,13 +23,13 @@ def _stepped(own):
 
 
 def _ekf(start, rate):
-    return _stepped(EKF_AHRS(sample_rate=rate, frame="NWU", q0=start))
+    return _stepped(EKF_AHRS(sample_rate=rate, frame="NED", q0=start))
 
 
 def _ekf_told(start, rate, start_std, gravity, field, **noise):
     own = EKF_AHRS(
         sample_rate=rate,
-        frame="NWU",
+        frame="NED",
         q0=start,
         P=of_quaternion(start, start_std**2 * np.eye(3)),
         Q_noise=noise["gyroscope_noise"] ** 2 / rate / 4.0 * np.eye(4),
@@ -39,7 +40,7 @@ def _ekf_told(start, rate, start_std, gravity, field, **noise):
     return _stepped(own)
 
 
-OWN = {"components": "sxyz", "matrix": "passive", "world": "NWU"}
+OWN = {"components": "sxyz", "matrix": "passive", "world": "NED"}
 NOISE = ("start_std", "gravity", "field", "gyroscope_noise", "accelerometer_noise",
          "magnetometer_noise")  # fmt: skip
 ekf = Filter(name="EKF", make=_ekf, reads=("start", "rate"), **OWN)

@@ -32,4 +32,6 @@ OWN = {
     "world": "NWU",
     "reads": ("start", "rate"),
 }
-madgwick = Filter(name="py-imu", make=_madgwick(), **OWN)
+madgwick = Filter(name="Madgwick", make=_madgwick(), **OWN)
+madgwick_tuned = Filter(name="Madgwick tuned", make=_madgwick(0.041), **OWN)
+SEARCHED = {"Madgwick tuned": (_madgwick, (0.041,))}

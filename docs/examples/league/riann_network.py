@@ -4,8 +4,11 @@ It has no magnetometer and takes no start; its heading is its own, and is turned
 that of the start at the first row.
 """
 
+from importlib.resources import files
+
 import numpy as np
-from adapting import body_to_world, needed
+from adapting import needed
+from quaternions import body_to_world
 
 from simval.plugins import Filter
 
@@ -23,7 +26,7 @@ def _network(start, rate):
         found = own.predict_step(accelerometer, gyroscope).astype(float)
         R = body_to_world(found / np.linalg.norm(found))
         if turn is None:
-            both = start @ R.T  # of the level part, the nearest turn
+            both = start @ R.T  # the nearest turn of its level part
             angle = np.arctan2(both[1, 0] - both[0, 1], both[0, 0] + both[1, 1])
             c, s = np.cos(angle), np.sin(angle)
             turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -1,8 +1,8 @@
 """Madgwick and Mahony of scikit-kinematics.
 
 Both are handed vectors of length 1: neither normalises them, though the pages say that
-units do not matter. Mahony adds to the gyroscope's reading in place and to the list that
-it starts from, so it is handed copies.
+units do not matter. Mahony adds to the gyroscope's reading in place, so it is handed a
+copy. Tuned gains are those that `tuning.py` finds.
 """
 
 import numpy as np
@@ -45,3 +45,9 @@ OWN = {
 }
 madgwick = Filter(name="Madgwick", make=_madgwick(), **OWN)
 mahony = Filter(name="Mahony", make=_mahony(), **OWN)
+madgwick_tuned = Filter(name="Madgwick tuned", make=_madgwick(1.0), **OWN)
+mahony_tuned = Filter(name="Mahony tuned", make=_mahony(1.0, 0.3), **OWN)
+SEARCHED = {
+    "Madgwick tuned": (_madgwick, (1.0,)),
+    "Mahony tuned": (_mahony, (1.0, 0.3)),
+}

@@ -1,16 +1,17 @@
 """The AHRS of smsfusion, a multiplicative Kalman filter with a gyroscope bias.
 
 It takes the vertical from a velocity and a position that stay near zero, and a heading,
-which is made here of the magnetometer's reading, levelled by the filter's own attitude.
+which is made here of both vectors, with its variance, where x is not near the vertical.
 Told the truth it is the class below it, `AidedINS`, aided by the direction of gravity.
 
 A call aids first and then goes forward by the rate; the rate of a row is the average
-before its vectors. So a row hands in the vectors of the row before, and what is answered
-is the state that the row's own vectors have not entered yet.
+before its vectors. So a row hands in the vectors of the row before, and what is
+answered is the state that the row's own vectors have not entered yet.
 """
 
 import numpy as np
-from adapting import heading_of, needed
+from adapting import needed
+from compass import Compass
 
 from simval.plugins import Filter
 
@@ -22,16 +23,15 @@ ATTITUDE = slice(6, 9)
 HOURS = 1e4  # s: of a bias that walks, over any of these runs
 
 
-def _stepped(own, aid):
+def _stepped(own, compass, aid):
     before = None
 
     def update(dt, gyroscope, accelerometer, magnetometer):
         nonlocal before
         if before is None:  # nothing aids the start
-            aid(accelerometer, gyroscope, None)
+            aid(accelerometer, gyroscope, None, None)
         else:
-            force, field = before
-            aid(force, gyroscope, heading_of(own.x_prior[6:10], field))
+            aid(before[0], gyroscope, *compass(*before))
         before = accelerometer, magnetometer
         P = own.P_prior[6:12, 6:12]
         return {
@@ -49,18 +49,13 @@ def _state(start):
     return x
 
 
-def _heading_variance(field, magnetometer_noise):
-    return float((magnetometer_noise / np.hypot(field[0], field[1])) ** 2)
-
-
-def _ahrs(start, rate, gravity, field, magnetometer_noise):
+def _ahrs(start, rate, gravity, **sensors):
     own = smsfusion.AHRS(rate, x0_prior=_state(start), g=gravity, cold_start=False)
-    variance = _heading_variance(field, magnetometer_noise)
 
-    def aid(force, gyroscope, head):
+    def aid(force, gyroscope, head, variance):
         own.update(force, gyroscope, head=head, head_var=variance, head_degrees=False)
 
-    return _stepped(own, aid)
+    return _stepped(own, Compass(gravity, **sensors), aid)
 
 
 def _ins_told(start, rate, gravity, field, start_std, bias_std, **noise):
@@ -78,21 +73,21 @@ def _ins_told(start, rate, gravity, field, start_std, bias_std, **noise):
         g=gravity,
         cold_start=False,
     )
-    heading = _heading_variance(field, noise["magnetometer_noise"])
+    compass = Compass(gravity, field, force_noise, noise["magnetometer_noise"])
     vertical = np.full(3, (force_noise / gravity) ** 2)
 
-    def aid(force, gyroscope, head):
+    def aid(force, gyroscope, head, variance):
         own.update(
-            force, gyroscope, head=head, head_var=heading, head_degrees=False,
+            force, gyroscope, head=head, head_var=variance, head_degrees=False,
             g_ref=True, g_var=vertical,
         )  # fmt: skip
 
-    return _stepped(own, aid)
+    return _stepped(own, compass, aid)
 
 
 OWN = {"components": "sxyz", "matrix": "passive", "world": "NED"}
-READS = ("start", "rate", "gravity", "field", "magnetometer_noise")
-NOISE = ("start_std", "bias_std", "gyroscope_noise", "gyroscope_walk",
-         "accelerometer_noise")  # fmt: skip
+READS = ("start", "rate", "gravity", "field", "accelerometer_noise",
+         "magnetometer_noise")  # fmt: skip
+NOISE = ("start_std", "bias_std", "gyroscope_noise", "gyroscope_walk")
 ahrs = Filter(name="AHRS", make=_ahrs, reads=READS, **OWN)
 told = Filter(name="AidedINS told", make=_ins_told, reads=READS + NOISE, **OWN)

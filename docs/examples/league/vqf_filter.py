@@ -27,7 +27,7 @@ def _vqf(rate):
     return _stepped(VQF(1.0 / rate))
 
 
-def _vqf_tuned(tauAcc=3.0, tauMag=9.0):
+def _vqf_tuned(tauAcc, tauMag):
     def make(rate, bias_std):
         sigma = max(float(np.degrees(bias_std)), 1e-6)
         own = VQF(1.0 / rate, tauAcc=tauAcc, tauMag=tauMag, biasSigmaInit=sigma)
@@ -38,3 +38,7 @@ def _vqf_tuned(tauAcc=3.0, tauMag=9.0):
 
 OWN = {"components": "sxyz", "matrix": "passive", "world": "ENU"}
 vqf = Filter(name="VQF", make=_vqf, reads=("rate",), **OWN)
+vqf_tuned = Filter(
+    name="VQF tuned", make=_vqf_tuned(3.0, 9.0), reads=("rate", "bias_std"), **OWN
+)
+SEARCHED = {"VQF tuned": (_vqf_tuned, (3.0, 9.0))}
