@@ -121,13 +121,15 @@ aqua = Filter(name="AQUA", make=_aqua(), reads=OWN, **AQUA)
 roleq = Filter(name="ROLEQ", make=_roleq, reads=PLACE, **ROLEQ)
 roleq_told = Filter(name="ROLEQ told", make=_roleq_told, reads=PLACE + NOISE, **ROLEQ)
 fourati = Filter(name="Fourati", make=_fourati(), reads=PLACE, **FOURATI)
-madgwick_tuned = Filter(name="Madgwick tuned", make=_madgwick(0.041), reads=OWN, **NWU)
+madgwick_tuned = Filter(name="Madgwick tuned", make=_madgwick(0.0027), reads=OWN, **NWU)
 mahony_tuned = Filter(name="Mahony tuned", make=_mahony(1.0, 0.3), reads=OWN, **ENU)
 complementary_tuned = Filter(
-    name="Complementary tuned", make=_complementary(0.9), reads=OWN, **NWU
+    name="Complementary tuned", make=_complementary(0.262), reads=OWN, **NWU
 )
-aqua_tuned = Filter(name="AQUA tuned", make=_aqua(0.01, 0.01), reads=OWN, **AQUA)
-fourati_tuned = Filter(name="Fourati tuned", make=_fourati(0.1), reads=PLACE, **FOURATI)
+aqua_tuned = Filter(name="AQUA tuned", make=_aqua(0.0592, 0.0112), reads=OWN, **AQUA)
+fourati_tuned = Filter(
+    name="Fourati tuned", make=_fourati(0.891), reads=PLACE, **FOURATI
+)
 SEARCHED = {
     "Madgwick tuned": (_madgwick, (0.041,)),
     "Mahony tuned": (_mahony, (1.0, 0.3)),

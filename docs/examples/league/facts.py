@@ -1,6 +1,6 @@
-"""What a run of the league found: `facts.json`, and the tables of `README.md`.
+"""What runs of the league found: `facts.json`, and the tables of `README.md`.
 
-python facts.py RUN
+python facts.py RUN [RUN ...]
 """
 
 import json
@@ -8,12 +8,15 @@ import re
 import sys
 from pathlib import Path
 
+from filter_facts import filter_table, own_facts
+
 from simval.compare.merits import over_bound
 from simval.sweep import load_run
 
 HERE = Path(__file__).parent
 MARK = "<!-- made by facts.py -->"
 WORDS = 100  # of a refusal
+FILTER = "filter"
 
 
 def _found(cell):
@@ -46,13 +49,17 @@ def _first(words):
 
 
 def facts_of(run):
-    """Facts by study, algorithm and noise."""
+    """Facts by study, algorithm and noise or scenario."""
     facts = {}
     for cell in run.cells:
         study = facts.setdefault(cell.study, {})
         own = study.setdefault(cell.parameters["algorithm"], {})
-        own[cell.parameters.get("noise", "poses")] = _found(cell)
+        own[_kind(cell.parameters)] = _found(cell)
     return facts
+
+
+def _kind(parameters):
+    return parameters.get("noise") or parameters.get("scenario") or "poses"
 
 
 def versions_of(run):
@@ -95,18 +102,35 @@ def _percent(share):
     return f"{100 * share:.0f}" if share >= 0.1 else f"{100 * share:.2g}"
 
 
+def tables(facts, filters):
+    """Tables of all studies."""
+    return "\n\n".join(
+        filter_table(study, filters, _cell) if name == FILTER else table(study)
+        for name, study in facts.items()
+    )
+
+
 def main():
     """Write both files."""
-    run = load_run(sys.argv[1])
-    facts, versions = facts_of(run), versions_of(run)
-    text = json.dumps({"versions": versions, "facts": facts}, indent=1) + "\n"
-    (HERE / "facts.json").write_text(text)
+    facts, versions = {}, {}
+    for run in map(load_run, sys.argv[1:]):
+        for study, found in facts_of(run).items():
+            for name, own in found.items():
+                facts.setdefault(study, {}).setdefault(name, {}).update(own)
+        versions |= versions_of(run)
+    filters = {name: own_facts(_place(name)) for name in facts.get(FILTER, {})}
+    stored = {"versions": versions, "facts": facts, "filters": filters}
+    (HERE / "facts.json").write_text(json.dumps(stored, indent=1) + "\n")
     page = HERE / "README.md"
     before, _, rest = page.read_text().partition(MARK)
     _, _, after = rest.partition(MARK)
     named = ", ".join(f"{name} {version}" for name, version in versions.items())
-    tables = "\n\n".join(table(study) for study in facts.values())
-    page.write_text(f"{before}{MARK}\n\n{tables}\n\nWith {named}.\n\n{MARK}{after}")
+    made = f"{tables(facts, filters)}\n\nWith {named}."
+    page.write_text(f"{before}{MARK}\n\n{made}\n\n{MARK}{after}")
+
+
+def _place(name):
+    return name if ":" in name and ".py" not in name else str(HERE / name)
 
 
 if __name__ == "__main__":

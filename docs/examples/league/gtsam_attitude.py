@@ -1,4 +1,4 @@
-"""Two attitude filters of gtsam: an invariant EKF of rotations and a fixed-lag smoother.
+"""Two attitude filters of gtsam: an invariant EKF and a fixed-lag smoother.
 
 The EKF has no bias; it is handed the innovations of both vectors as its pages show. The
 smoother has factors of the rate, with a bias that walks, and of both directions, and

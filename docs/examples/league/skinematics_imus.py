@@ -45,7 +45,7 @@ OWN = {
 }
 madgwick = Filter(name="Madgwick", make=_madgwick(), **OWN)
 mahony = Filter(name="Mahony", make=_mahony(), **OWN)
-madgwick_tuned = Filter(name="Madgwick tuned", make=_madgwick(1.0), **OWN)
+madgwick_tuned = Filter(name="Madgwick tuned", make=_madgwick(0.0027), **OWN)
 mahony_tuned = Filter(name="Mahony tuned", make=_mahony(1.0, 0.3), **OWN)
 SEARCHED = {
     "Madgwick tuned": (_madgwick, (1.0,)),

@@ -66,7 +66,7 @@ def searched(plugin, maker, first):
         error,
         start,
         method="Nelder-Mead",
-        options={"xatol": 0.03, "fatol": 1e-6, "initial_simplex": around},
+        options={"xatol": 0.03, "fatol": 1e-5, "maxfev": 40, "initial_simplex": around},
     )
     return np.exp(found.x), float(found.fun)
 
