@@ -122,7 +122,9 @@ roleq = Filter(name="ROLEQ", make=_roleq, reads=PLACE, **ROLEQ)
 roleq_told = Filter(name="ROLEQ told", make=_roleq_told, reads=PLACE + NOISE, **ROLEQ)
 fourati = Filter(name="Fourati", make=_fourati(), reads=PLACE, **FOURATI)
 madgwick_tuned = Filter(name="Madgwick tuned", make=_madgwick(0.0027), reads=OWN, **NWU)
-mahony_tuned = Filter(name="Mahony tuned", make=_mahony(1.0, 0.3), reads=OWN, **ENU)
+mahony_tuned = Filter(
+    name="Mahony tuned", make=_mahony(0.269, 2.6e-5), reads=OWN, **ENU
+)
 complementary_tuned = Filter(
     name="Complementary tuned", make=_complementary(0.262), reads=OWN, **NWU
 )

@@ -6,6 +6,7 @@ python facts.py RUN [RUN ...]
 import json
 import re
 import sys
+import tomllib
 from pathlib import Path
 
 from filter_facts import filter_table, own_facts
@@ -44,7 +45,7 @@ def _found(cell):
 def _first(words):
     """The first words of a refusal, up to a clause."""
     line = words.strip().splitlines()[-1] if words.strip() else ""
-    clause = re.split(r"; ", line)[0]
+    clause = re.split(r"; |, as it is declared", line)[0]
     return clause if len(clause) <= WORDS else f"{clause[: WORDS - 3]}..."
 
 
@@ -111,22 +112,38 @@ def tables(facts, filters):
 
 
 def main():
-    """Write both files."""
-    facts, versions = {}, {}
+    """Write both files; a study that no run has stays as it is."""
+    place = HERE / "facts.json"
+    stored = json.loads(place.read_text())
+    facts, versions = stored["facts"], stored["versions"]
+    fresh = {}
     for run in map(load_run, sys.argv[1:]):
         for study, found in facts_of(run).items():
             for name, own in found.items():
-                facts.setdefault(study, {}).setdefault(name, {}).update(own)
+                fresh.setdefault(study, {}).setdefault(name, {}).update(own)
         versions |= versions_of(run)
-    filters = {name: own_facts(_place(name)) for name in facts.get(FILTER, {})}
-    stored = {"versions": versions, "facts": facts, "filters": filters}
-    (HERE / "facts.json").write_text(json.dumps(stored, indent=1) + "\n")
+    facts |= fresh
+    filters = stored.get("filters", {})
+    if FILTER in fresh:
+        facts[FILTER] = _in_order(fresh[FILTER])
+        filters = {name: own_facts(_place(name)) for name in facts[FILTER]}
+    last = ("numpy", "scipy")
+    names = sorted(set(versions) - set(last)) + list(last)
+    versions = {name: versions[name] for name in names}
+    text = {"versions": versions, "facts": facts, "filters": filters}
+    place.write_text(json.dumps(text, indent=1) + "\n")
     page = HERE / "README.md"
     before, _, rest = page.read_text().partition(MARK)
     _, _, after = rest.partition(MARK)
     named = ", ".join(f"{name} {version}" for name, version in versions.items())
     made = f"{tables(facts, filters)}\n\nWith {named}."
     page.write_text(f"{before}{MARK}\n\n{made}\n\n{MARK}{after}")
+
+
+def _in_order(found):
+    """In the order of the suite."""
+    suite = tomllib.loads((HERE / "filters.toml").read_text())
+    return {name: found[name] for name in suite[FILTER]["algorithm"] if name in found}
 
 
 def _place(name):
