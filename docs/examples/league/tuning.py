@@ -3,7 +3,7 @@
 python tuning.py FILE.py [NAME ...]
 
 Nelder and Mead's search over the logarithms of the gains, from the package's own; the
-error is the root mean square over two trials of the study `filter` with its defaults
+error is the root mean square over eight trials of the study `filter` with its defaults
 (gimbal slow, 20 s at 100 Hz), drawn from seed 0, which no suite here has. Each file's
 `SEARCHED` names the maker and the gains that it starts from, in the maker's order.
 """
@@ -25,7 +25,7 @@ from simval.plugins.filter_worlds import own_quaternions, to_scene
 from simval.studies.filter import Parameters, sensors_of, told_of
 from simval.studies.filter_scenarios import course, drawn
 
-TRIALS = 2
+TRIALS = 8
 LOST = np.pi  # rad: the error of a filter that fails
 
 
