@@ -21,7 +21,7 @@ from typing import Any, Final
 import numpy as np
 
 from simval.arguments import instance, whole_number
-from simval.arrays import Array, Scalars, finite_array
+from simval.arrays import Array, Scalars, finite_array, physical_array
 from simval.errors import InputError
 from simval.shapes import Float
 
@@ -140,7 +140,7 @@ def attitude_error(
 
 def rotation_vector(q: Float[Array, "... 4"]) -> Float[Array, "... 3"]:
     """Axis times angle of attitudes, rad, at most pi long; `from_rotation_vector`."""
-    q = finite_array("q", q, (4,))
+    q = physical_array("q", q, (4,))
     sine = np.linalg.norm(q[..., :3], axis=-1)
     angle = 2.0 * np.arctan2(sine, np.abs(q[..., 3])) * np.copysign(1.0, q[..., 3])
     return q[..., :3] * (angle / np.maximum(sine, np.finfo(float).tiny))[..., None]
@@ -148,7 +148,7 @@ def rotation_vector(q: Float[Array, "... 4"]) -> Float[Array, "... 3"]:
 
 def from_rotation_vector(v: Float[Array, "... 3"]) -> Float[Array, "... 4"]:
     """Attitude after a turn of the body by a rotation vector, rad, from the frame's."""
-    v = finite_array("v", v, (3,))
+    v = physical_array("v", v, (3,))
     half = np.linalg.norm(v, axis=-1, keepdims=True) / 2.0
     return np.concatenate([v * np.sinc(half / np.pi) / 2.0, np.cos(half)], axis=-1)
 

@@ -21,9 +21,9 @@ def short(monkeypatch):
 def test_contenders_count_their_rows(short):
     (race,) = find_races(["filter"])
     counts = {each.name: each.run() for each in race.contenders()}
-    assert counts.pop("simval mekf, 8 trials at once") == 160
-    assert counts.pop("simval filter_bound") == 200
-    assert counts.pop("simval filter_prediction, six sources") == 200
+    assert counts.pop("mekf, 8 trials") == 160
+    assert counts.pop("filter_bound") == 200
+    assert counts.pop("filter_prediction") == 200
     assert set(counts.values()) == {20}
 
 

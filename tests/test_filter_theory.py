@@ -354,7 +354,7 @@ BAD = [
     (lambda: filter_bound(wobble(5), model(), keep=6), "1 to 5"),
     (lambda: filter_bound(wobble(5), model(), keep=[1, 1]), "increase"),
     (lambda: filter_bound(wobble(5), model(), keep=[5]), "0 to 4"),
-    (lambda: filter_bound(wobble(5), model(), keep="all"), "no list of rows"),
+    (lambda: filter_bound(wobble(5), model(), keep="all"), "whole number, from 1 to 5"),
     (lambda: filter_bound(wobble(5), replace(model(), sensors=(
         VectorSensor(name="a", reference=UP, std=1.0, rows=np.ones(4, bool)),))),
      "4 values for 5 steps"),

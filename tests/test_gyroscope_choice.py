@@ -259,7 +259,10 @@ def test_noise_of_a_sensitivity_is_what_a_wrong_one_does():
         for m in moves
     ]
     noise = GyroscopeNoise(
-        angle_random_walk=N, bias_random_walk=0.0, pose_std=np.full((20, 3), 1e-3)
+        clock_jitter=0.0,
+        angle_random_walk=N,
+        bias_random_walk=0.0,
+        pose_std=np.full((20, 3), 1e-3),
     )
     moved = turn(moves[0].statistics, M[None], B - moves[0].centre)
     rows = gap_rows(found, moved, noise.pose_std)

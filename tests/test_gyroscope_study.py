@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from simval.calibrate.gyroscope import fit as fit_module
+from simval.calibrate.gyroscope import spread as spread_module
 from simval.studies import STUDIES
 from simval.studies import gyroscope as study
 from simval.studies.study import Cell
@@ -50,9 +50,9 @@ def test_a_small_cell_is_as_predicted():
 @pytest.mark.ci
 def test_it_shows_a_wrong_noise_and_a_wrong_matrix(monkeypatch):
     """Power: half of the walk's covariance lost, and a scale that is 1e-3 too large."""
-    whole = fit_module.walk_blocks
+    whole = spread_module.walk_blocks
     with monkeypatch.context() as patch:
-        patch.setattr(fit_module, "walk_blocks", lambda r, c: 0.5 * whole(r, c))
+        patch.setattr(spread_module, "walk_blocks", lambda r, c: 0.5 * whole(r, c))
         assert off(rows_of(), "nees") > 6.0
     before = study._Tumble.__init__
 

@@ -7,12 +7,19 @@ import numpy as np
 import pytest
 import yaml
 
+from simval.calibrate import load_calibration
 from simval.calibrate.others import load_others
 from simval.cli import run
-from simval.errors import InputError, RefusedError, SaturatedError
+from simval.errors import (
+    ConvergenceError,
+    InputError,
+    RefusedError,
+    SaturatedError,
+)
 from simval.logs import Log, read_log
 from simval.multiposition import calibrate_log, calibrate_sensors
-from simval.multiposition.imu import rail, require_alive
+from simval.multiposition import imu as imu_module
+from simval.multiposition.axes import rail, require_alive
 from simval.multiposition.kalibr import kalibr_yaml
 from simval.report.calibrated import calibration_sections
 from simval.scene import simulate
@@ -90,17 +97,83 @@ def test_the_moves_help_the_accelerometer(whole):
 
 
 @pytest.mark.ci
+def test_three_sensors_are_of_one_fit(path, whole):
+    """Where one is left out, the others are as they were without it."""
+    fit = whole.together
+    assert fit.parameters.shape == (34,)
+    np.testing.assert_array_equal(whole.accelerometer.parameters, fit.parameters[:9])
+    np.testing.assert_array_equal(
+        whole.accelerometer.covariance, fit.covariance[:9, :9]
+    )
+    np.testing.assert_array_equal(whole.gyroscope.M.ravel(), fit.parameters[9:18])
+    np.testing.assert_array_equal(whole.magnetometer.M.ravel(), fit.parameters[21:30])
+    log = read_log(path)
+    field = {"field": whole.magnetometer.field}
+    alone = {
+        name: calibrate_sensors(log, whole.log, sensors=[name], **field)
+        for name in ("gyroscope", "magnetometer")
+    }
+    for found in alone.values():
+        assert found.together is None
+    assert alone["magnetometer"].accelerometer is whole.log.fit
+    own, two = whole.magnetometer, alone["magnetometer"].magnetometer
+    # the moves tell the headings: 0.6 of the variances at 40 poses
+    share = (own.sd[9:] / two.sd[9:]) ** 2
+    assert np.all(share < 0.95)
+    assert share.mean() < 0.8
+    own, two = whole.accelerometer, alone["gyroscope"].accelerometer
+    assert np.all(own.sd <= two.sd * 1.001)
+
+
+@pytest.mark.ci
+def test_sensors_that_do_not_agree_are_left_as_two_fits_have_them(path, monkeypatch):
+    def astray(*given, **named):
+        msg = "far from each other"
+        raise ConvergenceError(msg)
+
+    log = read_log(path)
+    result = calibrate_log(log)
+    monkeypatch.setattr(imu_module, "fit_together", astray)
+    found = calibrate_sensors(log, result)
+    assert found.together is None
+    assert found.gyroscope is not None
+    assert found.magnetometer is not None
+    assert found.reasons[-1].endswith("not fitted together: far from each other")
+
+
+@pytest.mark.ci
 def test_the_command_writes_all_and_correct_applies_it(path, tmp_path, capsys):
     file, page = tmp_path / "imu.json", tmp_path / "imu.html"
     words = ["calibrate", str(path), "--out", str(file), "--report", str(page)]
     words += ["--kalibr", str(tmp_path / "imu.yaml")]
     assert run([*words, "--field", "4.47213595499958e-05"]) == 0
     said = capsys.readouterr().out
-    for words in ("gyroscope         rate = M (reading - B)", "degrees below", "M_zz"):
-        assert words in said
+    words = ("gyroscope         rate = M (reading - B)", "degrees below", "M_zz")
+    for each in (*words, "together          accelerometer, gyroscope and magnetometer"):
+        assert each in said
     assert (tmp_path / "imu.yaml").read_text().startswith("imu0:\n  T_i_b:")
     written = json.loads(file.read_text())
     assert written["left_out"] == {}
+    one = written["together"]
+    assert len(one["names"]) == len(one["covariance"]) == 34
+    assert one["status"] == "converged"
+    np.testing.assert_array_equal(
+        written["covariance"], np.array(one["covariance"])[:9, :9]
+    )
+    assert load_calibration(file).parameters.tolist() == written["parameters"]
+    part = said[said.index("magnetometer      field") :]
+    assert "noise of a pose" in part
+    assert "of the log's longest rest" in part
+    # 3 counts a row, rounded: the root of 9 + 1/12 over the rows of a rest, to three
+    # standard deviations, 0.7 % each; the Allan variance of 12 s tells
+    # that of a usual rest to a fifth
+    compass = written["magnetometer"]
+    assert compass["pose_noise"] == "log"
+    rows = np.diff(written["interval_samples"])[:, 0]
+    white = np.array(compass["pose_noise_white_std"])
+    np.testing.assert_allclose(white, np.sqrt(9.0833 / rows), rtol=0.021)
+    std = np.median(compass["pose_noise_std"])
+    assert std == pytest.approx(np.median(white), rel=0.4)
     covariance = written["ros_imu"]["angular_velocity_covariance"]
     # 0.15 raw per root hertz is 1.5 a row at 100 Hz, on scales of 1.1e-3
     assert np.sqrt(covariance[::4]) == pytest.approx(

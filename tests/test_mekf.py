@@ -4,14 +4,12 @@ import numpy as np
 import pytest
 import scipy
 from filter_paths import FIELD, UP, G, Plain, cross, model, wobble
-from filter_trials import (
-    NOISE,
-    gimbal,
-)
+from filter_trials import NOISE, gimbal, model_of
 from scipy.spatial.transform import Rotation
 
 from simval.errors import InputError
 from simval.filters import Mekf, mekf
+from simval.theory import FilterPath, first_update
 
 TOLD = {**NOISE, "gravity": G, "field": FIELD}
 
@@ -189,6 +187,66 @@ def test_a_row_may_lack_a_sensor():
     sd = np.sqrt(np.einsum("nii->ni", whole))
     # rounding: 1 - K H loses the square of the prior's sd over the posterior's, 1e3
     assert np.abs((nearly - whole) / (sd[:, :, None] * sd[:, None])).max() < 1e-9
+
+
+def test_first_update_from_a_far_start():
+    """Theory's one update is this filter's, and its spread that of its derivatives."""
+    h, turn = 0.01, np.array([0.25, -0.1, 0.15])
+    q = np.array([0.1, -0.5, 0.3, 0.8])
+    q /= np.linalg.norm(q)
+    path = FilterPath(dt=np.full(2, h), attitude=np.tile(q, (3, 1)))
+    told = model_of({**NOISE, "start_std": 0.3})
+    truth = model_of({**NOISE, "start_std": 0.01})
+    first = first_update(path, truth, turn, told=told)
+    start = (Rotation.from_quat(q) * Rotation.from_rotvec(-turn)).as_quat()
+    true = Rotation.from_quat(q)
+
+    def error(x):
+        """Error after a row: truth turned by x, bias x, noise of the readings."""
+        A = true * Rotation.from_rotvec(x[:3])
+        ours = Mekf(start=start, **{**TOLD, "start_std": 0.3})
+        f, m = (A.inv().apply(each) for each in (UP, FIELD))
+        got = ours.update(h, np.zeros(3), f + x[6:9], m + x[9:])
+        left = Rotation.from_quat(got["attitude"]).inv() * A
+        return np.r_[left.as_rotvec(), x[3:6] - got["bias"]], got
+
+    left, got = error(np.zeros(12))
+    np.testing.assert_allclose(first.error, left, rtol=0, atol=1e-12)
+    assert 0.003 < np.linalg.norm(left[:3]) < 0.05
+    sd = np.sqrt(np.diagonal(got["covariance"]))
+    # 1 - K H loses the square of 0.3 rad over 2 mrad, 2e4, and half of it
+    assert (
+        np.abs((first.told.start - got["covariance"]) / np.outer(sd, sd)).max() < 1e-9
+    )
+    size = np.r_[np.full(6, 1e-5), np.full(3, 1e-4), np.full(3, 1e-9)]
+    J = np.stack(
+        [(error(s * e)[0] - error(-s * e)[0]) / (2 * s)
+         for s, e in zip(size, np.eye(12), strict=True)], axis=1,
+    )  # fmt: skip
+    F = np.eye(6)
+    F[:3, 3:] = -h * np.eye(3)
+    K2, N2 = NOISE["gyroscope_walk"] ** 2, NOISE["gyroscope_noise"] ** 2
+    Q = np.kron([[N2 * h + K2 * h**3 / 3, -K2 * h**2 / 2], [-K2 * h**2 / 2, K2 * h]],
+                np.eye(3))  # fmt: skip
+    noise = [NOISE["accelerometer_noise"], NOISE["magnetometer_noise"]]
+    whole = np.zeros((12, 12))
+    whole[:6, :6] = F @ truth.start @ F.T + Q
+    whole[6:, 6:] = np.diag(np.repeat(np.square(noise), 3))
+    wanted = J @ whole @ J.T
+    sd = np.sqrt(np.diagonal(wanted))
+    # differences: 1e-10 of third derivatives, and 1e-16/1e-5 of J's entries, by 10
+    assert np.abs((first.truth.start - wanted) / np.outer(sd, sd)).max() < 1e-6
+    assert len(first.path.dt) == 1
+    np.testing.assert_array_equal(first.truth.sensors[0].rows, [True])
+
+
+@pytest.mark.parametrize(
+    ("turn", "rows", "words"),
+    [(np.ones((2, 3)), 5, "one rotation"), (np.ones(3), 1, "two steps")],
+)
+def test_first_update_is_refused(turn, rows, words):
+    with pytest.raises(InputError, match=words):
+        first_update(wobble(rows), model(), turn)
 
 
 BAD = [

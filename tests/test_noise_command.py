@@ -11,13 +11,8 @@ from simval.cli.noise_units import DEGREE, FLOOR, printed
 from simval.errors import InputError, RefusedError
 from simval.logs import Log, read_log
 from simval.multiposition import calibrate_log
-from simval.multiposition.noise import (
-    log_noise,
-    mean_noise,
-    own_noise,
-    pose_noise,
-    require_even,
-)
+from simval.multiposition.noise import log_noise, require_even
+from simval.multiposition.pose_noise import mean_noise, own_noise, pose_noise
 from simval.noise import NoiseFile, load_noise, noise_of
 from simval.poses import fibonacci_sphere
 from simval.sensor import NoiseModel

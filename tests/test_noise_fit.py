@@ -5,7 +5,13 @@ import pytest
 from scipy import stats
 
 from simval.errors import InputError, RefusedError
-from simval.noise import allan_law, allan_variance, averaging_counts, covariance_forms
+from simval.noise import (
+    allan_covariance,
+    allan_law,
+    allan_variance,
+    averaging_counts,
+    covariance_forms,
+)
 from simval.noise.measure import noise_of
 from simval.noise.rounding import rounding_step
 from simval.noise.squares import Problem, fitted
@@ -60,9 +66,34 @@ def test_white_noise_is_found_at_the_whittle_bound():
     assert ours < limit
     assert usual > limit  # power
     assert ours > 1.0 - stats.norm.isf(1e-4) * se  # nobody is better than the bound
-    # the stated variance, (V4) at the estimate, knows no averages over more than a
-    # tenth of so short a record
-    assert abs(stated - 1.0) < 0.1
+    # the stated variance, (V4) at the estimate, goes with its square: its standard
+    # deviation is twice the estimate's, and its mean that of fits to normal numbers
+    draws = 60
+    expected, relative = stated_by_its_law(rows, draws)
+    allowed = 2.0 * relative * np.sqrt(1.0 / signals + 1.0 / draws)
+    assert abs(stated / expected - 1.0) < stats.norm.isf(1e-4) * allowed
+
+
+def stated_by_its_law(rows, draws):
+    """Mean stated variance of N^2 over the bound, relative sd of N^2.
+
+    No signal is drawn: Allan variances are, normal with the covariance (V4).
+    """
+    white = 0.02
+    counts = averaging_counts(rows)
+    law = allan_law(counts)[:, :3]
+    forms = covariance_forms(counts, rows)[..., :3, :3]
+    truth = np.array([white**2 * RATE, 0.0, 0.0])
+    covariance = allan_covariance(forms, truth)
+    root = np.linalg.cholesky(covariance + 1e-12 * np.diag(np.diag(covariance)))
+    rng = stream(1, KEY, 1)
+    sd = [
+        fitted(Problem(law @ truth + root @ rng.standard_normal(len(law)), law, forms))
+        .sd[0] for _ in range(draws)
+    ]  # fmt: skip
+    bound = noise_bound(rows, RATE, white=white)[0, 0] * RATE**2
+    mean = float(np.mean(np.square(sd)))
+    return mean / bound, np.sqrt(mean) / truth[0]
 
 
 @pytest.mark.slow
@@ -219,6 +250,9 @@ def test_steps_are_found_and_none_invented():
     assert rounding_step(counts + 1e9) == 1.0
     assert rounding_step(rng.standard_normal(2000)) == 0.0
     assert rounding_step(np.full(2000, 3.0)) == 0.0
+    # last digits of a reading are no step of a converter
+    last = 9.8 * (1.0 + np.finfo(float).eps * rng.integers(0, 5, 2000))
+    assert rounding_step(last) == 0.0
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from simval.noise import covariance_forms
+from simval.noise import allan_covariance, covariance_forms
+from simval.noise.squares import RIDGE
 from simval.statistics import (
     ALLAN_ERROR,
     COVERAGE,
@@ -13,6 +14,7 @@ from simval.statistics import (
 )
 from simval.streams import Streams, cell_key
 from simval.studies import find_study
+from simval.studies.noise_model import REMAINDERS, Parameters, _theory
 
 STREAMS = Streams(1, cell_key("test noise study"))
 
@@ -60,3 +62,40 @@ def test_a_covariance_twice_as_large_is_seen(monkeypatch):
     seen = [row for row in rows("known weights") if row.statistic.family == ALLAN_ERROR]
     limit = stats.norm.isf(1e-3 / (2 * len(seen)))
     assert max(excess(row) for row in seen) > limit
+
+
+def weights_at(theory, truth):
+    """Weights of generalised least squares, where the squares are some others."""
+    V = allan_covariance(theory.forms, truth)
+    scale = np.sqrt(np.diagonal(V))
+    V = V / np.multiply.outer(scale, scale) + RIDGE * np.eye(len(scale))
+    X = theory.law / scale[:, None]
+    solved = np.linalg.solve(V, X)
+    return np.linalg.solve(X.T @ solved, solved.T) / scale
+
+
+@pytest.mark.parametrize("rows", [4096, 16_384])
+def test_remainders_cover_the_second_order_of_estimated_weights(rows):
+    """Weights W(estimate) instead of W: an error of second order, sum of d_i P_i e.
+
+    With P_i = dW/dtheta_i, P_i X = 0, so it does not correlate with the first order,
+    and for normal Allan variances adds C_ij P_i V P_j' to the covariance C = W V W'.
+    """
+    theory = _theory(Parameters(rows=rows))
+    W = weights_at(theory, theory.truth)
+    np.testing.assert_allclose(W, theory.weights, rtol=1e-6, atol=1e-9 * abs(W).max())
+    V = theory.covariance
+    C = W @ V @ W.T
+    slopes = []
+    for step in np.diag(1e-3 * theory.truth):
+        # of the third order of so small a step 1e-6 is left
+        change = weights_at(theory, theory.truth + step)
+        change = change - weights_at(theory, theory.truth - step)
+        slopes.append(change / (2.0 * step.sum()))
+    P = np.array(slopes)
+    assert abs(P @ theory.law).max() < 1e-6 * abs(P).max() * abs(theory.law).max()
+    added = np.einsum("ij,iam,mn,jan->a", C, P, V, P) / np.diagonal(C)
+    assert np.all(added > 0.0)
+    assert np.all(added < REMAINDERS)
+    # power: a tenth of them would not
+    assert np.any(added > 0.1 * np.array(REMAINDERS))

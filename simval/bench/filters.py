@@ -54,10 +54,10 @@ def contenders() -> list[Contender]:
         return len(long.dt)
 
     found = [
-        Contender(name=f"simval mekf, {TRIALS} trials at once", run=mekf(TRIALS)),
-        Contender(name="simval mekf, one trial", run=mekf(1)),
-        Contender(name="simval filter_bound", run=bound),
-        Contender(name="simval filter_prediction, six sources", run=prediction),
+        Contender(name=f"mekf, {TRIALS} trials", run=mekf(TRIALS)),
+        Contender(name="mekf, one trial", run=mekf(1)),
+        Contender(name="filter_bound", run=bound),
+        Contender(name="filter_prediction", run=prediction),
     ]
     if find_spec("ahrs") is not None:
         found += [

@@ -24,6 +24,7 @@ from simval.calibrate.magnetometer import (
     calibrate_magnetometer,
     ellipsoid_then_rotation,
 )
+from simval.calibrate.nine_axis import NineAxisFit, calibrate_nine_axis
 from simval.calibrate.result import FitResult
 
 __all__ = [
@@ -33,10 +34,12 @@ __all__ = [
     "ImuFit",
     "MagnetometerFit",
     "Moves",
+    "NineAxisFit",
     "calibrate",
     "calibrate_gyroscope",
     "calibrate_imu",
     "calibrate_magnetometer",
+    "calibrate_nine_axis",
     "diagnose",
     "ellipsoid_then_rotation",
     "load_calibration",

@@ -25,7 +25,7 @@ SETTINGS: Final[Mapping[str, Mapping[str, Any]]] = MappingProxyType(
         },
         "calibrator": {"noise_std": list(NOISE), "time_limit": TIME_LIMIT},
         # 256 trials, which the gate needs to judge
-        "filter": {"seconds": 8.0, "time_limit": TIME_LIMIT},
+        "filter": {"rate": 50.0, "seconds": 8.0, "time_limit": 5.0 * TIME_LIMIT},
         "custom_scene": {"time_limit": TIME_LIMIT},
     }
 )

@@ -24,6 +24,7 @@ COMMANDS = (
     ("calibrate", "Calibrate an accelerometer from a log."),
     ("correct", "Apply a calibration to a log."),
     ("noise", "Measure the noise model of a sensor at rest, from a log."),
+    ("filter", "Run attitude filters over a log, and measure their errors by truth."),
     ("plan", "Predict a calibration's error bars before any data is taken."),
     ("scene", "Simulate a tumble and write its readings or a picture."),
     ("compare", "Show what changed between two runs beyond its uncertainty."),

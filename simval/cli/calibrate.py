@@ -105,6 +105,7 @@ def command(
         sensors=None if sensors is None else listed(sensors),
         hemisphere=hemisphere,
         field=field,
+        noise=known,
     )
     if out is not None or as_json:
         written = as_object(result) | sensors_object(whole, log) | log_object(log)

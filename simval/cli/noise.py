@@ -14,6 +14,7 @@ from simval.cli.noise_units import (
     accelerometer_scale,
     gyro_scale,
     largest,
+    magnetometer_scale,
     printed,
 )
 from simval.cli.options import COLUMNS, PATH
@@ -24,6 +25,7 @@ from simval.noise import AxisNoise
 from simval.noise.files import AXES, FORMAT, axis_to_json
 from simval.noise.model import UNITS as RAW
 
+SI = {"accelerometer": "m/s^2", "gyro": "rad/s", "magnetometer": "T"}
 Sensors = dict[str, tuple[tuple[AxisNoise, ...], Scale]]
 KALIBR = {
     ("accelerometer", "N"): "accelerometer_noise_density",
@@ -40,6 +42,7 @@ KALIBR = {
 @click.option("--columns", help=COLUMNS)
 @click.option("--accelerometer-unit", metavar="UNIT", help="m/s^2, g, mg, or a number.")
 @click.option("--gyro-unit", metavar="UNIT", help="rad/s, deg/s, mdps, or a number.")
+@click.option("--magnetometer-unit", metavar="UNIT", help="uT, gauss, or a number.")
 @click.option("--increments", is_flag=True, help="Rows are rounded increments: fit Q.")
 @click.option("--figure", type=PATH, help="Draw the Allan deviations: .svg or .png.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
@@ -50,6 +53,7 @@ def command(
     columns: str | None,
     accelerometer_unit: str | None,
     gyro_unit: str | None,
+    magnetometer_unit: str | None,
     increments: bool,
     figure: Path | None,
     as_json: bool,
@@ -64,17 +68,15 @@ def command(
     _require_drawable(figure)
     log = read_log(path, rate, columns)
     found = log_noise(log, rest, increments=increments)
-    sensors: Sensors = {
-        "accelerometer": (
-            found.accelerometer,
-            accelerometer_scale(log, found.means, accelerometer_unit),
-        )
-    }
+    _require_present("gyro", gyro_unit, log.gyro, path)
+    _require_present("magnetometer", magnetometer_unit, log.magnetometer, path)
+    scale = accelerometer_scale(log, found.means, accelerometer_unit)
+    sensors: Sensors = {"accelerometer": (found.accelerometer, scale)}
     if found.gyro:
         sensors["gyro"] = (found.gyro, gyro_scale(log, gyro_unit))
-    elif gyro_unit is not None:
-        msg = f"`--gyro-unit` is given, and {path} has no gyro; name its columns"
-        raise InputError(msg)
+    if found.magnetometer:
+        scale = magnetometer_scale(log, magnetometer_unit)
+        sensors["magnetometer"] = (found.magnetometer, scale)
     if figure is not None:
         _draw(figure, log, sensors)
     if as_json:
@@ -85,6 +87,12 @@ def command(
     if not any(axis.coefficients for axes, _ in sensors.values() for axis in axes):
         msg = f"{path}: no axis has a noise model; the reasons stand with each axis"
         raise RefusedError(msg)
+
+
+def _require_present(name: str, unit: str | None, rows: Any, path: Path) -> None:
+    if unit is not None and rows is None:
+        msg = f"`--{name}-unit` is given, and {path} has no {name}; name its columns"
+        raise InputError(msg)
 
 
 def _require_drawable(figure: Path | None) -> None:
@@ -116,7 +124,7 @@ def as_object(log: Log, found: LogNoise, sensors: Sensors) -> dict[str, Any]:
     gravity = float(np.linalg.norm(found.means[0]))
     listed: dict[str, Any] = {
         name: {
-            "si_unit": "m/s^2" if name == "accelerometer" else "rad/s",
+            "si_unit": SI[name],
             "si_per_raw": scale.si_per_raw,
             "unit": scale.how,
             "axes": {
@@ -136,6 +144,7 @@ def as_object(log: Log, found: LogNoise, sensors: Sensors) -> dict[str, Any]:
             "how": found.how,
         },
         "sensors": listed,
+        "left_out": dict(found.left_out),
         "kalibr": dict(_kalibr(sensors)) | {"update_rate": log.rate},
     }
 
@@ -162,6 +171,8 @@ def described(found: LogNoise, sensors: Sensors) -> list[str]:
         for kind in kinds:
             lines += ["", *_table(name, kind, axes, scale.si_per_raw)]
         lines += ["", f"{name}, how far the model holds", *_fits(axes)]
+    for name, why in found.left_out.items():
+        lines += ["", f"left out          the {name}: {why}"]
     return lines + _kalibr_lines(sensors)
 
 

@@ -26,6 +26,9 @@ UNITS: Final[dict[str, dict[str, float]]] = {
         "rad/s": 1.0, "mrad/s": 1e-3, "deg/s": DEGREE, "mdps": 1e-3 * DEGREE,
         "rpm": 2.0 * np.pi / 60.0,
     },
+    "magnetometer": {
+        "T": 1.0, "mT": 1e-3, "uT": 1e-6, "nT": 1e-9, "gauss": 1e-4, "mgauss": 1e-7,
+    },
 }  # fmt: skip
 _WRITTEN: Final = {  # units as `simval.logs.names` writes them
     "ms2": "m/s^2", "mss": "m/s^2", "ms-2": "m/s^2", "mps2": "m/s^2", "mpss": "m/s^2",
@@ -34,6 +37,8 @@ _WRITTEN: Final = {  # units as `simval.logs.names` writes them
     "rps": "", "mrads": "mrad/s", "degs": "deg/s", "degs-1": "deg/s",
     "degsec": "deg/s", "°s": "deg/s", "°s-1": "deg/s", "°sec": "deg/s",
     "°ps": "deg/s", "dps": "deg/s", "mdps": "mdps", "rpm": "rpm",
+    "t": "T", "mt": "mT", "ut": "uT", "μt": "uT", "nt": "nT", "gauss": "gauss",
+    "mgauss": "mgauss",
 }  # fmt: skip
 NEAR: Final = 0.05  # relative; a mean reading this near to 1 g is in m/s^2, or in g
 
@@ -111,6 +116,15 @@ def gyro_scale(log: Log, given: str | None) -> Scale:
     )
 
 
+def magnetometer_scale(log: Log, given: str | None) -> Scale:
+    """Find the unit of the magnetometer: as stated; it is not guessed."""
+    stated = _stated("magnetometer", log, "mx", given)
+    return stated or Scale(
+        None,
+        "not stated by the header; give --magnetometer-unit uT, gauss, or T per count",
+    )
+
+
 def _stated(sensor: str, log: Log, role: str, given: str | None) -> Scale | None:
     # by an option, else by the header
     if given is not None:
@@ -150,7 +164,7 @@ class Printed:
 
 def printed(sensor: str, kind: str) -> Printed:
     """Names and units of a coefficient of a sensor."""
-    return _ACCELEROMETER[kind] if sensor == "accelerometer" else _GYRO[kind]
+    return _PRINTED[sensor][kind]
 
 
 _ACCELEROMETER: Final = {
@@ -213,6 +227,39 @@ _GYRO: Final = {
     ),
     "Q": Printed("rounding Q", "rad", ()),
 }
+
+
+_MAGNETOMETER: Final = {
+    "N": Printed(
+        "white noise N",
+        "T/sqrt(Hz)",
+        (
+            ("uT/sqrt(Hz)", lambda n, _: 1e6 * n),
+            ("one-sided nT/sqrt(Hz)", lambda n, _: 1e9 * ROOT_TWO * n),
+            ("uT a reading", lambda n, rate: 1e6 * n * np.sqrt(rate)),
+        ),
+    ),
+    "B": Printed(
+        "flicker B",
+        "T",
+        (
+            ("nT", lambda b, _: 1e9 * b),
+            ("floor 0.664 B, nT", lambda b, _: 1e9 * FLOOR * b),
+        ),
+    ),
+    "K": Printed(
+        "random walk K",
+        "T/sqrt(s)",
+        (
+            ("nT/sqrt(s)", lambda k, _: 1e9 * k),
+            ("nT/sqrt(h)", lambda k, _: 1e9 * k * np.sqrt(HOUR)),
+            ("uT a reading", lambda k, rate: 1e6 * k / np.sqrt(rate)),
+        ),
+    ),
+}
+_PRINTED: Final = {
+    "accelerometer": _ACCELEROMETER, "gyro": _GYRO, "magnetometer": _MAGNETOMETER,
+}  # fmt: skip
 
 
 def largest(coefficients: list[Coefficient]) -> tuple[float, bool]:

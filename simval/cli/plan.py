@@ -12,7 +12,7 @@ from simval.arrays import Array, positive_number
 from simval.calibrate.files import load_calibration
 from simval.cli.options import PATH, refuse_if, stated
 from simval.errors import InputError, RefusedError
-from simval.multiposition.noise import SHOWS, mean_noise
+from simval.multiposition.pose_noise import SHOWS, mean_noise
 from simval.noise import load_noise
 from simval.poses import cube_corners, cube_edges, cube_faces, fibonacci_sphere
 from simval.sensor import MODELS, AccelerometerModel

@@ -5,11 +5,12 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array
-from simval.calibrate import GyroscopeFit, MagnetometerFit
+from simval.calibrate import FitResult, GyroscopeFit, MagnetometerFit, NineAxisFit
 from simval.calibrate.files import to_json
 from simval.logs import Log
 from simval.multiposition import ImuCalibration
 from simval.multiposition.rates import message_covariances
+from simval.sensor import forms
 from simval.shapes import Float
 
 KNOWN_UNITS = (
@@ -32,7 +33,9 @@ def sensors_object(whole: ImuCalibration, log: Log) -> dict[str, Any]:
             "reasons": list(whole.reasons),
         }
     if whole.magnetometer is not None:
-        values["magnetometer"] = whole.magnetometer.as_document()
+        values["magnetometer"] = whole.magnetometer.as_document() | noise_object(whole)
+    if whole.together is not None:
+        values["together"] = whole.together.as_object()
     values["ros_imu"] = message_covariances(log, whole)
     return values
 
@@ -40,17 +43,63 @@ def sensors_object(whole: ImuCalibration, log: Log) -> dict[str, Any]:
 def sensor_lines(whole: ImuCalibration) -> list[str]:
     """Describe the other sensors, and what was left out."""
     lines: list[str] = []
+    if whole.together is not None:
+        lines += ["", *accelerometer_lines(whole.accelerometer)]
     if whole.gyroscope is not None:
-        lines += ["", *gyroscope_lines(whole.gyroscope, whole.sensitivity)]
+        others = "accelerometer"
+        if whole.together is not None:
+            others += " and the magnetometer"
+        lines += ["", *gyroscope_lines(whole.gyroscope, whole.sensitivity, others)]
         lines += [f"{'':18s}{reason}" for reason in whole.reasons]
     if whole.magnetometer is not None:
-        lines += ["", *magnetometer_lines(whole.magnetometer)]
+        lines += ["", *magnetometer_lines(whole.magnetometer, whole.together)]
+        lines += noise_lines(whole)
     for name, why in whole.left_out.items():
         lines += ["", f"left out          the {name}: {why}"]
     return lines
 
 
-def gyroscope_lines(fit: GyroscopeFit, sensitivity: Array) -> list[str]:
+def noise_object(whole: ImuCalibration) -> dict[str, Any]:
+    """Noise of the magnetometer's pose means as plain JSON values."""
+    noise = whole.compass_noise
+    if noise is None:
+        return {}
+    return {
+        "pose_noise": noise.source,
+        "pose_noise_std": noise.std.tolist(),
+        "pose_noise_white_std": noise.white.tolist(),
+    }
+
+
+def noise_lines(whole: ImuCalibration) -> list[str]:
+    """Say which noise the magnetometer's error bars are by."""
+    noise = whole.compass_noise
+    if noise is None:
+        return []
+    return [f"noise of a pose   {np.median(noise.std):.4g} raw units, {noise.words}"]
+
+
+def accelerometer_lines(fit: FitResult) -> list[str]:
+    """T, K and B as the one fit of three sensors has them."""
+    lines = [
+        "together          accelerometer, gyroscope and magnetometer in one fit, whose "
+        "numbers all files have;",
+        f"                  above is the accelerometer alone, here its {fit.model} "
+        "form in the fit of all",
+        "                  value           sd   95 % interval",
+    ]
+    columns = (fit.parameters, fit.sd, fit.intervals)
+    for (name, sign), value, sd, ends in zip(
+        forms.entries(fit.model), *columns, strict=True
+    ):
+        low, high = sorted(sign * ends)
+        lines.append(
+            f"  {name:7s} {sign * value:15.8g} {sd:12.3g}   {low:.8g} to {high:.8g}"
+        )
+    return lines
+
+
+def gyroscope_lines(fit: GyroscopeFit, sensitivity: Array, others: str) -> list[str]:
     """M, B and G with their error bars."""
     wide = fit.chi2_per_dof > 1.0
     sd = fit.sd_from_residuals if wide else fit.sd
@@ -59,7 +108,7 @@ def gyroscope_lines(fit: GyroscopeFit, sensitivity: Array) -> list[str]:
         f"gyroscope         rate = M (reading - B{_force_term(sensitivity)}), axes of "
         f"the accelerometer's {fit.model} form, rad/s; readings "
         f"{_unit(fit.M)}",
-        f"                  fitted together with the accelerometer; chi2 per dof "
+        f"                  fitted together with the {others}; chi2 per dof "
         f"{float(fit.chi2_per_dof):.3g} with {fit.dof}, error bars {said}",
         "                  value           sd",
     ]
@@ -72,12 +121,15 @@ def gyroscope_lines(fit: GyroscopeFit, sensitivity: Array) -> list[str]:
     return lines
 
 
-def magnetometer_lines(fit: MagnetometerFit) -> list[str]:
+def magnetometer_lines(fit: MagnetometerFit, together: NineAxisFit | None) -> list[str]:
     """M, b and the dip with their error bars, and the findings."""
+    others, chi2 = "accelerometer", "chi2 per dof"
+    if together is not None:  # poses are judged without the moves
+        others, chi2 = "accelerometer and the gyroscope", "chi2 per dof of its poses"
     lines = [
         f"magnetometer      field = M (reading - b), axes of the accelerometer's "
         f"{fit.model} form, of a field of {fit.field:g}",
-        f"                  fitted together with the accelerometer; chi2 per dof "
+        f"                  fitted together with the {others}; {chi2} "
         f"{float(fit.chi2_per_dof):.3g} with {fit.dof}; {fit.assumption}",
         "                  value           sd",
     ]

@@ -27,15 +27,24 @@ and :math:`K z = (\delta\theta, \delta b)` goes into the estimate: :math:`\hat q
 Left out are terms of second order of the error, and of the turn in Q.
 """
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from simval.arguments import switch
-from simval.arrays import Array, finite_array, nonnegative_number, positive_number
+from simval.arrays import (
+    Array,
+    frozen,
+    nonnegative_number,
+    physical_array,
+    positive_number,
+)
 from simval.errors import InputError
 from simval.geometry import unit_quaternions
 from simval.shapes import Float
+
+I3: Final = frozen(np.eye(3))
+TINY: Final = 1e-100  # rad, stands in for no turn: sines over it are 1
 
 
 class Mekf:
@@ -84,7 +93,11 @@ class Mekf:
         self.N2 = nonnegative_number("gyroscope_noise", gyroscope_noise, "rad/s") ** 2
         self.K2 = nonnegative_number("gyroscope_walk", gyroscope_walk, "rad/s^2") ** 2
         up = [0.0, 0.0, positive_number("gravity", gravity, "m/s^2")]
-        self.references = np.stack([up, finite_array("field", field, (3,))])
+        m = physical_array("field", field, (3,))
+        if m.shape != (3,):
+            msg = f"`field` has shape {m.shape}; give one vector of the world, T, (3,)"
+            raise InputError(msg)
+        self.references = np.stack([up, m])
         noise = [
             positive_number("accelerometer_noise", accelerometer_noise, "m/s^2"),
             positive_number("magnetometer_noise", magnetometer_noise, "T"),
@@ -123,7 +136,7 @@ class Mekf:
         }  # fmt: skip
 
     def _rows(self, name: str, rows: Any) -> Float[Array, "... 3"]:
-        array = finite_array(name, rows, (3,))
+        array = physical_array(name, rows, (3,))
         if array.shape != self.b.shape:
             msg = (
                 f"`{name}` has shape {array.shape}; the start has {self.q.shape}, so "
@@ -170,19 +183,21 @@ class Mekf:
 def _transition(phi: Float[Array, "... 3"], h: float) -> Float[Array, "... 6 6"]:
     # F of eq. (F10); X^2 = phi phi' - |phi|^2
     X = _skew(phi)
-    square = np.vecdot(phi, phi)
-    angle = np.sqrt(square)
-    sinc = np.sinc(angle / np.pi)[..., None, None]
-    half = (np.sinc(angle / (2.0 * np.pi)) ** 2 / 2.0)[..., None, None]
+    square = np.vecdot(phi, phi)[..., None, None]
+    angle = np.maximum(np.sqrt(square), TINY)
+    sinc = np.sin(angle) / angle
+    half = 2.0 * (np.sin(angle / 2.0) / angle) ** 2
     # (1 - sinc)/angle^2, by its series to 1e-13 below 0.01 rad, where its digits go
-    small = 1.0 / 6.0 - square / 120.0
-    large = (1.0 - sinc[..., 0, 0]) / np.maximum(square, 1e-4)
-    rest = np.where(square < 1e-4, small, large)[..., None, None]
-    XX = phi[..., :, None] * phi[..., None, :] - square[..., None, None] * np.eye(3)
+    rest = np.where(
+        square < 1e-4,
+        1.0 / 6.0 - square / 120.0,
+        (1.0 - sinc) / np.maximum(square, 1e-4),
+    )
+    XX = phi[..., :, None] * phi[..., None, :] - square * I3
     F = np.zeros((*phi.shape[:-1], 6, 6))
-    F[..., :3, :3] = np.eye(3) - sinc * X + half * XX
-    F[..., :3, 3:] = -h * (np.eye(3) - half * X + rest * XX)
-    F[..., [3, 4, 5], [3, 4, 5]] = 1.0
+    F[..., :3, :3] = I3 - sinc * X + half * XX
+    F[..., :3, 3:] = -h * (I3 - half * X + rest * XX)
+    F[..., 3:, 3:] = I3
     return F
 
 
@@ -197,16 +212,17 @@ def _skew(v: Float[Array, "... 3"]) -> Float[Array, "... 3 3"]:
 def _matrix(q: Float[Array, "... 4"]) -> Float[Array, "... 3 3"]:
     # A(q) = I - 2 s [e x] + 2 [e x]^2, of unit length
     X = _skew(q[..., :3])
-    return np.eye(3) - 2.0 * (q[..., 3, None, None] * X - X @ X)
+    return I3 - 2.0 * (q[..., 3, None, None] * X - X @ X)
 
 
 def _turned(
     q: Float[Array, "... 4"], turn: Float[Array, "... 3"]
 ) -> Float[Array, "... 4"]:
     # q * q(turn), of length 1 again
-    half = np.sqrt(np.vecdot(turn, turn))[..., None] / 2.0
-    e, s = turn * (np.sinc(half / np.pi) / 2.0), np.cos(half)
-    vector = q[..., 3:] * e + s * q[..., :3] + np.matvec(_skew(q[..., :3]), e)
-    scalar = q[..., 3:] * s - np.vecdot(q[..., :3], e)[..., None]
-    made = np.concatenate([vector, scalar], axis=-1)
-    return made / np.sqrt(np.vecdot(made, made))[..., None]
+    half = np.maximum(np.sqrt(np.vecdot(turn, turn))[..., None] / 2.0, TINY)
+    e, s = turn * (np.sin(half) / half / 2.0), np.cos(half)
+    made = np.empty_like(q)
+    made[..., :3] = q[..., 3:] * e + s * q[..., :3] + np.matvec(_skew(q[..., :3]), e)
+    made[..., 3] = q[..., 3] * s[..., 0] - np.vecdot(q[..., :3], e)
+    made /= np.sqrt(np.vecdot(made, made))[..., None]
+    return made

@@ -18,10 +18,11 @@ counts or SI), because a calibration absorbs it.
 
 No row may be missing: a log with a hole, a repeated time, or a value that is not a
 number in a column that is taken, is refused with the file and the line, and never
-repaired.
+repaired. Recorded attitudes (`simval.logs.truth`) may be missing in any row.
 """
 
 from simval.logs.columns import Column
 from simval.logs.log import Log, read_log
+from simval.logs.truth import Truth, read_truth
 
-__all__ = ["Column", "Log", "read_log"]
+__all__ = ["Column", "Log", "Truth", "read_log", "read_truth"]

@@ -42,7 +42,7 @@ def read_clock(
         If neither is known, or the clock has no unit that can be right, does not
         increase, leaves a gap, or contradicts the rate.
     """
-    time, second = (None, 0.0) if column is None else _times(table, column, rate)
+    time, second = (None, 0.0) if column is None else times_of(table, column, rate)
     if time is not None:
         return time, _checked_rate(table, time, rate), second
     if rate is None:
@@ -50,11 +50,13 @@ def read_clock(
     return np.arange(len(table)) / rate, rate, 0.0
 
 
-def _times(
+def times_of(
     table: Table, column: Column, rate: float | None
 ) -> tuple[Float[Array, " n"] | None, float]:
-    # times in seconds, and the clock's unit; no times for a clock in words where the
-    # caller states the rate
+    """Times in seconds, and the unit of the clock.
+
+    None for a clock in words where the caller states the rate.
+    """
     if not table.is_text(column.place):
         time = table.numbers([column.place])[:, 0]
         require_finite(table, time[:, None])

@@ -12,7 +12,7 @@ from simval.errors import RefusedError
 from simval.logs import Log
 from simval.multiposition.faults import require_unsaturated
 from simval.multiposition.health import explained, require_sound
-from simval.multiposition.noise import PoseNoise, pose_noise
+from simval.multiposition.pose_noise import PoseNoise, pose_noise
 from simval.multiposition.rests import find_rests
 from simval.noise import NoiseFile
 from simval.poses import observability

@@ -2,13 +2,13 @@
 
 The accelerometer's rests are the poses of all. Accelerometer and gyroscope are fitted
 together, and so are accelerometer and magnetometer; both fits take the noise of a pose
-mean that the residuals show, where that is more than is known of it. A sensor that
-cannot be calibrated from this log is left out, and why is said; one that was asked for
-is refused.
+mean that the residuals show, where that is more than is known of it. Where there are
+all three, one fit of all begins with these two. A sensor that cannot be calibrated from
+this log is left out, and why is said; one that was asked for is refused.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, TypeVar
 
 import numpy as np
@@ -20,30 +20,25 @@ from simval.calibrate import (
     GyroscopeFit,
     ImuFit,
     MagnetometerFit,
+    NineAxisFit,
     calibrate_imu,
     calibrate_magnetometer,
 )
-from simval.errors import InputError, RefusedError, SaturatedError
+from simval.calibrate.gyroscope.imu import joined
+from simval.errors import InputError, RefusedError
 from simval.logs import Log
+from simval.multiposition.axes import require_alive, require_one_unit
 from simval.multiposition.calibration import LogCalibration, white_noise
+from simval.multiposition.compass import compass_pose_noise
+from simval.multiposition.pose_noise import PoseNoise
+from simval.multiposition.together import fit_together
+from simval.noise import NoiseFile
 from simval.shapes import Float
 from simval.statics import interval_means
 
 T = TypeVar("T")
 SENSORS: Final = ("gyroscope", "magnetometer")
 """Beside the accelerometer, without which there are no rests."""
-
-AXES: Final = "xyz"
-RAIL: Final = 3
-"""Rows in a row at the greatest or least reading of an axis that may be a rail."""
-
-KINK: Final = 4.0
-"""Steps of the converter by which the rows beside a rail are off it. A round top that
-reads the same for L rows is one step lower beside them, times (1 + 2/L)^2 < 3."""
-
-SAME_UNIT: Final = 5.0
-"""Ratio of two axes' scales beyond which they are in different units: the nearest two
-units in use, standard gravities and m/s^2, differ by 9.8, and no two axes by 2."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -55,17 +50,22 @@ class ImuCalibration:
     log : LogCalibration
         The accelerometer's alone, with its rests and its diagnosis.
     accelerometer : FitResult
-        The accelerometer's as the gyroscope's moves leave it, else that of `log`.
+        The accelerometer's as the fit with the other sensors leaves it, else that of
+        `log`.
     gyroscope : GyroscopeFit or None
         Its covariance holds the accelerometer's nine parameters too.
     sensitivity : Array
         What specific force does to the gyroscope, raw units per m/s^2, (3, 3).
     magnetometer : MagnetometerFit or None
         On the axes of the accelerometer, fitted together with it.
+    together : NineAxisFit or None
+        The one fit that all of these are of, where there are three sensors.
     reasons : tuple of str
         What was chosen by evidence, and why.
     left_out : mapping of str to str
         Sensors of the log that are not calibrated, and why.
+    compass_noise : PoseNoise or None
+        Noise of the magnetometer's pose means, and where it comes from.
     """
 
     log: LogCalibration
@@ -73,8 +73,10 @@ class ImuCalibration:
     gyroscope: GyroscopeFit | None
     sensitivity: Float[Array, "3 3"]
     magnetometer: MagnetometerFit | None
+    together: NineAxisFit | None
     reasons: tuple[str, ...]
     left_out: Mapping[str, str]
+    compass_noise: PoseNoise | None
 
 
 def calibrate_sensors(
@@ -84,6 +86,7 @@ def calibrate_sensors(
     sensors: Sequence[str] | None = None,
     hemisphere: str = "unstated",
     field: float = 1.0,
+    noise: NoiseFile | None = None,
 ) -> ImuCalibration:
     """Calibrate the other sensors of a log whose accelerometer is calibrated.
 
@@ -100,6 +103,9 @@ def calibrate_sensors(
         Where the log was made, which the magnetometer's axes cannot tell.
     field : float
         Strength of the field, in the unit that the magnetometer's M is wanted in.
+    noise : NoiseFile or None
+        Where it has a magnetometer, its noise; None, or one without, takes it from the
+        log's longest rest, and white noise alone where that is too short.
 
     Returns
     -------
@@ -139,17 +145,49 @@ def calibrate_sensors(
     imu = tried("gyroscope", lambda samples: _gyroscope(log, result, samples))
     compass = tried(
         "magnetometer",
-        lambda samples: _magnetometer(log, result, samples, hemisphere, field),
+        lambda samples: _magnetometer(log, result, samples, hemisphere, field, noise),
     )
-    return ImuCalibration(
+    found = ImuCalibration(
         log=result,
         accelerometer=result.fit if imu is None else imu.accelerometer,
         gyroscope=None if imu is None else imu.gyroscope,
         sensitivity=np.zeros((3, 3)) if imu is None else imu.G,
-        magnetometer=compass,
+        magnetometer=None if compass is None else compass[0],
+        together=None,
+        compass_noise=None if compass is None else compass[1],
         reasons=() if imu is None else imu.reasons,
         left_out=left_out,
     )
+    if imu is None or compass is None or log.magnetometer is None:
+        return found
+    return _all(found, imu, compass, log.magnetometer)
+
+
+def _all(
+    found: ImuCalibration,
+    imu: ImuFit,
+    compass: tuple[MagnetometerFit, PoseNoise],
+    samples: Float[Array, "n 3"],
+) -> ImuCalibration:
+    # the three sensors as one fit has them, or two and two as they are
+    fields = interval_means(samples, found.log.intervals)
+    try:
+        fit, said = fit_together(imu, compass[0], fields, compass[1].std)
+    except RefusedError as error:
+        said = (f"the three sensors are not fitted together: {error}",)
+        return replace(found, reasons=(*found.reasons, *said))
+    own = fit.gyroscope
+    return replace(
+        found,
+        accelerometer=joined(
+            imu.accelerometer, own.accelerometer, own.covariance[:9, :9],
+            imu.reduced.poses,
+        ),
+        gyroscope=own,
+        magnetometer=fit.magnetometer,
+        together=fit,
+        reasons=(*found.reasons, *said),
+    )  # fmt: skip
 
 
 def _absent(log: Log, name: str) -> str:
@@ -204,77 +242,21 @@ def _magnetometer(
     samples: Float[Array, "n 3"],
     hemisphere: str,
     field: float,
-) -> MagnetometerFit:
+    known: NoiseFile | None,
+) -> tuple[MagnetometerFit, PoseNoise]:
     middle = result.intervals.sum(axis=1) // 2
+    white = white_noise(samples, result.intervals)
+    noise = compass_pose_noise(log, samples, result.intervals, white, known)
     fit = calibrate_magnetometer(
         interval_means(log.accelerometer, result.intervals),
         interval_means(samples, result.intervals),
         result.fit.g,
         field,
         accelerometer_std=pose_std(result),
-        magnetometer_std=white_noise(samples, result.intervals),
+        magnetometer_std=noise.std,
         hemisphere=hemisphere,
         model=result.fit.model,
         time=log.time[middle],
     ).require_converged()
     require_one_unit(log, "magnetometer", fit.M)
-    return fit
-
-
-def require_alive(log: Log, name: str, samples: Float[Array, "n 3"]) -> None:
-    """Refuse an axis that shows one value, and one that stays at the end of its range.
-
-    Raises
-    ------
-    RefusedError
-        Naming the axis, and where.
-    """
-    for axis, column in zip(AXES, samples.T, strict=True):
-        if np.ptp(column) == 0.0:
-            msg = (
-                f"{log.path}: axis {axis} of the {name} shows {column[0]:g} in every "
-                "row; look at its cable and its settings"
-            )
-            raise RefusedError(msg)
-        for sign in (1.0, -1.0):
-            start, length = rail(sign * column)
-            if length:
-                msg = (
-                    f"{log.path}: axis {axis} of the {name} stays at "
-                    f"{column[start]:g} for {length} rows from {log.time[start]:.2f} "
-                    "s: that is the end of its range, and what lies beyond is not "
-                    "known; turn more slowly, or widen the range"
-                )
-                raise SaturatedError(msg)
-
-
-def rail(column: Float[Array, " n"]) -> tuple[int, int]:
-    """Start and length of the longest stay at the greatest reading; length 0: none."""
-    top = float(column.max())
-    edges = np.flatnonzero(np.diff(np.r_[0, column == top, 0]))
-    starts, stops = edges[::2], edges[1::2]
-    step = float(np.diff(np.unique(column)).min())
-    walled = np.pad(column, 1, constant_values=-np.inf)  # a log may begin at a rail
-    kinked = np.maximum(walled[starts], walled[stops + 1]) < top - KINK * step
-    lengths = np.where(kinked, stops - starts, 0)
-    k = int(np.argmax(lengths))
-    return (int(starts[k]), int(lengths[k])) if lengths[k] >= RAIL else (0, 0)
-
-
-def require_one_unit(log: Log, name: str, M: Float[Array, "3 3"]) -> None:
-    """Refuse three axes whose scales differ as units do.
-
-    Raises
-    ------
-    RefusedError
-        With the ratio.
-    """
-    scales = np.linalg.norm(M, axis=0)
-    ratio = float(scales.max() / scales.min())
-    if not ratio < SAME_UNIT:
-        low, high = AXES[int(scales.argmin())], AXES[int(scales.argmax())]
-        msg = (
-            f"{log.path}: a unit of axis {high} of the {name} is {ratio:.3g} times one "
-            f"of axis {low}; write all three axes in the same unit"
-        )
-        raise RefusedError(msg)
+    return fit, noise

@@ -1,24 +1,21 @@
-"""Noise of a log's longest rest, and what it leaves in the mean of a rest."""
+"""Noise of a log's longest rest."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
 from simval.arrays import Array, frozen
-from simval.errors import InputError, RefusedError
+from simval.errors import RefusedError
 from simval.logs import Log
 from simval.multiposition.rests import find_rests
 from simval.noise import AxisNoise, noise_of
-from simval.noise.files import NoiseFile
-from simval.noise.measure import LEAST_ROWS
+from simval.noise.held import noise_of_readings
 from simval.shapes import Float
 from simval.statics import WINDOWS, Intervals, interval_means
 
 MISSING = 0.01  # share of rows lost beyond which averages are over other times
-SHOWS = 5.0
-"""Median rests in the longest one that shows how their means scatter. Allan variances
-go to a tenth of it, and the fitted model a factor of two farther."""
-OTHER_UNIT = 5.0  # times the noise: 9.8, 1000, 57 or counts are other units
 LATE = 1.5  # median steps from row to row: one is missing
 
 
@@ -38,9 +35,14 @@ class LogNoise:
         Of the three axes, raw units.
     gyro : tuple of AxisNoise
         Of the three axes, raw units; empty without a gyroscope.
+    magnetometer : tuple of AxisNoise
+        Of the three axes, raw units, its own readings where it is slower than the log;
+        empty without a magnetometer.
     means : Array
         Mean reading of the accelerometer in these rows, and then in every rest that
         was found, raw units, (m, 3).
+    left_out : mapping of str to str
+        Sensors of the log whose noise cannot be told, and why.
     """
 
     start: int
@@ -49,10 +51,14 @@ class LogNoise:
     how: str
     accelerometer: tuple[AxisNoise, ...]
     gyro: tuple[AxisNoise, ...]
+    magnetometer: tuple[AxisNoise, ...]
     means: Float[Array, "m 3"]
+    left_out: Mapping[str, str]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "means", frozen(self.means))
+        own = MappingProxyType(dict(self.left_out))
+        object.__setattr__(self, "left_out", own)
 
 
 def log_noise(
@@ -74,7 +80,9 @@ def log_noise(
     Returns
     -------
     LogNoise
-        Noise of each axis of the accelerometer and, where there is one, the gyro.
+        Noise of each axis of the accelerometer and, where there is one, of the gyro
+        and of the magnetometer. A magnetometer that does not show its own readings, or
+        too few, is left out.
 
     Raises
     ------
@@ -88,6 +96,13 @@ def log_noise(
     if log.gyro is not None:
         rows = np.concatenate([rows, log.gyro[start:stop]], axis=1)
     found = noise_of(rows, log.rate, increments=increments)
+    compass: tuple[AxisNoise, ...] = ()
+    left_out = {}
+    if log.magnetometer is not None:
+        try:
+            compass = noise_of_readings(log.magnetometer[start:stop], log.rate)
+        except RefusedError as error:
+            left_out["magnetometer"] = str(error)
     return LogNoise(
         start=start,
         stop=stop,
@@ -95,6 +110,8 @@ def log_noise(
         how=how,
         accelerometer=found[:3],
         gyro=found[3:],
+        magnetometer=compass,
+        left_out=left_out,
         means=np.concatenate(
             [
                 log.accelerometer[start:stop].mean(axis=0, keepdims=True),
@@ -155,130 +172,3 @@ def _still(log: Log, rest: float | None, intervals: Intervals) -> tuple[int, int
         f"the longest of {len(intervals)} rest(s), from {log.time[start]:.2f} s to "
         f"{log.time[stop - 1]:.2f} s",
     )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PoseNoise:
-    """Noise of the mean of each rest, and where it comes from.
-
-    Attributes
-    ----------
-    std : Array
-        Standard deviation of each axis of the mean of each rest, raw units, (m,).
-    white : Array
-        The same if white noise were all there is, raw units, (m,).
-    source : str
-        ``white``, ``log`` (the log's longest rest) or ``file``.
-    words : str
-        Where it comes from.
-    """
-
-    std: Float[Array, " m"]
-    white: Float[Array, " m"]
-    source: str
-    words: str
-
-    def __post_init__(self) -> None:
-        for name in ("std", "white"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
-
-
-def pose_noise(
-    log: Log,
-    intervals: Intervals,
-    white: Float[Array, " m"],
-    file: NoiseFile | None = None,
-) -> PoseNoise:
-    """Noise of the means of a log's rests: by Allan variance where that is known.
-
-    Raises
-    ------
-    InputError
-        If the noise file is that of another log's unit.
-    """
-    seconds = (intervals[:, 1] - intervals[:, 0]) / log.rate
-    axes = None if file is None else of_this_unit(file, log, intervals)
-    source = "log" if axes is None else "file"
-    try:
-        std = mean_noise(own_noise(log, intervals) if axes is None else axes, seconds)
-    except RefusedError as refusal:
-        words = f"white noise alone: {refusal}; give --noise FILE of a longer one"
-        return PoseNoise(std=white, white=white, source="white", words=words)
-    where = "the log's longest rest" if axes is None else "the noise file"
-    words = f"the Allan variance at each rest's length, of {where}"
-    return PoseNoise(std=std, white=white, source=source, words=words)
-
-
-def of_this_unit(
-    file: NoiseFile, log: Log, intervals: Intervals
-) -> tuple[AxisNoise, ...]:
-    """Noise of a file, if its readings are in the unit of this log.
-
-    Raises
-    ------
-    InputError
-        If white noise of the two differs by a factor of `OTHER_UNIT` or more.
-    """
-    rows = [log.accelerometer[a:b] for a, b in intervals]
-    here = np.sqrt(np.mean([np.diff(part, axis=0).var(axis=0) for part in rows]) / 2.0)
-    there = np.sqrt(np.mean([axis.variances[0] for axis in file.accelerometer]))
-    if not 1.0 / OTHER_UNIT < here / max(there, 1e-300) < OTHER_UNIT:
-        msg = (
-            f"a row of {log.path} has a noise of {here:.3g} in its unit at rest, and "
-            f"the noise file one of {there:.3g}: it is of another sensor, range or "
-            "unit; measure the noise in the unit of the log"
-        )
-        raise InputError(msg)
-    return file.accelerometer
-
-
-def own_noise(log: Log, intervals: Intervals) -> tuple[AxisNoise, ...]:
-    """Noise of the accelerometer in the longest of a log's rests.
-
-    Raises
-    ------
-    RefusedError
-        If that rest is too short to show what the others' means scatter by: five times
-        their median length shows it.
-    """
-    lengths = intervals[:, 1] - intervals[:, 0]
-    start, stop = map(int, intervals[int(np.argmax(lengths))])
-    least = max(LEAST_ROWS, int(np.ceil(SHOWS * np.median(lengths))))
-    if stop - start < least:
-        msg = (
-            f"the longest rest, {(stop - start) / log.rate:.3g} s, is shorter than "
-            f"{least / log.rate:.3g} s"
-        )
-        raise RefusedError(msg)
-    require_even(log, start, stop)
-    return noise_of(log.accelerometer[start:stop], log.rate)
-
-
-def mean_noise(
-    axes: tuple[AxisNoise, ...], seconds: Float[Array, " m"]
-) -> Float[Array, " m"]:
-    """Standard deviation of the mean of a rest, by the Allan variance at its length.
-
-    The mean over the axes of their variances, as the calibration knows one noise for
-    the three axes of a pose. An axis's variance is that of its fitted model, and the
-    measured one where none fits.
-
-    Raises
-    ------
-    RefusedError
-        If a rest is longer than what was measured of an axis without a model.
-    """
-    return np.sqrt(np.mean([_variances(axis, seconds) for axis in axes], axis=0))
-
-
-def _variances(axis: AxisNoise, seconds: Float[Array, " m"]) -> Float[Array, " m"]:
-    first = axis.seconds[axis.used[0]]
-    measured = axis.seconds[-1]
-    if axis.coefficients:
-        law = axis.law(np.maximum(seconds, first))
-        return np.where(
-            seconds >= first,
-            law,
-            [axis.variance_at(t) for t in np.clip(seconds, axis.seconds[0], measured)],
-        )
-    return np.array([axis.variance_at(float(t)) for t in seconds])

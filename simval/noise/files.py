@@ -20,7 +20,7 @@ AXES: Final = ("x", "y", "z")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NoiseFile:
-    """What a noise file says of an accelerometer.
+    """What a noise file says of an accelerometer, and of others that it has.
 
     Attributes
     ----------
@@ -30,11 +30,20 @@ class NoiseFile:
         m/s^2 per raw unit; None where it was not known.
     gravity_raw : float
         Length of the mean reading at rest, raw units.
+    gyro : tuple of AxisNoise
+        Of the three axes, raw units; empty where the file has none.
+    gyro_si_per_raw : float or None
+        rad/s per raw unit; None where it was not known.
+    magnetometer : tuple of AxisNoise
+        Of the three axes, raw units; empty where the file has none.
     """
 
     accelerometer: tuple[AxisNoise, ...]
     si_per_raw: float | None
     gravity_raw: float
+    gyro: tuple[AxisNoise, ...] = ()
+    gyro_si_per_raw: float | None = None
+    magnetometer: tuple[AxisNoise, ...] = ()
 
 
 def axis_to_json(axis: AxisNoise) -> dict[str, Any]:
@@ -157,7 +166,7 @@ def load_noise(path: str | PathLike[str]) -> NoiseFile:
     Returns
     -------
     NoiseFile
-        Noise of its accelerometer.
+        Noise of its accelerometer, and of its magnetometer if it has one.
 
     Raises
     ------
@@ -178,22 +187,36 @@ def load_noise(path: str | PathLike[str]) -> NoiseFile:
         msg = f"{file} is not a noise file (no format {FORMAT!r}); {how}"
         raise InputError(msg)
     try:
-        return _accelerometer(data.get("sensors"))
+        return _sensors(data.get("sensors"))
     except (InputError, OverflowError) as error:
         msg = f"the noise file {file}: {error}; {how}"
         raise InputError(msg) from None
 
 
-def _accelerometer(sensors: Any) -> NoiseFile:
-    sensor = sensors.get("accelerometer") if isinstance(sensors, dict) else None
+def _sensors(sensors: Any) -> NoiseFile:
+    known = sensors if isinstance(sensors, dict) else {}
+    axes = _axes("accelerometer", known.get("accelerometer"))
+    compass, gyro = known.get("magnetometer"), known.get("gyro")
+    sensor = known["accelerometer"]
+    return NoiseFile(
+        accelerometer=axes,
+        si_per_raw=_unit(sensor),
+        gravity_raw=positive_number("gravity_raw", sensor.get("gravity_raw"), "raw"),
+        gyro=() if gyro is None else _axes("gyro", gyro),
+        gyro_si_per_raw=None if gyro is None else _unit(gyro),
+        magnetometer=() if compass is None else _axes("magnetometer", compass),
+    )
+
+
+def _axes(name: str, sensor: Any) -> tuple[AxisNoise, ...]:
     axes = sensor.get("axes") if isinstance(sensor, dict) else None
     known = isinstance(axes, dict) and all(isinstance(axes.get(a), dict) for a in AXES)
-    if not (isinstance(sensor, dict) and isinstance(axes, dict) and known):
-        msg = "it has no accelerometer with the axes x, y and z"
+    if not (isinstance(axes, dict) and known):
+        msg = f"it has no {name} with the axes x, y and z"
         raise InputError(msg)
+    return tuple(axis_from_json(axes[a]) for a in AXES)
+
+
+def _unit(sensor: dict[str, Any]) -> float | None:
     size = sensor.get("si_per_raw")
-    return NoiseFile(
-        accelerometer=tuple(axis_from_json(axes[a]) for a in AXES),
-        si_per_raw=None if size is None else positive_number("si_per_raw", size, ""),
-        gravity_raw=positive_number("gravity_raw", sensor.get("gravity_raw"), "raw"),
-    )
+    return None if size is None else positive_number("si_per_raw", size, "")

@@ -25,6 +25,8 @@ def rounding_step(signal: Float[Array, " n"]) -> float:
         return 0.0
     gaps = np.diff(values)
     step = float(gaps.min())
+    if _noise(values, step) >= LEAST:  # steps of the readings' last digits
+        return 0.0
     steps = gaps / step
     odd = np.abs(steps - np.round(steps)) > _SAME * np.round(steps) + _noise(
         values, step

@@ -157,11 +157,10 @@ class _Process:
             return
         try:
             self._end_input()
-            rest = self._rest(END_LIMIT)
-            self._require_ended()
-            if self.pending or rest:
-                self.pending += rest
+            self.pending += self._rest(END_LIMIT)
+            if self.pending:
                 raise PluginError(self._more_than_a_line())
+            self._require_ended()
             if code := self.process.wait():
                 msg = f"{self._ended(code)} after all of its rows"
                 raise CrashedPluginError(msg)

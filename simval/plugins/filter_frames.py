@@ -21,14 +21,15 @@ import numpy as np
 from simval.errors import PluginError
 from simval.plugins.filter_protocol import Filter, Force
 from simval.plugins.filter_signals import Told
+from simval.plugins.filter_signs import require_signs
 from simval.plugins.filter_strays import DECLARED, STAYS, Stray, Trial
 from simval.plugins.protocol import Components
 from simval.plugins.reference_frames import WORLDS
 
 DIRECTIONS: Final[tuple[Literal["active", "passive"], ...]] = ("active", "passive")
 
-CLEARLY: Final = 5.0
-"""Times that another world must fit better than a declared one that fits."""
+PREFERRED: Final = ("NWU", "NED", *(w for w in WORLDS if w not in ("NWU", "NED")))
+"""Of worlds that are the same to a filter the scenes' is taken, or the usual one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,36 +69,55 @@ def find_world(filter: Filter, told: Told, rate: float = 100.0) -> FoundWorld:
     ------
     PluginError
         If it does not stay as declared, with the declaration that fits or, if none
-        does, with what was tried.
+        does, with what was tried; or if a sign of its bias is wrong.
     """
     trial = Trial(filter, told, rate)
     worlds = (filter.world,) if filter.world else WORLDS
     strays = trial.all_of(replace(filter, world=world) for world in worlds)
-    fits = [each for each in strays if each.judged <= STAYS]
-    if not fits:
-        raise _misdeclared(trial, filter, strays)
-    others = [w for w in WORLDS if w not in worlds]
-    beside = trial.all_of(replace(filter, world=world) for world in others)
-    best = fits[0] if filter.world else min(fits, key=lambda each: each.judged)
-    better = min([*fits, *beside], key=lambda each: each.judged)
-    if np.radians(1.0) < best.judged and CLEARLY * better.judged < best.judged:
-        raise _misdeclared(trial, filter, strays)
-    alike = [each for each in (*fits, *beside) if each.judged <= STAYS]
-    if filter.magnetometer and filter.world is None and len(alike) > 1:
-        alike = trial.after_a_long_rest(alike)
-        best = _only_one(filter, alike)
-    names = [str(e.declared.world) for e in alike]
+    if not any(each.judged <= STAYS for each in strays):
+        raise _misdeclared(trial, filter, min(strays, key=lambda each: each.judged))
+    # of a declared one that has any north the others say nothing
+    more = () if filter.world and _any_north(filter) else WORLDS
+    every = trial.all_of(replace(filter, world=world) for world in (*worlds, *more))
+    alike = list({e.declared.world: e for e in every if e.judged <= STAYS}.values())
+    if len(alike) > 1 and not _any_north(filter):
+        alike = _lasting(trial, filter, alike)
+    best = _chosen(filter, alike)
+    names = [str(each.declared.world) for each in alike]
     world = str(best.declared.world)
-    if not filter.magnetometer and filter.world is None:
-        world = next(w for w in WORLDS if w in names)
-    rest = tuple(name for name in WORLDS if name in names and name != world)
+    rest = tuple(name for name in PREFERRED if name in names and name != world)
+    require_signs(filter, told, world, rate)
     return FoundWorld(world=world, alike=rest, stray=best.judged)
 
 
-def _only_one(filter: Filter, fits: list[Stray]) -> Stray:
-    if len(fits) == 1:
-        return fits[0]
-    names = " and ".join(str(each.declared.world) for each in fits)
+def _any_north(filter: Filter) -> bool:
+    """Whether a filter has the north that it is given, by start and field."""
+    return not filter.magnetometer or "field" in filter.reads
+
+
+def _lasting(trial: Trial, filter: Filter, alike: list[Stray]) -> list[Stray]:
+    """Worlds in which a filter stays over a long rest as well, the declared one too."""
+    after = trial.after_a_long_rest(alike)
+    lasting = [each for each in after if each.judged <= STAYS]
+    for own in after:
+        if lasting and own.declared.world == filter.world and own not in lasting:
+            raise _misdeclared(trial, filter, own)
+    return lasting or alike
+
+
+def _chosen(filter: Filter, alike: list[Stray]) -> Stray:
+    """The declared one of the worlds in which a filter stays, or one that is its own.
+
+    Raises
+    ------
+    PluginError
+        If it is left open, and cannot be found.
+    """
+    order = (filter.world, *PREFERRED)
+    best = min(alike, key=lambda each: order.index(each.declared.world))
+    if filter.world is not None or len(alike) == 1 or _any_north(filter):
+        return best
+    names = " and ".join(str(each.declared.world) for each in alike)
     msg = (
         f"{filter.name} stays where it is started in the worlds {names} alike, so its "
         "own cannot be found: declare its `world`"
@@ -105,11 +125,10 @@ def _only_one(filter: Filter, fits: list[Stray]) -> Stray:
     raise PluginError(msg)
 
 
-def _misdeclared(trial: Trial, filter: Filter, strays: list[Stray]) -> PluginError:
+def _misdeclared(trial: Trial, filter: Filter, off: Stray) -> PluginError:
     """Say which declaration fits a filter that strays, or what was tried."""
     tried = trial.all_of(_declarations(filter))
     fits = [each for each in tried if each.judged <= STAYS]
-    off = min(strays, key=lambda each: each.judged)
     if not fits and off.error is not None:
         return off.error
     as_declared = _said(filter, None)
@@ -119,25 +138,17 @@ def _misdeclared(trial: Trial, filter: Filter, strays: list[Stray]) -> PluginErr
         else f"strays by {np.degrees(off.judged):.0f} degrees from the truth, without "
         f"noise, as it is declared ({as_declared})"
     )
-    if fits:
-        longest = _lasting(trial, filter, fits)
-        least = min(each.judged for each in longest)
-        near = [each for each in longest if each.judged <= max(2 * least, 0.01)]
-        best = min(near, key=lambda each: _changes(each.declared, filter))
-        within = np.degrees(best.judged)
-        msg = (
-            f"{filter.name} {where}; declare {_said(best.declared, filter)}: so it "
-            f"stays within {within:.2g} degrees"
-        )
-        return PluginError(msg)
-    return PluginError(f"{filter.name} {where}; {_what_was_tried(filter, tried)}")
-
-
-def _lasting(trial: Trial, filter: Filter, fits: list[Stray]) -> list[Stray]:
-    """Those that fit after a long rest too; two are always the same, upside down."""
-    if len(fits) <= 2 or not filter.magnetometer:
-        return fits
-    return trial.after_a_long_rest(fits)
+    if not fits:
+        return PluginError(f"{filter.name} {where}; {_what_was_tried(filter, tried)}")
+    if len(fits) > 2 and not _any_north(filter):  # two are the same, upside down
+        after = trial.after_a_long_rest(fits)
+        fits = [each for each in after if each.judged <= STAYS] or fits
+    best = min(fits, key=lambda each: (_changes(each.declared, filter), each.judged))
+    msg = (
+        f"{filter.name} {where}; declare {_said(best.declared, filter)}: so it stays "
+        f"within {np.degrees(best.judged):.2g} degrees"
+    )
+    return PluginError(msg)
 
 
 def _declarations(filter: Filter) -> list[Filter]:
@@ -150,13 +161,17 @@ def _declarations(filter: Filter) -> list[Filter]:
     ]
 
 
-def _changes(other: Filter, filter: Filter) -> int:
-    """How many declarations differ; one that was left open is free."""
-    return sum(
-        getattr(other, word) != getattr(filter, word)
+def _changes(other: Filter, filter: Filter) -> tuple[int, bool]:
+    """How many declarations differ, and whether one is the accelerometer's.
+
+    One that was left open is free. What is the same upside down is told by the world.
+    """
+    changed = [
+        word
         for word in DECLARED
-        if getattr(filter, word) is not None
-    )
+        if getattr(filter, word) not in (None, getattr(other, word))
+    ]
+    return len(changed), "accelerometer" in changed
 
 
 def _said(filter: Filter, than: Filter | None) -> str:

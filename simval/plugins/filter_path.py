@@ -50,11 +50,8 @@ def path(told: Told, rate: float, rest: float, turn: float) -> Path:
     # sinc(x) is sin(pi x) / (pi x): no branch at rest
     steps = np.concatenate([phi / 2.0 * np.sinc(half / np.pi), np.cos(half)], axis=1)
     first = normalize(np.array(START))
-    now, q = first, np.empty_like(steps)
-    for k in range(len(steps)):
-        now = compose(now, steps[k])
-        q[k] = now
-    q = normalize(q)
+    steps[0] = compose(first, steps[0])
+    q = normalize(_products(steps))
     A = attitude_matrix(q)
     count = len(q)
     given = FilterInput(
@@ -66,6 +63,15 @@ def path(told: Told, rate: float, rest: float, turn: float) -> Path:
         told=replace(told, start_std=max(told.start_std, max(OFF))),
     )
     return Path(given=given, truth=q, rest=still)
+
+
+def _products(q: Float[Array, "n 4"]) -> Float[Array, "n 4"]:
+    """The first, the first two, the first three and so on, composed."""
+    shift, found = 1, q.copy()
+    while shift < len(q):
+        found[shift:] = compose(found[:-shift], found[shift:])
+        shift *= 2
+    return found
 
 
 def _sway(count: int, rate: float) -> Float[Array, "count 3"]:

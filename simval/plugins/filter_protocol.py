@@ -9,7 +9,8 @@ object that is stepped through the readings, one row after the other:
 specific force, m/s^2, and the field, T, are of its end, and so is the attitude that is
 answered. The answer is the attitude, or a pair of attitude and covariance, or a mapping
 with some of the words of `ANSWERS`. A covariance is of the rotation vector of the
-error, rad^2, or larger with that first and the bias of the gyroscope, rad/s, next.
+error, rad^2, or larger with that first and the bias of the gyroscope, rad/s, next, both
+estimate minus truth. What is made may have a `close`, which is called after its run.
 
 Attitudes are declared as those of `simval.plugins.protocol`, from the filter's world
 frame (`simval.plugins.reference_frames`) to the body.
@@ -74,7 +75,7 @@ class Filter(Plugin):
     matrix : {"active", "passive"}
         Direction of the attitude.
     world : {"NED", "ENU", "NWU", "SEU", "WSU", "ESD", "SWD", "WND"}, optional
-        Its reference frame; default the one that is found.
+        Its reference frame, x, y and z by their letters; default the one found.
     accelerometer : {"specific force", "gravity"}, default "specific force"
         What it calls the accelerometer's reading: at rest up, or down.
     magnetometer : bool, default True

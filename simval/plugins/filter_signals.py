@@ -48,4 +48,4 @@ class FilterOutput:
     bias: Float[Array, "n k 3"] | None  # of the gyroscope, rad/s
     innovation: Float[Array, "n k m"] | None
     innovation_covariance: Float[Array, "n k m m"] | None
-    seconds: Float[Array, " q"]  # time of a row, over q equal parts of the run
+    seconds: Float[Array, " q"]  # of a row of one trial, over q equal parts of a run

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import pairwise
-from time import perf_counter
+from time import perf_counter, process_time
 from typing import Any, Final
 
 import numpy as np
@@ -52,6 +52,7 @@ class Run:
     words: dict[str, Float[Array, "k ..."]]
     rows: NDArray[np.intp]  # (s,), of each stretch
     seconds: Float[Array, " s"]  # of each stretch
+    processor: Float[Array, " s"]  # seconds of processor time of each
 
 
 def readings_of(
@@ -149,13 +150,13 @@ def stepped(
     edges = stretches(len(readings.dt))
     form: Form | None = None
     found: list[list[Array]] = []
-    seconds: list[float] = []
+    times: list[tuple[float, float]] = []
     for first, last in pairwise(edges.tolist()):
         rows = slice(first, last)
         columns = [np.array(a[rows], order="C") for a in readings.sensors]
         given = [readings.dt[rows].tolist(), *(list(a) for a in columns)]
         stretch = _Stretch(filter, readings, first, form)
-        seconds.append(stretch.step(update, given))
+        times.append(stretch.step(update, given))
         form, arrays = stretch.form, stretch.arrays
         _require_unchanged(filter, readings, rows, columns)
         assert form is not None
@@ -170,7 +171,8 @@ def stepped(
     return Run(
         words=dict(zip(form.words, whole, strict=True)),
         rows=np.diff(edges),
-        seconds=np.array(seconds),
+        seconds=np.array([seconds for seconds, _ in times]),
+        processor=np.array([seconds for _, seconds in times]),
     )
 
 
@@ -194,19 +196,19 @@ class _Stretch:
         self.filter, self.readings, self.first = filter, readings, first
         self.form, self.arrays = form, list[Array]()
 
-    def step(self, update: Callable[..., Any], given: Sequence[Sequence[Any]]) -> float:
-        """Step through the rows; seconds that it took, a first answer's form aside."""
+    def step(
+        self, update: Callable[..., Any], given: Sequence[Sequence[Any]]
+    ) -> tuple[float, float]:
+        """Step through the rows; seconds that it took, and of processor time."""
         count, row = len(given[0]), -1
         put = None if self.form is None else self._puts(self.form, count)
-        start = perf_counter()
+        start = np.array([perf_counter(), process_time()])
         try:
             for row, values in enumerate(zip(*given, strict=True)):
                 answer = update(*values)
                 if put is None:
-                    paused = perf_counter()
                     self.form = form_of(self.filter, answer, self.readings.lead)
                     put = self._puts(self.form, count)
-                    start += perf_counter() - paused
                 put(row, answer)
         except PluginError as error:
             msg = f"{error}, {place(self.readings, self.first + max(row, 0))}"
@@ -218,7 +220,8 @@ class _Stretch:
                 f"{place(self.readings, self.first + max(row, 0))}"
             )
             raise CrashedPluginError(msg) from error
-        return perf_counter() - start
+        wall, processor = np.array([perf_counter(), process_time()]) - start
+        return float(wall), float(processor)
 
     def _puts(self, form: Form, count: int) -> Callable[[int, Any], None]:
         self.arrays = [np.empty((count, *shape)) for shape in form.shapes]
@@ -229,7 +232,9 @@ def _require_unchanged(
     filter: Filter, readings: Readings, rows: slice, columns: list[Array]
 ) -> None:
     for name, whole, now in zip(SENSORS, readings.sensors, columns, strict=False):
-        same = np.equal(whole[rows], now).reshape(len(now), -1).all(axis=1)
+        before = whole[rows]
+        equal = (before == now) | (np.isnan(before) & np.isnan(now))
+        same = equal.reshape(len(now), -1).all(axis=1)
         if not same.all():
             row = rows.start + int(np.argmin(same))
             msg = (

@@ -74,10 +74,9 @@ class Trial:
         """How far each declaration strays."""
         return [self.stray(each) for each in filters]
 
-    def after_a_long_rest(self, fits: list[Stray]) -> list[Stray]:
-        """Those that stay over a long rest, too; all where none does."""
-        again = [self._judged(each.declared, LONGER[1]) for each in fits]
-        return [each for each in again if each.judged <= STAYS] or fits
+    def after_a_long_rest(self, some: list[Stray]) -> list[Stray]:
+        """How far declarations stray where the turn comes after a long rest."""
+        return [self._judged(each.declared, LONGER[1]) for each in some]
 
     def stray(self, declared: Filter) -> Stray:
         """How far one declaration strays; at a glance first, if it starts at once."""

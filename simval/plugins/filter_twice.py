@@ -3,7 +3,8 @@
 State that outlives a run, instances that share it, and trials of a batch that depend on
 each other are told by answers that differ. A step that takes the longer the longer a
 filter runs is told by the same readings once more without a fresh filter, so that what
-the motion costs is the same: three times, and each time by a factor.
+the motion costs is the same: three times, and each time by a factor. It is processor
+time, which a busy machine leaves alone; that of a program beside us is not seen.
 """
 
 from collections.abc import Sequence
@@ -31,8 +32,8 @@ from simval.shapes import Float
 BY_TURNS: Final = 100
 """Rows of two filters that are stepped by turns, and of one trial of a batch alone."""
 
-PART: Final = 4
-"""One in so many of the kept rows of a batch is answered a second time."""
+AGAIN: Final = 1000
+"""Rows of a batch that is run again."""
 
 ALONE: Final = 1e-9
 """Attitude error of a trial alone, rad, whose sums may be rounded in another order."""
@@ -45,28 +46,33 @@ evenly with the rows so far reaches the second before the first."""
 
 REPEATS: Final = 3
 
+LEAST: Final = 1e-9
+"""Processor time that a stretch takes at the least, s."""
+
 
 def require_the_same_again(
     filter: Filter, readings: Readings, rows: NDArray[np.intp], before: Run
 ) -> None:
     """Require that a fresh filter answers the same readings with the same bits.
 
+    Of a batch, which is all trials, it is asked for the beginning alone.
+
     Raises
     ------
     PluginError
         If it does not.
     """
-    if readings.lead:  # a batch is all of the work, so a part of its rows has to do
-        count = max(len(rows) // PART, 1)
-        rows, readings = rows[:count], _beginning(readings, int(rows[count - 1]) + 1)
-        words = {word: values[:count] for word, values in before.words.items()}
+    if readings.lead:
+        readings = _beginning(readings, max(AGAIN, int(rows[0]) + 1))
+        rows = rows[rows < len(readings.dt)]
+        words = {word: values[: len(rows)] for word, values in before.words.items()}
         before = replace(before, words=words)
     again = run_of(filter, readings, rows)
     if difference := _difference(filter, before, again):
-        row, words = difference
+        row, said = difference
         msg = (
             f"{filter.name} answers the same readings differently when they are run "
-            f"again: {words}, {place(readings, int(rows[row]))}; it keeps state "
+            f"again: {said}, {place(readings, int(rows[row]))}; it keeps state "
             "between runs, or draws random numbers: `make` must return a fresh filter, "
             "with nothing kept in the module or the class, and a generator seeded anew"
         )
@@ -153,7 +159,7 @@ def require_an_even_pace(
 
 def _ends(runs: Sequence[Run]) -> tuple[float, float]:
     """Time of a row at the beginning of a run, and at its end: the least of a few."""
-    paces = np.array([run.seconds / run.rows for run in runs])
+    paces = np.array([run.processor / run.rows for run in runs])
     count = max(paces.shape[1] // 8, 1)
     return float(paces[:, :count].min()), float(paces[:, -count:].min())
 
@@ -168,7 +174,7 @@ def _second_time(filter: Filter, readings: Readings) -> float:
             paces = [stepped(filter, update, readings, none) for _ in range(2)]
     except PluginError:  # of readings that begin anew it makes nothing
         return 0.0
-    return float(np.median(paces[1].seconds / paces[0].seconds))
+    return float(np.median(paces[1].processor / np.maximum(paces[0].processor, LEAST)))
 
 
 def _some(readings: Readings, trials: int) -> Readings:

@@ -8,6 +8,7 @@ from simval.noise import AxisNoise
 from simval.report.panels import COLOURS, MARKERS, Drawing, Panel, Series
 
 BAND = 1.96  # standard deviations of a 95 % band
+SI = {"accelerometer": "m/s²", "gyro": "rad/s", "magnetometer": "T"}
 Sensor = tuple[str, Sequence[AxisNoise], float | None]  # name, axes, SI per raw unit
 
 
@@ -27,7 +28,7 @@ def allan_drawing(name: str, sensors: Sequence[Sensor]) -> Drawing:
 
 
 def _panel(name: str, axes: Sequence[AxisNoise], si: float | None) -> Panel:
-    unit = {"accelerometer": "m/s²", "gyro": "rad/s"}[name] if si else "raw units"
+    unit = SI[name] if si else "raw units"
     scale = si or 1.0
     series: list[Series] = []
     for letter, axis, colour, marker in zip(

@@ -118,8 +118,17 @@ def _result(log: Log, whole: ImuCalibration) -> Section:
         g=fit.g,
         further=", ".join(f"{x:.2f}" for x in result.next_direction),
         left_out=dict(whole.left_out),
-        joint=whole.gyroscope is not None,
+        joint=_fit_of(whole),
     )
+
+
+def _fit_of(whole: ImuCalibration) -> str:
+    # the fit that the accelerometer's numbers are from, if not its own
+    if whole.together is not None:
+        return "one fit of all three sensors, in which the moves help the others"
+    if whole.gyroscope is not None:
+        return "fit together with the gyroscope, whose moves help them"
+    return ""
 
 
 def _ordered(model: str, intervals: Float[Array, "9 2"]) -> list[list[float]]:

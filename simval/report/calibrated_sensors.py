@@ -59,12 +59,13 @@ def magnetometer_section(whole: ImuCalibration) -> Section | None:
         return None
     own = slice(9, 21)
     dip = ("dip, degrees", float(np.degrees(fit.dip)), float(np.degrees(fit.sd[-1])))
+    alone = "" if whole.together is None else " of its poses, without the moves,"
     found = f" Findings: {'; '.join(fit.findings)}." if fit.findings else ""
     table = Table(
         name="magnetometer",
         caption=(
             "Field = M (reading - b), in the accelerometer's axes, of a field of "
-            f"{fit.field:g}; chi-square per degree of freedom "
+            f"{fit.field:g}; chi-square per degree of freedom{alone} "
             f"{float(fit.chi2_per_dof):.3g} with {fit.dof}. Taken: "
             f"{fit.assumption}.{found}"
         ),

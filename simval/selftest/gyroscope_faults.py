@@ -77,7 +77,8 @@ def _calibrator() -> list[Fault]:
         original: Any, time: Array, rows: Array, *more: Any, **named: Any
     ) -> Any:
         late = np.array(rows)
-        late[:, 1::20] = rows[:, 0:-1:20]  # one in twenty is the row before
+        # one in twenty is the row before
+        late[..., 1::20, :] = np.asarray(rows)[..., 0:-1:20, :]
         return original(time, late, *more, **named)
 
     def no_coning(original: Any, *given: Any) -> Array:

@@ -15,11 +15,14 @@ from typing import Any, Final
 
 import numpy as np
 
-from simval.plugins import Calibrator, Estimator, find_plugin
+from simval.plugins import Calibrator, Estimator, Filter, find_plugin
 from simval.plugins.answers import raw_attitudes
 from simval.plugins.builtin import BESIDE
 from simval.plugins.calibrations import calibration_of
 from simval.plugins.calibrator_probe import probe_sensor
+from simval.plugins.filter_path import path
+from simval.plugins.filter_signals import Told
+from simval.plugins.filter_steps import readings_of, run_of
 from simval.plugins.loading import find_again
 from simval.plugins.noise import vector_noise
 from simval.poses import fibonacci_sphere
@@ -29,6 +32,20 @@ BATCH = 1024
 
 NOISE = 0.01
 G = 9.80665
+
+TOLD: Final = Told(
+    gyroscope_noise=1.75e-4,
+    gyroscope_walk=2e-5,
+    accelerometer_noise=2e-3 * G,
+    magnetometer_noise=2e-7,
+    gravity=G,
+    field=np.array([2e-5, 0.0, -4e-5]),
+    start_std=5e-3,
+    bias_std=1e-3,
+)
+ROWS = 100.0  # Hz
+SECONDS = (1.0, 1.0)  # of rest, and of a turn: a call of a filter steps through them
+WORLD = "NWU"  # of a filter that leaves it open: it takes no other time
 
 TURNS = 15
 LEAST_TURNS = 3
@@ -69,10 +86,23 @@ def _calibrators(
     )
 
 
+def _filters(plugin: Filter, own: Filter, _: Any) -> tuple[Call, Call, int]:
+    given = path(TOLD, ROWS, *SECONDS).given
+    last = np.array([len(given.dt) - 1])
+
+    def run(each: Filter) -> Call:
+        trial = slice(0, 1) if each.batch else 0
+        readings = readings_of(each, given, trial, each.world or WORLD)
+        return lambda: run_of(each, readings, last)
+
+    return run(plugin), run(own), len(given.dt)
+
+
 _CLOCKS: Final[Mapping[str, tuple[Any, Any]]] = MappingProxyType(
     {
         Estimator.taken_by: (Estimator, _estimators),
         Calibrator.taken_by: (Calibrator, _calibrators),
+        Filter.taken_by: (Filter, _filters),
     }
 )
 

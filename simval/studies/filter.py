@@ -18,7 +18,9 @@ an error (`simval.studies.filter_wrong`), or a sensor reads what it should
 not, theory predicts what the reference filter then does; another filter is only shown.
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
+from hashlib import sha256
 from typing import Annotated, Any, Self
 
 import numpy as np
@@ -50,7 +52,12 @@ from simval.studies.filter_scenarios import (
     spelled,
 )
 from simval.studies.filter_wrong import Wrong
-from simval.studies.plugin import PluginName, PluginParameters, isolated
+from simval.studies.plugin import (
+    ESTIMATE,
+    PluginName,
+    PluginParameters,
+    isolated,
+)
 from simval.studies.study import Cost
 from simval.theory import FilterPrediction
 
@@ -147,8 +154,31 @@ class Parameters(PluginParameters):
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Measure the filter, a user's in a child process."""
     if parameters.reference:
-        return compute(parameters, streams)
-    return isolated(compute, parameters, streams, parameters.time_limit)
+        return animated(parameters, compute(parameters, streams))
+    found = isolated(compute, parameters, streams, parameters.time_limit)
+    return animated(parameters, found)
+
+
+def artifact_of(named: Mapping[str, Any]) -> str:
+    """File of the attitudes of a cell with these parameters."""
+    words = repr(sorted(named.items())).encode()
+    return f"filter-{sha256(words).hexdigest()[:16]}.npz"
+
+
+def animated(parameters: Parameters, found: Outcome) -> Outcome:
+    """The same with an artifact: truth and estimate of one trial, for the page."""
+    left: Any = found.artifacts.get(ESTIMATE, {})
+    way = course(parameters.named_scenario, parameters.rate, parameters.seconds)
+    kept, late = instants(len(way.dt))
+    estimate = left.get(ESTIMATE, np.empty(0))
+    if estimate.shape != (len(late), 4):
+        return replace(found, artifacts={})
+    content = {
+        "time": way.time[kept[late]],
+        "truth": way.attitude[kept[late] + 1],
+        "estimate": estimate,
+    }
+    return replace(found, artifacts={artifact_of(parameters.named()): content})
 
 
 def compute(parameters: Parameters, streams: Streams) -> Outcome:
@@ -160,7 +190,9 @@ def outcome(plugin: Filter, parameters: Parameters, streams: Streams) -> Outcome
     """Measure a filter that this process holds."""
     way = course(parameters.named_scenario, parameters.rate, parameters.seconds)
     sensors, told = sensors_of(parameters, way), told_of(parameters, way)
-    world = find_world(plugin, told, parameters.rate).world
+    # of our own a test knows it; it takes as long as the trials do
+    own = parameters.reference and plugin.world
+    world = own or find_world(plugin, told, parameters.rate).world
     blocks = -(-parameters.trials // BLOCK)
     parts = [
         drawn(way, sensors, told, BLOCK, streams.block(i), parameters.anywhere)
@@ -181,7 +213,10 @@ def outcome(plugin: Filter, parameters: Parameters, streams: Streams) -> Outcome
     still, true = undisturbed(way), exact.told(way)
     least = prediction(still, exact, true, kept[late], plugin.magnetometer)
     theory = prediction(way, sensors, told, kept[late], plugin.magnetometer)
-    return Outcome(rows=_rows(parameters, way, answers, (least, theory)))
+    return Outcome(
+        rows=_rows(parameters, way, answers, (least, theory)),
+        artifacts={ESTIMATE: {ESTIMATE: answers.found.attitude[0, late]}},
+    )
 
 
 def _rows(

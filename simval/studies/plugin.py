@@ -12,6 +12,7 @@ from math import inf
 from time import perf_counter
 from typing import Annotated, Any, Self, TypeVar
 
+import numpy as np
 from pydantic import AfterValidator, Field, PrivateAttr, model_validator
 
 from simval.errors import PluginError
@@ -90,14 +91,22 @@ def _changes(old: Mapping[str, str], new: Mapping[str, str]) -> Iterator[str]:
             yield f"{key} {how}"
 
 
+Number = Annotated[float, Field(ge=-2.0, le=2.0)]
+"""Component of a quaternion."""
+
+
 class Rows(Answer):
     """What the child leaves: the rows of its cell, and the time of a call."""
 
     rows: tuple[Row, ...] = ()
+    estimate: tuple[tuple[Number, Number, Number, Number], ...] = ()
     times: dict[str, Annotated[float, Field(gt=0.0, allow_inf_nan=False)]] = Field(
         default_factory=dict
     )
 
+
+ESTIMATE = "estimate"
+"""Name under which a study of a filter leaves the attitudes of one trial."""
 
 Model = TypeVar("Model", bound=PluginParameters)
 Compute = Callable[[Model, Streams], Outcome]
@@ -137,12 +146,17 @@ def answer(compute: Compute[Model], model: type[Model]) -> None:
         parameters = model.model_construct(**request["parameters"])
         streams = Streams(request["seed"], tuple(request["key"]))
         started = perf_counter()
-        measured = compute(parameters, streams).rows
+        measured = compute(parameters, streams)
         times = {}
         if perf_counter() - started < SHARE * getattr(parameters, "time_limit", inf):
             study = compute.__module__.rpartition(".")[2]
             times = call_time(f"{study}.{model.plugin}", parameters.word, parameters)
-        return {"rows": ROWS.dump_python(measured, mode="json"), "times": times}
+        left: Any = measured.artifacts.get(ESTIMATE, {})
+        return {
+            "rows": ROWS.dump_python(measured.rows, mode="json"),
+            "estimate": left[ESTIMATE].tolist() if left else [],
+            "times": times,
+        }
 
     respond(rows)
 
@@ -161,4 +175,5 @@ def checked(answer: Rows) -> Outcome:
     if not all(0 <= r.n < 2**63 and not r.standard_error < 0.0 for r in answer.rows):
         msg = "the plug-in's process left an entry that no store can hold"
         raise PluginError(msg)
-    return Outcome(rows=answer.rows, times=answer.times)
+    left = {ESTIMATE: {ESTIMATE: np.array(answer.estimate)}} if answer.estimate else {}
+    return Outcome(rows=answer.rows, artifacts=left, times=answer.times)

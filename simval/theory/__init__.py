@@ -9,6 +9,7 @@ from simval.theory.calibration import CalibrationMoments, calibration_moments
 from simval.theory.cramer_rao import AttitudeBound, attitude_bound
 from simval.theory.cubature import cubature_moments
 from simval.theory.filter_budget import FilterPrediction, filter_prediction
+from simval.theory.filter_calibration import calibration_error
 from simval.theory.filter_errors import CalibrationError, RowError
 from simval.theory.filter_model import FilterModel, FilterPath, VectorSensor
 from simval.theory.filter_start import FirstUpdate, first_update
@@ -18,6 +19,7 @@ from simval.theory.gyroscope_bias import gyroscope_bias
 from simval.theory.gyroscope_planning import GyroscopePlan, plan_gyroscope
 from simval.theory.magnetometer import MagnetometerMoments, magnetometer_moments
 from simval.theory.magnetometer_planning import MagnetometerPlan, plan_magnetometer
+from simval.theory.nine_axis import NineAxisMoments, nine_axis_moments
 from simval.theory.planning import Plan, plan, pose_noise
 from simval.theory.series import series_moments
 from simval.theory.sufficient import SufficientOrder, sufficient_order
@@ -38,12 +40,14 @@ __all__ = [
     "MagnetometerMoments",
     "MagnetometerPlan",
     "MovePath",
+    "NineAxisMoments",
     "Plan",
     "RowError",
     "SufficientOrder",
     "VectorSensor",
     "attitude_bound",
     "attitude_moments",
+    "calibration_error",
     "calibration_moments",
     "cubature_moments",
     "filter_bound",
@@ -54,6 +58,7 @@ __all__ = [
     "loss_noncentrality",
     "magnetometer_moments",
     "multiplicative_moments",
+    "nine_axis_moments",
     "plan",
     "plan_gyroscope",
     "plan_magnetometer",

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simval.arrays import Array, finite_array
+from simval.arrays import Array, physical_array
 from simval.errors import InputError
 from simval.shapes import Float
 from simval.theory.filter_errors import (
@@ -28,7 +28,7 @@ from simval.theory.filter_errors import (
     channel,
 )
 from simval.theory.filter_model import FilterModel, FilterPath, Steps, steps_of
-from simval.theory.filter_scan import apply_linear, compose_linear, scan
+from simval.theory.filter_scan import apply_linear, carry_linear, scan
 from simval.theory.filtering import covariances, predicted
 
 
@@ -53,7 +53,7 @@ class State:
         X[0] = truth.start
         S = np.zeros((6, sum(each.parameters for each in errors) + 1))
         if start_error is not None:
-            given = finite_array("start_error", start_error, (6,))
+            given = physical_array("start_error", start_error, (6,))
             if given.shape != (6,):
                 msg = f"`start_error` has shape {given.shape}; one start needs (6,)"
                 raise InputError(msg)
@@ -96,7 +96,7 @@ class Part:
         """State after the last row, and the answer at some rows."""
         P = covariances(self.told, state.P)
         maps = self._maps(P[1:])
-        X, S = scan(maps, (state.X, state.S), compose_linear, apply_linear)
+        X, S = scan(maps, (state.X, state.S), carry_linear, apply_linear)
         last = State(P=P[-1], X=X[-1], S=S[-1])
         X = np.concatenate([state.X[None], X])
         S = np.concatenate([state.S[None], S])

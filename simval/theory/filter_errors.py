@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from simval.arguments import instance
-from simval.arrays import Array, finite_array, frozen
+from simval.arrays import Array, frozen, physical_array
 from simval.errors import InputError
 from simval.shapes import Float
 from simval.theory.filter_model import covariance_matrix
@@ -60,7 +60,7 @@ class CalibrationError:
             given = covariance_matrix("covariance", self.covariance, p)
             object.__setattr__(self, "covariance", frozen(given))
         if self.value is not None:
-            value = finite_array("value", self.value, (p,))
+            value = physical_array("value", self.value, (p,))
             if value.shape != (p,):
                 msg = f"`value` of {self.of} has shape {value.shape}; give ({p},)"
                 raise InputError(msg)
@@ -72,7 +72,7 @@ class CalibrationError:
             )
             raise InputError(msg)
         if self.force is not None:
-            force = finite_array("force", self.force, (None, 3))
+            force = physical_array("force", self.force, (None, 3))
             object.__setattr__(self, "force", frozen(force))
 
     @property
@@ -108,9 +108,11 @@ class RowError:
 
     def __post_init__(self) -> None:
         instance("of", self.of, str)
-        object.__setattr__(
-            self, "rows", frozen(finite_array("rows", self.rows, (None, 3)))
-        )
+        rows = physical_array("rows", self.rows, (None, 3))
+        if rows.ndim != 2 or len(rows) == 0:
+            msg = f"`rows` of {self.of} has shape {rows.shape}; give one of each step"
+            raise InputError(msg)
+        object.__setattr__(self, "rows", frozen(rows))
 
     @property
     def parameters(self) -> int:
@@ -149,6 +151,9 @@ def check_errors(errors: Any, sensors: tuple[str, ...], T: int) -> tuple[Error, 
         If an error is of another sensor, or has another number of rows.
     """
     known = (GYROSCOPE, G_SENSITIVITY, *sensors)
+    if not isinstance(errors, list | tuple):
+        msg = f"`errors` is {type(errors).__name__}; give a list of errors, or ()"
+        raise InputError(msg)
     for each in errors:
         if not isinstance(each, Error):
             msg = (

@@ -19,13 +19,13 @@ R_i^{-1} [v_i\times]` with :math:`v_i = A r_i`.
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simval.arguments import instance, whole_number
-from simval.arrays import Array, finite_array, frozen
+from simval.arrays import Array, frozen, physical_array
 from simval.errors import InputError
 from simval.geometry import (
     attitude_matrix,
@@ -36,6 +36,8 @@ from simval.geometry import (
     unit_quaternions,
 )
 from simval.shapes import Float
+
+LONGEST: Final = 1e6  # s, of a step: eleven days
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -59,7 +61,7 @@ class FilterPath:
     attitude: Float[Array, "n 4"]
 
     def __post_init__(self) -> None:
-        dt = finite_array("dt", self.dt, (None,))
+        dt = physical_array("dt", self.dt, (None,), LONGEST)
         q = unit_quaternions("attitude", self.attitude)
         if not (dt.ndim == 1 and len(dt) and q.shape == (len(dt) + 1, 4)):
             msg = (
@@ -103,7 +105,7 @@ class VectorSensor:
 
     def __post_init__(self) -> None:
         instance("name", self.name, str)
-        r = finite_array("reference", self.reference, (3,))
+        r = physical_array("reference", self.reference, (3,))
         if r.shape != (3,) or not np.linalg.norm(r) > 0.0:
             msg = f"`reference` is {r.tolist()}; give a vector of three, not zero"
             raise InputError(msg)
@@ -176,11 +178,11 @@ class FilterModel:
     def __post_init__(self) -> None:
         for name in ("gyroscope_noise", "gyroscope_walk"):
             object.__setattr__(self, name, _levels(name, getattr(self, name)))
-        names = [instance("sensors", each, VectorSensor).name for each in self.sensors]
+        given = instance("sensors", self.sensors, tuple)
+        names = [instance("sensors", each, VectorSensor).name for each in given]
         if not names or len(set(names)) < len(names):
             msg = f"`sensors` are {names}; give one or more, each with its own name"
             raise InputError(msg)
-        object.__setattr__(self, "sensors", tuple(self.sensors))
         object.__setattr__(
             self, "start", frozen(covariance_matrix("start", self.start, 6))
         )
@@ -252,7 +254,7 @@ def left_jacobian(v: Float[Array, "... 3"]) -> Float[Array, "... 3 3"]:
 
 
 def _levels(name: str, value: Any, above: bool = False) -> Float[Array, "3"]:
-    levels = finite_array(name, value, ())
+    levels = physical_array(name, value, ())
     least = 0.0 if not above else np.finfo(float).tiny
     if levels.shape not in ((), (3,)) or not np.all(levels >= least):
         msg = (
@@ -271,7 +273,7 @@ def covariance_matrix(name: str, value: Any, size: int) -> Float[Array, "p p"]:
     InputError
         If it has another shape, or is not symmetric with no eigenvalue below 0.
     """
-    P = finite_array(name, value, (size, size))
+    P = physical_array(name, value, (size, size))
     if P.shape != (size, size):
         msg = f"`{name}` has shape {P.shape}; give one covariance, ({size}, {size})"
         raise InputError(msg)

@@ -1,21 +1,24 @@
 r"""Recursions over many rows, in blocks of rows that advance together.
 
-A row maps the state before it to the state after it, and two maps of one family compose
-to a map of that family. The rows are cut into about as many blocks as a block has rows;
-the maps from a block's start to each of its rows are composed for all blocks at once,
+The rows are cut into about as many blocks as a block has rows. For all blocks at once,
+the map from the block's start to each of its rows is carried on, row after row; then
 the state is carried from block to block, and each map is applied to its block's start.
 T rows so take some :math:`2\sqrt T` operations on arrays instead of T.
 
-A row of the Riccati recursion, a step F, Q of the state and then measurements that add
-the information :math:`\Omega`, is
+For the Riccati recursion a map is
 
-.. math:: P \mapsto A (P^{-1} + J)^{-1} A^T + C, \quad A = W F,\ C = W Q,\
-   J = F^T \Omega W F,\ W = (I + Q \Omega)^{-1}  \tag{F3}
+.. math:: P \mapsto A (P^{-1} + J)^{-1} A^T + C,  \tag{F3}
 
-and two of them, i first, compose to
+C the covariance from a start without error, A what is left of the start's error, and J
+the information on the start. A row, the step F, Q and then measurements that add the
+information :math:`\Omega` on the attitude, whose columns of a matrix are p, carries
+it on from I, 0, 0 by
 
-.. math:: A = A_j D A_i,\ C = A_j D C_i A_j^T + C_j,\ J = A_i^T J_j D A_i + J_i,\quad
-   D = (I + C_i J_j)^{-1}.  \tag{F4}
+.. math:: P^- = F C F^T + Q, \quad A^- = F A, \quad
+   G = (I + \Omega P^-_{pp})^{-1} \Omega, \\
+   C = P^- - P^-_{\cdot p} G P^-_{p \cdot}, \quad
+   A = A^- - P^-_{\cdot p} G A^-_{p \cdot}, \quad
+   J \leftarrow J + A^{-T}_{p \cdot} G A^-_{p \cdot}.  \tag{F4}
 
 (S. Särkkä and A. F. García-Fernández, Temporal parallelization of Bayesian smoothers,
 IEEE Trans. Automatic Control 66 (2021), give such maps for estimates with their means.)
@@ -35,7 +38,7 @@ from simval.arrays import Array
 from simval.shapes import Float
 
 Matrices = tuple[Array, ...]
-"""Of a map or of a state; all of a kind have the same leading axes."""
+"""Of a map, a row or a state; all of a kind have the same leading axes."""
 
 SIZE: Final = 6
 """States: rotation vector of the attitude's error, and error of the bias."""
@@ -44,22 +47,24 @@ SIZE: Final = 6
 def scan(
     rows: Matrices,
     start: Matrices,
-    compose: Callable[[Matrices, Matrices], Matrices],
+    carry: Callable[[Matrices | None, Matrices], Matrices],
     apply: Callable[[Matrices, Matrices], Matrices],
 ) -> Matrices:
-    """States after each of T rows, whose maps have the leading axis T."""
+    """States after each of T rows, whose matrices have the leading axis T.
+
+    ``carry(map, row)`` is the map after one row more, of none at first.
+    """
     T = len(rows[0])
     length = ceil(sqrt(T))
     first = np.arange(0, T, length)
-    # row of a block, then block; the last block goes on with copies of its last row
-    place = np.minimum(np.arange(length)[:, None] + first, T - 1)
-    maps = tuple(each[place] for each in rows)
-    for k in range(1, length):
-        before = tuple(each[k - 1] for each in maps)
-        for into, value in zip(
-            maps, compose(before, tuple(each[k] for each in maps)), strict=True
-        ):
-            into[k] = value
+    carried: Matrices | None = None
+    steps = []
+    for k in range(length):
+        # the last block goes on with copies of its last row
+        place = np.minimum(first + k, T - 1)
+        carried = carry(carried, tuple(each[place] for each in rows))
+        steps.append(carried)
+    maps = tuple(np.stack(each) for each in zip(*steps, strict=True))
     starts = [start]
     for b in range(len(first) - 1):
         starts.append(apply(starts[-1], tuple(each[-1, b] for each in maps)))
@@ -70,29 +75,19 @@ def scan(
     )
 
 
-def riccati_rows(
-    F: Float[Array, "T 6 6"],
-    Q: Float[Array, "T 6 6"],
-    information: Float[Array, "T 3 3"],
-) -> Matrices:
-    """Maps of single rows, eq. (F3); the information is on the attitude alone."""
-    # W = I - Q[:, :3] (I + information Q[:3, :3])^-1 information [I 0]
-    inner = np.linalg.inv(np.eye(3) + information @ Q[:, :3, :3]) @ information
-    W = np.tile(np.eye(SIZE), (len(F), 1, 1))
-    W[:, :, :3] -= Q[:, :, :3] @ inner
-    A = W @ F
-    J = F[:, :3].swapaxes(-1, -2) @ information @ A[:, :3]
-    return A, W @ Q, J
-
-
-def compose_riccati(first: Matrices, then: Matrices) -> Matrices:
-    """One map after another, eq. (F4)."""
-    A_i, C_i, J_i = first
-    A_j, C_j, J_j = then
-    D = np.linalg.inv(np.eye(SIZE) + C_i @ J_j)
-    DA = D @ A_i
-    C = A_j @ (D @ C_i) @ A_j.swapaxes(-1, -2) + C_j
-    return A_j @ DA, C, A_i.swapaxes(-1, -2) @ (J_j @ DA) + J_i
+def carry_riccati(map_: Matrices | None, row: Matrices) -> Matrices:
+    """A, C and J after a row F, Q and information on the attitude, eq. (F4)."""
+    F, Q, information = row
+    if map_ is None:
+        P, M, J = Q, F, np.zeros_like(F)
+    else:
+        A, C, J = map_
+        P, M = F @ C @ F.swapaxes(-1, -2) + Q, F @ A
+    top = M[..., :3, :]
+    G = np.linalg.inv(np.eye(3) + information @ P[..., :3, :3]) @ information
+    gain = P[..., :3] @ G
+    C = P - gain @ P[..., :3, :]
+    return M - gain @ top, C, J + top.swapaxes(-1, -2) @ (G @ top)
 
 
 def apply_riccati(state: Matrices, maps: Matrices) -> Matrices:
@@ -113,11 +108,13 @@ def _root(P: Float[Array, "... 6 6"]) -> Float[Array, "... 6 6"]:
     return unit[..., :, None] * V * np.sqrt(np.maximum(values, 0.0))[..., None, :]
 
 
-def compose_linear(first: Matrices, then: Matrices) -> Matrices:
-    """One linear map after another, eq. (F5): A, N by source and D by column."""
-    A_i, N_i, D_i = first
-    A_j, N_j, D_j = then
-    return A_j @ A_i, _carried(A_j, N_i) + N_j, A_j @ D_i + D_j
+def carry_linear(map_: Matrices | None, row: Matrices) -> Matrices:
+    """One linear row after a map, eq. (F5): A, N by source and D by column."""
+    if map_ is None:
+        return row
+    A_i, N_i, D_i = map_
+    A, N, D = row
+    return A @ A_i, _carried(A, N_i) + N, A @ D_i + D
 
 
 def apply_linear(state: Matrices, maps: Matrices) -> Matrices:

@@ -9,7 +9,9 @@ wrong attitude :math:`\hat A = e^{[\delta\times]} A`. The correction is
    P = P^- - K H P^-,  \tag{F12}
 
 an error of second order beside a covariance that knows nothing of it, and that is along
-wrong axes. From there on the first order holds again.
+wrong axes. Noise n of the readings moves d by K n and e by :math:`-J_e^{-1}
+J(-d) K n`, with the left Jacobians at e and at -d. From there on the first order holds
+again.
 """
 
 from dataclasses import dataclass, replace
@@ -19,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simval.arguments import instance
-from simval.arrays import Array, finite_array, frozen
+from simval.arrays import Array, frozen, physical_array
 from simval.errors import InputError
 from simval.geometry import (
     attitude_matrix,
@@ -30,7 +32,13 @@ from simval.geometry import (
     rotation_vector,
 )
 from simval.shapes import Float
-from simval.theory.filter_model import FilterModel, FilterPath, Steps, steps_of
+from simval.theory.filter_model import (
+    FilterModel,
+    FilterPath,
+    Steps,
+    left_jacobian,
+    steps_of,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -86,7 +94,7 @@ def first_update(
     instance("path", path, FilterPath)
     instance("truth", truth, FilterModel)
     told = instance("told", truth if told is None else told, FilterModel)
-    delta = finite_array("turn", turn, (3,))
+    delta = physical_array("turn", turn, (3,))
     T = len(path.dt)
     if delta.shape != (3,) or T < 2:
         msg = (
@@ -123,10 +131,17 @@ def _updated(
     before = F @ told.start @ F.T + ours.Q[0]
     R, actual = (np.diag(1.0 / each.weight.ravel()) for each in (ours, true))
     K = np.linalg.solve(H @ before @ H.T + R, H @ before).T
-    d, W = K @ z, np.eye(6) - K @ H
+    d = K @ z
     left = rotation_vector(compose(conjugate(from_rotation_vector(d[:3])), q))
-    spread = W @ (F @ truth.start @ F.T + true.Q[0]) @ W.T + K @ actual @ K.T
-    return np.concatenate([left, -d[3:]]), W @ before, spread
+    # noise in d, then in the truth: derivatives of q(left) = q(d)^-1 * q
+    by_d, by_truth, seen = np.eye(6), np.eye(6), np.zeros_like(H)
+    by_d[:3, :3] = np.linalg.solve(left_jacobian(left), left_jacobian(-d[:3]))
+    by_truth[:3, :3] = np.linalg.inv(left_jacobian(-left))
+    seen[:, :3] = (true.H[0]).reshape(-1, 3)
+    gain = by_d @ K
+    W = by_truth - gain @ seen
+    spread = W @ (F @ truth.start @ F.T + true.Q[0]) @ W.T + gain @ actual @ gain.T
+    return np.concatenate([left, -d[3:]]), before - K @ H @ before, spread
 
 
 def _later(

@@ -18,17 +18,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from simval.arguments import instance
+from simval.arguments import instance, whole_number
 from simval.arrays import Array, frozen
 from simval.errors import InputError
 from simval.shapes import Float
 from simval.theory.filter_model import FilterModel, FilterPath, Steps, steps_of
-from simval.theory.filter_scan import (
-    apply_riccati,
-    compose_riccati,
-    riccati_rows,
-    scan,
-)
+from simval.theory.filter_scan import apply_riccati, carry_riccati, scan
 
 TOGETHER: Final = 1 << 14
 """Rows at once: 50 MB, and blocks of 128 rows."""
@@ -110,8 +105,8 @@ def filter_bound(path: FilterPath, model: FilterModel, *, keep: Any = 1) -> Filt
 
 def covariances(steps: Steps, start: Float[Array, "6 6"]) -> Float[Array, "n 6 6"]:
     """Covariance before the first of some rows, and after each."""
-    maps = riccati_rows(steps.F, steps.Q, steps.informations.sum(axis=1))
-    (P,) = scan(maps, (start,), compose_riccati, apply_riccati)
+    rows = steps.F, steps.Q, steps.informations.sum(axis=1)
+    (P,) = scan(rows, (start,), carry_riccati, apply_riccati)
     return np.concatenate([start[None], P])
 
 
@@ -136,14 +131,12 @@ def kept_rows(keep: Any, T: int) -> NDArray[np.intp]:
     InputError
         If a row is not one of the T, or they do not increase.
     """
-    if isinstance(keep, int | np.integer) and not isinstance(keep, bool):
-        if not 1 <= keep <= T:
-            msg = f"`keep` is {keep}; of {T} rows give every so many, 1 to {T}"
-            raise InputError(msg)
-        return np.arange(int(keep) - 1, T, int(keep))
+    if not isinstance(keep, list | tuple | range | np.ndarray):
+        every = whole_number("keep", keep, 1, T)
+        return np.arange(every - 1, T, every)
     try:
         kept = np.asarray(keep)
-    except (TypeError, ValueError, RuntimeError):
+    except (TypeError, ValueError, RuntimeError, OverflowError):
         kept = np.array([])
     whole = kept.ndim == 1 and kept.size > 0 and kept.dtype.kind in "iu"
     if not (whole and kept[0] >= 0 and kept[-1] < T and np.all(np.diff(kept) > 0)):

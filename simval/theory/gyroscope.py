@@ -164,11 +164,12 @@ def gyroscope_moments(
         )
         raise InputError(msg)
     rows = _pose_rows(accelerometer, form, u, g) / sigma[:, None, None]
-    moves, C = _move_rows(gyroscope.M, path, level)
+    moves, C = move_rows(gyroscope.M, path, level)
     information = _information(rows.reshape(-1, rows.shape[-1]), moves, C, u)
     information[18:21, 18:21] += np.diag(1.0 / rest**2)
     return GyroscopeMoments(
-        names=(*forms.names(form), *GYROSCOPE), cramer_rao=_bound(information)
+        names=(*forms.names(form), *GYROSCOPE),
+        cramer_rao=bound_of(information, PARAMETERS),
     )
 
 
@@ -190,10 +191,10 @@ def _pose_rows(
     return rows
 
 
-def _move_rows(
+def move_rows(
     M: Float[Array, "3 3"], path: MovePath, walk: float
 ) -> tuple[Float[Array, "k 3 15"], Float[Array, "k 3 3"]]:
-    # white rows of each move by dp and, in the last three columns, by its angle
+    """White rows of each move, eq. (Y2): by dp, and by its angle; and its turn."""
     rotation = scipy.spatial.transform.Rotation
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
     inverse = np.linalg.inv(M)
@@ -235,9 +236,15 @@ def _information(
     return total + np.outer(vertical, vertical) * total[PARAMETERS:, PARAMETERS:].max()
 
 
-def _bound(information: Float[Array, "p p"]) -> Float[Array, "21 21"]:
-    # inverse of the Schur complement, in units in which its diagonal is 1
-    first, others = slice(0, PARAMETERS), slice(PARAMETERS, None)
+def bound_of(information: Float[Array, "p p"], count: int) -> Float[Array, "q q"]:
+    """Inverse of the Schur complement of all but the first so many unknowns.
+
+    Raises
+    ------
+    GeometryError
+        If it is singular in units in which its diagonal is 1.
+    """
+    first, others = slice(0, count), slice(count, None)
     back = np.linalg.solve(information[others, others], information[others, first])
     schur = information[first, first] - information[first, others] @ back
     unit = 1.0 / np.sqrt(np.maximum(np.diagonal(schur), 1e-300))
@@ -245,7 +252,7 @@ def _bound(information: Float[Array, "p p"]) -> Float[Array, "21 21"]:
     values = np.linalg.eigvalsh(0.5 * (scaled + scaled.T))
     if not values[0] > _SINGULAR * values[-1]:
         msg = (
-            f"the rests and moves leave a combination of the 21 parameters open "
+            f"the rests and moves leave a combination of the {count} parameters open "
             f"(information {values[0] / values[-1]:.1e} of the best): nothing can be "
             "predicted; add poses and moves about other axes"
         )

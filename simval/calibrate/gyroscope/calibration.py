@@ -6,33 +6,24 @@ from typing import Any, Final
 import numpy as np
 
 from simval.arguments import choice, instance
-from simval.arrays import Array, noise_levels, nonnegative_number, physical_array
+from simval.arrays import Array, physical_array
 from simval.calibrate.gyroscope.fit import (
     A,
-    Setting,
     approach,
     iterate,
 )
 from simval.calibrate.gyroscope.gravity import across, directions
-from simval.calibrate.gyroscope.moves import Moves
-from simval.calibrate.gyroscope.noise import (
-    GyroscopeNoise,
-    checked_pose_std,
-    checked_walk,
-    floored,
-    rest_bias,
-    rest_weights,
-)
+from simval.calibrate.gyroscope.moves import Moves, taken
 from simval.calibrate.gyroscope.outcome import degrees_of_freedom, empty, write
 from simval.calibrate.gyroscope.refusal import relative_rows, require_told, worst_sd
 from simval.calibrate.gyroscope.result import GyroscopeFit
+from simval.calibrate.gyroscope.setting import Given, setting_of
 from simval.calibrate.gyroscope.start import first_matrix
 from simval.calibrate.result import FitResult
 from simval.errors import GeometryError, InputError
 from simval.shapes import Float
 
 ESTIMATORS: Final = ("joint", "generalised", "unweighted")
-BIASES: Final = ("constant", "first rest", "line")
 _FAR: Final = 0.05
 """rad, rms of the rows, beyond which the moves lead somewhere else. Chosen: recordings
 by hand leave 0.01, columns of another log 0.1 and more."""
@@ -46,6 +37,7 @@ def calibrate_gyroscope(
     pose_std: Any,
     angle_random_walk: Any = None,
     bias_random_walk: float = 0.0,
+    clock_jitter: float = 0.0,
     estimator: str = "joint",
     bias: str = "constant",
     known_bias: Any = None,
@@ -69,6 +61,9 @@ def calibrate_gyroscope(
         from the scatter within rests if not given.
     bias_random_walk : float, default 0.0
         K, raw units times root hertz.
+    clock_jitter : float, default 0.0
+        Standard deviation of each time stamp, s, where the rows are even and their
+        stamps are not.
     estimator : {"joint", "generalised", "unweighted"}
         joint fits the accelerometer again, together with the gyroscope; generalised
         keeps it, and counts its errors; unweighted is IMU-TK's least squares.
@@ -106,12 +101,16 @@ def calibrate_gyroscope(
     instance("moves", moves, Moves)
     instance("accelerometer", accelerometer, FitResult)
     readings, theta = _readings(moves, poses, accelerometer)
-    noise = _noise(moves, readings, pose_std, angle_random_walk, bias_random_walk)
+    given = Given(
+        pose_std=pose_std, angle_random_walk=angle_random_walk,
+        bias_random_walk=bias_random_walk, bias=bias, known_bias=known_bias,
+        bias_std=bias_std, clock_jitter=clock_jitter,
+    )  # fmt: skip
     estimator = choice("estimator", estimator, ESTIMATORS)
-    setting = _setting(moves, accelerometer, noise, estimator, bias, known_bias)
-    if bias_std is not None:
-        level = noise_levels("bias_std", bias_std, 3)
-        setting = replace(setting, bias_std=np.maximum(level, setting.bias_std))
+    setting = setting_of(
+        moves, readings, given, model=accelerometer.model,
+        residual=accelerometer.residual, g=accelerometer.g, estimator=estimator,
+    )  # fmt: skip
     u, _ = directions(setting.model, theta, readings, setting.g)
     M = _start(moves, u, start)
     M, J, e = approach(moves, setting, u, M)
@@ -122,7 +121,7 @@ def calibrate_gyroscope(
     good = np.array([not text for text in refusals])
     result = empty(len(M), moves, setting, estimator, condition)
     if good.any():
-        part = moves if good.all() else _taken(moves, good)
+        part = moves if good.all() else taken(moves, good)
         chosen = replace(setting, bias_value=setting.bias_value[good])
         found = iterate(part, readings[good], chosen, theta[good], M[good])
         write(result, good, found, part, chosen, theta[good])
@@ -166,51 +165,6 @@ def _readings(
     return readings, theta
 
 
-def _noise(
-    moves: Moves, readings: Array, pose_std: Any, walk: Any, drift: float
-) -> GyroscopeNoise:
-    n = readings.shape[1]
-    noise = GyroscopeNoise(
-        angle_random_walk=checked_walk(
-            moves.white.mean(axis=0) if walk is None else walk
-        ),
-        bias_random_walk=nonnegative_number("bias_random_walk", drift, "raw units"),
-        pose_std=checked_pose_std(pose_std, n),
-    )
-    return floored(noise, moves, readings)
-
-
-def _setting(
-    moves: Moves,
-    accelerometer: FitResult,
-    noise: GyroscopeNoise,
-    estimator: str,
-    bias: str,
-    known: Any,
-) -> Setting:
-    bias = choice("bias", bias, BIASES)
-    weights = rest_weights(moves, first=bias == "first rest")
-    value, std = rest_bias(moves, noise, weights)
-    if known is not None and bias == "constant":
-        msg = f"`known_bias` is given and `bias` is {bias}; ask for first rest"
-        raise InputError(msg)
-    kept = bias == "first rest" or (bias == "constant" and estimator == "unweighted")
-    if known is not None:
-        value = physical_array("known_bias", known, (3,)) - moves.centre
-    return Setting(
-        model=accelerometer.model,
-        residual=accelerometer.residual,
-        g=accelerometer.g,
-        joint=estimator == "joint",
-        weighted=estimator != "unweighted",
-        bias="known" if kept else bias,
-        noise=noise,
-        bias_value=value,
-        bias_std=std,
-        weights=weights,
-    )
-
-
 def _start(moves: Moves, u: Float[Array, "t n 3"], start: Any) -> Float[Array, "t 3 3"]:
     if start is not None:
         given = physical_array("start", start, (3, 3))
@@ -246,13 +200,3 @@ def _judged(
                 "taken for"
             )
     return said, condition
-
-
-def _taken(moves: Moves, good: Any) -> Moves:
-    return replace(
-        moves,
-        statistics=moves.statistics[good],
-        centre=moves.centre[good],
-        rest_rates=moves.rest_rates[good],
-        white=moves.white[good],
-    )

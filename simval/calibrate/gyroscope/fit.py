@@ -20,23 +20,18 @@ from simval.calibrate.gyroscope.gravity import (
     influence,
 )
 from simval.calibrate.gyroscope.moves import Moves
-from simval.calibrate.gyroscope.noise import (
-    GyroscopeNoise,
-    drift_noise,
-    line_noise,
-    sensitivity_noise,
-)
 from simval.calibrate.gyroscope.rows import (
     Rows,
     carried,
     covariance_of,
     gap_rows,
     gap_values,
-    walk_blocks,
 )
+from simval.calibrate.gyroscope.setting import Setting
 from simval.calibrate.gyroscope.solve import Gain, gain, least_squares
+from simval.calibrate.gyroscope.spread import Spread, shared, spread
 from simval.calibrate.gyroscope.statistics import merged
-from simval.calibrate.gyroscope.turn import end_of, turn, wander
+from simval.calibrate.gyroscope.turn import end_of, turn
 from simval.shapes import Float
 
 NEAR: Final = 3e-3  # relative step; the next error is its square
@@ -46,27 +41,6 @@ SETTLED: Final = 1e-5  # standard deviations
 ROUNDED: Final = 1e-13  # of the parameters' own size
 _ANGLE: Final = 0.5  # rad a chunk on the way there
 A = 9  # accelerometer's parameters
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Setting:
-    """What is fitted, and how."""
-
-    model: str  # accelerometer's form
-    residual: str  # of the accelerometer's own fit
-    g: float
-    joint: bool  # the norms are rows as well
-    weighted: bool
-    bias: str  # constant, known or line
-    noise: GyroscopeNoise
-    bias_value: Float[Array, "t 3"]  # from the rests, less the centre
-    bias_std: Float[Array, "3"]
-    weights: Float[Array, " n"]  # of the rests in that value
-
-    @property
-    def free(self) -> int:
-        """Parameters of the gyroscope that are estimated."""
-        return 12 if self.bias == "constant" else 9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -142,27 +116,10 @@ def linearise(
     moved = turn(moves.statistics, M, B)
     rows = gap_rows(found, moved, noise.pose_std)
     pulled = influence(found, setting.residual, noise.pose_std)
-    theta_noise: Array = wander(moved, moves.statistics, M * noise.angle_random_walk)
-    maps = []
-    if setting.bias == "line":
-        rests, bridge = line_noise(rows, moved, moves, M, B, noise)
-        maps.append(rests)
-        theta_noise += bridge
-    elif noise.bias_random_walk > 0.0:
-        maps.append(drift_noise(rows, moves, noise, setting.weights))
-        # and within a move, about what it is in the middle
-        even = wander(moved, moves.statistics, M * noise.bias_random_walk)
-        theta_noise += even * (moves.seconds**2 / 12.0)[:, None, None]
-    if setting.bias == "known":
-        maps.append(rows.by_gyroscope[..., 9:] * setting.bias_std)
-    ends: Array = np.zeros((3, 0))
-    if moves.force.size:
-        gaps, ends = sensitivity_noise(rows, moved, moves, M, noise)
-        maps.append(gaps)
-    blocks = walk_blocks(rows, theta_noise)
+    found_noise = spread(rows, moved, moves, setting, M, B)
     if not setting.joint:
         rows = carried(rows, pulled)
-    r, J, V = _assembled(rows, maps, blocks, found, setting, B, ends)
+    r, J, V = _assembled(rows, found_noise, found, setting, B)
     estimator = gain(J, V, weighted=setting.weighted)
     K = estimator.K[..., : rows.e.shape[1]]
     back = np.swapaxes(pulled, -1, -2)
@@ -178,12 +135,10 @@ def linearise(
 
 def _assembled(
     rows: Rows,
-    maps: list[Array],
-    blocks: Float[Array, "t k 2 2"],
+    noise: Spread,
     found: Gravity,
     setting: Setting,
     B: Float[Array, "t 3"],
-    of_bias: Float[Array, "3 q"],
 ) -> tuple[Float[Array, "t r"], Float[Array, "t r p"], Float[Array, "t r r"]]:
     # gaps, then norms if the fit is joint, then the bias if it is estimated
     t, gaps = rows.e.shape
@@ -202,16 +157,11 @@ def _assembled(
         norm[:, each, each] = found.c_by_reading * setting.noise.pose_std
         L = np.concatenate([L, norm.reshape(t, n, -1)], axis=1)
     V = np.zeros((t, *J.shape[1:2] * 2))
-    V[:, : gaps + norms, : gaps + norms] = covariance_of(L, blocks)
-    for other in maps:
-        V[:, :gaps, :gaps] += other @ np.swapaxes(other, -1, -2)
+    V[:, : gaps + norms, : gaps + norms] = covariance_of(L, noise.blocks)
     if ends:
         J[:, -3:, -3:] = np.eye(3)
         V[:, [-3, -2, -1], [-3, -2, -1]] = setting.bias_std**2
-    if ends and of_bias.size:  # the last of the maps
-        V[:, -3:, -3:] += of_bias @ of_bias.T
-        V[:, :gaps, -3:] = maps[-1] @ of_bias.T
-        V[:, -3:, :gaps] = np.swapaxes(V[:, :gaps, -3:], -1, -2)
+    shared(V, noise, ends)
     return _values(rows.e, found.c, B, setting), J, V
 
 

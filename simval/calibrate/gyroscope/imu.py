@@ -18,8 +18,7 @@ from simval.calibrate.gyroscope.choice import (
 )
 from simval.calibrate.gyroscope.moves import Moves, moves_between
 from simval.calibrate.gyroscope.noise import checked_pose_std, checked_walk
-from simval.calibrate.gyroscope.pair import ImuFit
-from simval.calibrate.gyroscope.result import GyroscopeFit
+from simval.calibrate.gyroscope.pair import ImuFit, ImuReadings
 from simval.calibrate.result import FitResult
 from simval.errors import InputError
 from simval.sensor import forms
@@ -39,6 +38,7 @@ def calibrate_imu(
     pose_std: Any = None,
     angle_random_walk: Any = None,
     bias_random_walk: float | None = None,
+    clock_jitter: float = 0.0,
     bias: str = "auto",
     sensitivity: bool | None = None,
     estimator: str = "joint",
@@ -73,6 +73,9 @@ def calibrate_imu(
     bias_random_walk : float, optional
         K of the gyroscope, raw units times root hertz; from the differences between
         rests if not given.
+    clock_jitter : float, default 0.0
+        Standard deviation of each time stamp, s, where the rows are even and their
+        stamps are not.
     bias : {"auto", "constant", "line"}
         Model of the bias; auto chooses by evidence.
     sensitivity : bool, optional
@@ -137,16 +140,24 @@ def calibrate_imu(
     more, known = _taken_out(time, acc, rows, found, rests, chosen)
     if more:
         moves = moves_between(time, gyroscope, intervals, **how, **more)
+    reduced = ImuReadings(
+        moves=moves, poses=poses, pose_std=std, angle_random_walk=walk,
+        bias_random_walk=drift, known_bias=known,
+        bias_std=scatter / np.sqrt(moves.rest_seconds.sum()),
+    )  # fmt: skip
     fit = calibrate_gyroscope(
         moves, poses, acc, pose_std=std, angle_random_walk=walk,
-        bias_random_walk=drift, estimator=estimator, bias=chosen, known_bias=known,
-        start=start, bias_std=scatter / np.sqrt(moves.rest_seconds.sum()),
+        bias_random_walk=drift, clock_jitter=clock_jitter, estimator=estimator,
+        bias=chosen, known_bias=known, start=start, bias_std=reduced.bias_std,
     )  # fmt: skip
+    if fit.estimator == "joint":
+        acc = joined(acc, fit.accelerometer, fit.covariance[:9, :9], poses)
     return ImuFit(
-        accelerometer=_joined(acc, fit, poses),
+        accelerometer=acc,
         gyroscope=fit,
         reasons=(said, found.reason),
         G=found.G,
+        reduced=reduced,
     )
 
 
@@ -202,16 +213,19 @@ def _taken_out(
     return more, known
 
 
-def _joined(acc: FitResult, fit: GyroscopeFit, poses: Float[Array, "n 3"]) -> FitResult:
-    # the accelerometer as the joint fit leaves it
-    if fit.estimator != "joint":
-        return acc
-    M = forms.matrix(acc.model, fit.accelerometer)
-    length = np.linalg.norm((poses - fit.accelerometer[6:]) @ M.T, axis=1)
+def joined(
+    acc: FitResult,
+    parameters: Float[Array, "9"],
+    covariance: Float[Array, "9 9"],
+    poses: Float[Array, "n 3"],
+) -> FitResult:
+    """The accelerometer as a fit with other sensors leaves it."""
+    M = forms.matrix(acc.model, parameters)
+    length = np.linalg.norm((poses - parameters[6:]) @ M.T, axis=1)
     return replace(
         acc,
-        parameters=fit.accelerometer,
-        covariance=fit.covariance[:9, :9],
+        parameters=parameters,
+        covariance=covariance,
         covariance_kind="known sigma",
         rms=np.sqrt(((length - acc.g) ** 2).mean()),
     )

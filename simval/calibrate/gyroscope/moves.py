@@ -1,6 +1,6 @@
 """Moves between rests: what a recording of a gyroscope is reduced to."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -46,6 +46,8 @@ class Moves:
         hertz, (t, 3).
     seconds : Array
         Time of each move, s, (k,).
+    chunk : int
+        Steps of the clock that were merged into one.
     force : Array
         Integral of the specific force over each chunk, m/s, (k, 3, j); empty unless
         what it does has been taken out.
@@ -62,12 +64,14 @@ class Moves:
     times: Float[Array, "k j"]
     white: Float[Array, "t 3"]
     seconds: Float[Array, " k"]
+    chunk: int
     force: Float[Array, "k 3 f"]
     force_noise: Float[Array, "4 4"]
 
     def __post_init__(self) -> None:
         for each in fields(self):
-            object.__setattr__(self, each.name, frozen(getattr(self, each.name)))
+            if each.name != "chunk":
+                object.__setattr__(self, each.name, frozen(getattr(self, each.name)))
 
 
 def moves_between(
@@ -144,7 +148,7 @@ def moves_between(
     lo[0], hi[-1] = rows[0, 0], rows[-1, 1]  # nothing moves before the first rest
     means, white = _rest_means(y, step, lo, hi)
     centre = means.mean(axis=1)
-    statistics = path_statistics(y - centre[:, None], step, first, last, scheme, chunk)
+    statistics = path_statistics(y, step, first, last, scheme, chunk, centre)
     spent = statistics[0, :, 9]
     return Moves(
         statistics=statistics,
@@ -155,6 +159,7 @@ def moves_between(
         times=t[first][:, None] + np.cumsum(spent, axis=1) - 0.5 * spent,
         white=white,
         seconds=t[last] - t[first],
+        chunk=chunk,
         **_forces(force, force_noise, step, first, last, statistics.shape[-1], chunk),
     )
 
@@ -237,11 +242,25 @@ def _rest_means(
     y: Array, step: Array, lo: Any, hi: Any
 ) -> tuple[Float[Array, "t n 3"], Float[Array, "t 3"]]:
     # means of the rests, and white noise N from the differences of neighbouring rows,
-    # which a drift does not inflate
-    means = np.stack([y[:, a:b].mean(axis=1) for a, b in zip(lo, hi, strict=True)], 1)
+    # which a drift does not inflate; rows first, for sums over them are quicker so
+    rows = np.swapaxes(y, 0, 1)
+    if len(y) > 1:
+        rows = np.ascontiguousarray(rows)
+    means = np.stack([rows[a:b].mean(axis=0) for a, b in zip(lo, hi, strict=True)], 1)
     squares, count = np.zeros((len(y), 3)), 0
     for a, b in zip(lo, hi, strict=True):
-        squares += (np.diff(y[:, a:b], axis=1) ** 2).sum(axis=1)
+        squares += (np.diff(rows[a:b], axis=0) ** 2).sum(axis=0)
         count += b - a - 1
     per_row = squares / (2.0 * max(count, 1))
     return means, np.sqrt(per_row * float(np.median(step)))
+
+
+def taken(moves: Moves, good: Any) -> Moves:
+    """Some of the trials."""
+    return replace(
+        moves,
+        statistics=moves.statistics[good],
+        centre=moves.centre[good],
+        rest_rates=moves.rest_rates[good],
+        white=moves.white[good],
+    )

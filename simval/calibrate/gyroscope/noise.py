@@ -5,7 +5,9 @@ a rest of :math:`T_r` seconds the variance :math:`N^2/T_r`; the bias walks by
 :math:`K^2 t`. A constant bias from rests of cumulative weights W(s), in moves of G(s),
 is off by :math:`N^2 \sum w_i^2/T_i + K^2 \int (W - G)^2 ds`. A line between the
 neighbouring rests leaves a move, for the walk, the noise of a Brownian bridge,
-:math:`K^2 T^3/12` in the angle, and for the white noise that of the two rests.
+:math:`K^2 T^3/12` in the angle, and for the white noise that of the two rests. Time
+stamps with the standard deviation :math:`s_t` leave
+:math:`s_t^2 \sum_j |\mathrm{d}\omega_j|^2`, rates from row to row.
 """
 
 from dataclasses import dataclass, fields
@@ -34,18 +36,21 @@ class GyroscopeNoise:
         White noise N of each axis, raw units per root hertz, (3,).
     bias_random_walk : float
         K, raw units times root hertz.
+    clock_jitter : float
+        Standard deviation of each time stamp, s.
     pose_std : Array
         Noise of each axis of each pose mean, raw units of the accelerometer, (n, 3).
     """
 
     angle_random_walk: Float[Array, "3"]
     bias_random_walk: float
+    clock_jitter: float
     pose_std: Float[Array, "n 3"]
 
     def __post_init__(self) -> None:
         for each in fields(self):
             value = getattr(self, each.name)
-            if each.name != "bias_random_walk":
+            if each.name not in ("bias_random_walk", "clock_jitter"):
                 object.__setattr__(self, each.name, frozen(value))
 
 
@@ -97,6 +102,7 @@ def floored(noise: GyroscopeNoise, moves: Moves, poses: Array) -> GyroscopeNoise
     return GyroscopeNoise(
         angle_random_walk=np.maximum(noise.angle_random_walk, _FLOOR * typical),
         bias_random_walk=noise.bias_random_walk,
+        clock_jitter=noise.clock_jitter,
         pose_std=np.maximum(noise.pose_std, _FLOOR * size),
     )
 
@@ -137,9 +143,9 @@ def drift_noise(
     # a walk that has been seen at fewer times than moves leaves roots of zero
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    by_bias = rows.by_gyroscope[..., 9:].reshape(t, k, 2, 3)
+    by_bias = rows.by_gyroscope[..., 9:].reshape(t, k, -1, 3)
     L = np.einsum("tkeb,km->tkemb", by_bias, noise.bias_random_walk * root)
-    return L.reshape(t, 2 * k, -1)
+    return L.reshape(t, rows.e.shape[1], -1)
 
 
 def line_noise(
@@ -159,13 +165,13 @@ def line_noise(
     start, end = moves.rest_times[:-1, None], moves.rest_times[1:, None]
     along = (moves.times - start) / (end - start)
     std = noise.angle_random_walk / np.sqrt(moves.rest_seconds)[:, None]
-    L = np.zeros((t, k, 2, k + 1, 3))
+    L = np.zeros((*rows.by_turn.shape[:3], k + 1, 3))
     gap = np.arange(k)
     for weights, rest in ((1.0 - along, gap), (along, gap + 1)):
         turned = bias_slopes(moved, moves.statistics, M, B, weights)
         pull = rows.by_turn @ turned * std[rest][:, None]
         L[:, gap, :, rest] = np.moveaxis(pull, 1, 0)
-    return L.reshape(t, 2 * k, -1), _bridge(moved, moves, M, noise)
+    return L.reshape(t, rows.e.shape[1], -1), _bridge(moved, moves, M, noise)
 
 
 def _bridge(
@@ -191,6 +197,30 @@ def _bridge(
     return noise.bias_random_walk**2 * (inside + square)
 
 
+def jitter_noise(
+    moved: Turn,
+    moves: Moves,
+    M: Float[Array, "t 3 3"],
+    B: Float[Array, "t 3"],
+    noise: GyroscopeNoise,
+) -> Float[Array, "t k 3 3"]:
+    r"""Covariance of the moves' turns by time stamps that are off, each by itself.
+
+    A stamp that is late by :math:`\delta` lengthens the step before it and shortens
+    the next, so the turn is off by :math:`\delta` times the difference of their rates.
+    Over a chunk of c steps rates change evenly: the squares of their differences sum to
+    that of the chunks' over c.
+    """
+    t, k, _, j = moves.statistics.shape
+    tau = moves.statistics[:, :, 9]
+    turned = moves.statistics[:, :, :3] - tau[:, :, None] * B[:, None, :, None]
+    rate = M[:, None] @ (turned / np.where(tau > 0.0, tau, 1.0)[:, :, None])
+    seen = np.einsum("tkabj,tkbj->tkaj", moved.D.reshape(t, k, 3, 3, j), rate)
+    change = np.diff(np.pad(seen, ((0, 0), (0, 0), (0, 0), (1, 1))), axis=-1)
+    squares = change @ np.swapaxes(change, -1, -2)
+    return np.asarray(noise.clock_jitter**2 / moves.chunk * squares)
+
+
 def sensitivity_noise(
     rows: Rows,
     moved: Turn,
@@ -212,4 +242,4 @@ def sensitivity_noise(
     unit = np.einsum("tkiab,bq,a->tkiaq", by_G, root, noise.angle_random_walk)
     gaps = -rows.by_turn @ unit.reshape(t, k, 3, 9)
     bias = np.einsum("ac,q,a->acq", np.eye(3), mean @ root, noise.angle_random_walk)
-    return gaps.reshape(t, 2 * k, 9), bias.reshape(3, 9)
+    return gaps.reshape(t, -1, 9), bias.reshape(3, 9)

@@ -5,8 +5,9 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array
-from simval.calibrate.gyroscope.fit import A, Fitted, Setting
+from simval.calibrate.gyroscope.fit import A, Fitted
 from simval.calibrate.gyroscope.moves import Moves
+from simval.calibrate.gyroscope.setting import Setting
 from simval.shapes import Float
 
 

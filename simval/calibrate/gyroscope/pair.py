@@ -4,9 +4,23 @@ from dataclasses import dataclass
 from typing import Any
 
 from simval.arrays import Array, frozen
+from simval.calibrate.gyroscope.moves import Moves
 from simval.calibrate.gyroscope.result import NAMES, GyroscopeFit
 from simval.calibrate.result import FitResult
 from simval.shapes import Float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ImuReadings:
+    """What a recording was reduced to, and what was taken for its noise."""
+
+    moves: Moves
+    poses: Float[Array, "n 3"]  # mean accelerometer readings
+    pose_std: Float[Array, "n 3"]
+    angle_random_walk: Float[Array, "3"]
+    bias_random_walk: float
+    known_bias: Any  # raw units, (3,), where the model of the bias is a line; else None
+    bias_std: float  # of the rests' mean, by how they scatter
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -24,12 +38,15 @@ class ImuFit:
     G : Array
         Sensitivity to specific force that was taken out, raw units per m/s^2, (3, 3);
         zero where there is none.
+    reduced : ImuReadings
+        What was fitted: moves, poses and their noise.
     """
 
     accelerometer: FitResult
     gyroscope: GyroscopeFit
     reasons: tuple[str, ...]
     G: Float[Array, "3 3"]
+    reduced: ImuReadings
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "G", frozen(self.G))

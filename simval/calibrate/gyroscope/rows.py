@@ -33,11 +33,11 @@ class Rows:
     """Linearised rows of the gaps at some parameters."""
 
     e: Float[Array, "t r"]
-    by_turn: Float[Array, "t k 2 3"]  # of each gap, by theta
+    by_turn: Float[Array, "t k a 3"]  # of each gap, by theta
     by_gyroscope: Float[Array, "t r 12"]
-    by_accelerometer: Float[Array, "t r 9"]
+    by_accelerometer: Float[Array, "t r q"]
     by_pose: Float[Array, "t r m"]  # unit noise of each pose and axis, direct
-    E: Float[Array, "t k 2 3"]
+    E: Float[Array, "t k a 3"]
 
 
 def gap_values(
@@ -77,21 +77,21 @@ def gap_rows(found: Gravity, moved: Turn, pose_std: Float[Array, "n 3"]) -> Rows
 
 def walk_blocks(
     rows: Rows, theta_covariance: Float[Array, "t k 3 3"]
-) -> Float[Array, "t k 2 2"]:
+) -> Float[Array, "t k a a"]:
     """Covariance that the angle's own noise leaves in each gap."""
     back = np.swapaxes(rows.by_turn, -1, -2)
     return rows.by_turn @ theta_covariance @ back
 
 
 def covariance_of(
-    L: Float[Array, "t r m"], blocks: Float[Array, "t k 2 2"]
+    L: Float[Array, "t r m"], blocks: Float[Array, "t k a a"]
 ) -> Float[Array, "t r r"]:
     """Covariance V of rows of which the first are those of the gaps."""
     V = L @ np.swapaxes(L, -1, -2)
-    k = blocks.shape[1]
-    first = 2 * np.arange(k)
-    for i in range(2):
-        for j in range(2):
+    k, size = blocks.shape[1:3]
+    first = size * np.arange(k)
+    for i in range(size):
+        for j in range(size):
             V[:, first + i, first + j] += blocks[:, :, i, j]
     return V
 

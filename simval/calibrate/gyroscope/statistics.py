@@ -43,10 +43,16 @@ _S, _A, _m, _tau = slice(0, 3), slice(3, 6), slice(6, 9), 9
 
 def cross(a: Float[Array, "... 3 j"], b: Float[Array, "... 3 j"]) -> Array:
     """Cross product along the last axis but one."""
-    result = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        result[..., i, :] = a[..., j, :] * b[..., k, :] - a[..., k, :] * b[..., j, :]
+    result = np.zeros(np.broadcast_shapes(a.shape, b.shape))
+    _add_cross(result, a, b)
     return result
+
+
+def _add_cross(result: Array, a: Array, b: Array) -> None:
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        one = a[..., j, :] * b[..., k, :]
+        one -= a[..., k, :] * b[..., j, :]
+        result[..., i, :] += one
 
 
 def path_statistics(
@@ -56,20 +62,41 @@ def path_statistics(
     last: NDArray[np.intp],
     scheme: str,
     chunk: int = 1,
+    centre: Float[Array, "t 3"] | None = None,
 ) -> Float[Array, "t k 10 j"]:
     """Statistics of the steps between rows, merged by `chunk`, from row to row.
 
     Stretch k goes from the time of row ``first[k]`` to that of ``last[k]``; ``step[r]``
     is the time from row r - 1 to row r. Shorter stretches end in statistics of zero.
+    With a `centre` they are those of the readings less it.
     """
     longest = int((last - first).max())
-    reach = first[:, None] + np.arange(-1, longest + 2)
     inside = np.arange(longest) < (last - first)[:, None]
-    rows = rates[:, np.clip(reach, 0, rates.shape[1] - 1)]
-    y = np.ascontiguousarray(np.swapaxes(rows, -1, -2))
-    h = np.where(inside, step[np.clip(reach[:, 2:-1], 0, len(step) - 1)], 0.0)
+    follows = np.minimum(first[:, None] + np.arange(1, longest + 1), len(step) - 1)
+    h = np.where(inside, step[follows], 0.0)
+    y = _columns(rates, first, last, longest)
+    if centre is not None:
+        y -= centre[:, None, :, None]
     steps = _step(y, h[:, None, :], scheme)
     return merged(steps, chunk)
+
+
+def _columns(
+    rates: Float[Array, "t n 3"],
+    first: NDArray[np.intp],
+    last: NDArray[np.intp],
+    longest: int,
+) -> Float[Array, "t k 3 p"]:
+    # rows of each stretch, with one before and one after it; at an end of the
+    # recording that is the row there
+    y = np.zeros((len(rates), len(first), 3, longest + 3))
+    columns = np.swapaxes(rates, 1, 2)
+    end = rates.shape[1]
+    for k, (a, b) in enumerate(zip(first, last, strict=True)):
+        y[:, k, :, 1 : b - a + 2] = columns[..., a : b + 1]
+        y[:, k, :, 0] = columns[..., max(a - 1, 0)]
+        y[:, k, :, b - a + 2] = columns[..., min(b + 1, end - 1)]
+    return y
 
 
 def _step(y: Float[Array, "t k 3 p"], h: Float[Array, "k 1 j"], scheme: str) -> Array:
@@ -87,8 +114,8 @@ def _step(y: Float[Array, "t k 3 p"], h: Float[Array, "k 1 j"], scheme: str) -> 
         middle = mean = 0.5 * (start + end)
         rise = end - start
     result = np.empty((*y.shape[:-2], STATISTICS, h.shape[-1]))
-    result[..., _m, :] = rise * (h * h / 12.0)
-    result[..., _S, :] = mean * h
+    np.multiply(rise, h * h / 12.0, out=result[..., _m, :])
+    np.multiply(mean, h, out=result[..., _S, :])
     result[..., _A, :] = cross(middle, result[..., _m, :])
     result[..., _tau, :] = h[:, 0, :]
     return result
@@ -108,8 +135,8 @@ def merged(steps: Float[Array, "t k 10 j"], chunk: int) -> Float[Array, "t k 10 
 
 def _pairs(one: Float[Array, "t k 10 j"], two: Float[Array, "t k 10 j"]) -> Array:
     both = one + two
-    half = 0.5 * two[..., _S, :]
-    both[..., _A, :] += cross(one[..., _S, :], half)
+    first, half = np.ascontiguousarray(one[..., _S, :]), 0.5 * two[..., _S, :]
+    _add_cross(both[..., _A, :], first, half)
     both[..., _m, :] += one[..., [_tau], :] * half
-    both[..., _m, :] -= 0.5 * two[..., [_tau], :] * one[..., _S, :]
+    both[..., _m, :] -= 0.5 * two[..., [_tau], :] * first
     return both

@@ -21,6 +21,7 @@ twelve parameters. Those of the cofactors are linear in M,
 """
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -101,7 +102,7 @@ def wander(
     t, k, _, j = statistics.shape
     D = found.D.reshape(t, k, 3, 3, j).transpose(0, 1, 2, 4, 3)
     DM = (D @ M[:, None, None]).reshape(t, k, 3, 3 * j)
-    shares = np.repeat(statistics[:, :, 9], 3, axis=-1)[:, :, None]
+    shares = np.repeat(statistics[:1, :, 9], 3, axis=-1)[:, :, None]  # one clock
     return (DM * shares) @ np.swapaxes(DM, -1, -2)
 
 
@@ -136,16 +137,22 @@ def end_of(
 def _vectors(statistics: Array, M: Array, B: Array) -> Float[Array, "3 j n"]:
     # rotation vectors, chunks before moves so that sums along a move go in rows
     phi = map_of(M, B)[:, None] @ statistics  # t k 3 j
-    flat = phi.reshape(-1, 3, statistics.shape[-1])
-    return np.ascontiguousarray(flat.transpose(1, 2, 0))
+    j = phi.shape[-1]
+    result = np.empty((3, j, phi.size // (3 * j)))
+    for i in range(3):
+        result[i] = phi[..., i, :].reshape(-1, j).T
+    return result
 
 
 def quaternions(phi: Float[Array, "3 j n"]) -> Float[Array, "4 j n"]:
     """Quaternions, vector first, of rotation vectors."""
     half = 0.5 * _length(phi)
     q = np.empty((4, *half.shape))
-    np.multiply(phi, np.sin(half) / half * 0.5, out=q[:3])
     np.cos(half, out=q[3])
+    share = np.sin(half)
+    share /= half
+    share *= 0.5
+    np.multiply(phi, share, out=q[:3])
     return q
 
 
@@ -157,13 +164,26 @@ def _length(phi: Float[Array, "3 j n"]) -> Float[Array, "j n"]:
     return np.sqrt(np.maximum(squared, 1e-200))
 
 
+# of each entry of the vector of p q: entries of p and q, the last product subtracted
+_TERMS: Final = (
+    ((3, 0), (0, 3), (1, 2), (2, 1)),
+    ((3, 1), (1, 3), (2, 0), (0, 2)),
+    ((3, 2), (2, 3), (0, 1), (1, 0)),
+)
+
+
 def product(p: Float[Array, "4 ..."], q: Float[Array, "4 ..."]) -> Array:
     """Hamilton's product: of two turns, first p, then q about the axes that p left."""
     result = np.empty(np.broadcast_shapes(p.shape, q.shape))
-    result[0] = p[3] * q[0] + p[0] * q[3] + p[1] * q[2] - p[2] * q[1]
-    result[1] = p[3] * q[1] + p[1] * q[3] + p[2] * q[0] - p[0] * q[2]
-    result[2] = p[3] * q[2] + p[2] * q[3] + p[0] * q[1] - p[1] * q[0]
-    result[3] = p[3] * q[3] - p[0] * q[0] - p[1] * q[1] - p[2] * q[2]
+    term = np.empty(result.shape[1:])
+    for entry, (one, two, three, less) in zip(result[:3], _TERMS, strict=True):
+        np.multiply(p[one[0]], q[one[1]], out=entry)
+        for a, b in (two, three):
+            entry += np.multiply(p[a], q[b], out=term)
+        entry -= np.multiply(p[less[0]], q[less[1]], out=term)
+    np.multiply(p[3], q[3], out=result[3])
+    for a in range(3):
+        result[3] -= np.multiply(p[a], q[a], out=term)
     return result
 
 
@@ -196,20 +216,28 @@ def _swept(
     # D = C J(phi), J = I + b [phi x] + c (phi phi' - |phi|^2 I); the last quaternion
     angle = _length(phi)
     squared = angle * angle
-    half = np.sin(0.5 * angle) / angle
+    half = np.sin(0.5 * angle)
+    half /= angle
     b = 2.0 * half * half
+    c = np.sin(angle)
+    c /= angle
+    np.subtract(1.0, c, out=c)
+    c /= squared
     small = angle < _SMALL
-    series = (1.0 - squared / 20.0 * (1.0 - squared / 42.0)) / 6.0
-    c = np.where(small, series, (1.0 - np.sin(angle) / angle) / squared)
+    few = squared[small]
+    c[small] = (1.0 - few / 20.0 * (1.0 - few / 42.0)) / 6.0
     J = np.empty((3, 3, *angle.shape))
+    cphi, bphi, squares = c * phi, b * phi, phi * phi
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        even, odd = c * phi[i] * phi[j], b * phi[k]
-        J[i, j], J[j, i] = even - odd, even + odd
-        J[k, k] = 1.0 - c * (phi[i] * phi[i] + phi[j] * phi[j])
+        even = cphi[i] * phi[j]
+        np.subtract(even, bphi[k], out=J[i, j])
+        np.add(even, bphi[k], out=J[j, i])
+        np.subtract(1.0, c * (squares[i] + squares[j]), out=J[k, k])
     C = _entries(whole[:, :-1])
     D = C[:, 0, None] * J[0]
-    D += C[:, 1, None] * J[1]
-    D += C[:, 2, None] * J[2]
+    for row, by in zip(D, C, strict=True):  # a row at a time stays in the cache
+        row += by[1] * J[1]
+        row += by[2] * J[2]
     return D, whole[:, -1]
 
 

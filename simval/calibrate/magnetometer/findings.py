@@ -143,8 +143,8 @@ def _scatter_words(fit: Single, *, explained: bool) -> str:
         return ""
     return (
         f"the field is disturbed: chi-square per degree of freedom is {ratio:.2f}, and "
-        f"no few poses explain it; {_by_equation(fit)}; the error bars are "
-        f"{np.sqrt(ratio):.1f} times too small"
+        f"no few poses explain it; {_by_equation(fit)}; with the noise that was stated "
+        f"the error bars are {np.sqrt(ratio):.1f} times too small"
     )
 
 

@@ -24,7 +24,7 @@ CALLED = {
 CALL = {
     "estimator": "A call estimates 1024 attitudes.",
     "calibrator": "A call calibrates one set of poses.",
-    "filter": "A call is a step of one trial.",
+    "filter": "A call is 200 rows of one trial; the built-in one is made for many.",
 }
 
 

@@ -1,21 +1,29 @@
 """Attitude filters: errors over time beside the bound, and what they say of them."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import scipy
+from markupsafe import Markup
 
 from simval.arrays import Array
 from simval.compare.merits import algorithm_of
+from simval.report.artifacts import arrays, shaped
+from simval.report.attitudes import turning
 from simval.report.curves import MAX_GROUPS, grouped
 from simval.report.panels import COLOURS, GREY, Drawing, Panel, Series
 from simval.report.section import Context, Section, Shown, made
+from simval.report.table import Column, Table
 from simval.report.words import spelled
 from simval.results import Row
 from simval.shapes import Float
 from simval.statistics import (
     BOUND_AT,
     BUDGET_AT,
+    CRAMER_RAO,
+    DIVERGED,
+    NEES,
     NEES_AT,
     NIS,
     RMS,
@@ -24,12 +32,24 @@ from simval.statistics import (
     WORST_INSTANT,
     Family,
 )
-from simval.studies.filter_rows import ATTITUDE
+from simval.studies.filter import artifact_of
+from simval.studies.filter_rows import ATTITUDE, HEADING, INCLINATION
 from simval.sweep.run import CellResult
 
 SHOWN = Shown(
     "filter",
-    (RMS, RMS_AT, BOUND_AT, NEES_AT, BUDGET_AT, NIS, SETTLING, WORST_INSTANT),
+    (
+        RMS,
+        RMS_AT,
+        BOUND_AT,
+        NEES,
+        NEES_AT,
+        DIVERGED,
+        BUDGET_AT,
+        NIS,
+        SETTLING,
+        WORST_INSTANT,
+    ),
 )
 LINES = ("-", "--", "-.", ":")
 BAND = 1e-3  # of false alarms: how often an honest instant is outside, two-sided
@@ -49,7 +69,100 @@ def section(context: Context) -> Section | None:
     budgets = [panel for label, own in shown for panel in _budget(label, own)]
     if budgets:
         drawings.append(_drawn_budget(budgets))
-    return made("filters", "Attitude filters", [d for d in drawings if d.panels])
+    drawn = [drawing for drawing in drawings if drawing.panels]
+    pictures = _turning(context, cells)
+    return made(
+        "filters", "Attitude filters", drawn, [_table(cells)],
+        turning=pictures[:MAX_GROUPS], hidden=max(len(pictures) - MAX_GROUPS, 0),
+    )  # fmt: skip
+
+
+def _turning(context: Context, cells: Sequence[CellResult]) -> list[tuple[str, Markup]]:
+    """A moving picture of each cell that left attitudes, the worst first."""
+    found = []
+    for cell in cells:
+        file = context.run.folder / "artifacts" / artifact_of(cell.parameters)
+        if not file.is_file():
+            continue
+        content = arrays(file)
+        time = shaped(file, content, "time", None)
+        count = len(time)
+        truth, estimate = (
+            shaped(file, content, name, count, 4) for name in ("truth", "estimate")
+        )
+        if count < 2 or not (np.diff(time) > 0.0).all():
+            continue
+        words = f"{algorithm_of(cell)}, {cell.parameters.get('scenario', '')}"
+        worst = float(np.abs(np.vecdot(truth, estimate)).min())
+        found.append((worst, words, turning(words, time, truth, estimate)))
+    return [(words, picture) for _, words, picture in sorted(found, key=_worst)]
+
+
+def _worst(found: tuple[float, str, Markup]) -> float:
+    return found[0]
+
+
+def _table(cells: Sequence[CellResult]) -> Table:
+    """A row for each cell: what was measured, and what theory said beforehand."""
+    return Table(
+        name="filter-cells",
+        caption=(
+            "Each filter in each scenario: its error, then the squares of errors (of "
+            "3) and of innovations by what it states of them, each beside what "
+            "theory predicts of the reference filter, and when it settles"
+        ),
+        columns=(
+            Column("algorithm", "code"),
+            Column("scenario"),
+            Column("RMS error, degrees", "measured"),
+            Column("over the bound", "measured"),
+            Column("heading, degrees", "measured"),
+            Column("inclination, degrees", "measured"),
+            Column("NEES", "measured"),
+            Column("predicted", "number"),
+            Column("NIS", "measured"),
+            Column("predicted", "number"),
+            Column("settles after, s", "number", 3),
+            Column("diverged", "number", 3),
+        ),
+        rows=[_line(cell) for cell in cells],
+    )
+
+
+def _line(cell: CellResult) -> tuple[Any, ...]:
+    def of(family: Family, *entries: str) -> list[Row]:
+        return [
+            row
+            for row in cell.rows
+            if row.statistic.family == family and row.statistic.entries == entries
+        ]
+
+    def measured(rows: Sequence[Row], scale: float = 1.0) -> tuple[float, float] | None:
+        if not rows:
+            return None
+        return scale * rows[0].value, scale * rows[0].standard_error
+
+    def predicted(rows: Sequence[Row]) -> float | None:
+        return rows[-1].prediction if rows else None
+
+    degrees = float(np.degrees(1.0))
+    rms, nees, nis = of(RMS), of(NEES), of(NIS)
+    bound = next((r.prediction for r in rms if r.predictor == CRAMER_RAO), None)
+    settled, lost = of(SETTLING, "median"), of(DIVERGED)
+    return (
+        algorithm_of(cell),
+        cell.parameters.get("scenario", ""),
+        measured(rms, degrees),
+        measured(rms, 1.0 / bound) if bound else None,
+        measured(of(RMS, HEADING), degrees),
+        measured(of(RMS, INCLINATION), degrees),
+        measured(nees),
+        predicted(nees),
+        measured(nis),
+        predicted(nis),
+        settled[0].value if settled else None,
+        lost[0].value if lost else None,
+    )
 
 
 def _errors(
@@ -60,7 +173,7 @@ def _errors(
         caption=(
             "Attitude error over time, root mean square over the trials. Grey: the "
             "posterior Cramér-Rao bound, which no filter is below that knows of the "
-            "sensors what they are."
+            "sensors what they are; dotted, what theory says of the reference filter."
         ),
         alternative="RMS attitude error of each filter over time beside the bound",
         panels=[
@@ -70,6 +183,7 @@ def _errors(
                 y_label="RMS error, degrees",
                 series=[
                     *_bound(cells[0]),
+                    *_predicted(cells),
                     *_curves(cells, RMS_AT, np.degrees(1.0)),
                 ],
                 log_x=False,
@@ -159,6 +273,25 @@ def _bound(cell: CellResult) -> list[Series]:
     return (
         [Series(label="bound", x=x, y=least, colour=GREY, line="-")] if len(x) else []
     )
+
+
+def _predicted(cells: Sequence[CellResult]) -> list[Series]:
+    """What theory says of the reference filter: the root of the parts' squares."""
+    for cell in cells:
+        x, y, _ = _points([r for r in cell.rows if r.statistic.family == BUDGET_AT])
+        if len(x):
+            time, place = np.unique(x, return_inverse=True)
+            total = np.sqrt(np.bincount(place, weights=y**2))
+            return [
+                Series(
+                    label="predicted, reference filter",
+                    x=time,
+                    y=np.degrees(total),
+                    colour=GREY,
+                    line=":",
+                )
+            ]
+    return []
 
 
 def _band(cells: Sequence[CellResult]) -> list[Series]:

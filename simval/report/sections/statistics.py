@@ -49,6 +49,8 @@ MAX_PANELS = 9  # for the size of a page, as is `MAX_KINDS`
 MAX_KINDS = 4
 """Statistics of a family drawn one by one; of more, their mean."""
 SHOWN = Shown("coverage", (COVERAGE, NEES))
+OF_THEIR_OWN = ("filter",)
+"""Studies that draw these families along time, in a section of their own."""
 
 
 def section(context: Context) -> Section | None:
@@ -81,7 +83,7 @@ def _panels(
     """Panels of each study that has rows of a family, and what is not in them."""
     panels: list[Panel] = []
     left_out: list[str] = []
-    for study in context.titles:
+    for study in (name for name in context.titles if name not in OF_THEIR_OWN):
         cells = [
             cell
             for cell in context.cells(study)

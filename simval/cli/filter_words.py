@@ -1,0 +1,214 @@
+"""What `simval filter` prints."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from simval.logs import Truth
+from simval.recorded import Alignment, Evaluation
+from simval.recorded.blocks import Measured
+from simval.recorded.consistency import Consistency
+from simval.recorded.errors import Rms
+from simval.recorded.fit import polar
+from simval.recorded.signals import Signals
+
+PARTS = {"all": "all", "rest": "at rest", "moving": "moving"}
+BLIND = (
+    "Without truth a filter can only be asked about itself: a scale error of the "
+    "gyroscope, or noise told wrongly, leaves innovations as they should be. Only "
+    "truth shows the error (--truth)."
+)
+WORLDS = {
+    "NWU": "north-west-up",
+    "ENU": "east-north-up",
+    "NED": "north-east-down",
+}
+
+
+def alignment_lines(
+    alignment: Alignment | None, recorded: Truth | None, found: Signals
+) -> list[str]:
+    """The truth and what lies between it and the log, each with a 95 % interval."""
+    if alignment is None or recorded is None:
+        return []
+    offset, drift = alignment.offset, alignment.drift
+    world, fit = alignment.world, alignment.fit
+    missing = 1.0 - float(np.mean(np.isfinite(alignment.attitude[:, 0])))
+    turn = "  ".join(_degrees(each) for each in alignment.axes)
+    own = polar(fit.linear).T @ fit.linear / fit.scale
+    scales = "  ".join(
+        with_error(value, half)
+        for value, half in zip(
+            np.diagonal(own) * _in_unit(alignment, found),
+            np.diagonal(alignment.errors.own) * _factor(alignment),
+            strict=True,
+        )
+    )
+    return [
+        f"truth             {', '.join(recorded.columns)}: {alignment.meaning}; read "
+        f"otherwise it leaves {alignment.better:.3g} times the variance",
+        *(
+            f"                  {each} is the same motion in other axes"
+            for each in alignment.same
+        ),
+        f"                  missing in {100 * missing:.2f} % of the rows; noise at rest"
+        " "
+        f"{_rms_degrees(alignment.noise)} degrees a row",
+        f"truth's clock     {with_error(1e3 * offset.value, 1e3 * offset.half)} ms "
+        "against the log's, a row of the gyroscope being the mean over its step;",
+        "                  it drifts by "
+        f"{with_error(1e6 * drift.value, 1e6 * drift.half)} us a second",
+        f"sensor's axes     turned ({turn}) degrees about x, y, z from the truth's",
+        f"gyroscope         {scales} times the truth's rate; {100 * fit.share:.2g} % "
+        "of the variance is not explained",
+        f"truth's world     {_world(alignment)}",
+        f"                  up by {world.rests} rest(s), {_tilt(alignment)}; north by "
+        f"the magnetometer's mean, +- {np.degrees(world.half('heading')):.2g} degrees",
+    ]
+
+
+def _factor(alignment: Alignment) -> float:
+    each = alignment.offset
+    return each.half / each.sd if each.sd > 0.0 else 2.0
+
+
+def _in_unit(alignment: Alignment, found: Signals) -> float:
+    # scale of the gyroscope in the unit that it was brought to
+    for size in (1.0, np.pi / 180.0, np.pi / 180e3):
+        if abs(alignment.fit.scale * size - 1.0) <= 0.2:
+            return float(alignment.fit.scale * size)
+    return 1.0
+
+
+def _degrees(each: Measured) -> str:
+    return with_error(np.degrees(each.value), np.degrees(each.half))
+
+
+def with_error(value: float, half: float) -> str:
+    """A value and the half width of its interval, to the digits that the latter has."""
+    if not half > 0.0:
+        return f"{value:.6g}"
+    digits = int(np.clip(1 - np.floor(np.log10(half)), 0, 9))
+    return f"{value:.{digits}f} +- {half:.{digits}f}"
+
+
+def _rms_degrees(vector: Any) -> str:
+    return f"{np.degrees(np.sqrt(np.mean(np.square(vector)))):.2g}"
+
+
+def _tilt(alignment: Alignment) -> str:
+    half = alignment.world.half("tilt")
+    if np.isnan(half):
+        return "whose error one rest does not show"
+    return f"+- {np.degrees(half):.2g} degrees"
+
+
+def _world(alignment: Alignment) -> str:
+    world = alignment.world
+    size = np.degrees(np.linalg.norm(world.off))
+    if not world.name:
+        return f"none of {', '.join(WORLDS)}: the nearest is {size:.0f} degrees off"
+    off = ", ".join(f"{x:.2f}" for x in np.degrees(world.off))
+    if world.stated:
+        return f"{world.name}, as stated; the log shows it off by ({off}) degrees"
+    return (
+        f"{world.name} ({WORLDS[world.name]}), but for ({off}) degrees about north, "
+        "west and up"
+    )
+
+
+def filter_lines(
+    done: list[Evaluation], failed: dict[str, str], truth: bool
+) -> list[str]:
+    """The table of the filters, and what each is."""
+    lines = [f"{each.run.name}: {each.run.how}" for each in done]
+    lines += [f"{name}: not measured: {why}" for name, why in failed.items()]
+    if truth and done:
+        lines += ["", *_errors(done), "", *_covariances(done)]
+    elif done:
+        lines += ["", *_alone(done), "", BLIND]
+    return lines
+
+
+def _width(done: Iterable[Evaluation]) -> int:
+    return max(10, *(len(each.run.name) for each in done)) + 2
+
+
+def _errors(done: list[Evaluation]) -> list[str]:
+    width = _width(done)
+    head = "".join(f"{name:>17s}" for name in ("total", "heading", "inclination"))
+    lines = [
+        "RMS error, degrees, with its standard error",
+        f"  {'filter':{width}s}{'rows':9s}{head}   converged",
+    ]
+    for each in done:
+        assert each.truth is not None
+        for part, words in PARTS.items():
+            own = each.truth.rms[part]
+            cells = "".join(f"{_cell(own[k]):>17s}" for k in own)
+            name = each.run.name if part == "all" else ""
+            after = f"   {_settled(each.truth.settled)}" if part == "all" else ""
+            lines.append(f"  {name:{width}s}{words:9s}{cells}{after}")
+    return lines
+
+
+def _cell(rms: Rms) -> str:
+    if np.isnan(rms.value):
+        return "-"
+    return f"{np.degrees(rms.value):.3f} ({np.degrees(rms.sd):.3f})"
+
+
+def _settled(seconds: float) -> str:
+    return "not within the log" if np.isnan(seconds) else f"after {seconds:.0f} s"
+
+
+def _covariances(done: list[Evaluation]) -> list[str]:
+    width = _width(done)
+    lines = [
+        "squared error over covariance (NEES), 3 where that is true; NIS beside it",
+        f"  {'filter':{width}s}{'NEES':>10s}   {'interval':22s}{'verdict':16s}"
+        f"{'NIS':>8s}  us a row",
+    ]
+    for each in done:
+        assert each.truth is not None
+        nees, nis = each.truth.nees, each.nis
+        text = f"{'no covariance':>13s}{'':38s}"
+        if nees is not None:
+            text = f"{nees.mean:10.3g}   {_interval(nees):22s}{nees.verdict:16s}"
+        second = "-" if nis is None else f"{nis.mean:.3g} of {nis.expected:.0f}"
+        lines.append(
+            f"  {each.run.name:{width}s}{text}{second:>8s}  {each.microseconds:.0f}"
+        )
+    return lines
+
+
+def _interval(each: Consistency) -> str:
+    return "-" if np.isnan(each.low) else f"{each.low:.3g} to {each.high:.3g}"
+
+
+def _alone(done: list[Evaluation]) -> list[str]:
+    width = _width(done)
+    lines = [
+        "at rest: drift of the heading, and the filter's up against the specific force",
+        f"  {'filter':{width}s}{'drift, deg/min':>15s}{'up, deg':>9s}{'NIS':>12s}   "
+        f"{'verdict':16s}innovation with the next",
+    ]
+    for each in done:
+        rest, nis = each.at_rest, each.nis
+        drift = np.degrees(rest.drift) * 60.0
+        white = "-"
+        if each.white is not None:
+            white = " ".join(f"{value:.2f}" for value in each.white)
+        second = "-" if nis is None else f"{nis.mean:.3g} of {nis.expected:.0f}"
+        verdict = "" if nis is None else nis.verdict
+        lines.append(
+            f"  {each.run.name:{width}s}{_known(drift):>15s}"
+            f"{_known(np.degrees(rest.inclination)):>9s}{second:>12s}   "
+            f"{verdict:16s}{white}"
+        )
+    return lines
+
+
+def _known(value: float) -> str:
+    return f"{value:.3g}" if np.isfinite(value) else "-"

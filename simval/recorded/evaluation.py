@@ -1,0 +1,210 @@
+"""What a filter's answers over a log say: with truth, and without."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.geometry import attitude_matrix
+from simval.recorded.alignment import Alignment
+from simval.recorded.consistency import Consistency, judged, normalised, whiteness
+from simval.recorded.errors import Errors, Rms, convergence, errors_of, table
+from simval.recorded.run import FilterRun
+from simval.recorded.signals import Signals
+from simval.shapes import Bool, Float
+
+SHORTEST: Final = 2.0  # s; of a rest in which a drift is looked at
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AtRest:
+    """What rests show without truth.
+
+    Attributes
+    ----------
+    drift : float
+        RMS over the rests of the change of heading within one, rad/s; NaN without.
+    inclination : float
+        RMS over the rests of the angle between the filter's up and the mean specific
+        force, rad; NaN without.
+    rests : int
+        Rests looked at.
+    """
+
+    drift: float
+    inclination: float
+    rests: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class WithTruth:
+    """Errors of one filter against the truth.
+
+    Attributes
+    ----------
+    errors : Errors
+        At the rows with truth.
+    rms : mapping
+        RMS by part (``all``, ``rest``, ``moving``) and error (``total``, ``heading``,
+        ``inclination``).
+    settled : float
+        Seconds until it has converged; NaN if it has not.
+    nees : Consistency or None
+        Of the attitude, 3 expected; None without a covariance.
+    squares : Array or None
+        The squared error over covariance of each row that it is of, (k,).
+    band : Array or None
+        Standard deviations of total (root of the trace), heading and inclination (both
+        in the world) that its covariance states, rad, (k, 3).
+    """
+
+    errors: Errors
+    rms: dict[str, dict[str, Rms]]
+    settled: float
+    nees: Consistency | None
+    squares: Float[Array, " k"] | None
+    band: Float[Array, "k 3"] | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Evaluation:
+    """All that is measured of one filter over one log.
+
+    Attributes
+    ----------
+    run : FilterRun
+        Its answers.
+    truth : WithTruth or None
+        None without a truth.
+    at_rest : AtRest
+        What needs none.
+    nis : Consistency or None
+        Of the innovations; None without them.
+    white : Array or None
+        Correlation of each whitened innovation with the next.
+    microseconds : float
+        Median time of a row.
+    """
+
+    run: FilterRun
+    truth: WithTruth | None
+    at_rest: AtRest
+    nis: Consistency | None
+    white: Float[Array, " m"] | None
+    microseconds: float
+
+
+def evaluate(run: FilterRun, found: Signals, alignment: Alignment | None) -> Evaluation:
+    """Measure a filter's answers.
+
+    Parameters
+    ----------
+    run : FilterRun
+        Answers.
+    found : Signals
+        The log.
+    alignment : Alignment or None
+        The truth, aligned with it.
+
+    Returns
+    -------
+    Evaluation
+        What was measured.
+    """
+    nis, white = _innovations(run)
+    return Evaluation(
+        run=run,
+        truth=None if alignment is None else _with_truth(run, found, alignment),
+        at_rest=_at_rest(run, found),
+        nis=nis,
+        white=white,
+        microseconds=1e6 * float(np.median(run.output.seconds)),
+    )
+
+
+def resting(found: Signals) -> Bool[np.ndarray, " n"]:
+    """Rows of a log that belong to a rest."""
+    rows = np.zeros(len(found.time), dtype=bool)
+    for start, stop in found.rests:
+        rows[start:stop] = True
+    return rows
+
+
+def _with_truth(run: FilterRun, found: Signals, alignment: Alignment) -> WithTruth:
+    kept = run.output.kept
+    there = np.isfinite(alignment.attitude[kept]).all(axis=1)
+    rows = kept[there]
+    truth = alignment.attitude[rows]
+    errors = errors_of(
+        found.time[rows], truth, run.output.attitude[0][there], resting(found)[rows]
+    )
+    nees, squares, band = None, None, None
+    if run.output.covariance is not None:
+        own = run.output.covariance[0][there][:, :3, :3]
+        squares = normalised(errors.body, own + extra(alignment, truth))
+        nees = judged(squares, 3.0)
+        band = _band(own, truth)
+    return WithTruth(
+        errors=errors,
+        rms=table(errors),
+        settled=convergence(errors),
+        nees=nees,
+        squares=squares,
+        band=band,
+    )
+
+
+def extra(alignment: Alignment, truth: Float[Array, "k 4"]) -> Float[Array, "k 3 3"]:
+    """Covariance of the truth itself: its noise, the sensor's axes, the world."""
+    A = attitude_matrix(truth)
+    noise = np.diag(np.nan_to_num(alignment.noise) ** 2)
+    world = A @ alignment.world.covariance @ A.swapaxes(1, 2)
+    return world + alignment.errors.rotation + noise
+
+
+def _band(
+    own: Float[Array, "k 3 3"], truth: Float[Array, "k 4"]
+) -> Float[Array, "k 3"]:
+    A = attitude_matrix(truth)
+    world = A.swapaxes(1, 2) @ own @ A
+    squares = np.diagonal(world, axis1=1, axis2=2)
+    level = squares[:, 0] + squares[:, 1]
+    parts = np.stack([squares.sum(axis=1), squares[:, 2], level], axis=1)
+    return np.sqrt(np.maximum(parts, 0.0))
+
+
+def _at_rest(run: FilterRun, found: Signals) -> AtRest:
+    kept, q = run.output.kept, run.output.attitude[0]
+    drifts, tilts = [], []
+    for start, stop in found.rests:
+        rows = (kept >= start) & (kept < stop)
+        seconds = found.time[stop - 1] - found.time[start]
+        if seconds < SHORTEST or np.count_nonzero(rows) < 3:
+            continue
+        A = attitude_matrix(q[rows])
+        force = found.force[start:stop].mean(axis=0)
+        up = A[:, :, 2].mean(axis=0)
+        tilts.append(np.arctan2(np.linalg.norm(np.cross(up, force)), up @ force))
+        turn = A[-1].T @ A[0]  # in the world, from the end to the start
+        angle = np.arctan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1])
+        drifts.append(angle / seconds)
+    if not drifts:
+        return AtRest(drift=np.nan, inclination=np.nan, rests=0)
+    return AtRest(
+        drift=float(np.sqrt(np.mean(np.square(drifts)))),
+        inclination=float(np.sqrt(np.mean(np.square(tilts)))),
+        rests=len(drifts),
+    )
+
+
+def _innovations(run: FilterRun) -> tuple[Consistency | None, Array | None]:
+    innovation, covariance = run.output.innovation, run.output.innovation_covariance
+    if innovation is None or covariance is None:
+        return None, None
+    squares = normalised(innovation[0], covariance[0])
+    nis = judged(squares, float(innovation.shape[-1]))
+    good = np.isfinite(squares)
+    if run.thinned or not good.any():
+        return nis, None
+    return nis, whiteness(innovation[0][good], covariance[0][good])

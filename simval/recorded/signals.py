@@ -1,0 +1,207 @@
+"""A log's readings as a filter gets them: SI units, and where they are from."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+
+from simval.arrays import Array, frozen
+from simval.calibrate.applied import require_same_sensor
+from simval.calibrate.files import load_calibration
+from simval.calibrate.others import load_others
+from simval.errors import InputError
+from simval.logs import Log
+from simval.logs.names import channel
+from simval.multiposition.rests import find_rests
+from simval.shapes import Float
+from simval.statics import Intervals
+
+GYRO_UNITS: Final[Mapping[str, float]] = MappingProxyType(
+    {"rad/s": 1.0, "deg/s": np.pi / 180.0, "mdps": np.pi / 180e3}
+)
+NEAR: Final = 0.1
+"""Relative: scales of gyroscopes are within some per cent of their unit, and units are
+a factor of 57 apart."""
+
+FIELDS: Final[Mapping[str, float]] = MappingProxyType(
+    {"T": 1.0, "mT": 1e-3, "G": 1e-4, "uT": 1e-6, "mG": 1e-7, "nT": 1e-9}
+)
+UNKNOWN: Final = "in the unit of its calibration or of the log"
+EARTH: Final = (20e-6, 70e-6)
+"""T. The Earth's field is 22 to 67 uT: a factor of three, and the units in `FIELDS` are
+ten apart or more."""
+_WRITTEN: Final = {
+    "t": "T", "mt": "mT", "ut": "uT", "μt": "uT", "nt": "nT", "g": "G", "gs": "G",
+    "gauss": "G", "mg": "mG", "mgauss": "mG",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Signals:
+    """Readings of a log."""
+
+    time: Float[Array, " n"]  # s
+    gyro: Float[Array, "n 3"]  # rad/s, or the log's unit where `gyro_unit` is empty
+    force: Float[Array, "n 3"]  # specific force, m/s^2
+    field: Float[Array, "n 3"]  # T, or the log's unit where `field_unit` is empty
+    rate: float  # Hz
+    rests: Intervals
+    gyro_unit: str  # where it came from, in words; empty: not known yet
+    force_unit: str
+    field_unit: str
+
+    def __post_init__(self) -> None:
+        for name in ("time", "gyro", "force", "field"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    def said(self) -> list[str]:
+        """Where the units came from."""
+        return [
+            f"units             gyroscope {self.gyro_unit}",
+            f"                  accelerometer {self.force_unit}",
+            f"                  magnetometer {self.field_unit or UNKNOWN}",
+        ]
+
+
+def rests_of_log(log: Log) -> Intervals:
+    """Rests of a log; one is enough.
+
+    Raises
+    ------
+    RefusedError
+        If it has none.
+    """
+    return find_rests(log, None, 1).plateau[0][1]
+
+
+def signals(
+    log: Log,
+    rests: Intervals,
+    *,
+    accelerometer: tuple[float | None, str],
+    gyro: tuple[float | None, str],
+    calibration: str | None,
+) -> Signals:
+    """Bring a log to SI units, by a calibration file or by the units of its columns.
+
+    `accelerometer` and `gyro` are the unit in SI units, None where it is not known, and
+    in words where it is from.
+
+    Raises
+    ------
+    InputError
+        If a sensor is missing, or the accelerometer's unit is not known.
+    RefusedError
+        If the calibration is not of this sensor.
+    """
+    _require_sensors(log)
+    assert log.gyro is not None
+    assert log.magnetometer is not None
+    raw = Signals(
+        time=log.time,
+        gyro=log.gyro * (gyro[0] or 1.0),
+        force=log.accelerometer * (accelerometer[0] or 1.0),
+        field=log.magnetometer,
+        rate=log.rate,
+        rests=rests,
+        gyro_unit=gyro[1] if gyro[0] else "",
+        force_unit=accelerometer[1],
+        field_unit="",
+    )
+    if calibration is not None:
+        return _calibrated(log, raw, calibration)
+    if accelerometer[0] is None:
+        msg = f"{log.path}: the unit of the accelerometer is {accelerometer[1]}"
+        raise InputError(msg)
+    return with_field_unit(log, raw)
+
+
+def _require_sensors(log: Log) -> None:
+    for name, rows in (("gyroscope", log.gyro), ("magnetometer", log.magnetometer)):
+        if rows is None:
+            why = "; ".join(log.unclear)
+            msg = (
+                f"{log.path} has no {name} ({why or 'no column is named as one'}), and "
+                "a filter is given all three sensors; name its columns (--columns)"
+            )
+            raise InputError(msg)
+
+
+def _calibrated(log: Log, raw: Signals, path: str) -> Signals:
+    fit = load_calibration(path).require_converged()
+    require_same_sensor(fit, log.accelerometer, log.rate)
+    force = fit.sensor().correct(log.accelerometer)
+    gyroscope, magnetometer = load_others(path)
+    words = f"by the calibration {path}"
+    found = replace(raw, force=force, force_unit=words)
+    if gyroscope is not None:
+        assert log.gyro is not None
+        corrected = gyroscope.correct(log.gyro, specific_force=force)
+        found = replace(found, gyro=corrected, gyro_unit=f"rad/s, {words}")
+    if magnetometer is not None:
+        assert log.magnetometer is not None
+        corrected = magnetometer.correct(log.magnetometer)
+        found = replace(found, field=corrected)
+    return with_field_unit(log, found)
+
+
+def with_field_unit(log: Log, found: Signals) -> Signals:
+    """Bring the field to T: by the header, else where its length is the Earth's."""
+    name = next((each.name for each in log.columns if each.role == "mx"), "")
+    unit = _WRITTEN.get(channel(name).unit, "") if name else ""
+    length = float(np.median(np.linalg.norm(found.field, axis=1)))
+    assert log.magnetometer is not None
+    if unit and np.array_equal(found.field, log.magnetometer):
+        return _in_tesla(found, unit, "as the header says")
+    fitting = [
+        each for each, size in FIELDS.items() if EARTH[0] <= length * size <= EARTH[1]
+    ]
+    if len(fitting) == 1:
+        words = f"as its median length {length:.4g} says (the Earth's is 22 to 67 uT)"
+        return _in_tesla(found, fitting[0], words)
+    return found
+
+
+def _in_tesla(found: Signals, unit: str, words: str) -> Signals:
+    return replace(
+        found, field=found.field * FIELDS[unit], field_unit=f"{unit}, {words}"
+    )
+
+
+def with_gyro_unit(found: Signals, raw_per_si: float | None) -> Signals:
+    """Settle the gyroscope's unit by what the truth says of it, raw units per rad/s.
+
+    Raises
+    ------
+    InputError
+        If the truth contradicts the unit that is stated, or none fits, or there is no
+        truth and none is stated.
+    """
+    if raw_per_si is None:
+        if found.gyro_unit:
+            return found
+        msg = (
+            "the unit of the gyroscope is not stated, and there is no truth to tell; "
+            "give --gyro-unit rad/s or deg/s, or --calibration"
+        )
+        raise InputError(msg)
+    if found.gyro_unit:
+        if abs(raw_per_si - 1.0) <= NEAR:
+            return found
+        msg = (
+            f"the gyroscope, {found.gyro_unit}, turns {raw_per_si:.4g} times as fast "
+            "as the truth; look at its unit (--gyro-unit) and at the truth's clock"
+        )
+        raise InputError(msg)
+    for unit, size in GYRO_UNITS.items():
+        if abs(raw_per_si * size - 1.0) <= NEAR:
+            words = f"{unit}, as the truth says ({raw_per_si:.5g} to a rad/s)"
+            return replace(found, gyro=found.gyro * size, gyro_unit=words)
+    msg = (
+        f"by the truth {raw_per_si:.6g} units of the gyroscope are a rad/s, which is "
+        f"no unit; give --gyro-unit {1.0 / raw_per_si:.6g} for raw counts, or "
+        "--calibration"
+    )
+    raise InputError(msg)

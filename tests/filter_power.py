@@ -1,0 +1,99 @@
+"""Power of the tests of consistency at 40 trials, for what breaks a filter.
+
+Prints, for each fault, how often 40 trials of the reference filter are called
+overconfident or underconfident by their NEES, and by their NIS, at a stated rate of
+false alarms of 1 % each:
+
+    python tests/filter_power.py [TRIALS]
+
+TRIALS (960) are drawn once for each fault and dealt into campaigns of 40 at random, 400
+times; so the shares of one line are not independent, and their standard error is about
+a tenth near the middle.
+"""
+
+import sys
+
+import numpy as np
+
+from simval.consistency import judge, normalised_squares, rotation_error
+from simval.plugins import Filter, find_plugin, run_filter
+from simval.streams import Streams, cell_key
+from simval.studies import filter as study
+from simval.studies.filter_scenarios import course, drawn
+from simval.sweep.suite import expand
+
+FAULTS = (
+    "gimbal slow",
+    "gimbal slow, gyroscope noise 0.333",
+    "gimbal slow, gyroscope noise 3",
+    "gimbal slow, accelerometer noise 2",
+    "gimbal slow, magnetometer noise 2",
+    "gimbal slow, scale 1e-4",
+    "gimbal slow, scale 3e-4",
+    "gimbal slow, scale 1e-3",
+    "gimbal slow, scale 5e-3",
+    "gimbal slow, turned 1e-3",
+    "gimbal slow, calibration 6e-5",
+    "gimbal slow, calibration 1e-3",
+    "lever arm",
+    "handheld",
+    "pivot",
+    "vibration",
+    "magnetic disturbance",
+    "unknown start",
+)
+TRIALS, CAMPAIGNS, RATE = 40, 400, 0.01
+
+
+def squares_of(scenario, trials, rate=100.0, seconds=20.0):
+    """NEES of the attitude and NIS at the instants, (n, i) each."""
+    settings = {"scenario": scenario, "rate": rate, "seconds": seconds}
+    (cell,) = expand("power", {"seed": 1, "filter": settings}).cells
+    parameters = cell.parameters
+    way = course(parameters.named_scenario, rate, seconds)
+    sensors, told = study.sensors_of(parameters, way), study.told_of(parameters, way)
+    streams = Streams(1, cell_key("power"))
+    blocks = [
+        drawn(way, sensors, told, study.BLOCK, streams.block(i), parameters.anywhere)
+        for i in range(trials // study.BLOCK)
+    ]
+    kept, late = study.instants(len(way.dt))
+    plugin = find_plugin(study.REFERENCE, Filter)
+    given = study.joined([block[0] for block in blocks])
+    found = run_filter(plugin, given, kept[late], plugin.world)
+    error = rotation_error(found.attitude, way.attitude[kept[late] + 1])
+    nees = normalised_squares(error, found.covariance[..., :3, :3])
+    nis = normalised_squares(found.innovation, found.innovation_covariance)
+    return nees, nis
+
+
+def shares(squares, dimension, rng):
+    """How often campaigns of 40 are called over- and underconfident."""
+    called = []
+    for _ in range(CAMPAIGNS):
+        some = squares[rng.permutation(len(squares))[:TRIALS]]
+        called.append(judge(some, dimension, RATE).answer)
+    return [called.count(side) / CAMPAIGNS for side in SIDES]
+
+
+SIDES = ("overconfident", "underconfident")
+
+
+def main(trials=960):
+    """Print the table."""
+    print(f"{trials} trials of each, campaigns of {TRIALS}, rate {RATE:.0%} a test")  # noqa: T201
+    print(f"{'':38s} NEES   over under    NIS   over under")  # noqa: T201
+    for scenario in FAULTS:
+        nees, nis = squares_of(scenario, trials)
+        rng = np.random.default_rng(1)
+        over, under = shares(nees, 3, rng)
+        high, low = shares(nis, 6, rng)
+        print(  # noqa: T201
+            f"{scenario:36s} {nees.mean():7.4g} {over:5.0%} {under:5.0%} "
+            f"{nis.mean():7.4g} {high:5.0%} {low:5.0%}",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:]))

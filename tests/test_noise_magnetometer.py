@@ -1,0 +1,392 @@
+"""A magnetometer's noise: its own readings, its units, its share in a calibration."""
+
+import json
+
+import numpy as np
+import pytest
+from places import RECORDINGS
+
+from simval.cli.noise_units import FLOOR, printed
+from simval.errors import InputError, RefusedError
+from simval.logs import Log
+from simval.multiposition.calibration import white_noise
+from simval.multiposition.compass import compass_pose_noise
+from simval.multiposition.imu import require_alive
+from simval.multiposition.noise import log_noise
+from simval.noise import NoiseFile, load_noise, noise_of
+from simval.noise.held import noise_of_readings, own_readings, rows_to_a_reading
+from simval.sensor import NoiseModel
+from simval.streams import cell_key, stream
+
+KEY = cell_key("test noise of a magnetometer")
+RATE = 100.0
+SEEDS = range(12)
+
+
+def stood(readings, each, phase=0.5):
+    """Rows in which each reading stands until the next one has come."""
+    rows = int(each * (len(readings) - 1))
+    return readings[np.floor((np.arange(rows) + phase) / each).astype(int)]
+
+
+def drawn(count, seed, step=0.0, sd=1.0):
+    """Readings with white noise, in steps of a converter."""
+    rng = stream(1, KEY, seed)
+    rows = np.array([20.0, -5.0, 43.0]) + sd * rng.standard_normal((count, 3))
+    return np.round(rows / step) * step if step else rows
+
+
+# The readings themselves
+
+
+@pytest.mark.parametrize("each", [2.0, 2.857, 3.0, 4.3, 10.0, 28.6, 100.0])
+@pytest.mark.parametrize("step", [0.0, 0.5, 1.9])
+def test_each_reading_is_taken_once(each, step):
+    """Those that were made, by construction; steps up to noise of 0.53 of them."""
+    for seed in SEEDS:
+        readings = drawn(700, seed, step)
+        found = own_readings(stood(readings, each, phase=seed / len(SEEDS)))
+        # the first may have begun before the log, and the last is whole
+        inside = found.rows
+        start = next(
+            k for k in range(4) if np.array_equal(readings[k], inside[0])
+            and np.array_equal(readings[k : k + 20], inside[:20])
+        )  # fmt: skip
+        assert np.array_equal(inside, readings[start : start + len(inside)])
+        assert len(inside) > 690
+        # two rows at the ends, over the rows of all readings
+        assert abs(found.each / each - 1.0) < 2.0 / (690 * each)
+
+
+@pytest.mark.parametrize("each", [1.55, 1.9])
+def test_readings_of_less_than_two_rows(each):
+    """Taken once if none equals the one before; else where that is cannot be told."""
+    for seed in SEEDS:
+        found = own_readings(stood(drawn(700, seed), each))
+        assert abs(found.each / each - 1.0) < 2.0 / (690 * each)
+        with pytest.raises(RefusedError, match="at no regular step"):
+            own_readings(stood(drawn(700, seed, 1.9), each))
+
+
+@pytest.mark.parametrize("step", [0.0, 0.3, 1.0, 1.9])
+@pytest.mark.parametrize("dead", [0, 1, 2])
+def test_rows_that_are_readings_are_left_alone(step, dead):
+    """5 standard deviations each: one false alarm in 1e5 runs of these 36 logs."""
+    for seed in SEEDS:
+        rows = drawn(900, 100 + seed, step)
+        rows[:, :dead] = 7.0
+        found = own_readings(rows)
+        assert found.each == rows_to_a_reading(rows) == 1.0
+        assert np.array_equal(found.rows, rows)
+
+
+def damaged(kind, rng):
+    """Rows of a slow or broken magnetometer, of which no own readings can be told."""
+    readings = drawn(4000, int(rng.integers(1 << 30)))
+    if kind == "geometric":
+        share = rng.uniform(0.2, 0.7)
+        return readings[np.cumsum(rng.random(3000) < share)]
+    if kind == "frozen":
+        rows, start = readings[:3000], int(rng.integers(0, 1500))
+        rows[start : start + 1500] = rows[start]
+        return rows
+    if kind == "two rates":
+        return np.concatenate([stood(readings[:400], 2.0), stood(readings[400:900], 6)])
+    if kind == "interpolated":  # as the recordings of BROAD are
+        half = 0.5 * (readings[:-1] + readings[1:])
+        every = np.stack([readings[:-1], half], axis=1).reshape(-1, 3)
+        count = np.where(rng.random(len(every)) < 0.2, 3, 1)
+        return np.repeat(every, count, axis=0)[:6000]
+    lost = np.sort(rng.choice(3000, 900, replace=False))  # bursts of lost readings
+    rows = readings[:3000]
+    for k in lost:
+        rows[max(k, 1)] = rows[max(k, 1) - 1]
+    return rows
+
+
+@pytest.mark.parametrize(
+    "kind", ["geometric", "frozen", "two rates", "interpolated", "lost"]
+)
+def test_rows_that_repeat_irregularly_are_refused(kind):
+    for seed in SEEDS:
+        rows = damaged(kind, stream(1, KEY, 200 + seed))
+        with pytest.raises(RefusedError, match="at no regular step"):
+            noise_of_readings(rows, RATE)
+
+
+@pytest.mark.parametrize("step", [4.0, 6.0])
+def test_steps_far_above_the_noise_are_said_in_their_own_words(step):
+    """Coarse, and no slower than the log: what other sensors are told of it."""
+    for seed in SEEDS[:4]:
+        rows = drawn(900, 300 + seed, step) + 0.3 * step
+        for axis in noise_of_readings(rows, RATE):
+            assert not axis.coefficients
+            said = axis.statements[-1]
+            assert "steps of the converter" in said or "do not vary" in said
+    rows[:, :2] = 0.0  # alone, an axis might as well be a slow one
+    rows[:, 2] = step * (stream(1, KEY, 310).random(900) < 0.1)
+    with pytest.raises(RefusedError, match="far above its noise"):
+        noise_of_readings(rows, RATE)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 6, 60, 480])
+def test_too_few_readings_are_refused(count):
+    rows = np.repeat(drawn(count + 1, 3), 1200 // (count + 1), axis=0)
+    if count == 0:  # nothing ever changes: that is said of each axis
+        for axis in noise_of_readings(rows, RATE):
+            assert not axis.coefficients
+            assert "do not vary" in axis.statements[-1]
+        return
+    with pytest.raises(
+        RefusedError, match=r"stands in .* rows, and .* too few|too few"
+    ):
+        noise_of_readings(rows, RATE)
+
+
+def test_a_dead_axis_leaves_the_others():
+    readings = drawn(900, 4)
+    readings[:, 1] = -5.0
+    x, y, z = noise_of_readings(stood(readings, 3.5), 3.5 * RATE)
+    assert not y.coefficients
+    assert "do not vary" in y.statements[-1]
+    for axis in (x, z):
+        assert axis.statements[0].startswith("each reading stands in 3.5 rows")
+        assert axis.coefficients
+
+
+@pytest.mark.parametrize("each", [1.0, 2.857, 8.0])
+def test_white_noise_of_a_slow_sensor(each):
+    """N of the readings at their own rate, which is what the sensor has."""
+    rate = 50.0 * each
+    rows = stood(drawn(1500, 5), each) if each > 1.0 else drawn(1500, 5)
+    truth = 1.0 / np.sqrt(50.0)
+    for axis in noise_of_readings(rows, rate):
+        white = axis.coefficients[0]
+        assert abs(axis.rate_hz / 50.0 - 1.0) < 1e-3
+        assert abs(white.value - truth) < 5.0 * white.sd
+    if each > 4.0:  # power: of the rows as they are, N is another or there is none
+        for axis in noise_of(rows, rate):
+            wrong = axis.coefficients and abs(axis.coefficients[0].value or 0.0) < truth
+            assert wrong or "not white" in " ".join(axis.statements)
+
+
+# The command
+
+FORCE = NoiseModel(white_raw_per_sqrt_hz=0.002)
+FIELD = NoiseModel(white_raw_per_sqrt_hz=0.02)  # uT
+
+
+def written(path, compass, header="mx [uT],my [uT],mz [uT]"):
+    rng = stream(1, KEY, 7)
+    rows = len(compass)
+    force = np.array([0.3, -0.4, 9.79]) + FORCE.draw(rows, RATE, rng)
+    columns = np.column_stack([np.arange(rows) / RATE, force, compass])
+    lines = [",".join(repr(float(x)) for x in row) for row in columns]
+    path.write_text("\n".join([f"t,ax,ay,az,{header}", *lines]) + "\n")
+    return path
+
+
+def field(rows, each=1.0):
+    readings = np.array([21.0, -3.0, 40.0]) + FIELD.draw(
+        int(rows / each) + 2, RATE / each, stream(1, KEY, 8)
+    )
+    return stood(readings, each)[:rows] if each > 1.0 else readings[:rows]
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory):
+    """Logs at rest whose magnetometer is as fast as the log, and a third as fast."""
+    folder = tmp_path_factory.mktemp("compass")
+    return {
+        each: written(folder / f"{each}.csv", field(2400, each)) for each in (1.0, 3.0)
+    }
+
+
+@pytest.mark.parametrize("each", [1.0, 3.0])
+def test_the_numbers_of_a_log(simval, logs, each):
+    code, out, err = simval("noise", logs[each], "--json")
+    assert code == 0, err
+    found = json.loads(out)
+    sensor = found["sensors"]["magnetometer"]
+    assert (sensor["si_unit"], sensor["unit"]) == ("T", "uT, as the header says")
+    assert sensor["si_per_raw"] == 1e-6
+    for axis in sensor["axes"].values():
+        white = axis["coefficients"]["N"]
+        # both have the same N: 5 standard deviations, three axes
+        assert abs(white["value"] - 0.02) < 5.0 * white["sd"]
+        assert abs(axis["rate_hz"] * each / RATE - 1.0) < 1e-3
+    assert not any("magnet" in key for key in found["kalibr"])
+    assert found["left_out"] == {}
+    file = logs[each].with_suffix(".json")
+    file.write_text(out)
+    assert len(load_noise(file).magnetometer) == 3
+
+
+def test_the_printed_table(simval, logs):
+    code, out, _ = simval("noise", logs[3.0])
+    assert code == 0
+    for words in (
+        "magnetometer: uT, as the header says",
+        "magnetometer, white noise N, T/sqrt(Hz)",
+        "one-sided nT/sqrt(Hz)",
+        "each reading stands in 3 rows",
+        "magnetometer, how far the model holds",
+    ):
+        assert words in out
+    assert "nan" not in out
+
+
+@pytest.mark.ci
+def test_the_figure_has_its_panel(simval, logs, tmp_path):
+    path = tmp_path / "allan.svg"
+    assert simval("noise", logs[1.0], "--figure", path)[0] == 0
+    content = path.read_text()
+    assert "magnetometer, Allan deviation" in content
+    assert "deviation, T" in content
+
+
+def test_what_is_left_out_is_said(simval, tmp_path):
+    compass = damaged("geometric", stream(1, KEY, 9))[:1200]
+    path = written(tmp_path / "log.csv", compass)
+    code, out, err = simval("noise", path)
+    assert code == 0, err
+    assert "left out          the magnetometer" in out
+    assert "at no regular step" in out
+    found = json.loads(simval("noise", path, "--json")[1])
+    assert "magnetometer" not in found["sensors"]
+    assert "no regular step" in found["left_out"]["magnetometer"]
+
+
+@pytest.mark.parametrize(
+    ("unit", "scale"),
+    [("gauss", 1e-4), ("nT", 1e-9), ("1.5e-7", 1.5e-7), ("mgauss", 1e-7)],
+)
+def test_a_stated_unit(simval, tmp_path, unit, scale):
+    path = written(tmp_path / "log.csv", field(700), header="mx,my,mz")
+    silent = json.loads(simval("noise", path, "--json")[1])["sensors"]["magnetometer"]
+    assert silent["si_per_raw"] is None
+    assert "give --magnetometer-unit" in silent["unit"]
+    code, out, err = simval("noise", path, "--magnetometer-unit", unit, "--json")
+    assert code == 0, err
+    assert json.loads(out)["sensors"]["magnetometer"]["si_per_raw"] == scale
+
+
+def test_units_that_are_none(simval, logs, tmp_path):
+    code, _, err = simval("noise", logs[1.0], "--magnetometer-unit", "furlongs")
+    assert code == 2
+    assert "must be one of T, mT, uT, nT, gauss, mgauss" in err
+    path = tmp_path / "three.csv"
+    text = logs[1.0].read_text().splitlines()
+    path.write_text("\n".join(",".join(line.split(",")[:4]) for line in text))
+    code, _, err = simval("noise", path, "--magnetometer-unit", "uT")
+    assert code == 2
+    assert "has no magnetometer" in err
+
+
+def test_units_of_data_sheets():
+    """Against numbers worked out by hand, for 100 readings a second."""
+    further = {k: dict(printed("magnetometer", k).further) for k in "NBK"}
+    # 1e-8 T/sqrt(Hz) is 0.01 uT/sqrt(Hz); its one-sided density is 14.142 nT/sqrt(Hz)
+    assert further["N"]["uT/sqrt(Hz)"](1e-8, 100.0) == pytest.approx(0.01)
+    one_sided = further["N"]["one-sided nT/sqrt(Hz)"](1e-8, 100.0)
+    assert one_sided == pytest.approx(14.142135623730951)
+    assert further["N"]["uT a reading"](1e-8, 100.0) == pytest.approx(0.1)
+    assert further["B"]["nT"](2e-9, 100.0) == pytest.approx(2.0)
+    floor = further["B"]["floor 0.664 B, nT"](2e-9, 100.0)
+    assert floor == pytest.approx(2.0 * FLOOR)
+    assert further["K"]["nT/sqrt(s)"](3e-9, 100.0) == pytest.approx(3.0)
+    assert further["K"]["nT/sqrt(h)"](3e-9, 100.0) == pytest.approx(180.0)
+    assert further["K"]["uT a reading"](3e-9, 100.0) == pytest.approx(3e-4)
+
+
+# What it is for
+
+
+def tumble(rests, length, each, first=0, sd=1.0, seed=11):
+    """Readings in rests between which the field turns, and where the rests are."""
+    lengths = np.full(rests, length)
+    lengths[0] = max(first, length)
+    ends = np.cumsum(lengths)
+    readings = drawn(int(ends[-1] / each) + 3, seed, sd=sd)
+    noise = (readings - [20.0, -5.0, 43.0]) if each == 1.0 else stood(
+        readings - [20.0, -5.0, 43.0], each
+    )  # fmt: skip
+    rng = stream(1, KEY, 12)
+    true = 40.0 * rng.standard_normal((rests, 3))
+    rows = noise[: ends[-1]] + np.repeat(true, lengths, axis=0)[: len(noise)]
+    intervals = np.stack([ends - lengths, np.minimum(ends, len(rows))], axis=1)
+    log = Log(
+        path="log",
+        time=np.arange(len(rows)) / RATE,
+        accelerometer=np.zeros((len(rows), 3)),
+        gyro=None,
+        rate=RATE,
+        magnetometer=rows,
+    )
+    return log, intervals, true
+
+
+@pytest.mark.parametrize("each", [1.0, 4.0])
+@pytest.mark.parametrize("first", [0, 4000])
+def test_the_noise_of_a_pose_is_the_scatter_of_means(each, first):
+    """By white noise where rests are short, by the longest rest where it is long."""
+    log, intervals, true = tumble(200, 120, each, first)
+    rows = log.magnetometer
+    white = white_noise(rows, intervals)
+    found = compass_pose_noise(log, rows, intervals, white)
+    assert found.source == ("log" if first else "white")
+    means = np.array([rows[a:b].mean(axis=0) for a, b in intervals])
+    z = ((means - true) / found.std[:, None])[1:]
+    # sum of 597 squares, one false alarm in 1e5; the stated sd is itself known to
+    # 1/sqrt(2 n) of its readings, four thousand (each 1) to one thousand of a rest
+    spread = 4.4 * np.sqrt(2.0 / z.size) + (0.06 if first else 0.0)
+    # a mean over readings that a rest cuts is that of (1 - 1/(3 c)) of their variance
+    assert abs((z**2).mean() - 1.0) < spread + each / (3.0 * 120.0)
+    if each > 1.0:  # power: each row counted as a reading
+        wrong = (((means - true) / white[:, None])[1:] ** 2).mean()
+        assert wrong > 2.0
+
+
+def test_a_noise_file_is_taken_and_one_of_another_unit_refused():
+    log, intervals, _ = tumble(60, 100, 1.0)
+    rows = log.magnetometer
+    white = white_noise(rows, intervals)
+    force = noise_of(drawn(2000, 13), RATE)
+    axes = noise_of(drawn(3000, 14), RATE)
+    file = NoiseFile(
+        accelerometer=force, si_per_raw=None, gravity_raw=1.0, magnetometer=axes
+    )
+    found = compass_pose_noise(log, rows, intervals, white, file)
+    assert found.source == "file"
+    # both are white: N/sqrt(t), N known to 1 % in either, flicker and walk above it
+    np.testing.assert_allclose(found.std, white, rtol=0.15)
+    without = NoiseFile(accelerometer=force, si_per_raw=None, gravity_raw=1.0)
+    assert compass_pose_noise(log, rows, intervals, white, without).source == "white"
+    with pytest.raises(InputError, match="of another sensor, range or unit"):
+        compass_pose_noise(log, 1e3 * rows, intervals, white, file)
+
+
+def test_a_slow_magnetometer_is_not_saturated():
+    """Its greatest reading stands in some rows, and is no end of its range."""
+    log, _, _ = tumble(12, 300, 5.0)
+    require_alive(log, "magnetometer", log.magnetometer)
+    rail = np.minimum(log.magnetometer, [10.0, np.inf, np.inf])
+    with pytest.raises(RefusedError, match="the end of its range"):
+        require_alive(log, "magnetometer", rail)
+
+
+@pytest.mark.ci
+def test_broad_is_left_out_with_the_reason():
+    """Its rows are interpolated from 100 Hz: 29 % repeat, one or three in a row."""
+    name = "broad/05_undisturbed_slow_rotation_with_breaks_B.mat"
+    path = RECORDINGS / name
+    if not path.exists():
+        pytest.skip(f"the recording {path} is not on this machine")
+    from simval.logs import read_log
+
+    found = log_noise(read_log(path, 285.714))
+    assert found.magnetometer == ()
+    assert "29 % of its rows repeat" in found.left_out["magnetometer"]
+    for axis in found.accelerometer:
+        assert axis.coefficients
+        assert axis.step == 0.0  # its steps of 7e-18 are last digits

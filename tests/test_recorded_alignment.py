@@ -1,0 +1,310 @@
+"""Clock, axes and world of a recorded truth: found, with error bars that hold."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from recorded_logs import made
+from scipy.spatial.transform import Rotation
+from scipy.stats import binom, f
+
+from simval.cli import run
+from simval.geometry import (
+    attitude_error,
+    attitude_matrix,
+    conjugate,
+    random_quaternions,
+)
+from simval.logs import read_log, read_truth
+from simval.recorded import align
+from simval.recorded.attitudes import (
+    Meaning,
+    after,
+    attitudes,
+    meanings,
+    of_matrix,
+    of_vector,
+    rotated,
+    rotation_vector,
+    turned,
+)
+from simval.recorded.blocks import mean_with_error
+from simval.recorded.fit import fit_turns, polar
+from simval.recorded.search import likely_offsets
+from simval.recorded.signals import rests_of_log
+from simval.recorded.turns import stretches
+
+
+def aligned(log, **changes):
+    return align(
+        replace(log.truth, **changes),
+        log.time,
+        log.gyro,
+        log.force,
+        log.field,
+        np.array(log.rests),
+    )
+
+
+def test_quaternions_are_scipys():
+    # the package's A(q) is the transpose of SciPy's matrix of the same numbers
+    rng = np.random.default_rng(1)
+    q, p = random_quaternions(40, rng), random_quaternions(40, rng)
+    first, then = Rotation.from_quat(q), Rotation.from_quat(p)
+    vectors = rng.standard_normal((40, 3))
+    # 1e-14: some tens of operations of 2e-16 on numbers of size 3
+    np.testing.assert_allclose(
+        rotated(q, vectors), first.apply(vectors), rtol=0, atol=1e-14
+    )
+    np.testing.assert_allclose(
+        turned(q, p), (first.inv() * then).as_rotvec(), rtol=0, atol=1e-13
+    )
+    np.testing.assert_allclose(
+        rotation_vector(q), first.as_rotvec(), rtol=0, atol=1e-13
+    )
+    for each in q:
+        again = of_matrix(Rotation.from_quat(each).inv().as_matrix())
+        assert attitude_error(again, each) < 1e-13
+
+
+def test_a_quaternion_in_another_order_is_the_same_motion_in_other_frames():
+    # what makes two classes of four meanings, here by brute force over a motion
+    log = made(1, seconds=20.0)
+    read = [
+        attitudes(log.truth.time, log.truth.components, each).q
+        for each in meanings("unstated")
+    ]
+    turns = [turned(q[:-1], q[1:]) for q in read]
+    for a, b, alike in ((0, 3, True), (1, 2, True), (0, 1, False), (2, 3, False)):
+        fit, left, *_ = np.linalg.lstsq(turns[a], turns[b], rcond=None)
+        # rounding leaves 1e-30 of the squares
+        assert (left.sum() < 1e-20 * np.sum(turns[b] ** 2)) == alike
+        if alike:
+            np.testing.assert_allclose(fit @ fit.T, np.eye(3), rtol=0, atol=1e-10)
+
+
+def test_between_rows_of_sixth_order():
+    def attitude(t):
+        waves = [np.sin(2.0 * t), np.cos(3.0 * t + 1.0), np.sin(2.5 * t + 2.0)]
+        return of_vector(np.stack(waves, axis=1))
+
+    fine = np.linspace(2.0, 8.0, 999)
+    errors = []
+    for rate in (20.0, 40.0):
+        time = np.arange(0.0, 10.0, 1.0 / rate)
+        read = attitudes(time, attitude(time), Meaning("last", "body to world"))
+        errors.append(attitude_error(read.at(fine), attitude(fine)).max())
+    # six points: the error of the polynomial is of sixth order, 64 for half the step
+    assert errors[0] / errors[1] == pytest.approx(64.0, rel=0.2)
+
+
+@pytest.mark.slow
+def test_error_bars_hold():
+    # offset, axes and north: coverage of 95 % intervals, and NEES of the axes
+    trials = 60
+    inside, squares, errors = np.zeros((trials, 8), bool), np.zeros(trials), []
+    for k in range(trials):
+        log = made(
+            1000 + k,
+            seconds=60.0,
+            rate=50.0,
+            truth_noise=1e-3,
+            scale=0.01,
+            drift=3e-5,
+        )
+        found = aligned(log)
+        off = turned(of_vector(log.axes)[None], of_vector(found.rotation)[None])[0]
+        halves = [each.half for each in found.axes]
+        world = rotation_vector(of_matrix(found.world.matrix @ log.world))
+        inside[k] = np.abs(
+            [
+                found.offset.value - log.offset,
+                found.drift.value - 3e-5,
+                *off,
+                *world,
+            ]
+        ) <= [
+            found.offset.half,
+            found.drift.half,
+            *halves,
+            found.world.half("tilt"),
+            found.world.half("tilt"),
+            found.world.half("heading"),
+        ]
+        squares[k] = off @ np.linalg.solve(found.errors.rotation, off)
+        errors.append(found.offset.value - log.offset)
+    # at a false-alarm rate of 1e-4 for each of eight; error bars that are too wide are
+    # allowed for the world, whose sum holds a part twice
+    low = binom.ppf(1e-4, trials, 0.95)
+    assert (inside.sum(axis=0) >= low).all(), inside.mean(axis=0)
+    # Hotelling's T^2 of 23 degrees of freedom: 3 * 23 / 21 F(3, 21)
+    mean, spread = 3 * 23 / 21 * f(3, 21).mean(), 3 * 23 / 21 * f(3, 21).std()
+    assert abs(squares.mean() - mean) < 4.0 * spread / np.sqrt(trials)
+    # power: error bars of half the size would be refused
+    assert 4.0 * squares.mean() - mean > 4.0 * spread / np.sqrt(trials)
+    # no bias: without the gyroscope's own change of rate it is 3 standard errors
+    errors = np.array(errors)
+    assert abs(errors.mean()) < 4.0 * errors.std() / np.sqrt(trials)
+
+
+def test_what_was_put_in_is_found():
+    log = made(
+        5,
+        seconds=40.0,
+        rate=50.0,
+        truth_rate=60.0,
+        offset=-7.25,
+        drift=1e-4,
+        scale=0.02,
+    )
+    found = aligned(log)
+    assert abs(found.offset.value + 7.25) < 6.0 * found.offset.sd < 1e-3
+    assert abs(found.drift.value - 1e-4) < 6.0 * found.drift.sd < 3e-5
+    assert found.meaning == Meaning("last", "body to world")
+    assert found.same == (Meaning("first", "world to body"),)
+    assert found.better > 20.0
+    there = np.isfinite(found.attitude).all(axis=1)
+    error = attitude_error(found.attitude[there], log.attitude[there])
+    # the alignment's own: 6 standard deviations of axes and world, and the noise
+    own = np.trace(found.errors.rotation) + np.trace(found.world.covariance)
+    assert np.sqrt(np.mean(error**2)) < 6.0 * np.sqrt(own + 3 * 2e-4**2)
+    # noise at rest by second differences: 4 standard errors of 3 x 1500 of them
+    assert found.noise.mean() == pytest.approx(2e-4, rel=0.1)
+
+
+@pytest.mark.parametrize("meaning", meanings("unstated"), ids=str)
+def test_every_order_and_direction_gives_the_same_truth(meaning):
+    log = made(7, seconds=30.0, rate=50.0)
+    components = log.truth.components
+    if meaning.takes == "world to body":
+        components = conjugate(components)
+    if meaning.scalar == "first":
+        components = np.roll(components, 1, axis=1)
+    found = aligned(log, components=components)
+    assert found.meaning == meaning
+    plain = aligned(log)
+    np.testing.assert_allclose(
+        attitude_matrix(found.attitude[50:-50]),
+        attitude_matrix(plain.attitude[50:-50]),
+        rtol=0,
+        atol=1e-9,  # the offset of both is found to a 1e-4 of a quarter of a step
+    )
+
+
+def test_holes_are_left_out_and_not_bridged():
+    log = made(8, seconds=40.0, rate=50.0)
+    components = log.truth.components.copy()
+    components[400:900] = np.nan
+    components[::7] = np.nan  # single rows: within reach of their neighbours
+    found = aligned(log, components=components)
+    there = np.isfinite(found.attitude).all(axis=1)
+    assert not there[405:895].any()
+    assert there[20:380].all()
+    error = attitude_error(found.attitude[there], log.attitude[there])
+    assert np.sqrt(np.mean(error**2)) < 3e-3
+
+
+def test_a_mean_of_correlated_rows():
+    # red noise of 20 rows' memory: the standard error holds, the naive one does not
+    rng = np.random.default_rng(11)
+    ratios, naive = [], []
+    for _ in range(200):
+        white = rng.standard_normal(4100)
+        kernel = np.exp(-np.arange(100) / 20.0)
+        rows = np.convolve(white, kernel, "valid")[:4000, None]
+        mean, covariance, dof = mean_with_error(rows)
+        ratios.append(mean[0] ** 2 / covariance[0, 0])
+        naive.append(mean[0] ** 2 / (rows.var() / len(rows)))
+    # mean of F(1, 23) is 23/21, its sd 1.7: 4 of its standard errors; blocks of 167
+    # rows lose 20/167 of the variance
+    assert dof == 23
+    assert np.mean(ratios) == pytest.approx(23 / 21 * 1.1, abs=4 * 1.7 / np.sqrt(200))
+    assert np.mean(naive) > 10.0
+
+
+def test_the_nearest_rotation():
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        L = np.eye(3) + 0.3 * rng.standard_normal((3, 3))
+        Q = polar(L)
+        np.testing.assert_allclose(Q @ Q.T, np.eye(3), atol=1e-14)
+        assert np.linalg.det(Q) > 0.0
+        nearby = attitude_matrix(of_vector(1e-3 * rng.standard_normal((50, 3)))) @ Q
+        assert (np.linalg.norm(nearby - L, axis=(1, 2)) > np.linalg.norm(Q - L)).all()
+
+
+def test_a_log_is_found_anywhere_in_a_longer_truth():
+    log = made(9, seconds=80.0, rate=50.0, offset=2.0)
+    part = slice(1000, 3000)
+    read = attitudes(
+        log.truth.time, log.truth.components, Meaning("last", "body to world")
+    )
+    first = likely_offsets(log.time[part] - 1000.0, log.gyro[part], read)[0]
+    assert first == pytest.approx(1002.0, abs=0.1)  # a tick
+
+
+def test_derivatives_by_differences():
+    log = made(10, seconds=30.0, rate=50.0)
+    read = attitudes(
+        log.truth.time, log.truth.components, Meaning("last", "body to world")
+    )
+    pieces = stretches(log.time, log.gyro)
+    fit = fit_turns(pieces, read, log.offset)
+
+    def residuals(offset, L, bias):
+        x = pieces.truth(read, np.full(len(pieces.turn), offset))
+        r = pieces.turn - x @ L.T - bias * pieces.seconds[:, None]
+        return r[np.isfinite(r).all(axis=1)]
+
+    step = 1e-6
+    for k in range(9):
+        change = np.zeros(9)
+        change[k] = step
+        moved = residuals(fit.offset, fit.linear + change.reshape(3, 3), fit.bias)
+        slope = (moved - fit.residuals) / step
+        np.testing.assert_allclose(slope, fit.rows[:, :, 1 + k], rtol=0, atol=1e-7)
+    # the truth's own slope is by differences already; the gyroscope's is that in body
+    # axes, but for noise: 2e-3 rad/s over two rows, six of its standard deviations
+    assert np.abs(fit.rows[:, :, 0] - fit.instruments[:, :, 0]).std() < 6 * 0.02
+
+
+@pytest.mark.ci
+def test_a_log_of_simval_scene(tmp_path):
+    # the scene's own truth, moved to another clock, other axes and another world
+    path = str(tmp_path / "log.csv")
+    words = ["scene", "gimbal", "--out", path, "--every", "10"]
+    assert run([*words, "--set", "move_time=2"]) == 0
+    log = read_log(path)
+    truth = read_truth(path, clock=log.time)
+    assert truth.scalar == "first"
+    assert truth.columns == ("qs", "qx", "qy", "qz")
+    rng = np.random.default_rng(3)
+    rate = log.gyro + 1e-3 * rng.standard_normal(log.gyro.shape)
+    field = log.magnetometer + 1e-7 * rng.standard_normal(log.gyro.shape)
+    force = log.accelerometer + 1e-2 * rng.standard_normal(log.gyro.shape)
+    q = np.roll(truth.components, -1, axis=1)
+    put = of_vector(np.array([0.3, -0.2, 1.0]))
+    moved = after(q, np.array(conjugate(put)))
+    recorded = replace(
+        truth,
+        time=log.time + 4.321,
+        components=np.roll(moved, 1, axis=1),
+        own_clock=True,
+    )
+    found = align(recorded, log.time, rate, force, field, rests_of_log(log))
+    assert abs(found.offset.value - 4.321) < 6.0 * found.offset.sd < 1e-3
+    off = turned(put[None], of_vector(found.rotation)[None])[0]
+    sd = np.sqrt(np.diagonal(found.errors.rotation))
+    assert (np.abs(off) < 6.0 * sd).all()
+    assert found.world.name == "NWU"
+    assert np.abs(found.world.off).max() < np.radians(0.1)
+    there = np.isfinite(found.attitude).all(axis=1)
+    assert attitude_error(found.attitude[there], q[there]).max() < np.radians(0.1)
+    # a world that is stated is taken as it is, right or wrong
+    for world, angle in (("NWU", 0.0), ("ENU", np.pi / 2.0), ("NED", np.pi)):
+        stated = align(recorded, log.time, rate, force, field, rests_of_log(log), world)
+        off = attitude_error(stated.attitude[there], q[there])
+        assert np.abs(off - angle).max() < np.radians(0.1)
+        assert stated.world.stated
+        assert np.linalg.norm(stated.world.off) == pytest.approx(angle, abs=2e-3)
+        assert not stated.world.covariance.any()

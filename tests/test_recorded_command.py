@@ -1,0 +1,147 @@
+"""`simval filter`: what it prints, writes and answers with."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from filter_examples import BOLD, GOOD, HANGS, RAISES
+from recorded_logs import made, write_log
+
+from simval.cli import run
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A log with truth, one of a file of its own, and filters."""
+    folder = tmp_path_factory.mktemp("filter")
+    log = made(31, seconds=42.0, rate=25.0, offset=0.0, bias=2e-3, truth_noise=1e-4)
+    write_log(folder / "log.csv", log)
+    write_log(folder / "bare.csv", log, truth=False)
+    table = np.column_stack([log.truth.time + 100.0, log.truth.components])
+    np.savetxt(
+        folder / "mocap.csv",
+        table,
+        delimiter=",",
+        header="t,q_x,q_y,q_z,q_w",
+        comments="",
+    )
+    for name, source in {
+        "mine": GOOD,
+        "bold": BOLD,
+        "raises": RAISES,
+        "hangs": HANGS,
+        "nothing": "x = 1\n",
+    }.items():
+        (folder / f"{name}.py").write_text(source)
+    return folder
+
+
+def called(folder, *words):
+    return run(["filter", *(str(folder / w) if "." in w else w for w in words)])
+
+
+@pytest.mark.slow
+def test_errors_in_a_table(folder, capsys):
+    words = ["log.csv", "--truth", "log", "--plugin", "mine.py", "--plugin", "bold.py"]
+    code = called(folder, *words, "--out", "out.json", "--report", "page.html")
+    printed = capsys.readouterr()
+    assert code == 0, printed.err
+    found = json.loads((folder / "out.json").read_text())
+    good, bold = found["filters"]
+    # a filter that is told the truth is consistent, and its errors are its own
+    assert good["nees"]["verdict"] == "consistent"
+    assert bold["nees"]["verdict"] == "overconfident"
+    # bold divides its covariance by 100; the truth's own part stays
+    assert (
+        3.0 * good["nees"]["mean"] < bold["nees"]["mean"] < 101 * good["nees"]["mean"]
+    )
+    assert good["nis"]["verdict"] == "consistent"
+    assert 0.0 < good["rms"]["all"]["total"]["value"] < np.radians(1.0)
+    parts = [good["rms"]["all"][k]["value"] ** 2 for k in ("heading", "inclination")]
+    assert sum(parts) == pytest.approx(good["rms"]["all"]["total"]["value"] ** 2, 1e-3)
+    assert found["truth"]["scalar"] == "last"
+    assert abs(found["truth"]["offset"]["value"]) < 4.0 * found["truth"]["offset"]["sd"]
+    for line in ("truth's clock", "sensor's axes", "truth's world", "RMS error"):
+        assert line in printed.out
+    assert "nan" not in printed.out
+    page = (folder / "page.html").read_text()
+    assert "Errors of mine over time" in page
+    assert "overconfident" in page
+    assert str(folder) not in re.sub(r"<pre>.*?</pre>", "", page, flags=re.S)
+
+
+@pytest.mark.ci
+def test_a_truth_with_its_own_clock(folder, capsys):
+    code = called(
+        folder, "bare.csv", "--truth", "mocap.csv", "--plugin", "mine.py", "--json"
+    )
+    found = json.loads(capsys.readouterr().out)
+    assert code == 0
+    offset = found["truth"]["offset"]
+    assert abs(offset["value"] - 100.0) < 6.0 * offset["sd"] < 0.01
+    assert found["truth"]["own_clock"]
+
+
+@pytest.mark.ci
+def test_without_truth_a_filter_is_asked_about_itself(folder, capsys):
+    code = called(folder, "log.csv", "--plugin", "mine.py")
+    printed = capsys.readouterr().out
+    assert code == 0
+    assert "Only truth shows the error" in printed
+    assert "if that is the truth, give it" in printed
+    assert "RMS error" not in printed
+
+
+@pytest.mark.slow
+def test_what_fails_is_said_and_the_others_are_measured(folder, capsys):
+    words = ["log.csv", "--truth", "opt_q", "--time-limit", "20"]
+    plugins = [w for p in ("mine.py", "raises.py") for w in ("--plugin", p)]
+    code = called(folder, *words, *plugins)
+    printed = capsys.readouterr().out
+    assert code == 4
+    assert "no more" in printed
+    assert "consistent" in printed
+
+
+@pytest.mark.ci
+def test_a_filter_that_hangs_is_stopped(folder, capsys):
+    code = called(folder, "bare.csv", "--time-limit", "3", "--plugin", "hangs.py")
+    assert code == 4
+    assert "did not end within 3 s" in capsys.readouterr().out
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        (["absent.csv", "--plugin", "mine.py"], 2, "cannot read"),
+        (["bare.csv", "--truth", "log", "--plugin", "mine.py"], 2, "no four columns"),
+        (["bare.csv", "--truth", "no.csv", "--plugin", "mine.py"], 2, "no such file"),
+        (["log.csv", "--truth", "qq", "--plugin", "mine.py"], 2, "opt_q"),
+        (["bare.csv", "--truth-rate", "9", "--plugin", "mine.py"], 2, "of its own"),
+        (
+            [
+                "log.csv",
+                "--truth",
+                "log",
+                "--gyro-unit",
+                "deg/s",
+                "--plugin",
+                "mine.py",
+            ],
+            2,
+            "as fast as the truth",
+        ),
+        (["bare.csv"], 2, "Missing option '--plugin'"),
+    ],
+)
+def test_usage(folder, capsys, words, code, said):
+    assert called(folder, *words) == code
+    assert said in capsys.readouterr().err
+
+
+@pytest.mark.ci
+def test_a_file_without_a_filter(folder, capsys):
+    assert called(folder, "bare.csv", "--plugin", "nothing.py") == 2
+    assert "holds no" in capsys.readouterr().err

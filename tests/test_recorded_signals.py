@@ -1,0 +1,130 @@
+"""What a filter is given and told of a log: units, noise, start."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from recorded_logs import FIELD, G, made, write_log
+
+from simval.errors import InputError, RefusedError
+from simval.geometry import attitude_error
+from simval.logs import read_log
+from simval.noise import noise_of
+from simval.noise.files import NoiseFile
+from simval.recorded.run import filter_input
+from simval.recorded.signals import FIELDS, rests_of_log, signals, with_gyro_unit
+from simval.recorded.told import start_of
+
+SI = (1.0, "m/s^2")
+
+
+@pytest.fixture(scope="module")
+def log():
+    return made(41, seconds=30.0, rate=100.0, bias=2e-3)
+
+
+@pytest.fixture(scope="module")
+def read(log, tmp_path_factory):
+    path = tmp_path_factory.mktemp("log") / "log.csv"
+    return read_log(write_log(path, log, truth=False))
+
+
+def brought(read, **changes):
+    options = {"accelerometer": SI, "gyro": (1.0, "rad/s"), "calibration": None}
+    return signals(read, rests_of_log(read), **options | changes)
+
+
+@pytest.mark.parametrize("unit", FIELDS)
+def test_the_unit_of_a_field_by_its_length(read, unit):
+    # without a header's word: the Earth's field in each unit is in no other
+    bare = replace(
+        read, magnetometer=read.magnetometer / FIELDS[unit], columns=read.columns[:-3]
+    )
+    found = brought(bare)
+    assert found.field_unit.startswith(unit + ",")
+    np.testing.assert_allclose(found.field, read.magnetometer, rtol=1e-12)
+
+
+def test_a_field_of_no_unit_is_left_as_it_is(read):
+    bare = replace(
+        read, magnetometer=read.magnetometer / 48e-6, columns=read.columns[:-3]
+    )
+    found = brought(bare)
+    assert found.field_unit == ""
+    np.testing.assert_array_equal(found.field, bare.magnetometer)
+    assert "T" not in start_of(found).said[1].split("magnetometer")[1].split(":")[0]
+
+
+@pytest.mark.parametrize(
+    ("per_si", "unit"),
+    [(1.0, "rad/s"), (0.98, "rad/s"), (57.3, "deg/s"), (57e3, "mdps")],
+)
+def test_the_unit_of_a_gyroscope_by_the_truth(read, per_si, unit):
+    found = with_gyro_unit(brought(read, gyro=(None, "")), per_si)
+    assert found.gyro_unit.startswith(unit + ",")
+    size = {"rad/s": 1.0, "deg/s": np.pi / 180, "mdps": np.pi / 180e3}[unit]
+    np.testing.assert_allclose(found.gyro, size * read.gyro, rtol=1e-12)
+
+
+def test_units_that_cannot_be(read):
+    for per_si in (3.0, 1e4, 0.5):
+        with pytest.raises(InputError, match="no unit"):
+            with_gyro_unit(brought(read, gyro=(None, "")), per_si)
+        with pytest.raises(InputError, match="as fast as the truth"):
+            with_gyro_unit(brought(read), per_si)
+    with pytest.raises(InputError, match="gyro-unit"):
+        with_gyro_unit(brought(read, gyro=(None, "")), None)
+    with pytest.raises(InputError, match="unit of the accelerometer"):
+        brought(read, accelerometer=(None, "not known"))
+    for name in ("gyro", "magnetometer"):
+        with pytest.raises(InputError, match="all three sensors"):
+            brought(replace(read, **{name: None}))
+
+
+def test_what_is_told_is_what_was_put_in(log, read):
+    found = brought(read)
+    start = start_of(found)
+    told = start.told
+    # a scatter over some 1000 rows and 3 axes: 1.3 % of itself; 5 of them
+    assert told.accelerometer_noise == pytest.approx(0.02, rel=0.07)
+    assert told.magnetometer_noise == pytest.approx(3e-7, rel=0.07)
+    assert told.gyroscope_noise == pytest.approx(2e-3 / 10.0, rel=0.1)
+    assert told.gravity == pytest.approx(G, abs=5e-3)
+    np.testing.assert_allclose(told.field, FIELD, atol=1e-7)
+    # two vectors of 500 rows: 3e-7 / 48e-6 / cos(dip) / sqrt(500) is 6e-4 rad
+    assert attitude_error(start.attitude, log.attitude[start.row]) < 5e-3
+
+
+def test_a_filter_starts_behind_the_row_that_it_is_told(log, read):
+    found = brought(read)
+    start = start_of(found)
+    given = filter_input(found, start)
+    assert given.dt.shape == (len(read.time) - start.row - 1,)
+    np.testing.assert_allclose(given.dt, 0.01, rtol=1e-6)
+    np.testing.assert_array_equal(given.gyroscope[0, 0], found.gyro[start.row + 1])
+    np.testing.assert_array_equal(given.accelerometer[0, -1], found.force[-1])
+    np.testing.assert_array_equal(given.start[0], start.attitude)
+
+
+def test_noise_of_a_file(read):
+    rng = np.random.default_rng(3)
+    rows = 0.1 * rng.standard_normal((20000, 3))  # deg/s at 100 Hz
+    axes = noise_of(rows, 100.0)
+    known = NoiseFile(
+        accelerometer=axes,
+        si_per_raw=1.0,
+        gravity_raw=G,
+        gyro=axes,
+        gyro_si_per_raw=np.pi / 180,
+    )
+    start = start_of(brought(read), known, "noise.json")
+    # N of white noise: sd / sqrt(rate); three axes of 20000 rows
+    assert start.told.gyroscope_noise == pytest.approx(np.radians(0.1) / 10.0, rel=0.03)
+    assert "noise.json" in start.said[0]
+    with pytest.raises(InputError, match="no gyroscope"):
+        start_of(brought(read), replace(known, gyro_si_per_raw=None), "noise.json")
+
+
+def test_a_start_needs_a_north(read):
+    with pytest.raises(RefusedError, match="no north"):
+        start_of(brought(replace(read, magnetometer=1e-6 * read.accelerometer)))
