@@ -121,16 +121,16 @@ aqua = Filter(name="AQUA", make=_aqua(), reads=OWN, **AQUA)
 roleq = Filter(name="ROLEQ", make=_roleq, reads=PLACE, **ROLEQ)
 roleq_told = Filter(name="ROLEQ told", make=_roleq_told, reads=PLACE + NOISE, **ROLEQ)
 fourati = Filter(name="Fourati", make=_fourati(), reads=PLACE, **FOURATI)
-madgwick_tuned = Filter(name="Madgwick tuned", make=_madgwick(0.0027), reads=OWN, **NWU)
+madgwick_tuned = Filter(name="Madgwick tuned", make=_madgwick(0.005), reads=OWN, **NWU)
 mahony_tuned = Filter(
-    name="Mahony tuned", make=_mahony(0.269, 2.6e-5), reads=OWN, **ENU
+    name="Mahony tuned", make=_mahony(0.742, 0.0339), reads=OWN, **ENU
 )
 complementary_tuned = Filter(
     name="Complementary tuned", make=_complementary(0.262), reads=OWN, **NWU
 )
-aqua_tuned = Filter(name="AQUA tuned", make=_aqua(0.0592, 0.0112), reads=OWN, **AQUA)
+aqua_tuned = Filter(name="AQUA tuned", make=_aqua(0.0692, 0.012), reads=OWN, **AQUA)
 fourati_tuned = Filter(
-    name="Fourati tuned", make=_fourati(0.891), reads=PLACE, **FOURATI
+    name="Fourati tuned", make=_fourati(1.26), reads=PLACE, **FOURATI
 )
 SEARCHED = {
     "Madgwick tuned": (_madgwick, (0.041,)),

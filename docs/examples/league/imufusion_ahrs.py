@@ -42,5 +42,5 @@ OWN = {
     "reads": ("start", "rate", "gravity"),
 }
 ahrs = Filter(name="Ahrs", make=_ahrs(), **OWN)
-ahrs_tuned = Filter(name="Ahrs tuned", make=_ahrs(0.13), **OWN)
+ahrs_tuned = Filter(name="Ahrs tuned", make=_ahrs(0.276), **OWN)
 SEARCHED = {"Ahrs tuned": (_ahrs, (0.5,))}

@@ -33,5 +33,5 @@ OWN = {
     "reads": ("start", "rate"),
 }
 madgwick = Filter(name="Madgwick", make=_madgwick(), **OWN)
-madgwick_tuned = Filter(name="Madgwick tuned", make=_madgwick(0.0027), **OWN)
+madgwick_tuned = Filter(name="Madgwick tuned", make=_madgwick(0.005), **OWN)
 SEARCHED = {"Madgwick tuned": (_madgwick, (0.041,))}

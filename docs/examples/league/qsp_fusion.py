@@ -45,5 +45,5 @@ def _mahony(Kp=2.0, Ki=0.005):
 OWN = {"components": "sxyz", "matrix": "passive", "world": "NWU", "reads": ("start",)}
 madgwick = Filter(name="Madgwick", make=_madgwick(), **OWN)
 mahony = Filter(name="Mahony", make=_mahony(), **{**OWN, "world": "ENU"})
-madgwick_tuned = Filter(name="Madgwick tuned", make=_madgwick(0.0028), **OWN)
+madgwick_tuned = Filter(name="Madgwick tuned", make=_madgwick(0.005), **OWN)
 SEARCHED = {"Madgwick tuned": (_madgwick, (0.1,))}

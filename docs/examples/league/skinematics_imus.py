@@ -45,8 +45,8 @@ OWN = {
 }
 madgwick = Filter(name="Madgwick", make=_madgwick(), **OWN)
 mahony = Filter(name="Mahony", make=_mahony(), **OWN)
-madgwick_tuned = Filter(name="Madgwick tuned", make=_madgwick(0.0027), **OWN)
-mahony_tuned = Filter(name="Mahony tuned", make=_mahony(0.269, 2.6e-5), **OWN)
+madgwick_tuned = Filter(name="Madgwick tuned", make=_madgwick(0.005), **OWN)
+mahony_tuned = Filter(name="Mahony tuned", make=_mahony(0.742, 0.0339), **OWN)
 SEARCHED = {
     "Madgwick tuned": (_madgwick, (1.0,)),
     "Mahony tuned": (_mahony, (1.0, 0.3)),

@@ -39,6 +39,6 @@ def _vqf_tuned(tauAcc, tauMag):
 OWN = {"components": "sxyz", "matrix": "passive", "world": "ENU"}
 vqf = Filter(name="VQF", make=_vqf, reads=("rate",), **OWN)
 vqf_tuned = Filter(
-    name="VQF tuned", make=_vqf_tuned(0.145, 0.85), reads=("rate", "bias_std"), **OWN
+    name="VQF tuned", make=_vqf_tuned(0.152, 0.584), reads=("rate", "bias_std"), **OWN
 )
 SEARCHED = {"VQF tuned": (_vqf_tuned, (3.0, 9.0))}
