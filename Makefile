@@ -61,7 +61,7 @@ league: .venv-league/installed
 	OMP_NUM_THREADS=1 .venv-league/bin/simval sweep $(LEAGUE)/filters.toml --out reports/runs/league-filters \
 	  || test $$? -eq 3
 	.venv-league/bin/simval report reports/runs/league --out reports/league.html
-	.venv-league/bin/simval report reports/runs/league-filters --out reports/league-filters.html
+	.venv-league/bin/simval report reports/runs/league-filters --out reports/league-filters.html --figures reports/figures --only filter-errors
 	.venv-league/bin/python $(LEAGUE)/facts.py reports/runs/league reports/runs/league-filters
 
 .venv-league/installed: pyproject.toml
