@@ -1,6 +1,6 @@
 """RIANN, a neural network over gyroscope and accelerometer, in single precision.
 
-It has no magnetometer and takes no start: its heading counts from its own first one. The
+It has no magnetometer and takes no start: its heading counts from its first one. The
 network's file is named, since 0.2.0 finds it by itself only with Python 3.12 or above.
 """
 
