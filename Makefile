@@ -33,7 +33,7 @@ nightly: check
 	$(BIN)/simval selftest --rates
 	$(MAKE) mutants
 	$(MAKE) .venv-league/installed
-	PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 .venv-league/bin/python -m pytest -m league tests/test_league.py
+	PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 .venv-league/bin/python -m pytest -m league tests/test_league.py tests/test_league_filters.py
 
 # faults put into the code one at a time: a sample of each package, or PACKAGES, COUNT, SEED
 COUNT ?= 200
@@ -57,8 +57,12 @@ league: .venv-league/installed
 	rm -rf reports/runs/league
 	OMP_NUM_THREADS=1 .venv-league/bin/simval sweep $(LEAGUE)/league.toml --out reports/runs/league \
 	  || test $$? -eq 3
+	rm -rf reports/runs/league-filters
+	OMP_NUM_THREADS=1 .venv-league/bin/simval sweep $(LEAGUE)/filters.toml --out reports/runs/league-filters \
+	  || test $$? -eq 3
 	.venv-league/bin/simval report reports/runs/league --out reports/league.html
-	.venv-league/bin/python $(LEAGUE)/facts.py reports/runs/league
+	.venv-league/bin/simval report reports/runs/league-filters --out reports/league-filters.html --figures reports/figures --only filter-errors
+	.venv-league/bin/python $(LEAGUE)/facts.py reports/runs/league reports/runs/league-filters
 
 .venv-league/installed: pyproject.toml
 	test -x .venv-league/bin/python || $(PYTHON) -m venv .venv-league

@@ -32,7 +32,10 @@ from simval.studies import estimator
 from simval.sweep import load_run
 
 LEAGUE = EXAMPLES / "league"
-HELPERS = ("adapting.py", "facts.py")
+HELPERS = (
+    "adapting.py", "compass.py", "facts.py", "filter_facts.py", "quaternions.py",
+    "tuning.py",
+)  # fmt: skip
 ADAPTERS = sorted(f for f in LEAGUE.glob("*.py") if f.name not in HELPERS)
 MARK = "<!-- made by facts.py -->"
 
@@ -43,7 +46,8 @@ def facts(monkeypatch):
     import facts
 
     yield facts
-    del sys.modules["facts"]
+    for name in ("facts", "filter_facts"):
+        del sys.modules[name]
 
 
 def names_in(file):
@@ -52,10 +56,19 @@ def names_in(file):
     return [
         word.value.value
         for call in calls
-        if getattr(call.func, "id", "") in ("Estimator", "Calibrator")
+        if getattr(call.func, "id", "") in ("Estimator", "Calibrator", "Filter")
         for word in call.keywords
         if word.arg == "name"
     ]
+
+
+def suites():
+    """What the league's suites hold, by study."""
+    found = {}
+    for name in ("league.toml", "filters.toml"):
+        own = tomllib.loads((LEAGUE / name).read_text())
+        found |= {k: v for k, v in own.items() if isinstance(v, dict)}
+    return found
 
 
 def offered(file):
@@ -94,8 +107,8 @@ def test_a_missing_package_is_a_clear_word(file, monkeypatch):
 
 
 def test_the_suite_names_every_adapter():
-    grid = tomllib.loads((LEAGUE / "league.toml").read_text())
-    entered = grid["estimator"]["algorithm"] + grid["calibrator"]["algorithm"]
+    grid = suites()
+    entered = [word for study in grid.values() for word in study["algorithm"]]
     named = [word for word in entered if not word.startswith("simval:")]
     expected = []
     for file in ADAPTERS:
@@ -108,11 +121,10 @@ def test_the_suite_names_every_adapter():
 
 def test_the_page_shows_the_facts_of_every_algorithm(facts):
     stored = json.loads((LEAGUE / "facts.json").read_text())
-    grid = tomllib.loads((LEAGUE / "league.toml").read_text())
     page = (LEAGUE / "README.md").read_text()
-    for study in ("estimator", "calibrator"):
-        assert list(stored["facts"][study]) == grid[study]["algorithm"]
-        assert facts.table(stored["facts"][study]) in page.split(MARK)[1]
+    for study, own in suites().items():
+        assert list(stored["facts"][study]) == own["algorithm"]
+    assert facts.tables(stored["facts"], stored["filters"]) in page.split(MARK)[1]
     for name, version in stored["versions"].items():
         assert f"{name} {version}" in page
 
@@ -191,8 +203,8 @@ def test_the_league_s_facts_are_found_again(tmp_path, facts):
     )  # fmt: skip
     assert done.returncode == 3, done.stderr  # some are refused, none crashes
     found = facts.facts_of(load_run(tmp_path / "run"))
-    for study, algorithms in stored.items():
-        for name, own in algorithms.items():
+    for study in ("estimator", "calibrator"):
+        for name, own in stored[study].items():
             for kind, fact in own.items():
                 again = found[study][name][kind]
                 assert again["ended"] == fact["ended"], (name, kind, again)

@@ -1,12 +1,15 @@
-"""What a run of the league found: `facts.json`, and the tables of `README.md`.
+"""What runs of the league found: `facts.json`, and the tables of `README.md`.
 
-python facts.py RUN
+python facts.py RUN [RUN ...]
 """
 
 import json
 import re
 import sys
+import tomllib
 from pathlib import Path
+
+from filter_facts import filter_table, own_facts
 
 from simval.compare.merits import over_bound
 from simval.sweep import load_run
@@ -14,6 +17,7 @@ from simval.sweep import load_run
 HERE = Path(__file__).parent
 MARK = "<!-- made by facts.py -->"
 WORDS = 100  # of a refusal
+FILTER = "filter"
 
 
 def _found(cell):
@@ -41,18 +45,22 @@ def _found(cell):
 def _first(words):
     """The first words of a refusal, up to a clause."""
     line = words.strip().splitlines()[-1] if words.strip() else ""
-    clause = re.split(r"; ", line)[0]
+    clause = re.split(r"; |, as it is declared", line)[0]
     return clause if len(clause) <= WORDS else f"{clause[: WORDS - 3]}..."
 
 
 def facts_of(run):
-    """Facts by study, algorithm and noise."""
+    """Facts by study, algorithm and noise or scenario."""
     facts = {}
     for cell in run.cells:
         study = facts.setdefault(cell.study, {})
         own = study.setdefault(cell.parameters["algorithm"], {})
-        own[cell.parameters.get("noise", "poses")] = _found(cell)
+        own[_kind(cell.parameters)] = _found(cell)
     return facts
+
+
+def _kind(parameters):
+    return parameters.get("noise") or parameters.get("scenario") or "poses"
 
 
 def versions_of(run):
@@ -95,18 +103,51 @@ def _percent(share):
     return f"{100 * share:.0f}" if share >= 0.1 else f"{100 * share:.2g}"
 
 
+def tables(facts, filters):
+    """Tables of all studies."""
+    return "\n\n".join(
+        filter_table(study, filters, _cell) if name == FILTER else table(study)
+        for name, study in facts.items()
+    )
+
+
 def main():
-    """Write both files."""
-    run = load_run(sys.argv[1])
-    facts, versions = facts_of(run), versions_of(run)
-    text = json.dumps({"versions": versions, "facts": facts}, indent=1) + "\n"
-    (HERE / "facts.json").write_text(text)
+    """Write both files; a study that no run has stays as it is."""
+    place = HERE / "facts.json"
+    stored = json.loads(place.read_text())
+    facts, versions = stored["facts"], stored["versions"]
+    fresh = {}
+    for run in map(load_run, sys.argv[1:]):
+        for study, found in facts_of(run).items():
+            for name, own in found.items():
+                fresh.setdefault(study, {}).setdefault(name, {}).update(own)
+        versions |= versions_of(run)
+    facts |= fresh
+    filters = stored.get("filters", {})
+    if FILTER in fresh:
+        facts[FILTER] = _in_order(fresh[FILTER])
+        filters = {name: own_facts(_place(name)) for name in facts[FILTER]}
+    last = ("numpy", "scipy")
+    names = sorted(set(versions) - set(last)) + list(last)
+    versions = {name: versions[name] for name in names}
+    text = {"versions": versions, "facts": facts, "filters": filters}
+    place.write_text(json.dumps(text, indent=1) + "\n")
     page = HERE / "README.md"
     before, _, rest = page.read_text().partition(MARK)
     _, _, after = rest.partition(MARK)
     named = ", ".join(f"{name} {version}" for name, version in versions.items())
-    tables = "\n\n".join(table(study) for study in facts.values())
-    page.write_text(f"{before}{MARK}\n\n{tables}\n\nWith {named}.\n\n{MARK}{after}")
+    made = f"{tables(facts, filters)}\n\nWith {named}."
+    page.write_text(f"{before}{MARK}\n\n{made}\n\n{MARK}{after}")
+
+
+def _in_order(found):
+    """In the order of the suite."""
+    suite = tomllib.loads((HERE / "filters.toml").read_text())
+    return {name: found[name] for name in suite[FILTER]["algorithm"] if name in found}
+
+
+def _place(name):
+    return name if ":" in name and ".py" not in name else str(HERE / name)
 
 
 if __name__ == "__main__":
