@@ -1,12 +1,12 @@
 """Power of the tests of consistency at 40 trials, for what breaks a filter.
 
 Prints, for each fault, how often 40 trials of the reference filter are called
-overconfident or underconfident by their NEES, and by their NIS, at a stated rate of
-false alarms of 1 % each:
+overconfident or underconfident by their NEES, and by their NIS, at the gate's rate of
+false alarms each:
 
     python tests/filter_power.py [TRIALS]
 
-TRIALS (960) are drawn once for each fault and dealt into campaigns of 40 at random, 400
+TRIALS (480) are drawn once for each fault and dealt into campaigns of 40 at random, 400
 times; so the shares of one line are not independent, and their standard error is about
 a tenth near the middle.
 """
@@ -21,6 +21,7 @@ from simval.streams import Streams, cell_key
 from simval.studies import filter as study
 from simval.studies.filter_scenarios import course, drawn
 from simval.sweep.suite import expand
+from simval.verdict import ALPHA
 
 FAULTS = (
     "gimbal slow",
@@ -42,7 +43,7 @@ FAULTS = (
     "magnetic disturbance",
     "unknown start",
 )
-TRIALS, CAMPAIGNS, RATE = 40, 400, 0.01
+TRIALS, CAMPAIGNS, RATE = 40, 400, ALPHA
 
 
 def squares_of(scenario, trials, rate=100.0, seconds=20.0):
@@ -79,9 +80,9 @@ def shares(squares, dimension, rng):
 SIDES = ("overconfident", "underconfident")
 
 
-def main(trials=960):
+def main(trials=480):
     """Print the table."""
-    print(f"{trials} trials of each, campaigns of {TRIALS}, rate {RATE:.0%} a test")  # noqa: T201
+    print(f"{trials} trials of each, campaigns of {TRIALS}, rate {RATE:.1%} a test")  # noqa: T201
     print(f"{'':38s} NEES   over under    NIS   over under")  # noqa: T201
     for scenario in FAULTS:
         nees, nis = squares_of(scenario, trials)

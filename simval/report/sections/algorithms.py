@@ -14,6 +14,7 @@ from simval.report.sections.algorithm_figures import dots, failing
 from simval.report.sections.algorithm_tables import by_cell, side_by_side
 from simval.report.sections.other import numbers
 from simval.report.table import Table
+from simval.studies.filter import REFERENCE
 from simval.sweep import Run
 
 CALLED = {
@@ -56,7 +57,8 @@ def section(context: Context) -> Section | None:
 
 def _part(context: Context, study: str) -> Part | None:
     cells = [cell for cell in context.run.cells if cell.study == study]
-    if not cells:
+    alone = {algorithm_of(cell) for cell in cells} == {REFERENCE}
+    if not cells or alone:  # of the reference filter there is a section of its own
         return None
     contest, who = contest_of(cells), CALLED[study]
     accuracy, failures = dots(study, who, contest), failing(study, who, contest)

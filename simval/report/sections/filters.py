@@ -94,7 +94,7 @@ def _worst(found: tuple[float, str, Markup]) -> float:
 def _table(cells: Sequence[CellResult]) -> Table:
     """A row for each cell: what was measured, and what theory said beforehand."""
     return Table(
-        name="filter-cells",
+        name="filter-scenarios",
         caption=(
             "Each filter in each scenario: its error, then the squares of errors (of "
             "3) and of innovations by what it states of them, each beside what "
