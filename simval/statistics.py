@@ -148,9 +148,14 @@ INNOVATION_PAIRS = Family(
     least=0.0,
 )
 DIVERGED = Family("diverged", "share of trials that diverge", least=0.0, most=1.0)
+SETTLING_TRIALS = Family(
+    "settling_trials", "share of trials that settle", least=0.0, most=1.0
+)
 SETTLING = Family("settling", "time to settle", unit="s", least=0.0)
 RMS_AT = Family("rms_at", "RMS error at an instant", unit="rad", least=0.0)
 BOUND_AT = Family("bound_at", "bound at an instant", unit="rad", least=0.0)
+AT_AN_INSTANT = ("rms_at", "bound_at", "nees_at", "budget_at")
+"""Families along time, for a figure and not for a table of a few lines."""
 BUDGET_AT = Family(
     "budget_at", "part of the predicted error at an instant", unit="rad", least=0.0
 )

@@ -18,7 +18,7 @@ from simval.statistics import (
     NEES,
     NIS,
     RMS,
-    SETTLING,
+    SETTLING_TRIALS,
     WORST_INSTANT,
 )
 from simval.studies import filter as study
@@ -216,7 +216,7 @@ def test_the_reference_filter_is_consistent_and_reaches_the_bound():
     rms = rows["rms", "Cramer-Rao"]
     assert abs(rms.value - rms.prediction) < 4.0 * rms.standard_error
     assert rows[str(DIVERGED()), "normal"].value == 0.0
-    assert rows[str(SETTLING("share")), ""].value == 1.0
+    assert rows[str(SETTLING_TRIALS()), ""].value == 1.0
     worst = rows[str(WORST_INSTANT("attitude")), "chi-square"]
     assert worst.value < worst.prediction
     # the budget's parts add up to the bound, instant by instant

@@ -196,8 +196,13 @@ def made(folder):
     rows += [row(f"recovery[M,averages,{rate}]") for rate in rates]
     cells += cells_of("gyroscope", [*rows, row("sd[M,bound]")])
     cells += cells_of("solvers", [row("steps[lm]"), row("apart[lm]", "lm")])
-    rows = [row("rms", "Cramer-Rao"), row("rms[heading]"), row("nees", "chi-square")]
-    rows += [row("nis", "chi-square"), row("settling[median]"), row("settling[share]")]
+    rows = [
+        row("rms", "Cramer-Rao"),
+        row("rms[heading]"),
+        row("rms_over_bound"),
+        row("nees", "chi-square"),
+    ]
+    rows += [row("nis", "chi-square"), row("settling"), row("settling_trials")]
     rows += [row("diverged"), row("worst_instant[attitude]", "chi-square")]
     for t in (1, 2):
         rows += entries("budget_at", "", (f"start,{t}", f"gyroscope walk,{t}"))

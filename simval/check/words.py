@@ -12,7 +12,7 @@ from simval.errors import CrashedPluginError
 from simval.gate import Finding, findings, headline
 from simval.plugins.loading import Meant
 from simval.results import CellName, Row
-from simval.statistics import FAILURES, Family
+from simval.statistics import AT_AN_INSTANT, FAILURES, Family
 from simval.sweep.cells import CellResult
 from simval.text import one_line
 
@@ -159,6 +159,8 @@ def _lines(cell: CellResult, judged: Sequence[Finding]) -> dict[str, Line]:
         families.setdefault(row.statistic.family, []).append(row)
     lines = {}
     for family, rows in families.items():
+        if family.name in AT_AN_INSTANT:
+            continue
         known = [
             answers[key]
             for row in rows

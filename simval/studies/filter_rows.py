@@ -35,7 +35,9 @@ from simval.statistics import (
     NORMAL,
     RMS,
     RMS_AT,
+    RMS_OVER_BOUND,
     SETTLING,
+    SETTLING_TRIALS,
     WHITE,
     WORST_INSTANT,
     Family,
@@ -122,19 +124,25 @@ def error_rows(
             RMS(unit="rad"), *root_mean_square(angle),
             prediction=whole, predictor=CRAMER_RAO,
         ),
+        *unjudged(RMS_OVER_BOUND(), *_over(root_mean_square(angle), whole)),
         *unjudged(RMS(HEADING, unit="rad"), *root_mean_square(heading)),
         *unjudged(RMS(INCLINATION, unit="rad"), *root_mean_square(inclination)),
     ]  # fmt: skip
     settled = settled_at(angle, time, np.maximum(SETTLED * least, ENOUGH))
     ended = np.isfinite(settled)
-    rows += unjudged(SETTLING("share"), float(ended.mean()), 0.0, len(settled))
+    rows += unjudged(SETTLING_TRIALS(), float(ended.mean()), 0.0, len(settled))
     if ended.any():
         middle = float(np.median(settled[ended]))
-        rows += unjudged(SETTLING("median"), middle, 0.0, int(ended.sum()))
+        rows += unjudged(SETTLING(), middle, 0.0, int(ended.sum()))
     shown = spread(len(time))
     at = [f"{t:.6g}" for t in time[shown]]
     rows += _at_each(RMS_AT, ATTITUDE, at, angle[:, shown], root_mean_square)
     return (*rows, *unjudged([BOUND_AT(ATTITUDE, t) for t in at], least[shown]))
+
+
+def _over(measured: tuple[float, float, int], bound: float) -> tuple[float, float, int]:
+    value, error, n = measured
+    return value / bound, error / bound, n
 
 
 def consistency_rows(answers: Answers, judged: bool) -> tuple[Row, ...]:

@@ -21,13 +21,13 @@ from simval.shapes import Float
 from simval.statistics import (
     BOUND_AT,
     BUDGET_AT,
-    CRAMER_RAO,
     DIVERGED,
     NEES,
     NEES_AT,
     NIS,
     RMS,
     RMS_AT,
+    RMS_OVER_BOUND,
     SETTLING,
     Family,
 )
@@ -38,7 +38,7 @@ from simval.sweep.run import CellResult
 SHOWN = Shown(
     "filter",
     (RMS, RMS_AT, BOUND_AT, NEES(), NEES_AT, DIVERGED, BUDGET_AT, NIS,
-     SETTLING("median")),
+     SETTLING, RMS_OVER_BOUND),
 )  # fmt: skip
 LINES = ("-", "--", "-.", ":")
 BAND = 1e-3  # of false alarms: how often an honest instant is outside, two-sided
@@ -136,13 +136,12 @@ def _line(cell: CellResult) -> tuple[Any, ...]:
 
     degrees = float(np.degrees(1.0))
     rms, nees, nis = of(RMS), of(NEES), of(NIS)
-    bound = next((r.prediction for r in rms if r.predictor == CRAMER_RAO), None)
-    settled, lost = of(SETTLING, "median"), of(DIVERGED)
+    settled, lost = of(SETTLING), of(DIVERGED)
     return (
         algorithm_of(cell),
         cell.parameters.get("scenario", ""),
         measured(rms, degrees),
-        measured(rms, 1.0 / bound) if bound else None,
+        measured(of(RMS_OVER_BOUND)),
         measured(of(RMS, HEADING), degrees),
         measured(of(RMS, INCLINATION), degrees),
         measured(nees),
