@@ -12,6 +12,8 @@ a tenth near the middle.
 """
 
 import sys
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -23,8 +25,12 @@ from simval.studies.filter_scenarios import course, drawn
 from simval.sweep.suite import expand
 from simval.verdict import ALPHA
 
+NO_CONING, FAR = "no coning", "start 17 deg off"
 FAULTS = (
     "gimbal slow",
+    f"gimbal slow: {NO_CONING}",
+    f"gimbal fast: {NO_CONING}",
+    f"gimbal slow: {FAR}",
     "gimbal slow, gyroscope noise 0.333",
     "gimbal slow, gyroscope noise 3",
     "gimbal slow, accelerometer noise 2",
@@ -48,7 +54,10 @@ TRIALS, CAMPAIGNS, RATE = 40, 400, ALPHA
 
 def squares_of(scenario, trials, rate=100.0, seconds=20.0):
     """NEES of the attitude and NIS at the instants, (n, i) each."""
+    scenario, _, more = scenario.partition(": ")
     settings = {"scenario": scenario, "rate": rate, "seconds": seconds}
+    if more == FAR:
+        settings["start_std"] = 0.3
     (cell,) = expand("power", {"seed": 1, "filter": settings}).cells
     parameters = cell.parameters
     way = course(parameters.named_scenario, rate, seconds)
@@ -60,6 +69,8 @@ def squares_of(scenario, trials, rate=100.0, seconds=20.0):
     ]
     kept, late = study.instants(len(way.dt))
     plugin = find_plugin(study.REFERENCE, Filter)
+    if more == NO_CONING:
+        plugin = replace(plugin, make=partial(plugin.make, coning=False))
     given = study.joined([block[0] for block in blocks])
     found = run_filter(plugin, given, kept[late], plugin.world)
     error = rotation_error(found.attitude, way.attitude[kept[late] + 1])
