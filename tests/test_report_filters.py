@@ -52,6 +52,7 @@ def test_the_section_draws_errors_squares_budget_and_a_trial(run):
     assert disturbed[0] == "simval:mekf, magnetic disturbance", "the worst first"
 
 
+@pytest.mark.ci
 def test_the_page_holds_it_and_no_other_section_draws_it_again(run):
     page = render(run)
     assert page.count("<animate ") == 2 * 6 * 2, "two pictures, six axes, x and y"
