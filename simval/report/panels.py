@@ -33,6 +33,8 @@ class Series:
     colour: str = COLOURS[0]
     line: str = ""  # Matplotlib line style; empty draws points
     marker: str = "o"  # Matplotlib marker of the points
+    # what the page says of each point on request, in words; empty says nothing
+    notes: Sequence[str] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -116,6 +118,9 @@ class Drawing:
     alternative: str  # what the figure shows, in words
     panels: Sequence[AnyPanel]
     columns: int = 3  # panels side by side
+    asked: str = ""  # the question that it answers, as a person would ask it
+    finding: str = ""  # the answer in one sentence, made from the numbers
+    fold: str = ""  # words of the fold that it is behind; empty shows it at once
     # what the run has of this kind and the figure does not draw, each by its name; the
     # page says so below the caption
     left_out: Sequence[str] = ()

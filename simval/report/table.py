@@ -39,6 +39,7 @@ class Table:
     rows: Sequence[Sequence[Any]]  # values, one for each column; None is an empty cell
     # Rows that the page shows; the files hold all. None shows all.
     shown: int | None = None
+    fold: str = ""  # words of the fold that it is behind; empty shows it at once
 
     def __post_init__(self) -> None:
         assert self.name == slug(self.name), self.name
