@@ -1,0 +1,31 @@
+"""The units of a page: those that a person reads, made from those of the rows.
+
+Rows are in SI and radians, and a ratio has the unit 1. A person reads misalignment in
+milliradians, scale factors in parts per million, bias in mm/s^2 and attitude errors in
+degrees or milliradians.
+"""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """A unit for people."""
+
+    name: str  # as it is written behind a number
+    factor: float  # times a value in the unit of the row
+
+
+MILLIRADIAN = Unit("mrad", 1e3)
+DEGREE = Unit("°", 57.29577951308232)
+PPM = Unit("ppm", 1e6)
+MILLIMETRE_PER_SECOND_SQUARED = Unit("mm/s²", 1e3)
+RELATIVE = Unit("relative", 1.0)
+
+OF_A_CALIBRATION = {
+    "T": MILLIRADIAN,
+    "S": MILLIRADIAN,
+    "K": PPM,
+    "B": MILLIMETRE_PER_SECOND_SQUARED,
+}
+"""Units of misalignment, scale factor and bias, by the first letter of a parameter."""
