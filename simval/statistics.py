@@ -128,9 +128,6 @@ SQUARED_ERROR = Family(
 RMS_OVER_BOUND = Family(
     "rms_over_bound", "RMS error over the Cramer-Rao bound", least=0.0
 )
-VARIANCE_OVER_BOUND = Family(
-    "variance_over_bound", "variance over the Cramer-Rao bound", margin=0.02, least=0.0
-)
 ALLAN_ERROR = Family(
     "allan_square_error_over_predicted",
     "mean square error of an Allan variance over the predicted one",
@@ -154,12 +151,12 @@ SETTLING_TRIALS = Family(
 SETTLING = Family("settling", "time to settle", unit="s", least=0.0)
 RMS_AT = Family("rms_at", "RMS error at an instant", unit="rad", least=0.0)
 BOUND_AT = Family("bound_at", "bound at an instant", unit="rad", least=0.0)
-AT_AN_INSTANT = ("rms_at", "bound_at", "nees_at", "budget_at")
-"""Families along time, for a figure and not for a table of a few lines."""
 BUDGET_AT = Family(
     "budget_at", "part of the predicted error at an instant", unit="rad", least=0.0
 )
 NEES_AT = Family("nees_at", "normalised squared error at an instant", least=0.0)
+AT_AN_INSTANT = (RMS_AT, BOUND_AT, NEES_AT, BUDGET_AT)
+"""Families along time, for a figure and not for a table of a few lines."""
 INCONSISTENT_RATE = Family(
     "inconsistent_rate", "share of samples called inconsistent", least=0.0, most=1.0
 )

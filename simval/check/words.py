@@ -159,7 +159,7 @@ def _lines(cell: CellResult, judged: Sequence[Finding]) -> dict[str, Line]:
         families.setdefault(row.statistic.family, []).append(row)
     lines = {}
     for family, rows in families.items():
-        if family.name in AT_AN_INSTANT:
+        if family in AT_AN_INSTANT:
             continue
         known = [
             answers[key]

@@ -6,13 +6,13 @@ A magnetometer is often slower than its log: its own readings are what counts.
 import numpy as np
 
 from simval.arrays import Array
-from simval.errors import InputError, RefusedError
+from simval.errors import RefusedError
 from simval.logs import Log
 from simval.multiposition.pose_noise import (
-    OTHER_UNIT,
     PoseNoise,
     longest_rest,
     mean_noise,
+    require_one_unit,
 )
 from simval.noise import AxisNoise, NoiseFile
 from simval.noise.held import noise_of_readings, rows_to_a_reading
@@ -65,10 +65,4 @@ def _require_this_unit(
     spread = [samples[a:b].var(axis=0, ddof=1) for a, b in intervals if b - a > 1]
     here = float(np.sqrt(np.median(spread)))
     there = float(np.sqrt(np.mean([axis.variances[0] for axis in axes])))
-    if not 1.0 / OTHER_UNIT < here / max(there, 1e-300) < OTHER_UNIT:
-        msg = (
-            f"a reading of the magnetometer of {log.path} has a noise of {here:.3g} in "
-            f"its unit at rest, and the noise file one of {there:.3g}: it is of "
-            "another sensor, range or unit; measure the noise in the unit of the log"
-        )
-        raise InputError(msg)
+    require_one_unit(here, there, f"a reading of the magnetometer of {log.path}")

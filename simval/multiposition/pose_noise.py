@@ -84,14 +84,25 @@ def of_this_unit(
     rows = [log.accelerometer[a:b] for a, b in intervals]
     here = np.sqrt(np.mean([np.diff(part, axis=0).var(axis=0) for part in rows]) / 2.0)
     there = np.sqrt(np.mean([axis.variances[0] for axis in file.accelerometer]))
+    require_one_unit(float(here), float(there), f"a row of {log.path}")
+    return file.accelerometer
+
+
+def require_one_unit(here: float, there: float, what: str) -> None:
+    """Refuse a noise file whose noise is not of the size of the log's own.
+
+    Raises
+    ------
+    InputError
+        If the two differ by a factor of `OTHER_UNIT` or more.
+    """
     if not 1.0 / OTHER_UNIT < here / max(there, 1e-300) < OTHER_UNIT:
         msg = (
-            f"a row of {log.path} has a noise of {here:.3g} in its unit at rest, and "
-            f"the noise file one of {there:.3g}: it is of another sensor, range or "
-            "unit; measure the noise in the unit of the log"
+            f"{what} has a noise of {here:.3g} in its unit at rest, and the noise file "
+            f"one of {there:.3g}: it is of another sensor, range or unit; measure the "
+            "noise in the unit of the log"
         )
         raise InputError(msg)
-    return file.accelerometer
 
 
 def own_noise(log: Log, intervals: Intervals) -> tuple[AxisNoise, ...]:

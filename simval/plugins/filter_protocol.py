@@ -23,12 +23,14 @@ from typing import Any, ClassVar, Final, Literal, get_args
 from simval.plugins.protocol import (
     Components,
     Plugin,
-    _callable,
-    _check_name,
-    _check_words,
-    _one_of,
 )
 from simval.plugins.reference_frames import WORLDS, World
+from simval.plugins.requirements import (
+    require_function,
+    require_name,
+    require_one_of,
+    require_words,
+)
 
 Force = Literal["specific force", "gravity"]
 
@@ -103,14 +105,14 @@ class Filter(Plugin):
     batch: bool = False
 
     def __post_init__(self) -> None:
-        _check_name(self.name)
-        _callable("make", self.make)
-        _one_of("components", self.components, get_args(Components))
-        _one_of("matrix", self.matrix, ("active", "passive"))
-        _one_of("accelerometer", self.accelerometer, get_args(Force))
-        _one_of("magnetometer", self.magnetometer, (True, False))
-        _one_of("side", self.side, ("body", "reference"))
-        _one_of("batch", self.batch, (True, False))
-        _check_words("reads", self.reads, READS)
+        require_name(self.name)
+        require_function("make", self.make)
+        require_one_of("components", self.components, get_args(Components))
+        require_one_of("matrix", self.matrix, ("active", "passive"))
+        require_one_of("accelerometer", self.accelerometer, get_args(Force))
+        require_one_of("magnetometer", self.magnetometer, (True, False))
+        require_one_of("side", self.side, ("body", "reference"))
+        require_one_of("batch", self.batch, (True, False))
+        require_words("reads", self.reads, READS)
         if self.world is not None:
-            _one_of("world", self.world, WORLDS)
+            require_one_of("world", self.world, WORLDS)

@@ -40,6 +40,12 @@ from simval.plugins.reference_frames import (
     Frame,
     Vertical,
 )
+from simval.plugins.requirements import (
+    require_function,
+    require_name,
+    require_one_of,
+    require_words,
+)
 from simval.sensor import forms
 from simval.sensor.estimated import ALL, CLASSES
 
@@ -122,22 +128,22 @@ class Estimator(Plugin):
     series: bool = False
 
     def __post_init__(self) -> None:
-        _check_name(self.name)
-        _one_of("components", self.components, get_args(Components))
-        _one_of("matrix", self.matrix, ("active", "passive"))
-        _one_of("side", self.side, ("body", "reference"))
-        _one_of("claim", self.claim, ("exact", 2, 4))
-        _one_of("takes", self.takes, ("pairs", "vectors"))
-        _one_of("batch", self.batch, (True, False))
-        _one_of("series", self.series, (True, False))
+        require_name(self.name)
+        require_one_of("components", self.components, get_args(Components))
+        require_one_of("matrix", self.matrix, ("active", "passive"))
+        require_one_of("side", self.side, ("body", "reference"))
+        require_one_of("claim", self.claim, ("exact", 2, 4))
+        require_one_of("takes", self.takes, ("pairs", "vectors"))
+        require_one_of("batch", self.batch, (True, False))
+        require_one_of("series", self.series, (True, False))
         if self.kind is not None:
-            _one_of("kind", self.kind, get_args(Kind))
-        _check_words("fails_at", self.fails_at, MAY_FAIL)
-        _check_words("reads", self.reads, READABLE)
+            require_one_of("kind", self.kind, get_args(Kind))
+        require_words("fails_at", self.fails_at, MAY_FAIL)
+        require_words("reads", self.reads, READABLE)
         _check_frame(self)
-        _callable("estimate", self.estimate)
+        require_function("estimate", self.estimate)
         if self.covariance is not None:
-            _callable("covariance", self.covariance)
+            require_function("covariance", self.covariance)
 
     @property
     def fixed(self) -> FixedReferences | None:
@@ -191,9 +197,9 @@ class Calibrator(Plugin):
     estimates: tuple[str, ...] = ALL
 
     def __post_init__(self) -> None:
-        _check_name(self.name)
-        _callable("calibrate", self.calibrate)
-        _one_of("form", self.form, forms.MODELS)
+        require_name(self.name)
+        require_function("calibrate", self.calibrate)
+        require_one_of("form", self.form, forms.MODELS)
         object.__setattr__(self, "estimates", _estimates(self.estimates, self.form))
 
 
@@ -208,36 +214,11 @@ class BatchCalibrator(Calibrator):
     calibrate_all: Callable[[Array, float, float, float], list[Any]]
 
 
-def _check_name(name: Any) -> None:
-    if not (
-        isinstance(name, str)
-        and name.isprintable()
-        and name == name.strip()
-        and "," not in name
-        and 0 < len(name) <= 60
-    ):
-        msg = (
-            f"`name` is {name!r}; give a printable word of at most 60 characters, with "
-            "no comma in it and no space around it: it is written in lists of names"
-        )
-        raise PluginError(msg)
-
-
-def _check_words(field: str, names: Any, known: tuple[str, ...]) -> None:
-    if not (
-        isinstance(names, tuple)
-        and all(type(name) is str and name in known for name in names)
-    ):
-        words = ", ".join(repr(name) for name in known)
-        msg = f"`{field}` is {names!r}; it must be a tuple of names out of {words}"
-        raise PluginError(msg)
-
-
 def _check_frame(estimator: Estimator) -> None:
-    _one_of("vertical", estimator.vertical, VERTICALS)
+    require_one_of("vertical", estimator.vertical, VERTICALS)
     dip = estimator.dip
     if estimator.reference is not None:
-        _one_of("reference", estimator.reference, FRAMES)
+        require_one_of("reference", estimator.reference, FRAMES)
     elif estimator.vertical != "up" or dip is not None:
         msg = (
             f"`vertical` is {estimator.vertical!r} and `dip` is {dip!r}; they say what "
@@ -269,17 +250,3 @@ def _estimates(names: Any, form: str) -> tuple[str, ...]:
         )
         raise PluginError(msg)
     return known
-
-
-def _one_of(name: str, value: Any, allowed: tuple[str | int, ...]) -> None:
-    # of the very type: 2 == 2.0, 1 == True, and an array is equal to nothing at all
-    if not any(type(value) is type(word) and value == word for word in allowed):
-        words = ", ".join(repr(word) for word in allowed)
-        msg = f"`{name}` is {value!r}; it must be declared as one of {words}"
-        raise PluginError(msg)
-
-
-def _callable(name: str, value: Any) -> None:
-    if not callable(value):
-        msg = f"`{name}` is {value!r}; it must be a function"
-        raise PluginError(msg)

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array, frozen
+from simval.calibrate.converged import require_all
 from simval.calibrate.intervals import normal_intervals
-from simval.errors import ConvergenceError, InputError
+from simval.errors import InputError
 from simval.sensor import GyroscopeFactors, GyroscopeModel, forms, gyroscope_factors
 from simval.shapes import Float
 
@@ -210,15 +211,13 @@ class GyroscopeFit:
         ConvergenceError
             If a trial did not converge.
         """
-        bad = np.flatnonzero(~np.atleast_1d(self.converged))
-        if bad.size:
-            status = np.atleast_1d(self.status)[bad[0]]
-            msg = (
-                f"{bad.size} gyroscope fit(s) did not converge, the first is trial "
-                f"{bad[0]} ({status}): look for rests that do not belong, for another "
-                "order of the axes, and give a `start` near the truth"
-            )
-            raise ConvergenceError(msg)
+        require_all(
+            self.converged,
+            self.status,
+            "{count} gyroscope fit(s) did not converge, the first is trial {first} "
+            "({status}): look for rests that do not belong, for another order of the "
+            "axes, and give a `start` near the truth",
+        )
         return self
 
     def as_object(self) -> dict[str, Any]:

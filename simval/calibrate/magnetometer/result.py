@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array, frozen
+from simval.calibrate.converged import require_all
 from simval.calibrate.intervals import normal_intervals
 from simval.calibrate.magnetometer.equations import ACCELEROMETER, DIP, IRON, MATRIX
-from simval.errors import ConvergenceError, InputError
+from simval.errors import InputError
 from simval.sensor import AccelerometerModel, MagnetometerModel, forms
 from simval.shapes import Float
 
@@ -187,15 +188,13 @@ class MagnetometerFit:
         ConvergenceError
             If a trial did not converge: says which, and why.
         """
-        bad = np.flatnonzero(~np.atleast_1d(self.converged))
-        if bad.size:
-            status = np.atleast_1d(self.status)[bad[0]]
-            msg = (
-                f"{bad.size} trial(s) did not converge, the first is trial {bad[0]} "
-                f"({status}); turn and tilt the sensors to more sides, and look for "
-                "poses that do not belong"
-            )
-            raise ConvergenceError(msg)
+        require_all(
+            self.converged,
+            self.status,
+            "{count} trial(s) did not converge, the first is trial {first} ({status}); "
+            "turn and tilt the sensors to more sides, and look for poses that do not "
+            "belong",
+        )
         return self
 
     def as_document(self) -> dict[str, Any]:

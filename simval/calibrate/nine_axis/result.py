@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array, frozen
+from simval.calibrate.converged import require_all
 from simval.calibrate.gyroscope.result import NAMES, GyroscopeFit
 from simval.calibrate.intervals import normal_intervals
 from simval.calibrate.magnetometer.result import OWN_NAMES, MagnetometerFit
-from simval.errors import ConvergenceError
 from simval.sensor import forms
 from simval.shapes import Float
 
@@ -116,16 +116,14 @@ class NineAxisFit:
         ConvergenceError
             If a trial did not converge: says which, and why.
         """
-        bad = np.flatnonzero(~np.atleast_1d(self.converged))
-        if bad.size:
-            status = np.atleast_1d(self.status)[bad[0]]
-            msg = (
-                f"{bad.size} fit(s) of three sensors did not converge, the first is "
-                f"trial {bad[0]} ({status}): the fits of two sensors disagree by more "
-                "than their noise; look for rests that moved, a disturbed field and "
-                "the noise that is stated"
-            )
-            raise ConvergenceError(msg)
+        require_all(
+            self.converged,
+            self.status,
+            "{count} fit(s) of three sensors did not converge, the first is trial "
+            "{first} ({status}): the fits of two sensors disagree by more than their "
+            "noise; look for rests that moved, a disturbed field and the noise that is "
+            "stated",
+        )
         return self
 
     def as_object(self) -> dict[str, Any]:
