@@ -11,6 +11,8 @@ from simval.arrays import Array
 from simval.bench.race import Contender
 from simval.filters import Mekf
 from simval.geometry import attitude_matrix, compose, from_rotation_vector
+from simval.plugins import Filter
+from simval.plugins.filter_steps import Readings, run_of
 from simval.streams import cell_key, stream
 from simval.theory import (
     CalibrationError,
@@ -56,6 +58,8 @@ def contenders() -> list[Contender]:
     found = [
         Contender(name=f"mekf, {TRIALS} trials", run=mekf(TRIALS)),
         Contender(name="mekf, one trial", run=mekf(1)),
+        Contender(name="a filter in Python, in a bare loop", run=_bare),
+        Contender(name="the same as a plug-in, checked", run=_as_plugin),
         Contender(name="filter_bound", run=bound),
         Contender(name="filter_prediction", run=prediction),
     ]
@@ -111,6 +115,47 @@ def _followed(own: Mekf, n: int, rows: int) -> tuple[dict[str, Array], int]:
     for k in range(rows):
         answer = own.update(STEP, w[k], f[k], m[k])
     return answer, n * rows
+
+
+class _Pulled:
+    """A light filter in NumPy: the rate integrated, a pull towards up and west."""
+
+    def __init__(self, start: Array) -> None:
+        self.A = start
+
+    def update(self, dt: float, w: Array, f: Array, m: Array) -> Array:
+        up, field = self.A.T @ f, self.A.T @ m
+        pull = self.A @ np.array([up[1], -up[0], 1e5 * field[1]])
+        x, y, z = dt * w - 1e-5 * pull
+        turn = np.array([[1.0, z, -y], [-z, 1.0, x], [y, -x, 1.0]])
+        A = turn @ self.A
+        self.A = 1.5 * A - 0.5 * A @ A.T @ A
+        return self.A
+
+
+def _bare() -> int:
+    w, f, m = (each[:, 0] for each in _readings(1))
+    own = _Pulled(attitude_matrix(_path(ROWS).attitude[0]))
+    for k in range(ROWS):
+        own.update(STEP, w[k], f[k], m[k])
+    return ROWS
+
+
+def _as_plugin() -> int:
+    declared: dict[str, Any] = {"components": "matrix", "matrix": "active"}
+    plugin = Filter(
+        name="pulled", make=_Pulled, reads=("start",), world="NWU", **declared
+    )
+    readings = Readings(
+        where="",
+        lead=(),
+        dt=np.full(ROWS, STEP),
+        end=STEP * np.arange(1, ROWS + 1),
+        sensors=tuple(each[:, 0] for each in _readings(1)),
+        reads={"start": attitude_matrix(_path(ROWS).attitude[0])},
+    )
+    run_of(plugin, readings, np.array([ROWS - 1]))
+    return ROWS
 
 
 def _model() -> FilterModel:
