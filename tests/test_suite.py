@@ -6,7 +6,7 @@ from simval.errors import InputError
 from simval.poses import observability
 from simval.studies.calibration import simulated_rests
 from simval.sweep import load_suite, suite_schema
-from simval.sweep.suite import builtin_suites
+from simval.vocabulary import builtin_suites
 
 
 def written(tmp_path, text):

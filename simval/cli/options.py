@@ -7,7 +7,7 @@ import click
 from click.core import ParameterSource
 
 from simval.errors import InputError
-from simval.verdict import ALPHA
+from simval.vocabulary import ALPHA
 
 PATH = click.Path(path_type=Path)
 

@@ -15,7 +15,8 @@ from simval.studies.plugin import PluginParameters
 from simval.studies.study import Cell
 from simval.sweep.executors import attempt
 from simval.sweep.run import CellResult, Run
-from simval.sweep.suite import builtin_suites, load_suite, validated
+from simval.sweep.suite import load_suite, validated
+from simval.vocabulary import builtin_suites
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

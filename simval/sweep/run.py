@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from simval import vocabulary
 from simval.arguments import file_path
 from simval.errors import InputError
 from simval.results import COLUMNS
@@ -35,7 +36,7 @@ __all__ = [
     "write_table",
 ]
 
-RUNS = Path("reports") / "runs"
+RUNS = vocabulary.RUNS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -27,6 +27,7 @@ from simval.errors import InputError
 from simval.studies import STUDIES
 from simval.studies.study import Cell
 from simval.sweep.paths import kept_inside
+from simval.vocabulary import builtin_suites
 
 Model = TypeVar("Model", bound=BaseModel)
 NonEmpty = Field(min_length=1)
@@ -53,13 +54,6 @@ class Suite:
     title: str
     cells: tuple[Cell, ...]
     grid: Mapping[str, Any]
-
-
-def builtin_suites() -> tuple[str, ...]:
-    """Names of the suites that are shipped with the package."""
-    folder = resources.files("simval.sweep") / "suites"
-    names = (p.name for p in folder.iterdir() if p.name.endswith(".toml"))
-    return tuple(sorted(name.removesuffix(".toml") for name in names))
 
 
 @cache

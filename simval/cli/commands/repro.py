@@ -1,0 +1,33 @@
+"""`simval repro`."""
+
+from typing import Any
+
+import click
+
+
+@click.command(name="repro")
+@click.argument("cell")
+@click.option(
+    "--run", "folder", default="latest", show_default=True, help="Run to compare with."
+)
+@click.option(
+    "--suite",
+    metavar="SUITE",
+    help="Suite to search if the run lacks the cell.  [default: the built-in ones]",
+)
+@click.option(
+    "--plugin",
+    "plugins",
+    multiple=True,
+    metavar="PLUGIN",
+    help="The cell's plug-in, if it has moved; may be repeated.",
+)
+def command(**options: Any) -> int:
+    """Compute one CELL again, by its name in a table or a report.
+
+    Compares it with the run. Exit code 0 if it is equal to the bit, 1 if not, 3 if the
+    run does not have it or its plug-in is refused, 4 if it crashes.
+    """
+    from simval.cli.repro import run
+
+    return run(**options)
