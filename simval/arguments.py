@@ -14,7 +14,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from simval.errors import InputError
-from simval.text import shown
+from simval.text import did_you_mean, shown
 
 MOST: Final = 10**12  # of anything counted here: more is a slip, and never ends
 
@@ -51,8 +51,10 @@ def choice(name: str, value: Any, allowed: Sequence[Any]) -> Any:
     for known in allowed:
         if isinstance(value, type(known)) and value == known:
             return known
-    listed = ", ".join(str(known) for known in allowed)
-    msg = f"`{name}` is {shown(value)}; it must be one of {listed}"
+    words = [str(known) for known in allowed]
+    near = did_you_mean(value, words) if isinstance(value, str) else ""
+    listed = ", ".join(words)
+    msg = f"`{name}` is {shown(value)}{near}; it must be one of {listed}"
     raise InputError(msg)
 
 

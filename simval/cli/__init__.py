@@ -18,6 +18,7 @@ import click
 
 from simval.cli.interruption import watch
 from simval.errors import SimvalError
+from simval.text import did_you_mean
 
 COMMANDS = (
     ("check", "Check an algorithm of one's own in seconds: a table and an answer."),
@@ -58,6 +59,15 @@ class LazyGroup(click.Group):
         module = importlib.import_module(f"simval.cli.commands.{name}")
         command: click.Command = module.command
         return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find a command; of an unknown one say which may have been meant."""
+        word, known = args[0], self.list_commands(ctx)
+        if word in known or word.startswith("-") or ctx.resilient_parsing:
+            return super().resolve_command(ctx, args)
+        return ctx.fail(f"No such command {word!r}{did_you_mean(word, known)}.")
 
     def format_commands(
         self, ctx: click.Context, formatter: click.HelpFormatter

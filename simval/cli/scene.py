@@ -14,6 +14,7 @@ from simval.scene import Trajectory, find_scene, render_file, scenes, simulate
 from simval.scene.signal import motion_of, write_signal
 from simval.sensor import ImuModel, ImuReadings, load_imu, read_imu
 from simval.streams import cell_key, stream
+from simval.text import did_you_mean
 
 COMMON = ("site_offset", "timestep", "integrator")
 
@@ -72,7 +73,8 @@ def parsed(name: str, settings: tuple[str, ...]) -> dict[str, Any]:
         key, equals, value = word.partition("=")
         if not equals or key not in known:
             msg = (
-                f"`--set {word}` is not KEY=VALUE with a KEY of scene {name}; it has "
+                f"`--set {word}` is not KEY=VALUE with a KEY of scene {name}"
+                f"{did_you_mean(key, known)}; it has "
                 f"{', '.join(known)}"
             )
             raise InputError(msg)

@@ -33,6 +33,7 @@ from importlib import import_module
 from simval import vocabulary
 from simval.errors import InputError
 from simval.studies.study import Study, StudyParameters, study_of
+from simval.text import did_you_mean
 
 __all__ = ["STUDIES", "Study", "StudyParameters", "find_study"]
 
@@ -82,6 +83,7 @@ def find_study(name: str) -> Study:
         If there is no such study; the message lists those there are.
     """
     if name not in STUDIES:
-        msg = f"there is no study `{name}`; the studies are {', '.join(STUDIES)}"
+        near = did_you_mean(name, STUDIES)
+        msg = f"there is no study `{name}`{near}; the studies are {', '.join(STUDIES)}"
         raise InputError(msg)
     return STUDIES[name]

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from simval.studies.study import Cell
 from simval.sweep.executors import attempt
 from simval.sweep.run import CellResult, Run
 from simval.sweep.suite import load_suite, validated
+from simval.text import nearest
 from simval.vocabulary import builtin_suites
 
 
@@ -79,7 +79,7 @@ def _of_suite(name: str, run: Run | None, suite: str | None) -> Cell:
         if run is not None:
             places.append(f"the run {run.folder}")
         known = [cell.name for cell in run.cells] if run is not None else []
-        near = get_close_matches(name, dict.fromkeys([*known, *cells]))
+        near = nearest(name, dict.fromkeys([*known, *cells]), 3)
         msg = (
             f"there is no cell `{name}` in {' or '.join(places)}; "
             + (f"the nearest are {', '.join(near)}; " if near else "")

@@ -27,6 +27,7 @@ from simval.errors import InputError
 from simval.studies import STUDIES
 from simval.studies.study import Cell
 from simval.sweep.paths import kept_inside
+from simval.text import did_you_mean
 from simval.vocabulary import builtin_suites
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -197,8 +198,9 @@ def _read(name: str) -> tuple[str, str]:
     except OSError:  # a name that no file can have
         is_file = False
     if not is_file:
+        near = did_you_mean(name, builtin_suites())
         msg = (
-            f"there is no suite `{name}`: the built-in ones are "
+            f"there is no suite `{name}`{near}: the built-in ones are "
             f"{', '.join(builtin_suites())}; anything else must be the path of a "
             "TOML file"
         )
@@ -269,7 +271,8 @@ def _explain(error: Any, model: type[BaseModel]) -> str:
         known: Sequence[str] = tuple(model.model_fields)
         if len(words) > 1 and words[0] in STUDIES:
             known = tuple(STUDIES[words[0]].parameters.model_fields)
-        return f"`{path}` is not a known key; known here: {', '.join(known)}"
+        near = did_you_mean(words[-1], known)
+        return f"`{path}` is not a known key{near}; known here: {', '.join(known)}"
     return f"`{path}`: {error['msg']} (given {error['input']!r})"
 
 
