@@ -221,7 +221,7 @@ def test_pictures_that_cannot_be_drawn_say_why(picture, monkeypatch, tmp_path):
         render("gimbal", width=100_000, poses=2)
     with pytest.raises(InputError, match="`seconds` is nan"):
         render_file(tmp_path / "film.gif", "gimbal", seconds=float("nan"))
-    with pytest.raises(InputError, match="no parameter `directions` .*`poses`"):
+    with pytest.raises(InputError, match=r"no parameter `directions` .*`poses`"):
         render("gimbal", directions=2)
 
 
