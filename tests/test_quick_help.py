@@ -1,6 +1,7 @@
 """A help, a version and a completion load none of the libraries that calculate."""
 
 import json
+import os
 import subprocess
 import sys
 
@@ -26,22 +27,32 @@ PROGRAM = """
 import contextlib, io, json, sys
 before = {name.split('.')[0] for name in sys.modules}  # what the interpreter's site has
 from simval.cli import run
-said = io.StringIO()
+said = io.TextIOWrapper(io.BytesIO())
 for words in json.loads(sys.argv[1]):
     with contextlib.redirect_stdout(said):
         assert run(words) == 0, words
+said.flush()
 loaded = set(sys.modules)
-print(json.dumps([said.getvalue(), sorted(loaded), sorted(before)]))
+print(json.dumps([said.buffer.getvalue().decode(), sorted(loaded), sorted(before)]))
 """
 
 
-def loaded_by(*commands):
+def asked(words):
+    """Environment of the program when bash asks what completes the last word."""
+    number = str(words.count(" "))
+    return {"_SIMVAL_COMPLETE": "bash_complete", "COMP_WORDS": words} | {
+        "COMP_CWORD": number
+    }
+
+
+def loaded_by(*commands, environment=()):
     """What some commands print, and the modules that are loaded after them."""
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM, json.dumps(commands)],
         capture_output=True,
         text=True,
         check=True,
+        env={**os.environ, **dict(environment)},
     )
     said, loaded, before = json.loads(done.stdout)
     return said, set(loaded), set(before)
@@ -65,6 +76,13 @@ def test_no_help_loads_more_than_click():
     # what does the work of a command is not loaded, not even by another command
     own = {name for name in loaded if name.startswith("simval.cli.")}
     assert {f"simval.cli.{name}" for name, _ in COMMANDS} & own == set()
+
+
+@pytest.mark.parametrize("words", ["simval ", "simval sweep ", "simval gate --"])
+def test_no_completion_loads_more_than_click(words):
+    _, loaded, before = loaded_by([], environment=asked(words))
+    assert "click.shell_completion" in loaded
+    assert strangers(loaded, before) == []
 
 
 def test_a_stranger_is_seen():

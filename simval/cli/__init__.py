@@ -37,11 +37,16 @@ COMMANDS = (
     ("suite-schema", "Print the JSON Schema of suite files."),
     ("selftest", "Inject faults and check that the gate detects each."),
     ("bench", "Race simval against the alternatives, side by side."),
+    ("completion", "Print what makes a shell complete commands and names."),
     ("list", "List suites, studies and scenes."),
 )
 
 # a module becomes a name in this package, so none may shadow a builtin
 MODULES = {"list": "listing", "suite-schema": "suite_schema"}
+
+
+COMPLETE = "_SIMVAL_COMPLETE"
+"""Variable by which a shell asks what completes a word."""
 
 
 class LazyGroup(click.Group):
@@ -102,7 +107,12 @@ def run(arguments: Sequence[str]) -> int:
     except SimvalError as error:
         click.echo(f"error: {error}", err=True)
         return error.exit_code
-    except SystemExit:  # click raises it when the reader of our output is gone
+    except SystemExit as end:  # click completed a word, or nobody reads our output
+        return 0 if COMPLETE in os.environ and end.code == 0 else 2
+    except (KeyError, ValueError) as error:
+        if COMPLETE not in os.environ:
+            raise
+        click.echo(f"error: {COMPLETE} is for the script of a shell: {error}", err=True)
         return 2
     except OSError as error:
         click.echo(f"error: cannot write the output: {error}", err=True)

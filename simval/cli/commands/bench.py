@@ -4,11 +4,12 @@ from typing import Any
 
 import click
 
+from simval.cli.completing import races
 from simval.cli.options import PATH
 
 
 @click.command(name="bench")
-@click.argument("races", nargs=-1)
+@click.argument("races", nargs=-1, shell_complete=races)
 @click.option(
     "--rounds",
     type=click.IntRange(min=1),

@@ -4,12 +4,13 @@ from typing import Any
 
 import click
 
+from simval.cli.completing import runs
 from simval.cli.options import PATH, alpha_option
 
 
 @click.command(name="compare")
-@click.argument("run_a")
-@click.argument("run_b", required=False)
+@click.argument("run_a", shell_complete=runs)
+@click.argument("run_b", required=False, shell_complete=runs)
 @click.option(
     "--algorithms",
     nargs=2,

@@ -4,11 +4,12 @@ from typing import Any
 
 import click
 
+from simval.cli.completing import runs
 from simval.cli.options import PATH
 
 
 @click.command(name="export")
-@click.argument("run")
+@click.argument("run", shell_complete=runs)
 @click.option(
     "--out",
     type=PATH,

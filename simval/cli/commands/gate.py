@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from simval.cli.completing import runs
 from simval.cli.options import PATH, alpha_option
 from simval.vocabulary import BASELINE
 
@@ -21,7 +22,7 @@ def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> N
 
 
 @click.command(name="gate")
-@click.argument("run")
+@click.argument("run", shell_complete=runs)
 @click.option(
     "--baseline",
     type=PATH,

@@ -4,11 +4,12 @@ from typing import Any
 
 import click
 
+from simval.cli.completing import runs
 from simval.cli.options import PATH, alpha_option
 
 
 @click.command(name="report")
-@click.argument("run")
+@click.argument("run", shell_complete=runs)
 @click.option(
     "--out", type=PATH, help="File to write.  [default: report.html in the run folder]"
 )

@@ -4,14 +4,22 @@ from typing import Any
 
 import click
 
+from simval.cli.completing import runs, suites
+
 
 @click.command(name="repro")
 @click.argument("cell")
 @click.option(
-    "--run", "folder", default="latest", show_default=True, help="Run to compare with."
+    "--run",
+    "folder",
+    shell_complete=runs,
+    default="latest",
+    show_default=True,
+    help="Run to compare with.",
 )
 @click.option(
     "--suite",
+    shell_complete=suites,
     metavar="SUITE",
     help="Suite to search if the run lacks the cell.  [default: the built-in ones]",
 )

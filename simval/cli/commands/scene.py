@@ -4,11 +4,12 @@ from typing import Any
 
 import click
 
+from simval.cli.completing import scenes
 from simval.cli.options import PATH
 
 
 @click.command(name="scene")
-@click.argument("name", default="gimbal")
+@click.argument("name", default="gimbal", shell_complete=scenes)
 @click.option(
     "--sensor",
     type=PATH,

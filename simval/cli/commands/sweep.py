@@ -5,11 +5,12 @@ from typing import Any
 
 import click
 
+from simval.cli.completing import studies, suites
 from simval.cli.options import PATH
 
 
 @click.command(name="sweep")
-@click.argument("suite", default="accuracy")
+@click.argument("suite", default="accuracy", shell_complete=suites)
 @click.option("--out", type=PATH, help="Folder of the run.")
 @click.option(
     "--workers",
@@ -23,6 +24,7 @@ from simval.cli.options import PATH
     "--set",
     "overrides",
     multiple=True,
+    shell_complete=studies,
     metavar="STUDY.KEY=V1[,V2...]",
     help="Replace a value of the suite; may be repeated.",
 )
