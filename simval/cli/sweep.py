@@ -1,8 +1,10 @@
 """What `simval sweep` does."""
 
+import shlex
 from contextlib import nullcontext
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -17,6 +19,9 @@ from simval.sweep.runner import drive
 
 BYTES_PER_ROW = 340
 """In the store and the table together, measured with the accuracy suite."""
+
+GIVEN = ("out", "resume")
+"""Options that a continued sweep has in any case."""
 
 SHOWN = 20
 """Failed cells named one by one; the others are counted."""
@@ -48,15 +53,20 @@ def run(
     if dry_run:
         return _plan(loaded, workers)
     folder = out or _fresh(loaded)
-    with nullcontext(Quiet()) if quiet else CellBar() as progress:
-        drive(
-            loaded,
-            folder,
-            workers=workers,
-            scheduler=scheduler,
-            resume=resume,
-            progress=progress,
-        )
+    try:
+        with nullcontext(Quiet()) if quiet else CellBar() as progress:
+            drive(
+                loaded,
+                folder,
+                workers=workers,
+                scheduler=scheduler,
+                resume=resume,
+                progress=progress,
+            )
+    except KeyboardInterrupt:
+        if (folder / "run.sqlite").exists():
+            click.echo(f"to continue: {resuming(suite, folder)}", err=True)
+        raise
     with store.opened(folder / "run.sqlite") as database:
         failed = store.failures(database)
     refused = [error.startswith(REFUSED) for _, error in failed]
@@ -77,6 +87,20 @@ def run(
         )
     click.echo(str(folder))
     return 4 if not all(refused) else 3 if failed else 0
+
+
+def resuming(suite: str, folder: Path) -> str:
+    """Command that continues an interrupted sweep, as a shell takes it."""
+    context = click.get_current_context()
+    words = ["simval", "sweep", suite, "--out", str(folder)]
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        if parameter.param_type_name == "option" and name not in GIVEN and stated(name):
+            option = max(parameter.opts, key=len)
+            value: Any = context.params[name]
+            for each in value if parameter.multiple else (value,):
+                words += [option] if each is True else [option, str(each)]
+    return shlex.join([*words, "--resume"])
 
 
 def _plan(suite: Suite, workers: int) -> int:
