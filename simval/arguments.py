@@ -15,6 +15,7 @@ import numpy as np
 
 from simval.errors import InputError
 from simval.text import did_you_mean, shown
+from simval.whole import exact
 
 MOST: Final = 10**12  # of anything counted here: more is a slip, and never ends
 
@@ -22,16 +23,16 @@ Kind = TypeVar("Kind")
 
 
 def whole_number(name: str, value: Any, least: int, most: int = MOST) -> int:
-    """Convert to an integer within its limits.
+    """Convert to an integer within its limits; 1e5 is one.
 
     Raises
     ------
     InputError
-        If the value is not an integer (a float is none, nor is True) or is outside.
+        If the value is not a whole number (1.5 is none, nor is True) or is outside.
     """
     limit = f"{least} or more" if most == MOST else f"from {least} to {most}"
     try:
-        number = operator.index(value)
+        number = operator.index(exact(value))
     except TypeError:
         number = least - 1
     if isinstance(value, bool | np.bool_) or not least <= number <= most:

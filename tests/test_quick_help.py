@@ -18,7 +18,7 @@ from simval.scene import scenes
 from simval.studies import STUDIES
 from simval.verdict import ALPHA
 
-OWN = {"simval.cli", "simval.errors", "simval.text", "simval.vocabulary"}
+OWN = {f"simval.{x}" for x in ("cli", "errors", "text", "vocabulary", "whole")}
 """Packages and modules of simval that a help may load."""
 OTHERS = {"click", "typing_extensions"}
 """Packages beside the standard library's that it may load."""

@@ -20,6 +20,7 @@ from simval.sensor.forms import entries
 from simval.shapes import Float
 from simval.theory.gyroscope_planning import GyroscopePlan, plan_gyroscope
 from simval.theory.planning import Plan, plan, pose_noise
+from simval.whole import read
 
 SOURCES = {
     "given": "",
@@ -169,8 +170,8 @@ def named_poses(text: str) -> Float[Array, "n 3"]:
         kind, _, count = name.strip().partition(":")
         if kind in SETS and not count:
             parts.append(SETS[kind]())
-        elif kind == "fibonacci" and count.isdigit() and 0 < int(count) <= 100_000:
-            parts.append(fibonacci_sphere(int(count)))
+        elif kind == "fibonacci" and 0 < (number := read(count) or 0) <= 100_000:
+            parts.append(fibonacci_sphere(number))
         else:
             msg = (
                 f"`--poses` has {name.strip()!r}; it must be fibonacci:N with N from 1 "

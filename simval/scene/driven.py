@@ -26,11 +26,8 @@ def pose_directions(poses: object) -> Float[Array, "k 3"]:
     InputError
         If there is none, or a vector is zero.
     """
-    if isinstance(poses, int | np.integer):
-        if not 1 <= poses <= MOST_POSES:
-            msg = f"`poses` is {poses}; give a number from 1 to {MOST_POSES}"
-            raise InputError(msg)
-        return fibonacci_sphere(int(poses))
+    if isinstance(poses, int | float | np.number):
+        return fibonacci_sphere(whole_number("poses", poses, 1, MOST_POSES))
     given = normalize(finite_array("poses", poses, (None, 3)))
     if given.ndim != 2 or len(given) == 0:
         msg = f"`poses` has shape {given.shape}; (k, 3) with k of 1 or more"

@@ -20,7 +20,14 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    create_model,
+)
 from pydantic.fields import FieldInfo
 
 from simval.errors import InputError
@@ -29,10 +36,12 @@ from simval.studies.study import Cell
 from simval.sweep.paths import kept_inside
 from simval.text import did_you_mean
 from simval.vocabulary import builtin_suites
+from simval.whole import exact
 
 Model = TypeVar("Model", bound=BaseModel)
 NonEmpty = Field(min_length=1)
-Seed = Annotated[int, Field(ge=0, lt=2**63)]
+WHOLE = BeforeValidator(exact)
+Seed = Annotated[int, Field(ge=0, lt=2**63), WHOLE]
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,7 +194,7 @@ def _annotated(info: FieldInfo) -> Any:
     annotation: Any = info.annotation
     for constraint in info.metadata:
         annotation = Annotated[annotation, constraint]
-    return annotation
+    return Annotated[annotation, WHOLE] if info.annotation is int else annotation
 
 
 def _read(name: str) -> tuple[str, str]:

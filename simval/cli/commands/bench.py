@@ -5,14 +5,14 @@ from typing import Any
 import click
 
 from simval.cli.completing import races
-from simval.cli.options import PATH
+from simval.cli.options import PATH, Whole
 
 
 @click.command(name="bench")
 @click.argument("races", nargs=-1, shell_complete=races)
 @click.option(
     "--rounds",
-    type=click.IntRange(min=1),
+    type=Whole(min=1),
     default=7,
     show_default=True,
     help="Rounds to run.",

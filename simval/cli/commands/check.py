@@ -4,14 +4,14 @@ from typing import Any
 
 import click
 
-from simval.cli.options import alpha_option
+from simval.cli.options import Whole, alpha_option
 
 
 @click.command(name="check")
 @click.argument("plugin")
 @click.option(
     "--seed",
-    type=click.IntRange(min=0),
+    type=Whole(min=0),
     default=1,
     show_default=True,
     help="Seed of the noise.",

@@ -5,7 +5,7 @@ from typing import Any
 import click
 
 from simval.cli.completing import scenes
-from simval.cli.options import PATH
+from simval.cli.options import PATH, Whole
 
 
 @click.command(name="scene")
@@ -19,7 +19,7 @@ from simval.cli.options import PATH
 @click.option("--out", type=PATH, help="Write the log, CSV.")
 @click.option(
     "--every",
-    type=click.IntRange(min=1),
+    type=Whole(min=1),
     default=1,
     help="Keep every so many rows in the log, with the turn of all steps between.",
 )
@@ -36,9 +36,7 @@ from simval.cli.options import PATH
     metavar="KEY=VALUE",
     help="A parameter of the scene, or site_offset, timestep, integrator.",
 )
-@click.option(
-    "--seed", type=click.IntRange(min=0), default=0, help="Seed of the noise."
-)
+@click.option("--seed", type=Whole(min=0), default=0, help="Seed of the noise.")
 @click.option("--seconds", type=float, default=8.0, help="Length of an animation, s.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def command(**options: Any) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from simval.cli.completing import studies, suites
-from simval.cli.options import PATH
+from simval.cli.options import PATH, Whole
 
 
 @click.command(name="sweep")
@@ -14,12 +14,12 @@ from simval.cli.options import PATH
 @click.option("--out", type=PATH, help="Folder of the run.")
 @click.option(
     "--workers",
-    type=click.IntRange(min=1),
+    type=Whole(min=1),
     default=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1,
     show_default="the processors there are",
     help="Processes that compute cells.",
 )
-@click.option("--seed", type=click.IntRange(min=0), help="Replace the suite's seed.")
+@click.option("--seed", type=Whole(min=0), help="Replace the suite's seed.")
 @click.option(
     "--set",
     "overrides",
