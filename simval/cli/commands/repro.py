@@ -30,10 +30,12 @@ from simval.cli.completing import runs, suites
     metavar="PLUGIN",
     help="The cell's plug-in, if it has moved; may be repeated.",
 )
+@click.option("--exact", is_flag=True, help="Print all digits.")
 def command(**options: Any) -> int:
     """Compute one CELL again, by its name in a table or a report.
 
-    Compares it with the run. Exit code 0 if it is equal to the bit, 1 if not, 3 if the
+    Prints what it measures beside what theory predicts, and compares it with the run.
+    Exit code 0 if it is equal to the bit, 1 if not, 3 if the
     run does not have it or its plug-in is refused, 4 if it crashes.
     """
     from simval.cli.repro import run
