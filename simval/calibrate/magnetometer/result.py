@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array, frozen
+from simval.calibrate.described import magnetometer_text
 from simval.calibrate.intervals import normal_intervals
 from simval.calibrate.magnetometer.equations import ACCELEROMETER, DIP, IRON, MATRIX
 from simval.errors import ConvergenceError, InputError
@@ -79,6 +80,9 @@ class MagnetometerFit:
     def __post_init__(self) -> None:
         for name in _ARRAYS:
             object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    def __str__(self) -> str:
+        return magnetometer_text(self)
 
     @property
     def names(self) -> tuple[str, ...]:
