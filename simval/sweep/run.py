@@ -22,6 +22,7 @@ from simval.results import COLUMNS
 from simval.sweep import store
 from simval.sweep.cells import CellResult, read_cell, read_cells, read_heads
 from simval.sweep.documents import read_timing
+from simval.sweep.frame import data_frame
 from simval.sweep.plausible import MAX_SAMPLES
 from simval.sweep.seal import check_files
 from simval.text import nearest
@@ -78,6 +79,23 @@ class Run:
             Those with status ``done``.
         """
         return tuple(c for c in self.cells if c.study == study and c.status == "done")
+
+    def to_pandas(self) -> Any:
+        """Make a data frame of all that was measured; needs the extra ``pandas``.
+
+        Returns
+        -------
+        pandas.DataFrame
+            A line for each row of each finished cell, in the order of the suite:
+            ``cell``, ``study``, ``seed``, a column for each parameter (missing where
+            the study has none of that name), and the columns of results.csv.
+
+        Raises
+        ------
+        InputError
+            If pandas is not installed.
+        """
+        return data_frame(self.cells)
 
 
 def load_run(folder: str | Path) -> Run:
