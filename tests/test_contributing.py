@@ -27,7 +27,9 @@ def checkout(tmp_path_factory):
     studies = folder / "simval" / "studies"
     (studies / "coin.py").write_text(BLOCKS[0], encoding="utf-8")
     names = folder / "simval" / "vocabulary.py"
-    changed = names.read_text(encoding="utf-8").replace('    "coverage",\n', '    "coin",\n    "coverage",\n')
+    changed = names.read_text(encoding="utf-8").replace(
+        '    "coverage",\n', '    "coin",\n    "coverage",\n'
+    )
     assert changed.count("coin") == 1
     names.write_text(changed, encoding="utf-8")
     return folder
