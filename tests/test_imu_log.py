@@ -49,9 +49,7 @@ def path(tmp_path_factory):
     """A log of nine axes at 100 Hz, with the truth beside it."""
     folder = tmp_path_factory.mktemp("imu")
     (folder / "imu.toml").write_text(SENSORS)
-    run_of = simulate(
-        "gimbal", directions=16, first_hold=12.0, hold_time=1.6, move_time=1.5
-    )
+    run_of = simulate("gimbal", poses=16, first_hold=12.0, hold_time=1.6, move_time=1.5)
     motion = motion_of(run_of, 5)
     imu = load_imu(folder / "imu.toml")
     readings = read_imu(imu, motion, np.random.default_rng(8))

@@ -10,7 +10,7 @@ from places import RECORDINGS
 
 from simval.calibrate import calibrate
 from simval.cli import run
-from simval.cli.calibrate import command
+from simval.cli.commands.calibrate import command
 from simval.errors import RefusedError
 from simval.logs import read_log
 from simval.multiposition import calibrate_log

@@ -68,7 +68,7 @@ def test_the_score_of_a_case_by_hand():
 
 
 def test_what_is_still_is_the_simulations_own_rest():
-    trajectory = simulate("gimbal", directions=4)
+    trajectory = simulate("gimbal", poses=4)
     truth = thinned(trajectory)
     assert len(truth.time) == -(-len(trajectory.time) // 5)
     assert truth.still[truth.hold >= 0].all()

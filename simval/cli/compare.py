@@ -1,4 +1,4 @@
-"""`simval compare`."""
+"""What `simval compare` does."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -7,7 +7,7 @@ from statistics import median
 import click
 from rich.console import Console
 
-from simval.cli.options import PATH, alpha_option, refuse_if, write
+from simval.cli.options import refuse_if, write
 from simval.compare import (
     AlgorithmComparison,
     Difference,
@@ -24,35 +24,14 @@ SHOWN = 40
 """Changes printed one by one; the others are counted."""
 
 
-@click.command(name="compare")
-@click.argument("run_a")
-@click.argument("run_b", required=False)
-@click.option(
-    "--algorithms",
-    nargs=2,
-    metavar="A B",
-    help="Set two algorithms of RUN_A against each other instead: names as the report "
-    "has them, without the file where that is clear.",
-)
-@click.option(
-    "--out",
-    type=PATH,
-    help="Write an HTML page, with both curves of each change in one figure.",
-)
-@alpha_option
-def command(
+def run(
     run_a: str,
     run_b: str | None,
     algorithms: tuple[str, str] | None,
     out: Path | None,
     alpha: float,
 ) -> int:
-    """Show what changed from RUN_A to RUN_B beyond its uncertainty, largest first.
-
-    Each is a folder, or `latest`. With --algorithms A B: in what A is better or worse
-    than B in RUN_A, by how much. Exit code 0, or 3 if there is nothing in common. To
-    fail on a change, use `simval gate` with a baseline.
-    """
+    """Do what `simval compare` is asked."""
     if algorithms:
         return _algorithms(run_a, run_b, algorithms, out, alpha)
     if run_b is None:

@@ -1,6 +1,5 @@
-"""`simval gate`."""
+"""What `simval gate` does."""
 
-import json
 import os
 from collections.abc import Iterator
 from contextlib import suppress
@@ -11,10 +10,9 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from simval.cli.options import PATH, alpha_option, refuse_if, stated, write
+from simval.cli.options import refuse_if, stated, write
 from simval.errors import InputError
 from simval.gate import (
-    BASELINE,
     GateResult,
     findings,
     headline,
@@ -23,7 +21,6 @@ from simval.gate import (
     write_baseline,
 )
 from simval.gate.formats import (
-    Document,
     annotations,
     details,
     to_json,
@@ -38,42 +35,8 @@ from simval.text import one_line
 SHOWN = 40
 """Failures printed one by one; the others are counted."""
 
-FILE = click.Path(path_type=Path, dir_okay=False)
 
-
-def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> None:
-    if wanted:
-        click.echo(json.dumps(Document.model_json_schema(), indent=1))
-        context.exit(0)
-
-
-@click.command(name="gate")
-@click.argument("run")
-@click.option(
-    "--baseline",
-    type=PATH,
-    default=BASELINE,
-    show_default=True,
-    help="Stored statistics to compare with.",
-)
-@click.option(
-    "--update-baseline", metavar="REASON", help="Store this run, with the reason."
-)
-@click.option("--no-baseline", is_flag=True, help="Judge against theory only.")
-@alpha_option
-@click.option("--junit", type=FILE, help="Write JUnit XML.")
-@click.option("--summary", type=FILE, help="Write a Markdown summary.")
-@click.option("--json", "json_file", type=FILE, help="Write every finding as JSON.")
-@click.option("--table", is_flag=True, help="Print the counts of all checks.")
-@click.option(
-    "--json-schema",
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=_print_schema,
-    help="Print the JSON Schema of --json and stop.",
-)
-def command(
+def run(
     run: str,
     baseline: Path,
     update_baseline: str | None,
@@ -84,12 +47,7 @@ def command(
     json_file: Path | None,
     table: bool,
 ) -> int:
-    """Judge RUN (a folder, or `latest`) against theory and the baseline.
-
-    Exit code 0 pass, 1 fail, 3 inconclusive, refused or nothing measured, 4 a cell
-    crashed.
-    In a GitHub workflow it annotates failures and writes the step summary.
-    """
+    """Do what `simval gate` is asked."""
     refuse_if(
         no_baseline and (update_baseline is not None or stated("baseline")),
         "`--no-baseline` excludes `--baseline` and `--update-baseline`; give one",

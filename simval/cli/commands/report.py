@@ -1,0 +1,43 @@
+"""`simval report`."""
+
+from typing import Any
+
+import click
+
+from simval.cli.completing import runs
+from simval.cli.options import PATH, alpha_option
+
+
+@click.command(name="report")
+@click.argument("run", shell_complete=runs)
+@click.option(
+    "--out", type=PATH, help="File to write.  [default: report.html in the run folder]"
+)
+@click.option(
+    "--figures",
+    "pictures",
+    type=PATH,
+    help="Write each figure to this folder, as SVG and PNG.",
+)
+@click.option(
+    "--only",
+    "names",
+    multiple=True,
+    metavar="NAME",
+    help="With --figures: only this figure; may be repeated.",
+)
+@click.option(
+    "--tables",
+    "lists",
+    type=PATH,
+    help="Write each table, whole, to this folder as CSV.",
+)
+@alpha_option
+def command(**options: Any) -> int:
+    """Write RUN (a folder, or `latest`) as one self-contained HTML file.
+
+    The last line printed is the path of the file.
+    """
+    from simval.cli.report import run
+
+    return run(**options)
