@@ -8,11 +8,11 @@ command above; one that is not 0 must be followed by it.
 
 What a page shows is what is printed, by this rule: words are equal to the letter; the
 number of blanks is free, for columns widen with their numbers; whole numbers are equal;
-any other number may differ by one unit in its last printed digit, for other versions and
-processors round otherwise, and two numbers below 1e-12 are both rounding.
+any other number may differ by one unit in its last printed digit, for other versions
+and processors round otherwise, and two numbers below 1e-12 are both rounding.
 
-`python tests/walkthrough.py docs/tutorials/*.md` runs pages and writes into them what is
-printed now; read the difference before it is committed.
+`python tests/walkthrough.py docs/tutorials/*.md` runs pages and writes into them what
+is printed now; read the difference before it is committed.
 """
 
 import contextlib
@@ -39,7 +39,7 @@ LEFT_OUT = "..."
 
 @dataclass(frozen=True)
 class Command:
-    """One line after `$`, where it stands, and the lines that the page shows below it."""
+    """One line after `$`, where it stands, and the lines that the page shows."""
 
     words: str
     line: int
@@ -112,7 +112,7 @@ class Walk:
                 out, self.code = f"{self.code}\n", 0
             else:
                 self.code, out = called(command.words, self.folder)
-            self.printed[command.line] = lines = out.rstrip("\n").splitlines()
+            self.printed[command.line] = lines = _lines(out)
             at = f"{self.page.name}:{command.line}: $ {command.words}"
             if not same(command.shown, lines):
                 now = "\n".join(difflib.ndiff(command.shown, lines))
@@ -146,7 +146,9 @@ def called(words, folder):
             code = run(_quick(head))
         text = out.getvalue()
         if tail:
-            text = _shell(f"cat {tail}", text).stdout
+            done = _shell(f"cat {tail}", text)
+            text = done.stdout
+            code = code if tail.startswith(">") else done.returncode  # as a shell does
         return code, text + err.getvalue() * (code == 2)
 
 
@@ -185,6 +187,10 @@ def _same(line, other):
     if _words(line) != _words(other):
         return False
     return all(map(_close, NUMBER.findall(line), NUMBER.findall(other)))
+
+
+def _lines(text):
+    return [line.rstrip() for line in text.rstrip("\n").splitlines()]
 
 
 def _words(line):
