@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import venv
+import zipfile
 
 import pytest
 from places import ROOT
@@ -23,6 +24,11 @@ def test_the_wheel_finds_its_models_and_runs_the_smoke_suite(tmp_path):
     pip = ("-m", "pip", "--quiet", "--disable-pip-version-check")
     run(sys.executable, *pip, "wheel", "--no-deps", "-w", tmp_path, ROOT)
     (wheel,) = tmp_path.glob("simval-*.whl")
+    with zipfile.ZipFile(wheel) as files:
+        (name,) = [n for n in files.namelist() if n.endswith("METADATA")]
+        description = files.read(name).decode("utf-8").partition("\n\n# simval\n")[2]
+    assert "Three questions" in description
+    assert "](" not in description  # no link to a file that is not there
     venv.create(tmp_path / "empty", with_pip=True)
     python = tmp_path / "empty" / "bin" / "python"
     run(python, *pip, "install", wheel)
@@ -35,3 +41,12 @@ def test_the_wheel_finds_its_models_and_runs_the_smoke_suite(tmp_path):
     assert "site-packages" in run(python, "-c", models, **outside)
     report = run(program, "report", tmp_path / "run", **outside)
     assert report.splitlines()[-1].endswith("report.html")
+
+
+@pytest.mark.parametrize("source", [ROOT, f"git+file://{ROOT}"])
+def test_the_readmes_other_ways_to_install(tmp_path, source):
+    if str(source).startswith("git") and not (ROOT / ".git").exists():
+        pytest.skip("not a git repository")
+    pip = (sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check")
+    run(*pip, "install", "--no-deps", "--target", tmp_path, source)
+    assert (tmp_path / "simval" / "models" / "gimbal.xml").is_file()
