@@ -5,7 +5,7 @@ from pathlib import Path
 
 from hatchling.metadata.plugin.interface import MetadataHookInterface
 
-IMAGE = re.compile(r"!\[([^\]]*)\]\((?!\w+:)[^)]+\)\n*")
+IMAGE = re.compile(r"!\[([^\]]*)\]\((?!\w+:)([^)]+)\)")
 LINK = re.compile(r"(?<!!)\[([^\]]*)\]\((?!\w+:)([^)#]+)(?:#[^)]*)?\)")
 EITHER = re.compile(r"(!?\[[^\]]*\]\()(?!\w+:|#)")
 
@@ -13,12 +13,12 @@ EITHER = re.compile(r"(!?\[[^\]]*\]\()(?!\w+:|#)")
 def described(text, base=""):
     """README's text for a page that is not beside the repository's files.
 
-    With the address of the files every link and picture is absolute. Without one a
-    picture is left out and a link is its words and the file's path in the checkout.
+    With the address of the files every link and picture is absolute. Without one, a
+    picture is its description, and a link its words and the file's path in the checkout.
     """
     if base:
         return EITHER.sub(rf"\g<1>{base.rstrip('/')}/", text)
-    return LINK.sub(_path, IMAGE.sub("", text))
+    return LINK.sub(_path, IMAGE.sub(r"*Figure: \1 (`\2`)*", text))
 
 
 def _path(link):

@@ -78,6 +78,7 @@ def test_the_wheels_name_is_the_version():
 def test_the_packages_description_needs_no_files(described):
     text = described(TEXT)
     assert "](" not in text
+    assert text.count("*Figure: ") == 3
     assert "how many poses do I need? (`docs/tutorials/question.md`)" in text
     assert described("[a](#b) and [c](https://d)") == "[a](#b) and [c](https://d)"
 
