@@ -14,7 +14,7 @@ def described(text, base=""):
     """README's text for a page that is not beside the repository's files.
 
     With the address of the files every link and picture is absolute. Without one, a
-    picture is its description, and a link its words and the file's path in the checkout.
+    picture is its description, and a link its words and the path of the file.
     """
     if base:
         return EITHER.sub(rf"\g<1>{base.rstrip('/')}/", text)
