@@ -49,6 +49,13 @@ sample: .venv/installed
 	$(BIN)/simval sweep reports/sample.toml --out reports/runs/sample
 	$(BIN)/simval report reports/runs/sample --out reports/sample.html --figures reports/figures \
 	  --only orders --only summary-attitude --only summary-calibration --only budget
+	rm -rf reports/runs/before reports/runs/after && mkdir -p reports/runs/changed
+	sed 's/dt \* self.Q/dt**2 * self.Q/' docs/examples/kalman.py > reports/runs/changed/kalman.py
+	$(BIN)/simval sweep reports/worse.toml --out reports/runs/before \
+	  --set filter.algorithm=docs/examples/kalman.py
+	$(BIN)/simval sweep reports/worse.toml --out reports/runs/after \
+	  --set filter.algorithm=reports/runs/changed/kalman.py
+	$(BIN)/python docs/examples/worse.py reports/runs/before reports/runs/after reports/figures/worse.svg
 
 # the public packages side by side: the committed report and its facts; a package that is
 # refused (3) is what it shows
