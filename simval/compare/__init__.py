@@ -2,6 +2,7 @@
 
 `matching` finds what two runs have in common, `differences` judges it. `merits` reads
 what an algorithm is worth from the rows of its cells, `algorithms` compares two.
+`moves` says which way values moved, and puts together those of a kind.
 """
 
 from simval.compare.algorithms import (
@@ -11,13 +12,17 @@ from simval.compare.algorithms import (
 )
 from simval.compare.differences import Difference, RunComparison, compare_runs
 from simval.compare.matching import match
+from simval.compare.moves import Move, Step, moved
 
 __all__ = [
     "AlgorithmComparison",
     "Difference",
     "Merit",
+    "Move",
     "RunComparison",
+    "Step",
     "compare_algorithms",
     "compare_runs",
     "match",
+    "moved",
 ]
