@@ -151,9 +151,9 @@ def test_moves_are_sorted_by_how_far():
         (
             [step("norm", 1.0, 0.9, standing="neither"), step("norm", 1.0, 1.2,
              standing="neither")],
-            "moved by up to 20 % either way in",
+            ": by up to 20 % either way in",
         ),
-        ([step("bias[x]", -1.0, 1.0, standing="neither")], "moved by up to 2 in"),
+        ([step("bias[x]", -1.0, 1.0, standing="neither")], ": by up to 2 in"),
         ([step(after=4.0, error=0.001)], "up to 3,000 standard errors"),
         ([step(error=0.0)], "in its only cell, no chance involved"),
     ],

@@ -1,6 +1,6 @@
 """`simval compare`."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from statistics import median
 
@@ -10,18 +10,31 @@ from rich.console import Console
 from simval.cli.options import PATH, alpha_option, refuse_if, write
 from simval.compare import (
     AlgorithmComparison,
-    Difference,
     Merit,
+    Move,
     RunComparison,
+    Step,
     compare_algorithms,
     compare_runs,
+    moved,
 )
 from simval.compare.algorithms import ACCURACY, FAILURES, HONESTY
+from simval.compare.documents import comparison_json
+from simval.compare.matching import shared_words
+from simval.compare.moves import Standing
+from simval.compare.origin import origin_of
 from simval.errors import InputError
 from simval.sweep import load_run
+from simval.sweep.run import Run
+from simval.text import one_line
 
-SHOWN = 40
-"""Changes printed one by one; the others are counted."""
+SHOWN = 12
+"""Kinds of change printed with the value that moved most; the others are counted."""
+
+MERITS = 40
+"""Qualities of two algorithms printed one by one; the others are counted."""
+
+WAYS: tuple[Standing, ...] = ("worse", "better", "neither")
 
 
 @click.command(name="compare")
@@ -39,33 +52,49 @@ SHOWN = 40
     type=PATH,
     help="Write an HTML page, with both curves of each change in one figure.",
 )
+@click.option("--all", "every", is_flag=True, help="Print every value that changed.")
+@click.option("--csv", "csv_file", type=PATH, help="Write every common value as CSV.")
+@click.option("--json", "json_file", type=PATH, help="Write what moved as JSON.")
 @alpha_option
 def command(
     run_a: str,
     run_b: str | None,
     algorithms: tuple[str, str] | None,
     out: Path | None,
+    every: bool,
+    csv_file: Path | None,
+    json_file: Path | None,
     alpha: float,
 ) -> int:
-    """Show what changed from RUN_A to RUN_B beyond its uncertainty, largest first.
+    """Show what became better or worse from RUN_A to RUN_B, largest first.
 
-    Each is a folder, or `latest`. With --algorithms A B: in what A is better or worse
-    than B in RUN_A, by how much. Exit code 0, or 3 if there is nothing in common. To
-    fail on a change, use `simval gate` with a baseline.
+    Each is a folder, or `latest`; the runs may be of two commits, and the first lines
+    name them. Only what changed beyond its uncertainty is shown. With --algorithms A B:
+    in what A is better or worse than B in RUN_A, by how much. Exit code 0, or 3 if
+    there is nothing in common. To fail on a change, use `simval gate` with a baseline;
+    for more than two runs, `simval trend`.
     """
     if algorithms:
-        return _algorithms(run_a, run_b, algorithms, out, alpha)
+        files = (out, csv_file, json_file)
+        return _algorithms(run_a, run_b, algorithms, files, alpha)
     if run_b is None:
         msg = "give two runs, or one with `--algorithms A B`"
         raise InputError(msg)
     a, b = load_run(run_a), load_run(run_b)
     comparison = compare_runs(a, b, alpha)
-    show(comparison)
-    if out is not None:
-        from simval.report import render_comparison  # drawing takes a second to load
+    show(a, b, comparison, every=every)
+    if json_file is not None:
+        write(json_file, comparison_json(a, b, comparison))
+    if out is not None or csv_file is not None:
+        from simval.report import comparison as page  # drawing takes a second to load
+        from simval.report import csv_text
 
-        write(out, render_comparison(a, b, comparison))
-        click.echo(str(out))
+        if csv_file is not None:
+            write(csv_file, csv_text(page.differences_table(comparison)))
+        if out is not None:
+            write(out, page.render_comparison(a, b, comparison))
+    for file in filter(None, (csv_file, json_file, out)):
+        click.echo(str(file))
     return 0 if comparison.differences else 3
 
 
@@ -73,14 +102,15 @@ def _algorithms(
     run_a: str,
     run_b: str | None,
     names: tuple[str, str],
-    out: Path | None,
+    files: tuple[Path | None, ...],
     alpha: float,
 ) -> int:
     """Compare two algorithms of one run."""
     refuse_if(run_b is not None, "`--algorithms` compares within one run; give one run")
     refuse_if(
-        out is not None,
-        "`--out` shows two runs; `simval report` has the table of all algorithms",
+        any(file is not None for file in files),
+        "`--out`, `--csv` and `--json` are of two runs; `simval report` has the table "
+        "of all algorithms",
     )
     run = load_run(run_a)
     found = compare_algorithms(run, *names, alpha)
@@ -96,19 +126,9 @@ def _algorithms(
 
 
 def show_algorithms(found: AlgorithmComparison) -> None:
-    """Print in what the first is better or worse, and the bound of the rest."""
+    """Print how often the first is better or worse, in what, and bound the rest."""
     console = Console(highlight=False, soft_wrap=True)
     first, second = found.names
-    apart = [m for m in found.merits if m.standing != "same"]
-    for merit in apart[:SHOWN]:
-        console.print(_merit_line(merit, first, second), markup=False)
-    if len(apart) > SHOWN:
-        console.print(f"... and {len(apart) - SHOWN} more")
-    for line in _same_lines(found):
-        console.print(line, markup=False)
-    if found.alone:
-        one = found.alone[0]
-        console.print(f"{len(found.alone)} cells of one alone: {one}", markup=False)
     if not found.merits:
         console.print(f"{first} and {second} have nothing in common", markup=False)
         return
@@ -120,13 +140,25 @@ def show_algorithms(found: AlgorithmComparison) -> None:
         f"{found.alpha:g} for all together",
         markup=False,
     )
+    apart = [m for m in found.merits if m.standing != "same"]
+    for merit in sorted(apart, key=lambda m: -m.weight)[:MERITS]:
+        console.print(_merit_line(merit, first, second), markup=False)
+    if len(apart) > MERITS:
+        console.print(f"... and {len(apart) - MERITS} more")
+    for line in _same_lines(found):
+        console.print(line, markup=False)
+    if found.alone:
+        one = found.alone[0]
+        console.print(f"{len(found.alone)} cells of one alone: {one}", markup=False)
 
 
 def _merit_line(merit: Merit, first: str, second: str) -> str:
     if merit.what == ACCURACY:
         size = f"{100.0 * abs(merit.difference):.3g} %"
         if merit.error > 0.0:
-            size += f" ± {100.0 * merit.error:.2g} %"
+            size += (
+                f" ± {100.0 * merit.error:.2g} % ({merit.weight:.3g} standard errors)"
+            )
         return (
             f"{merit.standing}: {first} has an RMS error "
             f"{'smaller' if merit.standing == 'better' else 'greater'} by {size} than "
@@ -171,39 +203,62 @@ def _times_of(
     return median(ratios) if ratios else None
 
 
-def show(comparison: RunComparison) -> None:
-    """Print the changes, then other differences."""
-    console = Console(highlight=False, soft_wrap=True)
-    changed = comparison.of("changed")
-    for difference in changed[:SHOWN]:
-        console.print(_line(difference), markup=False)
-    if len(changed) > SHOWN:
-        console.print(f"... and {len(changed) - SHOWN} more; --out writes them")
-    for line in comparison.environment:
-        console.print(f"environment: {line}", markup=False)
-    for name, missing in (("A", comparison.only_a), ("B", comparison.only_b)):
-        if missing:
-            console.print(f"{len(missing)} only in {name}: {missing[0]}", markup=False)
-    predictions = sum(d.prediction_changed for d in comparison.differences)
-    if predictions:
-        console.print(f"{predictions} predictions of theory changed")
-    if not comparison.differences:
-        console.print("the runs have nothing in common")
-        return
-    console.print(
-        f"{len(changed)} of {len(comparison.differences)} common statistics changed "
-        f"beyond their uncertainty, {len(comparison.of('moved'))} moved within it on "
-        f"the same noise; false-alarm rate {comparison.alpha:g} for all together"
+def show(a: Run, b: Run, found: RunComparison, *, every: bool = False) -> None:
+    """Print how many values changed, then what and which way."""
+    lines = [f"A is {origin_of(a).words}", f"B is {origin_of(b).words}"]
+    if found.differences:
+        lines += [headline(found), *move_lines(moved(found.steps), every)]
+        lines += _other_lines(found)
+    else:
+        lines.append(f"the runs have nothing in common: {shared_words(a, b)}")
+    console = Console(highlight=False, soft_wrap=True, emoji=False)
+    for line in lines:
+        indent = line[: len(line) - len(line.lstrip())]
+        console.print(f"{indent}{one_line(line)}", markup=False)
+
+
+def headline(found: RunComparison) -> str:
+    """How many values changed, and which way."""
+    changed, within = found.of("changed"), found.of("moved")
+    ways = [f"{found.count(way):,} {way}" for way in WAYS if found.count(way)]
+    return (
+        f"{len(changed):,} of {len(found.differences):,} common statistics changed "
+        f"beyond their uncertainty{': ' if ways else ''}{', '.join(ways)}; "
+        f"{len(within):,} moved within it on the same noise; false-alarm rate "
+        f"{found.alpha:g} for all together"
     )
 
 
-def _line(difference: Difference) -> str:
-    a, b, sigmas = difference.a, difference.b, difference.sigmas
-    size = "deterministic" if sigmas is None else f"{sigmas:+.1f} standard errors"
-    unit = "" if a.unit == "1" else f" {a.unit}"
-    relative = difference.relative
+def move_lines(moves: Sequence[Move], every: bool = False) -> Iterator[str]:
+    """What moved, each with the value that moved most, or with every value."""
+    for move in moves if every else moves[:SHOWN]:
+        yield f"{move.way}: {move.sentence}"
+        for step in move.steps if every else move.steps[:1]:
+            yield f"    {value_line(step)}"
+    hidden = () if every else moves[SHOWN:]
+    if hidden:
+        values = sum(len(move.steps) for move in hidden)
+        yield f"... and {len(hidden)} more kinds ({values} values); --all shows them"
+
+
+def _other_lines(found: RunComparison) -> Iterator[str]:
+    for line in found.environment:
+        yield f"environment: {line}"
+    for name, missing in (("A", found.only_a), ("B", found.only_b)):
+        if missing:
+            yield f"{len(missing)} only in {name}: {missing[0]}"
+    predictions = sum(d.prediction_changed for d in found.differences)
+    if predictions:
+        yield f"{predictions} predictions of theory changed"
+
+
+def value_line(step: Step) -> str:
+    """One value before and after, with its cell."""
+    sigmas, relative = step.sigmas, step.relative
+    size = "no chance involved" if sigmas is None else f"{sigmas:+.3g} standard errors"
     share = "" if relative is None else f", {100.0 * relative:+.3g} %"
+    unit = "" if step.statistic.unit == "1" else f" {step.statistic.unit}"
     return (
-        f"changed: {difference.cells[1]} {difference.name}: "
-        f"{a.value:.6g} -> {b.value:.6g}{unit}, {size}{share}"
+        f"{step.cell} {step.statistic}: {step.before:.6g} -> {step.after:.6g}{unit}, "
+        f"{size}{share}"
     )

@@ -93,6 +93,11 @@ class Merit:
         """Bound of the difference, at 95 %."""
         return abs(self.difference) + TOST_QUANTILE * self.error
 
+    @property
+    def weight(self) -> float:
+        """Difference in standard errors, for sorting; in hundredths without chance."""
+        return abs(self.difference) / (self.error or 0.01)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AlgorithmComparison:

@@ -25,6 +25,9 @@ from simval.statistics import Statistic
 
 Standing = Literal["better", "worse", "neither"]
 
+AIMED = ("zero", "prediction")
+"""Directions that are towards a point."""
+
 PARAMETER = re.compile(r"([A-Z])(?:_[a-z]+)?")
 """One parameter of a kind: ``K_x`` of the scale factors K."""
 
@@ -71,17 +74,20 @@ class Step:
 
     @property
     def relative(self) -> float | None:
-        """Change over the size before; None where that is zero."""
-        return (self.after - self.before) / abs(self.before) if self.before else None
+        """Change over the size before; None of zero, or where zero is aimed at."""
+        if not self.before or self.statistic.better == "zero":
+            return None
+        return (self.after - self.before) / abs(self.before)
 
     @property
     def weight(self) -> float:
         """How far it moved, for sorting."""
         size = self.sigmas
-        if size is None and self.relative is not None:
-            size = self.relative / self.statistic.family.margin
-        if size is None and self.after == self.before:
+        if self.after == self.before:
             return 0.0
+        if size is None and self.before:
+            share = (self.after - self.before) / self.before
+            size = share / self.statistic.family.margin
         return abs(size) if size is not None and isfinite(size) else inf
 
     @property
@@ -136,7 +142,7 @@ class Move:
     def size(self) -> str:
         """By how much, in words: ``1.7 % larger``."""
         aim = self.worst.statistic.better
-        if aim in ("zero", "prediction"):
+        if aim in AIMED:
             return self._distance("0" if aim == "zero" else "its prediction")
         shares = [step.relative for step in self.steps]
         known = [share for share in shares if share is not None and isfinite(share)]
@@ -144,7 +150,7 @@ class Move:
             step = self.worst
             return f"from {step.before:.4g} to {step.after:.4g}"
         if min(known) < 0.0 < max(known):
-            return f"moved by up to {_percent(max(map(abs, known)))} either way"
+            return f"by up to {_percent(max(map(abs, known)))} either way"
         return _larger(known)
 
     @property
@@ -166,7 +172,7 @@ class Move:
         suffix = "" if unit == "1" else f" {unit}"
         if self.standing == "neither":
             step = max(abs(step.after - step.before) for step in self.steps)
-            return f"moved by up to {step:.2g}{suffix}"
+            return f"by up to {step:.2g}{suffix}"
         step = max(abs(step.loss_change) for step in self.steps)
         way = "nearer to" if self.standing == "better" else "farther from"
         return f"{way} {aim} by up to {step:.2g}{suffix}"

@@ -12,11 +12,8 @@ from collections.abc import Iterable, Iterator
 import scipy
 
 from simval.compare import Step
-from simval.compare.moves import loss, standing
+from simval.compare.moves import AIMED, loss, standing
 from simval.gate.comparison import Comparison
-
-DISTANCES = ("zero", "prediction")
-"""Directions that are towards a point."""
 
 
 def steps_of(comparisons: Iterable[Comparison], alpha: float) -> tuple[Step, ...]:
@@ -31,7 +28,7 @@ def _steps(members: Iterable[Comparison], quantile: float) -> Iterator[Step]:
         if each.measured is None or each.stored is None or each.value is None:
             continue
         least = each.margin
-        if each.measured.better in DISTANCES:
+        if each.measured.better in AIMED:
             least = max(least, quantile * each.standard_error)
         change = loss(each.measured, each.value, each.predictions[1]) - loss(
             each.measured, each.stored, each.predictions[0]

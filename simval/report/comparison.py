@@ -61,7 +61,7 @@ def comparison_sections(
             predictions=moved,
             alpha=comparison.alpha,
         ),
-        made("differences", "Differences", tables=[_table(comparison)]),
+        made("differences", "Differences", tables=[differences_table(comparison)]),
         made(
             "dependencies",
             "What the runs depend on",
@@ -176,7 +176,8 @@ def _positive(curves: list[Curve], name: str) -> bool:
     return bool(values) and min(values) > 0.0 and max(values) > 3.0 * min(values)
 
 
-def _table(comparison: RunComparison) -> Table:
+def differences_table(comparison: RunComparison) -> Table:
+    """Make the table of every common statistic, changed ones first."""
     rows = [
         (
             d.kind,
