@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -30,13 +30,17 @@ from simval.gate.formats import (
     to_junit,
     to_markdown,
 )
+from simval.gate.groups import Group, groups
 from simval.sweep import load_run
 from simval.sweep.provenance import source_hash
 from simval.sweep.run import Run
 from simval.text import one_line
 
-SHOWN = 40
-"""Failures printed one by one; the others are counted."""
+LINES = 8
+"""Lines printed of what did not pass; two more say how many others, and the answer."""
+
+NAMED = 6
+"""Kinds of the others that are named."""
 
 FILE = click.Path(path_type=Path, dir_okay=False)
 
@@ -64,6 +68,7 @@ def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> N
 @click.option("--junit", type=FILE, help="Write JUnit XML.")
 @click.option("--summary", type=FILE, help="Write a Markdown summary.")
 @click.option("--json", "json_file", type=FILE, help="Write every finding as JSON.")
+@click.option("--all", "every", is_flag=True, help="Print each failure, not by kind.")
 @click.option("--table", is_flag=True, help="Print the counts of all checks.")
 @click.option(
     "--json-schema",
@@ -82,6 +87,7 @@ def command(
     junit: Path | None,
     summary: Path | None,
     json_file: Path | None,
+    every: bool,
     table: bool,
 ) -> int:
     """Judge RUN (a folder, or `latest`) against theory and the baseline.
@@ -103,7 +109,7 @@ def command(
         else _beside_baseline(loaded, baseline, alpha)
     )
     result = replace(result, notes=tuple(_notes(result, loaded, no_baseline)))
-    show(result, table)
+    show(result, table, every)
     if junit is not None:
         _write(junit, to_junit(result))
     if summary is not None:
@@ -172,25 +178,67 @@ def _notes(result: GateResult, run: Run, no_baseline: bool) -> Iterator[str]:
         yield f"{new} statistics are new; the baseline does not hold them yet"
 
 
-def show(result: GateResult, table: bool = False) -> None:
-    """Print one line if all is well, else every failure."""
+def show(result: GateResult, table: bool = False, every: bool = False) -> None:
+    """Print one line if all is well, else what did not pass, in ten lines or all."""
     console = Console(highlight=False, soft_wrap=True, emoji=False)
     if table:
         console.print(_counts(result))
-    bad = [f for f in findings(result) if f.answer != "pass"]
-    for finding in bad[:SHOWN]:
-        first, *rest = details(finding)
-        console.print(first, markup=False)
-        for line in rest:
-            console.print(f"    {line}", markup=False)
-    if len(bad) > SHOWN:
-        console.print(f"... and {len(bad) - SHOWN} more; --json FILE has them all")
+    for line in _every_line(result) if every else _short_lines(result):
+        console.print(line, markup=False)
     for note in result.notes:
         console.print(one_line(note), markup=False)
     console.print(
         f"{result.answer.upper()}: {headline(result)}; "
         f"false-alarm rate {result.alpha:g} for all together"
     )
+
+
+def _every_line(result: GateResult) -> Iterator[str]:
+    """Each finding that did not pass, one by one."""
+    for finding in findings(result):
+        if finding.answer != "pass":
+            yield from _indented(details(finding))
+
+
+def _short_lines(result: GateResult) -> Iterator[str]:
+    """What did not pass: one by one if that is short, else by study and kind."""
+    lines = list(_every_line(result))
+    found = groups(result)
+    if len(lines) <= LINES:
+        yield from lines
+        return
+    shown: list[str] = []
+    hidden = list(found)
+    while hidden and (not shown or len(shown) + len(hidden[0].lines) <= LINES):
+        shown += _indented(hidden.pop(0).lines)
+    yield from shown
+    yield _rest(hidden) + _advice(found)
+
+
+def _rest(hidden: Sequence[Group]) -> str:
+    """What is not shown, and how to see it."""
+    if not hidden:
+        return "--all prints every one"
+    count = sum(len(group.findings) for group in hidden)
+    names = list(dict.fromkeys(group.what for group in hidden))
+    more = "; ..." if len(names) > NAMED else ""
+    return (
+        f"... and {count} more ({'; '.join(names[:NAMED])}{more}): --all prints every "
+        "one, --json FILE writes them"
+    )
+
+
+def _advice(found: Sequence[Group]) -> str:
+    """What to do where the only failures are changes from the baseline."""
+    failed = [group.worst for group in found if group.worst.answer == "fail"]
+    changed = failed and all(f.tier == "baseline" and f.step for f in failed)
+    return "; if the change is intended, --update-baseline 'why'" if changed else ""
+
+
+def _indented(lines: Sequence[str]) -> Iterator[str]:
+    first, *rest = lines
+    yield first
+    yield from (f"    {line}" for line in rest)
 
 
 def _tell_github(result: GateResult) -> None:

@@ -149,9 +149,7 @@ class Move:
         if len(known) < len(shares):
             step = self.worst
             return f"from {step.before:.4g} to {step.after:.4g}"
-        if min(known) < 0.0 < max(known):
-            return f"by up to {_percent(max(map(abs, known)))} either way"
-        return _larger(known)
+        return share_words(known)
 
     @property
     def sentence(self) -> str:
@@ -178,21 +176,23 @@ class Move:
         return f"{way} {aim} by up to {step:.2g}{suffix}"
 
 
-def _larger(shares: Sequence[float]) -> str:
-    """Say a range of relative changes of one sign."""
-    word = "larger" if shares[0] > 0.0 else "smaller"
+def share_words(
+    shares: Sequence[float],
+    words: tuple[str, str, str] = ("larger", "smaller", "times as large"),
+) -> str:
+    """Say a range of relative changes: ``1.5 to 1.8 % larger``."""
+    larger, smaller, times = words
+    if min(shares) < 0.0 < max(shares):
+        return f"by up to {100.0 * max(map(abs, shares)):.2g} % either way"
+    word = larger if max(shares) > 0.0 else smaller
     if max(shares) > 1.0:
-        return f"{_range([1.0 + share for share in shares])} times as large"
+        return f"{_range([1.0 + share for share in shares])} {times}"
     return f"{_range([100.0 * abs(share) for share in shares])} % {word}"
 
 
 def _range(values: Sequence[float]) -> str:
     least, most = f"{min(values):.2g}", f"{max(values):.2g}"
     return most if least == most else f"{least} to {most}"
-
-
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.2g} %"
 
 
 def _digits(sigmas: float) -> str:

@@ -18,30 +18,38 @@ from simval.gate.comparison import Comparison
 
 def steps_of(comparisons: Iterable[Comparison], alpha: float) -> tuple[Step, ...]:
     """Steps of the values that both have."""
+    beside = steps_beside(comparisons, alpha)
+    return tuple(step for _, step in beside if step is not None)
+
+
+def steps_beside(
+    comparisons: Iterable[Comparison], alpha: float
+) -> Iterator[tuple[Comparison, Step | None]]:
+    """Each comparison with its step; None where only one has the value."""
     members = tuple(comparisons)
     quantile = float(-scipy.special.ndtri(alpha / max(len(members), 1) / 2.0))
-    return tuple(_steps(members, quantile))
-
-
-def _steps(members: Iterable[Comparison], quantile: float) -> Iterator[Step]:
     for each in members:
-        if each.measured is None or each.stored is None or each.value is None:
-            continue
-        least = each.margin
-        if each.measured.better in AIMED:
-            least = max(least, quantile * each.standard_error)
-        change = loss(each.measured, each.value, each.predictions[1]) - loss(
-            each.measured, each.stored, each.predictions[0]
-        )
-        moved = each.change == "changed"
-        yield Step(
-            study=each.cell.study,
-            cell=each.cell.name,
-            statistic=each.measured,
-            before=each.stored,
-            after=each.value,
-            error=each.standard_error,
-            moved=moved,
-            standing=standing(change, least) if moved else "neither",
-            predictions=each.predictions,
-        )
+        yield each, _step(each, quantile)
+
+
+def _step(each: Comparison, quantile: float) -> Step | None:
+    if each.measured is None or each.stored is None or each.value is None:
+        return None
+    least = each.margin
+    if each.measured.better in AIMED:
+        least = max(least, quantile * each.standard_error)
+    change = loss(each.measured, each.value, each.predictions[1]) - loss(
+        each.measured, each.stored, each.predictions[0]
+    )
+    moved = each.change == "changed"
+    return Step(
+        study=each.cell.study,
+        cell=each.cell.name,
+        statistic=each.measured,
+        before=each.stored,
+        after=each.value,
+        error=each.standard_error,
+        moved=moved,
+        standing=standing(change, least) if moved else "neither",
+        predictions=each.predictions,
+    )
