@@ -21,8 +21,8 @@ from simval.compare import (
 from simval.compare.algorithms import ACCURACY, FAILURES, HONESTY
 from simval.compare.documents import comparison_json
 from simval.compare.matching import shared_words
-from simval.compare.moves import Standing
 from simval.compare.origin import origin_of
+from simval.compare.trend import WAYS
 from simval.errors import InputError
 from simval.sweep import load_run
 from simval.sweep.run import Run
@@ -33,8 +33,6 @@ SHOWN = 12
 
 MERITS = 40
 """Qualities of two algorithms printed one by one; the others are counted."""
-
-WAYS: tuple[Standing, ...] = ("worse", "better", "neither")
 
 
 @click.command(name="compare")

@@ -14,7 +14,7 @@ and changed if it crossed the limit.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import hypot, inf, isfinite
+from math import hypot, isfinite
 from typing import Literal
 
 import numpy as np
@@ -273,8 +273,4 @@ def _standing(a: Row, b: Row, error: float, limit: float) -> Standing:
 
 def _rank(difference: Difference) -> tuple[int, float, str]:
     kind = {"changed": 0, "moved": 1, "same": 2}[difference.kind]
-    size = difference.sigmas if difference.sigmas is not None else difference.relative
-    distance = inf if size is None or not isfinite(size) else abs(size)
-    if size is None and difference.difference == 0.0:
-        distance = 0.0
-    return kind, -distance, difference.cells[0]
+    return kind, -difference.step.weight, difference.cells[0]

@@ -9,6 +9,7 @@ from typing import Any
 from simval.compare.differences import RunComparison
 from simval.compare.moves import Move, Step, moved
 from simval.compare.origin import origin_of
+from simval.compare.trend import WAYS, Trend
 from simval.sweep.run import Run
 
 
@@ -20,12 +21,34 @@ def comparison_json(a: Run, b: Run, found: RunComparison) -> str:
         "b": asdict(origin_of(b)),
         "alpha": found.alpha,
         "common": len(found.differences),
-        "changed": {way: found.count(way) for way in ("worse", "better", "neither")},
+        "changed": {way: found.count(way) for way in WAYS},
         "moved_within_chance": len(found.of("moved")),
         "moves": moves_of(moved(found.steps)),
         "environment": list(found.environment),
         "only_a": list(found.only_a),
         "only_b": list(found.only_b),
+    }
+    return as_json(document)
+
+
+def trend_json(trend: Trend) -> str:
+    """Write a series of runs: the runs in order, and what moved since which."""
+    document = {
+        "schema_version": 1,
+        "alpha": trend.alpha,
+        "statistics": len(trend.lines),
+        "with_a_step": trend.changed,
+        "runs": [
+            asdict(origin)
+            | {way: trend.count(run, way) for way in WAYS}
+            | {"moved_within_chance": trend.within[run]}
+            for run, origin in enumerate(trend.origins)
+        ],
+        "moves": [
+            {"since_run": trend.origins[run].name, "since": trend.origins[run].label}
+            | moves_of([move])[0]
+            for run, move in trend.moves
+        ],
     }
     return as_json(document)
 

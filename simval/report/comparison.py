@@ -1,18 +1,31 @@
-"""The page of two runs side by side: what changed, both curves in one figure."""
+"""The page of two runs side by side: what became better or worse, and by how much.
+
+Numbers come first: what moved, by study and kind of statistic, the largest first; then
+a figure of each with both curves; then every common value.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from simval.compare import Difference, RunComparison
+from simval.compare import Difference, Move, RunComparison, moved
+from simval.compare.origin import origin_of
+from simval.compare.trend import WAYS
 from simval.report.curves import Curve, axis_of, bar_width, curve, grouped, statistic
 from simval.report.environment import template
 from simval.report.panels import COLOURS, Drawing, Panel, Series
 from simval.report.section import Section, made
 from simval.report.table import Column, Table
+from simval.report.words import spelled
 from simval.statistics import Statistic
 from simval.sweep import Run
 from simval.sweep.run import CellResult
 
 MAX_FIGURES = 12
+OPEN = 3
+"""Figures that are seen at once; the others are behind a fold."""
+
 SHOWN = 400
 """Of the cells of one run only. Both bound the size of a page; the rest is counted."""
 
@@ -48,17 +61,23 @@ def comparison_sections(
 ) -> tuple[Section, ...]:
     """Make the sections of the page."""
     drawings = _drawings(a, b, comparison)
+    moves = moved(comparison.steps)
+    names = {drawing.finding: drawing.name for drawing in drawings}
+    figures = [names.get(told(move)) for move in moves]
     kinds = {k: len(comparison.of(k)) for k in ("changed", "moved", "same")}
-    moved = sum(d.prediction_changed for d in comparison.differences)
+    predictions = sum(d.prediction_changed for d in comparison.differences)
     return (
         made(
             "compared",
             "What changed",
             drawings,
+            [moves_table(moves, figures)],
+            counts=[(comparison.count(way), way) for way in WAYS],
+            origins=[origin_of(run).words for run in (a, b)],
             names=(a.folder.name, b.folder.name),
             kinds=kinds,
             total=len(comparison.differences),
-            predictions=moved,
+            predictions=predictions,
             alpha=comparison.alpha,
         ),
         made("differences", "Differences", tables=[differences_table(comparison)]),
@@ -81,7 +100,7 @@ def _drawings(a: Run, b: Run, comparison: RunComparison) -> list[Drawing]:
     twins = {d.cells[0]: d.cells[1] for d in comparison.differences}
     drawings: list[Drawing] = []
     seen: set[Key] = set()
-    for difference in comparison.of("changed"):
+    for move, difference in _worst(comparison):
         cell = cells_a[difference.cells[0]]
         label, old = _group(a, cell)
         key = (cell.study, label, difference.a.statistic, difference.a.predictor)
@@ -90,10 +109,75 @@ def _drawings(a: Run, b: Run, comparison: RunComparison) -> list[Drawing]:
         seen.add(key)
         names = {twins[c.name] for c in old if c.name in twins}
         new = tuple(c for c in b.cells if c.name in names)
-        drawings.append(_drawing(len(drawings), key, difference, (a, b), (old, new)))
+        drawing = _drawing(len(drawings), key, difference, (a, b), (old, new))
+        fold = told(move) if len(drawings) >= OPEN else ""
+        drawings.append(replace(drawing, finding=told(move), fold=fold))
         if len(drawings) == MAX_FIGURES:
             break
     return drawings
+
+
+def _worst(comparison: RunComparison) -> Iterator[tuple[Move, Difference]]:
+    """Each move with the difference that moved most, the largest first."""
+    known = {(d.cells[1], d.b.statistic): d for d in reversed(comparison.of("changed"))}
+    for move in moved(comparison.steps):
+        yield move, known[move.worst.cell, move.worst.statistic]
+
+
+def told(move: Move) -> str:
+    """A move as a sentence."""
+    return f"{move.way.capitalize()}: {move.sentence}."
+
+
+def moves_table(
+    moves: Sequence[Move], figures: Sequence[str | None], since: Sequence[str] = ()
+) -> Table:
+    """Make the table of what moved: numbers first, the largest first."""
+    rows = [
+        (
+            move.way,
+            *([since[i]] if since else []),
+            f"{spelled(move.study)}, {move.what}",
+            move.size,
+            _rounded(move.worst.sigmas),
+            f"{move.cells} of {move.of}",
+            move.worst.before,
+            move.worst.after,
+            "" if move.worst.statistic.unit == "1" else move.worst.statistic.unit,
+            figures[i],
+            str(move.worst.statistic),
+            move.worst.cell,
+        )
+        for i, move in enumerate(moves)
+    ]
+    return Table(
+        name="moves",
+        caption="What moved, largest first; standard errors, before, after and cell "
+        "are those of the value that moved most",
+        columns=(
+            Column("which way", "answer"),
+            *([Column("since", "code")] if since else []),
+            Column("what"),
+            Column("by how much"),
+            Column("standard errors", "number"),
+            Column("cells"),
+            Column("before", "number", 5),
+            Column("after", "number", 5),
+            Column("unit"),
+            Column("figure", "figure"),
+            Column("statistic"),
+            Column("cell", "code"),
+        ),
+        rows=rows,
+        shown=SHOWN,
+    )
+
+
+def _rounded(sigmas: float | None) -> float | None:
+    """Standard errors with the digits that mean something."""
+    if sigmas is None or not np.isfinite(sigmas):
+        return None
+    return round(sigmas) if abs(sigmas) >= 100.0 else float(f"{sigmas:.2g}")
 
 
 def _group(run: Run, cell: CellResult) -> tuple[str, tuple[CellResult, ...]]:
@@ -180,16 +264,16 @@ def differences_table(comparison: RunComparison) -> Table:
     """Make the table of every common statistic, changed ones first."""
     rows = [
         (
-            d.kind,
-            d.cells[1],
-            str(d.a.statistic),
-            "; ".join(d.predictors),
+            _word(d),
+            d.sigmas,
+            None if d.relative is None else 100.0 * d.relative,
             (d.a.value, d.a.standard_error),
             (d.b.value, d.b.standard_error),
             d.a.unit,
+            str(d.a.statistic),
+            "; ".join(d.predictors),
+            d.cells[1],
             (d.difference, d.standard_error),
-            d.relative,
-            d.sigmas,
             d.p_value,
             "changed" if d.prediction_changed else "",
         )
@@ -199,19 +283,29 @@ def differences_table(comparison: RunComparison) -> Table:
         name="differences",
         caption="Every common statistic: changed ones first, by how far they moved",
         columns=(
-            Column("kind", "answer"),
-            Column("cell", "code"),
-            Column("statistic"),
-            Column("against"),
+            Column("which way", "answer"),
+            Column("standard errors", "number", 3),
+            Column("change, %", "number", 3),
             Column("A", "measured"),
             Column("B", "measured"),
             Column("unit"),
+            Column("statistic"),
+            Column("against"),
+            Column("cell", "code"),
             Column("B minus A", "measured"),
-            Column("relative", "number", 3),
-            Column("standard errors", "number", 3),
             Column("p", "number", 2),
             Column("prediction"),
         ),
         rows=rows,
         shown=SHOWN,
+        fold=f"Every common statistic: {len(rows):,}" if rows else "",
     )
+
+
+def _word(difference: Difference) -> str:
+    """Better or worse; else that it changed, moved within chance, or is the same."""
+    if difference.kind == "moved":
+        return "within chance"
+    if difference.kind == "same" or difference.standing == "neither":
+        return difference.kind
+    return difference.standing
