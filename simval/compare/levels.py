@@ -25,7 +25,7 @@ from math import hypot, inf, sqrt
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
+from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.shapes import Float, Int
@@ -37,7 +37,7 @@ class Series:
 
     values: Float[Array, " n"]
     errors: Float[Array, " n"]  # standard errors, above zero
-    seeds: Int[Array, " n"]  # equal ones draw the same noise
+    seeds: Int[NDArray[np.int64], " n"]  # equal ones draw the same noise
     spans: tuple[int, ...] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -51,26 +51,38 @@ class Series:
         return max(len(self.values) - 1, 1) * len(self.spans)
 
     @cached_property
+    def unit(self) -> float:
+        """Size in which all is computed, so that no square overflows."""
+        return float(self.errors.max())
+
+    @cached_property
     def _sums(self) -> tuple[Array, Array, Array]:
         """Running sums of w, of w v, and by seed of w s."""
-        w = self.errors**-2.0
+        errors = self.errors / self.unit
         known = np.unique(self.seeds)
-        shared = (self.seeds[:, None] == known) / self.errors[:, None]
+        shared = (self.seeds[:, None] == known) / errors[:, None]
+        w, v = errors**-2.0, (self.values - self.values[0]) / self.unit
         zero = np.zeros(1)
         return (
             np.concatenate([zero, np.cumsum(w)]),
-            np.concatenate([zero, np.cumsum(w * (self.values - self.values[0]))]),
+            np.concatenate([zero, np.cumsum(w * v)]),
             np.concatenate([np.zeros((1, len(known))), np.cumsum(shared, axis=0)]),
         )
 
-    def level(self, start: ArrayLike, stop: ArrayLike) -> tuple[Array, Array]:
-        """Mean and its variance, eq. (D4), from `start` until before `stop`."""
-        start, stop = np.asarray(start), np.asarray(stop)
+    def _mean(
+        self, start: Int[NDArray[np.int64], " m"], stop: Int[NDArray[np.int64], " m"]
+    ) -> tuple[Float[Array, " m"], Float[Array, " m"]]:
+        """Mean, from the first value on, and its variance, eq. (D4), in the unit."""
         weights, products, shared = self._sums
         w = weights[stop] - weights[start]
         parts = shared[stop] - shared[start]
-        mean = self.values[0] + (products[stop] - products[start]) / w
-        return mean, np.sum(parts**2, axis=-1) / w**2
+        return (products[stop] - products[start]) / w, np.sum(parts**2, axis=-1) / w**2
+
+    def level(self, start: int, stop: int) -> tuple[float, float]:
+        """Mean and its standard error from `start` until before `stop`."""
+        mean, variance = self._mean(np.array([start]), np.array([stop]))
+        size = float(self.values[0]) + self.unit * float(mean[0])
+        return size, self.unit * sqrt(float(variance[0]))
 
     def farthest(self, start: int, stop: int) -> tuple[int, float]:
         """Place and distance, in standard errors, of the greatest difference."""
@@ -79,10 +91,9 @@ class Series:
         if not len(k):
             return best
         for h in self.spans:
-            before, v = self.level(np.maximum(k - h, start), k)
-            after, u = self.level(k, np.minimum(k + h, stop))
-            with np.errstate(over="ignore"):  # of values too far apart for a number
-                z = np.abs(after - before) / np.sqrt(v + u)
+            before, v = self._mean(np.maximum(k - h, start), k)
+            after, u = self._mean(k, np.minimum(k + h, stop))
+            z = np.abs(after - before) / np.sqrt(v + u)
             at = int(np.argmax(z))
             if z[at] > best[1]:
                 best = (int(k[at]), float(z[at]))
@@ -146,8 +157,8 @@ def _levels(series: Series, places: list[int]) -> list[Found]:
     levels = [series.level(a, b) for a, b in pairwise(edges)]
     return [
         Found(
-            place=place, before=float(old[0]), after=float(new[0]),
-            error=hypot(sqrt(old[1]), sqrt(new[1])),
+            place=place, before=old[0], after=new[0],
+            error=hypot(old[1], new[1]),
         )
         for place, old, new in zip(places, levels[:-1], levels[1:], strict=True)
     ]  # fmt: skip

@@ -165,10 +165,11 @@ def _series(line: Line) -> Series | None:
         return None
     # a share that was 0 or 1 in all trials has no spread of its own to tell its error
     good = np.isfinite(errors) & (errors > 0.0)
+    seeds = list(dict.fromkeys(point.seed for point in points))  # of any size
     return Series(
         values=np.array([point.value for point in points]),
         errors=np.where(good, errors, known.max()),
-        seeds=np.array([point.seed for point in points]),
+        seeds=np.array([seeds.index(point.seed) for point in points]),
     )
 
 

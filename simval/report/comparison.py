@@ -145,15 +145,13 @@ def moves_table(
             move.worst.after,
             "" if move.worst.statistic.unit == "1" else move.worst.statistic.unit,
             figures[i],
-            str(move.worst.statistic),
-            move.worst.cell,
         )
         for i, move in enumerate(moves)
     ]
     return Table(
         name="moves",
-        caption="What moved, largest first; standard errors, before, after and cell "
-        "are those of the value that moved most",
+        caption="What moved, largest first; standard errors, before and after are "
+        "those of the value that moved most",
         columns=(
             Column("which way", "answer"),
             *([Column("since", "code")] if since else []),
@@ -165,8 +163,6 @@ def moves_table(
             Column("after", "number", 5),
             Column("unit"),
             Column("figure", "figure"),
-            Column("statistic"),
-            Column("cell", "code"),
         ),
         rows=rows,
         shown=SHOWN,
@@ -228,26 +224,38 @@ def _drawing(
                 log_x=_positive([c for _, _, c in curves], "x"),
                 log_y=_positive([c for _, _, c in curves], "value"),
             ),
-            *_apart([c for _, _, c in curves], axis),
+            *_apart([c for _, _, c in curves], axis, name.better),
         ],
     )
 
 
-def _apart(curves: list[Curve], axis: str) -> list[Panel]:
-    """Panel of the difference in standard errors, if it has any."""
+def _apart(curves: list[Curve], axis: str, aim: str | None) -> list[Panel]:
+    """Panel of the change: in percent, or of what is near zero in standard errors."""
     if len(curves) != 2 or not np.array_equal(curves[0].x, curves[1].x):
         return []
     a, b = curves
     error = np.hypot(a.error, b.error)
-    if len(np.unique(a.x)) < len(a.x) or not np.all(error > 0.0):
+    if len(np.unique(a.x)) < len(a.x):
         return []  # values of several seeds cannot be paired
-    difference, z = (b.value - a.value) / error, bar_width([a])
+    z = bar_width([a])
+    if aim != "zero" and np.all(a.value != 0.0):
+        size = 100.0 / np.abs(a.value)
+        series = Series(
+            label="", x=a.x, y=size * (b.value - a.value), band=z * size * error
+        )
+        title, unit = "B over A, less 1", "change, %"
+    elif np.all(error > 0.0):
+        y = (b.value - a.value) / error
+        series = Series(label="", x=a.x, y=y, band=np.full(len(a.x), z))
+        title, unit = "B minus A", "standard errors"
+    else:
+        return []
     return [
         Panel(
-            title="B minus A",
+            title=title,
             x_label=axis.replace("_", " "),
-            y_label="standard errors, 1",
-            series=(Series(label="", x=a.x, y=difference, band=np.full(len(a.x), z)),),
+            y_label=unit,
+            series=(series,),
             log_x=_positive([a], "x"),
             log_y=False,
             references=((0.0, ""),),

@@ -93,14 +93,15 @@ def _drawings(trend: Trend) -> Iterator[Drawing]:
 
 def _drawing(trend: Trend, at: int, told: str, fold: str, name: str) -> Drawing:
     line = trend.lines[at]
-    unit = "" if line.statistic.unit == "1" else f", {line.statistic.unit}"
+    power = _power(line)
+    shown = 10.0**-power
     z = simultaneous(len(line.points))
     x = np.array([point.run + 1.0 for point in line.points])
     points = Series(
         label="measured",
         x=x,
-        y=np.array([point.value for point in line.points]),
-        band=z * np.array([point.row.standard_error for point in line.points]),
+        y=shown * np.array([point.value for point in line.points]),
+        band=shown * z * np.array([point.row.standard_error for point in line.points]),
         colour=COLOURS[0],
         notes=[_note(trend, line, i) for i in range(len(line.points))],
     )
@@ -116,8 +117,8 @@ def _drawing(trend: Trend, at: int, told: str, fold: str, name: str) -> Drawing:
             Panel(
                 title=f"{spelled(line.study)}, {line.statistic}",
                 x_label="run, in order",
-                y_label=f"value{unit}",
-                series=(*_levels(trend, at), points),
+                y_label=_label(power, line.statistic.unit),
+                series=(*_levels(trend, at, shown), points),
                 log_x=False,
                 log_y=False,
             )
@@ -127,7 +128,20 @@ def _drawing(trend: Trend, at: int, told: str, fold: str, name: str) -> Drawing:
     )
 
 
-def _levels(trend: Trend, at: int) -> Iterator[Series]:
+def _label(power: int, unit: str) -> str:
+    parts = (f"1e{power}" if power else "", "" if unit == "1" else unit)
+    words = " ".join(filter(None, parts))
+    return f"value, {words}" if words else "value"
+
+
+def _power(line: Line) -> int:
+    """Power of ten that the axis is in; 0 where numbers can be read as they are."""
+    most = max(abs(p.value) for p in line.points if np.isfinite(p.value))
+    power = int(f"{most:e}".partition("e")[2])
+    return power if power < -2 or power > 4 else 0
+
+
+def _levels(trend: Trend, at: int, shown: float) -> Iterator[Series]:
     """A line for each level between two steps."""
     breaks = [b for b in trend.breaks if b.line == at]
     runs = [point.run for point in trend.lines[at].points]
@@ -138,7 +152,7 @@ def _levels(trend: Trend, at: int) -> Iterator[Series]:
         yield Series(
             label="" if i else "level",
             x=np.array([start + 0.5, stop + 0.5]),
-            y=np.array([value, value]),
+            y=shown * np.array([value, value]),
             colour=COLOURS[1],
             line="-",
         )
