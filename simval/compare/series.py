@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
+from simval.arguments import file_path
 from simval.change import question
 from simval.compare.origin import Origin, origin_of
 from simval.errors import InputError
@@ -54,14 +55,25 @@ class Line:
         return self.points[-1].cell
 
 
-def read_runs(folder: Path) -> tuple[Run, ...]:
+def read_runs(folder: str | Path) -> tuple[Run, ...]:
     """Read the run folders in a folder, oldest commit first.
+
+    Parameters
+    ----------
+    folder : str or Path
+        A folder with the run folders in it.
+
+    Returns
+    -------
+    tuple of Run
+        The runs, by the date of their commits; by their own where one has none.
 
     Raises
     ------
     InputError
         If there are fewer than two, they are of several suites, or one has no date.
     """
+    folder = file_path("folder", folder)
     places = sorted(path.parent for path in folder.glob("*/run.sqlite"))
     if len(places) < 2:
         number = "1 run folder" if places else "no run folder"
