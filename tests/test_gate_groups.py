@@ -10,6 +10,7 @@ import rows_by_name
 from simval.cli.gate import LINES, show
 from simval.gate import GateResult, findings, judge_run, read_baseline, write_baseline
 from simval.gate.comparison import Comparison
+from simval.gate.formats import KINDS, to_markdown
 from simval.gate.groups import groups
 from simval.results import CellName
 from simval.sweep import load_run
@@ -82,6 +83,15 @@ def test_the_largest_come_first_and_none_is_lost(intended):
     bad = [each for each in findings(intended) if each.answer != "pass"]
     together = [each for group in found for each in group.findings]
     assert sorted(map(id_of, together)) == sorted(map(id_of, bad))
+
+
+def test_the_summary_of_a_pull_request_says_it_too(intended):
+    text = to_markdown(intended)
+    lines = text.splitlines()
+    told = [line for line in lines if line.startswith("- fail: ")]
+    assert len(told) == len(groups(intended)) == 9 < KINDS
+    assert told[0].startswith("- fail: worse than the baseline: calibration, ")
+    assert lines.index(told[-1]) < lines.index(next(x for x in lines if x[0:2] == "| "))
 
 
 def id_of(finding):

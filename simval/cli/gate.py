@@ -22,10 +22,10 @@ from simval.gate import (
     read_baseline,
     write_baseline,
 )
+from simval.gate.finding import details
 from simval.gate.formats import (
     Document,
     annotations,
-    details,
     to_json,
     to_junit,
     to_markdown,

@@ -187,3 +187,18 @@ def _shown(cell: CellName) -> CellName:
 
 def _number(value: float | None) -> float | None:
     return None if value is None or not isfinite(value) else value
+
+
+def details(finding: Finding) -> list[str]:
+    """What a person needs to know about a finding, a line each."""
+    lines = [finding.line]
+    if finding.expected is not None and finding.seen is not None:
+        words = f"expected {finding.expected:.9g}, seen {finding.seen:.9g}"
+        if finding.allowed is not None:
+            words += f", allowed {finding.allowed:.3g}"
+        if finding.sigmas is not None:
+            words += f", {finding.sigmas:+.2f} standard errors"
+        lines.append(words)
+    if finding.command:
+        lines.append(f"reproduce: {finding.command}")
+    return lines

@@ -11,8 +11,7 @@ from math import inf
 
 from simval.compare import moved
 from simval.compare.moves import share_words
-from simval.gate.finding import Finding, findings
-from simval.gate.formats import details
+from simval.gate.finding import Finding, details, findings
 from simval.gate.judgement import GateResult
 from simval.verdict import WORST_FIRST
 
