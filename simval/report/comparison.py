@@ -61,10 +61,10 @@ def comparison_sections(
 ) -> tuple[Section, ...]:
     """Make the sections of the page."""
     drawings = _drawings(a, b, comparison)
+    kinds = {k: len(comparison.of(k)) for k in ("changed", "moved", "same")}
     moves = moved(comparison.steps)
     names = {drawing.finding: drawing.name for drawing in drawings}
     figures = [names.get(told(move)) for move in moves]
-    kinds = {k: len(comparison.of(k)) for k in ("changed", "moved", "same")}
     predictions = sum(d.prediction_changed for d in comparison.differences)
     return (
         made(
