@@ -7,7 +7,8 @@ from dataclasses import replace
 import pytest
 import rows_by_name
 
-from simval.cli.gate import LINES, show
+from simval.cli.gate import show
+from simval.cli.shortened import LINES
 from simval.gate import GateResult, findings, judge_run, read_baseline, write_baseline
 from simval.gate.comparison import Comparison
 from simval.gate.formats import KINDS, to_markdown

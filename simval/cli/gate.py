@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from simval.cli.options import PATH, alpha_option, refuse_if, stated, write
+from simval.cli.shortened import every_line, short_lines
 from simval.errors import InputError
 from simval.gate import (
     BASELINE,
@@ -22,7 +23,6 @@ from simval.gate import (
     read_baseline,
     write_baseline,
 )
-from simval.gate.finding import details
 from simval.gate.formats import (
     Document,
     annotations,
@@ -30,17 +30,10 @@ from simval.gate.formats import (
     to_junit,
     to_markdown,
 )
-from simval.gate.groups import Group, groups
 from simval.sweep import load_run
 from simval.sweep.provenance import source_hash
 from simval.sweep.run import Run
 from simval.text import one_line
-
-LINES = 8
-"""Lines printed of what did not pass; two more say how many others, and the answer."""
-
-NAMED = 6
-"""Kinds of the others that are named."""
 
 FILE = click.Path(path_type=Path, dir_okay=False)
 
@@ -183,7 +176,7 @@ def show(result: GateResult, table: bool = False, every: bool = False) -> None:
     console = Console(highlight=False, soft_wrap=True, emoji=False)
     if table:
         console.print(_counts(result))
-    for line in _every_line(result) if every else _short_lines(result):
+    for line in every_line(result) if every else short_lines(result):
         console.print(line, markup=False)
     for note in result.notes:
         console.print(one_line(note), markup=False)
@@ -191,54 +184,6 @@ def show(result: GateResult, table: bool = False, every: bool = False) -> None:
         f"{result.answer.upper()}: {headline(result)}; "
         f"false-alarm rate {result.alpha:g} for all together"
     )
-
-
-def _every_line(result: GateResult) -> Iterator[str]:
-    """Each finding that did not pass, one by one."""
-    for finding in findings(result):
-        if finding.answer != "pass":
-            yield from _indented(details(finding))
-
-
-def _short_lines(result: GateResult) -> Iterator[str]:
-    """What did not pass: one by one if that is short, else by study and kind."""
-    lines = list(_every_line(result))
-    found = groups(result)
-    if len(lines) <= LINES:
-        yield from lines
-        return
-    shown: list[str] = []
-    hidden = list(found)
-    while hidden and (not shown or len(shown) + len(hidden[0].lines) <= LINES):
-        shown += _indented(hidden.pop(0).lines)
-    yield from shown
-    yield _rest(hidden) + _advice(found)
-
-
-def _rest(hidden: Sequence[Group]) -> str:
-    """What is not shown, and how to see it."""
-    if not hidden:
-        return "--all prints every one"
-    count = sum(len(group.findings) for group in hidden)
-    names = list(dict.fromkeys(group.what for group in hidden))
-    more = "; ..." if len(names) > NAMED else ""
-    return (
-        f"... and {count} more ({'; '.join(names[:NAMED])}{more}): --all prints every "
-        "one, --json FILE writes them"
-    )
-
-
-def _advice(found: Sequence[Group]) -> str:
-    """What to do where the only failures are changes from the baseline."""
-    failed = [group.worst for group in found if group.worst.answer == "fail"]
-    changed = failed and all(f.tier == "baseline" and f.step for f in failed)
-    return "; if the change is intended, --update-baseline 'why'" if changed else ""
-
-
-def _indented(lines: Sequence[str]) -> Iterator[str]:
-    first, *rest = lines
-    yield first
-    yield from (f"    {line}" for line in rest)
 
 
 def _tell_github(result: GateResult) -> None:

@@ -7,16 +7,13 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from simval.cli.compare import value_line
+from simval.cli.changes import SHOWN, say, value_line
 from simval.cli.options import PATH, alpha_option, write
 from simval.compare import Trend, read_runs, trend_of
 from simval.compare.documents import trend_json
 from simval.compare.series import ordered_by
 from simval.compare.trend import WAYS
 from simval.text import one_line
-
-SHOWN = 12
-"""Kinds of step printed with the value that moved most; the others are counted."""
 
 
 @click.command(name="trend")
@@ -65,9 +62,7 @@ def show(trend: Trend, *, every: bool = False) -> None:
     console = Console(highlight=False, soft_wrap=True, emoji=False)
     console.print(headline(trend), markup=False)
     console.print(_runs(trend))
-    for line in _lines(trend, every):
-        indent = line[: len(line) - len(line.lstrip())]
-        console.print(f"{indent}{one_line(line)}", markup=False)
+    say(list(_lines(trend, every)))
 
 
 def headline(trend: Trend) -> str:
