@@ -116,8 +116,22 @@ def test_what_was_mended_is_two_steps(length):
 
 def test_a_staircase_is_found_step_by_step():
     rng = np.random.default_rng(8)
-    values = rng.normal(size=16) + 15.0 * (np.arange(16) // 4)
-    assert places(steps_in(series(values), 1e-3, 1e-3)) == [4, 8, 12]
+    values = rng.normal(size=32) + 15.0 * (np.arange(32) // 4)
+    found = places(steps_in(series(values), 1e-3, 1e-3))
+    assert found == [4, 8, 12, 16, 20, 24, 28]
+
+
+@pytest.mark.parametrize(("seed", "kept"), [(17, [4]), (43, [4]), (55, [3])])
+def test_a_step_whose_levels_are_not_apart_is_left_out(seed, kept):
+    """Three values at 5, the rest at 2: a second split that the levels do not bear."""
+    values = np.random.default_rng(seed).normal(size=12)
+    values[4:7] += 5.0
+    values[7:] += 2.0
+    known = series(values)
+    assert known.farthest(kept[0], 12)[0] == 7
+    assert known.p_value(known.farthest(kept[0], 12)[1]) <= 1e-2
+    (step,) = steps_in(known, 1e-2, 1e-2)
+    assert [step.place] == kept
 
 
 def test_kept_steps_separate_levels_that_differ():
