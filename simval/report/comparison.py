@@ -4,7 +4,7 @@ Numbers come first: what moved, by study and kind of statistic, the largest firs
 a figure of each with both curves; then every common value.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -14,10 +14,10 @@ from simval.compare.origin import origin_of
 from simval.compare.trend import WAYS
 from simval.report.curves import Curve, axis_of, bar_width, curve, grouped, statistic
 from simval.report.environment import template
+from simval.report.moves import SHOWN, moves_table, told
 from simval.report.panels import COLOURS, Drawing, Panel, Series
 from simval.report.section import Section, made
 from simval.report.table import Column, Table
-from simval.report.words import spelled
 from simval.statistics import Statistic
 from simval.sweep import Run
 from simval.sweep.run import CellResult
@@ -25,9 +25,6 @@ from simval.sweep.run import CellResult
 MAX_FIGURES = 12
 OPEN = 3
 """Figures that are seen at once; the others are behind a fold."""
-
-SHOWN = 400
-"""Of the cells of one run only. Both bound the size of a page; the rest is counted."""
 
 Key = tuple[str, str, Statistic, str]
 """Study, group of cells, statistic and predictor: what one figure shows."""
@@ -122,58 +119,6 @@ def _worst(comparison: RunComparison) -> Iterator[tuple[Move, Difference]]:
     known = {(d.cells[1], d.b.statistic): d for d in reversed(comparison.of("changed"))}
     for move in moved(comparison.steps):
         yield move, known[move.worst.cell, move.worst.statistic]
-
-
-def told(move: Move) -> str:
-    """A move as a sentence."""
-    return f"{move.way.capitalize()}: {move.sentence}."
-
-
-def moves_table(
-    moves: Sequence[Move], figures: Sequence[str | None], since: Sequence[str] = ()
-) -> Table:
-    """Make the table of what moved: numbers first, the largest first."""
-    rows = [
-        (
-            move.way,
-            *([since[i]] if since else []),
-            f"{spelled(move.study)}, {move.what}",
-            move.size,
-            _rounded(move.worst.sigmas),
-            f"{move.cells} of {move.of}",
-            move.worst.before,
-            move.worst.after,
-            "" if move.worst.statistic.unit == "1" else move.worst.statistic.unit,
-            figures[i],
-        )
-        for i, move in enumerate(moves)
-    ]
-    return Table(
-        name="moves",
-        caption="What moved, largest first; standard errors, before and after are "
-        "those of the value that moved most",
-        columns=(
-            Column("which way", "answer"),
-            *([Column("since", "code")] if since else []),
-            Column("what"),
-            Column("by how much"),
-            Column("standard errors", "number"),
-            Column("cells"),
-            Column("before", "number", 5),
-            Column("after", "number", 5),
-            Column("unit"),
-            Column("figure", "figure"),
-        ),
-        rows=rows,
-        shown=SHOWN,
-    )
-
-
-def _rounded(sigmas: float | None) -> float | None:
-    """Standard errors with the digits that mean something."""
-    if sigmas is None or not np.isfinite(sigmas):
-        return None
-    return round(sigmas) if abs(sigmas) >= 100.0 else float(f"{sigmas:.2g}")
 
 
 def _group(run: Run, cell: CellResult) -> tuple[str, tuple[CellResult, ...]]:

@@ -7,8 +7,9 @@ import numpy as np
 from simval.compare import Line, Move, Trend
 from simval.compare.series import ordered_by
 from simval.compare.trend import WAYS
-from simval.report.comparison import MAX_FIGURES, OPEN, SHOWN, moves_table
+from simval.report.comparison import MAX_FIGURES, OPEN
 from simval.report.environment import template
+from simval.report.moves import SHOWN, moves_table
 from simval.report.panels import COLOURS, Drawing, Panel, Series
 from simval.report.section import Section, made
 from simval.report.slope import simultaneous
