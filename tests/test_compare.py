@@ -236,9 +236,14 @@ def test_the_command_prints_what_changed(capsys, tiny_run, tmp_path):
     code, out = call(capsys, tiny_run, other, "--out", tmp_path / "page.html")
     assert code == 0
     name = load_run(other).cells[3].name
-    assert out.startswith(f"changed: {name} bias[y] against order 2; ")
-    assert "standard errors" in out.splitlines()[0]
-    assert re.search(r"1 of \d+ common statistics changed", out)
+    lines = out.splitlines()
+    assert re.match(rf"A is {tiny_run.name}: suite \S+, seeds 1, commit", lines[0])
+    assert lines[1].startswith(f"B is {other.name}: suite ")
+    changed = r"1 of \d+ common statistics changed .*: 1 (worse|better|neither); "
+    way = re.match(changed, lines[2])[1].replace("neither", "moved")
+    assert lines[3].startswith(f"{way}: attitude, bias: ")
+    assert lines[4].startswith(f"    {name} bias[y]: ")
+    assert "+21.2 standard errors" in lines[4]
     assert out.splitlines()[-1] == str(tmp_path / "page.html")
     assert "<svg" in (tmp_path / "page.html").read_text(encoding="utf-8")
     code, out = call(capsys, tiny_run, tiny_run)

@@ -65,6 +65,7 @@ TABLE = {
         for line in (
             *(f"report {name}", f"gate {name}", f"compare {name} {name}"),
             *(f"export {name}", f"repro --run {name} 'attitude()@1'"),
+            f"trend {name}",
         )
     ],
     "a cell": [

@@ -32,6 +32,7 @@ COMMANDS = (
     ("plan", "Predict a calibration's error bars before any data is taken."),
     ("scene", "Simulate a tumble and write its readings or a picture."),
     ("compare", "Show what changed between two runs beyond its uncertainty."),
+    ("trend", "Show what became better or worse over a series of runs, since when."),
     ("repro", "Compute one cell again and compare it to the bit."),
     ("export", "Write the table of a run as Parquet."),
     ("suite-schema", "Print the JSON Schema of suite files."),

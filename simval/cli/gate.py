@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from simval.cli.options import refuse_if, stated, write
+from simval.cli.shortened import every_line, short_lines
 from simval.errors import InputError
 from simval.gate import (
     GateResult,
@@ -22,7 +23,6 @@ from simval.gate import (
 )
 from simval.gate.formats import (
     annotations,
-    details,
     to_json,
     to_junit,
     to_markdown,
@@ -31,9 +31,6 @@ from simval.sweep import load_run
 from simval.sweep.provenance import source_hash
 from simval.sweep.run import Run
 from simval.text import one_line
-
-SHOWN = 40
-"""Failures printed one by one; the others are counted."""
 
 
 def run(
@@ -45,6 +42,7 @@ def run(
     junit: Path | None,
     summary: Path | None,
     json_file: Path | None,
+    every: bool,
     table: bool,
 ) -> int:
     """Do what `simval gate` is asked."""
@@ -61,7 +59,7 @@ def run(
         else _beside_baseline(loaded, baseline, alpha)
     )
     result = replace(result, notes=tuple(_notes(result, loaded, no_baseline)))
-    show(result, table)
+    show(result, table, every)
     if junit is not None:
         _write(junit, to_junit(result))
     if summary is not None:
@@ -130,19 +128,13 @@ def _notes(result: GateResult, run: Run, no_baseline: bool) -> Iterator[str]:
         yield f"{new} statistics are new; the baseline does not hold them yet"
 
 
-def show(result: GateResult, table: bool = False) -> None:
-    """Print one line if all is well, else every failure."""
+def show(result: GateResult, table: bool = False, every: bool = False) -> None:
+    """Print one line if all is well, else what did not pass, in ten lines or all."""
     console = Console(highlight=False, soft_wrap=True, emoji=False)
     if table:
         console.print(_counts(result))
-    bad = [f for f in findings(result) if f.answer != "pass"]
-    for finding in bad[:SHOWN]:
-        first, *rest = details(finding)
-        console.print(first, markup=False)
-        for line in rest:
-            console.print(f"    {line}", markup=False)
-    if len(bad) > SHOWN:
-        console.print(f"... and {len(bad) - SHOWN} more; --json FILE has them all")
+    for line in every_line(result) if every else short_lines(result):
+        console.print(line, markup=False)
     for note in result.notes:
         console.print(one_line(note), markup=False)
     console.print(

@@ -180,6 +180,7 @@ def _fill(
         spent = store.seconds(database)
         timing = {
             "started": started.isoformat(timespec="seconds"),
+            "committed": provenance.commit_date(),
             "wall_seconds": round(time.perf_counter() - wall, 3),
             "workers": where,
             "host": platform.node(),

@@ -38,6 +38,7 @@ def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> N
 @click.option("--junit", type=FILE, help="Write JUnit XML.")
 @click.option("--summary", type=FILE, help="Write a Markdown summary.")
 @click.option("--json", "json_file", type=FILE, help="Write every finding as JSON.")
+@click.option("--all", "every", is_flag=True, help="Print each failure, not by kind.")
 @click.option("--table", is_flag=True, help="Print the counts of all checks.")
 @click.option(
     "--json-schema",
