@@ -1,14 +1,16 @@
 """Curves made of the rows of a run: grouped by what varies, sorted along an axis."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from simval.arrays import Array
 from simval.change import EFFORT
+from simval.report.notes import Measured, note, worded
 from simval.report.panels import COLOURS, MARKERS, BarPanel, Series
 from simval.report.slope import simultaneous
+from simval.report.units import Unit
 from simval.results import Row
 from simval.shapes import Float
 from simval.statistics import FAMILIES, Statistic
@@ -31,6 +33,24 @@ class Curve:
     value: Float[Array, " n"]
     error: Float[Array, " n"]
     prediction: Float[Array, " n"]
+    # what was found in which cell, in the rows' units; empty says nothing of a point
+    sources: Sequence[tuple[CellResult, Measured]] = ()
+    unit: Unit | None = None  # that the numbers are in; None is that of the rows
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the page says of each point on request."""
+        return tuple(note(cell, found, self.unit) for cell, found in self.sources)
+
+    def scaled(self, unit: Unit) -> "Curve":
+        """The curve in a unit that a person reads, its notes as well."""
+        return replace(
+            self,
+            value=self.value * unit.factor,
+            error=self.error * unit.factor,
+            prediction=self.prediction * unit.factor,
+            unit=unit,
+        )
 
     def points(self, z: float, place: int = 0, label: str | None = None) -> Series:
         """Measured points with bands."""
@@ -42,6 +62,7 @@ class Curve:
             colour=COLOURS[place % len(COLOURS)],
             # another marker where the colours come round again
             marker=MARKERS[(place + place // len(COLOURS)) % len(MARKERS)],
+            notes=self.notes,
         )
 
     def predicted(self, place: int = 0, line: str = "-", label: str = "") -> Series:
@@ -59,7 +80,7 @@ class Curve:
 Groups = Mapping[str, Sequence[CellResult]]
 """Cells that differ only along an axis, by what the group has in common."""
 
-Measure = Callable[[CellResult], tuple[float, float, float] | None]
+Measure = Callable[[CellResult], Measured | tuple[float, float, float] | None]
 """Value, standard error and prediction of one cell; None where it has none."""
 
 
@@ -69,15 +90,24 @@ def curve(
     """Measure each cell and sort along an axis."""
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is not drawn
         points = [
-            (place, *values)
+            (place, cell, Measured(*values))
             for cell in cells
             if (place := position(cell, axis)) is not None
             if (values := measure(cell)) is not None
         ]
     if not points:
         return None
-    x, value, error, prediction = np.array(sorted(points), dtype=float).T
-    return Curve(label=label, x=x, value=value, error=error, prediction=prediction)
+    points.sort(key=lambda point: (point[0], *point[2][:3]))
+    numbers = [(place, *found[:3]) for place, _, found in points]
+    x, value, error, prediction = np.array(numbers, dtype=float).T
+    return Curve(
+        label=label,
+        x=x,
+        value=value,
+        error=error,
+        prediction=prediction,
+        sources=[(cell, found) for _, cell, found in points],
+    )
 
 
 def curves(groups: Groups, measure: Measure, axis: str = "noise_std") -> list[Curve]:
@@ -103,9 +133,9 @@ def position(cell: CellResult, axis: str) -> float | None:
 def statistic(name: Statistic, predictor: str = "") -> Measure:
     """Measure that reads one row."""
 
-    def measure(cell: CellResult) -> tuple[float, float, float] | None:
+    def measure(cell: CellResult) -> Measured | None:
         row = cell.row(name, predictor)
-        return None if row is None else triple(row)
+        return None if row is None else Measured(*triple(row), row.n, row.unit)
 
     return measure
 
@@ -142,7 +172,7 @@ def grouped(
     keys = [k for k in varying(cells) if k not in skipped]
     groups: dict[str, list[CellResult]] = {}
     for cell in cells:
-        label = ", ".join(_words(key, cell.parameters.get(key)) for key in keys)
+        label = ", ".join(worded(key, cell.parameters.get(key)) for key in keys)
         groups.setdefault(label, []).append(cell)
     return {label: tuple(members) for label, members in groups.items()}
 
@@ -175,14 +205,3 @@ def axis_of(cells: Sequence[CellResult]) -> str:
 def _numeric(cells: Sequence[CellResult], key: str) -> bool:
     values = [cell.parameters.get(key) for cell in cells]
     return all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
-
-
-def _words(key: str, value: object) -> str:
-    name = key.replace("_", " ")
-    if isinstance(value, bool):
-        return name if value else f"no {name}"
-    if value is None or isinstance(value, str):
-        return str(value) if value else f"no {name}"
-    if key == "poses":
-        return f"{value} poses"
-    return f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}"

@@ -1,8 +1,11 @@
 """Scalars of a cell for the figures, each with its error and prediction."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from simval.report.curves import Measure
+from simval.report.notes import Measured
 from simval.results import Row
 from simval.statistics import EXACT, RMS, Family
 from simval.sweep.run import CellResult
@@ -15,7 +18,7 @@ STANDARD_GRAVITY = 9.80665
 def together(predictor: str) -> Measure:
     """RMS error of all nine parameters, the bias in units of standard gravity."""
 
-    def measure(cell: CellResult) -> tuple[float, float, float] | None:
+    def measure(cell: CellResult) -> Measured | None:
         rows = [cell.row(RMS(name), predictor) for name in GROUPS]
         if any(row is None or row.prediction is None for row in rows):
             return None
@@ -29,10 +32,11 @@ def together(predictor: str) -> Measure:
         if not np.isfinite(parts).all():
             return None
         rms = float(np.sqrt(np.mean(value**2)))
-        return (
+        return Measured(
             rms,
             float(np.sum(value * error)) / (3.0 * rms),
             float(np.sqrt(np.mean(predicted**2))),
+            min(row.n for row in rows if row is not None),
         )
 
     return measure
@@ -42,7 +46,7 @@ def part(family: Family, name: str, predictor: str) -> Measure:
     """RMS over the three entries of T, K or B of their sd or bias."""
     letters = tuple("ST" if name == "T" else name)
 
-    def measure(cell: CellResult) -> tuple[float, float, float] | None:
+    def measure(cell: CellResult) -> Measured | None:
         rows = [
             row
             for row in cell.rows
@@ -60,7 +64,7 @@ def part(family: Family, name: str, predictor: str) -> Measure:
             return None
         weight = predicted / size / len(rows)
         spread = float(np.sqrt(np.sum((weight * error) ** 2)))
-        return float(weight @ value), spread, size
+        return Measured(float(weight @ value), spread, size, *samples(rows))
 
     return measure
 
@@ -68,7 +72,7 @@ def part(family: Family, name: str, predictor: str) -> Measure:
 def moment(family: Family, predictor: str) -> Measure:
     """Bias or covariance, projected on the direction of the prediction."""
 
-    def measure(cell: CellResult) -> tuple[float, float, float] | None:
+    def measure(cell: CellResult) -> Measured | None:
         rows = _entries(cell, family, predictor)
         predicted = np.array([row.prediction for row in rows], dtype=float)
         twice = np.array([_times(row) for row in rows])
@@ -79,7 +83,7 @@ def moment(family: Family, predictor: str) -> Measure:
             return None
         weight = twice * predicted / size
         spread = float(np.sqrt(np.sum((weight * error) ** 2)))
-        return float(weight @ value), spread, size
+        return Measured(float(weight @ value), spread, size, *samples(rows))
 
     return measure
 
@@ -87,7 +91,7 @@ def moment(family: Family, predictor: str) -> Measure:
 def left_out(family: Family, predictor: str, reference: str = EXACT) -> Measure:
     """How far a prediction is from a better one: what it leaves out."""
 
-    def measure(cell: CellResult) -> tuple[float, float, float] | None:
+    def measure(cell: CellResult) -> Measured | None:
         truth = {r.statistic: r for r in _entries(cell, family, reference)}
         rows = [r for r in _entries(cell, family, predictor) if r.statistic in truth]
         if not rows:
@@ -96,9 +100,15 @@ def left_out(family: Family, predictor: str, reference: str = EXACT) -> Measure:
         exact = np.array([truth[r.statistic].prediction for r in rows], dtype=float)
         predicted = np.array([r.prediction for r in rows], dtype=float)
         distance = float(np.sqrt(np.sum(twice * (predicted - exact) ** 2)))
-        return distance, 0.0, float(np.sqrt(np.sum(twice * exact**2)))
+        size = float(np.sqrt(np.sum(twice * exact**2)))
+        return Measured(distance, 0.0, size, against="of")
 
     return measure
+
+
+def samples(rows: Sequence[Row]) -> tuple[int, str]:
+    """Independent samples and unit of rows that are taken together."""
+    return min(row.n for row in rows), rows[0].unit
 
 
 def _entries(cell: CellResult, family: Family, predictor: str) -> list[Row]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from simval.report.curves import bar_width, curve, statistic
 from simval.report.measures import left_out
+from simval.report.notes import Measured
 from simval.report.panels import GREY, Drawing, Panel, Series
 from simval.report.section import Context, Section, Shown, made
 from simval.report.sections.attitude import CLAIMED, STYLES
@@ -155,12 +156,13 @@ def _formulas(cells: list[CellResult]) -> Panel:
 
 
 def _growth(cells: list[CellResult]) -> Panel:
-    def over_noise(cell: CellResult) -> tuple[float, float, float] | None:
+    def over_noise(cell: CellResult) -> Measured | None:
         row = cell.row(RMS(), EXACT)
         if row is None or row.prediction is None:
             return None
         sigma = float(cell.parameters["noise_std"])
-        return row.value / sigma, row.standard_error / sigma, row.prediction / sigma
+        value, error = row.value / sigma, row.standard_error / sigma
+        return Measured(value, error, row.prediction / sigma, row.n)
 
     c = curve("simulated", cells, AXIS, over_noise)
     series: list[Series] = []

@@ -6,6 +6,7 @@ import numpy as np
 
 from simval.gate.finding import reproduce
 from simval.report.curves import Measure, axis_of, bar_width, curve, grouped, statistic
+from simval.report.notes import Measured
 from simval.report.panels import COLOURS, GREY, Drawing, Panel, Series
 from simval.report.section import Context, Section, made
 from simval.results import Row
@@ -127,11 +128,13 @@ def _panel(title: str, y_label: str, axis: str, series: list[Series]) -> Panel:
 def _distance(row: Row) -> Measure:
     """Distance and allowed remainder of the same row of a cell, in standard errors."""
 
-    def measure(cell: CellResult) -> tuple[float, float, float] | None:
+    def measure(cell: CellResult) -> Measured | None:
         here = cell.row(row.statistic, row.predictor)
         if here is None or here.prediction is None or not here.standard_error > 0.0:
             return None
         distance = (here.value - here.prediction) / here.standard_error
-        return distance, 1.0, here.remainder / here.standard_error
+        allowed = here.remainder / here.standard_error
+        words = ("standard errors", "allowed remainder")
+        return Measured(distance, 1.0, allowed, here.n, *words)
 
     return measure

@@ -16,6 +16,7 @@ from simval.report.curves import (
     statistic,
     triple,
 )
+from simval.report.notes import Measured
 from simval.report.panels import Drawing, Panel
 from simval.report.section import Context, Section, Shown, made
 from simval.report.words import spelled
@@ -176,16 +177,17 @@ def _measures(
 def _mean(family: Family, predictor: str) -> Measure:
     """Mean over the statistics of a family; its error is at most the mean error."""
 
-    def measure(cell: CellResult) -> tuple[float, float, float] | None:
-        values = [
-            triple(row)
+    def measure(cell: CellResult) -> Measured | None:
+        rows = [
+            row
             for row in cell.rows
             if row.predictor == predictor and _belongs(row, family)
         ]
-        if not values:
+        if not rows:
             return None
-        value, error, prediction = np.mean(values, axis=0)
-        return float(value), float(error), float(prediction)
+        value, error, prediction = np.mean([triple(row) for row in rows], axis=0)
+        numbers = (float(value), float(error), float(prediction))
+        return Measured(*numbers, min(row.n for row in rows))
 
     return measure
 

@@ -1,0 +1,62 @@
+"""What the page says of a point on request: the number, its cell, how to repeat it."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from math import isfinite
+from typing import Any, NamedTuple
+
+from simval.change import EFFORT
+from simval.gate.finding import reproduce
+from simval.report.units import Unit
+from simval.report.words import measured, number, spelled
+from simval.sweep import Run
+from simval.sweep.run import CellResult
+
+
+class Measured(NamedTuple):
+    """What a measure finds in a cell."""
+
+    value: float
+    error: float  # standard
+    prediction: float  # NaN without one
+    n: int = 0  # independent samples; 0 where there are none
+    unit: str = ""  # of the three numbers
+    against: str = "predicted"  # what the third is
+
+
+def located(run: Run, folder: str) -> Run:
+    """Tell the cells of a run how a command names it."""
+    return replace(run, cells=tuple(replace(cell, run=folder) for cell in run.cells))
+
+
+def note(cell: CellResult, found: Measured, unit: Unit | None = None) -> str:
+    """Say in lines: value and samples, prediction, cell, and the command for it."""
+    factor = 1.0 if unit is None else unit.factor
+    name = found.unit if unit is None else unit.name
+    behind = f" {name}" if name not in ("", "1") else ""
+    samples = f", n = {found.n}" if found.n else ""
+    lines = [f"{measured(factor * found.value, factor * found.error)}{behind}{samples}"]
+    if isfinite(found.prediction):
+        lines.append(f"{found.against} {number(factor * found.prediction)}{behind}")
+    inside = described(cell.parameters)
+    lines.append(": ".join(filter(None, (spelled(cell.study), inside))))
+    lines.append(reproduce(cell.named, cell.run))
+    return "\n".join(line for line in lines if line)
+
+
+def described(parameters: Mapping[str, Any], without: tuple[str, ...] = EFFORT) -> str:
+    """Spell the parameters of a cell in words."""
+    shown = (item for item in parameters.items() if item[0] not in without)
+    return ", ".join(worded(key, value) for key, value in shown)
+
+
+def worded(key: str, value: object) -> str:
+    """Spell a parameter and its value in words."""
+    name = spelled(key)
+    if isinstance(value, bool):
+        return name if value else f"no {name}"
+    if value is None or isinstance(value, str):
+        return str(value) if value else f"no {name}"
+    if key == "poses":
+        return f"{value} poses"
+    return f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}"
