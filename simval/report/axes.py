@@ -1,7 +1,10 @@
 """Panels drawn on the axes of a figure."""
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import singledispatch
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -45,16 +48,44 @@ def paint(panel: object, axes: Any) -> None:
     raise TypeError(type(panel))
 
 
+@contextmanager
+def tagged(axes: Any, place: int) -> Iterator[None]:
+    """Name what is drawn meanwhile as parts of the series of this place."""
+    before = set(axes.get_children())
+    yield
+    for artist in axes.get_children():
+        if artist not in before:
+            artist.set_gid(f"series-{place}")
+
+
+@singledispatch
+def placed(panel: object) -> Sequence[Series]:
+    """Series of a panel with their points where they are drawn."""
+    return ()
+
+
+@placed.register
+def _(panel: Panel) -> Sequence[Series]:
+    panel = _dodged(_drawable(panel))
+    series = []
+    for s in panel.series:
+        limits = ~_whole(s, upper_limits=panel.log_y and not s.line)
+        shift = 0.0 if s.band is None else np.where(limits, s.band, 0.0)
+        series.append(replace(s, y=s.y + shift))
+    return series
+
+
 @paint.register
 def _(panel: Panel, axes: Any) -> None:
     panel = _dodged(_drawable(panel))
     for start, stop in panel.spans:
         axes.axvspan(start, stop, color=COLOURS[2], alpha=0.18, linewidth=0)
-    for series in panel.series:
-        if series.line:
-            _line(series, axes)
-        else:
-            _points(series, axes, upper_limits=panel.log_y)
+    for i, series in enumerate(panel.series):
+        with tagged(axes, i):
+            if series.line:
+                _line(series, axes)
+            else:
+                _points(series, axes, upper_limits=panel.log_y)
     _references(panel, axes)
     _scales(panel, axes)
     if panel.log_y:
@@ -103,7 +134,8 @@ def _drawable(panel: Panel) -> Panel:
         good &= (s.x > 0.0) | (not panel.log_x)
         good &= (top > 0.0) | (not panel.log_y)
         band = None if s.band is None else np.where(near(s.band), s.band, 0.0)[good]
-        series.append(replace(s, x=s.x[good], y=s.y[good], band=band))
+        notes = tuple(compress(s.notes, good))
+        series.append(replace(s, x=s.x[good], y=s.y[good], band=band, notes=notes))
     any_left = any(len(s.x) for s in series)
     return replace(
         panel,
@@ -182,9 +214,8 @@ def _line(series: Series, axes: Any) -> None:
 def _points(series: Series, axes: Any, *, upper_limits: bool) -> None:
     """Points with bars; on a logarithmic axis an upper limit if the bar reaches 0."""
     band, pixels = series.band, len(series.x) > MANY
-    whole = np.ones(len(series.x), dtype=bool)
+    whole = _whole(series, upper_limits=upper_limits)
     if upper_limits and band is not None:
-        whole = ~(series.y - band <= 0.0)
         axes.plot(
             series.x[~whole],
             (series.y + band)[~whole],
@@ -207,6 +238,13 @@ def _points(series: Series, axes: Any, *, upper_limits: bool) -> None:
         label=series.label or "_nolegend_",
         rasterized=pixels,
     )
+
+
+def _whole(series: Series, *, upper_limits: bool) -> Any:
+    """Which points are no upper limits: those whose bar does not reach 0."""
+    if not upper_limits or series.band is None:
+        return np.ones(len(series.x), dtype=bool)
+    return ~(series.y - series.band <= 0.0)
 
 
 def _limit(panel: Panel, axes: Any) -> None:

@@ -1,14 +1,17 @@
 """Panels with a name for each row, drawn on the axes of a figure: bars, dots, a map."""
 
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import compress
 from typing import Any
 
 import numpy as np
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
-from simval.report.axes import INK, Decades, legend_under, near, paint
+from simval.report.axes import INK, Decades, legend_under, near, paint, placed, tagged
 from simval.report.layout import BESIDE, SLANT, SMALL
-from simval.report.panels import COLOURS, GREY, BarPanel, DotPanel, HeatPanel
+from simval.report.panels import COLOURS, GREY, BarPanel, DotPanel, HeatPanel, Series
 
 WIDEST = 10.0
 """Greatest value over the least up to which an axis of ratios is linear."""
@@ -39,27 +42,39 @@ def _(panel: BarPanel, axes: Any) -> None:
     axes.legend()
 
 
+@placed.register
+def _(panel: DotPanel) -> Sequence[Series]:
+    count, series = len(panel.series), []
+    for i, s in enumerate(panel.series):
+        shift = 0.0 if count == 1 else (i / (count - 1) - 0.5) * SPREAD
+        good = near(s.x)
+        y = len(panel.names) - 1 - s.y[good] - shift
+        band = None if s.band is None else s.band[good]
+        notes = tuple(compress(s.notes, good))
+        series.append(replace(s, x=s.x[good], y=y, band=band, notes=notes))
+    return series
+
+
 @paint.register
 def _(panel: DotPanel, axes: Any) -> None:
-    count, rows = len(panel.series), len(panel.names)
+    rows = len(panel.names)
     place, _ = panel.reference
     for low in range(1, rows, 2):  # every second row is shaded
         axes.axhspan(low - 0.5, low + 0.5, color=GREY, alpha=0.12, linewidth=0)
     axes.axvline(place, color=GREY, linewidth=1.2, linestyle=(0, (4, 2)))
-    for i, series in enumerate(panel.series):
-        shift = 0.0 if count == 1 else (i / (count - 1) - 0.5) * SPREAD
-        good = near(series.x)
-        axes.errorbar(
-            series.x[good],
-            rows - 1 - series.y[good] - shift,
-            xerr=None if series.band is None else series.band[good],
-            linestyle="none",
-            marker=series.marker,
-            markersize=4,
-            capsize=2,
-            color=series.colour,
-            label=series.label or "_nolegend_",
-        )
+    for i, series in enumerate(placed(panel)):
+        with tagged(axes, i):
+            axes.errorbar(
+                series.x,
+                series.y,
+                xerr=series.band,
+                linestyle="none",
+                marker=series.marker,
+                markersize=4,
+                capsize=2,
+                color=series.colour,
+                label=series.label or "_nolegend_",
+            )
     axes.set_ylim(-0.5, rows - 0.5)
     axes.set_yticks(np.arange(rows)[::-1], panel.names)
     axes.tick_params(axis="y", length=0)

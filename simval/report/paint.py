@@ -12,7 +12,7 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from simval.report import named  # noqa: F401  registers what it draws
+from simval.report import live, named  # noqa: F401  named registers what it draws
 from simval.report.axes import INK, paint
 from simval.report.layout import RIGHT, SIZE, SMALL, TITLE, laid_out
 from simval.report.panels import GREY, Drawing
@@ -57,11 +57,11 @@ def svg(drawing: Drawing) -> str:
     nothing = {"Date": None, "Creator": None, "Format": None, "Type": None}
     style: Any = {**STYLE, "svg.hashsalt": name}
     with mpl.rc_context(style):
-        _figure(drawing).savefig(
-            buffer, format="svg", dpi=DOTS_PER_INCH, metadata=nothing
-        )
+        figure, laid = _figure(drawing)
+        figure.savefig(buffer, format="svg", dpi=DOTS_PER_INCH, metadata=nothing)
+        over = live.points(figure, laid)
     text = buffer.getvalue()
-    text = text[text.index("<svg") :]
+    text = live.with_keys(text[text.index("<svg") :], laid)
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = _without_idle_ids(text)
     text = re.sub(r'\bid="', f'id="{name}-', text)
@@ -75,8 +75,13 @@ def svg(drawing: Drawing) -> str:
     # the size comes from the view box, so the figure can shrink with the page
     head, rest = text.split(">", 1)
     head = re.sub(r'\s(width|height)="[^"]*"', "", head)
-    label = escape(drawing.alternative)
-    return f'{head} id="{name}" role="img" aria-label="{label}">{rest}'
+    label = f'role="img" aria-label="{escape(drawing.alternative)}"'
+    if not over and "data-key=" not in rest:
+        return f'{head} id="{name}" {label}>{rest}'
+    image, end = rest.rsplit("</svg>", 1)
+    titles = escape("; ".join(panel.title for panel in drawing.panels))
+    whole = f'{head} id="{name}" role="group" aria-label="{titles}">'
+    return f"{whole}\n<g {label}>{image}</g>\n{over}</svg>{end}"
 
 
 def svg_file(drawing: Drawing) -> str:
@@ -114,7 +119,8 @@ def png(drawing: Drawing) -> bytes:
     buffer = io.BytesIO()
     style: Any = {**STYLE, "savefig.facecolor": "#ffffff"}
     with mpl.rc_context(style):
-        _figure(drawing).savefig(
+        figure, _ = _figure(drawing)
+        figure.savefig(
             buffer, format="png", dpi=DOTS_PER_INCH, metadata={"Software": None}
         )
     return buffer.getvalue()
@@ -133,7 +139,8 @@ def _rounded(tag: re.Match[str]) -> str:
     return re.sub(r"\d+\.\d{3,}", lambda m: f"{float(m[0]):.2f}", tag[0])
 
 
-def _figure(drawing: Drawing) -> Figure:
+def _figure(drawing: Drawing) -> tuple[Figure, Drawing]:
+    """The figure, and the drawing with its words in lines."""
     columns = min(len(drawing.panels), drawing.columns)
     rows = -(-len(drawing.panels) // columns)
     room = laid_out(drawing)
@@ -150,4 +157,5 @@ def _figure(drawing: Drawing) -> Figure:
     )
     for i, panel in enumerate(room.drawing.panels):
         paint(panel, figure.add_subplot(rows, columns, i + 1))
-    return figure
+    live.name_parts(figure, room.drawing)
+    return figure, room.drawing
