@@ -137,7 +137,11 @@ def test_figures_are_well_formed_have_a_text_and_keep_their_style(page):
     for figure in figures:
         root = ElementTree.fromstring(figure)
         assert root.get("aria-label")
-        assert root.get("role") == "img"
+        # one image, and beside it, if any, its points with their titles
+        image = root if root.get("role") == "img" else root[0]
+        assert image.get("role") == "img"
+        assert image.get("aria-label")
+        assert all(p[0].text for p in root.iter("{http://www.w3.org/2000/svg}circle"))
         name = root.get("id")
         for style in root.iter("{http://www.w3.org/2000/svg}style"):
             assert style.text.startswith(f"#{name} ")  # reaches this figure only

@@ -123,8 +123,8 @@ def bar_width(curves: Iterable[Curve | None]) -> float:
 
 def position(cell: CellResult, axis: str) -> float | None:
     """Place of a cell along an axis."""
-    value = cell.parameters.get(axis)
-    if isinstance(value, int | float) and not isinstance(value, bool):
+    value = numeric(cell.parameters.get(axis))
+    if value is not None:
         return float(value)
     row = cell.row(FAMILIES[axis]()) if axis in FAMILIES else None
     return None if row is None else row.value
@@ -203,5 +203,11 @@ def axis_of(cells: Sequence[CellResult]) -> str:
 
 
 def _numeric(cells: Sequence[CellResult], key: str) -> bool:
-    values = [cell.parameters.get(key) for cell in cells]
-    return all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
+    return all(numeric(cell.parameters.get(key)) is not None for cell in cells)
+
+
+def numeric(value: object) -> int | float | None:
+    """The value of a parameter if it is a number."""
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return value
+    return None
