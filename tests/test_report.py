@@ -233,7 +233,7 @@ def test_a_failing_check_comes_first_with_its_figure(tiny_run, undrawn):
     first = dict(zip(titles, table.rows[0], strict=True))
     assert first["statistic"] == "bias[x]"
     assert f'id="figure-{first["figure"]}"' in page
-    name = first["reproduce the cell"]
+    name = first["command"]
     assert name == f"simval repro --run tiny '{run.cells[3].name}'"
 
 

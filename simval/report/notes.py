@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from math import isfinite
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from simval.change import EFFORT
@@ -24,8 +25,19 @@ class Measured(NamedTuple):
     against: str = "predicted"  # what the third is
 
 
-def located(run: Run, folder: str) -> Run:
+def folder_of(run: Run) -> str:
+    """The run for a command: its path below the working folder, else its name.
+
+    Pages are shared, so they never show where on a machine a run is.
+    """
+    path, here = run.folder.absolute(), Path.cwd()
+    inside = path != here and path.is_relative_to(here)
+    return str(path.relative_to(here)) if inside else path.resolve().name
+
+
+def located(run: Run) -> Run:
     """Tell the cells of a run how a command names it."""
+    folder = folder_of(run)
     return replace(run, cells=tuple(replace(cell, run=folder) for cell in run.cells))
 
 

@@ -110,7 +110,7 @@ def sections(run: Run, alpha: float = ALPHA) -> tuple[Section, ...]:
     titles = {n: STUDIES[n].title if n in STUDIES else n for n in names}
     _require_parameters(run)
     context = Context(run=run, judged=judge_run(run, alpha=alpha), titles=titles)
-    context = replace(context, run=located(run, context.folder))
+    context = replace(context, run=located(run))
     return tuple(
         replace(section, elsewhere=_elsewhere(context, module))
         for module in SECTIONS

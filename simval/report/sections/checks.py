@@ -63,7 +63,8 @@ def _each(context: Context, verdicts: list[Verdict], figures: dict[Key, str]) ->
             spelled(v.cell.study),
             str(v.row.statistic),
             v.row.predictor,
-            *places.get(v.cell, (None, None, str(v.cell))),
+            *places.get(v.cell, (None, None, spelled(str(v.cell)))),
+            reproduce(v.cell, context.folder) or None,
             (v.row.value, v.row.standard_error),
             v.row.unit,
             v.row.prediction,
@@ -73,7 +74,6 @@ def _each(context: Context, verdicts: list[Verdict], figures: dict[Key, str]) ->
             v.limit if v.limit == v.limit else None,
             v.row.n,
             figures.get(key_of(v)) if v.answer == "fail" else None,
-            reproduce(v.cell, context.folder) or None,
         )
         for v in verdicts
     ]
@@ -89,6 +89,7 @@ def _each(context: Context, verdicts: list[Verdict], figures: dict[Key, str]) ->
             Column("noise", "number", choice=True),
             Column("poses", "number", choice=True),
             Column("what else varies"),
+            Column("command", "command"),
             Column("measured", "measured"),
             Column("unit"),
             Column("predicted", "number"),
@@ -98,7 +99,6 @@ def _each(context: Context, verdicts: list[Verdict], figures: dict[Key, str]) ->
             Column("limit", "number", 2),
             Column("n", "number", 12),
             Column("figure", "figure"),
-            Column("reproduce the cell", "command"),
         ),
         rows=rows,
         shown=MAX_ROWS,
