@@ -120,7 +120,7 @@ def test_the_page_is_complete_and_needs_no_network(page):
     assert links
     assert all(link.startswith(("data:", "#")) for link in links)
     assert "@import" not in page
-    assert page.count("<script") == 1  # the table sorting, named by its hash
+    assert page.count("<script") == 1  # named by its hash
     assert "default-src 'none'" in page
 
 

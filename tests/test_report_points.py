@@ -18,6 +18,7 @@ from simval.report.notes import Measured, folder_of, located, note
 from simval.report.page import sections
 from simval.report.paint import svg
 from simval.report.panels import COLOURS, DotPanel, Drawing, Panel, Series
+from simval.report.section import made
 from simval.report.units import MILLIRADIAN
 from simval.statistics import BIAS, EXACT, RMS
 from simval.sweep import load_run
@@ -125,15 +126,17 @@ def test_dots_of_named_things_have_discs():
 def test_points_that_are_pixels_have_no_discs(count, found):
     x = np.arange(1.0, count + 1.0)
     series = Series(label="s", x=x, y=x, notes=["n"] * count)
-    text = svg(
-        Drawing(
-            name="a",
-            caption="",
-            alternative="",
-            panels=[Panel(title="", x_label="", y_label="", series=(series,))],
-        )
+    drawing = Drawing(
+        name="a",
+        caption="",
+        alternative="",
+        panels=[Panel(title="", x_label="", y_label="", series=(series,))],
     )
+    text = svg(drawing)
     assert text.count("<circle") == found
+    # and its caption says so
+    page = str(made("plain", "", [drawing]).body)
+    assert ("drawn as pixels" in page) == (not found)
     assert ("data-key=" in text) == bool(found)  # nor can they be switched off
 
 

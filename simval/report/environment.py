@@ -9,6 +9,8 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
+from simval.report.axes import MANY
+from simval.report.live import silent
 from simval.report.paint import svg
 from simval.report.panels import Drawing
 from simval.report.table import sort_key, text
@@ -49,7 +51,7 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters.update(number=number)
-    environment.globals.update(NAMED=NAMED)
+    environment.globals.update(NAMED=NAMED, MANY=MANY, silent=silent)
     environment.globals.update(
         measured=measured, picture=_picture, text=text, sort_key=sort_key, script=script
     )

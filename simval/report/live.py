@@ -79,6 +79,12 @@ def points(figure: Figure, drawing: Drawing) -> str:
     return f'<g fill="none" pointer-events="all">\n{"".join(groups)}</g>\n'
 
 
+def silent(drawing: Drawing) -> bool:
+    """Whether it has points that would say something, were they not pixels."""
+    every = [series for panel in drawing.panels for series in _series(panel)]
+    return any(len(series.notes) > MANY for series in every)
+
+
 def _discs(series: Series, axes: Any, scale: float, height: float) -> str:
     """The points of a series that are within its axes."""
     if not len(series.notes) == len(series.x) <= MANY:

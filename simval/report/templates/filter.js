@@ -14,7 +14,7 @@ for (const table of document.querySelectorAll("table:has(th[data-choice])")) {
     control.addEventListener("input", apply);
   };
   const text = (row, column) => row.cells[column].textContent.trim();
-  const text_of = (row) => [...row.cells].map((cell) => cell.textContent).join(" ").toLowerCase();
+  const whole = (row) => [...row.cells].map((cell) => cell.textContent).join(" ").toLowerCase();
   const find = document.createElement("input");
   find.type = "search";
   const said = document.createElement("span");
@@ -28,7 +28,7 @@ for (const table of document.querySelectorAll("table:has(th[data-choice])")) {
     for (const row of rows) {
       const chosen = choices.every(({ select, values, column }) =>
         !select.selectedIndex || text(row, column) === values[select.selectedIndex - 1]);
-      const all = words.length ? text_of(row) : "";
+      const all = words.length ? whole(row) : "";
       row.hidden = !chosen || !words.every((word) => all.includes(word));
       shown += !row.hidden;
     }

@@ -8,14 +8,18 @@ const notes = new Map(); // lines of text of each point
 let told = null; // the point whose text is shown
 let leaving = 0;
 
-function place() {
+function place() { // beside its point, where it covers the fewest others
   if (!told) return;
   const at = told.getBoundingClientRect();
-  const width = document.documentElement.clientWidth;
-  const left = Math.min(at.left + at.width / 2 - box.offsetWidth / 2, width - box.offsetWidth - 8);
-  const below = at.bottom + 2 + box.offsetHeight <= window.innerHeight;
-  const top = below ? at.bottom + 2 : at.top - 2 - box.offsetHeight;
-  box.style.left = `${Math.max(left, 8) + window.scrollX}px`;
+  const [wide, high, page] = [box.offsetWidth, box.offsetHeight, document.documentElement.clientWidth];
+  const over = Math.max(8, Math.min(at.left + (at.width - wide) / 2, page - wide - 8));
+  const spots = [[over, at.bottom + 2], [over, at.top - high - 2], [at.right + 2, at.top], [at.left - wide - 2, at.top]];
+  const others = [...told.closest("svg").querySelectorAll(".points:not(.away) circle")]
+    .map((other) => other.getBoundingClientRect());
+  const cost = ([x, y]) => (x < 0 || x + wide > page || y < 0 || y + high > window.innerHeight ? 1e6 : 0)
+    + others.filter((o) => o.right > x && o.left < x + wide && o.bottom > y && o.top < y + high).length;
+  const [left, top] = spots.reduce((a, b) => (cost(b) < cost(a) ? b : a));
+  box.style.left = `${left + window.scrollX}px`;
   box.style.top = `${top + window.scrollY}px`;
 }
 
@@ -38,7 +42,6 @@ function tell(point) {
     return part;
   }));
   box.hidden = false;
-  box.style.left = "0"; // its own width, not what is left beside the point
   place();
 }
 
@@ -62,9 +65,8 @@ function neighbour(point, key) {
   const along = { ArrowLeft: here - 1, ArrowRight: here + 1, Home: 0, End: own.length - 1 };
   if (key in along) return own[along[key]];
   const step = { ArrowUp: -1, ArrowDown: 1 }[key];
-  if (!step) return undefined;
   const series = [...point.closest("svg").querySelectorAll(".points:not(.away)")];
-  const other = series[series.indexOf(point.parentNode) + step];
+  const other = step && series[series.indexOf(point.parentNode) + step];
   const away = (each) => Math.abs(each.cx.baseVal.value - point.cx.baseVal.value);
   return other && [...other.children].reduce((a, b) => (away(b) < away(a) ? b : a));
 }
