@@ -39,7 +39,9 @@ class Curve:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the page says of each point on request."""
+        """What the page says of each point on request; nothing if some are left out."""
+        if len(self.sources) != len(self.x):
+            return ()
         return tuple(note(cell, found, self.unit) for cell, found in self.sources)
 
     def scaled(self, unit: Unit) -> "Curve":
@@ -80,8 +82,8 @@ class Curve:
 Groups = Mapping[str, Sequence[CellResult]]
 """Cells that differ only along an axis, by what the group has in common."""
 
-Measure = Callable[[CellResult], Measured | tuple[float, float, float] | None]
-"""Value, standard error and prediction of one cell; None where it has none."""
+Measure = Callable[[CellResult], Measured | tuple[float, ...] | None]
+"""What is measured in one cell, or the first of its fields; None where it has none."""
 
 
 def curve(
@@ -135,7 +137,11 @@ def statistic(name: Statistic, predictor: str = "") -> Measure:
 
     def measure(cell: CellResult) -> Measured | None:
         row = cell.row(name, predictor)
-        return None if row is None else Measured(*triple(row), row.n, row.unit)
+        return (
+            None
+            if row is None
+            else Measured(*triple(row), row.remainder, row.n, row.unit)
+        )
 
     return measure
 

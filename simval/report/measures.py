@@ -36,7 +36,7 @@ def together(predictor: str) -> Measure:
             rms,
             float(np.sum(value * error)) / (3.0 * rms),
             float(np.sqrt(np.mean(predicted**2))),
-            min(row.n for row in rows if row is not None),
+            n=min(row.n for row in rows if row is not None),
         )
 
     return measure
@@ -64,7 +64,7 @@ def part(family: Family, name: str, predictor: str) -> Measure:
             return None
         weight = predicted / size / len(rows)
         spread = float(np.sqrt(np.sum((weight * error) ** 2)))
-        return Measured(float(weight @ value), spread, size, *samples(rows))
+        return Measured(float(weight @ value), spread, size, 0.0, *samples(rows))
 
     return measure
 
@@ -83,7 +83,7 @@ def moment(family: Family, predictor: str) -> Measure:
             return None
         weight = twice * predicted / size
         spread = float(np.sqrt(np.sum((weight * error) ** 2)))
-        return Measured(float(weight @ value), spread, size, *samples(rows))
+        return Measured(float(weight @ value), spread, size, 0.0, *samples(rows))
 
     return measure
 

@@ -20,9 +20,10 @@ class Measured(NamedTuple):
     value: float
     error: float  # standard
     prediction: float  # NaN without one
+    remainder: float = 0.0  # what the prediction itself may be off by
     n: int = 0  # independent samples; 0 where there are none
-    unit: str = ""  # of the three numbers
-    against: str = "predicted"  # what the third is
+    unit: str = ""  # of the numbers
+    against: str = "predicted"  # what the prediction is
 
 
 def folder_of(run: Run) -> str:
@@ -49,7 +50,10 @@ def note(cell: CellResult, found: Measured, unit: Unit | None = None) -> str:
     samples = f", n = {found.n}" if found.n else ""
     lines = [f"{measured(factor * found.value, factor * found.error)}{behind}{samples}"]
     if isfinite(found.prediction):
-        lines.append(f"{found.against} {number(factor * found.prediction)}{behind}")
+        off = factor * found.remainder
+        more = f", which leaves out {number(off, 2)}" if off > 0.0 else ""
+        words = f"{found.against} {number(factor * found.prediction)}{behind}"
+        lines.append(words + more)
     inside = described(cell.parameters)
     lines.append(": ".join(filter(None, (spelled(cell.study), inside))))
     lines.append(reproduce(cell.named, cell.run))

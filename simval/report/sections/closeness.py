@@ -162,7 +162,7 @@ def _growth(cells: list[CellResult]) -> Panel:
             return None
         sigma = float(cell.parameters["noise_std"])
         value, error = row.value / sigma, row.standard_error / sigma
-        return Measured(value, error, row.prediction / sigma, row.n)
+        return Measured(value, error, row.prediction / sigma, n=row.n)
 
     c = curve("simulated", cells, AXIS, over_noise)
     series: list[Series] = []

@@ -135,6 +135,6 @@ def _distance(row: Row) -> Measure:
         distance = (here.value - here.prediction) / here.standard_error
         allowed = here.remainder / here.standard_error
         words = ("standard errors", "allowed remainder")
-        return Measured(distance, 1.0, allowed, here.n, *words)
+        return Measured(distance, 1.0, allowed, 0.0, here.n, *words)
 
     return measure

@@ -187,7 +187,7 @@ def _mean(family: Family, predictor: str) -> Measure:
             return None
         value, error, prediction = np.mean([triple(row) for row in rows], axis=0)
         numbers = (float(value), float(error), float(prediction))
-        return Measured(*numbers, min(row.n for row in rows))
+        return Measured(*numbers, n=min(row.n for row in rows))
 
     return measure
 
