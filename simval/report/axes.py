@@ -9,7 +9,7 @@ from matplotlib.ticker import FixedFormatter, FixedLocator, NullFormatter
 
 from simval.arrays import Array
 from simval.report.layout import LINE, RIGHT, legend_rows
-from simval.report.palette import GREY, INK, SIMULATED, THEORY
+from simval.report.palette import GREY, SIMULATED, THEORY
 from simval.report.panels import AnyPanel, Panel, Series, SpherePanel
 from simval.report.ticks import log_ticks
 
@@ -20,6 +20,7 @@ MANY = 1500
 bars take 8.8 MB of the page, as pixels 0.1 MB; the words stay text (measured:
 docs/decisions/0068)."""
 STEP = 0.012  # of the axis, between points that are set side by side
+
 
 @singledispatch
 def paint(panel: object, axes: Any) -> None:

@@ -7,7 +7,9 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.change import EFFORT
+from simval.report.palette import BOUND, THEORY
 from simval.report.panels import COLOURS, MARKERS, BarPanel, Series
+from simval.report.parameters import setting_words
 from simval.report.slope import simultaneous
 from simval.results import Row
 from simval.shapes import Float
@@ -44,14 +46,14 @@ class Curve:
             marker=MARKERS[(place + place // len(COLOURS)) % len(MARKERS)],
         )
 
-    def predicted(self, place: int = 0, line: str = "-", label: str = "") -> Series:
-        """Line of the prediction."""
+    def predicted(self, line: str = "-", label: str = "") -> Series:
+        """Line of the prediction, or dotted of the bound."""
         x, first = np.unique(self.x, return_index=True)
         return Series(
             label=label,
             x=x,
             y=self.prediction[first],
-            colour=COLOURS[place % len(COLOURS)],
+            colour=BOUND if line == ":" else THEORY,
             line=line,
         )
 
@@ -142,7 +144,9 @@ def grouped(
     keys = [k for k in varying(cells) if k not in skipped]
     groups: dict[str, list[CellResult]] = {}
     for cell in cells:
-        label = ", ".join(_words(key, cell.parameters.get(key)) for key in keys)
+        label = ", ".join(
+            setting_words(cell.study, key, cell.parameters.get(key)) for key in keys
+        )
         groups.setdefault(label, []).append(cell)
     return {label: tuple(members) for label, members in groups.items()}
 
@@ -175,14 +179,3 @@ def axis_of(cells: Sequence[CellResult]) -> str:
 def _numeric(cells: Sequence[CellResult], key: str) -> bool:
     values = [cell.parameters.get(key) for cell in cells]
     return all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
-
-
-def _words(key: str, value: object) -> str:
-    name = key.replace("_", " ")
-    if isinstance(value, bool):
-        return name if value else f"no {name}"
-    if value is None or isinstance(value, str):
-        return str(value) if value else f"no {name}"
-    if key == "poses":
-        return f"{value} poses"
-    return f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}"

@@ -1,8 +1,10 @@
 """Scalars of a cell for the figures, each with its error and prediction."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from simval.report.curves import Measure
+from simval.report.curves import Curve, Measure, triple
 from simval.results import Row
 from simval.statistics import EXACT, RMS, Family
 from simval.sweep.run import CellResult
@@ -115,3 +117,10 @@ def _entries(cell: CellResult, family: Family, predictor: str) -> list[Row]:
 def _times(row: Row) -> float:
     """How often an entry of the upper triangle occurs in the matrix."""
     return 2.0 if len(set(row.statistic.entries)) == 2 else 1.0
+
+
+def placed(label: str, rows: Sequence[Row]) -> Curve:
+    """Rows side by side, each at its place in the order."""
+    value, error, prediction = np.array([triple(r) for r in rows]).reshape(-1, 3).T
+    places = np.arange(float(len(rows)))
+    return Curve(label=label, x=places, value=value, error=error, prediction=prediction)

@@ -30,9 +30,7 @@ def _(panel: BarPanel, axes: Any) -> None:
         places, measured, height=0.6, color=SIMULATED, label="measured", alpha=0.5
     )
     axes.errorbar(measured, places, xerr=band, linestyle="none", color=INK, capsize=2)
-    axes.plot(
-        predicted, places, "D", color=THEORY, ms=5, label="predicted", ls="none"
-    )
+    axes.plot(predicted, places, "D", color=THEORY, ms=5, label="predicted", ls="none")
     axes.set_yticks(places, panel.names)
     axes.grid(visible=False, axis="y")
     axes.set_title(panel.title, y=1.0)  # an automatic place takes a third longer

@@ -19,7 +19,7 @@ from simval.report.palette import GREY, INK
 from simval.report.panels import AnyPanel, Drawing
 
 DOTS_PER_INCH = 160  # of points drawn as pixels: sharp on a screen at twice its size
-STYLE: dict[str, Any] = {
+STYLE: Any = {
     "svg.fonttype": "none",
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],  # its metrics; a reader without it has another
@@ -67,8 +67,8 @@ def said(drawing: Drawing, panel: AnyPanel) -> str:
         return drawing.alternative
     x, y = getattr(panel, "x_label", ""), getattr(panel, "y_label", "")
     words = f"{y} against {x}" if x and y else x
-    named = [s.label for s in getattr(panel, "series", ()) if s.label]
-    parts = (panel.title, words, ", ".join(named))
+    labels = [s.label for s in getattr(panel, "series", ()) if s.label]
+    parts = (panel.title, words, ", ".join(labels))
     return "; ".join(part for part in parts if part)
 
 
@@ -177,7 +177,9 @@ def _figure(drawing: Drawing) -> Figure:
     return figure
 
 
-def _add(figure: Figure, room: Layout, number: int, corner: tuple[float, float]) -> None:
+def _add(
+    figure: Figure, room: Layout, number: int, corner: tuple[float, float]
+) -> None:
     """Draw a panel with its lower left corner there, in inches."""
     width, height = figure.get_size_inches()
     x, y = corner

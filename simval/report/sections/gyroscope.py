@@ -4,7 +4,8 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.report.curves import MAX_GROUPS, grouped
-from simval.report.panels import COLOURS, GREY, Drawing, Panel, Series
+from simval.report.palette import BOUND
+from simval.report.panels import COLOURS, Drawing, Panel, Series
 from simval.report.section import Context, Section, Shown, made
 from simval.report.words import spelled
 from simval.shapes import Float
@@ -14,7 +15,7 @@ from simval.sweep.run import CellResult
 
 SHOWN = Shown("gyroscope", (RECOVERY, SD))
 KINDS = (
-    (STRAIGHT, "straight lines between samples (Runge-Kutta)"),
+    (STRAIGHT, "straight lines between samples"),
     (AVERAGES, "averages with their coning"),
 )
 
@@ -29,6 +30,8 @@ def section(context: Context) -> Section | None:
     shown = [group[0] for group in groups.values()][:MAX_GROUPS]
     drawing = Drawing(
         name="gyroscope",
+        asked="How fast must a gyroscope be read for its calibration?",
+        finding=" ".join(filter(None, (_said(cell) for cell in shown[:1]))),
         caption=(
             "Greatest error of M in a calibration without noise, by the rate of the "
             "rows. Runge-Kutta on samples integrates straight lines between them and "
@@ -54,7 +57,7 @@ def _panel(cell: CellResult, label: str) -> Panel:
     return Panel(
         title=label or spelled(cell.study),
         x_label="rows per second, Hz",
-        y_label="error of M, 1",
+        y_label="error of M, relative",
         series=[
             Series(label=words, x=x, y=y, colour=COLOURS[i], marker="os"[i])
             for i, (kind, words) in enumerate(KINDS)
@@ -62,15 +65,27 @@ def _panel(cell: CellResult, label: str) -> Panel:
         ]
         + [
             Series(
-                label="bound",
+                label="Cramér-Rao bound",
                 x=ROWS / np.array([*THINNED.values()], dtype=float),
                 y=np.full(len(THINNED), value),
-                colour=GREY,
+                colour=BOUND,
                 line=":",
             )
             for value in bound
         ],
     )
+
+
+def _said(cell: CellResult) -> str:
+    """Error of each integrator at the slowest and the fastest rate, and the bound."""
+    parts = []
+    for kind, words in KINDS:
+        x, y = _curve(cell, kind)
+        if len(x) > 1:
+            parts.append(f"{words} {y[0]:.1e} at {x[0]:g} Hz, {y[-1]:.1e} at {x[-1]:g}")
+    bound = [row.value for row in cell.rows if row.statistic.family == SD]
+    least = f"; noise leaves {bound[0]:.1e}" if bound else ""
+    return f"Relative error of M: {'; '.join(parts)}{least}." if parts else ""
 
 
 def _curve(

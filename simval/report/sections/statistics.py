@@ -16,7 +16,9 @@ from simval.report.curves import (
     statistic,
     triple,
 )
+from simval.report.findings import agrees
 from simval.report.panels import Drawing, Panel
+from simval.report.parameters import axis_words
 from simval.report.section import Context, Section, Shown, made
 from simval.report.words import spelled
 from simval.results import Row
@@ -25,19 +27,19 @@ from simval.sweep.run import CellResult
 
 DRAWN = {
     EFFICIENCY: (
-        "efficiency, 1",
+        "efficiency",
         "Efficiency: the Cramér-Rao bound of the variance over the variance; 1 is "
         "the best that an unbiased estimator can do. Lines: theory.",
         "Efficiency of each estimator or parameter, beside theory",
     ),
     COVERAGE: (
-        "share that covers, 1",
+        "share that covers",
         "Coverage: how often the stated intervals contain the truth. Lines: their "
         "stated level.",
         "Coverage of the intervals beside their stated level",
     ),
     NEES: (
-        "measured / predicted, 1",
+        "measured / predicted",
         "NEES, the squared error in units of its own covariance, over its "
         "predicted mean: 1 where the covariance is right, above where it is too "
         "small.",
@@ -45,6 +47,12 @@ DRAWN = {
     ),
 }
 """Of each family: what its axis, its caption and its text alternative say."""
+ASKED = {
+    EFFICIENCY: ("Is the scatter at the bound?", "Efficiency"),
+    COVERAGE: ("Do the stated intervals cover the truth?", "Coverage"),
+    NEES: ("Are the stated covariances right?", "NEES"),
+}
+"""Of each family: the question, and what its answer is about."""
 MAX_PANELS = 9  # for the size of a page, as is `MAX_KINDS`
 MAX_KINDS = 4
 """Statistics of a family drawn one by one; of more, their mean."""
@@ -58,18 +66,29 @@ def section(context: Context) -> Section | None:
     drawings = [
         Drawing(
             name=family.name,
+            asked=asked,
+            finding=agrees(subject, drawn),
             caption=f"{caption} Bars: 95 % for all points of a panel together.",
             alternative=alternative,
             panels=panels,
             left_out=rest,
         )
         for family, (y_label, caption, alternative) in DRAWN.items()
-        for panels, rest in [_panels(context, family, y_label)]
+        for asked, subject in [ASKED[family]]
+        for panels, rest, drawn in [_panels(context, family, y_label)]
         if panels
     ]
+    drawings = [drawings[0], *map(_folded, drawings[1:])] if drawings else []
     if not drawings:
         return None
     return made("statistics", "Efficiency, coverage and consistency", drawings)
+
+
+def _folded(drawing: Drawing) -> Drawing:
+    """Behind its own answer, if that is that all is as theory says."""
+    if " off " in drawing.finding:
+        return drawing
+    return replace(drawing, fold=drawing.finding, asked="", finding="")
 
 
 def _over_prediction(c: Curve) -> Curve:
@@ -79,9 +98,10 @@ def _over_prediction(c: Curve) -> Curve:
 
 def _panels(
     context: Context, family: Family, y_label: str
-) -> tuple[list[Panel], list[str]]:
-    """Panels of each study that has rows of a family, and what is not in them."""
+) -> tuple[list[Panel], list[str], list[Curve]]:
+    """Panels of each study that has rows of a family, what is not in them, and all."""
     panels: list[Panel] = []
+    drawn: list[Curve] = []
     left_out: list[str] = []
     for study in (name for name in context.titles if name not in OF_THEIR_OWN):
         cells = [
@@ -95,14 +115,16 @@ def _panels(
             none = [c for c in curves if not np.isfinite(c.value).any()]
             some = [c for c in curves if np.isfinite(c.value).any()]
             parts = _parts(some)
+            drawn += some
             room = MAX_PANELS - len(panels)
             for i, part in enumerate(parts[:room]):
                 place = f" ({i + 1} of {len(parts)})" if len(parts) > 1 else ""
-                words = (f"{title}{place}", spelled(axis_of(cells)), y_label)
+                axis = axis_words(study, axis_of(cells))
+                words = (f"{title}{place}", axis, y_label)
                 panels.append(_panel(words, part, family))
             missed = [c for part in parts[room:] for c in part]
             left_out += [_label(spelled(study), c.label) for c in (*none, *missed)]
-    return panels, left_out
+    return panels, left_out, drawn
 
 
 def _parts(curves: Sequence[Curve]) -> list[Sequence[Curve]]:
@@ -146,7 +168,7 @@ def _panel(
     for i, c in enumerate(curves):
         series.append(c.points(z, i))
         if family != NEES and np.isfinite(c.prediction).any():
-            series.append(c.predicted(i))
+            series.append(c.predicted("-", "" if i else "theory"))
     title, x_label, y_label = words
     return Panel(
         title=title,
