@@ -33,6 +33,8 @@ class Curve:
     value: Float[Array, " n"]
     error: Float[Array, " n"]
     prediction: Float[Array, " n"]
+    # what the prediction itself leaves out; None is nothing
+    remainder: Float[Array, " n"] | None = None
 
     def points(self, z: float, place: int = 0, label: str | None = None) -> Series:
         """Measured points with bands."""
@@ -61,8 +63,9 @@ class Curve:
 Groups = Mapping[str, Sequence[CellResult]]
 """Cells that differ only along an axis, by what the group has in common."""
 
-Measure = Callable[[CellResult], tuple[float, float, float] | None]
-"""Value, standard error and prediction of one cell; None where it has none."""
+Measure = Callable[[CellResult], tuple[float, ...] | None]
+"""Value, standard error and prediction of one cell, and where it is known what the
+prediction leaves out; None where it has none."""
 
 
 def curve(
@@ -78,8 +81,15 @@ def curve(
         ]
     if not points:
         return None
-    x, value, error, prediction = np.array(sorted(points), dtype=float).T
-    return Curve(label=label, x=x, value=value, error=error, prediction=prediction)
+    x, value, error, prediction, *rest = np.array(sorted(points), dtype=float).T
+    return Curve(
+        label=label,
+        x=x,
+        value=value,
+        error=error,
+        prediction=prediction,
+        remainder=rest[0] if rest else None,
+    )
 
 
 def curves(groups: Groups, measure: Measure, axis: str = "noise_std") -> list[Curve]:
@@ -105,9 +115,9 @@ def position(cell: CellResult, axis: str) -> float | None:
 def statistic(name: Statistic, predictor: str = "") -> Measure:
     """Measure that reads one row."""
 
-    def measure(cell: CellResult) -> tuple[float, float, float] | None:
+    def measure(cell: CellResult) -> tuple[float, ...] | None:
         row = cell.row(name, predictor)
-        return None if row is None else triple(row)
+        return None if row is None else (*triple(row), row.remainder)
 
     return measure
 

@@ -1,21 +1,25 @@
 """The sentence above a figure, made from its numbers.
 
 The bands of a figure hold together with 95 %, so in one figure of twenty a point is
-outside its band by chance, and the sentence says so. A point is off theory where it is
-also outside the bands that hold together with 99.9 %.
+outside its band by chance; the sentence says how often chance does it. A point is off
+theory where chance does it to fewer than one figure in ten thousand. What a prediction
+itself states that it leaves out is not held against it, as in the gate.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
+from simval.arrays import Array
 from simval.report.curves import Curve
 from simval.report.ratio import SEEN, ratio
 from simval.report.slope import Z95, Slope, simultaneous
+from simval.shapes import Float
 from simval.sweep.run import CellResult
 
-SURE = 0.999
+SURE = 0.9999
 """Confidence with which a point outside its band is off theory."""
 EXACTLY = 1e-12
 """Relative distance that is rounding."""
@@ -28,37 +32,48 @@ class Agreement:
     points: int  # measured
     compared: int  # that have a prediction
     unseen: int  # of these, so noisy that a ratio of 0 and one of 2 agree as well
+    allowed: int  # outside their bands, but not of what the prediction leaves out
     outside: int  # outside bands that hold together with 95 %
-    off: int  # outside bands that hold together with 99.9 %
-    within: float  # greatest relative distance of those that are seen
+    off: int  # outside bands that hold together with 99.99 %
+    within: float  # greatest relative distance of the others that are seen
+    most: float  # and of those that are allowed
     farthest: float  # in standard errors; 0 where nothing is sampled
     where: float  # place of the farthest along the axis
 
 
 def agreement(curves: Sequence[Curve]) -> Agreement:
     """Compare the points of some curves with their predictions, all together."""
-    points = sum(len(c.x) for c in curves)
     ratios = [ratio(c) for c in curves]
-    x, value, error = (
-        np.concatenate([getattr(c, name) for c in ratios] or [np.empty(0)])
-        for name in ("x", "value", "error")
-    )
+    x, value, error = (_joined(ratios, name) for name in ("x", "value", "error"))
+    rest = np.concatenate([_remainder(c) for c in ratios] or [np.empty(0)])
     distance = np.abs(value - 1.0)
     sampled = error > 0.0
-    sigmas = np.where(sampled, distance / np.where(sampled, error, 1.0), 0.0)
+    size = np.where(sampled, error, 1.0)
+    sigmas = np.where(sampled, np.maximum(distance - rest, 0.0) / size, 0.0)
     band, sure = simultaneous(len(x)), simultaneous(len(x), SURE)
     seen = band * error <= SEEN
+    allowed = seen & sampled & (sigmas <= band) & (distance > band * error)
     last = int(np.argmax(sigmas)) if len(x) else 0
     return Agreement(
-        points=points,
+        points=sum(len(c.x) for c in curves),
         compared=len(x),
         unseen=int(np.sum(~seen)),
+        allowed=int(np.sum(allowed)),
         outside=int(np.sum(sigmas > band)),
         off=int(np.sum(sigmas > sure)),
-        within=float(np.max(distance[seen], initial=0.0)),
+        within=float(np.max(distance[seen & ~allowed], initial=0.0)),
+        most=float(np.max(distance[allowed], initial=0.0)),
         farthest=float(sigmas[last]) if len(x) else 0.0,
         where=float(x[last]) if len(x) else 0.0,
     )
+
+
+def _joined(curves: Sequence[Curve], name: str) -> Float[Array, " n"]:
+    return np.concatenate([getattr(c, name) for c in curves] or [np.empty(0)])
+
+
+def _remainder(c: Curve) -> Float[Array, " n"]:
+    return np.zeros(len(c.x)) if c.remainder is None else c.remainder
 
 
 def agrees(
@@ -75,23 +90,11 @@ def agrees(
         return (
             f"{subject} cannot be told from zero, nor from {theory}, in these trials."
         )
-    if found.compared == 1:
+    if found.compared == 1 and not found.allowed:
         sigmas = f", {found.farthest:.1f} standard errors" if found.farthest else ""
-        return (
-            f"{subject} is at {theory}: one point, {percent(found.within)} off{sigmas}."
-        )
-    rest = found.compared - found.unseen
-    where = f"in all {rest} points" if not found.unseen else (
-        f"in {rest} of {found.compared} points; the others cannot be told from zero"
-    )  # fmt: skip
-    chance = ""
-    if found.outside:
-        chance = (
-            f"; {_count(found.outside, 'point')} outside the band, by "
-            f"{found.farthest:.1f} standard errors, as chance has it in one figure "
-            "of twenty"
-        )
-    return f"{subject} is at {theory} within {percent(found.within)} {where}{chance}."
+        off = percent(found.within)
+        return f"{subject} is at {theory}: one point, {off} off{sigmas}."
+    return f"{subject} is at {theory}{_where(found)}{_chance(found)}."
 
 
 def _off(subject: str, found: Agreement, at: str, theory: str) -> str:
@@ -99,7 +102,38 @@ def _off(subject: str, found: Agreement, at: str, theory: str) -> str:
     verb = "is" if found.off == 1 else "are"
     return (
         f"{subject}: {found.off} of {_count(found.compared, 'point')} {verb} off "
-        f"{theory}, most{place}, by {found.farthest:.1f} standard errors."
+        f"{theory}, the farthest{place} by {found.farthest:.1f} standard errors."
+    )
+
+
+def _where(found: Agreement) -> str:
+    """How near how many points are, and what is to be said of the others."""
+    plain = found.compared - found.unseen - found.allowed
+    every = plain == found.compared
+    words = [] if not plain else [
+        f" within {percent(found.within)} in "
+        f"{f'all {plain}' if every else f'{plain} of {found.compared}'} points"
+    ]  # fmt: skip
+    if found.allowed:
+        words.append(
+            f"{', ' if plain else ' in '}{found.allowed} as far off as theory's own "
+            f"remainder allows, up to {percent(found.most)}"
+        )
+    if found.unseen:
+        words.append(f", {found.unseen} cannot be told from zero")
+    return "".join(words)
+
+
+def _chance(found: Agreement) -> str:
+    """How often chance puts a point so far out, where one is outside its band."""
+    if not found.outside:
+        return ""
+    alone = 2.0 * float(scipy.special.ndtr(-found.farthest))
+    rate = -np.expm1(found.compared * np.log1p(-alone))
+    return (
+        f"; {_count(found.outside, 'point')} outside the band, by up to "
+        f"{found.farthest:.1f} standard errors, which chance does to one figure in "
+        f"{1.0 / rate:,.0f}"
     )
 
 
@@ -135,7 +169,7 @@ def slopes_said(pairs: Sequence[tuple[Slope | None, Slope | None]]) -> tuple[str
     """Say whether fitted slopes are those of theory's own lines, and if all are."""
     told = [(f, own) for f, own in pairs if f is not None and own is not None]
     rest = len(pairs) - len(told)
-    missing = f"; {rest} cannot be told from zero or have one place" if rest else ""
+    missing = f"; {rest} cannot be told from zero" if rest else ""
     if not told:
         return (
             f"{_count(len(pairs), 'slope')}, none told from zero in these trials",
@@ -150,9 +184,8 @@ def slopes_said(pairs: Sequence[tuple[Slope | None, Slope | None]]) -> tuple[str
             f"{len(off)} of {_count(len(told), 'slope')} off theory's own, by up to "
             f"{max(off):.1f} standard errors{missing}"
         ), False
-    return (
-        f"{_count(len(told), 'slope')}, theory's own within {max(apart):.3f}{missing}"
-    ), True
+    count = _count(len(told), "slope")
+    return f"{count}, theory's own within {max(apart):.3f}{missing}", True
 
 
 def percent(share: float) -> str:

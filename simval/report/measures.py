@@ -17,17 +17,22 @@ STANDARD_GRAVITY = 9.80665
 def together(predictor: str) -> Measure:
     """RMS error of all nine parameters, the bias in units of standard gravity."""
 
-    def measure(cell: CellResult) -> tuple[float, float, float] | None:
+    def measure(cell: CellResult) -> tuple[float, ...] | None:
         rows = [cell.row(RMS(name), predictor) for name in GROUPS]
         if any(row is None or row.prediction is None for row in rows):
             return None
         units = (1.0, 1.0, STANDARD_GRAVITY)
         parts = [
-            (row.value / u, row.standard_error / u, row.prediction / u)
+            (
+                row.value / u,
+                row.standard_error / u,
+                row.prediction / u,
+                row.remainder / u,
+            )
             for row, u in zip(rows, units, strict=True)
             if row is not None and row.prediction is not None
         ]
-        value, error, predicted = np.array(parts).T
+        value, error, predicted, rest = np.array(parts).T
         if not np.isfinite(parts).all():
             return None
         rms = float(np.sqrt(np.mean(value**2)))
@@ -35,6 +40,7 @@ def together(predictor: str) -> Measure:
             rms,
             float(np.sum(value * error)) / (3.0 * rms),
             float(np.sqrt(np.mean(predicted**2))),
+            float(np.sum(value * rest)) / (3.0 * rms),
         )
 
     return measure
@@ -44,7 +50,7 @@ def part(family: Family, name: str, predictor: str) -> Measure:
     """RMS over the three entries of T, K or B of their sd or bias."""
     letters = tuple("ST" if name == "T" else name)
 
-    def measure(cell: CellResult) -> tuple[float, float, float] | None:
+    def measure(cell: CellResult) -> tuple[float, ...] | None:
         rows = [
             row
             for row in cell.rows
@@ -62,7 +68,8 @@ def part(family: Family, name: str, predictor: str) -> Measure:
             return None
         weight = predicted / size / len(rows)
         spread = float(np.sqrt(np.sum((weight * error) ** 2)))
-        return float(weight @ value), spread, size
+        rest = float(np.abs(weight) @ [row.remainder for row in rows])
+        return float(weight @ value), spread, size, rest
 
     return measure
 
@@ -70,7 +77,7 @@ def part(family: Family, name: str, predictor: str) -> Measure:
 def moment(family: Family, predictor: str) -> Measure:
     """Bias or covariance, projected on the direction of the prediction."""
 
-    def measure(cell: CellResult) -> tuple[float, float, float] | None:
+    def measure(cell: CellResult) -> tuple[float, ...] | None:
         rows = _entries(cell, family, predictor)
         predicted = np.array([row.prediction for row in rows], dtype=float)
         twice = np.array([_times(row) for row in rows])
@@ -81,7 +88,8 @@ def moment(family: Family, predictor: str) -> Measure:
             return None
         weight = twice * predicted / size
         spread = float(np.sqrt(np.sum((weight * error) ** 2)))
-        return float(weight @ value), spread, size
+        rest = float(np.abs(weight) @ [row.remainder for row in rows])
+        return float(weight @ value), spread, size, rest
 
     return measure
 
@@ -89,7 +97,7 @@ def moment(family: Family, predictor: str) -> Measure:
 def left_out(family: Family, predictor: str, reference: str = EXACT) -> Measure:
     """How far a prediction is from a better one: what it leaves out."""
 
-    def measure(cell: CellResult) -> tuple[float, float, float] | None:
+    def measure(cell: CellResult) -> tuple[float, ...] | None:
         truth = {r.statistic: r for r in _entries(cell, family, reference)}
         rows = [r for r in _entries(cell, family, predictor) if r.statistic in truth]
         if not rows:
@@ -123,4 +131,11 @@ def placed(label: str, rows: Sequence[Row]) -> Curve:
     """Rows side by side, each at its place in the order."""
     value, error, prediction = np.array([triple(r) for r in rows]).reshape(-1, 3).T
     places = np.arange(float(len(rows)))
-    return Curve(label=label, x=places, value=value, error=error, prediction=prediction)
+    return Curve(
+        label=label,
+        x=places,
+        value=value,
+        error=error,
+        prediction=prediction,
+        remainder=np.array([row.remainder for row in rows]),
+    )

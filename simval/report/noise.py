@@ -93,7 +93,7 @@ def slope_cells(c: Curve) -> tuple[str, float | None]:
 def slope_fold(found: Sequence[Fits]) -> str:
     """Words of the fold of a table of slopes: none where one is not theory's."""
     words, well = slopes_said(found)
-    return f"Slopes: {words}" if well else ""
+    return words if well else ""
 
 
 Set = tuple[str, Unit, list[Curve], list[Curve]]

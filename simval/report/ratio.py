@@ -29,12 +29,14 @@ def ratio(c: Curve) -> Curve:
     good = np.isfinite(c.prediction) & (c.prediction != 0.0)
     good &= np.isfinite(c.value) & np.isfinite(c.error)
     predicted = c.prediction[good]
+    rest = None if c.remainder is None else c.remainder[good] / np.abs(predicted)
     return replace(
         c,
         x=c.x[good],
         value=c.value[good] / predicted,
         error=c.error[good] / np.abs(predicted),
         prediction=np.ones(len(predicted)),
+        remainder=rest,
     )
 
 
@@ -47,6 +49,7 @@ def seen(c: Curve, z: float) -> Curve:
         value=c.value[good],
         error=c.error[good],
         prediction=c.prediction[good],
+        remainder=None if c.remainder is None else c.remainder[good],
     )
 
 

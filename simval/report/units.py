@@ -48,4 +48,5 @@ def scaled(curve: Curve, unit: Unit) -> Curve:
         value=unit.factor * curve.value,
         error=unit.factor * curve.error,
         prediction=unit.factor * curve.prediction,
+        remainder=(None if curve.remainder is None else unit.factor * curve.remainder),
     )

@@ -132,7 +132,7 @@ def _drawing(
         panels.append(remainders(cells, part))
     place = f"{label}: " if label else ""
     said = agrees(
-        "Bias and covariance of the error",
+        "Every moment of the error",
         curves,
         at="noise",
         theory="the exact theory",
@@ -253,8 +253,8 @@ def order_words(found: Iterable[tuple[str, float | None, float]]) -> str:
     told = []
     for (formula, stated), values in slopes.items():
         ends = dict.fromkeys(f"{value:.2f}" for value in (min(values), max(values)))
-        told.append(f"{formula} {' to '.join(ends)} (stated: {stated:g})")
-    return f"Slope of what is left out: {', '.join(told)}" if told else ""
+        told.append(f"{' to '.join(ends)} ({formula}; stated {stated:g})")
+    return f"What is left out has the slope {', '.join(told)}" if told else ""
 
 
 def _lengths(kinds: Sequence[str], rows: Sequence[Sequence[float | None]]) -> str:

@@ -85,9 +85,9 @@ def _drawing(
     return Drawing(
         name="geometries",
         asked="Is a formula nearer to the truth than the second order?",
-        finding=told,
+        finding=_nearer(found),
         caption=(
-            "The share of geometries in which the leading error of a "
+            f"{told} Drawn: the share of geometries in which the leading error of a "
             "formula's covariance, the term in σ⁴ that it has wrong, is at most so "
             "many times that of the second order. To the left of 1 (dashed) a formula "
             "is nearer to the truth than the second order; the complete fourth order, "
@@ -102,6 +102,16 @@ def _drawing(
         panels=[_panel(cell, ratios) for cell, ratios in found],
         left_out=left_out,
     )
+
+
+def _nearer(found: Sequence[tuple[CellResult, Ratios]]) -> str:
+    """In how many geometries each formula is nearer to the truth, in short."""
+    told = []
+    for name in DRAWN:
+        shares = [100.0 * float(np.mean(of_all[name] < 1.0)) for _, of_all in found]
+        ends = dict.fromkeys(f"{share:.3g}" for share in (min(shares), max(shares)))
+        told.append(f"{CALLED[name]} in {' to '.join(ends)} %")
+    return f"{'; '.join(told)} of the geometries."
 
 
 def _panel(cell: CellResult, ratios: Ratios) -> Panel:

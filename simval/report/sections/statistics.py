@@ -16,7 +16,7 @@ from simval.report.curves import (
     statistic,
     triple,
 )
-from simval.report.findings import agrees
+from simval.report.findings import agreement, agrees
 from simval.report.panels import Drawing, Panel
 from simval.report.parameters import axis_words
 from simval.report.section import Context, Section, Shown, made
@@ -63,37 +63,41 @@ OF_THEIR_OWN = ("filter",)
 
 def section(context: Context) -> Section | None:
     """Make the section."""
-    drawings = [
-        Drawing(
-            name=family.name,
-            asked=asked,
-            finding=agrees(subject, drawn),
-            caption=f"{caption} Bars: 95 % for all points of a panel together.",
-            alternative=alternative,
-            panels=panels,
-            left_out=rest,
-        )
-        for family, (y_label, caption, alternative) in DRAWN.items()
-        for asked, subject in [ASKED[family]]
-        for panels, rest, drawn in [_panels(context, family, y_label)]
-        if panels
-    ]
-    drawings = [drawings[0], *map(_folded, drawings[1:])] if drawings else []
+    drawings: list[Drawing] = []
+    for family in DRAWN:
+        drawing = _drawing(context, family, folded=bool(drawings))
+        drawings += [] if drawing is None else [drawing]
     if not drawings:
         return None
     return made("statistics", "Efficiency, coverage and consistency", drawings)
 
 
-def _folded(drawing: Drawing) -> Drawing:
-    """Behind its own answer, if that is that all is as theory says."""
-    if " off " in drawing.finding:
-        return drawing
-    return replace(drawing, fold=drawing.finding, asked="", finding="")
+def _drawing(context: Context, family: Family, *, folded: bool) -> Drawing | None:
+    """A figure of one family; behind its own answer, if that is that all is well."""
+    y_label, caption, alternative = DRAWN[family]
+    asked, subject = ASKED[family]
+    panels, rest, drawn = _panels(context, family, y_label)
+    if not panels:
+        return None
+    said = agrees(subject, drawn)
+    hidden = folded and agreement(drawn).off == 0
+    return Drawing(
+        name=family.name,
+        asked="" if hidden else asked,
+        finding="" if hidden else said,
+        fold=said if hidden else "",
+        caption=f"{caption} Bars: 95 % for all points of a panel together.",
+        alternative=alternative,
+        panels=panels,
+        left_out=rest,
+    )
 
 
 def _over_prediction(c: Curve) -> Curve:
     value, error = c.value / c.prediction, c.error / c.prediction
-    return replace(c, value=value, error=error, prediction=np.ones(len(c.x)))
+    rest = None if c.remainder is None else c.remainder / c.prediction
+    ones = np.ones(len(c.x))
+    return replace(c, value=value, error=error, prediction=ones, remainder=rest)
 
 
 def _panels(
@@ -198,16 +202,15 @@ def _measures(
 def _mean(family: Family, predictor: str) -> Measure:
     """Mean over the statistics of a family; its error is at most the mean error."""
 
-    def measure(cell: CellResult) -> tuple[float, float, float] | None:
+    def measure(cell: CellResult) -> tuple[float, ...] | None:
         values = [
-            triple(row)
+            (*triple(row), row.remainder)
             for row in cell.rows
             if row.predictor == predictor and _belongs(row, family)
         ]
         if not values:
             return None
-        value, error, prediction = np.mean(values, axis=0)
-        return float(value), float(error), float(prediction)
+        return tuple(float(each) for each in np.mean(values, axis=0))
 
     return measure
 

@@ -93,8 +93,7 @@ def _efficiency(groups: Groups, names: Sequence[str]) -> Drawing:
             "RMS error over the Cramér-Rao bound against how unequal the noise is: "
             "the first vector's is fixed, the others have so many times as much. "
             "Points: simulated, with bars that hold for all points of a panel "
-            "together (95 %). Lines: first order. The greatest ratio here, by first "
-            f"order: {worst}."
+            "together (95 %). Lines: first order."
         ),
         alternative=(
             "RMS error of each estimator over the Cramér-Rao bound against the ratio "
