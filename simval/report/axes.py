@@ -19,7 +19,7 @@ MANY = 1500
 """Points of a series beyond which it is drawn as pixels: as vectors 20 000 with their
 bars take 8.8 MB of the page, as pixels 0.1 MB; the words stay text (measured:
 docs/decisions/0068)."""
-STEP = 0.012  # of the axis, between points that are set side by side
+STEP, SIDE = 0.02, 0.1  # of the axis: between points set side by side, and all of them
 
 
 @singledispatch
@@ -30,7 +30,9 @@ def paint(panel: object, axes: Any) -> None:
 
 @paint.register
 def _(panel: Panel, axes: Any) -> None:
-    panel = _dodged(_drawable(panel))
+    panel = _drawable(panel)
+    places = [s.x for s in panel.series]
+    panel = _dodged(panel)
     for start, stop in panel.spans:
         axes.axvspan(start, stop, color=GREY, alpha=0.25, linewidth=0)
     for series in panel.series:
@@ -46,7 +48,7 @@ def _(panel: Panel, axes: Any) -> None:
         _limit(panel, axes)
     _one_place(panel, axes)
     if panel.log_x:
-        label_decades(axes.xaxis, [s.x for s in panel.series])
+        label_decades(axes.xaxis, places)
     if panel.log_y:
         label_decades(axes.yaxis)
     axes.set_title(panel.title, y=1.0)  # an automatic place takes a third longer
@@ -119,13 +121,14 @@ def _dodged(panel: Panel) -> Panel:
         return panel
     places = np.concatenate([s.x for s in points])
     low, high = float(places.min()), float(places.max())
-    steps = iter(STEP * (np.arange(len(points)) - (len(points) - 1) / 2.0))
+    step = min(STEP, SIDE / (len(points) - 1))
+    steps = iter(step * (np.arange(len(points)) - (len(points) - 1) / 2.0))
     series = []
     for s in panel.series:
         x = s.x
         if not s.line and len(x):
-            step = next(steps)
-            x = x * (high / low) ** step if panel.log_x else x + step * (high - low)
+            shift = next(steps)
+            x = x * (high / low) ** shift if panel.log_x else x + shift * (high - low)
         series.append(replace(s, x=x))
     return replace(panel, series=tuple(series))
 

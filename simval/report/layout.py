@@ -29,6 +29,7 @@ from simval.report.panels import (
 # them, inches
 WIDTHS = {1: 6.6, 2: 5.2}
 WIDTH, UP = 4.3, 2.2
+DISC = 3.4  # of a map of directions
 # left: a tick of eight digits and a line; right: half of such a tick
 LEFT, RIGHT, BOTTOM, TOP = 0.95, 0.35, 0.55, 0.35
 NAMES = 1.6  # at most, for the names of bars
@@ -71,31 +72,40 @@ class Layout:
 
 def laid_out(drawing: Drawing) -> Layout:
     """Break the words of a drawing into lines and find the margins."""
-    width = WIDTHS.get(drawing.columns, WIDTH)
+    globes = all(isinstance(panel, SpherePanel) for panel in drawing.panels)
+    width = DISC if globes else WIDTHS.get(drawing.columns, WIDTH)
     panels = [_names_broken(panel) for panel in drawing.panels]
     ups = [_up(panel) for panel in panels]
+    alike = max(
+        [u for u, p in zip(ups, panels, strict=True) if _in_rows(p)], default=0.0
+    )
+    ups = [alike if _in_rows(p) else u for u, p in zip(ups, panels, strict=True)]
     panels = [
         _changed(panel, "y_label", up) for panel, up in zip(panels, ups, strict=True)
     ]
     sides = [_names_width(panel) + LINE * _more(panel, "y_label") for panel in panels]
-    left = LEFT + max(sides)
+    left = RIGHT if globes else LEFT + max(sides)
     for word in ("title", "x_label"):
         panels = [_changed(panel, word, width - left - RIGHT) for panel in panels]
     panels = [_legend_broken(panel, width) for panel in panels]
     return Layout(
         drawing=replace(drawing, panels=panels),
         left=left,
-        bottoms=[BOTTOM + _below(panel, width) for panel in panels],
+        bottoms=[RIGHT if globes else BOTTOM + _below(p, width) for p in panels],
         top=TOP + LINE * max(_more(panel, "title") for panel in panels),
         width=width,
         ups=ups,
     )
 
 
+def _in_rows(panel: AnyPanel) -> bool:
+    return isinstance(panel, NAMED)
+
+
 def _up(panel: AnyPanel) -> float:
     """Height of the axes: as usual, or what the names of its rows need."""
     if isinstance(panel, SpherePanel):
-        return WIDTH - LEFT - RIGHT  # a disc as wide as high
+        return DISC - 2.0 * RIGHT  # a disc as wide as high
     usual = UP * panel.height if isinstance(panel, Panel) else UP * 0.6
     return max(usual, LINE * _rows(panel))
 

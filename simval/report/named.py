@@ -75,7 +75,7 @@ def _ratio_axis(panel: DotPanel, axes: Any) -> None:
         axes.set_xscale("log", nonpositive="mask")
         label_decades(axes.xaxis)
         return
-    axes.xaxis.set_major_locator(MaxNLocator(8))
+    axes.xaxis.set_major_locator(MaxNLocator(5))
     low, high = axes.get_xlim()
     if not high - low >= 0.02 * abs(panel.reference[0]):  # nothing but the reference
         axes.set_xlim(panel.reference[0] - 0.01, panel.reference[0] + 0.01)

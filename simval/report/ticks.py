@@ -12,7 +12,7 @@ ENOUGH = 3
 """Labels that an axis has where it can."""
 PLACES = 6
 """Places of data that are named one by one, if they stand apart."""
-GAP = 0.11
+GAP = 0.15
 """Least distance of two labels along an axis, as a share of it: five digits."""
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 

@@ -164,7 +164,8 @@ def _errors(
         caption=(
             "Attitude error over time, root mean square of the trials. Grey: the "
             "posterior Cramér-Rao bound, which no filter is below that knows of the "
-            "sensors what they are; red and dotted, what theory says of the reference filter."
+            "sensors what they are; red and dotted, what theory says of the reference "
+            "filter."
         ),
         alternative="RMS attitude error of each filter over time beside the bound",
         panels=[

@@ -7,6 +7,7 @@ from simval.report.curves import MAX_GROUPS, grouped
 from simval.report.palette import BOUND
 from simval.report.panels import COLOURS, Drawing, Panel, Series
 from simval.report.section import Context, Section, Shown, made
+from simval.report.units import PPM
 from simval.report.words import spelled
 from simval.shapes import Float
 from simval.statistics import RECOVERY, SD
@@ -57,9 +58,11 @@ def _panel(cell: CellResult, label: str) -> Panel:
     return Panel(
         title=label or spelled(cell.study),
         x_label="rows per second, Hz",
-        y_label="error of M, relative",
+        y_label=f"error of M, {PPM.name}",
         series=[
-            Series(label=words, x=x, y=y, colour=COLOURS[i], marker="os"[i])
+            Series(
+                label=words, x=x, y=PPM.factor * y, colour=COLOURS[i], marker="os"[i]
+            )
             for i, (kind, words) in enumerate(KINDS)
             for x, y in [_curve(cell, kind)]
         ]
@@ -67,7 +70,7 @@ def _panel(cell: CellResult, label: str) -> Panel:
             Series(
                 label="Cramér-Rao bound",
                 x=ROWS / np.array([*THINNED.values()], dtype=float),
-                y=np.full(len(THINNED), value),
+                y=np.full(len(THINNED), PPM.factor * value),
                 colour=BOUND,
                 line=":",
             )
@@ -82,10 +85,15 @@ def _said(cell: CellResult) -> str:
     for kind, words in KINDS:
         x, y = _curve(cell, kind)
         if len(x) > 1:
-            parts.append(f"{words} {y[0]:.1e} at {x[0]:g} Hz, {y[-1]:.1e} at {x[-1]:g}")
+            ends = [f"{_ppm(y[i])} at {x[i]:g} Hz" for i in (0, -1)]
+            parts.append(f"{words} {' and '.join(ends)}")
     bound = [row.value for row in cell.rows if row.statistic.family == SD]
-    least = f"; noise leaves {bound[0]:.1e}" if bound else ""
-    return f"Relative error of M: {'; '.join(parts)}{least}." if parts else ""
+    least = f"; noise alone leaves {_ppm(bound[0])}" if bound else ""
+    return f"Error of M: {'; '.join(parts)}{least}." if parts else ""
+
+
+def _ppm(share: float) -> str:
+    return f"{PPM.factor * share:.2g} {PPM.name}"
 
 
 def _curve(
