@@ -108,7 +108,7 @@ def test_the_orders_are_visible_as_slopes(figures, found):
         # tolerance of the study: twice the next term at the highest level
         assert abs(least - expected) <= 0.1
         assert abs(greatest - expected) <= 0.1
-    for panel in figures["orders"].panels:
+    for panel in (*figures["orders"].panels, *figures["orders-bias"].panels):
         assert len(panel.series) == 3
         for series in panel.series:
             rise = np.polyfit(np.log(series.x), np.log(series.y), 1)[0]
@@ -157,13 +157,19 @@ def test_the_recorded_signal_is_shaded_where_it_rests(run, figures):
 
 
 def test_the_budget_has_its_parts_and_their_predictions(run, figures):
-    (panel,) = figures["budget"].panels
+    panel, over = figures["budget"].panels
     assert set(panel.names) >= {"magnetometer noise in the tumble", "total"}
     assert np.isfinite(panel.predicted).all()
     (cell,) = run.of("end_to_end")
     for name, value in zip(panel.names, panel.measured, strict=True):
         (row,) = (r for r in cell.rows if str(r.statistic) == f"budget[{name}]")
-        assert value == row.value
+        assert row.unit == "rad"
+        assert value == 1e3 * row.value  # milliradians, for a person
+    assert panel.x_label == "contribution, mrad"
+    (ratios,) = over.series
+    np.testing.assert_allclose(
+        ratios.x, panel.measured / panel.predicted, rtol=8 * EPS
+    )
 
 
 def of_geometries(run, folder):

@@ -27,7 +27,7 @@ from simval.report.panels import (
 
 # width of a panel by how many are side by side, height of its axes, least margins about
 # them, inches
-WIDTHS = {1: 6.6, 2: 5.2}
+WIDTHS = {1: 6.6, 2: 4.9}
 WIDTH, UP = 4.3, 2.2
 DISC = 3.4  # of a map of directions
 # left: a tick of eight digits and a line; right: half of such a tick

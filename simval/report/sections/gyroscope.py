@@ -93,7 +93,7 @@ def _said(cell: CellResult) -> str:
 
 
 def _ppm(share: float) -> str:
-    return f"{PPM.factor * share:.2g} {PPM.name}"
+    return f"{float(f'{PPM.factor * share:.2g}'):g} {PPM.name}"
 
 
 def _curve(
