@@ -12,6 +12,7 @@ from rounding import EPS
 from simval.errors import InputError
 from simval.report import drawings, render, tables
 from simval.report.distribution import MOST, share_at_most
+from simval.report.palette import GROUPS, THEORY
 from simval.report.sections import geometries, vectors
 from simval.statistics import (
     CHI_SQUARE,
@@ -167,9 +168,7 @@ def test_the_budget_has_its_parts_and_their_predictions(run, figures):
         assert value == 1e3 * row.value  # milliradians, for a person
     assert panel.x_label == "contribution, mrad"
     (ratios,) = over.series
-    np.testing.assert_allclose(
-        ratios.x, panel.measured / panel.predicted, rtol=8 * EPS
-    )
+    np.testing.assert_allclose(ratios.x, panel.measured / panel.predicted, rtol=8 * EPS)
 
 
 def of_geometries(run, folder):
@@ -269,9 +268,9 @@ def test_the_range_of_a_formula_is_its_distribution(run, figures, found):
             assert row[7] == cell.row(statistic, series.label).value
             assert row[7] == np.median(values)
     half, most = np.quantile(limits[f"{ORDER_2}, covariance, 1%"], [0.5, 0.9])
-    told = figures["ranges-greatest"].caption
+    told = figures["ranges-greatest"].finding
     assert f"at least {half:.3g} and {most:.3g} (order 2)" in told
-    assert "from 30 down to 1.2" in told
+    assert "from 30 down to 1.2" in figures["ranges-greatest"].caption
 
 
 def test_the_price_of_unequal_noise_is_drawn_as_it_is_measured(run, figures, found):
@@ -289,7 +288,8 @@ def test_the_price_of_unequal_noise_is_drawn_as_it_is_measured(run, figures, fou
             assert measured.x.tolist() == line.x.tolist() == [1.0, 100.0]
             assert measured.y.tolist() == [row.value for row in rows]
             assert line.y.tolist() == [row.prediction for row in rows]
-            assert line.colour == measured.colour
+            assert line.colour == THEORY
+            assert measured.colour in GROUPS
             for row, band in zip(rows, measured.band, strict=True):
                 assert band > 1.96 * row.standard_error  # all of them together
     tested = [(row[0], row[1], row[4][0], row[5]) for row in found["vectors-test"].rows]

@@ -205,7 +205,7 @@ def test_a_calibrator_by_what_it_leaves(tmp_path, monkeypatch):
     run = run_of(tmp_path, [cell("six.py", rows, study="calibrator")])
     section = algorithms.section(context_of(run))
     by_name = {table.name: table for table in section.tables}
-    assert fields(by_name["calibrator-algorithms"], "six.py")["noise 0.01"] == (
+    assert fields(by_name["calibrator-algorithms"], "six.py")["noise 0.01 m/s²"] == (
         pytest.approx(1.5),
         pytest.approx(0.05),
     )

@@ -10,7 +10,7 @@ Every colour has a contrast of at least 3 to the paper, white and dark
 marker or line.
 """
 
-GROUPS = ("#0077bb", "#8811ff", "#008888", "#aa77aa", "#2288ff", "#7766ff")
+GROUPS = ("#0077bb", "#008877", "#6644ff", "#2277ee", "#885588", "#cc22bb")
 """What was measured, by group: residuals, numbers of poses, algorithms, axes x y z."""
 
 MARKERS = ("o", "s", "^", "D", "v", "P")
