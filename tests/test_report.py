@@ -149,7 +149,8 @@ def test_figures_are_well_formed_have_a_text_and_keep_their_style(page):
 
 def test_the_first_screen_has_the_verdict_and_two_figures(page):
     first = page.partition('<section id="summary"')[2].partition("</section>")[0]
-    assert first.count("<svg") == 2
+    assert first.count("<figure") == 2
+    assert first.count("<svg") == 3  # a picture for each panel
     assert "Cramér-Rao bound" in first
     for predictor in ("order 2", "order 4, source", "order 4, complete", "exact"):
         assert f"{predictor}</text>" in first
@@ -388,7 +389,7 @@ def test_artifacts_become_figures(tiny_run, undrawn):
         svg(drawing) for drawing in drawings(run) if drawing.name.startswith("static")
     ]
     for picture in pictures:
-        ElementTree.fromstring(picture)
+        ElementTree.fromstring(f"<all>{picture}</all>")
     page = render(run)
     assert '<section id="statics"' in page
     assert '<section id="convergence"' in page
@@ -420,7 +421,7 @@ RENAMED = (
 def test_a_study_without_a_section_is_shown_all_the_same(tiny_run, undrawn):
     run = edited_run(tiny_run, RENAMED.format("of_a_plugin"))
     (drawing,) = (d for d in drawings(run) if d.name == "study-of-a-plugin")
-    ElementTree.fromstring(svg(drawing))
+    ElementTree.fromstring(f"<all>{svg(drawing)}</all>")
     page = render(run)
     assert '<section id="other"' in page
     assert "<h3>of_a_plugin</h3>" in page

@@ -2,13 +2,17 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
+from typing import Any
 
 import numpy as np
 
 from simval.arrays import Array
 from simval.change import EFFORT
-from simval.report.notes import Measured, note, worded
+from simval.report.notes import Measured, note
+from simval.report.palette import BOUND, THEORY
 from simval.report.panels import COLOURS, MARKERS, BarPanel, Series
+from simval.report.parameters import setting_words
 from simval.report.slope import simultaneous
 from simval.report.units import Unit
 from simval.results import Row
@@ -33,6 +37,8 @@ class Curve:
     value: Float[Array, " n"]
     error: Float[Array, " n"]
     prediction: Float[Array, " n"]
+    # what the prediction itself leaves out; None is nothing
+    remainder: Float[Array, " n"] | None = None
     # what was found in which cell, in the rows' units; empty says nothing of a point
     sources: Sequence[tuple[CellResult, Measured]] = ()
     unit: Unit | None = None  # that the numbers are in; None is that of the rows
@@ -46,12 +52,26 @@ class Curve:
 
     def scaled(self, unit: Unit) -> "Curve":
         """The curve in a unit that a person reads, its notes as well."""
+        rest = None if self.remainder is None else self.remainder * unit.factor
         return replace(
             self,
             value=self.value * unit.factor,
             error=self.error * unit.factor,
             prediction=self.prediction * unit.factor,
+            remainder=rest,
             unit=unit,
+        )
+
+    def where(self, good: Any) -> "Curve":
+        """Some of the points, each with its note."""
+        return replace(
+            self,
+            x=self.x[good],
+            value=self.value[good],
+            error=self.error[good],
+            prediction=self.prediction[good],
+            remainder=None if self.remainder is None else self.remainder[good],
+            sources=list(compress(self.sources, good)),
         )
 
     def points(self, z: float, place: int = 0, label: str | None = None) -> Series:
@@ -67,14 +87,14 @@ class Curve:
             notes=self.notes,
         )
 
-    def predicted(self, place: int = 0, line: str = "-", label: str = "") -> Series:
-        """Line of the prediction."""
+    def predicted(self, line: str = "-", label: str = "") -> Series:
+        """Line of the prediction, or dotted of the bound."""
         x, first = np.unique(self.x, return_index=True)
         return Series(
             label=label,
             x=x,
             y=self.prediction[first],
-            colour=COLOURS[place % len(COLOURS)],
+            colour=BOUND if line == ":" else THEORY,
             line=line,
         )
 
@@ -99,15 +119,16 @@ def curve(
         ]
     if not points:
         return None
-    points.sort(key=lambda point: (point[0], *point[2][:3]))
-    numbers = [(place, *found[:3]) for place, _, found in points]
-    x, value, error, prediction = np.array(numbers, dtype=float).T
+    points.sort(key=lambda point: (point[0], *point[2][:4]))
+    numbers = [(place, *found[:4]) for place, _, found in points]
+    x, value, error, prediction, rest = np.array(numbers, dtype=float).T
     return Curve(
         label=label,
         x=x,
         value=value,
         error=error,
         prediction=prediction,
+        remainder=rest,
         sources=[(cell, found) for _, cell, found in points],
     )
 
@@ -178,7 +199,9 @@ def grouped(
     keys = [k for k in varying(cells) if k not in skipped]
     groups: dict[str, list[CellResult]] = {}
     for cell in cells:
-        label = ", ".join(worded(key, cell.parameters.get(key)) for key in keys)
+        label = ", ".join(
+            setting_words(cell.study, key, cell.parameters.get(key)) for key in keys
+        )
         groups.setdefault(label, []).append(cell)
     return {label: tuple(members) for label, members in groups.items()}
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from simval.report.curves import Measure
+from simval.report.curves import Curve, Measure, triple
 from simval.report.notes import Measured
 from simval.results import Row
 from simval.statistics import EXACT, RMS, Family
@@ -24,11 +24,16 @@ def together(predictor: str) -> Measure:
             return None
         units = (1.0, 1.0, STANDARD_GRAVITY)
         parts = [
-            (row.value / u, row.standard_error / u, row.prediction / u)
+            (
+                row.value / u,
+                row.standard_error / u,
+                row.prediction / u,
+                row.remainder / u,
+            )
             for row, u in zip(rows, units, strict=True)
             if row is not None and row.prediction is not None
         ]
-        value, error, predicted = np.array(parts).T
+        value, error, predicted, rest = np.array(parts).T
         if not np.isfinite(parts).all():
             return None
         rms = float(np.sqrt(np.mean(value**2)))
@@ -36,7 +41,8 @@ def together(predictor: str) -> Measure:
             rms,
             float(np.sum(value * error)) / (3.0 * rms),
             float(np.sqrt(np.mean(predicted**2))),
-            n=min(row.n for row in rows if row is not None),
+            float(np.sum(value * rest)) / (3.0 * rms),
+            min(row.n for row in rows if row is not None),
         )
 
     return measure
@@ -64,7 +70,8 @@ def part(family: Family, name: str, predictor: str) -> Measure:
             return None
         weight = predicted / size / len(rows)
         spread = float(np.sqrt(np.sum((weight * error) ** 2)))
-        return Measured(float(weight @ value), spread, size, 0.0, *samples(rows))
+        rest = float(np.abs(weight) @ [row.remainder for row in rows])
+        return Measured(float(weight @ value), spread, size, rest, *samples(rows))
 
     return measure
 
@@ -83,7 +90,8 @@ def moment(family: Family, predictor: str) -> Measure:
             return None
         weight = twice * predicted / size
         spread = float(np.sqrt(np.sum((weight * error) ** 2)))
-        return Measured(float(weight @ value), spread, size, 0.0, *samples(rows))
+        rest = float(np.abs(weight) @ [row.remainder for row in rows])
+        return Measured(float(weight @ value), spread, size, rest, *samples(rows))
 
     return measure
 
@@ -125,3 +133,17 @@ def _entries(cell: CellResult, family: Family, predictor: str) -> list[Row]:
 def _times(row: Row) -> float:
     """How often an entry of the upper triangle occurs in the matrix."""
     return 2.0 if len(set(row.statistic.entries)) == 2 else 1.0
+
+
+def placed(label: str, rows: Sequence[Row]) -> Curve:
+    """Rows side by side, each at its place in the order."""
+    value, error, prediction = np.array([triple(r) for r in rows]).reshape(-1, 3).T
+    places = np.arange(float(len(rows)))
+    return Curve(
+        label=label,
+        x=places,
+        value=value,
+        error=error,
+        prediction=prediction,
+        remainder=np.array([row.remainder for row in rows]),
+    )

@@ -9,9 +9,10 @@ import numpy as np
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
-from simval.report.axes import INK, Decades, legend_under, near, paint, placed, tagged
-from simval.report.layout import BESIDE, SLANT, SMALL
-from simval.report.panels import COLOURS, GREY, BarPanel, DotPanel, HeatPanel, Series
+from simval.report.axes import label_decades, near, paint, placed, tagged
+from simval.report.layout import SLANT, SMALL
+from simval.report.palette import GREY, INK, SHARE, SIMULATED, THEORY
+from simval.report.panels import BarPanel, DotPanel, HeatPanel, Series
 
 WIDEST = 10.0
 """Greatest value over the least up to which an axis of ratios is linear."""
@@ -29,17 +30,14 @@ def _(panel: BarPanel, axes: Any) -> None:
         for values in (panel.measured, panel.band, panel.predicted)
     )
     axes.barh(
-        places, measured, height=0.6, color=COLOURS[5], label="measured", alpha=0.8
+        places, measured, height=0.6, color=SIMULATED, label="measured", alpha=0.5
     )
     axes.errorbar(measured, places, xerr=band, linestyle="none", color=INK, capsize=2)
-    axes.plot(
-        predicted, places, "D", color=COLOURS[1], ms=6, label="predicted", ls="none"
-    )
+    axes.plot(predicted, places, "D", color=THEORY, ms=5, label="predicted", ls="none")
     axes.set_yticks(places, panel.names)
     axes.grid(visible=False, axis="y")
     axes.set_title(panel.title, y=1.0)  # an automatic place takes a third longer
     axes.set_xlabel(panel.x_label)
-    axes.legend()
 
 
 @placed.register
@@ -82,8 +80,6 @@ def _(panel: DotPanel, axes: Any) -> None:
     _ratio_axis(panel, axes)
     axes.set_title(panel.title, y=1.0)
     axes.set_xlabel(panel.x_label)
-    if any(series.label for series in panel.series):
-        legend_under(panel.x_label, axes, BESIDE)
 
 
 def _ratio_axis(panel: DotPanel, axes: Any) -> None:
@@ -92,10 +88,9 @@ def _ratio_axis(panel: DotPanel, axes: Any) -> None:
     every = np.append(values, panel.reference[0])
     if np.all(every > 0.0) and every.max() > WIDEST * every.min():
         axes.set_xscale("log", nonpositive="mask")
-        axes.xaxis.set_major_formatter(Decades())
-        axes.xaxis.set_minor_formatter(Decades(minor_thresholds=(1.0, 0.4)))
+        label_decades(axes.xaxis)
         return
-    axes.xaxis.set_major_locator(MaxNLocator(8))
+    axes.xaxis.set_major_locator(MaxNLocator(5))
     low, high = axes.get_xlim()
     if not high - low >= 0.02 * abs(panel.reference[0]):  # nothing but the reference
         axes.set_xlim(panel.reference[0] - 0.01, panel.reference[0] + 0.01)
@@ -113,7 +108,7 @@ def _(panel: HeatPanel, axes: Any) -> None:
             axes.add_patch(
                 Rectangle(
                     (j - 0.5, y - 0.5), 1.0, 1.0,
-                    color=COLOURS[1], linewidth=0,
+                    color=SHARE, linewidth=0,
                     alpha=FAINT + (FULL - FAINT) * share,
                 )
             )  # fmt: skip

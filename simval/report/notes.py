@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from simval.change import EFFORT
 from simval.gate.finding import reproduce
+from simval.report.parameters import setting_words
 from simval.report.units import Unit
 from simval.report.words import measured, number, spelled
 from simval.sweep import Run
@@ -54,25 +55,15 @@ def note(cell: CellResult, found: Measured, unit: Unit | None = None) -> str:
         more = f", which leaves out {number(off, 2)}" if off > 0.0 else ""
         words = f"{found.against} {number(factor * found.prediction)}{behind}"
         lines.append(words + more)
-    inside = described(cell.parameters)
+    inside = described(cell.study, cell.parameters)
     lines.append(": ".join(filter(None, (spelled(cell.study), inside))))
     lines.append(reproduce(cell.named, cell.run))
     return "\n".join(line for line in lines if line)
 
 
-def described(parameters: Mapping[str, Any], without: tuple[str, ...] = EFFORT) -> str:
+def described(
+    study: str, parameters: Mapping[str, Any], without: tuple[str, ...] = EFFORT
+) -> str:
     """Spell the parameters of a cell in words."""
     shown = (item for item in parameters.items() if item[0] not in without)
-    return ", ".join(worded(key, value) for key, value in shown)
-
-
-def worded(key: str, value: object) -> str:
-    """Spell a parameter and its value in words."""
-    name = spelled(key)
-    if isinstance(value, bool):
-        return name if value else f"no {name}"
-    if value is None or isinstance(value, str):
-        return str(value) if value else f"no {name}"
-    if key == "poses":
-        return f"{value} poses"
-    return f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}"
+    return ", ".join(setting_words(study, key, value) for key, value in shown)

@@ -5,7 +5,9 @@ milliradians, scale factors in parts per million, bias in mm/s^2 and attitude er
 degrees or milliradians.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+from simval.report.curves import Curve
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +24,9 @@ PPM = Unit("ppm", 1e6)
 MILLIMETRE_PER_SECOND_SQUARED = Unit("mm/s²", 1e3)
 RELATIVE = Unit("relative", 1.0)
 
+SI = {"rad": MILLIRADIAN, "1": RELATIVE, "m/s^2": Unit("m/s²", 1.0)}
+"""How a person reads a unit of the rows."""
+
 OF_A_CALIBRATION = {
     "T": MILLIRADIAN,
     "S": MILLIRADIAN,
@@ -29,3 +34,19 @@ OF_A_CALIBRATION = {
     "B": MILLIMETRE_PER_SECOND_SQUARED,
 }
 """Units of misalignment, scale factor and bias, by the first letter of a parameter."""
+
+
+def of_row(unit: str) -> Unit:
+    """Unit for people of a unit of the rows."""
+    return SI.get(unit, Unit(unit.replace("^2", "²"), 1.0))
+
+
+def scaled(curve: Curve, unit: Unit) -> Curve:
+    """A curve in a unit for people."""
+    return replace(
+        curve,
+        value=unit.factor * curve.value,
+        error=unit.factor * curve.error,
+        prediction=unit.factor * curve.prediction,
+        remainder=(None if curve.remainder is None else unit.factor * curve.remainder),
+    )

@@ -120,7 +120,7 @@ def _places(run: Run) -> dict[CellName, tuple[Any, ...]]:
             for key in keys[cell.study]
             if numbers.get(key) is None
         }
-        words = described(others | ({"seed": cell.seed} if many else {}))
+        words = described(cell.study, others | ({"seed": cell.seed} if many else {}))
         places[cell.named] = (*numbers.values(), words)
     return places
 

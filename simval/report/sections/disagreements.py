@@ -7,7 +7,8 @@ import numpy as np
 from simval.gate.finding import reproduce
 from simval.report.curves import Measure, axis_of, bar_width, curve, grouped, statistic
 from simval.report.notes import Measured
-from simval.report.panels import COLOURS, GREY, Drawing, Panel, Series
+from simval.report.palette import THEORY
+from simval.report.panels import GREY, Drawing, Panel, Series
 from simval.report.section import Context, Section, made
 from simval.results import Row
 from simval.statistics import Statistic
@@ -76,6 +77,8 @@ def _drawing(context: Context, verdict: Verdict, name: str) -> Drawing | None:
     against = f" against {predictor}" if predictor else ""
     return Drawing(
         name=name,
+        asked=f"Where does {what.family.words} disagree?",
+        finding=f"In {verdict.cell}: {verdict.reason}.",
         caption=(
             f"{what}{against}, first failing in {verdict.cell}: {verdict.reason}."
         ),
@@ -92,10 +95,10 @@ def _values(cells: Sequence[CellResult], axis: str, row: Row) -> Panel:
     series: list[Series] = []
     if c is not None:
         label = row.predictor or "prediction"
-        predicted = c.predicted(1, "-", label)
+        predicted = c.predicted("-", label)
         if len(np.unique(c.x)) == 1:  # no line, but a mark for each point
             predicted = Series(
-                label=label, x=c.x, y=c.prediction, colour=COLOURS[1], marker="D"
+                label=label, x=c.x, y=c.prediction, colour=THEORY, marker="D"
             )
         series = [c.points(bar_width([c])), predicted]
     return _panel(str(row.statistic), f"value, {row.unit}", axis, series)
@@ -111,7 +114,7 @@ def _distances(cells: Sequence[CellResult], axis: str, row: Row) -> Panel:
             label=words, x=c.x, y=zero, band=c.prediction, colour=GREY, line="-"
         )
         series = [allowed, c.points(1.0)]
-    return _panel("distance from the prediction", "standard errors, 1", axis, series)
+    return _panel("distance from the prediction", "standard errors", axis, series)
 
 
 def _panel(title: str, y_label: str, axis: str, series: list[Series]) -> Panel:

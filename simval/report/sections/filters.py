@@ -12,6 +12,7 @@ from simval.compare.merits import algorithm_of
 from simval.report.artifacts import arrays, shaped
 from simval.report.attitudes import turning
 from simval.report.curves import MAX_GROUPS, grouped
+from simval.report.palette import BOUND, THEORY
 from simval.report.panels import COLOURS, GREY, Drawing, Panel, Series
 from simval.report.section import Context, Section, Shown, made
 from simval.report.table import Column, Table
@@ -158,10 +159,13 @@ def _errors(
 ) -> Drawing:
     return Drawing(
         name="filter-errors",
+        asked="How near to the bound is each filter?",
+        finding=_costs(groups),
         caption=(
-            "Attitude error over time, root mean square over the trials. Grey: the "
+            "Attitude error over time, root mean square of the trials. Grey: the "
             "posterior Cramér-Rao bound, which no filter is below that knows of the "
-            "sensors what they are; dotted, what theory says of the reference filter."
+            "sensors what they are; red and dotted, what theory says of the reference "
+            "filter."
         ),
         alternative="RMS attitude error of each filter over time beside the bound",
         panels=[
@@ -188,6 +192,8 @@ def _squares(
 ) -> Drawing:
     return Drawing(
         name="filter-nees",
+        asked="Is what a filter states of its errors true?",
+        finding=_honest(groups),
         caption=(
             "Normalised squared error of the attitude over time, mean over the trials: "
             "3 for an honest covariance. Grey lines: where one honest instant in a "
@@ -199,7 +205,7 @@ def _squares(
             Panel(
                 title=label or spelled("filter"),
                 x_label="time, s",
-                y_label="NEES of 3",
+                y_label="NEES (3 is right)",
                 series=[*_curves(cells, NEES_AT, 1.0), *_band(cells)],
                 log_x=False,
             )
@@ -211,9 +217,45 @@ def _squares(
     )
 
 
+def _costs(groups: Sequence[tuple[str, Sequence[CellResult]]]) -> str:
+    """Error over the bound of the best and the worst cell."""
+    found = [
+        (row.value, algorithm_of(cell), label)
+        for label, cells in groups
+        for cell in cells
+        for row in cell.rows
+        if row.statistic.family == RMS_OVER_BOUND and not row.statistic.entries
+    ]
+    if not found:
+        return ""
+    told = [
+        f"{value:.3g} times the bound ({name}{', ' if label else ''}{label})"
+        for value, name, label in dict.fromkeys((min(found), max(found)))
+    ]
+    return f"The RMS error is {' to '.join(told)}."
+
+
+def _honest(groups: Sequence[tuple[str, Sequence[CellResult]]]) -> str:
+    """Share of the instants whose NEES is outside the band, of all cells together."""
+    count = outside = 0
+    for _, cells in groups:
+        ends = _band(cells)
+        for cell in cells if ends else ():
+            x, y, _ = _at(cell, NEES_AT)
+            low, high = (np.interp(x, end.x, end.y) for end in ends)
+            count += len(y)
+            outside += int(np.sum((y < low) | (y > high)))
+    if not count:
+        return ""
+    expected = f"{1000.0 * BAND:g} in 1000 of an honest filter"
+    return f"{outside:,} of {count:,} instants are outside the band, {expected} are."
+
+
 def _drawn_budget(panels: Sequence[Panel]) -> Drawing:
     return Drawing(
         name="filter-budget",
+        asked="Where does the error come from?",
+        fold="What each source adds to the predicted error of the reference filter",
         caption=(
             "What each source adds to the predicted attitude error of the reference "
             "filter over time. The squares of the parts add up to that of the whole."
@@ -259,7 +301,7 @@ def _bound(cell: CellResult) -> list[Series]:
     x, y, _ = _at(cell, BOUND_AT)
     least = np.degrees(y)
     return (
-        [Series(label="bound", x=x, y=least, colour=GREY, line="-")] if len(x) else []
+        [Series(label="bound", x=x, y=least, colour=BOUND, line="-")] if len(x) else []
     )
 
 
@@ -275,7 +317,7 @@ def _predicted(cells: Sequence[CellResult]) -> list[Series]:
                     label="predicted, reference filter",
                     x=time,
                     y=np.degrees(total),
-                    colour=GREY,
+                    colour=THEORY,
                     line=":",
                 )
             ]
