@@ -24,7 +24,7 @@ from simval.report.parameters import axis_words, setting_words
 from simval.report.ratio import SEEN, limits, ratio, ratio_bars, ratio_panel
 from simval.report.slope import Z95, Slope, simultaneous
 from simval.report.ticks import log_ticks
-from simval.report.units import MILLIRADIAN, of_row, scaled
+from simval.report.units import MILLIRADIAN, of_row
 
 X = np.array([0.001, 0.01, 0.1])
 
@@ -254,7 +254,7 @@ def test_a_setting_is_spelled_with_its_unit():
 
 def test_units_scale_a_curve_and_all_that_belongs_to_it():
     c = made([1.0, 0.0, 0.0], remainder=np.full(3, 1e-3))
-    out = scaled(c, MILLIRADIAN)
+    out = c.scaled(MILLIRADIAN)
     for name in ("value", "error", "prediction", "remainder"):
         np.testing.assert_array_equal(getattr(out, name), 1e3 * getattr(c, name))
     assert of_row("rad") is MILLIRADIAN

@@ -12,7 +12,7 @@ from simval.report.panels import Panel, Series
 from simval.report.ratio import ratio_panel
 from simval.report.slope import Slope, fitted_slope
 from simval.report.table import Column
-from simval.report.units import OF_A_CALIBRATION, Unit, scaled
+from simval.report.units import OF_A_CALIBRATION, Unit
 from simval.statistics import CRAMER_RAO, FIRST_ORDER, RMS
 
 SLOPES = (
@@ -107,7 +107,7 @@ def rms_sets(groups: Groups, axis: str = "noise_std") -> list[Set]:
         unit = OF_A_CALIBRATION[name]
         measured, bounds = (
             [
-                scaled(c, unit)
+                c.scaled(unit)
                 for c in curves(groups, statistic(RMS(name), predictor), axis)
             ]
             for predictor in (FIRST_ORDER, CRAMER_RAO)

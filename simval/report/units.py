@@ -5,9 +5,7 @@ milliradians, scale factors in parts per million, bias in mm/s^2 and attitude er
 degrees or milliradians.
 """
 
-from dataclasses import dataclass, replace
-
-from simval.report.curves import Curve
+from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,14 +37,3 @@ OF_A_CALIBRATION = {
 def of_row(unit: str) -> Unit:
     """Unit for people of a unit of the rows."""
     return SI.get(unit, Unit(unit.replace("^2", "²"), 1.0))
-
-
-def scaled(curve: Curve, unit: Unit) -> Curve:
-    """A curve in a unit for people."""
-    return replace(
-        curve,
-        value=unit.factor * curve.value,
-        error=unit.factor * curve.error,
-        prediction=unit.factor * curve.prediction,
-        remainder=(None if curve.remainder is None else unit.factor * curve.remainder),
-    )

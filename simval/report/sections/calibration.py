@@ -30,7 +30,7 @@ from simval.report.noise import (
 from simval.report.panels import Drawing
 from simval.report.section import Context, Section, Shown, made
 from simval.report.table import Column, Table
-from simval.report.units import OF_A_CALIBRATION, scaled
+from simval.report.units import OF_A_CALIBRATION
 from simval.statistics import (
     BIAS,
     CRAMER_RAO,
@@ -162,7 +162,7 @@ def _sets(groups: Groups, family: Family, predictor: str) -> list[Set]:
     found: list[Set] = []
     for key, title in GROUPS.items():
         unit = OF_A_CALIBRATION[key]
-        drawn = [scaled(c, unit) for c in curves(groups, part(family, key, predictor))]
+        drawn = [c.scaled(unit) for c in curves(groups, part(family, key, predictor))]
         if drawn:
             found.append((title, unit, drawn, []))
     return found

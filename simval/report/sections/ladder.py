@@ -16,7 +16,7 @@ from simval.report.noise import (
 from simval.report.panels import BarPanel, Drawing, Panel
 from simval.report.section import Context, Section, Shown, made
 from simval.report.table import Column, Table
-from simval.report.units import PPM, scaled
+from simval.report.units import PPM
 from simval.results import Row
 from simval.statistics import BIAS, MANY_POSES, SCALE_BIAS, SECOND_ORDER
 from simval.sweep.run import CellResult
@@ -47,7 +47,7 @@ def _drawing(cells: Sequence[CellResult]) -> Drawing:
     for setting, members in settings.items():
         rungs = _lowest(members)
         lines = _by_residual(members)
-        biases = [scaled(c, PPM) for c in curves(lines, part(BIAS, "K", THEORY))]
+        biases = [c.scaled(PPM) for c in curves(lines, part(BIAS, "K", THEORY))]
         every, found = [*every, *biases], found or rungs
         words = f": {setting}" if setting else ""
         names, rows = zip(*rungs[:MAX_BARS], strict=True)
