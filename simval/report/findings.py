@@ -41,6 +41,7 @@ class Agreement:
     where: float  # place of the farthest along the axis
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what overflows is not compared
 def agreement(curves: Sequence[Curve]) -> Agreement:
     """Compare the points of some curves with their predictions, all together."""
     ratios = [ratio(c) for c in curves]
@@ -137,6 +138,7 @@ def _chance(found: Agreement) -> str:
     )
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what overflows is not compared
 def limited(
     subject: str, curves: Sequence[Curve], scales: Sequence[Curve], whole: str, n: int
 ) -> str:

@@ -16,7 +16,7 @@ from simval.report import named  # noqa: F401  registers what it draws
 from simval.report.axes import legend, paint
 from simval.report.layout import RIGHT, SIZE, SMALL, TITLE, Layout, laid_out
 from simval.report.palette import GREY, INK
-from simval.report.panels import AnyPanel, Drawing
+from simval.report.panels import Drawing
 
 DOTS_PER_INCH = 160  # of points drawn as pixels: sharp on a screen at twice its size
 STYLE: Any = {
@@ -46,39 +46,24 @@ STYLE: Any = {
 }
 
 
-def root(drawing: Drawing, number: int | None = None) -> str:
-    """Id of the ``svg`` element of a panel or of all, and prefix of every id in it."""
-    part = "" if number is None or len(drawing.panels) == 1 else f"-{number + 1}"
-    return f"svg-{drawing.name}{part}"
+def root(drawing: Drawing) -> str:
+    """Id of the ``svg`` element, and prefix of every id in it."""
+    return f"svg-{drawing.name}"
 
 
 def svg(drawing: Drawing) -> str:
     """Draw as one ``svg`` element for each panel, which a page sets side by side."""
-    room = laid_out(drawing)
-    return "".join(
-        _svg(_panel(room, i), root(drawing, i), said(drawing, panel))
-        for i, panel in enumerate(drawing.panels)
-    )
+    return "".join(map(_svg, laid_out(drawing).parts))
 
 
-def said(drawing: Drawing, panel: AnyPanel) -> str:
-    """Text alternative of a panel: that of the figure, or what this one of many is."""
-    if len(drawing.panels) == 1:
-        return drawing.alternative
-    x, y = getattr(panel, "x_label", ""), getattr(panel, "y_label", "")
-    words = f"{y} against {x}" if x and y else x
-    labels = [s.label for s in getattr(panel, "series", ()) if s.label]
-    parts = (panel.title, words, ", ".join(labels))
-    return "; ".join(part for part in parts if part)
-
-
-def _svg(figure: Figure, name: str, alternative: str) -> str:
-    """A figure as an ``svg`` element with prefixed ids and a text alternative."""
+def _svg(room: Layout) -> str:
+    """Draw as an ``svg`` element with prefixed ids and a text alternative."""
+    name = root(room.drawing)
     buffer = io.StringIO()
     nothing = {"Date": None, "Creator": None, "Format": None, "Type": None}
     style: Any = {**STYLE, "svg.hashsalt": name}
     with mpl.rc_context(style):
-        figure.savefig(buffer, format="svg", dpi=DOTS_PER_INCH, metadata=nothing)
+        _figure(room).savefig(buffer, format="svg", dpi=DOTS_PER_INCH, metadata=nothing)
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
@@ -94,7 +79,7 @@ def _svg(figure: Figure, name: str, alternative: str) -> str:
     # the size comes from the view box, so the figure can shrink with the page
     head, rest = text.split(">", 1)
     head = re.sub(r'\s(width|height)="[^"]*"', "", head)
-    label = escape(alternative)
+    label = escape(room.drawing.alternative)
     return f'{head} id="{name}" role="img" aria-label="{label}">{rest}'
 
 
@@ -114,8 +99,7 @@ def svg_file(drawing: Drawing) -> str:
     paper = (
         f"<style>#{root(drawing)} {{ color: #1c1c1e; background: #ffffff; }}</style>"
     )
-    text = _svg(_figure(drawing), root(drawing), drawing.alternative)
-    return text.replace(">", ">" + paper, 1) + "\n"
+    return _svg(laid_out(drawing)).replace(">", ">" + paper, 1) + "\n"
 
 
 def png(drawing: Drawing) -> bytes:
@@ -133,9 +117,8 @@ def png(drawing: Drawing) -> bytes:
     """
     buffer = io.BytesIO()
     style: Any = {**STYLE, "savefig.facecolor": "#ffffff"}
-    figure = _figure(drawing)
     with mpl.rc_context(style):
-        figure.savefig(
+        _figure(laid_out(drawing)).savefig(
             buffer, format="png", dpi=DOTS_PER_INCH, metadata={"Software": None}
         )
     return buffer.getvalue()
@@ -154,26 +137,16 @@ def _rounded(tag: re.Match[str]) -> str:
     return re.sub(r"\d+\.\d{3,}", lambda m: f"{float(m[0]):.2f}", tag[0])
 
 
-def _panel(room: Layout, number: int) -> Figure:
-    """One panel of a drawing, as a figure of its own."""
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(room.width, room.heights[number]))
-        _add(figure, room, number, (0.0, 0.0))
-    return figure
-
-
-def _figure(drawing: Drawing) -> Figure:
-    """All panels of a drawing in one figure."""
-    room = laid_out(drawing)
-    columns = min(len(drawing.panels), drawing.columns)
+def _figure(room: Layout) -> Figure:
+    """The panels of a drawing, side by side."""
+    columns = min(len(room.ups), room.drawing.columns)
     tall = room.heights
     rows = [max(tall[i : i + columns]) for i in range(0, len(tall), columns)]
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(room.width * columns, sum(rows)))
-        for i, height in enumerate(tall):
-            row, column = divmod(i, columns)
-            above = sum(rows[:row]) + height
-            _add(figure, room, i, (column * room.width, sum(rows) - above))
+    figure = Figure(figsize=(room.width * columns, sum(rows)))
+    for i, height in enumerate(tall):
+        row, column = divmod(i, columns)
+        below = sum(rows[row:]) - height
+        _add(figure, room, i, (column * room.width, below))
     return figure
 
 

@@ -7,6 +7,8 @@ degrees or milliradians.
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from simval.report.curves import Curve
 
 
@@ -41,6 +43,7 @@ def of_row(unit: str) -> Unit:
     return SI.get(unit, Unit(unit.replace("^2", "²"), 1.0))
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what overflows is not drawn
 def scaled(curve: Curve, unit: Unit) -> Curve:
     """A curve in a unit for people."""
     return replace(
