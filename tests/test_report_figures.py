@@ -13,6 +13,7 @@ from simval.report.findings import (
     SURE,
     agreement,
     agrees,
+    behind,
     limited,
     percent,
     slopes_said,
@@ -126,6 +127,14 @@ FAR = simultaneous(3, SURE)
 )
 def test_a_finding_says_what_the_points_do(sigmas, said):
     assert said in agrees("The sd", [made(sigmas)], at="noise")
+
+
+def test_a_figure_is_not_folded_where_points_are_off():
+    drawing = Drawing(name="x", caption="", alternative="", panels=[])
+    well = behind(drawing, "It agrees.", [made([1.0, 0.0, 0.0])], "Does it?")
+    assert (well.fold, well.asked, well.finding) == ("It agrees.", "", "")
+    off = behind(drawing, "It is off.", [made([30.0, 0.0, 0.0])], "Does it?")
+    assert (off.fold, off.asked, off.finding) == ("", "Does it?", "It is off.")
 
 
 def test_a_finding_of_one_point_and_of_none():

@@ -7,13 +7,14 @@ itself states that it leaves out is not held against it, as in the gate.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 
 from simval.arrays import Array
 from simval.report.curves import Curve
+from simval.report.panels import Drawing
 from simval.report.ratio import SEEN, ratio
 from simval.report.slope import Z95, Slope, simultaneous
 from simval.shapes import Float
@@ -96,6 +97,15 @@ def agrees(
         off = percent(found.within)
         return f"{subject} is at {theory}: one point, {off} off{sigmas}."
     return f"{subject} is at {theory}{_where(found)}{_chance(found)}."
+
+
+def behind(
+    drawing: Drawing, said: str, curves: Sequence[Curve], asked: str = ""
+) -> Drawing:
+    """Fold a figure behind its own answer, but for one with points off theory."""
+    if agreement(curves).off:
+        return replace(drawing, asked=asked, finding=said, fold="")
+    return replace(drawing, asked="", finding="", fold=said)
 
 
 def _off(subject: str, found: Agreement, at: str, theory: str) -> str:
