@@ -10,6 +10,7 @@ import rows_by_name
 
 from simval.gate import judge_run
 from simval.report import drawings, render, tables
+from simval.report.layout import laid_out
 from simval.report.page import SECTIONS, sections
 from simval.report.paint import STYLE, _figure
 from simval.report.panels import BarPanel, DotPanel, Drawing, Panel, Series
@@ -386,7 +387,7 @@ def clipped(drawing):
     from matplotlib.text import Text
 
     with mpl.rc_context(STYLE):
-        figure = _figure(drawing)
+        figure = _figure(laid_out(drawing))
         renderer = FigureCanvasAgg(figure).get_renderer()
         figure.draw_without_rendering()  # everything has its place, and no colour
         beyond = {

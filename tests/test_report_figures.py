@@ -13,6 +13,7 @@ from simval.report.findings import (
     SURE,
     agreement,
     agrees,
+    behind,
     limited,
     percent,
     slopes_said,
@@ -126,6 +127,14 @@ FAR = simultaneous(3, SURE)
 )
 def test_a_finding_says_what_the_points_do(sigmas, said):
     assert said in agrees("The sd", [made(sigmas)], at="noise")
+
+
+def test_a_figure_is_not_folded_where_points_are_off():
+    drawing = Drawing(name="x", caption="", alternative="", panels=[])
+    well = behind(drawing, "It agrees.", [made([1.0, 0.0, 0.0])], "Does it?")
+    assert (well.fold, well.asked, well.finding) == ("It agrees.", "", "")
+    off = behind(drawing, "It is off.", [made([30.0, 0.0, 0.0])], "Does it?")
+    assert (off.fold, off.asked, off.finding) == ("", "Does it?", "It is off.")
 
 
 def test_a_finding_of_one_point_and_of_none():
@@ -275,6 +284,7 @@ ROLES = (
     palette.ORDER_2,
     palette.ORDER_4_SOURCE,
     palette.ORDER_4_COMPLETE,
+    palette.ORDER_2_PRINTED,
 )
 # Machado, Oliveira and Fernandes 2009, full deficiency, on linear RGB
 VISION = {
@@ -305,7 +315,7 @@ def lab(linear):
 @pytest.mark.parametrize("vision", VISION)
 @pytest.mark.parametrize(
     ("colours", "least"),
-    [(ROLES, 15.0), (palette.GROUPS, 10.0)],
+    [(ROLES, 12.0), (palette.GROUPS, 10.0)],
     ids=["roles", "groups"],
 )
 def test_colours_are_told_apart_with_every_vision(colours, least, vision):
@@ -354,7 +364,7 @@ def test_no_legend_is_over_the_curves():
         name="x", caption="", alternative="", panels=[panel_of(words)] * 2, columns=2
     )
     with mpl.rc_context(STYLE):
-        figure = _figure(drawing)
+        figure = _figure(laid_out(drawing))
         renderer = FigureCanvasAgg(figure).get_renderer()
         figure.draw_without_rendering()  # everything has its place
         for axes in figure.axes:

@@ -16,7 +16,7 @@ from simval.report.palette import GREY, SIMULATED, THEORY
 from simval.report.panels import AnyPanel, Panel, Series, SpherePanel
 from simval.report.ticks import log_ticks
 
-TICK_LABELS = 0.25  # their height and the space about them, inches
+TICK_LABELS = 0.32  # their height and the space about them, inches
 FARTHEST = 1e290  # an axis multiplies its ends by some factors of ten
 MANY = 1500
 """Points of a series beyond which it is drawn as pixels: as vectors 20 000 with their

@@ -2,8 +2,6 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import compress
-from typing import Any
 
 import numpy as np
 
@@ -50,6 +48,7 @@ class Curve:
             return ()
         return tuple(note(cell, found, self.unit) for cell, found in self.sources)
 
+    @np.errstate(over="ignore", invalid="ignore")  # what overflows is not drawn
     def scaled(self, unit: Unit) -> "Curve":
         """The curve in a unit that a person reads, its notes as well."""
         rest = None if self.remainder is None else self.remainder * unit.factor
@@ -60,18 +59,6 @@ class Curve:
             prediction=self.prediction * unit.factor,
             remainder=rest,
             unit=unit,
-        )
-
-    def where(self, good: Any) -> "Curve":
-        """Some of the points, each with its note."""
-        return replace(
-            self,
-            x=self.x[good],
-            value=self.value[good],
-            error=self.error[good],
-            prediction=self.prediction[good],
-            remainder=None if self.remainder is None else self.remainder[good],
-            sources=list(compress(self.sources, good)),
         )
 
     def points(self, z: float, place: int = 0, label: str | None = None) -> Series:
@@ -223,7 +210,8 @@ def varying(cells: Sequence[CellResult]) -> list[str]:
 def axis_of(cells: Sequence[CellResult]) -> str:
     """Parameter along which the curves of a study run."""
     keys = [key for key in varying(cells) if _numeric(cells, key)]
-    fixed = sorted({k for c in cells for k in c.parameters if _numeric(cells, k)})
+    every = {key for cell in cells for key in cell.parameters}
+    fixed = sorted(key for key in every if _numeric(cells, key))
     ranked = sorted(
         (key for key in keys if key not in EFFORT),
         key=lambda key: PREFERRED.index(key) if key in PREFERRED else len(PREFERRED),

@@ -7,13 +7,14 @@ itself states that it leaves out is not held against it, as in the gate.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 
 from simval.arrays import Array
 from simval.report.curves import Curve
+from simval.report.panels import Drawing
 from simval.report.ratio import SEEN, ratio
 from simval.report.slope import Z95, Slope, simultaneous
 from simval.shapes import Float
@@ -41,6 +42,7 @@ class Agreement:
     where: float  # place of the farthest along the axis
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what overflows is not compared
 def agreement(curves: Sequence[Curve]) -> Agreement:
     """Compare the points of some curves with their predictions, all together."""
     ratios = [ratio(c) for c in curves]
@@ -97,6 +99,15 @@ def agrees(
     return f"{subject} is at {theory}{_where(found)}{_chance(found)}."
 
 
+def behind(
+    drawing: Drawing, said: str, curves: Sequence[Curve], asked: str = ""
+) -> Drawing:
+    """Fold a figure behind its own answer, but for one with points off theory."""
+    if agreement(curves).off:
+        return replace(drawing, asked=asked, finding=said, fold="")
+    return replace(drawing, asked="", finding="", fold=said)
+
+
 def _off(subject: str, found: Agreement, at: str, theory: str) -> str:
     place = f" at {at} {found.where:g}" if at and np.isfinite(found.where) else ""
     verb = "is" if found.off == 1 else "are"
@@ -137,6 +148,7 @@ def _chance(found: Agreement) -> str:
     )
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what overflows is not compared
 def limited(
     subject: str, curves: Sequence[Curve], scales: Sequence[Curve], whole: str, n: int
 ) -> str:

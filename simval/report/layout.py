@@ -31,7 +31,7 @@ WIDTHS = {1: 6.6, 2: 4.9}
 WIDTH, UP = 4.3, 2.2
 DISC = 3.4  # of a map of directions
 # left: a tick of eight digits and a line; right: half of such a tick
-LEFT, RIGHT, BOTTOM, TOP = 0.95, 0.35, 0.55, 0.35
+LEFT, RIGHT, BOTTOM, TOP = 0.95, 0.35, 0.62, 0.35
 NAMES = 1.6  # at most, for the names of bars
 TICK = 0.15  # between a name and its axis
 POINTS = 72.0  # in an inch
@@ -68,6 +68,32 @@ class Layout:
             up + bottom + self.top
             for up, bottom in zip(self.ups, self.bottoms, strict=True)
         )
+
+    @property
+    def parts(self) -> tuple["Layout", ...]:
+        """Each panel alone, with the margins that all have."""
+        return tuple(
+            replace(self, drawing=_alone(self.drawing, i), bottoms=[bottom], ups=[up])
+            for i, (bottom, up) in enumerate(zip(self.bottoms, self.ups, strict=True))
+        )
+
+
+def _alone(drawing: Drawing, number: int) -> Drawing:
+    """A drawing of one panel, with a name and an alternative of its own."""
+    panel = drawing.panels[number]
+    if len(drawing.panels) == 1:
+        return drawing
+    x, y = (
+        getattr(panel, name, "").replace("\n", " ") for name in ("x_label", "y_label")
+    )
+    labels = ", ".join(s.label for s in getattr(panel, "series", ()) if s.label)
+    words = (panel.title, f"{y} against {x}" if x and y else x, labels)
+    return replace(
+        drawing,
+        name=f"{drawing.name}-{number + 1}",
+        alternative="; ".join(part for part in words if part).replace("\n", " "),
+        panels=[panel],
+    )
 
 
 def laid_out(drawing: Drawing) -> Layout:

@@ -6,7 +6,6 @@ Axes, ticks and labels are drawn in one placeholder colour that becomes
 
 import io
 import re
-from collections.abc import Sequence
 from html import escape
 from typing import Any
 
@@ -17,7 +16,7 @@ from simval.report import live, named  # noqa: F401  named registers what it dra
 from simval.report.axes import legend, paint
 from simval.report.layout import RIGHT, SIZE, SMALL, TITLE, Layout, laid_out
 from simval.report.palette import GREY, INK
-from simval.report.panels import AnyPanel, Drawing
+from simval.report.panels import Drawing
 
 DOTS_PER_INCH = 160  # of points drawn as pixels: sharp on a screen at twice its size
 STYLE: Any = {
@@ -47,49 +46,28 @@ STYLE: Any = {
 }
 
 
-def root(drawing: Drawing, number: int | None = None) -> str:
-    """Id of the ``svg`` element of a panel or of all, and prefix of every id in it."""
-    part = "" if number is None or len(drawing.panels) == 1 else f"-{number + 1}"
-    return f"svg-{drawing.name}{part}"
+def root(drawing: Drawing) -> str:
+    """Id of the ``svg`` element, and prefix of every id in it."""
+    return f"svg-{drawing.name}"
 
 
 def svg(drawing: Drawing) -> str:
     """Draw as one ``svg`` element for each panel, which a page sets side by side."""
-    room = laid_out(drawing)
-    return "".join(
-        _svg(
-            _panel(room, i),
-            room.drawing.panels[i : i + 1],
-            root(drawing, i),
-            said(drawing, panel),
-        )
-        for i, panel in enumerate(drawing.panels)
-    )
+    return "".join(map(_svg, laid_out(drawing).parts))
 
 
-def said(drawing: Drawing, panel: AnyPanel) -> str:
-    """Text alternative of a panel: that of the figure, or what this one of many is."""
-    if len(drawing.panels) == 1:
-        return drawing.alternative
-    x, y = getattr(panel, "x_label", ""), getattr(panel, "y_label", "")
-    words = f"{y} against {x}" if x and y else x
-    labels = [s.label for s in getattr(panel, "series", ()) if s.label]
-    parts = (panel.title, words, ", ".join(labels))
-    return "; ".join(part for part in parts if part)
-
-
-def _svg(
-    figure: Figure, panels: Sequence[AnyPanel], name: str, alternative: str
-) -> str:
-    """A figure as an ``svg`` element with prefixed ids and a text alternative."""
+def _svg(room: Layout) -> str:
+    """Draw as an ``svg`` element with prefixed ids and a text alternative."""
+    name = root(room.drawing)
     buffer = io.StringIO()
     nothing = {"Date": None, "Creator": None, "Format": None, "Type": None}
     style: Any = {**STYLE, "svg.hashsalt": name}
     with mpl.rc_context(style):
+        figure = _figure(room)
         figure.savefig(buffer, format="svg", dpi=DOTS_PER_INCH, metadata=nothing)
-        over = live.points(figure, panels)
+        over = live.points(figure, room.drawing.panels)
     text = buffer.getvalue()
-    text = live.with_keys(text[text.index("<svg") :], panels)
+    text = live.with_keys(text[text.index("<svg") :], room.drawing.panels)
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = _without_idle_ids(text)
     text = re.sub(r'\bid="', f'id="{name}-', text)
@@ -103,11 +81,11 @@ def _svg(
     # the size comes from the view box, so the figure can shrink with the page
     head, rest = text.split(">", 1)
     head = re.sub(r'\s(width|height)="[^"]*"', "", head)
-    label = f'role="img" aria-label="{escape(alternative)}"'
+    label = f'role="img" aria-label="{escape(room.drawing.alternative)}"'
     if not over and "data-key=" not in rest:
         return f'{head} id="{name}" {label}>{rest}'
     image, end = rest.rsplit("</svg>", 1)
-    titles = escape("; ".join(panel.title for panel in panels))
+    titles = escape("; ".join(panel.title for panel in room.drawing.panels))
     whole = f'{head} id="{name}" role="group" aria-label="{titles}">'
     return f"{whole}\n<g {label}>{image}</g>\n{over}</svg>{end}"
 
@@ -128,9 +106,7 @@ def svg_file(drawing: Drawing) -> str:
     paper = (
         f"<style>#{root(drawing)} {{ color: #1c1c1e; background: #ffffff; }}</style>"
     )
-    panels = laid_out(drawing).drawing.panels
-    text = _svg(_figure(drawing), panels, root(drawing), drawing.alternative)
-    return text.replace(">", ">" + paper, 1) + "\n"
+    return _svg(laid_out(drawing)).replace(">", ">" + paper, 1) + "\n"
 
 
 def png(drawing: Drawing) -> bytes:
@@ -148,9 +124,8 @@ def png(drawing: Drawing) -> bytes:
     """
     buffer = io.BytesIO()
     style: Any = {**STYLE, "savefig.facecolor": "#ffffff"}
-    figure = _figure(drawing)
     with mpl.rc_context(style):
-        figure.savefig(
+        _figure(laid_out(drawing)).savefig(
             buffer, format="png", dpi=DOTS_PER_INCH, metadata={"Software": None}
         )
     return buffer.getvalue()
@@ -169,28 +144,17 @@ def _rounded(tag: re.Match[str]) -> str:
     return re.sub(r"\d+\.\d{3,}", lambda m: f"{float(m[0]):.2f}", tag[0])
 
 
-def _panel(room: Layout, number: int) -> Figure:
-    """One panel of a drawing, as a figure of its own."""
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(room.width, room.heights[number]))
-        _add(figure, room, number, (0.0, 0.0))
-        live.name_parts(figure, room.drawing.panels[number : number + 1])
-    return figure
-
-
-def _figure(drawing: Drawing) -> Figure:
-    """All panels of a drawing in one figure."""
-    room = laid_out(drawing)
-    columns = min(len(drawing.panels), drawing.columns)
+def _figure(room: Layout) -> Figure:
+    """The panels of a drawing, side by side."""
+    columns = min(len(room.ups), room.drawing.columns)
     tall = room.heights
     rows = [max(tall[i : i + columns]) for i in range(0, len(tall), columns)]
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(room.width * columns, sum(rows)))
-        for i, height in enumerate(tall):
-            row, column = divmod(i, columns)
-            above = sum(rows[:row]) + height
-            _add(figure, room, i, (column * room.width, sum(rows) - above))
-        live.name_parts(figure, room.drawing.panels)
+    figure = Figure(figsize=(room.width * columns, sum(rows)))
+    for i, height in enumerate(tall):
+        row, column = divmod(i, columns)
+        below = sum(rows[row:]) - height
+        _add(figure, room, i, (column * room.width, below))
+    live.name_parts(figure, room.drawing.panels)
     return figure
 
 

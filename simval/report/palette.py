@@ -21,6 +21,7 @@ THEORY = "#cc0022"
 ORDER_2 = "#bb8800"
 ORDER_4_SOURCE = "#ee3388"
 ORDER_4_COMPLETE = "#118844"
+ORDER_2_PRINTED = "#776666"  # equation (63) as the source prints it
 INK = "#010203"
 """The colour of the words: it becomes ``currentColor``, so it is dark or light."""
 EXACT = INK

@@ -5,14 +5,16 @@ percent off it look the same. These panels stand below such figures.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
+from itertools import compress
+from typing import Any
 
 import numpy as np
 
 from simval.arrays import Array
 from simval.report.curves import Curve
 from simval.report.panels import DotPanel, Panel, Series
-from simval.shapes import Float
+from simval.shapes import Bool, Float
 
 SEEN = 1.0
 """Half width of a band beyond which a ratio of 0 and one of 2 are both in it."""
@@ -24,24 +26,38 @@ HEIGHT = 0.75
 MEASURED_OVER_PREDICTED = "measured / predicted"
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what overflows is not drawn
 def ratio(c: Curve) -> Curve:
     """Measured over predicted, where there is a prediction other than zero."""
     good = np.isfinite(c.prediction) & (c.prediction != 0.0)
     good &= np.isfinite(c.value) & np.isfinite(c.error)
-    c = c.where(good)
-    rest = None if c.remainder is None else c.remainder / np.abs(c.prediction)
+    some = kept(c, good)
+    size = np.abs(some.prediction)
     return replace(
-        c,
-        value=c.value / c.prediction,
-        error=c.error / np.abs(c.prediction),
-        prediction=np.ones(len(c.x)),
-        remainder=rest,
+        some,
+        value=some.value / some.prediction,
+        error=some.error / size,
+        prediction=np.ones(len(some.x)),
+        remainder=None if some.remainder is None else some.remainder / size,
     )
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what overflows is not drawn
 def seen(c: Curve, z: float) -> Curve:
     """The points of a ratio whose bands tell it from 0 and from 2."""
-    return c.where(z * c.error <= SEEN)
+    return kept(c, np.less_equal(z * c.error, SEEN))
+
+
+def kept(c: Curve, good: Bool[Array, " n"]) -> Curve:
+    """Some points of a curve, with all that it has of each point."""
+    changes: dict[str, Any] = {}
+    for name in (field.name for field in fields(c)):
+        whole = getattr(c, name)
+        if isinstance(whole, np.ndarray):
+            changes[name] = whole[good]
+        elif isinstance(whole, list | tuple) and len(whole) == len(good):
+            changes[name] = [*compress(whole, good)]
+    return replace(c, **changes)
 
 
 def ratio_panel(
@@ -78,6 +94,7 @@ def ratio_panel(
     )
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what overflows is not drawn
 def limits(
     values: Sequence[Float[Array, " n"]], bands: Sequence[Float[Array, " n"] | None]
 ) -> tuple[float, float]:

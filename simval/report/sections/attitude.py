@@ -8,7 +8,7 @@ import numpy as np
 
 from simval.report import palette
 from simval.report.curves import Curve, Measure, bar_width, curve, first, grouped
-from simval.report.findings import agrees
+from simval.report.findings import agrees, behind
 from simval.report.measures import left_out, moment
 from simval.report.noise import SLOPES, Fits, fits, slope_fold, slope_words
 from simval.report.panels import GREY, Drawing, Panel, Series
@@ -137,11 +137,8 @@ def _drawing(
         at="noise",
         theory="the exact theory",
     )
-    return Drawing(
+    drawing = Drawing(
         name=name,
-        asked="" if folded else "Are bias and covariance what theory says?",
-        finding="" if folded else said,
-        fold=f"{place}{said}" if folded else "",
         caption=(
             f"{place}left, bias and covariance of the "
             f"simulated error (bars: {z:.2f} standard errors, 95 % for all points of "
@@ -161,6 +158,10 @@ def _drawing(
         ),
         panels=panels,
     )
+    asked = "Are bias and covariance what theory says?"
+    if folded:
+        return behind(drawing, f"{place}{said}", curves, asked)
+    return replace(drawing, asked=asked, finding=said)
 
 
 def _over_exact(

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from simval.report.curves import MAX_GROUPS, bar_width, bars, grouped
 from simval.report.findings import agrees
 from simval.report.measures import placed
@@ -82,9 +84,10 @@ def _panel(cell: CellResult, label: str) -> BarPanel:
         label or spelled(cell.study),
         f"contribution, {unit.name}",
     )
-    return replace(
-        panel,
-        measured=unit.factor * panel.measured,
-        band=unit.factor * panel.band,
-        predicted=unit.factor * panel.predicted,
-    )
+    with np.errstate(over="ignore"):  # what overflows is not drawn
+        return replace(
+            panel,
+            measured=unit.factor * panel.measured,
+            band=unit.factor * panel.band,
+            predicted=unit.factor * panel.predicted,
+        )

@@ -12,7 +12,7 @@ from simval.report.curves import (
     grouped,
     statistic,
 )
-from simval.report.findings import agrees, limited, percent, trials, unseen
+from simval.report.findings import agrees, behind, limited, percent, trials, unseen
 from simval.report.measures import GROUPS, part, together
 from simval.report.noise import (
     SLOPES,
@@ -105,9 +105,8 @@ def _together(groups: Groups) -> Drawing | None:
         return None
     z, bounds = bar_width(whole), curves(groups, together(CRAMER_RAO))
     label = "RMS error, relative"
-    return Drawing(
+    drawing = Drawing(
         name="calibration-together",
-        fold=agrees("The RMS error of all nine parameters together", whole, at="noise"),
         caption=(
             "RMS error of all nine parameters, B in units of g. Bars: "
             f"{z:.2f} standard errors, 95 % for all together."
@@ -122,6 +121,8 @@ def _together(groups: Groups) -> Drawing | None:
         ],
         columns=2,
     )
+    said = agrees("The RMS error of all nine parameters together", whole, at="noise")
+    return behind(drawing, said, whole)
 
 
 def _spread(groups: Groups) -> Drawing | None:
@@ -131,7 +132,8 @@ def _spread(groups: Groups) -> Drawing | None:
     words = "standard deviation"
     caption = "Standard deviation alone, RMS over the three entries."
     said = agrees("The standard deviation alone", measured_of(sets), at="noise")
-    return replace(_apart(sets, "calibration-sd", words, caption), fold=said)
+    spreads = measured_of(sets)
+    return behind(_apart(sets, "calibration-sd", words, caption), said, spreads)
 
 
 def _bias(groups: Groups) -> Drawing | None:

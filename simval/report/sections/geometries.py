@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from simval.arrays import Array
+from simval.report import palette
 from simval.report.artifacts import arrays, shaped
 from simval.report.curves import MAX_GROUPS
 from simval.report.distribution import share_at_most
-from simval.report.palette import THEORY
 from simval.report.panels import Drawing, Panel, Series
 from simval.report.section import Context, Section, Shown, made
 from simval.report.sections.attitude import STYLES
@@ -28,7 +28,7 @@ from simval.sweep.run import CellResult
 
 DRAWN = {
     ORDER_4_SOURCE: STYLES[ORDER_4_SOURCE],
-    ORDER_2_PRINTED: (THEORY, "-"),
+    ORDER_2_PRINTED: (palette.ORDER_2_PRINTED, "-"),
 }
 Ratios = Mapping[str, Array]
 """Of each formula, one for each geometry."""

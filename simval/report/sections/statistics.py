@@ -16,7 +16,7 @@ from simval.report.curves import (
     statistic,
     triple,
 )
-from simval.report.findings import agreement, agrees
+from simval.report.findings import agrees, behind
 from simval.report.notes import Measured
 from simval.report.panels import Drawing, Panel
 from simval.report.parameters import axis_words
@@ -81,17 +81,16 @@ def _drawing(context: Context, family: Family, *, folded: bool) -> Drawing | Non
     if not panels:
         return None
     said = agrees(subject, drawn)
-    hidden = folded and agreement(drawn).off == 0
-    return Drawing(
+    drawing = Drawing(
         name=family.name,
-        asked="" if hidden else asked,
-        finding="" if hidden else said,
-        fold=said if hidden else "",
+        asked=asked,
+        finding=said,
         caption=f"{caption} Bars: 95 % for all points of a panel together.",
         alternative=alternative,
         panels=panels,
         left_out=rest,
     )
+    return behind(drawing, said, drawn, asked) if folded else drawing
 
 
 def _over_prediction(c: Curve) -> Curve:
