@@ -228,7 +228,7 @@ def test_a_note_says_number_prediction_cell_and_command():
     assert c.notes == (
         "(6.326 ± 0.054)e-5, n = 4096\n"
         "predicted 6.3e-05\n"
-        "calibration: gimbal, 12 poses, noise std 0.02\n"
+        "calibration: gimbal, 12 poses, noise 0.02 m/s²\n"
         "simval repro --run 'my run' 'calibration(poses=12)@1'",
     )
     assert c.points(1.0).notes == c.notes
