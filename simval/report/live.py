@@ -23,9 +23,9 @@ DISC = 5.0
 """Radius within which a point is met, points: somewhat more than its mark."""
 
 
-def name_parts(figure: Figure, drawing: Drawing) -> None:
+def name_parts(figure: Figure, panels: Sequence[AnyPanel]) -> None:
     """Give the series and the entries of the legends names that are unique."""
-    for i, (panel, axes) in enumerate(zip(drawing.panels, figure.axes, strict=True)):
+    for i, (panel, axes) in enumerate(zip(panels, figure.axes, strict=True)):
         for artist in axes.get_children():
             if str(artist.get_gid()).startswith("series-"):
                 artist.set_gid(f"{artist.get_gid()}-{i}")
@@ -41,9 +41,9 @@ def name_parts(figure: Figure, drawing: Drawing) -> None:
                 text.set_gid(name)
 
 
-def with_keys(text: str, drawing: Drawing) -> str:
+def with_keys(text: str, panels: Sequence[AnyPanel]) -> str:
     """Turn the names of series and legends in an SVG into attributes for the script."""
-    keys = [_keys(panel) for panel in drawing.panels]
+    keys = [_keys(panel) for panel in panels]
 
     def of_series(match: re.Match[str]) -> str:
         place, panel = int(match[1]), int(match[2])
@@ -59,11 +59,11 @@ def with_keys(text: str, drawing: Drawing) -> str:
     return re.sub(r'<g id="key-(\d+)-(\d+)"', of_entry, text)
 
 
-def points(figure: Figure, drawing: Drawing) -> str:
+def points(figure: Figure, panels: Sequence[AnyPanel]) -> str:
     """Discs with titles over the points of a figure that has been drawn."""
     scale, height = POINTS / figure.dpi, POINTS * figure.get_figheight()
     groups = []
-    for i, (panel, axes) in enumerate(zip(drawing.panels, figure.axes, strict=True)):
+    for i, (panel, axes) in enumerate(zip(panels, figure.axes, strict=True)):
         keys = _keys(panel)
         for series, own in zip(placed(panel), keys, strict=bool(keys)):
             discs = _discs(series, axes, scale, height)

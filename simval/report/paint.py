@@ -59,9 +59,9 @@ def svg(drawing: Drawing) -> str:
     with mpl.rc_context(style):
         figure, laid = _figure(drawing)
         figure.savefig(buffer, format="svg", dpi=DOTS_PER_INCH, metadata=nothing)
-        over = live.points(figure, laid)
+        over = live.points(figure, laid.panels)
     text = buffer.getvalue()
-    text = live.with_keys(text[text.index("<svg") :], laid)
+    text = live.with_keys(text[text.index("<svg") :], laid.panels)
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = _without_idle_ids(text)
     text = re.sub(r'\bid="', f'id="{name}-', text)
@@ -157,5 +157,5 @@ def _figure(drawing: Drawing) -> tuple[Figure, Drawing]:
     )
     for i, panel in enumerate(room.drawing.panels):
         paint(panel, figure.add_subplot(rows, columns, i + 1))
-    live.name_parts(figure, room.drawing)
+    live.name_parts(figure, room.drawing.panels)
     return figure, room.drawing
