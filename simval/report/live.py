@@ -90,7 +90,8 @@ def _discs(series: Series, axes: Any, scale: float, height: float) -> str:
     if not len(series.notes) == len(series.x) <= MANY:
         return ""
     pixels = axes.transData.transform(np.column_stack([series.x, series.y]))
-    inside = [axes.bbox.padded(1.0).contains(*place) for place in pixels]
+    low, high = axes.bbox.padded(1.0).get_points()
+    inside = np.all((pixels >= low) & (pixels <= high), axis=1)
     return "".join(
         f'<circle cx="{scale * x:.1f}" cy="{height - scale * y:.1f}" r="{DISC:g}" '
         f'role="img"><title>{escape(words, quote=False)}</title></circle>\n'
