@@ -200,7 +200,8 @@ def varying(cells: Sequence[CellResult]) -> list[str]:
 def axis_of(cells: Sequence[CellResult]) -> str:
     """Parameter along which the curves of a study run."""
     keys = [key for key in varying(cells) if _numeric(cells, key)]
-    fixed = sorted({k for c in cells for k in c.parameters if _numeric(cells, k)})
+    every = {key for cell in cells for key in cell.parameters}
+    fixed = sorted(key for key in every if _numeric(cells, key))
     ranked = sorted(
         (key for key in keys if key not in EFFORT),
         key=lambda key: PREFERRED.index(key) if key in PREFERRED else len(PREFERRED),

@@ -56,7 +56,7 @@ def _families(context: Context) -> Table:
 
 
 def _each(context: Context, verdicts: list[Verdict], figures: dict[Key, str]) -> Table:
-    places = _places(context.run)
+    places, folder = _places(context.run), context.folder
     rows = [
         (
             v.answer,
@@ -64,7 +64,7 @@ def _each(context: Context, verdicts: list[Verdict], figures: dict[Key, str]) ->
             str(v.row.statistic),
             v.row.predictor,
             *places.get(v.cell, (None, None, spelled(str(v.cell)))),
-            reproduce(v.cell, context.folder) or None,
+            reproduce(v.cell, folder) or None,
             (v.row.value, v.row.standard_error),
             v.row.unit,
             v.row.prediction,
