@@ -172,6 +172,7 @@ def test_a_table_sorts_words(tab, pages):
 def test_every_figure_has_a_text_and_every_control_a_name(tab, pages):
     for page in pages:
         tab.open(page)
+        tab.run("document.querySelectorAll('details').forEach(d => d.open = true)")
         nodes = tab.call("Accessibility.getFullAXTree")["nodes"]
         shown = [n for n in nodes if not n.get("ignored")]
         by_role = {}
@@ -180,7 +181,9 @@ def test_every_figure_has_a_text_and_every_control_a_name(tab, pages):
             by_role.setdefault(node["role"]["value"], []).append(name)
         figures = tab.run("document.querySelectorAll('svg, img').length")
         images = by_role.get("image", []) + by_role.get("img", [])
-        assert len(images) == figures > 0
+        points = tab.run("document.querySelectorAll('.points circle').length")
+        assert points > 0
+        assert len(images) == figures + points > points
         for role in ("image", "img", "link", "button", "region", "table"):
             for name in by_role.get(role, []):
                 assert name.strip(), role
@@ -221,8 +224,32 @@ def test_the_first_screen_is_one_screen(tab, pages):
         "[...document.querySelectorAll('#summary .verdict, #summary svg')]"
         ".map(e => e.getBoundingClientRect().bottom)"
     )
-    assert len(bottoms) == 3
+    assert len(bottoms) == 4
     assert max(bottoms) <= 800
+
+
+WIDE = """(() => [...document.querySelectorAll('.panels')].map(box => {
+  const boxes = [...box.querySelectorAll(':scope > svg')]
+    .map(svg => svg.getBoundingClientRect());
+  return [boxes.length, new Set(boxes.map(b => Math.round(b.left))).size,
+          Math.max(...boxes.map(b => b.right)), Math.min(...boxes.map(b => b.width))];
+}))()"""
+
+
+def test_panels_stack_on_a_phone_and_use_the_width_of_a_screen(tab, pages):
+    for width, beside in ((380, False), (1280, True)):
+        tab.open(pages[0], width=width)
+        tab.run("document.querySelectorAll('details').forEach(d => d.open = true)")
+        found = tab.run(WIDE)
+        assert len(found) > 5
+        for count, columns, right, least in found:
+            assert right <= width
+            # in the first screen two figures share the width with each other
+            assert least >= min(width, 380) * 0.8
+            assert columns == 1 or beside
+            if beside and count >= 3:
+                assert columns >= 2
+        assert any(columns >= 3 for _, columns, _, _ in found) == beside
 
 
 def test_it_prints_without_cutting_the_page(tab, pages):
@@ -254,6 +281,8 @@ def test_without_its_script_the_page_is_whole(tab, pages, tmp_path):
     path = tmp_path / "plain.html"
     path.write_text(re.sub(r"<script>.*?</script>", "", text, flags=re.DOTALL))
     tab.open(pages[0])
+    # what the script adds is controls: boxes to filter by, headings that are buttons
+    tab.run("document.querySelectorAll('.filter').forEach(bar => bar.remove())")
     whole = tab.run("document.querySelector('main').innerText.length")
     tab.open(path)
     assert tab.run("document.querySelector('main').innerText.length") == whole

@@ -208,8 +208,8 @@ def commands_of(run):
     """What the page gives to compute the cells of its checks again."""
     context = Context(run=run, judged=judge_run(run), titles={})
     (table,) = [t for t in checks.section(context).tables if t.name == "verdicts"]
-    place = [column.title for column in table.columns].index("reproduce the cell")
-    return {row[place] for row in table.rows if "simval" in row[place]}
+    place = [column.title for column in table.columns].index("command")
+    return {row[place] for row in table.rows if row[place]}
 
 
 def test_the_page_s_commands_name_the_run(simval, tiny_run, monkeypatch):

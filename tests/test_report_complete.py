@@ -10,9 +10,10 @@ import rows_by_name
 
 from simval.gate import judge_run
 from simval.report import drawings, render, tables
+from simval.report.layout import laid_out
 from simval.report.page import SECTIONS, sections
 from simval.report.paint import STYLE, _figure
-from simval.report.panels import BarPanel, Drawing, Panel, Series
+from simval.report.panels import BarPanel, DotPanel, Drawing, Panel, Series
 from simval.report.section import Context
 from simval.report.sections import attitude, convergence, statistics
 from simval.report.slope import fitted_slope
@@ -220,7 +221,7 @@ def content(section):
 
 
 def _plain(panel):
-    if isinstance(panel, Panel):
+    if isinstance(panel, Panel | DotPanel):
         return [(s.label, s.x.tolist(), s.y.tolist()) for s in panel.series]
     if isinstance(panel, BarPanel):
         return list(panel.names), panel.measured.tolist(), panel.predicted.tolist()
@@ -386,7 +387,7 @@ def clipped(drawing):
     from matplotlib.text import Text
 
     with mpl.rc_context(STYLE):
-        figure = _figure(drawing)
+        figure = _figure(laid_out(drawing))
         renderer = FigureCanvasAgg(figure).get_renderer()
         figure.draw_without_rendering()  # everything has its place, and no colour
         beyond = {

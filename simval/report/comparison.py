@@ -15,6 +15,7 @@ from simval.compare.trend import WAYS
 from simval.report.curves import Curve, axis_of, bar_width, curve, grouped, statistic
 from simval.report.environment import template
 from simval.report.moves import SHOWN, moves_table, told
+from simval.report.notes import located
 from simval.report.panels import COLOURS, Drawing, Panel, Series
 from simval.report.section import Section, made
 from simval.report.table import Column, Table
@@ -57,7 +58,7 @@ def comparison_sections(
     a: Run, b: Run, comparison: RunComparison
 ) -> tuple[Section, ...]:
     """Make the sections of the page."""
-    drawings = _drawings(a, b, comparison)
+    drawings = _drawings(located(a), located(b), comparison)
     kinds = {k: len(comparison.of(k)) for k in ("changed", "moved", "same")}
     moves = moved(comparison.steps)
     names = {drawing.finding: drawing.name for drawing in drawings}

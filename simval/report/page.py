@@ -6,6 +6,7 @@ from types import ModuleType
 from simval.errors import InputError
 from simval.gate import judge_run
 from simval.report.environment import template
+from simval.report.notes import located
 from simval.report.panels import Drawing
 from simval.report.section import Context, Section, Shown
 from simval.report.sections import (
@@ -109,6 +110,7 @@ def sections(run: Run, alpha: float = ALPHA) -> tuple[Section, ...]:
     titles = {n: STUDIES[n].title if n in STUDIES else n for n in names}
     _require_parameters(run)
     context = Context(run=run, judged=judge_run(run, alpha=alpha), titles=titles)
+    context = replace(context, run=located(run))
     return tuple(
         replace(section, elsewhere=_elsewhere(context, module))
         for module in SECTIONS

@@ -2,13 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import NamedTuple
 
 from markupsafe import Markup
 
 from simval.gate import GateResult
 from simval.report.environment import template
+from simval.report.notes import folder_of
 from simval.report.panels import Drawing
 from simval.report.table import Table
 from simval.statistics import Family, Statistic
@@ -27,13 +27,8 @@ class Context:
 
     @property
     def folder(self) -> str:
-        """The run for a command: its path below the working folder, else its name.
-
-        Pages are shared, so they never show where on a machine a run is.
-        """
-        path, here = self.run.folder.absolute(), Path.cwd()
-        inside = path != here and path.is_relative_to(here)
-        return str(path.relative_to(here)) if inside else path.resolve().name
+        """The run for a command."""
+        return folder_of(self.run)
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:

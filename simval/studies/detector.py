@@ -107,9 +107,14 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         )
         if trial == 0:
             artifact = _artifact(truth, raw, intervals, spread, threshold)
-    name = f"static-{parameters.scene}-{parameters.noise_std:g}-{parameters.trim}.npz"
+    name = artifact_of(parameters.model_dump())
     rows = _rows(scores, np.array(squares))
     return Outcome(rows=rows, artifacts={name: artifact})
+
+
+def artifact_of(named: Mapping[str, Any]) -> str:
+    """File of the readings of a cell with these parameters."""
+    return f"static-{named['scene']}-{named['noise_std']:g}-{named['trim']}.npz"
 
 
 def _rows(

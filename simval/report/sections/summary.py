@@ -62,9 +62,9 @@ def calibration_figure(context: Context) -> Drawing | None:
     series: list[Series] = []
     for i, (c, bound) in enumerate(zip(measured, bounds, strict=True)):
         if c is not None:
-            series += [c.points(z, i, list(GROUPS.values())[i]), c.predicted(i)]
+            series += [c.points(z, i, list(GROUPS.values())[i]), c.predicted()]
         if bound is not None:
-            series.append(bound.predicted(i, ":"))
+            series.append(bound.predicted(":"))
     if not series:
         return None
     return Drawing(
