@@ -1,4 +1,7 @@
-"""The first screen: the verdict in one line, what was run, and the two figures.
+"""The first screen: the verdict in one line, three answers, and the two figures.
+
+The answers: how wrong the algorithms are, whether that is as theory says, and whether
+it is worse than before.
 
 Where a run has a user's code, its algorithms come next and the figures after them
 (`overview`).
@@ -8,6 +11,9 @@ from collections.abc import Sequence
 from functools import partial
 
 from simval.gate import headline
+from simval.report.answers_before import worse_than_before
+from simval.report.answers_theory import as_theory_says
+from simval.report.answers_wrong import how_wrong
 from simval.report.curves import Groups, bar_width, curve, grouped, statistic
 from simval.report.measures import GROUPS, moment
 from simval.report.panels import Drawing, Panel, Series
@@ -28,6 +34,11 @@ def section(context: Context) -> Section | None:
         "summary",
         "Verdict",
         () if has_user_code(run) else figures(context),
+        answers=(
+            how_wrong(context),
+            as_theory_says(context),
+            worse_than_before(context),
+        ),
         answer=context.judged.answer,
         headline=headline(context.judged),
         sampled=sum(v.p_value is not None for v in verdicts),
