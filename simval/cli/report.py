@@ -6,6 +6,7 @@ import click
 
 from simval.cli.options import PATH, alpha_option, refuse_if
 from simval.errors import InputError
+from simval.gate import BASELINE, read_baseline
 from simval.report import csv_text, drawings, png, render, svg_file, tables
 from simval.report.panels import Drawing
 from simval.sweep import Run, load_run
@@ -35,6 +36,21 @@ from simval.sweep import Run, load_run
     type=PATH,
     help="Write each table, whole, to this folder as CSV.",
 )
+@click.option(
+    "--baseline",
+    type=PATH,
+    is_flag=False,
+    flag_value=str(BASELINE),
+    metavar="[FILE]",
+    help="Say what changed from the stored statistics.  [default file: "
+    f"{BASELINE}; give it after RUN]",
+)
+@click.option(
+    "--against", metavar="RUN", help="Say what changed from this other run folder."
+)
+@click.option(
+    "--open", "opened", is_flag=True, help="Write every fold open, as for print."
+)
 @alpha_option
 def command(
     run: str,
@@ -42,9 +58,15 @@ def command(
     pictures: Path | None,
     names: tuple[str, ...],
     lists: Path | None,
+    baseline: Path | None,
+    against: str | None,
+    opened: bool,
     alpha: float,
 ) -> int:
     """Write RUN (a folder, or `latest`) as one self-contained HTML file.
+
+    Its first screen says how wrong the algorithms are, whether that is as theory says
+    and, with --baseline or --against, whether it is worse than before.
 
     The last line printed is the path of the file.
     """
@@ -53,10 +75,13 @@ def command(
         "`--only` selects figures of `--figures`; give that folder too",
     )
     loaded = load_run(run)
+    stored = None if baseline is None else read_baseline(baseline)
+    other = None if against is None else load_run(against)
     chosen = _chosen(loaded, names) if pictures is not None else {}
     path = out or loaded.folder / "report.html"
     try:
-        path.write_text(render(loaded, alpha), encoding="utf-8")
+        page = render(loaded, alpha, baseline=stored, against=other, opened=opened)
+        path.write_text(page, encoding="utf-8")
         if pictures is not None:
             _write_figures(chosen, pictures)
         if lists is not None:

@@ -19,7 +19,6 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ndtri
 
 from simval.compare.merits import STUDIES as OF_ALGORITHMS
 from simval.report.answers import Block, Line, called, in_order, percent
@@ -48,7 +47,6 @@ SIZES = {RMS: 1.0, SD: 1.0, RMS_OVER_BOUND: 1.0, BUDGET: 1.0} | dict.fromkeys(
 )
 """Families that are sizes of errors, and k of eq. (T1)."""
 
-LEVEL = 0.95
 NOTE = (
     "“Within”: the far end of the 95 % interval of the mean deviation of "
     "measured from predicted sizes of errors (standard deviations; half of that of a "
@@ -66,7 +64,7 @@ class Deviation(NamedTuple):
     @property
     def within(self) -> float:
         """Far end of its 95 % interval."""
-        return abs(self.value) + float(ndtri(0.5 + LEVEL / 2.0)) * self.error
+        return abs(self.value) + simultaneous(1) * self.error
 
 
 def as_theory_says(context: Context) -> Block:
@@ -181,7 +179,9 @@ def _sizes(verdicts: Sequence[Verdict]) -> Iterable[Verdict]:
 def _farthest(verdicts: Sequence[Verdict]) -> str:
     """How far the farthest sampled check is, and how far chance alone goes."""
     distances = [
-        abs(v.sigmas) for v in verdicts if v.p_value is not None and v.sigmas == v.sigmas
+        abs(v.sigmas)
+        for v in verdicts
+        if v.p_value is not None and v.sigmas == v.sigmas
     ]
     if not distances:
         return ""

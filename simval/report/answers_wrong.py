@@ -1,8 +1,8 @@
 """How wrong: for each study of a run the size of its errors in one chosen cell.
 
 The cell is that of the middle noise level of its study (of two middle ones the
-smaller) and the most poses; of several such cells the one with the greatest error.
-Noise-free cells have no error to tell.
+smaller) and the most poses, and of the algorithm that the suite names first; of several
+such cells the one with the greatest error. Noise-free cells have no error to tell.
 
 The error of a quaternion q of unit length is half of the small angle that it is wrong
 by, so an angle is twice the length of the quaternion's error, to the order of the
@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from simval.compare.merits import STUDIES as OF_ALGORITHMS
+from simval.gate.finding import reproduce
 from simval.report.answers import (
     Block,
     Line,
@@ -70,14 +71,18 @@ NOISES: Mapping[str, str] = {
 }
 """Parameters that say how noisy a sensor is, and their words."""
 
+ALGORITHM = ("estimator", "residual", "estimate", "sigma", "multiplier", "trim")
+"""Parameters that choose an algorithm or set it, not what it is given."""
+
 IN_ACCELERATION = ("calibration", "ladder", "coverage", "detector", "solvers")
 """Studies whose `noise_std` is an acceleration; elsewhere it is of a unit vector."""
 
+MEAN = SQUARED_ERROR("mean")  # over the parameters of a gyroscope
 BOUND = "\N{MULTIPLICATION SIGN} the bound"
 RULE = (
-    "Each in the cell of its study's middle noise level and most poses; of several "
-    "such cells, in the one with the greatest error. \N{PLUS-MINUS SIGN}: standard "
-    "error. The bound is Cramér and Rao's."
+    "Each in the cell of its study's middle noise level, most poses and first "
+    "algorithm; of several such cells, in the one with the greatest error. "
+    "\N{PLUS-MINUS SIGN}: standard error. The bound is Cramér and Rao's."
 )
 
 
@@ -123,7 +128,7 @@ def _line(context: Context, study: str) -> Line:
         said=reading.said,
         where=where(cell, cells, reading.n),
         link=home(study),
-        command=cell.name,
+        command=reproduce(cell.named, context.folder),
     )
 
 
@@ -140,13 +145,18 @@ def chosen(
     return max(readings, key=lambda pair: pair[1].size, default=None)
 
 
-def typical(cells: Sequence[CellResult]) -> Sequence[CellResult]:
-    """Cells of the middle noise and the most poses."""
+def typical(cells: Sequence[CellResult], *, poses: bool = True) -> Sequence[CellResult]:
+    """Cells of the middle noise, the first algorithm and, if asked, the most poses."""
     for key in NOISES:
         levels = sorted({v for cell in cells if (v := cell.parameters.get(key))})
         if levels:
             middle = levels[(len(levels) - 1) // 2]
             cells = [cell for cell in cells if cell.parameters.get(key) == middle]
+    for key in ALGORITHM:
+        names = [cell.parameters.get(key) for cell in cells]
+        cells = [c for c, own in zip(cells, names, strict=True) if own == names[0]]
+    if not poses:
+        return cells
     most = max((cell.parameters.get("poses", 0) for cell in cells), default=0)
     return [cell for cell in cells if cell.parameters.get("poses", 0) == most]
 
@@ -173,8 +183,10 @@ def _of_acceleration(cell: CellResult, key: str) -> bool:
 def _named(key: str, value: Any) -> str:
     if isinstance(value, str) and value:
         return value
-    return f"{spelled(key)} {value:g}" if isinstance(value, float) else (
-        f"{spelled(key)} {value}"
+    return (
+        f"{spelled(key)} {value:g}"
+        if isinstance(value, float)
+        else (f"{spelled(key)} {value}")
     )
 
 
@@ -222,7 +234,7 @@ def _magnetometer(cell: CellResult) -> Reading | None:
 
 
 def _gyroscope(cell: CellResult) -> Reading | None:
-    size, over = cell.row(SD("M", "bound")), cell.row(SQUARED_ERROR(), CRAMER_RAO)
+    size, over = cell.row(SD("M", "bound")), cell.row(MEAN, CRAMER_RAO)
     if size is None or over is None or not over.value > 0.0:
         return None
     root = float(np.sqrt(over.value))
@@ -235,7 +247,9 @@ def _end_to_end(cell: CellResult) -> Reading | None:
     row = cell.row(BUDGET("total"), CARRIED)
     if row is None or not _sound(row):
         return None
-    said = f"attitude {angle(row.value)} RMS; {_ratio(row)} \N{MULTIPLICATION SIGN} theory"
+    said = (
+        f"attitude {angle(row.value)} RMS; {_ratio(row)} \N{MULTIPLICATION SIGN} theory"
+    )
     return Reading(said, row.value, row.n)
 
 
@@ -270,13 +284,18 @@ ANY = (
 
 
 def _any(cell: CellResult) -> Reading | None:
+    """What a study without words of its own is told by."""
+    row = headline_row(cell)
+    return None if row is None else Reading(_told(row), _distance(row), row.n)
+
+
+def headline_row(cell: CellResult) -> Row | None:
     """The statistic that says most, its entry farthest from what was predicted."""
     finite = [row for row in cell.rows if np.isfinite(row.value)]
     for family in (*ANY, *dict.fromkeys(row.statistic.family for row in finite)):
         rows = [row for row in finite if row.statistic.family == family]
         if rows:
-            row = max(rows, key=_distance)
-            return Reading(_told(row), _distance(row), row.n)
+            return max(rows, key=_distance)
     return None
 
 

@@ -106,7 +106,7 @@ def _chapter(section: Section, answers: Sequence[Answer], opened: bool) -> Chapt
         f"{unclear:,} inconclusive" if unclear else "",
     ]
     findings = (drawing.finding for drawing in section.drawings if drawing.finding)
-    worst = next((answer for answer in WORST_FIRST if answer in answers), "pass")
+    worst: Answer = next((word for word in WORST_FIRST if word in answers), "pass")
     return Chapter(
         section=section,
         finding=next(findings, ""),

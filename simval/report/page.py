@@ -193,7 +193,11 @@ def _unfolded(page: str) -> str:
     """The page with every fold open: what comes from data is escaped, so none is it."""
 
     def opened(match: re.Match[str]) -> str:
-        return match[0] if " open" in (match[1] or "") else f"<details{match[1] or ''} open>"
+        return (
+            match[0]
+            if " open" in (match[1] or "")
+            else f"<details{match[1] or ''} open>"
+        )
 
     return re.sub(r"<details( [^>]*)?>", opened, page)
 

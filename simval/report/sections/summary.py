@@ -17,6 +17,7 @@ from simval.report.answers_wrong import how_wrong
 from simval.report.curves import Groups, bar_width, curve, grouped, statistic
 from simval.report.measures import GROUPS, moment
 from simval.report.panels import Drawing, Panel, Series
+from simval.report.question import question_figure
 from simval.report.section import Context, Section, made
 from simval.report.sections.algorithms import has_user_code
 from simval.report.sections.attitude import NOISE, beside_predictions, remainders
@@ -51,7 +52,10 @@ def section(context: Context) -> Section | None:
 
 def figures(context: Context) -> list[Drawing]:
     """The two figures that say most of the package's own algorithms."""
-    drawings = [calibration_figure(context), attitude_figure(context)]
+    asked = question_figure(context)
+    drawings = [asked, calibration_figure(context), attitude_figure(context)]
+    if asked is not None:  # a noise axis with one level is no figure beside it
+        drawings = [asked]
     return [drawing for drawing in drawings if drawing is not None]
 
 
