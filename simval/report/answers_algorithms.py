@@ -1,16 +1,24 @@
 """How wrong a user's algorithms are: each beside the best built-in one.
 
-Both by the RMS error over the Cramer-Rao bound, its mean over the settings in which
-both have a result.
+Both by the RMS error over the Cramer-Rao bound, its geometric mean over the settings in
+which both have a result: a ratio of two algorithms is then the same whichever is named
+first, and no setting that is hard for all of them stands for the rest.
 """
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from simval.compare.merits import STUDIES, Measured, algorithm_of, called, over_bound
+from simval.compare.merits import (
+    STUDIES,
+    Measured,
+    algorithm_of,
+    called,
+    over_bound,
+    size_row,
+)
 from simval.plugins.builtin import BUILTIN
-from simval.report.answers import Line
+from simval.report.answers import Line, angle, rounded
 from simval.report.answers import called as named
 from simval.report.contest import Contest, answer_of, contest_of
 from simval.report.section import Context
@@ -63,12 +71,13 @@ def _line(
         said = f"no result{'' if ended in WORST_FIRST else f': {ended}'}"
         return Line(what=short, said=said, link="algorithms", answer=answer)
     beside, other, count = best(contest, built_in, settings)
-    said = f"{measured(*value)} {BOUND}"
+    said, size = f"{measured(*value)} {BOUND}", _size(contest, name)
     if other is not None:
         # over the settings of both, so that like is set beside like
         common = [s for s in settings if contest.measured(beside, s, over_bound)]
         value = mean(contest, name, common) or value
         said = f"{measured(*value)} {BOUND}; {beside} {measured(*other)}"
+    said = f"{size}; {said}" if size else said
     failing = told(contest.failures(name))
     if failing and failing != "nowhere":
         said += f"; fails at {failing}"
@@ -79,6 +88,20 @@ def _line(
         link="algorithms",
         answer=answer,
     )
+
+
+def _size(contest: Contest, name: str) -> str:
+    """From the least to the greatest RMS error of an algorithm."""
+    rows = [row for cell in contest.of(name) if (row := size_row(cell)) is not None]
+    if not rows:
+        return ""
+    spell = (
+        angle
+        if rows[0].unit == "rad"
+        else (lambda value: f"{rounded(value)} {rows[0].unit}")
+    )
+    ends = dict.fromkeys(f([row.value for row in rows]) for f in (min, max))
+    return f"{' to '.join(map(spell, ends))} RMS"
 
 
 def best(
@@ -98,14 +121,15 @@ def best(
 
 
 def mean(contest: Contest, name: str, settings: Sequence[str]) -> Measured | None:
-    """Mean over settings of the RMS error over the bound."""
+    """Geometric mean over settings of the RMS error over the bound."""
     values = [contest.measured(name, s, over_bound) for s in settings]
     found = [value for value in values if value is not None]
     if not found:
         return None
     value, error = np.array(found).T
-    return Measured(float(value.mean()), float(np.hypot.reduce(error)) / len(found))
+    whole = float(np.exp(np.mean(np.log(value))))
+    return Measured(whole, whole * float(np.hypot.reduce(error / value)) / len(found))
 
 
 def _over(count: int) -> str:
-    return f"mean over {count} settings" if count > 1 else "one setting"
+    return f"geometric mean over {count} settings" if count > 1 else "one setting"

@@ -73,24 +73,26 @@ def as_theory_says(context: Context) -> Block:
     studies = in_order([verdict.cell.study for verdict in verdicts])
     parts = {s: [v for v in verdicts if v.cell.study == s] for s in studies}
     worst_first = sorted(studies, key=lambda s: WORST_FIRST.index(_worst(parts[s])))
-    lines = [*_missing(context), *(_line(s, parts[s]) for s in worst_first)]
+    missing = list(_missing(context))
+    lines = [*missing, *(_line(s, parts[s]) for s in worst_first)]
     return Block(
         title="As theory says",
         answer=_worst(verdicts) if verdicts else "inconclusive",
-        headline=_headline(verdicts),
+        headline=_headline(verdicts, whole=not missing),
         lines=lines,
         note=f"{_farthest(verdicts)}{NOTE}",
         fold="more studies",
     )
 
 
-def _headline(verdicts: Sequence[Verdict]) -> str:
+def _headline(verdicts: Sequence[Verdict], *, whole: bool) -> str:
     if not verdicts:
         return "Nothing was judged"
     answers = [verdict.answer for verdict in verdicts]
     failed, unclear = answers.count("fail"), answers.count("inconclusive")
     if not failed and not unclear:
-        return f"All {len(answers):,} checks agree"
+        all_of = "All" if whole else "As far as measured, all"
+        return f"{all_of} {len(answers):,} checks agree"
     parts = [f"{failed:,} fail"] if failed else []
     parts += [f"{unclear:,} cannot be judged"] if unclear else []
     return f"Of {len(answers):,} checks {' and '.join(parts)}"
@@ -124,16 +126,27 @@ def _line(study: str, verdicts: Sequence[Verdict]) -> Line:
     answers = [verdict.answer for verdict in verdicts]
     failed, unclear = answers.count("fail"), answers.count("inconclusive")
     checks = f"{len(answers):,} check{'s' if len(answers) > 1 else ''}"
-    bad = [f"{failed:,} of {checks} fail{'s' if failed == 1 else ''}"] if failed else []
+    bad = (
+        [f"{failed:,} of {checks} fail{_farthest_failing(verdicts)}"] if failed else []
+    )
     bad += [f"{unclear:,} of {checks} inconclusive"] if unclear else []
     found = deviation(study, verdicts)
-    near = [f"within {percent(found.within)}"] if found is not None else []
+    near = [f"within {percent(found.within)}"] if found and not failed else []
     return Line(
         what=called(study),
         said="; ".join([*bad, *near] if bad else [*near, checks]),
         link="disagreements" if failed else home(study),
         answer=_worst(verdicts),
     )
+
+
+def _farthest_failing(verdicts: Sequence[Verdict]) -> str:
+    """The check that fails by most, and by how much."""
+    failing = [verdict for verdict in verdicts if verdict.answer == "fail"]
+    most = max(failing, key=lambda v: abs(v.sigmas) if v.sigmas == v.sigmas else np.inf)
+    s = "s" if len(failing) == 1 else ""
+    far = f", {most.sigmas:+.1f} standard errors" if most.sigmas == most.sigmas else ""
+    return f"{s}{', most' if not s else ':'} {most.row.statistic}{far}"
 
 
 def deviation(study: str, verdicts: Sequence[Verdict]) -> Deviation | None:

@@ -10,7 +10,8 @@ import numpy as np
 
 from simval.change import EFFORT
 from simval.report.answers import in_unit, rounded
-from simval.report.answers_wrong import NOISES, headline_row, typical
+from simval.report.answers_readings import headline_row
+from simval.report.answers_wrong import NOISES, typical
 from simval.report.curves import (
     Curve,
     bar_width,
@@ -68,20 +69,21 @@ def _of_calibration(cells: Sequence[CellResult], axis: str) -> Drawing | None:
     z = bar_width(measured.values())
     noises = {cell.parameters["noise_std"] for cell in cells}
     here = alike[0].parameters["noise_std"]
+    units = OF_A_CALIBRATION
     ends = [
-        f"{letter} from {in_unit(c.value[0], OF_A_CALIBRATION[letter])} to "
-        f"{in_unit(c.value[-1], OF_A_CALIBRATION[letter])}"
+        f"{letter} from {rounded(c.value[0] * units[letter].factor)} to "
+        f"{in_unit(c.value[-1], units[letter])}"
         for letter, c in measured.items()
     ]
     x = next(iter(measured.values())).x
     return Drawing(
         name="summary-question",
         asked=f"How does the error depend on the {name}?",
-        finding=f"From {x[0]:g} to {x[-1]:g} the RMS error goes: {', '.join(ends)}.",
+        finding=f"From {x[0]:g} to {x[-1]:g} the RMS errors change: {', '.join(ends)}.",
         caption=(
-            f"RMS error over the {name} at a noise of {here:g} m/s². Points: simulation "
-            f"with bars of {z:.2f} standard errors, 95 % for all together; dotted: "
-            "Cramér-Rao bound."
+            f"RMS error over the {name} at a noise of {here:g} m/s². Points: "
+            f"simulation with bars of {z:.2f} standard errors, 95 % for all "
+            "together; dotted: Cramér-Rao bound."
         ),
         alternative=f"RMS error of misalignment, scale and bias over the {name}",
         panels=[
