@@ -27,6 +27,14 @@ ORDER = ("worse", "better", "changed", "lost")
 WORDS = {"lost": "no longer measured", "changed": "changed otherwise"}
 
 
+HEADS = {
+    "worse": "Worse than",
+    "better": "Better than",
+    "changed": "Different from",
+    "lost": "Less is measured than in",
+}
+
+
 class Change(NamedTuple):
     """One statistic that changed."""
 
@@ -38,11 +46,16 @@ class Change(NamedTuple):
 
 
 def comparable(run: Run, baseline: Mapping[str, Any] | None) -> bool:
-    """Whether a baseline holds a cell of the run, whatever its seed and effort."""
+    """Whether a baseline is of the run's suite, or the run holds all of its cells.
+
+    Cells are the same whatever their seed and effort. Of the same suite one is enough.
+    """
     if baseline is None:
         return False
     stored = {_key(cell.study, cell.parameters) for cell in baseline["cells"].values()}
-    return any(_key(cell.study, cell.parameters) in stored for cell in run.cells)
+    common = stored & {_key(cell.study, cell.parameters) for cell in run.cells}
+    same_suite = baseline["environment"].get("suite") == run.manifest["suite"]
+    return bool(common) and (same_suite or common == stored)
 
 
 def _key(study: str, parameters: Mapping[str, Any]) -> tuple[str, str]:
@@ -93,10 +106,12 @@ def _from_baseline(context: Context) -> tuple[str, list[Line]]:
     """What the gate found beside the baseline, by direction."""
     assert context.baseline is not None
     if not comparable(context.run, context.baseline):
-        stored = len(context.baseline["cells"])
+        stored = str(context.baseline["environment"].get("suite"))
+        own = context.run.manifest["suite"]
         said = (
-            f"none of its {stored:,} cells is one of this run: it is of another suite, "
-            "or its parameters differ"
+            f"it is of the suite {stored}, this run of {own}"
+            if stored != own
+            else "no cell of it has the study and the parameters of one of this run"
         )
         line = Line(what="Baseline", said=said, answer="inconclusive")
         return "Cannot be compared with the baseline", [line]
@@ -177,19 +192,18 @@ def _told(
     lines.append(Line(what="Same", said=f"{said}{detail}", answer=unclear))
     first = next((kind for kind in ORDER if of[kind]), "")
     if first:
-        word = {"lost": "Less than", "changed": "Other than"}.get(first, first)
-        word = word if " " in word else f"{word.capitalize()} than"
-        return f"{word} {name}", lines
+        return f"{HEADS[first]} {name}", lines
     return f"{'No worse than' if unresolved else 'Same as'} {name}", lines
 
 
 def _line(kind: str, changes: Sequence[Change]) -> Line:
     most = max(changes, key=lambda c: c.size)
-    by = f": {most.said}" if most.said else ""
+    which = "first" if kind == "lost" else "most"
+    by = f": {most.said}" if most.said and kind != "lost" else ""
     answer: Answer = "pass" if kind == "better" else "fail"
     return Line(
         what=WORDS.get(kind, kind).capitalize(),
-        said=f"{len(changes):,}, most {most.what}{by}",
+        said=f"{len(changes):,}, {which} {most.what}{by}",
         where=most.where,
         answer=answer,
     )

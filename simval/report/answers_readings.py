@@ -158,8 +158,9 @@ def headline_row(cell: CellResult) -> Row | None:
     finite = [row for row in cell.rows if np.isfinite(row.value)]
     for family in (*ANY, *dict.fromkeys(row.statistic.family for row in finite)):
         rows = [row for row in finite if row.statistic.family == family]
+        judged = [row for row in rows if row.check != "record"]
         if rows:
-            return max(rows, key=_distance)
+            return max(judged or rows, key=_distance)
     return None
 
 

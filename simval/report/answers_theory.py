@@ -190,18 +190,19 @@ def _sizes(verdicts: Sequence[Verdict]) -> Iterable[Verdict]:
 
 
 def _farthest(verdicts: Sequence[Verdict]) -> str:
-    """How far the farthest sampled check is, and how far chance alone goes."""
-    distances = [
-        abs(v.sigmas)
+    """How far beyond its remainder a check goes at most, and how far chance does."""
+    beyond = [
+        (abs(v.row.value - (v.row.prediction or 0.0)) - v.row.remainder)
+        / v.row.standard_error
         for v in verdicts
-        if v.p_value is not None and v.sigmas == v.sigmas
+        if v.p_value is not None
     ]
-    if not distances:
+    if not beyond:
         return ""
     return (
-        f"The farthest of {len(distances):,} sampled checks is {max(distances):.1f} "
-        f"standard errors from its prediction; of so many, chance alone reaches "
-        f"{simultaneous(len(distances)):.1f} in one run of twenty. "
+        f"Of {len(beyond):,} sampled checks the farthest is {max(*beyond, 0.0):.1f} "
+        "standard errors beyond what its theory leaves open; of so many, chance alone "
+        f"reaches {simultaneous(len(beyond)):.1f} in one run of twenty. "
     )
 
 

@@ -29,7 +29,10 @@ NOISES: Mapping[str, str] = {
 }
 """Parameters that say how noisy a sensor is, and their words."""
 
-ALGORITHM = ("estimator", "residual", "estimate", "sigma", "multiplier", "trim")
+MIDDLE = (*NOISES, "multiplier")
+"""Parameters of which the middle value is chosen: noise, and a detector's threshold."""
+
+ALGORITHM = ("estimator", "residual", "estimate", "sigma", "trim")
 """Parameters that choose an algorithm or set it, not what it is given."""
 
 IN_ACCELERATION = ("calibration", "ladder", "coverage", "detector", "solvers")
@@ -95,7 +98,7 @@ def chosen(
 
 def typical(cells: Sequence[CellResult], *, poses: bool = True) -> Sequence[CellResult]:
     """Cells of the middle noise, the first algorithm and, if asked, the most poses."""
-    for key in NOISES:
+    for key in MIDDLE:
         levels = sorted({v for cell in cells if (v := cell.parameters.get(key))})
         if levels:
             middle = levels[(len(levels) - 1) // 2]
