@@ -131,7 +131,8 @@ def _line(study: str, verdicts: Sequence[Verdict]) -> Line:
     )
     bad += [f"{unclear:,} of {checks} inconclusive"] if unclear else []
     found = deviation(study, verdicts)
-    near = [f"within {percent(found.within)}"] if found and not failed else []
+    told = found is not None and not failed and found.within < 1.0
+    near = [f"within {percent(found.within)}"] if found and told else []
     return Line(
         what=called(study),
         said="; ".join([*bad, *near] if bad else [*near, checks]),
