@@ -334,7 +334,7 @@ def test_the_first_screen_is_one_screen(tab, pages):
         "'#summary .verdict, #summary .answers, #summary svg')]"
         ".map(e => e.getBoundingClientRect().bottom)"
     )
-    assert len(bottoms) == 4
+    assert len(bottoms) >= 4
     assert max(bottoms) <= 800
 
 

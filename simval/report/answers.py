@@ -10,7 +10,7 @@ from simval.report.units import DEGREE, MILLIRADIAN, Unit
 from simval.report.words import spelled
 from simval.verdict import Answer
 
-SHOWN = 4
+SHOWN = 3
 """Lines of an answer that stand outside its fold."""
 
 IMPORTANCE = (

@@ -87,14 +87,14 @@ def _of_calibration(cells: Sequence[CellResult], axis: str) -> Drawing | None:
         ),
         alternative=f"RMS error of misalignment, scale and bias over the {name}",
         panels=[
-            _panel(letter, place, _in(c, OF_A_CALIBRATION[letter]), z, name)
+            _panel(letter, place, in_unit_of(c, OF_A_CALIBRATION[letter]), z, name)
             for place, (letter, c) in enumerate(measured.items())
         ],
         left_out=[f"noise {level:g} m/s²" for level in sorted(noises - {here})],
     )
 
 
-def _in(c: Curve, unit: Unit) -> Curve:
+def in_unit_of(c: Curve, unit: Unit) -> Curve:
     """A curve in a unit for people."""
     scaled = {
         name: getattr(c, name) * unit.factor
