@@ -111,7 +111,9 @@ def test_the_page_is_complete_and_needs_no_network(page):
         "provenance",
     ):
         assert f'<section id="{anchor}"' in page
-        assert f'href="#{anchor}"' in page
+        assert f'id="{anchor}-title"' in page
+    parts = re.findall(r'<div class="group" id="([^"]*)">', page)
+    assert [f'href="#{part}"' in page for part in parts] == [True] * len(parts)
     assert re.search(
         r"<strong>PASS</strong>: all \d+ checks against theory agree", page
     )
@@ -424,7 +426,7 @@ def test_a_study_without_a_section_is_shown_all_the_same(tiny_run, undrawn):
     ElementTree.fromstring(f"<all>{svg(drawing)}</all>")
     page = render(run)
     assert '<section id="other"' in page
-    assert "<h3>of_a_plugin</h3>" in page
+    assert "<h4>of_a_plugin</h4>" in page
     assert 'id="figure-study-of-a-plugin"' in page
 
 

@@ -6,6 +6,7 @@ import click
 
 from simval.cli.options import refuse_if
 from simval.errors import InputError
+from simval.gate import read_baseline
 from simval.report import csv_text, drawings, png, render, svg_file, tables
 from simval.report.panels import Drawing
 from simval.sweep import Run, load_run
@@ -17,6 +18,9 @@ def run(
     pictures: Path | None,
     names: tuple[str, ...],
     lists: Path | None,
+    baseline: Path | None,
+    against: str | None,
+    opened: bool,
     alpha: float,
 ) -> int:
     """Do what `simval report` is asked."""
@@ -25,10 +29,13 @@ def run(
         "`--only` selects figures of `--figures`; give that folder too",
     )
     loaded = load_run(run)
+    stored = None if baseline is None else read_baseline(baseline)
+    other = None if against is None else load_run(against)
     chosen = _chosen(loaded, names) if pictures is not None else {}
     path = out or loaded.folder / "report.html"
     try:
-        path.write_text(render(loaded, alpha), encoding="utf-8")
+        page = render(loaded, alpha, baseline=stored, against=other, opened=opened)
+        path.write_text(page, encoding="utf-8")
         if pictures is not None:
             _write_figures(chosen, pictures)
         if lists is not None:

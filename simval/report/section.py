@@ -2,10 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from markupsafe import Markup
 
+from simval.compare import RunComparison
 from simval.gate import GateResult
 from simval.report.environment import template
 from simval.report.notes import folder_of
@@ -18,12 +19,23 @@ from simval.verdict import Verdict
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Against:
+    """Another run, and what is different in the one that is shown."""
+
+    run: Run
+    changes: RunComparison
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Context:
     """What every section may read."""
 
     run: Run  # the run folder's content
-    judged: GateResult  # what the gate says of it, without a baseline
+    judged: GateResult  # what the gate says of it
     titles: Mapping[str, str]  # title of each study, by its name
+    # what the page is asked to compare the run with, if anything
+    baseline: Mapping[str, Any] | None = None
+    against: Against | None = None
 
     @property
     def folder(self) -> str:
