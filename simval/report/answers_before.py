@@ -1,7 +1,8 @@
 """Worse than before: what changed from the baseline, or from another run.
 
 The gate and the comparison say what changed beyond its uncertainty; here it is counted
-by direction (`simval.statistics.Family.better`), and the change of the greatest size comes first.
+by direction (`simval.statistics.Family.better`), and the change of the greatest size
+comes first.
 """
 
 import shlex
