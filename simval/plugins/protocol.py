@@ -98,7 +98,7 @@ class Estimator(Plugin):
     reads : tuple of {"noise_std", "weights", "covariances"}, default ()
         What else `estimate` and `covariance` are handed, by these names.
     series : bool, default False
-        Whether `estimate` is made of + - * / **, `abs`, comparisons and `numpy.sqrt`
+        Whether `estimate` is made of ``+ - * / **``, `abs`, comparisons and `numpy.sqrt`
         alone, so that it works with power series (`simval.theory.series`).
     """
 

@@ -1,0 +1,95 @@
+"""Equations as MathML, converted when the site is built: no script and no font.
+
+docutils brings the converter; a command that it does not know fails the build.
+"""
+
+import re
+from html import escape
+from typing import Any
+
+from docutils import nodes
+from docutils.utils.math import MathError, latex2mathml
+from sphinx.application import Sphinx
+from sphinx.util import logging
+
+from docs.site.equations import TAG, anchor
+
+_LOGGER = logging.getLogger(__name__)
+
+# what the sources write and the converter calls otherwise
+_SPELLINGS = (
+    (re.compile(r"\\dots\b"), r"\\ldots "),
+    (re.compile(r"\\(bigg?|Bigg?)(?![a-zA-Z])"), r"\\\1l"),
+    (re.compile(r"\\textstyle\b"), ""),
+)
+_TAG = re.compile(TAG + r"\s*,?")
+
+
+def mathml(latex: str, *, block: bool) -> str:
+    """Presentation MathML of an equation without its tags.
+
+    Raises
+    ------
+    MathError
+        If a command is not known.
+    """
+    for pattern, replacement in _SPELLINGS:
+        latex = pattern.sub(replacement, latex)
+    return str(latex2mathml.tex2mathml(latex, as_block=block))
+
+
+def display(latex: str, module: str = "") -> str:
+    """HTML of a displayed equation, its numbers at the right with anchors.
+
+    Where several lines have numbers of their own, each stands in its line.
+    """
+    numbers = [number for tag in re.findall(TAG, latex) for number in split(tag)]
+    body = latex.strip().rstrip(",")
+    lines = [line.strip() for line in re.split(r"\\\\(?!\[)", body)]
+    if len(re.findall(TAG, latex)) > 1:
+        lines = [_TAG.sub(lambda m: rf"\qquad\mathrm{{({m[1]})}} ", x) for x in lines]
+        shown = ""
+    else:
+        lines = [_TAG.sub("", line) for line in lines]
+        shown = ", ".join(f"({number})" for number in numbers)
+    body = r"\\".join(lines)
+    if (len(lines) > 1 or "&" in body) and r"\begin{" not in body:
+        body = rf"\begin{{aligned}}{body}\end{{aligned}}"
+    anchors = "".join(
+        f'<span id="{escape(anchor(number, module))}"></span>' for number in numbers
+    )
+    side = f'<span class="number">{escape(shown)}</span>' if shown else ""
+    formula = mathml(body, block=True)
+    return f'<div class="equation">{anchors}<div>{formula}</div>{side}</div>\n'
+
+
+def split(tag: str) -> list[str]:
+    """Numbers in a tag: ``K1, (8)`` has two."""
+    return [part.strip().strip("()") for part in tag.split(",")]
+
+
+def _safely(make: Any, node: nodes.Element) -> str:
+    try:
+        return str(make())
+    except MathError as error:
+        _LOGGER.warning("no equation: %s in %s", error, node.astext(), location=node)
+        return f"<code>{escape(node.astext())}</code>"
+
+
+def _visit_inline(self: Any, node: nodes.math) -> None:
+    self.body.append(_safely(lambda: mathml(node.astext(), block=False), node))
+    raise nodes.SkipNode
+
+
+def _visit_block(self: Any, node: nodes.math_block) -> None:
+    module = node.get("module", "")
+    self.body.append(_safely(lambda: display(node.astext(), module), node))
+    raise nodes.SkipNode
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Register the renderer."""
+    app.add_html_math_renderer(
+        "mathml", (_visit_inline, None), (_visit_block, None)
+    )
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
