@@ -1,6 +1,7 @@
 """The documentation site: see CONTRIBUTING.md, "The site"."""
 
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 from sphinx.application import Sphinx
@@ -11,6 +12,9 @@ sys.path.insert(0, str(ROOT))
 
 from docs.site import mathml, names, reference  # noqa: E402
 import simval  # noqa: E402
+
+# shipped with the pages, since few machines have a font with mathematics' measures
+MATH_FONT = Path(str(find_spec("ziamath").origin)).parent / "fonts/STIXTwoMath-Regular.ttf"
 
 project = "simval"
 author = "the simval developers"
@@ -35,13 +39,14 @@ napoleon_use_rtype = False
 html_theme = "furo"
 html_title = "simval"
 html_math_renderer = "mathml"
-html_static_path = ["static"]
+html_static_path = ["static", str(MATH_FONT)]
 html_css_files = ["site.css"]
 html_show_sourcelink = False
 html_copy_source = False
 html_show_search_summary = False  # a browser fetches nothing from files
 html_show_sphinx = False
 html_show_copyright = False
+html_theme_options = {"navigation_with_keys": True}
 
 
 TREE = "\n\n```{{toctree}}\n:caption: {}\n:hidden:\n:glob:\n\n{}\n```\n"

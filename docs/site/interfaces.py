@@ -105,7 +105,7 @@ def equations_page(package: str, members: list[Module], public: set[str]) -> str
     for module in members:
         again = "\n   :no-index:" if module.name in public else ""
         parts += [
-            _title(f"{module.title} ({module.name.removeprefix(package + '.')})", "-"),
+            _title(module.name, "-"),
             f".. automodule:: {module.name}{again}",
         ]
         for owner in sorted({o for o in module.defined.values() if o}):

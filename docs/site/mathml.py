@@ -6,6 +6,7 @@ docutils brings the converter; a command that it does not know fails the build.
 import re
 from html import escape
 from typing import Any
+from xml.etree import ElementTree
 
 from docutils import nodes
 from docutils.utils.math import MathError, latex2mathml
@@ -21,7 +22,10 @@ _SPELLINGS = (
     (re.compile(r"\\dots\b"), r"\\ldots "),
     (re.compile(r"\\(bigg?|Bigg?)(?![a-zA-Z])"), r"\\\1l"),
     (re.compile(r"\\textstyle\b"), ""),
+    (re.compile(r"\\[lr]vert\b"), "|"),
 )
+_SPACE = "http://www.w3.org/1998/Math/MathML"
+_ACCENTS = set("ˉˆ˜˙¨→")
 _TAG = re.compile(TAG + r"\s*,?")
 
 
@@ -35,7 +39,30 @@ def mathml(latex: str, *, block: bool) -> str:
     """
     for pattern, replacement in _SPELLINGS:
         latex = pattern.sub(replacement, latex)
-    return str(latex2mathml.tex2mathml(latex, as_block=block))
+    converted = latex2mathml.tex2mathml(latex, as_block=block)
+    tree = ElementTree.fromstring(converted.replace("&nbsp;", "\N{NO-BREAK SPACE}"))
+    for node in tree.iter():
+        _close_bars(node)
+        _below_accent(node)
+    ElementTree.register_namespace("", _SPACE)
+    return ElementTree.tostring(tree, encoding="unicode")
+
+
+def _close_bars(node: ElementTree.Element) -> None:
+    """Leave no space beside the bars of a size: they are no relation."""
+    if node.tag == f"{{{_SPACE}}}mo" and node.text in ("|", "‖"):
+        node.attrib |= {"lspace": "0", "rspace": "0"}
+
+
+def _below_accent(node: ElementTree.Element) -> None:
+    """Put the index of an accented letter beside it; the converter puts it below."""
+    if node.tag != f"{{{_SPACE}}}munderover" or node[2].text not in _ACCENTS:
+        return
+    letter, index, accent = node
+    over = ElementTree.Element(f"{{{_SPACE}}}mover", {"accent": "true"})
+    over.extend((letter, accent))
+    node.tag = f"{{{_SPACE}}}msub"
+    node[:] = (over, index)
 
 
 def display(latex: str, module: str = "") -> str:

@@ -20,6 +20,8 @@ from docs.site.equations import CITED, IN_LINE, anchor, home, modules
 
 _LOGGER = logging.getLogger(__name__)
 _DOTTED = re.compile(r"simval(\.[A-Za-z_]\w*)+$")
+_MARKS = re.compile(r"\||(?<=\w)_(?!\w)")
+_AS_IT_IS = r"(`+[^`]*`+|^\.\. math::.*\n(?:[ \t]*\n|[ \t]+.*\n)*)"
 _EQUATION = re.compile(r"(?P<module>\S+) (?P<number>\S+)$")
 
 
@@ -127,9 +129,9 @@ def _cite(app: Sphinx, what: str, name: str, obj: Any, opts: Any, lines: list[st
 
 
 def _letters(lines: list[str]) -> list[str]:
-    """Take bars as letters: docstrings write sizes with them, not substitutions."""
-    parts = re.split(r"(`+[^`]*`+)", "\n".join(lines))
-    odd = [x if i % 2 else x.replace("|", r"\|") for i, x in enumerate(parts)]
+    """Take bars and last underscores as letters: ``|q|`` and ``bool_`` are no markup."""
+    parts = re.split(_AS_IT_IS, "\n".join(lines), flags=re.MULTILINE)
+    odd = [x if i % 2 else _MARKS.sub(r"\\\g<0>", x) for i, x in enumerate(parts)]
     return "".join(odd).split("\n")
 
 
