@@ -1,4 +1,4 @@
-"""Every command: usage, arguments, options and defaults, as its ``--help`` says them."""
+"""Every command: usage, options and defaults, as its ``--help`` says them."""
 
 import inspect
 from collections.abc import Iterator

@@ -10,11 +10,13 @@ DOCS = Path(__file__).parents[1]
 ROOT = DOCS.parent
 sys.path.insert(0, str(ROOT))
 
-from docs.site import mathml, names, reference  # noqa: E402
 import simval  # noqa: E402
+from docs.site import mathml, names, reference  # noqa: E402
 
 # shipped with the pages, since few machines have a font with mathematics' measures
-MATH_FONT = Path(str(find_spec("ziamath").origin)).parent / "fonts/STIXTwoMath-Regular.ttf"
+MATH_FONT = (
+    Path(str(find_spec("ziamath").origin)).parent / "fonts/STIXTwoMath-Regular.ttf"
+)
 
 project = "simval"
 author = "the simval developers"

@@ -96,7 +96,10 @@ def top_page() -> str:
             if home
             else f"- ``simval.{name}``: version of the installed distribution"
         )
-    return "\n\n".join((_title("simval", "="), ".. automodule:: simval", "\n".join(lines))) + "\n"
+    return (
+        "\n\n".join((_title("simval", "="), ".. automodule:: simval", "\n".join(lines)))
+        + "\n"
+    )
 
 
 def equations_page(package: str, members: list[Module], public: set[str]) -> str:

@@ -9,7 +9,9 @@ _SPECIAL = re.compile(r"([\\*_{}\[\]<>#|$~^])")
 def plain(text: str) -> str:
     """Text with its Markdown taken as letters, but for what stands in backticks."""
     parts = re.split(r"(`[^`]*`)", " ".join(str(text).split()))
-    odd = [part if i % 2 else _SPECIAL.sub(r"\\\1", part) for i, part in enumerate(parts)]
+    odd = [
+        part if i % 2 else _SPECIAL.sub(r"\\\1", part) for i, part in enumerate(parts)
+    ]
     return "".join(odd)
 
 

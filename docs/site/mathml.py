@@ -4,7 +4,7 @@ docutils brings the converter; a command that it does not know fails the build.
 """
 
 import re
-from html import escape
+from html import escape, unescape
 from typing import Any
 from xml.etree import ElementTree
 
@@ -25,7 +25,8 @@ _SPELLINGS = (
     (re.compile(r"\\[lr]vert\b"), "|"),
 )
 _SPACE = "http://www.w3.org/1998/Math/MathML"
-_ACCENTS = set("ˉˆ˜˙¨→")
+_ACCENTS = set("\u02c9\u02c6\u02dc\u02d9\u00a8\u2192")  # bar hat tilde dots arrow
+_ENTITY = re.compile(r"&(?!lt;|gt;|amp;)\w+;")  # those of HTML that XML does not know
 _TAG = re.compile(TAG + r"\s*,?")
 
 
@@ -40,7 +41,7 @@ def mathml(latex: str, *, block: bool) -> str:
     for pattern, replacement in _SPELLINGS:
         latex = pattern.sub(replacement, latex)
     converted = latex2mathml.tex2mathml(latex, as_block=block)
-    tree = ElementTree.fromstring(converted.replace("&nbsp;", "\N{NO-BREAK SPACE}"))
+    tree = ElementTree.fromstring(_ENTITY.sub(lambda m: unescape(m[0]), converted))
     for node in tree.iter():
         _close_bars(node)
         _below_accent(node)
@@ -116,7 +117,5 @@ def _visit_block(self: Any, node: nodes.math_block) -> None:
 
 def setup(app: Sphinx) -> dict[str, bool]:
     """Register the renderer."""
-    app.add_html_math_renderer(
-        "mathml", (_visit_inline, None), (_visit_block, None)
-    )
+    app.add_html_math_renderer("mathml", (_visit_inline, None), (_visit_block, None))
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -16,7 +16,7 @@ from sphinx.transforms import SphinxTransform
 from sphinx.util import logging
 from sphinx.util.docutils import SphinxRole
 
-from docs.site.equations import CITED, IN_LINE, anchor, home, modules
+from docs.site.equations import CITED, anchor, home, modules
 
 _LOGGER = logging.getLogger(__name__)
 _DOTTED = re.compile(r"simval(\.[A-Za-z_]\w*)+$")
@@ -111,7 +111,9 @@ def _outward(
     return None
 
 
-def _cite(app: Sphinx, what: str, name: str, obj: Any, opts: Any, lines: list[str]) -> None:
+def _cite(
+    app: Sphinx, what: str, name: str, obj: Any, opts: Any, lines: list[str]
+) -> None:
     """Make links of the equations that a docstring cites, targets of those in line."""
     module = name if what == "module" else getattr(obj, "__module__", name)
     lines[:] = _letters(lines)
@@ -129,7 +131,7 @@ def _cite(app: Sphinx, what: str, name: str, obj: Any, opts: Any, lines: list[st
 
 
 def _letters(lines: list[str]) -> list[str]:
-    """Take bars and last underscores as letters: ``|q|`` and ``bool_`` are no markup."""
+    """Take bars and last underscores as letters: ``|q|``, ``bool_`` are no markup."""
     parts = re.split(_AS_IT_IS, "\n".join(lines), flags=re.MULTILINE)
     odd = [x if i % 2 else _MARKS.sub(r"\\\g<0>", x) for i, x in enumerate(parts)]
     return "".join(odd).split("\n")

@@ -31,12 +31,14 @@ def pages() -> dict[str, str]:
     for name, module in public.items():
         found[f"api/{name}.rst"] = interface_page(name, module)
     for package, members in with_equations().items():
-        found[f"equations/{package}.rst"] = equations_page(package, members, taken | set(public))
+        found[f"equations/{package}.rst"] = equations_page(
+            package, members, taken | set(public)
+        )
     return found
 
 
 def write(folder: Path) -> None:
-    """Write the pages, touch none that is the same, and remove what is left of others."""
+    """Write the pages, touch none that is the same, and remove any other."""
     wanted = {folder / name: text for name, text in pages().items()}
     for path in folder.rglob("*.*"):
         if path not in wanted:

@@ -113,7 +113,13 @@ def statistics_page() -> str:
     used = uses()
     names = {id(f): name for name, f in vars(statistics).items()}
     rows = [
-        [code(f.name), plain(f.words), plain(f.unit), _margin(f), _studies(used, names[id(f)])]
+        [
+            code(f.name),
+            plain(f.words),
+            plain(f.unit),
+            _margin(f),
+            _studies(used, names[id(f)]),
+        ]
         for f in FAMILIES.values()
     ]
     theory = [[code(v), _studies(used, name)] for name, v in predictors().items()]
@@ -122,9 +128,9 @@ def statistics_page() -> str:
         "Statistics and predictors",
         "What a row of `results.csv` measures, and the theory it is set beside.",
         "## Statistics",
-        "A statistic is a member of a family: `bias[K_x]` is the bias of one entry. The unit is "
-        "that of the family, unless a study states another. The margin is the change that "
-        "counts as none where two runs do not share their noise "
+        "A statistic is a member of a family: `bias[K_x]` is the bias of one entry. "
+        "The unit is that of the family, unless a study states another. The margin is "
+        "the change that counts as none where two runs do not share their noise "
         "([decision 0068](../decisions/0068-one-place-decides-a-change.md)).",
         table(("name", "what", "unit", "margin", "studies"), rows),
         "## Predictors",
@@ -135,7 +141,11 @@ def statistics_page() -> str:
 
 
 def _margin(family: statistics.Family) -> str:
-    of = {"value": "", "variances": " of the variances", "sample": " of one sample's spread"}
+    of = {
+        "value": "",
+        "variances": " of the variances",
+        "sample": " of one sample's spread",
+    }
     return f"{100 * family.margin:g} %{of[family.scale]}"
 
 
