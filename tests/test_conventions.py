@@ -3,9 +3,10 @@
 import re
 
 import pytest
+from places import ROOT
+
 from docs.site.drawing import COLOURS
 from docs.site.pictures import FOLDER, PICTURES
-from places import ROOT
 
 PAGE = (ROOT / "docs" / "conventions.md").read_text(encoding="utf-8")
 BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
@@ -33,7 +34,9 @@ def test_each_section_states_something():
 @pytest.mark.parametrize("name", PICTURES)
 def test_a_picture_is_the_one_of_the_script(name):
     """And the page shows it: `python -m docs.site.pictures` draws them."""
-    assert (FOLDER / f"{name}.svg").read_text(encoding="utf-8") == PICTURES[name]().svg()
+    assert (FOLDER / f"{name}.svg").read_text(encoding="utf-8") == PICTURES[
+        name
+    ]().svg()
     assert f"](pictures/{name}.svg)" in PAGE
 
 
@@ -44,7 +47,9 @@ def test_no_other_picture_is_there():
 def luminance(colour):
     """Relative luminance of a colour, by the definition of WCAG 2."""
     parts = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
-    linear = [p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts]
+    linear = [
+        p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts
+    ]
     return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
 

@@ -7,10 +7,7 @@ any other text or comment, and is found by `home`.
 """
 
 import ast
-import io
 import re
-import tokenize
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -19,7 +16,8 @@ ROOT = Path(__file__).parents[2]
 TAG = r"\\tag\{([^}]*)\}"
 NUMBER = r"[A-Z]{1,2}[0-9]+"
 IN_LINE = rf"(?<=  )\(({NUMBER})\)"
-CITED = re.compile(rf"\(({NUMBER})\)")
+CITED = re.compile(rf"(?<!\w)\(({NUMBER})\)")  # no argument of a call
+_DEFINES = re.compile(f"{TAG}|{IN_LINE}")
 _DOCUMENTED = ast.Module | ast.ClassDef | ast.FunctionDef
 
 
@@ -31,22 +29,19 @@ class Module:
     ----------
     name : str
         Dotted name.
-    title : str
-        First line of its docstring, without the full stop.
     defined : dict of str to str
         Numbers of its equations, and the function or class whose docstring has them;
         empty for the module's own.
     cited : frozenset of str
         Numbers in its strings and comments that it does not define.
-    text : str
-        All its strings and comments.
+    source : str
+        Text of the file.
     """
 
     name: str
-    title: str
     defined: dict[str, str]
     cited: frozenset[str]
-    text: str
+    source: str
 
     @property
     def package(self) -> str:
@@ -96,7 +91,7 @@ def home(number: str, citing: Module) -> Module | None:
 
 def _named(owner: Module, citing: Module) -> bool:
     last = owner.name.rpartition(".")[2]
-    return f"`{owner.name}`" in citing.text or f"`{last}`" in citing.text
+    return f"`{owner.name}`" in citing.source or f"`{last}`" in citing.source
 
 
 def _beside(owner: Module, citing: Module) -> bool:
@@ -104,44 +99,25 @@ def _beside(owner: Module, citing: Module) -> bool:
 
 
 def _imported(owner: Module, citing: Module) -> bool:
-    return f"import:{owner.name}\n" in citing.text
+    return f"from {owner.name} import" in citing.source
 
 
 def _read(path: Path) -> Module:
     source = path.read_text(encoding="utf-8")
-    tree = ast.parse(source)
     parts = path.relative_to(ROOT).with_suffix("").parts
-    defined = {
-        number: "" if isinstance(node, ast.Module) else node.name
-        for node in ast.walk(tree)
-        if isinstance(node, _DOCUMENTED)
-        for number in defined_in(ast.get_docstring(node) or "")
-    }
-    text = "\n".join((*_strings(tree), *_comments(source), *_imports(tree)))
-    title = (ast.get_docstring(tree) or parts[-1]).partition("\n")[0].rstrip(".")
+    defined = _defined(source) if _DEFINES.search(source) else {}
     return Module(
         name=".".join(part for part in parts if part != "__init__"),
-        title=title,
         defined=defined,
-        cited=frozenset(CITED.findall(text)) - defined.keys(),
-        text=text + "\n",
+        cited=frozenset(CITED.findall(source)) - defined.keys(),
+        source=source,
     )
 
 
-def _strings(tree: ast.Module) -> Iterator[str]:
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str):
-            yield node.value
-
-
-def _comments(source: str) -> Iterator[str]:
-    for token in tokenize.generate_tokens(io.StringIO(source).readline):
-        if token.type == tokenize.COMMENT:
-            yield token.string
-
-
-def _imports(tree: ast.Module) -> Iterator[str]:
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and node.module:
-            yield f"import:{node.module}"
-            yield from (f"import:{node.module}.{name.name}" for name in node.names)
+def _defined(source: str) -> dict[str, str]:
+    return {
+        number: "" if isinstance(node, ast.Module) else node.name
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, _DOCUMENTED)
+        for number in defined_in(ast.get_docstring(node) or "")
+    }

@@ -43,9 +43,9 @@ def _frame(
 def frames() -> Drawing:
     """World, body and sensor."""
     d = Drawing(640, 270, "World, body and sensor frame, and gravity")
-    still = from_rotation_vector([0.0, 0.0, 0.0])
-    body = from_rotation_vector([0.35, 0.0, 0.5])
-    sensor = from_rotation_vector([0.35, 0.25, 0.9])
+    still = from_rotation_vector(np.zeros(3))
+    body = from_rotation_vector(np.array([0.35, 0.0, 0.5]))
+    sensor = from_rotation_vector(np.array([0.35, 0.25, 0.9]))
     _frame(d, still, (110.0, 160.0), 90.0, "w", "world")
     _frame(d, body, (320.0, 160.0), 90.0, "b", "body")
     _frame(d, sensor, (535.0, 160.0), 90.0, "s", "sensor")
@@ -69,7 +69,7 @@ def attitude() -> Drawing:
     d = Drawing(
         640, 260, "One vector in the world's axes and in those of a turned body"
     )
-    q = from_rotation_vector([0.0, 0.0, TURN])
+    q = from_rotation_vector(TURN * AXES[2])
     seen = attitude_matrix(q) @ AXES[0]
     _flat(d, (110.0, 170.0), 0.0, "w", "world")
     _flat(d, (110.0, 170.0), TURN, "b", "body")
@@ -81,9 +81,7 @@ def attitude() -> Drawing:
     _ray(d, (440.0, 130.0), seen[:2], "b = A(q) r")
     _arc(d, (440.0, 130.0), 55.0, 0.0, -TURN)
     d.words((516.0, 150.0), "−30°", "faint")
-    d.words(
-        (330.0, 235.0), "in the body's axes: it turned back", "faint", "start"
-    )
+    d.words((330.0, 235.0), "in the body's axes: it turned back", "faint", "start")
     return d
 
 
@@ -113,14 +111,14 @@ def specific_force() -> Drawing:
     """What an accelerometer reads at rest, upside down and falling."""
     d = Drawing(640, 230, "Specific force at rest, upside down, and in free fall")
     cases = (
-        (110.0, [0.0, 0.0, 0.0], 1.0, "at rest, level", "reads (0, 0, +g)"),
-        (320.0, [pi, 0.0, 0.0], 1.0, "upside down", "reads (0, 0, −g)"),
-        (530.0, [0.0, 0.0, 0.0], 0.0, "falling freely", "reads (0, 0, 0)"),
+        (110.0, 0.0, 1.0, "at rest, level", "reads (0, 0, +g)"),
+        (320.0, pi, 1.0, "upside down", "reads (0, 0, −g)"),
+        (530.0, 0.0, 0.0, "falling freely", "reads (0, 0, 0)"),
     )
     for x, turn, force, title, reads in cases:
         d.words((x, 20.0), title)
         d.box((x - 40.0, 90.0), (80.0, 30.0), "sensor")
-        z = attitude_matrix(from_rotation_vector(turn))[2]
+        z = attitude_matrix(from_rotation_vector(turn * AXES[0]))[2]
         d.arrow((x - 58.0, 105.0), (x - 58.0, 105.0 - 45.0 * z[2]), "sensor")
         d.words((x - 76.0, 105.0 - 45.0 * z[2] + 4.0), "z_s", "sensor")
         d.arrow((x + 60.0, 75.0), (x + 60.0, 135.0), "gravity")

@@ -123,7 +123,7 @@ def statistics_page() -> str:
         for f in FAMILIES.values()
     ]
     theory = [[code(v), _studies(used, name)] for name, v in predictors().items()]
-    made = [[code(f"{word}…"), plain(words)] for word, words in _made()]
+    made = [[code(name), plain(words)] for name, words in _made()]
     return page(
         "Statistics and predictors",
         "What a row of `results.csv` measures, and the theory it is set beside.",
@@ -159,8 +159,12 @@ def predictors() -> dict[str, str]:
 
 
 def _made() -> Iterator[tuple[str, str]]:
-    for make in (statistics.class_of, statistics.claim_of, statistics.order):
-        yield str(make(0)).removesuffix("0"), inspect.getdoc(make) or ""  # type: ignore[arg-type]
+    made = {
+        statistics.class_of: statistics.class_of("KIND"),
+        statistics.claim_of: statistics.claim_of("ORDER"),
+        statistics.order: statistics.order(0).replace("0", "N"),
+    }
+    return ((name, inspect.getdoc(make) or "") for make, name in made.items())
 
 
 def _studies(used: Mapping[str, set[str]], name: str) -> str:

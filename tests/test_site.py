@@ -1,0 +1,251 @@
+"""The generated reference says what there is, all of it, and nothing else."""
+
+import ast
+import importlib
+import inspect
+import re
+from pathlib import Path
+
+import click
+import pytest
+from docs.site.commands import commands
+from docs.site.equations import NUMBER, TAG, defined_in, home, modules, numbers
+from docs.site.markdown import plain
+from docs.site.reference import pages
+from docs.site.studies import kind_of, predictors, uses
+from places import ROOT
+
+import simval
+from simval import statistics
+from simval.cli import COMMANDS
+from simval.plugins.builtin import BUILTIN
+from simval.scene import scenes
+from simval.studies import STUDIES
+from simval.sweep.suite import builtin_suites
+
+DOCS = ROOT / "docs"
+WRITTEN = sorted(
+    path
+    for path in DOCS.rglob("*.md")
+    if "reference" not in path.relative_to(DOCS).parts
+)
+HEADING = re.compile(r"^## (.+)$", re.MULTILINE)
+TERM = re.compile(r"^`([^`]+)`\n: (.+)$", re.MULTILINE)
+
+
+@pytest.fixture(scope="module")
+def made():
+    return pages()
+
+
+def sections(text):
+    """Text below each heading of the second level."""
+    parts = HEADING.split(text)
+    return dict(zip(parts[1::2], parts[2::2], strict=True))
+
+
+def test_each_command_is_there_and_no_other(made):
+    found = list(sections(made["commands.md"]))
+    assert [name.split()[1] for name in found if name.count(" ") == 1] == [
+        name for name, _ in COMMANDS
+    ]
+    assert found == [words for words, _, _ in commands()]
+
+
+def test_each_option_is_there_as_the_terminal_says_it(made):
+    """Beside what `--help` prints on a wide terminal."""
+    for words, command, _ in commands():
+        section = sections(made["commands.md"])[words]
+        context = click.Context(command, info_name=words, terminal_width=10_000)
+            told = command.get_help(context).partition("Options:\n")[2].partition("\n\n")[0]
+        entries = re.split(r"\n  (?=-)", "\n" + told.rstrip())[1:]
+        pairs = [re.split(r"\s{2,}", entry, maxsplit=1) for entry in entries]
+        expected = [(names, plain(text)) for names, text in pairs]
+        assert [t for t in TERM.findall(section) if t[0].startswith("-")] == expected
+
+
+def test_each_study_and_parameter_is_there_and_no_other(made):
+    found = sections(made["studies.md"])
+    assert list(found) == list(STUDIES)
+    for name, section in found.items():
+        study = STUDIES[name]
+        assert f"**{plain(study.title)}**" in section
+        fields = study.parameters.model_fields
+        terms = dict(TERM.findall(section))
+        assert list(terms) == list(fields)
+        for key, field in fields.items():
+            assert plain(field.description) in terms[key]
+            assert "default `" in terms[key]
+
+
+def test_limits_in_words():
+    entry = {"type": "number", "exclusiveMinimum": 0, "maximum": 0.3}
+    assert kind_of(entry, {}) == "number, above 0, at most 0.3"
+    assert kind_of({"enum": ["a", "b"]}, {}) == "one of `a`, `b`"
+    either = {"anyOf": [{"$ref": "#/$defs/X"}, {"const": "auto"}]}
+    assert kind_of(either, {"X": {"type": "integer"}}) == "whole number or `auto`"
+
+
+def test_each_statistic_and_predictor_is_there_and_no_other(made):
+    found = sections(made["statistics.md"])
+    rows = [
+        line.split(" | ") for line in found["Statistics"].splitlines() if "| `" in line
+    ]
+    assert [row[0].strip("| `") for row in rows] == list(statistics.FAMILIES)
+    for row, family in zip(rows, statistics.FAMILIES.values(), strict=True):
+        assert row[1:3] == [plain(family.words), plain(family.unit)]
+        assert float(row[3].split()[0]) == pytest.approx(100 * family.margin, rel=1e-6)
+    theory = found["Predictors"].partition("Some are made")[0]
+    shown = re.findall(r"^\| `([^`]+)` \|", theory, re.MULTILINE)
+    source = inspect.getsource(statistics).partition("# predictors")[2]
+    assert shown == re.findall(r'^[A-Z_0-9]+ = "(.+)"$', source, re.MULTILINE)
+    assert shown == list(predictors().values())
+
+
+def test_studies_are_named_beside_their_statistics():
+    """Those whose rows have it in a run: here the coverage of stated intervals."""
+    assert "COVERAGE" in uses()["coverage"]
+    assert "SCALE_BIAS" in uses()["ladder"]
+    assert "SCALE_BIAS" not in uses()["attitude"]
+
+
+def test_suites_scenes_and_algorithms_are_there(made):
+    found = sections(made["suites.md"])
+    listed = {name: [t for t, _ in TERM.findall(text)] for name, text in found.items()}
+    assert listed["Suites that are shipped"] == list(builtin_suites())
+    assert listed["Scenes"] == [scene.name for scene in scenes().values()]
+    assert listed["Algorithms of its own, measured beside yours"] == list(BUILTIN)
+
+
+def faces():
+    """Packages directly below simval that have `__all__`, by their files alone."""
+    for path in sorted((ROOT / "simval").glob("*/__init__.py")):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for node in tree.body:
+            names = [
+                t.id for t in getattr(node, "targets", []) if isinstance(t, ast.Name)
+            ]
+            if "__all__" in names:
+                yield f"simval.{path.parent.name}", ast.literal_eval(node.value)
+
+
+def test_each_public_name_is_there_and_no_other(made):
+    for module, names in faces():
+        text = made[f"api/{module}.rst"]
+        found = re.findall(
+            rf"^\.\. (?:auto|py:)\w+:: {module}\.(\w+)$", text, re.MULTILINE
+        )
+        assert sorted(found) == sorted(names)
+        assert all(hasattr(importlib.import_module(module), name) for name in found)
+    top = re.findall(r"^- ``simval\.(\w+)``", made["api/simval.rst"], re.MULTILINE)
+    assert sorted(top) == sorted(simval.__all__)
+
+
+def test_modules_on_their_own_have_a_page(made):
+    """What the documents tell users to import."""
+    told = re.compile(r"^from (simval\.\w+)[\w.]* import ", re.MULTILINE)
+    shown = {
+        m for path in WRITTEN for m in told.findall(path.read_text(encoding="utf-8"))
+    }
+    missing = {m for m in shown if f"api/{m}.rst" not in made}
+    assert missing == set()
+
+
+def test_each_citation_of_an_equation_has_a_home():
+    """The number of an equation in a docstring, a message or a comment."""
+    lost = [
+        f"{module.name} cites ({number})"
+        for module in modules().values()
+        for number in sorted(module.cited)
+        if home(number, module) is None
+    ]
+    assert lost == []
+    assert sum(len(module.defined) for module in modules().values()) > 100
+
+
+def test_a_citation_of_nothing_has_none():
+    """The search itself: a number that no module defines."""
+    module = modules()["simval.geometry"]
+    assert home("Z9", module) is None
+    assert home("G1", module) is module
+
+
+def test_each_equation_is_on_a_page_of_its_module(made):
+    for module in modules().values():
+        if not module.defined:
+            continue
+        page = made[f"equations/{'.'.join(module.name.split('.')[:2])}.rst"]
+        assert f".. automodule:: {module.name}\n" in page
+        for owner in filter(None, module.defined.values()):
+            assert f":: {module.name}.{owner}\n" in page
+    listed = re.findall(
+        r"automodule:: (\S+)",
+        "".join(text for name, text in made.items() if name.startswith("equations/")),
+    )
+    assert sorted(listed) == sorted(m.name for m in modules().values() if m.defined)
+
+
+# modules whose equations a written page derives, and so may number
+DERIVED = {
+    "theory.md": ("geometry", "attitude.kernel", "theory.expansion", "theory.orders",
+                  "theory.unit_length"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", DERIVED)
+def test_numbers_of_a_derivation_are_those_of_the_code(name):
+    """A tag of a written page is one of the modules that it derives, or a source's."""
+    text = (DOCS / name).read_text(encoding="utf-8")
+    known = {n for m in DERIVED[name] for n in modules()[f"simval.{m}"].defined}
+    tagged = [n for tag in re.findall(TAG, text) for n in numbers(tag)]
+    tagged += re.findall(rf"(?m)^\(({NUMBER})\) \[", text)
+    own = [number for number in tagged if re.fullmatch(NUMBER, number)]
+    assert set(own) <= known
+    assert len(own) == len(set(own))
+    cited = set(re.findall(rf"\(({NUMBER})\)", text))
+    assert cited <= known
+
+
+def test_equations_of_a_docstring():
+    text = r"Here :math:`a = b`  (F1), by (F2). .. math:: x \tag{V2, V3}"
+    assert sorted(defined_in(text)) == ["F1", "V2", "V3"]
+
+
+CODE = re.compile(r"`([^`\n]+)`")
+FILE = re.compile(r"(simval|tests|docs|models|reports)/[\w./-]+\.(py|md|toml|xml|json)")
+
+
+def test_names_and_files_that_pages_mention_exist():
+    missing = []
+    for path in WRITTEN:
+        text = path.read_text(encoding="utf-8")
+        text = re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL)
+        for code in CODE.findall(text):
+            name = re.fullmatch(r"simval(\.[A-Za-z_]\w*)+", code)
+            if (name and not found(code)) or (
+                FILE.fullmatch(code) and not (ROOT / code).exists()
+            ):
+                missing.append(f"{path.name}: {code}")
+    assert missing == []
+
+
+def found(name):
+    """Whether a dotted name is a module, or is in one."""
+    parts = name.split(".")
+    for cut in range(len(parts), 0, -1):
+        try:
+            value = importlib.import_module(".".join(parts[:cut]))
+        except ModuleNotFoundError:
+            continue
+        for part in parts[cut:]:
+            value = getattr(value, part, None)
+        return value is not None
+    return False
+
+
+def test_the_pages_are_the_same_twice(made):
+    assert pages() == made
+    assert all(
+        isinstance(Path(name), Path) and text.endswith("\n")
+        for name, text in made.items()
+    )
