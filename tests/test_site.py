@@ -8,14 +8,14 @@ from pathlib import Path
 
 import click
 import pytest
-from docs.site.commands import commands
-from docs.site.equations import NUMBER, TAG, defined_in, home, modules, numbers
-from docs.site.markdown import plain
-from docs.site.reference import pages
-from docs.site.studies import kind_of, predictors, uses
 from places import ROOT
 
 import simval
+from docs.site.commands import commands
+from docs.site.equations import NUMBER, TAG, defined_in, home, modules, numbers
+from docs.site.markdown import NOTHING, plain
+from docs.site.reference import pages
+from docs.site.studies import kind_of, predictors, uses
 from simval import statistics
 from simval.cli import COMMANDS
 from simval.plugins.builtin import BUILTIN
@@ -57,10 +57,14 @@ def test_each_option_is_there_as_the_terminal_says_it(made):
     for words, command, _ in commands():
         section = sections(made["commands.md"])[words]
         context = click.Context(command, info_name=words, terminal_width=10_000)
-            told = command.get_help(context).partition("Options:\n")[2].partition("\n\n")[0]
+        context.max_content_width = 10_000
+        told = command.get_help(context).partition("Options:\n")[2]
+        told = told.partition("\n\n")[0]
         entries = re.split(r"\n  (?=-)", "\n" + told.rstrip())[1:]
         pairs = [re.split(r"\s{2,}", entry, maxsplit=1) for entry in entries]
-        expected = [(names, plain(text)) for names, text in pairs]
+        expected = [
+            (names, plain(*text) if text else NOTHING) for names, *text in pairs
+        ]
         assert [t for t in TERM.findall(section) if t[0].startswith("-")] == expected
 
 

@@ -50,7 +50,8 @@ def _section(words: str, command: click.Command, context: click.Context) -> str:
     options = [
         (f"`{record[0]}`", plain(record[1]))
         for parameter in command.get_params(context)
-        if (record := parameter.get_help_record(context)) and record[1]
+        if isinstance(parameter, click.Option)
+        and (record := parameter.get_help_record(context))
     ]
     texts = (f"## {words}", f"```text\n{usage}\n```", _help(command.help or ""))
     return "\n\n".join((*texts, definitions(options)))

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable, Sequence
 
+NOTHING = "—"  # where the code has no words
 _SPECIAL = re.compile(r"([\\*_{}\[\]<>#|$~^])")
 
 
@@ -22,7 +23,7 @@ def code(text: object) -> str:
 
 def definitions(items: Iterable[tuple[str, str]]) -> str:
     """A list of terms, each with what it means below it."""
-    return "\n\n".join(f"{term}\n: {words or '(no words)'}" for term, words in items)
+    return "\n\n".join(f"{term}\n: {words or NOTHING}" for term, words in items)
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
