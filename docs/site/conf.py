@@ -66,9 +66,14 @@ def list_folders(app: Sphinx, docname: str, source: list[str]) -> None:
         source[0] = head + "".join(trees) + mark + tail
 
 
-def setup(app: Sphinx) -> None:
-    """Write the generated pages, and register what reads them."""
+def register(app: Sphinx) -> None:
+    """Register what reads the pages."""
     app.connect("source-read", list_folders)
-    reference.write(Path(app.srcdir) / "reference")
     mathml.setup(app)
     names.setup(app)
+
+
+def setup(app: Sphinx) -> None:
+    """Write the generated pages first."""
+    reference.write(Path(app.srcdir) / "reference")
+    register(app)

@@ -27,6 +27,7 @@ _SPELLINGS = (
 _SPACE = "http://www.w3.org/1998/Math/MathML"
 _ACCENTS = set("\u02c9\u02c6\u02dc\u02d9\u00a8\u2192")  # bar hat tilde dots arrow
 _ENTITY = re.compile(r"&(?!lt;|gt;|amp;)\w+;")  # those of HTML that XML does not know
+_DOCSTRING = re.compile(r"/(simval/[\w/]+)\.py:docstring of ")
 _TAG = re.compile(TAG + r"\s*,?")
 
 
@@ -110,9 +111,15 @@ def _visit_inline(self: Any, node: nodes.math) -> None:
 
 
 def _visit_block(self: Any, node: nodes.math_block) -> None:
-    module = node.get("module", "")
+    module = _module(node)
     self.body.append(_safely(lambda: display(node.astext(), module), node))
     raise nodes.SkipNode
+
+
+def _module(node: nodes.Element) -> str:
+    """Module whose docstring has an equation; empty for that of a written page."""
+    found = _DOCSTRING.search(node.source or "")
+    return found[1].removesuffix("/__init__").replace("/", ".") if found else ""
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
