@@ -218,7 +218,7 @@ def test_numbers_of_a_derivation_are_those_of_the_code(name):
 
 
 def test_equations_of_a_docstring():
-    text = r"Here :math:`a = b`  (F1), by (F2). .. math:: x \tag{V2, V3}"
+    text = "Here :math:`a = b`  (F1), by\n    (F2). .. math:: x \\tag{V2, V3}"
     assert sorted(defined_in(text)) == ["F1", "V2", "V3"]
 
 

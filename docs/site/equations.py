@@ -15,7 +15,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 TAG = r"\\tag\{([^}]*)\}"
 NUMBER = r"[A-Z]{1,2}[0-9]+"
-IN_LINE = rf"(?<=  )\(({NUMBER})\)"
+IN_LINE = rf"(?<=\S  )\(({NUMBER})\)"
 CITED = re.compile(rf"(?<!\w)\(({NUMBER})\)")  # no argument of a call
 _DEFINES = re.compile(f"{TAG}|{IN_LINE}")
 _DOCUMENTED = ast.Module | ast.ClassDef | ast.FunctionDef

@@ -16,7 +16,7 @@ from sphinx.transforms import SphinxTransform
 from sphinx.util import logging
 from sphinx.util.docutils import SphinxRole
 
-from docs.site.equations import CITED, anchor, home, modules
+from docs.site.equations import CITED, IN_LINE, anchor, home, modules
 
 _LOGGER = logging.getLogger(__name__)
 _DOTTED = re.compile(r"simval(\.[A-Za-z_]\w*)+$")
@@ -139,7 +139,7 @@ def _letters(lines: list[str]) -> list[str]:
 
 def _cited(found: re.Match[str], module: Any) -> str:
     number = found[1]
-    if found.string[found.start() - 2 : found.start()] == "  ":
+    if re.compile(IN_LINE).match(found.string, found.start()):
         return f":raw-anchor:`{anchor(number, module.name)}` ({number})"
     owner = home(number, module)
     return found[0] if owner is None else f":equation:`{owner.name} {number}`"
