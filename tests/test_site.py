@@ -15,7 +15,7 @@ from docs.site.commands import commands
 from docs.site.equations import NUMBER, TAG, defined_in, home, modules, numbers
 from docs.site.markdown import NOTHING, plain
 from docs.site.reference import pages
-from docs.site.studies import kind_of, predictors, uses
+from docs.site.studies import kind_of, measured, predictors
 from simval import statistics
 from simval.cli import COMMANDS
 from simval.plugins.builtin import BUILTIN
@@ -92,25 +92,29 @@ def test_limits_in_words():
 
 def test_each_statistic_and_predictor_is_there_and_no_other(made):
     found = sections(made["statistics.md"])
-    rows = [
-        line.split(" | ") for line in found["Statistics"].splitlines() if "| `" in line
-    ]
-    assert [row[0].strip("| `") for row in rows] == list(statistics.FAMILIES)
-    for row, family in zip(rows, statistics.FAMILIES.values(), strict=True):
-        assert row[1:3] == [plain(family.words), plain(family.unit)]
-        assert float(row[3].split()[0]) == pytest.approx(100 * family.margin, rel=1e-6)
-    theory = found["Predictors"].partition("Some are made")[0]
-    shown = re.findall(r"^\| `([^`]+)` \|", theory, re.MULTILINE)
+    terms = dict(TERM.findall(found["Statistics"]))
+    assert list(terms) == list(statistics.FAMILIES)
+    for name, family in statistics.FAMILIES.items():
+        assert plain(family.words).lower() in terms[name].lower()
+        assert (
+            f"Unit {plain(family.unit)}, margin {100 * family.margin:g} %"
+            in terms[name]
+        )
+    shown = [name for name, _ in TERM.findall(found["Predictors"])]
     source = inspect.getsource(statistics).partition("# predictors")[2]
     assert shown == re.findall(r'^[A-Z_0-9]+ = "(.+)"$', source, re.MULTILINE)
     assert shown == list(predictors().values())
 
 
-def test_studies_are_named_beside_their_statistics():
-    """Those whose rows have it in a run: here the coverage of stated intervals."""
-    assert "COVERAGE" in uses()["coverage"]
-    assert "SCALE_BIAS" in uses()["ladder"]
-    assert "SCALE_BIAS" not in uses()["attitude"]
+def test_studies_behind_a_statistic_are_those_of_a_run():
+    """Every name in the baseline is a family or a predictor of the vocabulary."""
+    families, theories = measured()
+    assert families["coverage"] >= {"coverage"}
+    assert families["scale_bias"] == {"ladder"}
+    assert families.keys() <= statistics.FAMILIES.keys()
+    made = ("class: ", "claim: ", "order ")
+    unknown = theories.keys() - set(predictors().values()) - {""}
+    assert [name for name in unknown if not name.startswith(made)] == []
 
 
 def test_suites_scenes_and_algorithms_are_there(made):

@@ -1,7 +1,7 @@
-"""Text that goes into Markdown as it is, and tables that a phone can show."""
+"""Text that goes into Markdown as it is, lists and pages."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 NOTHING = "—"  # where the code has no words
 _SPECIAL = re.compile(r"([\\*_{}\[\]<>#|$~^])")
@@ -24,12 +24,6 @@ def code(text: object) -> str:
 def definitions(items: Iterable[tuple[str, str]]) -> str:
     """A list of terms, each with what it means below it."""
     return "\n\n".join(f"{term}\n: {words or NOTHING}" for term, words in items)
-
-
-def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table, for cells of a few words."""
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 def page(title: str, *parts: str) -> str:

@@ -20,6 +20,7 @@ from docs.site.equations import CITED, IN_LINE, anchor, home, modules
 
 _LOGGER = logging.getLogger(__name__)
 _DOTTED = re.compile(r"simval(\.[A-Za-z_]\w*)+$")
+_SHORT = re.compile(r"(?!simval\.)[a-z]\w*(\.[A-Za-z_]\w*)+$")
 _MARKS = re.compile(r"\||(?<=\w)_(?!\w)")
 _AS_IT_IS = r"(`+[^`]*`+|^\.\. math::.*\n(?:[ \t]*\n|[ \t]+.*\n)*)"
 _EQUATION = re.compile(r"(?P<module>\S+) (?P<number>\S+)$")
@@ -73,17 +74,26 @@ class NamesInCode(SphinxTransform):
     def apply(self, **kwargs: Any) -> None:
         """Go through the code of a page."""
         for node in list(self.document.findall(nodes.literal)):
-            text = node.astext()
+            shown = node.astext()
+            text = _in_full(shown)
             if not _DOTTED.match(text) or isinstance(node.parent, pending_xref):
                 continue
             if not exists(text):
                 _LOGGER.warning("there is no %s", text, location=node)
             elif not isinstance(node.parent, nodes.reference | nodes.title):
-                node.replace_self(_reference(text, self.env.docname, {}))
+                node.replace_self(_reference(text, self.env.docname, {}, shown))
 
 
-def _reference(text: str, docname: str, here: dict[str, Any]) -> nodes.Node:
-    code = nodes.literal(text, text, classes=["name"])
+def _in_full(text: str) -> str:
+    """A name that leaves the first word out, as ``theory.orders`` does, with it."""
+    short = _SHORT.match(text) and exists(f"simval.{text}")
+    return f"simval.{text}" if short else text
+
+
+def _reference(
+    text: str, docname: str, here: dict[str, Any], shown: str = ""
+) -> nodes.Node:
+    code = nodes.literal(shown or text, shown or text, classes=["name"])
     if not re.fullmatch(r"[A-Za-z_][\w.]*", text):
         return code
     if text.startswith("simval.") and not exists(text):

@@ -1,15 +1,14 @@
 """Studies with their parameters, suites, scenes, statistics and predictors."""
 
-import ast
 import inspect
 import json
-from collections.abc import Iterator, Mapping
-from functools import cache
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 from docs.site.equations import ROOT
-from docs.site.markdown import code, definitions, page, plain, table
+from docs.site.markdown import code, definitions, page, plain
 from simval import statistics
+from simval.gate import BASELINE
 from simval.plugins.builtin import BUILTIN
 from simval.scene import scenes
 from simval.statistics import FAMILIES
@@ -110,33 +109,33 @@ def suites_page() -> str:
 
 def statistics_page() -> str:
     """Page of the families of statistics and of the predictors."""
-    used = uses()
-    names = {id(f): name for name, f in vars(statistics).items()}
-    rows = [
-        [
+    families, theories = measured()
+    found = [
+        (
             code(f.name),
-            plain(f.words),
-            plain(f.unit),
-            _margin(f),
-            _studies(used, names[id(f)]),
-        ]
+            f"{plain(_capital(f.words))}. *Unit {plain(f.unit)}, margin {_margin(f)}.* "
+            + _studies(families.get(f.name, ())),
+        )
         for f in FAMILIES.values()
     ]
-    theory = [[code(v), _studies(used, name)] for name, v in predictors().items()]
-    made = [[code(name), plain(words)] for name, words in _made()]
+    theory = [
+        (code(value), _studies(theories.get(value, ())))
+        for value in predictors().values()
+    ]
     return page(
         "Statistics and predictors",
-        "What a row of `results.csv` measures, and the theory it is set beside.",
+        "What a row of `results.csv` measures, and the theory it is set beside. The "
+        "studies behind each are those that have it in the suite `smoke`.",
         "## Statistics",
         "A statistic is a member of a family: `bias[K_x]` is the bias of one entry. "
         "The unit is that of the family, unless a study states another. The margin is "
         "the change that counts as none where two runs do not share their noise "
         "([decision 0068](../decisions/0068-one-place-decides-a-change.md)).",
-        table(("name", "what", "unit", "margin", "studies"), rows),
+        definitions(found),
         "## Predictors",
-        table(("name", "studies"), theory),
-        "Some are made where a study needs them:",
-        table(("name", "what"), made),
+        definitions(theory),
+        "## Predictors that a study makes",
+        definitions((code(name), plain(words)) for name, words in _made()),
     )
 
 
@@ -167,28 +166,20 @@ def _made() -> Iterator[tuple[str, str]]:
     return ((name, inspect.getdoc(make) or "") for make, name in made.items())
 
 
-def _studies(used: Mapping[str, set[str]], name: str) -> str:
-    found = [study for study in STUDIES if name in used[study]]
-    return ", ".join(f"[{study}](studies.md#{study})" for study in found) or "—"
+def _studies(found: Collection[str]) -> str:
+    return ", ".join(f"[{s}](studies.md#{s})" for s in STUDIES if s in found)
 
 
-@cache
-def uses() -> dict[str, set[str]]:
-    """Names of `simval.statistics` that each study's modules import."""
-    return {study: _imported(f"simval.studies.{study}", set()) for study in STUDIES}
-
-
-def _imported(module: str, seen: set[str]) -> set[str]:
-    path = ROOT / (module.replace(".", "/") + ".py")
-    if module in seen or not path.exists():
-        return set()
-    seen.add(module)
-    found: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if not isinstance(node, ast.ImportFrom) or node.module is None:
-            continue
-        if node.module == "simval.statistics":
-            found |= {alias.name for alias in node.names}
-        if node.module.startswith("simval.studies"):
-            found |= _imported(node.module, seen)
-    return found
+def measured() -> tuple[dict[str, set[str]], dict[str, set[str]]]:
+    """Studies of the smoke suite by the families and by the predictors they have."""
+    families: dict[str, set[str]] = {}
+    theories: dict[str, set[str]] = {}
+    stored = json.loads((ROOT / BASELINE).read_text(encoding="utf-8"))
+    for cell in stored["cells"].values():
+        for name, (*_, beside) in cell["statistics"].items():
+            statistic, _, against = name.partition(" against ")
+            family = statistic.removeprefix("control ").partition("[")[0]
+            families.setdefault(family, set()).add(cell["study"])
+            for theory in (against, *(key.partition(" ")[2] for key in beside)):
+                theories.setdefault(theory, set()).add(cell["study"])
+    return families, theories
