@@ -35,6 +35,7 @@ DERIVED = {
         "geometry", "attitude.kernel", "theory.expansion", "theory.orders",
         "theory.unit_length",
     ),
+    "magnetometer.md": ("theory.magnetometer",),
     "theory_calibration.md": (
         "sensor.model", "sensor.forms", "sensor.estimated", "poses",
         "calibrate.quadric", "calibrate.moments", "calibrate.start",
