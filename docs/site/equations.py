@@ -76,17 +76,17 @@ def home(number: str, citing: Module) -> Module | None:
     """Module of the equation that is cited.
 
     The citing module itself; else the only one of those that it names in backticks, of
-    those beside it in its package, or of those that it imports; else the only one there
-    is; else none.
+    those beside it in its package, of those that it imports, or of those in a package
+    that it imports from; else none.
     """
     if number in citing.defined:
         return citing
     owners = [m for m in modules().values() if number in m.defined]
-    for choice in (_named, _beside, _imported):
+    for choice in (_named, _beside, _imported, _near):
         chosen = [m for m in owners if choice(m, citing)]
         if len(chosen) == 1:
             return chosen[0]
-    return owners[0] if len(owners) == 1 else None
+    return None
 
 
 def _named(owner: Module, citing: Module) -> bool:
@@ -100,6 +100,10 @@ def _beside(owner: Module, citing: Module) -> bool:
 
 def _imported(owner: Module, citing: Module) -> bool:
     return f"from {owner.name} import" in citing.source
+
+
+def _near(owner: Module, citing: Module) -> bool:
+    return f"from {owner.package}" in citing.source and owner.package != "simval"
 
 
 def _read(path: Path) -> Module:
