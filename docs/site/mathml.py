@@ -24,8 +24,15 @@ _SPELLINGS = (
     (re.compile(r"\\textstyle\b"), ""),
     (re.compile(r"\\[lr]vert\b"), "|"),
 )
+# an argument as TeX takes it: a group, a command or one letter, where the converter
+# takes as many digits as there are
+_GROUP = r"\{(?:[^{}]|\{(?:[^{}]|\{(?:[^{}]|\{[^{}]*\})*\})*\})*\}"
+_ARGUMENT = rf"\s*({_GROUP}|\\[a-zA-Z]+|[^\s{{}}\\])"
+_TWO = re.compile(rf"\\([td]?frac|binom)(?![a-zA-Z]){_ARGUMENT}{_ARGUMENT}")
+_ONE = re.compile(rf"\\(sqrt)(?![a-zA-Z\[]){_ARGUMENT}")
+_DIGITS = re.compile(r"([\^_])(\d)(?=\d)")
 _SPACE = "http://www.w3.org/1998/Math/MathML"
-_ACCENTS = set("\u02c9\u02c6\u02dc\u02d9\u00a8\u2192")  # bar hat tilde dots arrow
+_ACCENTS = frozenset(latex2mathml.accents.values())
 _ENTITY = re.compile(r"&(?!lt;|gt;|amp;)\w+;")  # those of HTML that XML does not know
 _DOCSTRING = re.compile(r"/(simval/[\w/]+)\.py:docstring of ")
 _TAG = re.compile(TAG + r"\s*,?")
@@ -41,6 +48,7 @@ def mathml(latex: str, *, block: bool) -> str:
     """
     for pattern, replacement in _SPELLINGS:
         latex = pattern.sub(replacement, latex)
+    latex = _DIGITS.sub(r"\1{\2}", _grouped(latex))
     converted = latex2mathml.tex2mathml(latex, as_block=block)
     tree = ElementTree.fromstring(_ENTITY.sub(lambda m: unescape(m[0]), converted))
     for node in tree.iter():
@@ -48,6 +56,17 @@ def mathml(latex: str, *, block: bool) -> str:
         _below_accent(node)
     ElementTree.register_namespace("", _SPACE)
     return ElementTree.tostring(tree, encoding="unicode")
+
+
+def _grouped(latex: str) -> str:
+    """Fractions and roots with arguments in braces, those within arguments too."""
+    latex = _TWO.sub(lambda m: rf"\{m[1]}{_inside(m[2])}{_inside(m[3])}", latex)
+    return _ONE.sub(lambda m: rf"\{m[1]}{_inside(m[2])}", latex)
+
+
+def _inside(argument: str) -> str:
+    bare = argument[1:-1] if argument.startswith("{") else argument
+    return f"{{{_grouped(bare)}}}"
 
 
 def _close_bars(node: ElementTree.Element) -> None:
