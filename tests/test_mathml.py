@@ -84,6 +84,7 @@ def shown(latex, tag):
     return found
 
 
+@pytest.mark.ci  # a second: every docstring is parsed
 @pytest.mark.parametrize("name", ["frac", "sqrt"])
 def test_each_fraction_and_root_has_its_own_arguments(name):
     r"""``\frac12`` is a half and no twelve over what follows."""
@@ -102,6 +103,7 @@ def test_each_fraction_and_root_has_its_own_arguments(name):
     assert count > {"frac": 50, "sqrt": 15}[name]
 
 
+@pytest.mark.ci
 def test_an_index_stands_beside_an_accented_letter():
     """And not below it: only sums, limits and the like have something below."""
     below = []
