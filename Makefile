@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: report test landing check nightly mutants lowest sample league clean
+.PHONY: report test landing check nightly mutants lowest sample league docs clean
 
 report: .venv/installed
 	@mkdir -p reports/runs
@@ -27,7 +27,7 @@ check: .venv/installed
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-nightly: check
+nightly: check docs
 	HYPOTHESIS_PROFILE=nightly $(BIN)/python -m pytest -m "not league"
 	$(BIN)/simval selftest
 	$(BIN)/simval selftest --rates
@@ -76,6 +76,19 @@ league: .venv-league/installed
 	.venv-league/bin/python -m pip install --quiet --disable-pip-version-check -e '.[test,league]'
 	touch $@
 
+# the documentation as files that open without a server: build/site/index.html; what it
+# links to, and what it names, must exist
+docs: .venv-docs/installed
+	rm -rf build/site build/doctrees
+	.venv-docs/bin/python -m sphinx --builder html --fail-on-warning --keep-going --quiet --jobs auto \
+	  --conf-dir docs/site --doctree-dir build/doctrees docs build/site
+	@echo "build/site/index.html"
+
+.venv-docs/installed: pyproject.toml
+	test -x .venv-docs/bin/python || $(PYTHON) -m venv .venv-docs
+	.venv-docs/bin/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'
+	touch $@
+
 # the stated lower bounds, really installed; once before each release
 lowest:
 	rm -rf .venv-lowest && $(PYTHON) -m venv .venv-lowest
@@ -90,4 +103,4 @@ lowest:
 	touch $@
 
 clean:
-	rm -rf .venv .venv-lowest .venv-league dist build mutants .mypy_cache .ruff_cache .pytest_cache
+	rm -rf .venv .venv-lowest .venv-league .venv-docs docs/reference dist build mutants .mypy_cache .ruff_cache .pytest_cache

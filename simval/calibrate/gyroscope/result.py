@@ -51,7 +51,7 @@ class GyroscopeFit:
     chi2_per_dof : Array
         Weighted sum of squares by degree of freedom, (...).
     condition : Array
-        Condition of the moves, eq. (N7) of `observability`, (...).
+        Condition of the moves, eq. (N7) of `simval.turns`, (...).
     gap_angles : Array
         Between gravity as turned and as read at the end of each gap, rad, (..., k).
     step : Array
