@@ -5,10 +5,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from simval.arrays import Array
 from simval.report.artifacts import arrays, shaped
+from simval.report.coverage import widest_gap
 from simval.report.panels import Drawing, SpherePanel
 from simval.report.section import Context, Section, made
 from simval.report.words import slug
@@ -18,8 +17,6 @@ MAX_SCENES = 8  # for the size of a page; the others are named
 MAX_DIRECTIONS = 2000  # points of a panel, the first; for the size of a page
 MAX_PICTURE = 600_000
 """Bytes; a larger picture is left in the run folder."""
-PROBES = 4000
-"""Directions that the largest gap is looked for in: 3 degrees apart."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,17 +106,3 @@ def _map(
             for sign, title in ((1.0, "z > 0"), (-1.0, "z < 0"))
         ],
     )
-
-
-def widest_gap(directions: Float[Array, "m 3"]) -> float:
-    """Angle between the loneliest of `PROBES` directions and its nearest, degrees."""
-    k = np.arange(PROBES) + 0.5
-    z = 1.0 - 2.0 * k / PROBES
-    turn = np.pi * (1.0 + np.sqrt(5.0)) * k
-    across = np.sqrt(1.0 - z * z)
-    probes = np.stack([across * np.cos(turn), across * np.sin(turn), z], axis=1)
-    unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    nearest = np.full(PROBES, -1.0)
-    for part in np.array_split(unit, max(1, len(unit) // 500)):
-        nearest = np.maximum(nearest, (probes @ part.T).max(axis=1))
-    return float(np.degrees(np.arccos(np.clip(nearest.min(), -1.0, 1.0))))
