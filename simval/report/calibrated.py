@@ -94,10 +94,7 @@ def _result(whole: ImuCalibration) -> Section:
         name="parameters",
         caption=(
             f"Parameters of the {fit.model} form, as they stand in T, K and B; K in "
-            "m/s² for each unit of the log, B in its units. The error bar is the "
-            "standard deviation in units that a person reads: of a scale relative, of "
-            "a bias as the force that it stands for. The bound is the least standard "
-            "deviation that the noise would allow with these poses (Cramér-Rao)."
+            "m/s² for each unit of the log, B in its units"
         ),
         columns=(
             Column("parameter", "code"),

@@ -114,7 +114,7 @@ def _honest(whole: ImuCalibration) -> Reply:
         said, answer = "No: the residuals are smaller than the noise", "fail"
     else:
         said = "Yes: the residuals are what the noise explains"
-    lines = [_sentence(found.verdict)]
+    lines = [f"Verdict: {found.verdict}."]
     if np.isfinite(found.chi2_per_dof):
         lines.insert(
             0,
@@ -151,7 +151,3 @@ def _next(whole: ImuCalibration) -> Reply:
         headline=f"Look at static interval {named}, and calibrate without it",
         lines=("Or use --loss cauchy, which trusts it less.", pose, *lines),
     )
-
-
-def _sentence(words: str) -> str:
-    return f"{words[:1].upper()}{words[1:]}."

@@ -53,6 +53,11 @@ class SensorNoise:
     axes: Sequence[AxisNoise]  # in raw units
     si_per_raw: float | None  # None where the unit of the log is not known
 
+    @property
+    def title(self) -> str:
+        """Its name for a person."""
+        return "gyroscope" if self.name == "gyro" else self.name
+
     def unit(self, kind: str) -> Unit:
         """Unit in which a person reads a coefficient in raw units."""
         if self.si_per_raw is None:
@@ -123,9 +128,9 @@ def greatest(sensor: SensorNoise, kind: str) -> str:
 
 
 def _how_noisy(sensors: Sequence[SensorNoise], seconds: float) -> Reply:
-    first = [f"{s.name} {words}" for s in sensors if (words := greatest(s, "N"))]
+    first = [f"{s.title} {words}" for s in sensors if (words := greatest(s, "N"))]
     lines = [
-        f"{s.name}: {', '.join(others)}."
+        f"{s.title}: {', '.join(others)}."
         for s in sensors
         if (others := [w for kind in ("B", "K", "Q") if (w := greatest(s, kind))])
     ]
@@ -141,11 +146,11 @@ def _how_noisy(sensors: Sequence[SensorNoise], seconds: float) -> Reply:
 
 
 def _honest(sensors: Sequence[SensorNoise]) -> Reply:
-    axes = [(s.name, letter, a) for s in sensors for letter, a in _lettered(s)]
+    axes = [(s.title, letter, a) for s in sensors for letter, a in _lettered(s)]
     fitted = [(name, letter, a) for name, letter, a in axes if a.coefficients]
     without = [f"{name} {letter}" for name, letter, a in axes if not a.coefficients]
     lines = [
-        f"{s.name}: averages over {_range(s)}, chi-square per degree of freedom at "
+        f"{s.title}: averages over {_range(s)}, chi-square per degree of freedom at "
         f"most {max(a.chi2 / a.dof for a in own):.2g}."
         for s in sensors
         if (own := [a for a in s.axes if a.coefficients])
@@ -174,15 +179,13 @@ def _range(sensor: SensorNoise) -> str:
 
 def _next(sensors: Sequence[SensorNoise], left_out: Mapping[str, str]) -> Reply:
     lines = [f"Left out, the {name}: {why}." for name, why in left_out.items()]
-    unknown = [s.name for s in sensors if s.si_per_raw is None]
-    if unknown:
-        named = " and the ".join(unknown)
-        lines.append(
-            f"The {named} stands in raw units: state its unit ("
-            f"{', '.join(f'--{each}-unit' for each in unknown)})."
-        )
+    lines += [
+        f"The {s.title} stands in raw units: state its unit (--{s.name}-unit)."
+        for s in sensors
+        if s.si_per_raw is None
+    ]
     hidden = [
-        f"{WORDS[kind]} of the {s.name}"
+        f"{WORDS[kind]} of the {s.title}"
         for s in sensors
         for kind in ("B", "K")
         if any(c.value is None for c in s.of(kind))
@@ -216,10 +219,8 @@ def _quietest(sensor: SensorNoise) -> str:
         return ""
     size, seconds, letter = min(least)
     unit = sensor.unit("B")
-    return (
-        f"The {sensor.name} over {seconds:.3g} s: {unit.factor * size:.3g} {unit.name} "
-        f"({letter})."
-    )
+    said = f"{unit.factor * size:.3g} {unit.name}"
+    return f"The {sensor.title} over {seconds:.3g} s: {said} ({letter})."
 
 
 def _coefficients(sensors: Sequence[SensorNoise]) -> Table:
@@ -229,13 +230,20 @@ def _coefficients(sensors: Sequence[SensorNoise]) -> Table:
             unit = sensor.unit(kind)
             for letter, axis in _lettered(sensor):
                 for each in (c for c in axis.coefficients if c.kind == kind):
-                    rows.append((sensor.name, kind, letter, *_cells(each, unit)))
+                    rows.append(
+                        (
+                            sensor.title,
+                            f"{WORDS[kind]} {kind}",
+                            letter,
+                            *_cells(each, unit),
+                        )
+                    )
     return Table(
         name="noise",
         caption="Coefficients of each axis, with their 95 % intervals",
         columns=(
             Column("sensor"),
-            Column("noise", "code"),
+            Column("noise"),
             Column("axis", "code"),
             Column("value", "measured"),
             Column("unit"),
@@ -263,7 +271,7 @@ def _statements(sensors: Sequence[SensorNoise]) -> Table:
         caption="What a reader of the coefficients must know",
         columns=(Column("sensor"), Column("axis", "code"), Column("said")),
         rows=[
-            (sensor.name, letter, words)
+            (sensor.title, letter, words)
             for sensor in sensors
             for letter, axis in _lettered(sensor)
             for words in axis.statements
