@@ -148,13 +148,7 @@ def _own(done: Sequence[Evaluation]) -> Table:
         )
     return Table(
         name="consistency",
-        caption=(
-            "Squared error over covariance (NEES), 3 where the covariance is true, with"
-            " the interval at a false-alarm rate of 1 %; squared innovation over its "
-            "covariance (NIS); at rest the drift of the heading, degrees a minute, and "
-            "the angle between the filter's up and the specific force, degrees; "
-            "microseconds a row."
-        ),
+        caption=("What filters say of themselves"),
         columns=(
             Column("filter", "code"),
             Column("NEES", "number", 4),
@@ -165,7 +159,7 @@ def _own(done: Sequence[Evaluation]) -> Table:
             Column("of", "number", 3),
             Column("drift", "number", 3),
             Column("up", "number", 3),
-            Column("time", "number", 3),
+            Column("time", "number", 4),
         ),
         rows=rows,
     )
@@ -221,7 +215,9 @@ def _farthest(truth: WithTruth) -> str:
     )
     if not np.isfinite(truth.settled):
         return f"{found}; it never converges."
-    return f"{found}; it has converged after {truth.settled:.2g} s."
+    if truth.settled == 0.0:
+        return f"{found}; it had converged at the start."
+    return f"{found}; it had converged after {truth.settled:.2g} s."
 
 
 def _squares(

@@ -8,9 +8,16 @@ from simval.recorded import Evaluation
 from simval.recorded.consistency import ALPHA, Consistency
 from simval.recorded.errors import Rms
 from simval.report.replies import Answer, Reply
+from simval.report.words import measured
 
 PARTS = {"all": "all rows", "moving": "while moving", "rest": "at rest"}
 """Words for the parts of a log."""
+
+WITHOUT_TRUTH = (
+    "Without truth a filter can only be asked about itself: a scale error of the "
+    "gyroscope, or noise told wrongly, leaves innovations as they should be; only "
+    "truth shows the error. --truth takes a file, or the name of the log's columns."
+)
 
 
 def replies(done: Sequence[Evaluation], failed: Mapping[str, str]) -> tuple[Reply, ...]:
@@ -63,8 +70,9 @@ def _total(each: Evaluation) -> float:
 def _degrees(rms: Rms) -> str:
     if not np.isfinite(rms.value):
         return "unknown"
-    error = f" ± {np.degrees(rms.sd):.1g}" if np.isfinite(rms.sd) else ""
-    return f"{np.degrees(rms.value):.3g}{error}°"
+    if not np.isfinite(rms.sd):
+        return f"{np.degrees(rms.value):.3g}°"
+    return f"{measured(np.degrees(rms.value), np.degrees(rms.sd))}°"
 
 
 def _drift(each: Evaluation) -> float:
@@ -117,38 +125,42 @@ def _words(nees: Consistency) -> str:
 
 
 def _next(done: Sequence[Evaluation], failed: Mapping[str, str]) -> Reply:
-    lines = [f"{name} was not measured: {why}" for name, why in failed.items()]
-    for each in done:
-        lines += _advice(each)
-    if not any(each.truth is not None for each in done) and done:
-        lines.insert(
-            0,
-            "Give the recorded attitudes (--truth FILE, or the name of the log's "
-            "columns): a scale error of the gyroscope, or noise told wrongly, leaves "
-            "innovations as they should be; only truth shows the error.",
-        )
-    quiet = "Nothing stands out: errors and covariances agree with the truth"
+    todo = [
+        (f"Look at {name}, which was not measured", f"{name}: {why}")
+        for name, why in failed.items()
+    ]
+    if done and not any(each.truth is not None for each in done):
+        todo.append(("Give the recorded attitudes (--truth)", WITHOUT_TRUTH))
+    todo += [found for each in done if (found := _advice(each))]
+    if not todo:
+        headline = "Nothing stands out: the covariances agree with the errors"
+        return Reply(title="What to do next?", headline=headline)
+    more = f", and {len(todo) - 1} more" if len(todo) > 1 else ""
     return Reply(
         title="What to do next?",
-        headline=f"{len(lines)} thing{'s' * (len(lines) > 1)} to look at"
-        if lines
-        else quiet,
+        headline=todo[0][0] + more,
         answer="fail" if failed else "pass",
-        lines=tuple(lines),
+        lines=tuple(words for _, words in todo),
     )
 
 
-def _advice(each: Evaluation) -> list[str]:
+def _advice(each: Evaluation) -> tuple[str, str] | None:
+    """What to do about a filter, in short and in a sentence."""
     name, nees = each.run.name, _nees(each)
-    if nees is None:
-        return []
+    if nees is None or nees.verdict == "consistent":
+        return None
     if nees.verdict == "overconfident":
-        return [
-            f"{name} is surer than it may be: tell it more noise, or calibrate the log "
-            "first (simval calibrate, --calibration)."
-        ]
+        return (
+            f"Tell {name} of more noise",
+            f"{name} is surer than it may be: tell it of more noise, or calibrate the "
+            "log first (simval calibrate LOG --out FILE, then --calibration FILE).",
+        )
     if nees.verdict == "underconfident":
-        return [f"{name} is better than it says: tell it less noise."]
-    if nees.verdict == "not judged":
-        return [f"{name}: too few rows with truth to judge its covariance; log longer."]
-    return []
+        return (
+            f"Tell {name} of less noise",
+            f"{name} is better than it says: tell it of less noise.",
+        )
+    return (
+        "Record for longer",
+        f"Too few rows have truth to judge the covariance of {name}.",
+    )
