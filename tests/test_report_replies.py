@@ -16,6 +16,7 @@ from simval.recorded.errors import Rms
 from simval.report.calibrated_replies import KINDS, greatest, kinds_of, readable
 from simval.report.filtered_replies import replies
 from simval.report.noisy import UNITS
+from simval.report.replies import FOLDERS
 from simval.sensor import AccelerometerModel
 
 SENSOR = AccelerometerModel(
@@ -158,6 +159,12 @@ def test_a_filter_that_failed_comes_first():
     assert following.answer == "fail"
     assert following.headline == "Look at mine, which was not measured"
     assert following.lines[0] == "mine: it returned NaN"
+
+
+def test_folders_are_left_out_and_units_kept():
+    line = "noise /home/me/logs/a.json: 2 m/s^2/sqrt(Hz), 1 (rad)/s/s, ../x/y.csv"
+    kept = "noise a.json: 2 m/s^2/sqrt(Hz), 1 (rad)/s/s, ../x/y.csv"
+    assert FOLDERS.sub("", line) == kept
 
 
 def test_the_command_is_shown_without_its_folders(tmp_path):

@@ -1,6 +1,7 @@
 """What the page of a log answers first, and where the page is from."""
 
 import hashlib
+import re
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Literal
@@ -8,6 +9,9 @@ from typing import Literal
 from simval import __version__
 from simval.logs import Log
 from simval.report.section import Section, made
+
+FOLDERS = re.compile(r"(?<![\w)\]])(?:/[^/\s:,;]+)+/")
+"""The folders of a path in a sentence; the slashes of a unit follow its letters."""
 
 Answer = Literal["pass", "fail", "inconclusive"]
 
@@ -35,7 +39,7 @@ def source_section(log: Log, said: tuple[str, ...], command: str) -> Section:
         "Where these numbers are from",
         facts=[(name, value) for name, value in facts if value],
         command=command,
-        said="\n".join(said),
+        said="\n".join(FOLDERS.sub("", line) for line in said),
     )
 
 
