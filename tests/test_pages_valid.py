@@ -22,11 +22,11 @@ pytestmark = pytest.mark.slow
 
 with_axe = pytest.mark.skipif(
     find_chromium() is None or not AXE.is_file(),
-    reason=f"no page was judged by axe-core: Chromium is not installed, or {INSTALL}",
+    reason=f"axe-core judged no page: Chromium is not installed, or {INSTALL}",
 )
 with_nu = pytest.mark.skipif(
     shutil.which("java") is None or not NU.is_file(),
-    reason=f"no page was judged by the HTML checker: Java is not installed, or {INSTALL}",
+    reason=f"the HTML checker judged no page: Java is not installed, or {INSTALL}",
 )
 
 NAMES = (

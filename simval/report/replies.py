@@ -10,7 +10,7 @@ from simval import __version__
 from simval.logs import Log
 from simval.report.section import Section, made
 
-FOLDERS = re.compile(r"(?<![\w)\]])(?:/[^/\s:,;]+)+/")
+FOLDERS = re.compile(r"(?<![\w)\].])(?:/[^/\s:,;]+)+/")
 """The folders of a path in a sentence; the slashes of a unit follow its letters."""
 
 Answer = Literal["pass", "fail", "inconclusive"]
