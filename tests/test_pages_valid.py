@@ -34,7 +34,7 @@ NAMES = (
 )  # fmt: skip
 WIDTHS, SCHEMES = (380, 1280), ("light", "dark")
 
-JUDGE = """axe.run(document, {resultTypes: ['violations', 'incomplete']}).then((found) =>
+JUDGE = """axe.run(document, {resultTypes: ['violations']}).then((found) =>
   found.violations.map((each) =>
     `${each.id}: ${each.help}: ` +
     each.nodes.slice(0, 3).map((node) => node.target.join(' ')).join(', ')))"""
