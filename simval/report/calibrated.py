@@ -9,7 +9,7 @@ from simval import __version__
 from simval.arrays import Array
 from simval.logs import Log
 from simval.multiposition import ImuCalibration, LogCalibration
-from simval.report.calibrated_replies import readable, replies
+from simval.report.calibrated_replies import farthest, readable, replies
 from simval.report.calibrated_sensors import gyroscope_section, magnetometer_section
 from simval.report.coverage import widest_gap
 from simval.report.environment import template
@@ -222,7 +222,7 @@ def _residuals(result: LogCalibration) -> Drawing:
     return Drawing(
         name="residuals",
         asked="Does every pose belong to the same sensor?",
-        finding=_farthest(diagnosis.standardized, diagnosis.outliers),
+        finding=farthest(diagnosis.standardized, diagnosis.outliers),
         caption=(
             "How far each pose is from the ellipsoid of all of them, in standard "
             "deviations; of 100 sound poses 95 are between the lines."
@@ -240,20 +240,6 @@ def _residuals(result: LogCalibration) -> Drawing:
             )
         ],
         columns=1,
-    )
-
-
-def _farthest(residuals: Float[Array, " n"], outliers: Sequence[int]) -> str:
-    """What the residuals say in one sentence."""
-    known = np.abs(residuals[np.isfinite(residuals)])
-    if not len(known):
-        return "Nine poses fit exactly, so the residuals say nothing."
-    if outliers:
-        named = ", ".join(str(k) for k in outliers)
-        return f"Not static interval {named}, which is not on the others' ellipsoid."
-    return (
-        f"Yes: the farthest of {len(known)} is {known.max():.1f} standard deviations "
-        "off, no more than chance makes."
     )
 
 

@@ -1,5 +1,7 @@
 """How good a calibration is, whether its error bars are honest, what to do next."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from simval.arrays import Array
@@ -150,4 +152,18 @@ def _next(whole: ImuCalibration) -> Reply:
         title="What to do next?",
         headline=f"Look at static interval {named}, and calibrate without it",
         lines=("Or use --loss cauchy, which trusts it less.", pose, *lines),
+    )
+
+
+def farthest(residuals: Float[Array, " n"], outliers: Sequence[int]) -> str:
+    """What the residuals say in one sentence."""
+    known = np.abs(residuals[np.isfinite(residuals)])
+    if not len(known):
+        return "Nine poses fit exactly, so the residuals say nothing."
+    if outliers:
+        named = ", ".join(str(k) for k in outliers)
+        return f"Not static interval {named}, which is not on the others' ellipsoid."
+    return (
+        f"Yes: the farthest of {len(known)} is {known.max():.1f} standard deviations "
+        "off, no more than chance makes."
     )
