@@ -28,12 +28,18 @@ check: .venv/installed
 	$(BIN)/lint-imports
 
 nightly: check docs
+	-$(MAKE) tests/pages/installed
 	HYPOTHESIS_PROFILE=nightly $(BIN)/python -m pytest -m "not league"
 	$(BIN)/simval selftest
 	$(BIN)/simval selftest --rates
 	$(MAKE) mutants
 	$(MAKE) .venv-league/installed
 	PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 .venv-league/bin/python -m pytest -m league tests/test_league.py tests/test_league_filters.py
+
+# axe-core and the Nu HTML checker, which judge the pages; without npm their tests skip
+tests/pages/installed: tests/pages/package-lock.json
+	npm ci --prefix tests/pages --no-audit --no-fund
+	touch $@
 
 # faults put into the code one at a time: a sample of each package, or PACKAGES, COUNT, SEED
 COUNT ?= 200

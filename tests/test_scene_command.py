@@ -196,9 +196,10 @@ def test_a_picture_shows_the_body(picture, tmp_path):
     path.write_bytes(picture)
     with Image.open(path) as image:
         pixels = np.asarray(image.convert("RGB")).astype(int)
-    assert pixels.shape == (480, 640, 3)
-    orange = (pixels[..., 0] > 150) & (pixels[..., 2] < 80)  # the IMU's box
-    assert 1000 < orange.sum() < 100_000
+    assert pixels.shape == (720, 960, 3)
+    red, green, blue = pixels[200:450, 300:700].transpose(2, 0, 1)
+    glass = (red - blue > 60) & (green - blue > 15)  # the IMU's box, orange glass
+    assert 3000 < glass.sum() < 40_000
 
 
 @pytest.mark.ci

@@ -9,6 +9,7 @@ import numpy as np
 
 from simval.calibrate.files import to_json, write_json
 from simval.cli.options import write
+from simval.cli.reproduced import command_again
 from simval.cli.sensors import sensors_object
 from simval.logs import Log, read_log
 from simval.multiposition import (
@@ -72,7 +73,7 @@ def write_page(path: Path, log: Log, whole: ImuCalibration) -> None:
     """Write the page of a calibration."""
     from simval.report import render_calibration  # starts the drawing
 
-    write(path, render_calibration(log, whole))
+    write(path, render_calibration(log, whole, command_again()))
 
 
 def log_object(log: Log) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from simval.cli.filter_object import evaluation_object, truth_object
 from simval.cli.filter_words import alignment_lines, filter_lines
 from simval.cli.noise_units import accelerometer_scale, gyro_scale
 from simval.cli.options import refuse_if, write
+from simval.cli.reproduced import command_again
 from simval.errors import CrashedPluginError, InputError, PluginError
 from simval.logs import Log, Truth, read_log, read_truth
 from simval.logs.truth import quaternion_stems
@@ -82,7 +83,7 @@ def _write_page(
 ) -> None:
     from simval.report.filtered import render_filters  # starts the drawing
 
-    write(page, render_filters(log, said, done, failed))
+    write(page, render_filters(log, said, done, failed, command_again()))
 
 
 def truth_of(

@@ -17,6 +17,8 @@ from simval.cli.noise_units import (
     magnetometer_scale,
     printed,
 )
+from simval.cli.options import write
+from simval.cli.reproduced import command_again
 from simval.errors import InputError, RefusedError
 from simval.logs import Log, read_log
 from simval.multiposition.noise import LogNoise, log_noise
@@ -44,6 +46,7 @@ def run(
     magnetometer_unit: str | None,
     increments: bool,
     figure: Path | None,
+    page: Path | None,
     as_json: bool,
 ) -> None:
     """Do what `simval noise` is asked."""
@@ -61,6 +64,8 @@ def run(
         sensors["magnetometer"] = (found.magnetometer, scale)
     if figure is not None:
         _draw(figure, log, sensors)
+    if page is not None:
+        _write_page(page, log, found, sensors)
     if as_json:
         click.echo(json.dumps(as_object(log, found, sensors), allow_nan=False))
     else:
@@ -99,6 +104,26 @@ def _draw(figure: Path, log: Log, sensors: Sensors) -> None:
     except OSError as error:
         msg = f"cannot write {figure}: {error.strerror}; choose another file"
         raise InputError(msg) from None
+
+
+def _write_page(page: Path, log: Log, found: LogNoise, sensors: Sensors) -> None:
+    from simval.report.noisy import SensorNoise, render_noise  # starts the drawing
+
+    noisy = [
+        SensorNoise(name=name, axes=axes, si_per_raw=scale.si_per_raw)
+        for name, (axes, scale) in sensors.items()
+    ]
+    said = [f"rest              {found.how}: {found.stop - found.start} rows"]
+    said += [f"raw unit          {name}: {sensors[name][1].how}" for name in sensors]
+    text = render_noise(
+        log,
+        noisy,
+        seconds=found.seconds,
+        left_out=found.left_out,
+        said=said,
+        command=command_again(),
+    )
+    write(page, text)
 
 
 def as_object(log: Log, found: LogNoise, sensors: Sensors) -> dict[str, Any]:

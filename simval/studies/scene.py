@@ -67,13 +67,14 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     rows = judged_rows(trajectory)
     directions = trajectory.hold_means() / trajectory.g
     name = f"{parameters.scene}-{parameters.poses}"
+    time = trajectory.time
+    drawn = time[[len(time) // 3, -1]]
     artifacts: dict[str, Mapping[str, Array] | bytes] = {
-        f"scene-{name}.npz": {"directions": directions}
+        f"scene-{name}.npz": {"directions": directions, "drawn": drawn}
     }
     with suppress(InputError):  # this machine cannot draw: the report says so
-        artifacts[f"scene-{name}.png"] = render(
-            parameters.scene, poses=parameters.poses
-        )
+        picture = render(parameters.scene, time=float(drawn[0]), poses=parameters.poses)
+        artifacts[f"scene-{name}.png"] = picture
     return Outcome(rows=rows, artifacts=artifacts)
 
 

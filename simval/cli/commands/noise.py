@@ -17,6 +17,9 @@ from simval.cli.options import COLUMNS, PATH
 @click.option("--magnetometer-unit", metavar="UNIT", help="uT, gauss, or a number.")
 @click.option("--increments", is_flag=True, help="Rows are rounded increments: fit Q.")
 @click.option("--figure", type=PATH, help="Draw the Allan deviations: .svg or .png.")
+@click.option(
+    "--report", "page", type=PATH, help="Write a page with figures, one HTML file."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def command(**options: Any) -> None:
     """Measure the noise model of a LOG of a sensor at rest.
