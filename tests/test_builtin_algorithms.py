@@ -135,11 +135,18 @@ def test_the_command_adds_them_and_a_set_takes_them_away():
 
 
 @pytest.mark.parametrize(
-    "word", ["simval:", "simval:nope", "simval:Wahba", "simval:x y"]
+    ("word", "near"),
+    [
+        ("simval:", ""),
+        ("simval:nope", ""),
+        ("simval:Wahba", r" \(did you mean `simval:wahba`\?\)"),
+        ("simval:x y", ""),
+    ],
 )
-def test_a_name_that_is_none_is_refused_with_those_there_are(word, tmp_path):
+def test_a_name_that_is_none_is_refused_with_those_there_are(word, near, tmp_path):
     words = (
-        rf"no built-in algorithm `{word}`; there are simval:wahba, .*simval:adjusted"
+        rf"no built-in algorithm `{word}`{near}; there are simval:wahba, .*"
+        "simval:adjusted"
     )
     with pytest.raises(InputError, match=words):
         overrides_of((word,))

@@ -39,7 +39,7 @@ from simval.scene.models import load_model, model_path
 from simval.scene.render import draw_frames
 from simval.scene.run import write_script
 
-SHORT = {"directions": 3, "first_hold": 0.3, "hold_time": 0.2, "move_time": 0.3}
+SHORT = {"poses": 3, "first_hold": 0.3, "hold_time": 0.2, "move_time": 0.3}
 
 
 @pytest.fixture(scope="module")
@@ -126,9 +126,9 @@ def test_the_glass_is_the_body_and_nothing_else(gimbal):
 def test_positions_and_readings_are_of_one_instant():
     scene = find_scene("gimbal")
     physics = load_model(scene.model)
-    script = write_script(scene, physics, {"directions": 2, "move_time": 0.2})
+    script = write_script(scene, physics, {"poses": 2, "move_time": 0.2})
     qpos, rows = instants(physics.model, script)
-    trajectory = simulate("gimbal", directions=2, move_time=0.2)
+    trajectory = simulate("gimbal", poses=2, move_time=0.2)
     np.testing.assert_array_equal(rows[:, :3], trajectory.specific_force)
     data = mujoco.MjData(physics.model)
     for k in (0, len(rows) // 3, len(rows) - 1):
@@ -296,5 +296,5 @@ def test_a_child_that_says_nothing_is_given_up(monkeypatch):
         ),
     )
     with pytest.raises(InputError, match=r"egl: no answer within 0.3 s"):
-        next(draw_frames("gimbal", [0.0], 40, 30, {"directions": 2}))
+        next(draw_frames("gimbal", [0.0], 40, 30, {"poses": 2}))
     assert "MUJOCO_GL" in os.environ

@@ -14,7 +14,7 @@ from types import ModuleType
 from typing import Any, TypeVar
 
 from simval.errors import PluginError, UnusablePluginError
-from simval.plugins.builtin import BUILTIN, GROUP, PREFIX, points_of
+from simval.plugins.builtin import BUILTIN, GROUP, PREFIX, meant_builtin, points_of
 from simval.plugins.child import Answer, asked
 from simval.plugins.command import command_calibrator
 from simval.plugins.declarations import declarations
@@ -295,7 +295,7 @@ def _of_package(name: str, kind: type[Kind]) -> Kind:
 
 def _no_plugin(word: str, count: int) -> UnusablePluginError:
     offered = [known for known, _ in installed()]
-    near = did_you_mean(word, (*offered, *BUILTIN))
+    near = did_you_mean(word, offered) or meant_builtin(word)
     if word.startswith(PREFIX):
         return UnusablePluginError(
             f"there is no built-in algorithm `{word}`{near}; there are "
