@@ -283,7 +283,7 @@ def test_one_file_describes_all_sensors(tmp_path):
         (
             "range_rad_s",
             "range_g",
-            r"there is no effect `range_g` \(did you mean `range_rad_s`\?\); there are noise",
+            r"there is no effect `range_g` \(did you mean `range_rad_s`\?\); there are",
         ),
         ("range_rad_s = 35", "range_rad_s = 0", "`range_rad_s` is 0"),
         ("K = [1.5e-7, 1.5e-7, 1.6e-7]", "K = [1e-7, 0, 1e-7]", "M is singular"),
