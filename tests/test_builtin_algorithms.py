@@ -93,6 +93,7 @@ def test_least_squares_of_three_vectors_states_a_covariance_that_is_right(name, 
     assert [v for v in judged if v.answer != "pass" and v.row.check != "record"] == []
 
 
+@pytest.mark.ci
 def test_a_users_algorithm_gets_its_comparison_without_being_asked():
     field = Estimator.taken_by
     for given, added in (
@@ -291,6 +292,7 @@ def test_a_forged_time_from_a_child_is_refused():
             Rows.model_validate({"rows": [], "times": {"seconds": bad}})
 
 
+@pytest.mark.ci
 def test_what_differs_from_least_squares_by_rounding_is_judged_by_it():
     """It was inconclusive: a remainder of its rounding, and no spread beside it."""
     own = algorithms.wahba.estimate

@@ -182,6 +182,7 @@ def test_missing_statistics_and_changed_theory_are_told(tmp_path):
     assert found.differences[0].kind == "same"  # the measurement did not
 
 
+@pytest.mark.ci
 def test_the_page_draws_both_curves_and_is_the_same_each_time(tiny_run, tmp_path):
     old = load_run(tiny_run)
     new = edited_run(
@@ -222,6 +223,7 @@ def call(capsys, *words):
     return code, capsys.readouterr().out
 
 
+@pytest.mark.ci
 def test_the_command_prints_what_changed(capsys, tiny_run, tmp_path):
     import shutil
 

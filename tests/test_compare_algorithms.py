@@ -85,6 +85,7 @@ def settings(rng, ratios, error=0.01):
     ]  # fmt: skip
 
 
+@pytest.mark.ci
 def test_false_alarms_are_as_rare_as_stated(tmp_path, apart):
     """400 pairs of equal algorithms, ten sampled differences each."""
     rng, alarms = np.random.default_rng(5), 0

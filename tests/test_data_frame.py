@@ -73,6 +73,7 @@ def test_it_holds_what_the_csv_holds(tiny_run):
     assert frame.seed.dtype == frame.n.dtype == "int64"
 
 
+@pytest.mark.ci
 @given(st.lists(PARAMETERS, max_size=4))
 def test_any_parameters_become_columns(several):
     pd = pytest.importorskip("pandas")

@@ -157,6 +157,7 @@ def interrupted(monkeypatch, cells):
     monkeypatch.setattr(executors, "execute", execute)
 
 
+@pytest.mark.ci
 def test_ctrl_c_names_the_command_that_continues(
     simval, tiny_suite, tiny_run, tmp_path, monkeypatch
 ):

@@ -371,6 +371,7 @@ def test_a_suite_of_ones_own_is_reproduced_from_its_file(tiny_suite):
     assert command(manifest) == "simval sweep suite.toml"
 
 
+@pytest.mark.ci
 def test_artifacts_become_figures(tiny_run, undrawn):
     artifacts = tiny_run / "artifacts"
     artifacts.mkdir(exist_ok=True)
@@ -420,6 +421,7 @@ RENAMED = (
 )
 
 
+@pytest.mark.ci
 def test_a_study_without_a_section_is_shown_all_the_same(tiny_run, undrawn):
     run = edited_run(tiny_run, RENAMED.format("of_a_plugin"))
     (drawing,) = (d for d in drawings(run) if d.name == "study-of-a-plugin")

@@ -451,6 +451,7 @@ def test_the_baseline_without_a_name_is_the_gates(simval, tiny_run, monkeypatch)
 # --- the numbers behind the words ---------------------------------------------------
 
 
+@pytest.mark.ci
 def test_the_stated_interval_holds_as_often_as_it_says():
     """Cells of their own chance, in each of which all sizes share theirs."""
     rng = np.random.default_rng(20_261_122)

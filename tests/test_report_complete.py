@@ -284,6 +284,7 @@ def test_every_series_is_drawn_or_named(study, tmp_path):
         assert listed != relisted or not listed, value
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("anchor", SHOWN)
 def test_every_statistic_is_shown_or_named(anchor, tmp_path):
     """Other numbers in one statistic: its section changes, or says where it is."""
@@ -303,6 +304,7 @@ def test_every_statistic_is_shown_or_named(anchor, tmp_path):
         assert (content(before) != content(now)) != said, name
 
 
+@pytest.mark.ci
 def test_what_is_left_out_stands_on_the_page(tmp_path):
     page = render(made(tmp_path))
     (ladder,) = (s for s in sections(made(tmp_path)) if s.anchor == "ladder")

@@ -181,6 +181,7 @@ def test_a_bias_that_cannot_be_seen_is_a_limit():
     assert "in 1 of 2 points, 1 cannot be told from zero" in agrees("It", [some])
 
 
+@pytest.mark.ci
 def test_chance_is_outside_the_bands_as_often_as_stated():
     """Of honest figures one in twenty has a point outside, and hardly one is off."""
     rng = np.random.default_rng(18)

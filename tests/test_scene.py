@@ -131,6 +131,7 @@ def test_minimum_jerk_starts_and_ends_at_rest():
     assert first.max() == pytest.approx(1.875, abs=1e-6)
 
 
+@pytest.mark.ci
 def test_the_die_rests_on_its_faces():
     trajectory = simulate("die", poses=25)
     means = trajectory.hold_means() / G

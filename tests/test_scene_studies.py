@@ -117,6 +117,7 @@ def test_more_noise_lets_moving_rows_in_and_trimming_keeps_them_out():
     assert trimmed["recall"].value < raw["recall"].value
 
 
+@pytest.mark.ci
 def test_impure_windows_harm_the_parameters():
     """With little noise a slow motion looks like rest, and the fit believes it."""
     found = detected(noise_std=0.02, multiplier=200.0, trim=0, trials=12)

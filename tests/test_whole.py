@@ -51,6 +51,7 @@ def test_text_is_read_in_each_way_of_writing(number):
     assert read(f"{10 * number}e-1") == number
 
 
+@pytest.mark.ci
 @given(st.text(max_size=30))
 @example("1e5")
 @example("1e-1")

@@ -8,7 +8,7 @@ from itertools import compress
 from typing import Any
 
 import numpy as np
-from matplotlib.ticker import FixedFormatter, FixedLocator, NullFormatter
+from matplotlib.ticker import FixedFormatter, FixedLocator, NullFormatter, NullLocator
 
 from simval.arrays import Array
 from simval.report.layout import LINE, RIGHT, legend_rows
@@ -104,10 +104,16 @@ def legend(panel: AnyPanel, axes: Any, left: float, width: float) -> None:
     )
 
 
+SHORT = 100.0
+"""Two decades: a longer axis has no small ticks, each of which takes 2 ms to draw."""
+
+
 def label_decades(axis: Any, places: Any = ()) -> None:
     """Label a logarithmic axis: at least two ticks, at its few places or at decades."""
     axis.set_minor_formatter(NullFormatter())
     low, high = sorted(axis.get_view_interval())
+    if high > SHORT * low:
+        axis.set_minor_locator(NullLocator())
     found = np.unique(np.concatenate([*places, np.empty(0)]))
     ticks, labels = log_ticks(float(low), float(high), found)
     axis.set_major_locator(FixedLocator(ticks))
