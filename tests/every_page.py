@@ -85,7 +85,7 @@ def every_page(folder):
     ]
     _run("sweep", folder / "own.toml", "--out", own, "--quiet", *plugins)
     signal = ["--sensor", folder / "imu.toml", "--out", log, "--every", "5"]
-    _run("scene", "gimbal", *signal, "--set", "directions=20", "--set", "move_time=3")
+    _run("scene", "gimbal", *signal, "--set", "poses=20", "--set", "move_time=3")
     still = folder / "still.csv"
     _write_still(still)
     pages = {

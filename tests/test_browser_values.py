@@ -125,6 +125,9 @@ def noted(run, name="summary-calibration"):
     ]
 
 
+UNITS = {"T": ("mrad", 1e3), "K": ("ppm", 1e6), "B": ("mm/s²", 1e3)}
+
+
 def test_a_hover_shows_the_row_of_the_point(tab, run):
     """What the box says, against the rows of the run and not against the note."""
     count = tab.run(f"document.querySelectorAll('{FIGURE} circle').length")
@@ -136,15 +139,17 @@ def test_a_hover_shows_the_row_of_the_point(tab, run):
         value, predicted, where, command = told(tab)
         series = tab.run(f"{disc(place)}.parentNode.getAttribute('aria-label')")
         *_, name = shlex.split(command)
-        row = cells[name].row(RMS(series[-1]), FIRST_ORDER)
-        unit = " m/s²" if series[-1] == "B" else ""
-        number = measured(row.value, row.standard_error)
-        assert value == f"{number}{unit}, n = {row.n}"
-        off = f", which leaves out {row.remainder:.2g}" if row.remainder else ""
-        assert predicted == f"predicted {row.prediction:.6g}{unit}{off}"
+        (letter,) = re.findall(r"\b[TKB]\b", series)
+        row = cells[name].row(RMS(letter), FIRST_ORDER)
+        unit, factor = UNITS[letter]
+        number = measured(factor * row.value, factor * row.standard_error)
+        assert value == f"{number} {unit}, n = {row.n}"
+        off = factor * row.remainder
+        more = f", which leaves out {off:.2g}" if off else ""
+        assert predicted == f"predicted {factor * row.prediction:.6g} {unit}{more}"
         assert where.startswith("calibration: ")
         assert f"{cells[name].parameters['poses']} poses" in where
-        seen.add((series[-1], name))
+        seen.add((letter, name))
     assert len(seen) == count
 
 

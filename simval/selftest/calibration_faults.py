@@ -32,7 +32,7 @@ def _scene() -> list[Fault]:
 
         return change
 
-    def six_faces(original: Any, name: str, directions: int) -> Any:
+    def six_faces(original: Any, name: str, poses: int) -> Any:
         return original(name, poses=np.vstack([np.eye(3), -np.eye(3)]))
 
     return [
