@@ -18,7 +18,16 @@ import pytest
 from places import ROOT
 
 from simval.errors import InputError
-from simval.sweep import executors, load_run, load_suite, run_suite, store
+from simval.sweep import (
+    batches,
+    cluster,
+    executors,
+    load_run,
+    load_suite,
+    run_suite,
+    store,
+)
+from simval.sweep.batches import Queue
 from simval.sweep.cells import read_cells
 from simval.sweep.suite import expand
 
@@ -100,32 +109,50 @@ class Fragile(Executor):
         return future
 
 
+def ended(compute, *options):
+    """Place, reason of the failure and size of its batch, of each cell that ended."""
+    return [
+        (done.cell[0], done.cell[6], len(batch))
+        for batch in compute(*options)
+        for done in batch
+    ]
+
+
 def test_no_cell_is_lost_when_the_pool_breaks_before_a_submission(
     tiny_suite, monkeypatch
 ):
     cells = load_suite(str(tiny_suite)).cells
     monkeypatch.setattr(executors, "attempt", lambda k, cell: (k, "done", 0.0))
-    pools = iter([Fragile(1), Fragile(0), Fragile(9)])
+    pools = iter([Fragile(1), Fragile(0), Fragile(9), Fragile(9)])
     monkeypatch.setattr(executors, "_pool", lambda workers: next(pools))
-    ended = [done[0] for done in executors.pooled(cells, [0, 1, 2, 3], 1)]
-    assert sorted(ended) == [0, 1, 2, 3]
+    queue = Queue(cells, [0, 1, 2, 3])
+    found = [place for place, _, _ in ended(executors.pooled, queue, 1e-3, 1)]
+    assert sorted(found) == [0, 1, 2, 3]
 
 
-def test_an_outcome_that_cannot_travel_fails_its_cell_alone(tiny_suite, monkeypatch):
+@pytest.mark.parametrize("together", [1, 3])
+def test_an_outcome_that_cannot_travel_fails_its_cell_alone(
+    tiny_suite, monkeypatch, together
+):
     cells = load_suite(str(tiny_suite)).cells
+    monkeypatch.setattr(executors, "attempt", lambda k, cell: (k, "done", 0.0))
+    monkeypatch.setattr(batches, "SHARES", 1 / together)
 
     class Mute(Fragile):
-        def submit(self, function, position, cell):
-            future = Future()
-            if position == 1:
+        def submit(self, function, batch, alpha):
+            if any(place == 1 for place, _ in batch):
+                future = Future()
                 future.set_exception(TypeError("cannot pickle"))
-            else:
-                future.set_result((position, "done", 0.0))
-            return future
+                return future
+            return super().submit(function, batch, alpha)
 
     monkeypatch.setattr(executors, "_pool", lambda workers: Mute(9))
-    ended = {done[0]: done[1] for done in executors.pooled(cells, [0, 1, 2], 2)}
-    assert ended == {0: "done", 1: "TypeError: cannot pickle", 2: "done"}
+    found = ended(executors.pooled, Queue(cells, [0, 1, 2]), 1e-3, 1)
+    assert sorted(found) == [
+        (0, "done", 1),
+        (1, "TypeError: cannot pickle", 1),
+        (2, "done", 1),
+    ]
 
 
 def test_the_last_line_of_an_error_is_its_whole_message(
@@ -287,7 +314,7 @@ def free_port():
 
 
 @pytest.fixture
-def cluster(tmp_path):
+def scheduled(tmp_path):
     """A real scheduler and two workers; gives the address and the workers."""
     pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
     address = f"tcp://127.0.0.1:{free_port()}"
@@ -314,9 +341,9 @@ def wait_for_workers(address, count):
 
 
 def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(
-    cluster, tiny_suite, tiny_run, tmp_path
+    scheduled, tiny_suite, tiny_run, tmp_path
 ):
-    address, workers = cluster
+    address, workers = scheduled
     wait_for_workers(address, 2)
 
     class KillOne:
@@ -335,8 +362,8 @@ def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(
 
 
 @pytest.mark.slow
-def test_a_plugin_on_a_cluster_fails_alone(cluster, tmp_path):
-    address, _ = cluster
+def test_a_plugin_on_a_cluster_fails_alone(scheduled, tmp_path):
+    address, _ = scheduled
     wait_for_workers(address, 2)
     plugins = {
         "raises": "raise ValueError('mine')",
@@ -376,7 +403,7 @@ def test_a_plugin_on_a_cluster_fails_alone(cluster, tmp_path):
 
 def test_no_scheduler_is_a_clear_error(tiny_suite, tmp_path, monkeypatch):
     pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
-    monkeypatch.setattr(executors, "CONNECT_TIMEOUT", 1.0)
+    monkeypatch.setattr(cluster, "CONNECT_TIMEOUT", 1.0)
     suite = load_suite(str(tiny_suite))
     address = f"tcp://127.0.0.1:{free_port()}"
     with pytest.raises(InputError, match="there is no scheduler at"):

@@ -19,6 +19,7 @@ from simval.studies import STUDIES
 from simval.studies.study import canonical
 from simval.sweep import store
 from simval.sweep.documents import DamagedError, read_json
+from simval.sweep.entries import Stored
 from simval.sweep.plausible import name_of, row_of
 
 REFUSED = "refused: "
@@ -124,7 +125,7 @@ def _named(cell: sqlite3.Row) -> Iterator[None]:
         raise DamagedError(msg) from None
 
 
-def _result(cell: sqlite3.Row, rows: Sequence[sqlite3.Row]) -> CellResult:
+def _result(cell: sqlite3.Row, rows: Sequence[Stored]) -> CellResult:
     for name, kind in (("cell", str), ("study", str), ("seed", int), ("error", str)):
         if not isinstance(cell[name], kind):
             msg = f"its `{name}` is {cell[name]!r:.60}"
@@ -149,9 +150,9 @@ def _result(cell: sqlite3.Row, rows: Sequence[sqlite3.Row]) -> CellResult:
     )
 
 
-def _rows(entries: Sequence[sqlite3.Row]) -> Iterator[Row]:
+def _rows(entries: Sequence[Stored]) -> Iterator[Row]:
     for number, entry in enumerate(entries):
-        if entry["ordinal"] != number:
+        if entry[0] != number:
             msg = f"its rows are not numbered from 0 without a gap: {number} is missing"
             raise DamagedError(msg)
         try:

@@ -1,17 +1,16 @@
 """Where cells are computed: in this process, in a local pool, or on a cluster.
 
-All yield `Done` in the order in which cells end. A cell that raises gives its traceback
-as its result; what is handled here is a worker that dies.
+All yield what they are done with in the order in which batches end. A cell that raises
+gives its traceback as its result; what is handled here is a worker that dies.
 """
 
 import os
 import signal
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
-    CancelledError,
     Executor,
     Future,
     ProcessPoolExecutor,
@@ -19,32 +18,34 @@ from concurrent.futures import (
 )
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from functools import partial
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection
 from multiprocessing.connection import wait as wait_for_any
 from threading import Thread
 from typing import Any
 
-from simval.errors import CrashedPluginError, InputError, PluginError
+from simval.errors import CrashedPluginError, PluginError
 from simval.plugins.names import told_anywhere
 from simval.results import Outcome
 from simval.studies import find_study
 from simval.studies.study import Cell
-from simval.sweep import provenance
+from simval.sweep.batches import Batch, Queue
 from simval.sweep.cells import REFUSED
-from simval.text import described, message_of, one_line
+from simval.sweep.endings import Ending, ending_of
+from simval.sweep.entries import Done, cell_entry, digest_of_entries, row_entries
+from simval.text import described, message_of, one_line, printable
 
-CONNECT_TIMEOUT = 10.0  # s
+PAUSE = 1.0  # s, after which the window is asked for again though nothing has ended
 
 LOST: tuple[type[BaseException], ...] = (BrokenProcessPool, OSError)
 """Errors of a future whose worker is lost, and not of the cell itself."""
 
-Done = tuple[int, Outcome | str, float]
-"""Place of the cell, its outcome or the traceback of its failure, CPU seconds."""
+DIED = "the worker process died while it computed this cell"
 
-Compute = Callable[[Sequence[Cell], Sequence[int]], Iterator[Done]]
-"""From the cells of a suite, and the places of those to compute, to their results."""
+
+Compute = Callable[[Queue, float], Iterator[Sequence[Done]]]
+"""From the cells to compute, and the part of the false-alarm rate of each, to what they
+leave, some at a time."""
 
 
 def execute(cell: Cell) -> Outcome:
@@ -52,8 +53,8 @@ def execute(cell: Cell) -> Outcome:
     return find_study(cell.study).run(cell.parameters, cell.streams)
 
 
-def attempt(position: int, cell: Cell) -> Done:
-    """Compute one cell, or say why that failed."""
+def attempt(position: int, cell: Cell) -> tuple[int, Outcome | str, float]:
+    """Compute one cell, or say why that failed; with the CPU seconds that it took."""
     start = time.process_time()
     try:
         outcome: Outcome | str = execute(cell)
@@ -66,124 +67,85 @@ def attempt(position: int, cell: Cell) -> Done:
     return position, outcome, time.process_time() - start
 
 
-def serial(cells: Sequence[Cell], pending: Sequence[int]) -> Iterator[Done]:
+def computed(batch: Batch, alpha: float) -> list[Done]:
+    """Compute some cells, and make of them what is stored."""
+    return [_done(cell, *attempt(position, cell), alpha) for position, cell in batch]
+
+
+def _done(
+    cell: Cell, position: int, outcome: Outcome | str, seconds: float, alpha: float
+) -> Done:
+    if isinstance(outcome, str):
+        return failed(position, cell, outcome, seconds)
+    try:
+        rows = row_entries(position, outcome.rows)
+        ending = ending_of(cell, outcome.rows, alpha)
+    except (TypeError, ValueError, AttributeError, OverflowError) as error:
+        return failed(position, cell, described(error), seconds)
+    entry = cell_entry(position, cell, "done", "", seconds)
+    digest = digest_of_entries(entry, (row[1:] for row in rows))
+    return Done(entry, rows, digest, ending, outcome.artifacts, outcome.times)
+
+
+def failed(position: int, cell: Cell, error: str, seconds: float = 0.0) -> Done:
+    """A cell that has failed, and why."""
+    entry = cell_entry(position, cell, "failed", printable(error), seconds)
+    ending: Ending = "refused" if error.startswith(REFUSED) else "failed"
+    return Done(entry, (), digest_of_entries(entry, ()), ending)
+
+
+def serial(queue: Queue, alpha: float) -> Iterator[Sequence[Done]]:
     """Compute cells one after the other in this process."""
-    for position in pending:
-        yield attempt(position, cells[position])
+    while queue:
+        yield computed(queue.take(1), alpha)
 
 
-def pooled(
-    cells: Sequence[Cell], pending: Sequence[int], workers: int
-) -> Iterator[Done]:
+def pooled(queue: Queue, alpha: float, workers: int) -> Iterator[Sequence[Done]]:
     """Compute cells in a pool of local processes.
 
-    When a worker dies, a new pool is made and the cells that were in flight are
-    computed one at a time, so that only the cell that kills its worker fails.
+    When a worker dies, the cells that were in flight are computed one at a time, so
+    that only the cell that kills its worker fails; then a new pool goes on.
     """
-    queue = deque(pending)
     while queue:
-        flying: dict[Future[Done], int] = {}
+        flying: Flying = {}
         try:
             with _pool(workers) as pool:
-                yield from _windowed(pool, cells, queue, flying, workers)
+                yield from windowed(pool, queue, alpha, flying, lambda: workers)
         except BrokenProcessPool:
-            for position in sorted(flying.values()):
-                yield _alone(position, cells[position])
+            suspects = sorted(each for batch in flying.values() for each in batch)
+            yield from _alone(suspects, alpha)
 
 
-@contextmanager
-def clustered(address: str) -> Iterator[Compute]:
-    """Connect to a running dask.distributed cluster.
+Flying = dict[Future[list[Done]], Batch]
+"""The batches in flight."""
 
-    The scheduler gives a cell whose worker is lost to another one; a cell that loses
-    worker after worker is stored as failed.
 
-    Raises
-    ------
-    InputError
-        If the extra is not installed, there is no scheduler at the address, it has no
-        worker, or a worker has other versions than this process.
+def windowed(
+    executor: Executor,
+    queue: Queue,
+    alpha: float,
+    flying: Flying,
+    window: Callable[[], int],
+    lost_as: tuple[type[BaseException], ...] = (),
+) -> Iterator[Sequence[Done]]:
+    """Keep `window` batches in flight until the queue is empty; raise if one is lost.
+
+    What could not be handed out goes back into the queue.
     """
     try:
-        from distributed import Client
-    except ImportError:
-        msg = "a scheduler needs the extra `cluster`: pip install 'simval[cluster]'"
-        raise InputError(msg) from None
-    try:
-        client = Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
-    except (OSError, ValueError, TimeoutError) as error:
-        msg = f"there is no scheduler at {address}: {error}; start `dask scheduler`"
-        raise InputError(msg) from None
-    with client:
-        threads = _checked_workers(client, address)
-        executor = client.get_executor(pure=False)
-        yield partial(_by_cluster, executor, 2 * threads, address)
-
-
-def _by_cluster(
-    executor: Executor,
-    window: int,
-    address: str,
-    cells: Sequence[Cell],
-    pending: Sequence[int],
-) -> Iterator[Done]:
-    from distributed.scheduler import KilledWorker
-
-    flying: dict[Future[Done], int] = {}
-    queue = deque(pending)
-    while queue or flying:
-        try:
-            yield from _windowed(
-                executor, cells, queue, flying, window, (KilledWorker,)
-            )
-        except KilledWorker as error:
-            for future in [f for f in flying if f.done() and f.exception()]:
-                yield flying.pop(future), f"every worker was lost: {error}", 0.0
-        except (CancelledError, OSError) as error:
-            msg = (
-                f"lost the scheduler at {address}: {error}; finished cells are "
-                "kept, so continue with --resume"
-            )
-            raise InputError(msg) from None
-
-
-def _checked_workers(client: object, address: str) -> int:
-    """Count the threads of the cluster, whose versions must be the same as here."""
-    workers: dict[str, int] = client.nthreads()  # type: ignore[attr-defined]
-    if not workers:
-        msg = f"the scheduler at {address} has no worker; start `dask worker {address}`"
-        raise InputError(msg)
-    here = provenance.versions()
-    for worker, there in client.run(provenance.versions).items():  # type: ignore[attr-defined]
-        changed = provenance.differences(here, there)
-        if changed:
-            msg = (
-                f"worker {worker} has other versions, so its numbers would differ: "
-                f"{'; '.join(changed)}; install the same ones there"
-            )
-            raise InputError(msg)
-    return sum(workers.values())
-
-
-def _windowed(
-    executor: Executor,
-    cells: Sequence[Cell],
-    queue: deque[int],
-    flying: dict[Future[Done], int],
-    window: int,
-    lost_as: tuple[type[BaseException], ...] = (),
-) -> Iterator[Done]:
-    """Keep `window` cells in flight until the queue is empty; raise if one is lost."""
-    try:
         while queue or flying:
-            while queue and len(flying) < window:
-                position = queue[0]  # it leaves the queue once it is in flight
-                flying[_submitted(executor, position, cells[position])] = position
-                queue.popleft()
-            ended = wait(flying, return_when=FIRST_COMPLETED).done
+            at_once = window()
+            while queue and len(flying) < at_once:
+                batch = queue.take(at_once)
+                try:
+                    flying[_submitted(executor, batch, alpha)] = batch
+                except BaseException:
+                    queue.give_back(place for place, _ in batch)
+                    raise
+            ended = wait(flying, timeout=PAUSE, return_when=FIRST_COMPLETED).done
             lost = [future for future in ended if _is_lost(future, lost_as)]
             for future in ended.difference(lost):
-                yield _landed(future, flying.pop(future))
+                yield _landed(future, flying.pop(future), queue)
             if lost:
                 lost[0].result()
     except GeneratorExit:  # the driver stopped: start nothing more
@@ -192,34 +154,58 @@ def _windowed(
         raise
 
 
-def _submitted(executor: Executor, position: int, cell: Cell) -> Future[Done]:
+def _submitted(executor: Executor, batch: Batch, alpha: float) -> Future[list[Done]]:
     # A worker that starts now inherits the blocked signal: only the driver gets
     # Ctrl-C, and it ends the workers.
     previous = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
-        return executor.submit(attempt, position, cell)
+        return executor.submit(computed, batch, alpha)
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, previous)
 
 
-def _is_lost(future: Future[Done], lost_as: tuple[type[BaseException], ...]) -> bool:
+def _is_lost(
+    future: Future[list[Done]], lost_as: tuple[type[BaseException], ...]
+) -> bool:
     return future.cancelled() or isinstance(future.exception(), (*LOST, *lost_as))
 
 
-def _landed(future: Future[Done], position: int) -> Done:
+def _landed(future: Future[list[Done]], batch: Batch, queue: Queue) -> Sequence[Done]:
+    """What a batch has left; where it could not travel, its cells travel alone."""
     error = future.exception()
     if error is None:
         return future.result()
-    # the cell was computed, but its outcome could not travel
-    return position, one_line(message_of(error)), 0.0
+    if len(batch) > 1:
+        queue.give_back(place for place, _ in batch)
+        return []
+    return [failed(*batch[0], one_line(message_of(error)))]
 
 
-def _alone(position: int, cell: Cell) -> Done:
-    try:
-        with _pool(1) as pool:
-            return _submitted(pool, position, cell).result()
-    except BrokenProcessPool:
-        return position, "the worker process died while it computed this cell", 0.0
+def _alone(cells: Iterable[tuple[int, Cell]], alpha: float) -> Iterator[Sequence[Done]]:
+    """Compute cells one at a time; of one that kills its worker say so."""
+    left = deque(cells)
+    while left:
+        try:
+            with _pool(1) as pool:
+                yield from _one_by_one(pool, left, alpha)
+        except BrokenProcessPool:
+            yield [failed(*left.popleft(), DIED)]
+
+
+def _one_by_one(
+    pool: Executor, left: deque[tuple[int, Cell]], alpha: float
+) -> Iterator[Sequence[Done]]:
+    while left:
+        batch = (left[0],)
+        future = _submitted(pool, batch, alpha)
+        error = future.exception()
+        if isinstance(error, BrokenProcessPool):
+            raise error
+        left.popleft()
+        if error is not None:
+            yield [failed(*batch[0], one_line(message_of(error)))]
+        else:
+            yield future.result()
 
 
 @contextmanager

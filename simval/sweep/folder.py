@@ -5,8 +5,9 @@ import io
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -64,13 +65,13 @@ def check_same(folder: Path, suite: Suite, known: Mapping[str, Any]) -> None:
     """Refuse to resume a run of another suite, version or source."""
     with store.opened(folder / "run.sqlite") as database:
         earlier = store.manifest(database)
-        names = store.names(database)
+        same = _same(store.names(database), (cell.name for cell in suite.cells))
     changed = provenance.differences(
         {key: earlier.get(key) for key in FIXED},
         # through JSON, as the earlier one went
         json.loads(json.dumps({key: known[key] for key in FIXED})),
     )
-    if not changed and names != [cell.name for cell in suite.cells]:
+    if not changed and not same:
         changed = ["the cells differ"]
     if changed:
         msg = (
@@ -78,6 +79,10 @@ def check_same(folder: Path, suite: Suite, known: Mapping[str, Any]) -> None:
             f"resumed: {'; '.join(changed)}; use a new folder"
         )
         raise InputError(msg)
+
+
+def _same(one: Iterable[str], other: Iterable[str]) -> bool:
+    return all(a == b for a, b in zip_longest(one, other))
 
 
 def keep(folder: Path, artifacts: Mapping[str, Any]) -> None:

@@ -7,8 +7,8 @@ and lie within the range of its field or statistic.
 
 import json
 import math
-import sqlite3
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Any, get_args
 
@@ -17,6 +17,7 @@ from pydantic import TypeAdapter
 from simval.results import Check, Row
 from simval.statistics import FAMILIES, Statistic
 from simval.sweep.documents import DamagedError
+from simval.sweep.entries import NAMED, Stored
 
 MAX_SAMPLES = 2**53
 """From here on a number of samples is not exact as a float."""
@@ -58,53 +59,96 @@ _FIELDS: Mapping[str, tuple[Callable[[Any], bool], str]] = MappingProxyType(
 """Which values a field may have, by a test and in words."""
 
 
-def row_of(entry: sqlite3.Row) -> Row:
-    """Row of an entry of the store."""
-    for name, (is_possible, words) in _FIELDS.items():
-        if not is_possible(entry[name]):
-            msg = f"`{name}` is {_shown(entry[name])}; it {words}"
-            raise DamagedError(msg)
-    statistic = _statistic(entry)
+_REAL = (float, type(None))
+
+
+def row_of(entry: Stored) -> Row:
+    """Row of an entry of the store, in the order of `NAMED`."""
+    _, family, entries, controlled, unit, *rest = entry
+    value, error, n, prediction, predictor, remainder, check = rest
+    if not (
+        type(value) in _REAL
+        and type(error) in _REAL
+        and type(prediction) in _REAL
+        and type(remainder) in _REAL
+        and type(n) is int
+        and 0 <= n < MAX_SAMPLES
+        and type(predictor) is str
+        and check in CHECKS
+        and (error is None or error >= 0.0)
+        and (remainder is None or remainder >= 0.0)
+    ):
+        _require_possible(entry)
+    statistic = _statistic(family, entries, controlled, unit)
     low, high = statistic.family.least, statistic.family.most
-    for name in ("value", "prediction"):
-        number = entry[name]
-        if number is not None and not low <= number <= high:
-            msg = f"`{name}` is {number!r}; such a statistic is {_spelled(low, high)}"
-            raise DamagedError(msg)
+    if not (
+        (value is None or low <= value <= high)
+        and (prediction is None or low <= prediction <= high)
+    ):
+        _require_within(statistic, value, prediction)
     return Row(
         statistic=statistic,
-        value=_measured(entry["value"]),
-        standard_error=_measured(entry["standard_error"]),
-        n=entry["n"],
-        prediction=None if entry["prediction"] is None else float(entry["prediction"]),
-        predictor=entry["predictor"],
-        remainder=_measured(entry["remainder"]),
-        check=entry["check"],
+        value=_measured(value),
+        standard_error=_measured(error),
+        n=n,
+        prediction=None if prediction is None else float(prediction),
+        predictor=predictor,
+        remainder=_measured(remainder),
+        check=check,
     )
 
 
-def name_of(entry: sqlite3.Row) -> str:
+def _require_possible(entry: Stored) -> None:
+    """Name the field that cannot be what it is, if there is one."""
+    fields = dict(zip(NAMED, entry, strict=True))
+    for name, (is_possible, words) in _FIELDS.items():
+        if not is_possible(fields[name]):
+            msg = f"`{name}` is {_shown(fields[name])}; it {words}"
+            raise DamagedError(msg)
+
+
+def _require_within(
+    statistic: Statistic, value: float | None, prediction: float | None
+) -> None:
+    low, high = statistic.family.least, statistic.family.most
+    for name, number in (("value", value), ("prediction", prediction)):
+        if number is not None and not low <= number <= high:
+            msg = f"`{name}` is {number!r}; such a statistic is {_spelled(low, high)}"
+            raise DamagedError(msg)
+
+
+def name_of(entry: Stored) -> str:
     """Name of the statistic of an entry, as far as it can be read."""
     try:
-        return str(_statistic(entry))
-    except (DamagedError, ValueError):
-        return f"{entry['family']!s:.60}"
+        return str(_statistic(*entry[1:5]))
+    except (DamagedError, ValueError, TypeError):
+        return f"{entry[1]!s:.60}"
 
 
-def _statistic(entry: sqlite3.Row) -> Statistic:
+@lru_cache(maxsize=4096, typed=True)
+def _statistic(family: Any, entries: Any, controlled: Any, unit: Any) -> Statistic:
+    """Statistic of the entries of a row; the families and units are few."""
+    for name, given in (
+        ("family", family),
+        ("entries", entries),
+        ("controlled", controlled),
+        ("unit", unit),
+    ):
+        is_possible, words = _FIELDS[name]
+        if not is_possible(given):
+            msg = f"`{name}` is {_shown(given)}; it {words}"
+            raise DamagedError(msg)
     try:
         return STATISTIC.validate_python(
             {
-                "family": entry["family"],
-                "entries": tuple(json.loads(entry["entries"])),
-                "controlled": bool(entry["controlled"]),
-                "unit": entry["unit"],
+                "family": family,
+                "entries": tuple(json.loads(entries)),
+                "controlled": bool(controlled),
+                "unit": unit,
             }
         )
     except (ValueError, TypeError, RecursionError):
-        msg = (
-            f"`entries` is {_shown(entry['entries'])}; it must be a JSON list of words"
-        )
+        msg = f"`entries` is {_shown(entries)}; it must be a JSON list of words"
         raise DamagedError(msg) from None
 
 

@@ -137,24 +137,38 @@ def opened_run(folder: Path) -> Iterator[tuple[sqlite3.Connection, dict[str, Any
 def write_table(database: sqlite3.Connection, path: Path) -> None:
     """Write the tidy long table of the finished cells: sorted, floats exact."""
     heads = (cell for cell in read_heads(database) if cell.status == "done")
-    done = sorted(heads, key=lambda cell: cell.name)
-    keys = sorted({key for cell in done for key in cell.parameters})
+    keys = sorted({key for cell in heads for key in cell.parameters})
     part = path.with_name(path.name + ".part")
     try:
         with part.open("w", encoding="utf-8", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(["cell", "study", "seed", *keys, *COLUMNS])
-            for cell in done:
+            for position in store.finished(database):
+                cell = read_cell(database, position)
                 values = [_exact(cell.parameters.get(key)) for key in keys]
-                tidy = [row.tidy for row in read_cell(database, cell.position).rows]
-                for row in sorted(tidy, key=lambda r: (r["statistic"], r["predictor"])):
-                    fields = [_exact(value) for value in row.values()]
-                    head = [cell.name, cell.study, cell.seed]
-                    writer.writerow([*head, *values, *fields])
+                head = [cell.name, cell.study, cell.seed, *values]
+                lines = sorted(_lines(cell), key=lambda line: line[:2])
+                writer.writerows([*head, *line] for line in lines)
         part.replace(path)
     except OSError as error:
         msg = f"cannot write {path}: {error}; is the disk full or read-only?"
         raise InputError(msg) from None
+
+
+def _lines(cell: CellResult) -> Iterator[list[Any]]:
+    """The columns of each row of a cell."""
+    for row in cell.rows:
+        yield [
+            str(row.statistic),
+            row.predictor,
+            *(
+                "" if number is None or number != number else number
+                for number in (row.value, row.standard_error, row.n, row.prediction)
+            ),
+            "" if row.remainder != row.remainder else row.remainder,
+            row.unit,
+            row.check,
+        ]
 
 
 def _exact(value: Any) -> Any:

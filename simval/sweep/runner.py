@@ -1,4 +1,4 @@
-"""The driver of a sweep: cells out to workers, results into the store.
+"""The driver of a sweep: batches of cells out to workers, results into the store.
 
 Only the driver writes. A cell's numbers depend on its name and seed alone, so any
 number of workers, in any order, leaves the same table.
@@ -14,34 +14,24 @@ from contextlib import AbstractContextManager, nullcontext
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import Literal, Protocol, runtime_checkable
+from typing import Protocol, cast, runtime_checkable
 
 from simval.arguments import file_path, instance, switch, whole_number
 from simval.errors import InputError
-from simval.results import CellName, Row
 from simval.studies.study import Cell
 from simval.sweep import provenance, store
-from simval.sweep.cells import REFUSED, read_cells
-from simval.sweep.executors import Compute, clustered, pooled, serial
+from simval.sweep.batches import Queue
+from simval.sweep.cells import read_cells
+from simval.sweep.cluster import clustered
+from simval.sweep.endings import ENDINGS, Ending, ending_of, worse
+from simval.sweep.executors import Compute, pooled, serial
 from simval.sweep.folder import check_same, create, keep, locked, write
+from simval.sweep.grid import Chosen
 from simval.sweep.paths import require_plugins
 from simval.sweep.run import Run, load_run, write_table
 from simval.sweep.seal import seal, unseal
 from simval.sweep.suite import Suite, load_suite
-from simval.verdict import ALPHA, Answer, judge, overall
-
-Ending = Answer | Literal["failed", "refused", "stored"]
-"""How a cell ended: a verdict, a crash, a refusal, or stored with nothing to judge."""
-
-ENDINGS: tuple[Ending, ...] = (
-    "stored",
-    "pass",
-    "inconclusive",
-    "refused",
-    "fail",
-    "failed",
-)
-"""From best to worst; ``failed`` is a crash, ``fail`` a verdict."""
+from simval.verdict import ALPHA
 
 
 @runtime_checkable
@@ -156,28 +146,7 @@ def _fill(
     with locked(folder), store.writing(folder / "run.sqlite") as database:
         unseal(database)
         write(folder / "timing.json", json.dumps({"plugins": places}) + "\n")
-        pending = store.unfinished(database)
-        done = len(suite.cells) - len(pending)
-        progress.start(len(suite.cells), done, _worst_stored(database, suite))
-        if isinstance(progress, Watch):
-            at_once = where if isinstance(where, int) else None
-            progress.expect([suite.cells[place] for place in pending], at_once)
-        for position, outcome, seconds in compute(suite.cells, pending):
-            name = suite.cells[position].name
-            if isinstance(outcome, str):
-                store.fail(database, position, outcome, seconds)
-                refused = outcome.startswith(REFUSED)
-                progress.advance(name, "refused" if refused else "failed")
-                continue
-            keep(folder / "artifacts", outcome.artifacts)
-            store.keep_times(database, name, outcome.times)
-            store.finish(database, position, outcome.rows, seconds)
-            progress.advance(name, _ending(suite.cells[position], outcome.rows, suite))
-        left = len(store.unfinished(database)) - len(store.failures(database))
-        if left:
-            msg = f"{left} cells came back neither finished nor failed"
-            raise RuntimeError(msg)
-        spent = store.seconds(database)
+        done = _compute(database, folder, suite, compute, progress, where)
         timing = {
             "started": started.isoformat(timespec="seconds"),
             "committed": provenance.commit_date(),
@@ -185,9 +154,9 @@ def _fill(
             "workers": where,
             "host": platform.node(),
             "finished_before": done,
-            "cpu_seconds": round(sum(spent.values()), 3),
+            "cpu_seconds": round(sum(s for _, s in store.seconds(database)), 3),
             "processors": os.cpu_count(),
-            "cells": {name: round(value, 4) for name, value in spent.items()},
+            "cells": {name: round(s, 4) for name, s in store.seconds(database)},
             "calls": store.times(database),
             "plugins": places,
         }
@@ -198,6 +167,37 @@ def _fill(
         seal(database, folder)
 
 
+def _compute(
+    database: sqlite3.Connection,
+    folder: Path,
+    suite: Suite,
+    compute: Compute,
+    progress: Progress,
+    where: int | str,
+) -> int:
+    """Compute the missing cells; return how many were finished before."""
+    cells, pending = suite.cells, store.unfinished(database)
+    done = len(cells) - len(pending)
+    worst = _worst_stored(database, suite) if done else "stored"
+    progress.start(len(cells), done, worst)
+    if isinstance(progress, Watch):
+        at_once = where if isinstance(where, int) else None
+        progress.expect(Chosen(cells, pending), at_once)
+    for batch in compute(Queue(cells, pending), ALPHA / len(cells)):
+        for each in batch:
+            keep(folder / "artifacts", each.artifacts)
+            if each.ending not in ("failed", "refused"):
+                worst = worse(worst, each.ending)
+        store.finish(database, batch, worst)
+        for each in batch:
+            progress.advance(each.cell[1], each.ending)
+    left = store.count(database, "pending")
+    if left:
+        msg = f"{left} cells came back neither finished nor failed"
+        raise RuntimeError(msg)
+    return done
+
+
 def _is_file(path: Path) -> bool:
     try:
         return path.is_file()
@@ -206,25 +206,17 @@ def _is_file(path: Path) -> bool:
         raise InputError(msg) from None
 
 
-def _ending(cell: Cell, rows: Sequence[Row], suite: Suite) -> Ending:
-    """Verdict of one cell by itself, at its part of the false-alarm rate."""
-    name = CellName(cell.study, cell.name)
-    verdicts = judge(((name, row) for row in rows), ALPHA / len(suite.cells))
-    return overall(verdicts) if verdicts else "stored"
-
-
 def _worst_stored(database: sqlite3.Connection, suite: Suite) -> Ending:
     """Worst ending of the cells that an earlier session finished."""
-    worst: Ending = "stored"
+    kept = store.entry(database, store.WORST)
+    if kept in ENDINGS:
+        return cast(Ending, kept)
+    worst: Ending = "stored"  # by a version that did not keep it
     for cell in read_cells(database):
         if cell.status == "done":
-            worst = worse(worst, _ending(suite.cells[cell.position], cell.rows, suite))
+            own = suite.cells[cell.position]
+            worst = worse(worst, ending_of(own, cell.rows, ALPHA / len(suite.cells)))
     return worst
-
-
-def worse(first: Ending, second: Ending) -> Ending:
-    """Choose the worse of two endings."""
-    return max(first, second, key=ENDINGS.index)
 
 
 def _computing(workers: int, scheduler: str | None) -> AbstractContextManager[Compute]:

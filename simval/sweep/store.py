@@ -1,47 +1,50 @@
-"""The store of a run: one SQLite file, one transaction for each finished cell.
+"""The store of a run: one SQLite file, one transaction for each batch of cells.
 
 The driver of a sweep is the only writer. A cell is stored completely or not at all, so
 a run that was killed at any moment can be resumed. The write-ahead log goes to the
 operating system at each commit and to the disk now and then: a killed program loses
-nothing, a power cut at most the last cells, which are then computed again.
+the batches in flight, a power cut the last ones stored at most; `--resume` computes
+them again.
 
 Each cell has a digest of all that is stored of it, written in the same transaction, and
 so has the manifest: later damage to a store is detected (`simval.sweep.cells`).
 """
 
-import hashlib
 import json
 import sqlite3
+from array import array
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import fields
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from simval.errors import InputError
-from simval.results import Row
-from simval.statistics import Statistic
 from simval.studies.study import Cell
 from simval.sweep.documents import DamagedError, checked_manifest, read_json
-from simval.text import printable
+from simval.sweep.entries import (
+    CELL_FIELDS,
+    NAMED,
+    ROW_FIELDS,
+    Done,
+    Stored,
+    cell_entry,
+    digest_of,
+    digest_of_entries,
+)
 
 SCHEMA_VERSION = 2
-ROW_FIELDS = tuple(f.name for f in (*fields(Statistic), *fields(Row)[1:]))
-"""Fields of a row's statistic, whose entries are a JSON list, and of the row."""
-CELL_FIELDS = (
-    "position",
-    "cell",
-    "study",
-    "seed",
-    "parameters",
-    "status",
-    "error",
-    "seconds",
-)
-ROW_COLUMNS = ", ".join(("ordinal", *(f'"{name}"' for name in ROW_FIELDS)))
+ROW_COLUMNS = ", ".join(f'"{name}"' for name in NAMED)
 
 TIMES = "times of "
 """What the entry begins with that holds the times of a cell."""
+
+WORST = "worst"
+"""Entry of the worst ending of the finished cells."""
+
+CHECKPOINT = 8_192
+"""Pages of the write-ahead log, 32 MB, after which it is brought into the file: a
+checkpoint waits for the disk."""
 
 _TABLES = f"""
 CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);
@@ -97,6 +100,7 @@ def writing(path: Path) -> Iterator[sqlite3.Connection]:
     with _connected(path) as database:
         database.execute("PRAGMA journal_mode = WAL")
         database.execute("PRAGMA synchronous = NORMAL")
+        database.execute(f"PRAGMA wal_autocheckpoint = {CHECKPOINT}")
         yield database
         # one file again when all is done
         database.execute("PRAGMA journal_mode = DELETE")
@@ -112,16 +116,15 @@ def create(path: Path, cells: Iterable[Cell], manifest: str) -> None:
     with _explained(path), closing(sqlite3.connect(path)) as database, database:
         database.executescript(_TABLES)
         database.executemany("INSERT INTO meta VALUES (?, ?)", entries)
+        marks = ", ".join("?" * (1 + len(CELL_FIELDS)))
         database.executemany(
-            "INSERT INTO cells (position, cell, study, seed, parameters, status) "
-            "VALUES (?, ?, ?, ?, ?, 'pending')",
+            f"INSERT INTO cells VALUES ({marks})",
             (
-                (i, c.name, c.study, c.seed, json.dumps(c.parameters.named()))
-                for i, c in enumerate(cells)
+                (*entry, digest_of_entries(entry, ()))
+                for i, cell in enumerate(cells)
+                for entry in (cell_entry(i, cell, "pending", "", 0.0),)
             ),
         )
-        for position in unfinished(database):
-            sign(database, position)
 
 
 def sign(database: sqlite3.Connection, position: int) -> None:
@@ -133,73 +136,39 @@ def sign(database: sqlite3.Connection, position: int) -> None:
 
 def stored_cell(
     database: sqlite3.Connection, position: int
-) -> tuple[sqlite3.Row, list[sqlite3.Row]]:
+) -> tuple[sqlite3.Row, list[Stored]]:
     """Read the entry of a cell and its rows."""
     cursor = database.cursor()
     cursor.row_factory = sqlite3.Row
     query = "SELECT * FROM cells WHERE position = ?"
     cell = cursor.execute(query, (position,)).fetchone()
+    cursor.row_factory = None
     query = f"SELECT {ROW_COLUMNS} FROM rows WHERE cell = ? ORDER BY ordinal"
     return cell, cursor.execute(query, (position,)).fetchall()
 
 
-def digest_of_cell(cell: sqlite3.Row, rows: Sequence[sqlite3.Row]) -> str:
+def digest_of_cell(cell: sqlite3.Row, rows: Iterable[Stored]) -> str:
     """Digest of all that is stored of a cell."""
-    names = ("ordinal", *ROW_FIELDS)
-    return digest_of(
-        [
-            [cell[name] for name in CELL_FIELDS],
-            *([row[name] for name in names] for row in rows),
-        ]
-    )
+    return digest_of_entries([cell[name] for name in CELL_FIELDS], rows)
 
 
-def digest_of(content: Any) -> str:
-    """SHA-256 of numbers, words and lists of them, exact and by type."""
-    return hashlib.sha256(repr(content).encode()).hexdigest()
-
-
-def finish(
-    database: sqlite3.Connection, position: int, rows: Iterable[Row], seconds: float
-) -> None:
-    """Store the rows of a finished cell, in one transaction."""
+def finish(database: sqlite3.Connection, batch: Sequence[Done], worst: str) -> None:
+    """Store cells that have ended with their rows, in one transaction."""
     marks = ", ".join("?" * (2 + len(ROW_FIELDS)))
     with database:
         database.executemany(
             f"INSERT INTO rows VALUES ({marks})",
-            [(position, i, *_fields(row)) for i, row in enumerate(rows)],
+            chain.from_iterable(done.rows for done in batch),
         )
-        database.execute(
-            "UPDATE cells SET status = 'done', error = '', seconds = ? "
+        database.executemany(
+            "UPDATE cells SET status = ?, error = ?, seconds = ?, digest = ? "
             "WHERE position = ?",
-            (seconds, position),
+            ((*done.cell[5:], done.digest, done.cell[0]) for done in batch),
         )
-        sign(database, position)
-
-
-def _fields(row: Row) -> tuple[Any, ...]:
-    """What is stored of a row, in the order of `ROW_FIELDS`."""
-    what = row.statistic
-    named = (
-        what.family.name,
-        json.dumps(what.entries, separators=(",", ":")),
-        what.controlled,
-        what.unit,
-    )
-    return (*named, *(getattr(row, name) for name in ROW_FIELDS[len(named) :]))
-
-
-def fail(
-    database: sqlite3.Connection, position: int, error: str, seconds: float
-) -> None:
-    """Store that a cell failed, and why."""
-    with database:
-        database.execute(
-            "UPDATE cells SET status = 'failed', error = ?, seconds = ? "
-            "WHERE position = ?",
-            (printable(error), seconds, position),
-        )
-        sign(database, position)
+        for done in batch:
+            times = json.dumps(dict(done.times)) if done.times else None
+            _set(database, f"{TIMES}{done.cell[1]}", times)
+        _set(database, WORST, worst)
 
 
 def manifest(database: sqlite3.Connection) -> dict[str, Any]:
@@ -215,14 +184,13 @@ def manifest(database: sqlite3.Connection) -> dict[str, Any]:
 def keep(database: sqlite3.Connection, key: str, value: str | None) -> None:
     """Set an entry of the store, in one transaction."""
     with database:
-        database.execute("DELETE FROM meta WHERE key = ?", (key,))
-        if value is not None:
-            database.execute("INSERT INTO meta VALUES (?, ?)", (key, value))
+        _set(database, key, value)
 
 
-def keep_times(database: sqlite3.Connection, name: str, times: Any) -> None:
-    """Keep what was timed in a cell, beside what is compared."""
-    keep(database, f"{TIMES}{name}", json.dumps(dict(times)) if times else None)
+def _set(database: sqlite3.Connection, key: str, value: str | None) -> None:
+    database.execute("DELETE FROM meta WHERE key = ?", (key,))
+    if value is not None:
+        database.execute("INSERT INTO meta VALUES (?, ?)", (key, value))
 
 
 def times(database: sqlite3.Connection) -> dict[str, Any]:
@@ -242,10 +210,22 @@ def entry(database: sqlite3.Connection, key: str) -> Any:
     return value[0] if value else None
 
 
-def unfinished(database: sqlite3.Connection) -> list[int]:
+def unfinished(database: sqlite3.Connection) -> Sequence[int]:
     """List the cells that have no result."""
     query = "SELECT position FROM cells WHERE status != 'done' ORDER BY position"
-    return [entry[0] for entry in database.execute(query)]
+    return array("q", (entry[0] for entry in database.execute(query)))
+
+
+def finished(database: sqlite3.Connection) -> Sequence[int]:
+    """List the finished cells by their names."""
+    query = "SELECT position FROM cells WHERE status = 'done' ORDER BY cell"
+    return array("q", (entry[0] for entry in database.execute(query)))
+
+
+def count(database: sqlite3.Connection, status: str) -> int:
+    """Number of cells with a status."""
+    query = "SELECT count(*) FROM cells WHERE status = ?"
+    return int(database.execute(query, (status,)).fetchone()[0])
 
 
 def failures(database: sqlite3.Connection) -> list[tuple[str, str]]:
@@ -254,16 +234,16 @@ def failures(database: sqlite3.Connection) -> list[tuple[str, str]]:
     return [(entry[0], entry[1]) for entry in database.execute(query)]
 
 
-def seconds(database: sqlite3.Connection) -> dict[str, float]:
-    """Read the CPU time of each cell."""
+def seconds(database: sqlite3.Connection) -> Iterator[tuple[str, float]]:
+    """Read the name and the CPU time of each cell."""
     query = "SELECT cell, seconds FROM cells ORDER BY position"
-    return {entry[0]: entry[1] for entry in database.execute(query)}
+    return ((entry[0], entry[1]) for entry in database.execute(query))
 
 
-def names(database: sqlite3.Connection) -> list[str]:
-    """List the names of the cells."""
+def names(database: sqlite3.Connection) -> Iterator[str]:
+    """Read the names of the cells."""
     query = "SELECT cell FROM cells ORDER BY position"
-    return [entry[0] for entry in database.execute(query)]
+    return (entry[0] for entry in database.execute(query))
 
 
 @contextmanager

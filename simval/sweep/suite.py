@@ -11,11 +11,10 @@ Each value is checked against the study's own parameters; what is left out takes
 study's default. `--set attitude.noise_std=1e-3,1e-2` on the command line wins.
 """
 
-import itertools
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -33,6 +32,7 @@ from pydantic.fields import FieldInfo
 from simval.errors import InputError
 from simval.studies import STUDIES
 from simval.studies.study import Cell
+from simval.sweep.grid import Grid, Table, table
 from simval.sweep.paths import kept_inside
 from simval.text import did_you_mean
 from simval.vocabulary import builtin_suites
@@ -54,15 +54,15 @@ class Suite:
         Built-in name or the file's stem.
     title : str
         One line for people.
-    cells : tuple of Cell
-        The units of work, in the order of the file.
+    cells : sequence of Cell
+        The units of work, in the order of the file; each is made when it is asked for.
     grid : mapping
         The file's content after overrides, for the manifest.
     """
 
     name: str
     title: str
-    cells: tuple[Cell, ...]
+    cells: Sequence[Cell]
     grid: Mapping[str, Any]
 
 
@@ -158,35 +158,34 @@ def expand(name: str, content: Mapping[str, Any]) -> Suite:
         )
         raise InputError(msg)
     seeds = _as_list(model.seed)  # type: ignore[attr-defined]
-    cells = tuple(
-        Cell(key, validated(f"suite {name}, {key}", parameters, point), number)
-        for number in seeds
-        for key in studies
-        for parameters in (STUDIES[key].parameters,)
-        for point in _grid(getattr(model, key))
-    )
+    cells = Grid(seeds, [_table(name, key, getattr(model, key)) for key in studies])
     _check_names(name, cells)
     grid = {"seed": seeds} | {key: getattr(model, key).model_dump() for key in studies}
     return Suite(name, model.title, cells, grid)  # type: ignore[attr-defined]
 
 
-def _check_names(name: str, cells: Iterable[Cell]) -> None:
-    first: dict[str, Cell] = {}
-    for cell in cells:
-        other = first.setdefault(cell.name, cell)
-        if other is cell:
-            continue
-        msg = f"suite {name} has the cell {cell.name} twice; remove the repeated value"
-        theirs, ours = (c.parameters.model_dump() for c in (other, cell))
-        clash = [
-            repr(v) for k in ours if ours[k] != theirs[k] for v in (theirs[k], ours[k])
-        ]
-        if clash:
-            msg = (
-                f"suite {name}: {' and '.join(clash)} would both be the cell "
-                f"{cell.name}, since its name omits folders; rename one of the files"
-            )
-        raise InputError(msg)
+def _table(name: str, study: str, content: BaseModel) -> Table:
+    model = STUDIES[study].parameters
+    axes = {key: _as_list(value) for key, value in content.model_dump().items()}
+    return table(study, axes, partial(validated, f"suite {name}, {study}", model))
+
+
+def _check_names(name: str, cells: Grid) -> None:
+    pair = cells.repeated()
+    if pair is None:
+        return
+    cell, other = pair
+    msg = f"suite {name} has the cell {cell.name} twice; remove the repeated value"
+    theirs, ours = (c.parameters.model_dump() for c in (other, cell))
+    clash = [
+        repr(v) for k in ours if ours[k] != theirs[k] for v in (theirs[k], ours[k])
+    ]
+    if clash:
+        msg = (
+            f"suite {name}: {' and '.join(clash)} would both be the cell "
+            f"{cell.name}, since its name omits folders; rename one of the files"
+        )
+    raise InputError(msg)
 
 
 def _annotated(info: FieldInfo) -> Any:
@@ -283,12 +282,6 @@ def _explain(error: Any, model: type[BaseModel]) -> str:
         near = did_you_mean(words[-1], known)
         return f"`{path}` is not a known key{near}; known here: {', '.join(known)}"
     return f"`{path}`: {error['msg']} (given {error['input']!r})"
-
-
-def _grid(table: BaseModel) -> Iterable[dict[str, Any]]:
-    axes = {key: _as_list(value) for key, value in table.model_dump().items()}
-    for values in itertools.product(*axes.values()):
-        yield dict(zip(axes, values, strict=True))
 
 
 def _as_list(value: Any) -> list[Any]:

@@ -1,0 +1,66 @@
+"""Cells in batches, as many as their stated costs fill: cheap ones share a task.
+
+A task has a price of its own (a message there, one back, a transaction), some
+milliseconds on a cluster. Cells that cost seconds travel alone; of those that cost
+milliseconds a batch has so many that the price is small beside their work. What is
+lost with a worker is at most a batch, and so is what a stopped driver computes again.
+"""
+
+from collections import deque
+from collections.abc import Iterable, Sequence
+
+from simval.studies.study import Cell
+
+SECONDS = 1.0
+"""Stated cost at which a batch is full, s. Chosen: a hundred times the price of a task
+on a cluster, and no more than a person waits for a sweep that is stopped."""
+
+CELLS = 500
+"""Most cells in a batch, whatever they say they cost."""
+
+ROWS = 20_000
+"""Stated rows at which a batch is full: 2 MB on the way, 10 MB where it is read."""
+
+SHARES = 4
+"""Least number of batches that are left for each that is at work. Chosen: at the end
+of a sweep no worker waits for longer than a quarter of what the others have done."""
+
+Batch = tuple[tuple[int, Cell], ...]
+"""Cells that are computed together, each with its place in the suite."""
+
+
+class Queue:
+    """The cells to compute, made and handed out in their order."""
+
+    def __init__(self, cells: Sequence[Cell], pending: Sequence[int]) -> None:
+        self._cells, self._pending = cells, pending
+        self._next = 0
+        self._alone: deque[int] = deque()
+
+    def __bool__(self) -> bool:
+        return bool(self._alone) or self._next < len(self._pending)
+
+    def take(self, at_once: int) -> Batch:
+        """The next batch, where so many are at work at once."""
+        if self._alone:
+            return (self._cell(self._alone.popleft()),)
+        left = len(self._pending) - self._next
+        most = min(CELLS, max(1, left // (SHARES * at_once)))
+        batch: list[tuple[int, Cell]] = []
+        seconds, rows = 0.0, 0
+        while len(batch) < most and self._next < len(self._pending):
+            place, cell = self._cell(self._pending[self._next])
+            cost = cell.parameters.cost()
+            seconds, rows = seconds + cost.seconds, rows + cost.rows
+            if batch and (seconds > SECONDS or rows > ROWS):
+                break
+            self._next += 1
+            batch.append((place, cell))
+        return tuple(batch)
+
+    def give_back(self, places: Iterable[int]) -> None:
+        """Have some cells computed alone, before all others."""
+        self._alone.extend(places)
+
+    def _cell(self, place: int) -> tuple[int, Cell]:
+        return place, self._cells[place]
