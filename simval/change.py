@@ -137,11 +137,20 @@ def holm(values: Float[Array, " n"], alpha: float) -> Float[Array, " n"]:
     all larger ones are. So every member of a family gets the limit at which the
     procedure stopped, or its own where it was rejected before.
     """
-    m = len(values)
+    return holm_of_least(values, len(values), alpha)[0]
+
+
+def holm_of_least(
+    values: Float[Array, " n"], m: int, alpha: float
+) -> tuple[Float[Array, " n"], float]:
+    """Limits of the least of m p-values by Holm's rule, and that of all others.
+
+    The others, which are not given, are above alpha: no step is, so they are kept.
+    """
     order = np.argsort(values, kind="stable")
-    steps = alpha / (m - np.arange(m))
-    kept = values[order] > steps
-    stop = int(np.argmax(kept)) if kept.any() else m - 1
-    limits = np.empty(m)
-    limits[order] = np.minimum(steps, steps[stop]) if m else steps
-    return limits
+    steps = alpha / (m - np.arange(min(len(values) + 1, m)))
+    kept = values[order][: len(steps)] > steps[: len(values)]
+    stop = int(np.argmax(kept)) if kept.any() else len(steps) - 1
+    limits = np.empty(len(values))
+    limits[order] = np.minimum(steps[: len(values)], steps[stop]) if m else alpha
+    return limits, float(steps[stop]) if m else alpha

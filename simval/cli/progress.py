@@ -13,7 +13,8 @@ from tqdm import tqdm
 from simval.cli.interruption import heed
 from simval.cli.time_left import TimeLeft, told
 from simval.studies.study import Cell, canonical
-from simval.sweep.runner import Ending, Silence, worse
+from simval.sweep.endings import Ending, worse
+from simval.sweep.runner import Silence
 
 LOG_INTERVAL = 5.0
 """Seconds between the lines of a log; a terminal is drawn ten times a second."""

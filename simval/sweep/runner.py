@@ -161,6 +161,7 @@ def _fill(
             "plugins": places,
         }
         manifest = store.manifest(database)
+        store.keep(database, store.WORST, None)
         write_table(database, folder / "results.csv")
         write(folder / "manifest.json", json.dumps(manifest, indent=2) + "\n")
         write(folder / "timing.json", json.dumps(timing, indent=2) + "\n")

@@ -1,0 +1,41 @@
+"""Judging rows: pass, fail or inconclusive, at a stated false-alarm rate.
+
+`rules` states the rules, equations and constants; `judging` applies them to many rows
+at once.
+"""
+
+from simval.verdict.judging import Blocks, Judged, judge, judge_blocks, p_value
+from simval.verdict.rules import (
+    ALPHA,
+    MAX_REMAINDER,
+    MIN_SAMPLES,
+    POWER,
+    PRACTICAL,
+    SAMPLES_PER_FREEDOM,
+    WEIGHTS,
+    WORST_FIRST,
+    Answer,
+    Verdict,
+    overall,
+    overall_of,
+)
+
+__all__ = [
+    "ALPHA",
+    "MAX_REMAINDER",
+    "MIN_SAMPLES",
+    "POWER",
+    "PRACTICAL",
+    "SAMPLES_PER_FREEDOM",
+    "WEIGHTS",
+    "WORST_FIRST",
+    "Answer",
+    "Blocks",
+    "Judged",
+    "Verdict",
+    "judge",
+    "judge_blocks",
+    "overall",
+    "overall_of",
+    "p_value",
+]
