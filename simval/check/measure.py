@@ -89,5 +89,7 @@ def check_plugin(
     with TemporaryDirectory(prefix="simval-check-") as folder:
         run = run_suite(suite, Path(folder, "run"), workers=2, progress=progress)
     return Checked(
-        plugins=tuple(plugins), cells=run.cells, result=judge_run(run, None, alpha)
+        plugins=tuple(plugins),
+        cells=tuple(run.cells),
+        result=judge_run(run, None, alpha),
     )

@@ -1,6 +1,7 @@
 """What `simval gate` does."""
 
 import os
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
@@ -22,6 +23,7 @@ from simval.gate import (
     write_baseline,
 )
 from simval.gate.formats import (
+    all_counts,
     annotations,
     to_json,
     to_junit,
@@ -31,6 +33,7 @@ from simval.sweep import load_run
 from simval.sweep.provenance import source_hash
 from simval.sweep.run import Run
 from simval.text import one_line
+from simval.verdict import Answer
 
 
 def run(
@@ -111,8 +114,7 @@ def _notes(result: GateResult, run: Run, no_baseline: bool) -> Iterator[str]:
         yield "this run was made with another source code of simval than is installed"
     if no_baseline:
         yield "judged against theory alone, as requested"
-    changes = [c.change for c in result.comparisons]
-    same, close, new = (changes.count(word) for word in ("same", "close", "new"))
+    same, close, new = (result.changes[word] for word in ("same", "close", "new"))
     if result.environment:
         yield (
             "another environment than the baseline's, so compared within bounds "
@@ -123,6 +125,12 @@ def _notes(result: GateResult, run: Run, no_baseline: bool) -> Iterator[str]:
         yield (
             f"{close} values differ from the baseline in the last bits on the same "
             "versions and processor kernels: the order of some arithmetic changed"
+        )
+    hidden = sum(all_counts(result, ()).values())
+    if hidden:
+        yield (
+            f"a large run: {hidden:,} findings, passes for the most part, are counted "
+            "and not listed"
         )
     if new:
         yield f"{new} statistics are new; the baseline does not hold them yet"
@@ -167,10 +175,13 @@ def _counts(result: GateResult) -> Table:
     table = Table(title="verdicts")
     for heading in ("study", "tier", "check", "pass", "fail", "inconclusive"):
         table.add_column(heading)
-    groups: dict[tuple[str, str, str], list[str]] = {}
+    groups: dict[tuple[str, str, str], Counter[Answer]] = {}
     for f in findings(result):
-        groups.setdefault((f.study, f.tier, f.check), []).append(f.answer)
+        groups.setdefault((f.study, f.tier, f.check), Counter())[f.answer] += 1
+    for kind, count in result.more.verdicts.items():
+        key = (kind.study, "theory", kind.check)
+        groups.setdefault(key, Counter())[kind.answer] += count
     for key, answers in sorted(groups.items()):
-        numbers = (answers.count(a) for a in ("pass", "fail", "inconclusive"))
+        numbers = (answers[a] for a in ("pass", "fail", "inconclusive"))
         table.add_row(*key, *(str(n) for n in numbers))
     return table

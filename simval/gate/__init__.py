@@ -8,8 +8,9 @@ agree with theory (`simval.verdict`), and does it agree with the baseline (`comp
 from simval.gate.baseline import BASELINE, read_baseline, write_baseline
 from simval.gate.comparison import Comparison
 from simval.gate.finding import Finding, findings
+from simval.gate.gaps import Gap
 from simval.gate.headline import headline
-from simval.gate.judgement import Gap, GateResult, judge_run
+from simval.gate.judgement import GateResult, judge_run
 
 __all__ = [
     "BASELINE",

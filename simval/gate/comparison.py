@@ -34,6 +34,13 @@ FAILED: tuple[Change, ...] = (
 )
 
 
+def answer_of(change: Change) -> Answer:
+    """Pass, fail or inconclusive."""
+    if change in FAILED:
+        return "fail"
+    return "inconclusive" if change == "unresolved" else "pass"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
     """One statistic of a cell, now and in the baseline.
@@ -82,9 +89,7 @@ class Comparison:
     @property
     def answer(self) -> Answer:
         """Pass, fail or inconclusive."""
-        if self.change in FAILED:
-            return "fail"
-        return "inconclusive" if self.change == "unresolved" else "pass"
+        return answer_of(self.change)
 
     @property
     def sigmas(self) -> float:

@@ -124,7 +124,7 @@ def _incomplete(result: GateResult) -> Iterator[Finding]:
             gaps.append((check, cell.named, f"{who}: {cell.reason}"))
     if result.never_run:
         gaps.append(("pending", CellName(""), result.never_run))
-    if not result.verdicts:
+    if not result.counts:
         gaps.append(
             ("gap", CellName(""), "no row was judged: nothing measured never passes")
         )

@@ -123,14 +123,19 @@ def groups(result: GateResult) -> tuple[Group, ...]:
         if each.answer != "pass":
             members.setdefault((*_kind(each), *_way(each)), []).append(each)
     of = Counter(_kind(each) for each in entries)
-    cells: dict[tuple[str, ...], set[str]] = {}
+    names: dict[tuple[str, ...], set[str]] = {}
     for each in entries:
-        cells.setdefault(_kind(each), set()).add(each.cell.name)
+        names.setdefault(_kind(each), set()).add(each.cell.name)
+    cells = {kind: len(own) for kind, own in names.items()}
+    for hidden, count in result.more.verdicts.items():
+        of["theory", hidden.study, hidden.kind] += count
+    for (study, kind), count in result.more.cells.items():
+        cells["theory", study, kind] = count
     found = [
         Group(
             findings=tuple(sorted(each, key=lambda f: (-weight_of(f), f.cell))),
             of=of[_kind(each[0])],
-            cells=len(cells[_kind(each[0])]),
+            cells=cells[_kind(each[0])],
         )
         for each in members.values()
     ]

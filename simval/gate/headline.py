@@ -1,9 +1,10 @@
 """The gate's answer in one line: what is wrong in numbers, and what is right."""
 
-from collections.abc import Sequence
+from collections import Counter
 
+from simval.gate.comparison import answer_of
 from simval.gate.judgement import GateResult
-from simval.verdict import Answer
+from simval.verdict import WORST_FIRST, Answer
 
 BADLY: tuple[Answer, Answer] = ("fail", "inconclusive")
 
@@ -22,11 +23,17 @@ def headline(result: GateResult) -> str:
         What was not measured, then what was judged, each with its count; the same line
         in every output.
     """
-    endings = [cell.ending for cell in result.unfinished]
-    crashed, never = endings.count("crashed"), endings.count("pending")
-    refused = endings.count("refused")
-    compared = [c.answer for c in result.comparisons if c.change != "new"]
-    theory = [verdict.answer for verdict in result.verdicts]
+    endings = result.endings
+    crashed, never = endings["crashed"], endings["pending"]
+    refused = endings["refused"]
+    compared = Counter(
+        {
+            answer: sum(n for c, n in result.changes.items() if answer_of(c) == answer)
+            for answer in WORST_FIRST
+        }
+    )
+    compared["pass"] -= result.changes["new"]
+    theory = result.counts
     parts = [
         f"{_count(crashed, 'cell')} crashed" if crashed else "",
         f"{_count(refused, 'cell')} refused" if refused else "",
@@ -41,19 +48,20 @@ def headline(result: GateResult) -> str:
     return "; ".join(filter(None, parts))
 
 
-def _judged(answers: Sequence[Answer], what: str, beside: str) -> str:
+def _judged(answers: Counter[Answer], what: str, beside: str) -> str:
     """How many of a kind were judged, and how they ended."""
-    if not answers:
+    total = answers.total()
+    if not total:
         return ""
-    failed, unclear = (answers.count(word) for word in BADLY)
+    failed, unclear = (answers[word] for word in BADLY)
     if not failed and not unclear:
-        one = len(answers) == 1
-        who = f"the only {what}" if one else f"all {_count(len(answers), what)}"
+        one = total == 1
+        who = f"the only {what}" if one else f"all {_count(total, what)}"
         return f"{who} {beside} {'agrees' if one else 'agree'}"
     ends = [f"{failed:,} failed"] if failed else []
     if unclear:
         ends.append(f"{unclear:,} {'was' if unclear == 1 else 'were'} inconclusive")
-    return f"of {_count(len(answers), what)} {beside}, {' and '.join(ends)}"
+    return f"of {_count(total, what)} {beside}, {' and '.join(ends)}"
 
 
 def _count(number: int, what: str) -> str:

@@ -5,36 +5,29 @@ baseline, and the gaps (what should have been measured and was not).
 """
 
 import shlex
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import Any
 
-from simval.change import EFFORT
 from simval.compare import Step
 from simval.gate.baseline import environment as environment_of
 from simval.gate.compare import compare, has_partners
-from simval.gate.comparison import Comparison
+from simval.gate.comparison import Change, Comparison, answer_of
+from simval.gate.gaps import Gap, gaps_of
 from simval.gate.steps import steps_of
-from simval.results import CellName
+from simval.gate.tally import (
+    Tally,
+    is_large,
+    listed_cells,
+    listed_comparisons,
+    listed_verdicts,
+)
 from simval.sweep.provenance import differences
 from simval.sweep.run import CellResult, Run
-from simval.verdict import ALPHA, WEIGHTS, Answer, Verdict, judge, overall
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Gap:
-    """Something that should have been measured and was not.
-
-    Attributes
-    ----------
-    cell : CellName
-        The cell; without a study for the run as a whole.
-    reason : str
-        What is missing, in words.
-    """
-
-    cell: CellName
-    reason: str
+from simval.sweep.stored import KEPT, blocks_of, heads_of
+from simval.verdict import ALPHA, Answer, Verdict, judge_blocks, overall_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,6 +56,8 @@ class GateResult:
         Why nothing was compared though a baseline was wanted; else empty.
     notes : tuple of str
         What else a reader should know; they change no answer.
+    more : Tally
+        Counts of what else was judged, in a run that is too large to list all.
     """
 
     verdicts: tuple[Verdict, ...]
@@ -75,27 +70,44 @@ class GateResult:
     seconds: Mapping[str, float] = field(default_factory=dict)
     first: str = ""
     notes: tuple[str, ...] = ()
+    more: Tally = field(default_factory=Tally)
 
     @property
     def answer(self) -> Answer:
         """The worst of all that was judged."""
-        answers = {overall(self.verdicts), *(c.answer for c in self.comparisons)}
+        answers = {overall_of(set(self.counts)), *map(answer_of, self.changes)}
         if "fail" in answers or self._crashed or self.first:
             return "fail"
         incomplete = self.unfinished or self.gaps or answers != {"pass"}
         return "inconclusive" if incomplete else "pass"
 
     @property
+    def endings(self) -> Counter[str]:
+        """How the unfinished cells ended."""
+        return Counter(cell.ending for cell in self.unfinished) + self.more.endings
+
+    @property
+    def changes(self) -> Counter[Change]:
+        """How the comparisons ended."""
+        return Counter(c.change for c in self.comparisons) + self.more.changes
+
+    @property
+    def counts(self) -> Counter[Answer]:
+        """Verdicts against theory by answer."""
+        return Counter(v.answer for v in self.verdicts) + self.more.answers
+
+    @property
     def _crashed(self) -> bool:
-        return any(cell.ending == "crashed" for cell in self.unfinished)
+        return self.endings["crashed"] > 0
 
     @property
     def never_run(self) -> str:
         """How many cells were never run, and what to do; empty if all were."""
         pending = [cell.name for cell in self.unfinished if cell.status == "pending"]
+        count = self.endings["pending"]
         if not pending:
             return ""
-        number = "1 cell was" if len(pending) == 1 else f"{len(pending)} cells were"
+        number = "1 cell was" if count == 1 else f"{count} cells were"
         return (
             f"{number} never run, the first is {pending[0]}; resume with "
             f"`simval sweep SUITE --out {shlex.quote(self.folder)} --resume`"
@@ -115,7 +127,11 @@ class GateResult:
 
 
 def judge_run(
-    run: Run, baseline: Mapping[str, Any] | None = None, alpha: float = ALPHA
+    run: Run,
+    baseline: Mapping[str, Any] | None = None,
+    alpha: float = ALPHA,
+    *,
+    shown: Collection[str] = (),
 ) -> GateResult:
     """Judge a run against theory and, where given, a baseline.
 
@@ -128,58 +144,41 @@ def judge_run(
     alpha : float, default ALPHA
         False-alarm rate of everything together. If some cells have other noise than
         in the baseline, theory and the baseline get half of it each.
+    shown : collection of str, optional
+        Names of cells of a large run whose passes are listed as well.
 
     Returns
     -------
     GateResult
         Verdicts, comparisons, gaps and the exit code.
     """
-    rows = [(c.named, row) for c in run.cells if c.status == "done" for row in c.rows]
+    cells, tally = run.cells, Tally()
+    large = is_large(cells)
     compared: tuple[Comparison, ...] = ()
     environment: tuple[str, ...] = ()
     share = alpha
     if baseline is not None:
         share = alpha / 2.0 if has_partners(run, baseline["cells"]) else alpha
-        compared = compare(run, baseline["cells"], alpha / 2.0)
+        every = compare(run, baseline["cells"], alpha / 2.0)
+        compared = tuple(listed_comparisons(every, large, tally))
         environment = tuple(
             differences(baseline["environment"], environment_of(run.manifest))
         )
+    judged = judge_blocks(lambda: blocks_of(cells, judged=True), share)
+    listed = frozenset(shown) if large else None
+    verdicts = tuple(listed_verdicts(judged, listed, tally))
+    left = (cell for cell in heads_of(cells) if cell.status != "done")
+    unfinished = tuple(listed_cells(left, large, tally))
+    named = {v.cell.name for v in verdicts} | {c.cell.name for c in compared}
+    named |= {cell.name for cell in unfinished}
     return GateResult(
-        verdicts=judge(rows, share),
+        verdicts=verdicts,
         comparisons=compared,
-        unfinished=tuple(cell for cell in run.cells if cell.status != "done"),
-        gaps=tuple(_gaps(run)),
+        unfinished=unfinished,
+        gaps=tuple(islice(gaps_of(run), KEPT)),
         environment=environment,
         alpha=alpha,
         folder=str(run.folder),
-        seconds={cell.name: cell.seconds for cell in run.cells},
+        seconds={c.name: c.seconds for c in heads_of(cells) if c.name in named},
+        more=tally,
     )
-
-
-def _gaps(run: Run) -> Iterator[Gap]:
-    stated = run.manifest.get("cells")
-    if isinstance(stated, int) and stated != len(run.cells):
-        reason = f"the suite has {stated} cells, the run holds {len(run.cells)}"
-        yield Gap(cell=CellName(""), reason=reason)
-    for cell in run.cells:
-        if cell.status == "done":
-            yield from _cell_gaps(cell)
-
-
-def _cell_gaps(cell: CellResult) -> Iterator[Gap]:
-    if not cell.rows:
-        yield Gap(cell=cell.named, reason="the cell is done but measured nothing")
-        return
-    names = [row.key for row in cell.rows]
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        reason = f"it has {' against '.join(filter(None, map(str, twice)))} twice"
-        yield Gap(cell=cell.named, reason=reason)
-    sampled = [row.n for row in cell.rows if row.check in WEIGHTS]
-    for name in EFFORT:
-        stated = cell.parameters.get(name)
-        if isinstance(stated, int) and sampled and max(sampled) < stated:
-            reason = (
-                f"its parameters say {name}={stated}, its rows rest on {max(sampled)}"
-            )
-            yield Gap(cell=cell.named, reason=reason)

@@ -9,7 +9,7 @@ artifacts/      what the studies leave for the report: npz, png
 
 import csv
 import sqlite3
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,6 +25,7 @@ from simval.sweep.documents import read_timing
 from simval.sweep.frame import data_frame
 from simval.sweep.plausible import MAX_SAMPLES
 from simval.sweep.seal import check_files
+from simval.sweep.stored import KEPT, StoredCells
 from simval.text import nearest
 
 __all__ = [
@@ -49,8 +50,8 @@ class Run:
     ----------
     folder : Path
         Where it is.
-    cells : tuple of CellResult
-        In the order of the suite.
+    cells : sequence of CellResult
+        In the order of the suite; those of a large run are read when they are used.
     manifest : mapping
         All that the numbers depend on.
     timing : mapping
@@ -60,7 +61,7 @@ class Run:
     """
 
     folder: Path
-    cells: tuple[CellResult, ...]
+    cells: Sequence[CellResult]
     manifest: Mapping[str, Any]
     timing: Mapping[str, Any]
     places: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
@@ -117,8 +118,14 @@ def load_run(folder: str | Path) -> Run:
         If it is no run folder, is damaged, or was written by a newer version.
     """
     path = run_folder(folder)
+    cells: Sequence[CellResult]
     with opened_run(path) as (database, manifest):
-        cells = tuple(read_cells(database))
+        large = store.size(database) > KEPT
+        cells = () if large else tuple(read_cells(database))
+    if large:
+        file = path / "run.sqlite"
+        with store.explained(file):
+            cells = StoredCells(path, store.attached(file))
     timing = read_timing(path)
     places = timing.pop("plugins", {})
     return Run(

@@ -7,6 +7,7 @@ number of workers, in any order, leaves the same table.
 import json
 import os
 import platform
+import shutil
 import sqlite3
 import time
 from collections.abc import Sequence
@@ -27,6 +28,13 @@ from simval.sweep.endings import ENDINGS, Ending, ending_of, worse
 from simval.sweep.executors import Compute, pooled, serial
 from simval.sweep.folder import check_same, create, keep, locked, write
 from simval.sweep.grid import Chosen
+from simval.sweep.parquet import (
+    FOLDER,
+    LARGE,
+    has_pyarrow,
+    require_pyarrow,
+    write_parquet,
+)
 from simval.sweep.paths import require_plugins
 from simval.sweep.run import Run, load_run, write_table
 from simval.sweep.seal import seal, unseal
@@ -126,6 +134,7 @@ def drive(
     """Run a suite into a folder; memory does not grow with the number of rows."""
     workers = whole_number("workers", workers, 1, 4096)
     require_plugins(suite.cells)
+    require_pyarrow(sum(cell.parameters.cost().rows for cell in suite.cells))
     known = provenance.manifest(suite)
     where = workers if scheduler is None else scheduler
     with _computing(workers, scheduler) as compute:
@@ -147,6 +156,8 @@ def _fill(
         unseal(database)
         write(folder / "timing.json", json.dumps({"plugins": places}) + "\n")
         done = _compute(database, folder, suite, compute, progress, where)
+        large = store.size(database) > LARGE and has_pyarrow()
+        spent = {} if large else dict(store.seconds(database))
         timing = {
             "started": started.isoformat(timespec="seconds"),
             "committed": provenance.commit_date(),
@@ -156,13 +167,13 @@ def _fill(
             "finished_before": done,
             "cpu_seconds": round(sum(s for _, s in store.seconds(database)), 3),
             "processors": os.cpu_count(),
-            "cells": {name: round(s, 4) for name, s in store.seconds(database)},
+            "cells": {name: round(value, 4) for name, value in spent.items()},
             "calls": store.times(database),
             "plugins": places,
         }
         manifest = store.manifest(database)
         store.keep(database, store.WORST, None)
-        write_table(database, folder / "results.csv")
+        _write_table(database, folder, large)
         write(folder / "manifest.json", json.dumps(manifest, indent=2) + "\n")
         write(folder / "timing.json", json.dumps(timing, indent=2) + "\n")
         seal(database, folder)
@@ -197,6 +208,17 @@ def _compute(
         msg = f"{left} cells came back neither finished nor failed"
         raise RuntimeError(msg)
     return done
+
+
+def _write_table(database: sqlite3.Connection, folder: Path, large: bool) -> None:
+    """Write the table as Parquet if it is large, else as text."""
+    text, parquet = folder / "results.csv", folder / FOLDER
+    if large:
+        write_parquet(database, parquet)
+        text.unlink(missing_ok=True)
+    else:
+        write_table(database, text)
+        shutil.rmtree(parquet, ignore_errors=True)
 
 
 def _is_file(path: Path) -> bool:

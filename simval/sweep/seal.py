@@ -11,33 +11,28 @@ from pathlib import Path
 
 from simval.errors import InputError
 from simval.sweep import store
-from simval.sweep.documents import DamagedError, read_json
 
-KEY = "files"
+FOLDERS = ("artifacts", "results")
 NAMES = ("results.csv", "manifest.json", "timing.json")
 
 
 def seal(database: sqlite3.Connection, folder: Path) -> None:
     """Keep the digests of the files that the sweep has written."""
     files = [folder / name for name in NAMES]
-    files += sorted((folder / "artifacts").rglob("*"))
+    for place in FOLDERS:
+        files += sorted((folder / place).rglob("*"))
     digests = {f.relative_to(folder).as_posix(): _digest(f) for f in files if _whole(f)}
-    store.keep(database, KEY, json.dumps(digests))
+    store.keep(database, store.FILES, json.dumps(digests))
 
 
 def unseal(database: sqlite3.Connection) -> None:
     """Remove the digests of the files, before they are written again."""
-    store.keep(database, KEY, None)
+    store.keep(database, store.FILES, None)
 
 
 def check_files(database: sqlite3.Connection, folder: Path) -> None:
     """Refuse a run if one of its files is not what the sweep wrote."""
-    text = store.entry(database, KEY)
-    digests = {} if text is None else read_json("the list of files", text)
-    if not isinstance(digests, dict):
-        msg = f"the list of files is {digests!r:.60}, not an object"
-        raise DamagedError(msg)
-    for name, digest in digests.items():
+    for name, digest in store.sealed(database).items():
         file = folder / str(name)
         if file.is_file() and _digest(file) != digest:
             msg = (

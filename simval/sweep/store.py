@@ -39,6 +39,9 @@ ROW_COLUMNS = ", ".join(f'"{name}"' for name in NAMED)
 TIMES = "times of "
 """What the entry begins with that holds the times of a cell."""
 
+FILES = "files"
+"""Entry of the digests of the files beside the store."""
+
 WORST = "worst"
 """Entry of the worst ending of the finished cells."""
 
@@ -76,12 +79,22 @@ def opened(path: Path) -> Iterator[sqlite3.Connection]:
         yield database
 
 
+def attached(path: Path) -> sqlite3.Connection:
+    """Open the store of a run for as long as the connection is used: one snapshot."""
+    with opened(path):
+        pass  # it is the store of a run
+    database = sqlite3.connect(path)
+    database.row_factory = sqlite3.Row
+    database.execute("BEGIN")
+    return database
+
+
 @contextmanager
 def _connected(path: Path) -> Iterator[sqlite3.Connection]:
     if not path.is_file():
         msg = f"{path} does not exist, so {path.parent} is no run folder"
         raise InputError(msg)
-    with _explained(path), closing(sqlite3.connect(path)) as database:
+    with explained(path), closing(sqlite3.connect(path)) as database:
         version = entry(database, "schema")
         if version != str(SCHEMA_VERSION):
             given = "no schema" if version is None else f"schema {version}"
@@ -113,7 +126,7 @@ def create(path: Path, cells: Iterable[Cell], manifest: str) -> None:
         ("manifest", manifest),
         ("manifest digest", digest_of(manifest)),
     )
-    with _explained(path), closing(sqlite3.connect(path)) as database, database:
+    with explained(path), closing(sqlite3.connect(path)) as database, database:
         database.executescript(_TABLES)
         database.executemany("INSERT INTO meta VALUES (?, ?)", entries)
         marks = ", ".join("?" * (1 + len(CELL_FIELDS)))
@@ -193,6 +206,21 @@ def _set(database: sqlite3.Connection, key: str, value: str | None) -> None:
         database.execute("INSERT INTO meta VALUES (?, ?)", (key, value))
 
 
+def size(database: sqlite3.Connection) -> int:
+    """Number of rows that were stored, which is found at once."""
+    return int(database.execute("SELECT max(rowid) FROM rows").fetchone()[0] or 0)
+
+
+def sealed(database: sqlite3.Connection) -> dict[str, str]:
+    """The digests of the files beside the store, as the sweep left them."""
+    text = entry(database, FILES)
+    digests = {} if text is None else read_json("the list of files", text)
+    if not isinstance(digests, dict):
+        msg = f"the list of files is {digests!r:.60}, not an object"
+        raise DamagedError(msg)
+    return digests
+
+
 def times(database: sqlite3.Connection) -> dict[str, Any]:
     """What was timed in each cell, by its name."""
     query = "SELECT key, value FROM meta WHERE substr(key, 1, ?) = ? ORDER BY key"
@@ -222,10 +250,10 @@ def finished(database: sqlite3.Connection) -> Sequence[int]:
     return array("q", (entry[0] for entry in database.execute(query)))
 
 
-def count(database: sqlite3.Connection, status: str) -> int:
-    """Number of cells with a status."""
-    query = "SELECT count(*) FROM cells WHERE status = ?"
-    return int(database.execute(query, (status,)).fetchone()[0])
+def count(database: sqlite3.Connection, status: str | None = None) -> int:
+    """Number of cells, with a status if one is given."""
+    query = "SELECT count(*) FROM cells WHERE ? IS NULL OR status = ?"
+    return int(database.execute(query, (status, status)).fetchone()[0])
 
 
 def failures(database: sqlite3.Connection) -> list[tuple[str, str]]:
@@ -247,7 +275,7 @@ def names(database: sqlite3.Connection) -> Iterator[str]:
 
 
 @contextmanager
-def _explained(path: Path) -> Iterator[None]:
+def explained(path: Path) -> Iterator[None]:
     """Turn errors of SQLite, and damaged content, into messages."""
     try:
         yield

@@ -19,11 +19,11 @@ NUMBERS = {name: _TYPES.get(name, "string") for name in COLUMNS}
 
 def parameter_kinds(cells: Iterable[CellResult]) -> dict[str, str]:
     """Type of each parameter's column: text where studies differ in type."""
-    values: dict[str, list[object]] = {}
+    types: dict[str, set[type]] = {}
     for cell in cells:
         for key, value in cell.parameters.items():
-            values.setdefault(key, []).append(value)
-    return {key: _kind(values[key]) for key in sorted(values)}
+            types.setdefault(key, set()).add(type(value))
+    return {key: _kind(types[key]) for key in sorted(types)}
 
 
 def lines(
@@ -32,15 +32,18 @@ def lines(
     """Each row of the table, its parameters in the types of their columns."""
     for cell in cells:
         head = {"cell": cell.name, "study": cell.study, "seed": cell.seed}
-        values = {
-            key: _as(kind, cell.parameters.get(key)) for key, kind in kinds.items()
-        }
+        values = parameter_values(cell, kinds)
         for row in cell.rows:
             yield head | values | row.tidy
 
 
-def _kind(values: Iterable[object]) -> str:
-    kinds = {type(v) for v in values if v is not None}
+def parameter_values(cell: CellResult, kinds: Mapping[str, str]) -> dict[str, object]:
+    """The parameters of a cell in the types of their columns."""
+    return {key: _as(kind, cell.parameters.get(key)) for key, kind in kinds.items()}
+
+
+def _kind(types: Iterable[type]) -> str:
+    kinds = set(types) - {type(None)}
     if kinds == {bool}:
         return "bool_"
     if kinds == {int}:
