@@ -125,8 +125,8 @@ def test_no_cell_is_lost_when_the_pool_breaks_before_a_submission(
     monkeypatch.setattr(executors, "attempt", lambda k, cell: (k, "done", 0.0))
     pools = iter([Fragile(1), Fragile(0), Fragile(9), Fragile(9)])
     monkeypatch.setattr(executors, "_pool", lambda workers: next(pools))
-    queue = Queue(cells, [0, 1, 2, 3])
-    found = [place for place, _, _ in ended(executors.pooled, queue, 1e-3, 1)]
+    queue = Queue(cells, [0, 1, 2, 3], 1e-3)
+    found = [place for place, _, _ in ended(executors.pooled, queue, 1)]
     assert sorted(found) == [0, 1, 2, 3]
 
 
@@ -139,15 +139,15 @@ def test_an_outcome_that_cannot_travel_fails_its_cell_alone(
     monkeypatch.setattr(batches, "SHARES", 1 / together)
 
     class Mute(Fragile):
-        def submit(self, function, batch, alpha):
-            if any(place == 1 for place, _ in batch):
+        def submit(self, function, batch):
+            if 1 in batch.places:
                 future = Future()
                 future.set_exception(TypeError("cannot pickle"))
                 return future
-            return super().submit(function, batch, alpha)
+            return super().submit(function, batch)
 
     monkeypatch.setattr(executors, "_pool", lambda workers: Mute(9))
-    found = ended(executors.pooled, Queue(cells, [0, 1, 2]), 1e-3, 1)
+    found = ended(executors.pooled, Queue(cells, [0, 1, 2], 1e-3), 1)
     assert sorted(found) == [
         (0, "done", 1),
         (1, "TypeError: cannot pickle", 1),

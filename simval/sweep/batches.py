@@ -7,8 +7,10 @@ lost with a worker is at most a batch, and so is what a stopped driver computes 
 """
 
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 
+from simval.results import Outcome
 from simval.studies.study import Cell
 
 SECONDS = 1.0
@@ -25,15 +27,36 @@ SHARES = 4
 """Least number of batches that are left for each that is at work. Chosen: at the end
 of a sweep no worker waits for longer than a quarter of what the others have done."""
 
-Batch = tuple[tuple[int, Cell], ...]
-"""Cells that are computed together, each with its place in the suite."""
+Work = Callable[[Cell], Outcome]
+"""What computes a cell."""
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """Cells that are computed together, each with its place in the suite."""
+
+    cells: tuple[tuple[int, Cell], ...]
+    alpha: float  # the part of the false-alarm rate of each
+    work: Work | None = None  # None is the study's own
+
+    @property
+    def places(self) -> list[int]:
+        """Places of its cells."""
+        return [place for place, _ in self.cells]
 
 
 class Queue:
     """The cells to compute, made and handed out in their order."""
 
-    def __init__(self, cells: Sequence[Cell], pending: Sequence[int]) -> None:
+    def __init__(
+        self,
+        cells: Sequence[Cell],
+        pending: Sequence[int],
+        alpha: float,
+        work: Work | None = None,
+    ) -> None:
         self._cells, self._pending = cells, pending
+        self._alpha, self._work = alpha / max(len(cells), 1), work
         self._next = 0
         self._alone: deque[int] = deque()
 
@@ -43,7 +66,7 @@ class Queue:
     def take(self, at_once: int) -> Batch:
         """The next batch, where so many are at work at once."""
         if self._alone:
-            return (self._cell(self._alone.popleft()),)
+            return self.alone(self._alone.popleft())
         left = len(self._pending) - self._next
         most = min(CELLS, max(1, left // (SHARES * at_once)))
         batch: list[tuple[int, Cell]] = []
@@ -56,7 +79,11 @@ class Queue:
                 break
             self._next += 1
             batch.append((place, cell))
-        return tuple(batch)
+        return Batch(tuple(batch), self._alpha, self._work)
+
+    def alone(self, place: int) -> Batch:
+        """A batch of one cell."""
+        return Batch((self._cell(place),), self._alpha, self._work)
 
     def give_back(self, places: Iterable[int]) -> None:
         """Have some cells computed alone, before all others."""

@@ -75,14 +75,14 @@ class Window:
 
 
 def _by_cluster(
-    executor: Executor, window: Window, address: str, queue: Queue, alpha: float
+    executor: Executor, window: Window, address: str, queue: Queue
 ) -> Iterator[Sequence[Done]]:
     from distributed.scheduler import KilledWorker
 
     flying: Flying = {}
     while queue or flying:
         try:
-            yield from windowed(executor, queue, alpha, flying, window, (KilledWorker,))
+            yield from windowed(executor, queue, flying, window, (KilledWorker,))
         except KilledWorker as error:
             yield _killed(flying, queue, error)
         except (CancelledError, OSError) as error:
@@ -98,10 +98,10 @@ def _killed(flying: Flying, queue: Queue, error: BaseException) -> Sequence[Done
     gone = []
     for future in [f for f in flying if f.done() and f.exception()]:
         batch = flying.pop(future)
-        if len(batch) > 1:
-            queue.give_back(place for place, _ in batch)
+        if len(batch.cells) > 1:
+            queue.give_back(batch.places)
         else:
-            gone.append(failed(*batch[0], f"every worker was lost: {error}"))
+            gone.append(failed(*batch.cells[0], f"every worker was lost: {error}"))
     return gone
 
 

@@ -18,6 +18,7 @@ from concurrent.futures import (
 )
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from itertools import chain
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection
 from multiprocessing.connection import wait as wait_for_any
@@ -29,7 +30,7 @@ from simval.plugins.names import told_anywhere
 from simval.results import Outcome
 from simval.studies import find_study
 from simval.studies.study import Cell
-from simval.sweep.batches import Batch, Queue
+from simval.sweep.batches import Batch, Queue, Work
 from simval.sweep.cells import REFUSED
 from simval.sweep.endings import Ending, ending_of
 from simval.sweep.entries import Done, cell_entry, digest_of_entries, row_entries
@@ -43,9 +44,8 @@ LOST: tuple[type[BaseException], ...] = (BrokenProcessPool, OSError)
 DIED = "the worker process died while it computed this cell"
 
 
-Compute = Callable[[Queue, float], Iterator[Sequence[Done]]]
-"""From the cells to compute, and the part of the false-alarm rate of each, to what they
-leave, some at a time."""
+Compute = Callable[[Queue], Iterator[Sequence[Done]]]
+"""From the cells to compute to what they leave, some at a time."""
 
 
 def execute(cell: Cell) -> Outcome:
@@ -53,11 +53,13 @@ def execute(cell: Cell) -> Outcome:
     return find_study(cell.study).run(cell.parameters, cell.streams)
 
 
-def attempt(position: int, cell: Cell) -> tuple[int, Outcome | str, float]:
+def attempt(
+    position: int, cell: Cell, work: Work | None = None
+) -> tuple[int, Outcome | str, float]:
     """Compute one cell, or say why that failed; with the CPU seconds that it took."""
     start = time.process_time()
     try:
-        outcome: Outcome | str = execute(cell)
+        outcome: Outcome | str = (work or execute)(cell)
     except PluginError as error:
         crashed = isinstance(error, CrashedPluginError)
         words = described(error) if crashed else f"{REFUSED}{error}\n"
@@ -67,9 +69,13 @@ def attempt(position: int, cell: Cell) -> tuple[int, Outcome | str, float]:
     return position, outcome, time.process_time() - start
 
 
-def computed(batch: Batch, alpha: float) -> list[Done]:
+def computed(batch: Batch) -> list[Done]:
     """Compute some cells, and make of them what is stored."""
-    return [_done(cell, *attempt(position, cell), alpha) for position, cell in batch]
+    work = () if batch.work is None else (batch.work,)
+    return [
+        _done(cell, *attempt(position, cell, *work), batch.alpha)
+        for position, cell in batch.cells
+    ]
 
 
 def _done(
@@ -94,13 +100,13 @@ def failed(position: int, cell: Cell, error: str, seconds: float = 0.0) -> Done:
     return Done(entry, (), digest_of_entries(entry, ()), ending)
 
 
-def serial(queue: Queue, alpha: float) -> Iterator[Sequence[Done]]:
+def serial(queue: Queue) -> Iterator[Sequence[Done]]:
     """Compute cells one after the other in this process."""
     while queue:
-        yield computed(queue.take(1), alpha)
+        yield computed(queue.take(1))
 
 
-def pooled(queue: Queue, alpha: float, workers: int) -> Iterator[Sequence[Done]]:
+def pooled(queue: Queue, workers: int) -> Iterator[Sequence[Done]]:
     """Compute cells in a pool of local processes.
 
     When a worker dies, the cells that were in flight are computed one at a time, so
@@ -110,10 +116,12 @@ def pooled(queue: Queue, alpha: float, workers: int) -> Iterator[Sequence[Done]]
         flying: Flying = {}
         try:
             with _pool(workers) as pool:
-                yield from windowed(pool, queue, alpha, flying, lambda: workers)
+                yield from windowed(pool, queue, flying, lambda: workers)
         except BrokenProcessPool:
-            suspects = sorted(each for batch in flying.values() for each in batch)
-            yield from _alone(suspects, alpha)
+            suspects = sorted(
+                place for each in flying.values() for place in each.places
+            )
+            yield from _alone(map(queue.alone, suspects))
 
 
 Flying = dict[Future[list[Done]], Batch]
@@ -123,7 +131,6 @@ Flying = dict[Future[list[Done]], Batch]
 def windowed(
     executor: Executor,
     queue: Queue,
-    alpha: float,
     flying: Flying,
     window: Callable[[], int],
     lost_as: tuple[type[BaseException], ...] = (),
@@ -138,9 +145,9 @@ def windowed(
             while queue and len(flying) < at_once:
                 batch = queue.take(at_once)
                 try:
-                    flying[_submitted(executor, batch, alpha)] = batch
+                    flying[_submitted(executor, batch)] = batch
                 except BaseException:
-                    queue.give_back(place for place, _ in batch)
+                    queue.give_back(batch.places)
                     raise
             ended = wait(flying, timeout=PAUSE, return_when=FIRST_COMPLETED).done
             lost = [future for future in ended if _is_lost(future, lost_as)]
@@ -154,12 +161,12 @@ def windowed(
         raise
 
 
-def _submitted(executor: Executor, batch: Batch, alpha: float) -> Future[list[Done]]:
+def _submitted(executor: Executor, batch: Batch) -> Future[list[Done]]:
     # A worker that starts now inherits the blocked signal: only the driver gets
     # Ctrl-C, and it ends the workers.
     previous = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
-        return executor.submit(computed, batch, alpha)
+        return executor.submit(computed, batch)
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, previous)
 
@@ -175,37 +182,31 @@ def _landed(future: Future[list[Done]], batch: Batch, queue: Queue) -> Sequence[
     error = future.exception()
     if error is None:
         return future.result()
-    if len(batch) > 1:
-        queue.give_back(place for place, _ in batch)
+    if len(batch.cells) > 1:
+        queue.give_back(batch.places)
         return []
-    return [failed(*batch[0], one_line(message_of(error)))]
+    return [failed(*batch.cells[0], one_line(message_of(error)))]
 
 
-def _alone(cells: Iterable[tuple[int, Cell]], alpha: float) -> Iterator[Sequence[Done]]:
+def _alone(cells: Iterable[Batch]) -> Iterator[Sequence[Done]]:
     """Compute cells one at a time; of one that kills its worker say so."""
     left = deque(cells)
     while left:
         try:
             with _pool(1) as pool:
-                yield from _one_by_one(pool, left, alpha)
+                while left:
+                    future = _submitted(pool, left[0])
+                    error = future.exception()
+                    if isinstance(error, BrokenProcessPool):
+                        raise error
+                    position, cell = left.popleft().cells[0]
+                    yield (
+                        future.result()
+                        if error is None
+                        else [failed(position, cell, one_line(message_of(error)))]
+                    )
         except BrokenProcessPool:
-            yield [failed(*left.popleft(), DIED)]
-
-
-def _one_by_one(
-    pool: Executor, left: deque[tuple[int, Cell]], alpha: float
-) -> Iterator[Sequence[Done]]:
-    while left:
-        batch = (left[0],)
-        future = _submitted(pool, batch, alpha)
-        error = future.exception()
-        if isinstance(error, BrokenProcessPool):
-            raise error
-        left.popleft()
-        if error is not None:
-            yield [failed(*batch[0], one_line(message_of(error)))]
-        else:
-            yield future.result()
+            yield [failed(*left.popleft().cells[0], DIED)]
 
 
 @contextmanager

@@ -21,7 +21,7 @@ from simval.arguments import file_path, instance, switch, whole_number
 from simval.errors import InputError
 from simval.studies.study import Cell
 from simval.sweep import provenance, store
-from simval.sweep.batches import Queue
+from simval.sweep.batches import Queue, Work
 from simval.sweep.cells import read_cells
 from simval.sweep.cluster import clustered
 from simval.sweep.endings import ENDINGS, Ending, ending_of, worse
@@ -130,8 +130,12 @@ def drive(
     scheduler: str | None,
     resume: bool,
     progress: Progress,
+    work: Work | None = None,
 ) -> None:
-    """Run a suite into a folder; memory does not grow with the number of rows."""
+    """Run a suite into a folder; memory does not grow with the number of rows.
+
+    `work` computes a cell in place of its study.
+    """
     workers = whole_number("workers", workers, 1, 4096)
     require_plugins(suite.cells)
     require_pyarrow(sum(cell.parameters.cost().rows for cell in suite.cells))
@@ -143,11 +147,16 @@ def drive(
             check_same(folder, suite, known)
         else:
             create(folder, suite, known, resume)
-        _fill(folder, suite, compute, progress, where)
+        _fill(folder, suite, compute, progress, where, work)
 
 
 def _fill(
-    folder: Path, suite: Suite, compute: Compute, progress: Progress, where: int | str
+    folder: Path,
+    suite: Suite,
+    compute: Compute,
+    progress: Progress,
+    where: int | str,
+    work: Work | None,
 ) -> None:
     """Compute the missing cells of a run, and write its table."""
     started, wall = datetime.now(UTC), time.perf_counter()
@@ -155,7 +164,7 @@ def _fill(
     with locked(folder), store.writing(folder / "run.sqlite") as database:
         unseal(database)
         write(folder / "timing.json", json.dumps({"plugins": places}) + "\n")
-        done = _compute(database, folder, suite, compute, progress, where)
+        done = _compute(database, folder, suite, compute, progress, where, work)
         large = store.size(database) > LARGE and has_pyarrow()
         spent = {} if large else dict(store.seconds(database))
         timing = {
@@ -186,6 +195,7 @@ def _compute(
     compute: Compute,
     progress: Progress,
     where: int | str,
+    work: Work | None,
 ) -> int:
     """Compute the missing cells; return how many were finished before."""
     cells, pending = suite.cells, store.unfinished(database)
@@ -195,7 +205,7 @@ def _compute(
     if isinstance(progress, Watch):
         at_once = where if isinstance(where, int) else None
         progress.expect(Chosen(cells, pending), at_once)
-    for batch in compute(Queue(cells, pending), ALPHA / len(cells)):
+    for batch in compute(Queue(cells, pending, ALPHA, work)):
         for each in batch:
             keep(folder / "artifacts", each.artifacts)
             if each.ending not in ("failed", "refused"):
