@@ -17,6 +17,7 @@ from the comparisons' share of the false-alarm rate by Bonferroni's rule, shows 
 change; and anything between is not resolved by so many samples.
 """
 
+from collections import deque
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from math import isfinite
 from typing import Any, Literal, TypeVar
@@ -80,18 +81,22 @@ def matched(
     only_new = [item for key in right if key not in left for item in right[key]]
     for key, members in left.items():
         others = right.get(key, [])
-        rest = []
+        twins: dict[Hashable, deque[int]] = {}
+        for place, other in enumerate(others):
+            twins.setdefault(same(other), deque()).append(place)
+        rest, taken = [], set()
         for item in members:
-            twin = next((o for o in others if same(o) == same(item)), None)
-            if twin is None:
+            places = twins.get(same(item))
+            if not places:
                 rest.append(item)
                 continue
-            pairs.append((item, twin))
-            others.remove(twin)
-        count = min(len(rest), len(others))
-        pairs += zip(rest[:count], others[:count], strict=True)
+            pairs.append((item, others[places[0]]))
+            taken.add(places.popleft())
+        free = [other for place, other in enumerate(others) if place not in taken]
+        count = min(len(rest), len(free))
+        pairs += zip(rest[:count], free[:count], strict=True)
         only_old += rest[count:]
-        only_new += others[count:]
+        only_new += free[count:]
     return pairs, only_old, only_new
 
 

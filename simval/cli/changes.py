@@ -22,12 +22,12 @@ def say(lines: Sequence[str]) -> None:
 
 def headline(found: RunComparison) -> str:
     """How many values changed, and which way."""
-    changed, within = found.of("changed"), found.of("moved")
+    changed, within = found.number("changed"), found.number("moved")
     ways = [f"{found.count(way):,} {way}" for way in WAYS if found.count(way)]
     return (
-        f"{len(changed):,} of {len(found.differences):,} common statistics changed "
+        f"{changed:,} of {found.total:,} common statistics changed "
         f"beyond their uncertainty{': ' if ways else ''}{', '.join(ways)}; "
-        f"{len(within):,} moved within it on the same noise; false-alarm rate "
+        f"{within:,} moved within it on the same noise; false-alarm rate "
         f"{found.alpha:g} for all together"
     )
 
@@ -51,7 +51,7 @@ def other_lines(found: RunComparison) -> Iterator[str]:
     for name, missing in (("A", found.only_a), ("B", found.only_b)):
         if missing:
             yield f"{len(missing)} only in {name}: {missing[0]}"
-    predictions = sum(d.prediction_changed for d in found.differences)
+    predictions = found.predictions_changed
     if predictions:
         yield f"{predictions} predictions of theory changed"
 

@@ -15,7 +15,6 @@ from simval.compare import (
     RunComparison,
     compare_algorithms,
     compare_runs,
-    moved,
 )
 from simval.compare.algorithms import ACCURACY, FAILURES, HONESTY
 from simval.compare.documents import comparison_json
@@ -61,7 +60,7 @@ def run(
             write(out, page.render_comparison(a, b, comparison))
     for file in filter(None, (csv_file, json_file, out)):
         click.echo(str(file))
-    return 0 if comparison.differences else 3
+    return 0 if comparison.total else 3
 
 
 def _algorithms(
@@ -172,8 +171,8 @@ def _times_of(
 def show(a: Run, b: Run, found: RunComparison, *, every: bool = False) -> None:
     """Print how many values changed, then what and which way."""
     lines = [f"A is {origin_of(a).words}", f"B is {origin_of(b).words}"]
-    if found.differences:
-        lines += [headline(found), *move_lines(moved(found.steps), every)]
+    if found.total:
+        lines += [headline(found), *move_lines(found.moves, every)]
         lines += other_lines(found)
     else:
         lines.append(f"the runs have nothing in common: {shared_words(a, b)}")

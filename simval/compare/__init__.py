@@ -11,7 +11,8 @@ from simval.compare.algorithms import (
     Merit,
     compare_algorithms,
 )
-from simval.compare.differences import Difference, RunComparison, compare_runs
+from simval.compare.differences import RunComparison, compare_runs
+from simval.compare.judged import Difference
 from simval.compare.matching import match
 from simval.compare.moves import Move, Step, moved
 from simval.compare.series import Line, read_runs

@@ -29,7 +29,7 @@ from simval.change import (
     on_same_noise,
     question,
 )
-from simval.compare.differences import two_sided
+from simval.compare.judged import two_sided
 from simval.compare.merits import (
     STUDIES,
     Measured,

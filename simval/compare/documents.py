@@ -7,7 +7,7 @@ from math import isfinite
 from typing import Any
 
 from simval.compare.differences import RunComparison
-from simval.compare.moves import Move, Step, moved
+from simval.compare.moves import Move, Step
 from simval.compare.origin import origin_of
 from simval.compare.trend import WAYS, Trend
 from simval.sweep.run import Run
@@ -20,10 +20,10 @@ def comparison_json(a: Run, b: Run, found: RunComparison) -> str:
         "a": asdict(origin_of(a)),
         "b": asdict(origin_of(b)),
         "alpha": found.alpha,
-        "common": len(found.differences),
+        "common": found.total,
         "changed": {way: found.count(way) for way in WAYS},
-        "moved_within_chance": len(found.of("moved")),
-        "moves": moves_of(moved(found.steps)),
+        "moved_within_chance": found.number("moved"),
+        "moves": moves_of(found.moves),
         "environment": list(found.environment),
         "only_a": list(found.only_a),
         "only_b": list(found.only_b),

@@ -4,10 +4,14 @@ A cell is matched by its study and parameters, without the seed and the number o
 samples. Several equal ones are matched by seed or, without a common seed, in order.
 """
 
+import hashlib
+from typing import NamedTuple
+
 from simval.change import EXACT_BOUND, is_near, matched, question
 from simval.results import Row
 from simval.statistics import Statistic
 from simval.sweep.run import CellResult, Run
+from simval.sweep.stored import heads_of
 
 Pair = tuple[CellResult, CellResult, Row, Row, tuple[str, ...]]
 """Both cells, a statistic in each, and the theories it is compared with."""
@@ -30,17 +34,47 @@ def match(
     only_a, only_b : list of str
         Names of the cells without a partner.
     """
+    places, only_a, only_b = matched_places(a, b)
+    pairs = [(a.cells[i], b.cells[j]) for i, j in places]
+    return pairs, only_a, only_b
+
+
+def matched_places(
+    a: Run, b: Run
+) -> tuple[list[tuple[int, int]], list[str], list[str]]:
+    """Find the places of the finished cells that two runs have in common."""
     pairs, only_a, only_b = matched(
-        _finished(a),
-        _finished(b),
-        lambda cell: (cell.study, str(question(cell.parameters))),
-        lambda cell: cell.seed,
+        _heads(a), _heads(b), lambda head: head.asked, lambda head: head.seed
     )
-    return pairs, [cell.name for cell in only_a], [cell.name for cell in only_b]
+    places = [(old.place, new.place) for old, new in pairs]
+    return places, [head.name for head in only_a], [head.name for head in only_b]
+
+
+class _Head(NamedTuple):
+    """What a cell is matched by."""
+
+    place: int
+    name: str
+    asked: bytes
+    seed: int
+
+
+def _heads(run: Run) -> list[_Head]:
+    return [
+        _Head(place, cell.name, _asked(cell), cell.seed)
+        for place, cell in enumerate(heads_of(run.cells))
+        if cell.status == "done"
+    ]
+
+
+def _asked(cell: CellResult) -> bytes:
+    """A short word for study and parameters, equal where both are."""
+    words = f"{cell.study} {question(cell.parameters)}"
+    return hashlib.sha256(words.encode()).digest()[:16]
 
 
 def _finished(run: Run) -> list[CellResult]:
-    return [cell for cell in run.cells if cell.status == "done"]
+    return [cell for cell in heads_of(run.cells) if cell.status == "done"]
 
 
 def pairs_of(old: CellResult, new: CellResult) -> list[Pair]:

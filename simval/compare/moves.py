@@ -16,7 +16,7 @@ change over the margin of its family.
 """
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite
 from typing import Literal
@@ -236,7 +236,9 @@ def kind_of(statistic: Statistic) -> str:
     return f"{words}, control variates" if statistic.controlled else words
 
 
-def moved(steps: Iterable[Step]) -> tuple[Move, ...]:
+def moved(
+    steps: Iterable[Step], among: Mapping[tuple[str, str], int] | None = None
+) -> tuple[Move, ...]:
     """Group what moved by study, kind of statistic and direction.
 
     Parameters
@@ -244,6 +246,8 @@ def moved(steps: Iterable[Step]) -> tuple[Move, ...]:
     steps : iterable of Step
         `RunComparison.steps` of two runs, or `simval.gate.GateResult.steps` of a run
         and its baseline; those that did not move count among all.
+    among : mapping, optional
+        How many cells have one of a study and kind, where the steps do not show it.
 
     Returns
     -------
@@ -260,7 +264,8 @@ def moved(steps: Iterable[Step]) -> tuple[Move, ...]:
     moves = [
         Move(
             study=study, what=what, standing=way, steps=tuple(largest_first(members)),
-            cells=len({step.cell for step in members}), of=len(cells[study, what]),
+            cells=len({step.cell for step in members}),
+            of=(among or {}).get((study, what), len(cells[study, what])),
         )
         for (study, what, way), members in groups.items()
     ]  # fmt: skip

@@ -144,7 +144,7 @@ def _change(comparison: Comparison, step: Step | None) -> Change:
 def _from_run(context: Context, against: Against) -> tuple[str, list[Line]]:
     """What the comparison with another run found, by direction."""
     found, name = against.changes, against.run.folder.name
-    if not found.differences:
+    if not found.total:
         suites = [run.manifest["suite"] for run in (against.run, context.run)]
         why = (
             f"it is of the suite {suites[0]}, this one of {suites[1]}"
@@ -159,7 +159,7 @@ def _from_run(context: Context, against: Against) -> tuple[str, list[Line]]:
         sigmas = float("nan") if d.sigmas is None else d.sigmas
         size, said = _size(d.a.value, d.b.value, sigmas)
         changes.append(Change(kind, str(d.a.statistic), d.cells[1], size, said))
-    moved, same = len(found.of("moved")), len(found.of("same"))
+    moved, same = found.number("moved"), found.number("same")
     notes = [f"{moved:,} moved within their uncertainty"] if moved else []
     alone = len(found.only_a) + len(found.only_b)
     notes += [f"{alone:,} only in one run"] if alone else []

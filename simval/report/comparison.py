@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from simval.compare import Difference, Move, RunComparison, moved
+from simval.compare import Difference, Move, RunComparison
 from simval.compare.origin import origin_of
 from simval.compare.trend import WAYS
 from simval.report.curves import Curve, axis_of, bar_width, curve, grouped, statistic
@@ -59,11 +59,11 @@ def comparison_sections(
 ) -> tuple[Section, ...]:
     """Make the sections of the page."""
     drawings = _drawings(located(a), located(b), comparison)
-    kinds = {k: len(comparison.of(k)) for k in ("changed", "moved", "same")}
-    moves = moved(comparison.steps)
+    kinds = {k: comparison.number(k) for k in ("changed", "moved", "same")}
+    moves = comparison.moves
     names = {drawing.finding: drawing.name for drawing in drawings}
     figures = [names.get(told(move)) for move in moves]
-    predictions = sum(d.prediction_changed for d in comparison.differences)
+    predictions = comparison.predictions_changed
     return (
         made(
             "compared",
@@ -74,7 +74,7 @@ def comparison_sections(
             origins=[origin_of(run).words for run in (a, b)],
             names=(a.folder.name, b.folder.name),
             kinds=kinds,
-            total=len(comparison.differences),
+            total=comparison.total,
             predictions=predictions,
             alpha=comparison.alpha,
         ),
@@ -118,7 +118,7 @@ def _drawings(a: Run, b: Run, comparison: RunComparison) -> list[Drawing]:
 def _worst(comparison: RunComparison) -> Iterator[tuple[Move, Difference]]:
     """Each move with the difference that moved most, the largest first."""
     known = {(d.cells[1], d.b.statistic): d for d in reversed(comparison.of("changed"))}
-    for move in moved(comparison.steps):
+    for move in comparison.moves:
         yield move, known[move.worst.cell, move.worst.statistic]
 
 

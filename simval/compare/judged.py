@@ -1,0 +1,257 @@
+"""The statistics of two runs side by side, judged some cells at a time.
+
+Holm's rule needs the p-values of all, but only those that could be significant by
+themselves; what they belong to is decided last, all else at once.
+"""
+
+from array import array
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from math import hypot, isfinite
+from typing import Literal, NamedTuple
+
+import numpy as np
+import scipy
+
+from simval.change import EXACT_BOUND, PAIRED_BOUND, holm_of_least, on_same_noise
+from simval.compare.matching import Pair, prediction_changed
+from simval.compare.moves import Standing, Step, kind_of, loss, standing
+from simval.results import Row
+
+Kind = Literal["changed", "moved", "same"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Difference:
+    """One statistic in both runs.
+
+    Attributes
+    ----------
+    cells : tuple of str
+        Name of the cell in A and in B.
+    a, b : Row
+        The statistic in both.
+    kind : Kind
+        ``changed`` beyond its uncertainty; ``moved`` within it, though the noise was
+        the same, so the algorithm is not; ``same``.
+    standard_error : float
+        Of the difference, eq. (D1).
+    p_value : float or None
+        None where the statistic is deterministic.
+    predictors : tuple of str
+        Theories that the same value is compared with; `a` and `b` are the first one's.
+    standing : {"better", "worse", "neither"}
+        Which way it moved, by the direction of its family.
+    study : str
+        Name of the study.
+    """
+
+    cells: tuple[str, str]
+    a: Row
+    b: Row
+    kind: Kind
+    standard_error: float
+    p_value: float | None
+    predictors: tuple[str, ...]
+    standing: Standing = "neither"
+    study: str = ""
+
+    @property
+    def name(self) -> str:
+        """Statistic, and the theories it is compared with."""
+        theories = "; ".join(p for p in self.predictors if p)
+        return f"{self.a.statistic}{' against ' if theories else ''}{theories}"
+
+    @property
+    def difference(self) -> float:
+        """Value in B minus value in A."""
+        return self.b.value - self.a.value
+
+    @property
+    def sigmas(self) -> float | None:
+        """Difference in standard errors; None for a deterministic statistic."""
+        if not self.standard_error > 0.0:
+            return None
+        return self.difference / self.standard_error
+
+    @property
+    def relative(self) -> float | None:
+        """Difference over the size of A's value; None where that is zero."""
+        return self.difference / abs(self.a.value) if self.a.value else None
+
+    @property
+    def prediction_changed(self) -> bool:
+        """Whether the prediction itself changed."""
+        return prediction_changed(self.a, self.b)
+
+    @property
+    def step(self) -> Step:
+        """The same as a step, for `simval.compare.moved`."""
+        return Step(
+            study=self.study,
+            cell=self.cells[1],
+            statistic=self.b.statistic,
+            before=self.a.value,
+            after=self.b.value,
+            error=self.standard_error,
+            moved=self.kind == "changed",
+            standing=self.standing,
+            predictions=(self.a.prediction, self.b.prediction),
+        )
+
+
+@dataclass(slots=True)
+class More:
+    """Counts of what is not listed of runs that are too large for it.
+
+    Attributes
+    ----------
+    kinds : Counter
+        Differences by kind.
+    standings : Counter
+        Of those that changed, which way.
+    predictions : int
+        Predictions that changed.
+    cells : Counter
+        Cells that have a statistic, by study and kind in words: listed ones, too.
+    """
+
+    kinds: Counter[Kind] = field(default_factory=Counter)
+    standings: Counter[Standing] = field(default_factory=Counter)
+    predictions: int = 0
+    cells: Counter[tuple[str, str]] = field(default_factory=Counter)
+
+
+class _Open(NamedTuple):
+    """A pair that is not decided yet."""
+
+    pair: Pair
+    error: float
+
+
+class Judging:
+    """Judges pairs of statistics as they come; lists `room` of them, or all."""
+
+    def __init__(self, alpha: float, room: int | None) -> None:
+        self._alpha, self._room = alpha, room
+        self._listed: list[Difference | _Open] = []
+        self._more = More()
+        self._values = array("d")  # the p-values that could be significant
+        self._count = 0
+        # of those that are counted only: change of the loss, and its standard error
+        self._losses, self._errors = array("d"), array("d")
+
+    def add(self, pairs: Iterable[Pair]) -> None:
+        """Judge the pairs of a cell."""
+        kinds = set()
+        for pair in pairs:
+            self._add(pair)
+            if self._room is not None:
+                kinds.add((pair[1].study, kind_of(pair[3].statistic)))
+        self._more.cells.update(kinds)
+
+    def _add(self, pair: Pair) -> None:
+        _, _, a, b, _ = pair
+        error = hypot(a.standard_error, b.standard_error)
+        p = two_sided(b.value - a.value, error) if error > 0.0 else None
+        self._count += p is not None
+        if p is not None and not p > self._alpha:
+            self._values.append(p)
+            if self._has_room:
+                self._listed.append(_Open(pair, error))
+            else:
+                self._losses.append(_loss_change(a, b))
+                self._errors.append(error)
+                self._more.predictions += prediction_changed(a, b)
+            return
+        found = _difference(pair, error, p, np.inf if p is None else -np.inf)
+        if self._room is None or (found.kind != "same" and self._has_room):
+            self._listed.append(found)
+        else:
+            self._hide(found)
+
+    @property
+    def _has_room(self) -> bool:
+        return self._room is None or len(self._listed) < self._room
+
+    def _hide(self, found: Difference) -> None:
+        self._more.kinds[found.kind] += 1
+        self._more.predictions += found.prediction_changed
+        if found.kind == "changed":
+            self._more.standings[found.standing] += 1
+
+    def end(self) -> tuple[list[Difference], More]:
+        """Decide what is left."""
+        values = np.array(self._values, dtype=float)
+        limits = holm_of_least(values, self._count, self._alpha)[0]
+        known = iter(zip(values.tolist(), limits.tolist(), strict=True))
+        listed = [
+            _difference(each.pair, each.error, *next(known))
+            if isinstance(each, _Open)
+            else each
+            for each in self._listed
+        ]
+        for change, error, (p, limit) in zip(
+            self._losses, self._errors, known, strict=True
+        ):
+            kind: Kind = "moved" if p > limit else "changed"
+            self._more.kinds[kind] += 1
+            if kind == "changed":
+                least = -float(scipy.special.ndtri(limit / 2.0)) * error
+                self._more.standings[standing(change, least)] += 1
+        return listed, self._more
+
+
+def _difference(pair: Pair, error: float, p: float | None, limit: float) -> Difference:
+    old, new, a, b, theories = pair
+    paired = old.name == new.name and a.n == b.n
+    beyond = p is not None and not p > limit
+    kind = _kind(a, b, error, beyond=beyond, paired=paired)
+    return Difference(
+        cells=(old.name, new.name),
+        study=new.study,
+        a=a,
+        b=b,
+        kind=kind,
+        standing=_standing(a, b, error, limit) if kind == "changed" else "neither",
+        standard_error=error,
+        p_value=p,
+        predictors=theories,
+    )
+
+
+def two_sided(difference: float, error: float) -> float:
+    """Probability of so great a difference by chance; 0 of one that is no number."""
+    if not (isfinite(difference) and isfinite(error)):
+        return 0.0  # a value that became NaN or infinite has changed
+    return float(2.0 * scipy.special.ndtr(-abs(difference) / error))
+
+
+def _kind(a: Row, b: Row, error: float, *, beyond: bool, paired: bool) -> Kind:
+    if a.check == b.check == "limit" and a.prediction is not None:
+        crossed = (a.value <= a.prediction) != (b.value <= (b.prediction or 0.0))
+        return "changed" if crossed else "same"
+    sampled = error > 0.0
+    if sampled and beyond:
+        return "changed"
+    bound = PAIRED_BOUND * error if sampled else EXACT_BOUND * abs(a.value)
+    if on_same_noise(a.value, b.value, bound) != "changed":
+        return "same"
+    if not sampled:
+        return "changed"
+    return "moved" if paired else "same"
+
+
+def _standing(a: Row, b: Row, error: float, limit: float) -> Standing:
+    """Which way a value changed: its loss must have changed as well."""
+    change = _loss_change(a, b)
+    least = EXACT_BOUND * abs(a.value) if isfinite(a.value) else 0.0
+    if error > 0.0:
+        least = -float(scipy.special.ndtri(limit / 2.0)) * error
+    return standing(change, least)
+
+
+def _loss_change(a: Row, b: Row) -> float:
+    before = loss(a.statistic, a.value, a.prediction)
+    return loss(b.statistic, b.value, b.prediction) - before
