@@ -18,6 +18,8 @@ from simval.sweep.runner import Silence
 
 LOG_INTERVAL = 5.0
 """Seconds between the lines of a log; a terminal is drawn ten times a second."""
+DRAWN = 0.05
+"""Least seconds between two drawings of a terminal's line."""
 SHARE, LONGEST_PAUSE = 0.05, 300.0
 """A sweep's log waits for this share of its time, s at the most: 150 lines in a day."""
 SHOWN = 2
@@ -55,7 +57,7 @@ class CellBar:
         self._done = self._total = 0
         self._worst: Ending = "stored"
         self._left: TimeLeft | None = None
-        self._labels: dict[str, str] = {}
+        self._label: Callable[[Cell], str] = lambda cell: cell.name
         self._lock = Lock()  # a thread draws the line while the cells are at work
         self._line: Line | Log = Log()
 
@@ -73,12 +75,11 @@ class CellBar:
 
     def expect(self, cells: Sequence[Cell], workers: int | None) -> None:
         """Note the cells to come; how many run at once is not known of a cluster."""
-        self._labels = labels(cells)
-        costs = [(cell.name, cell.parameters.cost().seconds) for cell in cells]
+        self._label = labelling(cells)
         if workers is not None:
             with self._lock:
-                self._left = TimeLeft(costs, workers, time.monotonic())
-        self._line.show(self._done, self._words())
+                self._left = TimeLeft(cells, workers, time.monotonic())
+        self._line.show(self._done, self._words)
 
     def advance(self, name: str, ending: Ending) -> None:
         """Note that one more cell has ended."""
@@ -87,7 +88,7 @@ class CellBar:
             self._worst = worse(self._worst, ending)
             if self._left is not None:
                 self._left.end(name, time.monotonic())
-        self._line.show(self._done, self._words())
+        self._line.show(self._done, self._words)
         heed()
 
     def _words(self) -> str:
@@ -96,9 +97,10 @@ class CellBar:
             words = [f"worst: {self._worst}"]
             if self._left is not None and self._done < self._total:
                 words.insert(0, f"{told(self._left.seconds(time.monotonic()))} left")
-                names = [self._labels[name] for name in self._left.running()]
-                more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
-                words.append(f"at work: {'; '.join(names[:SHOWN])}{more}")
+                cells = self._left.running()
+                names = [self._label(cell) for cell in cells[:SHOWN]]
+                more = f" and {len(cells) - SHOWN} more" if len(cells) > SHOWN else ""
+                words.append(f"at work: {'; '.join(names)}{more}")
             return f"{self._done}/{self._total} cells, {', '.join(words)}"
 
 
@@ -113,14 +115,18 @@ class Line:
             bar_format="{percentage:3.0f} % |{bar:10}| {elapsed}{postfix}",
         )
         self._words = words
+        self._next = 0.0
         self._ended = Event()
         self._clock = Thread(target=self._tick, daemon=True)
         self._clock.start()
 
-    def show(self, done: int, words: str) -> None:
-        """Draw the line."""
+    def show(self, done: int, words: Callable[[], str]) -> None:
+        """Draw the line, if it is not drawn just now."""
         self._bar.n = done
-        self._bar.set_postfix_str(words, refresh=True)
+        now = time.monotonic()
+        if now >= self._next:
+            self._next = now + DRAWN
+            self._bar.set_postfix_str(words(), refresh=True)
 
     def close(self, words: str) -> None:
         """Draw the line for the last time."""
@@ -144,13 +150,13 @@ class Log:
         self._next = 0.0
         self._said = ""
 
-    def show(self, done: int, words: str) -> None:
+    def show(self, done: int, words: Callable[[], str]) -> None:
         """Write a line, if the last one is old enough."""
         now = time.monotonic()
         if now >= self._next:
             pause = SHARE * (now - self._began)
             self._next = now + min(max(pause, LOG_INTERVAL), LONGEST_PAUSE)
-            self._say(words)
+            self._say(words())
 
     def close(self, words: str) -> None:
         """Write the last line."""
@@ -163,15 +169,16 @@ class Log:
         self._said = words
 
 
-def labels(cells: Sequence[Cell]) -> dict[str, str]:
-    """Short name of each cell by its name: the study, and what varies in it."""
+def labelling(cells: Sequence[Cell]) -> Callable[[Cell], str]:
+    """What makes the short name of a cell: the study, and what varies in it."""
     values: dict[str, dict[str, set[str]]] = {}
+    seeds = set()
     for cell in cells:
+        seeds.add(cell.seed)
         own = values.setdefault(cell.study, {})
         for key, value in cell.parameters.named().items():
             own.setdefault(key, set()).add(canonical(value))
-    seeds = len({cell.seed for cell in cells}) > 1
-    return {cell.name: _label(cell, values[cell.study], seeds) for cell in cells}
+    return lambda cell: _label(cell, values[cell.study], len(seeds) > 1)
 
 
 def _label(cell: Cell, values: Mapping[str, set[str]], seeds: bool) -> str:

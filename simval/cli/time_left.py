@@ -11,10 +11,13 @@ are the first that have not ended. What is left of one is its cost times the pac
 its age. The time left is what is left of all over the workers, or of the longest one.
 """
 
+from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from typing import Final
+
+from simval.studies.study import Cell
 
 PRIOR: Final = 5.0
 """Seconds of stated cost that a suite's statement counts for. Chosen: in the smoke
@@ -26,9 +29,9 @@ LEAST: Final = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Running:
-    """A cell at work: what it is called, its cost in seconds, and when it began."""
+    """A cell at work, its cost in seconds, and when it began."""
 
-    name: str
+    cell: Cell
     cost: float
     began: float
 
@@ -36,14 +39,14 @@ class Running:
 class TimeLeft:
     """Follows cells that begin in their order and end in any."""
 
-    def __init__(
-        self, cells: Sequence[tuple[str, float]], workers: int, now: float
-    ) -> None:
-        self._cells = [(name, max(cost, LEAST)) for name, cost in cells]
-        costs = [cost for _, cost in reversed(self._cells)]
+    def __init__(self, cells: Sequence[Cell], workers: int, now: float) -> None:
+        self._cells = cells
+        stated = (max(cell.parameters.cost().seconds, LEAST) for cell in cells)
+        self._costs = array("d", stated)
         # sum and greatest of the costs from each cell on, and of none at the end
-        self._sums = [*accumulate(costs, initial=0.0)][::-1]
-        self._greatest = [*accumulate(costs, max, initial=0.0)][::-1]
+        costs = self._costs[::-1]
+        self._sums = array("d", accumulate(costs, initial=0.0))[::-1]
+        self._greatest = array("d", accumulate(costs, max, initial=0.0))[::-1]
         self._begun = 0
         self._workers = workers
         self._running: dict[str, Running] = {}
@@ -58,9 +61,9 @@ class TimeLeft:
             self._stated += ended.cost
         self._begin(now)
 
-    def running(self) -> tuple[str, ...]:
-        """Names of the cells at work, the first one first."""
-        return tuple(self._running)
+    def running(self) -> tuple[Cell, ...]:
+        """The cells at work, the first one first."""
+        return tuple(each.cell for each in self._running.values())
 
     def seconds(self, now: float) -> float:
         """Time until the last cell ends, s; 0 or more."""
@@ -74,9 +77,10 @@ class TimeLeft:
 
     def _begin(self, now: float) -> None:
         free = self._workers - len(self._running)
-        for name, cost in self._cells[self._begun : self._begun + free]:
+        for place in range(self._begun, min(self._begun + free, len(self._cells))):
+            cell = self._cells[place]
             self._begun += 1
-            self._running[name] = Running(name, cost, now)
+            self._running[cell.name] = Running(cell, self._costs[place], now)
 
 
 def told(seconds: float) -> str:

@@ -18,6 +18,7 @@ from simval.errors import InputError
 from simval.results import Check, Row
 from simval.statistics import Statistic
 from simval.sweep.run import MAX_SAMPLES, Run
+from simval.sweep.stored import KEPT, StoredCells
 
 BASELINE = vocabulary.BASELINE
 SCHEMA = 3
@@ -145,6 +146,13 @@ def write_baseline(path: Path, run: Run, reason: str) -> None:
     if not reason.strip() or reason.lstrip().startswith("-"):
         msg = "a new baseline needs its reason: --update-baseline 'why it changed'"
         raise InputError(msg)
+    if isinstance(run.cells, StoredCells):
+        msg = (
+            f"the run has {run.cells.rows:,} rows; a baseline is reviewed line by line "
+            f"in version control, so it holds at most {KEPT:,}: judge the run with "
+            "--no-baseline, and compare it with an earlier one by `simval compare`"
+        )
+        raise InputError(msg)
     unfinished = [cell.name for cell in run.cells if cell.status != "done"]
     if unfinished or not run.cells:
         first = unfinished[0] if unfinished else "the run has none"
@@ -171,15 +179,6 @@ def write_baseline(path: Path, run: Run, reason: str) -> None:
     except OSError as error:
         msg = f"cannot write {path}: {error}; choose a file that can be written"
         raise InputError(msg) from None
-
-
-def small_run(run: Run) -> Stored:
-    """What a baseline keeps of the finished cells of a run."""
-    return {
-        cell.name: StoredCell(cell.study, question(cell.parameters), entries(cell.rows))
-        for cell in run.cells
-        if cell.status == "done"
-    }
 
 
 def environment(manifest: Mapping[str, Any]) -> dict[str, Any]:

@@ -6,46 +6,60 @@ deterministic and costs no false alarms. A cell that differs from the stored one
 its seed or number of samples has other noise (`equivalence`).
 """
 
+from collections.abc import Iterator
+
 import scipy
 
-from simval.change import matched
-from simval.gate.baseline import Stored, StoredCell, small_run
+from simval.change import matched, question
+from simval.gate.baseline import Stored, StoredCell, entries
 from simval.gate.comparison import Comparison
 from simval.gate.equivalence import unpaired
 from simval.gate.paired import paired
 from simval.results import CellName
 from simval.sweep.run import Run
+from simval.sweep.stored import heads_of
 
 Named = tuple[str, StoredCell]
 
 
-def compare(run: Run, stored: Stored, alpha: float) -> tuple[Comparison, ...]:
-    """Compare the finished cells of a run with a baseline."""
-    pairs, gone, added = _matched(small_run(run), stored)
-    other_noise = [(old, new) for (old, _), (new, _) in pairs if old != new]
-    count = sum(len(stored[old].statistics) for old, _ in other_noise)
+def compare(run: Run, stored: Stored, alpha: float) -> Iterator[Comparison]:
+    """Compare the finished cells of a run with a baseline, one at a time."""
+    pairs, gone, _ = _matched(_asked(run), stored)
+    partner = {new: (old, cell) for (old, cell), (new, _) in pairs}
+    count = sum(len(cell.statistics) for (old, cell), (new, _) in pairs if old != new)
     quantile = float(-scipy.special.ndtri(alpha / max(count, 1) / 2.0))
     # an unfinished cell is reported once, not again for each of its statistics
-    unfinished = {c.name for c in run.cells if c.status != "done"}
-    comparisons: list[Comparison] = []
+    unfinished = {c.name for c in heads_of(run.cells) if c.status != "done"}
     for name, old in gone:
         if name not in unfinished:
-            comparisons += paired(CellName(old.study, name), old.statistics, {})
-    for name, new in added:
-        comparisons += paired(CellName(new.study, name), {}, new.statistics)
-    for (old_name, old), (name, new) in pairs:
-        cell, values = CellName(new.study, name), (old.statistics, new.statistics)
-        if name == old_name:
-            comparisons += paired(cell, *values)
+            yield from paired(CellName(old.study, name), old.statistics, {})
+    for cell in run.cells:
+        if cell.status != "done":
+            continue
+        new = entries(cell.rows)
+        if cell.name not in partner:
+            yield from paired(cell.named, {}, new)
+            continue
+        old_name, old = partner[cell.name]
+        if cell.name == old_name:
+            yield from paired(cell.named, old.statistics, new)
         else:
-            comparisons += unpaired(cell, *values, quantile)
-    return tuple(sorted(comparisons, key=lambda c: (c.cell, c.statistic)))
+            yield from unpaired(cell.named, old.statistics, new, quantile)
 
 
 def has_partners(run: Run, stored: Stored) -> bool:
     """Whether a cell of the run has other noise than its partner in the baseline."""
-    pairs, _, _ = _matched(small_run(run), stored)
+    pairs, _, _ = _matched(_asked(run), stored)
     return any(old != new for (old, _), (new, _) in pairs)
+
+
+def _asked(run: Run) -> Stored:
+    """What the finished cells of a run are matched by."""
+    return {
+        cell.name: StoredCell(cell.study, question(cell.parameters), {})
+        for cell in heads_of(run.cells)
+        if cell.status == "done"
+    }
 
 
 def _matched(

@@ -160,13 +160,14 @@ def judge_run(
     if baseline is not None:
         share = alpha / 2.0 if has_partners(run, baseline["cells"]) else alpha
         every = compare(run, baseline["cells"], alpha / 2.0)
-        compared = tuple(listed_comparisons(every, large, tally))
+        listed = listed_comparisons(every, large, tally)
+        compared = tuple(sorted(listed, key=lambda c: (c.cell, c.statistic)))
         environment = tuple(
             differences(baseline["environment"], environment_of(run.manifest))
         )
     judged = judge_blocks(lambda: blocks_of(cells, judged=True), share)
-    listed = frozenset(shown) if large else None
-    verdicts = tuple(listed_verdicts(judged, listed, tally))
+    names = frozenset(shown) if large else None
+    verdicts = tuple(listed_verdicts(judged, names, tally))
     left = (cell for cell in heads_of(cells) if cell.status != "done")
     unfinished = tuple(listed_cells(left, large, tally))
     named = {v.cell.name for v in verdicts} | {c.cell.name for c in compared}

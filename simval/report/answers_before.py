@@ -17,6 +17,7 @@ from simval.gate.steps import steps_beside
 from simval.report.answers import Block, Line, percent, rounded
 from simval.report.section import Against, Context
 from simval.sweep import Run
+from simval.sweep.stored import heads_of
 from simval.verdict import WORST_FIRST, Answer
 
 NOTE = (
@@ -55,7 +56,9 @@ def comparable(run: Run, baseline: Mapping[str, Any] | None) -> bool:
     if baseline is None:
         return False
     stored = {_key(cell.study, cell.parameters) for cell in baseline["cells"].values()}
-    common = stored & {_key(cell.study, cell.parameters) for cell in run.cells}
+    common = stored & {
+        _key(cell.study, cell.parameters) for cell in heads_of(run.cells)
+    }
     same_suite = baseline["environment"].get("suite") == run.manifest["suite"]
     return bool(common) and (same_suite or common == stored)
 
@@ -120,10 +123,10 @@ def _from_baseline(context: Context) -> tuple[str, list[Line]]:
     compared = context.judged.comparisons
     beside = steps_beside(compared, context.judged.alpha)
     changes = [_change(c, step) for c, step in beside if c.answer == "fail"]
-    kinds = [c.change for c in compared]
-    unresolved, new = kinds.count("unresolved"), kinds.count("new")
-    same = len(compared) - len(changes) - unresolved - new
-    notes = [f"{kinds.count('same'):,} of them to the bit"] if same else []
+    kinds = context.judged.changes
+    unresolved, new = kinds["unresolved"], kinds["new"]
+    same = kinds.total() - len(changes) - unresolved - new
+    notes = [f"{kinds['same']:,} of them to the bit"] if same else []
     notes += [f"{unresolved:,} not resolved by so many trials"] if unresolved else []
     notes += [f"{new:,} are new"] if new else []
     notes += ["another environment"] if context.judged.environment else []

@@ -15,6 +15,7 @@ interval of (T1). A statistic that is compared with several theories counts once
 the exact one if it is among them.
 """
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
@@ -70,32 +71,40 @@ class Deviation(NamedTuple):
 def as_theory_says(context: Context) -> Block:
     """Answer whether the measured agrees with theory, and how closely."""
     verdicts = context.verdicts
-    studies = in_order([verdict.cell.study for verdict in verdicts])
+    hidden = context.judged.more.verdicts
+    studies = in_order([*(v.cell.study for v in verdicts), *(k.study for k in hidden)])
     parts = {s: [v for v in verdicts if v.cell.study == s] for s in studies}
+    more = {s: sum(n for k, n in hidden.items() if k.study == s) for s in studies}
     worst_first = sorted(studies, key=lambda s: WORST_FIRST.index(_worst(parts[s])))
     missing = list(_missing(context))
-    lines = [*missing, *(_line(s, parts[s]) for s in worst_first)]
+    evenly = context.evenly
+    lines = [
+        *missing,
+        *(
+            _line(s, parts[s], more[s], [v for v in evenly if v.cell.study == s])
+            for s in worst_first
+        ),
+    ]
     return Block(
         title="As theory says",
         answer=_worst(verdicts) if verdicts else "inconclusive",
-        headline=_headline(verdicts, whole=not missing),
+        headline=_headline(context.judged.counts, whole=not missing),
         lines=lines,
-        note=f"{_farthest(verdicts)}{NOTE}",
+        note=f"{_farthest(verdicts) if not hidden else ''}{NOTE}",
         fold="more studies",
     )
 
 
-def _headline(verdicts: Sequence[Verdict], *, whole: bool) -> str:
-    if not verdicts:
+def _headline(answers: Counter[Answer], *, whole: bool) -> str:
+    if not answers:
         return "Nothing was judged"
-    answers = [verdict.answer for verdict in verdicts]
-    failed, unclear = answers.count("fail"), answers.count("inconclusive")
+    failed, unclear = answers["fail"], answers["inconclusive"]
     if not failed and not unclear:
         all_of = "All" if whole else "As far as measured, all"
-        return f"{all_of} {len(answers):,} checks agree"
+        return f"{all_of} {answers.total():,} checks agree"
     parts = [f"{failed:,} fail"] if failed else []
     parts += [f"{unclear:,} cannot be judged"] if unclear else []
-    return f"Of {len(answers):,} checks {' and '.join(parts)}"
+    return f"Of {answers.total():,} checks {' and '.join(parts)}"
 
 
 def _missing(context: Context) -> Iterable[Line]:
@@ -122,15 +131,18 @@ def _missing(context: Context) -> Iterable[Line]:
         )
 
 
-def _line(study: str, verdicts: Sequence[Verdict]) -> Line:
+def _line(
+    study: str, verdicts: Sequence[Verdict], more: int, evenly: Sequence[Verdict]
+) -> Line:
     answers = [verdict.answer for verdict in verdicts]
     failed, unclear = answers.count("fail"), answers.count("inconclusive")
-    checks = f"{len(answers):,} check{'s' if len(answers) > 1 else ''}"
+    count = len(answers) + more
+    checks = f"{count:,} check{'s' if count > 1 else ''}"
     bad = (
         [f"{failed:,} of {checks} fail{_farthest_failing(verdicts)}"] if failed else []
     )
     bad += [f"{unclear:,} of {checks} inconclusive"] if unclear else []
-    found = deviation(study, verdicts)
+    found = deviation(study, evenly)
     told = found is not None and not failed and found.within < 1.0
     near = [f"within {percent(found.within)}"] if found and told else []
     return Line(

@@ -17,6 +17,7 @@ from simval.report.environment import template
 from simval.report.moves import SHOWN, moves_table, told
 from simval.report.notes import located
 from simval.report.panels import COLOURS, Drawing, Panel, Series
+from simval.report.part import part_of
 from simval.report.section import Section, made
 from simval.report.table import Column, Table
 from simval.statistics import Statistic
@@ -58,7 +59,8 @@ def comparison_sections(
     a: Run, b: Run, comparison: RunComparison
 ) -> tuple[Section, ...]:
     """Make the sections of the page."""
-    drawings = _drawings(located(a), located(b), comparison)
+    parts = [located(part_of(run).run) for run in (a, b)]
+    drawings = _drawings(parts[0], parts[1], comparison)
     kinds = {k: comparison.number(k) for k in ("changed", "moved", "same")}
     moves = comparison.moves
     names = {drawing.finding: drawing.name for drawing in drawings}
@@ -99,7 +101,9 @@ def _drawings(a: Run, b: Run, comparison: RunComparison) -> list[Drawing]:
     drawings: list[Drawing] = []
     seen: set[Key] = set()
     for move, difference in _worst(comparison):
-        cell = cells_a[difference.cells[0]]
+        cell = cells_a.get(difference.cells[0])
+        if cell is None:  # of a large run, whose part is drawn
+            continue
         label, old = _group(a, cell)
         key = (cell.study, label, difference.a.statistic, difference.a.predictor)
         if key in seen:

@@ -15,6 +15,7 @@ from simval.report.chapters import groups
 from simval.report.environment import template
 from simval.report.notes import located
 from simval.report.panels import Drawing
+from simval.report.part import part_of
 from simval.report.section import Against, Context, Section, Shown
 from simval.report.sections import (
     algorithms,
@@ -116,10 +117,9 @@ def render(
     InputError
         If an artifact of the run is damaged.
     """
-    _require_parameters(run)
     context = context_of(run, alpha, baseline, against)
     shown = _sections(context)
-    own = ("algorithms",) if has_user_code(run) else ()
+    own = ("algorithms",) if has_user_code(context.run) else ()
     page = template("report").render(
         title=run.manifest["title"] or run.manifest["suite"],
         sections=shown,
@@ -137,10 +137,14 @@ def context_of(
     against: Run | None = None,
 ) -> Context:
     """Judge a run once, beside all that it is to be compared with."""
-    names = dict.fromkeys((*STUDIES, *(cell.study for cell in run.cells)))
+    part = part_of(run)
+    _require_parameters(part.run)
+    names = dict.fromkeys((*STUDIES, *(cell.study for cell in part.run.cells)))
+    stored = baseline if comparable(run, baseline) else None
     return Context(
-        run=located(run),
-        judged=judge_run(run, baseline if comparable(run, baseline) else None, alpha),
+        run=located(part.run),
+        part=part,
+        judged=judge_run(run, stored, alpha, shown=part.names),
         titles={n: STUDIES[n].title if n in STUDIES else n for n in names},
         baseline=baseline,
         against=None
@@ -151,7 +155,6 @@ def context_of(
 
 def sections(run: Run, alpha: float = ALPHA) -> tuple[Section, ...]:
     """Make the sections of the page."""
-    _require_parameters(run)
     return _sections(context_of(run, alpha))
 
 

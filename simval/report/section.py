@@ -11,6 +11,7 @@ from simval.gate import GateResult
 from simval.report.environment import template
 from simval.report.notes import folder_of
 from simval.report.panels import Drawing
+from simval.report.part import Part
 from simval.report.table import Table
 from simval.statistics import Family, Statistic
 from simval.sweep import Run
@@ -31,11 +32,12 @@ class Context:
     """What every section may read."""
 
     run: Run  # the run folder's content
-    judged: GateResult  # what the gate says of it
+    judged: GateResult  # what the gate says of it, or of all of it
     titles: Mapping[str, str]  # title of each study, by its name
     # what the page is asked to compare the run with, if anything
     baseline: Mapping[str, Any] | None = None
     against: Against | None = None
+    part: Part | None = None  # which cells of a large run these are
 
     @property
     def folder(self) -> str:
@@ -46,6 +48,13 @@ class Context:
     def verdicts(self) -> tuple[Verdict, ...]:
         """All checks against theory."""
         return self.judged.verdicts
+
+    @property
+    def evenly(self) -> tuple[Verdict, ...]:
+        """Those of cells that were not chosen by how their checks ended."""
+        if self.part is None or not self.part.names:
+            return self.verdicts
+        return tuple(v for v in self.verdicts if v.cell.name in self.part.names)
 
     @property
     def alpha(self) -> float:

@@ -31,6 +31,7 @@ class StoredCells(Sequence[CellResult]):
         self._folder, self._database = folder, database
         self._table = sealed_table(database, folder)
         self._count = store.count(database)
+        self.rows = store.size(database)
         finalize(self, database.close)
 
     def __len__(self) -> int:

@@ -53,7 +53,9 @@ def section(context: Context) -> Section | None:
         ),
         answer=context.judged.answer,
         headline=headline(context.judged),
-        sampled=sum(v.p_value is not None for v in verdicts),
+        sampled=sum(v.p_value is not None for v in verdicts)
+        + sum(n for kind, n in context.judged.more.verdicts.items() if kind.sampled),
+        part="" if context.part is None else context.part.said,
         alpha=context.alpha,
         manifest=run.manifest,
         studies=studies,
