@@ -8,7 +8,8 @@ import pytest
 from rows_by_name import row
 from scipy import stats
 
-from simval.gate.baseline import entries, small_run
+from simval.change import question
+from simval.gate.baseline import StoredCell, entries
 from simval.gate.compare import compare, has_partners
 from simval.gate.judgement import judge_run
 from simval.statistics import COVARIANCE, RMS
@@ -38,7 +39,11 @@ def run_of(statistics, seed=2, samples=4000, error=0.001, value_n=4000, noise=0.
 
 
 def stored_of(run):
-    return small_run(run)
+    """What a baseline keeps of a run."""
+    return {
+        cell.name: StoredCell(cell.study, question(cell.parameters), entries(cell.rows))
+        for cell in run.cells
+    }
 
 
 def changes(old, new, alpha=1e-3):

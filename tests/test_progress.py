@@ -20,12 +20,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simval.cli import progress
-from simval.cli.progress import CellBar, Log, labels
+from simval.cli.progress import CellBar, Log, labelling
 from simval.cli.time_left import LEAST, PRIOR, TimeLeft, told
+from simval.studies.study import Cell, Cost, StudyParameters
 from simval.sweep import load_suite
 from simval.sweep.run import load_run
 
 COSTS = st.lists(st.floats(0.0, 1e4), min_size=1, max_size=30)
+
+
+class Priced(StudyParameters):
+    """Parameters of a cell that says what it costs."""
+
+    k: int
+    seconds: float
+
+    def cost(self):
+        return Cost(self.seconds, 1)
 
 
 def followed(costs, workers, pace=1.0):
@@ -33,10 +44,10 @@ def followed(costs, workers, pace=1.0):
 
     A brute-force schedule: each worker takes the next cell when it is free.
     """
-    names = [f"cell {k}" for k in range(len(costs))]
-    left = TimeLeft(list(zip(names, costs, strict=True)), workers, 0.0)
+    cells = [Cell("priced", Priced(k=k, seconds=c), 1) for k, c in enumerate(costs)]
+    left = TimeLeft(cells, workers, 0.0)
     waiting = [
-        (name, max(cost, LEAST)) for name, cost in zip(names, costs, strict=True)
+        (cell.name, max(cost, LEAST)) for cell, cost in zip(cells, costs, strict=True)
     ]
     ends, now, seen = [], 0.0, []
     while waiting or ends:
@@ -44,7 +55,9 @@ def followed(costs, workers, pace=1.0):
             name, cost = waiting.pop(0)
             heapq.heappush(ends, (now + pace * cost, name))
         at_work = {name for _, name in ends}
-        assert set(left.running()) == at_work  # none of them is told by the executor
+        assert {
+            cell.name for cell in left.running()
+        } == at_work  # none of them is told by the executor
         seen.append((now, left.seconds(now)))
         now, name = heapq.heappop(ends)
         left.end(name, now)
@@ -92,10 +105,10 @@ def test_a_time_is_told_as_the_estimate_that_it_is(seconds, words):
 
 def test_a_cell_is_called_by_what_varies():
     cells = load_suite("smoke", ["attitude.noise_std=0.01,0.02"]).cells
-    short = labels(cells)
-    assert {"attitude noise_std=0.01", "attitude noise_std=0.02"} <= set(short.values())
-    assert len(set(short.values())) == len(cells)  # no two alike
-    assert max(map(len, short.values())) < 60
+    short = set(map(labelling(cells), cells))
+    assert {"attitude noise_std=0.01", "attitude noise_std=0.02"} <= short
+    assert len(short) == len(cells)  # no two alike
+    assert max(map(len, short)) < 60
 
 
 def test_a_log_has_a_line_now_and_then(monkeypatch, capsys):
@@ -105,7 +118,7 @@ def test_a_log_has_a_line_now_and_then(monkeypatch, capsys):
     log = Log()
     for second in range(86_400):
         clock[0] = float(second)
-        log.show(second, f"{second}/86400 cells")
+        log.show(second, lambda second=second: f"{second}/86400 cells")
     log.close("86400/86400 cells")
     lines = capsys.readouterr().err.splitlines()
     # each 5 s until 100 s, then times 1.05 until 6000 s, then each 300 s
