@@ -60,6 +60,26 @@ class Grown:
     size: int
 
 
+HEAD = (
+    "| cells | step | processor time, s | ms a cell | on the wall, s | peak, MiB "
+    "| on the disk, MB |",
+    "| ---: | --- | ---: | ---: | ---: | ---: | ---: |",
+)
+"""First lines of the table, in Markdown."""
+
+
+def line(grown: Grown) -> str:
+    """A line of the table."""
+    numbers = (
+        f"{grown.seconds:.1f}",
+        f"{1e3 * grown.seconds / grown.cells:.2f}",
+        f"{grown.wall:.0f}",
+        f"{grown.mebibytes:.0f}",
+        f"{grown.size / 1e6:.0f}",
+    )
+    return f"| {grown.cells} | {grown.phase} | {' | '.join(numbers)} |"
+
+
 def suite_of(cells: int) -> Suite:
     """A grid of so many attitude cells, or a few less."""
     noises = min(NOISES, cells)

@@ -18,11 +18,29 @@ from simval.cli.options import PATH, Whole
     help="Rounds to run.",
 )
 @click.option("--json", "path", type=PATH, help="Write JSON too.")
+@click.option(
+    "--cells",
+    "sizes",
+    type=Whole(min=10),
+    multiple=True,
+    help="Of `growth`: a number of cells, each time; 100, 1000 and 10000 if not given.",
+)
+@click.option(
+    "--workers", type=Whole(min=1), help="Of `growth`: local processes; 2 if not given."
+)
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Of `growth`: a dask.distributed scheduler that computes the cells instead.",
+)
 def command(**options: Any) -> int:
     """Race simval against the alternatives: all RACES, or those named.
 
     The ratio is the median over the rounds of a contender's rate divided by that of
     the first one in the same round; processor time unless the title says wall.
+
+    `growth`, named alone, is no race: it sweeps, judges, compares and reports grids
+    of cheap cells of several sizes, and prints the time and the memory of each step.
     """
     from simval.cli.bench import run
 
