@@ -1,4 +1,4 @@
-"""Clusters whose workers come and go, and lose a batch: the same bytes as one process."""
+"""Clusters whose workers come and go, and lose a batch: the bytes of one process."""
 
 import hashlib
 import signal

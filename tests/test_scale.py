@@ -30,6 +30,7 @@ from simval.sweep.stored import StoredCells, blocks_of
 from simval.verdict import judge, judge_blocks
 
 MEBIBYTE = 1 << 20
+CELLS = 30
 
 
 def swept(folder, suite, *, workers=1, resume=False, progress=None):
@@ -52,10 +53,10 @@ def digest(folder):
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory):
-    """A run of 60 cells, made in batches of one."""
+    """A run made in batches of one."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(batches, "CELLS", 1)
-        return swept(tmp_path_factory.mktemp("scale") / "small", suite_of(60))
+        return swept(tmp_path_factory.mktemp("scale") / "small", suite_of(CELLS))
 
 
 def test_the_cells_of_a_million_take_no_memory():
@@ -111,7 +112,7 @@ def test_batches_are_as_large_as_their_cells_say_they_cost(at_once):
 def test_a_transaction_holds_a_batch_and_the_bytes_do_not_show_it(
     small, tmp_path, monkeypatch
 ):
-    suite, stored_in = suite_of(60), []
+    suite, stored_in = suite_of(CELLS), []
     finish = store.finish
 
     def counted(database, batch, worst):
@@ -120,7 +121,7 @@ def test_a_transaction_holds_a_batch_and_the_bytes_do_not_show_it(
 
     monkeypatch.setattr(store, "finish", counted)
     monkeypatch.setattr(batches, "SHARES", 1)
-    for size, seconds in ((7, 1e9), (60, 1e9), (60, 0.5)):
+    for size, seconds in ((7, 1e9), (CELLS, 1e9), (CELLS, 0.5)):
         stored_in.clear()
         monkeypatch.setattr(batches, "CELLS", size)
         monkeypatch.setattr(batches, "SECONDS", seconds)
@@ -128,8 +129,8 @@ def test_a_transaction_holds_a_batch_and_the_bytes_do_not_show_it(
         assert digest(folder) == digest(small)
         cost = suite.cells[0].parameters.cost().seconds
         each = min(size, int(seconds / cost))
-        assert sum(stored_in) == 60
-        assert len(stored_in) == -(-60 // each)  # transactions
+        assert sum(stored_in) == CELLS
+        assert len(stored_in) == -(-CELLS // each)  # transactions
 
 
 class Stops(Silence):
@@ -150,9 +151,9 @@ def test_a_sweep_stopped_within_a_batch_ends_with_the_same_bytes(
 ):
     monkeypatch.setattr(batches, "SHARES", 2)
     with pytest.raises(KeyboardInterrupt):
-        swept(tmp_path / "run", suite_of(60), progress=Stops(after))
+        swept(tmp_path / "run", suite_of(CELLS), progress=Stops(after))
     monkeypatch.setattr(batches, "CELLS", 3)
-    swept(tmp_path / "run", suite_of(60), resume=True)
+    swept(tmp_path / "run", suite_of(CELLS), resume=True)
     assert digest(tmp_path / "run") == digest(small)
 
 
@@ -233,7 +234,7 @@ def large(request, small, tmp_path, monkeypatch):
         monkeypatch.setattr(parquet, "PART", 1500)
     else:
         monkeypatch.setattr(stored, "BLOCK", 500)
-    swept(folder, suite_of(60))
+    swept(folder, suite_of(CELLS))
     assert (folder / "results.csv").exists() == (request.param == "store")
     assert (folder / "results").exists() == (request.param == "parquet")
     return folder
@@ -254,16 +255,8 @@ def test_a_large_run_is_judged_as_if_it_were_small(small, large):
         a, b = judge_run(whole, None, alpha), judge_run(part, None, alpha)
         assert (a.answer, a.counts, a.gaps) == (b.answer, b.counts, b.gaps)
         assert headline(a) == headline(b)
-        assert (
-            list(map(told, (v for v in a.verdicts if v.answer != "pass")))
-            == list(
-                map(
-                    told,
-                    (v for v in b.verdicts if v.answer != "pass" or not v.cell.name),
-                )
-            )[: len([v for v in a.verdicts if v.answer != "pass"])]
-            or alpha == 1e-3
-        )
+        listed = [v for v in a.verdicts if v.answer != "pass" or not v.cell.name]
+        assert list(map(told, b.verdicts)) == list(map(told, listed))
         assert len(findings(b)) < len(findings(a))
 
 
@@ -283,12 +276,7 @@ def test_a_large_run_is_compared_as_if_it_were_small(small, large):
     )
     other = dataclasses.replace(whole, cells=cells)
     a, b = compare_runs(other, whole), compare_runs(other, load_run(large))
-    assert (
-        a.total
-        == b.total
-        == sum(len(cell.rows) for cell in cells)
-        - 60 * (sum(len(cell.rows) for cell in cells) // 60 - a.total // 60)
-    )
+    assert a.total == b.total > 0
     for kind in ("changed", "moved", "same"):
         assert a.number(kind) == b.number(kind)
     assert a.number("changed") > 0
@@ -310,9 +298,9 @@ def test_the_page_of_a_large_run_shows_a_part_and_says_so(
 
     monkeypatch.setattr(part, "ROWS", 1000)
     page = render(load_run(large))
-    said = re.search(r"The verdict is of all 60 cells\. .* are of (\d+) of them", page)
-    assert 5 <= int(said[1]) <= 20
-    assert "of 10 values of noise_std" in page or "of 6 values of geometry" in page
+    said = re.search(r"The verdict is of all 30 cells\. .* are of (\d+) of them", page)
+    assert 5 <= int(said[1]) <= 13  # 1000 rows of 81 a cell
+    assert "of 10 values of noise_std" in page or "of 3 values of geometry" in page
 
 
 def test_a_grid_is_thinned_along_its_longest_axes():
@@ -335,7 +323,7 @@ def test_damaged_parquet_is_refused_and_a_missing_one_is_read_from_the_store(
     monkeypatch.setattr(run, "KEPT", 0)
     monkeypatch.setattr(runner, "LARGE", 1000)
     monkeypatch.setattr(parquet, "LARGE", 1000)
-    folder = swept(tmp_path / "run", suite_of(60))
+    folder = swept(tmp_path / "run", suite_of(CELLS))
     before = table(blocks_of(load_run(folder).cells, judged=False))
     (file,) = (folder / "results" / "study=attitude").iterdir()
     whole = file.read_bytes()
@@ -356,7 +344,7 @@ def test_a_reader_of_parquet_takes_the_columns_and_studies_that_it_asks_for(
 
     monkeypatch.setattr(runner, "LARGE", 1000)
     monkeypatch.setattr(parquet, "LARGE", 1000)
-    folder = swept(tmp_path / "run", suite_of(60))
+    folder = swept(tmp_path / "run", suite_of(CELLS))
     data = dataset.dataset(folder / "results", partitioning="hive")
     few = data.to_table(
         columns=["noise_std", "value"],
@@ -364,7 +352,7 @@ def test_a_reader_of_parquet_takes_the_columns_and_studies_that_it_asks_for(
         & (dataset.field("statistic") == "rms")
         & (dataset.field("predictor") == "exact"),
     )
-    assert few.num_rows == 60
+    assert few.num_rows == CELLS
     assert few.column_names == ["noise_std", "value"]
 
 
@@ -373,8 +361,10 @@ def test_a_suite_that_needs_pyarrow_is_refused_before_anything_is_made(
 ):
     monkeypatch.setattr(parquet, "has_pyarrow", lambda: False)
     monkeypatch.setattr(parquet, "LARGE", 1000)
-    with pytest.raises(InputError, match=r"about 4,860 rows; above 1,000 .* pyarrow"):
-        swept(tmp_path / "run", suite_of(60))
+    with pytest.raises(
+        InputError, match=rf"about {81 * CELLS:,} rows; above 1,000 .* pyarrow"
+    ):
+        swept(tmp_path / "run", suite_of(CELLS))
     assert not os.path.lexists(tmp_path / "run")
 
 
@@ -387,7 +377,6 @@ def test_a_batch_in_which_a_cell_fails_keeps_the_others():
         return light(cell)
 
     queue = Queue(cells, range(10), 1e-3, fragile)
-    queue._alone.extend(())
     done = [
         each
         for _ in iter(lambda: bool(queue), False)

@@ -115,8 +115,11 @@ class _Study:
             self._columns[name] += [value] * len(cell.rows)
         for row in cell.rows:
             what = row.statistic
-            named = (what.family.name, _spelled(what.entries), what.controlled)
-            values = (*named, *row.tidy.values())
+            values = (
+                *(what.family.name, _spelled(what.entries), what.controlled),
+                *(str(what), row.predictor, row.value, row.standard_error, row.n),
+                *(row.prediction, row.remainder, what.unit, row.check),
+            )
             for column, each in zip(self._measured, values, strict=True):
                 column.append(each)
         if len(self._columns["cell"]) >= GROUP:

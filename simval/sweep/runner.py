@@ -200,7 +200,7 @@ def _compute(
     """Compute the missing cells; return how many were finished before."""
     cells, pending = suite.cells, store.unfinished(database)
     done = len(cells) - len(pending)
-    worst = _worst_stored(database, suite) if done else "stored"
+    worst = _worst_stored(database, suite) if done and pending else "stored"
     progress.start(len(cells), done, worst)
     if isinstance(progress, Watch):
         at_once = where if isinstance(where, int) else None
