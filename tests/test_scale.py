@@ -4,7 +4,6 @@ import dataclasses
 import hashlib
 import itertools
 import json
-import os
 import re
 import tracemalloc
 
@@ -145,7 +144,7 @@ class Stops(Silence):
             raise KeyboardInterrupt
 
 
-@pytest.mark.parametrize("after", [1, 10, 31])
+@pytest.mark.parametrize("after", [1, 10, 23])
 def test_a_sweep_stopped_within_a_batch_ends_with_the_same_bytes(
     small, tmp_path, monkeypatch, after
 ):
@@ -228,8 +227,8 @@ def large(request, small, tmp_path, monkeypatch):
     folder = tmp_path / "large"
     if request.param == "parquet":
         pytest.importorskip("pyarrow", reason="the extra `parquet` is not installed")
+        monkeypatch.setattr(runner, "KEPT", 1000)
         monkeypatch.setattr(runner, "LARGE", 1000)
-        monkeypatch.setattr(parquet, "LARGE", 1000)
         monkeypatch.setattr(parquet, "GROUP", 500)
         monkeypatch.setattr(parquet, "PART", 1500)
     else:
@@ -321,8 +320,8 @@ def test_damaged_parquet_is_refused_and_a_missing_one_is_read_from_the_store(
 ):
     pytest.importorskip("pyarrow", reason="the extra `parquet` is not installed")
     monkeypatch.setattr(run, "KEPT", 0)
+    monkeypatch.setattr(runner, "KEPT", 1000)
     monkeypatch.setattr(runner, "LARGE", 1000)
-    monkeypatch.setattr(parquet, "LARGE", 1000)
     folder = swept(tmp_path / "run", suite_of(CELLS))
     before = table(blocks_of(load_run(folder).cells, judged=False))
     (file,) = (folder / "results" / "study=attitude").iterdir()
@@ -342,8 +341,8 @@ def test_a_reader_of_parquet_takes_the_columns_and_studies_that_it_asks_for(
     pytest.importorskip("pyarrow", reason="the extra `parquet` is not installed")
     from pyarrow import dataset
 
+    monkeypatch.setattr(runner, "KEPT", 1000)
     monkeypatch.setattr(runner, "LARGE", 1000)
-    monkeypatch.setattr(parquet, "LARGE", 1000)
     folder = swept(tmp_path / "run", suite_of(CELLS))
     data = dataset.dataset(folder / "results", partitioning="hive")
     few = data.to_table(
@@ -356,16 +355,36 @@ def test_a_reader_of_parquet_takes_the_columns_and_studies_that_it_asks_for(
     assert few.column_names == ["noise_std", "value"]
 
 
-def test_a_suite_that_needs_pyarrow_is_refused_before_anything_is_made(
-    tmp_path, monkeypatch
+def test_a_large_run_without_pyarrow_has_its_table_as_text(
+    small, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(parquet, "has_pyarrow", lambda: False)
-    monkeypatch.setattr(parquet, "LARGE", 1000)
-    with pytest.raises(
-        InputError, match=rf"about {81 * CELLS:,} rows; above 1,000 .* pyarrow"
-    ):
-        swept(tmp_path / "run", suite_of(CELLS))
-    assert not os.path.lexists(tmp_path / "run")
+    monkeypatch.setattr(runner, "has_pyarrow", lambda: False)
+    monkeypatch.setattr(runner, "KEPT", 1000)
+    monkeypatch.setattr(runner, "LARGE", 1000)
+    folder = swept(tmp_path / "run", suite_of(CELLS))
+    assert digest(folder) == digest(small)
+    assert not (folder / "results").exists()
+    # and goes on as Parquet where it is there
+    pytest.importorskip("pyarrow", reason="the extra `parquet` is not installed")
+    monkeypatch.setattr(runner, "has_pyarrow", lambda: True)
+    swept(folder, suite_of(CELLS), resume=True)
+    assert not (folder / "results.csv").exists()
+    assert (folder / "results").is_dir()
+
+
+@pytest.mark.parametrize(
+    ("rows", "pyarrow", "expected"),
+    [
+        (100_000, True, (False, True)),
+        (100_001, True, (True, True)),
+        (1_000_000, True, (True, True)),
+        (1_000_001, True, (True, False)),
+        (1_000_001, False, (False, True)),
+    ],
+)
+def test_the_form_of_the_table_is_by_its_size(rows, pyarrow, expected, monkeypatch):
+    monkeypatch.setattr(runner, "has_pyarrow", lambda: pyarrow)
+    assert runner.forms(rows) == expected
 
 
 def test_a_batch_in_which_a_cell_fails_keeps_the_others():

@@ -211,11 +211,6 @@ def _sweep(run: Path, options: Mapping[str, Any], *, resume: bool) -> None:
             raise
 
 
-def _table(run: Path, options: Mapping[str, Any]) -> None:
-    """A resumed run with nothing left to compute: its files are written again."""
-    _sweep(run, options, resume=True)
-
-
 def _command(*words: str) -> None:
     from simval.cli import run
 
@@ -228,7 +223,6 @@ def _command(*words: str) -> None:
 PHASES: Mapping[str, Callable[[Path, Mapping[str, Any]], None]] = {
     "half a sweep": lambda run, options: _sweep(run, options, resume=False),
     "its resumption": lambda run, options: _sweep(run, options, resume=True),
-    "table alone": _table,
     "gate": lambda run, _: _command("gate", str(run), "--no-baseline"),
     "compare": lambda run, _: _command("compare", str(run), str(run)),
     "report": lambda run, _: _command("report", str(run)),

@@ -15,7 +15,7 @@ from simval.plugins.loading import chosen, spelled
 from simval.sweep import Suite, load_suite, store
 from simval.sweep.cells import REFUSED
 from simval.sweep.run import RUNS
-from simval.sweep.runner import drive
+from simval.sweep.runner import LARGE, drive, forms
 
 BYTES_PER_ROW = 340
 """In the store and the table together, measured with the accuracy suite."""
@@ -69,6 +69,7 @@ def run(
         raise
     with store.opened(folder / "run.sqlite") as database:
         failed = store.failures(database)
+        rows = store.size(database)
     refused = [error.startswith(REFUSED) for _, error in failed]
     for (name, error), known in list(zip(failed, refused, strict=True))[:SHOWN]:
         last = error.strip().splitlines()[-1].removeprefix(REFUSED if known else "")
@@ -85,8 +86,23 @@ def run(
             f"{folder}/run.sqlite and in the report",
             err=True,
         )
+    _tell_table(folder, rows)
     click.echo(str(folder))
     return 4 if not all(refused) else 3 if failed else 0
+
+
+def _tell_table(folder: Path, rows: int) -> None:
+    """Say where the table of a run is that is large for text."""
+    if rows <= LARGE:
+        return
+    if forms(rows)[1]:
+        words = (
+            f"the table has {rows:,} rows of text, {folder}/results.csv; with pyarrow "
+            "(simval's extra `parquet`) it would be Parquet, and read many times faster"
+        )
+    else:
+        words = f"the table is {folder}/results, Parquet by study: {rows:,} rows"
+    click.echo(words, err=True)
 
 
 def resuming(suite: str, folder: Path) -> str:

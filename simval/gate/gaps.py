@@ -70,8 +70,9 @@ def _measured(rows: Columns) -> Iterator[tuple[CellName, _Measured]]:
     sampled = np.isin(rows.check, [CHECKS.index(name) for name in WEIGHTS])
     most = np.full(len(rows.cells), -1, dtype=np.int64)
     np.maximum.at(most, rows.cell[sampled], rows.n[sampled])
-    keys = np.stack([rows.cell, rows.statistic, rows.predictor], axis=1)
-    _, first, count = np.unique(keys, axis=0, return_index=True, return_counts=True)
+    what = rows.cell * max(len(rows.statistics), 1) + rows.statistic
+    key = what * max(len(rows.predictors), 1) + rows.predictor
+    _, first, count = np.unique(key, return_index=True, return_counts=True)
     twice: dict[int, str] = {}
     for i in sorted(first[count > 1].tolist()):
         words = (rows.statistics[rows.statistic[i]], rows.predictors[rows.predictor[i]])

@@ -84,6 +84,8 @@ def listed_verdicts(
 def _count(judged: Judged, hidden: np.ndarray, tally: Tally) -> None:
     """Count the hidden verdicts by kind, and the cells of all."""
     rows = judged.rows
+    if not len(rows):
+        return
     studies = {
         name: at for at, name in enumerate(sorted({c.study for c in rows.cells}))
     }
@@ -92,24 +94,24 @@ def _count(judged: Judged, hidden: np.ndarray, tally: Tally) -> None:
     kinds = {word: at for at, word in enumerate(dict.fromkeys(words))}
     kind = np.array([kinds[w] for w in words], dtype=np.int64)[rows.statistic]
     sampled = ~np.isnan(judged.p_value)
-    keys = np.stack(
-        [study, kind, rows.predictor, rows.check, judged.answer, sampled], axis=1
-    ).astype(np.int64)
-    found, counts = np.unique(keys[hidden], axis=0, return_counts=True)
+    both = study * len(kinds) + kind
     spelled = list(kinds)
-    for (s, k, p, c, a, sure), count in zip(found.tolist(), counts, strict=True):
-        key = Kind(
-            names[s],
-            spelled[k],
-            rows.predictors[p],
-            CHECKS[c],
-            WORST_FIRST[a],
-            bool(sure),
-        )
-        tally.verdicts[key] += int(count)
-    pairs = np.unique(np.stack([rows.cell, study, kind], axis=1), axis=0)[:, 1:]
-    found, counts = np.unique(pairs, axis=0, return_counts=True)
-    for (s, k), count in zip(found.tolist(), counts, strict=True):
+    sizes = (len(spelled), len(rows.predictors), len(CHECKS), len(WORST_FIRST), 2)
+    key = both
+    for size, codes in zip(
+        sizes[1:], (rows.predictor, rows.check, judged.answer, sampled), strict=True
+    ):
+        key = key * size + codes
+    found, counts = np.unique(key[hidden], return_counts=True)
+    places = np.unravel_index(found, (len(names), *sizes))
+    for place, count in zip(np.transpose(places).tolist(), counts, strict=True):
+        s, k, p, c, a, sure = place
+        what = names[s], spelled[k], rows.predictors[p], CHECKS[c]
+        tally.verdicts[Kind(*what, WORST_FIRST[a], bool(sure))] += int(count)
+    pairs = np.unique(rows.cell * (len(names) * len(spelled)) + both)
+    found, counts = np.unique(pairs % (len(names) * len(spelled)), return_counts=True)
+    for code, count in zip(found.tolist(), counts, strict=True):
+        s, k = divmod(code, len(spelled))
         tally.cells[names[s], spelled[k]] += int(count)
 
 

@@ -25,9 +25,6 @@ from simval.sweep.tidy import HEAD, NUMBERS, parameter_kinds, parameter_values
 
 FOLDER = "results"
 
-LARGE = 1_000_000
-"""Rows above which a run's table is Parquet: what a spreadsheet opens is text."""
-
 GROUP = 100_000
 """Rows at which a row group is full: some 10 MB in memory."""
 
@@ -40,25 +37,8 @@ FIELDS = {"family": "string", "entries": "string", "controlled": "bool_"}
 NEEDED = ("value", "standard_error", "n", "prediction", "remainder")
 
 
-def require_pyarrow(rows: int) -> None:
-    """Refuse to begin a run of so many rows where Parquet cannot be written.
-
-    Raises
-    ------
-    InputError
-        If pyarrow is not installed.
-    """
-    if rows > LARGE and not has_pyarrow():
-        msg = (
-            f"this suite leaves about {rows:,} rows; above {LARGE:,} they are written "
-            "as Parquet, which needs pyarrow: install simval with its extra `parquet` "
-            "(pip install '.[parquet]' in a checkout), or split the suite"
-        )
-        raise InputError(msg)
-
-
 def has_pyarrow() -> bool:
-    """Whether Parquet can be read and written."""
+    """Whether Parquet can be read and written: pyarrow is installed."""
     try:
         import pyarrow.dataset
         import pyarrow.parquet  # noqa: F401

@@ -30,16 +30,19 @@ from simval.sweep.folder import check_same, create, keep, locked, write
 from simval.sweep.grid import Chosen
 from simval.sweep.parquet import (
     FOLDER,
-    LARGE,
     has_pyarrow,
-    require_pyarrow,
     write_parquet,
 )
 from simval.sweep.paths import require_plugins
 from simval.sweep.run import Run, load_run, write_table
 from simval.sweep.seal import seal, unseal
+from simval.sweep.stored import KEPT
 from simval.sweep.suite import Suite, load_suite
 from simval.verdict import ALPHA
+
+LARGE = 1_000_000
+"""Rows above which there is no results.csv where there is Parquet: more than a
+spreadsheet opens."""
 
 
 @runtime_checkable
@@ -138,7 +141,6 @@ def drive(
     """
     workers = whole_number("workers", workers, 1, 4096)
     require_plugins(suite.cells)
-    require_pyarrow(sum(cell.parameters.cost().rows for cell in suite.cells))
     known = provenance.manifest(suite)
     where = workers if scheduler is None else scheduler
     with _computing(workers, scheduler) as compute:
@@ -165,8 +167,8 @@ def _fill(
         unseal(database)
         write(folder / "timing.json", json.dumps({"plugins": places}) + "\n")
         done = _compute(database, folder, suite, compute, progress, where, work)
-        large = store.size(database) > LARGE and has_pyarrow()
-        spent = {} if large else dict(store.seconds(database))
+        parquet, text = forms(store.size(database))
+        spent = dict(store.seconds(database)) if text else {}
         timing = {
             "started": started.isoformat(timespec="seconds"),
             "committed": provenance.commit_date(),
@@ -182,7 +184,7 @@ def _fill(
         }
         manifest = store.manifest(database)
         store.keep(database, store.WORST, None)
-        _write_table(database, folder, large)
+        _write_tables(database, folder, parquet, text)
         write(folder / "manifest.json", json.dumps(manifest, indent=2) + "\n")
         write(folder / "timing.json", json.dumps(timing, indent=2) + "\n")
         seal(database, folder)
@@ -220,15 +222,24 @@ def _compute(
     return done
 
 
-def _write_table(database: sqlite3.Connection, folder: Path, large: bool) -> None:
-    """Write the table as Parquet if it is large, else as text."""
-    text, parquet = folder / "results.csv", folder / FOLDER
-    if large:
-        write_parquet(database, parquet)
-        text.unlink(missing_ok=True)
+def forms(rows: int) -> tuple[bool, bool]:
+    """Whether the table of so many rows is written as Parquet, and as text."""
+    parquet = rows > KEPT and has_pyarrow()
+    return parquet, rows <= LARGE or not parquet
+
+
+def _write_tables(
+    database: sqlite3.Connection, folder: Path, parquet: bool, text: bool
+) -> None:
+    """Write the table, and remove what an earlier session may have left of it."""
+    if parquet:
+        write_parquet(database, folder / FOLDER)
     else:
-        write_table(database, text)
-        shutil.rmtree(parquet, ignore_errors=True)
+        shutil.rmtree(folder / FOLDER, ignore_errors=True)
+    if text:
+        write_table(database, folder / "results.csv")
+    else:
+        (folder / "results.csv").unlink(missing_ok=True)
 
 
 def _is_file(path: Path) -> bool:
