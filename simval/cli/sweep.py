@@ -68,27 +68,29 @@ def run(
             click.echo(f"to continue: {resuming(suite, folder)}", err=True)
         raise
     with store.opened(folder / "run.sqlite") as database:
-        failed = store.failures(database)
+        first = store.failures(database, SHOWN)
+        failed = store.count_failures(database)
+        refused = store.count_failures(database, REFUSED)
         rows = store.size(database)
-    refused = [error.startswith(REFUSED) for _, error in failed]
-    for (name, error), known in list(zip(failed, refused, strict=True))[:SHOWN]:
+    for name, error in first:
+        known = error.startswith(REFUSED)
         last = error.strip().splitlines()[-1].removeprefix(REFUSED if known else "")
         click.echo(f"{'refused' if known else 'failed'}: {name}: {last}", err=True)
-    if failed and all(refused):
+    if failed and failed == refused:
         click.echo(
-            f"{len(failed)} of {len(loaded.cells)} cells refused their plug-in; the "
+            f"{failed} of {len(loaded.cells)} cells refused their plug-in; the "
             f"reasons are in {folder}/run.sqlite and in the report",
             err=True,
         )
     elif failed:
         click.echo(
-            f"{len(failed)} of {len(loaded.cells)} cells failed; the tracebacks are in "
+            f"{failed} of {len(loaded.cells)} cells failed; the tracebacks are in "
             f"{folder}/run.sqlite and in the report",
             err=True,
         )
     _tell_table(folder, rows)
     click.echo(str(folder))
-    return 4 if not all(refused) else 3 if failed else 0
+    return 4 if failed > refused else 3 if failed else 0
 
 
 def _tell_table(folder: Path, rows: int) -> None:

@@ -14,6 +14,7 @@ from simval.studies.plugin import PluginParameters
 from simval.studies.study import Cell
 from simval.sweep.executors import attempt
 from simval.sweep.run import CellResult, Run
+from simval.sweep.stored import heads_of
 from simval.sweep.suite import load_suite, validated
 from simval.text import nearest
 from simval.vocabulary import builtin_suites
@@ -49,7 +50,7 @@ def find_cell(
         If neither has a cell of that name, a plug-in is not where it was, or the cell
         has no plug-in of a given name.
     """
-    held = next((c for c in run.cells if c.name == name), None) if run else None
+    held = _held(run, name)
     if held is None:
         cell = _of_suite(name, run, suite)
         study, seed, values = cell.study, cell.seed, cell.parameters.named()
@@ -71,6 +72,13 @@ def find_cell(
     return cell
 
 
+def _held(run: Run | None, name: str) -> CellResult | None:
+    """The cell of a run by its name, with its rows."""
+    heads = enumerate(heads_of(run.cells)) if run is not None else ()
+    place = next((place for place, cell in heads if cell.name == name), None)
+    return None if run is None or place is None else run.cells[place]
+
+
 def _of_suite(name: str, run: Run | None, suite: str | None) -> Cell:
     suites = builtin_suites() if suite is None else (suite,)
     cells = {cell.name: cell for each in suites for cell in load_suite(each).cells}
@@ -78,7 +86,7 @@ def _of_suite(name: str, run: Run | None, suite: str | None) -> Cell:
         places = [f"suite {suite}" if suite else "a built-in suite"]
         if run is not None:
             places.append(f"the run {run.folder}")
-        known = [cell.name for cell in run.cells] if run is not None else []
+        known = [c.name for c in heads_of(run.cells)] if run is not None else []
         near = nearest(name, dict.fromkeys([*known, *cells]), 3)
         msg = (
             f"there is no cell `{name}` in {' or '.join(places)}; "
@@ -111,8 +119,8 @@ def repeat(cell: Cell, run: Run | None) -> Repetition:
     """Compute a cell again and compare it with what a run holds."""
     _, done, _ = attempt(0, cell)
     error, outcome = (done, Outcome(rows=())) if isinstance(done, str) else ("", done)
-    held = run.cells if run is not None else ()
-    stored = next((c for c in held if c.name == cell.name and c.status == "done"), None)
+    held = _held(run, cell.name)
+    stored = held if held is not None and held.status == "done" else None
     now = {row.key: row for row in outcome.rows}
     different = tuple(
         (row, now.get(row.key))

@@ -256,10 +256,21 @@ def count(database: sqlite3.Connection, status: str | None = None) -> int:
     return int(database.execute(query, (status, status)).fetchone()[0])
 
 
-def failures(database: sqlite3.Connection) -> list[tuple[str, str]]:
-    """List the cells that failed."""
-    query = "SELECT cell, error FROM cells WHERE status = 'failed' ORDER BY position"
-    return [(entry[0], entry[1]) for entry in database.execute(query)]
+def failures(database: sqlite3.Connection, most: int) -> list[tuple[str, str]]:
+    """List the first cells that failed, each with its error."""
+    query = (
+        "SELECT cell, error FROM cells WHERE status = 'failed' ORDER BY position "
+        "LIMIT ?"
+    )
+    return [(entry[0], entry[1]) for entry in database.execute(query, (most,))]
+
+
+def count_failures(database: sqlite3.Connection, start: str = "") -> int:
+    """Number of the cells that failed, of those whose error begins so."""
+    query = (
+        "SELECT count(*) FROM cells WHERE status = 'failed' AND substr(error, 1, ?) = ?"
+    )
+    return int(database.execute(query, (len(start), start)).fetchone()[0])
 
 
 def seconds(database: sqlite3.Connection) -> Iterator[tuple[str, float]]:

@@ -1,0 +1,66 @@
+"""The recipes for a batch system and a container: they run, or their lines do."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from places import ROOT
+from test_executors import free_port
+
+RECIPES = ROOT / "docs" / "examples" / "cluster"
+
+# what `srun` does for a job on one node
+SRUN = """#!/bin/sh
+count=${1#--ntasks=}; shift
+while [ "$count" -gt 1 ]; do "$@" & count=$((count - 1)); done
+exec "$@"
+"""
+
+
+@pytest.mark.ci
+def test_the_job_script_sweeps_and_judges(tiny_suite, tmp_path):
+    pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
+    place = tmp_path / "bin"
+    place.mkdir()
+    (place / "srun").write_text(SRUN)
+    (place / "srun").chmod(0o755)
+    path = os.pathsep.join([str(place), str(Path(sys.executable).parent)])
+    done = subprocess.run(
+        ["bash", str(RECIPES / "slurm.sh"), str(tiny_suite), str(tmp_path / "run")],
+        env={
+            **os.environ,
+            "PATH": f"{path}{os.pathsep}{os.environ['PATH']}",
+            "SLURM_NTASKS": "2",
+            "PORT": str(free_port()),
+        },
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode in (0, 3), done.stderr[-2000:]  # 3: too few trials to judge
+    assert (tmp_path / "run" / "results.csv").is_file()
+    assert "against theory" in done.stdout
+
+
+def test_the_recipes_install_what_is_there():
+    for file in (*RECIPES.iterdir(), ROOT / "docs" / "cluster.md"):
+        text = file.read_text(encoding="utf-8")
+        for words in re.findall(r"pip install ([^\n#`]*)", text):
+            what = [w for w in words.split() if not w.startswith("-")]
+            # a file, a checkout or a repository: simval is on no index
+            assert what, words
+            assert all(
+                re.match(r"['\"]?(\.|/|git\+|wheels/|simval-[0-9.]+-py3)", w)
+                for w in what
+            ), words
+    text = (RECIPES / "Containerfile").read_text(encoding="utf-8")
+    wheels = set(re.findall(r"simval-([0-9.]+)-py3-none-any\.whl", text))
+    version = re.search(
+        r'^version = "(.*)"', (ROOT / "pyproject.toml").read_text(), re.M
+    )
+    assert version is None or wheels == {version[1]}
