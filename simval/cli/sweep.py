@@ -69,8 +69,8 @@ def run(
         raise
     with store.opened(folder / "run.sqlite") as database:
         first = store.failures(database, SHOWN)
-        failed = store.count_failures(database)
-        refused = store.count_failures(database, REFUSED)
+        failed = store.count(database, "failed")
+        refused = store.count(database, "failed", REFUSED)
         rows = store.size(database)
     for name, error in first:
         known = error.startswith(REFUSED)

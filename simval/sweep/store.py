@@ -140,13 +140,6 @@ def create(path: Path, cells: Iterable[Cell], manifest: str) -> None:
         )
 
 
-def sign(database: sqlite3.Connection, position: int) -> None:
-    """Write the digest of all that is stored of a cell, within a transaction."""
-    digest = digest_of_cell(*stored_cell(database, position))
-    query = "UPDATE cells SET digest = ? WHERE position = ?"
-    database.execute(query, (digest, position))
-
-
 def stored_cell(
     database: sqlite3.Connection, position: int
 ) -> tuple[sqlite3.Row, list[Stored]]:
@@ -250,10 +243,16 @@ def finished(database: sqlite3.Connection) -> Sequence[int]:
     return array("q", (entry[0] for entry in database.execute(query)))
 
 
-def count(database: sqlite3.Connection, status: str | None = None) -> int:
-    """Number of cells, with a status if one is given."""
-    query = "SELECT count(*) FROM cells WHERE ? IS NULL OR status = ?"
-    return int(database.execute(query, (status, status)).fetchone()[0])
+def count(
+    database: sqlite3.Connection, status: str | None = None, error: str = ""
+) -> int:
+    """Number of cells, of a status and with an error that begins so, if given."""
+    query = (
+        "SELECT count(*) FROM cells WHERE (? IS NULL OR status = ?) "
+        "AND substr(error, 1, ?) = ?"
+    )
+    values = (status, status, len(error), error)
+    return int(database.execute(query, values).fetchone()[0])
 
 
 def failures(database: sqlite3.Connection, most: int) -> list[tuple[str, str]]:
@@ -263,14 +262,6 @@ def failures(database: sqlite3.Connection, most: int) -> list[tuple[str, str]]:
         "LIMIT ?"
     )
     return [(entry[0], entry[1]) for entry in database.execute(query, (most,))]
-
-
-def count_failures(database: sqlite3.Connection, start: str = "") -> int:
-    """Number of the cells that failed, of those whose error begins so."""
-    query = (
-        "SELECT count(*) FROM cells WHERE status = 'failed' AND substr(error, 1, ?) = ?"
-    )
-    return int(database.execute(query, (len(start), start)).fetchone()[0])
 
 
 def seconds(database: sqlite3.Connection) -> Iterator[tuple[str, float]]:
