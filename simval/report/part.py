@@ -8,7 +8,7 @@ noise levels, geometries or seeds. The verdict stays that of all cells.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import prod
 from typing import Any
 
@@ -31,6 +31,8 @@ class Part:
     run: Run  # with these cells alone
     names: frozenset[str] = frozenset()  # of the cells, where they are not all
     said: str = ""  # which they are; empty where they are all
+    # how many cells of each study the run has, where they are not all
+    counts: Mapping[str, int] = field(default_factory=dict)
 
 
 def part_of(run: Run) -> Part:
@@ -53,7 +55,8 @@ def part_of(run: Run) -> Part:
         f"{len(chosen):,} of them, a coarser grid ({_words(grids, kept)}), and of "
         "checks that did not pass."
     )
-    return Part(run=replace(run, cells=chosen), names=names, said=said)
+    shown = replace(run, cells=chosen)
+    return Part(run=shown, names=names, said=said, counts=counts)
 
 
 def thinned(axes: Axes, count: int, room: int) -> dict[str, frozenset[str]]:

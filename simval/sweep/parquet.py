@@ -25,8 +25,8 @@ from simval.sweep.tidy import HEAD, NUMBERS, parameter_kinds, parameter_values
 
 FOLDER = "results"
 
-GROUP = 100_000
-"""Rows at which a row group is full: some 10 MB in memory."""
+GROUP = 50_000
+"""Rows at which a row group is full: 50 MB while it is written, 5 MB read."""
 
 PART = 10_000_000
 """Rows at which a file is full: some 300 MB on the disk."""

@@ -39,9 +39,11 @@ from simval.sweep.run import CellResult
 def section(context: Context) -> Section | None:
     """Make the section."""
     run, verdicts = context.run, context.verdicts
-    studies: dict[str, int] = {}
-    for cell in run.cells:
-        studies[cell.study] = studies.get(cell.study, 0) + 1
+    part = context.part
+    studies = dict(part.counts) if part else {}
+    if not studies:
+        for cell in run.cells:
+            studies[cell.study] = studies.get(cell.study, 0) + 1
     return made(
         "summary",
         "Verdict",
@@ -55,7 +57,7 @@ def section(context: Context) -> Section | None:
         headline=headline(context.judged),
         sampled=sum(v.p_value is not None for v in verdicts)
         + sum(n for kind, n in context.judged.more.verdicts.items() if kind.sampled),
-        part="" if context.part is None else context.part.said,
+        part=part.said if part else "",
         alpha=context.alpha,
         manifest=run.manifest,
         studies=studies,
