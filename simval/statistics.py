@@ -54,6 +54,9 @@ class Family:
     most: float = inf
     better: Better | None = "less"
 
+    def __hash__(self) -> int:
+        return hash(self.name)  # of a dozen fields it alone tells two apart
+
     def __call__(self, *entries: str, unit: str | None = None) -> "Statistic":
         """Return a member of the family."""
         return Statistic(

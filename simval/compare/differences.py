@@ -139,7 +139,7 @@ def compare_runs(a: Run, b: Run, alpha: float = ALPHA) -> RunComparison:
     for i, j in places:
         old, new = a.cells[i], b.cells[j]
         before, after = rows_of(old), rows_of(new)
-        judging.add(pairs_of(old, new))
+        judging.add(pairs_of(old, new, before, after))
         only_a += [f"{old.name} {_named(key)}" for key in before if key not in after]
         only_b += [f"{new.name} {_named(key)}" for key in after if key not in before]
     differences_found, more = judging.end()

@@ -8,6 +8,7 @@ from array import array
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from functools import lru_cache
 from math import hypot, isfinite
 from typing import Literal, NamedTuple
 
@@ -130,6 +131,9 @@ class _Open(NamedTuple):
     error: float
 
 
+_words = lru_cache(maxsize=4096)(kind_of)
+
+
 class Judging:
     """Judges pairs of statistics as they come; lists `room` of them, or all."""
 
@@ -148,11 +152,11 @@ class Judging:
         for pair in pairs:
             self._add(pair)
             if self._room is not None:
-                kinds.add((pair[1].study, kind_of(pair[3].statistic)))
+                kinds.add((pair[1].study, _words(pair[3].statistic)))
         self._more.cells.update(kinds)
 
     def _add(self, pair: Pair) -> None:
-        _, _, a, b, _ = pair
+        a, b = pair[2], pair[3]
         error = hypot(a.standard_error, b.standard_error)
         p = two_sided(b.value - a.value, error) if error > 0.0 else None
         self._count += p is not None
@@ -165,21 +169,18 @@ class Judging:
                 self._errors.append(error)
                 self._more.predictions += prediction_changed(a, b)
             return
-        found = _difference(pair, error, p, np.inf if p is None else -np.inf)
-        if self._room is None or (found.kind != "same" and self._has_room):
-            self._listed.append(found)
-        else:
-            self._hide(found)
+        kind = _kind_of_pair(pair, error, beyond=False)
+        if self._room is None or (kind != "same" and self._has_room):
+            self._listed.append(_difference(pair, error, p, -np.inf))
+            return
+        self._more.kinds[kind] += 1
+        self._more.predictions += prediction_changed(a, b)
+        if kind == "changed":  # without chance
+            self._more.standings[_standing(a, b, error, np.nan)] += 1
 
     @property
     def _has_room(self) -> bool:
         return self._room is None or len(self._listed) < self._room
-
-    def _hide(self, found: Difference) -> None:
-        self._more.kinds[found.kind] += 1
-        self._more.predictions += found.prediction_changed
-        if found.kind == "changed":
-            self._more.standings[found.standing] += 1
 
     def end(self) -> tuple[list[Difference], More]:
         """Decide what is left."""
@@ -205,9 +206,7 @@ class Judging:
 
 def _difference(pair: Pair, error: float, p: float | None, limit: float) -> Difference:
     old, new, a, b, theories = pair
-    paired = old.name == new.name and a.n == b.n
-    beyond = p is not None and not p > limit
-    kind = _kind(a, b, error, beyond=beyond, paired=paired)
+    kind = _kind_of_pair(pair, error, beyond=p is not None and not p > limit)
     return Difference(
         cells=(old.name, new.name),
         study=new.study,
@@ -219,6 +218,12 @@ def _difference(pair: Pair, error: float, p: float | None, limit: float) -> Diff
         p_value=p,
         predictors=theories,
     )
+
+
+def _kind_of_pair(pair: Pair, error: float, *, beyond: bool) -> Kind:
+    old, new, a, b, _ = pair
+    paired = old.name == new.name and a.n == b.n
+    return _kind(a, b, error, beyond=beyond, paired=paired)
 
 
 def two_sided(difference: float, error: float) -> float:

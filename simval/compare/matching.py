@@ -5,6 +5,7 @@ samples. Several equal ones are matched by seed or, without a common seed, in or
 """
 
 import hashlib
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from simval.change import EXACT_BOUND, is_near, matched, question
@@ -77,9 +78,13 @@ def _finished(run: Run) -> list[CellResult]:
     return [cell for cell in heads_of(run.cells) if cell.status == "done"]
 
 
-def pairs_of(old: CellResult, new: CellResult) -> list[Pair]:
-    """Pair the statistics of two cells."""
-    before, after = rows_of(old), rows_of(new)
+def pairs_of(
+    old: CellResult,
+    new: CellResult,
+    before: Mapping[tuple[Statistic, str], Row],
+    after: Mapping[tuple[Statistic, str], Row],
+) -> list[Pair]:
+    """Pair the statistics of two cells, whose rows are indexed by `rows_of`."""
     merged: dict[tuple[object, ...], tuple[Row, Row, list[str]]] = {}
     for key, a in before.items():
         b = after.get(key)
