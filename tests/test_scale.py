@@ -18,7 +18,7 @@ from simval.compare import compare_runs
 from simval.errors import InputError
 from simval.gate import findings, headline, judge_run, write_baseline
 from simval.report.part import thinned
-from simval.results import CellName, Row
+from simval.results import CellName, Outcome, Row
 from simval.statistics import BIAS, NEES, RMS
 from simval.sweep import batches, load_run, parquet, run, runner, store, stored
 from simval.sweep.batches import Queue
@@ -26,13 +26,14 @@ from simval.sweep.cells import read_cells
 from simval.sweep.executors import computed
 from simval.sweep.runner import Silence, drive
 from simval.sweep.stored import StoredCells, blocks_of
+from simval.sweep.suite import expand
 from simval.verdict import judge, judge_blocks
 
 MEBIBYTE = 1 << 20
 CELLS = 30
 
 
-def swept(folder, suite, *, workers=1, resume=False, progress=None):
+def swept(folder, suite, *, workers=1, resume=False, progress=None, work=light):
     """A sweep of cells that cost nothing."""
     drive(
         suite,
@@ -41,7 +42,7 @@ def swept(folder, suite, *, workers=1, resume=False, progress=None):
         scheduler=None,
         resume=resume,
         progress=progress or Silence(),
-        work=light,
+        work=work,
     )
     return folder
 
@@ -403,3 +404,40 @@ def test_a_batch_in_which_a_cell_fails_keeps_the_others():
     ]
     assert [each.cell[5] for each in done].count("failed") == 1
     assert "ZeroDivisionError" in done[4].cell[6]
+
+
+@pytest.mark.parametrize("pyarrow", [True, False])
+def test_gaps_of_a_large_run_are_those_of_a_small_one(tmp_path, monkeypatch, pyarrow):
+    monkeypatch.setattr(runner, "KEPT", 0 if pyarrow else 10**6)
+    # of two studies, so that the table is in another order than the suite
+    content = {
+        "seed": [1, 2],
+        "calibration": {"noise_std": [0.05, 0.1]},
+        "attitude": {"noise_std": [0.001 * (k + 1) for k in range(8)]},
+    }
+    suite = expand("two", content)
+
+    def odd(cell):
+        outcome = light(cell)
+        if cell.parameters.noise_std in (0.003, 0.008, 0.1):
+            return Outcome(rows=())
+        if cell.parameters.noise_std == 0.005:
+            return Outcome(rows=(*outcome.rows, outcome.rows[3]))
+        if cell.parameters.noise_std == 0.006:
+            raise ZeroDivisionError
+        return outcome
+
+    folder = swept(tmp_path / "run", suite, work=odd)
+    whole = load_run(folder)
+    monkeypatch.setattr(run, "KEPT", 0)
+    part = load_run(folder)
+    assert isinstance(part.cells, StoredCells)
+    assert (part.cells._table is not None) == pyarrow
+    a, b = judge_run(whole), judge_run(part)
+    assert sorted(map(repr, a.gaps)) == sorted(map(repr, b.gaps))
+    reasons = [gap.reason for gap in b.gaps]
+    assert sum("measured nothing" in reason for reason in reasons) == 6
+    assert sum("twice" in reason for reason in reasons) == 2
+    assert a.exit_code == b.exit_code == 4
+    assert a.endings == b.endings == {"crashed": 2}
+    assert headline(a) == headline(b)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
@@ -9,7 +10,7 @@ from simval.change import EFFORT
 from simval.columns import CHECKS, Columns
 from simval.results import CellName
 from simval.sweep.run import CellResult, Run
-from simval.sweep.stored import blocks_of, heads_of
+from simval.sweep.stored import blocks_of, heads_by_block
 from simval.verdict import WEIGHTS
 
 
@@ -43,14 +44,16 @@ def gaps_of(run: Run) -> Iterator[Gap]:
     if isinstance(stated, int) and stated != len(run.cells):
         reason = f"the suite has {stated} cells, the run holds {len(run.cells)}"
         yield Gap(cell=CellName(""), reason=reason)
-    measured = {
-        name: found
-        for rows in blocks_of(run.cells, judged=False)
-        for name, found in _measured(rows)
-    }
-    for cell in heads_of(run.cells):
-        if cell.status == "done":
-            yield from _cell_gaps(cell, measured.get(cell.named))
+    # both in one order, so that no more than a block is held
+    measured = chain.from_iterable(map(_measured, blocks_of(run.cells, judged=False)))
+    following = next(measured, None)
+    for cell in heads_by_block(run.cells):
+        if cell.status != "done":
+            continue
+        own = following is not None and following[0] == cell.named
+        yield from _cell_gaps(cell, following[1] if own and following else None)
+        if own:
+            following = next(measured, None)
 
 
 def _cell_gaps(cell: CellResult, measured: _Measured | None) -> Iterator[Gap]:

@@ -104,6 +104,13 @@ def read_heads(database: sqlite3.Connection) -> Iterator[CellResult]:
             yield _result(cell, ())
 
 
+def read_heads_by_study(database: sqlite3.Connection) -> Iterator[CellResult]:
+    """Read the cells of a store without their rows, study by study."""
+    for cell in database.execute("SELECT * FROM cells ORDER BY study, position"):
+        with _named(cell):
+            yield _result(cell, ())
+
+
 def read_cell(database: sqlite3.Connection, position: int) -> CellResult:
     """Read one cell of a store with its rows."""
     cell, rows = store.stored_cell(database, position)

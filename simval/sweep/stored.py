@@ -14,7 +14,13 @@ from weakref import finalize
 from simval.columns import Columns, columns_of
 from simval.results import CellName, Row
 from simval.sweep import store
-from simval.sweep.cells import CellResult, read_cell, read_cells, read_heads
+from simval.sweep.cells import (
+    CellResult,
+    read_cell,
+    read_cells,
+    read_heads,
+    read_heads_by_study,
+)
 from simval.sweep.parquet import FOLDER, has_pyarrow, parquet_blocks
 
 KEPT = 100_000
@@ -57,6 +63,14 @@ class StoredCells(Sequence[CellResult]):
         with store.explained(self._folder / "run.sqlite"):
             yield from read_heads(self._database)
 
+    def heads_by_block(self) -> Iterator[CellResult]:
+        """The cells without their rows, in the order in which `blocks` has them."""
+        if self._table is None:
+            yield from self.heads()
+            return
+        with store.explained(self._folder / "run.sqlite"):
+            yield from read_heads_by_study(self._database)
+
     def blocks(self, *, judged: bool) -> Iterator[Columns]:
         """The rows of the finished cells; from the table where there is one."""
         if self._table is not None:
@@ -67,6 +81,11 @@ class StoredCells(Sequence[CellResult]):
 def heads_of(cells: Sequence[CellResult]) -> Iterator[CellResult]:
     """The cells of a run, without their rows if those would have to be read."""
     return cells.heads() if isinstance(cells, StoredCells) else iter(cells)
+
+
+def heads_by_block(cells: Sequence[CellResult]) -> Iterator[CellResult]:
+    """The cells of a run in the order in which `blocks_of` has them."""
+    return cells.heads_by_block() if isinstance(cells, StoredCells) else iter(cells)
 
 
 def blocks_of(cells: Sequence[CellResult], *, judged: bool) -> Iterator[Columns]:
