@@ -79,3 +79,27 @@ def test_an_unknown_race_is_refused(simval):
 
     with pytest.raises(InputError, match="estimators"):
         find_races(["marathon"])
+
+
+@pytest.mark.slow
+def test_growth_is_measured_step_by_step(simval, tmp_path):
+    from simval.bench.growth import PHASES
+
+    file = tmp_path / "growth.json"
+    code, out, err = simval("bench", "growth", "--cells", 20, "--json", file)
+    assert code == 0, err
+    found = json.loads(file.read_text())["results"]
+    assert [(each["cells"], each["phase"]) for each in found] == [
+        (20, phase) for phase in PHASES
+    ]
+    assert all(each["seconds"] > 0.1 and each["mebibytes"] > 40 for each in found)
+    assert len(out.splitlines()) == 2 + len(PHASES)
+
+
+def test_growth_is_no_race(simval):
+    code, _, err = simval("bench", "growth", "scene")
+    assert code == 2
+    assert "name it alone" in err
+    code, _, err = simval("bench", "scene", "--cells", 20)
+    assert code == 2
+    assert "are of `growth`" in err

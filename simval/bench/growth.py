@@ -13,7 +13,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -211,23 +211,20 @@ def _sweep(run: Path, options: Mapping[str, Any], *, resume: bool) -> None:
             raise
 
 
-def _command(*words: str) -> None:
-    from simval.cli import run
-
-    code = run(list(words))
-    if code not in (0, 1, 3):
-        msg = f"simval {' '.join(words)} returned {code}"
-        raise InputError(msg)
-
-
-PHASES: Mapping[str, Callable[[Path, Mapping[str, Any]], None]] = {
-    "half a sweep": lambda run, options: _sweep(run, options, resume=False),
-    "its resumption": lambda run, options: _sweep(run, options, resume=True),
-    "gate": lambda run, _: _command("gate", str(run), "--no-baseline"),
-    "compare": lambda run, _: _command("compare", str(run), str(run)),
-    "report": lambda run, _: _command("report", str(run)),
+SWEEPS: Mapping[str, Callable[[Path, Mapping[str, Any]], None]] = {
+    "half a sweep": partial(_sweep, resume=False),
+    "its resumption": partial(_sweep, resume=True),
 }
-"""What is measured, in its order."""
+"""What is measured of the driver."""
+
+COMMANDS: Mapping[str, Callable[[Path], list[str]]] = {
+    "gate": lambda run: ["gate", str(run), "--no-baseline"],
+    "compare": lambda run: ["compare", str(run), str(run)],
+    "report": lambda run: ["report", str(run)],
+}
+"""Commands that are measured then."""
+
+PHASES = (*SWEEPS, *COMMANDS)
 
 
 def main(phase: str, run: str, options: str) -> None:
@@ -236,8 +233,16 @@ def main(phase: str, run: str, options: str) -> None:
 
     stdout = os.dup(1)
     os.dup2(2, 1)  # what the command prints goes to standard error
-    PHASES[phase](Path(run), json.loads(options))
-    used = resource.getrusage(resource.RUSAGE_SELF)
+    if phase in SWEEPS:
+        SWEEPS[phase](Path(run), json.loads(options))
+        used = resource.getrusage(resource.RUSAGE_SELF)
+    else:
+        words = [sys.executable, "-m", "simval", *COMMANDS[phase](Path(run))]
+        code = subprocess.run(words, check=False).returncode
+        if code not in (0, 1, 3):
+            msg = f"`simval {' '.join(words[3:])}` returned {code}"
+            raise InputError(msg)
+        used = resource.getrusage(resource.RUSAGE_CHILDREN)
     peak = used.ru_maxrss / 1024.0
     seconds = used.ru_utime + used.ru_stime
     text = json.dumps({"seconds": seconds, "mebibytes": peak}) + "\n"
