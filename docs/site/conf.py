@@ -1,5 +1,6 @@
 """The documentation site: see CONTRIBUTING.md, "The site"."""
 
+import re
 import sys
 from importlib.util import find_spec
 from pathlib import Path
@@ -56,14 +57,23 @@ FOLDERS = (("Tutorials", "tutorials"), ("How to", "howto"))
 
 
 def list_folders(app: Sphinx, docname: str, source: list[str]) -> None:
-    """Put folders' pages into the navigation; they have no list that could be stale."""
+    """Put folders' pages into the navigation, in the order of the index's links."""
     if docname == "decisions/README":  # there the list is one of links
         source[0] += TREE.format("Decisions", "[0-9]*")
     if docname == "index":
         pages = [(words, f) for words, f in FOLDERS if any((DOCS / f).glob("*.md"))]
-        trees = (TREE.format(words, f"{folder}/*") for words, folder in pages)
+        trees = (
+            TREE.format(words, "\n".join([*linked(source[0], f), f"{f}/*"]))
+            for words, f in pages
+        )
         head, mark, tail = source[0].partition("\n```{toctree}")
         source[0] = head + "".join(trees) + mark + tail
+
+
+def linked(text: str, folder: str) -> list[str]:
+    """Pages of a folder that a text links to, in its order."""
+    found = re.findall(rf"\]\(({folder}/\w+)\.md\)", text)
+    return list(dict.fromkeys(found))
 
 
 def register(app: Sphinx) -> None:

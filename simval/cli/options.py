@@ -26,6 +26,8 @@ REST = "State that the first SECONDS are a rest.  [default: found in the log]"
 class Whole(click.IntRange):
     """A whole number within its limits: 100000, 1e5."""
 
+    name = "integer"
+
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> int:
@@ -38,6 +40,8 @@ class Whole(click.IntRange):
 
 class Rate(click.FloatRange):
     """A false-alarm rate: a number from 1e-12 to a half."""
+
+    name = "rate"
 
     def __init__(self) -> None:
         super().__init__(1e-12, 0.5)

@@ -20,7 +20,7 @@ from simval.cli.options import PATH, Whole
     "--workers",
     type=Whole(min=1),
     default=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1,
-    show_default="the processors there are",
+    show_default="all processors",
     help="Number of processes that compute cells.",
 )
 @click.option("--seed", type=Whole(min=0), help="Seed to use instead of the suite's.")
@@ -30,7 +30,7 @@ from simval.cli.options import PATH, Whole
     multiple=True,
     shell_complete=studies,
     metavar="STUDY.KEY=V1[,V2...]",
-    help="Replace a value of the suite, or give several; may be repeated.",
+    help="Replace a value of the suite by one or several; may be repeated.",
 )
 @click.option(
     "--scheduler",
