@@ -61,19 +61,17 @@ def list_folders(app: Sphinx, docname: str, source: list[str]) -> None:
     if docname == "decisions/README":  # there the list is one of links
         source[0] += TREE.format("Decisions", "[0-9]*")
     if docname == "index":
-        pages = [(words, f) for words, f in FOLDERS if any((DOCS / f).glob("*.md"))]
-        trees = (
-            TREE.format(words, "\n".join([*linked(source[0], f), f"{f}/*"]))
-            for words, f in pages
-        )
+        found = [(words, ordered(source[0], folder)) for words, folder in FOLDERS]
+        trees = (TREE.format(w, "\n".join(pages)) for w, pages in found if pages)
         head, mark, tail = source[0].partition("\n```{toctree}")
         source[0] = head + "".join(trees) + mark + tail
 
 
-def linked(text: str, folder: str) -> list[str]:
-    """Pages of a folder that a text links to, in its order."""
-    found = re.findall(rf"\]\(({folder}/\w+)\.md\)", text)
-    return list(dict.fromkeys(found))
+def ordered(text: str, folder: str) -> list[str]:
+    """Pages of a folder: those that a text links to, in its order, then the others."""
+    linked = re.findall(rf"\]\(({folder}/\w+)\.md\)", text)
+    pages = sorted(f"{folder}/{path.stem}" for path in (DOCS / folder).glob("*.md"))
+    return list(dict.fromkeys([*linked, *pages]))
 
 
 def register(app: Sphinx) -> None:
