@@ -9,6 +9,7 @@ from docs.site.equations import ROOT
 from docs.site.markdown import code, definitions, page, plain
 from simval import statistics
 from simval.gate import BASELINE
+from simval.plugins import Calibrator, Estimator, Filter
 from simval.plugins.builtin import BUILTIN
 from simval.scene import scenes
 from simval.statistics import FAMILIES
@@ -84,7 +85,7 @@ def suites_page() -> str:
         for name, suite in suites
     ]
     seen = [(code(s.name), plain(s.summary)) for s in scenes().values()]
-    own = [(code(name), f"`{point.value}`") for name, point in BUILTIN.items()]
+    own = [(code(name), _algorithm(point.load())) for name, point in BUILTIN.items()]
     return page(
         "Suites, scenes and algorithms",
         "## Keys of a suite",
@@ -103,8 +104,15 @@ def suites_page() -> str:
         "## Scenes",
         definitions(seen),
         "## Algorithms of its own, measured beside yours",
+        "[What each of them does](../plugins.md#side-by-side).",
         definitions(own),
     )
+
+
+def _algorithm(thing: Estimator | Calibrator | Filter) -> str:
+    word = type(thing).__name__
+    kind = f" of the class *{thing.kind}*" if getattr(thing, "kind", None) else ""
+    return f"{word}{kind}, measured by [{word.lower()}](studies.md#{word.lower()})"
 
 
 def statistics_page() -> str:
