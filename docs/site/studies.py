@@ -31,8 +31,9 @@ def studies_page() -> str:
     """Page of all studies."""
     lead = (
         "A suite is a TOML file with a table for each study; every parameter below is "
-        "a key of its table, alone or as a list, which is an axis of the grid. Units "
-        "stand in the words; 1 is a ratio. `simval list` prints the same."
+        "a key of its table, with one value or with a list, which is an axis of the "
+        "grid. Units are in the words; what has no unit is a ratio or a count. "
+        "`simval list` prints the same."
     )
     return page("Studies and their parameters", lead, *map(_study, STUDIES.values()))
 
