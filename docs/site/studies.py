@@ -133,8 +133,8 @@ def statistics_page() -> str:
     ]
     return page(
         "Statistics and predictors",
-        "What a row of `results.csv` measures, and the theory it is set beside. The "
-        "studies behind each are those that have it in the suite `smoke`.",
+        "What a row of `results.csv` measures, and the theory that it is compared "
+        "with. After each are the studies that measure it in the suite `smoke`.",
         "## Statistics",
         "A statistic is a member of a family: `bias[K_x]` is the bias of one entry. "
         "The unit is that of the family, unless a study states another. The margin is "
