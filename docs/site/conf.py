@@ -34,7 +34,6 @@ myst_dmath_double_inline = True
 
 autodoc_typehints = "none"  # the words of Parameters say it, with units
 autodoc_member_order = "bysource"
-autodoc_default_options = {"members": False}
 napoleon_google_docstring = False
 napoleon_use_ivar = True
 napoleon_use_rtype = False
