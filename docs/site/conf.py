@@ -60,16 +60,17 @@ def list_folders(app: Sphinx, docname: str, source: list[str]) -> None:
     if docname == "decisions/README":  # there the list is one of links
         source[0] += TREE.format("Decisions", "[0-9]*")
     if docname == "index":
-        found = [(words, ordered(source[0], folder)) for words, folder in FOLDERS]
+        docs = Path(app.srcdir)
+        found = [(words, ordered(source[0], docs, name)) for words, name in FOLDERS]
         trees = (TREE.format(w, "\n".join(pages)) for w, pages in found if pages)
         head, mark, tail = source[0].partition("\n```{toctree}")
         source[0] = head + "".join(trees) + mark + tail
 
 
-def ordered(text: str, folder: str) -> list[str]:
+def ordered(text: str, docs: Path, folder: str) -> list[str]:
     """Pages of a folder: those that a text links to, in its order, then the others."""
     linked = re.findall(rf"\]\(({folder}/\w+)\.md\)", text)
-    pages = sorted(f"{folder}/{path.stem}" for path in (DOCS / folder).glob("*.md"))
+    pages = sorted(f"{folder}/{path.stem}" for path in (docs / folder).glob("*.md"))
     return list(dict.fromkeys([*linked, *pages]))
 
 
