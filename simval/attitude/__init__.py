@@ -1,4 +1,4 @@
-"""Attitude from two vector observations: closed form, its repairs, comparators.
+"""Attitude from vector observations: closed form, its repairs, other estimators.
 
 The established estimators are in `simval.attitude.comparators`, not imported here: they
 need `scipy.spatial`.

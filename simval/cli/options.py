@@ -14,14 +14,19 @@ from simval.whole import exact, read
 PATH = click.Path(path_type=Path)
 
 COLUMNS = (
-    "What each column is, in their order: t,ax,ay,az,wx,wy,wz,mx,my,mz, - to ignore "
-    "one; t[ms], t[us], t[ns] for a clock not in seconds.  [default: what the header "
-    "says]"
+    "The columns of LOG in their order, as t,ax,ay,az,wx,wy,wz,mx,my,mz, with - for "
+    "one to ignore, and t[ms], t[us] or t[ns] for a clock that is not in seconds.  "
+    "[default: what the header says]"
 )
+
+ROWS = "Rows per second of a LOG that has no clock."
+REST = "State that the first SECONDS are a rest.  [default: found in the log]"
 
 
 class Whole(click.IntRange):
     """A whole number within its limits: 100000, 1e5."""
+
+    name = "integer"
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
@@ -35,6 +40,8 @@ class Whole(click.IntRange):
 
 class Rate(click.FloatRange):
     """A false-alarm rate: a number from 1e-12 to a half."""
+
+    name = "rate"
 
     def __init__(self) -> None:
         super().__init__(1e-12, 0.5)

@@ -1,4 +1,4 @@
-"""Two runs side by side, or two algorithms of one: what differs beyond its uncertainty.
+"""Comparison of two runs or two algorithms: what differs beyond its uncertainty.
 
 `matching` finds what two runs have in common, `differences` judges it. `merits` reads
 what an algorithm is worth from the rows of its cells, `algorithms` compares two.

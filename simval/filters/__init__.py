@@ -1,4 +1,4 @@
-"""Attitude filters of our own, beside which others are set; theory knows none."""
+"""Attitude filters of simval, to compare others with; theory imports none of them."""
 
 from simval.filters.mekf import Mekf
 

@@ -1,4 +1,4 @@
-"""Logs: a user's file with rows of an accelerometer, read and checked once.
+"""Logs: a user's file with rows of sensor readings, read and checked once.
 
 A row is one instant. Text is in UTF-8, UTF-16 or Latin-1, its fields are separated by
 tabs, semicolons, commas or white space, its decimal mark is a point or a comma; words

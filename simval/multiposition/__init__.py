@@ -1,4 +1,4 @@
-"""Multi-position calibration: from a user's log to nine parameters that can be trusted.
+"""Multi-position calibration: from a user's log to a calibration with error bars.
 
 The log shows a sensor that is held still in many poses. The way of a calibration, which
 `calibration` writes down from top to bottom:

@@ -93,7 +93,7 @@ class Parameters(StudyParameters):
         default=3, description="Number of the random attitude and vectors, a seed."
     )
     noise_std: Annotated[float, Field(gt=0.0, le=0.5)] = Field(
-        default=0.01, description="Noise per axis of each unit vector, 1."
+        default=0.01, description="Noise per axis of each unit vector."
     )
     samples: Annotated[int, Field(ge=MIN_BATCHES * BATCH)] = Field(
         default=1_000_000, description="Trials; rounded up to whole blocks of 16384."

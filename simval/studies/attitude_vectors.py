@@ -72,13 +72,13 @@ class Parameters(StudyParameters):
         default=2, description="Vector pairs."
     )
     noise_std: Annotated[float, Field(ge=1e-5, le=1e-2)] = Field(
-        default=1e-4, description="Noise per axis of the first pair, body vector, 1."
+        default=1e-4, description="Noise per axis of the body vector of the first pair."
     )
     ratio: Annotated[float, Field(ge=1.0, le=1e3)] = Field(
-        default=1.0, description="Noise of the other pairs over that of the first, 1."
+        default=1.0, description="Noise of the other pairs over that of the first."
     )
     shift: Annotated[float, Field(ge=0.0, le=10.0)] = Field(
-        default=3.0, description="Turn of the wrong vector, standard deviations, 1."
+        default=3.0, description="Turn of the wrong vector, in standard deviations."
     )
     geometry: Annotated[int, Field(ge=0)] = Field(
         default=0, description="Number of the random geometry."

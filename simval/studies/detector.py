@@ -53,7 +53,7 @@ class Parameters(StudyParameters):
         default=0.01, description="Noise per axis and sample at 100 Hz, m/s^2."
     )
     multiplier: Annotated[float, Field(gt=0.0)] = Field(
-        default=6.0, description="Threshold over the variance of the initial rest, 1."
+        default=6.0, description="Threshold over the variance of the initial rest."
     )
     window: Annotated[int, Field(ge=3, le=2001)] = Field(
         default=51, description="Window of the variance, samples at 100 Hz, odd."

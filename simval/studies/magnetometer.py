@@ -78,11 +78,11 @@ class Parameters(StudyParameters):
     )
     field_noise: Annotated[float, Field(ge=1e-5, le=0.02)] = Field(
         default=0.005,
-        description="Noise per axis of a magnetometer's pose mean, of the field, 1.",
+        description="Noise per axis of a magnetometer's mean, a share of the field.",
     )
     accelerometer_noise: Annotated[float, Field(ge=1e-5, le=0.02)] = Field(
         default=1e-4,
-        description="Noise per axis of an accelerometer's pose mean, of gravity, 1.",
+        description="Noise per axis of an accelerometer's mean, a share of gravity.",
     )
     trials: Annotated[int, Field(ge=8 * BLOCK)] = Field(
         default=4096, description="Trials; rounded up to whole blocks of 128."
