@@ -1,0 +1,236 @@
+/* Trials of the two-vector closed form in one pass: draw, estimate, average.
+
+   The NumPy form of every step is simval/montecarlo/fused.py, equal to the bit: here as
+   there a number is made by IEEE additions, multiplications, divisions and square roots
+   in one fixed order, so neither the width of a vector register nor the compiler's
+   version changes a bit. Contraction to fused multiply-adds is off (CMakeLists.txt).
+
+   Random numbers: LANES independent streams of SFC64 (C. Doty-Humphrey), stepped side by
+   side; normals by Box and Muller's transform. */
+
+#define PY_SSIZE_T_CLEAN
+#include <Python.h>
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+
+#define LANES 64     /* streams */
+#define WARM 12      /* steps of a fresh stream that are thrown away */
+#define BATCH 256    /* trials */
+#define NORMALS 9    /* of a trial */
+#define FEATURES 14  /* four errors and their ten products */
+#define SUMS 8       /* partial sums of a batch */
+
+#if defined(__GNUC__) && defined(__x86_64__) && defined(__linux__)
+#define ANY_WIDTH __attribute__((target_clones("default", "avx2", "avx512f")))
+#else
+#define ANY_WIDTH
+#endif
+
+typedef struct { uint64_t a[LANES], b[LANES], c[LANES], count[LANES]; } Streams;
+
+static inline double as_double(uint64_t bits)
+{
+    double value;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+static inline uint64_t as_bits(double value)
+{
+    uint64_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    return bits;
+}
+
+ANY_WIDTH
+static void draw(Streams *restrict s, uint64_t *restrict out, int steps)
+{
+    for (int t = 0; t < steps; t++)
+        for (int l = 0; l < LANES; l++) {
+            uint64_t next = s->a[l] + s->b[l] + s->count[l];
+            s->count[l] += 1;
+            s->a[l] = s->b[l] ^ (s->b[l] >> 11);
+            s->b[l] = s->c[l] + (s->c[l] << 3);
+            s->c[l] = ((s->c[l] << 24) | (s->c[l] >> 40)) + next;
+            out[t * LANES + l] = next;
+        }
+}
+
+/* The first half of the bits are radii, the second half angles; the first half of the
+   normals are the cosines. Taylor series: what they leave out is below 2^-53. */
+ANY_WIDTH
+static void normals(const uint64_t *restrict bits, double *restrict out, int pairs)
+{
+    const uint64_t one = 0x3ff0000000000000u, sign = 0x8000000000000000u;
+    for (int i = 0; i < pairs; i++) {
+        uint64_t angle = bits[pairs + i];
+        /* u in (0, 1] by steps of 2^-52; u = 2^k f with f from sqrt(1/2) to sqrt(2) */
+        double u = 2.0 - as_double((bits[i] >> 12) | one);
+        uint64_t e = (as_bits(u) - 0x3fe6a09e667f3bcdu + one) >> 52; /* k + 1023 */
+        double k = as_double(e | 0x4330000000000000u) - 4503599627371519.0;
+        double f = as_double(as_bits(u) - (e << 52) + one);
+        double s = (f - 1.0) / (f + 1.0), z = s * s;
+        double p = 1.0 / 21.0;
+        p = p * z + 1.0 / 19.0;
+        p = p * z + 1.0 / 17.0;
+        p = p * z + 1.0 / 15.0;
+        p = p * z + 1.0 / 13.0;
+        p = p * z + 1.0 / 11.0;
+        p = p * z + 1.0 / 9.0;
+        p = p * z + 1.0 / 7.0;
+        p = p * z + 1.0 / 5.0;
+        p = p * z + 1.0 / 3.0;
+        double log_u = k * 0.6931471805599453 + 2.0 * (s + s * (z * p));
+        double radius = sqrt(-2.0 * log_u);
+        /* an angle within an octant, and three bits that say which */
+        double x = (as_double(((angle << 3) >> 12) | one) - 1.0) * 0.7853981633974483;
+        double y = x * x;
+        double q = -1.0 / 1307674368000.0;
+        q = q * y + 1.0 / 6227020800.0;
+        q = q * y - 1.0 / 39916800.0;
+        q = q * y + 1.0 / 362880.0;
+        q = q * y - 1.0 / 5040.0;
+        q = q * y + 1.0 / 120.0;
+        q = q * y - 1.0 / 6.0;
+        uint64_t sine = as_bits(x + x * (y * q));
+        double c = 1.0 / 20922789888000.0;
+        c = c * y - 1.0 / 87178291200.0;
+        c = c * y + 1.0 / 479001600.0;
+        c = c * y - 1.0 / 3628800.0;
+        c = c * y + 1.0 / 40320.0;
+        c = c * y - 1.0 / 720.0;
+        c = c * y + 1.0 / 24.0;
+        c = c * y - 0.5;
+        uint64_t cosine = as_bits(1.0 + y * c);
+        uint64_t change = (cosine ^ sine) & (0 - (angle >> 63));
+        cosine = (cosine ^ change) ^ ((angle << 1) & sign);
+        sine = (sine ^ change) ^ ((angle << 2) & sign);
+        out[i] = radius * as_double(cosine);
+        out[pairs + i] = radius * as_double(sine);
+    }
+}
+
+/* Means over a batch of q - (d1 x d2; s1 . d2), normalised, and of its products. */
+ANY_WIDTH
+static void average(const double *restrict x, const double *restrict mean,
+                    double noise, const double *restrict q, double *restrict out)
+{
+    double sums[FEATURES][SUMS];
+    memset(sums, 0, sizeof sums);
+    for (int t = 0; t < BATCH; t += SUMS) {
+        double e[4][SUMS];
+        for (int l = 0; l < SUMS; l++) {
+            double v[NORMALS];
+            for (int j = 0; j < NORMALS; j++)
+                v[j] = mean[j] + noise * x[j * BATCH + t + l];
+            double w0 = v[1] * v[8] - v[2] * v[7];
+            double w1 = v[2] * v[6] - v[0] * v[8];
+            double w2 = v[0] * v[7] - v[1] * v[6];
+            double w3 = v[3] * v[6] + v[4] * v[7] + v[5] * v[8];
+            double n = 1.0 / sqrt(w0 * w0 + w1 * w1 + w2 * w2 + w3 * w3);
+            e[0][l] = q[0] - w0 * n;
+            e[1][l] = q[1] - w1 * n;
+            e[2][l] = q[2] - w2 * n;
+            e[3][l] = q[3] - w3 * n;
+        }
+        for (int i = 0, m = 4; i < 4; i++) {
+            for (int l = 0; l < SUMS; l++)
+                sums[i][l] += e[i][l];
+            for (int j = i; j < 4; j++, m++)
+                for (int l = 0; l < SUMS; l++)
+                    sums[m][l] += e[i][l] * e[j][l];
+        }
+    }
+    for (int m = 0; m < FEATURES; m++) {
+        const double *s = sums[m];
+        out[m] = (((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7])))
+                 / BATCH;
+    }
+}
+
+/* A C-contiguous buffer of so many doubles or 64-bit integers, or an error. */
+static int take(PyObject *object, Py_buffer *view, const char *name, char format,
+                Py_ssize_t count, int writable)
+{
+    int flags = PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | (writable ? PyBUF_WRITABLE : 0);
+    if (PyObject_GetBuffer(object, view, flags) < 0)
+        return -1;
+    char found = view->format == NULL ? '\0' : view->format[0];
+    int right = found == format || (format == 'L' && found == 'Q');
+    if (!right || view->itemsize != 8 || view->len / 8 < 1
+        || (count > 0 && view->len / 8 != count)) {
+        PyErr_Format(PyExc_ValueError, "`%s` has %zd bytes of format '%s'; %zd numbers "
+                     "of format '%c' are needed", name, view->len,
+                     view->format == NULL ? "" : view->format, count, format);
+        PyBuffer_Release(view);
+        return -1;
+    }
+    return 0;
+}
+
+PyDoc_STRVAR(batches_doc,
+"batches(state, mean, noise, q, out)\n--\n\n"
+"Batch means of a block of trials, into `out`, by fresh streams `state`, which move on.");
+
+static PyObject *batches(PyObject *module, PyObject *args)
+{
+    PyObject *objects[4];
+    Py_buffer state, mean, q, out;
+    double noise;
+    (void)module;
+    if (!PyArg_ParseTuple(args, "OOdOO", &objects[0], &objects[1], &noise, &objects[2],
+                          &objects[3]))
+        return NULL;
+    if (take(objects[0], &state, "state", 'L', 4 * LANES, 1) < 0)
+        return NULL;
+    if (take(objects[1], &mean, "mean", 'd', NORMALS, 0) < 0)
+        goto no_mean;
+    if (take(objects[2], &q, "q", 'd', 4, 0) < 0)
+        goto no_q;
+    if (take(objects[3], &out, "out", 'd', 0, 1) < 0)
+        goto no_out;
+    Py_ssize_t count = out.len / 8 / FEATURES;
+    if (count * FEATURES * 8 != out.len) {
+        PyErr_Format(PyExc_ValueError, "`out` has %zd numbers; a multiple of %d is "
+                     "needed", out.len / 8, FEATURES);
+        PyBuffer_Release(&out);
+        goto no_out;
+    }
+    Py_BEGIN_ALLOW_THREADS
+    uint64_t bits[NORMALS * BATCH];
+    double x[NORMALS * BATCH];
+    draw(state.buf, bits, WARM);
+    for (Py_ssize_t b = 0; b < count; b++) {
+        draw(state.buf, bits, NORMALS * BATCH / LANES);
+        normals(bits, x, NORMALS * BATCH / 2);
+        average(x, mean.buf, noise, q.buf, (double *)out.buf + b * FEATURES);
+    }
+    Py_END_ALLOW_THREADS
+    PyBuffer_Release(&out);
+    PyBuffer_Release(&q);
+    PyBuffer_Release(&mean);
+    PyBuffer_Release(&state);
+    Py_RETURN_NONE;
+no_out:
+    PyBuffer_Release(&q);
+no_q:
+    PyBuffer_Release(&mean);
+no_mean:
+    PyBuffer_Release(&state);
+    return NULL;
+}
+
+static PyMethodDef methods[] = {
+    {"batches", batches, METH_VARARGS, batches_doc},
+    {NULL, NULL, 0, NULL},
+};
+
+static struct PyModuleDef definition = {
+    PyModuleDef_HEAD_INIT, "_fused", NULL, 0, methods, NULL, NULL, NULL, NULL,
+};
+
+PyMODINIT_FUNC PyInit__fused(void)
+{
+    return PyModule_Create(&definition);
+}

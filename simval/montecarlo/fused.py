@@ -1,0 +1,208 @@
+r"""Trials of the two-vector closed form in one pass: draw, estimate, average.
+
+With isotropic noise the estimate of a fixed frame depends on :math:`d_1 = b_1 - r_1`,
+:math:`s_1 = b_1 + r_1` and :math:`d_2 = b_2 - r_2` alone (`simval.attitude.kernel`), and
+their noises are independent with :math:`\sqrt2\,\sigma` for each axis: nine normals a
+trial instead of twelve.
+
+The compiled block and the NumPy form of it give the same bits. Each number is made by
+IEEE additions, multiplications, divisions and square roots in one fixed order:
+
+* `LANES` independent streams of SFC64, seeded by `SeedSequence` and moved on twelve
+  times, are stepped side by side;
+* two words of 64 bits make two normals by Box and Muller: a radius
+  :math:`\sqrt{-2 \ln u}`, u in (0, 1] by steps of 2^-52, and an angle of 52 bits within
+  an octant that three more bits choose. The logarithm is the series of
+  :math:`2\,\mathrm{artanh}\frac{f-1}{f+1}` for f from :math:`\sqrt{1/2}` to
+  :math:`\sqrt 2`, sine and cosine are Taylor's; what is left out of each is below 2^-53.
+  The greatest normal is :math:`\sqrt{104 \ln 2} = 8.5`;
+* a batch of eq. (M1) of `simval.montecarlo.plain` is `BATCH` trials, summed in eight
+  partial sums.
+"""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simval.arguments import instance, whole_number
+from simval.arrays import Array, nonnegative_number, physical_array
+from simval.shapes import Float
+from simval.streams import Streams
+
+try:
+    from simval.montecarlo import _fused
+except ImportError:  # a wheel that was built without a compiler
+    _fused = None
+
+Words = NDArray[np.uint64]
+
+LANES: Final = 64
+"""Streams of a block; part of the promise of equal bits."""
+BATCH: Final = 256
+"""Trials in a batch; also."""
+NORMALS: Final = 9
+FEATURES: Final = 14
+SUMS: Final = 8
+WARM: Final = 12
+"""Steps of a fresh stream that are thrown away, as NumPy does with one of its own."""
+CHUNK: Final = 4
+"""Batches whose arrays stay in the cache, in the NumPy form."""
+
+_ONE: Final = np.uint64(0x3FF0000000000000)
+_SIGN: Final = np.uint64(0x8000000000000000)
+_ROOT: Final = np.uint64(0x3FE6A09E667F3BCD)  # bits of the root of 1/2
+_WHOLE: Final = np.uint64(0x4330000000000000)  # bits of 2^52
+_LOG: Final = [1.0 / k for k in range(21, 1, -2)]
+_SINE: Final = [-1 / 1307674368000, 1 / 6227020800, -1 / 39916800, 1 / 362880,
+                -1 / 5040, 1 / 120, -1 / 6]  # fmt: skip
+_COSINE: Final = [1 / 20922789888000, -1 / 87178291200, 1 / 479001600, -1 / 3628800,
+                  1 / 40320, -1 / 720, 1 / 24, -0.5]  # fmt: skip
+
+
+def compiled() -> bool:
+    """Whether the compiled block is there; no number depends on it."""
+    return _fused is not None
+
+
+def fused_batches(
+    streams: Streams,
+    block: int,
+    batches: int,
+    *,
+    mean: Float[Array, "9"],
+    noise: float,
+    q: Float[Array, "4"],
+) -> Float[Array, "batches 14"]:
+    """Batch means of the features of a block of trials.
+
+    Parameters
+    ----------
+    streams : Streams
+        The cell's random streams.
+    block : int
+        Number of the block, whose streams are its own.
+    batches : int
+        Batches of `BATCH` trials in the block.
+    mean : Array
+        True d1, s1 and d2, (9,).
+    noise : float
+        Standard deviation of each of their components.
+    q : Array
+        What the normalised (d1 x d2; s1 . d2) is subtracted from, (4,).
+
+    Returns
+    -------
+    Array
+        Of each batch the mean error and the means of the upper triangle of its
+        products, (batches, 14).
+
+    Raises
+    ------
+    InputError
+        If an argument is not what is said above.
+    """
+    instance("streams", streams, Streams)
+    batches = whole_number("batches", batches, 1)
+    mean = np.ascontiguousarray(physical_array("mean", mean, (NORMALS,)))
+    q = np.ascontiguousarray(physical_array("q", q, (4,)))
+    noise = nonnegative_number("noise", noise, "")
+    state = lanes(streams, block)
+    out = np.empty((batches, FEATURES))
+    if _fused is not None:
+        _fused.batches(state, mean, noise, q, out)
+        return out
+    words = draws(state, batches)
+    for k in range(0, batches, CHUNK):
+        part = slice(k, k + CHUNK)
+        out[part] = averages(normals(words[part]), mean, noise, q)
+    return out
+
+
+def lanes(streams: Streams, block: int) -> Words:
+    """Fresh states of the lanes of a block: three words and a counter, (4, LANES)."""
+    words = streams.sequence(block).generate_state(3 * LANES, np.uint64)
+    return np.vstack([words.reshape(3, LANES), np.ones((1, LANES), dtype=np.uint64)])
+
+
+def draws(state: Words, batches: int) -> Words:
+    """Words of some batches, those of all lanes by turns, (batches, NORMALS BATCH)."""
+    steps = batches * NORMALS * BATCH // LANES
+    generator = np.random.SFC64(0)
+    words = np.empty((steps, LANES), dtype=np.uint64)
+    for lane, own in enumerate(state.T):
+        generator.state = {
+            "bit_generator": "SFC64",
+            "state": {"state": own},
+            "has_uint32": 0,
+            "uinteger": 0,
+        }
+        words[:, lane] = generator.random_raw(WARM + steps)[WARM:]
+    return words.reshape(batches, NORMALS * BATCH)
+
+
+def normals(words: Words) -> Float[Array, "batches m"]:
+    """Box and Muller: the first half of each row are radii, the second half angles."""
+    half = words.shape[1] // 2
+    angle = words[:, half:]
+    radius = np.sqrt(-2.0 * _log(2.0 - _double((words[:, :half] >> np.uint64(12)) | _ONE)))
+    within = _double(((angle << np.uint64(3)) >> np.uint64(12)) | _ONE) - 1.0
+    x = within * 0.7853981633974483
+    y = x * x
+    sine = (x + x * (y * _horner(_SINE, y))).view(np.uint64)
+    cosine = (1.0 + y * _horner(_COSINE, y)).view(np.uint64)
+    change = (cosine ^ sine) & (np.uint64(0) - (angle >> np.uint64(63)))
+    cosine = (cosine ^ change) ^ ((angle << np.uint64(1)) & _SIGN)
+    sine = (sine ^ change) ^ ((angle << np.uint64(2)) & _SIGN)
+    return np.hstack([radius * _double(cosine), radius * _double(sine)])
+
+
+def _log(u: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Natural logarithm of numbers in (0, 1]."""
+    bits = u.view(np.uint64)
+    e = (bits - _ROOT + _ONE) >> np.uint64(52)
+    k = _double(e | _WHOLE) - 4503599627371519.0
+    f = _double(bits - (e << np.uint64(52)) + _ONE)
+    s = (f - 1.0) / (f + 1.0)
+    z = s * s
+    log: Array = k * 0.6931471805599453 + 2.0 * (s + s * (z * _horner(_LOG, z)))
+    return log
+
+
+def _double(bits: Words) -> Array:
+    return bits.view(np.float64)
+
+
+def _horner(terms: list[float], x: Array) -> Array:
+    total = np.full_like(x, terms[0])
+    for term in terms[1:]:
+        total *= x
+        total += term
+    return total
+
+
+def averages(
+    x: Float[Array, "batches m"],
+    mean: Float[Array, "9"],
+    noise: float,
+    q: Float[Array, "4"],
+) -> Float[Array, "batches 14"]:
+    """Batch means of q - (d1 x d2; s1 . d2), normalised, and of its products."""
+    v = mean[:, None, None] + noise * x.reshape(-1, NORMALS, BATCH).transpose(1, 0, 2)
+    w = (
+        v[1] * v[8] - v[2] * v[7],
+        v[2] * v[6] - v[0] * v[8],
+        v[0] * v[7] - v[1] * v[6],
+        v[3] * v[6] + v[4] * v[7] + v[5] * v[8],
+    )
+    n = 1.0 / np.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2] + w[3] * w[3])
+    e = [q[i] - w[i] * n for i in range(4)]
+    products = [e[i] * e[j] for i in range(4) for j in range(i, 4)]
+    # eight partial sums of a batch, each in the order of its trials
+    steps = np.stack([*e, *products]).reshape(FEATURES, -1, BATCH // SUMS, SUMS)
+    s = np.zeros_like(steps[:, :, 0])
+    for t in range(BATCH // SUMS):
+        s += steps[:, :, t]
+    s = s.transpose(2, 1, 0)
+    total: Array = ((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7]))
+    return total / BATCH
