@@ -1,9 +1,9 @@
 r"""Trials of the two-vector closed form in one pass: draw, estimate, average.
 
 With isotropic noise the estimate of a fixed frame depends on :math:`d_1 = b_1 - r_1`,
-:math:`s_1 = b_1 + r_1` and :math:`d_2 = b_2 - r_2` alone (`simval.attitude.kernel`), and
-their noises are independent with :math:`\sqrt2\,\sigma` for each axis: nine normals a
-trial instead of twelve.
+:math:`s_1 = b_1 + r_1` and :math:`d_2 = b_2 - r_2` alone (`simval.attitude.kernel`),
+and their noises are independent with :math:`\sqrt2\,\sigma` for each axis: nine
+normals a trial instead of twelve.
 
 The compiled block and the NumPy form of it give the same bits. Each number is made by
 IEEE additions, multiplications, divisions and square roots in one fixed order:
@@ -14,24 +14,29 @@ IEEE additions, multiplications, divisions and square roots in one fixed order:
   :math:`\sqrt{-2 \ln u}`, u in (0, 1] by steps of 2^-52, and an angle of 52 bits within
   an octant that three more bits choose. The logarithm is the series of
   :math:`2\,\mathrm{artanh}\frac{f-1}{f+1}` for f from :math:`\sqrt{1/2}` to
-  :math:`\sqrt 2`, sine and cosine are Taylor's; what is left out of each is below 2^-53.
-  The greatest normal is :math:`\sqrt{104 \ln 2} = 8.5`;
+  :math:`\sqrt 2`, sine and cosine are Taylor's; what is left out of each is below
+  2^-53. The greatest normal is :math:`\sqrt{104 \ln 2} = 8.5`;
 * a batch of eq. (M1) of `simval.montecarlo.plain` is `BATCH` trials, summed in eight
   partial sums.
 """
 
-from typing import Final
+from importlib import import_module
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simval.arguments import instance, whole_number
+from simval.arguments import choice, instance, whole_number
 from simval.arrays import Array, nonnegative_number, physical_array
+from simval.attitude import kernel
+from simval.errors import InputError
+from simval.montecarlo.plain import Sums, summed
 from simval.shapes import Float
 from simval.streams import Streams
 
+_fused: Any
 try:
-    from simval.montecarlo import _fused
+    _fused = import_module("simval.montecarlo._fused")
 except ImportError:  # a wheel that was built without a compiler
     _fused = None
 
@@ -60,6 +65,84 @@ _COSINE: Final = [1 / 20922789888000, -1 / 87178291200, 1 / 479001600, -1 / 3628
                   1 / 40320, -1 / 720, 1 / 24, -0.5]  # fmt: skip
 
 
+def simulate_closed_form(
+    vectors: Float[Array, "12 1"],
+    frame: str,
+    q: Float[Array, "4"],
+    noise_std: float,
+    streams: Streams,
+    *,
+    samples: int,
+    block: int,
+    threads: int = 1,
+) -> Sums:
+    """Errors of the two-vector closed form under isotropic noise of all four vectors.
+
+    Parameters
+    ----------
+    vectors : Array
+        True b1, b2, r1 and r2, (12, 1).
+    frame : str
+        A fixed frame: ``x``, ``y``, ``z`` or ``plain``.
+    q : Array
+        True quaternion with the sign that the formula gives, (4,).
+    noise_std : float
+        Noise of each component of each vector.
+    streams : Streams
+        The cell's random streams.
+    samples : int
+        How many trials; rounded up to whole blocks.
+    block : int
+        Trials in a block, a multiple of `BATCH`; part of the promise of equal bits.
+    threads : int, default 1
+        Threads that compute blocks; the bits do not depend on it.
+
+    Returns
+    -------
+    Sums
+        Of the errors, truth minus estimate.
+
+    Raises
+    ------
+    InputError
+        If an argument is not what is said above.
+    """
+    samples = whole_number("samples", samples, 1)
+    block = whole_number("block", block, 1)
+    if block % BATCH:
+        msg = f"`block` is {block}; it must be a multiple of {BATCH}"
+        raise InputError(msg)
+    mean = kernel.sums_and_differences(vectors, choice("frame", frame, kernel.FRAMES))
+    rows, signs = map(np.array, kernel.places(frame))
+    # of a sum or a difference of two vectors
+    noise = np.sqrt(2.0) * nonnegative_number("noise_std", noise_std, "")
+    turned = signs * physical_array("q", q, (4,))[rows]
+    places, factors = _features(rows, signs)
+
+    def means(number: int) -> Array:
+        found = fused_batches(
+            streams, number, block // BATCH, mean=mean, noise=noise, q=turned
+        )
+        placed = np.empty_like(found)
+        placed[:, places] = factors * found
+        return placed
+
+    threads = whole_number("threads", threads, 1, 1024)
+    return summed(means, -(-samples // block), BATCH, threads)
+
+
+def _features(
+    rows: NDArray[np.intp], signs: Float[Array, "4"]
+) -> tuple[NDArray[np.intp], Float[Array, "14"]]:
+    """Where the features of turned components go, and with which sign."""
+    upper = np.triu_indices(4)
+    number = np.zeros((4, 4), dtype=np.intp)
+    number[upper] = number.T[upper] = np.arange(4, FEATURES)
+    i, j = upper
+    places = np.concatenate([rows, number[rows[i], rows[j]]])
+    return places, np.concatenate([signs, signs[i] * signs[j]])
+
+
 def compiled() -> bool:
     """Whether the compiled block is there; no number depends on it."""
     return _fused is not None
@@ -74,39 +157,17 @@ def fused_batches(
     noise: float,
     q: Float[Array, "4"],
 ) -> Float[Array, "batches 14"]:
-    """Batch means of the features of a block of trials.
+    """Batch means of a block of trials: mean error and means of its products.
 
-    Parameters
-    ----------
-    streams : Streams
-        The cell's random streams.
-    block : int
-        Number of the block, whose streams are its own.
-    batches : int
-        Batches of `BATCH` trials in the block.
-    mean : Array
-        True d1, s1 and d2, (9,).
-    noise : float
-        Standard deviation of each of their components.
-    q : Array
-        What the normalised (d1 x d2; s1 . d2) is subtracted from, (4,).
-
-    Returns
-    -------
-    Array
-        Of each batch the mean error and the means of the upper triangle of its
-        products, (batches, 14).
+    With `mean` and `noise` of d1, s1 and d2, and `q` from which the normalised
+    (d1 x d2; s1 . d2) is subtracted.
 
     Raises
     ------
     InputError
-        If an argument is not what is said above.
+        If `streams` are none.
     """
     instance("streams", streams, Streams)
-    batches = whole_number("batches", batches, 1)
-    mean = np.ascontiguousarray(physical_array("mean", mean, (NORMALS,)))
-    q = np.ascontiguousarray(physical_array("q", q, (4,)))
-    noise = nonnegative_number("noise", noise, "")
     state = lanes(streams, block)
     out = np.empty((batches, FEATURES))
     if _fused is not None:
@@ -145,7 +206,9 @@ def normals(words: Words) -> Float[Array, "batches m"]:
     """Box and Muller: the first half of each row are radii, the second half angles."""
     half = words.shape[1] // 2
     angle = words[:, half:]
-    radius = np.sqrt(-2.0 * _log(2.0 - _double((words[:, :half] >> np.uint64(12)) | _ONE)))
+    radius = np.sqrt(
+        -2.0 * _log(2.0 - _double((words[:, :half] >> np.uint64(12)) | _ONE))
+    )
     within = _double(((angle << np.uint64(3)) >> np.uint64(12)) | _ONE) - 1.0
     x = within * 0.7853981633974483
     y = x * x

@@ -1,0 +1,236 @@
+"""Trials in one compiled pass: equal bits, right normals, the formula's own errors."""
+
+import shutil
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from simval.attitude.kernel import FRAMES, normalize_columns, raw_quaternion
+from simval.montecarlo import compiled, fused, moments_of, simulate_closed_form
+from simval.montecarlo.plain import batch_means, sums_of
+from simval.streams import Streams, cell_key
+
+STREAMS = Streams(7, cell_key("test"))
+needs_block = pytest.mark.skipif(
+    not compiled(),
+    reason="the compiled block is not there: no compiler at installation",
+)
+
+
+def words(batches, block=0, streams=STREAMS):
+    return fused.draws(fused.lanes(streams, block), batches)
+
+
+def numpy_form(block, batches, mean, noise, q):
+    x = fused.normals(words(batches, block))
+    return fused.averages(x, mean, noise, q)
+
+
+def test_the_block_is_there_where_a_compiler_is():
+    if shutil.which("cc") is None:
+        pytest.skip("no compiler here")
+    assert compiled()
+
+
+@needs_block
+@pytest.mark.parametrize("block", range(6))
+def test_both_forms_have_the_same_bits(block):
+    rng = np.random.default_rng(block)
+    mean, q = rng.standard_normal(9), rng.standard_normal(4)
+    noise, batches = 10.0 ** rng.uniform(-3, 2), int(rng.integers(1, 20))
+    known = {"mean": mean, "noise": noise, "q": q}
+    found = fused.fused_batches(STREAMS, block, batches, **known)
+    assert np.array_equal(found, numpy_form(block, batches, mean, noise, q))
+    # power: one normal in 2304 that is off by 1e-9 is another mean
+    x = fused.normals(words(batches, block))
+    x[:, 5] *= 1.0 + 1e-9
+    assert not np.array_equal(found, fused.averages(x, mean, noise, q))
+
+
+def test_the_words_are_those_of_numpys_own_generator():
+    # the state machine written out: what the compiled block does, step by step
+    state = fused.lanes(STREAMS, 3)
+    a, b, c, count = (list(map(int, row)) for row in state)
+    mask, first = 2**64 - 1, []
+    for step in range(fused.WARM + 4):
+        out = [(x + y + n) & mask for x, y, n in zip(a, b, count, strict=True)]
+        count = [n + 1 for n in count]
+        a = [y ^ (y >> 11) for y in b]
+        b = [(z + (z << 3)) & mask for z in c]
+        turned = [((z << 24) | (z >> 40)) & mask for z in c]
+        c = [(z + x) & mask for z, x in zip(turned, out, strict=True)]
+        if step >= fused.WARM:
+            first += out
+    assert fused.draws(state, 1).ravel()[: len(first)].tolist() == first
+
+
+def test_the_normals_are_box_and_mullers():
+    raw = words(8)
+    half = raw.shape[1] // 2
+    u = 1.0 - (raw[:, :half] >> np.uint64(12)) * 2.0**-52
+    angle = raw[:, half:]
+    within = ((angle << np.uint64(3)) >> np.uint64(12)) * 2.0**-52
+    octant = (angle >> np.uint64(61)).astype(int)
+    # cosine and sine of the angle in its octant: swapped, then each with its sign
+    t = within * np.pi / 4
+    c, s = np.cos(t), np.sin(t)
+    swap = octant // 4 == 1
+    c, s = np.where(swap, s, c), np.where(swap, c, s)
+    c, s = np.where(octant // 2 % 2, -c, c), np.where(octant % 2, -s, s)
+    radius = np.sqrt(-2.0 * np.log(u))
+    expected = np.hstack([radius * c, radius * s])
+    # some ten roundings of 2^-53 in each factor; t near 0 or u near 1 is as exact
+    np.testing.assert_allclose(fused.normals(raw), expected, rtol=2e-15, atol=0)
+
+
+def test_the_ends_of_the_words():
+    ends = np.array([0, 2**64 - 1, 2**63, 2**12 - 1, 2**12], dtype=np.uint64)
+    radii, angles = np.meshgrid(ends, ends)
+    x = fused.normals(np.hstack([radii.ravel(), angles.ravel()])[None])
+    assert np.isfinite(x).all()
+    # u of 2^-52 gives the greatest normal, u of 1 gives zero
+    assert np.abs(x).max() == pytest.approx(np.sqrt(104 * np.log(2)), rel=1e-14)
+    assert np.abs(x[0, radii.ravel().size :][radii.ravel() < 2**12]).max() == 0.0
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_the_trials_are_those_of_the_closed_form(frame):
+    rng = np.random.default_rng(2)
+    vectors, q = rng.standard_normal((12, 1)), rng.standard_normal(4)
+    noise, batches = 0.3, 4
+    sums = simulate_closed_form(
+        vectors, frame, q, noise, STREAMS, samples=1, block=256 * batches
+    )
+    # vectors whose sums and differences have this noise: that of r is minus or plus b's
+    x = fused.normals(words(batches)).reshape(batches, 9, 256)
+    d1, s1, d2 = x.transpose(1, 0, 2).reshape(3, 3, -1) * np.sqrt(2) * noise
+    turn = np.array([1.0 if frame in ("plain", k) else -1.0 for k in "xyz"])[:, None]
+    drawn = vectors + np.concatenate(
+        [(s1 + d1) / 2, d2 / 2, turn * (s1 - d1) / 2, -turn * d2 / 2]
+    )
+    errors = q[:, None] - normalize_columns(raw_quaternion(drawn, frame))
+    expected = sums_of(batch_means(errors, 256), 256)
+    # rounding: a hundred operations of 2^-53 on errors of length 1
+    np.testing.assert_allclose(sums.mean, expected.mean, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(sums.scatter, expected.scatter, rtol=0, atol=1e-13)
+
+
+def test_the_law_is_that_of_the_plain_pass():
+    """Moments of twelve plain normals and of nine agree within their errors."""
+    from simval.montecarlo import simulate
+
+    rng = np.random.default_rng(5)
+    vectors = rng.standard_normal((12, 1))
+    q = normalize_columns(raw_quaternion(vectors, "y"))[:, 0]
+
+    def plain(noise):
+        def sampler(rng, count):
+            noisy = vectors + noise * rng.standard_normal((12, count))
+            return q[:, None] - normalize_columns(raw_quaternion(noisy, "y"))
+
+        streams = Streams(8, cell_key("plain"))
+        return moments_of(
+            simulate(sampler, streams, samples=2**17, block=2**14, batch=256)
+        )
+
+    nine = moments_of(
+        simulate_closed_form(vectors, "y", q, 0.1, STREAMS, samples=2**17, block=2**14)
+    )
+    limit = stats.norm.isf(1e-4 / (2 * 14))  # 14 comparisons, one false alarm in 1e4
+    upper = np.triu_indices(4)
+
+    def apart(other):
+        bias = (nine.bias - other.bias) / np.hypot(nine.bias_error, other.bias_error)
+        error = np.hypot(nine.covariance_error, other.covariance_error)
+        return np.append(bias, ((nine.covariance - other.covariance) / error)[upper])
+
+    assert np.abs(apart(plain(0.1))).max() < limit
+    assert np.abs(apart(plain(0.102))).max() > limit  # power: 2 % of the noise
+
+
+@pytest.mark.ci
+def test_moments_of_the_normals_to_the_eighth():
+    x = np.concatenate([fused.normals(words(64, k)).ravel() for k in range(8)])
+    limit = stats.norm.isf(1e-4 / (2 * 8))
+    moments = {1: 0, 2: 1, 3: 0, 4: 3, 5: 0, 6: 15, 7: 0, 8: 105}
+
+    def apart(x):
+        return [
+            (np.mean(x**k) - expected) / (np.std(x**k) / np.sqrt(len(x)))
+            for k, expected in moments.items()
+        ]
+
+    assert np.abs(apart(x)).max() < limit
+    assert np.abs(apart(1.005 * x)).max() > limit  # power: half a per cent too wide
+    # and the whole law: a Kolmogorov test at 1e-4, which a shift of 0.01 fails
+    assert stats.kstest(x, "norm").pvalue > 1e-4
+    assert stats.kstest(x + 0.01, "norm").pvalue < 1e-4
+
+
+def test_lanes_blocks_and_pairs_are_independent():
+    blocks = [fused.normals(words(16, k)) for k in range(16)]
+    raw = [words(16, k).reshape(-1, fused.LANES).T.astype(float) for k in range(16)]
+    n = blocks[0].size
+
+    def correlation(a, b):
+        return np.corrcoef(a, b)[0, 1] * np.sqrt(len(a))
+
+    half = blocks[0].shape[1] // 2
+    found = [correlation(a.ravel(), b.ravel()) for a, b in pairwise(blocks)]
+    found += [correlation(a.ravel()[:-1], a.ravel()[1:]) for a in blocks]
+    found += [correlation(a[:, :half].ravel(), a[:, half:].ravel()) for a in blocks]
+    squares = [b**2 for b in blocks]
+    found += [correlation(a[:, :half].ravel(), a[:, half:].ravel()) for a in squares]
+    for each in raw:
+        lanes = np.corrcoef(each)[np.triu_indices(fused.LANES, 1)]
+        found += list(lanes * np.sqrt(each.shape[1]))
+    limit = stats.norm.isf(1e-4 / (2 * len(found)))
+    assert np.abs(found).max() < limit
+    mixed = blocks[0].ravel() + 0.05 * blocks[1].ravel()
+    assert abs(correlation(mixed, blocks[1].ravel())) > limit, n  # power
+
+
+def test_threads_and_blocks_leave_the_bits_alone():
+    known = (np.arange(12.0)[:, None], "x", np.ones(4), 0.1, STREAMS)
+    one, two = (
+        simulate_closed_form(*known, samples=40 * 256, block=256, threads=threads)
+        for threads in (1, 2)
+    )
+    assert np.array_equal(one.mean, two.mean)
+    assert np.array_equal(one.scatter, two.scatter)
+
+
+@needs_block
+def test_the_block_refuses_what_is_no_argument():
+    rng = np.random.default_rng(1)
+    state = fused.lanes(STREAMS, 0)
+    right = [state, np.ones(9), 0.1, np.ones(4), np.empty((3, 14))]
+    fused._fused.batches(*right)
+    locked = np.empty((3, 14))
+    locked.flags.writeable = False
+    wrong = {
+        0: [state[:3], state.astype(np.int64), state.astype(float), state.T, None],
+        1: [np.ones(8), np.ones(9, np.float32), np.ones(18)[::2], "text", b"12345678"],
+        2: ["x", None, 1j],
+        3: [np.ones(5), np.empty(0), np.ones(4, np.int64), np.ones(4, ">f8")],
+        4: [np.empty((3, 13)), np.empty(0), locked, np.empty((28, 2)).T[:, ::2]],
+    }
+    for place, values in wrong.items():
+        for value in values:
+            given = [*right[:place], value, *right[place + 1 :]]
+            with pytest.raises((ValueError, TypeError, BufferError)):
+                fused._fused.batches(*given)
+    for _ in range(300):  # and of any shape and kind at random
+        given = list(right)
+        for place in rng.integers(0, 5, size=rng.integers(1, 4)):
+            shape = tuple(rng.integers(0, 20, size=rng.integers(0, 4)))
+            kind = rng.choice(["f8", "f4", "u8", "i8", "u1", "c16", ">f8"])
+            given[place] = np.zeros(shape, dtype=kind)
+        try:
+            fused._fused.batches(*given)
+        except (ValueError, TypeError, BufferError):
+            continue
+        assert given[0].nbytes == 4 * 8 * fused.LANES
+        assert given[4].nbytes % (14 * 8) == 0
