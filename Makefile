@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: report test landing check nightly mutants lowest sample league clean
+.PHONY: report test landing check nightly sanitize mutants lowest sample league clean
 
 report: .venv/installed
 	@mkdir -p reports/runs
@@ -28,12 +28,17 @@ check: .venv/installed
 	$(BIN)/lint-imports
 
 nightly: check
+	$(MAKE) sanitize
 	HYPOTHESIS_PROFILE=nightly $(BIN)/python -m pytest -m "not league"
 	$(BIN)/simval selftest
 	$(BIN)/simval selftest --rates
 	$(MAKE) mutants
 	$(MAKE) .venv-league/installed
 	PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 .venv-league/bin/python -m pytest -m league tests/test_league.py tests/test_league_filters.py
+
+# the compiled block under sanitizers, with random arguments
+sanitize: .venv/installed
+	$(BIN)/python tests/sanitized.py
 
 # faults put into the code one at a time: a sample of each package, or PACKAGES, COUNT, SEED
 COUNT ?= 200
@@ -77,7 +82,7 @@ lowest:
 	.venv-lowest/bin/python -m pytest -m "not slow and not wheel"
 
 # made when missing, re-used when not; remade only when the dependencies change
-.venv/installed: pyproject.toml
+.venv/installed: pyproject.toml CMakeLists.txt simval/montecarlo/_fused.c
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test]'
 	touch $@

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import venv
+import zipfile
 
 import pytest
 from places import ROOT
@@ -35,3 +36,31 @@ def test_the_wheel_finds_its_models_and_runs_the_smoke_suite(tmp_path):
     assert "site-packages" in run(python, "-c", models, **outside)
     report = run(program, "report", tmp_path / "run", **outside)
     assert report.splitlines()[-1].endswith("report.html")
+
+
+def test_a_wheel_without_a_compiler_has_the_same_bits(tmp_path):
+    pip = ("-m", "pip", "--quiet", "--disable-pip-version-check")
+    run(
+        sys.executable, *pip, "wheel", "--no-deps", "-w", tmp_path, ROOT,
+        env={**os.environ, "CC": "/bin/false", "CMAKE_GENERATOR": "Ninja"},
+    )  # fmt: skip
+    (wheel,) = tmp_path.glob("simval-*-py3-none-any.whl")
+    with zipfile.ZipFile(wheel) as content:
+        content.extractall(tmp_path / "plain")
+    code = """
+from simval.montecarlo import compiled, simulate_closed_form
+from simval.streams import Streams
+import numpy as np
+known = np.arange(12.0)[:, None], "x", np.ones(4), 0.1, Streams(1, (1,))
+sums = simulate_closed_form(*known, samples=2048, block=512)
+print(compiled(), sums.mean.tobytes().hex(), sums.scatter.tobytes().hex())
+"""
+    # without what finds an editable installation, the path finds the wheel's content
+    alone = "import sys; sys.meta_path[:] = sys.meta_path[-3:]\n"
+    outside = {"cwd": tmp_path}
+    here = run(sys.executable, "-c", code, **outside)
+    path = {**os.environ, "PYTHONPATH": str(tmp_path / "plain")}
+    there = run(sys.executable, "-c", alone + code, **outside, env=path)
+    assert here.startswith("True ")
+    assert there.startswith("False ")
+    assert here.removeprefix("True ") == there.removeprefix("False ")
