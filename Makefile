@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: report test landing check nightly sanitize mutants lowest sample league clean
+.PHONY: report test landing check nightly sanitize mutants lowest sample league docs clean
 
 report: .venv/installed
 	@mkdir -p reports/runs
@@ -27,8 +27,8 @@ check: .venv/installed
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-nightly: check
-	$(MAKE) sanitize
+nightly: check docs sanitize
+	-$(MAKE) tests/pages/installed
 	HYPOTHESIS_PROFILE=nightly $(BIN)/python -m pytest -m "not league"
 	$(BIN)/simval selftest
 	$(BIN)/simval selftest --rates
@@ -39,6 +39,11 @@ nightly: check
 # the compiled block under sanitizers, with random arguments
 sanitize: .venv/installed
 	$(BIN)/python tests/sanitized.py
+
+# axe-core and the Nu HTML checker, which judge the pages; without npm their tests skip
+tests/pages/installed: tests/pages/package-lock.json
+	npm ci --prefix tests/pages --no-audit --no-fund
+	touch $@
 
 # faults put into the code one at a time: a sample of each package, or PACKAGES, COUNT, SEED
 COUNT ?= 200
@@ -54,6 +59,13 @@ sample: .venv/installed
 	$(BIN)/simval sweep reports/sample.toml --out reports/runs/sample
 	$(BIN)/simval report reports/runs/sample --out reports/sample.html --figures reports/figures \
 	  --only orders --only summary-attitude --only summary-calibration --only budget
+	rm -rf reports/runs/before reports/runs/after && mkdir -p reports/runs/changed
+	sed 's/dt \* self.Q/dt**2 * self.Q/' docs/examples/kalman.py > reports/runs/changed/kalman.py
+	$(BIN)/simval sweep reports/worse.toml --out reports/runs/before \
+	  --set filter.algorithm=docs/examples/kalman.py
+	$(BIN)/simval sweep reports/worse.toml --out reports/runs/after \
+	  --set filter.algorithm=reports/runs/changed/kalman.py
+	$(BIN)/python docs/examples/worse.py reports/runs/before reports/runs/after reports/figures/worse.svg
 
 # the public packages side by side: the committed report and its facts; a package that is
 # refused (3) is what it shows
@@ -74,6 +86,19 @@ league: .venv-league/installed
 	.venv-league/bin/python -m pip install --quiet --disable-pip-version-check -e '.[test,league]'
 	touch $@
 
+# the documentation as files that open without a server: build/site/index.html; what it
+# links to, and what it names, must exist
+docs: .venv-docs/installed
+	rm -rf build/site build/doctrees
+	.venv-docs/bin/python -m sphinx --builder html --fail-on-warning --keep-going --quiet --jobs auto \
+	  --conf-dir docs/site --doctree-dir build/doctrees docs build/site
+	@echo "build/site/index.html"
+
+.venv-docs/installed: pyproject.toml
+	test -x .venv-docs/bin/python || $(PYTHON) -m venv .venv-docs
+	.venv-docs/bin/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'
+	touch $@
+
 # the stated lower bounds, really installed; once before each release
 lowest:
 	rm -rf .venv-lowest && $(PYTHON) -m venv .venv-lowest
@@ -88,4 +113,4 @@ lowest:
 	touch $@
 
 clean:
-	rm -rf .venv .venv-lowest .venv-league dist build mutants .mypy_cache .ruff_cache .pytest_cache
+	rm -rf .venv .venv-lowest .venv-league .venv-docs docs/reference dist build mutants .mypy_cache .ruff_cache .pytest_cache

@@ -52,9 +52,10 @@ _HOMES = {
 def __getattr__(name: str) -> Any:
     """Import a public name when it is first used, so that `simval --help` is quick."""
     import importlib
-    from importlib import metadata
 
     if name == "__version__":
+        from importlib import metadata
+
         return metadata.version("simval")
     if name not in _HOMES:
         msg = f"module 'simval' has no attribute {name!r}"

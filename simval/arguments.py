@@ -14,7 +14,8 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from simval.errors import InputError
-from simval.text import shown
+from simval.text import did_you_mean, shown
+from simval.whole import exact
 
 MOST: Final = 10**12  # of anything counted here: more is a slip, and never ends
 
@@ -22,16 +23,16 @@ Kind = TypeVar("Kind")
 
 
 def whole_number(name: str, value: Any, least: int, most: int = MOST) -> int:
-    """Convert to an integer within its limits.
+    """Convert to an integer within its limits; 1e5 is one.
 
     Raises
     ------
     InputError
-        If the value is not an integer (a float is none, nor is True) or is outside.
+        If the value is not a whole number (1.5 is none, nor is True) or is outside.
     """
     limit = f"{least} or more" if most == MOST else f"from {least} to {most}"
     try:
-        number = operator.index(value)
+        number = operator.index(exact(value))
     except TypeError:
         number = least - 1
     if isinstance(value, bool | np.bool_) or not least <= number <= most:
@@ -51,8 +52,10 @@ def choice(name: str, value: Any, allowed: Sequence[Any]) -> Any:
     for known in allowed:
         if isinstance(value, type(known)) and value == known:
             return known
-    listed = ", ".join(str(known) for known in allowed)
-    msg = f"`{name}` is {shown(value)}; it must be one of {listed}"
+    words = [str(known) for known in allowed]
+    near = did_you_mean(value, words) if isinstance(value, str) else ""
+    listed = ", ".join(words)
+    msg = f"`{name}` is {shown(value)}{near}; it must be one of {listed}"
     raise InputError(msg)
 
 

@@ -20,6 +20,7 @@ from pydantic import BeforeValidator, PlainSerializer
 from simval.errors import InputError
 
 Scale = Literal["value", "variances", "sample"]
+Better = Literal["less", "more", "zero", "prediction"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +40,9 @@ class Family:
     scale : Scale, default "value"
         What the margin is a share of: the value itself; of an off-diagonal covariance
         the root of its two variances; or the standard deviation of one sample.
+    better : {"less", "more", "zero", "prediction"} or None, default "less"
+        Which way is better: less of it, as of most (errors, times, costs); more of it;
+        nearer to zero; nearer to what theory predicts; or None where neither is.
     """
 
     name: str
@@ -48,6 +52,7 @@ class Family:
     scale: Scale = "value"
     least: float = -inf
     most: float = inf
+    better: Better | None = "less"
 
     def __call__(self, *entries: str, unit: str | None = None) -> "Statistic":
         """Return a member of the family."""
@@ -65,21 +70,37 @@ class Family:
 
 # An equivalence margin of 2 % of a covariance is 1 % of a standard deviation; that of a
 # bias is 2 % of one sample's own spread, which adds 0.02 % to its RMS.
-BIAS = Family("bias", "bias", margin=0.02, scale="sample")
+BIAS = Family("bias", "bias", margin=0.02, scale="sample", better="zero")
 SD = Family("sd", "standard deviation", least=0.0)
 COVARIANCE = Family("covariance", "covariance", margin=0.02, scale="variances")
 RMS = Family("rms", "RMS error", least=0.0)
 RMS_DIFFERENCE = Family(
     "rms_difference", "RMS less least squares'", "rad", 0.02, "sample"
 )
-EFFICIENCY = Family("efficiency", "efficiency", least=0.0)
-NEES = Family("nees", "normalised squared error", margin=0.02, least=0.0)
-POOLED_NEES = Family(
-    "nees, pooled", "normalised squared error, pooled", margin=0.02, least=0.0
+EFFICIENCY = Family("efficiency", "efficiency", least=0.0, better="more")
+NEES = Family(
+    "nees", "normalised squared error", margin=0.02, least=0.0, better="prediction"
 )
-COVERAGE = Family("coverage", "coverage of the stated intervals", least=0.0, most=1.0)
+POOLED_NEES = Family(
+    "nees, pooled",
+    "normalised squared error, pooled",
+    margin=0.02,
+    least=0.0,
+    better="prediction",
+)
+COVERAGE = Family(
+    "coverage",
+    "coverage of the stated intervals",
+    least=0.0,
+    most=1.0,
+    better="prediction",
+)
 COVERAGE_NORMAL = Family(
-    "coverage_normal", "coverage of 1.96 standard deviations", least=0.0, most=1.0
+    "coverage_normal",
+    "coverage of 1.96 standard deviations",
+    least=0.0,
+    most=1.0,
+    better="prediction",
 )
 
 VARIANCE_OVER_BOUND = Family(
@@ -92,20 +113,27 @@ CHI_SQUARE_OF_FREEDOM = Family(
     "chi_square_of_freedom",
     "chi-square of the residuals by degree of freedom",
     least=0.0,
+    better="prediction",
 )
 
 RECOVERY = Family("recovery", "error of a noise-free recovery", least=0.0)
 NOISE_OF_MEAN = Family("noise_of_mean", "noise of a pose mean", unit="m/s²", least=0.0)
-SCALE_BIAS = Family("scale_bias", "mean relative bias of the scales", unit="σ²/g²")
+SCALE_BIAS = Family(
+    "scale_bias", "mean relative bias of the scales", unit="σ²/g²", better="zero"
+)
 STEPS = Family("steps", "steps of the solver", least=0.0)
 APART = Family("apart", "distance from the first solver's answer", least=0.0)
 BUDGET = Family("budget", "contribution to the attitude error", unit="rad", least=0.0)
 
-NORM = Family("norm", "|q̄|", least=0.0)
-NORM_OVER_NOISE = Family("norm_over_noise", "|q̄| / σ", least=0.0)
-BIAS_ORDER = Family("bias_order", "order of what a formula of the bias leaves out")
+NORM = Family("norm", "|q̄|", least=0.0, better=None)
+NORM_OVER_NOISE = Family("norm_over_noise", "|q̄| / σ", least=0.0, better=None)
+BIAS_ORDER = Family(
+    "bias_order", "order of what a formula of the bias leaves out", better="more"
+)
 COVARIANCE_ORDER = Family(
-    "covariance_order", "order of what a formula of the covariance leaves out"
+    "covariance_order",
+    "order of what a formula of the covariance leaves out",
+    better="more",
 )
 BIAS_ERROR = Family("bias_error", "what a formula of the bias leaves out", least=0.0)
 COVARIANCE_ERROR = Family(
@@ -114,7 +142,11 @@ COVARIANCE_ERROR = Family(
 LIMIT_RATIO = Family("limit_ratio", "least |q̄| / σ at which a formula holds", least=0.0)
 FLIP_RATE = Family("flip_rate", "share of flipped signs", least=0.0, most=1.0)
 OTHER_SELECTION_RATE = Family(
-    "other_selection_rate", "share of other frames selected", least=0.0, most=1.0
+    "other_selection_rate",
+    "share of other frames selected",
+    least=0.0,
+    most=1.0,
+    better=None,
 )
 RMS_RATIO = Family("rms_ratio", "predicted RMS error over the q-method's", least=0.0)
 SIMULATED_RMS_RATIO = Family(
@@ -124,6 +156,7 @@ SQUARED_ERROR = Family(
     "squared_error_over_predicted",
     "mean square error over the predicted one",
     least=0.0,
+    better="prediction",
 )
 RMS_OVER_BOUND = Family(
     "rms_over_bound", "RMS error over the Cramer-Rao bound", least=0.0
@@ -133,8 +166,11 @@ ALLAN_ERROR = Family(
     "mean square error of an Allan variance over the predicted one",
     margin=0.02,
     least=0.0,
+    better="prediction",
 )
-NIS = Family("nis", "normalised squared innovation", margin=0.02, least=0.0)
+NIS = Family(
+    "nis", "normalised squared innovation", margin=0.02, least=0.0, better="prediction"
+)
 WORST_INSTANT = Family(
     "worst_instant", "greatest excess of an instant, in standard deviations", least=0.0
 )
@@ -143,22 +179,29 @@ INNOVATION_PAIRS = Family(
     "variance of two neighbouring innovations' sum over white ones'",
     margin=0.02,
     least=0.0,
+    better="prediction",
 )
 DIVERGED = Family("diverged", "share of trials that diverge", least=0.0, most=1.0)
 SETTLING_TRIALS = Family(
-    "settling_trials", "share of trials that settle", least=0.0, most=1.0
+    "settling_trials", "share of trials that settle", least=0.0, most=1.0, better="more"
 )
 SETTLING = Family("settling", "time to settle", unit="s", least=0.0)
 RMS_AT = Family("rms_at", "RMS error at an instant", unit="rad", least=0.0)
-BOUND_AT = Family("bound_at", "bound at an instant", unit="rad", least=0.0)
+BOUND_AT = Family("bound_at", "bound at an instant", unit="rad", least=0.0, better=None)
 BUDGET_AT = Family(
     "budget_at", "part of the predicted error at an instant", unit="rad", least=0.0
 )
-NEES_AT = Family("nees_at", "normalised squared error at an instant", least=0.0)
+NEES_AT = Family(
+    "nees_at", "normalised squared error at an instant", least=0.0, better="prediction"
+)
 AT_AN_INSTANT = (RMS_AT, BOUND_AT, NEES_AT, BUDGET_AT)
 """Families along time, for a figure and not for a table of a few lines."""
 INCONSISTENT_RATE = Family(
-    "inconsistent_rate", "share of samples called inconsistent", least=0.0, most=1.0
+    "inconsistent_rate",
+    "share of samples called inconsistent",
+    least=0.0,
+    most=1.0,
+    better="prediction",
 )
 
 LEADING_ERROR_RATIO = Family(
@@ -170,12 +213,17 @@ LEADING_TERM_OFF = Family(
     "leading_term_off", "relative error of the leading term", least=0.0
 )
 NEARER = Family(
-    "nearer", "share of geometries nearer than the linear one", least=0.0, most=1.0
+    "nearer",
+    "share of geometries nearer than the linear one",
+    least=0.0,
+    most=1.0,
+    better="more",
 )
 NEXT_ORDER = Family(
     "next_order",
     "next order over the second, where a formula reaches a limit",
     least=0.0,
+    better=None,
 )
 UNIT_LENGTH = Family(
     "unit_length",
@@ -191,54 +239,79 @@ SETTLED = Family(
     "settled", "distance of the noise-free answer from those of its class", least=0.0
 )
 
-PROBE = Family("probe", "error of the noise-free probe")
+PROBE = Family("probe", "error of the noise-free probe", better="zero")
 FAILURES = Family("failures", "share of exact cases that fail", least=0.0, most=1.0)
-CUBATURE_BIAS = Family("cubature_bias", "bias by cubature", unit="rad")
+CUBATURE_BIAS = Family("cubature_bias", "bias by cubature", unit="rad", better="zero")
 CUBATURE_BIAS_SMALL = Family(
-    "cubature_bias_at_small_noise", "bias by cubature at small noise", "rad"
+    "cubature_bias_at_small_noise",
+    "bias by cubature at small noise",
+    "rad",
+    better="zero",
 )
 FIRST_ORDER_BIAS = Family(
-    "first_order_bias", "bias of first order over one standard deviation"
+    "first_order_bias", "bias of first order over one standard deviation", better="zero"
 )
 BELOW_BOUND = Family(
-    "below_bound", "share by which a leading variance is below the bound"
+    "below_bound", "share by which a leading variance is below the bound", better=None
 )
-CLASS_BIAS = Family("class_bias", "error of the leading bias")
-CLASS_COVARIANCE = Family("class_covariance", "error of the leading covariance")
-CLAIM_OFF = Family("claim_off", "error of a covariance that is claimed exact")
+CLASS_BIAS = Family("class_bias", "error of the leading bias", better="zero")
+CLASS_COVARIANCE = Family(
+    "class_covariance", "error of the leading covariance", better="zero"
+)
+CLAIM_OFF = Family(
+    "claim_off", "error of a covariance that is claimed exact", better="zero"
+)
 CLAIM_OFF_FULL = Family(
-    "claim_off_at_the_noise", "error of a claimed covariance at the noise"
+    "claim_off_at_the_noise",
+    "error of a claimed covariance at the noise",
+    better="zero",
 )
 CLAIM_OFF_HALF = Family(
-    "claim_off_at_half_noise", "error of a claimed covariance at half the noise"
+    "claim_off_at_half_noise",
+    "error of a claimed covariance at half the noise",
+    better="zero",
 )
 
 PRECISION = Family(
-    "precision", "share of the rows found that are still", least=0.0, most=1.0
+    "precision",
+    "share of the rows found that are still",
+    least=0.0,
+    most=1.0,
+    better="more",
 )
 RECALL = Family(
-    "recall", "share of the rests' rows that are found", least=0.0, most=1.0
+    "recall",
+    "share of the rests' rows that are found",
+    least=0.0,
+    most=1.0,
+    better="more",
 )
 RESTS_FOUND = Family(
-    "rests_found", "share of the rests that are found", least=0.0, most=1.0
+    "rests_found",
+    "share of the rests that are found",
+    least=0.0,
+    most=1.0,
+    better="more",
 )
-INTERVALS = Family("intervals", "intervals found", least=0.0)
+INTERVALS = Family("intervals", "intervals found", least=0.0, better=None)
 IMPURE = Family("impure", "intervals with a moving row", least=0.0)
 OUTSIDE = Family("outside", "intervals outside every rest", least=0.0)
-FITTED = Family("fitted", "share of trials with a fit", least=0.0, most=1.0)
+FITTED = Family(
+    "fitted", "share of trials with a fit", least=0.0, most=1.0, better="more"
+)
 
 REST_FORCE = Family(
     "rest_force", "worst residual force at rest", unit="m/s²", least=0.0
 )
 REST_RATE = Family("rest_rate", "worst rate at rest", unit="rad/s", least=0.0)
-RANK = Family("rank", "rank of the poses", least=0.0)
+RANK = Family("rank", "rank of the poses", least=0.0, better="more")
 CONDITION = Family("condition", "condition of the poses", least=0.0)
-RESTS = Family("rests", "rests", least=0.0)
+RESTS = Family("rests", "rests", least=0.0, better=None)
 FIELD_MISMATCH = Family(
     "field_mismatch", "field against the attitude of its row", least=0.0
 )
-RATE_LAG = Family("rate_lag", "lag of the rate", unit="steps")
-RATE_SCALE = Family("rate_scale", "rate over the attitude's own")
+RATE_LAG = Family("rate_lag", "lag of the rate", unit="steps", better="zero")
+RATE_SCALE = Family("rate_scale", "rate over the attitude's own", better="prediction")
 
 FAMILIES: Mapping[str, Family] = MappingProxyType(
     {value.name: value for value in tuple(globals().values()) if type(value) is Family}
@@ -301,6 +374,12 @@ class Statistic:
     def __str__(self) -> str:
         inside = f"[{','.join(self.entries)}]" if self.entries else ""
         return f"{'control ' if self.controlled else ''}{self.family.name}{inside}"
+
+    @property
+    def better(self) -> Better | None:
+        """Which way is better; neither of a covariance of two axes."""
+        two_axes = self.family.scale == "variances" and len(set(self.entries)) > 1
+        return None if two_axes else self.family.better
 
     @property
     def control(self) -> "Statistic":

@@ -1,10 +1,46 @@
 """Words for people: values and messages of any origin, fit for one printable line."""
 
 import traceback
+from collections.abc import Iterable
+from difflib import get_close_matches
 from typing import Any
 
 LIMIT = 2000
 """Characters that a message may have; of a longer one head and tail are kept."""
+
+
+OTHER_WORDS = dict.fromkeys(
+    ("positions", "n_poses", "n_positions", "orientations", "directions", "throws"),
+    "poses",
+)
+"""Names that a thing had here once, or has elsewhere, and its name."""
+
+LONGEST = 200
+"""Characters of a word for which near ones are searched: more is no slip."""
+
+
+def nearest(word: str, known: Iterable[str], most: int = 1) -> list[str]:
+    """Find the known words that a slip may have meant, the nearest first."""
+    names = {_bare(name): name for name in known}
+    bare = _bare(word)
+    if not bare or len(bare) > LONGEST:
+        return []
+    other = OTHER_WORDS.get(bare, "")
+    found = [other] if other in names else get_close_matches(bare, names, most)
+    if not found and len(bare) >= 3:  # a part of one
+        found = [name for name in names if bare in name]
+    return [names[name] for name in found[:most]]
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """Words that ask whether another name was meant; none if none is near."""
+    near = nearest(word, known)
+    return f" (did you mean `{near[0]}`?)" if near else ""
+
+
+def _bare(word: str) -> str:
+    # as a slip may write it: in capitals, with a dash for an underscore
+    return word.strip().casefold().replace("-", "_")
 
 
 def shown(value: Any) -> str:

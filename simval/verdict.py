@@ -42,6 +42,7 @@ from typing import Literal
 import numpy as np
 import scipy
 
+from simval import vocabulary
 from simval.change import holm
 from simval.results import CellName, Row, nees
 from simval.statistics import POOLED_NEES
@@ -53,7 +54,7 @@ WEIGHTS = {"plain": 0.25, "control": 0.5, "nees": 0.25}
 """Share of the false-alarm rate of each family of sampling checks. Chosen: half for the
 sharpest; any shares that sum to 1 keep the rate."""
 
-ALPHA = 1e-3
+ALPHA = vocabulary.ALPHA
 """Default false-alarm rate of a whole run: one clean run in a thousand
 does not pass (measured: `simval selftest --rates`, docs/gate.md)."""
 

@@ -62,7 +62,7 @@ class Truth:
 @cache
 def gimbal(every=5, timestep=0.002):
     """Twelve poses, moves of 2 s."""
-    run = simulate_cached("gimbal", directions=12, move_time=2.0, timestep=timestep)
+    run = simulate_cached("gimbal", poses=12, move_time=2.0, timestep=timestep)
     q = run.attitude[::every]
     A = attitude_matrix(q[1:])
     path = FilterPath(dt=np.diff(run.time[::every]), attitude=q)

@@ -97,6 +97,7 @@ def test_sequential_rotations(problem):
         assert found.turn > 0
 
 
+@pytest.mark.ci
 @given(problem=problems())
 @example(problem=IDENTITY)
 def test_criterion_of_a_turn_is_that_its_column_vanishes(problem):

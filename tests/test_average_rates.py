@@ -125,11 +125,11 @@ def test_what_cannot_be_told_is_refused(trajectories):
 def trajectories():
     """Short runs of the scenes, each simulated once."""
     short = {
-        "gimbal": {"directions": 3, "first_hold": 0.1, "hold_time": 0.1},
-        "handheld": {"directions": 3, "first_hold": 0.1, "hold_time": 0.1},
+        "gimbal": {"poses": 3, "first_hold": 0.1, "hold_time": 0.1},
+        "handheld": {"poses": 3, "first_hold": 0.1, "hold_time": 0.1},
         "shaker": {"poses": 2, "hold_time": 0.1},
-        "die": {"throws": 2},
-        "cube": {"throws": 2},
+        "die": {"poses": 2},
+        "cube": {"poses": 2},
         "pivot": {"turns": 0.05, "poses": 2},
         "freefall": {"seconds": 2.0},
     }

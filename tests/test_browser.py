@@ -2,6 +2,7 @@
 
 import json
 import re
+from itertools import pairwise
 
 import pytest
 from browser import browser, find_chromium
@@ -56,6 +57,14 @@ def pages(_tiny_run, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
+def clean(_tiny_run, tmp_path_factory):
+    """The report of a run in which all is well."""
+    page = tmp_path_factory.mktemp("clean") / "report.html"
+    page.write_text(render(load_run(_tiny_run)), encoding="utf-8")
+    return page
+
+
+@pytest.fixture(scope="module")
 def tab(tmp_path_factory):
     """One page of one browser for all tests."""
     with browser(tmp_path_factory.mktemp("profile")) as page:
@@ -106,19 +115,120 @@ def test_a_script_from_data_cannot_run(tab, pages, tmp_path):
     assert any("Content Security Policy" in line for line in tab.complaints())
 
 
-def test_the_contents_lead_to_every_section(tab, pages):
-    tab.open(pages[0])
+LED_TO = ("section#summary, .group", "section")
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_the_contents_lead_to_every_part(tab, pages, which):
+    tab.open(pages[which])
     links = tab.run(
         "[...document.querySelectorAll('nav a')].map(a => a.getAttribute('href'))"
     )
-    sections = tab.run("[...document.querySelectorAll('section')].map(s => '#' + s.id)")
-    assert links == sections
+    parts = f"[...document.querySelectorAll('{LED_TO[which]}')].map(s => '#' + s.id)"
+    assert links == tab.run(parts)
     for link in links:
         tab.run(f"document.querySelector('nav a[href=\"{link}\"]').click()")
         assert tab.run("location.hash") == link
         top = tab.run(f"document.querySelector('{link}').getBoundingClientRect().top")
         bottom = tab.run("scrollY + innerHeight >= document.body.scrollHeight - 1")
         assert abs(top) < 2 or bottom  # at the top, or the page ends before it is
+
+
+SEEN = """(() => {
+  const target = document.querySelector('%s');
+  const box = target.getBoundingClientRect();
+  return target.checkVisibility() && box.top < innerHeight && box.bottom > 0;
+})()"""
+
+
+def test_a_link_opens_the_fold_that_it_leads_into(tab, pages, tmp_path):
+    """By the browser alone: the page's script is left out."""
+    text = pages[0].read_text(encoding="utf-8")
+    path = tmp_path / "plain.html"
+    path.write_text(re.sub(r"<script>.*?</script>", "", text, flags=re.DOTALL))
+    tab.open(path)
+    closed = "details.chapter:not([open])"
+    targets = tab.run(
+        f"[...document.querySelectorAll('{closed} > section')].flatMap(s => "
+        "[s, ...[...s.querySelectorAll('figure[id]')].slice(0, 1)]).map(e => e.id)"
+    )
+    assert "numbers" in targets
+    assert any(target.startswith("figure-") for target in targets)
+    for target in targets:
+        tab.open(path)
+        assert not tab.run(SEEN % f"#{target}")
+        tab.run(f"location.hash = '{target}'")
+        assert tab.run(f"document.getElementById('{target}').closest('details').open")
+        assert tab.run(SEEN % f"#{target}"), target
+
+
+def test_a_fold_opens_by_the_keyboard(tab, pages):
+    tab.open(pages[0])
+    fold = "document.querySelector('details.chapter:not([open]) > summary')"
+    tab.run(f"window.fold = {fold}; fold.focus()")
+    assert tab.run("document.activeElement === fold")
+    tab.press("Enter", 13, "\r")
+    assert tab.run("fold.parentElement.open")
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_a_page_of_a_clean_run_is_at_most_five_screens(tab, clean, width):
+    tab.open(clean, width=width, height=900)
+    assert tab.run("document.querySelectorAll('details.chapter').length") > 5
+    assert tab.run("document.documentElement.scrollHeight") <= 5 * 900
+    # power: with every fold open it is more
+    tab.run("document.querySelectorAll('details').forEach(d => d.open = true)")
+    assert tab.run("document.documentElement.scrollHeight") > 5 * 900
+
+
+def test_the_three_answers_stand_side_by_side_and_stack_on_a_phone(tab, clean):
+    probe = (
+        "[...document.querySelectorAll('.answer')].map(e => e.getBoundingClientRect())"
+        ".map(b => [b.left, b.top])"
+    )
+    tab.open(clean, width=1280)
+    wide = tab.run(probe)
+    assert len({top for _, top in wide}) == 1
+    assert len({left for left, _ in wide}) == 3
+    tab.open(clean, width=380)
+    assert len({left for left, _ in tab.run(probe)}) == 1
+
+
+def test_headings_are_in_order_and_folds_have_names(tab, clean):
+    tab.open(clean)
+    levels = tab.run(
+        "[...document.querySelectorAll('h1,h2,h3,h4')].map(h => h.tagName)"
+    )
+    numbers = [int(name[1]) for name in levels]
+    assert numbers[0] == 1
+    assert all(b <= a + 1 for a, b in pairwise(numbers))
+    names = tab.run(
+        "[...document.querySelectorAll('details.chapter > summary h3')]"
+        ".map(h => h.textContent.trim())"
+    )
+    assert all(names)
+    assert len(set(names)) == len(names)
+
+
+LEADING = """[...document.querySelectorAll('details.chapter:not([open]) > section')]
+  .map(s => [...s.querySelectorAll('figure[id], table')])
+  .filter(parts => parts.length > 1 && parts[0].tagName === 'FIGURE')
+  .map(parts => parts.map(e => e.checkVisibility()))"""
+
+
+def test_a_folded_page_prints_its_first_screen_and_the_lead_figures(tab, clean):
+    tab.open(clean, width=718, height=1047)
+    assert not any(part for parts in tab.run(LEADING) for part in parts)
+    tab.call("Emulation.setEmulatedMedia", media="print")
+    try:
+        printed = tab.run(LEADING)
+        assert len(printed) >= 3
+        assert all(first and not any(rest) for first, *rest in printed)
+        tab.run("document.querySelectorAll('details').forEach(d => d.open = true)")
+        opened = LEADING.replace(":not([open])", "")
+        assert all(all(parts) for parts in tab.run(opened))  # on request, everything
+    finally:
+        tab.call("Emulation.setEmulatedMedia", media="")
 
 
 SORTED = """(() => {
@@ -172,6 +282,7 @@ def test_a_table_sorts_words(tab, pages):
 def test_every_figure_has_a_text_and_every_control_a_name(tab, pages):
     for page in pages:
         tab.open(page)
+        tab.run("document.querySelectorAll('details').forEach(d => d.open = true)")
         nodes = tab.call("Accessibility.getFullAXTree")["nodes"]
         shown = [n for n in nodes if not n.get("ignored")]
         by_role = {}
@@ -180,7 +291,9 @@ def test_every_figure_has_a_text_and_every_control_a_name(tab, pages):
             by_role.setdefault(node["role"]["value"], []).append(name)
         figures = tab.run("document.querySelectorAll('svg, img').length")
         images = by_role.get("image", []) + by_role.get("img", [])
-        assert len(images) == figures > 0
+        points = tab.run("document.querySelectorAll('.points circle').length")
+        assert points > 0
+        assert len(images) == figures + points > points
         for role in ("image", "img", "link", "button", "region", "table"):
             for name in by_role.get(role, []):
                 assert name.strip(), role
@@ -194,7 +307,8 @@ def test_ink_and_paper_keep_their_contrast(tab, pages):
         return getComputedStyle(element).color;
       };
       return [getComputedStyle(document.body).backgroundColor, of('p'), of('td.fail'),
-              of('td.pass'), of('nav a'), of('figure svg text')];
+              of('td.pass'), of('nav a'), of('figure svg text'), of('.found'),
+              of('.answer small'), of('.mark')];
     })()"""
     for scheme in ("light", "dark"):
         tab.open(pages[0], scheme=scheme)
@@ -215,14 +329,39 @@ def _luminance(colour):
 
 
 def test_the_first_screen_is_one_screen(tab, pages):
-    """Verdict and both figures, without scrolling, on a laptop's window."""
+    """Verdict, answers and both figures, without scrolling, on a laptop's window."""
     tab.open(pages[0], width=1280, height=800)
     bottoms = tab.run(
-        "[...document.querySelectorAll('#summary .verdict, #summary svg')]"
+        "[...document.querySelectorAll("
+        "'#summary .verdict, #summary .answers, #summary svg')]"
         ".map(e => e.getBoundingClientRect().bottom)"
     )
-    assert len(bottoms) == 3
+    assert len(bottoms) >= 4
     assert max(bottoms) <= 800
+
+
+WIDE = """(() => [...document.querySelectorAll('.panels')].map(box => {
+  const boxes = [...box.querySelectorAll(':scope > svg')]
+    .map(svg => svg.getBoundingClientRect());
+  return [boxes.length, new Set(boxes.map(b => Math.round(b.left))).size,
+          Math.max(...boxes.map(b => b.right)), Math.min(...boxes.map(b => b.width))];
+}))()"""
+
+
+def test_panels_stack_on_a_phone_and_use_the_width_of_a_screen(tab, pages):
+    for width, beside in ((380, False), (1280, True)):
+        tab.open(pages[0], width=width)
+        tab.run("document.querySelectorAll('details').forEach(d => d.open = true)")
+        found = tab.run(WIDE)
+        assert len(found) > 5
+        for count, columns, right, least in found:
+            assert right <= width
+            # in the first screen two figures share the width with each other
+            assert least >= min(width, 380) * 0.8
+            assert columns == 1 or beside
+            if beside and count >= 3:
+                assert columns >= 2
+        assert any(columns >= 3 for _, columns, _, _ in found) == beside
 
 
 def test_it_prints_without_cutting_the_page(tab, pages):
@@ -254,6 +393,8 @@ def test_without_its_script_the_page_is_whole(tab, pages, tmp_path):
     path = tmp_path / "plain.html"
     path.write_text(re.sub(r"<script>.*?</script>", "", text, flags=re.DOTALL))
     tab.open(pages[0])
+    # what the script adds is controls: boxes to filter by, headings that are buttons
+    tab.run("document.querySelectorAll('.filter').forEach(bar => bar.remove())")
     whole = tab.run("document.querySelector('main').innerText.length")
     tab.open(path)
     assert tab.run("document.querySelector('main').innerText.length") == whole

@@ -11,8 +11,8 @@ from places import EXAMPLES
 from quick_align import ALIGN
 
 from simval import algorithms
-from simval.cli.listing import command as list_command
-from simval.cli.sweep import command as sweep_command
+from simval.cli.commands.listing import command as list_command
+from simval.cli.commands.sweep import command as sweep_command
 from simval.errors import InputError, PluginError
 from simval.plugins import (
     Calibrator,
@@ -93,6 +93,7 @@ def test_least_squares_of_three_vectors_states_a_covariance_that_is_right(name, 
     assert [v for v in judged if v.answer != "pass" and v.row.check != "record"] == []
 
 
+@pytest.mark.ci
 def test_a_users_algorithm_gets_its_comparison_without_being_asked():
     field = Estimator.taken_by
     for given, added in (
@@ -135,11 +136,18 @@ def test_the_command_adds_them_and_a_set_takes_them_away():
 
 
 @pytest.mark.parametrize(
-    "word", ["simval:", "simval:nope", "simval:Wahba", "simval:x y"]
+    ("word", "near"),
+    [
+        ("simval:", ""),
+        ("simval:nope", ""),
+        ("simval:Wahba", r" \(did you mean `simval:wahba`\?\)"),
+        ("simval:x y", ""),
+    ],
 )
-def test_a_name_that_is_none_is_refused_with_those_there_are(word, tmp_path):
+def test_a_name_that_is_none_is_refused_with_those_there_are(word, near, tmp_path):
     words = (
-        rf"no built-in algorithm `{word}`; there are simval:wahba, .*simval:adjusted"
+        rf"no built-in algorithm `{word}`{near}; there are simval:wahba, .*"
+        "simval:adjusted"
     )
     with pytest.raises(InputError, match=words):
         overrides_of((word,))
@@ -284,6 +292,7 @@ def test_a_forged_time_from_a_child_is_refused():
             Rows.model_validate({"rows": [], "times": {"seconds": bad}})
 
 
+@pytest.mark.ci
 def test_what_differs_from_least_squares_by_rounding_is_judged_by_it():
     """It was inconclusive: a remainder of its rounding, and no spread beside it."""
     own = algorithms.wahba.estimate

@@ -62,6 +62,7 @@ def test_clean_sets_have_no_outliers(count, known):
     assert called <= stats.binom.isf(1e-4 / 6, 60, FALSE_ALARM)
 
 
+@pytest.mark.ci
 def test_sets_that_could_have_been_chosen_are_counted():
     """The best of all pairs and triples of a clean set is always good: without the
     binomial of (O1) 15 of these 120 sets have an outlier, with it 3; 1 % is stated."""

@@ -48,6 +48,7 @@ def ratios(rms):
     return groups[0] / groups[2], groups[1] / groups[2]
 
 
+@pytest.mark.ci
 def test_rms_ratios_of_40_sensors():
     """Simulated here, published there: T/B 0.23 and K/B 0.145, within 10 %.
 

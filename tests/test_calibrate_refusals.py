@@ -100,6 +100,7 @@ def test_a_small_cap_is_ill_conditioned():
     )
 
 
+@pytest.mark.ci
 def test_a_cap_that_noise_fills_is_never_a_success():
     """Tilts under 40 degrees at 20 mm/s^2: noise bends the cap as much as its shape."""
     clean = poses_of(cap(40))

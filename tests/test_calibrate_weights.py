@@ -81,6 +81,7 @@ def test_equal_noise_changes_no_bit(residual):
     np.testing.assert_array_equal(one.covariance, each.covariance)
 
 
+@pytest.mark.ci
 def test_a_robust_loss_takes_the_noise_of_each_pose():
     """Huber's loss keeps 95 % of the efficiency; far from the 3 times without weights.
     Its stated variance is within the spread of a scatter with 31 degrees of freedom."""

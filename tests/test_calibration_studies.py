@@ -60,6 +60,7 @@ def test_bias_has_slope_two():
     assert abs(slope - 2.0) < 0.02
 
 
+@pytest.mark.ci
 def test_unequal_scales_cost_the_squared_residual_its_efficiency():
     options = {"scale_spread": 0.9, "poses": 40, "trials": 1024}
     lost, kept = (

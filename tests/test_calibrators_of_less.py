@@ -88,6 +88,7 @@ def test_a_sound_calibrator_of_less_passes_in_its_own_class(
     assert left.value > left.prediction - 4 * left.standard_error
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("wrong", "what"),
     [({"factor": 1.3}, "nees"), ({"off": 2e-3}, "bias[B_z]")],

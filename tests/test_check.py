@@ -40,6 +40,7 @@ def found(name):
     return find_plugin(f"{FILE}:{name}", Estimator)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("name", HERE)
 def test_garbage_and_its_clean_twins_here(name):
     code, words = SAID[name]
@@ -139,6 +140,7 @@ def test_what_cannot_be_checked_is_exit_code_2(simval, words, complaint):
     assert complaint in err
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [

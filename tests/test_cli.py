@@ -57,6 +57,7 @@ def test_an_existing_run_folder_is_refused(simval, tiny_suite, tiny_run):
     assert "exists" in err
 
 
+@pytest.mark.ci
 def test_sweep_prints_the_folder_last(simval, tiny_suite, tmp_path):
     folder = tmp_path / "run"
     code, out, err = simval("sweep", tiny_suite, "--out", folder, "--workers", 1)
@@ -79,6 +80,7 @@ def test_a_crashed_cell_is_exit_code_4(simval, tiny_suite, tmp_path, monkeypatch
     assert "RuntimeError: on purpose" in err
 
 
+@pytest.mark.ci
 def test_ctrl_c_is_130(simval, tiny_suite, tmp_path, monkeypatch):
     from simval.sweep import executors
 

@@ -259,6 +259,7 @@ def damaged(rng):
     return b"\n".join(found)
 
 
+@pytest.mark.ci
 def test_no_damaged_output_passes(tmp_path):
     rng = np.random.default_rng(15)
     for _ in range(100):

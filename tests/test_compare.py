@@ -10,7 +10,7 @@ import rows_by_name
 from rows_by_name import cell
 from stores import edited_run
 
-from simval.cli.compare import command
+from simval.cli.commands.compare import command
 from simval.compare import compare_runs, match
 from simval.report import render_comparison
 from simval.sweep import load_run
@@ -182,6 +182,7 @@ def test_missing_statistics_and_changed_theory_are_told(tmp_path):
     assert found.differences[0].kind == "same"  # the measurement did not
 
 
+@pytest.mark.ci
 def test_the_page_draws_both_curves_and_is_the_same_each_time(tiny_run, tmp_path):
     old = load_run(tiny_run)
     new = edited_run(
@@ -193,12 +194,12 @@ def test_the_page_draws_both_curves_and_is_the_same_each_time(tiny_run, tmp_path
     found = compare_runs(old, new)
     page = render_comparison(old, new, found)
     assert page == render_comparison(old, new, found)
-    (figure,) = re.findall(r"<svg.*?</svg>", page, flags=re.DOTALL)
+    figure, apart = re.findall(r"<svg.*?</svg>", page, flags=re.DOTALL)
     root = ElementTree.fromstring(figure)
     assert "bias[y]" in root.get("aria-label")
     # points of both runs over both noise levels: two error bars of two caps each
     assert figure.count(f"{tiny_run.name}</text>") == 2
-    assert "B minus A</text>" in figure
+    assert "B minus A</text>" in apart
     assert "1 of" in re.sub(r"<[^>]*>", "", page)
     ids = re.findall(r'\bid="([^"]*)"', page)
     assert len(set(ids)) == len(ids)
@@ -222,6 +223,7 @@ def call(capsys, *words):
     return code, capsys.readouterr().out
 
 
+@pytest.mark.ci
 def test_the_command_prints_what_changed(capsys, tiny_run, tmp_path):
     import shutil
 
@@ -236,9 +238,14 @@ def test_the_command_prints_what_changed(capsys, tiny_run, tmp_path):
     code, out = call(capsys, tiny_run, other, "--out", tmp_path / "page.html")
     assert code == 0
     name = load_run(other).cells[3].name
-    assert out.startswith(f"changed: {name} bias[y] against order 2; ")
-    assert "standard errors" in out.splitlines()[0]
-    assert re.search(r"1 of \d+ common statistics changed", out)
+    lines = out.splitlines()
+    assert re.match(rf"A is {tiny_run.name}: suite \S+, seeds 1, commit", lines[0])
+    assert lines[1].startswith(f"B is {other.name}: suite ")
+    changed = r"1 of \d+ common statistics changed .*: 1 (worse|better|neither); "
+    way = re.match(changed, lines[2])[1].replace("neither", "moved")
+    assert lines[3].startswith(f"{way}: attitude, bias: ")
+    assert lines[4].startswith(f"    {name} bias[y]: ")
+    assert "+21.2 standard errors" in lines[4]
     assert out.splitlines()[-1] == str(tmp_path / "page.html")
     assert "<svg" in (tmp_path / "page.html").read_text(encoding="utf-8")
     code, out = call(capsys, tiny_run, tiny_run)

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 from side_by_side import cell, estimator_rows, league, run_of
 
 from simval.attitude.comparators import davenport, triad
-from simval.cli.compare import command
+from simval.cli.commands.compare import command
 from simval.compare import compare_algorithms
 from simval.compare.algorithms import ACCURACY, HONESTY, same_noise
 from simval.compare.merits import called, honesty, over_bound
@@ -85,6 +85,7 @@ def settings(rng, ratios, error=0.01):
     ]  # fmt: skip
 
 
+@pytest.mark.ci
 def test_false_alarms_are_as_rare_as_stated(tmp_path, apart):
     """400 pairs of equal algorithms, ten sampled differences each."""
     rng, alarms = np.random.default_rng(5), 0

@@ -26,10 +26,12 @@ def checkout(tmp_path_factory):
     shutil.copytree(ROOT / "models", folder / "models")
     studies = folder / "simval" / "studies"
     (studies / "coin.py").write_text(BLOCKS[0], encoding="utf-8")
-    init = (studies / "__init__.py").read_text(encoding="utf-8")
-    changed = init.replace('    "coverage",\n', '    "coin",\n    "coverage",\n')
+    names = folder / "simval" / "vocabulary.py"
+    changed = names.read_text(encoding="utf-8").replace(
+        '    "coverage",\n', '    "coin",\n    "coverage",\n'
+    )
     assert changed.count("coin") == 1
-    (studies / "__init__.py").write_text(changed, encoding="utf-8")
+    names.write_text(changed, encoding="utf-8")
     return folder
 
 

@@ -72,11 +72,16 @@ class Campaign:
 
     def codes(self, damaged):
         """Exit code of each command; a traceback would come through."""
-        out = self.folder / "out"
+        out, series = self.folder / "out", self.folder / "series"
+        shutil.rmtree(series, ignore_errors=True)
+        series.mkdir()
+        for name, run in (("good", self.run), ("damaged", damaged)):
+            (series / name).symlink_to(run, target_is_directory=True)
         commands = {
             "gate": ("gate", damaged, "--no-baseline", "--junit", f"{out}.xml"),
             "beside": ("gate", damaged, "--baseline", self.baseline),
             "compare": ("compare", self.run, damaged, "--out", f"{out}.html"),
+            "trend": ("trend", series, "--out", f"{out}.html"),
             "report": ("report", damaged, "--out", f"{out}.html"),
             "export": ("export", damaged, "--out", f"{out}.parquet"),
         }

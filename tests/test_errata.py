@@ -65,6 +65,7 @@ def test_every_second_derivative_but_one_is_printed_right_somewhere():
     )
 
 
+@pytest.mark.ci
 def test_a_fault_in_a_sample_of_claims_is_seen():
     left = faults.left_over(EVALUATED, 60)
     assert left == []

@@ -65,6 +65,7 @@ TABLE = {
         for line in (
             *(f"report {name}", f"gate {name}", f"compare {name} {name}"),
             *(f"export {name}", f"repro --run {name} 'attitude()@1'"),
+            f"trend {name}",
         )
     ],
     "a cell": [
@@ -200,15 +201,16 @@ def test_what_was_never_run_is_one_line(simval, tmp_path, monkeypatch):
         assert file.read_text().count("never run") <= 3
     assert simval("report", run)[0] == 0
     page = (run / "report.html").read_text(encoding="utf-8")
-    assert page.count("never run") == 2  # in the answer and as one line
+    # in the verdict, in the answer to whether it is as theory says, and as one line
+    assert page.count("never run") == 3
 
 
 def commands_of(run):
     """What the page gives to compute the cells of its checks again."""
     context = Context(run=run, judged=judge_run(run), titles={})
     (table,) = [t for t in checks.section(context).tables if t.name == "verdicts"]
-    place = [column.title for column in table.columns].index("reproduce the cell")
-    return {row[place] for row in table.rows if "simval" in row[place]}
+    place = [column.title for column in table.columns].index("command")
+    return {row[place] for row in table.rows if row[place]}
 
 
 def test_the_page_s_commands_name_the_run(simval, tiny_run, monkeypatch):

@@ -152,7 +152,7 @@ def test_green_is_one_line_and_red_names_the_command(simval, tiny_run, tmp_path)
         "WHERE family = 'bias' AND controlled = 0 "
         "AND entries = json_array('x') AND cell = 2",
     )
-    code, out, _ = simval("gate", tiny_run, "--baseline", baseline)
+    code, out, _ = simval("gate", tiny_run, "--baseline", baseline, "--all")
     assert code == 1
     assert re.search(r"bias\[x\] against exact: .* 9\.0 standard errors beyond", out)
     assert re.search(r"expected \S+, seen \S+, allowed \S+, \+9\.00 standard", out)

@@ -182,6 +182,7 @@ def test_rounding_of_values_without_chance_is_no_change():
     assert pair(1.0, 1.0 + 2e-6, 0.0) == "changed"
 
 
+@pytest.mark.ci
 def test_size_and_power_of_the_equivalence_test():
     # errors of 0.2 % each, margin 1 %: a change of just the margin is called
     # equivalent in 5 % of the runs, no change in nearly all

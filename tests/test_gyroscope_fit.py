@@ -74,7 +74,7 @@ def test_noise_free_recovery_of_raw_counts_and_swapped_axes(short):
 def test_noise_free_recovery_on_other_scenes(scene):
     """Moves from the middle row of each rest to that of the next: exact there too."""
     many = {
-        "handheld": {"directions": 12, "first_hold": 0.5, "hold_time": 0.5},
+        "handheld": {"poses": 12, "first_hold": 0.5, "hold_time": 0.5},
         "shaker": {"poses": 14, "hold_time": 0.5},
     }
     truth = of(simulate(scene, **many[scene]))

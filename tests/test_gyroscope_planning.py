@@ -100,7 +100,7 @@ COMMAND = [
 
 
 def test_command(capsys):
-    from simval.cli.plan import command
+    from simval.cli.commands.plan import command
 
     asked = [*COMMAND[1:], "--angle-random-walk", "1.75e-4", "--json"]
     got = json.loads(CliRunner().invoke(command, asked, catch_exceptions=False).output)

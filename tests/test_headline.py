@@ -83,6 +83,7 @@ def told(pattern, text):
     return int(found[1].replace(",", "")) if found else 0
 
 
+@pytest.mark.ci
 def test_a_line_says_what_is_so_of_any_result():
     rng = np.random.default_rng(13)
     for _ in range(300):
@@ -114,6 +115,7 @@ def test_a_line_says_what_is_so_of_any_result():
             assert not all("agree" in part for part in parts)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("status", "answer", "words"),
     [

@@ -280,7 +280,11 @@ def test_one_file_describes_all_sensors(tmp_path):
     ("old", "new", "message"),
     [
         ("[gyroscope]\nT", "[gyroscope]\nU", "the table `gyroscope` lacks T; T, K"),
-        ("range_rad_s", "range_g", "there is no effect `range_g`; there are noise"),
+        (
+            "range_rad_s",
+            "range_g",
+            r"there is no effect `range_g` \(did you mean `range_rad_s`\?\); there are",
+        ),
         ("range_rad_s = 35", "range_rad_s = 0", "`range_rad_s` is 0"),
         ("K = [1.5e-7, 1.5e-7, 1.6e-7]", "K = [1e-7, 0, 1e-7]", "M is singular"),
         ("jitter_s = 1e-5", "jitter_s = -1", "`clock_jitter_s` is -1"),

@@ -162,6 +162,7 @@ def package(folder, version):
     imported._distributions.cache_clear()
 
 
+@pytest.mark.ci
 def test_the_version_of_an_imported_package_is_part_of_a_plugin(tmp_path, monkeypatch):
     site, mine = tmp_path / "site", tmp_path / "mine"
     site.mkdir(), mine.mkdir()

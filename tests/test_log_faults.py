@@ -110,6 +110,7 @@ def test_a_step_in_few_rests_is_named(name, what):
     assert all(re.search(f"{what} .* changed between the rest", s) for s in said), said
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("count", "said"),
     [(11, "so few rests do not tell"), (12, "changed between the rest")],
@@ -132,6 +133,7 @@ def test_a_jump_in_a_dozen_rests_is_refused(monkeypatch, count, said):
     assert any(said in refusal for refusal in words), words
 
 
+@pytest.mark.ci
 def test_the_command_says_it_in_one_sentence(capsys, tmp_path):
     path = tmp_path / "wrapped.log"
     np.savetxt(path, recording("wrap", 1).samples, fmt="%.7g")
@@ -141,6 +143,7 @@ def test_the_command_says_it_in_one_sentence(capsys, tmp_path):
     assert "Traceback" not in said
 
 
+@pytest.mark.ci
 def test_a_spike_is_no_wrap_and_a_flip_no_fault():
     """A jump of the whole range that no rest takes part in, and a log that skips the
     turns between its rests, are what they are."""

@@ -268,6 +268,7 @@ ACC, CLOCK = (
 )
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     "form",
     [
@@ -285,6 +286,7 @@ def test_matlab_files(tmp_path, form):
     assert log.rate == pytest.approx(50.0, rel=100 * EPS, abs=0)
 
 
+@pytest.mark.ci
 def test_a_damaged_matlab_file_ends_in_a_sentence(tmp_path):
     """A type of element that does not exist: scipy's reader ends the interpreter."""
     content = bytearray(matlab(data=np.hstack([CLOCK, ACC])))
@@ -358,6 +360,7 @@ def check_damaged(tmp_path, seed):
         assert np.all(np.diff(log.time) > 0)
 
 
+@pytest.mark.ci
 def test_damaged_logs_end_in_a_sentence(tmp_path):
     for seed in range(100):
         check_damaged(tmp_path, seed)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from simval.report import drawings
+from simval.report.panels import BarPanel
 from simval.results import CellName
 from simval.statistics import (
     CHI_SQUARE_OF_FREEDOM,
@@ -98,9 +99,10 @@ def test_the_report_draws_both_beside_the_bound(tmp_path):
         "[magnetometer]\ntrials = 1024\nposes = 12\ndip_deg = [0.0, 66.0]\n"
     )
     found = run_suite(suite, tmp_path / "run")
-    drawing = next(d for d in drawings(found) if d.name == "magnetometer")
-    assert len(drawing.panels) == 2
-    for panel in drawing.panels:
+    drawn = [d for d in drawings(found) if d.name.startswith("magnetometer")]
+    panels = [p for d in drawn for p in d.panels if isinstance(p, BarPanel)]
+    assert len(panels) == 2
+    for panel in panels:
         assert "M, usual recipe" in panel.names
         assert len(panel.names) == 7
         assert np.isfinite(panel.predicted).all()

@@ -57,6 +57,7 @@ def answer(simval, *words):
     return json.loads(out)
 
 
+@pytest.mark.ci
 def test_the_numbers_of_a_log_at_rest(simval, still):
     found = answer(simval, still, "--json")
     assert found["format"] == "simval noise 1"

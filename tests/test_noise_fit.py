@@ -58,6 +58,7 @@ def at_the_bound(rows, signals, seed):
     )
 
 
+@pytest.mark.ci
 def test_white_noise_is_found_at_the_whittle_bound():
     rows, signals = 2048, 45
     ours, usual, stated = at_the_bound(rows, signals, 1)

@@ -245,6 +245,7 @@ def test_the_figure_has_its_panel(simval, logs, tmp_path):
     assert "deviation, T" in content
 
 
+@pytest.mark.ci
 def test_what_is_left_out_is_said(simval, tmp_path):
     compass = damaged("geometric", stream(1, KEY, 9))[:1200]
     path = written(tmp_path / "log.csv", compass)
@@ -257,6 +258,7 @@ def test_what_is_left_out_is_said(simval, tmp_path):
     assert "no regular step" in found["left_out"]["magnetometer"]
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("unit", "scale"),
     [("gauss", 1e-4), ("nT", 1e-9), ("1.5e-7", 1.5e-7), ("mgauss", 1e-7)],

@@ -9,7 +9,8 @@ from rounding import EPS
 
 from simval.calibrate import calibrate
 from simval.calibrate.files import save_calibration
-from simval.cli.plan import command, named_poses
+from simval.cli.commands.plan import command
+from simval.cli.plan import named_poses
 from simval.errors import InputError
 from simval.poses import cube_faces, fibonacci_sphere
 from simval.sensor import AccelerometerModel

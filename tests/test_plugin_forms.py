@@ -157,6 +157,7 @@ def test_a_bad_answer_of_one_sample_is_refused_in_words(change, words):
         probe_estimator(changed(ALONE, change))
 
 
+@pytest.mark.ci
 def test_answers_of_one_sample_may_be_lists(monkeypatch):
     monkeypatch.setattr("simval.plugins.probe.BATCHES", (64,))
     assert probe_estimator(changed(ALONE, lambda M: M.tolist())) < 1e-13
@@ -328,6 +329,7 @@ def test_a_wrong_dip_is_told(declared):
         probe_estimator(wrong)
 
 
+@pytest.mark.ci
 def test_a_fixed_frame_is_measured(monkeypatch):
     for frame, kind in (
         (in_frame("NED", "down", 1.1), "wahba"),

@@ -120,6 +120,7 @@ def test_what_fails_at_a_class_fails_by_its_row(plugin, classes, monkeypatch):
     assert len(MAY_FAIL) == len(CLASSES) - 1
 
 
+@pytest.mark.ci
 def test_one_raising_case_costs_no_other():
     def estimate(q, *_):
         if np.any(np.abs(q[:, 1]) > 0.9):
@@ -223,6 +224,7 @@ def test_no_class_passes_for_another(kind, monkeypatch):
     assert "class_covariance" in failing(measured(wrong, monkeypatch))
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("estimate", "row"),
     [

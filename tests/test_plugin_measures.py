@@ -18,7 +18,7 @@ from rounding import EPS
 
 from simval.attitude import two_vector_quaternion
 from simval.calibrate import calibrate
-from simval.cli.listing import command as list_command
+from simval.cli.commands.listing import command as list_command
 from simval.errors import InputError
 from simval.geometry import compose, normalize
 from simval.logs import Log
@@ -150,6 +150,7 @@ def test_a_sound_bias_is_of_second_order(geometry, noise_std, monkeypatch):
     assert rows["cubature_bias_at_small_noise"].prediction < 3e-6  # no blank cheque
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("size", [0.17, 1e-3, 1e-4])
 def test_a_constant_error_that_the_probe_cannot_see_fails(size, monkeypatch):
     # right as long as there is no noise, and by itself wherever it stands
@@ -164,6 +165,7 @@ def test_a_constant_error_that_the_probe_cannot_see_fails(size, monkeypatch):
     assert row.value > row.prediction
 
 
+@pytest.mark.ci
 def test_an_exact_claim_is_allowed_what_cubature_is_off_by(monkeypatch):
     def plugin(factor):
         return Estimator(
@@ -186,6 +188,7 @@ def test_an_exact_claim_is_allowed_what_cubature_is_off_by(monkeypatch):
     assert row.value <= row.prediction
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("noise", [0.01, 0.02, 0.05])
 def test_a_covariance_that_is_wrong_at_one_noise_alone_fails_there(noise, monkeypatch):
     """Its order is kept from this noise to half of it: only its size is wrong."""
@@ -284,6 +287,7 @@ def answering(monkeypatch, **more):
     return next(row.value for row in rows if str(row.statistic) == "nees")
 
 
+@pytest.mark.ci
 def test_a_type_a_covariance_is_judged_by_its_own_law(monkeypatch):
     plain = answering(monkeypatch)
     known = answering(monkeypatch, covariance_kind="known sigma", dof=15)

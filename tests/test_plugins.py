@@ -401,6 +401,7 @@ def test_a_scene_is_a_plugin_like_any_other(tmp_path, monkeypatch):
     assert sources(file).keys() == {file, str(names)}
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -90,7 +90,7 @@ BAD_WORDS = {
     "number": NO_NUMBER,
     "length": without(NO_NUMBER, "inf"),
     "count": NO_NUMBER
-    | {"part": 2.5, "float": 3.0, "fraction": Fraction(7, 2)}
+    | {"part": 2.5, "near": np.nextafter(3.0, 4.0), "fraction": Fraction(7, 2)}
     | {"huge": 10**30, "below": -3},
     "switch": without(NO_NUMBER, "True", "numpy True")
     | {"one": 1, "no": "no", "zero": 0, "ten": 10.0},

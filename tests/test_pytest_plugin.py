@@ -152,6 +152,7 @@ def collected(folder, *words):
     return set(done.stderr.split())
 
 
+@pytest.mark.ci
 def test_it_imports_nothing_until_it_is_asked(tmp_path):
     beside = collected(tmp_path, "-p", "simval") - collected(tmp_path)
     ours = {name for name in beside if name.startswith("simval")}

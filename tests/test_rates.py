@@ -83,6 +83,7 @@ def require_right(motion, log):
     return result
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("rate", [5.0, 10.0, 25.0, 50.0, 142.0, 400.0, 800.0, 2000.0])
 def test_the_same_motion_at_any_rate_gives_the_same_rests(rate):
     motion = Motion(np.random.default_rng(31))

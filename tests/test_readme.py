@@ -1,8 +1,27 @@
-"""The README's Python example runs, and gives what it says."""
+"""The README: its examples run, its figures are what it says, it is whole elsewhere."""
 
+import importlib.util
 import re
 
-from places import ROOT
+import pytest
+from places import EXAMPLES, ROOT
+
+TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
+TARGETS = re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", TEXT)
+
+
+def loaded(path):
+    """A module of the checkout that is in no package."""
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def described():
+    """What makes the package's description; the build backend need not be installed."""
+    return loaded(ROOT / "description.py").described
 
 
 def test_the_example_runs(capsys):
@@ -26,3 +45,67 @@ def test_the_suite_example_is_valid(tmp_path):
     path = tmp_path / "poses.toml"
     path.write_text(suite)
     assert len(load_suite(str(path)).cells) == 6
+
+
+def test_every_link_leads_somewhere():
+    assert [name for name in TARGETS if not (ROOT / name).exists()] == []
+    assert sum(name.endswith(".svg") for name in TARGETS) == 3
+
+
+def test_it_is_short():
+    assert len(TEXT.splitlines()) < 170
+
+
+def test_the_wheels_name_is_the_version():
+    import simval
+
+    pages = [
+        TEXT,
+        *((ROOT / "docs" / f"{n}.md").read_text() for n in ("ci", "cluster")),
+    ]
+    named = {
+        name for page in pages for name in re.findall(r"simval-([\d.]+)-py3", page)
+    }
+    assert named == {simval.__version__}
+    assert not re.findall(r"pip install '?simval\b(?!-)", "".join(pages))
+
+
+def test_the_packages_description_needs_no_files(described):
+    text = described(TEXT)
+    assert "](" not in text
+    assert text.count("*Figure: ") == 3
+    assert "how many poses do I need? (`docs/tutorials/question.md`)" in text
+    assert described("[a](#b) and [c](https://d)") == "[a](#b) and [c](https://d)"
+
+
+def test_the_packages_description_where_the_files_have_an_address(described):
+    links = re.findall(r"\]\(([^)]+)\)", described(TEXT, "https://host/raw"))
+    assert len(links) == len(TARGETS)
+    assert all(link.startswith("https://host/raw/") for link in links)
+
+
+@pytest.mark.slow  # two runs of 256 trials
+def test_the_third_figure_says_what_the_text_says(simval, tmp_path):
+    worse = loaded(EXAMPLES / "worse.py")
+    text = (EXAMPLES / "kalman.py").read_text()
+    changed = tmp_path / "kalman.py"
+    changed.write_text(text.replace("dt * self.Q", "dt**2 * self.Q"))
+    nees, nis, error = {}, {}, {}
+    for name, plugin in ("before", EXAMPLES / "kalman.py"), ("after", changed):
+        suite = ("sweep", ROOT / "reports" / "worse.toml", "--out", tmp_path / name)
+        code, *_ = simval(
+            *suite, "--workers", "1", "--set", f"filter.algorithm={plugin}"
+        )
+        assert code == 0
+        assert simval("gate", tmp_path / name, "--no-baseline")[0] == (name == "after")
+        rows = worse.rows(tmp_path / name)
+        nees[name], nis[name], error[name] = (
+            next(float(row["value"]) for row in rows if row["statistic"] == statistic)
+            for statistic in ("nees", "nis", "rms")
+        )
+    assert round(nees["after"]) == 20
+    assert "is 20 where 3 is right" in " ".join(TEXT.split())
+    assert f"{nis['after']:.2f}" in TEXT
+    assert error["after"] / error["before"] == pytest.approx(1.1, abs=0.005)
+    worse.main(tmp_path / "before", tmp_path / "after", tmp_path / "worse.svg")
+    assert (tmp_path / "worse.svg").stat().st_size > 10_000

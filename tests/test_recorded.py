@@ -10,7 +10,7 @@ from places import RECORDINGS
 
 from simval.calibrate import calibrate
 from simval.cli import run
-from simval.cli.calibrate import command
+from simval.cli.commands.calibrate import command
 from simval.errors import RefusedError
 from simval.logs import read_log
 from simval.multiposition import calibrate_log
@@ -49,6 +49,7 @@ FORMS = {
 }
 
 
+@pytest.mark.ci
 def test_xsens_command(xsens):
     """The whole command: 38 +- 2 rests, each parameter within one Type A sd."""
     log, reference = xsens
@@ -90,6 +91,7 @@ def test_xsens_command(xsens):
     np.testing.assert_allclose(sd, expected, rtol=0.05)
 
 
+@pytest.mark.ci
 def test_xsens_without_any_hint(xsens):
     """Raw counts, no rest given: the right answer, since nothing needs a start."""
     log, reference = xsens
@@ -354,6 +356,7 @@ def test_a_saturated_rest_is_named(tmp_path, depth):
         calibrate_log(log, g=9.81, full_scale=float(top))
 
 
+@pytest.mark.ci
 def test_an_outlier_rest_is_named(tmp_path):
     """A rest in which something pushes: 0.3 m/s^2 on one axis."""
     rows, _ = synthetic(fibonacci_sphere(24))

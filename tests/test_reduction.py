@@ -145,7 +145,13 @@ def test_covariance_is_unbiased_where_the_mean_is_known_better_than_its_samples(
 
 @pytest.mark.parametrize(
     "setting",
-    [{"samples": 0}, {"samples": -3}, {"samples": 1e3}, {"block": 0}, {"block": 100}],
+    [
+        {"samples": 0},
+        {"samples": -3},
+        {"samples": 1000.5},
+        {"block": 0},
+        {"block": 100},
+    ],
 )
 @pytest.mark.parametrize("method", METHODS)
 def test_numbers_that_cannot_be_used_are_refused(method, setting):

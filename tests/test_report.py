@@ -111,7 +111,9 @@ def test_the_page_is_complete_and_needs_no_network(page):
         "provenance",
     ):
         assert f'<section id="{anchor}"' in page
-        assert f'href="#{anchor}"' in page
+        assert f'id="{anchor}-title"' in page
+    parts = re.findall(r'<div class="group" id="([^"]*)">', page)
+    assert [f'href="#{part}"' in page for part in parts] == [True] * len(parts)
     assert re.search(
         r"<strong>PASS</strong>: all \d+ checks against theory agree", page
     )
@@ -120,7 +122,7 @@ def test_the_page_is_complete_and_needs_no_network(page):
     assert links
     assert all(link.startswith(("data:", "#")) for link in links)
     assert "@import" not in page
-    assert page.count("<script") == 1  # the table sorting, named by its hash
+    assert page.count("<script") == 1  # named by its hash
     assert "default-src 'none'" in page
 
 
@@ -137,7 +139,11 @@ def test_figures_are_well_formed_have_a_text_and_keep_their_style(page):
     for figure in figures:
         root = ElementTree.fromstring(figure)
         assert root.get("aria-label")
-        assert root.get("role") == "img"
+        # one image, and beside it, if any, its points with their titles
+        image = root if root.get("role") == "img" else root[0]
+        assert image.get("role") == "img"
+        assert image.get("aria-label")
+        assert all(p[0].text for p in root.iter("{http://www.w3.org/2000/svg}circle"))
         name = root.get("id")
         for style in root.iter("{http://www.w3.org/2000/svg}style"):
             assert style.text.startswith(f"#{name} ")  # reaches this figure only
@@ -145,7 +151,8 @@ def test_figures_are_well_formed_have_a_text_and_keep_their_style(page):
 
 def test_the_first_screen_has_the_verdict_and_two_figures(page):
     first = page.partition('<section id="summary"')[2].partition("</section>")[0]
-    assert first.count("<svg") == 2
+    assert first.count("<figure") == 2
+    assert first.count("<svg") == 3  # a picture for each panel
     assert "Cramér-Rao bound" in first
     for predictor in ("order 2", "order 4, source", "order 4, complete", "exact"):
         assert f"{predictor}</text>" in first
@@ -229,7 +236,7 @@ def test_a_failing_check_comes_first_with_its_figure(tiny_run, undrawn):
     first = dict(zip(titles, table.rows[0], strict=True))
     assert first["statistic"] == "bias[x]"
     assert f'id="figure-{first["figure"]}"' in page
-    name = first["reproduce the cell"]
+    name = first["command"]
     assert name == f"simval repro --run tiny '{run.cells[3].name}'"
 
 
@@ -364,6 +371,7 @@ def test_a_suite_of_ones_own_is_reproduced_from_its_file(tiny_suite):
     assert command(manifest) == "simval sweep suite.toml"
 
 
+@pytest.mark.ci
 def test_artifacts_become_figures(tiny_run, undrawn):
     artifacts = tiny_run / "artifacts"
     artifacts.mkdir(exist_ok=True)
@@ -384,7 +392,7 @@ def test_artifacts_become_figures(tiny_run, undrawn):
         svg(drawing) for drawing in drawings(run) if drawing.name.startswith("static")
     ]
     for picture in pictures:
-        ElementTree.fromstring(picture)
+        ElementTree.fromstring(f"<all>{picture}</all>")
     page = render(run)
     assert '<section id="statics"' in page
     assert '<section id="convergence"' in page
@@ -413,13 +421,14 @@ RENAMED = (
 )
 
 
+@pytest.mark.ci
 def test_a_study_without_a_section_is_shown_all_the_same(tiny_run, undrawn):
     run = edited_run(tiny_run, RENAMED.format("of_a_plugin"))
     (drawing,) = (d for d in drawings(run) if d.name == "study-of-a-plugin")
-    ElementTree.fromstring(svg(drawing))
+    ElementTree.fromstring(f"<all>{svg(drawing)}</all>")
     page = render(run)
     assert '<section id="other"' in page
-    assert "<h3>of_a_plugin</h3>" in page
+    assert "<h4>of_a_plugin</h4>" in page
     assert 'id="figure-study-of-a-plugin"' in page
 
 

@@ -71,7 +71,7 @@ def test_the_page_says_the_result_and_what_to_do_next(log, whole, result):
     np.testing.assert_array_equal(
         [row[1] for row in table.rows], result.fit.parameters * [1, -1, *[1] * 7]
     )
-    for _, value, sd, bound, over, low, high in table.rows:
+    for _, value, _, sd, bound, over, low, high in table.rows:
         assert low < value < high
         assert over == sd / bound
     assert "K_x" in page

@@ -10,9 +10,10 @@ import rows_by_name
 
 from simval.gate import judge_run
 from simval.report import drawings, render, tables
+from simval.report.layout import laid_out
 from simval.report.page import SECTIONS, sections
 from simval.report.paint import STYLE, _figure
-from simval.report.panels import BarPanel, Drawing, Panel, Series
+from simval.report.panels import BarPanel, DotPanel, Drawing, Panel, Series
 from simval.report.section import Context
 from simval.report.sections import attitude, convergence, statistics
 from simval.report.slope import fitted_slope
@@ -220,7 +221,7 @@ def content(section):
 
 
 def _plain(panel):
-    if isinstance(panel, Panel):
+    if isinstance(panel, Panel | DotPanel):
         return [(s.label, s.x.tolist(), s.y.tolist()) for s in panel.series]
     if isinstance(panel, BarPanel):
         return list(panel.names), panel.measured.tolist(), panel.predicted.tolist()
@@ -283,6 +284,7 @@ def test_every_series_is_drawn_or_named(study, tmp_path):
         assert listed != relisted or not listed, value
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("anchor", SHOWN)
 def test_every_statistic_is_shown_or_named(anchor, tmp_path):
     """Other numbers in one statistic: its section changes, or says where it is."""
@@ -302,6 +304,7 @@ def test_every_statistic_is_shown_or_named(anchor, tmp_path):
         assert (content(before) != content(now)) != said, name
 
 
+@pytest.mark.ci
 def test_what_is_left_out_stands_on_the_page(tmp_path):
     page = render(made(tmp_path))
     (ladder,) = (s for s in sections(made(tmp_path)) if s.anchor == "ladder")
@@ -386,7 +389,7 @@ def clipped(drawing):
     from matplotlib.text import Text
 
     with mpl.rc_context(STYLE):
-        figure = _figure(drawing)
+        figure = _figure(laid_out(drawing))
         renderer = FigureCanvasAgg(figure).get_renderer()
         figure.draw_without_rendering()  # everything has its place, and no colour
         beyond = {

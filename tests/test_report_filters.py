@@ -31,16 +31,23 @@ def test_the_section_draws_errors_squares_budget_and_a_trial(run):
     context = Context(run=run, judged=judge_run(run), titles={"filter": "x"})
     section = filters.section(context)
     names = [drawing.name for drawing in section.drawings]
-    assert names == ["filter-errors", "filter-nees", "filter-budget"]
+    assert names == ["filter-errors", "filter-ratio", "filter-nees", "filter-budget"]
     for drawing in section.drawings:
         assert [panel.title for panel in drawing.panels] == SCENARIOS
-    errors, squares, budget = (drawing.panels[0] for drawing in section.drawings)
+    errors, ratios, squares, budget = (d.panels[0] for d in section.drawings)
     labels = [series.label for series in errors.series]
     assert labels == ["bound", "predicted, reference filter", "simval:mekf"]
     bound, predicted, seen = errors.series
     # nothing is wrong: what theory says of the filter is the bound
     assert np.allclose(bound.y, predicted.y, rtol=1e-9)
     assert (np.diff(seen.x) > 0.0).all()
+    theory, over = ratios.series
+    assert np.allclose(theory.y, 1.0, rtol=1e-9)
+    shown = np.isin(seen.x, over.x)  # of 8 trials some bars are wider than 1
+    assert shown.mean() > 0.8
+    assert np.allclose(over.y, (seen.y / bound.y)[shown], rtol=1e-9)
+    low, high = ratios.limits
+    assert low < (over.y - over.band).min() < (over.y + over.band).max() < high
     low, high = squares.series[1].y[0], squares.series[2].y[0]
     assert low < 3.0 < high, "the band of 8 trials"
     whole = np.sqrt(np.sum([series.y**2 for series in budget.series], axis=0))

@@ -12,6 +12,7 @@ from rounding import EPS
 from simval.errors import InputError
 from simval.report import drawings, render, tables
 from simval.report.distribution import MOST, share_at_most
+from simval.report.palette import GROUPS, THEORY
 from simval.report.sections import geometries, vectors
 from simval.statistics import (
     CHI_SQUARE,
@@ -108,7 +109,7 @@ def test_the_orders_are_visible_as_slopes(figures, found):
         # tolerance of the study: twice the next term at the highest level
         assert abs(least - expected) <= 0.1
         assert abs(greatest - expected) <= 0.1
-    for panel in figures["orders"].panels:
+    for panel in (*figures["orders"].panels, *figures["orders-bias"].panels):
         assert len(panel.series) == 3
         for series in panel.series:
             rise = np.polyfit(np.log(series.x), np.log(series.y), 1)[0]
@@ -157,13 +158,17 @@ def test_the_recorded_signal_is_shaded_where_it_rests(run, figures):
 
 
 def test_the_budget_has_its_parts_and_their_predictions(run, figures):
-    (panel,) = figures["budget"].panels
+    panel, over = figures["budget"].panels
     assert set(panel.names) >= {"magnetometer noise in the tumble", "total"}
     assert np.isfinite(panel.predicted).all()
     (cell,) = run.of("end_to_end")
     for name, value in zip(panel.names, panel.measured, strict=True):
         (row,) = (r for r in cell.rows if str(r.statistic) == f"budget[{name}]")
-        assert value == row.value
+        assert row.unit == "rad"
+        assert value == 1e3 * row.value  # milliradians, for a person
+    assert panel.x_label == "contribution, mrad"
+    (ratios,) = over.series
+    np.testing.assert_allclose(ratios.x, panel.measured / panel.predicted, rtol=8 * EPS)
 
 
 def of_geometries(run, folder):
@@ -263,9 +268,9 @@ def test_the_range_of_a_formula_is_its_distribution(run, figures, found):
             assert row[7] == cell.row(statistic, series.label).value
             assert row[7] == np.median(values)
     half, most = np.quantile(limits[f"{ORDER_2}, covariance, 1%"], [0.5, 0.9])
-    told = figures["ranges-greatest"].caption
+    told = figures["ranges-greatest"].finding
     assert f"at least {half:.3g} and {most:.3g} (order 2)" in told
-    assert "from 30 down to 1.2" in told
+    assert "from 30 down to 1.2" in figures["ranges-greatest"].caption
 
 
 def test_the_price_of_unequal_noise_is_drawn_as_it_is_measured(run, figures, found):
@@ -283,7 +288,8 @@ def test_the_price_of_unequal_noise_is_drawn_as_it_is_measured(run, figures, fou
             assert measured.x.tolist() == line.x.tolist() == [1.0, 100.0]
             assert measured.y.tolist() == [row.value for row in rows]
             assert line.y.tolist() == [row.prediction for row in rows]
-            assert line.colour == measured.colour
+            assert line.colour == THEORY
+            assert measured.colour in GROUPS
             for row, band in zip(rows, measured.band, strict=True):
                 assert band > 1.96 * row.standard_error  # all of them together
     tested = [(row[0], row[1], row[4][0], row[5]) for row in found["vectors-test"].rows]

@@ -73,6 +73,7 @@ def test_repro_says_whether_the_bits_are_equal(simval, tiny_run):
     assert "has no such cell" in out
 
 
+@pytest.mark.ci
 def test_parquet_holds_what_the_csv_holds(simval, tiny_run, tmp_path):
     parquet = pytest.importorskip("pyarrow.parquet")
     path = tmp_path / "out.parquet"

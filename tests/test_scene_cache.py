@@ -17,7 +17,7 @@ from simval.scene.engine import roll_out
 from simval.scene.many import COLUMNS, simulate_many
 from simval.scene.run import plan_run
 
-QUICK = {"directions": 3, "move_time": 0.3, "hold_time": 0.1, "first_hold": 0.1}
+QUICK = {"poses": 3, "move_time": 0.3, "hold_time": 0.1, "first_hold": 0.1}
 FIELDS = ("time", "specific_force", "angular_velocity", "magnetic_field", "attitude")
 
 
@@ -95,14 +95,14 @@ def test_everything_that_matters_changes_the_key(tmp_path):
     other_file = tmp_path / "gimbal.xml"
     other_file.write_text(gimbal.model.read_text().replace('kp="40"', 'kp="41"'))
     variants = [
-        plan_run(gimbal, **{**QUICK, "directions": 4}),
+        plan_run(gimbal, **{**QUICK, "poses": 4}),
         plan_run(gimbal, **QUICK, site_offset=[0.0, 0.0, 0.0]),
         plan_run(gimbal, **QUICK, timestep=0.001),
         plan_run(gimbal, **QUICK, integrator="Euler"),
         plan_run(replace(gimbal, model=other_file), **QUICK),
         plan_run(replace(gimbal, force_limit=100.0), **QUICK),
-        plan_run("gimbal", **{**QUICK, "directions": np.eye(3)}),
-        plan_run("gimbal", **{**QUICK, "directions": np.eye(3)[::-1]}),
+        plan_run("gimbal", **{**QUICK, "poses": np.eye(3)}),
+        plan_run("gimbal", **{**QUICK, "poses": np.eye(3)[::-1]}),
     ]
     plan = plan_run(gimbal, **QUICK)
     variants.append(replace(plan, script=replace(plan.script, qvel=np.ones(3))))
@@ -133,7 +133,7 @@ def test_the_same_bits_in_another_process():
         "from test_scene_cache import digest, QUICK\n"
         "from simval.scene import simulate\n"
         "print(digest(simulate('gimbal', **QUICK)),"
-        " digest(simulate('die', throws=1)))\n"
+        " digest(simulate('die', poses=1)))\n"
     )
     children = [
         subprocess.run(
@@ -141,13 +141,13 @@ def test_the_same_bits_in_another_process():
         ).stdout.split()
         for _ in range(2)
     ]
-    here = [digest(simulate("gimbal", **QUICK)), digest(simulate("die", throws=1))]
+    here = [digest(simulate("gimbal", **QUICK)), digest(simulate("die", poses=1))]
     assert children == [here, here]
 
 
 @pytest.mark.parametrize("name", ["gimbal", "die"])
 def test_the_same_bits_on_any_number_of_threads_and_beside_any_others(name):
-    quick = QUICK if name == "gimbal" else {"throws": 1}
+    quick = QUICK if name == "gimbal" else {"poses": 1}
     plans = [plan_run(name, **quick) for _ in range(3)]
     other = replace(plans[1].script, qpos=np.array(plans[1].script.qpos)[..., :] * 0.9)
     scripts = [plans[0].script, other, plans[2].script]
@@ -163,7 +163,7 @@ def test_the_same_bits_on_any_number_of_threads_and_beside_any_others(name):
 
 def test_many_runs_are_the_single_ones():
     rng = np.random.default_rng(5)
-    sets = [{**QUICK, "directions": random_directions(3, rng)} for _ in range(10)]
+    sets = [{**QUICK, "poses": random_directions(3, rng)} for _ in range(10)]
     many = simulate_many("gimbal", sets, threads=2)
     assert many.specific_force.shape == (10, 3, 3)
     assert many.attitude.shape == (10, 3, 4)
@@ -185,21 +185,21 @@ def test_many_runs_are_the_single_ones():
 
 
 def test_one_bad_run_among_many_is_named():
-    sets = [{"directions": 2}, {"directions": 3}]
+    sets = [{"poses": 2}, {"poses": 3}]
     with pytest.raises(InputError, match="run 1 lasts"):
         simulate_many("gimbal", sets)
     with pytest.raises(InputError, match="no set of parameters"):
         simulate_many("gimbal", [])
     with pytest.raises(SimulationError, match=r"gimbal \(run 0\): rest 1 moves"):
-        simulate_many("gimbal", [{"directions": 2, "settle_time": 0.0}])
+        simulate_many("gimbal", [{"poses": 2, "settle_time": 0.0}])
     with pytest.raises(SimulationError, match=r"run 0: rests \[.*\] had not come"):
-        simulate_many("die", [{"throws": 12, "settle_time": 0.7, "hold_time": 0.3}])
+        simulate_many("die", [{"poses": 12, "settle_time": 0.7, "hold_time": 0.3}])
 
 
 @pytest.mark.slow
 def test_a_thousand_tumbles_fit_into_fifty_megabytes():
     rng = np.random.default_rng(6)
-    sets = [{"directions": random_directions(40, rng)} for _ in range(1000)]
+    sets = [{"poses": random_directions(40, rng)} for _ in range(1000)]
     many = simulate_many("gimbal", sets, timestep=0.004, threads=2)
     size = sum(getattr(many, name).nbytes for name in COLUMNS)
     assert size <= 50 * 2**20

@@ -25,7 +25,7 @@ noise_std_raw = 4.0
 quantum_raw = 1.0
 limits_raw = [0, 65535]
 """
-SHORT = ["--set", "directions=12", "--set", "hold_time=0.5", "--set", "first_hold=3"]
+SHORT = ["--set", "poses=12", "--set", "hold_time=0.5", "--set", "first_hold=3"]
 
 
 @pytest.fixture
@@ -70,7 +70,7 @@ def triple(table, name, unit):
 
 @pytest.mark.parametrize("every", [1, 4])
 def test_the_file_holds_the_truth_to_the_last_bit(tmp_path, sensor, every):
-    trajectory = simulate("gimbal", directions=2, move_time=0.2, hold_time=0.1)
+    trajectory = simulate("gimbal", poses=2, move_time=0.2, hold_time=0.1)
     motion = motion_of(trajectory, every)
     sensor.write_text(SENSOR + "[clock]\njitter_s = 1e-5\n")
     readings = read_imu(load_imu(sensor), motion, stream(1, (1,), 0))
@@ -102,7 +102,7 @@ def test_the_file_holds_the_truth_to_the_last_bit(tmp_path, sensor, every):
 
 
 def test_without_a_sensor_all_are_ideal(tmp_path):
-    trajectory = simulate("gimbal", directions=2, move_time=0.2, hold_time=0.1)
+    trajectory = simulate("gimbal", poses=2, move_time=0.2, hold_time=0.1)
     write_signal(tmp_path / "log.csv", trajectory)
     table = table_of(tmp_path / "log.csv")
     assert list(table) == header().split(",")
@@ -164,9 +164,9 @@ def test_it_says_what_it_did(capsys):
     ("words", "code", "message"),
     [
         (["scene", "nowhere"], 2, "there is no scene 'nowhere'"),
-        (["scene", "--set", "speed=1"], 2, "it has directions"),
-        (["scene", "--set", "directions"], 2, "not KEY=VALUE"),
-        (["scene", "--set", "directions=many"], 2, "`directions` is not an array"),
+        (["scene", "--set", "speed=1"], 2, "it has poses"),
+        (["scene", "--set", "poses"], 2, "not KEY=VALUE"),
+        (["scene", "--set", "poses=many"], 2, "`poses` is not an array"),
         (["scene", "--set", "settle_time=0.05"], 3, "settle longer"),
         (["scene", "--set", "timestep=0.06"], 3, "first at row"),
         (["scene", "--set", "timestep=0"], 2, "`timestep` is 0"),
@@ -185,7 +185,7 @@ def test_bad_words_are_refused_with_their_exit_code(words, code, message, capsys
 @pytest.fixture(scope="module")
 def picture():
     try:
-        return render("gimbal", directions=3)
+        return render("gimbal", poses=3)
     except InputError as error:
         pytest.skip(f"no picture can be drawn here: {error}")
 
@@ -196,15 +196,16 @@ def test_a_picture_shows_the_body(picture, tmp_path):
     path.write_bytes(picture)
     with Image.open(path) as image:
         pixels = np.asarray(image.convert("RGB")).astype(int)
-    assert pixels.shape == (480, 640, 3)
-    orange = (pixels[..., 0] > 150) & (pixels[..., 2] < 80)  # the IMU's box
-    assert 1000 < orange.sum() < 100_000
+    assert pixels.shape == (720, 960, 3)
+    red, green, blue = pixels[200:450, 300:700].transpose(2, 0, 1)
+    glass = (red - blue > 60) & (green - blue > 15)  # the IMU's box, orange glass
+    assert 3000 < glass.sum() < 40_000
 
 
 @pytest.mark.ci
 def test_an_animation_has_its_frames_and_moves(picture, tmp_path):
     path = tmp_path / "gimbal.gif"
-    size = {"width": 160, "height": 120, "directions": 2, "first_hold": 0.2}
+    size = {"width": 160, "height": 120, "poses": 2, "first_hold": 0.2}
     render_file(path, "gimbal", seconds=1.0, **size)
     with Image.open(path) as film:
         assert film.n_frames >= 10  # 1 s at 15 Hz, equal neighbours may be merged
@@ -216,27 +217,27 @@ def test_an_animation_has_its_frames_and_moves(picture, tmp_path):
 
 def test_pictures_that_cannot_be_drawn_say_why(picture, monkeypatch, tmp_path):
     with pytest.raises(InputError, match="outside the run"):
-        render("gimbal", time=1e6, directions=2)
+        render("gimbal", time=1e6, poses=2)
     with pytest.raises(InputError, match="this scene allows"):
-        render("gimbal", width=100_000, directions=2)
+        render("gimbal", width=100_000, poses=2)
     with pytest.raises(InputError, match="`seconds` is nan"):
         render_file(tmp_path / "film.gif", "gimbal", seconds=float("nan"))
-    with pytest.raises(InputError, match="no parameter `poses`"):
-        render("gimbal", poses=2)
+    with pytest.raises(InputError, match=r"no parameter `directions` .*`poses`"):
+        render("gimbal", directions=2)
 
 
 @pytest.mark.ci
 def test_a_machine_that_cannot_draw_is_told_what_to_install(monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "disable")  # MuJoCo then draws nothing
     with pytest.raises(InputError, match=r"install EGL.*libegl1.*or OSMesa") as caught:
-        render("gimbal", directions=2)
+        render("gimbal", poses=2)
     assert "disable: " in str(caught.value)
 
 
 @pytest.mark.ci
 def test_a_film_is_written_or_the_encoder_named(picture, tmp_path):
     path = tmp_path / "gimbal.mp4"
-    size = {"seconds": 0.4, "width": 160, "height": 120, "directions": 2}
+    size = {"seconds": 0.4, "width": 160, "height": 120, "poses": 2}
     if importlib.util.find_spec("imageio_ffmpeg") is None:
         with pytest.raises(InputError, match="pip install imageio imageio-ffmpeg"):
             render_file(path, "gimbal", **size)

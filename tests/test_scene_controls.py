@@ -21,7 +21,7 @@ RESIDUALS = ("squared", "norm", "weighted", "sampson")
 
 @pytest.fixture(scope="module")
 def cube():
-    return simulate("cube", throws=30)
+    return simulate("cube", poses=30)
 
 
 @pytest.fixture(scope="module", params=["centre", "offset"])
@@ -62,7 +62,7 @@ def test_free_fall_never_passes_for_a_calibration(falling, method, residual):
 @pytest.mark.parametrize(
     ("name", "setting", "message"),
     [
-        ("cube", "throws=12", "add poses between them"),
+        ("cube", "poses=12", "add poses between them"),
         ("freefall", "seconds=10", "static interval"),
     ],
 )

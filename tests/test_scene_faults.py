@@ -12,7 +12,7 @@ from simval.scene.checks import check_run, settled_rests
 from simval.scene.messages import captured_messages
 from simval.scene.models import load_model, model_path
 
-QUICK = {"directions": 2, "move_time": 0.2, "hold_time": 0.1, "first_hold": 0.1}
+QUICK = {"poses": 2, "move_time": 0.2, "hold_time": 0.1, "first_hold": 0.1}
 GIMBAL = model_path("gimbal").read_text()
 FLAG = '<flag autoreset="disable"/>'
 CASES = {

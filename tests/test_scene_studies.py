@@ -68,7 +68,7 @@ def test_the_score_of_a_case_by_hand():
 
 
 def test_what_is_still_is_the_simulations_own_rest():
-    trajectory = simulate("gimbal", directions=4)
+    trajectory = simulate("gimbal", poses=4)
     truth = thinned(trajectory)
     assert len(truth.time) == -(-len(trajectory.time) // 5)
     assert truth.still[truth.hold >= 0].all()
@@ -117,6 +117,7 @@ def test_more_noise_lets_moving_rows_in_and_trimming_keeps_them_out():
     assert trimmed["recall"].value < raw["recall"].value
 
 
+@pytest.mark.ci
 def test_impure_windows_harm_the_parameters():
     """With little noise a slow motion looks like rest, and the fit believes it."""
     found = detected(noise_std=0.02, multiplier=200.0, trim=0, trials=12)

@@ -26,12 +26,12 @@ STEPPERS = {
     "implicitfast": mujoco.mj_implicit,
 }
 QUICK = {
-    "gimbal": {"directions": 4, "move_time": 0.4, "hold_time": 0.2},
-    "die": {"throws": 2, "hold_time": 0.2, "settle_time": 1.5},
+    "gimbal": {"poses": 4, "move_time": 0.4, "hold_time": 0.2},
+    "die": {"poses": 2, "hold_time": 0.2, "settle_time": 1.5},
     "shaker": {"poses": 2, "hold_time": 0.2},
     "pivot": {"spin_rate": 3.0, "turns": 2.0},
-    "handheld": {"directions": 3, "move_time": 0.4, "hold_time": 0.2},
-    "cube": {"throws": 2, "hold_time": 0.2, "settle_time": 1.5},
+    "handheld": {"poses": 3, "move_time": 0.4, "hold_time": 0.2},
+    "cube": {"poses": 2, "hold_time": 0.2, "settle_time": 1.5},
     "freefall": {"seconds": 4.0},
 }
 CASES = [(name, None) for name in QUICK] + [
@@ -190,7 +190,7 @@ def test_a_body_in_free_fall_reads_nothing_at_its_centre():
 
 
 def test_at_the_pivot_the_length_is_g_at_any_rate():
-    trajectory = simulate("gimbal", directions=10, site_offset=[0.0, 0.0, 0.0])
+    trajectory = simulate("gimbal", poses=10, site_offset=[0.0, 0.0, 0.0])
     length = np.linalg.norm(trajectory.specific_force, axis=1)
     # it really tumbles: 14 rad/s are seen
     assert np.linalg.norm(trajectory.angular_velocity, axis=1).max() > 3.0

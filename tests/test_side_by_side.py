@@ -48,7 +48,7 @@ def test_each_algorithm_has_a_row_with_all_that_is_known(tmp_path):
     assert found["checks"] == "fail"
     for noise in ("0.001", "0.01", "0.05"):
         # RMS over the bound, as the rows say
-        assert found[f"noise std {noise}"] == (pytest.approx(1.1), pytest.approx(0.004))
+        assert found[f"noise {noise}"] == (pytest.approx(1.1), pytest.approx(0.004))
     assert found["bias"] == pytest.approx(1e-3 * np.sqrt(3.0))
     assert found["NEES"] == (pytest.approx(1.5), pytest.approx(0.02 / 3.0))
     assert found["call, ms"] == pytest.approx(6.0)
@@ -85,7 +85,7 @@ def test_seeds_are_one_number_with_a_smaller_error(tmp_path):
         cell(A, estimator_rows(ratio, 0.01, 0.01), seed=seed)
         for seed, ratio in enumerate((1.0, 1.2))
     ]
-    found = fields(table_of(run_of(tmp_path, cells)), A)["noise std 0.01"]
+    found = fields(table_of(run_of(tmp_path, cells)), A)["noise 0.01"]
     assert found == (pytest.approx(1.1), pytest.approx(0.01 / np.sqrt(2.0)))
 
 
@@ -102,9 +102,9 @@ def test_accuracy_is_drawn_with_bands_that_hold_together(tmp_path):
     (panel,) = dots("estimator", "estimators", contest_of(run.cells)).panels
     assert panel.names[:2] == ["simval:wahba", "estimator-1"]
     assert [series.label for series in panel.series] == [
-        "noise std 0.001",
-        "noise std 0.01",
-        "noise std 0.05",
+        "noise 0.001",
+        "noise 0.01",
+        "noise 0.05",
     ]
     for series in panel.series:
         np.testing.assert_allclose(series.x, 1.0 + 0.02 * np.arange(19), rtol=1e-12)
@@ -205,7 +205,7 @@ def test_a_calibrator_by_what_it_leaves(tmp_path, monkeypatch):
     run = run_of(tmp_path, [cell("six.py", rows, study="calibrator")])
     section = algorithms.section(context_of(run))
     by_name = {table.name: table for table in section.tables}
-    assert fields(by_name["calibrator-algorithms"], "six.py")["noise std 0.01"] == (
+    assert fields(by_name["calibrator-algorithms"], "six.py")["noise 0.01 m/s²"] == (
         pytest.approx(1.5),
         pytest.approx(0.05),
     )

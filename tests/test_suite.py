@@ -6,7 +6,7 @@ from simval.errors import InputError
 from simval.poses import observability
 from simval.studies.calibration import simulated_rests
 from simval.sweep import load_suite, suite_schema
-from simval.sweep.suite import builtin_suites
+from simval.vocabulary import builtin_suites
 
 
 def written(tmp_path, text):
@@ -52,7 +52,7 @@ def test_the_command_line_wins(tmp_path):
         ("[attitude]\nnoise_std = -0.1\n", "`attitude.noise_std`.*greater than 0"),
         ("[attitude]\nnoise_std = [0.1, -0.1]\n", "`attitude.noise_std`"),
         ("[attitude]\nnoise_std = 'small'\n", "`attitude.noise_std`.*'small'"),
-        ("[attitude]\nsamples = 1e6\n", "`attitude.samples`.*integer"),
+        ("[attitude]\nsamples = 100000.5\n", "`attitude.samples`.*integer"),
         ("[attitude]\nnoise_std = nan\n", "`attitude.noise_std`"),
         ("[calibration]\nscene = 'moon'\n", "`calibration.scene`.*'gimbal'"),
         ("[attitude]\nnoise_std = [0.1, 0.1]\n", "twice"),

@@ -37,6 +37,7 @@ def relative(a, b):
     return np.linalg.norm(a - b) / np.linalg.norm(b)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("size", [1e-3, 0.03, 0.3])
 def test_isotropic_noise_agrees_with_the_closed_form(size):
     # the integral over s and the directions are other ones; a bias of size^2 is formed

@@ -266,6 +266,7 @@ NAMES = {
 }
 
 
+@pytest.mark.ci
 def test_every_estimator_states_its_covariance():
     found = nees_rows()
     assert set(found) == NAMES
@@ -279,6 +280,7 @@ def test_a_covariance_that_is_told_wrong_is_seen(monkeypatch):
     assert min(found.values()) > 10.0
 
 
+@pytest.mark.ci
 def test_a_covariance_that_is_wrong_is_not_its_own_remainder(monkeypatch):
     """Cubature sees the wrong one too, at any noise, so what falls is still small."""
     for name in ("closed_form_square", "normalized_square"):

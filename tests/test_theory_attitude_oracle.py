@@ -109,6 +109,7 @@ def test_density_integrates_to_one(k):
     assert weights.sum() == pytest.approx(1.0, abs=1e-13)
 
 
+@pytest.mark.ci
 def test_too_few_nodes_are_noticed():
     # the first rule alone is wrong by 1e-4 here, and its density still integrates to 1
     q = np.array([0.05, 0.03, -0.02, 0.998])

@@ -1,6 +1,7 @@
-"""The wheel in an empty environment: finds its models and runs a suite."""
+"""The wheel in an empty environment: finds its models and runs the README's line."""
 
 import os
+import re
 import subprocess
 import sys
 import venv
@@ -24,18 +25,33 @@ def test_the_wheel_finds_its_models_and_runs_the_smoke_suite(tmp_path):
     pip = ("-m", "pip", "--quiet", "--disable-pip-version-check")
     run(sys.executable, *pip, "wheel", "--no-deps", "-w", tmp_path, ROOT)
     (wheel,) = tmp_path.glob("simval-*.whl")
+    with zipfile.ZipFile(wheel) as files:
+        (name,) = [n for n in files.namelist() if n.endswith("METADATA")]
+        description = files.read(name).decode("utf-8").partition("\n\n# simval\n")[2]
+    assert "Three questions" in description
+    assert "](" not in description  # no link to a file that is not there
     venv.create(tmp_path / "empty", with_pip=True)
     python = tmp_path / "empty" / "bin" / "python"
     run(python, *pip, "install", wheel)
     # away from the checkout, so that nothing is found there by accident
     outside = {"cwd": tmp_path, "env": {**os.environ, "PYTHONPATH": ""}}
-    program = tmp_path / "empty" / "bin" / "simval"
-    out = run(program, "sweep", "smoke", "--out", tmp_path / "run", **outside)
-    assert out.splitlines()[-1] == str(tmp_path / "run")
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    (line,) = re.findall(r"^simval sweep .*$", readme, re.M)
+    outside["env"]["PATH"] = f"{python.parent}{os.pathsep}{os.environ['PATH']}"
+    out = run("sh", "-c", line, **outside)
+    assert "run/report.html" in out.splitlines()
+    assert out.splitlines()[-1].startswith("PASS: ")
     models = "from simval.scene import model_path; print(model_path('gimbal'))"
     assert "site-packages" in run(python, "-c", models, **outside)
-    report = run(program, "report", tmp_path / "run", **outside)
-    assert report.splitlines()[-1].endswith("report.html")
+
+
+@pytest.mark.parametrize("source", [ROOT, f"git+file://{ROOT}"])
+def test_the_readmes_other_ways_to_install(tmp_path, source):
+    if str(source).startswith("git") and not (ROOT / ".git").exists():
+        pytest.skip("not a git repository")
+    pip = (sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check")
+    run(*pip, "install", "--no-deps", "--target", tmp_path, source)
+    assert (tmp_path / "simval" / "models" / "gimbal.xml").is_file()
 
 
 def test_a_wheel_without_a_compiler_has_the_same_bits(tmp_path):

@@ -45,13 +45,11 @@ class Tumble:
 
 
 @cache
-def tumble(
-    directions=40, every=5, move_time=2.0, first_hold=20.0, hold_time=1.0, **more
-):
+def tumble(poses=40, every=5, move_time=2.0, first_hold=20.0, hold_time=1.0, **more):
     """Tumble of the gimbal, every so many of its rows (500 Hz)."""
     run = simulate(
         "gimbal",
-        directions=directions,
+        poses=poses,
         move_time=move_time,
         first_hold=first_hold,
         hold_time=hold_time,

@@ -6,8 +6,8 @@ With :math:`s_i = (b_i + r_i)/2` and :math:`d_i = (b_i - r_i)/2`,
 
 (Peng and Choukroun, eqs. 8 to 10) is proportional to the attitude quaternion. A
 half turn of the reference frame about axis k, :math:`r \to R_k r`, followed by the
-composition :math:`[1_k; 0] * \bar q'` (G2), gives the columns x, y and z. Without
-noise the four columns are
+composition :math:`[1_k; 0] * \bar q'`, eq. (G2) of `geometry`, gives the columns x, y
+and z. Without noise the four columns are
 
 .. math:: M = q\, p^T,\quad p = [e \times n - s\, n;\ e^T n],\quad
    n = r_1 \times r_2,  \tag{K2}

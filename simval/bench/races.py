@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from simval.bench import attitude, calibration, filters, gyroscope, noise, scene
 from simval.bench.race import Race
 from simval.errors import InputError
+from simval.text import did_you_mean
 
 RACES: tuple[Race, ...] = (
     Race(
@@ -104,6 +105,7 @@ def find_races(names: Iterable[str]) -> tuple[Race, ...]:
     wanted, known = list(names), [race.name for race in RACES]
     unknown = [name for name in wanted if name not in known]
     if unknown:
-        msg = f"there is no race `{unknown[0]}`; there are {', '.join(known)}"
+        near = did_you_mean(unknown[0], known)
+        msg = f"there is no race `{unknown[0]}`{near}; there are {', '.join(known)}"
         raise InputError(msg)
     return tuple(race for race in RACES if not wanted or race.name in wanted)

@@ -24,10 +24,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from simval import vocabulary
 from simval.arrays import Array
 from simval.shapes import Float
 
-RESIDUALS = ("squared", "norm", "weighted", "sampson", "adjusted")
+RESIDUALS = vocabulary.RESIDUALS
 WEIGHTED = ("weighted", "sampson")  # by the variance of the residual
 
 

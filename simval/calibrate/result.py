@@ -7,6 +7,7 @@ import numpy as np
 import scipy
 
 from simval.arrays import Array, frozen
+from simval.calibrate.described import accelerometer_text
 from simval.calibrate.intervals import around, one_tail
 from simval.errors import ConvergenceError, InputError
 from simval.sensor import AccelerometerModel, forms
@@ -105,6 +106,9 @@ class FitResult:
     def __post_init__(self) -> None:
         for name in _ARRAYS:
             object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    def __str__(self) -> str:
+        return accelerometer_text(self)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -19,11 +19,12 @@ from typing import Any
 
 import numpy as np
 
+from simval import vocabulary
 from simval.arrays import Array
 from simval.calibrate.positive import solve_positive, trace
 from simval.shapes import Float
 
-METHODS = ("lm", "gauss-newton", "newton")
+METHODS = vocabulary.METHODS
 
 _FIRST_DAMPING = 1e-6  # of the mean diagonal: the start is within the noise
 _LAST_DAMPING = 1e12  # of the mean diagonal: a step is then 1e-12 of a full one

@@ -1,5 +1,8 @@
 """The command line: one short file for each command, loaded when it is used.
 
+What a command is called with stands in `simval.cli.commands`, whose modules import no
+more than click, so that a help is quick; what it does stands beside it in `simval.cli`.
+
 Exit codes: 0 pass, 1 the gate failed, 2 usage, configuration or unreadable input,
 3 inconclusive, refused or nothing measured, 4 a cell crashed, 70 a bug of ours,
 130 interrupted.
@@ -15,6 +18,7 @@ import click
 
 from simval.cli.interruption import watch
 from simval.errors import SimvalError
+from simval.text import did_you_mean
 
 COMMANDS = (
     ("check", "Check an algorithm of one's own in seconds: a table and an answer."),
@@ -28,16 +32,22 @@ COMMANDS = (
     ("plan", "Predict a calibration's error bars before any data is taken."),
     ("scene", "Simulate a tumble and write its readings or a picture."),
     ("compare", "Show what changed between two runs beyond its uncertainty."),
+    ("trend", "Show what became better or worse over a series of runs, since when."),
     ("repro", "Compute one cell again and compare it to the bit."),
     ("export", "Write the table of a run as Parquet."),
     ("suite-schema", "Print the JSON Schema of suite files."),
     ("selftest", "Inject faults and check that the gate detects each."),
     ("bench", "Race simval against the alternatives, side by side."),
+    ("completion", "Print what makes a shell complete commands and names."),
     ("list", "List suites, studies and scenes."),
 )
 
 # a module becomes a name in this package, so none may shadow a builtin
 MODULES = {"list": "listing", "suite-schema": "suite_schema"}
+
+
+COMPLETE = "_SIMVAL_COMPLETE"
+"""Variable by which a shell asks what completes a word."""
 
 
 class LazyGroup(click.Group):
@@ -52,9 +62,18 @@ class LazyGroup(click.Group):
         if cmd_name not in self.list_commands(ctx):
             return None
         name = MODULES.get(cmd_name, cmd_name)
-        module = importlib.import_module(f"simval.cli.{name}")
+        module = importlib.import_module(f"simval.cli.commands.{name}")
         command: click.Command = module.command
         return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find a command; of an unknown one say which may have been meant."""
+        word, known = args[0], self.list_commands(ctx)
+        if word in known or word.startswith("-") or ctx.resilient_parsing:
+            return super().resolve_command(ctx, args)
+        return ctx.fail(f"No such command {word!r}{did_you_mean(word, known)}.")
 
     def format_commands(
         self, ctx: click.Context, formatter: click.HelpFormatter
@@ -89,7 +108,12 @@ def run(arguments: Sequence[str]) -> int:
     except SimvalError as error:
         click.echo(f"error: {error}", err=True)
         return error.exit_code
-    except SystemExit:  # click raises it when the reader of our output is gone
+    except SystemExit as end:  # click completed a word, or nobody reads our output
+        return 0 if COMPLETE in os.environ and end.code == 0 else 2
+    except (KeyError, ValueError) as error:
+        if COMPLETE not in os.environ:
+            raise
+        click.echo(f"error: {COMPLETE} is for the script of a shell: {error}", err=True)
         return 2
     except OSError as error:
         click.echo(f"error: cannot write the output: {error}", err=True)

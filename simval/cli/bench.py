@@ -1,34 +1,19 @@
-"""`simval bench`."""
+"""What `simval bench` does."""
 
 import json
 from dataclasses import asdict
 from pathlib import Path
 
-import click
 from rich.console import Console
 from rich.table import Table
 
 from simval.bench import Result, find_races, run_race
-from simval.cli.options import PATH, write
+from simval.cli.options import write
 from simval.sweep.provenance import versions
 
 
-@click.command(name="bench")
-@click.argument("races", nargs=-1)
-@click.option(
-    "--rounds",
-    type=click.IntRange(min=1),
-    default=7,
-    show_default=True,
-    help="Rounds to run.",
-)
-@click.option("--json", "path", type=PATH, help="Write JSON too.")
-def command(races: tuple[str, ...], rounds: int, path: Path | None) -> int:
-    """Race simval against the alternatives: all RACES, or those named.
-
-    The ratio is the median over the rounds of a contender's rate divided by that of
-    the first one in the same round; processor time unless the title says wall.
-    """
+def run(races: tuple[str, ...], rounds: int, path: Path | None) -> int:
+    """Do what `simval bench` is asked."""
     console = Console(highlight=False)
     results: list[Result] = []
     for race in find_races(races):

@@ -1,4 +1,4 @@
-"""`simval compare`."""
+"""What `simval compare` does."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -7,65 +7,60 @@ from statistics import median
 import click
 from rich.console import Console
 
-from simval.cli.options import PATH, alpha_option, refuse_if, write
+from simval.cli.changes import headline, move_lines, other_lines, say
+from simval.cli.options import refuse_if, write
 from simval.compare import (
     AlgorithmComparison,
-    Difference,
     Merit,
     RunComparison,
     compare_algorithms,
     compare_runs,
+    moved,
 )
 from simval.compare.algorithms import ACCURACY, FAILURES, HONESTY
+from simval.compare.documents import comparison_json
+from simval.compare.matching import shared_words
+from simval.compare.origin import origin_of
 from simval.errors import InputError
 from simval.sweep import load_run
+from simval.sweep.run import Run
 
-SHOWN = 40
-"""Changes printed one by one; the others are counted."""
+MERITS = 40
+"""Qualities of two algorithms printed one by one; the others are counted."""
 
 
-@click.command(name="compare")
-@click.argument("run_a")
-@click.argument("run_b", required=False)
-@click.option(
-    "--algorithms",
-    nargs=2,
-    metavar="A B",
-    help="Set two algorithms of RUN_A against each other instead: names as the report "
-    "has them, without the file where that is clear.",
-)
-@click.option(
-    "--out",
-    type=PATH,
-    help="Write an HTML page, with both curves of each change in one figure.",
-)
-@alpha_option
-def command(
+def run(
     run_a: str,
     run_b: str | None,
     algorithms: tuple[str, str] | None,
     out: Path | None,
+    every: bool,
+    csv_file: Path | None,
+    json_file: Path | None,
     alpha: float,
 ) -> int:
-    """Show what changed from RUN_A to RUN_B beyond its uncertainty, largest first.
-
-    Each is a folder, or `latest`. With --algorithms A B: in what A is better or worse
-    than B in RUN_A, by how much. Exit code 0, or 3 if there is nothing in common. To
-    fail on a change, use `simval gate` with a baseline.
-    """
+    """Do what `simval compare` is asked."""
     if algorithms:
-        return _algorithms(run_a, run_b, algorithms, out, alpha)
+        files = (out, csv_file, json_file)
+        return _algorithms(run_a, run_b, algorithms, files, alpha)
     if run_b is None:
         msg = "give two runs, or one with `--algorithms A B`"
         raise InputError(msg)
     a, b = load_run(run_a), load_run(run_b)
     comparison = compare_runs(a, b, alpha)
-    show(comparison)
-    if out is not None:
-        from simval.report import render_comparison  # drawing takes a second to load
+    show(a, b, comparison, every=every)
+    if json_file is not None:
+        write(json_file, comparison_json(a, b, comparison))
+    if out is not None or csv_file is not None:
+        from simval.report import comparison as page  # drawing takes a second to load
+        from simval.report import csv_text
 
-        write(out, render_comparison(a, b, comparison))
-        click.echo(str(out))
+        if csv_file is not None:
+            write(csv_file, csv_text(page.differences_table(comparison)))
+        if out is not None:
+            write(out, page.render_comparison(a, b, comparison))
+    for file in filter(None, (csv_file, json_file, out)):
+        click.echo(str(file))
     return 0 if comparison.differences else 3
 
 
@@ -73,14 +68,15 @@ def _algorithms(
     run_a: str,
     run_b: str | None,
     names: tuple[str, str],
-    out: Path | None,
+    files: tuple[Path | None, ...],
     alpha: float,
 ) -> int:
     """Compare two algorithms of one run."""
     refuse_if(run_b is not None, "`--algorithms` compares within one run; give one run")
     refuse_if(
-        out is not None,
-        "`--out` shows two runs; `simval report` has the table of all algorithms",
+        any(file is not None for file in files),
+        "`--out`, `--csv` and `--json` are of two runs; `simval report` has the table "
+        "of all algorithms",
     )
     run = load_run(run_a)
     found = compare_algorithms(run, *names, alpha)
@@ -96,19 +92,9 @@ def _algorithms(
 
 
 def show_algorithms(found: AlgorithmComparison) -> None:
-    """Print in what the first is better or worse, and the bound of the rest."""
+    """Print how often the first is better or worse, in what, and bound the rest."""
     console = Console(highlight=False, soft_wrap=True)
     first, second = found.names
-    apart = [m for m in found.merits if m.standing != "same"]
-    for merit in apart[:SHOWN]:
-        console.print(_merit_line(merit, first, second), markup=False)
-    if len(apart) > SHOWN:
-        console.print(f"... and {len(apart) - SHOWN} more")
-    for line in _same_lines(found):
-        console.print(line, markup=False)
-    if found.alone:
-        one = found.alone[0]
-        console.print(f"{len(found.alone)} cells of one alone: {one}", markup=False)
     if not found.merits:
         console.print(f"{first} and {second} have nothing in common", markup=False)
         return
@@ -120,13 +106,25 @@ def show_algorithms(found: AlgorithmComparison) -> None:
         f"{found.alpha:g} for all together",
         markup=False,
     )
+    apart = [m for m in found.merits if m.standing != "same"]
+    for merit in sorted(apart, key=lambda m: -m.weight)[:MERITS]:
+        console.print(_merit_line(merit, first, second), markup=False)
+    if len(apart) > MERITS:
+        console.print(f"... and {len(apart) - MERITS} more")
+    for line in _same_lines(found):
+        console.print(line, markup=False)
+    if found.alone:
+        one = found.alone[0]
+        console.print(f"{len(found.alone)} cells of one alone: {one}", markup=False)
 
 
 def _merit_line(merit: Merit, first: str, second: str) -> str:
     if merit.what == ACCURACY:
         size = f"{100.0 * abs(merit.difference):.3g} %"
         if merit.error > 0.0:
-            size += f" ± {100.0 * merit.error:.2g} %"
+            size += (
+                f" ± {100.0 * merit.error:.2g} % ({merit.weight:.3g} standard errors)"
+            )
         return (
             f"{merit.standing}: {first} has an RMS error "
             f"{'smaller' if merit.standing == 'better' else 'greater'} by {size} than "
@@ -171,39 +169,12 @@ def _times_of(
     return median(ratios) if ratios else None
 
 
-def show(comparison: RunComparison) -> None:
-    """Print the changes, then other differences."""
-    console = Console(highlight=False, soft_wrap=True)
-    changed = comparison.of("changed")
-    for difference in changed[:SHOWN]:
-        console.print(_line(difference), markup=False)
-    if len(changed) > SHOWN:
-        console.print(f"... and {len(changed) - SHOWN} more; --out writes them")
-    for line in comparison.environment:
-        console.print(f"environment: {line}", markup=False)
-    for name, missing in (("A", comparison.only_a), ("B", comparison.only_b)):
-        if missing:
-            console.print(f"{len(missing)} only in {name}: {missing[0]}", markup=False)
-    predictions = sum(d.prediction_changed for d in comparison.differences)
-    if predictions:
-        console.print(f"{predictions} predictions of theory changed")
-    if not comparison.differences:
-        console.print("the runs have nothing in common")
-        return
-    console.print(
-        f"{len(changed)} of {len(comparison.differences)} common statistics changed "
-        f"beyond their uncertainty, {len(comparison.of('moved'))} moved within it on "
-        f"the same noise; false-alarm rate {comparison.alpha:g} for all together"
-    )
-
-
-def _line(difference: Difference) -> str:
-    a, b, sigmas = difference.a, difference.b, difference.sigmas
-    size = "deterministic" if sigmas is None else f"{sigmas:+.1f} standard errors"
-    unit = "" if a.unit == "1" else f" {a.unit}"
-    relative = difference.relative
-    share = "" if relative is None else f", {100.0 * relative:+.3g} %"
-    return (
-        f"changed: {difference.cells[1]} {difference.name}: "
-        f"{a.value:.6g} -> {b.value:.6g}{unit}, {size}{share}"
-    )
+def show(a: Run, b: Run, found: RunComparison, *, every: bool = False) -> None:
+    """Print how many values changed, then what and which way."""
+    lines = [f"A is {origin_of(a).words}", f"B is {origin_of(b).words}"]
+    if found.differences:
+        lines += [headline(found), *move_lines(moved(found.steps), every)]
+        lines += other_lines(found)
+    else:
+        lines.append(f"the runs have nothing in common: {shared_words(a, b)}")
+    say(lines)

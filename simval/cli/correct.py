@@ -1,4 +1,4 @@
-"""`simval correct`."""
+"""What `simval correct` does."""
 
 import sys
 from pathlib import Path
@@ -10,24 +10,12 @@ from simval.arrays import Array
 from simval.calibrate.applied import require_same_sensor
 from simval.calibrate.files import load_calibration
 from simval.calibrate.others import load_others
-from simval.cli.options import COLUMNS, PATH
 from simval.errors import InputError
 from simval.logs import Log, read_log
 from simval.shapes import Float
 
 
-@click.command(name="correct")
-@click.argument("path", metavar="LOG", type=PATH)
-@click.option(
-    "--calibration", type=PATH, required=True, help="JSON file of `simval calibrate`."
-)
-@click.option("--rate", type=float, metavar="HZ", help="Rows per second.")
-@click.option("--columns", help=COLUMNS)
-@click.option(
-    "--unchecked", is_flag=True, help="Write the force even if it is implausible."
-)
-@click.option("--out", type=PATH, help="File instead of stdout.")
-def command(
+def run(
     path: Path,
     calibration: Path,
     rate: float | None,
@@ -35,15 +23,7 @@ def command(
     unchecked: bool,
     out: Path | None,
 ) -> None:
-    """Apply a calibration to a LOG.
-
-    A log of another unit or sensor is refused, since its rests would not be g.
-
-    Writes comma-separated rows t,ax,ay,az: time in seconds and specific force in
-    m/s^2, with all digits; then wx,wy,wz in rad/s and mx,my,mz in the unit of the
-    calibration, of the sensors that the log has. One that the calibration has not
-    follows unchanged, and standard error says so, and which columns of LOG were taken.
-    """
+    """Do what `simval correct` is asked."""
     fit = load_calibration(calibration).require_converged()
     log = read_log(path, rate, columns)
     if not unchecked:

@@ -1,4 +1,4 @@
-"""`simval filter`."""
+"""What `simval filter` does."""
 
 import json
 from pathlib import Path
@@ -10,14 +10,15 @@ from simval.cli.calibrate import log_object
 from simval.cli.filter_object import evaluation_object, truth_object
 from simval.cli.filter_words import alignment_lines, filter_lines
 from simval.cli.noise_units import accelerometer_scale, gyro_scale
-from simval.cli.options import COLUMNS, PATH, refuse_if, write
+from simval.cli.options import refuse_if, write
+from simval.cli.reproduced import command_again
 from simval.errors import CrashedPluginError, InputError, PluginError
 from simval.logs import Log, Truth, read_log, read_truth
 from simval.logs.truth import quaternion_stems
 from simval.noise import load_noise
-from simval.plugins.reference_frames import FRAMES, Frame
+from simval.plugins.reference_frames import Frame
 from simval.recorded import Alignment, Evaluation, align, evaluate
-from simval.recorded.run import TIME_LIMIT, filters_of, run_on_log
+from simval.recorded.run import filters_of, run_on_log
 from simval.recorded.signals import Signals, rests_of_log, signals, with_gyro_unit
 from simval.recorded.told import Start, start_of
 from simval.statics import interval_means
@@ -25,51 +26,7 @@ from simval.statics import interval_means
 FORMAT = "simval filter 1"
 
 
-@click.command(name="filter")
-@click.argument("path", metavar="LOG", type=PATH)
-@click.option(
-    "--plugin",
-    "plugins",
-    multiple=True,
-    required=True,
-    metavar="PLUGIN",
-    help="Filter: FILE.py, FILE.py:NAME, or a name; several are compared.",
-)
-@click.option(
-    "--truth",
-    metavar="NAME|FILE",
-    help="Recorded attitudes: common name of four columns of LOG ('log' for the only "
-    "ones), or a file of its own.",
-)
-@click.option(
-    "--truth-columns",
-    metavar="NAMES",
-    help="What each column of the truth's file is: t,qx,qy,qz,qs (or q0,q1,q2,q3), -.",
-)
-@click.option("--truth-rate", type=float, metavar="HZ", help="Rows per second of it.")
-@click.option(
-    "--truth-world",
-    type=click.Choice(FRAMES),
-    help="World of the truth, if it is known.  [default: what the log shows]",
-)
-@click.option("--calibration", type=PATH, help="JSON file of `simval calibrate`.")
-@click.option("--noise", type=PATH, help="JSON of `simval noise`: what to tell it.")
-@click.option("--rate", type=float, metavar="HZ", help="Rows per second.")
-@click.option("--columns", help=COLUMNS)
-@click.option("--accelerometer-unit", metavar="UNIT", help="m/s^2, g, mg, or a number.")
-@click.option("--gyro-unit", metavar="UNIT", help="rad/s, deg/s, mdps, or a number.")
-@click.option(
-    "--time-limit",
-    type=click.FloatRange(min=0.0, min_open=True),
-    default=TIME_LIMIT,
-    show_default=True,
-    metavar="SECONDS",
-    help="For each filter.",
-)
-@click.option("--out", type=PATH, help="Write the JSON file.")
-@click.option("--report", "page", type=PATH, help="Write a page, one HTML file.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-def command(
+def run(
     path: Path,
     plugins: tuple[str, ...],
     truth: str | None,
@@ -87,16 +44,7 @@ def command(
     page: Path | None,
     as_json: bool,
 ) -> int:
-    """Run attitude filters over a recorded LOG and measure their errors.
-
-    LOG has a gyroscope, an accelerometer and a magnetometer, and a rest at least; its
-    columns and its clock are as for `simval calibrate`. With --truth the errors are
-    against recorded attitudes, whose clock, axes and world are found from the log and
-    stated with error bars. Without it only what a filter says of itself can be looked
-    at.
-
-    Exit code 0 measured, 2 unreadable input, 3 refused, 4 a filter crashed.
-    """
+    """Do what `simval filter` is asked."""
     filters = filters_of(plugins)
     log = read_log(path, rate, columns)
     recorded = truth_of(log, truth, truth_columns, truth_rate)
@@ -135,7 +83,7 @@ def _write_page(
 ) -> None:
     from simval.report.filtered import render_filters  # starts the drawing
 
-    write(page, render_filters(log, said, done, failed))
+    write(page, render_filters(log, said, done, failed, command_again()))
 
 
 def truth_of(

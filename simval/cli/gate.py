@@ -1,6 +1,5 @@
-"""`simval gate`."""
+"""What `simval gate` does."""
 
-import json
 import os
 from collections.abc import Iterator
 from contextlib import suppress
@@ -11,10 +10,10 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from simval.cli.options import PATH, alpha_option, refuse_if, stated, write
+from simval.cli.options import refuse_if, stated, write
+from simval.cli.shortened import every_line, short_lines
 from simval.errors import InputError
 from simval.gate import (
-    BASELINE,
     GateResult,
     findings,
     headline,
@@ -23,9 +22,7 @@ from simval.gate import (
     write_baseline,
 )
 from simval.gate.formats import (
-    Document,
     annotations,
-    details,
     to_json,
     to_junit,
     to_markdown,
@@ -35,45 +32,8 @@ from simval.sweep.provenance import source_hash
 from simval.sweep.run import Run
 from simval.text import one_line
 
-SHOWN = 40
-"""Failures printed one by one; the others are counted."""
 
-FILE = click.Path(path_type=Path, dir_okay=False)
-
-
-def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> None:
-    if wanted:
-        click.echo(json.dumps(Document.model_json_schema(), indent=1))
-        context.exit(0)
-
-
-@click.command(name="gate")
-@click.argument("run")
-@click.option(
-    "--baseline",
-    type=PATH,
-    default=BASELINE,
-    show_default=True,
-    help="Stored statistics to compare with.",
-)
-@click.option(
-    "--update-baseline", metavar="REASON", help="Store this run, with the reason."
-)
-@click.option("--no-baseline", is_flag=True, help="Judge against theory only.")
-@alpha_option
-@click.option("--junit", type=FILE, help="Write JUnit XML.")
-@click.option("--summary", type=FILE, help="Write a Markdown summary.")
-@click.option("--json", "json_file", type=FILE, help="Write every finding as JSON.")
-@click.option("--table", is_flag=True, help="Print the counts of all checks.")
-@click.option(
-    "--json-schema",
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=_print_schema,
-    help="Print the JSON Schema of --json and stop.",
-)
-def command(
+def run(
     run: str,
     baseline: Path,
     update_baseline: str | None,
@@ -82,14 +42,10 @@ def command(
     junit: Path | None,
     summary: Path | None,
     json_file: Path | None,
+    every: bool,
     table: bool,
 ) -> int:
-    """Judge RUN (a folder, or `latest`) against theory and the baseline.
-
-    Exit code 0 pass, 1 fail, 3 inconclusive, refused or nothing measured, 4 a cell
-    crashed.
-    In a GitHub workflow it annotates failures and writes the step summary.
-    """
+    """Do what `simval gate` is asked."""
     refuse_if(
         no_baseline and (update_baseline is not None or stated("baseline")),
         "`--no-baseline` excludes `--baseline` and `--update-baseline`; give one",
@@ -103,7 +59,7 @@ def command(
         else _beside_baseline(loaded, baseline, alpha)
     )
     result = replace(result, notes=tuple(_notes(result, loaded, no_baseline)))
-    show(result, table)
+    show(result, table, every)
     if junit is not None:
         _write(junit, to_junit(result))
     if summary is not None:
@@ -172,19 +128,13 @@ def _notes(result: GateResult, run: Run, no_baseline: bool) -> Iterator[str]:
         yield f"{new} statistics are new; the baseline does not hold them yet"
 
 
-def show(result: GateResult, table: bool = False) -> None:
-    """Print one line if all is well, else every failure."""
+def show(result: GateResult, table: bool = False, every: bool = False) -> None:
+    """Print one line if all is well, else what did not pass, in ten lines or all."""
     console = Console(highlight=False, soft_wrap=True, emoji=False)
     if table:
         console.print(_counts(result))
-    bad = [f for f in findings(result) if f.answer != "pass"]
-    for finding in bad[:SHOWN]:
-        first, *rest = details(finding)
-        console.print(first, markup=False)
-        for line in rest:
-            console.print(f"    {line}", markup=False)
-    if len(bad) > SHOWN:
-        console.print(f"... and {len(bad) - SHOWN} more; --json FILE has them all")
+    for line in every_line(result) if every else short_lines(result):
+        console.print(line, markup=False)
     for note in result.notes:
         console.print(one_line(note), markup=False)
     console.print(

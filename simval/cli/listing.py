@@ -1,4 +1,4 @@
-"""`simval list`."""
+"""What `simval list` does."""
 
 import click
 
@@ -7,12 +7,11 @@ from simval.plugins.loading import installed
 from simval.scene import scenes
 from simval.studies import STUDIES
 from simval.sweep import load_suite
-from simval.sweep.suite import builtin_suites
+from simval.vocabulary import builtin_suites
 
 
-@click.command(name="list")
-def command() -> int:
-    """List suites, studies with their parameters, scenes, and installed plug-ins."""
+def run() -> int:
+    """Do what `simval list` is asked."""
     click.echo("suites")
     for name in builtin_suites():
         suite = load_suite(name)

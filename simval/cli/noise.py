@@ -1,4 +1,4 @@
-"""`simval noise`."""
+"""What `simval noise` does."""
 
 import json
 from collections.abc import Iterator
@@ -17,7 +17,8 @@ from simval.cli.noise_units import (
     magnetometer_scale,
     printed,
 )
-from simval.cli.options import COLUMNS, PATH
+from simval.cli.options import write
+from simval.cli.reproduced import command_again
 from simval.errors import InputError, RefusedError
 from simval.logs import Log, read_log
 from simval.multiposition.noise import LogNoise, log_noise
@@ -35,18 +36,7 @@ KALIBR = {
 }
 
 
-@click.command(name="noise")
-@click.argument("path", metavar="LOG", type=PATH)
-@click.option("--rate", type=float, metavar="HZ", help="Rows per second.")
-@click.option("--rest", type=float, metavar="SECONDS", help="Length of initial rest.")
-@click.option("--columns", help=COLUMNS)
-@click.option("--accelerometer-unit", metavar="UNIT", help="m/s^2, g, mg, or a number.")
-@click.option("--gyro-unit", metavar="UNIT", help="rad/s, deg/s, mdps, or a number.")
-@click.option("--magnetometer-unit", metavar="UNIT", help="uT, gauss, or a number.")
-@click.option("--increments", is_flag=True, help="Rows are rounded increments: fit Q.")
-@click.option("--figure", type=PATH, help="Draw the Allan deviations: .svg or .png.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-def command(
+def run(
     path: Path,
     rate: float | None,
     rest: float | None,
@@ -56,15 +46,10 @@ def command(
     magnetometer_unit: str | None,
     increments: bool,
     figure: Path | None,
+    page: Path | None,
     as_json: bool,
 ) -> None:
-    """Measure the noise model of a LOG of a sensor at rest.
-
-    Prints white noise N, flicker B and random walk K of each axis with 95 % intervals,
-    or an upper bound where the log does not show one, in SI units and as data sheets
-    and Kalibr have them. Takes the whole log if it is at rest, else its longest rest.
-    LOG, its columns and its clock are as for `simval calibrate`.
-    """
+    """Do what `simval noise` is asked."""
     _require_drawable(figure)
     log = read_log(path, rate, columns)
     found = log_noise(log, rest, increments=increments)
@@ -79,6 +64,8 @@ def command(
         sensors["magnetometer"] = (found.magnetometer, scale)
     if figure is not None:
         _draw(figure, log, sensors)
+    if page is not None:
+        _write_page(page, log, found, sensors)
     if as_json:
         click.echo(json.dumps(as_object(log, found, sensors), allow_nan=False))
     else:
@@ -117,6 +104,26 @@ def _draw(figure: Path, log: Log, sensors: Sensors) -> None:
     except OSError as error:
         msg = f"cannot write {figure}: {error.strerror}; choose another file"
         raise InputError(msg) from None
+
+
+def _write_page(page: Path, log: Log, found: LogNoise, sensors: Sensors) -> None:
+    from simval.report.noisy import SensorNoise, render_noise  # starts the drawing
+
+    noisy = [
+        SensorNoise(name=name, axes=axes, si_per_raw=scale.si_per_raw)
+        for name, (axes, scale) in sensors.items()
+    ]
+    said = [f"rest              {found.how}: {found.stop - found.start} rows"]
+    said += [f"raw unit          {name}: {sensors[name][1].how}" for name in sensors]
+    text = render_noise(
+        log,
+        noisy,
+        seconds=found.seconds,
+        left_out=found.left_out,
+        said=said,
+        command=command_again(),
+    )
+    write(page, text)
 
 
 def as_object(log: Log, found: LogNoise, sensors: Sensors) -> dict[str, Any]:

@@ -7,7 +7,9 @@ import click
 from click.core import ParameterSource
 
 from simval.errors import InputError
-from simval.verdict import ALPHA
+from simval.text import shown
+from simval.vocabulary import ALPHA
+from simval.whole import exact, read
 
 PATH = click.Path(path_type=Path)
 
@@ -16,6 +18,19 @@ COLUMNS = (
     "one; t[ms], t[us], t[ns] for a clock not in seconds.  [default: what the header "
     "says]"
 )
+
+
+class Whole(click.IntRange):
+    """A whole number within its limits: 100000, 1e5."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> int:
+        """Convert, and refuse what would be rounded."""
+        number = read(value) if isinstance(value, str) else exact(value)
+        if number is None:
+            self.fail(f"{shown(value)} is not a whole number.", param, ctx)
+        return int(super().convert(number, param, ctx))
 
 
 class Rate(click.FloatRange):

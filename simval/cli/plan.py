@@ -1,4 +1,4 @@
-"""`simval plan`."""
+"""What `simval plan` does."""
 
 import json
 from collections.abc import Sequence
@@ -10,16 +10,17 @@ import numpy as np
 
 from simval.arrays import Array, positive_number
 from simval.calibrate.files import load_calibration
-from simval.cli.options import PATH, refuse_if, stated
+from simval.cli.options import refuse_if, stated
 from simval.errors import InputError, RefusedError
 from simval.multiposition.pose_noise import SHOWS, mean_noise
 from simval.noise import load_noise
 from simval.poses import cube_corners, cube_edges, cube_faces, fibonacci_sphere
-from simval.sensor import MODELS, AccelerometerModel
+from simval.sensor import AccelerometerModel
 from simval.sensor.forms import entries
 from simval.shapes import Float
 from simval.theory.gyroscope_planning import GyroscopePlan, plan_gyroscope
 from simval.theory.planning import Plan, plan, pose_noise
+from simval.whole import read
 
 SOURCES = {
     "given": "",
@@ -39,40 +40,7 @@ GYROSCOPE_KEYS = (
 SETS = {"faces": cube_faces, "edges": cube_edges, "corners": cube_corners}
 
 
-@click.command(name="plan")
-@click.option(
-    "--poses",
-    default="fibonacci:20",
-    show_default=True,
-    help="fibonacci:N, or faces, edges, corners joined by +.",
-)
-@click.option(
-    "--directions",
-    type=PATH,
-    help="Text file of rows x y z instead; sensor axes, any length.",
-)
-@click.option("--noise-std", type=float, help="Noise of a pose mean, units of raw.")
-@click.option("--noise-density", type=float, help="Data sheet, one-sided, per root Hz.")
-@click.option("--velocity-random-walk", type=float, help="Allan deviation at 1 s.")
-@click.option(
-    "--noise", "noise_file", type=PATH, help="Measured: by `simval noise LOG --json`."
-)
-@click.option("--hold", type=float, metavar="SECONDS", help="Time averaged in a pose.")
-@click.option(
-    "--sensor", type=PATH, help="JSON file of an earlier calibration, for its scales."
-)
-@click.option(
-    "--angle-random-walk",
-    type=float,
-    help="Plan a gyroscope too: its white noise, rad/s per root Hz.",
-)
-@click.option(
-    "--move", type=float, metavar="SECONDS", help="Time of a move, 2 if not given."
-)
-@click.option("--g", type=float, default=9.80665, show_default=True, help="m/s^2.")
-@click.option("--model", type=click.Choice(MODELS), default="triangular")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-def command(
+def run(
     poses: str,
     directions: Path | None,
     sensor: Path | None,
@@ -84,15 +52,7 @@ def command(
     move: float | None,
     **noise: float | None,
 ) -> None:
-    """Predict the error bars of a calibration before any data is taken.
-
-    Prints the standard deviation of each parameter for a pose set, the rank and
-    condition of the set, and the next direction that helps most. Give the noise of a
-    pose mean, or a hold time with a noise density or a measured noise model.
-
-    With the noise of a gyroscope, the same for its matrix and bias, from the shortest
-    moves between the poses in their order, and the next turn that helps most.
-    """
+    """Do what `simval plan` is asked."""
     refuse_if(
         angle_random_walk is not None and noise["hold"] is None,
         "`--angle-random-walk` needs `--hold`, the time of a rest, and the "
@@ -210,8 +170,8 @@ def named_poses(text: str) -> Float[Array, "n 3"]:
         kind, _, count = name.strip().partition(":")
         if kind in SETS and not count:
             parts.append(SETS[kind]())
-        elif kind == "fibonacci" and count.isdigit() and 0 < int(count) <= 100_000:
-            parts.append(fibonacci_sphere(int(count)))
+        elif kind == "fibonacci" and 0 < (number := read(count) or 0) <= 100_000:
+            parts.append(fibonacci_sphere(number))
         else:
             msg = (
                 f"`--poses` has {name.strip()!r}; it must be fibonacci:N with N from 1 "

@@ -1,62 +1,41 @@
-"""`simval report`."""
+"""What `simval report` does."""
 
 from pathlib import Path
 
 import click
 
-from simval.cli.options import PATH, alpha_option, refuse_if
+from simval.cli.options import refuse_if
 from simval.errors import InputError
+from simval.gate import read_baseline
 from simval.report import csv_text, drawings, png, render, svg_file, tables
 from simval.report.panels import Drawing
 from simval.sweep import Run, load_run
 
 
-@click.command(name="report")
-@click.argument("run")
-@click.option(
-    "--out", type=PATH, help="File to write.  [default: report.html in the run folder]"
-)
-@click.option(
-    "--figures",
-    "pictures",
-    type=PATH,
-    help="Write each figure to this folder, as SVG and PNG.",
-)
-@click.option(
-    "--only",
-    "names",
-    multiple=True,
-    metavar="NAME",
-    help="With --figures: only this figure; may be repeated.",
-)
-@click.option(
-    "--tables",
-    "lists",
-    type=PATH,
-    help="Write each table, whole, to this folder as CSV.",
-)
-@alpha_option
-def command(
+def run(
     run: str,
     out: Path | None,
     pictures: Path | None,
     names: tuple[str, ...],
     lists: Path | None,
+    baseline: Path | None,
+    against: str | None,
+    opened: bool,
     alpha: float,
 ) -> int:
-    """Write RUN (a folder, or `latest`) as one self-contained HTML file.
-
-    The last line printed is the path of the file.
-    """
+    """Do what `simval report` is asked."""
     refuse_if(
         bool(names) and pictures is None,
         "`--only` selects figures of `--figures`; give that folder too",
     )
     loaded = load_run(run)
+    stored = None if baseline is None else read_baseline(baseline)
+    other = None if against is None else load_run(against)
     chosen = _chosen(loaded, names) if pictures is not None else {}
     path = out or loaded.folder / "report.html"
     try:
-        path.write_text(render(loaded, alpha), encoding="utf-8")
+        page = render(loaded, alpha, baseline=stored, against=other, opened=opened)
+        path.write_text(page, encoding="utf-8")
         if pictures is not None:
             _write_figures(chosen, pictures)
         if lists is not None:

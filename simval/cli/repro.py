@@ -1,39 +1,22 @@
-"""`simval repro`."""
+"""What `simval repro` does."""
 
 from collections.abc import Mapping
 
 import click
 
+from simval.cli.rounding import beside_theory
 from simval.errors import InputError
+from simval.results import Row
 from simval.sweep.cells import REFUSED
 from simval.sweep.provenance import differences, file_hashes, versions
 from simval.sweep.repro import Repetition, find_cell, repeat
 from simval.sweep.run import Run, load_run
 
 
-@click.command(name="repro")
-@click.argument("cell")
-@click.option(
-    "--run", "folder", default="latest", show_default=True, help="Run to compare with."
-)
-@click.option(
-    "--suite",
-    metavar="SUITE",
-    help="Suite to search if the run lacks the cell.  [default: the built-in ones]",
-)
-@click.option(
-    "--plugin",
-    "plugins",
-    multiple=True,
-    metavar="PLUGIN",
-    help="The cell's plug-in, if it has moved; may be repeated.",
-)
-def command(cell: str, folder: str, suite: str | None, plugins: tuple[str, ...]) -> int:
-    """Compute one CELL again, by its name in a table or a report.
-
-    Compares it with the run. Exit code 0 if it is equal to the bit, 1 if not, 3 if the
-    run does not have it or its plug-in is refused, 4 if it crashes.
-    """
+def run(
+    cell: str, folder: str, suite: str | None, plugins: tuple[str, ...], exact: bool
+) -> int:
+    """Do what `simval repro` is asked."""
     try:
         run = load_run(folder)
     except InputError:
@@ -48,10 +31,9 @@ def command(cell: str, folder: str, suite: str | None, plugins: tuple[str, ...])
         how = "refused its plug-in" if refused else "crashed"
         click.echo(f"the cell {how}: {wanted.name}", err=True)
         return 3 if refused else 4
-    for row in again.outcome.rows:
-        error = f" +- {row.standard_error!r}" if row.standard_error else ""
-        against = f"  {row.predictor}: {row.prediction!r}" if row.predictor else ""
-        click.echo(f"{row.statistic} = {row.value!r}{error} {row.unit}{against}")
+    rows = again.outcome.rows
+    for line in map(_exactly, rows) if exact else beside_theory(rows):
+        click.echo(line)
     if run is None or again.stored is None:
         where = "there is no run" if run is None else f"{run.folder} has no such cell"
         click.echo(f"{where}, so there is nothing to compare with")
@@ -62,6 +44,12 @@ def command(cell: str, folder: str, suite: str | None, plugins: tuple[str, ...])
     grid = {wanted.study: wanted.parameters.model_dump()}
     _show_difference(again, run, file_hashes(grid))
     return 1
+
+
+def _exactly(row: Row) -> str:
+    error = f" +- {row.standard_error!r}" if row.standard_error else ""
+    against = f"  {row.predictor}: {row.prediction!r}" if row.predictor else ""
+    return f"{row.statistic} = {row.value!r}{error} {row.unit}{against}"
 
 
 def _show_difference(again: Repetition, run: Run, files: Mapping[str, str]) -> None:

@@ -1,4 +1,4 @@
-"""`simval scene`."""
+"""What `simval scene` does."""
 
 import ast
 import json
@@ -8,50 +8,18 @@ from typing import Any
 import click
 import numpy as np
 
-from simval.cli.options import PATH, refuse_if, stated
+from simval.cli.options import refuse_if, stated
 from simval.errors import InputError
 from simval.scene import Trajectory, find_scene, render_file, scenes, simulate
 from simval.scene.signal import motion_of, write_signal
 from simval.sensor import ImuModel, ImuReadings, load_imu, read_imu
 from simval.streams import cell_key, stream
+from simval.text import did_you_mean
 
 COMMON = ("site_offset", "timestep", "integrator")
 
 
-@click.command(name="scene")
-@click.argument("name", default="gimbal")
-@click.option(
-    "--sensor",
-    type=PATH,
-    help="TOML or JSON file of the accelerometer's T, K, B, noise and other effects; "
-    "tables of gyroscope, magnetometer and clock.",
-)
-@click.option("--out", type=PATH, help="Write the log, CSV.")
-@click.option(
-    "--every",
-    type=click.IntRange(min=1),
-    default=1,
-    help="Keep every so many rows in the log, with the turn of all steps between.",
-)
-@click.option(
-    "--render",
-    "picture",
-    type=PATH,
-    help="Write a picture (.png) or an animation (.gif, .mp4).",
-)
-@click.option(
-    "--set",
-    "settings",
-    multiple=True,
-    metavar="KEY=VALUE",
-    help="A parameter of the scene, or site_offset, timestep, integrator.",
-)
-@click.option(
-    "--seed", type=click.IntRange(min=0), default=0, help="Seed of the noise."
-)
-@click.option("--seconds", type=float, default=8.0, help="Length of an animation, s.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-def command(
+def run(
     name: str,
     sensor: Path | None,
     out: Path | None,
@@ -62,13 +30,7 @@ def command(
     seconds: float,
     as_json: bool,
 ) -> None:
-    """Simulate the scene NAME and write its readings, or a picture of it.
-
-    NAME is gimbal (default), die, shaker, pivot, handheld, cube, freefall, or the path
-    of a Python file with a Scene. --out writes a log with the raw readings of the
-    accelerometer, gyroscope and magnetometer in --sensor (else of ideal ones) and the
-    truth beside them: a test signal for any calibrator.
-    """
+    """Do what `simval scene` is asked."""
     refuse_if(
         stated("seed") and sensor is None,
         "`--seed` is for the noise of `--sensor`; give that too",
@@ -111,7 +73,8 @@ def parsed(name: str, settings: tuple[str, ...]) -> dict[str, Any]:
         key, equals, value = word.partition("=")
         if not equals or key not in known:
             msg = (
-                f"`--set {word}` is not KEY=VALUE with a KEY of scene {name}; it has "
+                f"`--set {word}` is not KEY=VALUE with a KEY of scene {name}"
+                f"{did_you_mean(key, known)}; it has "
                 f"{', '.join(known)}"
             )
             raise InputError(msg)

@@ -1,4 +1,4 @@
-"""`simval selftest`."""
+"""What `simval selftest` does."""
 
 import click
 from rich.console import Console
@@ -28,23 +28,8 @@ QUICK = 3
 """With --quick every third fault is injected: some of every part of the flow."""
 
 
-@click.command(name="selftest")
-@click.option("--quick", is_flag=True, help="A third of the faults, for CI.")
-@click.option("--rates", is_flag=True, help="Measure false-alarm rate and power.")
-@click.option(
-    "--share",
-    type=click.FloatRange(0.0, 1.0, min_open=True),
-    default=1.0,
-    show_default=True,
-    help="Share of the runs of --rates to do.",
-)
-def command(quick: bool, rates: bool, share: float) -> int:
-    """Inject faults into the whole flow and check that the gate detects each.
-
-    Exit code 0 if every fault ended in fail or inconclusive and every clean twin in
-    pass, else 1. With --rates, 22 000 clean runs and 400 with each fault (40 minutes
-    on one processor) measure how often the gate is wrong.
-    """
+def run(quick: bool, rates: bool, share: float) -> int:
+    """Do what `simval selftest` is asked."""
     refuse_if(quick and rates, "`--quick` does not apply to `--rates`; give one")
     refuse_if(
         stated("share") and not rates, "`--share` applies to `--rates`; give that too"

@@ -1,4 +1,4 @@
-"""`simval suite-schema`."""
+"""What `simval suite-schema` does."""
 
 import json
 
@@ -7,8 +7,7 @@ import click
 from simval.sweep.suite import suite_schema
 
 
-@click.command(name="suite-schema")
-def command() -> int:
-    """Print the JSON Schema of suite files, for editors and other programs."""
+def run() -> int:
+    """Do what `simval suite-schema` is asked."""
     click.echo(json.dumps(suite_schema(), indent=2))
     return 0

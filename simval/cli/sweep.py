@@ -1,13 +1,14 @@
-"""`simval sweep`."""
+"""What `simval sweep` does."""
 
-import os
+import shlex
 from contextlib import nullcontext
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 import click
 
-from simval.cli.options import PATH, refuse_if, stated
+from simval.cli.options import refuse_if, stated
 from simval.cli.progress import CellBar, Quiet
 from simval.plugins.builtin import beside_builtin
 from simval.plugins.loading import chosen, spelled
@@ -19,45 +20,14 @@ from simval.sweep.runner import drive
 BYTES_PER_ROW = 340
 """In the store and the table together, measured with the accuracy suite."""
 
+GIVEN = ("out", "resume")
+"""Options that a continued sweep has in any case."""
+
 SHOWN = 20
 """Failed cells named one by one; the others are counted."""
 
 
-@click.command(name="sweep")
-@click.argument("suite", default="accuracy")
-@click.option("--out", type=PATH, help="Folder of the run.")
-@click.option(
-    "--workers",
-    type=click.IntRange(min=1),
-    default=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1,
-    show_default="the processors there are",
-    help="Processes that compute cells.",
-)
-@click.option("--seed", type=click.IntRange(min=0), help="Replace the suite's seed.")
-@click.option(
-    "--set",
-    "overrides",
-    multiple=True,
-    metavar="STUDY.KEY=V1[,V2...]",
-    help="Replace a value of the suite; may be repeated.",
-)
-@click.option(
-    "--scheduler",
-    metavar="ADDRESS",
-    help="Compute on a dask.distributed cluster instead (extra `cluster`).",
-)
-@click.option(
-    "--plugin",
-    "plugins",
-    multiple=True,
-    metavar="PLUGIN",
-    help="Add a plug-in, beside built-in ones: FILE.py, FILE.py:NAME, the name of an "
-    "installed one, or 'command: PROGRAM {poses}'; may be repeated.",
-)
-@click.option("--resume", is_flag=True, help="Resume an interrupted run.")
-@click.option("--dry-run", is_flag=True, help="List the cells and stop.")
-@click.option("--quiet", is_flag=True, help="Print only the folder.")
-def command(
+def run(
     suite: str,
     out: Path | None,
     workers: int,
@@ -69,12 +39,7 @@ def command(
     dry_run: bool,
     quiet: bool,
 ) -> int:
-    """Run SUITE: smoke, accuracy, filters, full, or the path of a TOML file.
-
-    The last line printed is the folder of the run. Exit code 0 if every cell was
-    computed, 4 if one crashed, 3 if a plug-in was refused; `simval gate` judges the
-    numbers.
-    """
+    """Do what `simval sweep` is asked."""
     refuse_if(
         resume and out is None,
         "`--resume` continues a run; give its folder with `--out`",
@@ -88,15 +53,20 @@ def command(
     if dry_run:
         return _plan(loaded, workers)
     folder = out or _fresh(loaded)
-    with nullcontext(Quiet()) if quiet else CellBar() as progress:
-        drive(
-            loaded,
-            folder,
-            workers=workers,
-            scheduler=scheduler,
-            resume=resume,
-            progress=progress,
-        )
+    try:
+        with nullcontext(Quiet()) if quiet else CellBar() as progress:
+            drive(
+                loaded,
+                folder,
+                workers=workers,
+                scheduler=scheduler,
+                resume=resume,
+                progress=progress,
+            )
+    except KeyboardInterrupt:
+        if (folder / "run.sqlite").exists():
+            click.echo(f"to continue: {resuming(suite, folder)}", err=True)
+        raise
     with store.opened(folder / "run.sqlite") as database:
         failed = store.failures(database)
     refused = [error.startswith(REFUSED) for _, error in failed]
@@ -117,6 +87,20 @@ def command(
         )
     click.echo(str(folder))
     return 4 if not all(refused) else 3 if failed else 0
+
+
+def resuming(suite: str, folder: Path) -> str:
+    """Command that continues an interrupted sweep, as a shell takes it."""
+    context = click.get_current_context()
+    words = ["simval", "sweep", suite, "--out", str(folder)]
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        if parameter.param_type_name == "option" and name not in GIVEN and stated(name):
+            option = max(parameter.opts, key=len)
+            value: Any = context.params[name]
+            for each in value if parameter.multiple else (value,):
+                words += [option] if each is True else [option, str(each)]
+    return shlex.join([*words, "--resume"])
 
 
 def _plan(suite: Suite, workers: int) -> int:

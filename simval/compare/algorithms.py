@@ -93,6 +93,11 @@ class Merit:
         """Bound of the difference, at 95 %."""
         return abs(self.difference) + TOST_QUANTILE * self.error
 
+    @property
+    def weight(self) -> float:
+        """Difference in standard errors, for sorting; in hundredths without chance."""
+        return abs(self.difference) / (self.error or 0.01)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AlgorithmComparison:
@@ -221,11 +226,9 @@ def _merits(pairs: list[tuple[CellResult, CellResult]]) -> Iterator[Merit]:
         for name, share in failures(ours).items():
             if name in others and name not in known:
                 known.add(name)
-                shares = share.value, others[name].value
-                yield Merit(
-                    what=f"{FAILURES}, {name}", a=shares[0], b=shares[1],
-                    difference=shares[0] - shares[1], **place,
-                )  # fmt: skip
+                x, y = share.value, others[name].value
+                what = f"{FAILURES}, {name}"
+                yield Merit(what=what, a=x, b=y, difference=x - y, **place)
 
 
 def _accuracy(

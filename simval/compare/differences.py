@@ -14,7 +14,7 @@ and changed if it crossed the limit.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import hypot, inf, isfinite
+from math import hypot, isfinite
 from typing import Literal
 
 import numpy as np
@@ -22,6 +22,7 @@ import scipy
 
 from simval.change import EXACT_BOUND, PAIRED_BOUND, holm, on_same_noise
 from simval.compare.matching import Pair, match, pairs_of, prediction_changed, rows_of
+from simval.compare.moves import Standing, Step, loss, standing
 from simval.results import Row
 from simval.statistics import Statistic
 from simval.sweep.provenance import differences
@@ -50,6 +51,10 @@ class Difference:
         None where the statistic is deterministic.
     predictors : tuple of str
         Theories that the same value is compared with; `a` and `b` are the first one's.
+    standing : {"better", "worse", "neither"}
+        Which way it moved, by the direction of its family.
+    study : str
+        Name of the study.
     """
 
     cells: tuple[str, str]
@@ -59,6 +64,8 @@ class Difference:
     standard_error: float
     p_value: float | None
     predictors: tuple[str, ...]
+    standing: Standing = "neither"
+    study: str = ""
 
     @property
     def name(self) -> str:
@@ -87,6 +94,21 @@ class Difference:
     def prediction_changed(self) -> bool:
         """Whether the prediction itself changed."""
         return prediction_changed(self.a, self.b)
+
+    @property
+    def step(self) -> Step:
+        """The same as a step, for `simval.compare.moved`."""
+        return Step(
+            study=self.study,
+            cell=self.cells[1],
+            statistic=self.b.statistic,
+            before=self.a.value,
+            after=self.b.value,
+            error=self.standard_error,
+            moved=self.kind == "changed",
+            standing=self.standing,
+            predictions=(self.a.prediction, self.b.prediction),
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -125,6 +147,26 @@ class RunComparison:
             Those.
         """
         return tuple(d for d in self.differences if d.kind == kind)
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """Every common statistic as a step, once whatever theories it is beside."""
+        return tuple(d.step for d in self.differences)
+
+    def count(self, standing: Standing) -> int:
+        """How many changed this way.
+
+        Parameters
+        ----------
+        standing : {"better", "worse", "neither"}
+            Which way.
+
+        Returns
+        -------
+        int
+            Their number.
+        """
+        return sum(d.standing == standing for d in self.of("changed"))
 
 
 def compare_runs(a: Run, b: Run, alpha: float = ALPHA) -> RunComparison:
@@ -182,11 +224,14 @@ def _judged(pairs: Sequence[Pair], alpha: float) -> Iterator[Difference]:
         pairs, errors, values, limits, strict=True
     ):
         paired = old.name == new.name and a.n == b.n
+        kind = _kind(a, b, s, beyond=not p > limit, paired=paired)
         yield Difference(
             cells=(old.name, new.name),
+            study=new.study,
             a=a,
             b=b,
-            kind=_kind(a, b, s, beyond=not p > limit, paired=paired),
+            kind=kind,
+            standing=_standing(a, b, s, limit) if kind == "changed" else "neither",
             standard_error=s,
             p_value=float(p) if s > 0.0 else None,
             predictors=theories,
@@ -215,10 +260,17 @@ def _kind(a: Row, b: Row, error: float, *, beyond: bool, paired: bool) -> Kind:
     return "moved" if paired else "same"
 
 
+def _standing(a: Row, b: Row, error: float, limit: float) -> Standing:
+    """Which way a value changed: its loss must have changed as well."""
+    change = loss(b.statistic, b.value, b.prediction) - loss(
+        a.statistic, a.value, a.prediction
+    )
+    least = EXACT_BOUND * abs(a.value) if isfinite(a.value) else 0.0
+    if error > 0.0:
+        least = -float(scipy.special.ndtri(limit / 2.0)) * error
+    return standing(change, least)
+
+
 def _rank(difference: Difference) -> tuple[int, float, str]:
     kind = {"changed": 0, "moved": 1, "same": 2}[difference.kind]
-    size = difference.sigmas if difference.sigmas is not None else difference.relative
-    distance = inf if size is None or not isfinite(size) else abs(size)
-    if size is None and difference.difference == 0.0:
-        distance = 0.0
-    return kind, -distance, difference.cells[0]
+    return kind, -difference.step.weight, difference.cells[0]

@@ -69,3 +69,17 @@ def prediction_changed(a: Row, b: Row) -> bool:
 def rows_of(cell: CellResult) -> dict[tuple[Statistic, str], Row]:
     """Index the rows of a cell."""
     return {row.key: row for row in cell.rows}
+
+
+def shared_words(a: Run, b: Run) -> str:
+    """Say what two runs without a common cell do have in common."""
+    studies = [list(dict.fromkeys(c.study for c in _finished(r))) for r in (a, b)]
+    both = [study for study in studies[0] if study in studies[1]]
+    suites = [str(run.manifest.get("suite", "unknown")) for run in (a, b)]
+    of = f"both are of the suite {suites[0]}"
+    if suites[0] != suites[1]:
+        of = f"A is of the suite {suites[0]}, B of {suites[1]}"
+    if both:
+        return f"{of}; both have {', '.join(both)}, but at other parameters"
+    listed = [", ".join(names) or "nothing" for names in studies]
+    return f"{of}; A has measured {listed[0]}, B {listed[1]}"

@@ -12,13 +12,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from simval import vocabulary
 from simval.change import question
 from simval.errors import InputError
 from simval.results import Check, Row
 from simval.statistics import Statistic
 from simval.sweep.run import MAX_SAMPLES, Run
 
-BASELINE = Path("reports") / "baseline.json"
+BASELINE = vocabulary.BASELINE
 SCHEMA = 3
 # what reading a file that is no baseline, or is damaged inside, may raise
 UNREADABLE = (

@@ -8,6 +8,7 @@ import scipy
 
 from simval.change import TOST_QUANTILE
 from simval.results import CellName
+from simval.statistics import Statistic
 from simval.verdict import POWER, Answer
 
 Change = Literal[
@@ -60,6 +61,10 @@ class Comparison:
         Samples behind the stored value.
     detail : str
         What else differs from the baseline.
+    measured : Statistic or None
+        What it is; None where the run does not have it.
+    predictions : tuple of (float or None)
+        What theory predicts of it, in the baseline and in the run.
     """
 
     cell: CellName
@@ -71,6 +76,8 @@ class Comparison:
     margin: float = 0.0
     n: int = 0
     detail: str = ""
+    measured: Statistic | None = None
+    predictions: tuple[float | None, float | None] = (None, None)
 
     @property
     def answer(self) -> Answer:

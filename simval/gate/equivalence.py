@@ -14,7 +14,7 @@ from math import hypot, sqrt
 from simval.change import EXACT_BOUND, ROUNDING, on_other_noise
 from simval.gate.baseline import Entry
 from simval.gate.comparison import Comparison
-from simval.gate.paired import known, paired
+from simval.gate.paired import known, paired, predictions
 from simval.results import CellName
 from simval.statistics import COVARIANCE, SD, Statistic
 
@@ -58,6 +58,8 @@ def unpaired(
             standard_error=both,
             margin=margin,
             n=min(entry.n, now.n),
+            measured=now.statistic,
+            predictions=predictions(entry, now),
         )
 
 

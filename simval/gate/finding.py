@@ -5,8 +5,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from math import isfinite
 
+from simval.compare import Step
+from simval.compare.moves import kind_of
 from simval.gate.comparison import Comparison
 from simval.gate.judgement import GateResult
+from simval.gate.steps import steps_beside
 from simval.results import CellName
 from simval.text import one_line
 from simval.verdict import WORST_FIRST, Answer, Verdict
@@ -36,6 +39,10 @@ class Finding:
         Why it is no pass.
     run : str
         Folder of the run.
+    kind : str
+        The statistic in words, without which axis or level; empty without one.
+    step : Step or None
+        How its value moved from the baseline's.
     """
 
     tier: str
@@ -50,6 +57,8 @@ class Finding:
     seen: float | None = None
     allowed: float | None = None
     sigmas: float | None = None
+    kind: str = ""
+    step: Step | None = None
 
     @property
     def study(self) -> str:
@@ -98,8 +107,8 @@ def findings(result: GateResult) -> tuple[Finding, ...]:
         *_incomplete(result),
         *(_of_theory(verdict, result.folder) for verdict in result.verdicts),
         *(
-            _of_baseline(comparison, result.folder)
-            for comparison in result.comparisons
+            _of_baseline(comparison, step, result.folder)
+            for comparison, step in steps_beside(result.comparisons, result.alpha)
             if comparison.change != "new"
         ),
     ]
@@ -148,10 +157,12 @@ def _of_theory(verdict: Verdict, run: str) -> Finding:
         sigmas=_number(verdict.sigmas) if sampled else None,
         reason=verdict.reason,
         run=run,
+        kind=one_line(kind_of(row.statistic)),
     )
 
 
-def _of_baseline(comparison: Comparison, run: str) -> Finding:
+def _of_baseline(comparison: Comparison, step: Step | None, run: str) -> Finding:
+    measured = comparison.measured
     return Finding(
         tier="baseline",
         cell=_shown(comparison.cell),
@@ -165,6 +176,8 @@ def _of_baseline(comparison: Comparison, run: str) -> Finding:
         sigmas=None if comparison.detail else _number(comparison.sigmas),
         reason=one_line(comparison.reason),
         run=run,
+        kind="" if measured is None else one_line(kind_of(measured)),
+        step=step if comparison.change == "changed" else None,
     )
 
 
@@ -174,3 +187,18 @@ def _shown(cell: CellName) -> CellName:
 
 def _number(value: float | None) -> float | None:
     return None if value is None or not isfinite(value) else value
+
+
+def details(finding: Finding) -> list[str]:
+    """What a person needs to know about a finding, a line each."""
+    lines = [finding.line]
+    if finding.expected is not None and finding.seen is not None:
+        words = f"expected {finding.expected:.9g}, seen {finding.seen:.9g}"
+        if finding.allowed is not None:
+            words += f", allowed {finding.allowed:.3g}"
+        if finding.sigmas is not None:
+            words += f", {finding.sigmas:+.2f} standard errors"
+        lines.append(words)
+    if finding.command:
+        lines.append(f"reproduce: {finding.command}")
+    return lines

@@ -11,7 +11,8 @@ from xml.etree import ElementTree
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from simval.gate.finding import Finding, findings
+from simval.gate.finding import Finding, details, findings
+from simval.gate.groups import groups
 from simval.gate.headline import headline
 from simval.gate.judgement import GateResult
 from simval.results import CellName
@@ -20,6 +21,9 @@ from simval.verdict import Answer
 
 SHOWN = 40
 """Findings written one by one in the summary; the others are counted."""
+
+KINDS = 10
+"""Lines of the summary that say what did not pass by study and kind."""
 
 ANNOTATIONS = 10
 """GitHub shows no more than ten annotations of each kind and step."""
@@ -138,21 +142,6 @@ def _counted(entries: tuple[Finding, ...]) -> dict[str, str]:
     }
 
 
-def details(finding: Finding) -> list[str]:
-    """What a person needs to know about a finding, a line each."""
-    lines = [finding.line]
-    if finding.expected is not None and finding.seen is not None:
-        words = f"expected {finding.expected:.9g}, seen {finding.seen:.9g}"
-        if finding.allowed is not None:
-            words += f", allowed {finding.allowed:.3g}"
-        if finding.sigmas is not None:
-            words += f", {finding.sigmas:+.2f} standard errors"
-        lines.append(words)
-    if finding.command:
-        lines.append(f"reproduce: {finding.command}")
-    return lines
-
-
 def to_markdown(result: GateResult) -> str:
     """Write the result as Markdown, for a pull request or a step summary."""
     entries = findings(result)
@@ -163,6 +152,15 @@ def to_markdown(result: GateResult) -> str:
         "",
     ]
     bad = [f for f in entries if f.answer != "pass"]
+    together = groups(result)
+    if len(together) < len(bad):  # several of a kind: what moved, and which way
+        shown = [f"- {_markdown(group.line)}" for group in together[:KINDS]]
+        hidden = len(together) - KINDS
+        lines += [
+            *shown,
+            *([f"- ... and {hidden} more kinds"] if hidden > 0 else []),
+            "",
+        ]
     if bad:
         lines += [
             "| verdict | cell | statistic | expected | seen | standard errors | why |",

@@ -10,9 +10,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from simval.change import EFFORT
+from simval.compare import Step
 from simval.gate.baseline import environment as environment_of
 from simval.gate.compare import compare, has_partners
 from simval.gate.comparison import Comparison
+from simval.gate.steps import steps_of
 from simval.results import CellName
 from simval.sweep.provenance import differences
 from simval.sweep.run import CellResult, Run
@@ -98,6 +100,11 @@ class GateResult:
             f"{number} never run, the first is {pending[0]}; resume with "
             f"`simval sweep SUITE --out {shlex.quote(self.folder)} --resume`"
         )
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """The values that the baseline has too, for `simval.compare.moved`."""
+        return steps_of(self.comparisons, self.alpha)
 
     @property
     def exit_code(self) -> int:

@@ -7,6 +7,7 @@ standard error, its number of samples, and each prediction with its remainder.
 """
 
 from collections.abc import Iterator, Mapping
+from math import isfinite
 
 from simval.change import (
     EXACT_BOUND,
@@ -49,6 +50,8 @@ def paired(
             margin=bound,
             n=0 if entry is None else entry.n,
             detail=detail,
+            measured=None if now is None else now.statistic,
+            predictions=predictions(entry, now),
         )
     if not old and not new:  # a cell of the baseline without any statistic
         yield Comparison(cell=cell, statistic="", change="missing")
@@ -77,6 +80,18 @@ def known(old: Entry | None, new: Entry | None) -> Change | None:
     ):
         return "unjudged"
     return None
+
+
+def predictions(
+    old: Entry | None, new: Entry | None
+) -> tuple[float | None, float | None]:
+    """What the first theory that judges both predicts of them."""
+    if old is None or new is None:
+        return None, None
+    shared = (key for key in old.judged if key in new.judged)
+    pairs = ((old.judged[k].prediction, new.judged[k].prediction) for k in shared)
+    known = (pair for pair in pairs if all(map(isfinite, pair)))
+    return next(known, (None, None))
 
 
 def _judging(old: Entry, new: Entry, bound: float) -> Iterator[tuple[Change, str]]:

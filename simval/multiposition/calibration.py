@@ -10,6 +10,7 @@ from simval.calibrate import FitResult, calibrate
 from simval.calibrate.diagnosis import Diagnosis, diagnose
 from simval.errors import RefusedError
 from simval.logs import Log
+from simval.multiposition.described import log_lines
 from simval.multiposition.faults import require_unsaturated
 from simval.multiposition.health import explained, require_sound
 from simval.multiposition.pose_noise import PoseNoise, pose_noise
@@ -64,6 +65,9 @@ class LogCalibration:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "next_direction", frozen(self.next_direction))
+
+    def __str__(self) -> str:
+        return "\n".join(log_lines(self))
 
 
 def calibrate_log(

@@ -30,6 +30,7 @@ from simval.logs import Log
 from simval.multiposition.axes import require_alive, require_one_unit
 from simval.multiposition.calibration import LogCalibration, white_noise
 from simval.multiposition.compass import compass_pose_noise
+from simval.multiposition.described import log_lines, sensor_lines
 from simval.multiposition.pose_noise import PoseNoise
 from simval.multiposition.together import fit_together
 from simval.noise import NoiseFile
@@ -77,6 +78,9 @@ class ImuCalibration:
     reasons: tuple[str, ...]
     left_out: Mapping[str, str]
     compass_noise: PoseNoise | None
+
+    def __str__(self) -> str:
+        return "\n".join(log_lines(self.log) + sensor_lines(self))
 
 
 def calibrate_sensors(

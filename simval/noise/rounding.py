@@ -1,8 +1,8 @@
 r"""Rounding of a converter: its step, and what it leaves in the noise.
 
 Rounding to a step q adds, where the noise is half a step or more, white noise of the
-variance :math:`q^2/12`, to 1.5 % of that (V7). Below, a reading sticks to one value and
-its error follows the signal: neither white nor a noise of the sensor.
+variance :math:`q^2/12`  (V7), to 1.5 % of that. Below, a reading sticks to one value
+and its error follows the signal: neither white nor a noise of the sensor.
 """
 
 from typing import Final

@@ -13,6 +13,7 @@ from typing import Any, Final
 
 from simval.plugins.filter_protocol import Filter
 from simval.plugins.protocol import Calibrator, Estimator
+from simval.text import nearest
 
 GROUP: Final = "simval.plugins"
 PREFIX: Final = "simval:"
@@ -42,6 +43,13 @@ BESIDE: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
 )
 """What ``--plugin`` adds beside a user's, by the field: the optimum first, whose time
 is the unit of a call's; of estimators the plainest one too."""
+
+
+def meant_builtin(word: str) -> str:
+    """Words that ask whether one of these was meant; none if none is near."""
+    own = {name.removeprefix(PREFIX): name for name in BUILTIN}
+    near = nearest(word.removeprefix(PREFIX), own)
+    return f" (did you mean `{own[near[0]]}`?)" if near else ""
 
 
 def points_of(name: str) -> tuple[Any, ...]:

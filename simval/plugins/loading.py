@@ -14,13 +14,13 @@ from types import ModuleType
 from typing import Any, TypeVar
 
 from simval.errors import PluginError, UnusablePluginError
-from simval.plugins.builtin import BUILTIN, GROUP, PREFIX, points_of
+from simval.plugins.builtin import BUILTIN, GROUP, PREFIX, meant_builtin, points_of
 from simval.plugins.child import Answer, asked
 from simval.plugins.command import command_calibrator
 from simval.plugins.declarations import declarations
 from simval.plugins.names import COMMAND
 from simval.plugins.protocol import SCENE, Calibrator, Plugin
-from simval.text import message_of
+from simval.text import did_you_mean, message_of
 
 TIME_LIMIT = 60.0
 """Seconds for reading what a file or a package offers."""
@@ -294,13 +294,16 @@ def _of_package(name: str, kind: type[Kind]) -> Kind:
 
 
 def _no_plugin(word: str, count: int) -> UnusablePluginError:
+    offered = [known for known, _ in installed()]
+    near = did_you_mean(word, offered) or meant_builtin(word)
     if word.startswith(PREFIX):
         return UnusablePluginError(
-            f"there is no built-in algorithm `{word}`; there are {', '.join(BUILTIN)}"
+            f"there is no built-in algorithm `{word}`{near}; there are "
+            f"{', '.join(BUILTIN)}"
         )
-    names = ", ".join(known for known, _ in installed()) or "none"
+    names = ", ".join(offered) or "none"
     return UnusablePluginError(
-        f"there is no plug-in `{word}`: a file must end in .py (FILE.py or "
+        f"there is no plug-in `{word}`{near}: a file must end in .py (FILE.py or "
         f"FILE.py:NAME), a command begin with `{COMMAND}`, and {count or 'no'} "
         f"installed package{'s offer' if count > 1 else ' offers'} one of that name "
         f"(installed: {names})"

@@ -104,8 +104,8 @@ class Estimator(Plugin):
     reads : tuple of {"noise_std", "weights", "covariances"}, default ()
         What else `estimate` and `covariance` are handed, by these names.
     series : bool, default False
-        Whether `estimate` is made of + - * / **, `abs`, comparisons and `numpy.sqrt`
-        alone, so that it works with power series (`simval.theory.series`).
+        Whether `estimate` is made of ``+ - * / **``, `abs`, comparisons and
+        `numpy.sqrt` alone, so that it works with power series (`simval.theory.series`).
     """
 
     taken_by: ClassVar[str] = "estimator.algorithm"

@@ -14,7 +14,7 @@ import shutil
 from collections.abc import Container, Iterator
 from pathlib import Path
 
-from simval.plugins.builtin import BUILTIN, PREFIX, points_of
+from simval.plugins.builtin import BUILTIN, PREFIX, meant_builtin, points_of
 from simval.plugins.imported import imported_versions
 from simval.plugins.names import (
     COMMAND,
@@ -59,7 +59,8 @@ def missing(text: str, held: Container[str] = ()) -> str:
         files = []
     elif text.startswith(PREFIX):
         return (
-            f"there is no built-in algorithm `{text}`; there are {', '.join(BUILTIN)}"
+            f"there is no built-in algorithm `{text}`{meant_builtin(text)}; there are "
+            f"{', '.join(BUILTIN)}"
         )
     else:
         return f"no installed package offers a plug-in `{text}`"

@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from simval import vocabulary
 from simval.errors import PluginError, UnusablePluginError
 from simval.plugins.child import Answer, asked
 from simval.plugins.filter_frames import find_world
@@ -19,7 +20,7 @@ from simval.plugins.loading import find_plugin, meant
 from simval.recorded.signals import Signals
 from simval.recorded.told import Start
 
-TIME_LIMIT: Final = 600.0  # s; a millisecond a row of ten minutes at 500 Hz, twice
+TIME_LIMIT: Final = vocabulary.FILTER_SECONDS
 
 MOST: Final = 200_000
 """Rows whose answers are kept: covariances of six by six then fit the file that a child

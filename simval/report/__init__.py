@@ -11,6 +11,7 @@ from simval.report.comparison import render_comparison
 from simval.report.page import drawings, render, tables
 from simval.report.paint import png, svg_file
 from simval.report.table import csv_text
+from simval.report.trend import render_trend
 
 __all__ = [
     "csv_text",
@@ -19,6 +20,7 @@ __all__ = [
     "render",
     "render_calibration",
     "render_comparison",
+    "render_trend",
     "svg_file",
     "tables",
 ]

@@ -1,42 +1,28 @@
 """Panels drawn on the axes of a figure."""
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import singledispatch
+from itertools import compress
 from typing import Any
 
 import numpy as np
-from matplotlib.ticker import LogFormatter
+from matplotlib.ticker import FixedFormatter, FixedLocator, NullFormatter, NullLocator
 
 from simval.arrays import Array
-from simval.report.layout import LINE, legend_below
-from simval.report.panels import COLOURS, GREY, Panel, Series, SpherePanel
+from simval.report.layout import LINE, RIGHT, legend_rows
+from simval.report.palette import GREY, SIMULATED, THEORY
+from simval.report.panels import AnyPanel, Panel, Series, SpherePanel
+from simval.report.ticks import log_ticks
 
-INK = "#010203"
-# label minor ticks only where an axis has less than one decade, and then only some
-MINOR_THRESHOLDS = (1.0, 0.4)
-TICK_LABELS = 0.25  # their height and the space about them, inches
+TICK_LABELS = 0.32  # their height and the space about them, inches
 FARTHEST = 1e290  # an axis multiplies its ends by some factors of ten
 MANY = 1500
 """Points of a series beyond which it is drawn as pixels: as vectors 20 000 with their
 bars take 8.8 MB of the page, as pixels 0.1 MB; the words stay text (measured:
 docs/decisions/0068)."""
-STEP = 0.012  # of the axis, between points that are set side by side
-SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
-
-class Decades(LogFormatter):
-    """Labels of a logarithmic axis in plain text: 0.1, 10⁻⁵, 3×10⁻⁵."""
-
-    def __call__(self, x: float, pos: int | None = None) -> str:
-        """Spell a tick, or leave it empty where the axis has enough without it."""
-        mantissa = f"{x:.0e}"[0]
-        if not super().__call__(x, pos) or mantissa not in "125":
-            return ""  # labels at 1, 2 and 5 never touch
-        if 1e-3 <= x < 1e5:
-            return f"{x:g}"
-        head, _, power = f"{x:.0e}".partition("e")
-        raised = f"10{str(int(power)).translate(SUPERSCRIPTS)}"
-        return raised if head == "1" else f"{head}×{raised}"
+STEP, SIDE = 0.02, 0.1  # of the axis: between points set side by side, and all of them
 
 
 @singledispatch
@@ -45,48 +31,100 @@ def paint(panel: object, axes: Any) -> None:
     raise TypeError(type(panel))
 
 
+@contextmanager
+def tagged(axes: Any, place: int) -> Iterator[None]:
+    """Name what is drawn meanwhile as parts of the series of this place."""
+    before = set(axes.get_children())
+    yield
+    for artist in axes.get_children():
+        if artist not in before:
+            artist.set_gid(f"series-{place}")
+
+
+@singledispatch
+def placed(panel: object) -> Sequence[Series]:
+    """Series of a panel with their points where they are drawn."""
+    return ()
+
+
+@placed.register
+def _(panel: Panel) -> Sequence[Series]:
+    panel = _dodged(_drawable(panel))
+    series = []
+    for s in panel.series:
+        limits = ~_whole(s, upper_limits=panel.log_y and not s.line)
+        shift = 0.0 if s.band is None else np.where(limits, s.band, 0.0)
+        series.append(replace(s, y=s.y + shift))
+    return series
+
+
 @paint.register
 def _(panel: Panel, axes: Any) -> None:
-    panel = _dodged(_drawable(panel))
+    panel = _drawable(panel)
+    places = [s.x for s in panel.series]
+    panel = _dodged(panel)
     for start, stop in panel.spans:
-        axes.axvspan(start, stop, color=COLOURS[2], alpha=0.18, linewidth=0)
-    for series in panel.series:
-        if series.line:
-            _line(series, axes)
-        else:
-            _points(series, axes, upper_limits=panel.log_y)
+        axes.axvspan(start, stop, color=GREY, alpha=0.25, linewidth=0)
+    for i, series in enumerate(panel.series):
+        with tagged(axes, i):
+            if series.line:
+                _line(series, axes)
+            else:
+                _points(series, axes, upper_limits=panel.log_y)
     _references(panel, axes)
     _scales(panel, axes)
-    if panel.log_y:
+    if panel.limits is not None:
+        axes.set_ylim(*panel.limits)
+    elif panel.log_y:
         _limit(panel, axes)
+    _one_place(panel, axes)
+    if panel.log_x:
+        label_decades(axes.xaxis, places)
+    if panel.log_y:
+        label_decades(axes.yaxis)
     axes.set_title(panel.title, y=1.0)  # an automatic place takes a third longer
     axes.set_xlabel(panel.x_label)
     axes.set_ylabel(panel.y_label)
-    _legend(panel, axes)
 
 
-def _legend(panel: Panel, axes: Any) -> None:
-    """Place the legend among the curves, or below the axes if it would hide them."""
-    if not any(series.label for series in panel.series):
+def legend(panel: AnyPanel, axes: Any, left: float, width: float) -> None:
+    """Place the legend below the words of the axis, across the panel."""
+    columns, lines = legend_rows(panel, width)
+    if not lines:
         return
-    if not legend_below(panel):
-        # finding the best place among many points takes seconds
-        many = any(len(s.x) > MANY for s in panel.series)
-        axes.legend(loc="upper right" if many else "best")
-        return
-    legend_under(panel.x_label, axes)
-
-
-def legend_under(x_label: str, axes: Any, columns: int = 1) -> None:
-    """Place the legend below the words of the axis."""
+    x_label = getattr(panel, "x_label", "")
     words = LINE * (x_label.count("\n") + 1) + TICK_LABELS
     height = axes.get_position().height * axes.figure.get_figheight()
     axes.legend(
         loc="upper center",
-        bbox_to_anchor=(0.5, -words / height),
+        bbox_to_anchor=((width / 2.0 - left) / (width - left - RIGHT), -words / height),
         borderaxespad=0.0,
+        borderpad=0.2,
         ncols=columns,
     )
+
+
+SHORT = 100.0
+"""Two decades: a longer axis has no small ticks, each of which takes 2 ms to draw."""
+
+
+def label_decades(axis: Any, places: Any = ()) -> None:
+    """Label a logarithmic axis: at least two ticks, at its few places or at decades."""
+    axis.set_minor_formatter(NullFormatter())
+    low, high = sorted(axis.get_view_interval())
+    if high > SHORT * low:
+        axis.set_minor_locator(NullLocator())
+    found = np.unique(np.concatenate([*places, np.empty(0)]))
+    ticks, labels = log_ticks(float(low), float(high), found)
+    axis.set_major_locator(FixedLocator(ticks))
+    axis.set_major_formatter(FixedFormatter(labels))
+
+
+def _one_place(panel: Panel, axes: Any) -> None:
+    """Give a single x the middle of an axis of its own size."""
+    found = np.unique(np.concatenate([s.x for s in panel.series] or [np.empty(0)]))
+    if len(found) == 1 and panel.log_x:
+        axes.set_xlim(float(found[0]) / 2.2, float(found[0]) * 2.2)
 
 
 def near(values: Array) -> Any:
@@ -103,7 +141,8 @@ def _drawable(panel: Panel) -> Panel:
         good &= (s.x > 0.0) | (not panel.log_x)
         good &= (top > 0.0) | (not panel.log_y)
         band = None if s.band is None else np.where(near(s.band), s.band, 0.0)[good]
-        series.append(replace(s, x=s.x[good], y=s.y[good], band=band))
+        notes = tuple(compress(s.notes, good))
+        series.append(replace(s, x=s.x[good], y=s.y[good], band=band, notes=notes))
     any_left = any(len(s.x) for s in series)
     return replace(
         panel,
@@ -120,40 +159,35 @@ def _dodged(panel: Panel) -> Panel:
         return panel
     places = np.concatenate([s.x for s in points])
     low, high = float(places.min()), float(places.max())
-    steps = iter(STEP * (np.arange(len(points)) - (len(points) - 1) / 2.0))
+    step = min(STEP, SIDE / (len(points) - 1))
+    steps = iter(step * (np.arange(len(points)) - (len(points) - 1) / 2.0))
     series = []
     for s in panel.series:
         x = s.x
         if not s.line and len(x):
-            step = next(steps)
-            x = x * (high / low) ** step if panel.log_x else x + step * (high - low)
+            shift = next(steps)
+            x = x * (high / low) ** shift if panel.log_x else x + shift * (high - low)
         series.append(replace(s, x=x))
     return replace(panel, series=tuple(series))
 
 
 def _references(panel: Panel, axes: Any) -> None:
-    for height, label in panel.references:
-        axes.axhline(height, color=GREY, linewidth=1.0, linestyle=(0, (1, 1)))
-        axes.annotate(
-            label,
-            (1.0, height),
-            xycoords=("axes fraction", "data"),
-            xytext=(-2, 2),
-            textcoords="offset points",
-            ha="right",
-            fontsize=8.5,
+    for i, (height, label) in enumerate(panel.references):
+        axes.axhline(
+            height,
+            color=GREY,
+            linewidth=1.2,
+            linestyle=(0, (4, 2)) if i % 2 == 0 else (0, (1, 1)),
+            label=label or "_nolegend_",
+            zorder=1.5,
         )
 
 
 def _scales(panel: Panel, axes: Any) -> None:
-    for logarithmic, scale, axis in (
-        (panel.log_x, axes.set_xscale, axes.xaxis),
-        (panel.log_y, axes.set_yscale, axes.yaxis),
-    ):
-        if logarithmic:
-            scale("log", nonpositive="mask" if axis is axes.xaxis else "clip")
-            axis.set_major_formatter(Decades())
-            axis.set_minor_formatter(Decades(minor_thresholds=MINOR_THRESHOLDS))
+    if panel.log_x:
+        axes.set_xscale("log", nonpositive="mask")
+    if panel.log_y:
+        axes.set_yscale("log", nonpositive="clip")
 
 
 def _line(series: Series, axes: Any) -> None:
@@ -182,9 +216,8 @@ def _line(series: Series, axes: Any) -> None:
 def _points(series: Series, axes: Any, *, upper_limits: bool) -> None:
     """Points with bars; on a logarithmic axis an upper limit if the bar reaches 0."""
     band, pixels = series.band, len(series.x) > MANY
-    whole = np.ones(len(series.x), dtype=bool)
+    whole = _whole(series, upper_limits=upper_limits)
     if upper_limits and band is not None:
-        whole = ~(series.y - band <= 0.0)
         axes.plot(
             series.x[~whole],
             (series.y + band)[~whole],
@@ -209,6 +242,13 @@ def _points(series: Series, axes: Any, *, upper_limits: bool) -> None:
     )
 
 
+def _whole(series: Series, *, upper_limits: bool) -> Any:
+    """Which points are no upper limits: those whose bar does not reach 0."""
+    if not upper_limits or series.band is None:
+        return np.ones(len(series.x), dtype=bool)
+    return ~(series.y - series.band <= 0.0)
+
+
 def _limit(panel: Panel, axes: Any) -> None:
     """Fit a logarithmic axis to what is positive on it, references included."""
     heights = [np.array([height for height, _ in panel.references], dtype=float)]
@@ -225,8 +265,8 @@ def _limit(panel: Panel, axes: Any) -> None:
 @paint.register
 def _(panel: SpherePanel, axes: Any) -> None:
     for directions, mark, colour in (
-        (panel.directions, "o", COLOURS[0]),
-        (panel.wanted, "D", COLOURS[1]),
+        (panel.directions, "o", SIMULATED),
+        (panel.wanted, "D", THEORY),
     ):
         half = directions[panel.sign * directions[:, 2] >= 0.0]
         # Lambert's azimuthal equal-area projection about the pole

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from itertools import pairwise
-from pathlib import PurePath
 
 import numpy as np
 
@@ -10,9 +9,12 @@ from simval import __version__
 from simval.arrays import Array
 from simval.logs import Log
 from simval.multiposition import ImuCalibration, LogCalibration
+from simval.report.calibrated_replies import farthest, readable, replies
 from simval.report.calibrated_sensors import gyroscope_section, magnetometer_section
+from simval.report.coverage import widest_gap
 from simval.report.environment import template
 from simval.report.panels import COLOURS, Drawing, Panel, Series, SpherePanel
+from simval.report.replies import log_name, source_section
 from simval.report.section import Section, made
 from simval.report.table import Column, Table
 from simval.sensor import forms
@@ -24,7 +26,7 @@ POINTS = 2000
 no spike is lost, and a page stays below a megabyte."""
 
 
-def render_calibration(log: Log, whole: ImuCalibration) -> str:
+def render_calibration(log: Log, whole: ImuCalibration, command: str = "") -> str:
     """Render the calibration of a log as one HTML page.
 
     Parameters
@@ -33,6 +35,8 @@ def render_calibration(log: Log, whole: ImuCalibration) -> str:
         The log.
     whole : ImuCalibration
         As from `simval.multiposition.calibrate_sensors`.
+    command : str
+        The command that makes the page again; empty leaves it out.
 
     Returns
     -------
@@ -40,39 +44,46 @@ def render_calibration(log: Log, whole: ImuCalibration) -> str:
         The page; the same log and options give the same bytes.
     """
     return template("page").render(
-        title=f"Calibration from {_name(log)}",
-        sections=calibration_sections(log, whole),
+        title=f"Calibration from {log_name(log)}",
+        sections=calibration_sections(log, whole, command),
         version=__version__,
-        source=f"the log {_name(log)}",
+        source=f"the log {log_name(log)}",
     )
 
 
-def _name(log: Log) -> str:
-    # pages are shared, so they never show where on a machine a log is
-    return PurePath(log.path).name
-
-
-def calibration_sections(log: Log, whole: ImuCalibration) -> tuple[Section, ...]:
+def calibration_sections(
+    log: Log, whole: ImuCalibration, command: str = ""
+) -> tuple[Section, ...]:
     """Make the sections of the page."""
     result = whole.log
     others = gyroscope_section(whole), magnetometer_section(whole)
     return (
-        _result(log, whole),
-        *(section for section in others if section is not None),
-        made("signals", "Static intervals", [_signals(log, result)]),
+        _result(whole),
         made("residuals", "Residual of each pose", [_residuals(result)]),
         made("coverage", "Where the poses are", [_coverage(log, result)]),
+        *(section for section in others if section is not None),
+        made("signals", "Static intervals", [_signals(log, result)]),
+        source_section(log, tuple(log.described()), command),
     )
 
 
-def _result(log: Log, whole: ImuCalibration) -> Section:
+def _result(whole: ImuCalibration) -> Section:
     result, fit = whole.log, whole.accelerometer
     bound = _bound(result)
     rows = [
-        (name, sign * value, sd, least, sd / least if least > 0.0 else None, *ends)
-        for (name, sign), value, sd, least, ends in zip(
+        (
+            name,
+            sign * value,
+            f"{bar:.2g} {unit.name}" if np.isfinite(bar) else "",
+            sd,
+            least,
+            sd / least if least > 0.0 else None,
+            *ends,
+        )
+        for (name, sign), value, (bar, unit), sd, least, ends in zip(
             forms.entries(fit.model),
             fit.parameters.tolist(),
+            readable(fit, fit.sd),
             fit.sd.tolist(),
             bound.tolist(),
             _ordered(fit.model, fit.intervals),
@@ -83,13 +94,12 @@ def _result(log: Log, whole: ImuCalibration) -> Section:
         name="parameters",
         caption=(
             f"Parameters of the {fit.model} form, as they stand in T, K and B; K in "
-            "m/s² for each unit of the log, B in its units. The bound is the least "
-            "standard deviation that white noise alone would allow with these poses "
-            "(Cramér-Rao)."
+            "m/s² for each unit of the log, B in its units"
         ),
         columns=(
             Column("parameter", "code"),
             Column("value", "number", 8),
+            Column("error bar"),
             Column("standard deviation", "number", 3),
             Column("bound", "number", 3),
             Column("over the bound", "number", 3),
@@ -102,22 +112,12 @@ def _result(log: Log, whole: ImuCalibration) -> Section:
         "result",
         "Result",
         tables=[table],
-        verdict=result.diagnosis.verdict,
-        said=log.described(),
-        rests=len(result.intervals),
-        rest=result.rest_seconds,
-        rms=float(fit.rms),
-        chi2=result.diagnosis.chi2_per_dof,
-        dof=result.fit.dof,
-        kind=fit.covariance_kind,
+        replies=replies(whole, bound),
         matrix=_written(fit.T if fit.model != "symmetric" else fit.K),
         product="T diag(K) (reading - B)"
         if fit.model != "symmetric"
         else "K (reading - B)",
         letter="T" if fit.model != "symmetric" else "K",
-        g=fit.g,
-        further=", ".join(f"{x:.2f}" for x in result.next_direction),
-        left_out=dict(whole.left_out),
         joint=_fit_of(whole),
     )
 
@@ -156,6 +156,13 @@ def _signals(log: Log, result: LogCalibration) -> Drawing:
         sensors.append(("magnetometer", log.magnetometer))
     return Drawing(
         name="signals",
+        asked="Which stretches were taken for poses?",
+        finding=(
+            f"{len(spans)} static intervals, the shortest "
+            f"{min(b - a for a, b in spans):.2g} s; the initial rest is "
+            f"{result.rest_seconds:.2f} s long."
+        ),
+        fold="The readings over time, static intervals shaded",
         caption=(
             f"The readings with the {len(spans)} static intervals shaded, from which "
             "the poses are. The first rest sets the level of the noise."
@@ -214,6 +221,8 @@ def _residuals(result: LogCalibration) -> Drawing:
         series.append(dots)
     return Drawing(
         name="residuals",
+        asked="Does every pose belong to the same sensor?",
+        finding=farthest(diagnosis.standardized, diagnosis.outliers),
         caption=(
             "How far each pose is from the ellipsoid of all of them, in standard "
             "deviations; of 100 sound poses 95 are between the lines."
@@ -252,6 +261,11 @@ def _coverage(log: Log, result: LogCalibration) -> Drawing:
     halves: Sequence[tuple[str, float]] = (("z up", 1.0), ("z down", -1.0))
     return Drawing(
         name="coverage",
+        asked="Do the poses point every way?",
+        finding=(
+            f"No direction is farther than {widest_gap(directions):.0f} degrees from "
+            f"one of the {len(directions)} poses."
+        ),
         caption=(
             "Directions of the specific force in sensor axes, in equal-area maps of "
             "both half spheres; rings at 30, 60 and 90 degrees. The diamond is where "

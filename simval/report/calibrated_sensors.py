@@ -30,14 +30,20 @@ def gyroscope_section(whole: ImuCalibration) -> Section | None:
         ),
         columns=COLUMNS,
         rows=_rows(fit.names, fit.parameters, sd),
+        fold="The parameters of the gyroscope, with their error bars",
     )
     angles = np.degrees(fit.gap_angles)
+    found = (
+        f"At most {angles.max():.2g} degrees, {np.sqrt(np.mean(angles**2)):.2g} RMS "
+        f"over {len(angles)} moves."
+    )
     return made(
         "gyroscope",
         "Gyroscope",
         [
             _dots(
                 "gaps",
+                ("How far is gravity off after a move?", found),
                 "After each move: the angle between gravity as the gyroscope turned it "
                 "and as the accelerometer reads it in the next rest. Chosen by "
                 f"evidence: {'; '.join(whole.reasons)}.",
@@ -71,6 +77,13 @@ def magnetometer_section(whole: ImuCalibration) -> Section | None:
         ),
         columns=COLUMNS,
         rows=[*_rows(fit.names[own], fit.parameters[own], fit.sd[own]), dip],
+        fold="The parameters of the magnetometer, with their error bars",
+    )
+    chi_square = np.asarray(fit.pose_chi_square)
+    same = (
+        f"Not in static interval {', '.join(str(k) for k in fit.disturbed)}."
+        if len(fit.disturbed)
+        else f"Yes: chi-square {chi_square.mean():.2g} a pose on average, of about 3."
     )
     return made(
         "magnetometer-result",
@@ -78,12 +91,13 @@ def magnetometer_section(whole: ImuCalibration) -> Section | None:
         [
             _dots(
                 "disturbed",
+                ("Was the field the same in every pose?", same),
                 "Chi-square of each pose, three equations: 3 on average where the "
                 "field is that of the other poses and the noise is right.",
                 "chi-square of each pose",
                 "static interval, from 0",
-                "chi-square, 1",
-                np.asarray(fit.pose_chi_square),
+                "chi-square",
+                chi_square,
                 fit.disturbed,
             )
         ],
@@ -99,6 +113,7 @@ def _rows(
 
 def _dots(
     name: str,
+    said: tuple[str, str],
     caption: str,
     title: str,
     x_label: str,
@@ -121,6 +136,8 @@ def _dots(
         )
     return Drawing(
         name=name,
+        asked=said[0],
+        finding=said[1],
         caption=caption,
         alternative=f"{title}, {len(values)} of them",
         panels=[

@@ -1,10 +1,21 @@
-"""The page of two runs side by side: what changed, both curves in one figure."""
+"""The page of two runs side by side: what became better or worse, and by how much.
+
+Numbers come first: what moved, by study and kind of statistic, the largest first; then
+a figure of each with both curves; then every common value.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
-from simval.compare import Difference, RunComparison
+from simval.compare import Difference, Move, RunComparison, moved
+from simval.compare.origin import origin_of
+from simval.compare.trend import WAYS
 from simval.report.curves import Curve, axis_of, bar_width, curve, grouped, statistic
 from simval.report.environment import template
+from simval.report.moves import SHOWN, moves_table, told
+from simval.report.notes import located
 from simval.report.panels import COLOURS, Drawing, Panel, Series
 from simval.report.section import Section, made
 from simval.report.table import Column, Table
@@ -13,8 +24,8 @@ from simval.sweep import Run
 from simval.sweep.run import CellResult
 
 MAX_FIGURES = 12
-SHOWN = 400
-"""Of the cells of one run only. Both bound the size of a page; the rest is counted."""
+OPEN = 3
+"""Figures that are seen at once; the others are behind a fold."""
 
 Key = tuple[str, str, Statistic, str]
 """Study, group of cells, statistic and predictor: what one figure shows."""
@@ -47,21 +58,27 @@ def comparison_sections(
     a: Run, b: Run, comparison: RunComparison
 ) -> tuple[Section, ...]:
     """Make the sections of the page."""
-    drawings = _drawings(a, b, comparison)
+    drawings = _drawings(located(a), located(b), comparison)
     kinds = {k: len(comparison.of(k)) for k in ("changed", "moved", "same")}
-    moved = sum(d.prediction_changed for d in comparison.differences)
+    moves = moved(comparison.steps)
+    names = {drawing.finding: drawing.name for drawing in drawings}
+    figures = [names.get(told(move)) for move in moves]
+    predictions = sum(d.prediction_changed for d in comparison.differences)
     return (
         made(
             "compared",
             "What changed",
             drawings,
+            [moves_table(moves, figures)],
+            counts=[(comparison.count(way), way) for way in WAYS],
+            origins=[origin_of(run).words for run in (a, b)],
             names=(a.folder.name, b.folder.name),
             kinds=kinds,
             total=len(comparison.differences),
-            predictions=moved,
+            predictions=predictions,
             alpha=comparison.alpha,
         ),
-        made("differences", "Differences", tables=[_table(comparison)]),
+        made("differences", "Differences", tables=[differences_table(comparison)]),
         made(
             "dependencies",
             "What the runs depend on",
@@ -81,7 +98,7 @@ def _drawings(a: Run, b: Run, comparison: RunComparison) -> list[Drawing]:
     twins = {d.cells[0]: d.cells[1] for d in comparison.differences}
     drawings: list[Drawing] = []
     seen: set[Key] = set()
-    for difference in comparison.of("changed"):
+    for move, difference in _worst(comparison):
         cell = cells_a[difference.cells[0]]
         label, old = _group(a, cell)
         key = (cell.study, label, difference.a.statistic, difference.a.predictor)
@@ -90,10 +107,19 @@ def _drawings(a: Run, b: Run, comparison: RunComparison) -> list[Drawing]:
         seen.add(key)
         names = {twins[c.name] for c in old if c.name in twins}
         new = tuple(c for c in b.cells if c.name in names)
-        drawings.append(_drawing(len(drawings), key, difference, (a, b), (old, new)))
+        drawing = _drawing(len(drawings), key, difference, (a, b), (old, new))
+        fold = told(move) if len(drawings) >= OPEN else ""
+        drawings.append(replace(drawing, finding=told(move), fold=fold))
         if len(drawings) == MAX_FIGURES:
             break
     return drawings
+
+
+def _worst(comparison: RunComparison) -> Iterator[tuple[Move, Difference]]:
+    """Each move with the difference that moved most, the largest first."""
+    known = {(d.cells[1], d.b.statistic): d for d in reversed(comparison.of("changed"))}
+    for move in moved(comparison.steps):
+        yield move, known[move.worst.cell, move.worst.statistic]
 
 
 def _group(run: Run, cell: CellResult) -> tuple[str, tuple[CellResult, ...]]:
@@ -144,26 +170,38 @@ def _drawing(
                 log_x=_positive([c for _, _, c in curves], "x"),
                 log_y=_positive([c for _, _, c in curves], "value"),
             ),
-            *_apart([c for _, _, c in curves], axis),
+            *_apart([c for _, _, c in curves], axis, name.better),
         ],
     )
 
 
-def _apart(curves: list[Curve], axis: str) -> list[Panel]:
-    """Panel of the difference in standard errors, if it has any."""
+def _apart(curves: list[Curve], axis: str, aim: str | None) -> list[Panel]:
+    """Panel of the change: in percent, or of what is near zero in standard errors."""
     if len(curves) != 2 or not np.array_equal(curves[0].x, curves[1].x):
         return []
     a, b = curves
     error = np.hypot(a.error, b.error)
-    if len(np.unique(a.x)) < len(a.x) or not np.all(error > 0.0):
+    if len(np.unique(a.x)) < len(a.x):
         return []  # values of several seeds cannot be paired
-    difference, z = (b.value - a.value) / error, bar_width([a])
+    z = bar_width([a])
+    if aim != "zero" and np.all(a.value != 0.0):
+        size = 100.0 / np.abs(a.value)
+        series = Series(
+            label="", x=a.x, y=size * (b.value - a.value), band=z * size * error
+        )
+        title, unit = "B over A, less 1", "change, %"
+    elif np.all(error > 0.0):
+        y = (b.value - a.value) / error
+        series = Series(label="", x=a.x, y=y, band=np.full(len(a.x), z))
+        title, unit = "B minus A", "standard errors"
+    else:
+        return []
     return [
         Panel(
-            title="B minus A",
+            title=title,
             x_label=axis.replace("_", " "),
-            y_label="standard errors, 1",
-            series=(Series(label="", x=a.x, y=difference, band=np.full(len(a.x), z)),),
+            y_label=unit,
+            series=(series,),
             log_x=_positive([a], "x"),
             log_y=False,
             references=((0.0, ""),),
@@ -176,19 +214,20 @@ def _positive(curves: list[Curve], name: str) -> bool:
     return bool(values) and min(values) > 0.0 and max(values) > 3.0 * min(values)
 
 
-def _table(comparison: RunComparison) -> Table:
+def differences_table(comparison: RunComparison) -> Table:
+    """Make the table of every common statistic, changed ones first."""
     rows = [
         (
-            d.kind,
-            d.cells[1],
-            str(d.a.statistic),
-            "; ".join(d.predictors),
+            _word(d),
+            d.sigmas,
+            None if d.relative is None else 100.0 * d.relative,
             (d.a.value, d.a.standard_error),
             (d.b.value, d.b.standard_error),
             d.a.unit,
+            str(d.a.statistic),
+            "; ".join(d.predictors),
+            d.cells[1],
             (d.difference, d.standard_error),
-            d.relative,
-            d.sigmas,
             d.p_value,
             "changed" if d.prediction_changed else "",
         )
@@ -198,19 +237,29 @@ def _table(comparison: RunComparison) -> Table:
         name="differences",
         caption="Every common statistic: changed ones first, by how far they moved",
         columns=(
-            Column("kind", "answer"),
-            Column("cell", "code"),
-            Column("statistic"),
-            Column("against"),
+            Column("which way", "answer"),
+            Column("standard errors", "number", 3),
+            Column("change, %", "number", 3),
             Column("A", "measured"),
             Column("B", "measured"),
             Column("unit"),
+            Column("statistic"),
+            Column("against"),
+            Column("cell", "code"),
             Column("B minus A", "measured"),
-            Column("relative", "number", 3),
-            Column("standard errors", "number", 3),
             Column("p", "number", 2),
             Column("prediction"),
         ),
         rows=rows,
         shown=SHOWN,
+        fold=f"Every common statistic: {len(rows):,}" if rows else "",
     )
+
+
+def _word(difference: Difference) -> str:
+    """Better or worse; else that it changed, moved within chance, or is the same."""
+    if difference.kind == "moved":
+        return "within chance"
+    if difference.kind == "same" or difference.standing == "neither":
+        return difference.kind
+    return difference.standing

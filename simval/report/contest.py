@@ -7,6 +7,7 @@ import numpy as np
 
 from simval.compare.merits import Measured, Share, algorithm_of, failures
 from simval.report.curves import grouped
+from simval.report.parameters import setting_words
 from simval.results import CellName
 from simval.sweep.run import CellResult
 from simval.verdict import WORST_FIRST, Verdict
@@ -68,7 +69,8 @@ def contest_of(cells: Sequence[CellResult]) -> Contest:
 
 def _only(cell: CellResult) -> str:
     noise = cell.parameters.get("noise_std")
-    return f"noise std {noise:g}" if isinstance(noise, float) else "all"
+    known = isinstance(noise, float)
+    return setting_words(cell.study, "noise_std", noise) if known else "all"
 
 
 def answer_of(cells: Iterable[CellResult], verdicts: Iterable[Verdict]) -> str:

@@ -1,14 +1,18 @@
 """Curves made of the rows of a run: grouped by what varies, sorted along an axis."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from simval.arrays import Array
 from simval.change import EFFORT
+from simval.report.notes import Measured, note
+from simval.report.palette import BOUND, THEORY
 from simval.report.panels import COLOURS, MARKERS, BarPanel, Series
+from simval.report.parameters import setting_words
 from simval.report.slope import simultaneous
+from simval.report.units import Unit
 from simval.results import Row
 from simval.shapes import Float
 from simval.statistics import FAMILIES, Statistic
@@ -31,6 +35,31 @@ class Curve:
     value: Float[Array, " n"]
     error: Float[Array, " n"]
     prediction: Float[Array, " n"]
+    # what the prediction itself leaves out; None is nothing
+    remainder: Float[Array, " n"] | None = None
+    # what was found in which cell, in the rows' units; empty says nothing of a point
+    sources: Sequence[tuple[CellResult, Measured]] = ()
+    unit: Unit | None = None  # that the numbers are in; None is that of the rows
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the page says of each point on request; nothing if some are left out."""
+        if len(self.sources) != len(self.x):
+            return ()
+        return tuple(note(cell, found, self.unit) for cell, found in self.sources)
+
+    @np.errstate(over="ignore", invalid="ignore")  # what overflows is not drawn
+    def scaled(self, unit: Unit) -> "Curve":
+        """The curve in a unit that a person reads, its notes as well."""
+        rest = None if self.remainder is None else self.remainder * unit.factor
+        return replace(
+            self,
+            value=self.value * unit.factor,
+            error=self.error * unit.factor,
+            prediction=self.prediction * unit.factor,
+            remainder=rest,
+            unit=unit,
+        )
 
     def points(self, z: float, place: int = 0, label: str | None = None) -> Series:
         """Measured points with bands."""
@@ -42,16 +71,17 @@ class Curve:
             colour=COLOURS[place % len(COLOURS)],
             # another marker where the colours come round again
             marker=MARKERS[(place + place // len(COLOURS)) % len(MARKERS)],
+            notes=self.notes,
         )
 
-    def predicted(self, place: int = 0, line: str = "-", label: str = "") -> Series:
-        """Line of the prediction."""
+    def predicted(self, line: str = "-", label: str = "") -> Series:
+        """Line of the prediction, or dotted of the bound."""
         x, first = np.unique(self.x, return_index=True)
         return Series(
             label=label,
             x=x,
             y=self.prediction[first],
-            colour=COLOURS[place % len(COLOURS)],
+            colour=BOUND if line == ":" else THEORY,
             line=line,
         )
 
@@ -59,8 +89,8 @@ class Curve:
 Groups = Mapping[str, Sequence[CellResult]]
 """Cells that differ only along an axis, by what the group has in common."""
 
-Measure = Callable[[CellResult], tuple[float, float, float] | None]
-"""Value, standard error and prediction of one cell; None where it has none."""
+Measure = Callable[[CellResult], Measured | tuple[float, ...] | None]
+"""What is measured in one cell, or the first of its fields; None where it has none."""
 
 
 def curve(
@@ -69,15 +99,25 @@ def curve(
     """Measure each cell and sort along an axis."""
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is not drawn
         points = [
-            (place, *values)
+            (place, cell, Measured(*values))
             for cell in cells
             if (place := position(cell, axis)) is not None
             if (values := measure(cell)) is not None
         ]
     if not points:
         return None
-    x, value, error, prediction = np.array(sorted(points), dtype=float).T
-    return Curve(label=label, x=x, value=value, error=error, prediction=prediction)
+    points.sort(key=lambda point: (point[0], *point[2][:4]))
+    numbers = [(place, *found[:4]) for place, _, found in points]
+    x, value, error, prediction, rest = np.array(numbers, dtype=float).T
+    return Curve(
+        label=label,
+        x=x,
+        value=value,
+        error=error,
+        prediction=prediction,
+        remainder=rest,
+        sources=[(cell, found) for _, cell, found in points],
+    )
 
 
 def curves(groups: Groups, measure: Measure, axis: str = "noise_std") -> list[Curve]:
@@ -93,8 +133,8 @@ def bar_width(curves: Iterable[Curve | None]) -> float:
 
 def position(cell: CellResult, axis: str) -> float | None:
     """Place of a cell along an axis."""
-    value = cell.parameters.get(axis)
-    if isinstance(value, int | float) and not isinstance(value, bool):
+    value = numeric(cell.parameters.get(axis))
+    if value is not None:
         return float(value)
     row = cell.row(FAMILIES[axis]()) if axis in FAMILIES else None
     return None if row is None else row.value
@@ -103,9 +143,13 @@ def position(cell: CellResult, axis: str) -> float | None:
 def statistic(name: Statistic, predictor: str = "") -> Measure:
     """Measure that reads one row."""
 
-    def measure(cell: CellResult) -> tuple[float, float, float] | None:
+    def measure(cell: CellResult) -> Measured | None:
         row = cell.row(name, predictor)
-        return None if row is None else triple(row)
+        return (
+            None
+            if row is None
+            else Measured(*triple(row), row.remainder, row.n, row.unit)
+        )
 
     return measure
 
@@ -142,7 +186,9 @@ def grouped(
     keys = [k for k in varying(cells) if k not in skipped]
     groups: dict[str, list[CellResult]] = {}
     for cell in cells:
-        label = ", ".join(_words(key, cell.parameters.get(key)) for key in keys)
+        label = ", ".join(
+            setting_words(cell.study, key, cell.parameters.get(key)) for key in keys
+        )
         groups.setdefault(label, []).append(cell)
     return {label: tuple(members) for label, members in groups.items()}
 
@@ -164,7 +210,8 @@ def varying(cells: Sequence[CellResult]) -> list[str]:
 def axis_of(cells: Sequence[CellResult]) -> str:
     """Parameter along which the curves of a study run."""
     keys = [key for key in varying(cells) if _numeric(cells, key)]
-    fixed = sorted({k for c in cells for k in c.parameters if _numeric(cells, k)})
+    every = {key for cell in cells for key in cell.parameters}
+    fixed = sorted(key for key in every if _numeric(cells, key))
     ranked = sorted(
         (key for key in keys if key not in EFFORT),
         key=lambda key: PREFERRED.index(key) if key in PREFERRED else len(PREFERRED),
@@ -173,16 +220,11 @@ def axis_of(cells: Sequence[CellResult]) -> str:
 
 
 def _numeric(cells: Sequence[CellResult], key: str) -> bool:
-    values = [cell.parameters.get(key) for cell in cells]
-    return all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
+    return all(numeric(cell.parameters.get(key)) is not None for cell in cells)
 
 
-def _words(key: str, value: object) -> str:
-    name = key.replace("_", " ")
-    if isinstance(value, bool):
-        return name if value else f"no {name}"
-    if value is None or isinstance(value, str):
-        return str(value) if value else f"no {name}"
-    if key == "poses":
-        return f"{value} poses"
-    return f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}"
+def numeric(value: object) -> int | float | None:
+    """The value of a parameter if it is a number."""
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return value
+    return None

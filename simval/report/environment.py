@@ -9,10 +9,15 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
+from simval.report.axes import MANY
+from simval.report.live import silent
 from simval.report.paint import svg
 from simval.report.panels import Drawing
 from simval.report.table import sort_key, text
 from simval.report.words import measured, number
+
+SCRIPTS = ("sort.js", "points.js", "legends.js", "filter.js", "folds.js")
+"""Files of the page's script, one after the other."""
 
 NAMED = 100
 """What a figure leaves out is named one by one up to this many, the rest counted."""
@@ -25,8 +30,9 @@ def template(*names: str) -> Template:
 
 def script() -> dict[str, Any]:
     """The page's only script and its hash for the content security policy."""
-    file = resources.files("simval.report") / "templates" / "sort.js"
-    content = file.read_text(encoding="utf-8")
+    folder = resources.files("simval.report") / "templates"
+    parts = [(folder / name).read_text(encoding="utf-8") for name in SCRIPTS]
+    content = "\n".join(['"use strict";', *parts])
     digest = b64encode(hashlib.sha256(content.encode()).digest()).decode()
     return {"text": Markup(content), "digest": digest}
 
@@ -45,7 +51,7 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters.update(number=number)
-    environment.globals.update(NAMED=NAMED)
+    environment.globals.update(NAMED=NAMED, MANY=MANY, silent=silent)
     environment.globals.update(
         measured=measured, picture=_picture, text=text, sort_key=sort_key, script=script
     )

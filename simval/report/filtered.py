@@ -1,7 +1,7 @@
 """The page of filters that ran over one log: their errors, and what they state."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import PurePath
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,7 +12,9 @@ from simval.recorded import Evaluation
 from simval.recorded.evaluation import WithTruth
 from simval.report.calibrated import envelope
 from simval.report.environment import template
+from simval.report.filtered_replies import replies
 from simval.report.panels import COLOURS, GREY, Drawing, Panel, Series
+from simval.report.replies import log_name, source_section
 from simval.report.section import Section, made
 from simval.report.table import Column, Table
 from simval.report.words import slug
@@ -32,6 +34,7 @@ def render_filters(
     said: Sequence[str],
     done: Sequence[Evaluation],
     failed: Mapping[str, str],
+    command: str = "",
 ) -> str:
     """Render what filters did over a log as one HTML page.
 
@@ -45,43 +48,51 @@ def render_filters(
         Filters that were measured.
     failed : mapping of str to str
         Filters that were not, and why.
+    command : str
+        The command that makes the page again; empty leaves it out.
 
     Returns
     -------
     str
         The page; the same arguments give the same bytes.
     """
-    name = PurePath(log.path).name
+    name = log_name(log)
     return template("page").render(
         title=f"Attitude filters over {name}",
-        sections=filter_sections(said, done, failed),
+        sections=(
+            *filter_sections(done, failed),
+            source_section(log, tuple(said), command),
+        ),
         version=__version__,
         source=f"the log {name}",
     )
 
 
 def filter_sections(
-    said: Sequence[str], done: Sequence[Evaluation], failed: Mapping[str, str]
+    done: Sequence[Evaluation], failed: Mapping[str, str]
 ) -> tuple[Section, ...]:
-    """Make the sections of the page."""
+    """Make the sections of the page on its filters."""
     tables = [_rms(done)] if any(each.truth for each in done) else []
     if done:
         tables.append(_own(done))
+    drawings = [
+        _drawing(name, each.truth)
+        for name, each in _named(done).items()
+        if each.truth is not None
+    ]
+    # one at once, the others a click away
+    drawings[1:] = [
+        replace(each, fold=each.caption.partition(";")[0]) for each in drawings[1:]
+    ]
     return (
         made(
             "recorded",
             "Result",
             tables=tables,
-            said=said,
-            failed=failed,
+            replies=replies(done, failed),
             worlds={each.run.name: each.run.how for each in done},
-            truth=any(each.truth is not None for each in done),
         ),
-        *(
-            made("plain", f"Errors of {name} over time", [_drawing(name, each.truth)])
-            for name, each in _named(done).items()
-            if each.truth is not None
-        ),
+        *([made("errors", "Errors over time", drawings)] if drawings else ()),
     )
 
 
@@ -137,13 +148,7 @@ def _own(done: Sequence[Evaluation]) -> Table:
         )
     return Table(
         name="consistency",
-        caption=(
-            "Squared error over covariance (NEES), 3 where the covariance is true, with"
-            " the interval at a false-alarm rate of 1 %; squared innovation over its "
-            "covariance (NIS); at rest the drift of the heading, degrees a minute, and "
-            "the angle between the filter's up and the specific force, degrees; "
-            "microseconds a row."
-        ),
+        caption=("What filters say of themselves"),
         columns=(
             Column("filter", "code"),
             Column("NEES", "number", 4),
@@ -154,7 +159,7 @@ def _own(done: Sequence[Evaluation]) -> Table:
             Column("of", "number", 3),
             Column("drift", "number", 3),
             Column("up", "number", 3),
-            Column("time", "number", 3),
+            Column("time", "number", 4),
         ),
         rows=rows,
     )
@@ -192,11 +197,27 @@ def _drawing(name: str, truth: WithTruth) -> Drawing:
     )
     return Drawing(
         name=f"errors-{slug(name)}",
+        asked=f"When is {name} wrong?",
+        finding=_farthest(truth),
         caption=f"Errors of {name} over time; rests are shaded.{band}",
         alternative=f"Total, heading and inclination error of {name} over time",
         panels=panels,
         columns=1,
     )
+
+
+def _farthest(truth: WithTruth) -> str:
+    """The largest error and when the filter had converged, in one sentence."""
+    errors = truth.errors
+    k = int(np.argmax(errors.total))
+    found = (
+        f"Most at {errors.time[k]:.1f} s, by {np.degrees(errors.total[k]):.3g} degrees"
+    )
+    if not np.isfinite(truth.settled):
+        return f"{found}; it never converges."
+    if truth.settled == 0.0:
+        return f"{found}; it had converged at the start."
+    return f"{found}; it had converged after {truth.settled:.2g} s."
 
 
 def _squares(

@@ -1,10 +1,12 @@
 """Room for the words of a figure: long words are broken into lines.
 
-The size of a panel is fixed; titles, axis labels, names of bars and legends are broken
-at their width, and the margins grow with the lines. Widths are those of DejaVu Sans;
+The size of a panel depends on how many stand side by side; titles, axis labels, names
+of bars and legends are broken at their width, and the margins grow with the lines. A
+legend is always below its axes, never over the curves. Widths are those of DejaVu Sans;
 `SLACK` is for readers that show another font.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -20,20 +22,23 @@ from simval.report.panels import (
     Drawing,
     HeatPanel,
     Panel,
+    SpherePanel,
 )
 
-# size of a panel and the least margins about its axes, inches
-WIDTH, HEIGHT = 4.3, 3.6
+# width of a panel by how many are side by side, height of its axes, least margins about
+# them, inches
+WIDTHS = {1: 6.6, 2: 4.9}
+WIDTH, UP = 4.3, 2.2
+DISC = 3.4  # of a map of directions
 # left: a tick of eight digits and a line; right: half of such a tick
-LEFT, RIGHT, BOTTOM, TOP = 0.95, 0.35, 0.55, 0.35
+LEFT, RIGHT, BOTTOM, TOP = 0.95, 0.35, 0.62, 0.35
 NAMES = 1.6  # at most, for the names of bars
 TICK = 0.15  # between a name and its axis
 POINTS = 72.0  # in an inch
 LINE = 0.18  # from one line of words to the next
 SIZE, TITLE, SMALL = 10.0, 11.0, 8.5  # of labels, titles and legends, points
 HANDLE = 0.6  # a legend's mark and the space about it
-INSIDE = 9  # lines of a legend that leave the curves their place
-BESIDE = 2  # entries of a legend below dots in a line
+EDGE = 0.15  # of a panel, that its legend keeps free on either side
 SLANT = 50.0  # of the names below a map of shares, degrees
 APART = 0.6  # of a line, between the dots of a name
 NAMED = (BarPanel, DotPanel, HeatPanel)
@@ -49,52 +54,122 @@ class Layout:
     """A drawing with its words in lines, and the room that they need, in inches."""
 
     drawing: Drawing  # with line breaks in its words
-    # margins about the axes of each panel
+    # margins about the axes of every panel, and of each panel what is below its axes
     left: float
-    bottom: float
     top: float
-    # of each panel with its margins
-    width: float
-    height: float
+    bottoms: Sequence[float]
+    width: float  # of every panel with its margins
+    ups: Sequence[float]  # height of the axes of each panel
+
+    @property
+    def heights(self) -> tuple[float, ...]:
+        """Height of each panel with its margins."""
+        return tuple(
+            up + bottom + self.top
+            for up, bottom in zip(self.ups, self.bottoms, strict=True)
+        )
+
+    @property
+    def parts(self) -> tuple["Layout", ...]:
+        """Each panel alone, with the margins that all have."""
+        return tuple(
+            replace(self, drawing=_alone(self.drawing, i), bottoms=[bottom], ups=[up])
+            for i, (bottom, up) in enumerate(zip(self.bottoms, self.ups, strict=True))
+        )
+
+
+def _alone(drawing: Drawing, number: int) -> Drawing:
+    """A drawing of one panel, with a name and an alternative of its own."""
+    panel = drawing.panels[number]
+    if len(drawing.panels) == 1:
+        return drawing
+    x, y = (
+        getattr(panel, name, "").replace("\n", " ") for name in ("x_label", "y_label")
+    )
+    labels = ", ".join(s.label for s in getattr(panel, "series", ()) if s.label)
+    words = (panel.title, f"{y} against {x}" if x and y else x, labels)
+    return replace(
+        drawing,
+        name=f"{drawing.name}-{number + 1}",
+        alternative="; ".join(part for part in words if part).replace("\n", " "),
+        panels=[panel],
+    )
 
 
 def laid_out(drawing: Drawing) -> Layout:
     """Break the words of a drawing into lines and find the margins."""
-    wide = drawing.columns == 1
-    width = WIDTH * (2 if wide else 1)
-    up = HEIGHT * (0.7 if wide else 1.0) - BOTTOM - TOP
+    globes = all(isinstance(panel, SpherePanel) for panel in drawing.panels)
+    width = DISC if globes else WIDTHS.get(drawing.columns, WIDTH)
     panels = [_names_broken(panel) for panel in drawing.panels]
-    up = max(up, *(LINE * _rows(panel) for panel in panels))
-    panels = [_changed(panel, "y_label", up) for panel in panels]
+    ups = [_up(panel) for panel in panels]
+    alike = max(
+        [u for u, p in zip(ups, panels, strict=True) if _in_rows(p)], default=0.0
+    )
+    ups = [alike if _in_rows(p) else u for u, p in zip(ups, panels, strict=True)]
+    panels = [
+        _changed(panel, "y_label", up) for panel, up in zip(panels, ups, strict=True)
+    ]
     sides = [_names_width(panel) + LINE * _more(panel, "y_label") for panel in panels]
-    left = LEFT + max(sides)
-    axes = width - left - RIGHT
+    left = RIGHT if globes else LEFT + max(sides)
     for word in ("title", "x_label"):
-        panels = [_changed(panel, word, axes) for panel in panels]
-    panels = [_legend_broken(panel, axes) for panel in panels]
-    top = TOP + LINE * max(_more(panel, "title") for panel in panels)
-    under = [_more(panel, "x_label") + legend_below(panel) for panel in panels]
-    bottom = BOTTOM + max(LINE * max(under), *(_slanted(panel) for panel in panels), 0)
+        panels = [_changed(panel, word, width - left - RIGHT) for panel in panels]
+    panels = [_legend_broken(panel, width) for panel in panels]
     return Layout(
         drawing=replace(drawing, panels=panels),
         left=left,
-        bottom=bottom,
-        top=top,
+        bottoms=[RIGHT if globes else BOTTOM + _below(p, width) for p in panels],
+        top=TOP + LINE * max(_more(panel, "title") for panel in panels),
         width=width,
-        height=up + bottom + top,
+        ups=ups,
     )
 
 
-def legend_below(panel: AnyPanel) -> int:
-    """Lines of a legend that does not fit within the axes."""
-    if isinstance(panel, DotPanel):
-        labels = [s.label.count("\n") + 1 for s in panel.series if s.label]
-        rows = [labels[i : i + BESIDE] for i in range(0, len(labels), BESIDE)]
-        return sum(max(row) for row in rows)
-    if not isinstance(panel, Panel):
-        return 0
-    lines = sum(s.label.count("\n") + 1 for s in panel.series if s.label)
-    return lines if lines > INSIDE else 0
+def _in_rows(panel: AnyPanel) -> bool:
+    return isinstance(panel, NAMED)
+
+
+def _up(panel: AnyPanel) -> float:
+    """Height of the axes: as usual, or what the names of its rows need."""
+    if isinstance(panel, SpherePanel):
+        return DISC - 2.0 * RIGHT  # a disc as wide as high
+    usual = UP * panel.height if isinstance(panel, Panel) else UP * 0.6
+    return max(usual, LINE * _rows(panel))
+
+
+def _below(panel: AnyPanel, width: float) -> float:
+    """What is below the axes of a panel beyond one line of words."""
+    _, lines = legend_rows(panel, width)
+    return max(LINE * (_more(panel, "x_label") + lines), _slanted(panel))
+
+
+def legend_rows(panel: AnyPanel, width: float) -> tuple[int, int]:
+    """Number of columns of a legend below the axes, as many as fit, and its lines."""
+    labels = entries(panel)
+    room = width - 2.0 * EDGE
+    for count in range(len(labels), 0, -1):
+        columns = [list(c) for c in np.array_split(np.array(labels, object), count)]
+        wide = sum(HANDLE + max(map(_legend_width, column)) for column in columns)
+        if wide <= room or count == 1:
+            height = max(sum(_lines(label) for label in c) for c in columns)
+            return count, height
+    return 1, 0
+
+
+def entries(panel: AnyPanel) -> list[str]:
+    """Labels of the legend of a panel, in the order in which they are drawn."""
+    if isinstance(panel, BarPanel):
+        return ["measured", "predicted"]
+    labels = [s.label for s in getattr(panel, "series", ())]
+    labels += [label for _, label in getattr(panel, "references", ())]
+    return [label for label in labels if label]
+
+
+def _legend_width(label: str) -> float:
+    return max(_width(line, SMALL) for line in label.split("\n")) / SLACK
+
+
+def _lines(label: str) -> int:
+    return label.count("\n") + 1
 
 
 def broken(text: str, room: float, size: float = SIZE) -> str:
@@ -172,11 +247,9 @@ def _slanted(panel: AnyPanel) -> float:
     return float(np.sin(np.radians(SLANT))) * longest / SLACK + TICK - BOTTOM
 
 
-def _legend_broken(panel: AnyPanel, axes: float) -> AnyPanel:
+def _legend_broken(panel: AnyPanel, width: float) -> AnyPanel:
     if not isinstance(panel, Panel | DotPanel):
         return panel
-    room = axes if isinstance(panel, Panel) else axes / BESIDE
-    series = [
-        replace(s, label=broken(s.label, room - HANDLE, SMALL)) for s in panel.series
-    ]
+    room = width - 2.0 * EDGE - HANDLE
+    series = [replace(s, label=broken(s.label, room, SMALL)) for s in panel.series]
     return replace(panel, series=series)

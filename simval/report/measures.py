@@ -1,8 +1,11 @@
 """Scalars of a cell for the figures, each with its error and prediction."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from simval.report.curves import Measure
+from simval.report.curves import Curve, Measure, triple
+from simval.report.notes import Measured
 from simval.results import Row
 from simval.statistics import EXACT, RMS, Family
 from simval.sweep.run import CellResult
@@ -15,24 +18,31 @@ STANDARD_GRAVITY = 9.80665
 def together(predictor: str) -> Measure:
     """RMS error of all nine parameters, the bias in units of standard gravity."""
 
-    def measure(cell: CellResult) -> tuple[float, float, float] | None:
+    def measure(cell: CellResult) -> Measured | None:
         rows = [cell.row(RMS(name), predictor) for name in GROUPS]
         if any(row is None or row.prediction is None for row in rows):
             return None
         units = (1.0, 1.0, STANDARD_GRAVITY)
         parts = [
-            (row.value / u, row.standard_error / u, row.prediction / u)
+            (
+                row.value / u,
+                row.standard_error / u,
+                row.prediction / u,
+                row.remainder / u,
+            )
             for row, u in zip(rows, units, strict=True)
             if row is not None and row.prediction is not None
         ]
-        value, error, predicted = np.array(parts).T
+        value, error, predicted, rest = np.array(parts).T
         if not np.isfinite(parts).all():
             return None
         rms = float(np.sqrt(np.mean(value**2)))
-        return (
+        return Measured(
             rms,
             float(np.sum(value * error)) / (3.0 * rms),
             float(np.sqrt(np.mean(predicted**2))),
+            float(np.sum(value * rest)) / (3.0 * rms),
+            min(row.n for row in rows if row is not None),
         )
 
     return measure
@@ -42,7 +52,7 @@ def part(family: Family, name: str, predictor: str) -> Measure:
     """RMS over the three entries of T, K or B of their sd or bias."""
     letters = tuple("ST" if name == "T" else name)
 
-    def measure(cell: CellResult) -> tuple[float, float, float] | None:
+    def measure(cell: CellResult) -> Measured | None:
         rows = [
             row
             for row in cell.rows
@@ -60,7 +70,8 @@ def part(family: Family, name: str, predictor: str) -> Measure:
             return None
         weight = predicted / size / len(rows)
         spread = float(np.sqrt(np.sum((weight * error) ** 2)))
-        return float(weight @ value), spread, size
+        rest = float(np.abs(weight) @ [row.remainder for row in rows])
+        return Measured(float(weight @ value), spread, size, rest, *samples(rows))
 
     return measure
 
@@ -68,7 +79,7 @@ def part(family: Family, name: str, predictor: str) -> Measure:
 def moment(family: Family, predictor: str) -> Measure:
     """Bias or covariance, projected on the direction of the prediction."""
 
-    def measure(cell: CellResult) -> tuple[float, float, float] | None:
+    def measure(cell: CellResult) -> Measured | None:
         rows = _entries(cell, family, predictor)
         predicted = np.array([row.prediction for row in rows], dtype=float)
         twice = np.array([_times(row) for row in rows])
@@ -79,7 +90,8 @@ def moment(family: Family, predictor: str) -> Measure:
             return None
         weight = twice * predicted / size
         spread = float(np.sqrt(np.sum((weight * error) ** 2)))
-        return float(weight @ value), spread, size
+        rest = float(np.abs(weight) @ [row.remainder for row in rows])
+        return Measured(float(weight @ value), spread, size, rest, *samples(rows))
 
     return measure
 
@@ -87,7 +99,7 @@ def moment(family: Family, predictor: str) -> Measure:
 def left_out(family: Family, predictor: str, reference: str = EXACT) -> Measure:
     """How far a prediction is from a better one: what it leaves out."""
 
-    def measure(cell: CellResult) -> tuple[float, float, float] | None:
+    def measure(cell: CellResult) -> Measured | None:
         truth = {r.statistic: r for r in _entries(cell, family, reference)}
         rows = [r for r in _entries(cell, family, predictor) if r.statistic in truth]
         if not rows:
@@ -96,9 +108,15 @@ def left_out(family: Family, predictor: str, reference: str = EXACT) -> Measure:
         exact = np.array([truth[r.statistic].prediction for r in rows], dtype=float)
         predicted = np.array([r.prediction for r in rows], dtype=float)
         distance = float(np.sqrt(np.sum(twice * (predicted - exact) ** 2)))
-        return distance, 0.0, float(np.sqrt(np.sum(twice * exact**2)))
+        size = float(np.sqrt(np.sum(twice * exact**2)))
+        return Measured(distance, 0.0, size, against="of")
 
     return measure
+
+
+def samples(rows: Sequence[Row]) -> tuple[int, str]:
+    """Independent samples and unit of rows that are taken together."""
+    return min(row.n for row in rows), rows[0].unit
 
 
 def _entries(cell: CellResult, family: Family, predictor: str) -> list[Row]:
@@ -115,3 +133,17 @@ def _entries(cell: CellResult, family: Family, predictor: str) -> list[Row]:
 def _times(row: Row) -> float:
     """How often an entry of the upper triangle occurs in the matrix."""
     return 2.0 if len(set(row.statistic.entries)) == 2 else 1.0
+
+
+def placed(label: str, rows: Sequence[Row]) -> Curve:
+    """Rows side by side, each at its place in the order."""
+    value, error, prediction = np.array([triple(r) for r in rows]).reshape(-1, 3).T
+    places = np.arange(float(len(rows)))
+    return Curve(
+        label=label,
+        x=places,
+        value=value,
+        error=error,
+        prediction=prediction,
+        remainder=np.array([row.remainder for row in rows]),
+    )

@@ -1,14 +1,18 @@
 """Panels with a name for each row, drawn on the axes of a figure: bars, dots, a map."""
 
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import compress
 from typing import Any
 
 import numpy as np
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
-from simval.report.axes import INK, Decades, legend_under, near, paint
-from simval.report.layout import BESIDE, SLANT, SMALL
-from simval.report.panels import COLOURS, GREY, BarPanel, DotPanel, HeatPanel
+from simval.report.axes import label_decades, near, paint, placed, tagged
+from simval.report.layout import SLANT, SMALL
+from simval.report.palette import GREY, INK, SHARE, SIMULATED, THEORY
+from simval.report.panels import BarPanel, DotPanel, HeatPanel, Series
 
 WIDEST = 10.0
 """Greatest value over the least up to which an axis of ratios is linear."""
@@ -26,40 +30,49 @@ def _(panel: BarPanel, axes: Any) -> None:
         for values in (panel.measured, panel.band, panel.predicted)
     )
     axes.barh(
-        places, measured, height=0.6, color=COLOURS[5], label="measured", alpha=0.8
+        places, measured, height=0.6, color=SIMULATED, label="measured", alpha=0.5
     )
     axes.errorbar(measured, places, xerr=band, linestyle="none", color=INK, capsize=2)
-    axes.plot(
-        predicted, places, "D", color=COLOURS[1], ms=6, label="predicted", ls="none"
-    )
+    axes.plot(predicted, places, "D", color=THEORY, ms=5, label="predicted", ls="none")
     axes.set_yticks(places, panel.names)
     axes.grid(visible=False, axis="y")
     axes.set_title(panel.title, y=1.0)  # an automatic place takes a third longer
     axes.set_xlabel(panel.x_label)
-    axes.legend()
+
+
+@placed.register
+def _(panel: DotPanel) -> Sequence[Series]:
+    count, series = len(panel.series), []
+    for i, s in enumerate(panel.series):
+        shift = 0.0 if count == 1 else (i / (count - 1) - 0.5) * SPREAD
+        good = near(s.x)
+        y = len(panel.names) - 1 - s.y[good] - shift
+        band = None if s.band is None else s.band[good]
+        notes = tuple(compress(s.notes, good))
+        series.append(replace(s, x=s.x[good], y=y, band=band, notes=notes))
+    return series
 
 
 @paint.register
 def _(panel: DotPanel, axes: Any) -> None:
-    count, rows = len(panel.series), len(panel.names)
+    rows = len(panel.names)
     place, _ = panel.reference
     for low in range(1, rows, 2):  # every second row is shaded
         axes.axhspan(low - 0.5, low + 0.5, color=GREY, alpha=0.12, linewidth=0)
     axes.axvline(place, color=GREY, linewidth=1.2, linestyle=(0, (4, 2)))
-    for i, series in enumerate(panel.series):
-        shift = 0.0 if count == 1 else (i / (count - 1) - 0.5) * SPREAD
-        good = near(series.x)
-        axes.errorbar(
-            series.x[good],
-            rows - 1 - series.y[good] - shift,
-            xerr=None if series.band is None else series.band[good],
-            linestyle="none",
-            marker=series.marker,
-            markersize=4,
-            capsize=2,
-            color=series.colour,
-            label=series.label or "_nolegend_",
-        )
+    for i, series in enumerate(placed(panel)):
+        with tagged(axes, i):
+            axes.errorbar(
+                series.x,
+                series.y,
+                xerr=series.band,
+                linestyle="none",
+                marker=series.marker,
+                markersize=4,
+                capsize=2,
+                color=series.colour,
+                label=series.label or "_nolegend_",
+            )
     axes.set_ylim(-0.5, rows - 0.5)
     axes.set_yticks(np.arange(rows)[::-1], panel.names)
     axes.tick_params(axis="y", length=0)
@@ -67,8 +80,6 @@ def _(panel: DotPanel, axes: Any) -> None:
     _ratio_axis(panel, axes)
     axes.set_title(panel.title, y=1.0)
     axes.set_xlabel(panel.x_label)
-    if any(series.label for series in panel.series):
-        legend_under(panel.x_label, axes, BESIDE)
 
 
 def _ratio_axis(panel: DotPanel, axes: Any) -> None:
@@ -77,10 +88,9 @@ def _ratio_axis(panel: DotPanel, axes: Any) -> None:
     every = np.append(values, panel.reference[0])
     if np.all(every > 0.0) and every.max() > WIDEST * every.min():
         axes.set_xscale("log", nonpositive="mask")
-        axes.xaxis.set_major_formatter(Decades())
-        axes.xaxis.set_minor_formatter(Decades(minor_thresholds=(1.0, 0.4)))
+        label_decades(axes.xaxis)
         return
-    axes.xaxis.set_major_locator(MaxNLocator(8))
+    axes.xaxis.set_major_locator(MaxNLocator(5))
     low, high = axes.get_xlim()
     if not high - low >= 0.02 * abs(panel.reference[0]):  # nothing but the reference
         axes.set_xlim(panel.reference[0] - 0.01, panel.reference[0] + 0.01)
@@ -98,7 +108,7 @@ def _(panel: HeatPanel, axes: Any) -> None:
             axes.add_patch(
                 Rectangle(
                     (j - 0.5, y - 0.5), 1.0, 1.0,
-                    color=COLOURS[1], linewidth=0,
+                    color=SHARE, linewidth=0,
                     alpha=FAINT + (FULL - FAINT) * share,
                 )
             )  # fmt: skip

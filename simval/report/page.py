@@ -1,13 +1,21 @@
-"""The page: the sections in order, in one template."""
+"""The page: the first screen, then the sections in order, each behind a fold."""
 
+import re
+from collections.abc import Container, Mapping
 from dataclasses import replace
 from types import ModuleType
+from typing import Any
 
+from simval.compare import compare_runs
 from simval.errors import InputError
 from simval.gate import judge_run
+from simval.report.answers import linked
+from simval.report.answers_before import comparable
+from simval.report.chapters import groups
 from simval.report.environment import template
+from simval.report.notes import located
 from simval.report.panels import Drawing
-from simval.report.section import Context, Section, Shown
+from simval.report.section import Against, Context, Section, Shown
 from simval.report.sections import (
     algorithms,
     attitude,
@@ -37,6 +45,7 @@ from simval.report.sections import (
     summary,
     vectors,
 )
+from simval.report.sections.algorithms import has_user_code
 from simval.report.table import Table
 from simval.statistics import Statistic
 from simval.studies import STUDIES
@@ -61,20 +70,27 @@ SECTIONS: tuple[ModuleType, ...] = (
     ranges,
     vectors,
     estimators,
-    statistics,
-    convergence,
-    statics,
-    filters,
     budget,
-    other,
+    filters,
     scene,
+    statics,
+    convergence,
+    other,
+    statistics,
     checks,
     numbers,
     provenance,
 )
 
 
-def render(run: Run, alpha: float = ALPHA) -> str:
+def render(
+    run: Run,
+    alpha: float = ALPHA,
+    *,
+    baseline: Mapping[str, Any] | None = None,
+    against: Run | None = None,
+    opened: bool = False,
+) -> str:
     """Render a run as one HTML page.
 
     Parameters
@@ -83,6 +99,12 @@ def render(run: Run, alpha: float = ALPHA) -> str:
         The run; cells that are missing or failed are shown as such.
     alpha : float, default ALPHA
         False-alarm rate that the sampling checks share.
+    baseline : mapping, optional
+        As from `simval.gate.read_baseline`: the page says what changed from it.
+    against : Run, optional
+        Another run: the page says what changed from it.
+    opened : bool, default False
+        Whether every fold stands open, as for print.
 
     Returns
     -------
@@ -94,26 +116,62 @@ def render(run: Run, alpha: float = ALPHA) -> str:
     InputError
         If an artifact of the run is damaged.
     """
-    title = run.manifest["title"] or run.manifest["suite"]
-    return template("page").render(
-        title=title,
-        sections=sections(run, alpha),
+    _require_parameters(run)
+    context = context_of(run, alpha, baseline, against)
+    shown = _sections(context)
+    own = ("algorithms",) if has_user_code(run) else ()
+    page = template("report").render(
+        title=run.manifest["title"] or run.manifest["suite"],
+        sections=shown,
+        groups=groups(shown, context.verdicts, own, everything=opened),
         version=run.manifest["versions"]["simval"],
         source=f"the run folder {run.folder.name}",
+    )
+    return _unfolded(page) if opened else page
+
+
+def context_of(
+    run: Run,
+    alpha: float = ALPHA,
+    baseline: Mapping[str, Any] | None = None,
+    against: Run | None = None,
+) -> Context:
+    """Judge a run once, beside all that it is to be compared with."""
+    names = dict.fromkeys((*STUDIES, *(cell.study for cell in run.cells)))
+    return Context(
+        run=located(run),
+        judged=judge_run(run, baseline if comparable(run, baseline) else None, alpha),
+        titles={n: STUDIES[n].title if n in STUDIES else n for n in names},
+        baseline=baseline,
+        against=None
+        if against is None
+        else Against(run=against, changes=compare_runs(against, run, alpha)),
     )
 
 
 def sections(run: Run, alpha: float = ALPHA) -> tuple[Section, ...]:
     """Make the sections of the page."""
-    names = dict.fromkeys((*STUDIES, *(cell.study for cell in run.cells)))
-    titles = {n: STUDIES[n].title if n in STUDIES else n for n in names}
     _require_parameters(run)
-    context = Context(run=run, judged=judge_run(run, alpha=alpha), titles=titles)
-    return tuple(
+    return _sections(context_of(run, alpha))
+
+
+def _sections(context: Context) -> tuple[Section, ...]:
+    found = [
         replace(section, elsewhere=_elsewhere(context, module))
         for module in SECTIONS
         if (section := module.section(context)) is not None
-    )
+    ]
+    anchors = {section.anchor for section in found}
+    return tuple(_linked(section, anchors) for section in found)
+
+
+def _linked(section: Section, anchors: Container[str]) -> Section:
+    """The section, its answers linked only to what the page has."""
+    blocks = section.values.get("answers")
+    if not isinstance(blocks, tuple):
+        return section
+    answers = tuple(linked(block, anchors) for block in blocks)
+    return replace(section, values={**section.values, "answers": answers})
 
 
 def _elsewhere(context: Context, module: ModuleType) -> tuple[str, ...]:
@@ -130,6 +188,19 @@ def _elsewhere(context: Context, module: ModuleType) -> tuple[str, ...]:
             whole = what if what.family in partly else replace(what, entries=())
             names[str(whole)] = None
     return tuple(names)
+
+
+def _unfolded(page: str) -> str:
+    """The page with every fold open: what comes from data is escaped, so none is it."""
+
+    def opened(match: re.Match[str]) -> str:
+        return (
+            match[0]
+            if " open" in (match[1] or "")
+            else f"<details{match[1] or ''} open>"
+        )
+
+    return re.sub(r"<details( [^>]*)?>", opened, page)
 
 
 def _require_parameters(run: Run) -> None:

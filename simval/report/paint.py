@@ -12,13 +12,14 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from simval.report import named  # noqa: F401  registers what it draws
-from simval.report.axes import INK, paint
-from simval.report.layout import RIGHT, SIZE, SMALL, TITLE, laid_out
-from simval.report.panels import GREY, Drawing
+from simval.report import live, named  # noqa: F401  named registers what it draws
+from simval.report.axes import legend, paint
+from simval.report.layout import RIGHT, SIZE, SMALL, TITLE, Layout, laid_out
+from simval.report.palette import GREY, INK
+from simval.report.panels import Drawing
 
 DOTS_PER_INCH = 160  # of points drawn as pixels: sharp on a screen at twice its size
-STYLE: dict[str, Any] = {
+STYLE: Any = {
     "svg.fonttype": "none",
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],  # its metrics; a reader without it has another
@@ -51,17 +52,22 @@ def root(drawing: Drawing) -> str:
 
 
 def svg(drawing: Drawing) -> str:
+    """Draw as one ``svg`` element for each panel, which a page sets side by side."""
+    return "".join(map(_svg, laid_out(drawing).parts))
+
+
+def _svg(room: Layout) -> str:
     """Draw as an ``svg`` element with prefixed ids and a text alternative."""
-    name = root(drawing)
+    name = root(room.drawing)
     buffer = io.StringIO()
     nothing = {"Date": None, "Creator": None, "Format": None, "Type": None}
     style: Any = {**STYLE, "svg.hashsalt": name}
     with mpl.rc_context(style):
-        _figure(drawing).savefig(
-            buffer, format="svg", dpi=DOTS_PER_INCH, metadata=nothing
-        )
+        figure = _figure(room)
+        figure.savefig(buffer, format="svg", dpi=DOTS_PER_INCH, metadata=nothing)
+        over = live.points(figure, room.drawing.panels)
     text = buffer.getvalue()
-    text = text[text.index("<svg") :]
+    text = live.with_keys(text[text.index("<svg") :], room.drawing.panels)
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = _without_idle_ids(text)
     text = re.sub(r'\bid="', f'id="{name}-', text)
@@ -75,8 +81,13 @@ def svg(drawing: Drawing) -> str:
     # the size comes from the view box, so the figure can shrink with the page
     head, rest = text.split(">", 1)
     head = re.sub(r'\s(width|height)="[^"]*"', "", head)
-    label = escape(drawing.alternative)
-    return f'{head} id="{name}" role="img" aria-label="{label}">{rest}'
+    label = f'role="img" aria-label="{escape(room.drawing.alternative)}"'
+    if not over and "data-key=" not in rest:
+        return f'{head} id="{name}" {label}>{rest}'
+    image, end = rest.rsplit("</svg>", 1)
+    titles = escape("; ".join(panel.title for panel in room.drawing.panels))
+    whole = f'{head} id="{name}" role="group" aria-label="{titles}">'
+    return f"{whole}\n<g {label}>{image}</g>\n{over}</svg>{end}"
 
 
 def svg_file(drawing: Drawing) -> str:
@@ -95,7 +106,7 @@ def svg_file(drawing: Drawing) -> str:
     paper = (
         f"<style>#{root(drawing)} {{ color: #1c1c1e; background: #ffffff; }}</style>"
     )
-    return svg(drawing).replace(">", ">" + paper, 1) + "\n"
+    return _svg(laid_out(drawing)).replace(">", ">" + paper, 1) + "\n"
 
 
 def png(drawing: Drawing) -> bytes:
@@ -114,7 +125,7 @@ def png(drawing: Drawing) -> bytes:
     buffer = io.BytesIO()
     style: Any = {**STYLE, "savefig.facecolor": "#ffffff"}
     with mpl.rc_context(style):
-        _figure(drawing).savefig(
+        _figure(laid_out(drawing)).savefig(
             buffer, format="png", dpi=DOTS_PER_INCH, metadata={"Software": None}
         )
     return buffer.getvalue()
@@ -133,21 +144,35 @@ def _rounded(tag: re.Match[str]) -> str:
     return re.sub(r"\d+\.\d{3,}", lambda m: f"{float(m[0]):.2f}", tag[0])
 
 
-def _figure(drawing: Drawing) -> Figure:
-    columns = min(len(drawing.panels), drawing.columns)
-    rows = -(-len(drawing.panels) // columns)
-    room = laid_out(drawing)
-    width, height = room.width * columns, room.height * rows
-    figure = Figure(figsize=(width, height))
-    beside, above = room.left + RIGHT, room.bottom + room.top
-    figure.subplots_adjust(
-        left=room.left / width,
-        right=1.0 - RIGHT / width,
-        bottom=room.bottom / height,
-        top=1.0 - room.top / height,
-        wspace=beside / (room.width - beside),
-        hspace=above / (room.height - above),
-    )
-    for i, panel in enumerate(room.drawing.panels):
-        paint(panel, figure.add_subplot(rows, columns, i + 1))
+def _figure(room: Layout) -> Figure:
+    """The panels of a drawing, side by side."""
+    columns = min(len(room.ups), room.drawing.columns)
+    tall = room.heights
+    rows = [max(tall[i : i + columns]) for i in range(0, len(tall), columns)]
+    figure = Figure(figsize=(room.width * columns, sum(rows)))
+    for i, height in enumerate(tall):
+        row, column = divmod(i, columns)
+        below = sum(rows[row:]) - height
+        _add(figure, room, i, (column * room.width, below))
+    live.name_parts(figure, room.drawing.panels)
     return figure
+
+
+def _add(
+    figure: Figure, room: Layout, number: int, corner: tuple[float, float]
+) -> None:
+    """Draw a panel with its lower left corner there, in inches."""
+    width, height = figure.get_size_inches()
+    x, y = corner
+    across, up = room.width - room.left - RIGHT, room.ups[number]
+    axes = figure.add_axes(
+        (
+            (x + room.left) / width,
+            (y + room.bottoms[number]) / height,
+            across / width,
+            up / height,
+        )
+    )
+    panel = room.drawing.panels[number]
+    paint(panel, axes)
+    legend(panel, axes, room.left, room.width)

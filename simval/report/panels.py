@@ -9,14 +9,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from simval.arrays import Array
+from simval.report import palette
 from simval.report.words import slug
 from simval.shapes import Float
 
-# Okabe and Ito's palette: told apart with every kind of colour vision
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
-GREY = "#8c8c8c"
-# and not by colour alone
-MARKERS = ("o", "s", "^", "D", "v", "P")
+COLOURS = palette.GROUPS
+MARKERS = palette.MARKERS
+GREY = palette.GREY
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -51,6 +50,8 @@ class Panel:
     references: Sequence[tuple[float, str]] = ()  # horizontal lines: height and label
     spans: Sequence[tuple[float, float]] = ()  # shaded intervals of x
     dodge: bool = False  # set the points of different series at the same x side by side
+    limits: tuple[float, float] | None = None  # of y; None fits them to what is drawn
+    height: float = 1.0  # of its axes, in that of most
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

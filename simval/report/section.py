@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from markupsafe import Markup
 
+from simval.compare import RunComparison
 from simval.gate import GateResult
 from simval.report.environment import template
+from simval.report.notes import folder_of
 from simval.report.panels import Drawing
 from simval.report.table import Table
 from simval.statistics import Family, Statistic
@@ -18,22 +19,28 @@ from simval.verdict import Verdict
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Against:
+    """Another run, and what is different in the one that is shown."""
+
+    run: Run
+    changes: RunComparison
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Context:
     """What every section may read."""
 
     run: Run  # the run folder's content
-    judged: GateResult  # what the gate says of it, without a baseline
+    judged: GateResult  # what the gate says of it
     titles: Mapping[str, str]  # title of each study, by its name
+    # what the page is asked to compare the run with, if anything
+    baseline: Mapping[str, Any] | None = None
+    against: Against | None = None
 
     @property
     def folder(self) -> str:
-        """The run for a command: its path below the working folder, else its name.
-
-        Pages are shared, so they never show where on a machine a run is.
-        """
-        path, here = self.run.folder.absolute(), Path.cwd()
-        inside = path != here and path.is_relative_to(here)
-        return str(path.relative_to(here)) if inside else path.resolve().name
+        """The run for a command."""
+        return folder_of(self.run)
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:

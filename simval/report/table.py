@@ -9,7 +9,7 @@ from typing import Any, Literal
 from simval.report.words import measured, number, slug
 from simval.results import Row
 
-Kind = Literal["text", "code", "number", "measured", "answer", "figure"]
+Kind = Literal["text", "code", "command", "number", "measured", "answer", "figure"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,11 +17,12 @@ class Column:
     """A column."""
 
     title: str  # heading, with the unit where all its values have the same
-    # ``text``; ``code``, a name or command; ``number``; ``measured``, a pair of value
-    # and standard error; ``answer``, a verdict; ``figure``, the name of a figure on the
-    # page
+    # ``text``; ``code``, a name; ``command``, shown on request; ``number``;
+    # ``measured``, a pair of value and standard error; ``answer``, a verdict;
+    # ``figure``, the name of a figure on the page
     kind: Kind = "text"
     digits: int = 6  # significant digits of a number
+    choice: bool = False  # whether the page lets its rows be chosen by it
 
     @property
     def numeric(self) -> bool:
@@ -126,6 +127,8 @@ def _fields(value: Any, column: Column) -> tuple[Any, ...]:
         return ("", "") if value is None else tuple(repr(float(v)) for v in value)
     if isinstance(value, float):
         return (repr(value),)
-    if column.kind in ("text", "code") and str(value).startswith(("=", "+", "-", "@")):
+    if column.kind in ("text", "code", "command") and str(value).startswith(
+        ("=", "+", "-", "@")
+    ):
         return (f"'{value}",)  # a spreadsheet must not take it for a formula
     return ("" if value is None else value,)

@@ -22,6 +22,9 @@ PPM = Unit("ppm", 1e6)
 MILLIMETRE_PER_SECOND_SQUARED = Unit("mm/s²", 1e3)
 RELATIVE = Unit("relative", 1.0)
 
+SI = {"rad": MILLIRADIAN, "1": RELATIVE, "m/s^2": Unit("m/s²", 1.0)}
+"""How a person reads a unit of the rows."""
+
 OF_A_CALIBRATION = {
     "T": MILLIRADIAN,
     "S": MILLIRADIAN,
@@ -29,3 +32,8 @@ OF_A_CALIBRATION = {
     "B": MILLIMETRE_PER_SECOND_SQUARED,
 }
 """Units of misalignment, scale factor and bias, by the first letter of a parameter."""
+
+
+def of_row(unit: str) -> Unit:
+    """Unit for people of a unit of the rows."""
+    return SI.get(unit, Unit(unit.replace("^2", "²"), 1.0))

@@ -29,6 +29,7 @@ from simval.scene.hand import drive_handheld
 from simval.scene.models import model_path
 from simval.scene.script import Scene, Script
 from simval.scene.thrown import drive_thrown
+from simval.text import did_you_mean
 
 CONTACT_FORCE = 20_000.0  # m/s^2; an impact of 2 m/s within one step of 0.1 ms
 
@@ -99,7 +100,8 @@ def find_scene(name: str | Scene) -> Scene:
         return listed[name]
     if not file_of(name) and missing(name):
         msg = (
-            f"there is no scene {name!r}; choose one of {', '.join(listed)}, or give "
+            f"there is no scene {name!r}{did_you_mean(name, listed)}; choose one of "
+            f"{', '.join(listed)}, or give "
             "the path of a Python file that holds a Scene, or the name of one that an "
             "installed package offers"
         )

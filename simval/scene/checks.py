@@ -100,11 +100,7 @@ def settled_rests(
         If one moved and the script is strict, or none of those planned is left.
     """
     hold = script.hold
-    deviation = np.abs(np.linalg.norm(rows[:, :3], axis=1) - g)
-    rate = np.linalg.norm(rows[:, 3:6], axis=1)
-    moving = (hold >= 0) & ~(
-        (deviation <= script.rest_force) & (rate <= script.rest_rate)
-    )
+    moving, deviation, rate = moving_rows(rows, script, g)
     unsettled = tuple(int(k) for k in np.unique(hold[moving]))
     planned = np.unique(hold[hold >= 0])
     if unsettled and (script.strict or len(unsettled) == len(planned)):
@@ -117,6 +113,16 @@ def settled_rests(
         )
         raise SimulationError(msg)
     return np.where(np.isin(hold, unsettled), -1, hold), unsettled
+
+
+def moving_rows(
+    rows: Float[Array, "n 14"], script: Script, g: float
+) -> tuple[NDArray[np.bool_], Float[Array, " n"], Float[Array, " n"]]:
+    """Rows of planned rests beyond the script's bounds, and what was compared."""
+    deviation = np.abs(np.linalg.norm(rows[:, :3], axis=1) - g)
+    rate = np.linalg.norm(rows[:, 3:6], axis=1)
+    resting = (deviation <= script.rest_force) & (rate <= script.rest_rate)
+    return (script.hold >= 0) & ~resting, deviation, rate
 
 
 def _first(flag: Any) -> int:

@@ -18,7 +18,7 @@ MOST_POSES = 100_000  # of a hundred rows each, which is `motion.MOST_ROWS`
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
 
-def pose_directions(directions: object) -> Float[Array, "k 3"]:
+def pose_directions(poses: object) -> Float[Array, "k 3"]:
     """Unit directions of the specific force: given ones, or a number of them.
 
     Raises
@@ -26,14 +26,11 @@ def pose_directions(directions: object) -> Float[Array, "k 3"]:
     InputError
         If there is none, or a vector is zero.
     """
-    if isinstance(directions, int | np.integer):
-        if not 1 <= directions <= MOST_POSES:
-            msg = f"`directions` is {directions}; give a number from 1 to {MOST_POSES}"
-            raise InputError(msg)
-        return fibonacci_sphere(int(directions))
-    given = normalize(finite_array("directions", directions, (None, 3)))
+    if isinstance(poses, int | float | np.number):
+        return fibonacci_sphere(whole_number("poses", poses, 1, MOST_POSES))
+    given = normalize(finite_array("poses", poses, (None, 3)))
     if given.ndim != 2 or len(given) == 0:
-        msg = f"`directions` has shape {given.shape}; (k, 3) with k of 1 or more"
+        msg = f"`poses` has shape {given.shape}; (k, 3) with k of 1 or more"
         raise InputError(msg)
     return given
 
@@ -53,16 +50,16 @@ def gimbal_angles(directions: Float[Array, "k 3"]) -> Float[Array, "k 3"]:
 
 
 def tour(
-    directions: object,
+    poses: object,
     timestep: float,
     first_hold: float,
     move_time: float,
     settle_time: float,
     hold_time: float,
 ) -> tuple[Array, NDArray[np.intp]]:
-    """Gimbal angles of a tour of directions, and its planned rests."""
+    """Gimbal angles of a tour of poses, and its planned rests."""
     return visit(
-        gimbal_angles(pose_directions(directions)),
+        gimbal_angles(pose_directions(poses)),
         steps(first_hold, timestep, "first_hold"),
         steps(move_time, timestep, "move_time"),
         steps(settle_time, timestep, "settle_time"),
@@ -73,7 +70,7 @@ def tour(
 def drive_gimbal(
     model: mujoco.MjModel,
     *,
-    directions: object = 40,
+    poses: object = 40,
     first_hold: float = 1.0,
     move_time: float = 1.0,
     settle_time: float = 0.6,
@@ -81,11 +78,11 @@ def drive_gimbal(
 ) -> Script:
     """Tumble the gimbal through poses, with a rest in each."""
     times = (first_hold, move_time, settle_time, hold_time)
-    angles, rests = tour(directions, model.opt.timestep, *times)
+    angles, rests = tour(poses, model.opt.timestep, *times)
     return Script(
         hold=rests,
         inputs={"ctrl": angles},
-        qpos=gimbal_angles(pose_directions(directions))[0],
+        qpos=gimbal_angles(pose_directions(poses))[0],
         rest_force=1e-12,
         rest_rate=1e-10,
     )

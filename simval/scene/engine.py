@@ -48,12 +48,10 @@ def roll_out(
 ) -> Rollout:
     """Run scripts of one length together."""
     with captured_messages() as messages:
-        batch, rows = _batch(model, scripts, "sensordata", threads)
+        batch, out = _batch(model, scripts, ("sensordata",), threads)
         warnings = np.array(batch.warning, dtype=np.int64)
         ends = np.array(batch.bind("qpos"))
-    order = np.concatenate([_columns(model, name) for name in SENSORS])
-    if not np.array_equal(order, np.arange(rows.shape[2])):
-        rows = rows[:, :, order]
+    rows = _in_order(model, out["sensordata"])
     travel = [
         float(np.max(path_length(model, script, end[None])))
         for script, end in zip(scripts, ends, strict=True)
@@ -78,16 +76,45 @@ def path_length(
 def positions(
     model: mujoco.MjModel, script: Script, rows: NDArray[np.intp]
 ) -> Float[Array, "m nq"]:
-    """Generalised positions of a run at some rows, for pictures."""
+    """Generalised positions of a run at some rows."""
     with captured_messages():
-        _, qpos = _batch(model, [script], "qpos", 1)
+        _, out = _batch(model, [script], ("qpos",), 1)
+    return _from_start(model, script, out["qpos"][0])[rows]
+
+
+def instants(
+    model: mujoco.MjModel, script: Script
+) -> tuple[Float[Array, "n nq"], Float[Array, "n 14"]]:
+    """Generalised positions of a run and its unchecked rows, for pictures."""
+    with captured_messages():
+        _, out = _batch(model, [script], ("qpos", "sensordata"), 1)
+    qpos = _from_start(model, script, out["qpos"][0])[: len(script.hold)]
+    return qpos, _in_order(model, out["sensordata"])[0]
+
+
+def _from_start(
+    model: mujoco.MjModel, script: Script, qpos: Float[Array, "n nq"]
+) -> Float[Array, "m nq"]:
+    # sensor data are of the state before their step, so row 0 is of the start
     start = model.qpos0 if script.qpos is None else script.qpos
-    return np.concatenate([np.asarray(start)[None], qpos[0]])[rows]
+    return np.concatenate([np.asarray(start)[None], qpos])
+
+
+def _in_order(
+    model: mujoco.MjModel, rows: Float[Array, "runs n width"]
+) -> Float[Array, "runs n 14"]:
+    order = np.concatenate([_columns(model, name) for name in SENSORS])
+    if np.array_equal(order, np.arange(rows.shape[2])):
+        return rows
+    return rows[:, :, order]
 
 
 def _batch(
-    model: mujoco.MjModel, scripts: Sequence[Script], what: str, threads: int
-) -> tuple[Batch, Array]:
+    model: mujoco.MjModel,
+    scripts: Sequence[Script],
+    what: tuple[str, ...],
+    threads: int,
+) -> tuple[Batch, dict[str, Array]]:
     spec, control = _controls(model, scripts)
     batch = Batch(model, len(scripts), nthread=threads)
     for name in ("qpos", "qvel"):
@@ -96,10 +123,10 @@ def _batch(
             if value is not None:
                 row[:] = _of_shape(name, value, row.shape)
     steps = len(scripts[0].hold)
-    width = model.nsensordata if what == "sensordata" else model.nq
-    # an array of numpy's own, in huge pages: MuJoCo's would cost 7 % in page faults
-    out = np.empty((len(scripts), steps, width))
-    batch.rollout(steps, control, spec, record=(what,), out={what: out})
+    width = {"sensordata": model.nsensordata, "qpos": model.nq}
+    # arrays of numpy's own, in huge pages: MuJoCo's would cost 7 % in page faults
+    out = {name: np.empty((len(scripts), steps, width[name])) for name in what}
+    batch.rollout(steps, control, spec, record=what, out=dict(out))
     return batch, out
 
 

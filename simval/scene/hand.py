@@ -19,7 +19,7 @@ SINES = 5  # in each axis' tremor
 def drive_handheld(
     model: mujoco.MjModel,
     *,
-    directions: object = 40,
+    poses: object = 40,
     first_hold: float = 1.0,
     move_time: float = 1.0,
     settle_time: float = 0.6,
@@ -33,7 +33,7 @@ def drive_handheld(
     path = nonnegative_number("tremor_path", tremor_path, "m")
     h = model.opt.timestep
     times = (first_hold, move_time, settle_time, hold_time)
-    angles, rests = tour(directions, h, *times)
+    angles, rests = tour(poses, h, *times)
     # the grip starts without tremor and settles before the first rest counts
     rests[: min(steps(0.5, h, "grip"), len(rests))] = -1
     rng = stream(seed, cell_key("handheld"), 0)

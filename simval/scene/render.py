@@ -1,45 +1,45 @@
 """Pictures and animations of a scene, drawn off-screen.
 
-The drawing is done by a child process (`simval.scene.draw`), because the graphics
-library must be chosen before MuJoCo is imported and can end a process. EGL is tried
-first, then OSMesa, unless the environment variable ``MUJOCO_GL`` says otherwise.
+In each are the axes of the sensor, the specific force that it feels, the time, and the
+directions of the specific force in the rests, visited and to come, on a sphere in
+sensor axes.
 """
 
-import io
 import os
-import subprocess
-import sys
-import tempfile
+from collections.abc import Generator, Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from simval.arrays import Array
 from simval.errors import InputError
+from simval.scene.captions import Caption, captioned
 from simval.scene.catalogue import find_scene
-from simval.scene.engine import positions
+from simval.scene.checks import moving_rows
+from simval.scene.encode import FRAME_RATE, encoded, require_encoder
+from simval.scene.engine import instants
+from simval.scene.frames import Pixels, drawn_frames
+from simval.scene.globe import Directions
 from simval.scene.models import load_model
 from simval.scene.run import write_script
-from simval.scene.script import Scene
+from simval.scene.script import Scene, Script
+from simval.shapes import Float
 
-BACKENDS = ("egl", "osmesa")
-TIMEOUT = 300.0  # s
 ENDINGS = (".png", ".gif", ".mp4")
-FRAME_RATE = 15.0  # Hz
-Frames = NDArray[np.uint8]
 
 
 def render(
     scene: str | Scene = "gimbal",
     *,
     time: float | None = None,
-    width: int = 640,
-    height: int = 480,
+    width: int = 960,
+    height: int = 720,
     **parameters: Any,
 ) -> bytes:
-    """Draw a scene at one time.
+    """Draw a scene at one time, with its axes, its specific force and its poses.
 
     Parameters
     ----------
@@ -64,8 +64,7 @@ def render(
         what to install.
     """
     times = None if time is None else [time]
-    frames = draw_frames(scene, times, width, height, parameters)
-    return _encoded(frames[:1], ".png")
+    return _drawn(scene, times, width, height, parameters, ".png")
 
 
 def render_file(
@@ -73,8 +72,8 @@ def render_file(
     scene: str | Scene = "gimbal",
     *,
     seconds: float = 8.0,
-    width: int = 480,
-    height: int = 360,
+    width: int = 960,
+    height: int = 720,
     **parameters: Any,
 ) -> None:
     """Write a picture (.png) or an animation (.gif, .mp4) of a scene.
@@ -108,13 +107,26 @@ def render_file(
         content = render(scene, width=width, height=height, **parameters)
     else:
         times = [float(t) for t in np.arange(0.0, seconds, 1.0 / FRAME_RATE)]
-        frames = draw_frames(scene, times, width, height, parameters)
-        content = _encoded(frames, path.suffix.lower())
+        ending = path.suffix.lower()
+        content = _drawn(scene, times, width, height, parameters, ending)
     try:
         path.write_bytes(content)
     except OSError as error:
         msg = f"cannot write {path}: {error.strerror}"
         raise InputError(msg) from None
+
+
+def _drawn(
+    scene: str | Scene,
+    times: list[float] | None,
+    width: int,
+    height: int,
+    parameters: dict[str, Any],
+    ending: str,
+) -> bytes:
+    require_encoder(ending)
+    with closing(draw_frames(scene, times, width, height, parameters)) as frames:
+        return encoded(frames, ending)
 
 
 def draw_frames(
@@ -123,8 +135,8 @@ def draw_frames(
     width: int,
     height: int,
     parameters: dict[str, Any],
-) -> Frames:
-    """Draw a scene at some times.
+) -> Generator[Pixels]:
+    """Draw a scene at some times, one after the other.
 
     Raises
     ------
@@ -142,85 +154,52 @@ def draw_frames(
     script = write_script(chosen, physics, parameters)
     count = len(script.hold)
     asked = [count / 3 * model.opt.timestep] if times is None else times
-    rows = np.array([round(t / model.opt.timestep) for t in asked])
-    rows = rows[(rows >= 0) & (rows < count)]
-    if len(rows) == 0:
+    drawn = np.array([round(t / model.opt.timestep) for t in asked])
+    drawn = drawn[(drawn >= 0) & (drawn < count)]
+    if len(drawn) == 0:
         end = count * model.opt.timestep
         msg = f"the time {asked[0]:g} s lies outside the run, 0 s to {end:g} s"
         raise InputError(msg)
-    job = {"qpos": positions(model, script, rows), "size": np.array([width, height])}
+    qpos, rows = instants(model, script)
+    job = {"qpos": qpos[drawn], "force": rows[drawn, :3]}
+    job["size"] = np.array([width, height])
     for name in ("mocap_pos", "mocap_quat"):
         if name in script.inputs:
-            job[name] = script.inputs[name][rows]
-    return _drawn(model, job)
+            job[name] = script.inputs[name][drawn]
+    g = float(np.linalg.norm(model.opt.gravity))
+    captions = _captions(chosen.name, rows, script, g, drawn)
+    with closing(drawn_frames(model, job)) as frames:
+        yield from map(captioned, frames, captions)
 
 
-def _drawn(model: mujoco.MjModel, job: dict[str, Any]) -> Frames:
-    # by the first graphics library that works, in a child process
-    wanted = os.environ.get("MUJOCO_GL")
-    reasons = []
-    with tempfile.TemporaryDirectory(prefix="simval-draw-") as name:
-        folder = Path(name)
-        mujoco.mj_saveModel(model, str(folder / "model.mjb"))
-        np.savez(folder / "job.npz", **job)
-        for backend in (wanted,) if wanted else BACKENDS:
-            try:
-                child = subprocess.run(
-                    [sys.executable, "-m", "simval.scene.draw", name],
-                    env={**os.environ, "MUJOCO_GL": backend},
-                    capture_output=True,
-                    text=True,
-                    timeout=TIMEOUT,
-                    check=False,
-                )
-            except subprocess.TimeoutExpired:
-                reasons.append(f"{backend}: no answer within {TIMEOUT:g} s")
-                continue
-            if child.returncode == 0 and (folder / "frames.npy").is_file():
-                frames: Frames = np.load(folder / "frames.npy")
-                return frames
-            lines = child.stderr.strip().splitlines() or [f"exit {child.returncode}"]
-            reasons.append(f"{backend}: {lines[-1][:200]}")
-    msg = (
-        f"this machine cannot draw off-screen ({'; '.join(reasons)}); install EGL (on "
-        "Debian and Ubuntu: apt-get install libegl1 libgl1-mesa-dri) or OSMesa "
-        "(apt-get install libosmesa6)"
-    )
-    raise InputError(msg)
-
-
-def _encoded(frames: Frames, ending: str) -> bytes:
-    if ending == ".mp4":
-        return _mp4(frames)
-    try:
-        from PIL import Image
-    except ImportError:
-        msg = "writing pictures needs Pillow; install it (pip install pillow)"
-        raise InputError(msg) from None
-    images = [Image.fromarray(frame) for frame in frames]
-    buffer = io.BytesIO()
-    if ending == ".png":
-        images[0].save(buffer, "PNG", optimize=True)
-    else:
-        duration = round(1000.0 / FRAME_RATE)
-        more = images[1:]
-        images[0].save(
-            buffer, "GIF", save_all=True, append_images=more, duration=duration, loop=0
+def _captions(
+    title: str,
+    rows: Float[Array, "n 14"],
+    script: Script,
+    g: float,
+    drawn: NDArray[np.intp],
+) -> Iterator[Caption]:
+    begin, rests = _rests(rows, script, g)
+    for k in drawn.tolist():
+        force = rows[k, :3]
+        yield Caption(
+            title=title,
+            time=float(rows[k, 13]),
+            force=force,
+            directions=Directions(rests=rests, visited=begin <= k, now=force / g),
         )
-    return buffer.getvalue()
 
 
-def _mp4(frames: Frames) -> bytes:
-    try:
-        import imageio.v3 as imageio
-        import imageio_ffmpeg  # noqa: F401  # the plugin's encoder, checked for
-    except ImportError:
-        msg = (
-            "writing .mp4 needs imageio and imageio-ffmpeg; install them (pip install "
-            "imageio imageio-ffmpeg), or write .gif"
-        )
-        raise InputError(msg) from None
-    with tempfile.TemporaryDirectory(prefix="simval-draw-") as name:
-        path = Path(name) / "film.mp4"
-        imageio.imwrite(path, frames, fps=FRAME_RATE, macro_block_size=8)
-        return path.read_bytes()
+def _rests(
+    rows: Float[Array, "n 14"], script: Script, g: float
+) -> tuple[NDArray[np.intp], Float[Array, "m 3"]]:
+    """First row of each rest that has settled, and its direction in sensor axes."""
+    moving, _, _ = moving_rows(rows, script, g)
+    left = set(script.hold[moving].tolist())
+    begin, means = [], []
+    for k in np.unique(script.hold[script.hold >= 0]).tolist():
+        if k not in left:
+            at = np.flatnonzero(script.hold == k)
+            begin.append(at[0])
+            means.append(rows[at, :3].mean(axis=0) / g)
+    return np.array(begin, np.intp), np.array(means).reshape(-1, 3)

@@ -15,6 +15,7 @@ from simval.scene.models import Physics, load_model
 from simval.scene.motion import require_rows
 from simval.scene.script import Scene, Script
 from simval.scene.trajectory import Trajectory, attitude_from_mujoco
+from simval.text import did_you_mean
 
 
 def simulate(
@@ -38,7 +39,7 @@ def simulate(
     integrator : str or None
         ``Euler``, ``RK4``, ``implicit`` or ``implicitfast``; None keeps the model's.
     **parameters : Any
-        The scene's own, for the gimbal ``directions``, ``first_hold``, ``move_time``,
+        The scene's own, for the gimbal ``poses``, ``first_hold``, ``move_time``,
         ``settle_time`` and ``hold_time``.
 
     Returns
@@ -122,7 +123,8 @@ def write_script(
     unknown = [name for name in parameters if name not in known]
     if unknown:
         msg = (
-            f"scene {scene.name} has no parameter `{unknown[0]}`; it has "
+            f"scene {scene.name} has no parameter `{unknown[0]}`"
+            f"{did_you_mean(unknown[0], known)}; it has "
             f"{', '.join(known) or 'none'}"
         )
         raise InputError(msg)

@@ -18,7 +18,7 @@ STANDARD_G = 9.80665  # m/s^2
 def drive_thrown(
     model: mujoco.MjModel,
     *,
-    throws: int = 40,
+    poses: int = 40,
     settle_time: float = 2.5,
     hold_time: float = 1.0,
     kick_speed: float = 1.8,
@@ -30,22 +30,22 @@ def drive_thrown(
     rng = stream(seed, cell_key("thrown"), 0)
     settle = steps(settle_time, h, "settle_time")
     block = settle + steps(hold_time, h, "hold_time")
-    throws = whole_number("throws", throws, 1)
-    require_rows(throws * block)
+    poses = whole_number("poses", poses, 1)
+    require_rows(poses * block)
     kick = max(steps(KICK_TIME, h, "kick"), 1)
-    axes = normalize(rng.standard_normal((throws, 3)))
+    axes = normalize(rng.standard_normal((poses, 3)))
     axes[0] = 0.0  # the first throw is the drop
     body = model.body("body").id
-    wrench = np.zeros((throws, block, model.nbody, 6))
+    wrench = np.zeros((poses, block, model.nbody, 6))
     lift = model.body_mass[body] * (kick_speed / (kick * h) + STANDARD_G)
     wrench[1:, :kick, body, 2] = lift
     twist = model.body_inertia[body].mean() * kick_rate / (kick * h)
     wrench[:, :kick, body, 3:] = twist * axes[:, None]
-    rests = np.full((throws, block), -1)
-    rests[:, settle:] = np.arange(throws)[:, None]
+    rests = np.full((poses, block), -1)
+    rests[:, settle:] = np.arange(poses)[:, None]
     return Script(
         hold=rests.reshape(-1),
-        inputs={"xfrc_applied": wrench.reshape(throws * block, -1)},
+        inputs={"xfrc_applied": wrench.reshape(poses * block, -1)},
         qpos=_dropped(model, rng),
         rest_force=1e-6,
         rest_rate=1e-6,

@@ -32,8 +32,8 @@ def _scene() -> list[Fault]:
 
         return change
 
-    def six_faces(original: Any, name: str, directions: int) -> Any:
-        return original(name, directions=np.vstack([np.eye(3), -np.eye(3)]))
+    def six_faces(original: Any, name: str, poses: int) -> Any:
+        return original(name, poses=np.vstack([np.eye(3), -np.eye(3)]))
 
     return [
         trajectory("attitude one step late", late(("attitude",))),

@@ -53,7 +53,7 @@ def _sensor() -> list[Fault]:
         def broken(self: Any, parameters: Any) -> None:
             original(self, parameters)
             run = simulate_cached(
-                "gimbal", directions=parameters.poses, first_hold=20.0,
+                "gimbal", poses=parameters.poses, first_hold=20.0,
                 move_time=parameters.move_time,
             )  # fmt: skip
             self.rates = self.rates + 1e-4 * run.specific_force[:: parameters.every]
@@ -144,7 +144,7 @@ def noise_faults() -> list[Fault]:
         ),
         made(
             "formula",
-            "(V4) of half the averages",
+            "(V4) of half the averages",  # of `simval.noise.covariance`
             after(noise_model, "allan_covariance", lambda v: 2.0 * v),
         ),
     ]

@@ -28,7 +28,7 @@ from simval.errors import InputError
 from simval.sensor.coloured import NoiseModel
 from simval.sensor.rows import levels_of_axes
 from simval.shapes import Float
-from simval.text import shown
+from simval.text import did_you_mean, shown
 
 STANDARD_GRAVITY: Final = 9.80665  # m/s^2, the unit of `range_g`
 UNEVEN: Final = 1e-3  # share of a step that a clock of even steps may be off by
@@ -327,7 +327,8 @@ def effects_from(values: dict[str, Any], kind: type[E]) -> E:
     known = [field.name for field in fields(kind)]
     for name in values:
         if name not in known:
-            msg = f"there is no effect `{name}`; there are {', '.join(known)}"
+            near = did_you_mean(name, known)
+            msg = f"there is no effect `{name}`{near}; there are {', '.join(known)}"
             raise InputError(msg)
     try:
         return kind(**values)

@@ -20,12 +20,13 @@ from typing import Any
 
 import numpy as np
 
+from simval import vocabulary
 from simval.arguments import choice
 from simval.arrays import GREATEST, Array, finite_array, physical_array, shaped_array
 from simval.errors import InputError
 from simval.shapes import Float, Inexact
 
-MODELS = ("triangular", "upper", "symmetric")
+MODELS = vocabulary.MODELS
 
 _SCALE_BIAS = ("K_x", "K_y", "K_z", "B_x", "B_y", "B_z")
 _NAMES = {

@@ -20,45 +20,22 @@ It is a module with four names:
 A study that runs a user's code has a fifth, ``compute``: what ``run`` asks a child
 process to do.
 
-To add a study, write the module and put its name into `_NAMES`; suites, the command
-line, the gate and the report take it from there. A module is imported when its study is
-asked for: the child process of a plug-in needs no other. A study never plots, prints or
-judges.
+To add a study, write the module and put its name into `simval.vocabulary.STUDIES`;
+suites, the command line, the gate and the report take it from there. A module is
+imported when its study is asked for: the child process of a plug-in needs no other. A
+study never plots, prints or judges.
 """
 
 from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib import import_module
 
+from simval import vocabulary
 from simval.errors import InputError
 from simval.studies.study import Study, StudyParameters, study_of
+from simval.text import did_you_mean
 
 __all__ = ["STUDIES", "Study", "StudyParameters", "find_study"]
-
-_NAMES = (
-    "scene",
-    "calibration",
-    "ladder",
-    "coverage",
-    "gyroscope",
-    "solvers",
-    "magnetometer",
-    "attitude",
-    "attitude_order",
-    "attitude_efficiency",
-    "attitude_limits",
-    "attitude_vectors",
-    "attitude_geometries",
-    "attitude_map",
-    "noise_model",
-    "detector",
-    "end_to_end",
-    "estimator",
-    "calibrator",
-    "filter",
-    "custom_scene",
-)
-"""In the order of the page."""
 
 
 @cache
@@ -70,18 +47,18 @@ class _Studies(Mapping[str, Study]):
     """The studies by their names."""
 
     def __getitem__(self, name: str) -> Study:
-        if name not in _NAMES:
+        if name not in vocabulary.STUDIES:
             raise KeyError(name)
         return _study(name)
 
     def __contains__(self, name: object) -> bool:
-        return name in _NAMES
+        return name in vocabulary.STUDIES
 
     def __iter__(self) -> Iterator[str]:
-        return iter(_NAMES)
+        return iter(vocabulary.STUDIES)
 
     def __len__(self) -> int:
-        return len(_NAMES)
+        return len(vocabulary.STUDIES)
 
 
 STUDIES: Mapping[str, Study] = _Studies()
@@ -106,6 +83,7 @@ def find_study(name: str) -> Study:
         If there is no such study; the message lists those there are.
     """
     if name not in STUDIES:
-        msg = f"there is no study `{name}`; the studies are {', '.join(STUDIES)}"
+        near = did_you_mean(name, STUDIES)
+        msg = f"there is no study `{name}`{near}; the studies are {', '.join(STUDIES)}"
         raise InputError(msg)
     return STUDIES[name]

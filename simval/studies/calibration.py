@@ -99,10 +99,7 @@ class Rests:
 @lru_cache(maxsize=32)
 def simulated_rests(scene: str, poses: int, hold_time: float) -> Rests:
     """Simulate a scene and keep the samples of its rests."""
-    if scene == "gimbal":
-        trajectory = simulate_cached(scene, directions=poses, hold_time=hold_time)
-    else:
-        trajectory = simulate_cached(scene, throws=poses, hold_time=hold_time)
+    trajectory = simulate_cached(scene, poses=poses, hold_time=hold_time)
     rows = [
         trajectory.specific_force[trajectory.hold == k]
         for k in trajectory.hold_indices()

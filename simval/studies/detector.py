@@ -79,8 +79,7 @@ class Parameters(StudyParameters):
 @lru_cache(maxsize=16)
 def tumble(scene: str, poses: int) -> Tumble:
     """Simulate a scene, or read it from the cache, and thin it to the rate of a log."""
-    count = {"gimbal": "directions", "handheld": "directions", "die": "throws"}
-    setting: dict[str, Any] = {count.get(scene, "poses"): poses, "hold_time": 2.0}
+    setting: dict[str, Any] = {"poses": poses, "hold_time": 2.0}
     if scene in ("gimbal", "handheld"):
         setting["first_hold"] = 5.0
     return thinned(simulate_cached(scene, **setting))
@@ -108,9 +107,14 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         )
         if trial == 0:
             artifact = _artifact(truth, raw, intervals, spread, threshold)
-    name = f"static-{parameters.scene}-{parameters.noise_std:g}-{parameters.trim}.npz"
+    name = artifact_of(parameters.model_dump())
     rows = _rows(scores, np.array(squares))
     return Outcome(rows=rows, artifacts={name: artifact})
+
+
+def artifact_of(named: Mapping[str, Any]) -> str:
+    """File of the readings of a cell with these parameters."""
+    return f"static-{named['scene']}-{named['noise_std']:g}-{named['trim']}.npz"
 
 
 def _rows(

@@ -76,9 +76,9 @@ class Parameters(StudyParameters):
 @lru_cache(maxsize=8)
 def tumbles(poses: int, attitudes: int) -> tuple[Trajectory, Wanted]:
     """Simulate both tumbles, or read them from the cache."""
-    first = simulate_cached("gimbal", directions=poses, hold_time=2.0, first_hold=5.0)
+    first = simulate_cached("gimbal", poses=poses, hold_time=2.0, first_hold=5.0)
     turned = fibonacci_sphere(attitudes) @ _rotation()
-    second = simulate_cached("gimbal", directions=turned, hold_time=0.2)
+    second = simulate_cached("gimbal", poses=turned, hold_time=0.2)
     wanted = Wanted(
         force=second.hold_means(),
         field=normalize(second.hold_means(second.magnetic_field)),

@@ -57,7 +57,7 @@ class _Recorded:
 
 def _gimbal(move: float, *, felt: bool = False) -> _Recorded:
     poses = 12 if move > 1.0 else 30
-    words = {"directions": poses, "move_time": move, "hold_time": 0.5}
+    words = {"poses": poses, "move_time": move, "hold_time": 0.5}
     return _Recorded("gimbal", words, felt)
 
 
@@ -67,9 +67,9 @@ _SCENES: Final[Mapping[str, _Recorded]] = MappingProxyType(
         "gimbal slow": _SLOW,
         "gimbal fast": _gimbal(0.8),
         "lever arm": _gimbal(2.0, felt=True),
-        "handheld": _Recorded("handheld", {"directions": 20}, felt=True),
+        "handheld": _Recorded("handheld", {"poses": 20}, felt=True),
         "pivot": _Recorded("pivot", {"spin_rate": 4.0, "turns": 40.0}, felt=True),
-        "long rest": _Recorded("gimbal", {"directions": 2, "first_hold": 100.0}),
+        "long rest": _Recorded("gimbal", {"poses": 2, "first_hold": 100.0}),
         "vibration": _SLOW,
         "magnetic disturbance": _SLOW,
         "unknown start": _SLOW,

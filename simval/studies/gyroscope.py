@@ -176,7 +176,7 @@ class _Tumble:
         self.parameters = parameters
         every = parameters.every
         run = simulate_cached(
-            "gimbal", directions=parameters.poses, move_time=parameters.move_time,
+            "gimbal", poses=parameters.poses, move_time=parameters.move_time,
             first_hold=20.0,
         )  # fmt: skip
         self.g = run.g

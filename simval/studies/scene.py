@@ -6,7 +6,7 @@ are the directions of the rests and, where the machine can draw, a picture.
 
 from collections.abc import Mapping
 from contextlib import suppress
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -63,17 +63,18 @@ class Parameters(StudyParameters):
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Simulate the scene and measure its rests."""
-    count = "directions" if parameters.scene == "gimbal" else "throws"
-    setting: dict[str, Any] = {count: parameters.poses}
-    trajectory = simulate(parameters.scene, **setting)
+    trajectory = simulate(parameters.scene, poses=parameters.poses)
     rows = judged_rows(trajectory)
     directions = trajectory.hold_means() / trajectory.g
     name = f"{parameters.scene}-{parameters.poses}"
+    time = trajectory.time
+    drawn = time[[len(time) // 3, -1]]
     artifacts: dict[str, Mapping[str, Array] | bytes] = {
-        f"scene-{name}.npz": {"directions": directions}
+        f"scene-{name}.npz": {"directions": directions, "drawn": drawn}
     }
     with suppress(InputError):  # this machine cannot draw: the report says so
-        artifacts[f"scene-{name}.png"] = render(parameters.scene, **setting)
+        picture = render(parameters.scene, time=float(drawn[0]), poses=parameters.poses)
+        artifacts[f"scene-{name}.png"] = picture
     return Outcome(rows=rows, artifacts=artifacts)
 
 

@@ -5,7 +5,8 @@ Each method is stopped after every number of steps, and its distance from where 
 is kept for the report. All must end at the same parameters.
 """
 
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
@@ -64,5 +65,11 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         ]
         distance = np.abs(np.array(way) - fit.parameters).max(axis=1) / size
         ways[method] = distance[distance > 0.0]
-    name = f"convergence-{parameters.poses}-{parameters.noise_std:g}.npz"
-    return Outcome(rows=tuple(rows), artifacts={name: ways})
+    return Outcome(
+        rows=tuple(rows), artifacts={artifact_of(parameters.model_dump()): ways}
+    )
+
+
+def artifact_of(named: Mapping[str, Any]) -> str:
+    """File of the ways of the solvers in a cell with these parameters."""
+    return f"convergence-{named['poses']}-{named['noise_std']:g}.npz"

@@ -4,10 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, ValidationInfo, field_validator
 
 from simval.results import Outcome
 from simval.streams import Streams, cell_key
+from simval.whole import exact
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +25,13 @@ class StudyParameters(BaseModel):
     model_config = ConfigDict(
         frozen=True, extra="forbid", strict=True, allow_inf_nan=False
     )
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _whole(cls, value: Any, info: ValidationInfo) -> Any:
+        """Take 1e5 for an integer where one is asked for."""
+        asked = cls.model_fields[info.field_name or ""].annotation
+        return exact(value) if asked is int else value
 
     def cost(self) -> Cost:
         """Cost of a cell if a study does not state it: a second and fifty rows."""

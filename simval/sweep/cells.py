@@ -43,6 +43,7 @@ class CellResult:
     error: str  # why it failed
     seconds: float  # CPU time, s
     rows: tuple[Row, ...]
+    run: str = ""  # how a command names the run that it was read from; empty: not said
 
     @property
     def refused(self) -> bool:

@@ -75,6 +75,8 @@ class _Timing(_Started):
     cpu_seconds: Seconds
     workers: Count | str
     calls: dict[str, _Call] = {}
+    started: str = ""
+    committed: str | None = None
 
 
 def checked_manifest(text: Any) -> dict[str, Any]:

@@ -62,6 +62,14 @@ def git_state() -> dict[str, Any]:
     return {"commit": commit, "dirty": None if status is None else bool(status)}
 
 
+def commit_date() -> str | None:
+    """When the commit of the checkout was made, ISO 8601, if there is one."""
+    root = Path(__file__).resolve().parents[2]
+    if not (root / ".git").exists():
+        return None
+    return _git(root, "show", "--no-patch", "--format=%cI", "HEAD")
+
+
 def model_hashes() -> dict[str, str]:
     """SHA-256 of each model file."""
     files = sorted(models_folder().glob("*.xml"))

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,9 @@ from simval.studies.plugin import PluginParameters
 from simval.studies.study import Cell
 from simval.sweep.executors import attempt
 from simval.sweep.run import CellResult, Run
-from simval.sweep.suite import builtin_suites, load_suite, validated
+from simval.sweep.suite import load_suite, validated
+from simval.text import nearest
+from simval.vocabulary import builtin_suites
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,7 +79,7 @@ def _of_suite(name: str, run: Run | None, suite: str | None) -> Cell:
         if run is not None:
             places.append(f"the run {run.folder}")
         known = [cell.name for cell in run.cells] if run is not None else []
-        near = get_close_matches(name, dict.fromkeys([*known, *cells]))
+        near = nearest(name, dict.fromkeys([*known, *cells]), 3)
         msg = (
             f"there is no cell `{name}` in {' or '.join(places)}; "
             + (f"the nearest are {', '.join(near)}; " if near else "")

@@ -15,14 +15,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from simval import vocabulary
 from simval.arguments import file_path
 from simval.errors import InputError
 from simval.results import COLUMNS
 from simval.sweep import store
 from simval.sweep.cells import CellResult, read_cell, read_cells, read_heads
 from simval.sweep.documents import read_timing
+from simval.sweep.frame import data_frame
 from simval.sweep.plausible import MAX_SAMPLES
 from simval.sweep.seal import check_files
+from simval.text import nearest
 
 __all__ = [
     "MAX_SAMPLES",
@@ -35,7 +38,7 @@ __all__ = [
     "write_table",
 ]
 
-RUNS = Path("reports") / "runs"
+RUNS = vocabulary.RUNS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,6 +79,23 @@ class Run:
             Those with status ``done``.
         """
         return tuple(c for c in self.cells if c.study == study and c.status == "done")
+
+    def to_pandas(self) -> Any:
+        """Make a data frame of all that was measured; needs the extra ``pandas``.
+
+        Returns
+        -------
+        pandas.DataFrame
+            A line for each row of each finished cell, in the order of the suite:
+            ``cell``, ``study``, ``seed``, a column for each parameter (missing where
+            the study has none of that name), and the columns of results.csv.
+
+        Raises
+        ------
+        InputError
+            If pandas is not installed.
+        """
+        return data_frame(self.cells)
 
 
 def load_run(folder: str | Path) -> Run:
@@ -147,9 +167,29 @@ def run_folder(run: str | Path) -> Path:
     """Folder of a run; ``latest`` is the newest one."""
     path = file_path("run", run)
     if str(path) != "latest":
+        _refuse_near_miss(path)
         return path
     runs = sorted(RUNS.glob("*/run.sqlite"), key=lambda p: p.stat().st_mtime)
     if not runs:
         msg = f"there is no run under {RUNS}; make one with `simval sweep`"
         raise InputError(msg)
     return runs[-1].parent
+
+
+def _refuse_near_miss(path: Path) -> None:
+    """Name the run that was meant, if there is none here and one of a name near it."""
+    try:
+        if (path / "run.sqlite").exists():
+            return
+        beside = {path.parent, RUNS}
+        runs = [file.parent for place in beside for file in place.glob("*/run.sqlite")]
+    except OSError:  # a path that cannot be looked at is refused where it is read
+        return
+    near = nearest(path.name, (run.name for run in runs))
+    if near:
+        found = next(str(run) for run in sorted(runs) if run.name == near[0])
+        msg = (
+            f"{path / 'run.sqlite'} does not exist, so {path} is no run folder (did "
+            f"you mean `{found}`?)"
+        )
+        raise InputError(msg)

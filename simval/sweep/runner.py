@@ -55,6 +55,14 @@ class Progress(Protocol):
         """Note that one more cell has ended."""
 
 
+@runtime_checkable
+class Watch(Progress, Protocol):
+    """A progress that is told too which cells will be computed."""
+
+    def expect(self, cells: Sequence[Cell], workers: int | None) -> None:
+        """Note the cells to come in their order, and how many are computed at once."""
+
+
 class Silence:
     """A progress without output."""
 
@@ -151,6 +159,9 @@ def _fill(
         pending = store.unfinished(database)
         done = len(suite.cells) - len(pending)
         progress.start(len(suite.cells), done, _worst_stored(database, suite))
+        if isinstance(progress, Watch):
+            at_once = where if isinstance(where, int) else None
+            progress.expect([suite.cells[place] for place in pending], at_once)
         for position, outcome, seconds in compute(suite.cells, pending):
             name = suite.cells[position].name
             if isinstance(outcome, str):
@@ -169,6 +180,7 @@ def _fill(
         spent = store.seconds(database)
         timing = {
             "started": started.isoformat(timespec="seconds"),
+            "committed": provenance.commit_date(),
             "wall_seconds": round(time.perf_counter() - wall, 3),
             "workers": where,
             "host": platform.node(),

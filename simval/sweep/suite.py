@@ -20,17 +20,28 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    create_model,
+)
 from pydantic.fields import FieldInfo
 
 from simval.errors import InputError
 from simval.studies import STUDIES
 from simval.studies.study import Cell
 from simval.sweep.paths import kept_inside
+from simval.text import did_you_mean
+from simval.vocabulary import builtin_suites
+from simval.whole import exact
 
 Model = TypeVar("Model", bound=BaseModel)
 NonEmpty = Field(min_length=1)
-Seed = Annotated[int, Field(ge=0, lt=2**63)]
+WHOLE = BeforeValidator(exact)
+Seed = Annotated[int, Field(ge=0, lt=2**63), WHOLE]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,13 +64,6 @@ class Suite:
     title: str
     cells: tuple[Cell, ...]
     grid: Mapping[str, Any]
-
-
-def builtin_suites() -> tuple[str, ...]:
-    """Names of the suites that are shipped with the package."""
-    folder = resources.files("simval.sweep") / "suites"
-    names = (p.name for p in folder.iterdir() if p.name.endswith(".toml"))
-    return tuple(sorted(name.removesuffix(".toml") for name in names))
 
 
 @cache
@@ -190,7 +194,7 @@ def _annotated(info: FieldInfo) -> Any:
     annotation: Any = info.annotation
     for constraint in info.metadata:
         annotation = Annotated[annotation, constraint]
-    return annotation
+    return Annotated[annotation, WHOLE] if info.annotation is int else annotation
 
 
 def _read(name: str) -> tuple[str, str]:
@@ -203,8 +207,9 @@ def _read(name: str) -> tuple[str, str]:
     except OSError:  # a name that no file can have
         is_file = False
     if not is_file:
+        near = did_you_mean(name, builtin_suites())
         msg = (
-            f"there is no suite `{name}`: the built-in ones are "
+            f"there is no suite `{name}`{near}: the built-in ones are "
             f"{', '.join(builtin_suites())}; anything else must be the path of a "
             "TOML file"
         )
@@ -275,7 +280,8 @@ def _explain(error: Any, model: type[BaseModel]) -> str:
         known: Sequence[str] = tuple(model.model_fields)
         if len(words) > 1 and words[0] in STUDIES:
             known = tuple(STUDIES[words[0]].parameters.model_fields)
-        return f"`{path}` is not a known key; known here: {', '.join(known)}"
+        near = did_you_mean(words[-1], known)
+        return f"`{path}` is not a known key{near}; known here: {', '.join(known)}"
     return f"`{path}`: {error['msg']} (given {error['input']!r})"
 
 

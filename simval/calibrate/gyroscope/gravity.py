@@ -10,7 +10,7 @@ With :math:`h_i = M_a (\bar y_i - b_a)`, :math:`u_i = h_i/|h_i|` and
    \Gamma_i = -\Big(\sum_k a_k d_k d_k^T\Big)^{-1} a_i\, d_i\,
    \partial c_i/\partial y_i,
 
-with the weights a of eq. (U1).
+with the weights a of eq. (U1) of `uncertainty`.
 """
 
 from dataclasses import dataclass

@@ -7,6 +7,7 @@ import numpy as np
 
 from simval.arrays import Array, frozen
 from simval.calibrate.converged import require_all
+from simval.calibrate.described import gyroscope_text
 from simval.calibrate.intervals import normal_intervals
 from simval.errors import InputError
 from simval.sensor import GyroscopeFactors, GyroscopeModel, forms, gyroscope_factors
@@ -50,7 +51,7 @@ class GyroscopeFit:
     chi2_per_dof : Array
         Weighted sum of squares by degree of freedom, (...).
     condition : Array
-        Condition of the moves, eq. (N7) of `observability`, (...).
+        Condition of the moves, eq. (N7) of `simval.turns`, (...).
     gap_angles : Array
         Between gravity as turned and as read at the end of each gap, rad, (..., k).
     step : Array
@@ -74,6 +75,9 @@ class GyroscopeFit:
     def __post_init__(self) -> None:
         for name in _ARRAYS:
             object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    def __str__(self) -> str:
+        return gyroscope_text(self)
 
     @property
     def names(self) -> tuple[str, ...]:

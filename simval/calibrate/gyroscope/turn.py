@@ -242,7 +242,7 @@ def _swept(
 
 
 def _entries(q: Float[Array, "4 ..."]) -> Float[Array, "3 3 ..."]:
-    # rotation matrices, the transposes of the attitude matrices of eq. (G1)
+    # rotation matrices, transposes of the attitude matrices, eq. (G1) of `geometry`
     x, y, z, s = q
     R = np.empty((3, 3, *x.shape))
     xx, yy, zz = x * x, y * y, z * z

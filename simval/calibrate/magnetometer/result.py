@@ -7,6 +7,7 @@ import numpy as np
 
 from simval.arrays import Array, frozen
 from simval.calibrate.converged import require_all
+from simval.calibrate.described import magnetometer_text
 from simval.calibrate.intervals import normal_intervals
 from simval.calibrate.magnetometer.equations import ACCELEROMETER, DIP, IRON, MATRIX
 from simval.errors import InputError
@@ -80,6 +81,9 @@ class MagnetometerFit:
     def __post_init__(self) -> None:
         for name in _ARRAYS:
             object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    def __str__(self) -> str:
+        return magnetometer_text(self)
 
     @property
     def names(self) -> tuple[str, ...]:

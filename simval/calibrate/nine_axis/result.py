@@ -7,6 +7,7 @@ import numpy as np
 
 from simval.arrays import Array, frozen
 from simval.calibrate.converged import require_all
+from simval.calibrate.described import nine_axis_text
 from simval.calibrate.gyroscope.result import NAMES, GyroscopeFit
 from simval.calibrate.intervals import normal_intervals
 from simval.calibrate.magnetometer.result import OWN_NAMES, MagnetometerFit
@@ -63,6 +64,9 @@ class NineAxisFit:
     def __post_init__(self) -> None:
         for name in _ARRAYS:
             object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    def __str__(self) -> str:
+        return nine_axis_text(self)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -43,6 +43,8 @@ def dots(name: str, who: str, contest: Contest) -> Drawing | None:
     alone = f" ({settings[0]})" if len(settings) == 1 else ""
     return Drawing(
         name=f"{name}-accuracy",
+        asked="How near to the bound is each?",
+        finding=_ranked([(m.value, short[drawn[place]]) for _, place, m in found]),
         caption=(
             f"RMS error of each algorithm over the Cramér-Rao bound{alone}: 1, the "
             "dashed line, is as good as any unbiased one can be to first order. Bars: "
@@ -56,7 +58,7 @@ def dots(name: str, who: str, contest: Contest) -> Drawing | None:
         panels=[
             DotPanel(
                 title=f"accuracy of {who}",
-                x_label="RMS error over the Cramér-Rao bound, 1 (dashed: the bound)",
+                x_label="RMS error / Cramér-Rao bound (dashed: the bound)",
                 names=[short[name] for name in drawn],
                 series=tuple(series),
                 reference=(1.0, "the bound"),
@@ -64,6 +66,17 @@ def dots(name: str, who: str, contest: Contest) -> Drawing | None:
         ],
         columns=1,
         left_out=[*contest.algorithms[MAX_ROWS:], *contest.settings[MAX_GROUPS:]],
+    )
+
+
+def _ranked(found: list[tuple[float, str]]) -> str:
+    """The best and the worst of all settings."""
+    (best, name), (worst, other) = min(found), max(found)
+    if name == other and best == worst:
+        return f"{name} has {best:.3g} times the error of the bound."
+    return (
+        f"Best {name} with {best:.3g} times the error of the bound, worst {other} "
+        f"with {worst:.3g} times."
     )
 
 

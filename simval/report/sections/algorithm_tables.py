@@ -120,7 +120,7 @@ def by_cell(study: str, contest: Contest) -> Table:
                 rows.append((algorithm_of(cell), setting, *_sizes(cell, whole)))
     return Table(
         name=f"{study}-cells",
-        caption="Each algorithm in each setting",
+        caption=f"Each {study} in each setting",
         columns=(
             Column("algorithm", "code"),
             Column("setting"),

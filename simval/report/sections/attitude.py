@@ -1,15 +1,18 @@
 """Attitude error against noise: bias and covariance beside every prediction."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from simval.report.curves import Measure, bar_width, curve, first, grouped
+from simval.report import palette
+from simval.report.curves import Curve, Measure, bar_width, curve, first, grouped
+from simval.report.findings import agrees, behind
 from simval.report.measures import left_out, moment
-from simval.report.noise import SLOPES, slope_cells
-from simval.report.panels import COLOURS, GREY, Drawing, Panel, Series
+from simval.report.noise import SLOPES, Fits, fits, slope_fold, slope_words
+from simval.report.panels import GREY, Drawing, Panel, Series
+from simval.report.ratio import ratio_panel
 from simval.report.section import Context, Section, Shown, made
 from simval.report.slope import order
 from simval.report.table import Column, Table
@@ -27,15 +30,15 @@ from simval.statistics import (
 from simval.sweep.run import CellResult
 
 STYLES = {
-    ORDER_2: (COLOURS[4], "--"),
-    ORDER_4_SOURCE: (COLOURS[3], "-."),
-    ORDER_4: (COLOURS[2], "-"),
-    EXACT: (COLOURS[0], ":"),
+    ORDER_2: (palette.ORDER_2, "--"),
+    ORDER_4_SOURCE: (palette.ORDER_4_SOURCE, "-."),
+    ORDER_4: (palette.ORDER_4_COMPLETE, "-"),
+    EXACT: (palette.EXACT, ":"),
 }
 CLAIMED = {ORDER_2: 4.0, ORDER_4_SOURCE: 6.0, ORDER_4: 6.0}
 """Order of what each formula leaves out, by its stated order."""
 
-NOISE = "noise of each unit vector, 1"
+NOISE = "noise of each unit vector, relative"
 PARTS = (BIAS, COVARIANCE)
 SHOWN = Shown("attitude", (BIAS, COVARIANCE, UNIT_LENGTH))
 
@@ -48,8 +51,10 @@ def section(context: Context) -> Section | None:
     groups = grouped(cells, "noise_std")
     shown, left_out = first(groups)
     drawings = [
-        _drawing(name, label, shown[label])
-        for name, label in zip(slugs("attitude", shown), shown, strict=True)
+        _drawing(name, label, shown[label], folded=i > 0)
+        for i, (name, label) in enumerate(
+            zip(slugs("attitude", shown), shown, strict=True)
+        )
     ]
     drawings[-1] = replace(drawings[-1], left_out=left_out)
     return made(
@@ -106,36 +111,74 @@ def line(x: np.ndarray, y: np.ndarray, predictor: str, label: str) -> Series:
 
 def _panel(title: str, series: Sequence[Series]) -> Panel:
     return Panel(
-        title=title, x_label=NOISE, y_label="Frobenius norm, 1", series=tuple(series)
+        title=title,
+        x_label=NOISE,
+        y_label="norm, of the quaternion",
+        series=tuple(series),
     )
 
 
-def _drawing(name: str, label: str, cells: Sequence[CellResult]) -> Drawing:
-    z = bar_width(curve("", cells, "noise_std", moment(part, EXACT)) for part in PARTS)
-    panels = [
-        _panel(part.words, beside_predictions(cells, partial(moment, part), z))
-        for part in PARTS
-    ]
-    panels += [remainders(cells, part) for part in PARTS]
-    return Drawing(
+def _drawing(
+    name: str, label: str, cells: Sequence[CellResult], *, folded: bool
+) -> Drawing:
+    sampled = [curve("", cells, "noise_std", moment(part, EXACT)) for part in PARTS]
+    curves = [c for c in sampled if c is not None]
+    z = bar_width(curves)
+    panels: list[Panel] = []
+    for part, c in zip(PARTS, sampled, strict=True):
+        series = beside_predictions(cells, partial(moment, part), z)
+        panels.append(_panel(part.words, series))
+        panels += _over_exact(part, cells, c, z)
+        panels.append(remainders(cells, part))
+    place = f"{label}: " if label else ""
+    said = agrees(
+        "Every moment of the error",
+        curves,
+        at="noise",
+        theory="the exact theory",
+    )
+    drawing = Drawing(
         name=name,
         caption=(
-            f"{label + ': ' if label else ''}above, bias and covariance of the "
+            f"{place}left, bias and covariance of the "
             f"simulated error (bars: {z:.2f} standard errors, 95 % for all points of "
-            "the figure together) beside theory. Below, how far each truncated "
-            "formula is from the exact answer, computed without sampling: the moment "
-            "itself has slope 2, what the second order leaves out slope 4, what the "
-            "complete fourth order leaves out slope 6. What lies below the dotted "
-            "standard error cannot be told from the exact answer with these samples."
+            "the figure together) beside theory; in the middle the same over the exact "
+            "theory, where each formula can be seen to leave it. Right, how far each "
+            "truncated formula is from the exact answer, computed without sampling: "
+            "the moment itself has slope 2, what the second order leaves out slope 4, "
+            "what the complete fourth order leaves out slope 6. What lies below the "
+            "dotted standard error cannot be told from the exact answer with these "
+            "samples."
         ),
         alternative=(
-            f"{label + ': ' if label else ''}bias and covariance of the attitude error "
+            f"{place}bias and covariance of the attitude error "
             "against the noise on logarithmic axes, simulated points beside predicted "
-            "lines; and the distance of each truncated prediction from the exact one"
+            "lines; both over the exact theory on a linear axis; and the distance of "
+            "each truncated prediction from the exact one"
         ),
         panels=panels,
-        columns=2,
     )
+    asked = "Are bias and covariance what theory says?"
+    if folded:
+        return behind(drawing, f"{place}{said}", curves, asked)
+    return replace(drawing, asked=asked, finding=said)
+
+
+def _over_exact(
+    part: Family, cells: Sequence[CellResult], sampled: Curve | None, z: float
+) -> list[Panel]:
+    """Simulation and every formula over the exact theory."""
+    if sampled is None:
+        return []
+    lines = []
+    for predictor in CLAIMED:
+        c = curve("", cells, "noise_std", moment(part, predictor))
+        if c is not None and np.array_equal(c.x, sampled.x):
+            over = c.prediction / sampled.prediction
+            lines.append(line(c.x, over, predictor, predictor))
+    title = f"{part.words} over the exact theory"
+    found = ratio_panel(title, NOISE, [sampled], z, lines)
+    return [] if found is None else [replace(found, height=1.0)]
 
 
 def _orders(groups: Mapping[str, Sequence[CellResult]]) -> Table:
@@ -151,6 +194,7 @@ def _orders(groups: Mapping[str, Sequence[CellResult]]) -> Table:
                 rows.append((label, part.words, predictor, at, slope, claimed))
     return Table(
         name="attitude-orders",
+        fold=order_words((row[2], row[4], row[5]) for row in rows),
         caption=(
             "Order of each formula: slope of what it leaves out at the two smallest "
             "noise levels, without sampling"
@@ -184,6 +228,7 @@ def _unit_lengths(cells: Sequence[CellResult]) -> Table:
         rows.append((geometry, float(noise), *values))
     return Table(
         name="unit-length",
+        fold=_lengths(kinds, rows),
         caption=(
             "Unit length: truth and estimate have length 1, so tr C + |m|² = 2 q'm "
             "for the bias m and covariance C of truth less estimate. Relative defect: "
@@ -200,6 +245,29 @@ def _unit_lengths(cells: Sequence[CellResult]) -> Table:
     )
 
 
+def order_words(found: Iterable[tuple[str, float | None, float]]) -> str:
+    """Slopes of what each formula leaves out beside its stated order, in words."""
+    slopes: dict[tuple[str, float], list[float]] = {}
+    for formula, slope, stated in found:
+        if slope is not None:
+            slopes.setdefault((formula, stated), []).append(slope)
+    told = []
+    for (formula, stated), values in slopes.items():
+        ends = dict.fromkeys(f"{value:.2f}" for value in (min(values), max(values)))
+        told.append(f"{' to '.join(ends)} ({formula}; stated {stated:g})")
+    return f"What is left out has the slope {', '.join(told)}" if told else ""
+
+
+def _lengths(kinds: Sequence[str], rows: Sequence[Sequence[float | None]]) -> str:
+    """The greatest defect of the unit length, in words."""
+    told = []
+    for i, kind in enumerate(kinds):
+        values = [value for row in rows if (value := row[i + 2]) is not None]
+        if values:
+            told.append(f"{kind} {max(values):.1e}")
+    return f"Unit length, greatest relative defect: {', '.join(told)}" if told else ""
+
+
 def _second(x: np.ndarray) -> float:
     distinct = np.unique(x)
     return float(distinct[min(1, len(distinct) - 1)])
@@ -207,13 +275,16 @@ def _second(x: np.ndarray) -> float:
 
 def _slopes(groups: Mapping[str, Sequence[CellResult]]) -> Table:
     rows = []
+    found: list[Fits] = []
     for label, cells in groups.items():
         for part in PARTS:
             c = curve(label, cells, "noise_std", moment(part, EXACT))
             if c is not None:
-                rows.append((label, part.words, *slope_cells(c), 2.0))
+                found.append(fits(c))
+                rows.append((label, part.words, *slope_words(c, found[-1]), 2.0))
     return Table(
         name="attitude-slopes",
+        fold=slope_fold(found),
         caption="Slopes of the simulated moments in the noise, with 95 % intervals",
         columns=(Column("cells"), Column("moment"), *SLOPES),
         rows=rows,

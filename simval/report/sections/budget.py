@@ -1,9 +1,18 @@
 """Error budget: what each source of error contributes, measured and predicted."""
 
-from simval.report.curves import MAX_GROUPS, bars, grouped
+from dataclasses import replace
+
+import numpy as np
+
+from simval.report.curves import MAX_GROUPS, bar_width, bars, grouped
+from simval.report.findings import agrees
+from simval.report.measures import placed
 from simval.report.panels import BarPanel, Drawing
+from simval.report.ratio import ratio_bars
 from simval.report.section import Context, Section, Shown, made
+from simval.report.units import of_row
 from simval.report.words import spelled
+from simval.results import Row
 from simval.statistics import BUDGET
 from simval.sweep.run import CellResult
 
@@ -23,18 +32,26 @@ def section(context: Context) -> Section | None:
     labels = list(groups)
     members = [group[0] for group in groups.values()]
     shown = members[:MAX_GROUPS]
+    panels = [_panel(cell, label) for cell, label in zip(shown, labels, strict=False)]
+    curves = [
+        placed(label, _rows(cell)) for cell, label in zip(shown, labels, strict=False)
+    ]
+    alike = all(list(panel.names) == list(panels[0].names) for panel in panels)
+    names = panels[0].names
+    ratios = ratio_bars("over theory", names, curves, bar_width(curves))
     drawing = Drawing(
         name="budget",
+        asked="What does each source of error contribute?",
+        finding=f"{_greatest(shown[0])}{agrees('Every part', curves)}",
         caption=(
             "Bars: measured, with 95 % intervals that hold for all bars of a panel "
             "together. Diamonds: predicted, carried from the noise through the "
-            "calibration to the attitude."
+            "calibration to the attitude. Last: measured over "
+            "predicted, with bands that hold for all points together."
         ),
         alternative="Contribution of each source of error, measured and predicted",
-        panels=[
-            _panel(cell, label) for cell, label in zip(shown, labels, strict=False)
-        ],
-        columns=2,
+        panels=[*panels, *([ratios] if ratios and alike else [])],
+        columns=2 if len(panels) < 2 else 3,
         left_out=[cell.name for cell in cells if cell not in shown],
     )
     return made(
@@ -42,12 +59,35 @@ def section(context: Context) -> Section | None:
     )
 
 
-def _panel(cell: CellResult, label: str) -> BarPanel:
+def _rows(cell: CellResult) -> list[Row]:
     rows = [row for row in cell.rows if row.statistic.family == BUDGET]
-    rows = list({row.statistic: row for row in rows}.values())
-    return bars(
+    return list({row.statistic: row for row in rows}.values())
+
+
+def _greatest(cell: CellResult) -> str:
+    """The part that contributes most, where a whole is beside the parts."""
+    parts = [row for row in _rows(cell) if row.statistic.entries[0] != "total"]
+    if len(parts) < 2:
+        return ""
+    most = max(parts, key=lambda row: row.value)
+    unit = of_row(most.unit)
+    size = f"{unit.factor * most.value:.3g} {unit.name}"
+    return f"Most comes from the {most.statistic.entries[0]}: {size}. "
+
+
+def _panel(cell: CellResult, label: str) -> BarPanel:
+    rows = _rows(cell)
+    unit = of_row(rows[0].unit)
+    panel = bars(
         rows,
         [row.statistic.entries[0] for row in rows],
         label or spelled(cell.study),
-        f"contribution, {rows[0].unit}",
+        f"contribution, {unit.name}",
     )
+    with np.errstate(over="ignore"):  # what overflows is not drawn
+        return replace(
+            panel,
+            measured=unit.factor * panel.measured,
+            band=unit.factor * panel.band,
+            predicted=unit.factor * panel.predicted,
+        )

@@ -12,19 +12,25 @@ from simval.report.curves import (
     grouped,
     statistic,
 )
+from simval.report.findings import agrees, behind, limited, percent, trials, unseen
 from simval.report.measures import GROUPS, part, together
 from simval.report.noise import (
     SLOPES,
+    Set,
+    fits,
+    measured_of,
     panel,
     panels_of,
+    ratios_of,
     rms_sets,
-    slope_cells,
+    slope_fold,
+    slope_words,
     together_z,
-    unit_of,
 )
 from simval.report.panels import Drawing
 from simval.report.section import Context, Section, Shown, made
 from simval.report.table import Column, Table
+from simval.report.units import OF_A_CALIBRATION
 from simval.statistics import (
     BIAS,
     CRAMER_RAO,
@@ -52,7 +58,7 @@ def section(context: Context) -> Section | None:
     shown, left_out = first(groups)
     drawings = [
         replace(drawing, left_out=left_out)
-        for drawing in (_rms(shown), _spread(shown), _bias(shown))
+        for drawing in (_rms(shown), _bias(shown), _spread(shown), _together(shown))
         if drawing is not None
     ]
     tables = [_slopes(groups)] if groups else []
@@ -71,63 +77,110 @@ def section(context: Context) -> Section | None:
 
 def _rms(groups: Groups) -> Drawing | None:
     sets = rms_sets(groups)
-    whole = curves(groups, together(FIRST_ORDER))
-    if whole:
-        bounds = curves(groups, together(CRAMER_RAO))
-        sets.append(("together, B in units of g", "1", whole, bounds))
     if not sets:
         return None
     z = together_z(sets)
     return Drawing(
         name="calibration",
+        asked="Is the error what theory says, and at the Cramér-Rao bound?",
+        finding=agrees("The RMS error", measured_of(sets), at="noise"),
         caption=(
-            "RMS error of T, K and B and of all nine parameters together. Points: "
+            "RMS error of T, K and B, and below it measured over predicted. Points: "
             f"simulation; the bars ({z:.2f} standard errors) hold for all points of "
-            "the figure together with 95 % confidence. Solid: theory (first-order "
+            "the figure together with 95 % confidence. Line: theory (first-order "
             "covariance and second-order bias). Dotted: Cramér-Rao bound."
         ),
         alternative=(
-            "RMS error of misalignment, scale, bias and all together against the noise "
-            "per sample on logarithmic axes, simulated points beside predicted lines "
-            "and the Cramér-Rao bound"
+            "RMS error of misalignment, scale and bias against the noise per sample on "
+            "logarithmic axes, simulated points beside predicted lines and the "
+            "Cramér-Rao bound; and the ratio of both on a linear axis"
         ),
         panels=panels_of(sets, NOISE, z),
+    )
+
+
+def _together(groups: Groups) -> Drawing | None:
+    whole = curves(groups, together(FIRST_ORDER))
+    if not whole:
+        return None
+    z, bounds = bar_width(whole), curves(groups, together(CRAMER_RAO))
+    label = "RMS error, relative"
+    drawing = Drawing(
+        name="calibration-together",
+        caption=(
+            "RMS error of all nine parameters, B in units of g. Bars: "
+            f"{z:.2f} standard errors, 95 % for all together."
+        ),
+        alternative=(
+            "RMS error of all nine parameters together against the noise per sample, "
+            "beside theory and the Cramér-Rao bound, and over theory"
+        ),
+        panels=[
+            panel("T, K and B / g", NOISE, label, whole, bounds, z),
+            *ratios_of("T, K and B / g", NOISE, whole, bounds, z),
+        ],
         columns=2,
     )
+    said = agrees("The RMS error of all nine parameters together", whole, at="noise")
+    return behind(drawing, said, whole)
 
 
 def _spread(groups: Groups) -> Drawing | None:
-    return _apart(
-        groups,
-        SD,
-        FIRST_ORDER,
-        "calibration-sd",
-        "standard deviation",
-        "Standard deviation alone, RMS over the three entries. Expected slope: 1.",
-    )
+    sets = _sets(groups, SD, FIRST_ORDER)
+    if not sets:
+        return None
+    words = "standard deviation"
+    caption = "Standard deviation alone, RMS over the three entries."
+    said = agrees("The standard deviation alone", measured_of(sets), at="noise")
+    spreads = measured_of(sets)
+    return behind(_apart(sets, "calibration-sd", words, caption), said, spreads)
 
 
 def _bias(groups: Groups) -> Drawing | None:
-    return _apart(
-        groups,
-        BIAS,
-        SECOND_ORDER,
-        "calibration-bias",
-        "bias",
+    sets, scatter = _sets(groups, BIAS, SECOND_ORDER), _sets(groups, SD, FIRST_ORDER)
+    if not sets:
+        return None
+    biases, spreads = measured_of(sets), measured_of(scatter)
+    count = trials([cell for members in groups.values() for cell in members])
+    below = unseen(biases) and len(biases) == len(spreads)
+    caption = (
         "Bias alone (estimate minus truth), projected on the direction that theory "
-        "predicts. Hollow triangles: upper limits, where these trials cannot tell the "
-        "bias from zero. Expected slope: 2.",
+        "predicts. Hollow triangles: upper limits, where these trials cannot tell "
+        "the bias from zero; where no ratio is below, none can be seen."
+    )
+    return replace(
+        _apart(sets, "calibration-bias", "bias", caption),
+        asked="Is there a bias, and is it what theory says?",
+        finding=(
+            limited("The bias", biases, spreads, "the scatter", count)
+            if below
+            else agrees("The bias", biases, at="noise")
+        ),
     )
 
 
-def _apart(
-    groups: Groups, family: Family, predictor: str, name: str, words: str, caption: str
-) -> Drawing | None:
-    sets = [(key, curves(groups, part(family, key, predictor))) for key in GROUPS]
-    sets = [entry for entry in sets if entry[1]]
-    if not sets:
-        return None
-    z = bar_width(c for _, measured in sets for c in measured)
+def _sets(groups: Groups, family: Family, predictor: str) -> list[Set]:
+    """Standard deviation or bias of T, K and B in the units of a person."""
+    found: list[Set] = []
+    for key, title in GROUPS.items():
+        unit = OF_A_CALIBRATION[key]
+        drawn = [c.scaled(unit) for c in curves(groups, part(family, key, predictor))]
+        if drawn:
+            found.append((title, unit, drawn, []))
+    return found
+
+
+def _apart(sets: Sequence[Set], name: str, words: str, caption: str) -> Drawing:
+    z = together_z(sets)
+    values = [
+        panel(title, NOISE, f"{words}, {unit.name}", measured, z=z)
+        for title, unit, measured, _ in sets
+    ]
+    below = [
+        shown
+        for title, _, measured, _ in sets
+        for shown in ratios_of(title, NOISE, measured, [], z)
+    ]
     return Drawing(
         name=name,
         caption=f"{caption} Bars: {z:.2f} standard errors, 95 % for all together.",
@@ -135,15 +188,12 @@ def _apart(
             f"{words.capitalize()} of T, K and B against the noise per sample on "
             "logarithmic axes, simulated points beside the predicted lines"
         ),
-        panels=[
-            panel(GROUPS[key], NOISE, f"{words}, {unit_of(key)}", measured, z=z)
-            for key, measured in sets
-        ],
+        panels=[*values, *below],
     )
 
 
 def _slopes(groups: Groups) -> Table:
-    rows = []
+    rows, found = [], []
     measures: list[tuple[str, int, Measure]] = [
         (f"rms of {n}", 1, statistic(RMS(n), FIRST_ORDER)) for n in GROUPS
     ]
@@ -152,12 +202,14 @@ def _slopes(groups: Groups) -> Table:
     measures += [(f"bias of {n}", 2, part(BIAS, n, SECOND_ORDER)) for n in GROUPS]
     for words, expected, measure in measures:
         for c in curves(groups, measure):
-            rows.append((words, c.label, *slope_cells(c), float(expected)))
+            found.append(fits(c))
+            rows.append((words, c.label, *slope_words(c, found[-1]), float(expected)))
     return Table(
         name="calibration-slopes",
         caption="Slopes in the noise, with 95 % intervals",
         columns=(Column("error"), Column("cells"), *SLOPES),
         rows=rows,
+        fold=slope_fold(found),
     )
 
 
@@ -170,6 +222,7 @@ def _recoveries(cells: Sequence[CellResult]) -> Table:
     ]
     return Table(
         name="calibration-recovery",
+        fold=_recovered(rows),
         caption="Without noise: relative error of what was recovered, and its limit",
         columns=(
             Column("cell", "code"),
@@ -180,3 +233,11 @@ def _recoveries(cells: Sequence[CellResult]) -> Table:
         rows=rows,
         shown=60,
     )
+
+
+def _recovered(rows: Sequence[tuple[str, str, float, float | None]]) -> str:
+    """Words of the fold of what is recovered without noise: none where one is not."""
+    if any(not (most is not None and abs(value) <= most) for *_, value, most in rows):
+        return ""
+    most = max(abs(value) for *_, value, _ in rows) if rows else 0.0
+    return f"Without noise all {len(rows)} are recovered, within {percent(most)}"

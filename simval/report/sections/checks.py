@@ -1,11 +1,17 @@
 """Every check against theory: counts by family, then each check, failing ones first."""
 
+from typing import Any
+
+from simval.change import EFFORT
 from simval.gate.finding import reproduce
+from simval.report.curves import PREFERRED, numeric, varying
+from simval.report.notes import described
 from simval.report.section import Context, Section, made
 from simval.report.sections.disagreements import Key, figure_names, key_of
 from simval.report.table import Column, Table
-from simval.report.words import sign_of_entries
+from simval.report.words import sign_of_entries, spelled
 from simval.results import CellName
+from simval.sweep import Run
 from simval.verdict import WORST_FIRST, Verdict
 
 MAX_ROWS = 300  # for the size of a page; the rest is counted
@@ -19,7 +25,7 @@ def section(context: Context) -> Section | None:
     return made(
         "checks",
         "Checks",
-        tables=[_families(context), _each(verdicts, figures, context.folder)],
+        tables=[_families(context), _each(context, verdicts, figures)],
         open=bool(verdicts) and verdicts[0].answer != "pass",
         alpha=context.alpha,
         linked=linked,
@@ -49,12 +55,16 @@ def _families(context: Context) -> Table:
     )
 
 
-def _each(verdicts: list[Verdict], figures: dict[Key, str], folder: str) -> Table:
+def _each(context: Context, verdicts: list[Verdict], figures: dict[Key, str]) -> Table:
+    places, folder = _places(context.run), context.folder
     rows = [
         (
             v.answer,
+            spelled(v.cell.study),
             str(v.row.statistic),
             v.row.predictor,
+            *places.get(v.cell, (None, None, spelled(str(v.cell)))),
+            reproduce(v.cell, folder) or None,
             (v.row.value, v.row.standard_error),
             v.row.unit,
             v.row.prediction,
@@ -64,7 +74,6 @@ def _each(verdicts: list[Verdict], figures: dict[Key, str], folder: str) -> Tabl
             v.limit if v.limit == v.limit else None,
             v.row.n,
             figures.get(key_of(v)) if v.answer == "fail" else None,
-            reproduce(v.cell, folder) or str(v.cell),
         )
         for v in verdicts
     ]
@@ -73,9 +82,14 @@ def _each(verdicts: list[Verdict], figures: dict[Key, str], folder: str) -> Tabl
         caption="Each check: failing ones first, then by p-value"
         + sign_of_entries(v.row.statistic for v in verdicts),
         columns=(
-            Column("verdict", "answer"),
+            Column("verdict", "answer", choice=True),
+            Column("study", choice=True),
             Column("statistic"),
-            Column("against"),
+            Column("against", choice=True),
+            Column("noise", "number", choice=True),
+            Column("poses", "number", choice=True),
+            Column("what else varies"),
+            Column("command", "command"),
             Column("measured", "measured"),
             Column("unit"),
             Column("predicted", "number"),
@@ -85,11 +99,30 @@ def _each(verdicts: list[Verdict], figures: dict[Key, str], folder: str) -> Tabl
             Column("limit", "number", 2),
             Column("n", "number", 12),
             Column("figure", "figure"),
-            Column("reproduce the cell", "code"),
         ),
         rows=rows,
         shown=MAX_ROWS,
     )
+
+
+def _places(run: Run) -> dict[CellName, tuple[Any, ...]]:
+    """Noise and poses of each cell, and in words what else varies in its study."""
+    keys = {
+        study: [key for key in varying(run.of(study)) if key not in EFFORT]
+        for study in {cell.study for cell in run.cells}
+    }
+    many = len({cell.seed for cell in run.cells}) > 1
+    places = {}
+    for cell in run.cells:
+        numbers = {key: numeric(cell.parameters.get(key)) for key in PREFERRED}
+        others = {
+            key: cell.parameters.get(key)
+            for key in keys[cell.study]
+            if numbers.get(key) is None
+        }
+        words = described(cell.study, others | ({"seed": cell.seed} if many else {}))
+        places[cell.named] = (*numbers.values(), words)
+    return places
 
 
 def _rank(verdict: Verdict) -> tuple[int, float, CellName]:

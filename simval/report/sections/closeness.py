@@ -4,9 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from simval.report.curves import bar_width, curve, statistic
+from simval.report.curves import Curve, bar_width, curve, statistic
+from simval.report.findings import agrees
 from simval.report.measures import left_out
-from simval.report.panels import GREY, Drawing, Panel, Series
+from simval.report.notes import Measured
+from simval.report.panels import Drawing, Panel, Series
+from simval.report.ratio import ratio_panel
 from simval.report.section import Context, Section, Shown, made
 from simval.report.sections.attitude import CLAIMED, STYLES
 from simval.report.table import Column, Table
@@ -45,20 +48,28 @@ def section(context: Context) -> Section | None:
 
 
 def _closeness(cells: list[CellResult]) -> Drawing:
+    growth = _over_noise(cells)
     return Drawing(
         name="closeness",
+        asked="What does a geometry near a singular one cost?",
+        finding=agrees(
+            "The RMS error",
+            [] if growth is None else [growth],
+            at="|q̄|",
+            theory="the exact answer",
+        ),
         caption=(
             "All geometries and noise levels in one figure, over the length of the "
             "un-normalised quaternion, at the left in units of the noise: singular is "
             "to the left. Left: how far each formula's covariance is from the exact "
-            "one. Right: RMS error over the noise, simulated and exact."
+            "one. Then RMS error over the noise, simulated and exact, and one over "
+            "the other."
         ),
         alternative=(
             "Relative distance of each predicted covariance from the exact one, and "
             "RMS error over noise, against the closeness to singularity"
         ),
-        panels=[_formulas(cells), _growth(cells)],
-        columns=2,
+        panels=[_formulas(cells), *_growth(growth)],
     )
 
 
@@ -83,14 +94,16 @@ def _limits(cells: tuple[CellResult, ...]) -> Drawing:
         panels.append(
             Panel(
                 title=f"{part}: least |q̄| / σ",
-                x_label="|q̄|, 1",
-                y_label="|q̄| / σ, 1",
+                x_label="|q̄|",
+                y_label="|q̄| / σ",
                 series=tuple(series),
                 log_x=False,
             )
         )
     return Drawing(
         name="limits",
+        asked="From where on does a formula hold?",
+        finding=_farthest(cells),
         caption=(
             "How far from singular a geometry must be, in units of the noise, for each "
             "formula to be within 1 %, and within 10 % (dotted), of the exact answer."
@@ -122,6 +135,7 @@ def _table(cells: tuple[CellResult, ...]) -> Table:
         )
     return Table(
         name="limits",
+        fold="How often the raw sign flips, and how often free selection differs",
         caption="How often the raw sign flips, and how often free selection differs",
         columns=(
             Column("|q̄|", "number"),
@@ -147,45 +161,73 @@ def _formulas(cells: list[CellResult]) -> Panel:
         )
     return Panel(
         title="where a formula may be used",
-        x_label="|q̄| / σ, 1",
-        y_label="relative difference from exact, 1",
+        x_label="|q̄| / σ",
+        y_label="difference from exact, relative",
         series=tuple(series),
         references=((0.1, "10 %"), (0.01, "1 %")),
     )
 
 
-def _growth(cells: list[CellResult]) -> Panel:
-    def over_noise(cell: CellResult) -> tuple[float, float, float] | None:
+def _over_noise(cells: list[CellResult]) -> Curve | None:
+    """RMS error in units of the noise, over the length of the quaternion."""
+
+    def over_noise(cell: CellResult) -> Measured | None:
         row = cell.row(RMS(), EXACT)
         if row is None or row.prediction is None:
             return None
         sigma = float(cell.parameters["noise_std"])
-        return row.value / sigma, row.standard_error / sigma, row.prediction / sigma
+        value, error = row.value / sigma, row.standard_error / sigma
+        return Measured(value, error, row.prediction / sigma, n=row.n)
 
     c = curve("simulated", cells, AXIS, over_noise)
+    if c is None:
+        return None
+    lengths = curve("", cells, AXIS, _length)
+    assert lengths is not None  # the axis itself is a row of these cells
+    return replace(c, x=lengths.value)
+
+
+def _growth(c: Curve | None) -> list[Panel]:
     series: list[Series] = []
+    below: list[Panel] = []
     if c is not None:
-        lengths = curve("", cells, AXIS, _length)
-        assert lengths is not None  # the axis itself is a row of these cells
-        order = np.argsort(lengths.value, kind="stable")
-        measured = replace(c, x=lengths.value)
+        order = np.argsort(c.x, kind="stable")
+        z = bar_width([c])
         series = [
-            # as the exact answer has its colour on every figure, these have another
-            replace(measured.points(bar_width([c])), colour=GREY),
+            c.points(z),
             Series(
                 label="exact",
-                x=lengths.value[order],
+                x=c.x[order],
                 y=c.prediction[order],
                 colour=STYLES[EXACT][0],
                 marker="+",
             ),
         ]
-    return Panel(
-        title="what closeness costs",
-        x_label="|q̄|, 1",
-        y_label="RMS error / σ, 1",
-        series=tuple(series),
-    )
+        found = ratio_panel("simulated over exact", "|q̄|", [c], z)
+        below = [] if found is None else [replace(found, height=1.0)]
+    return [
+        Panel(
+            title="what closeness costs",
+            x_label="|q̄|",
+            y_label="RMS error / σ",
+            series=tuple(series),
+        ),
+        *below,
+    ]
+
+
+def _farthest(cells: tuple[CellResult, ...]) -> str:
+    """The least ratio at which each formula is within 1 % in every geometry."""
+    told = []
+    for predictor in CLAIMED:
+        c = curve(
+            "", cells, "norm", statistic(LIMIT_RATIO("covariance", "1%"), predictor)
+        )
+        if c is not None:
+            told.append(f"{float(c.value.max()):.3g} ({predictor})")
+    if not told:
+        return ""
+    return f"The covariance is within 1 % where |q̄| / σ is at least {', '.join(told)}."
 
 
 def _length(cell: CellResult) -> tuple[float, float, float] | None:

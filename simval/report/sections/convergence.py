@@ -1,6 +1,6 @@
 """Convergence of the solvers: distance to the solution after each iteration."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -8,15 +8,19 @@ import numpy as np
 from simval.report.artifacts import arrays
 from simval.report.curves import MAX_GROUPS
 from simval.report.panels import COLOURS, MARKERS, Drawing, Panel, Series
+from simval.report.parameters import setting_words
 from simval.report.section import Context, Section, made
 from simval.report.sections.other import numbers
+from simval.studies.solvers import artifact_of
+from simval.sweep.run import CellResult
 
 
 def section(context: Context) -> Section | None:
     """Make the section."""
     files = sorted((context.run.folder / "artifacts").glob("convergence-*.npz"))
-    panels = [panel for file in files[:MAX_GROUPS] if (panel := _panel(file))]
     cells = context.cells("solvers")
+    titles = {artifact_of(cell.parameters): _title(cell) for cell in cells}
+    panels = [panel for file in files[:MAX_GROUPS] if (panel := _panel(file, titles))]
     tables = [numbers("solvers", cells)] if cells else []
     if not panels and not tables:
         return None
@@ -28,6 +32,8 @@ def section(context: Context) -> Section | None:
 def _drawing(panels: Sequence[Panel], left_out: Sequence[str]) -> Drawing:
     return Drawing(
         name="convergence",
+        asked="How fast does each solver come to the answer?",
+        finding=_steps(panels[-1]),
         caption=(
             "Each point is one iteration. A straight line means linear convergence, a "
             "line that bends down faster convergence. The last points are rounding."
@@ -38,7 +44,22 @@ def _drawing(panels: Sequence[Panel], left_out: Sequence[str]) -> Drawing:
     )
 
 
-def _panel(file: Path) -> Panel | None:
+def _title(cell: CellResult) -> str:
+    """What was solved: poses and noise."""
+    return ", ".join(
+        setting_words("solvers", key, cell.parameters[key])
+        for key in ("poses", "noise_std")
+    )
+
+
+def _steps(panel: Panel) -> str:
+    """How many iterations each solver needs, in words."""
+    named = [s for s in panel.series if s.label]
+    told = ", ".join(f"{s.label} {int(np.max(s.x))}" for s in named)
+    return f"Iterations with {panel.title}: {told}."
+
+
+def _panel(file: Path, titles: Mapping[str, str]) -> Panel | None:
     series: list[Series] = []
     for i, (name, values) in enumerate(sorted(arrays(file).items())):
         trace = np.atleast_1d(np.asarray(values, dtype=float)).ravel()
@@ -52,8 +73,8 @@ def _panel(file: Path) -> Panel | None:
     if not series:
         return None
     return Panel(
-        title=file.stem.removeprefix("convergence-"),
-        x_label="iteration, 1",
+        title=titles.get(file.name, file.stem.removeprefix("convergence-")),
+        x_label="iteration",
         y_label="distance to the solution",
         series=tuple(series),
         log_x=False,

@@ -6,7 +6,11 @@ import numpy as np
 
 from simval.gate.finding import reproduce
 from simval.report.curves import Measure, axis_of, bar_width, curve, grouped, statistic
-from simval.report.panels import COLOURS, GREY, Drawing, Panel, Series
+from simval.report.findings import agreement, agrees
+from simval.report.notes import Measured
+from simval.report.palette import THEORY
+from simval.report.panels import GREY, Drawing, Panel, Series
+from simval.report.parameters import axis_words, named
 from simval.report.section import Context, Section, made
 from simval.results import Row
 from simval.statistics import Statistic
@@ -75,6 +79,7 @@ def _drawing(context: Context, verdict: Verdict, name: str) -> Drawing | None:
     against = f" against {predictor}" if predictor else ""
     return Drawing(
         name=name,
+        finding=_said(members, axis, verdict),
         caption=(
             f"{what}{against}, first failing in {verdict.cell}: {verdict.reason}."
         ),
@@ -86,23 +91,36 @@ def _drawing(context: Context, verdict: Verdict, name: str) -> Drawing | None:
     )
 
 
+def _said(cells: Sequence[CellResult], axis: str, verdict: Verdict) -> str:
+    """How far which points are off; of a limit what the gate says."""
+    row = verdict.row
+    c = curve("", cells, axis, statistic(row.statistic, row.predictor))
+    if c is None or not agreement([c]).off:
+        return f"{row.statistic}: {verdict.reason}."
+    theory = row.predictor or "its prediction"
+    name = named(verdict.cell.study, axis).name
+    return agrees(str(row.statistic), [c], at=name, theory=theory)
+
+
 def _values(cells: Sequence[CellResult], axis: str, row: Row) -> Panel:
     c = curve("measured", cells, axis, statistic(row.statistic, row.predictor))
     series: list[Series] = []
+    study = cells[0].study
     if c is not None:
         label = row.predictor or "prediction"
-        predicted = c.predicted(1, "-", label)
+        predicted = c.predicted("-", label)
         if len(np.unique(c.x)) == 1:  # no line, but a mark for each point
             predicted = Series(
-                label=label, x=c.x, y=c.prediction, colour=COLOURS[1], marker="D"
+                label=label, x=c.x, y=c.prediction, colour=THEORY, marker="D"
             )
         series = [c.points(bar_width([c])), predicted]
-    return _panel(str(row.statistic), f"value, {row.unit}", axis, series)
+    return _panel(str(row.statistic), _value_of(row), (study, axis), series)
 
 
 def _distances(cells: Sequence[CellResult], axis: str, row: Row) -> Panel:
     c = curve("difference", cells, axis, _distance(row))
     series: list[Series] = []
+    study = cells[0].study
     if c is not None:
         zero = np.zeros(len(c.x))
         words = "allowed remainder"
@@ -110,13 +128,22 @@ def _distances(cells: Sequence[CellResult], axis: str, row: Row) -> Panel:
             label=words, x=c.x, y=zero, band=c.prediction, colour=GREY, line="-"
         )
         series = [allowed, c.points(1.0)]
-    return _panel("distance from the prediction", "standard errors, 1", axis, series)
+    return _panel(
+        "distance from the prediction", "standard errors", (study, axis), series
+    )
 
 
-def _panel(title: str, y_label: str, axis: str, series: list[Series]) -> Panel:
+def _value_of(row: Row) -> str:
+    return "value" if row.unit == "1" else f"value, {row.unit}"
+
+
+def _panel(
+    title: str, y_label: str, along: tuple[str, str], series: list[Series]
+) -> Panel:
+    """A panel over a parameter of a study, in words."""
     return Panel(
         title=title,
-        x_label=axis.replace("_", " "),
+        x_label=axis_words(*along),
         y_label=y_label,
         series=tuple(series),
         log_x=bool(series) and bool(np.all(series[0].x > 0.0)),
@@ -127,11 +154,13 @@ def _panel(title: str, y_label: str, axis: str, series: list[Series]) -> Panel:
 def _distance(row: Row) -> Measure:
     """Distance and allowed remainder of the same row of a cell, in standard errors."""
 
-    def measure(cell: CellResult) -> tuple[float, float, float] | None:
+    def measure(cell: CellResult) -> Measured | None:
         here = cell.row(row.statistic, row.predictor)
         if here is None or here.prediction is None or not here.standard_error > 0.0:
             return None
         distance = (here.value - here.prediction) / here.standard_error
-        return distance, 1.0, here.remainder / here.standard_error
+        allowed = here.remainder / here.standard_error
+        words = ("standard errors", "allowed remainder")
+        return Measured(distance, 1.0, allowed, 0.0, here.n, *words)
 
     return measure

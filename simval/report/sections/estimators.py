@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from simval.report.artifacts import arrays
+from simval.report.findings import percent
 from simval.report.panels import COLOURS, Drawing, Panel, Series
 from simval.report.section import Context, Section, Shown, made
 from simval.report.table import Column, Table
@@ -47,6 +48,8 @@ def _drawing(names: list[str], ratios: np.ndarray) -> Drawing:
     )
     return Drawing(
         name="estimators",
+        asked="What does an estimator cost that is not optimal?",
+        finding=_costs(names, ratios),
         caption=(
             f"RMS error over that of the q-method on the same noise, in {len(ratios)} "
             "geometries: the share of geometries with at most the value on the axis. "
@@ -59,14 +62,27 @@ def _drawing(names: list[str], ratios: np.ndarray) -> Drawing:
         panels=[
             Panel(
                 title="price of the closed form",
-                x_label="RMS error over the q-method's, 1",
-                y_label="share of geometries, 1",
+                x_label="RMS error / the q-method's",
+                y_label="share of geometries",
                 series=series,
                 log_x=False,
                 log_y=False,
             )
         ],
     )
+
+
+def _costs(names: list[str], ratios: np.ndarray) -> str:
+    """What each estimator costs in the median and at worst, in percent."""
+    told = [
+        f"{name} {percent(abs(float(np.median(column)) - 1.0))} "
+        f"(at worst {percent(abs(float(column.max()) - 1.0))})"
+        for name, column in zip(names, ratios.T, strict=True)
+        if float(column.max()) > 1.0
+    ]
+    if not told:
+        return ""
+    return f"More error than the q-method's, in the median: {', '.join(told)}."
 
 
 def _names(cell: CellResult) -> list[str]:
@@ -93,6 +109,7 @@ def _table(cells: Sequence[CellResult]) -> Table:
         rows.append((name, *values, cell.name))
     return Table(
         name="estimators",
+        fold="Median and worst, by theory and simulated",
         caption="RMS error over the q-method's",
         columns=(
             Column("estimator"),

@@ -1,23 +1,33 @@
 """Attitude filters: errors over time beside the bound, and what they say of them."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import scipy
 from markupsafe import Markup
 
-from simval.arrays import Array
 from simval.compare.merits import algorithm_of
 from simval.report.artifacts import arrays, shaped
 from simval.report.attitudes import turning
-from simval.report.curves import MAX_GROUPS, grouped
-from simval.report.panels import COLOURS, GREY, Drawing, Panel, Series
+from simval.report.curves import MAX_GROUPS, Curve, bar_width, grouped
+from simval.report.filter_curves import (
+    BAND,
+    LINES,
+    at,
+    band,
+    bound,
+    lines,
+    over_bound,
+    points,
+    predicted,
+)
+from simval.report.panels import COLOURS, Drawing, Panel, Series
+from simval.report.ratio import ratio_panel
 from simval.report.section import Context, Section, Shown, made
 from simval.report.table import Column, Table
 from simval.report.words import spelled
 from simval.results import Row
-from simval.shapes import Float
 from simval.statistics import (
     BOUND_AT,
     BUDGET_AT,
@@ -32,7 +42,7 @@ from simval.statistics import (
     Family,
 )
 from simval.studies.filter import artifact_of
-from simval.studies.filter_rows import ATTITUDE, HEADING, INCLINATION
+from simval.studies.filter_rows import HEADING, INCLINATION
 from simval.sweep.run import CellResult
 
 SHOWN = Shown(
@@ -40,9 +50,6 @@ SHOWN = Shown(
     (RMS, RMS_AT, BOUND_AT, NEES(), NEES_AT, DIVERGED, BUDGET_AT, NIS,
      SETTLING, RMS_OVER_BOUND),
 )  # fmt: skip
-LINES = ("-", "--", "-.", ":")
-BAND = 1e-3  # of false alarms: how often an honest instant is outside, two-sided
-DIMENSION = 3  # of the attitude
 
 
 def section(context: Context) -> Section | None:
@@ -54,7 +61,11 @@ def section(context: Context) -> Section | None:
     labels = list(groups)
     shown = list(groups.items())[:MAX_GROUPS]
     left_out = labels[MAX_GROUPS:]
-    drawings = [_errors(shown, left_out), _squares(shown, left_out)]
+    drawings = [
+        _errors(shown, left_out),
+        _ratios(shown, left_out),
+        _squares(shown, left_out),
+    ]
     budgets = [panel for label, own in shown for panel in _budget(label, own)]
     if budgets:
         drawings.append(_drawn_budget(budgets))
@@ -158,10 +169,13 @@ def _errors(
 ) -> Drawing:
     return Drawing(
         name="filter-errors",
+        asked="How near to the bound is each filter?",
+        finding=_costs(groups),
         caption=(
-            "Attitude error over time, root mean square over the trials. Grey: the "
+            "Attitude error over time, root mean square of the trials. Grey: the "
             "posterior Cramér-Rao bound, which no filter is below that knows of the "
-            "sensors what they are; dotted, what theory says of the reference filter."
+            "sensors what they are; red and dotted, what theory says of the reference "
+            "filter."
         ),
         alternative="RMS attitude error of each filter over time beside the bound",
         panels=[
@@ -170,9 +184,9 @@ def _errors(
                 x_label="time, s",
                 y_label="RMS error, degrees",
                 series=[
-                    *_bound(cells[0]),
-                    *_predicted(cells),
-                    *_curves(cells, RMS_AT, np.degrees(1.0)),
+                    *bound(cells[0]),
+                    *predicted(cells),
+                    *lines(cells, RMS_AT, np.degrees(1.0)),
                 ],
                 log_x=False,
             )
@@ -183,11 +197,62 @@ def _errors(
     )
 
 
+def _ratios(
+    groups: Sequence[tuple[str, Sequence[CellResult]]], left_out: Sequence[str]
+) -> Drawing:
+    """The same over the bound, where a percent is seen."""
+    found = [
+        (label, cells, [c for cell in cells if (c := over_bound(cell)) is not None])
+        for label, cells in groups
+    ]
+    z = bar_width(c for _, _, curves in found for c in curves)
+    panels = [
+        panel
+        for label, cells, curves in found
+        if (
+            panel := ratio_panel(
+                label or spelled("filter"),
+                "time, s",
+                curves,
+                z,
+                _predicted_over(cells, curves),
+                log_x=False,
+            )
+        )
+    ]
+    return Drawing(
+        name="filter-ratio",
+        fold="The error over the bound, on a linear axis",
+        caption=(
+            "RMS error over the posterior Cramér-Rao bound. Bars: "
+            f"{z:.2f} standard errors, 95 % for all points of the figure together; red "
+            "and dotted, what theory says of the reference filter."
+        ),
+        alternative="RMS error of each filter over the bound, over time",
+        panels=[replace(panel, y_label="RMS error / bound") for panel in panels],
+        columns=2,
+        left_out=left_out,
+    )
+
+
+def _predicted_over(
+    cells: Sequence[CellResult], curves: Sequence[Curve]
+) -> list[Series]:
+    """What theory says of the reference filter, over the bound."""
+    for series in predicted(cells) if curves else []:
+        least = np.degrees(curves[0].prediction)
+        if np.array_equal(series.x, curves[0].x):
+            return [replace(series, y=series.y / least)]
+    return []
+
+
 def _squares(
     groups: Sequence[tuple[str, Sequence[CellResult]]], left_out: Sequence[str]
 ) -> Drawing:
     return Drawing(
         name="filter-nees",
+        asked="Is what a filter states of its errors true?",
+        finding=_honest(groups),
         caption=(
             "Normalised squared error of the attitude over time, mean over the trials: "
             "3 for an honest covariance. Grey lines: where one honest instant in a "
@@ -199,21 +264,57 @@ def _squares(
             Panel(
                 title=label or spelled("filter"),
                 x_label="time, s",
-                y_label="NEES of 3",
-                series=[*_curves(cells, NEES_AT, 1.0), *_band(cells)],
+                y_label="NEES (3 is right)",
+                series=[*lines(cells, NEES_AT, 1.0), *band(cells)],
                 log_x=False,
             )
             for label, cells in groups
-            if any(_at(cell, NEES_AT)[0].size for cell in cells)
+            if any(at(cell, NEES_AT)[0].size for cell in cells)
         ],
         columns=2,
         left_out=left_out,
     )
 
 
+def _costs(groups: Sequence[tuple[str, Sequence[CellResult]]]) -> str:
+    """Error over the bound of the best and the worst cell."""
+    found = [
+        (row.value, algorithm_of(cell), label)
+        for label, cells in groups
+        for cell in cells
+        for row in cell.rows
+        if row.statistic.family == RMS_OVER_BOUND and not row.statistic.entries
+    ]
+    if not found:
+        return ""
+    told = [
+        f"{value:.3g} times the bound ({name}{', ' if label else ''}{label})"
+        for value, name, label in dict.fromkeys((min(found), max(found)))
+    ]
+    return f"The RMS error is {' to '.join(told)}."
+
+
+def _honest(groups: Sequence[tuple[str, Sequence[CellResult]]]) -> str:
+    """Share of the instants whose NEES is outside the band, of all cells together."""
+    count = outside = 0
+    for _, cells in groups:
+        ends = band(cells)
+        for cell in cells if ends else ():
+            x, y, _ = at(cell, NEES_AT)
+            low, high = (np.interp(x, end.x, end.y) for end in ends)
+            count += len(y)
+            outside += int(np.sum((y < low) | (y > high)))
+    if not count:
+        return ""
+    expected = f"{1000.0 * BAND:g} in 1000 of an honest filter"
+    return f"{outside:,} of {count:,} instants are outside the band, {expected} are."
+
+
 def _drawn_budget(panels: Sequence[Panel]) -> Drawing:
     return Drawing(
         name="filter-budget",
+        asked="Where does the error come from?",
+        fold="What each source adds to the predicted error of the reference filter",
         caption=(
             "What each source adds to the predicted attitude error of the reference "
             "filter over time. The squares of the parts add up to that of the whole."
@@ -239,9 +340,7 @@ def _budget(label: str, cells: Sequence[CellResult]) -> list[Panel]:
                 line=LINES[k // len(COLOURS)],
             )
             for k, part in enumerate(parts)
-            for x, y, _ in [
-                _points([r for r in rows if r.statistic.entries[0] == part])
-            ]
+            for x, y, _ in [points([r for r in rows if r.statistic.entries[0] == part])]
         ]
         return [
             Panel(
@@ -253,93 +352,3 @@ def _budget(label: str, cells: Sequence[CellResult]) -> list[Panel]:
             )
         ]
     return []
-
-
-def _bound(cell: CellResult) -> list[Series]:
-    x, y, _ = _at(cell, BOUND_AT)
-    least = np.degrees(y)
-    return (
-        [Series(label="bound", x=x, y=least, colour=GREY, line="-")] if len(x) else []
-    )
-
-
-def _predicted(cells: Sequence[CellResult]) -> list[Series]:
-    """What theory says of the reference filter: the root of the parts' squares."""
-    for cell in cells:
-        x, y, _ = _points([r for r in cell.rows if r.statistic.family == BUDGET_AT])
-        if len(x):
-            time, place = np.unique(x, return_inverse=True)
-            total = np.sqrt(np.bincount(place, weights=y**2))
-            return [
-                Series(
-                    label="predicted, reference filter",
-                    x=time,
-                    y=np.degrees(total),
-                    colour=GREY,
-                    line=":",
-                )
-            ]
-    return []
-
-
-def _band(cells: Sequence[CellResult]) -> list[Series]:
-    """Where the mean over so many trials lies, by its chi-square law."""
-    for cell in cells:
-        x, _, n = _at(cell, NEES_AT)
-        if len(x):
-            freedom = DIMENSION * n
-            law = scipy.stats.chi2
-            return [
-                Series(label="", x=x, y=y, colour=GREY, line="--")
-                for y in (
-                    law.ppf(BAND / 2.0, freedom) / n,
-                    law.isf(BAND / 2.0, freedom) / n,
-                )
-            ]
-    return []
-
-
-def _curves(cells: Sequence[CellResult], family: Family, scale: float) -> list[Series]:
-    series = []
-    for k, cell in enumerate(cells):
-        x, y, _ = _at(cell, family)
-        if len(x):
-            series.append(
-                Series(
-                    label=algorithm_of(cell),
-                    x=x,
-                    y=scale * y,
-                    colour=COLOURS[k % len(COLOURS)],
-                    line=LINES[k // len(COLOURS) % len(LINES)],
-                )
-            )
-    return series
-
-
-def _at(
-    cell: CellResult, family: Family
-) -> tuple[Float[Array, " n"], Float[Array, " n"], Float[Array, " n"]]:
-    """Time, value and trials of the rows of the attitude."""
-    return _points(
-        [
-            row
-            for row in cell.rows
-            if row.statistic.family == family
-            and row.statistic.entries[:1] == (ATTITUDE,)
-        ]
-    )
-
-
-def _points(
-    rows: Sequence[Row],
-) -> tuple[Float[Array, " n"], Float[Array, " n"], Float[Array, " n"]]:
-    found = [(_number(r.statistic.entries[-1]), r.value, float(r.n)) for r in rows]
-    x, y, n = np.array(sorted(p for p in found if np.isfinite(p[0]))).reshape(-1, 3).T
-    return x, y, n
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return np.nan

@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 
 from simval.arrays import Array
+from simval.report import palette
 from simval.report.artifacts import arrays, shaped
 from simval.report.curves import MAX_GROUPS
 from simval.report.distribution import share_at_most
-from simval.report.panels import COLOURS, Drawing, Panel, Series
+from simval.report.panels import Drawing, Panel, Series
 from simval.report.section import Context, Section, Shown, made
 from simval.report.sections.attitude import STYLES
 from simval.report.table import Column, Table
@@ -27,7 +28,7 @@ from simval.sweep.run import CellResult
 
 DRAWN = {
     ORDER_4_SOURCE: STYLES[ORDER_4_SOURCE],
-    ORDER_2_PRINTED: (COLOURS[1], "-"),
+    ORDER_2_PRINTED: (palette.ORDER_2_PRINTED, "-"),
 }
 Ratios = Mapping[str, Array]
 """Of each formula, one for each geometry."""
@@ -83,6 +84,8 @@ def _drawing(
     told = " ".join(_finding(name, found) for name in DRAWN)
     return Drawing(
         name="geometries",
+        asked="Is a formula nearer to the truth than the second order?",
+        finding=_nearer(found),
         caption=(
             f"{told} Drawn: the share of geometries in which the leading error of a "
             "formula's covariance, the term in σ⁴ that it has wrong, is at most so "
@@ -101,6 +104,16 @@ def _drawing(
     )
 
 
+def _nearer(found: Sequence[tuple[CellResult, Ratios]]) -> str:
+    """In how many geometries each formula is nearer to the truth, in short."""
+    told = []
+    for name in DRAWN:
+        shares = [100.0 * float(np.mean(of_all[name] < 1.0)) for _, of_all in found]
+        ends = dict.fromkeys(f"{share:.3g}" for share in (min(shares), max(shares)))
+        told.append(f"{CALLED[name]} in {' to '.join(ends)} %")
+    return f"{'; '.join(told)} of the geometries."
+
+
 def _panel(cell: CellResult, ratios: Ratios) -> Panel:
     end = ROOM * max(float(values.max()) for values in ratios.values())
     series = [
@@ -108,8 +121,8 @@ def _panel(cell: CellResult, ratios: Ratios) -> Panel:
     ]
     return Panel(
         title=_place(cell),
-        x_label="leading error over the second order's, 1",
-        y_label=f"share of {cell.parameters['geometries']} geometries, 1",
+        x_label="leading error / the second order's",
+        y_label=f"share of {cell.parameters['geometries']} geometries",
         series=(_upright(ORDER_4, 0.0), _upright(ORDER_2, 1.0), *series),
         log_x=False,
         log_y=False,
@@ -176,6 +189,7 @@ def _table(cells: Sequence[CellResult]) -> Table:
             rows.append((noise, frame, count, name, *values))
     return Table(
         name="geometries",
+        fold="Quantiles of the leading errors over the geometries",
         caption=(
             "Leading error of each formula's covariance over the second order's, over "
             "the geometries; share of them in which it is nearer to the truth; and how "

@@ -4,8 +4,10 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.report.curves import MAX_GROUPS, grouped
-from simval.report.panels import COLOURS, GREY, Drawing, Panel, Series
+from simval.report.palette import BOUND
+from simval.report.panels import COLOURS, Drawing, Panel, Series
 from simval.report.section import Context, Section, Shown, made
+from simval.report.units import PPM
 from simval.report.words import spelled
 from simval.shapes import Float
 from simval.statistics import RECOVERY, SD
@@ -14,7 +16,7 @@ from simval.sweep.run import CellResult
 
 SHOWN = Shown("gyroscope", (RECOVERY, SD))
 KINDS = (
-    (STRAIGHT, "straight lines between samples (Runge-Kutta)"),
+    (STRAIGHT, "straight lines between samples"),
     (AVERAGES, "averages with their coning"),
 )
 
@@ -29,6 +31,8 @@ def section(context: Context) -> Section | None:
     shown = [group[0] for group in groups.values()][:MAX_GROUPS]
     drawing = Drawing(
         name="gyroscope",
+        asked="How fast must a gyroscope be read for its calibration?",
+        finding=" ".join(filter(None, (_said(cell) for cell in shown[:1]))),
         caption=(
             "Greatest error of M in a calibration without noise, by the rate of the "
             "rows. Runge-Kutta on samples integrates straight lines between them and "
@@ -54,23 +58,42 @@ def _panel(cell: CellResult, label: str) -> Panel:
     return Panel(
         title=label or spelled(cell.study),
         x_label="rows per second, Hz",
-        y_label="error of M, 1",
+        y_label=f"error of M, {PPM.name}",
         series=[
-            Series(label=words, x=x, y=y, colour=COLOURS[i], marker="os"[i])
+            Series(
+                label=words, x=x, y=PPM.factor * y, colour=COLOURS[i], marker="os"[i]
+            )
             for i, (kind, words) in enumerate(KINDS)
             for x, y in [_curve(cell, kind)]
         ]
         + [
             Series(
-                label="bound",
+                label="Cramér-Rao bound",
                 x=ROWS / np.array([*THINNED.values()], dtype=float),
-                y=np.full(len(THINNED), value),
-                colour=GREY,
+                y=np.full(len(THINNED), PPM.factor * value),
+                colour=BOUND,
                 line=":",
             )
             for value in bound
         ],
     )
+
+
+def _said(cell: CellResult) -> str:
+    """Error of each integrator at the slowest and the fastest rate, and the bound."""
+    parts = []
+    for kind, words in KINDS:
+        x, y = _curve(cell, kind)
+        if len(x) > 1:
+            ends = [f"{_ppm(y[i])} at {x[i]:g} Hz" for i in (0, -1)]
+            parts.append(f"{words} {' and '.join(ends)}")
+    bound = [row.value for row in cell.rows if row.statistic.family == SD]
+    least = f"; noise alone leaves {_ppm(bound[0])}" if bound else ""
+    return f"Error of M: {'; '.join(parts)}{least}." if parts else ""
+
+
+def _ppm(share: float) -> str:
+    return f"{float(f'{PPM.factor * share:.2g}'):g} {PPM.name}"
 
 
 def _curve(

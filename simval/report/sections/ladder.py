@@ -2,12 +2,21 @@
 
 from collections.abc import Sequence
 
-from simval.report.curves import Groups, bars, curves, first, grouped
+from simval.report.curves import Curve, Groups, bar_width, bars, curves, first, grouped
+from simval.report.findings import agrees
 from simval.report.measures import part
-from simval.report.noise import panel, slope_cells
+from simval.report.noise import (
+    Fits,
+    fits,
+    panel,
+    ratios_of,
+    slope_fold,
+    slope_words,
+)
 from simval.report.panels import BarPanel, Drawing, Panel
 from simval.report.section import Context, Section, Shown, made
 from simval.report.table import Column, Table
+from simval.report.units import PPM
 from simval.results import Row
 from simval.statistics import BIAS, MANY_POSES, SCALE_BIAS, SECOND_ORDER
 from simval.sweep.run import CellResult
@@ -33,39 +42,59 @@ def _drawing(cells: Sequence[CellResult]) -> Drawing:
     settings, rest = first(grouped(cells, "noise_std", "residual"), MAX_SETTINGS)
     panels: list[BarPanel | Panel] = []
     left_out = list(rest)
+    every: list[Curve] = []
+    found: list[tuple[str, Row]] = []
     for setting, members in settings.items():
         rungs = _lowest(members)
         lines = _by_residual(members)
-        biases = curves(lines, part(BIAS, "K", THEORY))
+        biases = [c.scaled(PPM) for c in curves(lines, part(BIAS, "K", THEORY))]
+        every, found = [*every, *biases], found or rungs
         words = f": {setting}" if setting else ""
         names, rows = zip(*rungs[:MAX_BARS], strict=True)
-        title = f"the ladder{words}"
-        panels.append(bars(rows, names, title, "relative bias of the scale, σ²/g²"))
-        panels.append(panel(f"bias of scale K{words}", NOISE, "bias, 1", biases))
+        title, z = f"bias of scale K{words}", bar_width(biases)
+        label = "relative bias of the scale, σ²/g²"
+        panels.append(bars(rows, names, f"the ladder{words}", label))
+        panels.append(panel(title, NOISE, f"bias, {PPM.name}", biases, z=z))
+        panels += ratios_of(f"bias of K over theory{words}", NOISE, biases, [], z)
         left_out += [f"{name}{words}" for name, _ in rungs[MAX_BARS:]]
         drawn = {c.label for c in biases}
         left_out += [
-            f"{name}{words}, at the right, as theory has no bias of K at this order"
+            f"{name}{words}, in the middle, as theory has no bias of K at this order"
             for name in lines
             if name not in drawn
         ]
     return Drawing(
         name="ladder",
+        asked="What does each residual of a calibration cost in bias?",
+        finding=f"{_cost(found)}{agrees('The bias', every, at='noise')}",
         caption=(
             "A row for each sensor and number of poses. Left: bias of the scale in "
             "units of σ²/g², at the smallest noise of each residual (bars with 95 % "
             "intervals for all of the row together) and theory (diamonds); it does not "
-            "fall with more poses. Right: bias of K, RMS over the axes, against the "
-            "noise; expected slope 2. Hollow triangles: upper limits."
+            "fall with more poses. Middle: bias of K, RMS over the axes, against the "
+            "noise; expected slope 2. Right: measured over predicted, where its band "
+            "tells it from 0 and from 2. Hollow triangles: upper limits."
         ),
         alternative=(
             "Bias of the scale for each residual of the calibration beside theory, and "
             "bias against noise on logarithmic axes"
         ),
         panels=panels,
-        columns=2,
         left_out=left_out,
     )
+
+
+def _cost(rungs: Sequence[tuple[str, Row]]) -> str:
+    """The greatest and the least bias of the first setting's residuals."""
+    if len(rungs) < 2:
+        return ""
+    ranked = sorted(rungs, key=_size)
+    (least, low), (most, high) = ranked[0], ranked[-1]
+    return f"Between {high.value:.3g} σ²/g² ({most}) and {low.value:.2g} ({least}). "
+
+
+def _size(rung: tuple[str, Row]) -> float:
+    return abs(rung[1].value)
 
 
 def _by_residual(cells: Sequence[CellResult]) -> Groups:
@@ -91,9 +120,12 @@ def _lowest(cells: Sequence[CellResult]) -> list[tuple[str, Row]]:
 
 def _table(cells: Sequence[CellResult]) -> Table:
     rows = []
+    found: list[Fits] = []
     for label, members in grouped(cells, "noise_std").items():
         lines = curves({label: members}, part(BIAS, "K", THEORY))
-        slopes = slope_cells(lines[0]) if lines else ("no bias at this order", None)
+        found += [fits(c) for c in lines]
+        none: tuple[str, float | None] = ("no bias at this order", None)
+        slopes = slope_words(lines[0], found[-1]) if lines else none
         for cell in members:
             row, many = (cell.row(SCALE_BIAS(), by) for by in (THEORY, MANY_POSES))
             assert row is not None  # the section leaves out cells without it
@@ -110,6 +142,7 @@ def _table(cells: Sequence[CellResult]) -> Table:
             )
     return Table(
         name="ladder",
+        fold=slope_fold(found),
         caption="Bias of the scale in units of σ²/g², and its slope in the noise",
         columns=(
             Column("residual"),

@@ -1,12 +1,22 @@
 """Magnetometer: variance of the weighted fit and of the usual recipe over the bound."""
 
-from simval.report.curves import MAX_GROUPS, bars, grouped
+from collections.abc import Sequence
+
+from simval.report.curves import MAX_GROUPS, bar_width, bars, grouped
+from simval.report.findings import agrees
+from simval.report.measures import placed
 from simval.report.panels import BarPanel, Drawing
+from simval.report.ratio import ratio_bars
 from simval.report.section import Context, Section, Shown, made
 from simval.report.words import spelled
+from simval.results import Row
 from simval.statistics import VARIANCE_OVER_BOUND
 from simval.sweep.run import CellResult
 
+ALTERNATIVE = (
+    "Variance of the weighted fit and of the usual recipe over the bound, measured "
+    "beside predicted, for matrix, hard iron and dip"
+)
 SHOWN = Shown("magnetometer", (VARIANCE_OVER_BOUND,))
 
 
@@ -16,35 +26,64 @@ def section(context: Context) -> Section | None:
     if not cells:
         return None
     groups = grouped(cells)
-    labels = list(groups)
-    shown = [group[0] for group in groups.values()][:MAX_GROUPS]
+    shown = [(label, own[0]) for label, own in groups.items()][:MAX_GROUPS]
+    first, *others = [_panel(cell, label) for label, cell in shown]
+    curves = [placed(label, _rows(cell)) for label, cell in shown]
+    ratios = ratio_bars("over theory", first.names, curves, bar_width(curves))
+    named = [list(panel.names) for panel in (first, *others)]
+    alike = all(names == named[0] for names in named)
     drawing = Drawing(
         name="magnetometer",
+        asked="Does the weighted fit reach the bound, and what does the recipe cost?",
+        finding=f"{_cost(cells)}{agrees('The variance', curves)}",
         caption=(
             "Variance over the Cramér-Rao bound, mean over the entries of a matrix or "
             "vector: the weighted fit of all 22 parameters, which reaches 1, and the "
             "usual recipe, an ellipsoid for each sensor and then the turn between "
             "them. Bars: measured, with 95 % intervals that hold for all bars of a "
-            "panel together. Diamonds: predicted."
+            "panel together. Diamonds: predicted. Beside it, of all settings drawn, "
+            "measured over predicted, with bands that hold for all points together."
         ),
-        alternative=(
-            "Variance of the weighted fit and of the usual recipe over the bound, "
-            "measured beside predicted, for matrix, hard iron and dip"
-        ),
-        panels=[
-            _panel(cell, label) for cell, label in zip(shown, labels, strict=False)
-        ],
+        panels=[first, *([ratios] if ratios and alike else [])],
         columns=2,
-        left_out=labels[MAX_GROUPS:],
+        left_out=list(groups)[MAX_GROUPS:],
+        alternative=ALTERNATIVE,
     )
-    return made("magnetometer", "Magnetometer", [drawing])
+    drawings = [drawing]
+    if others:
+        drawings.append(
+            Drawing(
+                name="magnetometer-settings",
+                fold=f"The same in {len(others)} more settings",
+                caption="Bars: measured, 95 % for a panel. Diamonds: predicted.",
+                panels=others,
+                alternative=ALTERNATIVE,
+            )
+        )
+    return made("magnetometer", "Magnetometer", drawings)
+
+
+def _rows(cell: CellResult) -> list[Row]:
+    return [r for r in cell.rows if r.statistic.family == VARIANCE_OVER_BOUND]
+
+
+def _cost(cells: Sequence[CellResult]) -> str:
+    """The greatest variance over the bound, of all settings."""
+    rows = [row for cell in cells for row in _rows(cell)]
+    if not rows:
+        return ""
+    worst = max(rows, key=lambda row: row.value)
+    return (
+        f"The variance is at most {worst.value:.3g} times the bound "
+        f"({', '.join(worst.statistic.entries)}). "
+    )
 
 
 def _panel(cell: CellResult, label: str) -> BarPanel:
-    rows = [r for r in cell.rows if r.statistic.family == VARIANCE_OVER_BOUND]
+    rows = _rows(cell)
     return bars(
         rows,
         [", ".join(row.statistic.entries) for row in rows],
         label or spelled(cell.study),
-        "variance over the bound, 1",
+        "variance over the bound",
     )

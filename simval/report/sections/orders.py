@@ -1,11 +1,13 @@
 """Convergence order: how fast each attitude formula becomes exact."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from simval.report.curves import first, grouped
 from simval.report.panels import Drawing, Panel
 from simval.report.section import Context, Section, Shown, made
-from simval.report.sections.attitude import CLAIMED, line
+from simval.report.sections.attitude import CLAIMED, line, order_words
 from simval.report.table import Column, Table
 from simval.statistics import BIAS_ERROR, BIAS_ORDER, COVARIANCE_ERROR, COVARIANCE_ORDER
 from simval.sweep.run import CellResult
@@ -26,30 +28,42 @@ def section(context: Context) -> Section | None:
     if not cells:
         return None
     groups, left_out = first(grouped(cells, "geometry"))
-    panels = [
-        _panel(part, label, members)
-        for part in reversed(list(PARTS))
-        for label, members in groups.items()
-    ]
-    drawing = Drawing(
-        name="orders",
-        caption=(
-            "Relative distance of each formula from the truth (the exact oracle, or "
-            "cubature for noise that is not isotropic), a line for each geometry, "
-            "computed without sampling. On this scale the second order has slope 2, "
-            "the complete fourth order slope 4, one more order of σ² each; the "
-            "source's fourth order falls like the second, because it leaves out terms "
-            "of its own order. The table has the slopes of the distance itself."
-        ),
-        alternative=(
-            "Distance of the second order, the source's fourth order and the complete "
-            "fourth order from the truth, against the noise on logarithmic axes"
-        ),
-        panels=panels,
-        columns=len(groups),
-        left_out=left_out,
+    table = _table(cells)
+    said = order_words(
+        (row[2], slope, row[6]) for row in table.rows for slope in (row[4], row[5])
     )
-    return made("orders", "Order of the attitude formulas", [drawing], [_table(cells)])
+    caption = (
+        "Relative distance of each formula from the truth (the exact oracle, or "
+        "cubature for noise that is not isotropic), a line for each geometry, "
+        "computed without sampling. On this scale the second order has slope 2, "
+        "the complete fourth order slope 4, one more order of σ² each; the "
+        "source's fourth order falls like the second, because it leaves out terms "
+        "of its own order. The table has the slopes of the distance itself."
+    )
+    covariance, bias = (
+        Drawing(
+            name=name,
+            asked="How fast does each formula become exact?" if shown else "",
+            finding=f"{said}." if shown else "",
+            fold="" if shown else f"The same of the {part}",
+            caption=caption,
+            alternative=(
+                f"Distance of the {part} by the second order, the source's fourth "
+                "order and the complete fourth order from the truth, against the "
+                "noise on logarithmic axes"
+            ),
+            panels=[_panel(part, label, own) for label, own in groups.items()],
+            left_out=left_out,
+        )
+        for name, part, shown in (
+            ("orders", "covariance", True),
+            ("orders-bias", "bias", False),
+        )
+    )
+    folded = replace(table, fold="Slopes of every formula, noise and moment")
+    return made(
+        "orders", "Order of the attitude formulas", [covariance, bias], [folded]
+    )
 
 
 def _points(cell: CellResult, part: str, predictor: str) -> tuple[np.ndarray, ...]:
@@ -70,8 +84,8 @@ def _panel(part: str, label: str, cells: tuple[CellResult, ...]) -> Panel:
             series.append(line(x, y / x**2, predictor, "" if i else predictor))
     return Panel(
         title=f"{part}{': ' if label else ''}{label}",
-        x_label="noise, 1",
-        y_label="distance / σ², 1",
+        x_label="noise of each unit vector, relative",
+        y_label="distance / σ²",
         series=tuple(series),
     )
 

@@ -14,7 +14,9 @@ from simval.report.curves import (
     statistic,
     varying,
 )
+from simval.report.findings import agrees
 from simval.report.panels import Drawing, Panel, Series
+from simval.report.parameters import axis_words
 from simval.report.section import Context, Section, made
 from simval.report.table import NUMBERS, Column, Table, numbers_of
 from simval.report.words import slug, spelled
@@ -67,17 +69,21 @@ def _drawing(study: str, cells: Sequence[CellResult]) -> Drawing | None:
     )
     groups, left_out = first(grouped(cells, axis))
     panels = []
+    every: list[Curve] = []
     for name, predictor, unit in keys:
         measured = curves(groups, statistic(name, predictor), axis)
         if any(len(np.unique(c.x)) > 1 for c in measured):
-            panels.append(scored(str(name), axis, unit, measured, predictor))
+            words = axis_words(study, axis)
+            panels.append(scored(str(name), words, unit, measured, predictor))
+            every += measured
     if not panels:
         return None
     drawn = {panel.title for panel in panels[:MAX_PANELS]}
-    every = dict.fromkeys(spelled(str(row.statistic)) for c in cells for row in c.rows)
-    rest = [name for name in every if name not in drawn]
+    names = dict.fromkeys(spelled(str(row.statistic)) for c in cells for row in c.rows)
+    rest = [name for name in names if name not in drawn]
     return Drawing(
         name=slug(f"study {study}"),
+        finding=agrees("What was measured", every, at=spelled(axis)),
         caption=(
             "Points: measured, with bars that hold for all points of a panel together "
             "(95 %). Lines: predicted. All of its numbers are in the table."
@@ -97,11 +103,11 @@ def scored(
     for i, c in enumerate(measured):
         series.append(c.points(z, i))
         if np.isfinite(c.prediction).any():
-            series.append(c.predicted(i, "-", "" if i else predictor))
+            series.append(c.predicted("-", "" if i else predictor))
     return Panel(
         title=spelled(name),
-        x_label=spelled(axis),
-        y_label=f"value, {unit}",
+        x_label=axis,
+        y_label="value" if unit == "1" else f"value, {unit}",
         series=tuple(series),
         log_x=_spread([c.x for c in measured]),
         log_y=_spread([c.value for c in measured]),

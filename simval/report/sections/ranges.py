@@ -47,8 +47,8 @@ def section(context: Context) -> Section | None:
     shown = found[:MAX_GROUPS]
     names = slugs("ranges", (str(cell.parameters["frame"]) for cell, _ in shown))
     drawings = [
-        _drawing(name, cell, limits)
-        for name, (cell, limits) in zip(names, shown, strict=True)
+        _drawing(name, cell, limits, folded=i > 0)
+        for i, (name, (cell, limits)) in enumerate(zip(names, shown, strict=True))
     ]
     if drawings:
         drawn = {cell.name for cell, _ in shown}
@@ -89,16 +89,19 @@ def _limits(folder: Path, cell: CellResult) -> Found | None:
     return Found(ratios=ratios, least=float(least), most=float(most))
 
 
-def _drawing(name: str, cell: CellResult, found: Found) -> Drawing:
+def _drawing(name: str, cell: CellResult, found: Found, *, folded: bool) -> Drawing:
     frame, count = cell.parameters["frame"], cell.parameters["geometries"]
     return Drawing(
         name=name,
+        asked="" if folded else "How far from singular must a geometry be?",
+        finding="" if folded else _needed(found),
+        fold=f"Estimator in the {frame} frame. {_needed(found)}" if folded else "",
         caption=(
             f"Estimator in the {frame} frame: the share of {count} random geometries "
             "in which each formula is within 1 %, and within 10 %, of the exact "
             "answer, over the length of the un-normalised quaternion in units of the "
             "noise; singular is to the left. Between the two dotted lines are 80 % of "
-            f"the geometries. {_needed(found)} The source's fourth order has the bias "
+            "the geometries. The source's fourth order has the bias "
             "of the second order, so these two are one line. Limits are sought from "
             f"{found.most:g} down to {found.least:g}; no chance is involved."
         ),
@@ -130,8 +133,8 @@ def _panel(part: str, share: str, count: int, found: Found) -> Panel:
     end = ROOM * max(float(found.ratios[name, part, share].max()) for name in CLAIMED)
     return Panel(
         title=f"{part} within {share.replace('%', ' %')}",
-        x_label="|q̄| / σ, 1",
-        y_label=f"share of {count} geometries, 1",
+        x_label="|q̄| / σ",
+        y_label=f"share of {count} geometries",
         series=tuple(
             share_at_most(name, found.ratios[name, part, share], end, *STYLES[name])
             for name in CLAIMED
@@ -157,6 +160,7 @@ def _table(
                     rows.append((frame, count, formula, part, limit, *values))
     return Table(
         name=name,
+        fold=f"{caption}" if rows else "",
         caption=caption,
         columns=(
             Column("frame"),

@@ -8,12 +8,15 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.report.artifacts import arrays, shaped
-from simval.report.curves import axis_of, curves, first, grouped, statistic
+from simval.report.curves import Curve, axis_of, curves, first, grouped, statistic
+from simval.report.findings import agrees
 from simval.report.panels import COLOURS, Drawing, Panel, Series
+from simval.report.parameters import axis_words, setting_words
 from simval.report.section import Context, Section, Shown, made
 from simval.report.sections.other import scored
 from simval.report.words import slug
 from simval.statistics import CHI_SQUARE_9, IMPURE, NEES, PRECISION, RECALL
+from simval.studies.detector import artifact_of
 from simval.sweep.run import CellResult
 
 MAX_LOGS = 2  # drawn; for the size of a page
@@ -35,7 +38,14 @@ def section(context: Context) -> Section | None:
     files = sorted((context.run.folder / "artifacts").glob("static-*.npz"))
     count = min(len(files), MAX_LOGS)
     chosen = np.linspace(0, len(files) - 1, count).astype(int)  # first and last
-    drawings = [drawing for i in chosen if (drawing := _drawing(files[i])) is not None]
+    titles = {artifact_of(c.parameters): _title(c) for c in context.cells("detector")}
+    drawings = [
+        replace(drawing, fold=f"Readings of {titles.get(files[i].name, drawing.name)}")
+        if i != chosen[0]
+        else drawing
+        for i in chosen
+        if (drawing := _drawing(files[i], titles)) is not None
+    ]
     shown = len(drawings)
     if drawings:
         rest = [f.stem for i, f in enumerate(files) if i not in chosen]
@@ -54,12 +64,18 @@ def _scores(cells: Sequence[CellResult]) -> Drawing | None:
     axis = axis_of(cells)
     groups, left_out = first(grouped(cells, axis))
     panels = []
+    every: list[Curve] = []
     for name, predictor in SCORES:
         measured = curves(groups, statistic(name, predictor), axis)
         if measured:
-            panels.append(scored(str(name), axis, "1", measured, predictor))
+            every += measured
+            title = ": ".join((name.family.words, *name.entries))
+            words = axis_words("detector", axis)
+            panels.append(scored(title, words, "1", measured, predictor))
     return Drawing(
         name="detector",
+        asked="Are the intervals pure, and is what is calibrated from them true?",
+        finding=agrees("The squared error from pure intervals", every, at="threshold"),
         caption=(
             "The detector's intervals beside what the simulation knows to be at rest: "
             "precision is the share of their samples that are at rest, recall the "
@@ -75,11 +91,11 @@ def _scores(cells: Sequence[CellResult]) -> Drawing | None:
     )
 
 
-def _drawing(file: Path) -> Drawing | None:
+def _drawing(file: Path, titles: Mapping[str, str]) -> Drawing | None:
     content = arrays(file)
     if any(name not in content for name in NEEDED):
         return None
-    name = file.stem.removeprefix("static-")
+    name = titles.get(file.name, file.stem.removeprefix("static-"))
     spans = _spans(file, content, "intervals")
     truth = _spans(file, content, "truth") if "truth" in content else None
     panels = [_signal(file, content, spans)]
@@ -93,6 +109,8 @@ def _drawing(file: Path) -> Drawing | None:
         below = f" Below: the detector's windowed variance, its threshold, and {rests}."
     return Drawing(
         name=slug(file.stem),
+        asked="What does the detector find to be at rest?",
+        finding=_found(name, spans, truth),
         caption=(
             f"{name}: the readings with the {len(spans)} detected intervals shaded."
             f"{below}"
@@ -104,6 +122,25 @@ def _drawing(file: Path) -> Drawing | None:
         panels=panels,
         columns=1,
     )
+
+
+def _title(cell: CellResult) -> str:
+    """What a log is of: scene and noise, and how much of each rest is cut off."""
+    parts = (cell.parameters[key] for key in ("scene", "noise_std", "trim"))
+    keys = ("scene", "noise_std", "trim")
+    return ", ".join(
+        setting_words("detector", key, value)
+        for key, value in zip(keys, parts, strict=True)
+    )
+
+
+def _found(name: str, spans: Spans, truth: Spans | None) -> str:
+    """How many intervals were found, and how many there are."""
+    if truth is None:
+        return f"{len(spans)} intervals in {name}."
+    if not truth:
+        return f"{len(spans)} intervals in {name}, where nothing is truly at rest."
+    return f"{len(spans)} intervals in {name}, where {len(truth)} are truly at rest."
 
 
 def _spans(file: Path, content: Mapping[str, Array], name: str) -> Spans:

@@ -16,7 +16,10 @@ from simval.report.curves import (
     statistic,
     triple,
 )
+from simval.report.findings import agrees, behind
+from simval.report.notes import Measured
 from simval.report.panels import Drawing, Panel
+from simval.report.parameters import axis_words
 from simval.report.section import Context, Section, Shown, made
 from simval.report.words import spelled
 from simval.results import Row
@@ -25,19 +28,19 @@ from simval.sweep.run import CellResult
 
 DRAWN = {
     EFFICIENCY: (
-        "efficiency, 1",
+        "efficiency",
         "Efficiency: the Cramér-Rao bound of the variance over the variance; 1 is "
         "the best that an unbiased estimator can do. Lines: theory.",
         "Efficiency of each estimator or parameter, beside theory",
     ),
     COVERAGE: (
-        "share that covers, 1",
+        "share that covers",
         "Coverage: how often the stated intervals contain the truth. Lines: their "
         "stated level.",
         "Coverage of the intervals beside their stated level",
     ),
     NEES: (
-        "measured / predicted, 1",
+        "measured / predicted",
         "NEES, the squared error in units of its own covariance, over its "
         "predicted mean: 1 where the covariance is right, above where it is too "
         "small.",
@@ -45,6 +48,12 @@ DRAWN = {
     ),
 }
 """Of each family: what its axis, its caption and its text alternative say."""
+ASKED = {
+    EFFICIENCY: ("Is the scatter at the bound?", "Efficiency"),
+    COVERAGE: ("Do the stated intervals cover the truth?", "Coverage"),
+    NEES: ("Are the stated covariances right?", "NEES"),
+}
+"""Of each family: the question, and what its answer is about."""
 MAX_PANELS = 9  # for the size of a page, as is `MAX_KINDS`
 MAX_KINDS = 4
 """Statistics of a family drawn one by one; of more, their mean."""
@@ -55,33 +64,48 @@ OF_THEIR_OWN = ("filter",)
 
 def section(context: Context) -> Section | None:
     """Make the section."""
-    drawings = [
-        Drawing(
-            name=family.name,
-            caption=f"{caption} Bars: 95 % for all points of a panel together.",
-            alternative=alternative,
-            panels=panels,
-            left_out=rest,
-        )
-        for family, (y_label, caption, alternative) in DRAWN.items()
-        for panels, rest in [_panels(context, family, y_label)]
-        if panels
-    ]
+    drawings: list[Drawing] = []
+    for family in DRAWN:
+        drawing = _drawing(context, family, folded=bool(drawings))
+        drawings += [] if drawing is None else [drawing]
     if not drawings:
         return None
     return made("statistics", "Efficiency, coverage and consistency", drawings)
 
 
+def _drawing(context: Context, family: Family, *, folded: bool) -> Drawing | None:
+    """A figure of one family; behind its own answer, if that is that all is well."""
+    y_label, caption, alternative = DRAWN[family]
+    asked, subject = ASKED[family]
+    panels, rest, drawn = _panels(context, family, y_label)
+    if not panels:
+        return None
+    said = agrees(subject, drawn)
+    drawing = Drawing(
+        name=family.name,
+        asked=asked,
+        finding=said,
+        caption=f"{caption} Bars: 95 % for all points of a panel together.",
+        alternative=alternative,
+        panels=panels,
+        left_out=rest,
+    )
+    return behind(drawing, said, drawn, asked) if folded else drawing
+
+
 def _over_prediction(c: Curve) -> Curve:
     value, error = c.value / c.prediction, c.error / c.prediction
-    return replace(c, value=value, error=error, prediction=np.ones(len(c.x)))
+    rest = None if c.remainder is None else c.remainder / c.prediction
+    ones = np.ones(len(c.x))
+    return replace(c, value=value, error=error, prediction=ones, remainder=rest)
 
 
 def _panels(
     context: Context, family: Family, y_label: str
-) -> tuple[list[Panel], list[str]]:
-    """Panels of each study that has rows of a family, and what is not in them."""
+) -> tuple[list[Panel], list[str], list[Curve]]:
+    """Panels of each study that has rows of a family, what is not in them, and all."""
     panels: list[Panel] = []
+    drawn: list[Curve] = []
     left_out: list[str] = []
     for study in (name for name in context.titles if name not in OF_THEIR_OWN):
         cells = [
@@ -95,14 +119,16 @@ def _panels(
             none = [c for c in curves if not np.isfinite(c.value).any()]
             some = [c for c in curves if np.isfinite(c.value).any()]
             parts = _parts(some)
+            drawn += some
             room = MAX_PANELS - len(panels)
             for i, part in enumerate(parts[:room]):
                 place = f" ({i + 1} of {len(parts)})" if len(parts) > 1 else ""
-                words = (f"{title}{place}", spelled(axis_of(cells)), y_label)
+                axis = axis_words(study, axis_of(cells))
+                words = (f"{title}{place}", axis, y_label)
                 panels.append(_panel(words, part, family))
             missed = [c for part in parts[room:] for c in part]
             left_out += [_label(spelled(study), c.label) for c in (*none, *missed)]
-    return panels, left_out
+    return panels, left_out, drawn
 
 
 def _parts(curves: Sequence[Curve]) -> list[Sequence[Curve]]:
@@ -146,7 +172,7 @@ def _panel(
     for i, c in enumerate(curves):
         series.append(c.points(z, i))
         if family != NEES and np.isfinite(c.prediction).any():
-            series.append(c.predicted(i))
+            series.append(c.predicted("-", "" if i else "theory"))
     title, x_label, y_label = words
     return Panel(
         title=title,
@@ -176,16 +202,17 @@ def _measures(
 def _mean(family: Family, predictor: str) -> Measure:
     """Mean over the statistics of a family; its error is at most the mean error."""
 
-    def measure(cell: CellResult) -> tuple[float, float, float] | None:
-        values = [
-            triple(row)
+    def measure(cell: CellResult) -> Measured | None:
+        rows = [
+            row
             for row in cell.rows
             if row.predictor == predictor and _belongs(row, family)
         ]
-        if not values:
+        if not rows:
             return None
-        value, error, prediction = np.mean(values, axis=0)
-        return float(value), float(error), float(prediction)
+        every = [(*triple(row), row.remainder) for row in rows]
+        value, error, prediction, rest = map(float, np.mean(every, axis=0))
+        return Measured(value, error, prediction, rest, min(row.n for row in rows))
 
     return measure
 

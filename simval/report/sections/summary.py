@@ -1,4 +1,7 @@
-"""The first screen: the verdict in one line, what was run, and the two figures.
+"""The first screen: the verdict in one line, three answers, and the two figures.
+
+The answers: how wrong the algorithms are, whether that is as theory says, and whether
+it is worse than before.
 
 Where a run has a user's code, its algorithms come next and the figures after them
 (`overview`).
@@ -7,13 +10,28 @@ Where a run has a user's code, its algorithms come next and the figures after th
 from collections.abc import Sequence
 from functools import partial
 
+import numpy as np
+
 from simval.gate import headline
-from simval.report.curves import Groups, bar_width, curve, grouped, statistic
+from simval.report.answers import percent
+from simval.report.answers_before import worse_than_before
+from simval.report.answers_theory import as_theory_says
+from simval.report.answers_wrong import how_wrong
+from simval.report.curves import (
+    Curve,
+    Groups,
+    bar_width,
+    curve,
+    grouped,
+    statistic,
+)
 from simval.report.measures import GROUPS, moment
 from simval.report.panels import Drawing, Panel, Series
+from simval.report.question import question_figure
 from simval.report.section import Context, Section, made
 from simval.report.sections.algorithms import has_user_code
 from simval.report.sections.attitude import NOISE, beside_predictions, remainders
+from simval.report.units import OF_A_CALIBRATION
 from simval.statistics import COVARIANCE, CRAMER_RAO, EXACT, FIRST_ORDER, RMS
 from simval.sweep.run import CellResult
 
@@ -28,6 +46,11 @@ def section(context: Context) -> Section | None:
         "summary",
         "Verdict",
         () if has_user_code(run) else figures(context),
+        answers=(
+            how_wrong(context),
+            as_theory_says(context),
+            worse_than_before(context),
+        ),
         answer=context.judged.answer,
         headline=headline(context.judged),
         sampled=sum(v.p_value is not None for v in verdicts),
@@ -40,7 +63,10 @@ def section(context: Context) -> Section | None:
 
 def figures(context: Context) -> list[Drawing]:
     """The two figures that say most of the package's own algorithms."""
-    drawings = [calibration_figure(context), attitude_figure(context)]
+    asked = question_figure(context)
+    drawings = [asked, calibration_figure(context), attitude_figure(context)]
+    if asked is not None:  # a noise axis with one level is no figure beside it
+        drawings = [asked]
     return [drawing for drawing in drawings if drawing is not None]
 
 
@@ -60,11 +86,13 @@ def calibration_figure(context: Context) -> Drawing | None:
     )
     z = bar_width(measured)
     series: list[Series] = []
-    for i, (c, bound) in enumerate(zip(measured, bounds, strict=True)):
+    for i, (name, c, bound) in enumerate(zip(GROUPS, measured, bounds, strict=True)):
+        unit = OF_A_CALIBRATION[name]
         if c is not None:
-            series += [c.points(z, i, list(GROUPS.values())[i]), c.predicted(i)]
+            c = c.scaled(unit)
+            series += [c.points(z, i, f"{GROUPS[name]}, {unit.name}"), c.predicted()]
         if bound is not None:
-            series.append(bound.predicted(i, ":"))
+            series.append(bound.scaled(unit).predicted(":"))
     if not series:
         return None
     return Drawing(
@@ -74,6 +102,7 @@ def calibration_figure(context: Context) -> Drawing | None:
             "simulation with bars that hold for all together (95 %). Solid: theory; "
             "dotted: Cramér-Rao bound."
         ),
+        finding=_within(bounds, "the bound"),
         alternative=(
             "RMS error of misalignment, scale and bias against the noise per sample, "
             "simulated points beside theory and the Cramér-Rao bound"
@@ -82,7 +111,7 @@ def calibration_figure(context: Context) -> Drawing | None:
             Panel(
                 title="calibration",
                 x_label="noise per sample, m/s²",
-                y_label="RMS error (T, K: 1; B: m/s²)",
+                y_label="RMS error",
                 series=tuple(series),
             )
         ],
@@ -95,7 +124,8 @@ def attitude_figure(context: Context) -> Drawing | None:
     if not cells:
         return None
     label, members = _longest(grouped(cells, "noise_std"))
-    if curve("", members, "noise_std", statistic(RMS(), EXACT)) is None:
+    measured = curve("", members, "noise_std", statistic(RMS(), EXACT))
+    if measured is None:
         return None
     panels = [
         Panel(
@@ -115,11 +145,23 @@ def attitude_figure(context: Context) -> Drawing | None:
             "order, the source's fourth order, the complete fourth order, exact. "
             "Right: how far each is from exact, on a scale that shows the differences."
         ),
+        finding=_within([measured], "the exact theory"),
         alternative=(
             "RMS error of the quaternion against the noise, simulated points beside "
             "four predictions; and the distance of each prediction from the exact one"
         ),
         panels=panels,
+    )
+
+
+def _within(curves: Sequence[Curve | None], what: str) -> str:
+    """How far the farthest point is from what stands beside it."""
+    ratios = [c.value / c.prediction for c in curves if c is not None]
+    off = np.abs(np.concatenate(ratios) - 1.0) if ratios else np.array([np.nan])
+    if not np.isfinite(off).all():
+        return ""
+    return (
+        f"The RMS error is within {percent(float(off.max()))} of {what} at every noise."
     )
 
 

@@ -7,6 +7,8 @@ import numpy as np
 
 from simval.change import EFFORT
 from simval.report.curves import Curve, curve, first, grouped, statistic, varying
+from simval.report.findings import agrees
+from simval.report.measures import placed
 from simval.report.panels import Drawing, Panel, Series
 from simval.report.section import Context, Section, Shown, made
 from simval.report.slope import simultaneous
@@ -78,12 +80,20 @@ def _efficiency(groups: Groups, names: Sequence[str]) -> Drawing:
     )  # fmt: skip
     return Drawing(
         name="vectors",
+        asked="What does each estimator of weighted vectors cost?",
+        finding=(
+            f"At most, times the bound: {worst}. "
+            + agrees(
+                "The simulated error",
+                [c for curves in found.values() for c in curves.values()],
+                at="ratio",
+            )
+        ),
         caption=(
             "RMS error over the Cramér-Rao bound against how unequal the noise is: "
             "the first vector's is fixed, the others have so many times as much. "
             "Points: simulated, with bars that hold for all points of a panel "
-            "together (95 %). Lines: first order. The greatest ratio here, by first "
-            f"order: {worst}."
+            "together (95 %). Lines: first order."
         ),
         alternative=(
             "RMS error of each estimator over the Cramér-Rao bound against the ratio "
@@ -107,11 +117,14 @@ def _panel(label: str, curves: Mapping[str, Curve], names: Sequence[str]) -> Pan
     series: list[Series] = []
     for name, c in curves.items():
         place = names.index(name)  # the same colour in every panel
-        series += [c.points(z, place), _line(c.predicted(place))]
+        series += [
+            c.points(z, place),
+            _line(c.predicted("-", "" if series else "first order")),
+        ]
     return Panel(
         title=label,
-        x_label="noise of the others / the first's, 1",
-        y_label="RMS error / bound, 1",
+        x_label="noise of the others / the first's",
+        y_label="RMS error / bound",
         series=tuple(series),
         log_y=False,
         references=((1.0, ""),),
@@ -151,6 +164,7 @@ def _costs(cells: Sequence[CellResult], names: Sequence[str]) -> Table:
             rows.append((*(cell.parameters[k] for k in keys), *values))
     return Table(
         name="vectors",
+        fold="Error of each estimator in each setting, and its covariance",
         caption=(
             "Error of each estimator: over the Cramér-Rao bound, over theory, and "
             "normalised by the covariance that it states (3 if that is true)"
@@ -168,6 +182,16 @@ def _costs(cells: Sequence[CellResult], names: Sequence[str]) -> Table:
     )
 
 
+def _test_words(cells: Sequence[CellResult]) -> str:
+    """Words of the fold of the test of the loss: whether its rates are as stated."""
+    curves = [
+        placed(str(what), rows)
+        for what, predictor in TESTED
+        if (rows := [r for cell in cells if (r := cell.row(what, predictor))])
+    ]
+    return agrees("Chi-square test of the loss: the share that it refuses", curves)
+
+
 def _tested(cells: Sequence[CellResult]) -> Table:
     keys = list(dict.fromkeys([*_columns(cells), "shift"]))
     rows = []
@@ -181,6 +205,7 @@ def _tested(cells: Sequence[CellResult]) -> Table:
         rows.append((*(cell.parameters[k] for k in keys), *values))
     return Table(
         name="vectors-test",
+        fold=_test_words(cells),
         caption=(
             "Chi-square test of the loss: share of good samples that it refuses, and "
             "of samples with a second vector turned by the shift, in standard "

@@ -1,4 +1,4 @@
-"use strict";
+// The heading of a column becomes a button that sorts by it.
 for (const table of document.querySelectorAll("table.sortable")) {
   const heads = [...table.tHead.rows[0].cells];
   const body = table.tBodies[0];

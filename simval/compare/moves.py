@@ -1,0 +1,272 @@
+r"""What moved, which way and by how much: steps of single values, and moves of groups.
+
+A `Step` is one statistic of one cell, before and after. It is *better* or *worse* by
+the direction of its family (`simval.statistics.Family.better`), through the loss
+
+.. math:: L = v, \quad -v, \quad |v| \quad\text{or}\quad |v - p| \tag{D3}
+
+of a value v that should be less, more, zero, or what theory predicts, p. The standard
+error of :math:`L_B - L_A` is at most that of the value's difference, so a loss that
+moved by more than the difference may move by chance has a direction; one that moved by
+less, like a bias that changed its sign, has none.
+
+A `Move` puts together the steps of one study, kind of statistic and direction. Both are
+sorted by their weight: standard errors, and for a value without chance the relative
+change over the margin of its family.
+"""
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from math import inf, isfinite
+from typing import Literal
+
+from simval.statistics import Statistic
+
+Standing = Literal["better", "worse", "neither"]
+
+AIMED = ("zero", "prediction")
+"""Directions that are towards a point."""
+
+PARAMETER = re.compile(r"([A-Z])(?:_[a-z]+)?")
+"""One parameter of a kind: ``K_x`` of the scale factors K."""
+
+MEMBER = re.compile(r"[xyzs]|[0-9].*|least|median|most|worst")
+"""Entries that say which of a kind: an axis, a level, a quantile."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Step:
+    """One statistic of one cell, before and after.
+
+    Attributes
+    ----------
+    study, cell : str
+        Where, as the later run names it.
+    statistic : Statistic
+        What.
+    before, after : float
+        Its values.
+    error : float
+        Standard error of their difference; 0 where there is no chance.
+    moved : bool
+        Whether it moved by more than it may.
+    standing : {"better", "worse", "neither"}
+        Which way, where it moved.
+    predictions : tuple of (float or None)
+        What theory predicts before and after.
+    """
+
+    study: str
+    cell: str
+    statistic: Statistic
+    before: float
+    after: float
+    error: float
+    moved: bool
+    standing: Standing = "neither"
+    predictions: tuple[float | None, float | None] = (None, None)
+
+    @property
+    def sigmas(self) -> float | None:
+        """Change in standard errors; None where there is no chance."""
+        return (self.after - self.before) / self.error if self.error > 0.0 else None
+
+    @property
+    def relative(self) -> float | None:
+        """Change over the size before; None of zero, or where zero is aimed at."""
+        if not self.before or self.statistic.better == "zero":
+            return None
+        return (self.after - self.before) / abs(self.before)
+
+    @property
+    def weight(self) -> float:
+        """How far it moved, for sorting."""
+        size = self.sigmas
+        if self.after == self.before:
+            return 0.0
+        if size is None and self.before:
+            share = (self.after - self.before) / self.before
+            size = share / self.statistic.family.margin
+        return abs(size) if size is not None and isfinite(size) else inf
+
+    @property
+    def loss_change(self) -> float:
+        """Change of the loss, eq. (D3); NaN where neither way is better."""
+        before, after = self.predictions
+        return loss(self.statistic, self.after, after) - loss(
+            self.statistic, self.before, before
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Move:
+    """The values of one kind that moved one way.
+
+    Attributes
+    ----------
+    study, what : str
+        Name of the study, and the kind of statistic in words.
+    standing : {"better", "worse", "neither"}
+        Which way.
+    steps : tuple of Step
+        The values that moved, largest first.
+    cells, of : int
+        Cells in which one moved, and cells that have one of this kind.
+    """
+
+    study: str
+    what: str
+    standing: Standing
+    steps: tuple[Step, ...]
+    cells: int
+    of: int
+
+    @property
+    def worst(self) -> Step:
+        """The value that moved most."""
+        return self.steps[0]
+
+    @property
+    def sigmas(self) -> float | None:
+        """Greatest change in standard errors; None where there is no chance."""
+        sizes = [abs(s.sigmas) for s in self.steps if s.sigmas is not None]
+        return max((s for s in sizes if isfinite(s)), default=None)
+
+    @property
+    def way(self) -> str:
+        """The direction in a word: ``better``, ``worse`` or ``moved``."""
+        return "moved" if self.standing == "neither" else self.standing
+
+    @property
+    def size(self) -> str:
+        """By how much, in words: ``1.7 % larger``."""
+        aim = self.worst.statistic.better
+        if aim in AIMED:
+            return self._distance("0" if aim == "zero" else "its prediction")
+        shares = [step.relative for step in self.steps]
+        known = [share for share in shares if share is not None and isfinite(share)]
+        if len(known) < len(shares):
+            step = self.worst
+            return f"from {step.before:.4g} to {step.after:.4g}"
+        return share_words(known)
+
+    @property
+    def sentence(self) -> str:
+        """What moved, by how much and where: all but the direction's word."""
+        sigmas = self.sigmas
+        size = (
+            "no chance involved"
+            if sigmas is None
+            else f"up to {_digits(sigmas)} standard errors"
+        )
+        one = self.of == 1
+        where = "its only cell" if one else f"{self.cells} of {self.of} cells"
+        return f"{self.study}, {self.what}: {self.size} in {where}, {size}"
+
+    def _distance(self, aim: str) -> str:
+        """Change of the distance from what is aimed at."""
+        unit = self.worst.statistic.unit
+        suffix = "" if unit == "1" else f" {unit}"
+        if self.standing == "neither":
+            step = max(abs(step.after - step.before) for step in self.steps)
+            return f"by up to {step:.2g}{suffix}"
+        step = max(abs(step.loss_change) for step in self.steps)
+        way = "nearer to" if self.standing == "better" else "farther from"
+        return f"{way} {aim} by up to {step:.2g}{suffix}"
+
+
+def share_words(
+    shares: Sequence[float],
+    words: tuple[str, str, str] = ("larger", "smaller", "times as large"),
+) -> str:
+    """Say a range of relative changes: ``1.5 to 1.8 % larger``."""
+    larger, smaller, times = words
+    if min(shares) < 0.0 < max(shares):
+        return f"by up to {100.0 * max(map(abs, shares)):.2g} % either way"
+    word = larger if max(shares) > 0.0 else smaller
+    if max(shares) > 1.0:
+        return f"{_range([1.0 + share for share in shares])} {times}"
+    return f"{_range([100.0 * abs(share) for share in shares])} % {word}"
+
+
+def _range(values: Sequence[float]) -> str:
+    least, most = f"{min(values):.2g}", f"{max(values):.2g}"
+    return most if least == most else f"{least} to {most}"
+
+
+def _digits(sigmas: float) -> str:
+    """Standard errors with digits that mean something."""
+    return f"{sigmas:,.0f}" if sigmas >= 100.0 else f"{sigmas:.2g}"
+
+
+def loss(statistic: Statistic, value: float, prediction: float | None) -> float:
+    """Loss of a value, eq. (D3); NaN where neither way is better."""
+    if statistic.better is None or (
+        statistic.better == "prediction" and prediction is None
+    ):
+        return float("nan")
+    if not isfinite(value):
+        return inf
+    return {
+        "less": value,
+        "more": -value,
+        "zero": abs(value),
+        "prediction": abs(value - (prediction or 0.0)),
+    }[statistic.better]
+
+
+def standing(change: float, least: float) -> Standing:
+    """Which way a loss moved, beyond what is none."""
+    if not abs(change) > least:  # nor of NaN
+        return "neither"
+    return "better" if change < 0.0 else "worse"
+
+
+def kind_of(statistic: Statistic) -> str:
+    """A statistic in words, without which axis, level or quantile: ``RMS of K``."""
+    parts = []
+    for entry in statistic.entries:
+        parameter = PARAMETER.fullmatch(entry)
+        if parameter:
+            parts.append(parameter[1])
+        elif not MEMBER.fullmatch(entry):
+            parts.append(entry)
+    words = f"{statistic.family.words}{' of ' if parts else ''}{', '.join(parts)}"
+    return f"{words}, control variates" if statistic.controlled else words
+
+
+def moved(steps: Iterable[Step]) -> tuple[Move, ...]:
+    """Group what moved by study, kind of statistic and direction.
+
+    Parameters
+    ----------
+    steps : iterable of Step
+        `RunComparison.steps` of two runs, or `simval.gate.GateResult.steps` of a run
+        and its baseline; those that did not move count among all.
+
+    Returns
+    -------
+    tuple of Move
+        What moved, largest first; empty if nothing did.
+    """
+    cells: dict[tuple[str, str], set[str]] = {}
+    groups: dict[tuple[str, str, Standing], list[Step]] = {}
+    for step in steps:
+        kind = step.study, kind_of(step.statistic)
+        cells.setdefault(kind, set()).add(step.cell)
+        if step.moved:
+            groups.setdefault((*kind, step.standing), []).append(step)
+    moves = [
+        Move(
+            study=study, what=what, standing=way, steps=tuple(largest_first(members)),
+            cells=len({step.cell for step in members}), of=len(cells[study, what]),
+        )
+        for (study, what, way), members in groups.items()
+    ]  # fmt: skip
+    return tuple(sorted(moves, key=lambda m: (-m.worst.weight, m.study, m.what)))
+
+
+def largest_first(steps: Sequence[Step]) -> list[Step]:
+    """Sort by weight; by name where that is equal."""
+    return sorted(steps, key=lambda s: (-s.weight, s.cell, str(s.statistic)))

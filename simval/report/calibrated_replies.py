@@ -1,0 +1,169 @@
+"""How good a calibration is, whether its error bars are honest, what to do next."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.calibrate import FitResult
+from simval.calibrate.outliers import BELIEVED
+from simval.multiposition import ImuCalibration
+from simval.report.replies import Answer, Reply
+from simval.report.units import MILLIMETRE_PER_SECOND_SQUARED, MILLIRADIAN, PPM, Unit
+from simval.shapes import Float
+
+KINDS = {
+    "misalignment": MILLIRADIAN,
+    "scale factor": PPM,
+    "bias": MILLIMETRE_PER_SECOND_SQUARED,
+}
+"""What the parameters are, and the unit in which a person reads their errors."""
+
+_SCALES_LATER = ("misalignment",) * 3 + ("scale factor",) * 3 + ("bias",) * 3
+_SYMMETRIC = ("scale factor", "misalignment", "misalignment", "scale factor",
+              "misalignment", "scale factor", "bias", "bias", "bias")  # fmt: skip
+
+
+def kinds_of(model: str) -> tuple[str, ...]:
+    """Kind of each of the nine parameters of a form."""
+    return _SYMMETRIC if model == "symmetric" else _SCALES_LATER
+
+
+def readable(fit: FitResult, sd: Float[Array, "9"]) -> list[tuple[float, Unit]]:
+    """Error bars of the nine parameters in the units of `KINDS`.
+
+    A scale factor's is relative, a bias' is of the force that it stands for, and that
+    of an entry off the diagonal of a symmetric matrix is over the mean scale.
+    """
+    gain = np.diagonal(fit.matrix)
+    symmetric = fit.model == "symmetric"
+    scale = {
+        "misalignment": np.full(9, 1.0 / gain.mean() if symmetric else 1.0),
+        "scale factor": np.full(9, np.nan),
+        "bias": np.full(9, np.nan),
+    }
+    places = [0, 3, 5] if symmetric else [3, 4, 5]
+    scale["scale factor"][places] = 1.0 / np.abs(fit.parameters[places])
+    scale["bias"][6:] = gain
+    return [
+        (float(each * scale[kind][k] * KINDS[kind].factor), KINDS[kind])
+        for k, (kind, each) in enumerate(zip(kinds_of(fit.model), sd, strict=True))
+    ]
+
+
+def greatest(fit: FitResult) -> dict[str, float]:
+    """Greatest error bar of each kind, in the units of `KINDS`."""
+    bars = readable(fit, fit.sd)
+    return {
+        kind: max(
+            value
+            for (value, _), own in zip(bars, kinds_of(fit.model), strict=True)
+            if own == kind
+        )
+        for kind in KINDS
+    }
+
+
+def replies(whole: ImuCalibration, bound: Float[Array, "9"]) -> tuple[Reply, ...]:
+    """Answers to the three questions."""
+    return _how_good(whole, bound), _honest(whole), _next(whole)
+
+
+def _how_good(whole: ImuCalibration, bound: Float[Array, "9"]) -> Reply:
+    fit, result = whole.accelerometer, whole.log
+    bars = ", ".join(
+        f"{kind} {value:.2g} {KINDS[kind].name}"
+        for kind, value in greatest(fit).items()
+    )
+    known = bool(np.isfinite(fit.sd).all())
+    lines = [
+        f"{len(result.intervals)} poses leave a residual of "
+        f"{1e3 * float(fit.rms):.2g} mm/s² RMS."
+    ]
+    ratio = np.max(fit.sd / bound) if known and np.all(bound > 0.0) else np.nan
+    if np.isfinite(ratio):
+        lines.append(
+            f"No error bar is more than {ratio:.2f} times the least that these poses "
+            "and their noise allow (Cramér-Rao)."
+        )
+    lines.append(
+        f"Gravity of {fit.g:g} m/s² was assumed: wrong by 0.1 %, it makes every K "
+        "wrong by 0.1 % and leaves T and B."
+    )
+    return Reply(
+        title="How good is this calibration?",
+        headline=f"Greatest standard deviations: {bars}"
+        if known
+        else "No error bars: nine poses leave no degree of freedom",
+        answer="pass" if known else "inconclusive",
+        lines=tuple(lines),
+    )
+
+
+def _honest(whole: ImuCalibration) -> Reply:
+    result = whole.log
+    found, dof = result.diagnosis, result.fit.dof
+    answer: Answer = "pass"
+    if not np.isfinite(found.chi2_per_dof):
+        said, answer = "Cannot be judged", "inconclusive"
+    elif found.outliers:
+        count = len(found.outliers)
+        said = f"No: {count} outlier{'s' * (count > 1)} among the poses"
+        answer = "fail"
+    elif found.p_value < BELIEVED:
+        said, answer = "No: the residuals are greater than the noise", "fail"
+    elif found.p_value > 1.0 - BELIEVED:
+        said, answer = "No: the residuals are smaller than the noise", "fail"
+    else:
+        said = "Yes: the residuals are what the noise explains"
+    lines = [f"Verdict: {found.verdict}."]
+    if np.isfinite(found.chi2_per_dof):
+        lines.insert(
+            0,
+            f"Chi-square per degree of freedom {found.chi2_per_dof:.3g} with {dof}; "
+            f"chance of one as high {found.p_value:.2g}.",
+        )
+    lines.append(f"The error bars are: {whole.accelerometer.covariance_kind}.")
+    return Reply(
+        title="Are its error bars honest?",
+        headline=said,
+        answer=answer,
+        lines=tuple(lines),
+    )
+
+
+def _next(whole: ImuCalibration) -> Reply:
+    result = whole.log
+    further = ", ".join(f"{x:.2f}" for x in result.next_direction)
+    pose = (
+        f"A further pose with the specific force along ({further}) in sensor axes "
+        "would lower the total variance most; it is the diamond on the map below."
+    )
+    lines = [f"Noise of a pose: {result.pose_noise.words}."]
+    lines += [f"Left out, the {name}: {why}." for name, why in whole.left_out.items()]
+    if not result.diagnosis.outliers:
+        return Reply(
+            title="What to do next?",
+            headline=f"Add a pose along ({further})",
+            lines=(pose, *lines),
+        )
+    named = ", ".join(str(k) for k in result.diagnosis.outliers)
+    return Reply(
+        title="What to do next?",
+        headline=f"Look at static interval {named}, and calibrate without it",
+        lines=("Or use --loss cauchy, which trusts it less.", pose, *lines),
+    )
+
+
+def farthest(residuals: Float[Array, " n"], outliers: Sequence[int]) -> str:
+    """What the residuals say in one sentence."""
+    known = np.abs(residuals[np.isfinite(residuals)])
+    if not len(known):
+        return "Nine poses fit exactly, so the residuals say nothing."
+    if outliers:
+        named = ", ".join(str(k) for k in outliers)
+        return f"Not static interval {named}, which is not on the others' ellipsoid."
+    return (
+        f"Yes: the farthest of {len(known)} is {known.max():.1f} standard deviations "
+        "off, no more than chance makes."
+    )

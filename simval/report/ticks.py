@@ -1,0 +1,61 @@
+"""Labels of a logarithmic axis: at the data's own few places, or at round numbers."""
+
+import numpy as np
+from matplotlib.ticker import MaxNLocator
+
+from simval.arrays import Array
+from simval.shapes import Float
+
+MANTISSAS = ((1.0,), (1.0, 3.0), (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0))
+"""Ticks within a decade, the fewest first."""
+ENOUGH = 3
+"""Labels that an axis has where it can."""
+PLACES = 6
+"""Places of data that are named one by one, if they stand apart."""
+GAP = 0.15
+"""Least distance of two labels along an axis, as a share of it: five digits."""
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def log_ticks(
+    low: float, high: float, places: Float[Array, " n"]
+) -> tuple[list[float], list[str]]:
+    """Ticks of an axis from low to high with their labels; two at least."""
+    if not 0.0 < low < high < np.inf:
+        return [], []
+    ticks = _places(low, high, places) or _round(low, high)
+    return ticks, [spelled(tick) for tick in ticks]
+
+
+def spelled(x: float) -> str:
+    """Spell a number of an axis: 0.1, 10⁻⁵, 3×10⁻⁵."""
+    if 1e-3 <= x < 1e5:
+        return f"{x:.6g}"
+    head, _, power = f"{x:.2e}".partition("e")
+    raised = f"10{str(int(power)).translate(SUPERSCRIPTS)}"
+    head = head.rstrip("0").rstrip(".")
+    return raised if head == "1" else f"{head}×{raised}"
+
+
+def _places(low: float, high: float, places: Float[Array, " n"]) -> list[float]:
+    """The places of the data, where they are few, short and apart."""
+    inside = [float(x) for x in places if low <= x <= high]
+    if not 2 <= len(inside) <= PLACES or len(inside) < len(places):
+        return []
+    if any(len(spelled(x)) > 5 for x in inside):
+        return []
+    apart = np.diff(np.log(inside)) / np.log(high / low)
+    return inside if np.all(apart >= GAP) else []
+
+
+def _round(low: float, high: float) -> list[float]:
+    """Decades, thinned where they are many; parts of them where they are few."""
+    powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
+    for mantissas in MANTISSAS:
+        every = [float(f"{m:g}e{power}") for power in powers for m in mantissas]
+        ticks = [tick for tick in every if low <= tick <= high]
+        if len(ticks) >= ENOUGH:
+            step = -(-len(ticks) // 6) if mantissas == (1.0,) else 1
+            return ticks[::step]
+    even = MaxNLocator(4).tick_values(low, high)
+    return [float(tick) for tick in even if low <= tick <= high]

@@ -1,0 +1,74 @@
+"""Names and defaults that helps state, and that a shell completes.
+
+They stand here because a help must be quick: this module imports nothing but the
+standard library. The code below takes its own names from here, or a test compares them
+(`tests/test_quick_help.py`).
+"""
+
+from pathlib import Path
+from typing import Final
+
+ALPHA: Final = 1e-3
+"""False-alarm rate of all checks together: see `simval.verdict`."""
+BASELINE: Final = Path("reports") / "baseline.json"
+"""Where the gate finds the stored statistics."""
+RUNS: Final = Path("reports") / "runs"
+"""Where a sweep puts the folder of a run."""
+FILTER_SECONDS: Final = 600.0
+"""Time limit of a filter: a millisecond a row of ten minutes at 500 Hz, twice."""
+
+MODELS: Final = ("triangular", "upper", "symmetric")
+METHODS: Final = ("lm", "gauss-newton", "newton")
+RESIDUALS: Final = ("squared", "norm", "weighted", "sampson", "adjusted")
+LOSSES: Final = ("linear", "huber", "soft_l1", "cauchy")
+"""Forms of the nine parameters, solvers, what is minimised, and robust losses."""
+FRAMES: Final = ("NED", "ENU", "NWU")
+"""Worlds that a recorded truth may have."""
+
+STUDIES: Final = (
+    "scene",
+    "calibration",
+    "ladder",
+    "coverage",
+    "gyroscope",
+    "solvers",
+    "magnetometer",
+    "attitude",
+    "attitude_order",
+    "attitude_efficiency",
+    "attitude_limits",
+    "attitude_vectors",
+    "attitude_geometries",
+    "attitude_map",
+    "noise_model",
+    "detector",
+    "end_to_end",
+    "estimator",
+    "calibrator",
+    "filter",
+    "custom_scene",
+)
+"""Studies, in the order of the page."""
+SCENES: Final = ("gimbal", "die", "shaker", "pivot", "handheld", "cube", "freefall")
+"""Scenes that come with the package, the default first."""
+RACES: Final = (
+    "estimators",
+    "predictions",
+    "montecarlo",
+    "threads",
+    "reductions",
+    "scene",
+    "calibration",
+    "residuals",
+    "samples",
+    "allan",
+    "gyroscope",
+    "filter",
+)
+"""Races of `simval bench`."""
+
+
+def builtin_suites() -> tuple[str, ...]:
+    """Names of the suites that are shipped with the package."""
+    folder = Path(__file__).parent / "sweep" / "suites"
+    return tuple(sorted(path.stem for path in folder.glob("*.toml")))

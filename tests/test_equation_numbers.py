@@ -1,0 +1,63 @@
+"""Equations: each number that is cited is defined, derivations have the code's."""
+
+import re
+
+import pytest
+from places import ROOT
+
+from docs.site.equations import NUMBER, TAG, defined_in, home, modules, numbers
+
+DOCS = ROOT / "docs"
+
+
+def test_each_citation_of_an_equation_has_a_home():
+    """The number of an equation in a docstring, a message or a comment."""
+    lost = [
+        f"{module.name} cites ({number})"
+        for module in modules().values()
+        for number in sorted(module.cited)
+        if home(number, module) is None
+    ]
+    assert lost == []
+    assert sum(len(module.defined) for module in modules().values()) > 100
+
+
+def test_a_citation_of_nothing_has_none():
+    """The search itself: a number that no module defines."""
+    module = modules()["simval.geometry"]
+    assert home("Z9", module) is None
+    assert home("G1", module) is module
+
+
+# modules whose equations a written page derives, and so may number
+DERIVED = {
+    "theory.md": (
+        "geometry", "attitude.kernel", "theory.expansion", "theory.orders",
+        "theory.unit_length",
+    ),
+    "magnetometer.md": ("theory.magnetometer",),
+    "theory_calibration.md": (
+        "sensor.model", "sensor.forms", "sensor.estimated", "poses",
+        "calibrate.quadric", "calibrate.moments", "calibrate.start",
+        "calibrate.uncertainty", "theory.calibration", "theory.calibration_classes",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", DERIVED)
+def test_numbers_of_a_derivation_are_those_of_the_code(name):
+    """A tag of a written page is one of the modules that it derives, or a source's."""
+    text = (DOCS / name).read_text(encoding="utf-8")
+    known = {n for m in DERIVED[name] for n in modules()[f"simval.{m}"].defined}
+    tagged = [n for tag in re.findall(TAG, text) for n in numbers(tag)]
+    tagged += re.findall(rf"(?m)^\(({NUMBER})\) \[", text)
+    own = [number for number in tagged if re.fullmatch(NUMBER, number)]
+    assert set(own) <= known
+    assert len(own) == len(set(own))
+    cited = set(re.findall(rf"\(({NUMBER})\)", text))
+    assert cited <= known
+
+
+def test_equations_of_a_docstring():
+    text = "Here :math:`a = b`  (F1), by\n    (F2). .. math:: x \\tag{V2, V3}"
+    assert sorted(defined_in(text)) == ["F1", "V2", "V3"]

@@ -1,0 +1,111 @@
+"""Every page against two judges that are not ours: axe-core and the Nu HTML checker.
+
+Both come from `tests/pages` by ``make tests/pages/installed`` (npm); a machine without
+npm, Java or Chromium skips, and says which.
+"""
+
+import json
+import shutil
+import subprocess
+
+import pytest
+from browser import browser, find_chromium
+from every_page import every_page
+from places import ROOT
+
+MODULES = ROOT / "tests" / "pages" / "node_modules"
+AXE = MODULES / "axe-core" / "axe.min.js"
+NU = MODULES / "vnu-jar" / "build" / "dist" / "vnu.jar"
+INSTALL = "run `make tests/pages/installed`"
+
+pytestmark = pytest.mark.slow
+
+with_axe = pytest.mark.skipif(
+    find_chromium() is None or not AXE.is_file(),
+    reason=f"axe-core judged no page: Chromium is not installed, or {INSTALL}",
+)
+with_nu = pytest.mark.skipif(
+    shutil.which("java") is None or not NU.is_file(),
+    reason=f"the HTML checker judged no page: Java is not installed, or {INSTALL}",
+)
+
+NAMES = (
+    "sound", "failing", "algorithms", "compared", "calibrated", "filtered", "noise",
+)  # fmt: skip
+WIDTHS, SCHEMES = (380, 1280), ("light", "dark")
+
+JUDGE = """axe.run(document, {resultTypes: ['violations']}).then((found) =>
+  found.violations.map((each) =>
+    `${each.id}: ${each.help}: ` +
+    each.nodes.slice(0, 3).map((node) => node.target.join(' ')).join(', ')))"""
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory):
+    found = every_page(tmp_path_factory.mktemp("every"))
+    assert tuple(found) == NAMES
+    return found
+
+
+@pytest.fixture(scope="module")
+def tab(tmp_path_factory):
+    with browser(tmp_path_factory.mktemp("profile")) as page:
+        yield page
+
+
+def violations(tab, path, width, scheme):
+    """What axe-core finds wrong, with every fold open."""
+    tab.open(path, width=width, scheme=scheme)
+    tab.run("document.querySelectorAll('details').forEach(d => d.open = true)")
+    tab.run(AXE.read_text(encoding="utf-8") + "; undefined")
+    return tab.run(JUDGE)
+
+
+@with_axe
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("name", NAMES)
+def test_no_page_has_an_accessibility_violation(tab, pages, name, width, scheme):
+    assert violations(tab, pages[name], width, scheme) == []
+
+
+@with_axe
+def test_a_page_with_violations_would_be_seen(tab, tmp_path):
+    """Power of the test above: a figure without a text, and pale ink."""
+    path = tmp_path / "bad.html"
+    path.write_text(
+        "<!DOCTYPE html><html lang=en><title>bad</title><main><h1>bad</h1>"
+        "<img src='data:,'><p style='color: #999; background: #fff'>pale</main>"
+    )
+    found = violations(tab, path, 1280, "light")
+    assert {line.split(":")[0] for line in found} == {"image-alt", "color-contrast"}
+
+
+def errors(paths):
+    """What the HTML checker calls an error, by page."""
+    words = ["java", "-jar", str(NU), "--format", "json", "--exit-zero-always"]
+    done = subprocess.run(
+        [*words, *map(str, paths)], capture_output=True, text=True, check=True
+    )
+    return [
+        f"{each['url'].rpartition('/')[2]}: {each['message']}"
+        for each in json.loads(done.stderr)["messages"]
+        if each["type"] != "info"
+    ]
+
+
+@with_nu
+def test_every_page_is_valid_html(pages):
+    assert errors(pages.values()) == []
+
+
+@with_nu
+def test_invalid_html_would_be_seen(pages, tmp_path):
+    """Power of the test above: an id given twice, and a paragraph in a span."""
+    path = tmp_path / "bad.html"
+    text = pages["noise"].read_text(encoding="utf-8")
+    bad = "<p id='twice'></p><p id='twice'></p><span><p>x</p></span></main>"
+    path.write_text(text.replace("</main>", bad), encoding="utf-8")
+    found = " ".join(errors([path]))
+    assert "Duplicate ID" in found
+    assert "span" in found

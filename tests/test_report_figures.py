@@ -1,0 +1,381 @@
+"""Ratios, findings, ticks, words and colours of the figures, from synthetic curves."""
+
+import itertools
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+from rounding import EPS
+
+from simval.report import palette
+from simval.report.curves import Curve
+from simval.report.findings import (
+    SURE,
+    agreement,
+    agrees,
+    behind,
+    limited,
+    percent,
+    slopes_said,
+    unseen,
+)
+from simval.report.layout import SLACK, entries, laid_out, legend_rows
+from simval.report.panels import DotPanel, Drawing, Panel, Series
+from simval.report.parameters import axis_words, setting_words
+from simval.report.ratio import SEEN, limits, ratio, ratio_bars, ratio_panel
+from simval.report.slope import Z95, Slope, simultaneous
+from simval.report.ticks import log_ticks
+from simval.report.units import MILLIRADIAN, of_row
+
+X = np.array([0.001, 0.01, 0.1])
+
+
+def made(sigmas, *, error=0.01, prediction=None, x=X, remainder=None, label="a"):
+    """A curve whose points are so many standard errors from their predictions."""
+    sigmas = np.array(sigmas, dtype=float)
+    predicted = np.full(len(sigmas), 2.0) if prediction is None else prediction
+    return Curve(
+        label=label,
+        x=x[: len(sigmas)],
+        value=predicted * (1.0 + error * sigmas),
+        error=error * np.abs(predicted),
+        prediction=predicted,
+        remainder=remainder,
+    )
+
+
+def test_a_ratio_is_measured_over_predicted_with_its_error():
+    c = made([1.0, -2.0, 0.0], prediction=np.array([2.0, -4.0, 0.5]))
+    over = ratio(c)
+    np.testing.assert_allclose(over.value, [1.01, 0.98, 1.0], rtol=4 * EPS)
+    np.testing.assert_allclose(over.error, 0.01, rtol=4 * EPS)
+    assert over.x.tolist() == X.tolist()
+
+
+@pytest.mark.parametrize("bad", [0.0, np.nan, np.inf])
+def test_a_ratio_to_nothing_is_left_out(bad):
+    c = made([1.0, 1.0, 1.0], prediction=np.array([2.0, bad, 2.0]))
+    assert ratio(c).x.tolist() == [0.001, 0.1]
+    panel = ratio_panel("", "", [c], 2.0)
+    assert panel.series[0].x.tolist() == [0.001, 0.1]
+
+
+def test_the_axis_of_a_ratio_is_about_one_and_holds_every_band():
+    c = made([3.0, -1.0, 0.0])
+    panel = ratio_panel("", "", [c], 2.0)
+    low, high = panel.limits
+    assert 1.0 - low == pytest.approx(high - 1.0, rel=1e-12)
+    (points,) = panel.series
+    assert low < (points.y - points.band).min()
+    assert (points.y + points.band).max() < high
+    # one percent, the error here, is a good part of the axis
+    assert 0.01 / (high - low) > 0.05
+    # without any distance the axis still has a length
+    low, high = limits([np.ones(2)], [np.zeros(2)])
+    assert low < 1.0 < high
+    assert not panel.log_y
+
+
+@pytest.mark.parametrize(("error", "shown"), [(0.99, True), (1.01, False)])
+def test_a_band_wider_than_one_is_no_ratio(error, shown):
+    z = 2.0
+    c = made([0.0, 0.0, 0.0], error=error * SEEN / z)
+    assert (ratio_panel("", "", [c], z) is not None) == shown
+    assert (ratio_bars("", ["a", "b", "c"], [c], z) is not None) == shown
+
+
+def test_other_predictions_do_not_widen_the_axis():
+    line = Series(label="far", x=X, y=np.array([1.0, 5.0, 50.0]), line="-")
+    c = made([1.0, 0.0, 0.0])
+    assert ratio_panel("", "", [c], 2.0, [line]).limits == (
+        ratio_panel("", "", [c], 2.0).limits
+    )
+
+
+def test_parts_have_their_ratio_at_their_place():
+    c = made([1.0, 0.0, -1.0], x=np.arange(3.0))
+    panel = ratio_bars("", ["a", "b", "c"], [c], 2.0)
+    assert isinstance(panel, DotPanel)
+    np.testing.assert_allclose(panel.series[0].x, [1.01, 1.0, 0.99], rtol=4 * EPS)
+    assert panel.series[0].y.tolist() == [0.0, 1.0, 2.0]
+
+
+BAND = simultaneous(3)
+FAR = simultaneous(3, SURE)
+
+
+@pytest.mark.parametrize(
+    ("sigmas", "said"),
+    [
+        ([1.0, -0.5, 0.0], "The sd is at theory within 1 % in all 3 points."),
+        ([BAND - 0.01, 0.0, 0.0], "within 2.4 % in all 3 points."),
+        (
+            [BAND + 0.01, 0.0, 0.0],
+            "; 1 point outside the band, by up to 2.4 standard errors, "
+            "which chance does to one figure in 21.",
+        ),
+        ([FAR - 0.01, 0.0, 0.0], "chance does to one figure in 9,"),
+        (
+            [0.0, FAR + 0.01, 0.0],
+            "The sd: 1 of 3 points is off theory, the farthest at noise 0.01 by 4.2",
+        ),
+        (
+            [0.0, -30.0, 9.0],
+            "The sd: 2 of 3 points are off theory, the farthest at noise 0.01 by 30.0",
+        ),
+    ],
+)
+def test_a_finding_says_what_the_points_do(sigmas, said):
+    assert said in agrees("The sd", [made(sigmas)], at="noise")
+
+
+def test_a_figure_is_not_folded_where_points_are_off():
+    drawing = Drawing(name="x", caption="", alternative="", panels=[])
+    well = behind(drawing, "It agrees.", [made([1.0, 0.0, 0.0])], "Does it?")
+    assert (well.fold, well.asked, well.finding) == ("It agrees.", "", "")
+    off = behind(drawing, "It is off.", [made([30.0, 0.0, 0.0])], "Does it?")
+    assert (off.fold, off.asked, off.finding) == ("", "Does it?", "It is off.")
+
+
+def test_a_finding_of_one_point_and_of_none():
+    one = agrees("The sd", [made([0.5])])
+    assert one == "The sd is at theory: one point, 0.5 % off, 0.5 standard errors."
+    still = made([0.0], error=0.0)
+    assert agrees("It", [still]) == "It is at theory: one point, rounding off."
+    alone = made([1.0, 1.0], prediction=np.array([np.nan, np.nan]))
+    said = "It: 2 points, and no prediction to compare with."
+    assert agrees("It", [alone]) == said
+    assert agrees("It", []) == "It: 0 points, and no prediction to compare with."
+
+
+def test_what_theory_leaves_out_is_not_held_against_it():
+    sigmas, rest = [0.0, 50.0, 0.0], np.array([0.0, 1.1, 0.0])  # of 2, so 55 errors
+    said = agrees("It", [made(sigmas, remainder=rest)])
+    assert "in 2 of 3 points, 1 as far off as theory's own remainder allows" in said
+    assert "up to 50 %" in said
+    # power: a remainder that does not reach, and none
+    assert "off theory" in agrees("It", [made(sigmas, remainder=rest / 2.0)])
+    assert "off theory" in agrees("It", [made(sigmas)])
+
+
+def test_a_bias_that_cannot_be_seen_is_a_limit():
+    faint = made([1.0, -1.0, 0.5], error=3.0)
+    assert unseen([faint])
+    assert not unseen([made([1.0, -1.0, 0.5])])
+    assert "cannot be told from zero" in agrees("The bias", [faint])
+    scatter = made([0.0, 0.0, 0.0], prediction=np.full(3, 1000.0))
+    said = limited("The bias", [faint], [scatter], "the scatter", 4096)
+    # the greatest: 2 (1 + 3 * 1) = 8, and its band of 6 each, of 1000
+    most = percent((8.0 + BAND * 6.0) / 1000.0)
+    assert said == (
+        f"The bias is below what 4,096 trials can see: less than {most} of the "
+        "scatter; theory puts it at 0.2 % at most."
+    )
+    assert limited("It", [], [], "the scatter", 0) == "It was not measured."
+    # where it can be seen in some places, they are counted
+    x = np.array([0.001, 0.01])
+    some = Curve(
+        label="", x=x, value=np.array([5.0, 1.0]), error=np.array([5.0, 0.01]),
+        prediction=np.ones(2),
+    )  # fmt: skip
+    assert "in 1 of 2 points, 1 cannot be told from zero" in agrees("It", [some])
+
+
+@pytest.mark.ci
+def test_chance_is_outside_the_bands_as_often_as_stated():
+    """Of honest figures one in twenty has a point outside, and hardly one is off."""
+    rng = np.random.default_rng(18)
+    n, points = 4000, 12
+    found = [
+        agreement([made(rng.standard_normal(points), x=np.arange(1.0, points + 1.0))])
+        for _ in range(n)
+    ]
+    outside = np.mean([f.outside > 0 for f in found])
+    # 5 % of 4000: standard error 0.34 %, four of them allowed
+    assert abs(outside - 0.05) < 0.014
+    # 1e-4 of 4000 is 0.4 on average: more than 5 once in 1e5 seeds
+    assert sum(f.off > 0 for f in found) <= 5
+    # power: one percent of scale, ten errors, is off each time
+    wrong = made(rng.standard_normal(points) + 10.0, x=np.arange(1.0, points + 1.0))
+    assert agreement([wrong]).off == points
+
+
+def test_slopes_are_folded_only_where_they_are_theorys():
+    one = Slope(1.0, 0.004)
+    words, well = slopes_said([(Slope(1.002, 0.004), one), (Slope(0.999, 0.004), one)])
+    assert (words, well) == ("2 slopes, theory's own within 0.002", True)
+    near = Slope(1.0 + 0.99 * simultaneous(1) * 0.004 / Z95, 0.004)
+    beyond = Slope(1.0 + 1.01 * simultaneous(1) * 0.004 / Z95, 0.004)
+    assert slopes_said([(near, one)])[1]
+    words, well = slopes_said([(beyond, one), (None, one)])
+    assert not well
+    assert words.startswith("1 of 1 slope off theory's own, by up to 2.0 standard err")
+    assert words.endswith("; 1 cannot be told from zero")
+    assert slopes_said([(None, None)]) == (
+        "1 slope, none told from zero in these trials",
+        True,
+    )
+
+
+@pytest.mark.parametrize(
+    ("share", "words"),
+    [(0.0042, "0.42 %"), (0.5, "50 %"), (3.1, "310 %"), (1e-14, "rounding"),
+     (3e-6, "0.001 %")],
+)  # fmt: skip
+def test_shares_are_percent(share, words):
+    assert percent(share) == words
+
+
+@pytest.mark.parametrize(
+    ("low", "high"),
+    [(11.0, 44.0), (18.0, 21.0), (0.97, 1.03), (1e-7, 2e3), (9.1, 9.9), (1e-15, 1.0),
+     (0.0021, 0.0029), (4e5, 9e5)],
+)  # fmt: skip
+def test_a_logarithmic_axis_has_two_labels_at_least(low, high):
+    ticks, labels = log_ticks(low, high, np.empty(0))
+    assert len(ticks) == len(labels) >= 2
+    assert all(low <= tick <= high for tick in ticks)
+    assert len(set(labels)) == len(labels)
+    assert len(ticks) <= 10
+
+
+def test_the_few_places_of_the_data_are_the_ticks():
+    assert log_ticks(10.0, 48.0, np.array([12.0, 20.0, 40.0]))[1] == ["12", "20", "40"]
+    # too near to each other, or one alone: round numbers
+    assert "39" not in log_ticks(10.0, 48.0, np.array([12.0, 39.0, 40.0]))[1]
+    assert len(log_ticks(20.0, 80.0, np.array([40.0]))[1]) >= 2
+    assert log_ticks(0.0, 1.0, np.empty(0)) == ([], [])
+    assert log_ticks(1.0, np.inf, np.empty(0)) == ([], [])
+
+
+def test_a_setting_is_spelled_with_its_unit():
+    words = setting_words
+    assert words("calibration", "noise_std", 0.02) == "noise 0.02 m/s²"
+    assert words("attitude", "noise_std", 0.02) == "noise 0.02"
+    assert words("magnetometer", "dip_deg", 66.0) == "dip 66°"
+    assert words("ladder", "poses", 12) == "12 poses"
+    assert words("x", "own_name", 3) == "own name 3"
+    assert words("x", "fast", True) == "fast"
+    assert words("x", "fast", False) == "no fast"
+    assert words("x", "kind", "") == "no kind"
+    assert axis_words("calibration", "poses") == "number of poses"
+    assert axis_words("calibration", "noise_std") == "noise, m/s²"
+
+
+def test_units_scale_a_curve_and_all_that_belongs_to_it():
+    c = made([1.0, 0.0, 0.0], remainder=np.full(3, 1e-3))
+    out = c.scaled(MILLIRADIAN)
+    for name in ("value", "error", "prediction", "remainder"):
+        np.testing.assert_array_equal(getattr(out, name), 1e3 * getattr(c, name))
+    assert of_row("rad") is MILLIRADIAN
+    assert (of_row("m/s^2").name, of_row("m/s^2").factor) == ("m/s²", 1.0)
+
+
+def luminance(colour):
+    """Relative luminance, WCAG 2."""
+    parts = np.array(to_rgb(colour))
+    linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722]), linear
+
+
+PAPERS = {"white": 1.0, "dark": luminance("#151618")[0]}
+ROLES = (
+    palette.SIMULATED,
+    palette.THEORY,
+    palette.ORDER_2,
+    palette.ORDER_4_SOURCE,
+    palette.ORDER_4_COMPLETE,
+    palette.ORDER_2_PRINTED,
+)
+# Machado, Oliveira and Fernandes 2009, full deficiency, on linear RGB
+VISION = {
+    "protan": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216],
+               [-0.003882, -0.048116, 1.051998]],
+    "deutan": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413],
+               [-0.011820, 0.042940, 0.968881]],
+    "normal": np.eye(3),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("colour", sorted({*ROLES, *palette.GROUPS, palette.GREY}))
+def test_a_colour_is_seen_on_white_and_on_dark_paper(colour):
+    y, _ = luminance(colour)
+    for paper in PAPERS.values():
+        low, high = sorted((y, paper))
+        assert (high + 0.05) / (low + 0.05) >= 3.0  # WCAG 2.1, 1.4.11: graphics
+
+
+def lab(linear):
+    to_xyz = [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750],
+              [0.0193339, 0.1191920, 0.9503041]]  # fmt: skip
+    t = np.array(to_xyz) @ np.clip(linear, 0.0, 1.0) / [0.95047, 1.0, 1.08883]
+    f = np.where(t > (6 / 29) ** 3, np.cbrt(t), t / (3 * (6 / 29) ** 2) + 4 / 29)
+    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
+
+
+@pytest.mark.parametrize("vision", VISION)
+@pytest.mark.parametrize(
+    ("colours", "least"),
+    [(ROLES, 12.0), (palette.GROUPS, 10.0)],
+    ids=["roles", "groups"],
+)
+def test_colours_are_told_apart_with_every_vision(colours, least, vision):
+    """CIE76 beyond 10 is a difference at a glance; lines and markers add to it."""
+    seen = [lab(np.array(VISION[vision]) @ luminance(c)[1]) for c in colours]
+    for a, b in itertools.combinations(range(len(seen)), 2):
+        assert np.linalg.norm(seen[a] - seen[b]) > least, (colours[a], colours[b])
+    assert len(set(palette.MARKERS)) == len(palette.GROUPS)
+
+
+def test_the_palette_is_the_only_place_of_colours():
+    import re
+
+    from places import ROOT
+
+    for path in sorted((ROOT / "simval" / "report").rglob("*.py")):
+        if path.name not in ("palette.py", "paint.py"):
+            found = re.findall(r"#[0-9a-fA-F]{6}\b", path.read_text(encoding="utf-8"))
+            assert not found, path
+
+
+def panel_of(labels, **more):
+    series = [Series(label=label, x=X, y=X, line="-") for label in labels]
+    return Panel(title="", x_label="x", y_label="y", series=series, **more)
+
+
+def test_a_legend_is_below_its_axes_with_as_many_columns_as_fit():
+    few = panel_of(["a", "b", "c"])
+    assert legend_rows(few, 4.3) == (3, 1)
+    long = panel_of(["a rather long label of a curve"] * 4)
+    columns, lines = legend_rows(long, 4.3)
+    assert (columns, lines) == (1, 4)
+    assert legend_rows(panel_of([""]), 4.3) == (1, 0)
+    assert entries(panel_of(["a"], references=((1.0, "limit"),))) == ["a", "limit"]
+    assert 0.0 < SLACK < 1.0
+
+
+def test_no_legend_is_over_the_curves():
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    from simval.report.paint import STYLE, _figure
+
+    words = ["simulated", "order 2", "order 4, source", "order 4, complete", "exact"]
+    drawing = Drawing(
+        name="x", caption="", alternative="", panels=[panel_of(words)] * 2, columns=2
+    )
+    with mpl.rc_context(STYLE):
+        figure = _figure(laid_out(drawing))
+        renderer = FigureCanvasAgg(figure).get_renderer()
+        figure.draw_without_rendering()  # everything has its place
+        for axes in figure.axes:
+            legend = axes.get_legend().get_window_extent(renderer)
+            label = axes.xaxis.label.get_window_extent(renderer)
+            assert legend.y1 <= label.y0 + 1.0
+            assert legend.y0 >= 0.0
+    assert (
+        laid_out(drawing).heights[0]
+        > laid_out(
+            Drawing(name="x", caption="", alternative="", panels=[panel_of(["a"])])
+        ).heights[0]
+    )

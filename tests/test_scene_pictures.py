@@ -1,0 +1,300 @@
+"""Pictures of a scene: arrows where they belong, and the directions visited.
+
+What a picture is drawn from is tested without graphics; the tests of pixels skip where
+the machine cannot draw.
+"""
+
+import io
+import os
+import sys
+from contextlib import closing
+
+import mujoco
+import numpy as np
+import pytest
+from PIL import Image
+
+from simval.errors import InputError
+from simval.geometry import attitude_matrix
+from simval.report.coverage import widest_gap
+from simval.scene import frames, render, simulate
+from simval.scene.arrows import (
+    AXES,
+    AXIS_LENGTH,
+    FORCE,
+    FORCE_LENGTH,
+    LONGEST,
+    arrow_tips,
+    body_reach,
+    make_glass,
+    projected,
+)
+from simval.scene.captions import Caption, captioned
+from simval.scene.catalogue import find_scene
+from simval.scene.draw import CAMERA
+from simval.scene.engine import instants
+from simval.scene.frames import Frame
+from simval.scene.globe import EDGE, RADIUS, Directions, placed, seen
+from simval.scene.models import load_model, model_path
+from simval.scene.render import draw_frames
+from simval.scene.run import write_script
+
+SHORT = {"poses": 3, "first_hold": 0.3, "hold_time": 0.2, "move_time": 0.3}
+
+
+@pytest.fixture(scope="module")
+def gimbal():
+    model = load_model(model_path("gimbal")).model
+    data = mujoco.MjData(model)
+    data.qpos[:] = [0.3, -0.4, 0.7]
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+def test_the_arrows_are_the_sensors_axes_and_its_force(gimbal):
+    """Against the attitude by MuJoCo's own sensor, not the site's matrix."""
+    model, data = gimbal
+    scalar_first = data.sensor("attitude").data
+    R_sw = attitude_matrix(np.roll(scalar_first, -1))
+    felt = R_sw @ [1.0, -2.0, 9.80665]
+    reach = body_reach(model)
+    tips = arrow_tips(data, felt, 9.80665, reach) - data.site("imu").xpos
+    for axis in range(3):
+        # unit vectors of products of three rotations: some ten roundings
+        np.testing.assert_allclose(
+            tips[axis] / (AXIS_LENGTH * reach), R_sw[axis], rtol=0, atol=1e-14
+        )
+    felt_w = R_sw.T @ felt / 9.80665
+    np.testing.assert_allclose(tips[3], FORCE_LENGTH * reach * felt_w, atol=1e-14)
+
+
+@pytest.mark.parametrize(("size", "shown"), [(0.0, 0.0), (2.0, 2.0), (2000.0, LONGEST)])
+def test_an_impact_stays_in_the_picture(gimbal, size, shown):
+    _, data = gimbal
+    tips = arrow_tips(data, np.array([0.0, -size, 0.0]), 1.0, 0.1)
+    length = np.linalg.norm(tips[3] - data.site("imu").xpos)
+    np.testing.assert_allclose(length, 0.1 * FORCE_LENGTH * shown, rtol=1e-14)
+
+
+def test_the_reach_is_that_of_the_box(gimbal):
+    model, _ = gimbal
+    corners = np.array([[x, y, z] for x in (-6, 6) for y in (-4, 4) for z in (-2, 2)])
+    farthest = np.linalg.norm(corners / 100 - [0.020, 0.010, 0.015], axis=1).max()
+    assert farthest <= body_reach(model) <= 1.25 * farthest  # by the sphere around it
+
+
+def scene_of(model, data):
+    """What the camera of a model sees, without any graphics."""
+    scene, camera = mujoco.MjvScene(model, 1000), mujoco.MjvCamera()
+    camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
+    camera.fixedcamid = model.camera(CAMERA).id
+    every = mujoco.mjtCatBit.mjCAT_ALL.value
+    mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, camera, every, scene)
+    return scene
+
+
+def test_points_are_where_a_pinhole_sees_them(gimbal):
+    """Against the camera's pose and field of view from the model file."""
+    model, data = gimbal
+    points = np.random.default_rng(1).uniform([-0.2, -0.2, 0.2], 0.5, (50, 3))
+    R_wc = data.camera(CAMERA).xmat.reshape(3, 3)
+    at = (points - data.camera(CAMERA).xpos) @ R_wc  # right, up, back
+    focal = 360.0 / np.tan(np.radians(model.camera(CAMERA).fovy[0]) / 2.0)
+    wanted = np.stack(
+        [480.0 - focal * at[:, 0] / at[:, 2], 360.0 + focal * at[:, 1] / at[:, 2]],
+        axis=1,
+    )
+    found = projected(scene_of(model, data), points, 960, 720)
+    # the scene's camera is in float32: 960 pixels times 2^-24 times some ten roundings
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-3)
+    behind = data.camera(CAMERA).xpos + R_wc[:, 2]
+    assert np.isnan(projected(scene_of(model, data), behind[None], 960, 720)).all()
+
+
+def test_the_glass_is_the_body_and_nothing_else(gimbal):
+    model = load_model(model_path("gimbal")).model
+    before = model.mat_rgba.copy(), model.geom_rgba.copy(), model.geom_matid.copy()
+    make_glass(model)
+    own = model.geom_bodyid == model.body("body").id
+    assert np.all(model.geom_rgba[own, 3] < 1.0)
+    assert np.all(model.geom_matid[own] == -1)
+    np.testing.assert_array_equal(model.geom_rgba[~own], before[1][~own])
+    np.testing.assert_array_equal(model.geom_matid[~own], before[2][~own])
+    np.testing.assert_array_equal(model.mat_rgba, before[0])
+
+
+def test_positions_and_readings_are_of_one_instant():
+    scene = find_scene("gimbal")
+    physics = load_model(scene.model)
+    script = write_script(scene, physics, {"poses": 2, "move_time": 0.2})
+    qpos, rows = instants(physics.model, script)
+    trajectory = simulate("gimbal", poses=2, move_time=0.2)
+    np.testing.assert_array_equal(rows[:, :3], trajectory.specific_force)
+    data = mujoco.MjData(physics.model)
+    for k in (0, len(rows) // 3, len(rows) - 1):
+        data.qpos[:] = qpos[k]
+        mujoco.mj_forward(physics.model, data)
+        turned = np.abs(data.sensor("attitude").data @ rows[k, 9:13])
+        # cosine of half the turn between them: 1 but for rounding
+        np.testing.assert_allclose(turned, 1.0, rtol=0, atol=1e-15 * 8)
+
+
+def test_the_globe_is_a_turned_sphere():
+    turned = seen(np.eye(3))
+    # a rotation: orthonormal, determinant 1; rounding of three products
+    np.testing.assert_allclose(turned @ turned.T, np.eye(3), atol=1e-15)
+    np.testing.assert_allclose(np.linalg.det(turned), 1.0, rtol=1e-14)
+    assert turned[2, 1] > 0.9  # z is up
+    assert np.all(turned[:2, 2] > 0.3)  # x and y come towards the eye
+    np.testing.assert_allclose(placed(np.zeros((1, 3)), 2.0), [[EDGE, EDGE]])
+    assert np.ptp(placed(np.eye(3), 1.0)) < 2.0 * RADIUS
+
+
+def count_of(pixels, colour):
+    wanted = np.array([*bytes.fromhex(colour[1:])], int)
+    return int((np.abs(pixels.astype(int) - wanted).max(axis=-1) < 12).sum())
+
+
+def blank(places):
+    pixels = np.full((720, 960, 3), 128, np.uint8)
+    return Frame(pixels=pixels, places=np.asarray(places, float))
+
+
+CROSS = [[480, 360], [600, 360], [480, 460], [400, 300], [480, 200]]
+
+
+def caption(visited=2, now=(0.0, 0.0, 1.0)):
+    # towards the eye, off the axes
+    rests = np.array([[0.8, 0, 0.6], [0.6, 0.8, 0], [0, 0.8, 0.6], [0.8, 0, -0.6]])
+    directions = Directions(
+        rests=rests, visited=np.arange(4) < visited, now=np.array(now)
+    )
+    return Caption(
+        title="a scene", time=12.3, force=9.8 * np.array(now), directions=directions
+    )
+
+
+def test_each_arrow_has_its_letter_at_its_tip():
+    drawn = captioned(blank(CROSS), caption())
+    for (x, y), (sx, sy), colour in zip(
+        CROSS[1:], [CROSS[0]] * 4, (*AXES, FORCE), strict=True
+    ):
+        beyond = np.array([x - sx, y - sy]) / np.hypot(x - sx, y - sy)
+        cx, cy = (np.array([x, y]) + 17 * beyond).astype(int)
+        assert count_of(drawn[cy - 14 : cy + 14, cx - 12 : cx + 12], colour) > 15
+    # power: without the tips there is no letter there
+    nowhere = [CROSS[0]] + [[np.nan, np.nan]] * 4
+    without = captioned(blank(nowhere), caption())
+    assert count_of(without[346:374, 605:630], AXES[0]) == 0
+
+
+def test_a_letter_does_not_leave_the_picture():
+    places = [*CROSS[:4], [480, -30]]
+    drawn = captioned(blank(places), caption())
+    assert count_of(drawn[:60, 460:500], FORCE) > 15
+
+
+def test_rests_to_come_are_hollow():
+    corner = np.s_[430:, 700:]
+    ink = [
+        count_of(captioned(blank(CROSS), caption(visited=n))[corner], "#1c1c1e")
+        for n in range(5)
+    ]
+    assert np.all(np.diff(ink) > 10)
+
+
+def test_free_fall_has_no_direction_and_no_rest():
+    felt = captioned(blank(CROSS), caption())
+    falls = captioned(blank(CROSS), caption(now=(0.0, 0.0, 0.001)))
+    corner = np.s_[430:, 700:]
+    assert count_of(felt[corner], FORCE) > 60 > count_of(falls[corner], FORCE)
+    none = Directions(
+        rests=np.empty((0, 3)), visited=np.empty(0, bool), now=np.zeros(3)
+    )
+    bare = Caption(title="fall", time=0.0, force=np.zeros(3), directions=none)
+    assert np.ptp(captioned(blank(CROSS), bare)[500:, 800:]) == 0  # no inset
+
+
+def test_the_widest_gap_of_six_directions_is_that_of_a_corner():
+    six = np.vstack([np.eye(3), -np.eye(3)])
+    corner = np.degrees(np.arccos(1.0 / np.sqrt(3.0)))
+    # 4000 probes cover the sphere within 2.5 degrees, and none is beyond the corner
+    assert corner - 2.5 <= widest_gap(5.0 * six) <= corner + 1e-9
+    assert 90.0 - 2.5 <= widest_gap(six[:5]) <= 90.0
+
+
+@pytest.fixture(scope="module")
+def drawable():
+    try:
+        return render("gimbal", **SHORT)
+    except InputError as error:
+        pytest.skip(f"no picture can be drawn here: {error}")
+
+
+@pytest.mark.ci
+def test_the_same_picture_has_the_same_bytes(drawable):
+    assert render("gimbal", **SHORT) == drawable
+    with Image.open(io.BytesIO(drawable)) as image:
+        assert image.size == (960, 720)
+
+
+@pytest.mark.ci
+def test_an_arrow_ends_where_its_letter_is(drawable):
+    """MuJoCo draws arrows half as long as they say: seen here if that changes."""
+    chosen = load_model(model_path("freefall")).model
+    job = {
+        "qpos": np.array([[0, 0, 0.4, 1, 0, 0, 0]], float),
+        "force": np.array([[0.0, 9.80665, 0.0]]),
+        "size": np.array([960, 720]),
+    }
+    (frame,) = frames.drawn_frames(chosen, job)
+    _, x, _, z, _ = frame.places
+    for tip, colour in ((x, 2), (z, 1)):
+        near, far = (
+            frame.pixels[
+                int(at[1]) - 6 : int(at[1]) + 7, int(at[0]) - 6 : int(at[0]) + 7
+            ].astype(int)
+            for at in (
+                tip + 0.06 * (frame.places[0] - tip),
+                tip * 1.06 - 0.06 * frame.places[0],
+            )
+        )
+        excess = [part[..., colour] - part[..., 0] for part in (near, far)]
+        assert (excess[0] > 60).sum() > 5  # blue or green, just inside
+        assert (excess[1] > 60).sum() == 0  # none just beyond
+
+
+@pytest.mark.ci
+def test_a_child_that_breaks_down_in_the_middle_is_an_error(monkeypatch, drawable):
+    words = "import sys; sys.stdout.buffer.write(bytes(80 + 36)); sys.exit('lost')"
+    monkeypatch.setattr(frames, "BACKENDS", ("first", "second"))
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    whole = frames.subprocess.Popen
+    monkeypatch.setattr(
+        frames.subprocess,
+        "Popen",
+        lambda _, **rest: whole([sys.executable, "-c", words], **rest),
+    )
+    model = load_model(model_path("gimbal")).model
+    job = {"qpos": np.zeros((2, 3)), "force": np.zeros((2, 3)), "size": [4, 3]}
+    with closing(frames.drawn_frames(model, job)) as drawn:
+        assert next(drawn).pixels.shape == (3, 4, 3)
+        with pytest.raises(InputError, match=r"first: lost\); install"):
+            next(drawn)
+
+
+@pytest.mark.ci
+def test_a_child_that_says_nothing_is_given_up(monkeypatch):
+    monkeypatch.setattr(frames, "TIMEOUT", 0.3)
+    monkeypatch.setenv("MUJOCO_GL", "egl")
+    whole = frames.subprocess.Popen
+    monkeypatch.setattr(
+        frames.subprocess,
+        "Popen",
+        lambda _, **rest: whole(
+            [sys.executable, "-c", "input()"], **{**rest, "stdin": -1}
+        ),
+    )
+    with pytest.raises(InputError, match=r"egl: no answer within 0.3 s"):
+        next(draw_frames("gimbal", [0.0], 40, 30, {"poses": 2}))
+    assert "MUJOCO_GL" in os.environ

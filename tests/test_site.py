@@ -1,0 +1,216 @@
+"""The generated reference says what there is, all of it, and nothing else."""
+
+import ast
+import importlib
+import inspect
+import re
+from pathlib import Path
+
+import click
+import pytest
+from places import ROOT
+
+import simval
+from docs.site.commands import commands
+from docs.site.equations import modules
+from docs.site.markdown import NOTHING, plain
+from docs.site.reference import pages
+from docs.site.studies import kind_of, measured, predictors
+from simval import statistics
+from simval.cli import COMMANDS
+from simval.plugins.builtin import BUILTIN
+from simval.scene import scenes
+from simval.studies import STUDIES
+from simval.sweep.suite import builtin_suites
+
+pytestmark = pytest.mark.ci  # the whole package is imported: three seconds
+
+DOCS = ROOT / "docs"
+WRITTEN = sorted(
+    path
+    for path in DOCS.rglob("*.md")
+    if "reference" not in path.relative_to(DOCS).parts
+)
+HEADING = re.compile(r"^## (.+)$", re.MULTILINE)
+TERM = re.compile(r"^`([^`]+)`\n: (.+)$", re.MULTILINE)
+
+
+@pytest.fixture(scope="module")
+def made():
+    return pages()
+
+
+def sections(text):
+    """Text below each heading of the second level."""
+    parts = HEADING.split(text)
+    return dict(zip(parts[1::2], parts[2::2], strict=True))
+
+
+def test_each_command_is_there_and_no_other(made):
+    found = list(sections(made["commands.md"]))
+    assert [name.split()[1] for name in found if name.count(" ") == 1] == [
+        name for name, _ in COMMANDS
+    ]
+    assert found == [words for words, _, _ in commands()]
+
+
+def test_each_option_is_there_as_the_terminal_says_it(made):
+    """Beside what `--help` prints on a wide terminal."""
+    for words, command, _ in commands():
+        section = sections(made["commands.md"])[words]
+        context = click.Context(command, info_name=words, terminal_width=10_000)
+        context.max_content_width = 10_000
+        told = command.get_help(context).partition("Options:\n")[2]
+        told = told.partition("\n\n")[0]
+        entries = re.split(r"\n  (?=-)", "\n" + told.rstrip())[1:]
+        pairs = [re.split(r"\s{2,}", entry, maxsplit=1) for entry in entries]
+        expected = [
+            (names, plain(*text) if text else NOTHING) for names, *text in pairs
+        ]
+        assert [t for t in TERM.findall(section) if t[0].startswith("-")] == expected
+
+
+def test_each_study_and_parameter_is_there_and_no_other(made):
+    found = sections(made["studies.md"])
+    assert list(found) == list(STUDIES)
+    for name, section in found.items():
+        study = STUDIES[name]
+        assert f"**{plain(study.title)}**" in section
+        fields = study.parameters.model_fields
+        terms = dict(TERM.findall(section))
+        assert list(terms) == list(fields)
+        for key, field in fields.items():
+            assert plain(field.description) in terms[key]
+            assert "default `" in terms[key]
+
+
+def test_limits_in_words():
+    entry = {"type": "number", "exclusiveMinimum": 0, "maximum": 0.3}
+    assert kind_of(entry, {}) == "number, above 0, at most 0.3"
+    assert kind_of({"enum": ["a", "b"]}, {}) == "one of `a`, `b`"
+    either = {"anyOf": [{"$ref": "#/$defs/X"}, {"const": "auto"}]}
+    assert kind_of(either, {"X": {"type": "integer"}}) == "whole number or `auto`"
+
+
+def test_each_statistic_and_predictor_is_there_and_no_other(made):
+    found = sections(made["statistics.md"])
+    terms = dict(TERM.findall(found["Statistics"]))
+    assert list(terms) == list(statistics.FAMILIES)
+    for name, family in statistics.FAMILIES.items():
+        assert plain(family.words).lower() in terms[name].lower()
+        assert (
+            f"Unit {plain(family.unit)}, margin {100 * family.margin:g} %"
+            in terms[name]
+        )
+    shown = [name for name, _ in TERM.findall(found["Predictors"])]
+    source = inspect.getsource(statistics).partition("# predictors")[2]
+    assert shown == re.findall(r'^[A-Z_0-9]+ = "(.+)"$', source, re.MULTILINE)
+    assert shown == list(predictors().values())
+
+
+def test_studies_behind_a_statistic_are_those_of_a_run():
+    """Every name in the baseline is a family or a predictor of the vocabulary."""
+    families, theories = measured()
+    assert families["coverage"] >= {"coverage"}
+    assert families["scale_bias"] == {"ladder"}
+    assert families.keys() <= statistics.FAMILIES.keys()
+    made = ("class: ", "claim: ", "order ")
+    unknown = theories.keys() - set(predictors().values()) - {""}
+    assert [name for name in unknown if not name.startswith(made)] == []
+
+
+def test_suites_scenes_and_algorithms_are_there(made):
+    found = sections(made["suites.md"])
+    listed = {name: [t for t, _ in TERM.findall(text)] for name, text in found.items()}
+    assert listed["Suites that are shipped"] == list(builtin_suites())
+    assert listed["Scenes"] == [scene.name for scene in scenes().values()]
+    assert listed["Algorithms of its own, measured beside yours"] == list(BUILTIN)
+
+
+def faces():
+    """Packages directly below simval that have `__all__`, by their files alone."""
+    for path in sorted((ROOT / "simval").glob("*/__init__.py")):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for node in tree.body:
+            names = [
+                t.id for t in getattr(node, "targets", []) if isinstance(t, ast.Name)
+            ]
+            if "__all__" in names:
+                yield f"simval.{path.parent.name}", ast.literal_eval(node.value)
+
+
+def test_each_public_name_is_there_and_no_other(made):
+    for module, names in faces():
+        text = made[f"api/{module}.rst"]
+        found = re.findall(
+            rf"^\.\. (?:auto|py:)\w+:: {module}\.(\w+)$", text, re.MULTILINE
+        )
+        assert sorted(found) == sorted(names)
+        assert all(hasattr(importlib.import_module(module), name) for name in found)
+    top = re.findall(r"^- ``simval\.(\w+)``", made["api/simval.rst"], re.MULTILINE)
+    assert sorted(top) == sorted(simval.__all__)
+
+
+def test_modules_on_their_own_have_a_page(made):
+    """What the documents tell users to import."""
+    told = re.compile(r"^from (simval\.\w+)[\w.]* import ", re.MULTILINE)
+    shown = {
+        m for path in WRITTEN for m in told.findall(path.read_text(encoding="utf-8"))
+    }
+    missing = {m for m in shown if f"api/{m}.rst" not in made}
+    assert missing == set()
+
+
+def test_each_equation_is_on_a_page_of_its_module(made):
+    for module in modules().values():
+        if not module.defined:
+            continue
+        page = made[f"equations/{'.'.join(module.name.split('.')[:2])}.rst"]
+        assert f".. automodule:: {module.name}\n" in page
+        for owner in filter(None, module.defined.values()):
+            assert f":: {module.name}.{owner}\n" in page
+    listed = re.findall(
+        r"automodule:: (\S+)",
+        "".join(text for name, text in made.items() if name.startswith("equations/")),
+    )
+    assert sorted(listed) == sorted(m.name for m in modules().values() if m.defined)
+
+
+CODE = re.compile(r"`([^`\n]+)`")
+FILE = re.compile(r"(simval|tests|docs|models|reports)/[\w./-]+\.(py|md|toml|xml|json)")
+
+
+def test_names_and_files_that_pages_mention_exist():
+    missing = []
+    for path in WRITTEN:
+        text = path.read_text(encoding="utf-8")
+        text = re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL)
+        for code in CODE.findall(text):
+            name = re.fullmatch(r"simval(\.[A-Za-z_]\w*)+", code)
+            if (name and not found(code)) or (
+                FILE.fullmatch(code) and not (ROOT / code).exists()
+            ):
+                missing.append(f"{path.name}: {code}")
+    assert missing == []
+
+
+def found(name):
+    """Whether a dotted name is a module, or is in one."""
+    parts = name.split(".")
+    for cut in range(len(parts), 0, -1):
+        try:
+            value = importlib.import_module(".".join(parts[:cut]))
+        except ModuleNotFoundError:
+            continue
+        for part in parts[cut:]:
+            value = getattr(value, part, None)
+        return value is not None
+    return False
+
+
+def test_the_pages_are_the_same_twice(made):
+    assert pages() == made
+    assert all(
+        isinstance(Path(name), Path) and text.endswith("\n")
+        for name, text in made.items()
+    )

@@ -1,0 +1,121 @@
+"""The runner of pages: what it takes for the same, and what it does not."""
+
+import pytest
+import walkthrough
+from walkthrough import Walk, blocks, rewritten, same
+
+PAGE = """\
+# A page
+
+```python title="two.py"
+print(1 + 1)
+```
+
+## Run
+
+```console
+$ python two.py
+2
+$ python -c "import sys; print(0.125); \\
+> sys.exit(3)"
+0.125
+$ echo $?
+3
+```
+
+```python
+raise SystemExit("a block without a title is not run")
+```
+"""
+
+
+def walked(text, folder):
+    page = folder / "page.md"
+    page.write_text(text)
+    walk = Walk(page, folder)
+    walk.to("Run")
+    return walk
+
+
+def test_a_page_that_is_right(tmp_path):
+    assert walked(PAGE, tmp_path).wrong == []
+    assert [block.section for block in blocks(PAGE)] == ["", "Run"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("\n2\n", "\n3\n"),
+        ("\n0.125\n", "\n0.127\n"),
+        ("\n2\n", "\n2\n2\n"),
+        ("\n2\n", "\n"),
+    ],
+)
+def test_a_figure_that_is_wrong_is_found(tmp_path, old, new):
+    (message,) = walked(PAGE.replace(old, new), tmp_path).wrong
+    assert "page.md:" in message
+
+
+def test_an_exit_code_that_is_not_shown_is_found(tmp_path):
+    (message,) = walked(PAGE.replace("$ echo $?\n3\n", ""), tmp_path).wrong
+    assert "ended with 3" in message
+
+
+def test_a_page_is_written_anew(tmp_path):
+    walk = walked(PAGE.replace("\n0.125\n", "\n8\n").replace("\n2\n", "\n"), tmp_path)
+    assert len(walk.wrong) == 2
+    assert rewritten(walk) == PAGE
+
+
+def test_lines_left_out_stay_left_out(tmp_path):
+    text = PAGE.replace("print(1 + 1)", "for i in range(4): print('abcd'[i], i + 0.5)")
+    walk = walked(text.replace("\n2\n", "\na 9.5\n...\nd 9.5\n"), tmp_path)
+    assert "\na 0.5\n...\nd 3.5\n" in rewritten(walk)
+    assert walked(rewritten(walk), tmp_path).wrong == []
+
+
+@pytest.mark.parametrize(
+    ("shown", "printed", "equal"),
+    [
+        ("a  1.25 b", "a 1.25   b", True),
+        ("1.25", "1.26", True),  # the last digit may round otherwise
+        ("1.25", "1.27", False),
+        ("1.2e-05", "1.3e-05", True),
+        ("1.2e-05", "1.4e-05", False),
+        ("125", "126", False),
+        ("-8e-17", "3.1e-16", True),  # both are rounding
+        ("-8e-12", "3.1e-12", False),
+        ("─────", "──", True),
+        ("PASS: 3", "FAIL: 3", False),
+        ("−0.5 m", "0.5 m", False),
+    ],
+)
+def test_the_rule(shown, printed, equal):
+    assert same((shown,), [printed]) is equal
+
+
+@pytest.mark.parametrize(
+    ("shown", "equal"),
+    [
+        (["a", "b", "c"], True),
+        (["a", "..."], True),
+        (["...", "c"], True),
+        (["a", "...", "c"], True),
+        (["...", "b"], False),
+        (["...", "b", "..."], True),
+        (["...", "d", "..."], False),
+        (["a", "...", "b"], False),
+    ],
+)
+def test_lines_left_out(shown, equal):
+    assert same(shown, ["a", "b", "c"]) is equal
+
+
+@pytest.mark.ci
+def test_a_command_of_simval_runs_here(tmp_path):
+    code, out = walkthrough.called("simval list | head -n 1", tmp_path)
+    assert (code, out) == (0, "suites\n")
+    code, out = walkthrough.called("simval sweep none.toml > out.txt", tmp_path)
+    assert code == 2
+    assert "none.toml" in out
+    assert (tmp_path / "out.txt").read_text() == ""
