@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from simval.attitude.kernel import FRAMES, normalize_columns, raw_quaternion
-from simval.montecarlo import compiled, fused, moments_of, simulate_closed_form
+from simval.montecarlo import compiled, fused, moments_of, normals, simulate_closed_form
 from simval.montecarlo.plain import batch_means, sums_of
 from simval.streams import Streams, cell_key
 
@@ -20,11 +20,11 @@ needs_block = pytest.mark.skipif(
 
 
 def words(batches, block=0, streams=STREAMS):
-    return fused.draws(fused.lanes(streams, block), batches)
+    return normals.draws(normals.lanes(streams, block), batches)
 
 
 def numpy_form(block, batches, mean, noise, q):
-    x = fused.normals(words(batches, block))
+    x = normals.normals(words(batches, block))
     return fused.averages(x, mean, noise, q)
 
 
@@ -41,29 +41,29 @@ def test_both_forms_have_the_same_bits(block):
     mean, q = rng.standard_normal(9), rng.standard_normal(4)
     noise, batches = 10.0 ** rng.uniform(-3, 2), int(rng.integers(1, 20))
     known = {"mean": mean, "noise": noise, "q": q}
-    found = fused.fused_batches(STREAMS, block, batches, **known)
+    found = fused.batch_means_of(STREAMS, block, batches, **known)
     assert np.array_equal(found, numpy_form(block, batches, mean, noise, q))
     # power: one normal in 2304 that is off by 1e-9 is another mean
-    x = fused.normals(words(batches, block))
+    x = normals.normals(words(batches, block))
     x[:, 5] *= 1.0 + 1e-9
     assert not np.array_equal(found, fused.averages(x, mean, noise, q))
 
 
 def test_the_words_are_those_of_numpys_own_generator():
     # the state machine written out: what the compiled block does, step by step
-    state = fused.lanes(STREAMS, 3)
+    state = normals.lanes(STREAMS, 3)
     a, b, c, count = (list(map(int, row)) for row in state)
     mask, first = 2**64 - 1, []
-    for step in range(fused.WARM + 4):
+    for step in range(normals.WARM + 4):
         out = [(x + y + n) & mask for x, y, n in zip(a, b, count, strict=True)]
         count = [n + 1 for n in count]
         a = [y ^ (y >> 11) for y in b]
         b = [(z + (z << 3)) & mask for z in c]
         turned = [((z << 24) | (z >> 40)) & mask for z in c]
         c = [(z + x) & mask for z, x in zip(turned, out, strict=True)]
-        if step >= fused.WARM:
+        if step >= normals.WARM:
             first += out
-    assert fused.draws(state, 1).ravel()[: len(first)].tolist() == first
+    assert normals.draws(state, 1).ravel()[: len(first)].tolist() == first
 
 
 def test_the_normals_are_box_and_mullers():
@@ -82,13 +82,13 @@ def test_the_normals_are_box_and_mullers():
     radius = np.sqrt(-2.0 * np.log(u))
     expected = np.hstack([radius * c, radius * s])
     # some ten roundings of 2^-53 in each factor; t near 0 or u near 1 is as exact
-    np.testing.assert_allclose(fused.normals(raw), expected, rtol=2e-15, atol=0)
+    np.testing.assert_allclose(normals.normals(raw), expected, rtol=2e-15, atol=0)
 
 
 def test_the_ends_of_the_words():
     ends = np.array([0, 2**64 - 1, 2**63, 2**12 - 1, 2**12], dtype=np.uint64)
     radii, angles = np.meshgrid(ends, ends)
-    x = fused.normals(np.hstack([radii.ravel(), angles.ravel()])[None])
+    x = normals.normals(np.hstack([radii.ravel(), angles.ravel()])[None])
     assert np.isfinite(x).all()
     # u of 2^-52 gives the greatest normal, u of 1 gives zero
     assert np.abs(x).max() == pytest.approx(np.sqrt(104 * np.log(2)), rel=1e-14)
@@ -104,7 +104,7 @@ def test_the_trials_are_those_of_the_closed_form(frame):
         vectors, frame, q, noise, STREAMS, samples=1, block=256 * batches
     )
     # vectors whose sums and differences have this noise: that of r is minus or plus b's
-    x = fused.normals(words(batches)).reshape(batches, 9, 256)
+    x = normals.normals(words(batches)).reshape(batches, 9, 256)
     d1, s1, d2 = x.transpose(1, 0, 2).reshape(3, 3, -1) * np.sqrt(2) * noise
     turn = np.array([1.0 if frame in ("plain", k) else -1.0 for k in "xyz"])[:, None]
     drawn = vectors + np.concatenate(
@@ -152,7 +152,7 @@ def test_the_law_is_that_of_the_plain_pass():
 
 @pytest.mark.ci
 def test_moments_of_the_normals_to_the_eighth():
-    x = np.concatenate([fused.normals(words(64, k)).ravel() for k in range(8)])
+    x = np.concatenate([normals.normals(words(64, k)).ravel() for k in range(8)])
     limit = stats.norm.isf(1e-4 / (2 * 8))
     moments = {1: 0, 2: 1, 3: 0, 4: 3, 5: 0, 6: 15, 7: 0, 8: 105}
 
@@ -170,8 +170,8 @@ def test_moments_of_the_normals_to_the_eighth():
 
 
 def test_lanes_blocks_and_pairs_are_independent():
-    blocks = [fused.normals(words(16, k)) for k in range(16)]
-    raw = [words(16, k).reshape(-1, fused.LANES).T.astype(float) for k in range(16)]
+    blocks = [normals.normals(words(16, k)) for k in range(16)]
+    raw = [words(16, k).reshape(-1, normals.LANES).T.astype(float) for k in range(16)]
     n = blocks[0].size
 
     def correlation(a, b):
@@ -184,7 +184,7 @@ def test_lanes_blocks_and_pairs_are_independent():
     squares = [b**2 for b in blocks]
     found += [correlation(a[:, :half].ravel(), a[:, half:].ravel()) for a in squares]
     for each in raw:
-        lanes = np.corrcoef(each)[np.triu_indices(fused.LANES, 1)]
+        lanes = np.corrcoef(each)[np.triu_indices(normals.LANES, 1)]
         found += list(lanes * np.sqrt(each.shape[1]))
     limit = stats.norm.isf(1e-4 / (2 * len(found)))
     assert np.abs(found).max() < limit
@@ -205,9 +205,9 @@ def test_threads_and_blocks_leave_the_bits_alone():
 @needs_block
 def test_the_block_refuses_what_is_no_argument():
     rng = np.random.default_rng(1)
-    state = fused.lanes(STREAMS, 0)
+    state = normals.lanes(STREAMS, 0)
     right = [state, np.ones(9), 0.1, np.ones(4), np.empty((3, 14))]
-    fused._fused.batches(*right)
+    fused._compiled().batches(*right)
     locked = np.empty((3, 14))
     locked.flags.writeable = False
     wrong = {
@@ -221,7 +221,7 @@ def test_the_block_refuses_what_is_no_argument():
         for value in values:
             given = [*right[:place], value, *right[place + 1 :]]
             with pytest.raises((ValueError, TypeError, BufferError)):
-                fused._fused.batches(*given)
+                fused._compiled().batches(*given)
     for _ in range(300):  # and of any shape and kind at random
         given = list(right)
         for place in rng.integers(0, 5, size=rng.integers(1, 4)):
@@ -229,8 +229,8 @@ def test_the_block_refuses_what_is_no_argument():
             kind = rng.choice(["f8", "f4", "u8", "i8", "u1", "c16", ">f8"])
             given[place] = np.zeros(shape, dtype=kind)
         try:
-            fused._fused.batches(*given)
+            fused._compiled().batches(*given)
         except (ValueError, TypeError, BufferError):
             continue
-        assert given[0].nbytes == 4 * 8 * fused.LANES
+        assert given[0].nbytes == 4 * 8 * normals.LANES
         assert given[4].nbytes % (14 * 8) == 0

@@ -8,7 +8,11 @@ import numpy as np
 from simval.arrays import Array
 from simval.attitude import two_vector_quaternion
 from simval.attitude.comparators import align_vectors, davenport, triad
-from simval.attitude.kernel import normalize_columns, raw_quaternion
+from simval.attitude.kernel import (
+    normalize_columns,
+    raw_quaternion,
+    sums_and_differences,
+)
 from simval.bench.race import Contender
 from simval.geometry import attitude_matrix
 from simval.montecarlo import (
@@ -19,6 +23,8 @@ from simval.montecarlo import (
     simulate_closed_form,
     simulate_reduced,
 )
+from simval.montecarlo.normals import lanes
+from simval.montecarlo.plain import sums_of
 from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.attitude import BATCH, BLOCK, random_geometry
@@ -148,11 +154,14 @@ def _twelve(samples: int) -> int:
 
 def _without_block(samples: int) -> int:
     """The NumPy form of the pass: the same bits."""
-    here, fused._fused = fused._fused, None
-    try:
-        return _monte_carlo(samples, 1)
-    finally:
-        fused._fused = here
+    q, truth = _geometry()
+    mean, noise = sums_and_differences(truth, "plain"), np.sqrt(2.0) * NOISE
+    streams, batches = Streams(1, (1,)), BLOCK // BATCH
+    means = [
+        fused.in_numpy(lanes(streams, number), batches, mean, noise, q)
+        for number in range(-(-samples // BLOCK))
+    ]
+    return moments_of(sums_of(np.concatenate(means), BATCH)).samples
 
 
 def monte_carlo() -> list[Contender]:

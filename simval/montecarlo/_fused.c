@@ -1,18 +1,24 @@
 /* Trials of the two-vector closed form in one pass: draw, estimate, average.
 
-   The NumPy form of every step is simval/montecarlo/fused.py, equal to the bit: here as
-   there a number is made by IEEE additions, multiplications, divisions and square roots
-   in one fixed order, so neither the width of a vector register nor the compiler's
-   version changes a bit. Contraction to fused multiply-adds is off (CMakeLists.txt).
+   The NumPy form of every step is in simval/montecarlo/normals.py and fused.py, equal to
+   the bit: here as there a number is made by IEEE additions, multiplications, divisions
+   and square roots in one fixed order, so neither the width of a vector register nor the
+   compiler's version changes a bit. Contraction to fused multiply-adds is off
+   (CMakeLists.txt), and fused.py uses this block only if it reproduces a batch.
 
    Random numbers: LANES independent streams of SFC64 (C. Doty-Humphrey), stepped side by
    side; normals by Box and Muller's transform. */
 
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
+#include <float.h>
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
+
+#if defined(__FAST_MATH__) || FLT_EVAL_METHOD != 0
+#error "doubles must be computed as IEEE doubles: without this block NumPy does the same"
+#endif
 
 #define LANES 64     /* streams */
 #define WARM 12      /* steps of a fresh stream that are thrown away */
@@ -21,10 +27,12 @@
 #define FEATURES 14  /* four errors and their ten products */
 #define SUMS 8       /* partial sums of a batch */
 
-#if defined(__GNUC__) && defined(__x86_64__) && defined(__linux__)
+#ifndef ANY_WIDTH
+#if defined(__GNUC__) && defined(__x86_64__) && defined(__GLIBC__)
 #define ANY_WIDTH __attribute__((target_clones("default", "avx2", "avx512f")))
 #else
 #define ANY_WIDTH
+#endif
 #endif
 
 typedef struct { uint64_t a[LANES], b[LANES], c[LANES], count[LANES]; } Streams;
@@ -149,20 +157,43 @@ static void average(const double *restrict x, const double *restrict mean,
     }
 }
 
-/* A C-contiguous buffer of so many doubles or 64-bit integers, or an error. */
+/* Batch means of `count` batches. The arguments are copied, so they need no alignment and
+   may overlap. */
+static void run(void *state, const void *mean, double noise, const void *q, char *out,
+                Py_ssize_t count)
+{
+    Streams streams;
+    double m[NORMALS], r[4], x[NORMALS * BATCH], means[FEATURES];
+    uint64_t bits[NORMALS * BATCH];
+    memcpy(&streams, state, sizeof streams);
+    memcpy(m, mean, sizeof m);
+    memcpy(r, q, sizeof r);
+    draw(&streams, bits, WARM);
+    for (Py_ssize_t b = 0; b < count; b++) {
+        draw(&streams, bits, NORMALS * BATCH / LANES);
+        normals(bits, x, NORMALS * BATCH / 2);
+        average(x, m, noise, r, means);
+        memcpy(out + (size_t)b * sizeof means, means, sizeof means);
+    }
+    memcpy(state, &streams, sizeof streams);
+}
+
+/* A C-contiguous buffer of doubles ('d') or unsigned 64-bit integers ('L'), as many as
+   `count`, or any multiple of it that is not 0; or an error. */
 static int take(PyObject *object, Py_buffer *view, const char *name, char format,
-                Py_ssize_t count, int writable)
+                Py_ssize_t count, int several, int writable)
 {
     int flags = PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | (writable ? PyBUF_WRITABLE : 0);
     if (PyObject_GetBuffer(object, view, flags) < 0)
         return -1;
     char found = view->format == NULL ? '\0' : view->format[0];
-    int right = found == format || (format == 'L' && found == 'Q');
-    if (!right || view->itemsize != 8 || view->len / 8 < 1
-        || (count > 0 && view->len / 8 != count)) {
-        PyErr_Format(PyExc_ValueError, "`%s` has %zd bytes of format '%s'; %zd numbers "
-                     "of format '%c' are needed", name, view->len,
-                     view->format == NULL ? "" : view->format, count, format);
+    int right = view->itemsize == 8 && (found == format || (format == 'L' && found == 'Q'));
+    Py_ssize_t size = count * 8;
+    if (!right || view->len < size || view->len % size || (!several && view->len > size)) {
+        PyErr_Format(PyExc_ValueError, "`%s` has %zd bytes of format '%s'; give %s%zd "
+                     "numbers of format '%c'", name, view->len,
+                     view->format == NULL ? "" : view->format,
+                     several ? "a multiple of " : "", count, format);
         PyBuffer_Release(view);
         return -1;
     }
@@ -182,43 +213,27 @@ static PyObject *batches(PyObject *module, PyObject *args)
     if (!PyArg_ParseTuple(args, "OOdOO", &objects[0], &objects[1], &noise, &objects[2],
                           &objects[3]))
         return NULL;
-    if (take(objects[0], &state, "state", 'L', 4 * LANES, 1) < 0)
+    if (take(objects[0], &state, "state", 'L', 4 * LANES, 0, 1) < 0)
         return NULL;
-    if (take(objects[1], &mean, "mean", 'd', NORMALS, 0) < 0)
+    if (take(objects[1], &mean, "mean", 'd', NORMALS, 0, 0) < 0)
         goto no_mean;
-    if (take(objects[2], &q, "q", 'd', 4, 0) < 0)
+    if (take(objects[2], &q, "q", 'd', 4, 0, 0) < 0)
         goto no_q;
-    if (take(objects[3], &out, "out", 'd', 0, 1) < 0)
+    if (take(objects[3], &out, "out", 'd', FEATURES, 1, 1) < 0)
         goto no_out;
-    Py_ssize_t count = out.len / 8 / FEATURES;
-    if (count * FEATURES * 8 != out.len) {
-        PyErr_Format(PyExc_ValueError, "`out` has %zd numbers; a multiple of %d is "
-                     "needed", out.len / 8, FEATURES);
-        PyBuffer_Release(&out);
-        goto no_out;
-    }
     Py_BEGIN_ALLOW_THREADS
-    uint64_t bits[NORMALS * BATCH];
-    double x[NORMALS * BATCH];
-    draw(state.buf, bits, WARM);
-    for (Py_ssize_t b = 0; b < count; b++) {
-        draw(state.buf, bits, NORMALS * BATCH / LANES);
-        normals(bits, x, NORMALS * BATCH / 2);
-        average(x, mean.buf, noise, q.buf, (double *)out.buf + b * FEATURES);
-    }
+    run(state.buf, mean.buf, noise, q.buf, out.buf, out.len / (8 * FEATURES));
     Py_END_ALLOW_THREADS
     PyBuffer_Release(&out);
-    PyBuffer_Release(&q);
-    PyBuffer_Release(&mean);
-    PyBuffer_Release(&state);
-    Py_RETURN_NONE;
 no_out:
     PyBuffer_Release(&q);
 no_q:
     PyBuffer_Release(&mean);
 no_mean:
     PyBuffer_Release(&state);
-    return NULL;
+    if (PyErr_Occurred())
+        return NULL;
+    Py_RETURN_NONE;
 }
 
 static PyMethodDef methods[] = {

@@ -5,21 +5,15 @@ With isotropic noise the estimate of a fixed frame depends on :math:`d_1 = b_1 -
 and their noises are independent with :math:`\sqrt2\,\sigma` for each axis: nine
 normals a trial instead of twelve.
 
-The compiled block and the NumPy form of it give the same bits. Each number is made by
-IEEE additions, multiplications, divisions and square roots in one fixed order:
-
-* `LANES` independent streams of SFC64, seeded by `SeedSequence` and moved on twelve
-  times, are stepped side by side;
-* two words of 64 bits make two normals by Box and Muller: a radius
-  :math:`\sqrt{-2 \ln u}`, u in (0, 1] by steps of 2^-52, and an angle of 52 bits within
-  an octant that three more bits choose. The logarithm is the series of
-  :math:`2\,\mathrm{artanh}\frac{f-1}{f+1}` for f from :math:`\sqrt{1/2}` to
-  :math:`\sqrt 2`, sine and cosine are Taylor's; what is left out of each is below
-  2^-53. The greatest normal is :math:`\sqrt{104 \ln 2} = 8.5`;
-* a batch of eq. (M1) of `simval.montecarlo.plain` is `BATCH` trials, summed in eight
-  partial sums.
+Normals come from `simval.montecarlo.normals`; a batch of eq. (M1) of
+`simval.montecarlo.plain` is `BATCH` trials, summed in eight partial sums. `_fused.c` does
+all of it in one pass through the processor's cache, with the same bits as the NumPy form
+here. It is used where it was compiled and reproduces a batch, which is tried once in each
+process; so neither its absence nor a compiler that takes liberties changes a number.
 """
 
+import warnings
+from functools import cache
 from importlib import import_module
 from typing import Any, Final
 
@@ -30,39 +24,15 @@ from simval.arguments import choice, instance, whole_number
 from simval.arrays import Array, nonnegative_number, physical_array
 from simval.attitude import kernel
 from simval.errors import InputError
+from simval.montecarlo.normals import BATCH, NORMALS, Words, draws, lanes, normals
 from simval.montecarlo.plain import Sums, summed
 from simval.shapes import Float
 from simval.streams import Streams
 
-_fused: Any
-try:
-    _fused = import_module("simval.montecarlo._fused")
-except ImportError:  # a wheel that was built without a compiler
-    _fused = None
-
-Words = NDArray[np.uint64]
-
-LANES: Final = 64
-"""Streams of a block; part of the promise of equal bits."""
-BATCH: Final = 256
-"""Trials in a batch; also."""
-NORMALS: Final = 9
-FEATURES: Final = 14
-SUMS: Final = 8
-WARM: Final = 12
-"""Steps of a fresh stream that are thrown away, as NumPy does with one of its own."""
 CHUNK: Final = 16
 """Batches whose arrays stay in the cache, in the NumPy form."""
-
-_ONE: Final = np.uint64(0x3FF0000000000000)
-_SIGN: Final = np.uint64(0x8000000000000000)
-_ROOT: Final = np.uint64(0x3FE6A09E667F3BCD)  # bits of the root of 1/2
-_WHOLE: Final = np.uint64(0x4330000000000000)  # bits of 2^52
-_LOG: Final = [1.0 / k for k in range(21, 1, -2)]
-_SINE: Final = [-1 / 1307674368000, 1 / 6227020800, -1 / 39916800, 1 / 362880,
-                -1 / 5040, 1 / 120, -1 / 6]  # fmt: skip
-_COSINE: Final = [1 / 20922789888000, -1 / 87178291200, 1 / 479001600, -1 / 3628800,
-                  1 / 40320, -1 / 720, 1 / 24, -0.5]  # fmt: skip
+FEATURES: Final = 14
+SUMS: Final = 8
 
 
 def simulate_closed_form(
@@ -107,28 +77,43 @@ def simulate_closed_form(
     InputError
         If an argument is not what is said above.
     """
+    instance("streams", streams, Streams)
     samples = whole_number("samples", samples, 1)
     block = whole_number("block", block, 1)
     if block % BATCH:
         msg = f"`block` is {block}; it must be a multiple of {BATCH}"
         raise InputError(msg)
-    mean = kernel.sums_and_differences(vectors, choice("frame", frame, kernel.FRAMES))
-    rows, signs = map(np.array, kernel.places(frame))
+    choice("frame", frame, kernel.FRAMES)
+    mean = kernel.sums_and_differences(_exact("vectors", vectors, (12, 1)), frame)
     # of a sum or a difference of two vectors
     noise = np.sqrt(2.0) * nonnegative_number("noise_std", noise_std, "")
-    turned = signs * physical_array("q", q, (4,))[rows]
+    rows, signs = map(np.array, kernel.places(frame))
+    turned = signs * _exact("q", q, (4,))[rows]
     places, factors = _features(rows, signs)
 
     def means(number: int) -> Array:
-        found = fused_batches(
-            streams, number, block // BATCH, mean=mean, noise=noise, q=turned
-        )
+        found = batch_means_of(streams, number, block // BATCH, mean, noise, turned)
+        if not np.isfinite(found).all():
+            msg = (
+                f"a trial in block {number} gave a quaternion of length zero in frame "
+                f"{frame!r}; give vectors that are not parallel, of length about 1, and "
+                "a frame in which they differ from their references"
+            )
+            raise InputError(msg)
         placed = np.empty_like(found)
         placed[:, places] = factors * found
         return placed
 
     threads = whole_number("threads", threads, 1, 1024)
     return summed(means, -(-samples // block), BATCH, threads)
+
+
+def _exact(name: str, value: Any, shape: tuple[int, ...]) -> Array:
+    array = physical_array(name, value, shape)
+    if array.shape != shape:
+        msg = f"`{name}` has shape {array.shape}; {shape} is needed"
+        raise InputError(msg)
+    return array
 
 
 def _features(
@@ -145,14 +130,42 @@ def _features(
 
 def compiled() -> bool:
     """Whether the compiled block is there; no number depends on it."""
-    return _fused is not None
+    return _compiled() is not None
 
 
-def fused_batches(
+@cache
+def _compiled() -> Any:
+    """Import the compiled block, if there is one and it has the NumPy form's bits."""
+    try:
+        block = import_module("simval.montecarlo._fused")
+    except ImportError:  # a wheel that was built without a compiler
+        return None
+    if reproduces(block):
+        return block
+    warnings.warn(
+        "the compiled block of the Monte Carlo pass has other bits than its NumPy form, "
+        "which is used instead; install simval again, `pip install -e .` in a checkout",
+        RuntimeWarning,
+        stacklevel=2,
+    )
+    return None
+
+
+def reproduces(block: Any) -> bool:
+    """Whether a compiled block gives a batch of the NumPy form, to the bit."""
+    streams, mean, q = Streams(1, (1,)), np.linspace(-1.0, 1.0, NORMALS), np.ones(4)
+    out = np.empty((1, FEATURES))
+    try:
+        block.batches(lanes(streams, 0), mean, 0.5, q, out)
+    except (AttributeError, TypeError, ValueError):  # it was compiled from another file
+        return False
+    return np.array_equal(out, in_numpy(lanes(streams, 0), 1, mean, 0.5, q))
+
+
+def batch_means_of(
     streams: Streams,
     block: int,
     batches: int,
-    *,
     mean: Float[Array, "9"],
     noise: float,
     q: Float[Array, "4"],
@@ -161,87 +174,26 @@ def fused_batches(
 
     With `mean` and `noise` of d1, s1 and d2, and `q` from which the normalised
     (d1 x d2; s1 . d2) is subtracted.
-
-    Raises
-    ------
-    InputError
-        If `streams` are none.
     """
-    instance("streams", streams, Streams)
-    state = lanes(streams, block)
+    state, code = lanes(streams, block), _compiled()
+    if code is None:
+        return in_numpy(state, batches, mean, noise, q)
     out = np.empty((batches, FEATURES))
-    if _fused is not None:
-        _fused.batches(state, mean, noise, q, out)
-        return out
-    words = draws(state, batches)
-    for k in range(0, batches, CHUNK):
-        part = slice(k, k + CHUNK)
-        out[part] = averages(normals(words[part]), mean, noise, q)
+    code.batches(state, mean, noise, q, out)
     return out
 
 
-def lanes(streams: Streams, block: int) -> Words:
-    """Fresh states of the lanes of a block: three words and a counter, (4, LANES)."""
-    words = streams.sequence(block).generate_state(3 * LANES, np.uint64)
-    return np.vstack([words.reshape(3, LANES), np.ones((1, LANES), dtype=np.uint64)])
-
-
-def draws(state: Words, batches: int) -> Words:
-    """Words of some batches, those of all lanes by turns, (batches, NORMALS BATCH)."""
-    steps = batches * NORMALS * BATCH // LANES
-    generator = np.random.SFC64(0)
-    words = np.empty((steps, LANES), dtype=np.uint64)
-    for lane, own in enumerate(state.T):
-        generator.state = {
-            "bit_generator": "SFC64",
-            "state": {"state": own},
-            "has_uint32": 0,
-            "uinteger": 0,
-        }
-        words[:, lane] = generator.random_raw(WARM + steps)[WARM:]
-    return words.reshape(batches, NORMALS * BATCH)
-
-
-def normals(words: Words) -> Float[Array, "batches m"]:
-    """Box and Muller: the first half of each row are radii, the second half angles."""
-    half = words.shape[1] // 2
-    angle = words[:, half:]
-    radius = np.sqrt(
-        -2.0 * _log(2.0 - _double((words[:, :half] >> np.uint64(12)) | _ONE))
-    )
-    within = _double(((angle << np.uint64(3)) >> np.uint64(12)) | _ONE) - 1.0
-    x = within * 0.7853981633974483
-    y = x * x
-    sine = (x + x * (y * _horner(_SINE, y))).view(np.uint64)
-    cosine = (1.0 + y * _horner(_COSINE, y)).view(np.uint64)
-    change = (cosine ^ sine) & (np.uint64(0) - (angle >> np.uint64(63)))
-    cosine = (cosine ^ change) ^ ((angle << np.uint64(1)) & _SIGN)
-    sine = (sine ^ change) ^ ((angle << np.uint64(2)) & _SIGN)
-    return np.hstack([radius * _double(cosine), radius * _double(sine)])
-
-
-def _log(u: Float[Array, "..."]) -> Float[Array, "..."]:
-    """Natural logarithm of numbers in (0, 1]."""
-    bits = u.view(np.uint64)
-    e = (bits - _ROOT + _ONE) >> np.uint64(52)
-    k = _double(e | _WHOLE) - 4503599627371519.0
-    f = _double(bits - (e << np.uint64(52)) + _ONE)
-    s = (f - 1.0) / (f + 1.0)
-    z = s * s
-    log: Array = k * 0.6931471805599453 + 2.0 * (s + s * (z * _horner(_LOG, z)))
-    return log
-
-
-def _double(bits: Words) -> Array:
-    return bits.view(np.float64)
-
-
-def _horner(terms: list[float], x: Array) -> Array:
-    total = np.full_like(x, terms[0])
-    for term in terms[1:]:
-        total *= x
-        total += term
-    return total
+def in_numpy(
+    state: Words,
+    batches: int,
+    mean: Float[Array, "9"],
+    noise: float,
+    q: Float[Array, "4"],
+) -> Float[Array, "batches 14"]:
+    """Batch means by fresh streams, as `_fused.c` computes them."""
+    words = draws(state, batches)
+    parts = [words[k : k + CHUNK] for k in range(0, batches, CHUNK)]
+    return np.concatenate([averages(normals(part), mean, noise, q) for part in parts])
 
 
 def averages(
@@ -258,8 +210,9 @@ def averages(
         v[0] * v[7] - v[1] * v[6],
         v[3] * v[6] + v[4] * v[7] + v[5] * v[8],
     )
-    n = 1.0 / np.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2] + w[3] * w[3])
-    e = [q[i] - w[i] * n for i in range(4)]
+    with np.errstate(divide="ignore", invalid="ignore"):  # judged by the caller
+        n = 1.0 / np.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2] + w[3] * w[3])
+        e = [q[i] - w[i] * n for i in range(4)]
     products = [e[i] * e[j] for i in range(4) for j in range(i, 4)]
     # eight partial sums of a batch, each in the order of its trials
     steps = np.stack([*e, *products]).reshape(FEATURES, -1, BATCH // SUMS, SUMS)
