@@ -24,8 +24,11 @@
 #define WARM 12      /* steps of a fresh stream that are thrown away */
 #define BATCH 256    /* trials */
 #define NORMALS 9    /* of a trial */
+#define PAIRS (NORMALS * BATCH / 2)
 #define FEATURES 14  /* four errors and their ten products */
 #define SUMS 8       /* partial sums of a batch */
+#define ONE 0x3ff0000000000000u  /* the bits of 1.0 */
+#define SIGN 0x8000000000000000u
 
 #ifndef ANY_WIDTH
 #if defined(__GNUC__) && defined(__x86_64__) && defined(__GLIBC__)
@@ -65,57 +68,62 @@ static void draw(Streams *restrict s, uint64_t *restrict out, int steps)
         }
 }
 
-/* The first half of the bits are radii, the second half angles; the first half of the
-   normals are the cosines. Taylor series: what they leave out is below 2^-53. */
+/* sqrt(-2 ln u) for u in (0, 1] by steps of 2^-52. A series is summed as a polynomial of
+   even and one of odd powers, which run side by side; what it leaves out is below 2^-53. */
 ANY_WIDTH
-static void normals(const uint64_t *restrict bits, double *restrict out, int pairs)
+static void radii(const uint64_t *restrict bits, double *restrict out, int count)
 {
-    const uint64_t one = 0x3ff0000000000000u, sign = 0x8000000000000000u;
-    for (int i = 0; i < pairs; i++) {
-        uint64_t angle = bits[pairs + i];
-        /* u in (0, 1] by steps of 2^-52; u = 2^k f with f from sqrt(1/2) to sqrt(2) */
-        double u = 2.0 - as_double((bits[i] >> 12) | one);
-        uint64_t e = (as_bits(u) - 0x3fe6a09e667f3bcdu + one) >> 52; /* k + 1023 */
+    for (int i = 0; i < count; i++) {
+        double u = 2.0 - as_double((bits[i] >> 12) | ONE);
+        /* u = 2^k f with f from sqrt(1/2) to sqrt(2) */
+        uint64_t e = (as_bits(u) - 0x3fe6a09e667f3bcdu + ONE) >> 52; /* k + 1023 */
         double k = as_double(e | 0x4330000000000000u) - 4503599627371519.0;
-        double f = as_double(as_bits(u) - (e << 52) + one);
-        double s = (f - 1.0) / (f + 1.0), z = s * s;
-        double p = 1.0 / 21.0;
-        p = p * z + 1.0 / 19.0;
-        p = p * z + 1.0 / 17.0;
-        p = p * z + 1.0 / 15.0;
-        p = p * z + 1.0 / 13.0;
-        p = p * z + 1.0 / 11.0;
-        p = p * z + 1.0 / 9.0;
-        p = p * z + 1.0 / 7.0;
-        p = p * z + 1.0 / 5.0;
-        p = p * z + 1.0 / 3.0;
-        double log_u = k * 0.6931471805599453 + 2.0 * (s + s * (z * p));
-        double radius = sqrt(-2.0 * log_u);
-        /* an angle within an octant, and three bits that say which */
-        double x = (as_double(((angle << 3) >> 12) | one) - 1.0) * 0.7853981633974483;
-        double y = x * x;
-        double q = -1.0 / 1307674368000.0;
-        q = q * y + 1.0 / 6227020800.0;
-        q = q * y - 1.0 / 39916800.0;
-        q = q * y + 1.0 / 362880.0;
-        q = q * y - 1.0 / 5040.0;
-        q = q * y + 1.0 / 120.0;
-        q = q * y - 1.0 / 6.0;
-        uint64_t sine = as_bits(x + x * (y * q));
-        double c = 1.0 / 20922789888000.0;
-        c = c * y - 1.0 / 87178291200.0;
-        c = c * y + 1.0 / 479001600.0;
-        c = c * y - 1.0 / 3628800.0;
-        c = c * y + 1.0 / 40320.0;
-        c = c * y - 1.0 / 720.0;
-        c = c * y + 1.0 / 24.0;
-        c = c * y - 0.5;
-        uint64_t cosine = as_bits(1.0 + y * c);
+        double f = as_double(as_bits(u) - (e << 52) + ONE);
+        double s = (f - 1.0) / (f + 1.0), z = s * s, zz = z * z;
+        double even = 1.0 / 19.0, odd = 1.0 / 17.0;
+        even = even * zz + 1.0 / 15.0;
+        even = even * zz + 1.0 / 11.0;
+        even = even * zz + 1.0 / 7.0;
+        even = even * zz + 1.0 / 3.0;
+        odd = odd * zz + 1.0 / 13.0;
+        odd = odd * zz + 1.0 / 9.0;
+        odd = odd * zz + 1.0 / 5.0;
+        double log_f = 2.0 * (s + s * (z * (even + z * odd)));
+        out[i] = sqrt(-2.0 * (k * 0.6931471805599453 + log_f));
+    }
+}
+
+/* Radii times cosines, in their place, and times sines: an angle of 52 bits within an
+   octant, and three bits that say which. */
+ANY_WIDTH
+static void turn(const uint64_t *restrict bits, double *restrict radii,
+                 double *restrict sines, int count)
+{
+    for (int i = 0; i < count; i++) {
+        uint64_t angle = bits[i];
+        double x = (as_double(((angle << 3) >> 12) | ONE) - 1.0) * 0.7853981633974483;
+        double y = x * x, yy = y * y;
+        double even = -1.0 / 1307674368000.0, odd = 1.0 / 6227020800.0;
+        even = even * yy - 1.0 / 39916800.0;
+        even = even * yy - 1.0 / 5040.0;
+        even = even * yy - 1.0 / 6.0;
+        odd = odd * yy + 1.0 / 362880.0;
+        odd = odd * yy + 1.0 / 120.0;
+        uint64_t sine = as_bits(x + x * (y * (even + y * odd)));
+        even = -1.0 / 87178291200.0;
+        even = even * yy - 1.0 / 3628800.0;
+        even = even * yy - 1.0 / 720.0;
+        even = even * yy - 0.5;
+        odd = 1.0 / 20922789888000.0;
+        odd = odd * yy + 1.0 / 479001600.0;
+        odd = odd * yy + 1.0 / 40320.0;
+        odd = odd * yy + 1.0 / 24.0;
+        uint64_t cosine = as_bits(1.0 + y * (even + y * odd));
         uint64_t change = (cosine ^ sine) & (0 - (angle >> 63));
-        cosine = (cosine ^ change) ^ ((angle << 1) & sign);
-        sine = (sine ^ change) ^ ((angle << 2) & sign);
-        out[i] = radius * as_double(cosine);
-        out[pairs + i] = radius * as_double(sine);
+        cosine = (cosine ^ change) ^ ((angle << 1) & SIGN);
+        sine = (sine ^ change) ^ ((angle << 2) & SIGN);
+        sines[i] = radii[i] * as_double(sine);
+        radii[i] = radii[i] * as_double(cosine);
     }
 }
 
@@ -171,7 +179,8 @@ static void run(void *state, const void *mean, double noise, const void *q, char
     draw(&streams, bits, WARM);
     for (Py_ssize_t b = 0; b < count; b++) {
         draw(&streams, bits, NORMALS * BATCH / LANES);
-        normals(bits, x, NORMALS * BATCH / 2);
+        radii(bits, x, PAIRS);
+        turn(bits + PAIRS, x, x + PAIRS, PAIRS);
         average(x, m, noise, r, means);
         memcpy(out + (size_t)b * sizeof means, means, sizeof means);
     }

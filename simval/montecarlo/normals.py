@@ -42,11 +42,11 @@ _ONE: Final = np.uint64(0x3FF0000000000000)
 _SIGN: Final = np.uint64(0x8000000000000000)
 _ROOT: Final = np.uint64(0x3FE6A09E667F3BCD)  # bits of the root of 1/2
 _WHOLE: Final = np.uint64(0x4330000000000000)  # bits of 2^52
-_LOG: Final = [1.0 / k for k in range(21, 1, -2)]
-_SINE: Final = [-1 / 1307674368000, 1 / 6227020800, -1 / 39916800, 1 / 362880,
-                -1 / 5040, 1 / 120, -1 / 6]  # fmt: skip
-_COSINE: Final = [1 / 20922789888000, -1 / 87178291200, 1 / 479001600, -1 / 3628800,
-                  1 / 40320, -1 / 720, 1 / 24, -0.5]  # fmt: skip
+_LOG: Final = [1 / k for k in range(3, 20, 2)]
+_SINE: Final = [-1 / 6, 1 / 120, -1 / 5040, 1 / 362880, -1 / 39916800,
+                1 / 6227020800, -1 / 1307674368000]  # fmt: skip
+_COSINE: Final = [-1 / 2, 1 / 24, -1 / 720, 1 / 40320, -1 / 3628800, 1 / 479001600,
+                  -1 / 87178291200, 1 / 20922789888000]  # fmt: skip
 
 
 def lanes(streams: Streams, block: int) -> Words:
@@ -81,8 +81,8 @@ def normals(words: Words) -> Float[Array, "batches m"]:
     within = _double(((angle << np.uint64(3)) >> np.uint64(12)) | _ONE) - 1.0
     x = within * 0.7853981633974483
     y = x * x
-    sine = (x + x * (y * _horner(_SINE, y))).view(np.uint64)
-    cosine = (1.0 + y * _horner(_COSINE, y)).view(np.uint64)
+    sine = (x + x * (y * _series(_SINE, y))).view(np.uint64)
+    cosine = (1.0 + y * _series(_COSINE, y)).view(np.uint64)
     change = (cosine ^ sine) & (np.uint64(0) - (angle >> np.uint64(63)))
     cosine = (cosine ^ change) ^ ((angle << np.uint64(1)) & _SIGN)
     sine = (sine ^ change) ^ ((angle << np.uint64(2)) & _SIGN)
@@ -97,7 +97,7 @@ def _log(u: Float[Array, "..."]) -> Float[Array, "..."]:
     f = _double(bits - (e << np.uint64(52)) + _ONE)
     s = (f - 1.0) / (f + 1.0)
     z = s * s
-    log: Array = k * 0.6931471805599453 + 2.0 * (s + s * (z * _horner(_LOG, z)))
+    log: Array = k * 0.6931471805599453 + 2.0 * (s + s * (z * _series(_LOG, z)))
     return log
 
 
@@ -105,9 +105,16 @@ def _double(bits: Words) -> Array:
     return bits.view(np.float64)
 
 
+def _series(terms: list[float], x: Array) -> Array:
+    """Sum of terms x^k, as a polynomial of even and one of odd powers, for the speed."""
+    square = x * x
+    even, odd = _horner(terms[0::2], square), _horner(terms[1::2], square)
+    return even + x * odd
+
+
 def _horner(terms: list[float], x: Array) -> Array:
-    total = np.full_like(x, terms[0])
-    for term in terms[1:]:
+    total = np.full_like(x, terms[-1])
+    for term in terms[-2::-1]:
         total *= x
         total += term
     return total
