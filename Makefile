@@ -107,7 +107,7 @@ lowest:
 	.venv-lowest/bin/python -m pytest -m "not slow and not wheel"
 
 # made when missing, re-used when not; remade only when the dependencies change
-.venv/installed: pyproject.toml CMakeLists.txt simval/montecarlo/_fused.c
+.venv/installed: pyproject.toml CMakeLists.txt simval/montecarlo/fused.c
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test]'
 	touch $@

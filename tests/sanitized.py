@@ -13,7 +13,7 @@ import sysconfig
 import tempfile
 from pathlib import Path
 
-SOURCE = Path(__file__).parents[1] / "simval" / "montecarlo" / "_fused.c"
+SOURCE = Path(__file__).parents[1] / "simval" / "montecarlo" / "fused.c"
 FLAGS = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all",
          "-ffp-contract=off", "-shared", "-fPIC")  # fmt: skip
 CASES = 20_000
@@ -21,7 +21,7 @@ CASES = 20_000
 
 def compile_and_run():
     with tempfile.TemporaryDirectory() as folder:
-        library = Path(folder) / "_fused.so"
+        library = Path(folder) / "_simval_fused.so"
         include = "-I" + sysconfig.get_path("include")
         subprocess.run(
             ["cc", *FLAGS, include, SOURCE, "-o", library, "-lm"], check=True
@@ -50,7 +50,7 @@ def attack(library):
     from simval.montecarlo import fused, normals
     from simval.streams import Streams, cell_key
 
-    spec = importlib.util.spec_from_file_location("_fused", library)
+    spec = importlib.util.spec_from_file_location("_simval_fused", library)
     block = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(block)
     rng, streams = np.random.default_rng(1), Streams(1, cell_key("sanitized"))

@@ -1,16 +1,26 @@
 """Trials in one compiled pass: equal bits, right normals, the formula's own errors."""
 
+import importlib.util
 import shutil
+import subprocess
+import sysconfig
 from itertools import pairwise
+from pathlib import Path
 
+import mpmath
 import numpy as np
 import pytest
+from places import ROOT
 from scipy import stats
 
 from simval.attitude.kernel import FRAMES, normalize_columns, raw_quaternion
+from simval.errors import InputError
+from simval.geometry import attitude_matrix
 from simval.montecarlo import compiled, fused, moments_of, normals, simulate_closed_form
 from simval.montecarlo.plain import batch_means, sums_of
 from simval.streams import Streams, cell_key
+from simval.studies.attitude import random_geometry
+from simval.theory import attitude_moments
 
 STREAMS = Streams(7, cell_key("test"))
 needs_block = pytest.mark.skipif(
@@ -31,7 +41,83 @@ def numpy_form(block, batches, mean, noise, q):
 def test_the_block_is_there_where_a_compiler_is():
     if shutil.which("cc") is None:
         pytest.skip("no compiler here")
-    assert compiled()
+    assert compiled(), "install again: make .venv/installed"
+
+
+class Other:
+    """A compiled block with the bits of another source."""
+
+    def __init__(self, factor):
+        self.factor = factor
+
+    def batches(self, state, mean, noise, q, out):
+        out[:] = self.factor * fused.in_numpy(state, len(out), mean, noise, q)
+
+
+def test_a_block_with_other_bits_is_not_used(monkeypatch):
+    assert fused.reproduces(Other(1.0))
+    assert not fused.reproduces(Other(1.0 + 2.0**-52))
+    assert not fused.reproduces(object())
+    monkeypatch.setattr(fused, "import_module", lambda name: Other(1.1))
+    with pytest.warns(RuntimeWarning, match="install simval again"):
+        assert fused._compiled.__wrapped__() is None
+
+
+def test_without_the_block_all_numbers_are_the_same(monkeypatch):
+    known = (np.arange(12.0)[:, None], "z", np.ones(4), 0.1, STREAMS)
+    here = simulate_closed_form(*known, samples=40 * 256, block=512)
+    monkeypatch.setattr(fused, "_compiled", lambda: None)
+    there = simulate_closed_form(*known, samples=40 * 256, block=512)
+    assert np.array_equal(here.mean, there.mean)
+    assert np.array_equal(here.scatter, there.scatter)
+
+
+FLAGS = ["-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"]
+ONE_WIDTH = "-DANY_WIDTH="
+
+
+def built(folder, *flags):
+    """The block compiled in another way."""
+    library = folder / "_simval_fused.so"
+    source = ROOT / "simval" / "montecarlo" / "fused.c"
+    include = "-I" + sysconfig.get_path("include")
+    words = ["cc", *flags, include, "-shared", "-fPIC", source, "-o", library, "-lm"]
+    subprocess.run(words, check=True)
+    spec = importlib.util.spec_from_file_location("_simval_fused", library)
+    block = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(block)
+    return block
+
+
+@pytest.mark.ci
+@needs_block
+@pytest.mark.parametrize(
+    "flags",
+    [["-O0"], ["-O1", ONE_WIDTH], ["-O3", ONE_WIDTH], ["-O3", ONE_WIDTH, "-mavx2"],
+     ["-O3", ONE_WIDTH, "-march=native"], ["-O3", "-funroll-loops"]],
+    ids=" ".join,
+)  # fmt: skip
+def test_no_width_of_registers_and_no_level_changes_a_bit(tmp_path, flags):
+    assert fused.reproduces(built(tmp_path, *flags, *FLAGS))
+
+
+@pytest.mark.ci
+@needs_block
+@pytest.mark.skipif(
+    not Path("/proc/cpuinfo").exists()
+    or " fma " not in Path("/proc/cpuinfo").read_text(),
+    reason="this processor contracts nothing",
+)
+def test_contraction_would_change_bits_and_is_found(tmp_path):
+    contracted = ["-O3", ONE_WIDTH, "-march=native", "-ffp-contract=fast"]
+    assert not fused.reproduces(built(tmp_path, *contracted))
+
+
+@pytest.mark.ci
+@needs_block
+def test_arithmetic_of_another_kind_is_not_compiled(tmp_path):
+    with pytest.raises(subprocess.CalledProcessError):
+        built(tmp_path, "-O3", "-ffast-math")
 
 
 @needs_block
@@ -169,6 +255,83 @@ def test_moments_of_the_normals_to_the_eighth():
     assert stats.kstest(x + 0.01, "norm").pvalue < 1e-4
 
 
+def test_the_steps_of_the_radius_are_not_felt():
+    def missing(k, h):
+        # what eq. (-2 ln u)^k loses by its sum at most: a step, and the integral to it
+        f = lambda u: (-2 * mpmath.log(u)) ** k  # noqa: E731
+        return h * f(h) + mpmath.quad(f, [0, h / 1000, h / 10, h])
+
+    # at coarse steps the loss is counted, and is below what it may be
+    h = mpmath.mpf(2) ** -10
+    for k in (1, 2, 3, 4):
+        whole = 2**k * mpmath.factorial(k)
+        total = h * mpmath.fsum((-2 * mpmath.log(j * h)) ** k for j in range(1, 1025))
+        assert 0 < whole - total < missing(k, h)
+        assert missing(k, mpmath.mpf(2) ** -52) / whole < 4e-11
+
+
+def test_the_bits_of_the_words_are_fair_and_apart():
+    """Each bit of each lane, and the distance of neighbours in lane, time and block."""
+    raw = np.stack([words(64, k).reshape(-1, normals.LANES) for k in range(4)])
+    limit = stats.norm.isf(
+        1e-4 / (2 * 64 * 64)
+    )  # one false alarm in 1e4 seeds, as below
+    law = stats.binom(64, 0.5)
+    classes = np.arange(22, 43)  # each with 2e3 pairs or more; the tails in its ends
+    chances = law.pmf(classes)
+    chances[0], chances[-1] = law.cdf(22), law.sf(41)
+
+    def lopsided(raw):
+        bits = np.unpackbits(raw.view(np.uint8), axis=-1).reshape(-1, 64 * 64)
+        return np.abs((bits.mean(axis=0) - 0.5) * 2 * np.sqrt(len(bits))).max()
+
+    def chances_of(raw):
+        apart = [raw[:, :, 1:] ^ raw[:, :, :-1], raw[:, 1:] ^ raw[:, :-1]]
+        apart += [raw[1:] ^ raw[:-1]]
+        for words in apart:
+            distance = np.clip(np.bitwise_count(words).ravel(), 22, 42)
+            counts = np.bincount(distance, minlength=43)[22:]
+            yield stats.chisquare(counts, chances * counts.sum()).pvalue
+
+    assert lopsided(raw) < limit
+    assert min(chances_of(raw)) > 1e-4 / 3
+    # power: a lane with a bit set in one word more of eight; a lane that shares the
+    # upper half of every fourth word with its neighbour
+    tilted = raw.copy()
+    tilted[:, ::8, 7] |= np.uint64(1)
+    assert lopsided(tilted) > limit
+    tied = raw.copy()
+    low = np.uint64(0xFFFFFFFF)
+    tied[:, ::4, 7] = (raw[:, ::4, 6] & ~low) | (raw[:, ::4, 7] & low)
+    assert min(chances_of(tied)) < 1e-4 / 3
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(("geometry", "sigma"), [(3, 0.05), (7, 0.3), (11, 0.01)])
+def test_eight_million_trials_have_the_exact_moments(geometry, sigma):
+    q, r1, r2 = random_geometry(geometry)
+    exact = attitude_moments(q, r1, r2, sigma, order="exact")
+    A = attitude_matrix(q)
+    truth = np.stack([A @ r1, A @ r2, r1, r2]).reshape(12, 1)
+    found = moments_of(
+        simulate_closed_form(
+            truth, str(exact.frame), exact.q_true, sigma, STREAMS,
+            samples=2**23, block=2**14,
+        )
+    )  # fmt: skip
+    limit = stats.norm.isf(1e-4 / (2 * 14))
+    upper = np.triu_indices(4)
+
+    def apart(covariance):
+        error = (found.covariance - covariance) / found.covariance_error
+        return np.append((found.bias - exact.bias) / found.bias_error, error[upper])
+
+    assert np.abs(apart(exact.covariance)).max() < limit
+    assert (
+        np.abs(apart(1.005 * exact.covariance)).max() > limit
+    )  # power: 0.25 % of noise
+
+
 def test_lanes_blocks_and_pairs_are_independent():
     blocks = [normals.normals(words(16, k)) for k in range(16)]
     raw = [words(16, k).reshape(-1, normals.LANES).T.astype(float) for k in range(16)]
@@ -200,6 +363,43 @@ def test_threads_and_blocks_leave_the_bits_alone():
     )
     assert np.array_equal(one.mean, two.mean)
     assert np.array_equal(one.scatter, two.scatter)
+
+
+RIGHT = {
+    "vectors": np.arange(12.0)[:, None], "frame": "x", "q": np.ones(4),
+    "noise_std": 0.1, "streams": STREAMS, "samples": 512, "block": 256, "threads": 1,
+}  # fmt: skip
+WRONG = {
+    "vectors": [np.zeros((12, 1)), np.ones((12, 2)), np.full((12, 1), np.nan), "v"],
+    "frame": ["best", "w", None, 1],
+    "q": [np.ones(3), np.ones((2, 4)), [1.0, 2.0, np.inf, 0.0], None],
+    "noise_std": [-0.1, np.nan, np.inf, "0.1", [0.1, 0.2]],
+    "streams": [None, np.random.default_rng(1), 7],
+    "samples": [0, -1, 1.5, "many", True],
+    "block": [0, 255, 257, 100.5, None],
+    "threads": [0, 1.5, 10**6],
+}
+
+
+@pytest.mark.parametrize("form", ["compiled", "NumPy"])
+@pytest.mark.parametrize("name", WRONG)
+def test_what_is_no_argument_is_refused_in_words(name, form, monkeypatch):
+    if form == "NumPy":
+        monkeypatch.setattr(fused, "_compiled", lambda: None)
+    simulate_closed_form(**RIGHT)
+    for value in WRONG[name]:
+        given = {**RIGHT, name: value}
+        if name == "vectors":  # zero vectors without noise have no attitude
+            given["noise_std"] = 0.0
+        with pytest.raises(InputError, match=name):
+            simulate_closed_form(**given)
+
+
+def test_samples_are_rounded_up_to_whole_blocks():
+    # one trial, a trial more than a block, and no multiple of lanes, batch or block
+    for samples, blocks in ((1, 1), (512, 1), (513, 2), (1537, 4)):
+        given = {**RIGHT, "samples": samples, "block": 512}
+        assert simulate_closed_form(**given).samples == 512 * blocks
 
 
 @needs_block

@@ -6,10 +6,10 @@ and their noises are independent with :math:`\sqrt2\,\sigma` for each axis: nine
 normals a trial instead of twelve.
 
 Normals come from `simval.montecarlo.normals`; a batch of eq. (M1) of
-`simval.montecarlo.plain` is `BATCH` trials, summed in eight partial sums. `_fused.c` does
-all of it in one pass through the processor's cache, with the same bits as the NumPy form
-here. It is used where it was compiled and reproduces a batch, which is tried once in each
-process; so neither its absence nor a compiler that takes liberties changes a number.
+`simval.montecarlo.plain` is `BATCH` trials, summed in eight partial sums. `fused.c`
+does all of it in one pass through the processor's cache, with the same bits as the NumPy
+form here. It is used where it was compiled and reproduces a batch, which is tried once in
+each process; so neither its absence nor a careless compiler changes a number.
 """
 
 import warnings
@@ -95,12 +95,12 @@ def simulate_closed_form(
         found = batch_means_of(streams, number, block // BATCH, mean, noise, turned)
         if not np.isfinite(found).all():
             msg = (
-                f"a trial in block {number} gave a quaternion of length zero in frame "
-                f"{frame!r}; give vectors that are not parallel, of length about 1, and "
+                f"a trial in block {number} gave a quaternion of length zero in "
+                f"frame {frame!r}; give `vectors` that are not parallel, of length about 1, and "
                 "a frame in which they differ from their references"
             )
             raise InputError(msg)
-        placed = np.empty_like(found)
+        placed = np.empty(found.shape)  # in C's order, on which the sums' bits depend
         placed[:, places] = factors * found
         return placed
 
@@ -137,14 +137,14 @@ def compiled() -> bool:
 def _compiled() -> Any:
     """Import the compiled block, if there is one and it has the NumPy form's bits."""
     try:
-        block = import_module("simval.montecarlo._fused")
+        block = import_module("_simval_fused")
     except ImportError:  # a wheel that was built without a compiler
         return None
     if reproduces(block):
         return block
     warnings.warn(
-        "the compiled block of the Monte Carlo pass has other bits than its NumPy form, "
-        "which is used instead; install simval again, `pip install -e .` in a checkout",
+        "the compiled Monte Carlo pass has other bits than its NumPy form, which is "
+        "used instead; install simval again, `pip install -e .` in a checkout",
         RuntimeWarning,
         stacklevel=2,
     )
@@ -190,10 +190,12 @@ def in_numpy(
     noise: float,
     q: Float[Array, "4"],
 ) -> Float[Array, "batches 14"]:
-    """Batch means by fresh streams, as `_fused.c` computes them."""
-    words = draws(state, batches)
-    parts = [words[k : k + CHUNK] for k in range(0, batches, CHUNK)]
-    return np.concatenate([averages(normals(part), mean, noise, q) for part in parts])
+    """Batch means by fresh streams, as `fused.c` computes them."""
+    words, out = draws(state, batches), np.empty((batches, FEATURES))
+    for k in range(0, batches, CHUNK):
+        part = slice(k, k + CHUNK)
+        out[part] = averages(normals(words[part]), mean, noise, q)
+    return out
 
 
 def averages(

@@ -1,21 +1,21 @@
 r"""Normals of many streams side by side, by IEEE arithmetic in one fixed order.
 
-`LANES` streams of SFC64, with states of three words from one `SeedSequence` and a counter
-from 1, are moved on `WARM` times, as NumPy does with one of its own, and stepped by
-turns. Two words of 64 bits make two normals by Box and Muller: a radius
-:math:`\sqrt{-2 \ln u}`, u in (0, 1] by steps of 2^-52, and an angle of 52 bits within an
-octant that three more bits choose. The logarithm is the series of
+`LANES` streams of SFC64, with states of three words from one `SeedSequence` and a
+counter from 1, are moved on `WARM` times, as NumPy does with one of its own, and stepped
+by turns. Two words of 64 bits make two normals by Box and Muller: a radius
+:math:`\sqrt{-2 \ln u}`, u in (0, 1] by steps of 2^-52, and an angle of 52 bits within
+an octant that three more bits choose. The logarithm is the series of
 :math:`2\,\mathrm{artanh}\frac{f-1}{f+1}` for f from :math:`\sqrt{1/2}` to
 :math:`\sqrt 2`, sine and cosine are Taylor's; what is left out of each is below 2^-53.
 
 The greatest normal is :math:`\sqrt{104 \ln 2} = 8.5`. A moment of the radius is a sum
 over u where the normal law has an integral. For the decreasing
 :math:`f(u) = (-2 \ln u)^k` it is too small by at most
-:math:`h f(h) + \int_0^h f\,du` with :math:`h = 2^{-52}`: 4e-11 of the eighth moment, and
-less of the lower ones.
+:math:`h f(h) + \int_0^h f\,du` with :math:`h = 2^{-52}`: 4e-11 of the eighth moment,
+and less of the lower ones.
 
 No function of a mathematical library is called: with additions, multiplications,
-divisions and square roots, which IEEE 754 defines to the bit, `_fused.c` gives the same
+divisions and square roots, which IEEE 754 defines to the bit, `fused.c` gives the same
 numbers.
 """
 
@@ -106,7 +106,7 @@ def _double(bits: Words) -> Array:
 
 
 def _series(terms: list[float], x: Array) -> Array:
-    """Sum of terms x^k, as a polynomial of even and one of odd powers, for the speed."""
+    """Sum of terms x^k: a polynomial of even and one of odd powers, side by side."""
     square = x * x
     even, odd = _horner(terms[0::2], square), _horner(terms[1::2], square)
     return even + x * odd
