@@ -272,7 +272,7 @@ def test_the_steps_of_the_radius_are_not_felt():
 
 def test_the_bits_of_the_words_are_fair_and_apart():
     """Each bit of each lane, and the distance of neighbours in lane, time and block."""
-    raw = np.stack([words(64, k).reshape(-1, normals.LANES) for k in range(4)])
+    raw = np.stack([words(48, k).reshape(-1, normals.LANES) for k in range(4)])
     limit = stats.norm.isf(
         1e-4 / (2 * 64 * 64)
     )  # one false alarm in 1e4 seeds, as below

@@ -63,9 +63,9 @@ def test_the_wheels_name_is_the_version():
         TEXT,
         *((ROOT / "docs" / f"{n}.md").read_text() for n in ("ci", "cluster")),
     ]
-    named = {
-        name for page in pages for name in re.findall(r"simval-([\d.]+)-py3", page)
-    }
+    wheel = re.compile(r"simval-([\d.]+)-(?:cp311|\*)")
+    named = {name for page in pages for name in wheel.findall(page)}
+    assert all(wheel.search(page) for page in pages)
     assert named == {simval.__version__}
     assert not re.findall(r"pip install '?simval\b(?!-)", "".join(pages))
 

@@ -7,7 +7,7 @@ normals a trial instead of twelve.
 
 Normals come from `simval.montecarlo.normals`; a batch of eq. (M1) of
 `simval.montecarlo.plain` is `BATCH` trials, summed in eight partial sums. `fused.c`
-does all of it in one pass through the processor's cache, with the same bits as the NumPy
+does all of it in one pass through the processor's cache, with the bits of the NumPy
 form here. It is used where it was compiled and reproduces a batch, which is tried once in
 each process; so neither its absence nor a careless compiler changes a number.
 """
@@ -96,8 +96,8 @@ def simulate_closed_form(
         if not np.isfinite(found).all():
             msg = (
                 f"a trial in block {number} gave a quaternion of length zero in "
-                f"frame {frame!r}; give `vectors` that are not parallel, of length about 1, and "
-                "a frame in which they differ from their references"
+                f"frame {frame!r}; give `vectors` that are not parallel, of length "
+                "about 1, and a frame in which they differ from their references"
             )
             raise InputError(msg)
         placed = np.empty(found.shape)  # in C's order, on which the sums' bits depend

@@ -1,8 +1,8 @@
 r"""Normals of many streams side by side, by IEEE arithmetic in one fixed order.
 
 `LANES` streams of SFC64, with states of three words from one `SeedSequence` and a
-counter from 1, are moved on `WARM` times, as NumPy does with one of its own, and stepped
-by turns. Two words of 64 bits make two normals by Box and Muller: a radius
+counter from 1, are moved on `WARM` times, as NumPy moves one of its own, and stepped by
+turns. Two words of 64 bits make two normals by Box and Muller: a radius
 :math:`\sqrt{-2 \ln u}`, u in (0, 1] by steps of 2^-52, and an angle of 52 bits within
 an octant that three more bits choose. The logarithm is the series of
 :math:`2\,\mathrm{artanh}\frac{f-1}{f+1}` for f from :math:`\sqrt{1/2}` to
