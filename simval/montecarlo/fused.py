@@ -8,8 +8,8 @@ normals a trial instead of twelve.
 Normals come from `simval.montecarlo.normals`; a batch of eq. (M1) of
 `simval.montecarlo.plain` is `BATCH` trials, summed in eight partial sums. `fused.c`
 does all of it in one pass through the processor's cache, with the bits of the NumPy
-form here. It is used where it was compiled and reproduces a batch, which is tried once in
-each process; so neither its absence nor a careless compiler changes a number.
+form here. It is used where it was compiled and reproduces a batch, which is tried once
+in each process; so neither its absence nor a careless compiler changes a number.
 """
 
 import warnings
