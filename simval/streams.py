@@ -52,4 +52,4 @@ class Streams:
 
     def block(self, number: int) -> np.random.Generator:
         """Generator of one block, made anew at each call."""
-        return stream(self.seed, self.key, number)
+        return np.random.Generator(np.random.SFC64(self.sequence(number)))

@@ -153,6 +153,9 @@ def _noise() -> list[Fault]:
         noise[6:] = 0.0
         return noise
 
+    def louder(original: Any, vectors: Any, frame: Any, q: Any, s: float, *o: Any, **k: Any) -> Any:
+        return original(vectors, frame, q, 1.01 * s, *o, **k)
+
     def first_block(original: Any, streams: Streams, number: int) -> Any:
         return original(streams, 0)
 
@@ -161,13 +164,18 @@ def _noise() -> list[Fault]:
 
     return [
         normals("noise + 1 %", lambda g, shape: 1.01 * g.standard_normal(shape)),
+        _fault(
+            "noise",
+            "noise + 1 % in the plain trials",
+            _wrap("simulate_closed_form", louder),
+        ),
         normals("two sensors share a stream", shared),
         normals("no noise on the references", bodies_only),
-        _fault("noise", "every block the same", wrapped(Streams, "block", first_block)),
+        _fault("noise", "every block the same", wrapped(Streams, "sequence", first_block)),
         _fault(
             "noise",
             "all cells share a stream",
-            wrapped(Streams, "block", no_cell),
+            wrapped(Streams, "sequence", no_cell),
             baseline=True,
         ),
     ]
