@@ -1,5 +1,6 @@
 """Seeded trials: streaming moments with standard errors, and variance reduction."""
 
+from simval.montecarlo.fused import compiled, simulate_closed_form
 from simval.montecarlo.plain import (
     Sampler,
     Sums,
@@ -14,9 +15,11 @@ __all__ = [
     "Sampler",
     "Sums",
     "Taylor",
+    "compiled",
     "mean_square",
     "moments_of",
     "simulate",
+    "simulate_closed_form",
     "simulate_reduced",
     "taylor",
 ]

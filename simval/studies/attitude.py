@@ -33,7 +33,7 @@ from simval.moments import Moments
 from simval.montecarlo import (
     mean_square,
     moments_of,
-    simulate,
+    simulate_closed_form,
     simulate_reduced,
 )
 from simval.results import Outcome, Row, control, limit, nees, plain, unjudged
@@ -132,14 +132,14 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         error = normalize_columns(raw_quaternion(vectors, str(exact.frame)))
         return np.subtract(exact.q_true[:, None], error, out=error)
 
-    def sampler(rng: np.random.Generator, count: int) -> Float[Array, "4 count"]:
-        vectors = rng.standard_normal((12, count))
-        vectors *= sigma
-        vectors += truth
-        return errors(vectors)
-
-    sums = simulate(
-        sampler, streams, samples=parameters.samples, block=BLOCK, batch=BATCH
+    sums = simulate_closed_form(
+        truth,
+        str(exact.frame),
+        exact.q_true,
+        sigma,
+        streams,
+        samples=parameters.samples,
+        block=BLOCK,
     )
     measured = moments_of(sums)
     controlled = moments_of(
