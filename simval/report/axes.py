@@ -8,10 +8,16 @@ from itertools import compress
 from typing import Any
 
 import numpy as np
-from matplotlib.ticker import FixedFormatter, FixedLocator, NullFormatter, NullLocator
+from matplotlib.ticker import (
+    FixedFormatter,
+    FixedLocator,
+    MaxNLocator,
+    NullFormatter,
+    NullLocator,
+)
 
 from simval.arrays import Array
-from simval.report.layout import LINE, RIGHT, legend_rows
+from simval.report.layout import LINE, RIGHT, SMALL, legend_rows
 from simval.report.palette import GREY, SIMULATED, THEORY
 from simval.report.panels import AnyPanel, Panel, Series, SpherePanel
 from simval.report.ticks import log_ticks
@@ -22,6 +28,7 @@ MANY = 1500
 """Points of a series beyond which it is drawn as pixels: as vectors 20 000 with their
 bars take 8.8 MB of the page, as pixels 0.1 MB; the words stay text (measured:
 docs/decisions/0068)."""
+RIM = 1.55  # just outside of a half sphere, whose radius is the root of 2
 STEP, SIDE = 0.02, 0.1  # of the axis: between points set side by side, and all of them
 
 
@@ -80,6 +87,9 @@ def _(panel: Panel, axes: Any) -> None:
     _one_place(panel, axes)
     if panel.log_x:
         label_decades(axes.xaxis, places)
+    elif places and all(np.array_equal(x, np.rint(x)) for x in places):
+        whole = MaxNLocator("auto", steps=[1, 2, 5, 10], integer=True)
+        axes.xaxis.set_major_locator(whole)  # half an iteration is none
     if panel.log_y:
         label_decades(axes.yaxis)
     axes.set_title(panel.title, y=1.0)  # an automatic place takes a third longer
@@ -172,12 +182,14 @@ def _dodged(panel: Panel) -> Panel:
 
 
 def _references(panel: Panel, axes: Any) -> None:
+    """Lines across: of one style where none has a label, else in turn."""
+    named = any(label for _, label in panel.references)
     for i, (height, label) in enumerate(panel.references):
         axes.axhline(
             height,
             color=GREY,
             linewidth=1.2,
-            linestyle=(0, (4, 2)) if i % 2 == 0 else (0, (1, 1)),
+            linestyle=(0, (4, 2)) if i % 2 == 0 or not named else (0, (1, 1)),
             label=label or "_nolegend_",
             zorder=1.5,
         )
@@ -276,6 +288,8 @@ def _(panel: SpherePanel, axes: Any) -> None:
     for degrees in (30, 60, 90):
         radius = 2.0 * np.sin(np.radians(degrees) / 2.0)
         axes.plot(radius * np.cos(angle), radius * np.sin(angle), color=GREY, lw=0.6)
+    for x, y, words in ((RIM, 0.0, "x"), (0.0, RIM, "y")):
+        axes.text(x, y, words, ha="center", va="center", fontsize=SMALL)
     axes.set_aspect("equal")
     axes.grid(False)
     axes.set_xticks([])

@@ -29,7 +29,7 @@ from simval.report.panels import (
 # them, inches
 WIDTHS = {1: 6.6, 2: 4.9}
 WIDTH, UP = 4.3, 2.2
-DISC = 3.4  # of a map of directions
+DISC = 3.4  # height of a map of directions
 # left: a tick of eight digits and a line; right: half of such a tick
 LEFT, RIGHT, BOTTOM, TOP = 0.95, 0.35, 0.62, 0.35
 NAMES = 1.6  # at most, for the names of bars
@@ -41,6 +41,8 @@ HANDLE = 0.6  # a legend's mark and the space about it
 EDGE = 0.15  # of a panel, that its legend keeps free on either side
 SLANT = 50.0  # of the names below a map of shares, degrees
 APART = 0.6  # of a line, between the dots of a name
+SEAMS = "_:,=/"
+"""Letters after which a word that is longer than a line is broken."""
 NAMED = (BarPanel, DotPanel, HeatPanel)
 """Panels with a name for each row."""
 
@@ -99,7 +101,7 @@ def _alone(drawing: Drawing, number: int) -> Drawing:
 def laid_out(drawing: Drawing) -> Layout:
     """Break the words of a drawing into lines and find the margins."""
     globes = all(isinstance(panel, SpherePanel) for panel in drawing.panels)
-    width = DISC if globes else WIDTHS.get(drawing.columns, WIDTH)
+    width = WIDTHS.get(drawing.columns, WIDTH)
     panels = [_names_broken(panel) for panel in drawing.panels]
     ups = [_up(panel) for panel in panels]
     alike = max(
@@ -189,9 +191,10 @@ def broken(text: str, room: float, size: float = SIZE) -> str:
 
 
 def _fitting(word: str, room: float, size: float) -> int:
-    """Number of letters of a word that fit a line, at least one."""
+    """Number of letters of a word that fit a line, at least one; up to a seam."""
     fit = (n for n in range(len(word), 1, -1) if _width(word[:n], size) <= SLACK * room)
-    return next(fit, 1)
+    most = next(fit, 1)
+    return max((word.rfind(seam, 0, most) for seam in SEAMS), default=-1) + 1 or most
 
 
 @cache

@@ -23,7 +23,10 @@ def log_ticks(
     """Ticks of an axis from low to high with their labels; two at least."""
     if not 0.0 < low < high < np.inf:
         return [], []
-    ticks = _places(low, high, places) or _round(low, high)
+    if len(places) == 1 and low <= places[0] <= high:
+        ticks = _about(float(places[0]), _round(low, high), high / low)
+    else:
+        ticks = _places(low, high, places) or _round(low, high)
     return ticks, [spelled(tick) for tick in ticks]
 
 
@@ -46,6 +49,12 @@ def _places(low: float, high: float, places: Float[Array, " n"]) -> list[float]:
         return []
     apart = np.diff(np.log(inside)) / np.log(high / low)
     return inside if np.all(apart >= GAP) else []
+
+
+def _about(place: float, ticks: list[float], whole: float) -> list[float]:
+    """The only place of the data, and the round numbers apart from it."""
+    apart = np.abs(np.log(np.array(ticks) / place)) / np.log(whole) >= GAP
+    return sorted([place, *np.array(ticks)[apart].tolist()])
 
 
 def _round(low: float, high: float) -> list[float]:

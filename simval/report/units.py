@@ -20,6 +20,9 @@ MILLIRADIAN = Unit("mrad", 1e3)
 DEGREE = Unit("°", 57.29577951308232)
 PPM = Unit("ppm", 1e6)
 MILLIMETRE_PER_SECOND_SQUARED = Unit("mm/s²", 1e3)
+DEGREE_OF_QUATERNION = Unit("°", 2.0 * DEGREE.factor)
+"""Of the length of a quaternion's error: half of the small angle that it is wrong by,
+to the order of the angle's square over 48."""
 RELATIVE = Unit("relative", 1.0)
 
 SI = {"rad": MILLIRADIAN, "1": RELATIVE, "m/s^2": Unit("m/s²", 1.0)}

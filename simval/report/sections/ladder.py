@@ -90,7 +90,10 @@ def _cost(rungs: Sequence[tuple[str, Row]]) -> str:
         return ""
     ranked = sorted(rungs, key=_size)
     (least, low), (most, high) = ranked[0], ranked[-1]
-    return f"Between {high.value:.3g} σ²/g² ({most}) and {low.value:.2g} ({least}). "
+    return (
+        f"The bias of the scale is greatest for {most}, {high.value:.3g} σ²/g², and "
+        f"least for {least}, {low.value:.2g} σ²/g². "
+    )
 
 
 def _size(rung: tuple[str, Row]) -> float:
