@@ -8,19 +8,12 @@ from itertools import compress
 from typing import Any
 
 import numpy as np
-from matplotlib.ticker import (
-    FixedFormatter,
-    FixedLocator,
-    MaxNLocator,
-    NullFormatter,
-    NullLocator,
-)
 
 from simval.arrays import Array
 from simval.report.layout import LINE, RIGHT, SMALL, legend_rows
 from simval.report.palette import GREY, SIMULATED, THEORY
 from simval.report.panels import AnyPanel, Panel, Series, SpherePanel
-from simval.report.ticks import log_ticks
+from simval.report.ticks import label_ticks
 
 TICK_LABELS = 0.32  # their height and the space about them, inches
 FARTHEST = 1e290  # an axis multiplies its ends by some factors of ten
@@ -85,13 +78,7 @@ def _(panel: Panel, axes: Any) -> None:
     elif panel.log_y:
         _limit(panel, axes)
     _one_place(panel, axes)
-    if panel.log_x:
-        label_decades(axes.xaxis, places)
-    elif places and all(np.array_equal(x, np.rint(x)) for x in places):
-        whole = MaxNLocator("auto", steps=[1, 2, 5, 10], integer=True)
-        axes.xaxis.set_major_locator(whole)  # half an iteration is none
-    if panel.log_y:
-        label_decades(axes.yaxis)
+    label_ticks(panel, axes, places)
     axes.set_title(panel.title, y=1.0)  # an automatic place takes a third longer
     axes.set_xlabel(panel.x_label)
     axes.set_ylabel(panel.y_label)
@@ -112,22 +99,6 @@ def legend(panel: AnyPanel, axes: Any, left: float, width: float) -> None:
         borderpad=0.2,
         ncols=columns,
     )
-
-
-SHORT = 100.0
-"""Two decades: a longer axis has no small ticks, each of which takes 2 ms to draw."""
-
-
-def label_decades(axis: Any, places: Any = ()) -> None:
-    """Label a logarithmic axis: at least two ticks, at its few places or at decades."""
-    axis.set_minor_formatter(NullFormatter())
-    low, high = sorted(axis.get_view_interval())
-    if high > SHORT * low:
-        axis.set_minor_locator(NullLocator())
-    found = np.unique(np.concatenate([*places, np.empty(0)]))
-    ticks, labels = log_ticks(float(low), float(high), found)
-    axis.set_major_locator(FixedLocator(ticks))
-    axis.set_major_formatter(FixedFormatter(labels))
 
 
 def _one_place(panel: Panel, axes: Any) -> None:

@@ -242,7 +242,7 @@ def differences_table(comparison: RunComparison) -> Table:
             Column("change, %", "number", 3),
             Column("A", "measured"),
             Column("B", "measured"),
-            Column("unit"),
+            Column("unit", "unit"),
             Column("statistic"),
             Column("against"),
             Column("cell", "code"),

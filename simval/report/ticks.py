@@ -1,9 +1,18 @@
 """Labels of a logarithmic axis: at the data's own few places, or at round numbers."""
 
+from typing import Any
+
 import numpy as np
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import (
+    FixedFormatter,
+    FixedLocator,
+    MaxNLocator,
+    NullFormatter,
+    NullLocator,
+)
 
 from simval.arrays import Array
+from simval.report.panels import Panel
 from simval.shapes import Float
 
 MANTISSAS = ((1.0,), (1.0, 3.0), (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0))
@@ -15,6 +24,33 @@ PLACES = 6
 GAP = 0.15
 """Least distance of two labels along an axis, as a share of it: five digits."""
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def label_ticks(panel: Panel, axes: Any, places: list[Array]) -> None:
+    """Label axes that are logarithmic, or on which only whole numbers stand."""
+    if panel.log_x:
+        label_decades(axes.xaxis, places)
+    elif places and all(np.array_equal(x, np.rint(x)) for x in places):
+        whole = MaxNLocator("auto", steps=[1, 2, 5, 10], integer=True)
+        axes.xaxis.set_major_locator(whole)  # half an iteration is none
+    if panel.log_y:
+        label_decades(axes.yaxis)
+
+
+SHORT = 100.0
+"""Two decades: a longer axis has no small ticks, each of which takes 2 ms to draw."""
+
+
+def label_decades(axis: Any, places: Any = ()) -> None:
+    """Label a logarithmic axis: at least two ticks, at its few places or at decades."""
+    axis.set_minor_formatter(NullFormatter())
+    low, high = sorted(axis.get_view_interval())
+    if high > SHORT * low:
+        axis.set_minor_locator(NullLocator())
+    found = np.unique(np.concatenate([*places, np.empty(0)]))
+    ticks, labels = log_ticks(float(low), float(high), found)
+    axis.set_major_locator(FixedLocator(ticks))
+    axis.set_major_formatter(FixedFormatter(labels))
 
 
 def log_ticks(

@@ -1,6 +1,6 @@
 """Attitude error against noise: bias and covariance beside every prediction."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from simval.report import palette
 from simval.report.curves import Curve, Measure, bar_width, curve, first, grouped
-from simval.report.findings import agrees, behind
+from simval.report.findings import agrees, behind, order_words
 from simval.report.measures import left_out, moment
 from simval.report.noise import SLOPES, Fits, fits, slope_fold, slope_words
 from simval.report.panels import GREY, Drawing, Panel, Series
@@ -254,19 +254,6 @@ def _unit_lengths(cells: Sequence[CellResult]) -> Table:
         rows=rows,
         shown=120,
     )
-
-
-def order_words(found: Iterable[tuple[str, float | None, float]]) -> str:
-    """Slopes of what each formula leaves out beside its stated order, in words."""
-    slopes: dict[tuple[str, float], list[float]] = {}
-    for formula, slope, stated in found:
-        if slope is not None:
-            slopes.setdefault((formula, stated), []).append(slope)
-    told = []
-    for (formula, stated), values in slopes.items():
-        ends = dict.fromkeys(f"{value:.2f}" for value in (min(values), max(values)))
-        told.append(f"{' to '.join(ends)} for {formula} (stated {stated:g})")
-    return f"What is left out has the slope {'; '.join(told)}" if told else ""
 
 
 def _lengths(kinds: Sequence[str], rows: Sequence[Sequence[float | None]]) -> str:

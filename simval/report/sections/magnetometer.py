@@ -28,7 +28,7 @@ def section(context: Context) -> Section | None:
     groups, left_out = first(grouped(cells))
     shown = {label: own[0] for label, own in groups.items()}
     one, *others = [_panel(cell, label) for label, cell in shown.items()]
-    curves = [placed(label, _rows(cell)) for label, cell in shown.items()]
+    curves = [placed(label, _rows(cell), cell) for label, cell in shown.items()]
     ratios = ratio_bars("over theory", one.names, curves, bar_width(curves))
     named = [list(panel.names) for panel in (one, *others)]
     alike = all(names == named[0] for names in named)
@@ -82,7 +82,7 @@ def _cost(cells: Sequence[CellResult]) -> str:
 def _panel(cell: CellResult, label: str) -> BarPanel:
     rows = _rows(cell)
     return bars(
-        rows,
+        [(cell, row) for row in rows],
         [", ".join(row.statistic.entries) for row in rows],
         label or spelled(cell.study),
         "variance over the bound",

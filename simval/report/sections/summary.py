@@ -59,6 +59,7 @@ def section(context: Context) -> Section | None:
         answer=context.judged.answer,
         headline=headline(context.judged),
         sampled=sum(v.p_value is not None for v in verdicts),
+        judged=len(verdicts),
         alpha=context.alpha,
         manifest=run.manifest,
         studies=studies,
