@@ -160,11 +160,15 @@ def _honest(sensors: Sequence[SensorNoise]) -> Reply:
     lines.append("Every interval holds 95 % by the closed-form covariance.")
     return Reply(
         title="Does the model hold?",
-        headline=f"{len(fitted)} of {len(axes)} axes follow white noise, flicker and "
+        headline=f"{_share(len(fitted), len(axes))} follow white noise, flicker and "
         "random walk",
         answer="pass" if not without else "fail",
         lines=tuple(lines),
     )
+
+
+def _share(some: int, count: int) -> str:
+    return f"All {count} axes" if some == count else f"{some} of {count} axes"
 
 
 def _lettered(sensor: SensorNoise) -> list[tuple[str, AxisNoise]]:

@@ -37,6 +37,11 @@ OF_A_CALIBRATION = {
 """Units of misalignment, scale factor and bias, by the first letter of a parameter."""
 
 
+def value_words(unit: str) -> str:
+    """Label of an axis with values of rows: their unit as it is, none of a ratio."""
+    return "value" if unit == "1" else f"value, {unit.replace('^2', '²')}"
+
+
 def of_row(unit: str) -> Unit:
     """Unit for people of a unit of the rows."""
     return SI.get(unit, Unit(unit.replace("^2", "²"), 1.0))

@@ -1,6 +1,6 @@
 """Error budget: what each source of error contributes, measured and predicted."""
 
-from simval.report.curves import bar_width, bars, grouped
+from simval.report.curves import bar_width, bars, first, grouped
 from simval.report.findings import agrees
 from simval.report.measures import placed
 from simval.report.panels import BarPanel, Drawing
