@@ -94,11 +94,13 @@ def _ranked(contest: Contest, short: Mapping[str, str]) -> str:
         return ""
     (best, name), (worst, other) = found[0], found[-1]
     many = len(contest.settings)
-    over = f", geometric mean over {many} settings" if many > 1 else ""
-    first = f"{name} has {best:.3g} times the error of the bound"
+    over = f" (geometric mean over {many} settings)" if many > 1 else ""
     if len(found) == 1:
-        return f"{first}{over}."
-    return f"{first}, the least; {other} {worst:.3g} times, the most{over}."
+        return f"{name} has {best:.3g} times the error of the bound{over}."
+    return (
+        f"{name} is nearest to the bound, with {best:.3g} times its error, and {other} "
+        f"farthest, with {worst:.3g} times{over}."
+    )
 
 
 def failing(name: str, who: str, contest: Contest) -> Drawing | None:
