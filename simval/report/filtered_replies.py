@@ -101,10 +101,9 @@ def _honest(done: Sequence[Evaluation]) -> Reply:
 
 def _how_many(good: int, count: int) -> str:
     """How many covariances are consistent, in words."""
-    if 0 < good < count:
-        return f"{good} of {count} {'is' if good == 1 else 'are'} consistent"
-    several = "" if count == 1 else f", {'all' if good else 'none of'} {count}"
-    return f"{'Yes' if good else 'No'}{several}"
+    if not good:
+        return "The one that is stated is not" if count == 1 else f"None of {count} is"
+    return f"{good} of {count} {'is' if good == 1 else 'are'} consistent"
 
 
 def _answer(word: str) -> Answer:

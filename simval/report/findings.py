@@ -197,7 +197,7 @@ def slopes_said(pairs: Sequence[tuple[Slope | None, Slope | None]]) -> tuple[str
             f"{max(off):.1f} standard errors{missing}"
         ), False
     count = _count(len(told), "slope")
-    return f"{count}, as theory's own within {max(apart):.3f}{missing}", True
+    return f"{count}, theory's own within {max(apart):.3f}{missing}", True
 
 
 def order_words(found: Iterable[tuple[str, float | None, float]]) -> str:
