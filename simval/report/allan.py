@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from simval.noise import AxisNoise
+from simval.report.answers import rounded
 from simval.report.data_sheet import called, unit_of
 from simval.report.panels import COLOURS, MARKERS, Drawing, Panel, Series
 
@@ -73,5 +74,5 @@ def _words(name: str, axis: AxisNoise, si: float | None) -> str:
         if c.value is not None:
             parts.append(f"{c.kind} = {unit.factor * c.value:.3g} {unit.name}")
         elif np.isfinite(c.high):
-            parts.append(f"{c.kind} < {unit.factor * c.high:.2g} {unit.name}")
+            parts.append(f"{c.kind} < {rounded(unit.factor * c.high)} {unit.name}")
     return ": " + ", ".join(parts)

@@ -21,7 +21,10 @@ MANY = 1500
 """Points of a series beyond which it is drawn as pixels: as vectors 20 000 with their
 bars take 8.8 MB of the page, as pixels 0.1 MB; the words stay text (measured:
 docs/decisions/0068)."""
-RIM = 1.55  # just outside of a half sphere, whose radius is the root of 2
+HALF, RIM = (
+    1.75,
+    1.56,
+)  # of its axes, and just outside of a half sphere, whose radius is the root of 2
 STEP, SIDE = 0.02, 0.1  # of the axis: between points set side by side, and all of them
 
 
@@ -262,6 +265,7 @@ def _(panel: SpherePanel, axes: Any) -> None:
     for x, y, words in ((RIM, 0.0, "x"), (0.0, RIM, "y")):
         axes.text(x, y, words, ha="center", va="center", fontsize=SMALL)
     axes.set_aspect("equal")
+    axes.set(xlim=(-HALF, HALF), ylim=(-HALF, HALF))
     axes.grid(False)
     axes.set_xticks([])
     axes.set_yticks([])

@@ -66,7 +66,7 @@ def _drawing(cells: Sequence[CellResult]) -> Drawing:
             )
         )
         panels.append(panel(title, NOISE, f"bias, {PPM.name}", biases, z=z))
-        panels += ratios_of(f"bias of K over theory{words}", NOISE, biases, [], z)
+        panels += ratios_of(f"bias of K{words}", NOISE, biases, [], z)
         left_out += [f"{name}{words}" for name, _, _ in rungs[MAX_BARS:]]
         drawn = {c.label for c in biases}
         left_out += [

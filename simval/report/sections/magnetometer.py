@@ -17,6 +17,7 @@ ALTERNATIVE = (
     "Variance of the weighted fit and of the usual recipe over the bound, measured "
     "beside predicted, for matrix, hard iron and dip"
 )
+WORDS = {"M": "matrix M", "b": "hard iron b"}
 SHOWN = Shown("magnetometer", (VARIANCE_OVER_BOUND,))
 
 
@@ -74,16 +75,21 @@ def _cost(cells: Sequence[CellResult]) -> str:
         return ""
     worst = max(rows, key=lambda row: row.value)
     return (
-        f"The variance is at most {worst.value:.3g} times the bound "
-        f"({', '.join(worst.statistic.entries)}). "
+        f"The variance is at most {worst.value:.3g} times the bound ({_named(worst)}). "
     )
+
+
+def _named(row: Row) -> str:
+    """What a row is of, in words."""
+    what, *recipe = row.statistic.entries
+    return ", ".join((WORDS.get(what, what), *recipe))
 
 
 def _panel(cell: CellResult, label: str) -> BarPanel:
     rows = _rows(cell)
     return bars(
         [(cell, row) for row in rows],
-        [", ".join(row.statistic.entries) for row in rows],
+        [_named(row) for row in rows],
         label or spelled(cell.study),
         "variance over the bound",
     )
