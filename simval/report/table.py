@@ -65,7 +65,7 @@ class Table:
         return [
             i
             for i in range(len(self.columns))
-            if any(row[i] is not None and row[i] != "" for row in self.rows)
+            if any(text(row[i], self.columns[i]) for row in self.rows)
         ]
 
     @property

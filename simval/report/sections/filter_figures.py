@@ -163,8 +163,8 @@ def _honest(groups: Groups) -> str:
             outside += int(np.sum((y < low) | (y > high)))
     if not count:
         return ""
-    expected = f"{1000.0 * BAND:g} in 1000 of an honest filter"
-    return f"{outside:,} of {count:,} instants are outside the band, {expected} are."
+    expected = f"of an honest filter {1000.0 * BAND:g} in 1000 would be"
+    return f"{outside:,} of {count:,} instants are outside the band; {expected}."
 
 
 def budget(groups: Groups) -> Drawing:
