@@ -1,5 +1,7 @@
 """Every check against theory: counts by family, then each check, failing ones first."""
 
+from collections import Counter
+from collections.abc import Sequence
 from typing import Any
 
 from simval.change import EFFORT
@@ -29,7 +31,15 @@ def section(context: Context) -> Section | None:
         open=bool(verdicts) and verdicts[0].answer != "pass",
         alpha=context.alpha,
         linked=linked,
+        found=_counted(context.verdicts),
     )
+
+
+def _counted(verdicts: Sequence[Verdict]) -> str:
+    """How many checks ended how."""
+    counts = Counter(v.answer for v in verdicts)
+    told = [f"{counts[word]:,} {word}" for word in WORST_FIRST if counts[word]]
+    return f"{', '.join(told)}." if told else ""
 
 
 def _families(context: Context) -> Table:
@@ -91,7 +101,7 @@ def _each(context: Context, verdicts: list[Verdict], figures: dict[Key, str]) ->
             Column("what else varies"),
             Column("command", "command"),
             Column("measured", "measured"),
-            Column("unit"),
+            Column("unit", "unit"),
             Column("predicted", "number"),
             Column("allowed remainder", "number", 3),
             Column("standard errors", "number", 3),
