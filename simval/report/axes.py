@@ -8,7 +8,9 @@ from itertools import compress
 from typing import Any
 
 import numpy as np
-from matplotlib.ticker import FixedFormatter, FixedLocator, NullFormatter, NullLocator
+from matplotlib import rcParams
+from matplotlib.lines import TICKDOWN, TICKLEFT, Line2D  # type: ignore[attr-defined]
+from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
 from simval.arrays import Array
 from simval.report.layout import LINE, RIGHT, legend_rows
@@ -105,19 +107,37 @@ def legend(panel: AnyPanel, axes: Any, left: float, width: float) -> None:
 
 
 SHORT = 100.0
-"""Two decades: a longer axis has no small ticks, each of which takes 2 ms to draw."""
+"""Two decades: a longer axis has no small ticks."""
 
 
 def label_decades(axis: Any, places: Any = ()) -> None:
     """Label a logarithmic axis: at least two ticks, at its few places or at decades."""
-    axis.set_minor_formatter(NullFormatter())
     low, high = sorted(axis.get_view_interval())
-    if high > SHORT * low:
-        axis.set_minor_locator(NullLocator())
     found = np.unique(np.concatenate([*places, np.empty(0)]))
     ticks, labels = log_ticks(float(low), float(high), found)
     axis.set_major_locator(FixedLocator(ticks))
     axis.set_major_formatter(FixedFormatter(labels))
+    if high <= SHORT * low:
+        _small_ticks(axis, [x for x in axis.get_minorticklocs() if low <= x <= high])
+    axis.set_minor_locator(NullLocator())
+
+
+def _small_ticks(axis: Any, places: Sequence[float]) -> None:
+    """Draw small ticks as the marks of one line: each as a tick takes 2 ms."""
+    zeros, across = np.zeros(len(places)), axis.axis_name == "x"
+    marks = Line2D(
+        *((places, zeros) if across else (zeros, places)),
+        transform=axis.axes.get_xaxis_transform()
+        if across
+        else axis.axes.get_yaxis_transform(),
+        linestyle="none",
+        marker=TICKDOWN if across else TICKLEFT,
+        markersize=rcParams[f"{axis.axis_name}tick.minor.size"],
+        markeredgewidth=rcParams[f"{axis.axis_name}tick.minor.width"],
+        color=rcParams[f"{axis.axis_name}tick.color"],
+        clip_on=False,
+    )
+    axis.axes.add_artist(marks)  # which leaves the limits alone
 
 
 def _one_place(panel: Panel, axes: Any) -> None:
