@@ -14,7 +14,7 @@ from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
 from simval.arrays import Array
 from simval.report.layout import LINE, RIGHT, legend_rows
-from simval.report.palette import GREY, SIMULATED, THEORY
+from simval.report.palette import GREY, INK, SIMULATED, THEORY
 from simval.report.panels import AnyPanel, Panel, Series, SpherePanel
 from simval.report.ticks import log_ticks
 
@@ -124,20 +124,22 @@ def label_decades(axis: Any, places: Any = ()) -> None:
 
 def _small_ticks(axis: Any, places: Sequence[float]) -> None:
     """Draw small ticks as the marks of one line: each as a tick takes 2 ms."""
-    zeros, across = np.zeros(len(places)), axis.axis_name == "x"
+    zeros, axes = np.zeros(len(places)), axis.axes
+    if axis.axis_name == "x":
+        at, mark, scale = (places, zeros), TICKDOWN, axes.get_xaxis_transform()
+    else:
+        at, mark, scale = (zeros, places), TICKLEFT, axes.get_yaxis_transform()
     marks = Line2D(
-        *((places, zeros) if across else (zeros, places)),
-        transform=axis.axes.get_xaxis_transform()
-        if across
-        else axis.axes.get_yaxis_transform(),
+        *at,
+        transform=scale,
         linestyle="none",
-        marker=TICKDOWN if across else TICKLEFT,
-        markersize=rcParams[f"{axis.axis_name}tick.minor.size"],
-        markeredgewidth=rcParams[f"{axis.axis_name}tick.minor.width"],
-        color=rcParams[f"{axis.axis_name}tick.color"],
+        marker=mark,
+        markersize=rcParams["xtick.minor.size"],  # of both axes
+        markeredgewidth=rcParams["xtick.minor.width"],
+        color=INK,
         clip_on=False,
     )
-    axis.axes.add_artist(marks)  # which leaves the limits alone
+    axes.add_artist(marks)  # which leaves the limits alone
 
 
 def _one_place(panel: Panel, axes: Any) -> None:
