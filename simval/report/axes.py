@@ -8,15 +8,13 @@ from itertools import compress
 from typing import Any
 
 import numpy as np
-from matplotlib import rcParams
-from matplotlib.lines import TICKDOWN, TICKLEFT, Line2D  # type: ignore[attr-defined]
 from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
 from simval.arrays import Array
 from simval.report.layout import LINE, RIGHT, legend_rows
-from simval.report.palette import GREY, INK, SIMULATED, THEORY
+from simval.report.palette import GREY, SIMULATED, THEORY
 from simval.report.panels import AnyPanel, Panel, Series, SpherePanel
-from simval.report.ticks import log_ticks
+from simval.report.ticks import log_ticks, small_ticks
 
 TICK_LABELS = 0.32  # their height and the space about them, inches
 FARTHEST = 1e290  # an axis multiplies its ends by some factors of ten
@@ -118,28 +116,8 @@ def label_decades(axis: Any, places: Any = ()) -> None:
     axis.set_major_locator(FixedLocator(ticks))
     axis.set_major_formatter(FixedFormatter(labels))
     if high <= SHORT * low:
-        _small_ticks(axis, [x for x in axis.get_minorticklocs() if low <= x <= high])
+        small_ticks(axis, [x for x in axis.get_minorticklocs() if low <= x <= high])
     axis.set_minor_locator(NullLocator())
-
-
-def _small_ticks(axis: Any, places: Sequence[float]) -> None:
-    """Draw small ticks as the marks of one line: each as a tick takes 2 ms."""
-    zeros, axes = np.zeros(len(places)), axis.axes
-    if axis.axis_name == "x":
-        at, mark, scale = (places, zeros), TICKDOWN, axes.get_xaxis_transform()
-    else:
-        at, mark, scale = (zeros, places), TICKLEFT, axes.get_yaxis_transform()
-    marks = Line2D(
-        *at,
-        transform=scale,
-        linestyle="none",
-        marker=mark,
-        markersize=rcParams["xtick.minor.size"],  # of both axes
-        markeredgewidth=rcParams["xtick.minor.width"],
-        color=INK,
-        clip_on=False,
-    )
-    axes.add_artist(marks)  # which leaves the limits alone
 
 
 def _one_place(panel: Panel, axes: Any) -> None:

@@ -1,9 +1,15 @@
 """Labels of a logarithmic axis: at the data's own few places, or at round numbers."""
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
+from matplotlib import rcParams
+from matplotlib.lines import TICKDOWN, TICKLEFT, Line2D  # type: ignore[attr-defined]
 from matplotlib.ticker import MaxNLocator
 
 from simval.arrays import Array
+from simval.report.palette import INK
 from simval.shapes import Float
 
 MANTISSAS = ((1.0,), (1.0, 3.0), (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0))
@@ -35,6 +41,27 @@ def spelled(x: float) -> str:
     raised = f"10{str(int(power)).translate(SUPERSCRIPTS)}"
     head = head.rstrip("0").rstrip(".")
     return raised if head == "1" else f"{head}×{raised}"
+
+
+def small_ticks(axis: Any, places: Sequence[float]) -> None:
+    """Draw small ticks as the marks of one line: each as a tick takes 2 ms."""
+    at, zeros, axes = np.array(places), np.zeros(len(places)), axis.axes
+    if axis.axis_name == "x":
+        x, y, mark, scale = at, zeros, TICKDOWN, axes.get_xaxis_transform()
+    else:
+        x, y, mark, scale = zeros, at, TICKLEFT, axes.get_yaxis_transform()
+    marks = Line2D(
+        x,
+        y,
+        transform=scale,
+        linestyle="none",
+        marker=mark,
+        markersize=rcParams["xtick.minor.size"],  # of both axes
+        markeredgewidth=rcParams["xtick.minor.width"],
+        color=INK,
+        clip_on=False,
+    )
+    axes.add_artist(marks)  # which leaves the limits alone
 
 
 def _places(low: float, high: float, places: Float[Array, " n"]) -> list[float]:
