@@ -36,7 +36,8 @@ def believes(**factors):
 @pytest.mark.parametrize(
     ("factors", "code", "words"),
     [
-        ({}, 0, "PASS"),
+        # at each landing the fixture below shows a pass
+        pytest.param({}, 0, "PASS", marks=pytest.mark.slow),
         ({"start_std": 0.5, "accelerometer_noise": 0.5}, 1, "overconfident: its err"),
         ({"start_std": 2.0, "accelerometer_noise": 2.0}, 1, "underconfident: its er"),
     ],
