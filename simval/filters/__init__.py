@@ -1,5 +1,15 @@
 """Attitude filters of our own, beside which others are set; theory knows none."""
 
-from simval.filters.mekf import Mekf
+from typing import TYPE_CHECKING
+
+from simval.faces import present
+
+if TYPE_CHECKING:
+    from simval.filters.mekf import Mekf
+else:
+    present(
+        __name__,
+        mekf="Mekf",
+    )
 
 __all__ = ["Mekf"]

@@ -7,16 +7,34 @@ JSON. What it declares about its conventions is checked without noise before any
 is measured.
 """
 
+from typing import TYPE_CHECKING
+
 from simval.errors import PluginError
-from simval.plugins.calibrator_probe import probe_calibrator
-from simval.plugins.command import command_calibrator, command_estimator
-from simval.plugins.filter_command import command_filter
-from simval.plugins.filter_frames import find_world
-from simval.plugins.filter_protocol import Filter
-from simval.plugins.filter_run import run_filter
-from simval.plugins.loading import find_plugin
-from simval.plugins.probe import probe_estimator
-from simval.plugins.protocol import Calibrator, Estimator
+from simval.faces import present
+
+if TYPE_CHECKING:
+    from simval.plugins.calibrator_probe import probe_calibrator
+    from simval.plugins.command import command_calibrator, command_estimator
+    from simval.plugins.filter_command import command_filter
+    from simval.plugins.filter_frames import find_world
+    from simval.plugins.filter_protocol import Filter
+    from simval.plugins.filter_run import run_filter
+    from simval.plugins.loading import find_plugin
+    from simval.plugins.probe import probe_estimator
+    from simval.plugins.protocol import Calibrator, Estimator
+else:
+    present(
+        __name__,
+        calibrator_probe="probe_calibrator",
+        command="command_calibrator command_estimator",
+        filter_command="command_filter",
+        filter_frames="find_world",
+        filter_protocol="Filter",
+        filter_run="run_filter",
+        loading="find_plugin",
+        probe="probe_estimator",
+        protocol="Calibrator Estimator",
+    )
 
 __all__ = [
     "Calibrator",
