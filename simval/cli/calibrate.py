@@ -19,7 +19,6 @@ from simval.multiposition import (
     calibrate_sensors,
 )
 from simval.multiposition.described import bound_sd
-from simval.multiposition.kalibr import kalibr_yaml
 from simval.noise import load_noise
 
 
@@ -54,6 +53,8 @@ def run(
     if out is not None:
         write_json(out, written)
     if kalibr is not None:
+        from simval.multiposition.kalibr import kalibr_yaml
+
         write(kalibr, kalibr_yaml(log, whole))
     if page is not None:
         write_page(page, log, whole)
