@@ -107,9 +107,9 @@ def require_one_unit(here: float, there: float, what: str) -> None:
 
 def own_noise(log: Log, intervals: Intervals) -> tuple[AxisNoise, ...]:
     """Noise of the accelerometer in the longest of a log's rests."""
-    from simval.noise import noise_of
-
     start, stop = longest_rest(log, intervals)
+    from simval.noise import noise_of  # most rests are too short for it
+
     return noise_of(log.accelerometer[start:stop], log.rate)
 
 
