@@ -18,7 +18,7 @@ import click
 
 from simval.cli.interruption import watch
 from simval.errors import SimvalError
-from simval.special import load_lightly
+from simval.startup import load_lightly
 from simval.text import did_you_mean
 
 COMMANDS = (

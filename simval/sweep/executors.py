@@ -29,7 +29,7 @@ from typing import Any
 from simval.errors import CrashedPluginError, InputError, PluginError
 from simval.plugins.names import told_anywhere
 from simval.results import Outcome
-from simval.special import load_lightly
+from simval.startup import load_lightly
 from simval.studies import find_study
 from simval.studies.study import Cell
 from simval.sweep import provenance

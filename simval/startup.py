@@ -1,11 +1,12 @@
-"""`scipy.special` for a process of our own, without what it loads for others.
+"""MuJoCo and `scipy.special` in a process of our own: they run when they are used.
 
-The package runs 400 modules, `numpy.f2py` and `numpy.testing` among them, so that it
-can serve arrays of other libraries: three times what `import numpy` costs, and more
-than a small calibration takes. The functions are in one compiled module. After
-`load_lightly` the package has `FUNCTIONS` of that module, and runs the rest when any
-other name of it is asked for. They are the same objects either way: no bit of a result
-can depend on it (`tests/test_special.py`).
+`import mujoco` takes twice what `import numpy` does, and many a command reads about
+scenes and builds none. `scipy.special` takes three times as much, as it runs 400
+modules, `numpy.f2py` and `numpy.testing` among them, to serve arrays of other
+libraries. Its functions are in one compiled module. After `load_lightly` the package
+has `FUNCTIONS` of that module, and runs the rest when any other name is asked for.
+They are the same objects either way: no bit of a result can depend on it
+(`tests/test_startup.py`).
 
 The program and its workers call it. A user's process that imports simval is the
 user's, and is left as it is.
@@ -24,8 +25,8 @@ if TYPE_CHECKING:
 else:  # these import what reads archives, in 0.02 s
     Loader = MetaPathFinder = object
 
-PACKAGE: Final = "scipy.special"
-COMPILED: Final = "scipy.special._ufuncs"
+COMPILED: Final = {"mujoco": "", "scipy.special": "scipy.special._ufuncs"}
+"""Packages that run when something is asked of them, and where `FUNCTIONS` are."""
 FUNCTIONS: Final = (
     "betainc",
     "binom",
@@ -64,7 +65,11 @@ class _Package(ModuleType):
             msg = f"module {self.__name__!r} has no attribute {name!r}"
             raise AttributeError(msg, name=name, obj=self)
         loader, self.__path__ = self._rest
-        loader.exec_module(self)
+        try:
+            loader.exec_module(self)
+        except BaseException:
+            del self.__path__  # asked again, it fails again, for the same reason
+            raise
         self.__class__ = ModuleType  # type: ignore[assignment]
 
 
@@ -79,14 +84,21 @@ class _Light(Loader):
     def exec_module(self, module: ModuleType) -> None:
         module.__class__ = _Package
         try:
-            compiled = import_module(COMPILED)
-            functions = {name: getattr(compiled, name) for name in FUNCTIONS}
+            functions = _functions(COMPILED[module.__name__])
         except (ImportError, AttributeError):  # of another SciPy
             module.__class__ = ModuleType
             self.own.exec_module(module)
         else:
             vars(module).update(functions, _rest=(self.own, module.__path__))
             del module.__path__
+
+
+def _functions(place: str) -> dict[str, Any]:
+    # the compiled functions that a package has before its text has run
+    if not place:
+        return {}
+    compiled = import_module(place)
+    return {name: getattr(compiled, name) for name in FUNCTIONS}
 
 
 class _Loaded(Loader):
@@ -99,19 +111,21 @@ class _Loaded(Loader):
 
 
 class _Finder(MetaPathFinder):
-    # finds `scipy.special` where it is
+    # finds both where they are
     def find_spec(
         self,
         fullname: str,
         path: Sequence[str] | None = None,
         target: ModuleType | None = None,
     ) -> ModuleSpec | None:
-        if fullname == PACKAGE:
+        if fullname in COMPILED:
             spec = PathFinder.find_spec(fullname, path)
             if spec is not None and spec.loader is not None:
                 spec.loader = _Light(spec.loader)
             return spec
-        if fullname.startswith(f"{PACKAGE}.") and fullname in sys.modules:
+        if fullname.startswith(tuple(f"{p}." for p in COMPILED)) and (
+            fullname in sys.modules
+        ):
             return None if target is not None else ModuleSpec(fullname, _Loaded())
         return None
 
