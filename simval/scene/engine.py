@@ -155,7 +155,7 @@ def _controls(
 
 
 def bit_of(name: str) -> int:
-    # of an input in MuJoCo's word of what a state holds
+    """Bit of an input in MuJoCo's word of what a state holds."""
     return int(getattr(mujoco.mjtState, f"mjSTATE_{name.upper()}"))
 
 
