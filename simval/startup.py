@@ -68,7 +68,7 @@ class _Package(ModuleType):
         try:
             loader.exec_module(self)
         except BaseException:
-            del self.__path__  # asked again, it fails again, for the same reason
+            del self.__path__  # asked again, it runs again
             raise
         self.__class__ = ModuleType  # type: ignore[assignment]
 
