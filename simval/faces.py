@@ -1,14 +1,16 @@
 """The face of a package: its public names, each imported when it is first used.
 
 A command needs a few modules of each package; a face that imported all of them would
-make every start pay for the whole package. So a face imports nothing: under
-``TYPE_CHECKING`` it states its names to those who read the code, and else it gives
-`present` the same names by the modules that hold them (`tests/test_faces.py` compares).
+make every start pay for the whole package. So a face imports its names under
+``TYPE_CHECKING`` only, for readers and type checkers, and `present` reads the same
+lines and imports each name when it is asked for.
 """
 
+import ast
 import sys
 from collections.abc import Iterable
 from importlib import import_module
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -40,10 +42,15 @@ class Face(ModuleType):
         return sorted({*vars(self), *self._homes})
 
 
-def present(package: str, **names: str) -> None:
-    """Make a package the face of its modules: module="Its public names"."""
+def present(package: str, file: str) -> None:
+    """Make a package the face of the modules that its own file imports from."""
     face = sys.modules[package]
+    text = ast.parse(Path(file).read_text(encoding="utf-8"))
+    (block,) = (line for line in text.body if isinstance(line, ast.If))
     vars(face)["_homes"] = {
-        name: f"{package}.{home}" for home in names for name in names[home].split()
+        alias.name: line.module
+        for line in block.body
+        if isinstance(line, ast.ImportFrom)
+        for alias in line.names
     }
     face.__class__ = Face

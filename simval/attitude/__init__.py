@@ -30,16 +30,7 @@ if TYPE_CHECKING:
         wahba_quaternion,
     )
 else:
-    present(
-        __name__,
-        checks="Validity",
-        estimator="AttitudeEstimate estimate_attitude two_vector_quaternion",
-        singular=(
-            "Case SequentialEstimate SingularSolution sequential_quaternion "
-            "singular_solution turn_is_singular"
-        ),
-        wahba="Consistency consistency wahba_covariance wahba_quaternion",
-    )
+    present(__name__, __file__)
 
 __all__ = [
     "AttitudeEstimate",

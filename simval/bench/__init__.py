@@ -12,10 +12,6 @@ if TYPE_CHECKING:
     from simval.bench.race import Contender, Race, Result, run_race
     from simval.bench.races import RACES, find_races
 else:
-    present(
-        __name__,
-        race="Contender Race Result run_race",
-        races="RACES find_races",
-    )
+    present(__name__, __file__)
 
 __all__ = ["RACES", "Contender", "Race", "Result", "find_races", "run_race"]

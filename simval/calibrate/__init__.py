@@ -30,18 +30,7 @@ if TYPE_CHECKING:
     from simval.calibrate.nine_axis import NineAxisFit, calibrate_nine_axis
     from simval.calibrate.result import FitResult
 else:
-    present(
-        __name__,
-        diagnosis="Diagnosis diagnose",
-        files="load_calibration save_calibration",
-        fit="calibrate",
-        gyroscope=(
-            "GyroscopeFit ImuFit Moves calibrate_gyroscope calibrate_imu moves_between"
-        ),
-        magnetometer="MagnetometerFit calibrate_magnetometer ellipsoid_then_rotation",
-        nine_axis="NineAxisFit calibrate_nine_axis",
-        result="FitResult",
-    )
+    present(__name__, __file__)
 
 __all__ = [
     "Diagnosis",

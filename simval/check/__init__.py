@@ -14,11 +14,6 @@ if TYPE_CHECKING:
     from simval.check.measure import Checked, check_plugin
     from simval.check.words import told
 else:
-    present(
-        __name__,
-        here="check_function",
-        measure="Checked check_plugin",
-        words="told",
-    )
+    present(__name__, __file__)
 
 __all__ = ["Checked", "check_function", "check_plugin", "told"]

@@ -22,15 +22,7 @@ if TYPE_CHECKING:
     from simval.compare.series import Line, read_runs
     from simval.compare.trend import Break, Trend, trend_of
 else:
-    present(
-        __name__,
-        algorithms="AlgorithmComparison Merit compare_algorithms",
-        differences="Difference RunComparison compare_runs",
-        matching="match",
-        moves="Move Step moved",
-        series="Line read_runs",
-        trend="Break Trend trend_of",
-    )
+    present(__name__, __file__)
 
 __all__ = [
     "AlgorithmComparison",

@@ -7,9 +7,6 @@ from simval.faces import present
 if TYPE_CHECKING:
     from simval.filters.mekf import Mekf
 else:
-    present(
-        __name__,
-        mekf="Mekf",
-    )
+    present(__name__, __file__)
 
 __all__ = ["Mekf"]

@@ -16,14 +16,7 @@ if TYPE_CHECKING:
     from simval.gate.headline import headline
     from simval.gate.judgement import Gap, GateResult, judge_run
 else:
-    present(
-        __name__,
-        baseline="BASELINE read_baseline write_baseline",
-        comparison="Comparison",
-        finding="Finding findings",
-        headline="headline",
-        judgement="Gap GateResult judge_run",
-    )
+    present(__name__, __file__)
 
 __all__ = [
     "BASELINE",

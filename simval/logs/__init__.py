@@ -30,11 +30,6 @@ if TYPE_CHECKING:
     from simval.logs.log import Log, read_log
     from simval.logs.truth import Truth, read_truth
 else:
-    present(
-        __name__,
-        columns="Column",
-        log="Log read_log",
-        truth="Truth read_truth",
-    )
+    present(__name__, __file__)
 
 __all__ = ["Column", "Log", "Truth", "read_log", "read_truth"]

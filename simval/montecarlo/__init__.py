@@ -14,11 +14,7 @@ if TYPE_CHECKING:
     )
     from simval.montecarlo.reduction import METHODS, Taylor, simulate_reduced, taylor
 else:
-    present(
-        __name__,
-        plain="Sampler Sums mean_square moments_of simulate",
-        reduction="METHODS Taylor simulate_reduced taylor",
-    )
+    present(__name__, __file__)
 
 __all__ = [
     "METHODS",

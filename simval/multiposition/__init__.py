@@ -17,10 +17,6 @@ if TYPE_CHECKING:
     from simval.multiposition.calibration import LogCalibration, calibrate_log
     from simval.multiposition.imu import ImuCalibration, calibrate_sensors
 else:
-    present(
-        __name__,
-        calibration="LogCalibration calibrate_log",
-        imu="ImuCalibration calibrate_sensors",
-    )
+    present(__name__, __file__)
 
 __all__ = ["ImuCalibration", "LogCalibration", "calibrate_log", "calibrate_sensors"]

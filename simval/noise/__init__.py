@@ -18,14 +18,7 @@ if TYPE_CHECKING:
     from simval.noise.measure import noise_of
     from simval.noise.model import AxisNoise, Coefficient
 else:
-    present(
-        __name__,
-        allan="allan_variance averaging_counts",
-        covariance="allan_covariance allan_law covariance_forms",
-        files="NoiseFile load_noise",
-        measure="noise_of",
-        model="AxisNoise Coefficient",
-    )
+    present(__name__, __file__)
 
 __all__ = [
     "AxisNoise",

@@ -23,18 +23,7 @@ if TYPE_CHECKING:
     from simval.plugins.probe import probe_estimator
     from simval.plugins.protocol import Calibrator, Estimator
 else:
-    present(
-        __name__,
-        calibrator_probe="probe_calibrator",
-        command="command_calibrator command_estimator",
-        filter_command="command_filter",
-        filter_frames="find_world",
-        filter_protocol="Filter",
-        filter_run="run_filter",
-        loading="find_plugin",
-        probe="probe_estimator",
-        protocol="Calibrator Estimator",
-    )
+    present(__name__, __file__)
 
 __all__ = [
     "Calibrator",

@@ -15,10 +15,6 @@ if TYPE_CHECKING:
     from simval.recorded.alignment import Alignment, align
     from simval.recorded.evaluation import Evaluation, evaluate
 else:
-    present(
-        __name__,
-        alignment="Alignment align",
-        evaluation="Evaluation evaluate",
-    )
+    present(__name__, __file__)
 
 __all__ = ["Alignment", "Evaluation", "align", "evaluate"]

@@ -18,15 +18,7 @@ if TYPE_CHECKING:
     from simval.report.table import csv_text
     from simval.report.trend import render_trend
 else:
-    present(
-        __name__,
-        calibrated="render_calibration",
-        comparison="render_comparison",
-        page="drawings render tables",
-        paint="png svg_file",
-        table="csv_text",
-        trend="render_trend",
-    )
+    present(__name__, __file__)
 
 __all__ = [
     "csv_text",

@@ -15,18 +15,7 @@ if TYPE_CHECKING:
     from simval.scene.script import Scene, Script
     from simval.scene.trajectory import Trajectory
 else:
-    present(
-        __name__,
-        cache="simulate_cached",
-        catalogue="find_scene scenes",
-        many="RestMeans simulate_many",
-        models="model_path models_folder",
-        rates="average_rates",
-        render="render render_file",
-        run="simulate",
-        script="Scene Script",
-        trajectory="Trajectory",
-    )
+    present(__name__, __file__)
 
 __all__ = [
     "RestMeans",

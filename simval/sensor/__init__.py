@@ -20,18 +20,7 @@ if TYPE_CHECKING:
     from simval.sensor.magnetometer import MagnetometerModel
     from simval.sensor.model import AccelerometerModel
 else:
-    present(
-        __name__,
-        coloured="NoiseModel",
-        effects="Effects GyroscopeEffects MagnetometerEffects Readings",
-        files="load_imu load_sensor",
-        forms="MODELS convert names",
-        gyroscope="GyroscopeModel",
-        gyroscope_forms="GyroscopeFactors gyroscope_factors",
-        imu="ImuModel ImuReadings Motion read_imu read_sensor",
-        magnetometer="MagnetometerModel",
-        model="AccelerometerModel",
-    )
+    present(__name__, __file__)
 
 __all__ = [
     "MODELS",

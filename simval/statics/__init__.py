@@ -32,13 +32,7 @@ if TYPE_CHECKING:
     )
     from simval.statics.variance import variance_magnitude
 else:
-    present(
-        __name__,
-        detector="Rest initial_rest intervals_below",
-        even="SLOWEST_NOISE WHITE WINDOWS evened",
-        intervals="Intervals interval_counts interval_means",
-        variance="variance_magnitude",
-    )
+    present(__name__, __file__)
 
 __all__ = [
     "SLOWEST_NOISE",

@@ -14,11 +14,6 @@ if TYPE_CHECKING:
     from simval.sweep.runner import run_suite
     from simval.sweep.suite import Suite, load_suite, suite_schema
 else:
-    present(
-        __name__,
-        run="Run load_run",
-        runner="run_suite",
-        suite="Suite load_suite suite_schema",
-    )
+    present(__name__, __file__)
 
 __all__ = ["Run", "Suite", "load_run", "load_suite", "run_suite", "suite_schema"]

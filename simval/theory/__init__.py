@@ -30,29 +30,7 @@ if TYPE_CHECKING:
     from simval.theory.sufficient import SufficientOrder, sufficient_order
     from simval.theory.wahba import loss_noncentrality, wahba_bound, wahba_moments
 else:
-    present(
-        __name__,
-        attitude="AttitudeMoments attitude_moments multiplicative_moments",
-        calibration="CalibrationMoments calibration_moments",
-        cramer_rao="AttitudeBound attitude_bound",
-        cubature="cubature_moments",
-        filter_budget="FilterPrediction filter_prediction",
-        filter_calibration="calibration_error",
-        filter_errors="CalibrationError RowError",
-        filter_model="FilterModel FilterPath VectorSensor",
-        filter_start="FirstUpdate first_update",
-        filtering="FilterBound filter_bound",
-        gyroscope="GyroscopeMoments MovePath gyroscope_moments",
-        gyroscope_bias="gyroscope_bias",
-        gyroscope_planning="GyroscopePlan plan_gyroscope",
-        magnetometer="MagnetometerMoments magnetometer_moments",
-        magnetometer_planning="MagnetometerPlan plan_magnetometer",
-        nine_axis="NineAxisMoments nine_axis_moments",
-        planning="Plan plan pose_noise",
-        series="series_moments",
-        sufficient="SufficientOrder sufficient_order",
-        wahba="loss_noncentrality wahba_bound wahba_moments",
-    )
+    present(__name__, __file__)
 
 __all__ = [
     "AttitudeBound",

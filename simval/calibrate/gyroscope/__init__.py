@@ -11,14 +11,7 @@ if TYPE_CHECKING:
     from simval.calibrate.gyroscope.pair import ImuFit
     from simval.calibrate.gyroscope.result import GyroscopeFit
 else:
-    present(
-        __name__,
-        calibration="calibrate_gyroscope",
-        imu="calibrate_imu",
-        moves="Moves moves_between",
-        pair="ImuFit",
-        result="GyroscopeFit",
-    )
+    present(__name__, __file__)
 
 __all__ = [
     "GyroscopeFit",

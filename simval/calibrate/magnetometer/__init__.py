@@ -9,11 +9,6 @@ if TYPE_CHECKING:
     from simval.calibrate.magnetometer.recipe import ellipsoid_then_rotation
     from simval.calibrate.magnetometer.result import MagnetometerFit
 else:
-    present(
-        __name__,
-        fit="calibrate_magnetometer",
-        recipe="ellipsoid_then_rotation",
-        result="MagnetometerFit",
-    )
+    present(__name__, __file__)
 
 __all__ = ["MagnetometerFit", "calibrate_magnetometer", "ellipsoid_then_rotation"]

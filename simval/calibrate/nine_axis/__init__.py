@@ -8,10 +8,6 @@ if TYPE_CHECKING:
     from simval.calibrate.nine_axis.calibration import calibrate_nine_axis
     from simval.calibrate.nine_axis.result import NineAxisFit
 else:
-    present(
-        __name__,
-        calibration="calibrate_nine_axis",
-        result="NineAxisFit",
-    )
+    present(__name__, __file__)
 
 __all__ = ["NineAxisFit", "calibrate_nine_axis"]
