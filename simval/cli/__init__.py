@@ -18,6 +18,7 @@ import click
 
 from simval.cli.interruption import watch
 from simval.errors import SimvalError
+from simval.startup import load_lightly
 from simval.text import did_you_mean
 
 COMMANDS = (
@@ -127,6 +128,7 @@ def main() -> None:
     # in parallel, and the bits must not depend on the number of cores.
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+    load_lightly()
     interruption = watch()
     for stream in (sys.stdout, sys.stderr):  # for names the terminal cannot show
         if isinstance(stream, TextIOWrapper):

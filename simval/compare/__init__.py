@@ -6,16 +6,23 @@ what an algorithm is worth from the rows of its cells, `algorithms` compares two
 the runs of a folder in their order, `levels` and `trend` find the steps in it.
 """
 
-from simval.compare.algorithms import (
-    AlgorithmComparison,
-    Merit,
-    compare_algorithms,
-)
-from simval.compare.differences import Difference, RunComparison, compare_runs
-from simval.compare.matching import match
-from simval.compare.moves import Move, Step, moved
-from simval.compare.series import Line, read_runs
-from simval.compare.trend import Break, Trend, trend_of
+from typing import TYPE_CHECKING
+
+from simval.faces import present
+
+if TYPE_CHECKING:
+    from simval.compare.algorithms import (
+        AlgorithmComparison,
+        Merit,
+        compare_algorithms,
+    )
+    from simval.compare.differences import Difference, RunComparison, compare_runs
+    from simval.compare.matching import match
+    from simval.compare.moves import Move, Step, moved
+    from simval.compare.series import Line, read_runs
+    from simval.compare.trend import Break, Trend, trend_of
+else:
+    present(__name__, __file__)
 
 __all__ = [
     "AlgorithmComparison",
