@@ -4,7 +4,9 @@ The scene is simulated once. Each trial distorts every sample of every hold with
 true misalignment, scale, bias and fresh noise, averages the holds and calibrates. The
 error is estimate minus truth, in the nine parameters of the model. Beside its bias
 and standard deviation stand the second-order bias and the first-order covariance of
-theory; beside both, the Cramer-Rao bound.
+theory; beside both, the Cramer-Rao bound. The same trials are also averaged with their
+first and second order as control variates (`simval.studies.expanded`): these rows see a
+bias of second order, far below the spread of a trial.
 
 Both predictions are allowed the remainder that theory states for them
 (`simval.theory.calibration`). With ``noise_std = 0`` the cell is one noise-free
@@ -21,7 +23,7 @@ from pydantic import Field
 from simval.arrays import Array, frozen
 from simval.calibrate import calibrate
 from simval.montecarlo import Sums, mean_square, moments_of, simulate
-from simval.results import Outcome, Row, limit, nees, plain, unjudged
+from simval.results import Outcome, Row, control, limit, nees, plain, unjudged
 from simval.scene import simulate_cached
 from simval.sensor import AccelerometerModel
 from simval.shapes import Float
@@ -39,8 +41,10 @@ from simval.statistics import (
     TRUTH,
 )
 from simval.streams import Streams
+from simval.studies.expanded import Expanded, noise_row, stated
 from simval.studies.study import Cost, StudyParameters
 from simval.theory.calibration import CalibrationMoments, calibration_moments
+from simval.theory.calibration_expansion import calibration_expansion
 
 TITLE = "Calibration recovery: tumble, distort, average the holds, calibrate"
 SECTION = "calibration"
@@ -48,6 +52,10 @@ SECTION = "calibration"
 BLOCK = 64  # trials; part of the promise of equal bits
 RECOVERED = 1e-9
 """Relative; of 500 random sensors the worst was off by 2e-15 (docs/calibration.md)."""
+ROUNDED = 64 * np.finfo(float).eps
+"""Of g and 1, times the condition of the poses: thirty times what the worst of those
+500 was off by. Control variates see that."""
+G = 9.80665  # m/s^2, natural size of a bias
 UNITS = ("1",) * 6 + ("m/s²",) * 3
 GROUPS = (("T", slice(0, 3), "1"), ("K", slice(3, 6), "1"), ("B", slice(6, 9), "m/s²"))
 
@@ -122,18 +130,39 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     means = forces.mean(axis=1)
     noise = parameters.noise_std / np.sqrt(forces.shape[1])
     predicted = calibration_moments(sensor, means / g, g=g, noise_std=noise)
+    clean = true_sensor(0.0).distort(means, np.random.default_rng(0))  # draws nothing
+    drawn: list[Array] = []  # noise of the pose means
+    found: list[Array] = []
 
     def errors(rng: np.random.Generator, count: int) -> Float[Array, "9 count"]:
         shape = (count, *forces.shape)
         raw = sensor.distort(np.broadcast_to(forces, shape), rng).mean(axis=2)
         fit = calibrate(raw, g=g, covariance=False)
-        return (fit.parameters - sensor.parameters).T
+        drawn.append(raw - clean)
+        found.append(fit.parameters - sensor.parameters)
+        return found[-1].T
 
     sums = simulate(errors, streams, samples=parameters.trials, block=BLOCK, batch=1)
+    still = calibrate(clean, g=g)
+    x = np.concatenate(drawn)
+    expansion = calibration_expansion(sensor, means, g)
+    known = Expanded(
+        first=expansion.first(x),
+        second=expansion.second(x),
+        covariance=noise**2 * expansion.slope @ expansion.slope.T,
+        mean_second=noise**2 * expansion.mean_second,
+    )
     return Outcome(
         rows=(
             *unjudged(NOISE_OF_MEAN(), noise),
+            *noise_row(x.reshape(len(x), -1) / noise),
             *_parameter_rows(sums, predicted),
+            *_control_rows(
+                np.concatenate(found) - (still.parameters - sensor.parameters),
+                known,
+                predicted,
+                float(still.condition),
+            ),
             *_group_rows(sums, predicted),
             *_nees_row(sums, predicted),
         )
@@ -180,6 +209,36 @@ def _parameter_rows(sums: Sums, predicted: CalibrationMoments) -> list[Row]:
     ]  # fmt: skip
 
 
+def _control_rows(
+    error: Float[Array, "t 9"],
+    known: Expanded,
+    predicted: CalibrationMoments,
+    condition: float,
+) -> list[Row]:
+    """Bias, spread and NEES of what noise adds, with control variates."""
+    n, names = len(error), predicted.names
+    weight = np.linalg.inv(predicted.covariance)
+    rounding = ROUNDED * condition * np.array([1.0] * 6 + [G] * 3)
+    off = predicted.bias_remainder + rounding
+    square, predictor, left = _expected_square(predicted, weight)
+    left += 2.0 * square * float(np.max(rounding / predicted.sd))
+    return [
+        *control(
+            [each.control for each in BIAS.each(names, UNITS)],
+            *stated(known.mean(error), off, n), n,
+            predicted.bias, SECOND_ORDER, off,
+        ),
+        *control(
+            [each.control for each in SD.each(names, UNITS)], *known.sd(error), n,
+            predicted.sd, FIRST_ORDER, predicted.sd_remainder + rounding,
+        ),
+        *control(
+            NEES().control, *known.weighted_square(error, weight), n,
+            square, predictor, left,
+        ),
+    ]  # fmt: skip
+
+
 def _group_rows(sums: Sums, predicted: CalibrationMoments) -> list[Row]:
     """RMS error of T, K and B over their three entries, and the bound on it."""
     rows: list[Row] = []
@@ -201,6 +260,13 @@ def _group_rows(sums: Sums, predicted: CalibrationMoments) -> list[Row]:
 def _nees_row(sums: Sums, predicted: CalibrationMoments) -> tuple[Row, ...]:
     weight = np.linalg.inv(predicted.covariance)
     value, error = mean_square(sums, weight)
+    expected = _expected_square(predicted, weight)
+    return nees(NEES(), value, error, sums.samples, *expected)
+
+
+def _expected_square(
+    predicted: CalibrationMoments, weight: Float[Array, "9 9"]
+) -> tuple[float, str, float]:
+    # by which theory, and what it may be off by
     expected = 9.0 + float(predicted.bias @ weight @ predicted.bias)
-    left = expected * predicted.variance_remainder
-    return nees(NEES(), value, error, sums.samples, expected, FIRST_ORDER, left)
+    return expected, FIRST_ORDER, expected * predicted.variance_remainder
