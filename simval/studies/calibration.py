@@ -23,7 +23,7 @@ from pydantic import Field
 from simval.arrays import Array, frozen
 from simval.calibrate import calibrate
 from simval.montecarlo import Sums, mean_square, moments_of, simulate
-from simval.results import Outcome, Row, control, limit, nees, plain, unjudged
+from simval.results import Outcome, Row, limit, nees, plain, unjudged
 from simval.scene import simulate_cached
 from simval.sensor import AccelerometerModel
 from simval.shapes import Float
@@ -41,7 +41,7 @@ from simval.statistics import (
     TRUTH,
 )
 from simval.streams import Streams
-from simval.studies.expanded import Expanded, noise_row, stated
+from simval.studies.expanded import Expanded, beside, noise_row
 from simval.studies.study import Cost, StudyParameters
 from simval.theory.calibration import CalibrationMoments, calibration_moments
 from simval.theory.calibration_expansion import calibration_expansion
@@ -152,19 +152,15 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         covariance=noise**2 * expansion.slope @ expansion.slope.T,
         mean_second=noise**2 * expansion.mean_second,
     )
+    rows = (*_parameter_rows(sums, predicted), *_nees_row(sums, predicted))
+    error = np.concatenate(found) - (still.parameters - sensor.parameters)
     return Outcome(
         rows=(
             *unjudged(NOISE_OF_MEAN(), noise),
             *noise_row(x.reshape(len(x), -1) / noise),
-            *_parameter_rows(sums, predicted),
-            *_control_rows(
-                np.concatenate(found) - (still.parameters - sensor.parameters),
-                known,
-                predicted,
-                float(still.condition),
-            ),
+            *rows,
+            *_control_rows(rows, error, known, predicted, float(still.condition)),
             *_group_rows(sums, predicted),
-            *_nees_row(sums, predicted),
         )
     )
 
@@ -210,33 +206,21 @@ def _parameter_rows(sums: Sums, predicted: CalibrationMoments) -> list[Row]:
 
 
 def _control_rows(
+    rows: tuple[Row, ...],
     error: Float[Array, "t 9"],
     known: Expanded,
     predicted: CalibrationMoments,
     condition: float,
-) -> list[Row]:
-    """Bias, spread and NEES of what noise adds, with control variates."""
-    n, names = len(error), predicted.names
+) -> tuple[Row, ...]:
+    """The judged ones of these rows, of what noise adds, with control variates."""
     weight = np.linalg.inv(predicted.covariance)
     rounding = ROUNDED * condition * np.array([1.0] * 6 + [G] * 3)
-    off = predicted.bias_remainder + rounding
-    square, predictor, left = _expected_square(predicted, weight)
-    left += 2.0 * square * float(np.max(rounding / predicted.sd))
-    return [
-        *control(
-            [each.control for each in BIAS.each(names, UNITS)],
-            *stated(known.mean(error), off, n), n,
-            predicted.bias, SECOND_ORDER, off,
-        ),
-        *control(
-            [each.control for each in SD.each(names, UNITS)], *known.sd(error), n,
-            predicted.sd, FIRST_ORDER, predicted.sd_remainder + rounding,
-        ),
-        *control(
-            NEES().control, *known.weighted_square(error, weight), n,
-            square, predictor, left,
-        ),
-    ]  # fmt: skip
+    relative = 18.0 * np.max(rounding / predicted.sd)  # of nine squares
+    return beside(
+        [row for row in rows if row.check != "record"],
+        (known.mean(error), known.sd(error), known.weighted_square(error, weight)),
+        np.concatenate([rounding, rounding, [relative]]),
+    )
 
 
 def _group_rows(sums: Sums, predicted: CalibrationMoments) -> list[Row]:
@@ -260,13 +244,6 @@ def _group_rows(sums: Sums, predicted: CalibrationMoments) -> list[Row]:
 def _nees_row(sums: Sums, predicted: CalibrationMoments) -> tuple[Row, ...]:
     weight = np.linalg.inv(predicted.covariance)
     value, error = mean_square(sums, weight)
-    expected = _expected_square(predicted, weight)
-    return nees(NEES(), value, error, sums.samples, *expected)
-
-
-def _expected_square(
-    predicted: CalibrationMoments, weight: Float[Array, "9 9"]
-) -> tuple[float, str, float]:
-    # by which theory, and what it may be off by
     expected = 9.0 + float(predicted.bias @ weight @ predicted.bias)
-    return expected, FIRST_ORDER, expected * predicted.variance_remainder
+    left = expected * predicted.variance_remainder
+    return nees(NEES(), value, error, sums.samples, expected, FIRST_ORDER, left)

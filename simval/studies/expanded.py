@@ -18,17 +18,17 @@ A share is controlled by the same event of c, whose probability is known. A tria
 where the two differ, and that may be so rare that none did: with k of n the standard
 error is :math:`\sqrt{k + 1}/n`, above the binomial one.
 
-Control variates can be far sharper than a truncated prediction is good. A standard error
-below :math:`2 r / \sqrt n`, with r the prediction's remainder, is stated as that: then r
-is at most half of a trial's spread, as the gate asks (`simval.verdict.MAX_REMAINDER`),
-and chance stays the smaller part of what the row cannot see.
+Control variates can be far sharper than a truncated prediction is good. A standard
+error below :math:`2 r / \sqrt n`, with r the prediction's remainder, is stated as that:
+then r is at most half of a trial's spread, as the gate asks
+(`simval.verdict.MAX_REMAINDER`), and chance stays the smaller part of what is not seen.
 
 Known means are those of right noise, so these rows do not see a wrong generator. Beside
-them stand the plain rows, and the mean square of the noise that was drawn (`noise_row`).
+them stand the plain rows, and the mean square of the noise drawn (`noise_row`).
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -37,9 +37,9 @@ from simval.results import Row, plain
 from simval.shapes import Bool, Float
 from simval.statistics import CHI_SQUARE, NOISE_SQUARE
 
-STEP = 0.03
-"""Of the central differences, in standard deviations: truncation leaves STEP^2 / 6 of
-the third derivative, rounding 1e-16 / STEP of the error's own scale."""
+STEP = 1e-3
+"""Of the differences, in standard deviations: truncation leaves STEP / 2 of the second
+derivative, a thousandth of what is left to chance anyway."""
 
 Reduced = tuple[Array, Array]
 """A mean and its standard error."""
@@ -63,6 +63,15 @@ class Expanded:
     second: Float[Array, "t p"]
     covariance: Float[Array, "p p"]
     mean_second: Float[Array, " p"]
+
+    def take(self, part: slice) -> "Expanded":
+        """Some of the errors."""
+        return Expanded(
+            first=self.first[:, part],
+            second=self.second[:, part],
+            covariance=self.covariance[part, part],
+            mean_second=self.mean_second[part],
+        )
 
     def mean(self, error: Float[Array, "t p"]) -> Reduced:
         """Mean error by (E1)."""
@@ -103,11 +112,10 @@ class Expanded:
 
 
 def linearized(errors: Callable[[Array], Array], x: Float[Array, "t d"]) -> Expanded:
-    """First order alone of ``errors(x)``, (t, d) to (t, p), by central differences."""
+    """First order alone of ``errors(x)``, (t, d) to (t, p), by forward differences."""
     d = x.shape[1]
-    step = STEP * np.eye(d)
-    found = errors(np.concatenate([step, -step]))
-    slope = (found[:d] - found[d:]) / (2.0 * STEP)
+    found = errors(np.concatenate([np.zeros((1, d)), STEP * np.eye(d)]))
+    slope = (found[1:] - found[0]) / STEP
     first = x @ slope
     return Expanded(
         first=first,
@@ -118,7 +126,7 @@ def linearized(errors: Callable[[Array], Array], x: Float[Array, "t d"]) -> Expa
 
 
 def reduced_mean(
-    values: Float[Array, "t *m"], known: Float[Array, "t *m"], mean: Array | float
+    values: Float[Array, "t ..."], known: Float[Array, "t ..."], mean: Array | float
 ) -> Reduced:
     """Mean of a feature, by another one of the same trials whose mean is known."""
     difference = values - known
@@ -127,7 +135,7 @@ def reduced_mean(
 
 
 def reduced_share(
-    inside: Bool[Array, "t *m"], known: Bool[Array, "t *m"], mean: Array | float
+    inside: Bool[Array, "t ..."], known: Bool[Array, "t ..."], mean: Array | float
 ) -> Reduced:
     """Share of trials, by another event whose probability is known."""
     n = len(inside)
@@ -140,6 +148,31 @@ def stated(reduced: Reduced, remainder: Array | float, n: int) -> Reduced:
     """Give the standard error that is stated beside a prediction's remainder."""
     value, error = reduced
     return value, np.maximum(error, 2.0 * np.asarray(remainder) / np.sqrt(n))
+
+
+def beside(
+    rows: Sequence[Row], reduced: Sequence[Reduced], rounding: Array | float = 0.0
+) -> tuple[Row, ...]:
+    """Rows like these, sampled with control variates: the reduced means in their order.
+
+    `rounding` is what the estimator's own arithmetic may add, which plain samples
+    never see.
+    """
+    values = np.concatenate([np.ravel(value) for value, _ in reduced])
+    errors = np.concatenate([np.ravel(error) for _, error in reduced])
+    left = np.array([row.remainder for row in rows]) + rounding
+    values, errors = stated((values, errors), left, rows[0].n)
+    return tuple(
+        replace(
+            row,
+            statistic=row.statistic.control,
+            value=float(values[i]),
+            standard_error=float(errors[i]),
+            remainder=float(left[i]),
+            check="control",
+        )
+        for i, row in enumerate(rows)
+    )
 
 
 def noise_row(x: Float[Array, "t d"]) -> tuple[Row, ...]:

@@ -7,9 +7,9 @@ in units of :math:`\sigma^2/g^2`, is the ladder -3.5 (squared), -2 (norm), -1.5
 has its own number for each parameter.
 
 Trials come in antithetic pairs, noise and its negative: the mean of a pair has the
-bias but not the first-order error. What theory says of the first and second order of
-each trial is a control variate (`simval.studies.expanded`), so a bias of a thousandth of
-a standard deviation is measured. Such rows are ``control`` rows; the spread of the
+bias but not the first-order error. The first and second order of each trial are control
+variates (`simval.studies.expanded`), so a bias of a thousandth of a standard deviation
+is measured. Such rows are ``control`` rows; the spread of the
 single trials stands beside them as ``plain`` rows, with the Cramer-Rao bound and the
 efficiency.
 
@@ -23,6 +23,7 @@ from pydantic import Field
 
 from simval.arrays import Array
 from simval.calibrate import calibrate
+from simval.moments import Moments
 from simval.montecarlo import moments_of, simulate
 from simval.poses import fibonacci_sphere
 from simval.results import Outcome, Row, control, plain, unjudged
@@ -38,7 +39,14 @@ from simval.statistics import (
     SECOND_ORDER,
 )
 from simval.streams import Streams
-from simval.studies.expanded import Expanded, noise_row, reduced_mean, stated
+from simval.studies.expanded import (
+    Expanded,
+    Reduced,
+    beside,
+    noise_row,
+    reduced_mean,
+    stated,
+)
 from simval.studies.study import Cost, StudyParameters
 from simval.theory.calibration import CalibrationMoments, calibration_moments
 from simval.theory.calibration_expansion import calibration_expansion
@@ -118,16 +126,14 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         covariance=sigma**2 * expansion.slope @ expansion.slope.T,
         mean_second=sigma**2 * expansion.mean_second,
     )
-    sd = measured.sd
-    sd_error = np.diagonal(measured.covariance_error) / (2.0 * sd)
-    n = sums.samples
+    rows = _spread_rows(measured, predicted)
     return Outcome(
         rows=(
-            *noise_row(noise.reshape(n, -1) / sigma),
+            *noise_row(noise.reshape(len(noise), -1) / sigma),
             *_rung_rows(parameters, sensor, pairs, known, predicted),
             *_bias_rows(pairs, known, predicted),
-            *_spread_rows(sd, sd_error, n, predicted, False),
-            *_spread_rows(*known.mirrored_sd(pairs), n, predicted, True),
+            *rows,
+            *beside(rows, _spreads(*known.mirrored_sd(pairs), predicted)),
         )
     )
 
@@ -143,31 +149,29 @@ def _bias_rows(
     )  # fmt: skip
 
 
-def _spread_rows(
-    sd: Float[Array, "9"],
-    sd_error: Float[Array, "9"],
-    n: int,
-    predicted: CalibrationMoments,
-    controlled: bool,
-) -> tuple[Row, ...]:
-    """Standard deviations and efficiencies beside theory's."""
-    names = predicted.names
-    efficiency = np.diagonal(predicted.cramer_rao) / sd**2
-    spreads, shares = SD.each(names, UNITS), EFFICIENCY.each(names)
-    write = plain
-    if controlled:
-        spreads, shares = ([s.control for s in kind] for kind in (spreads, shares))
-        write = control
+def _spread_rows(measured: Moments, predicted: CalibrationMoments) -> tuple[Row, ...]:
+    n, names, sd = measured.samples, predicted.names, measured.sd
+    sd_error = np.diagonal(measured.covariance_error) / (2.0 * sd)
+    spread, efficiency = _spreads(sd, sd_error, predicted)
     return (
-        *write(
-            spreads, sd, sd_error, n, predicted.sd, FIRST_ORDER, predicted.sd_remainder
+        *plain(
+            SD.each(names, UNITS), *spread, n,
+            predicted.sd, FIRST_ORDER, predicted.sd_remainder,
         ),
-        *write(
-            shares, efficiency, 2.0 * efficiency * sd_error / sd, n,
+        *plain(
+            EFFICIENCY.each(names), *efficiency, n,
             predicted.efficiency, FIRST_ORDER,
             predicted.efficiency * predicted.variance_remainder,
         ),
     )  # fmt: skip
+
+
+def _spreads(
+    sd: Float[Array, "9"], sd_error: Float[Array, "9"], predicted: CalibrationMoments
+) -> tuple[Reduced, Reduced]:
+    """Standard deviations and the efficiencies that they mean."""
+    efficiency = (np.sqrt(np.diagonal(predicted.cramer_rao)) / sd) ** 2
+    return (sd, sd_error), (efficiency, 2.0 * efficiency * sd_error / sd)
 
 
 def _rung_rows(
