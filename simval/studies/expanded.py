@@ -29,20 +29,21 @@ them stand the plain rows, and the mean square of the noise drawn (`noise_row`).
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from simval.arrays import Array
 from simval.results import Row, plain
-from simval.shapes import Bool, Float
+from simval.shapes import Float, Shaped
 from simval.statistics import CHI_SQUARE, NOISE_SQUARE
 
 STEP = 1e-3
 """Of the differences, in standard deviations: truncation leaves STEP / 2 of the second
 derivative, a thousandth of what is left to chance anyway."""
 
-Reduced = tuple[Array, Array]
-"""A mean and its standard error."""
+Reduced = tuple[Any, Any]
+"""A mean and its standard error, numbers or arrays."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -135,7 +136,7 @@ def reduced_mean(
 
 
 def reduced_share(
-    inside: Bool[Array, "t ..."], known: Bool[Array, "t ..."], mean: Array | float
+    inside: Shaped[Array, "t ..."], known: Shaped[Array, "t ..."], mean: Array | float
 ) -> Reduced:
     """Share of trials, by another event whose probability is known."""
     n = len(inside)

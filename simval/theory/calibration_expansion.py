@@ -69,15 +69,16 @@ class Expansion:
     def second(self, noise: Float[Array, "t n 3"]) -> Float[Array, "t 9"]:
         """Second order of each draw, eq. (K6)."""
         first = self.first(noise)
-        c1 = np.einsum("nk,tnk->tn", self.along, noise) + first @ self.d.T
-        turned = np.einsum("njk,tnk->tnj", self.cross, noise)
-        bent = (first @ self.bend.reshape(-1, 9).T).reshape(len(first), -1, 9)
-        c2 = np.sum((noise @ self.quadric) * noise, axis=-1)
-        c2 += np.einsum("tnj,tj->tn", turned + 0.5 * bent, first)
-        a1 = np.einsum("nk,tnk->tn", self.a_along, noise) + first @ self.a_turn.T
-        total = (self.a * c2 + a1 * c1) @ self.d + c1**2 @ self.b
-        total += np.einsum("tn,tnj->tj", self.a * c1, turned + bent)
-        return -total @ self.inverse
+        by_pose = np.swapaxes(noise, 0, 1)  # (n, t, 3): a matrix product for each pose
+        c1 = (by_pose @ self.along[:, :, None])[..., 0] + self.d @ first.T
+        turned = by_pose @ np.swapaxes(self.cross, 1, 2)
+        bent = first @ np.swapaxes(self.bend, 1, 2)
+        c2 = np.vecdot(by_pose @ self.quadric, by_pose)
+        c2 += np.vecdot(turned + 0.5 * bent, first)
+        a1 = (by_pose @ self.a_along[:, :, None])[..., 0] + self.a_turn @ first.T
+        total = (self.a[:, None] * c2 + a1 * c1).T @ self.d + (c1**2).T @ self.b
+        change = (self.a[:, None] * c1)[..., None] * (turned + bent)
+        return -(total + change.sum(axis=0)) @ self.inverse
 
 
 def calibration_expansion(
