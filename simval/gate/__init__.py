@@ -10,6 +10,7 @@ from simval.gate.comparison import Comparison
 from simval.gate.finding import Finding, findings
 from simval.gate.headline import headline
 from simval.gate.judgement import Gap, GateResult, judge_run
+from simval.gate.samples import Spent, samples_spent
 
 __all__ = [
     "BASELINE",
@@ -17,9 +18,11 @@ __all__ = [
     "Finding",
     "Gap",
     "GateResult",
+    "Spent",
     "findings",
     "headline",
     "judge_run",
     "read_baseline",
+    "samples_spent",
     "write_baseline",
 ]

@@ -32,10 +32,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.results import Row, plain
-from simval.shapes import Float, Shaped
+from simval.shapes import Float
 from simval.statistics import CHI_SQUARE, NOISE_SQUARE
 
 STEP = 1e-3
@@ -136,7 +137,7 @@ def reduced_mean(
 
 
 def reduced_share(
-    inside: Shaped[Array, "t ..."], known: Shaped[Array, "t ..."], mean: Array | float
+    inside: NDArray[np.bool_], known: NDArray[np.bool_], mean: Array | float
 ) -> Reduced:
     """Share of trials, by another event whose probability is known."""
     n = len(inside)

@@ -41,6 +41,11 @@ def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> N
 @click.option("--all", "every", is_flag=True, help="Print each failure, not by kind.")
 @click.option("--table", is_flag=True, help="Print the counts of all checks.")
 @click.option(
+    "--samples",
+    is_flag=True,
+    help="Print the samples that the verdicts need, and those spent.",
+)
+@click.option(
     "--json-schema",
     is_flag=True,
     is_eager=True,
