@@ -30,8 +30,9 @@ CUBE = 0.01
 
 
 def errors(x):
-    """A linear, a quadratic and a cubic part, whose moments are known."""
-    return x @ A.T + np.einsum("ti,pij,tj->tp", x, H, x) + CUBE * (x @ A.T) ** 3
+    """A polynomial of degree four, whose moments are known."""
+    c = x @ A.T
+    return c + np.einsum("ti,pij,tj->tp", x, H, x) + CUBE * c**3 + 1e-3 * c**4
 
 
 def moments():
@@ -67,38 +68,39 @@ def reductions(x, wrong):
     }
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("wrong", [0.0, 0.3])
 def test_whatever_the_expansion_the_moments_are_right_and_their_errors_honest(wrong):
-    """1000 fresh runs of 256 trials: 5 % of the scores are beyond 1.96."""
+    """Fresh runs of 1280 trials: 5 % of the scores are beyond 1.96, up to 8 if skewed.
+
+    What is left of a square is of fourth degree in the noise, with a skewness of ten.
+    """
     mean, sd, square = moments()
     truth = {"mean": mean, "sd": sd, "square": square, "linear": mean}
     truth |= {"mirrored mean": mean, "mirrored sd": sd}
-    rng, runs = np.random.default_rng(19), 1000
+    rng, runs = np.random.default_rng(19), 400
     beyond = {name: np.zeros(np.shape(truth[name])) for name in truth}
     total = {name: np.zeros(np.shape(truth[name])) for name in truth}
     for _ in range(runs):
-        for name, (value, error) in reductions(
-            rng.standard_normal((256, 3)), wrong
-        ).items():
+        found = reductions(rng.standard_normal((1280, 3)), wrong)
+        for name, (value, error) in found.items():
             score = (value - truth[name]) / error
             beyond[name] += np.abs(score) > 1.96
             total[name] += score
-    # two-sided, 11 entries in 2 tests: 1e-4 together. The rate itself is 5 % and up to
-    # 1.5 % more or less for skewed means of 256
+    # 11 entries in 2 tests, two sides: 1e-4 together
+    low, high = stats.binom.ppf(2e-6, runs, 0.05), stats.binom.isf(2e-6, runs, 0.08)
+    assert high < runs * 0.19  # power: errors two thirds of the true ones give 19 %
     for name in truth:
-        low, high = (
-            stats.binom.ppf(q, runs, p) for q, p in ((5e-6, 0.035), (1 - 5e-6, 0.065))
-        )
         assert np.all((beyond[name] >= low) & (beyond[name] <= high)), name
-        # a score's mean is 0, but for the skewness of its own standard error: 0.15
-        assert np.all(np.abs(total[name]) < 0.15 * runs + 4.4 * np.sqrt(runs)), name
+        # a bias of the score by the skewness of its own standard error: 10/(2 sqrt n)
+        assert np.all(np.abs(total[name]) < 0.14 * runs + 4.8 * np.sqrt(runs)), name
 
 
 def test_a_wrong_mean_of_the_control_is_seen():
-    """Power: half a per cent of the known covariance is 20 standard errors."""
+    """Power: a fifth of the known covariance is 16 standard errors."""
     x = np.random.default_rng(3).standard_normal((4096, 3))
     known = expanded(x)
-    off = replace(known, covariance=1.005 * known.covariance)
+    off = replace(known, covariance=1.2 * known.covariance)
     right, error = known.weighted_square(errors(x), np.eye(2))
     assert abs(right - moments()[2]) < 4.4 * error
     assert abs(off.weighted_square(errors(x), np.eye(2))[0] - moments()[2]) > 10 * error
@@ -135,8 +137,8 @@ def test_the_noise_is_judged_by_itself():
     (row,), (off,) = noise_row(x), noise_row(1.01 * x)
     assert abs(row.value - 1.0) < 4.0 * row.standard_error
     assert (off.value - 1.0) / off.standard_error > 4.0
-    assert np.isclose(row.standard_error, np.std(np.mean(x * x, axis=1)) / 1280**0.5,
-                      rtol=0.1)  # 5 standard errors of a standard deviation  # fmt: skip
+    spread = np.std(np.mean(x * x, axis=1)) / 1280**0.5
+    assert np.isclose(row.standard_error, spread, rtol=0.1)  # known to 2 %
 
 
 def test_rows_beside_keep_what_they_are_judged_against():
@@ -217,7 +219,7 @@ def scores(rows):
 
 def test_control_rows_see_a_bias_that_plain_rows_cannot(monkeypatch):
     """Without its second-order bias, theory is rejected by the control rows alone."""
-    parameters = calibration.Parameters(poses=12, noise_std=0.1, trials=1024)
+    parameters = calibration.Parameters(poses=12, noise_std=0.1, trials=256)
     assert scores(calibration.run(parameters, Streams(1, (0,))).rows).max() < 4.9
     right = calibration.calibration_moments
 
@@ -232,7 +234,7 @@ def test_control_rows_see_a_bias_that_plain_rows_cannot(monkeypatch):
     assert max(abs(r.value - r.prediction) / r.standard_error for r in plain_rows) < 4.9
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_fresh_seeds_of_the_calibration_study_are_not_rejected():
     """60 fresh seeds, 19 control rows each: at 1e-3 a row, 1.1 are expected."""
     parameters = calibration.Parameters(poses=12, noise_std=0.1, trials=256)
