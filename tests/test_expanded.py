@@ -142,13 +142,16 @@ def test_the_noise_is_judged_by_itself():
 
 
 def test_rows_beside_keep_what_they_are_judged_against():
-    rows = plain(BIAS.each("ab"), (1.0, 2.0), 0.5, 400, (1.1, 2.1), SECOND_ORDER, 0.1)
-    found = beside(rows, [(np.array([1.2, 2.2]), np.array([1e-3, 0.02]))])
+    given = 0.5, 400, (0.11, 2.1), SECOND_ORDER, 0.1
+    rows = plain(BIAS.each("ab"), (1.0, 2.0), *given)
+    found = beside(rows, [(np.array([1.2, 2.2]), np.array([1e-3, 2e-3]))])
     assert [row.statistic for row in found] == [row.statistic.control for row in rows]
-    assert [row.prediction for row in found] == [1.1, 2.1]
+    assert [row.prediction for row in found] == [0.11, 2.1]
     assert {row.check for row in found} == {"control"}
-    # one is stated as 2 r / sqrt n, the other is above that
-    assert [row.standard_error for row in found] == [0.01, 0.02]
+    # a remainder above half of its prediction: stated as 2 r / sqrt n
+    assert np.isclose(found[0].standard_error, 0.01, rtol=2e-9)
+    assert found[1].standard_error == 2e-3
+    assert found[0].remainder <= 0.5 * found[0].standard_error * 400**0.5
 
 
 @pytest.mark.parametrize("residual", ladder.RUNGS)

@@ -19,7 +19,8 @@ where the two differ, and that may be so rare that none did: with k of n the sta
 error is :math:`\sqrt{k + 1}/n`, above the binomial one.
 
 Control variates can be far sharper than a truncated prediction is good. A standard
-error below :math:`2 r / \sqrt n`, with r the prediction's remainder, is stated as that:
+error below :math:`2 r / \sqrt n`, with r a remainder above half of its prediction, is
+stated as that:
 then r is at most half of a trial's spread, as the gate asks
 (`simval.verdict.MAX_REMAINDER`), and chance stays the smaller part of what is not seen.
 
@@ -42,6 +43,9 @@ from simval.statistics import CHI_SQUARE, NOISE_SQUARE
 STEP = 1e-3
 """Of the differences, in standard deviations: truncation leaves STEP / 2 of the second
 derivative, a thousandth of what is left to chance anyway."""
+
+WIDER = 2.0 + 1e-9
+"""Over `simval.verdict.MAX_REMAINDER`'s inverse by what rounding may take away."""
 
 Reduced = tuple[Any, Any]
 """A mean and its standard error, numbers or arrays."""
@@ -146,10 +150,14 @@ def reduced_share(
     return difference + mean, np.sqrt(apart + 1.0) / n
 
 
-def stated(reduced: Reduced, remainder: Array | float, n: int) -> Reduced:
-    """Give the standard error that is stated beside a prediction's remainder."""
+def stated(
+    reduced: Reduced, prediction: Array | float, remainder: Array | float, n: int
+) -> Reduced:
+    """Give the standard error that is stated beside a prediction and its remainder."""
     value, error = reduced
-    return value, np.maximum(error, 2.0 * np.asarray(remainder) / np.sqrt(n))
+    least = WIDER * np.asarray(remainder) / np.sqrt(n)
+    small = np.asarray(remainder) > 0.5 * np.abs(prediction)
+    return value, np.where(small, np.maximum(error, least), error)
 
 
 def beside(
@@ -163,7 +171,8 @@ def beside(
     values = np.concatenate([np.ravel(value) for value, _ in reduced])
     errors = np.concatenate([np.ravel(error) for _, error in reduced])
     left = np.array([row.remainder for row in rows]) + rounding
-    values, errors = stated((values, errors), left, rows[0].n)
+    expected = np.array([row.prediction for row in rows], dtype=float)
+    values, errors = stated((values, errors), expected, left, rows[0].n)
     return tuple(
         replace(
             row,

@@ -144,7 +144,7 @@ def _bias_rows(
     n, left = pairs.shape[1], predicted.bias_remainder
     return control(
         BIAS.each(predicted.names, UNITS),
-        *stated(known.mirrored_mean(pairs), left, n), n,
+        *stated(known.mirrored_mean(pairs), predicted.bias, left, n), n,
         predicted.bias, SECOND_ORDER, left,
     )  # fmt: skip
 
@@ -193,7 +193,7 @@ def _rung_rows(
     found = reduced_mean(
         rung(pairs.mean(axis=0)), rung(known.second), rung(known.mean_second)
     )
-    found = stated(found, left_out, samples)
+    found = stated(found, expected, left_out, samples)
     rows = control(SCALE_BIAS(), *found, samples, expected, SECOND_ORDER, left_out)
     if parameters.scale_spread == 0.0:  # the ladder is that of an ideal sensor
         many = RUNGS[parameters.residual]
