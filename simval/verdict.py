@@ -92,6 +92,18 @@ class Verdict:
     # the greatest difference allowed
     limit: float = float("nan")
     reason: str = ""  # why it is not a pass
+    # of a sampling row: what would be seen beyond the remainder, eq. (V2), and the
+    # practical margin that it must not exceed
+    detectable: float = float("nan")
+    margin: float = float("nan")
+
+    @property
+    def samples_needed(self) -> float:
+        """Samples for which what would be seen is just the margin; NaN if not sampled.
+
+        As if Student's t kept its degrees of freedom, so somewhat few far below `n`.
+        """
+        return self.row.n * (self.detectable / self.margin) ** 2
 
     @property
     def sigmas(self) -> float:
@@ -252,4 +264,6 @@ def _sampled(cell: CellName, row: Row, p: float, limit: float, tail: float) -> V
         p_value=p,
         limit=limit,
         reason=reason,
+        detectable=detectable,
+        margin=margin,
     )

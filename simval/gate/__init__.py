@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from simval.gate.finding import Finding, findings
     from simval.gate.headline import headline
     from simval.gate.judgement import Gap, GateResult, judge_run
+    from simval.gate.samples import Spent, samples_spent
 else:
     present(__name__, __file__)
 
@@ -24,9 +25,11 @@ __all__ = [
     "Finding",
     "Gap",
     "GateResult",
+    "Spent",
     "findings",
     "headline",
     "judge_run",
     "read_baseline",
+    "samples_spent",
     "write_baseline",
 ]

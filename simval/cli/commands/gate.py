@@ -56,6 +56,11 @@ def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> N
     "--table", is_flag=True, help="Print how many checks of each kind passed."
 )
 @click.option(
+    "--samples",
+    is_flag=True,
+    help="Print the samples that the verdicts need, and those spent.",
+)
+@click.option(
     "--json-schema",
     is_flag=True,
     is_eager=True,
