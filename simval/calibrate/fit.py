@@ -6,14 +6,13 @@ scaled back. Trials are worked in blocks that fit the cache; a trial's numbers d
 depend on its block.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 
 from simval.arrays import Array
-from simval.calibrate import checks, objective
+from simval.calibrate import checks
 from simval.calibrate.arguments import (
     CONDITION_LIMIT,
     Options,
@@ -22,7 +21,9 @@ from simval.calibrate.arguments import (
 )
 from simval.calibrate.evidence import weigh
 from simval.calibrate.frame import direction_condition, normalized
+from simval.calibrate.leverage import minimize_moments
 from simval.calibrate.moments import moment_matrix, unbiased_moment_matrix
+from simval.calibrate.objective import pose_objective
 from simval.calibrate.outliers import find_outliers
 from simval.calibrate.residuals import SLOPES, noise_shares
 from simval.calibrate.result import FitResult
@@ -143,8 +144,7 @@ def calibrate(
             condition=float(numbers["condition"][0]), half_width=float(half_width[0]),
             suspects=_suspects(batch[0], sigma, options),
         )  # fmt: skip
-    ends = batch.min(axis=1), batch.max(axis=1)
-    numbers |= {"status": checks.status_text(code), "raw_range": np.stack(ends, -1)}
+    numbers["status"] = checks.status_text(code)
     if single:
         numbers = {name: value[0] for name, value in numbers.items()}
     dof = count - PARAMETERS
@@ -190,6 +190,8 @@ def _fit_block(
     # Fit a block of trials, refused ones set aside.
     code = checks.screen(poses, full_scale=options.full_scale, repeats=options.repeats)
     block = _empty(code, len(poses))
+    rows = np.ascontiguousarray(np.swapaxes(poses, -1, -2))
+    block["raw_range"] = np.stack([rows.min(axis=-1), rows.max(axis=-1)], axis=-1)
     # repeated poses are looked at as well: what they leave open says more
     keep = np.flatnonzero((code == Code.CONVERGED) | (code == Code.DUPLICATES))
     if keep.size == 0:
@@ -260,9 +262,9 @@ def _solve(block: _Block, keep: Any, data: _Data, options: Options) -> None:
     block["iterations"][keep] = solution.iterations
     block["parameters"][keep] = solution.theta * sizes
     block["parameters"][keep, 6:] += data.centre
-    block["covariance"][keep] = (
-        summary.covariance * sizes[:, :, None] * sizes[:, None, :]
-    )
+    if options.covariance:
+        units = sizes[:, :, None] * sizes[:, None, :]
+        block["covariance"][keep] = summary.covariance * units
     unit = {"squared": options.g**4, "adjusted": options.g**4, "norm": options.g**2}
     block["cost"][keep] = summary.cost * unit.get(options.residual, data.scale**2)
     block["rms"][keep] = summary.rms * options.g
@@ -281,21 +283,19 @@ def _iterate(
     z, noise, theta, shares = data.z, data.noise, data.theta, data.shares
     if noise is not None and shares is not None:
         noise = noise * np.sqrt(shares)
-    newton = rules.method == "newton"
     slack = _SLACK * float(np.finfo(float).eps) * z.shape[1]
-    goal: Callable[[Array, Any], Any]
     if options.loss != "linear" or residual == "weighted":
         return minimize_reweighted(
             model, residual, options.loss, z, theta, noise, rules, slack, shares
         )
     if residual in SLOPES:
-        goal = objective.pose_objective(model, residual, z, shares, newton=newton)
-    else:
-        moments = data.moments
-        if residual == "adjusted" and noise is not None:
-            moments = unbiased_moment_matrix(z, noise)
-        goal = objective.moment_objective(model, moments, newton=newton)
-    return minimize(goal, theta, rules, slack), None
+        newton = rules.method == "newton"
+        goal = pose_objective(model, residual, z, shares, newton=newton)
+        return minimize(goal, theta, rules, slack), None
+    moments = data.moments
+    if residual == "adjusted" and noise is not None:
+        moments = unbiased_moment_matrix(z, noise)
+    return minimize_moments(model, moments, theta, rules, slack), None
 
 
 def _empty(code: Any, count: int) -> _Block:

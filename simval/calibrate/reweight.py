@@ -11,10 +11,10 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.calibrate import quadric
+from simval.calibrate.leverage import minimize_moments
 from simval.calibrate.moments import moment_matrix
-from simval.calibrate.objective import moment_objective
 from simval.calibrate.residuals import LOSSES
-from simval.calibrate.solver import Code, Rules, Solution, minimize
+from simval.calibrate.solver import Code, Rules, Solution
 from simval.shapes import Float
 
 _ROUNDS = 200  # then `max iterations`; like the default of `max_iterations`
@@ -51,12 +51,8 @@ def minimize_reweighted(
                 scale[rows] = _scale(distance, noise, rows)
             ratios[rows] = distance / (LOSSES[loss].tuning * scale[rows])[:, None]
             weights = weights * LOSSES[loss].weight(ratios[rows])
-        goal = moment_objective(
-            model,
-            moment_matrix(x, weights),
-            newton=rules.method == "newton",
-        )
-        inner = minimize(goal, result[rows], rules, slack * weights.max(axis=-1))
+        moments = moment_matrix(x, weights)
+        inner = minimize_moments(model, moments, result[rows], rules, slack)
         middle = np.maximum(np.abs(inner.theta + result[rows]) / 2.0, 1.0)
         size = np.max(np.abs(inner.theta - result[rows]) / middle, axis=-1)
         result[rows], gradient[rows] = inner.theta, inner.gradient_norm
