@@ -21,8 +21,8 @@ from simval.calibrate.arguments import (
 )
 from simval.calibrate.evidence import weigh
 from simval.calibrate.frame import direction_condition, normalized
-from simval.calibrate.leverage import minimize_moments
-from simval.calibrate.moments import moment_matrix, unbiased_moment_matrix
+from simval.calibrate.leverage import Leverage, minimize_leverage
+from simval.calibrate.moments import in_lanes, moment_matrix, unbiased_moment_matrix
 from simval.calibrate.objective import pose_objective
 from simval.calibrate.outliers import find_outliers
 from simval.calibrate.residuals import SLOPES, noise_shares
@@ -190,8 +190,8 @@ def _fit_block(
     # Fit a block of trials, refused ones set aside.
     code = checks.screen(poses, full_scale=options.full_scale, repeats=options.repeats)
     block = _empty(code, len(poses))
-    rows = np.ascontiguousarray(np.swapaxes(poses, -1, -2))
-    block["raw_range"] = np.stack([rows.min(axis=-1), rows.max(axis=-1)], axis=-1)
+    rows = in_lanes(poses)
+    block["raw_range"] = np.stack([rows.min(axis=0), rows.max(axis=0)]).T
     # repeated poses are looked at as well: what they leave open says more
     keep = np.flatnonzero((code == Code.CONVERGED) | (code == Code.DUPLICATES))
     if keep.size == 0:
@@ -212,7 +212,7 @@ def _fit_block(
     if not good.any():
         return block
     data = _Data(
-        z=z, moments=moments, noise=None if sigma is None else sigma / scale[:, None],
+        z=z, moments=moments, leverage=ellipsoid.leverage, noise=None if sigma is None else sigma / scale[:, None],
         shares=noise_shares(options.residual, sigma), theta=theta, centre=centre,
         scale=scale, condition=condition, stretch=stretch,
     )  # fmt: skip
@@ -227,6 +227,7 @@ class _Data:
     # the trials that are fitted, one row each, in the scaled units of the fit
     z: Float[Array, "t n 3"]  # (t, n, 3)
     moments: Float[Array, "t 10 10"]  # (t, 10, 10)
+    leverage: Leverage
     noise: Float[Array, "t n"] | None  # (t, n)
     shares: Float[Array, " n"] | None  # (n,), as of `noise_shares`
     theta: Float[Array, "t 9"]  # starts
@@ -238,7 +239,9 @@ class _Data:
     def take(self, rows: Any) -> "_Data":
         every: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(_Data)}
         del every["shares"]
-        return replace(self, **{k: v[rows] for k, v in every.items() if np.ndim(v) > 0})
+        leverage = every.pop("leverage").take(rows)
+        taken = {k: v[rows] for k, v in every.items() if v is not None}
+        return replace(self, leverage=leverage, **taken)
 
 
 def _solve(block: _Block, keep: Any, data: _Data, options: Options) -> None:
@@ -292,10 +295,10 @@ def _iterate(
         newton = rules.method == "newton"
         goal = pose_objective(model, residual, z, shares, newton=newton)
         return minimize(goal, theta, rules, slack), None
-    moments = data.moments
+    leverage = data.leverage
     if residual == "adjusted" and noise is not None:
-        moments = unbiased_moment_matrix(z, noise)
-    return minimize_moments(model, moments, theta, rules, slack), None
+        leverage = Leverage.of(unbiased_moment_matrix(z, noise))
+    return minimize_leverage(model, leverage, theta, rules, slack), None
 
 
 def _empty(code: Any, count: int) -> _Block:

@@ -6,7 +6,7 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.calibrate.moments import PAIRS, in_lanes, monomials
-from simval.calibrate.positive import factorize
+from simval.calibrate.positive import factorize, trace
 from simval.poses import cube_corners, cube_edges, cube_faces
 from simval.sensor import forms
 from simval.shapes import Float
@@ -54,13 +54,14 @@ def direction_condition(
         usable[:, None], theta, forms.from_gram(model, np.eye(3), np.zeros(3))
     )
     change = _corrected_monomials(model, safe)
-    normal = in_lanes(change @ moments @ np.swapaxes(change, -1, -2))
-    factors = factorize(normal)
-    root = factors.root()
-    forward, back = _total(normal[range(9), range(9)]), _total(root * root)
+    normal = change @ moments @ np.swapaxes(change, -1, -2)
+    factors = factorize(in_lanes(normal))
+    root = np.moveaxis(factors.root(), -1, 0).copy()
+    flat = root.reshape(len(root), -1)
     good = usable & (factors.pivot > 0.0)
-    condition = np.sqrt(forward * np.where(good, back, 1.0)) / 9.0
-    seen = _SCALES @ np.moveaxis(root[:, :6], -1, 0).swapaxes(-1, -2).copy()
+    back = np.where(good, np.vecdot(flat, flat), 1.0)
+    condition = np.sqrt(trace(normal) * back) / 9.0
+    seen = _SCALES @ np.swapaxes(root[:, :, :6], -1, -2)
     stretch = np.vecdot(seen, seen).max(axis=-1) / 4.0
     return np.where(good, condition, np.inf), np.where(good, stretch, np.inf)
 
@@ -83,10 +84,3 @@ def _corrected_monomials(model: str, theta: Float[Array, "t 9"]) -> Float[Array,
     result[6:, 6:] = rows
     return np.moveaxis(result, -1, 0).copy()
 
-
-def _total(values: Float[Array, "... t"]) -> Float[Array, " t"]:
-    # summed in the same order for every size of batch
-    total = np.zeros(values.shape[-1])
-    for row in values.reshape(-1, values.shape[-1]):
-        total += row
-    return total

@@ -39,15 +39,14 @@ from simval.sensor import forms
 from simval.shapes import Float
 
 
-def minimize_moments(
+def minimize_leverage(
     model: str,
-    moments: Float[Array, "t 10 10"],
+    leverage: "Leverage",
     theta: Float[Array, "t 9"],
     rules: Rules,
     slack: float,
 ) -> Solution:
     """Minimise v'Gv over the ellipsoids, from the centre of the given one."""
-    leverage = Leverage.of(moments)
 
     def objective(bias: Array, rows: Any) -> Local:
         few = leverage if rows.size == len(theta) else leverage.take(rows)

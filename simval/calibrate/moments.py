@@ -51,13 +51,13 @@ def moment_matrix(
     z: Float[Array, "t n 3"], weights: Float[Array, "t n"] | None = None
 ) -> Float[Array, "t 10 10"]:
     """Moment matrix G of the monomials, eq. (Q2)."""
-    total = np.zeros((z.shape[0], 10, 10))
+    total: Array | float = 0.0
     for start in range(0, z.shape[1], CHUNK):
         part = slice(start, start + CHUNK)
         m = _monomial_rows(z[:, part])
         right = m if weights is None else m * weights[:, None, part]
-        total += m @ np.swapaxes(right, -1, -2)
-    return total
+        total = total + m @ np.swapaxes(right, -1, -2)
+    return np.asarray(total)
 
 
 def _monomial_rows(z: Float[Array, "t n 3"]) -> Float[Array, "t 10 n"]:

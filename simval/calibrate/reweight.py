@@ -11,7 +11,7 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.calibrate import quadric
-from simval.calibrate.leverage import minimize_moments
+from simval.calibrate.leverage import Leverage, minimize_leverage
 from simval.calibrate.moments import moment_matrix
 from simval.calibrate.residuals import LOSSES
 from simval.calibrate.solver import Code, Rules, Solution
@@ -51,8 +51,8 @@ def minimize_reweighted(
                 scale[rows] = _scale(distance, noise, rows)
             ratios[rows] = distance / (LOSSES[loss].tuning * scale[rows])[:, None]
             weights = weights * LOSSES[loss].weight(ratios[rows])
-        moments = moment_matrix(x, weights)
-        inner = minimize_moments(model, moments, result[rows], rules, slack)
+        leverage = Leverage.of(moment_matrix(x, weights))
+        inner = minimize_leverage(model, leverage, result[rows], rules, slack)
         middle = np.maximum(np.abs(inner.theta + result[rows]) / 2.0, 1.0)
         size = np.max(np.abs(inner.theta - result[rows]) / middle, axis=-1)
         result[rows], gradient[rows] = inner.theta, inner.gradient_norm

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array
+from simval.calibrate.leverage import Leverage
 from simval.calibrate.moments import in_lanes, quadratic
 from simval.calibrate.positive import factorize
 from simval.shapes import Float
@@ -28,6 +29,7 @@ class Ellipsoid:
 
     gram: Float[Array, "t 3 3"]  # A = M'M; NaN where the poses do not fix an ellipsoid
     bias: Float[Array, "t 3"]  # its centre
+    leverage: Leverage  # of the same moments
     # whether the nine monomials of the poses have full rank, (t,) of bool
     determined: Any
     proper: Any  # whether the quadric is an ellipsoid, (t,) of bool
@@ -35,9 +37,8 @@ class Ellipsoid:
 
 def fit_ellipsoid(moments: Float[Array, "t 10 10"]) -> Ellipsoid:
     """Linear least squares of eq. (E1) from the moment matrices."""
-    m = in_lanes(moments)
-    nine = factorize(m[:9, :9])
-    p = nine.solve(m[:9, 9:])[:, 0]
+    leverage = Leverage.of(moments)
+    p = leverage.start
     gram = in_lanes(quadratic(p.T))
     three = factorize(gram)
     bias = three.solve(p[6:, None] / -2.0)[:, 0]
@@ -47,6 +48,7 @@ def fit_ellipsoid(moments: Float[Array, "t 10 10"]) -> Ellipsoid:
     return Ellipsoid(
         gram=np.ascontiguousarray(np.moveaxis(gram, -1, 0)),
         bias=bias.T.copy(),
-        determined=nine.pivot > _LEAST_PIVOT,
+        leverage=leverage,
+        determined=leverage.factors.pivot > _LEAST_PIVOT,
         proper=three.pivot > 0.0,  # the level is then 1 or more
     )
