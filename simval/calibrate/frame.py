@@ -66,7 +66,9 @@ def direction_condition(
     return np.where(good, condition, np.inf), np.where(good, stretch, np.inf)
 
 
-def _corrected_monomials(model: str, theta: Float[Array, "t 9"]) -> Float[Array, "t 9 10"]:
+def _corrected_monomials(
+    model: str, theta: Float[Array, "t 9"]
+) -> Float[Array, "t 9 10"]:
     # the matrix that takes the monomials of a reading to those of M (y - b)
     rows = np.zeros((3, 4, len(theta)))  # u = rows (y, 1)
     rows[:, :3] = np.moveaxis(forms.matrix(model, theta), 0, -1)
@@ -83,4 +85,3 @@ def _corrected_monomials(model: str, theta: Float[Array, "t 9"]) -> Float[Array,
     result[:6, 9] = both[:, 3, 3]
     result[6:, 6:] = rows
     return np.moveaxis(result, -1, 0).copy()
-

@@ -54,7 +54,8 @@ def minimize_leverage(
 
     found = minimize(objective, theta[:, 6:], rules, slack)
     result = forms.from_gram(model, leverage.gram(found.theta), found.theta)
-    lost = ~np.isfinite(result).all(axis=-1)  # not an ellipsoid's
+    # not an ellipsoid's
+    lost = ~np.asarray(np.isfinite(result).all(axis=-1), dtype=bool)
     converged = found.code == Code.CONVERGED
     return replace(
         found,
@@ -95,21 +96,25 @@ class Leverage:
         two_a = _twice_quadratic(v)
         slope = _product(two_a, b) + v[6:]  # half of -psi'
         normal = two_a / (psi * psi)
-        hessian = normal
-        if newton:
-            by_b = _monomial_slopes(b)
-            bent = _inner(by_b, self.start_cost * self.factors.solve(by_b))
-            tilt = _inner(by_b, self.start[:, None])[:, 0]
-            bent += tilt[:, None] * tilt
-            bent -= 4.0 * slope[:, None] * slope / psi
-            hessian = normal - bent / (psi * psi)
-        normal = _first(normal)
+        matrix = _first(normal)
+        bent = self._bend(b, slope, psi) if newton else None
         return Local(
             cost=np.where(_is_positive(two_a), 0.5 / psi, np.inf),
             gradient=_first(slope / (psi * psi)),
-            normal=normal,
-            hessian=_first(hessian) if newton else normal,
+            normal=matrix,
+            hessian=matrix if bent is None else matrix - _first(bent),
         )
+
+    def _bend(
+        self, b: Float[Array, "3 t"], slope: Float[Array, "3 t"], psi: Array
+    ) -> Float[Array, "3 3 t"]:
+        # what the second derivatives of 1/2 psi fall short of the matrix (H3)
+        by_b = _monomial_slopes(b)
+        bent = _inner(by_b, self.start_cost * self.factors.solve(by_b))
+        tilt = _inner(by_b, self.start[:, None])[:, 0]
+        bent += tilt[:, None] * tilt
+        bent -= 4.0 * slope[:, None] * slope / psi
+        return np.asarray(bent / (psi * psi))
 
     def gram(self, bias: Float[Array, "t 3"]) -> Float[Array, "t 3 3"]:
         """A = M'M of the ellipsoid of eq. (H1) about its centre."""
