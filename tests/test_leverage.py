@@ -46,7 +46,7 @@ def local(z, b, *, newton):
 
 
 def test_the_least_cost_of_quadrics_that_are_minus_one_at_a_point():
-    """Eq. (H1): the point as one more row of great weight, and the poses as they are."""
+    """Eq. (H1), by least squares over the poses in the null space of m(b)."""
     z = readings(20, 0.05)
     rows, at = monomials(z), monomials(CENTRE)
     leverage = Leverage.of(moment_matrix(z[None]))

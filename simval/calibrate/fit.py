@@ -212,7 +212,8 @@ def _fit_block(
     if not good.any():
         return block
     data = _Data(
-        z=z, moments=moments, leverage=ellipsoid.leverage, noise=None if sigma is None else sigma / scale[:, None],
+        z=z, moments=moments, leverage=ellipsoid.leverage,
+        noise=None if sigma is None else sigma / scale[:, None],
         shares=noise_shares(options.residual, sigma), theta=theta, centre=centre,
         scale=scale, condition=condition, stretch=stretch,
     )  # fmt: skip

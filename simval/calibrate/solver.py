@@ -1,8 +1,9 @@
 r"""Levenberg-Marquardt, damped Gauss-Newton and Newton for a batch of trials.
 
-The three methods of the sources share one loop; they differ in the matrix of the
-step (:math:`J^TJ + \mu I`, :math:`J^TJ`, the full Hessian) and in what is done when
-a step would raise the cost (more :math:`\mu`, a shorter step).
+The three methods of the sources share one loop, over nine parameters or, where the
+residual is a form in the moments, over the centre alone (`leverage`); they differ in
+the matrix of the step (:math:`J^TJ + \mu I`, :math:`J^TJ`, the full Hessian) and in
+what is done when a step would raise the cost (more :math:`\mu`, a shorter step).
 
 The stop rule is the symmetric Gauss-Newton derivation's, largest
 :math:`|2 (X_k - X_{k-1}) / (X_k + X_{k-1})|` below a tolerance, made safe where a
