@@ -121,7 +121,7 @@ def _calibrator() -> list[Fault]:
     return [
         calibrator("wrong g", wrapped(calibration, "calibrate", wrong_g)),
         calibrator("a pose left out", wrapped(calibration, "calibrate", dropped)),
-        # within a fraction of a standard error of the answer: only paired noise shows it
+        # within a fraction of a standard error: only paired noise shows it
         calibrator(
             "the closed-form start taken for the answer",
             wrapped(Leverage, "_best", unimproved),
