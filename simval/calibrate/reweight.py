@@ -19,6 +19,7 @@ from simval.shapes import Float
 
 _ROUNDS = 200  # then `max iterations`; like the default of `max_iterations`
 _SCALE_ROUNDS = 10  # then the scale is held, so that the rounds have a fixed point
+_ROUNDING_FLOOR = 1e-9  # below it a round that moves no less than the last is rounding
 _GAUSS_MAD = 1.4826  # standard deviation over median absolute one, Gaussian
 
 
@@ -39,7 +40,7 @@ def minimize_reweighted(
     code = np.full(count, int(Code.MAX_ITERATIONS))
     iterations = np.zeros(count, dtype=int)
     ratios = np.zeros(z.shape[:2])
-    scale = np.full(count, np.nan)
+    scale, last = np.full(count, np.nan), np.full(count, np.inf)
     rows = np.arange(count)
     for turn in range(_ROUNDS):
         x = z[rows]
@@ -60,6 +61,8 @@ def minimize_reweighted(
         failed = inner.code != Code.CONVERGED
         code[rows[failed]] = inner.code[failed]
         settled = size <= max(rules.tolerance, 1e-13)  # below is rounding
+        settled |= (size <= _ROUNDING_FLOOR) & (size >= last[rows])
+        last[rows] = size
         if loss != "linear":
             settled &= turn >= _SCALE_ROUNDS
         code[rows[settled & ~failed]] = int(Code.CONVERGED)
