@@ -59,6 +59,7 @@ def part(family: Family, name: str, predictor: str) -> Measure:
             if row.predictor == predictor
             and row.statistic.family == family
             and row.statistic.entries[0].startswith(letters)
+            and not row.statistic.controlled
         ]
         if not rows or any(row.prediction is None for row in rows):
             return None

@@ -65,7 +65,11 @@ def section(context: Context) -> Section | None:
 
 
 def _rows(cell: CellResult) -> list[Row]:
-    return [r for r in cell.rows if r.statistic.family == VARIANCE_OVER_BOUND]
+    return [
+        row
+        for row in cell.rows
+        if row.statistic.family == VARIANCE_OVER_BOUND and not row.statistic.controlled
+    ]
 
 
 def _cost(cells: Sequence[CellResult]) -> str:
