@@ -120,7 +120,8 @@ def _drawable(panel: Panel) -> Panel:
     """Leave out points that cannot be on the axes; without data axes are linear."""
     series = []
     for s in panel.series:
-        top = s.y if s.line or s.band is None else s.y + s.band  # of an upper limit
+        with np.errstate(over="ignore", invalid="ignore"):  # such are left out
+            top = s.y if s.line or s.band is None else s.y + s.band  # an upper limit
         good = near(s.x) & near(s.y) & near(top)
         good &= (s.x > 0.0) | (not panel.log_x)
         good &= (top > 0.0) | (not panel.log_y)
