@@ -32,7 +32,7 @@ def believes(**factors):
     return replace(own, name="mine", make=make)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("factors", "code", "words"),
     [
@@ -79,7 +79,7 @@ def test_the_fixture_judges_a_filter(pytester):
     assert "Traceback" not in said
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_users_filter_through_a_sweep(simval, tmp_path):
     suite = tmp_path / "mine.toml"
     shutil.copy(ROOT / "docs" / "examples" / "complementary.py", tmp_path)

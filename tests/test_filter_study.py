@@ -195,7 +195,7 @@ def test_headings_of_a_filter_without_a_compass_count_from_its_first():
     assert shifted.shifted
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_reference_filter_stays_in_the_world_that_it_declares():
     plugin = find_plugin(study.REFERENCE, Filter)
     (cell,) = cells(seconds=8.0)

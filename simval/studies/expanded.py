@@ -103,10 +103,11 @@ class Expanded:
         # what its own variance adds, as in `simval.montecarlo.plain`
         mean, mean_error = reduced_mean(off, np.zeros_like(off), self.mean_second)
         square = left.mean(axis=0) + np.diagonal(self.covariance)
-        sd = np.sqrt(square - mean**2 + mean_error**2)
+        # below zero only where the known variance is wrong; then zero, and failed
+        sd = np.sqrt(np.maximum(square - mean**2 + mean_error**2, 0.0))
         change = left - 2.0 * mean * off
         spread = np.std(change, axis=0, ddof=1) / np.sqrt(len(change))
-        return sd, spread / (2.0 * sd)
+        return sd, spread / np.maximum(2.0 * sd, np.sqrt(spread))
 
     def weighted_square(
         self, error: Float[Array, "t p"], weight: Float[Array, "p p"]
@@ -147,7 +148,8 @@ def reduced_share(
     n = len(inside)
     apart = np.count_nonzero(inside != known, axis=0)
     difference = np.mean(inside.astype(float) - known.astype(float), axis=0)
-    return difference + mean, np.sqrt(apart + 1.0) / n
+    value = np.clip(difference + mean, 0.0, 1.0)  # nearer to any share that there is
+    return value, np.sqrt(apart + 1.0) / n
 
 
 def stated(
