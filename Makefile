@@ -19,7 +19,7 @@ test: check
 
 landing: test
 	$(PYTEST) -m "ci and not slow"
-	$(BIN)/python -m pytest -m wheel -n 2
+	$(BIN)/python -m pytest -m "wheel and not slow" -n 2
 
 check: .venv/installed
 	$(BIN)/ruff format --check .

@@ -36,7 +36,7 @@ def test_ladder_rows_agree_with_theory(residual):
     assert abs(rung.value - other) / rung.standard_error > 20
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_ladder_is_the_ladder():
     """400 poses: each rung within 30/N and its sampling error of the large-N law."""
     for residual, rung in ladder.RUNGS.items():

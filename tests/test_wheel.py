@@ -45,6 +45,7 @@ def test_the_wheel_finds_its_models_and_runs_the_smoke_suite(tmp_path):
     assert "site-packages" in run(python, "-c", models, **outside)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source", [ROOT, f"git+file://{ROOT}"])
 def test_the_readmes_other_ways_to_install(tmp_path, source):
     if str(source).startswith("git") and not (ROOT / ".git").exists():
