@@ -1,7 +1,8 @@
 """Options that several commands share."""
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
 from click.core import ParameterSource
@@ -11,6 +12,7 @@ from simval.text import shown
 from simval.vocabulary import ALPHA
 from simval.whole import exact, read
 
+Command = TypeVar("Command", bound=Callable[..., Any])
 PATH = click.Path(path_type=Path)
 
 COLUMNS = (
@@ -20,6 +22,13 @@ COLUMNS = (
 )
 
 ROWS = "Rows per second of a LOG that has no clock."
+UNITS = {
+    "accelerometer": "m/s^2, g, mg, or m/s^2 per raw unit as a number",
+    "gyro": "rad/s, deg/s, mdps, or rad/s per raw unit as a number",
+    "magnetometer": "T, mT, uT, nT, gauss, mgauss, or T per raw unit as a number",
+}
+"""What the readings of a LOG may be in, by the sensor's option."""
+
 REST = "State that the first SECONDS are a rest.  [default: found in the log]"
 
 
@@ -54,6 +63,12 @@ class Rate(click.FloatRange):
         if not rate >= 1e-12:
             self.fail(f"{value!r} is not a rate; give a number from 1e-12 to 0.5.")
         return rate
+
+
+def unit_option(sensor: str) -> Callable[[Command], Command]:
+    """The option that states the unit of a sensor's readings."""
+    text = f"Unit of the readings: {UNITS[sensor]}."
+    return click.option(f"--{sensor}-unit", metavar="UNIT", help=text)
 
 
 def stated(name: str) -> bool:

@@ -131,6 +131,12 @@ def bar_width(curves: Iterable[Curve | None]) -> float:
     return simultaneous(sum(len(c.x) for c in curves if c is not None))
 
 
+def spans(factor: float, values: Sequence[Array]) -> bool:
+    """Whether values are positive and span more than a factor: for a logarithm."""
+    every = np.concatenate(values)
+    return bool(np.all(every > 0.0) and every.max() > factor * every.min())
+
+
 def position(cell: CellResult, axis: str) -> float | None:
     """Place of a cell along an axis."""
     value = numeric(cell.parameters.get(axis))

@@ -4,7 +4,7 @@ from typing import Any
 
 import click
 
-from simval.cli.options import COLUMNS, PATH, ROWS
+from simval.cli.options import COLUMNS, PATH, ROWS, unit_option
 from simval.vocabulary import FILTER_SECONDS, FRAMES
 
 
@@ -55,16 +55,8 @@ from simval.vocabulary import FILTER_SECONDS, FRAMES
 )
 @click.option("--rate", type=float, metavar="HZ", help=ROWS)
 @click.option("--columns", help=COLUMNS)
-@click.option(
-    "--accelerometer-unit",
-    metavar="UNIT",
-    help="Unit of the readings: m/s^2, g, mg, or m/s^2 per raw unit as a number.",
-)
-@click.option(
-    "--gyro-unit",
-    metavar="UNIT",
-    help="Unit of the readings: rad/s, deg/s, mdps, or rad/s per raw unit as a number.",
-)
+@unit_option("accelerometer")
+@unit_option("gyro")
 @click.option(
     "--time-limit",
     type=click.FloatRange(min=0.0, min_open=True),

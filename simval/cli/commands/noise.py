@@ -4,7 +4,7 @@ from typing import Any
 
 import click
 
-from simval.cli.options import COLUMNS, PATH, REST, ROWS
+from simval.cli.options import COLUMNS, PATH, REST, ROWS, unit_option
 
 
 @click.command(name="noise")
@@ -12,22 +12,9 @@ from simval.cli.options import COLUMNS, PATH, REST, ROWS
 @click.option("--rate", type=float, metavar="HZ", help=ROWS)
 @click.option("--rest", type=float, metavar="SECONDS", help=REST)
 @click.option("--columns", help=COLUMNS)
-@click.option(
-    "--accelerometer-unit",
-    metavar="UNIT",
-    help="Unit of the readings: m/s^2, g, mg, or m/s^2 per raw unit as a number.",
-)
-@click.option(
-    "--gyro-unit",
-    metavar="UNIT",
-    help="Unit of the readings: rad/s, deg/s, mdps, or rad/s per raw unit as a number.",
-)
-@click.option(
-    "--magnetometer-unit",
-    metavar="UNIT",
-    help="Unit of the readings: T, mT, uT, nT, gauss, mgauss, or T per raw unit as a "
-    "number.",
-)
+@unit_option("accelerometer")
+@unit_option("gyro")
+@unit_option("magnetometer")
 @click.option(
     "--increments", is_flag=True, help="Rows are rounded increments, so fit Q as well."
 )

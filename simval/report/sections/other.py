@@ -11,6 +11,7 @@ from simval.report.curves import (
     curves,
     first,
     grouped,
+    spans,
     statistic,
     varying,
 )
@@ -111,16 +112,10 @@ def scored(
         x_label=axis,
         y_label=value_words(unit),
         series=tuple(series),
-        log_x=_spread([c.x for c in measured]),
-        log_y=_spread([c.value for c in measured]),
+        log_x=spans(10.0, [c.x for c in measured]),
+        log_y=spans(10.0, [c.value for c in measured]),
         dodge=True,
     )
-
-
-def _spread(values: Sequence[np.ndarray]) -> bool:
-    """Whether all values are positive and span more than a factor of ten."""
-    every = np.concatenate(values)
-    return bool(np.all(every > 0.0) and every.max() > 10.0 * every.min())
 
 
 def numbers(study: str, cells: Sequence[CellResult]) -> Table:
