@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: report test landing check nightly mutants lowest sample league docs clean
+.PHONY: report test landing check nightly sanitize mutants lowest sample league docs clean
 
 report: .venv/installed
 	@mkdir -p reports/runs
@@ -19,7 +19,7 @@ test: check
 
 landing: test
 	$(PYTEST) -m "ci and not slow"
-	$(BIN)/python -m pytest -m wheel
+	$(BIN)/python -m pytest -m "wheel and not slow" -n 2
 
 check: .venv/installed
 	$(BIN)/ruff format --check .
@@ -27,7 +27,7 @@ check: .venv/installed
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-nightly: check docs
+nightly: check docs sanitize
 	-$(MAKE) tests/pages/installed
 	HYPOTHESIS_PROFILE=nightly $(BIN)/python -m pytest -m "not league"
 	$(BIN)/simval selftest
@@ -35,6 +35,10 @@ nightly: check docs
 	$(MAKE) mutants
 	$(MAKE) .venv-league/installed
 	PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 .venv-league/bin/python -m pytest -m league tests/test_league.py tests/test_league_filters.py
+
+# the compiled block under sanitizers, with random arguments
+sanitize: .venv/installed
+	$(BIN)/python tests/sanitized.py
 
 # axe-core and the Nu HTML checker, which judge the pages; without npm their tests skip
 tests/pages/installed: tests/pages/package-lock.json
@@ -103,7 +107,7 @@ lowest:
 	.venv-lowest/bin/python -m pytest -m "not slow and not wheel"
 
 # made when missing, re-used when not; remade only when the dependencies change
-.venv/installed: pyproject.toml
+.venv/installed: pyproject.toml CMakeLists.txt simval/montecarlo/fused.c
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test]'
 	touch $@

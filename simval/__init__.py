@@ -1,7 +1,7 @@
 """A validation harness for inertial calibration and attitude estimation.
 
-How wrong are my calibration and my attitude estimate, is that as wrong as theory
-says they must be, and did today's change make them worse?
+How wrong are my calibration and my attitude estimate, does theory say that they
+must be that wrong, and did today's change make them worse?
 
 Conventions:
 

@@ -1,4 +1,4 @@
-"""The vocabulary: what can be measured, and the theories that it is set beside.
+"""The vocabulary: what can be measured, and the theories that it is compared with.
 
 A statistic is a member of a family: ``BIAS("K_x")`` is the bias of one entry,
 ``NEES()`` stands alone, and `controlled` says that it was sampled with control
@@ -120,6 +120,13 @@ CHI_SQUARE_OF_FREEDOM = Family(
 )
 
 RECOVERY = Family("recovery", "error of a noise-free recovery", least=0.0)
+NOISE_SQUARE = Family(
+    "noise_square",
+    "mean square of the noise drawn over the stated one",
+    margin=0.02,
+    least=0.0,
+    better="prediction",
+)
 NOISE_OF_MEAN = Family("noise_of_mean", "noise of a pose mean", unit="m/s²", least=0.0)
 SCALE_BIAS = Family(
     "scale_bias", "mean relative bias of the scales", unit="σ²/g²", better="zero"

@@ -20,11 +20,15 @@ def cell_key(name: str) -> tuple[int, ...]:
     return tuple(int.from_bytes(digest[i : i + 4], "big") for i in range(0, 32, 4))
 
 
+def sequence(seed: int, key: tuple[int, ...], block: int) -> np.random.SeedSequence:
+    """Seed of one block of one cell."""
+    seed, block = whole_number("seed", seed, 0), whole_number("block", block, 0)
+    return np.random.SeedSequence(seed, spawn_key=(*key, block))
+
+
 def stream(seed: int, key: tuple[int, ...], block: int) -> np.random.Generator:
     """Generator of one block of one cell."""
-    seed, block = whole_number("seed", seed, 0), whole_number("block", block, 0)
-    sequence = np.random.SeedSequence(seed, spawn_key=(*key, block))
-    return np.random.Generator(np.random.SFC64(sequence))
+    return np.random.Generator(np.random.SFC64(sequence(seed, key, block)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +46,10 @@ class Streams:
     seed: int
     key: tuple[int, ...]
 
+    def sequence(self, number: int) -> np.random.SeedSequence:
+        """Seed of one block, for generators of another kind."""
+        return sequence(self.seed, self.key, number)
+
     def block(self, number: int) -> np.random.Generator:
         """Generator of one block, made anew at each call."""
-        return stream(self.seed, self.key, number)
+        return np.random.Generator(np.random.SFC64(self.sequence(number)))

@@ -59,7 +59,8 @@ class Browser:
                 return answer["result"]
             self.events.append(answer)
 
-    def _next(self, seconds=60):
+    def _next(self, seconds=300):
+        # a machine that others keep busy takes minutes for axe-core on a long page
         deadline = time.monotonic() + seconds
         while b"\0" not in self._buffer:
             left = deadline - time.monotonic()

@@ -155,7 +155,10 @@ def test_a_link_opens_the_fold_that_it_leads_into(tab, pages, tmp_path):
     assert "numbers" in targets
     assert any(target.startswith("figure-") for target in targets)
     for target in targets:
-        tab.open(path)
+        tab.run(
+            "document.querySelectorAll('details').forEach(d => d.open = false);"
+            "scrollTo(0, 0)"
+        )
         assert not tab.run(SEEN % f"#{target}")
         tab.run(f"location.hash = '{target}'")
         assert tab.run(f"document.getElementById('{target}').closest('details').open")

@@ -419,5 +419,6 @@ def test_without_the_script_titles_and_commands_are_there(tab, page, run, tmp_pa
     assert tab.run("document.querySelector('#open-all').hidden")
 
 
+@pytest.mark.slow  # the whole page twice: `test_report` redraws a part at each landing
 def test_the_same_run_gives_the_same_bytes(run):
     assert render(run) == render(run)

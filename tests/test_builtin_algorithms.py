@@ -180,7 +180,8 @@ def burning(milliseconds):
     return work
 
 
-def test_the_ratio_is_that_of_the_work():
+def test_the_ratio_is_that_of_the_work(monkeypatch):
+    monkeypatch.setattr(call_time, "BUDGET", np.inf)  # a busy machine may take longer
     found = call_time._in_turns(burning(6.0), burning(2.0))
     # each call ends at the first look at the clock after its time: at most 10 % late
     assert found["seconds"] == pytest.approx(6e-3, rel=0.1)

@@ -191,9 +191,9 @@ def test_the_last_gradient_is_that_of_the_last_step(residual, loss):
 
 
 def test_rows_do_not_depend_on_the_block():
-    """More trials than one block of 2^14 poses holds."""
+    """More trials than one block of 2^16 poses holds."""
     poses = 12
-    trials = 2**14 // poses + 5
+    trials = 2**16 // poses + 5
     batch = noisy(trials, poses, 0.05, seed=7)
     many = calibrate(batch, G)
     tail = calibrate(batch[-7:], G)

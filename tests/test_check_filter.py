@@ -32,11 +32,12 @@ def believes(**factors):
     return replace(own, name="mine", make=make)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("factors", "code", "words"),
     [
-        ({}, 0, "PASS"),
+        # at each landing the fixture below shows a pass
+        pytest.param({}, 0, "PASS", marks=pytest.mark.slow),
         ({"start_std": 0.5, "accelerometer_noise": 0.5}, 1, "overconfident: its err"),
         ({"start_std": 2.0, "accelerometer_noise": 2.0}, 1, "underconfident: its er"),
     ],
@@ -78,7 +79,7 @@ def test_the_fixture_judges_a_filter(pytester):
     assert "Traceback" not in said
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_users_filter_through_a_sweep(simval, tmp_path):
     suite = tmp_path / "mine.toml"
     shutil.copy(ROOT / "docs" / "examples" / "complementary.py", tmp_path)

@@ -39,7 +39,8 @@ DERIVED = {
     "theory_calibration.md": (
         "sensor.model", "sensor.forms", "sensor.estimated", "poses",
         "calibrate.quadric", "calibrate.moments", "calibrate.start",
-        "calibrate.uncertainty", "theory.calibration", "theory.calibration_classes",
+        "calibrate.leverage", "calibrate.uncertainty", "theory.calibration",
+        "theory.calibration_classes",
     ),
 }  # fmt: skip
 

@@ -289,7 +289,10 @@ def test_ctrl_c_in_a_pool_leaves_a_resumable_run(tiny_suite, tiny_run, tmp_path)
     assert digest(folder) == digest(tiny_run)
 
 
-@pytest.mark.parametrize("limit", [8_192, 36_864])  # before and after the first cell
+@pytest.mark.parametrize(
+    "limit",  # before the first cell, and after it
+    [pytest.param(8_192, marks=pytest.mark.slow), 36_864],
+)
 def test_a_full_disk_is_a_clear_error_and_resumable(
     tiny_suite, tiny_run, tmp_path, limit
 ):

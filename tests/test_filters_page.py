@@ -63,12 +63,12 @@ def test_nees_of_calibrations():
         filter_prediction(path, truth, errors=[calibrated(std)]).nees(3).mean()
         for std in (6e-5, 1e-2)
     ]
-    assert f"NEES {nees[0]:.2f} of 3" in PAGE
+    assert f"NEES {nees[0]:.2f}, where 3 is right" in PAGE
     assert round(nees[1], -3) == 6000.0
-    assert "does not (6 000)" in PAGE
+    assert "it is not (6 000)" in PAGE
     iron = CalibrationError(of="magnetometer", covariance=np.diag(IRON**2))
     nees = filter_prediction(path, truth, errors=[iron]).nees(3).mean()
-    assert f"NEES to {nees:.1f} of 3" in PAGE
+    assert f"takes NEES to {nees:.1f}" in PAGE
 
 
 @pytest.mark.slow

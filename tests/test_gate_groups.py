@@ -20,13 +20,13 @@ from simval.verdict import Verdict
 
 
 def changed(run, study, factor, families=("rms", "sd", "efficiency")):
-    """The run with the sizes of one study multiplied."""
+    """The run with sizes of a study multiplied, but not its sharply judged ones."""
     cells = [
         replace(
             cell,
             rows=tuple(
                 replace(row, value=factor * row.value)
-                if row.statistic.family.name in families
+                if row.statistic.family.name in families and row.check != "control"
                 else row
                 for row in cell.rows
             ),

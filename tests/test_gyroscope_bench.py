@@ -6,7 +6,7 @@ import pytest
 from simval.bench import find_races, gyroscope
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_contenders_agree_and_count(monkeypatch):
     monkeypatch.setattr(gyroscope, "TRIALS", 4)
     monkeypatch.setattr(gyroscope, "BLOCK", 2)

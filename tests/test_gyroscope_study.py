@@ -47,7 +47,7 @@ def test_a_small_cell_is_as_predicted():
     assert sum(row.statistic.family.name == "bias" for row in rows) == 12
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_it_shows_a_wrong_noise_and_a_wrong_matrix(monkeypatch):
     """Power: half of the walk's covariance lost, and a scale that is 1e-3 too large."""
     whole = spread_module.walk_blocks

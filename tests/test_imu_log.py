@@ -140,7 +140,7 @@ def test_sensors_that_do_not_agree_are_left_as_two_fits_have_them(path, monkeypa
     assert found.reasons[-1].endswith("not fitted together: far from each other")
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_command_writes_all_and_correct_applies_it(path, tmp_path, capsys):
     file, page = tmp_path / "imu.json", tmp_path / "imu.html"
     words = ["calibrate", str(path), "--out", str(file), "--report", str(page)]

@@ -103,6 +103,6 @@ def test_the_report_draws_both_beside_the_bound(tmp_path):
     panels = [p for d in drawn for p in d.panels if isinstance(p, BarPanel)]
     assert len(panels) == 2
     for panel in panels:
-        assert "M, usual recipe" in panel.names
+        assert "matrix M, usual recipe" in panel.names
         assert len(panel.names) == 7
         assert np.isfinite(panel.predicted).all()

@@ -78,7 +78,7 @@ def some():
     return sample(60, 21)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_error_bars_hold(some):
     """60 trials: NEES of 34, chi-square of 206, squared errors over the bound."""
     assert some.dof == 206
@@ -124,7 +124,7 @@ def test_gain_over_the_fits_of_two_is_seen():
 # Power: covariances that forget what is shared, and a field that is read wrong.
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_poses_that_are_counted_twice_are_seen(some):
     """The two fits as if each had poses of its own: the accelerometer's bars."""
     e = some.gyroscope[:, :9], some.magnetometer[:, :9]
@@ -154,7 +154,7 @@ def test_covariance_without_the_shared_poses_is_seen(monkeypatch):
     assert z_of_mean(found.over_bound(MAG), 1.0) > limit(2)  # 1.14
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_field_that_is_turned_is_seen(some):
     """Three milliradians between the magnetometer's axes and those of the others."""
     error = some.error.copy()

@@ -108,7 +108,7 @@ def test_the_figure(simval, still, tmp_path, kind):
     content = path.read_bytes()
     assert content[:4] == (b"<svg" if kind == ".svg" else b"\x89PNG")
     if kind == ".svg":
-        for words in (b"averaging time, s", "m/s²".encode(), b"rad/s", b"N = "):
+        for words in (b"averaging time, s", "µg".encode(), "°/h".encode(), b"N = "):
             assert words in content
     code, _, err = simval("noise", still, "--figure", tmp_path / f"no/where{kind}")
     assert code == 2

@@ -108,7 +108,7 @@ def test_white_noise_is_found_within_three_per_cent_of_the_bound():
     assert abs(stated / ours - 1.0) < stats.norm.isf(1e-4) * se
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_intervals_cover_at_the_stated_rate():
     """N seen, B and K at the edge: 95 % intervals, upper bounds among them."""
     truth = (1.7e-4, 1e-4, 6e-5)

@@ -189,7 +189,15 @@ def test_an_exact_claim_is_allowed_what_cubature_is_off_by(monkeypatch):
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("noise", [0.01, 0.02, 0.05])
+@pytest.mark.parametrize(
+    "noise",
+    [
+        0.05,
+        # smaller ones differ by their number alone: by night
+        pytest.param(0.01, marks=pytest.mark.slow),
+        pytest.param(0.02, marks=pytest.mark.slow),
+    ],
+)
 def test_a_covariance_that_is_wrong_at_one_noise_alone_fails_there(noise, monkeypatch):
     """Its order is kept from this noise to half of it: only its size is wrong."""
 
@@ -437,10 +445,9 @@ def test_what_can_be_given_as_a_plugin(tmp_path):
 # words of a command
 
 
-@pytest.mark.ci
-def test_a_command_in_a_suite_finds_its_files_in_the_suite_s_folder(
-    tmp_path, monkeypatch
-):
+@pytest.fixture
+def suite_of_a_command(tmp_path, monkeypatch):
+    """The folder of a suite whose command is in a folder beside it, seen from above."""
     folder = tmp_path / "suites"
     (folder / "my tools").mkdir(parents=True)
     shutil.copy(EXAMPLES / "command.py", folder / "my tools" / "fit.py")
@@ -451,20 +458,28 @@ def test_a_command_in_a_suite_finds_its_files_in_the_suite_s_folder(
     )
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PATH", os.path.dirname(sys.executable), prepend=os.pathsep)
+    return folder
+
+
+def test_a_command_in_a_suite_finds_its_files_in_the_suite_s_folder(suite_of_a_command):
     suite = load_suite("suites/s.toml")
     (cell,) = suite.cells
-    path = folder / "my tools" / "fit.py"
+    path = suite_of_a_command / "my tools" / "fit.py"
     assert cell.parameters.algorithm == f"command: python '{path}' {{poses}} {{g}}"
     # the name, and so the numbers, do not depend on where the folder is
     assert cell.key_name.startswith(
         "calibrator(algorithm=command: python fit.py {poses} {g},"
     )
     assert provenance.file_hashes(suite.grid).keys() == {"fit.py"}
-    run = run_suite(suite, tmp_path / "run")
+
+
+@pytest.mark.slow  # 32 trials, each a process of its own
+def test_a_run_of_a_command_does_not_name_its_folder(suite_of_a_command, tmp_path):
+    run = run_suite(load_suite("suites/s.toml"), tmp_path / "run")
     assert [cell.status for cell in run.cells] == ["done"]
     assert str(tmp_path) not in (tmp_path / "run" / "results.csv").read_text()
     assert str(tmp_path) not in json.dumps(run.manifest)
-    path.write_text("changed")
+    (suite_of_a_command / "my tools" / "fit.py").write_text("changed")
     with pytest.raises(InputError, match=r"files\.fit\.py"):
         run_suite(load_suite("suites/s.toml"), tmp_path / "run", resume=True)
 

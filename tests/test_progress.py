@@ -224,7 +224,10 @@ def test_a_terminal_is_drawn_and_ctrl_c_ends_it(tiny_suite, tmp_path):
     reader.start()
     program = [sys.executable, "-m", "simval", "sweep", "accuracy", "--workers", "1"]
     program += ["--out", str(tmp_path / "run")]
-    process = subprocess.Popen(program, stderr=theirs, stdout=subprocess.PIPE)
+    listening = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)  # noqa: E731
+    process = subprocess.Popen(
+        program, stderr=theirs, stdout=subprocess.PIPE, preexec_fn=listening
+    )
     os.close(theirs)
     ends = time.monotonic() + 60.0
     while b"at work" not in b"".join(shown) and time.monotonic() < ends:

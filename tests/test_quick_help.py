@@ -18,7 +18,8 @@ from simval.scene import scenes
 from simval.studies import STUDIES
 from simval.verdict import ALPHA
 
-OWN = {f"simval.{x}" for x in ("cli", "errors", "text", "vocabulary", "whole")}
+LIGHT = ("cli", "errors", "startup", "text", "vocabulary", "whole")
+OWN = {f"simval.{x}" for x in LIGHT}
 """Packages and modules of simval that a help may load."""
 OTHERS = {"click", "typing_extensions"}
 """Packages beside the standard library's that it may load."""

@@ -268,7 +268,7 @@ def test_derivatives_by_differences():
     assert np.abs(fit.rows[:, :, 0] - fit.instruments[:, :, 0]).std() < 6 * 0.02
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_log_of_simval_scene(tmp_path):
     # the scene's own truth, moved to another clock, other axes and another world
     path = str(tmp_path / "log.csv")

@@ -104,7 +104,7 @@ def test_what_fails_is_said_and_the_others_are_measured(folder, capsys):
     assert "consistent" in printed
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_filter_that_hangs_is_stopped(folder, capsys):
     code = called(folder, "bare.csv", "--time-limit", "3", "--plugin", "hangs.py")
     assert code == 4

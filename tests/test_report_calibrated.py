@@ -136,7 +136,7 @@ def test_no_spike_is_lost(values):
     np.testing.assert_array_equal(y, values[x.astype(int)])
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_command_writes_it(log, tmp_path, capsys):
     page = tmp_path / "page.html"
     assert run(["calibrate", log.path, "--report", str(page)]) == 0

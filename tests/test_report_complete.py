@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import rows_by_name
+from small_runs import cell_of
 
 from simval.gate import judge_run
 from simval.report import drawings, render, tables
@@ -18,8 +19,7 @@ from simval.report.section import Context
 from simval.report.sections import attitude, convergence, statistics
 from simval.report.slope import fitted_slope
 from simval.studies import STUDIES
-from simval.studies.study import Cell
-from simval.sweep.run import CellResult, Run
+from simval.sweep.run import Run
 
 MANIFEST = {
     "suite": "made",
@@ -80,24 +80,13 @@ def cells_of(study, rows, **axes):
     """A cell for each value of the parameter that is varied, with rows of its own."""
     key, values = VARIED[study]
     return [
-        cell_of(study, rows, 1.0 + 0.01 * i, **{**axes, key: value})
+        cell_of(study, scaled(rows, 1.0 + 0.01 * i), **{**axes, key: value})
         for i, value in enumerate(values)
     ]
 
 
-def cell_of(study, rows, factor=1.0, **parameters):
-    model = STUDIES[study].parameters(**parameters)
-    cell = Cell(study, model, 1)
-    return CellResult(
-        name=cell.name,
-        study=study,
-        seed=1,
-        parameters=model.model_dump(),
-        status="done",
-        error="",
-        seconds=1.0,
-        rows=tuple(replace(row, value=row.value * factor) for row in rows),
-    )
+def scaled(rows, factor):
+    return [replace(row, value=row.value * factor) for row in rows]
 
 
 def row(name, predictor="", prediction=1.0, value=1.0):

@@ -14,8 +14,8 @@ from simval.poses import fibonacci_sphere
 from simval.recorded.consistency import Consistency
 from simval.recorded.errors import Rms
 from simval.report.calibrated_replies import KINDS, greatest, kinds_of, readable
+from simval.report.data_sheet import UNITS
 from simval.report.filtered_replies import replies
-from simval.report.noisy import UNITS
 from simval.report.replies import FOLDERS
 from simval.sensor import AccelerometerModel
 

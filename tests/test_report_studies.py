@@ -269,7 +269,7 @@ def test_the_range_of_a_formula_is_its_distribution(run, figures, found):
             assert row[7] == np.median(values)
     half, most = np.quantile(limits[f"{ORDER_2}, covariance, 1%"], [0.5, 0.9])
     told = figures["ranges-greatest"].finding
-    assert f"at least {half:.3g} and {most:.3g} (order 2)" in told
+    assert f"{half:.3g} and {most:.3g} for order 2" in told
     assert "from 30 down to 1.2" in figures["ranges-greatest"].caption
 
 
@@ -337,7 +337,7 @@ def test_cells_without_a_distribution_are_named(run, tmp_path):
     drawn = {drawing.name: drawing for drawing in drawings(now)}
     assert len(drawn["geometries"].panels) == 1
     assert len(drawn["geometries"].left_out) == 1
-    assert "noise=full" in drawn["geometries"].left_out[0]
+    assert "full noise" in drawn["geometries"].left_out[0]
     assert "ranges-greatest" not in drawn
     rows = {table.name: len(table.rows) for table in tables(now)}
     assert rows["geometries"] == 4  # the tables are from the rows

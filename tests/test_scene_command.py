@@ -35,7 +35,7 @@ def sensor(tmp_path):
     return path
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_round_trip_through_the_calibrator_finds_the_sensor(
     tmp_path, sensor, capsys
 ):
@@ -234,7 +234,7 @@ def test_a_machine_that_cannot_draw_is_told_what_to_install(monkeypatch):
     assert "disable: " in str(caught.value)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_film_is_written_or_the_encoder_named(picture, tmp_path):
     path = tmp_path / "gimbal.mp4"
     size = {"seconds": 0.4, "width": 160, "height": 120, "poses": 2}

@@ -199,7 +199,7 @@ def test_the_parts_add_up(budget):
     assert abs(sum(measured[:4]) - measured[4]) < 4.4 * np.linalg.norm(spread)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_budget_without_a_part_is_rejected():
     """Power: with few poses and long means neither part of the tumble can be left."""
     parameters = end_to_end.Parameters(trials=TRIALS, poses=12, average=2000)

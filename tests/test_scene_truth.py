@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from simval.scene import find_scene, simulate
-from simval.scene.engine import INPUTS, roll_out
+from simval.scene.engine import INPUTS, bit_of, roll_out
 from simval.scene.messages import captured_messages
 from simval.scene.models import load_model
 from simval.scene.run import write_script
@@ -244,5 +244,5 @@ def test_rest_bounds_are_kept_and_not_idle():
 
 
 def test_the_inputs_are_those_of_mujoco():
-    order = [int(value) for value in INPUTS.values()]
+    order = [bit_of(name) for name in INPUTS]
     assert order == sorted(order)

@@ -29,7 +29,11 @@ def test_there_are_enough_faults_in_every_part_of_the_flow():
     "chosen",
     [
         ("attitude one step late", "six faces only"),
-        ("scalar first", "half of the samples", "all cells share a stream"),
+        # among those that `simval selftest --quick` injects at each landing
+        pytest.param(
+            ("scalar first", "half of the samples", "all cells share a stream"),
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_faults_are_found_and_their_twins_pass(chosen):

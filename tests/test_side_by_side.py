@@ -263,7 +263,7 @@ def test_no_row_of_garbage_breaks_the_page_or_is_a_number_there(tmp_path, bad):
     assert csv_text(table)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.skipif(
     find_chromium() is None,
     reason="Chromium is not installed, so the table was not opened in a browser",

@@ -151,6 +151,30 @@ def test_each_public_name_is_there_and_no_other(made):
     assert sorted(top) == sorted(simval.__all__)
 
 
+def test_each_method_of_a_public_class_is_there(made):
+    """Beside the `def` lines of the classes' own sources."""
+    seen = 0
+    for module, names in faces():
+        for name in names:
+            value = getattr(importlib.import_module(module), name)
+            if not inspect.isclass(value):
+                continue
+            (body,) = ast.parse(inspect.getsource(value)).body
+            own = {
+                line.name
+                for line in body.body
+                if isinstance(line, ast.FunctionDef)
+                and not line.name.startswith("_")
+                and ast.get_docstring(line)
+            }
+            text = made[f"api/{module}.rst"]
+            listed = re.search(rf":: {module}\.{name}\n   :members: (.+)", text)
+            assert own <= set(listed[1].split(", ") if listed else ()), name
+            seen += len(own)
+    assert seen > 50
+    assert ":members: of, to_pandas\n" in made["api/simval.sweep.rst"]
+
+
 def test_modules_on_their_own_have_a_page(made):
     """What the documents tell users to import."""
     told = re.compile(r"^from (simval\.\w+)[\w.]* import ", re.MULTILINE)

@@ -19,7 +19,10 @@ from simval.report import render_trend
 from simval.sweep import load_run
 from simval.sweep.run import Run
 
-WORSE = "UPDATE rows SET value = value * 1.5 WHERE family = 'sd' AND entries LIKE '%K%'"
+WORSE = (
+    "UPDATE rows SET value = value * 1.5 "
+    "WHERE family = 'sd' AND entries LIKE '%K%' AND NOT controlled"
+)
 
 
 @pytest.fixture

@@ -10,8 +10,8 @@ from walkthrough import FENCE, Walk, blocks, lend
 PAGES = sorted((ROOT / "docs").glob("tutorials/*.md")) + sorted(
     (ROOT / "docs").glob("howto/*.md")
 )
-SLOW = {"filter", "estimator"}
-"""Pages that take half a minute: `simval check` alone takes six seconds."""
+SLOW = {"filter", "estimator", "question"}
+"""Pages that take most of a minute: a sweep of a grid, or `simval check` many times."""
 WALKS = {}
 
 

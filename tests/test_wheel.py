@@ -45,6 +45,7 @@ def test_the_wheel_finds_its_models_and_runs_the_smoke_suite(tmp_path):
     assert "site-packages" in run(python, "-c", models, **outside)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source", [ROOT, f"git+file://{ROOT}"])
 def test_the_readmes_other_ways_to_install(tmp_path, source):
     if str(source).startswith("git") and not (ROOT / ".git").exists():
@@ -52,3 +53,33 @@ def test_the_readmes_other_ways_to_install(tmp_path, source):
     pip = (sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check")
     run(*pip, "install", "--no-deps", "--target", tmp_path, source)
     assert (tmp_path / "simval" / "models" / "gimbal.xml").is_file()
+
+
+def test_a_wheel_without_a_compiler_has_the_same_bits(tmp_path):
+    pip = ("-m", "pip", "--quiet", "--disable-pip-version-check")
+    run(
+        sys.executable, *pip, "wheel", "--no-deps", "-w", tmp_path, ROOT,
+        env={**os.environ, "CC": "/bin/false"},
+    )  # fmt: skip
+    (wheel,) = tmp_path.glob("simval-*-py3-none-any.whl")
+    with zipfile.ZipFile(wheel) as content:
+        assert not [n for n in content.namelist() if n.endswith(".so")]
+        content.extractall(tmp_path / "plain")
+    code = """
+import simval
+from simval.montecarlo import compiled, simulate_closed_form
+from simval.streams import Streams
+import numpy as np
+known = np.arange(12.0)[:, None], "x", np.ones(4), 0.1, Streams(1, (1,))
+sums = simulate_closed_form(*known, samples=2048, block=512)
+print(simval.__file__, compiled(), sums.mean.tobytes(), sums.scatter.tobytes())
+"""
+    # the block of this environment is in the path too, so it is hidden
+    hidden = "import sys; sys.modules['_simval_fused'] = None\n"
+    here = run(sys.executable, "-c", code, cwd=tmp_path)
+    path = {**os.environ, "PYTHONPATH": str(tmp_path / "plain")}
+    there = run(sys.executable, "-c", hidden + code, cwd=tmp_path, env=path)
+    found = [each.split(maxsplit=2) for each in (here, there)]
+    assert [each[1] for each in found] == ["True", "False"]
+    assert found[0][2] == found[1][2]
+    assert found[1][0].startswith(str(tmp_path))

@@ -1,5 +1,6 @@
 """The documentation site: see CONTRIBUTING.md, "The site"."""
 
+import re
 import sys
 from importlib.util import find_spec
 from pathlib import Path
@@ -33,7 +34,6 @@ myst_dmath_double_inline = True
 
 autodoc_typehints = "none"  # the words of Parameters say it, with units
 autodoc_member_order = "bysource"
-autodoc_default_options = {"members": False}
 napoleon_google_docstring = False
 napoleon_use_ivar = True
 napoleon_use_rtype = False
@@ -56,14 +56,22 @@ FOLDERS = (("Tutorials", "tutorials"), ("How to", "howto"))
 
 
 def list_folders(app: Sphinx, docname: str, source: list[str]) -> None:
-    """Put folders' pages into the navigation; they have no list that could be stale."""
+    """Put folders' pages into the navigation, in the order of the index's links."""
     if docname == "decisions/README":  # there the list is one of links
         source[0] += TREE.format("Decisions", "[0-9]*")
     if docname == "index":
-        pages = [(words, f) for words, f in FOLDERS if any((DOCS / f).glob("*.md"))]
-        trees = (TREE.format(words, f"{folder}/*") for words, folder in pages)
+        docs = Path(app.srcdir)
+        found = [(words, ordered(source[0], docs, name)) for words, name in FOLDERS]
+        trees = (TREE.format(w, "\n".join(pages)) for w, pages in found if pages)
         head, mark, tail = source[0].partition("\n```{toctree}")
         source[0] = head + "".join(trees) + mark + tail
+
+
+def ordered(text: str, docs: Path, folder: str) -> list[str]:
+    """Pages of a folder: those that a text links to, in its order, then the others."""
+    linked = re.findall(rf"\]\(({folder}/\w+)\.md\)", text)
+    pages = sorted(f"{folder}/{path.stem}" for path in (docs / folder).glob("*.md"))
+    return list(dict.fromkeys([*linked, *pages]))
 
 
 def register(app: Sphinx) -> None:

@@ -9,15 +9,17 @@ import importlib
 import inspect
 import pkgutil
 from collections.abc import Iterable
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from types import ModuleType
+from types import FunctionType, ModuleType
 
 import simval
 from docs.site.equations import Module, modules
 
 PLAIN = ("errors", "geometry", "poses", "results", "statistics", "streams")
 """Modules without `__all__` whose names users import."""
+METHODS = (FunctionType, classmethod, staticmethod, property, cached_property)
 LONGEST = 120  # characters of a constant's value that is shown
 
 
@@ -51,14 +53,34 @@ def interface_page(name: str, module: ModuleType) -> str:
     for member in public_names(module):
         value = getattr(module, member)
         if inspect.isclass(value) or inspect.isroutine(value):
-            parts.append(f".. {_directive(value)}:: {name}.{member}")
+            parts.append(_documented(f"{name}.{member}", value))
         else:
             parts.append(_constant(module, member, value))
     return "\n\n".join(parts) + "\n"
 
 
+def _documented(name: str, value: object) -> str:
+    methods = ", ".join(public_methods(value)) if isinstance(value, type) else ""
+    members = f"\n   :members: {methods}" * bool(methods)
+    return f".. {_directive(value)}:: {name}{members}"
+
+
 def _directive(value: object) -> str:
     return "autoclass" if inspect.isclass(value) else "autofunction"
+
+
+def public_methods(value: type) -> list[str]:
+    """Methods and properties that a class of this project describes, inherited too."""
+    described = {
+        name: member
+        for base in reversed(value.__mro__)
+        if base.__module__.partition(".")[0] == "simval"
+        for name, member in vars(base).items()
+        if not name.startswith("_")
+        and isinstance(member, METHODS)
+        and inspect.getdoc(member)
+    }
+    return list(described)
 
 
 def _constant(module: ModuleType, member: str, value: object) -> str:

@@ -9,6 +9,7 @@ from docs.site.equations import ROOT
 from docs.site.markdown import code, definitions, page, plain
 from simval import statistics
 from simval.gate import BASELINE
+from simval.plugins import Calibrator, Estimator, Filter
 from simval.plugins.builtin import BUILTIN
 from simval.scene import scenes
 from simval.statistics import FAMILIES
@@ -30,8 +31,9 @@ def studies_page() -> str:
     """Page of all studies."""
     lead = (
         "A suite is a TOML file with a table for each study; every parameter below is "
-        "a key of its table, alone or as a list, which is an axis of the grid. Units "
-        "stand in the words; 1 is a ratio. `simval list` prints the same."
+        "a key of its table, with one value or with a list, which is an axis of the "
+        "grid. Units are in the words; what has no unit is a ratio or a count. "
+        "`simval list` prints the same."
     )
     return page("Studies and their parameters", lead, *map(_study, STUDIES.values()))
 
@@ -84,7 +86,7 @@ def suites_page() -> str:
         for name, suite in suites
     ]
     seen = [(code(s.name), plain(s.summary)) for s in scenes().values()]
-    own = [(code(name), f"`{point.value}`") for name, point in BUILTIN.items()]
+    own = [(code(name), _algorithm(point.load())) for name, point in BUILTIN.items()]
     return page(
         "Suites, scenes and algorithms",
         "## Keys of a suite",
@@ -103,8 +105,15 @@ def suites_page() -> str:
         "## Scenes",
         definitions(seen),
         "## Algorithms of its own, measured beside yours",
+        "[What each of them does](../plugins.md#side-by-side).",
         definitions(own),
     )
+
+
+def _algorithm(thing: Estimator | Calibrator | Filter) -> str:
+    word = type(thing).__name__
+    kind = f" of the class *{thing.kind}*" if getattr(thing, "kind", None) else ""
+    return f"{word}{kind}, measured by [{word.lower()}](studies.md#{word.lower()})"
 
 
 def statistics_page() -> str:
@@ -124,8 +133,8 @@ def statistics_page() -> str:
     ]
     return page(
         "Statistics and predictors",
-        "What a row of `results.csv` measures, and the theory it is set beside. The "
-        "studies behind each are those that have it in the suite `smoke`.",
+        "What a row of `results.csv` measures, and the theory that it is compared "
+        "with. After each are the studies that measure it in the suite `smoke`.",
         "## Statistics",
         "A statistic is a member of a family: `bias[K_x]` is the bias of one entry. "
         "The unit is that of the family, unless a study states another. The margin is "

@@ -1,29 +1,36 @@
-"""Attitude from two vector observations: closed form, its repairs, comparators.
+"""Attitude from vector observations: closed form, its repairs, other estimators.
 
 The established estimators are in `simval.attitude.comparators`, not imported here: they
 need `scipy.spatial`.
 """
 
-from simval.attitude.checks import Validity
-from simval.attitude.estimator import (
-    AttitudeEstimate,
-    estimate_attitude,
-    two_vector_quaternion,
-)
-from simval.attitude.singular import (
-    Case,
-    SequentialEstimate,
-    SingularSolution,
-    sequential_quaternion,
-    singular_solution,
-    turn_is_singular,
-)
-from simval.attitude.wahba import (
-    Consistency,
-    consistency,
-    wahba_covariance,
-    wahba_quaternion,
-)
+from typing import TYPE_CHECKING
+
+from simval.faces import present
+
+if TYPE_CHECKING:
+    from simval.attitude.checks import Validity
+    from simval.attitude.estimator import (
+        AttitudeEstimate,
+        estimate_attitude,
+        two_vector_quaternion,
+    )
+    from simval.attitude.singular import (
+        Case,
+        SequentialEstimate,
+        SingularSolution,
+        sequential_quaternion,
+        singular_solution,
+        turn_is_singular,
+    )
+    from simval.attitude.wahba import (
+        Consistency,
+        consistency,
+        wahba_covariance,
+        wahba_quaternion,
+    )
+else:
+    present(__name__, __file__)
 
 __all__ = [
     "AttitudeEstimate",

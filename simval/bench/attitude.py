@@ -8,10 +8,23 @@ import numpy as np
 from simval.arrays import Array
 from simval.attitude import two_vector_quaternion
 from simval.attitude.comparators import align_vectors, davenport, triad
-from simval.attitude.kernel import normalize_columns, raw_quaternion
+from simval.attitude.kernel import (
+    normalize_columns,
+    raw_quaternion,
+    sums_and_differences,
+)
 from simval.bench.race import Contender
 from simval.geometry import attitude_matrix
-from simval.montecarlo import METHODS, moments_of, simulate, simulate_reduced
+from simval.montecarlo import (
+    METHODS,
+    fused,
+    moments_of,
+    simulate,
+    simulate_closed_form,
+    simulate_reduced,
+)
+from simval.montecarlo.normals import lanes
+from simval.montecarlo.plain import sums_of
 from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.attitude import BATCH, BLOCK, random_geometry
@@ -115,6 +128,17 @@ def _monte_carlo(samples: int, threads: int) -> int:
     """Draw, estimate, accumulate mean and second moments with standard errors."""
     q, truth = _geometry()
 
+    sums = simulate_closed_form(
+        truth, "plain", q, NOISE, Streams(1, (1,)),
+        samples=samples, block=BLOCK, threads=threads,
+    )  # fmt: skip
+    return moments_of(sums).samples
+
+
+def _twelve(samples: int) -> int:
+    """The same by an estimator of its own on twelve normals, as for any sampler."""
+    q, truth = _geometry()
+
     def sampler(rng: np.random.Generator, count: int) -> Float[Array, "4 count"]:
         vectors = rng.standard_normal((12, count))
         vectors *= NOISE
@@ -123,21 +147,30 @@ def _monte_carlo(samples: int, threads: int) -> int:
         return np.subtract(q[:, None], error, out=error)
 
     sums = simulate(
-        sampler,
-        Streams(1, (1,)),
-        samples=samples,
-        block=BLOCK,
-        batch=BATCH,
-        threads=threads,
+        sampler, Streams(1, (1,)), samples=samples, block=BLOCK, batch=BATCH
     )
     return moments_of(sums).samples
+
+
+def _without_block(samples: int) -> int:
+    """The NumPy form of the pass: the same bits."""
+    q, truth = _geometry()
+    mean, noise = sums_and_differences(truth, "plain"), np.sqrt(2.0) * NOISE
+    streams, batches = Streams(1, (1,)), BLOCK // BATCH
+    means = [
+        fused.in_numpy(lanes(streams, number), batches, mean, noise, q)
+        for number in range(-(-samples // BLOCK))
+    ]
+    return moments_of(sums_of(np.concatenate(means), BATCH)).samples
 
 
 def monte_carlo() -> list[Contender]:
     """List the full pass beside the generator's own rate, one thread."""
     return [
         Contender(name="SFC64 normals, 12 a sample", run=partial(_normals, SAMPLES)),
+        Contender(name="twelve, any sampler", run=partial(_twelve, SAMPLES)),
         Contender(name="full pass", run=partial(_monte_carlo, SAMPLES, 1)),
+        Contender(name="full pass, NumPy", run=partial(_without_block, SAMPLES // 8)),
     ]
 
 

@@ -6,26 +6,31 @@ both do the same.
 """
 
 import sys
-from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
-from simval.calibrate.diagnosis import Diagnosis, diagnose
-from simval.calibrate.files import load_calibration, save_calibration
-from simval.calibrate.fit import calibrate
-from simval.calibrate.gyroscope import (
-    GyroscopeFit,
-    ImuFit,
-    Moves,
-    calibrate_gyroscope,
-    calibrate_imu,
-    moves_between,
-)
-from simval.calibrate.magnetometer import (
-    MagnetometerFit,
-    calibrate_magnetometer,
-    ellipsoid_then_rotation,
-)
-from simval.calibrate.nine_axis import NineAxisFit, calibrate_nine_axis
-from simval.calibrate.result import FitResult
+from simval.faces import Face, present
+
+if TYPE_CHECKING:
+    from simval.calibrate.diagnosis import Diagnosis, diagnose
+    from simval.calibrate.files import load_calibration, save_calibration
+    from simval.calibrate.fit import calibrate
+    from simval.calibrate.gyroscope import (
+        GyroscopeFit,
+        ImuFit,
+        Moves,
+        calibrate_gyroscope,
+        calibrate_imu,
+        moves_between,
+    )
+    from simval.calibrate.magnetometer import (
+        MagnetometerFit,
+        calibrate_magnetometer,
+        ellipsoid_then_rotation,
+    )
+    from simval.calibrate.nine_axis import NineAxisFit, calibrate_nine_axis
+    from simval.calibrate.result import FitResult
+else:
+    present(__name__, __file__)
 
 __all__ = [
     "Diagnosis",
@@ -48,10 +53,11 @@ __all__ = [
 ]
 
 
-class _CallablePackage(ModuleType):
+class _CallableFace(Face):
     # the import system binds a subpackage to its name in the parent, over whatever
     # the parent offers under it
-    __call__ = staticmethod(calibrate)
+    def __call__(self, *arguments: Any, **options: Any) -> Any:
+        return self.calibrate(*arguments, **options)
 
 
-sys.modules[__name__].__class__ = _CallablePackage
+sys.modules[__name__].__class__ = _CallableFace

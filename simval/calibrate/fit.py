@@ -6,14 +6,13 @@ scaled back. Trials are worked in blocks that fit the cache; a trial's numbers d
 depend on its block.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 
 from simval.arrays import Array
-from simval.calibrate import checks, objective
+from simval.calibrate import checks
 from simval.calibrate.arguments import (
     CONDITION_LIMIT,
     Options,
@@ -22,7 +21,9 @@ from simval.calibrate.arguments import (
 )
 from simval.calibrate.evidence import weigh
 from simval.calibrate.frame import direction_condition, normalized
-from simval.calibrate.moments import moment_matrix, unbiased_moment_matrix
+from simval.calibrate.leverage import Leverage, minimize_leverage
+from simval.calibrate.moments import in_lanes, moment_matrix, unbiased_moment_matrix
+from simval.calibrate.objective import pose_objective
 from simval.calibrate.outliers import find_outliers
 from simval.calibrate.residuals import SLOPES, noise_shares
 from simval.calibrate.result import FitResult
@@ -143,8 +144,7 @@ def calibrate(
             condition=float(numbers["condition"][0]), half_width=float(half_width[0]),
             suspects=_suspects(batch[0], sigma, options),
         )  # fmt: skip
-    ends = batch.min(axis=1), batch.max(axis=1)
-    numbers |= {"status": checks.status_text(code), "raw_range": np.stack(ends, -1)}
+    numbers["status"] = checks.status_text(code)
     if single:
         numbers = {name: value[0] for name, value in numbers.items()}
     dof = count - PARAMETERS
@@ -190,6 +190,8 @@ def _fit_block(
     # Fit a block of trials, refused ones set aside.
     code = checks.screen(poses, full_scale=options.full_scale, repeats=options.repeats)
     block = _empty(code, len(poses))
+    rows = in_lanes(poses)
+    block["raw_range"] = np.stack([rows.min(axis=0), rows.max(axis=0)]).T
     # repeated poses are looked at as well: what they leave open says more
     keep = np.flatnonzero((code == Code.CONVERGED) | (code == Code.DUPLICATES))
     if keep.size == 0:
@@ -210,7 +212,8 @@ def _fit_block(
     if not good.any():
         return block
     data = _Data(
-        z=z, moments=moments, noise=None if sigma is None else sigma / scale[:, None],
+        z=z, moments=moments, leverage=ellipsoid.leverage,
+        noise=None if sigma is None else sigma / scale[:, None],
         shares=noise_shares(options.residual, sigma), theta=theta, centre=centre,
         scale=scale, condition=condition, stretch=stretch,
     )  # fmt: skip
@@ -225,6 +228,7 @@ class _Data:
     # the trials that are fitted, one row each, in the scaled units of the fit
     z: Float[Array, "t n 3"]  # (t, n, 3)
     moments: Float[Array, "t 10 10"]  # (t, 10, 10)
+    leverage: Leverage
     noise: Float[Array, "t n"] | None  # (t, n)
     shares: Float[Array, " n"] | None  # (n,), as of `noise_shares`
     theta: Float[Array, "t 9"]  # starts
@@ -236,7 +240,9 @@ class _Data:
     def take(self, rows: Any) -> "_Data":
         every: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(_Data)}
         del every["shares"]
-        return replace(self, **{k: v[rows] for k, v in every.items() if np.ndim(v) > 0})
+        leverage = every.pop("leverage").take(rows)
+        taken = {k: v[rows] for k, v in every.items() if v is not None}
+        return replace(self, leverage=leverage, **taken)
 
 
 def _solve(block: _Block, keep: Any, data: _Data, options: Options) -> None:
@@ -260,9 +266,9 @@ def _solve(block: _Block, keep: Any, data: _Data, options: Options) -> None:
     block["iterations"][keep] = solution.iterations
     block["parameters"][keep] = solution.theta * sizes
     block["parameters"][keep, 6:] += data.centre
-    block["covariance"][keep] = (
-        summary.covariance * sizes[:, :, None] * sizes[:, None, :]
-    )
+    if options.covariance:
+        units = sizes[:, :, None] * sizes[:, None, :]
+        block["covariance"][keep] = summary.covariance * units
     unit = {"squared": options.g**4, "adjusted": options.g**4, "norm": options.g**2}
     block["cost"][keep] = summary.cost * unit.get(options.residual, data.scale**2)
     block["rms"][keep] = summary.rms * options.g
@@ -281,21 +287,19 @@ def _iterate(
     z, noise, theta, shares = data.z, data.noise, data.theta, data.shares
     if noise is not None and shares is not None:
         noise = noise * np.sqrt(shares)
-    newton = rules.method == "newton"
     slack = _SLACK * float(np.finfo(float).eps) * z.shape[1]
-    goal: Callable[[Array, Any], Any]
     if options.loss != "linear" or residual == "weighted":
         return minimize_reweighted(
             model, residual, options.loss, z, theta, noise, rules, slack, shares
         )
     if residual in SLOPES:
-        goal = objective.pose_objective(model, residual, z, shares, newton=newton)
-    else:
-        moments = data.moments
-        if residual == "adjusted" and noise is not None:
-            moments = unbiased_moment_matrix(z, noise)
-        goal = objective.moment_objective(model, moments, newton=newton)
-    return minimize(goal, theta, rules, slack), None
+        newton = rules.method == "newton"
+        goal = pose_objective(model, residual, z, shares, newton=newton)
+        return minimize(goal, theta, rules, slack), None
+    leverage = data.leverage
+    if residual == "adjusted" and noise is not None:
+        leverage = Leverage.of(unbiased_moment_matrix(z, noise))
+    return minimize_leverage(model, leverage, theta, rules, slack), None
 
 
 def _empty(code: Any, count: int) -> _Block:

@@ -51,13 +51,30 @@ def moment_matrix(
     z: Float[Array, "t n 3"], weights: Float[Array, "t n"] | None = None
 ) -> Float[Array, "t 10 10"]:
     """Moment matrix G of the monomials, eq. (Q2)."""
-    total = np.zeros((z.shape[0], 10, 10))
+    total: Array | float = 0.0
     for start in range(0, z.shape[1], CHUNK):
         part = slice(start, start + CHUNK)
-        m = monomials(z[:, part])
-        right = m if weights is None else m * weights[:, part, None]
-        total += np.swapaxes(m, -1, -2) @ right
-    return total
+        m = _monomial_rows(z[:, part])
+        right = m if weights is None else m * weights[:, None, part]
+        total = total + m @ np.swapaxes(right, -1, -2)
+    return np.asarray(total)
+
+
+def _monomial_rows(z: Float[Array, "t n 3"]) -> Float[Array, "t 10 n"]:
+    # a row for each monomial, so that the poses are next to each other in memory
+    x = np.ascontiguousarray(np.swapaxes(z, -1, -2))
+    result = np.empty((len(x), 10, x.shape[-1]))
+    np.multiply(x, x, out=result[:, :3])
+    for index, (i, j) in enumerate(PAIRS):
+        np.multiply(x[:, i], x[:, j], out=result[:, 3 + index])
+    result[:, 6:9] = x
+    result[:, 9] = 1.0
+    return result
+
+
+def in_lanes(matrices: Float[Array, "t p q"]) -> Float[Array, "p q t"]:
+    """The same with the trials next to each other; no copy where they are already."""
+    return np.ascontiguousarray(np.moveaxis(matrices, 0, -1))
 
 
 def unbiased_moment_matrix(

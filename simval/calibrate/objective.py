@@ -16,31 +16,6 @@ from simval.calibrate.solver import Local, Objective
 from simval.shapes import Float
 
 
-def moment_objective(
-    model: str, moments: Float[Array, "t 10 10"], *, newton: bool
-) -> Objective:
-    """Cost v'Gv/2 of the squared residual: no pass over the poses."""
-
-    def objective(theta: Array, rows: Any) -> Local:
-        g = moments if rows.size == moments.shape[0] else moments[rows]
-        c = quadric.residual_quadric(model, theta)
-        dv = quadric.value_derivatives(c)
-        pull = np.matvec(g, c.values)
-        normal = np.swapaxes(dv, -1, -2) @ (g @ dv)
-        hessian = normal
-        if newton:
-            seconds = quadric.residual_seconds(model, theta)
-            hessian = normal + quadric.curvature(c, seconds, pull)
-        return Local(
-            cost=np.vecdot(c.values, pull) / 2.0,
-            gradient=np.vecmat(pull, dv),
-            normal=normal,
-            hessian=hessian,
-        )
-
-    return objective
-
-
 def pose_objective(
     model: str,
     residual: str,

@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array
-from simval.calibrate.moments import PAIRS
+from simval.calibrate.moments import in_lanes
 from simval.calibrate.positive import negative_pivots
 from simval.shapes import Float
 
@@ -47,30 +47,29 @@ NOISE_MARGIN = 7.0
 GREATEST_NOISE = 0.1
 
 
-def _gradients() -> Float[Array, "3 9 4"]:
-    # (3, 9, 4): derivative of each monomial by an axis, linear in x, y, z, 1
-    result = np.zeros((3, 9, 4))
-    for axis in range(3):
-        result[axis, axis, axis] = 2.0
-        result[axis, 6 + axis, 3] = 1.0
-    for index, (i, j) in enumerate(PAIRS):
-        result[i, 3 + index, j] = result[j, 3 + index, i] = 1.0
-    return result
-
-
-_GRADIENTS = _gradients()
-_GRADIENTS.setflags(write=False)
+# for each axis, the monomials that it is in and what else their slopes are made of: an
+# axis or 1; the slope of a square is twice that
+_SLOPES = (
+    ([0, 3, 4, 6], [0, 1, 2, 3]),
+    ([1, 3, 5, 7], [1, 0, 2, 3]),
+    ([2, 4, 5, 8], [2, 0, 1, 3]),
+)
 
 
 def pencil(
     moments: Float[Array, "t 10 10"],
 ) -> tuple[Float[Array, "t 9 9"], Float[Array, "t 9 9"]]:
     """The two matrices of eq. (N1)."""
-    mean = moments[:, :9, 9]
-    total = moments[:, 9, 9, None, None]
-    scatter = moments[:, :9, :9] - mean[:, :, None] * mean[:, None, :] / total
-    by_axis = _GRADIENTS @ moments[:, None, 6:, 6:] @ np.swapaxes(_GRADIENTS, -1, -2)
-    return scatter, by_axis[:, 0] + by_axis[:, 1] + by_axis[:, 2]
+    m = in_lanes(moments)
+    mean, total, linear = m[:9, 9], m[9, 9], m[6:, 6:]
+    scatter = m[:9, :9] - (mean / total)[:, None] * mean
+    by_axis = np.zeros_like(scatter)
+    for places, rest in _SLOPES:
+        slopes = linear[np.ix_(rest, rest)]
+        slopes[0] *= 2.0
+        slopes[:, 0] *= 2.0
+        by_axis[np.ix_(places, places)] += slopes
+    return np.moveaxis(scatter, -1, 0), np.moveaxis(by_axis, -1, 0)
 
 
 def second_noise(moments: Float[Array, "10 10"]) -> float:

@@ -42,23 +42,6 @@ def residual_quadric(model: str, theta: Float[Array, "t 9"]) -> Quadric:
     return _quadric(gram, slopes, theta[:, 6:], constant=-1.0)
 
 
-def direction_quadric(model: str, theta: Float[Array, "t 9"]) -> Quadric:
-    """The quadric c with its slopes by the natural parameters of the directions.
-
-    A step E of the natural parameters turns M into (1 + E) M with E lower triangular
-    and moves b by M^-1; the derivatives of c are then those of an ideal sensor at
-    the corrected directions, eq. (P1) of `poses`, up to the order and sign of
-    columns.
-    """
-    m = forms.matrix(model, theta)
-    slopes = np.empty((len(m), 6, 3, 3))
-    for index, (i, j) in enumerate(((1, 0), (2, 0), (2, 1), (0, 0), (1, 1), (2, 2))):
-        half = m[:, i, :, None] * m[:, j, None, :]
-        slopes[:, index] = half + np.swapaxes(half, -1, -2)
-    gram = np.swapaxes(m, -1, -2) @ m
-    return _quadric(gram, slopes, theta[:, 6:], constant=-1.0)
-
-
 def distance_quadric(residual: Quadric) -> Quadric:
     """The quadric q = |M'M (y - b)|^2, a quarter of the squared gradient of c."""
     half = residual.slopes @ residual.gram[:, None]
@@ -90,16 +73,12 @@ def residual_values(
 ) -> tuple[Float[Array, "t n"], Float[Array, "t n"]]:
     """The quadrics c and q of each reading, without derivatives."""
     m = forms.matrix(model, theta)
-    gram = np.swapaxes(m, -1, -2) @ m
-    bias, none = theta[:, 6:], np.zeros((len(m), 0, 3, 3))
-    c, q = evaluate(
-        [
-            _quadric(gram, none, bias, constant=-1.0),
-            _quadric(gram @ gram, none, bias, constant=0.0),
-        ],
-        z,
-    )
-    return c, q
+    h = m @ (np.ascontiguousarray(np.swapaxes(z, -1, -2)) - theta[:, 6:, None])
+    return _squared(h) - 1.0, _squared(np.swapaxes(m, -1, -2) @ h)
+
+
+def _squared(x: Float[Array, "t 3 n"]) -> Float[Array, "t n"]:
+    return x[:, 0] * x[:, 0] + x[:, 1] * x[:, 1] + x[:, 2] * x[:, 2]
 
 
 def evaluate(

@@ -79,7 +79,8 @@ class FitResult:
         Sum of squared distances to the ellipsoid over sigma, by degree of freedom,
         (...); NaN without sigma or without a degree of freedom.
     gradient_norm : Array
-        Norm of the last gradient in the scaled units of the fit, (...).
+        Norm of the last gradient in the scaled units of the fit, (...): of half the
+        cost for norm and sampson, of its share, eq. (H2) of `leverage`, for the others.
     raw_range : Array
         Least and greatest reading of each axis that it was made from, raw units,
         (..., 3, 2); NaN where that is not known.

@@ -11,14 +11,15 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.calibrate import quadric
+from simval.calibrate.leverage import Leverage, minimize_leverage
 from simval.calibrate.moments import moment_matrix
-from simval.calibrate.objective import moment_objective
 from simval.calibrate.residuals import LOSSES
-from simval.calibrate.solver import Code, Rules, Solution, minimize
+from simval.calibrate.solver import Code, Rules, Solution
 from simval.shapes import Float
 
 _ROUNDS = 200  # then `max iterations`; like the default of `max_iterations`
 _SCALE_ROUNDS = 10  # then the scale is held, so that the rounds have a fixed point
+_ROUNDING_FLOOR = 1e-9  # below it a round that moves no less than the last is rounding
 _GAUSS_MAD = 1.4826  # standard deviation over median absolute one, Gaussian
 
 
@@ -39,7 +40,7 @@ def minimize_reweighted(
     code = np.full(count, int(Code.MAX_ITERATIONS))
     iterations = np.zeros(count, dtype=int)
     ratios = np.zeros(z.shape[:2])
-    scale = np.full(count, np.nan)
+    scale, last = np.full(count, np.nan), np.full(count, np.inf)
     rows = np.arange(count)
     for turn in range(_ROUNDS):
         x = z[rows]
@@ -51,12 +52,8 @@ def minimize_reweighted(
                 scale[rows] = _scale(distance, noise, rows)
             ratios[rows] = distance / (LOSSES[loss].tuning * scale[rows])[:, None]
             weights = weights * LOSSES[loss].weight(ratios[rows])
-        goal = moment_objective(
-            model,
-            moment_matrix(x, weights),
-            newton=rules.method == "newton",
-        )
-        inner = minimize(goal, result[rows], rules, slack * weights.max(axis=-1))
+        leverage = Leverage.of(moment_matrix(x, weights))
+        inner = minimize_leverage(model, leverage, result[rows], rules, slack)
         middle = np.maximum(np.abs(inner.theta + result[rows]) / 2.0, 1.0)
         size = np.max(np.abs(inner.theta - result[rows]) / middle, axis=-1)
         result[rows], gradient[rows] = inner.theta, inner.gradient_norm
@@ -64,6 +61,8 @@ def minimize_reweighted(
         failed = inner.code != Code.CONVERGED
         code[rows[failed]] = inner.code[failed]
         settled = size <= max(rules.tolerance, 1e-13)  # below is rounding
+        settled |= (size <= _ROUNDING_FLOOR) & (size >= last[rows])
+        last[rows] = size
         if loss != "linear":
             settled &= turn >= _SCALE_ROUNDS
         code[rows[settled & ~failed]] = int(Code.CONVERGED)

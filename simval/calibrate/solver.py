@@ -1,8 +1,9 @@
 r"""Levenberg-Marquardt, damped Gauss-Newton and Newton for a batch of trials.
 
-The three methods of the sources share one loop; they differ in the matrix of the
-step (:math:`J^TJ + \mu I`, :math:`J^TJ`, the full Hessian) and in what is done when
-a step would raise the cost (more :math:`\mu`, a shorter step).
+The three methods of the sources share one loop, over nine parameters or, where the
+residual is a form in the moments, over the centre alone (`leverage`); they differ in
+the matrix of the step (:math:`J^TJ + \mu I`, :math:`J^TJ`, the full Hessian) and in
+what is done when a step would raise the cost (more :math:`\mu`, a shorter step).
 
 The stop rule is the symmetric Gauss-Newton derivation's, largest
 :math:`|2 (X_k - X_{k-1}) / (X_k + X_{k-1})|` below a tolerance, made safe where a
@@ -70,10 +71,10 @@ class Local:
     """Half the cost and its derivatives at a point."""
 
     cost: Float[Array, " t"]  # half the sum of squared residuals
-    gradient: Float[Array, "t 9"]  # its gradient
-    normal: Float[Array, "t 9 9"]  # J'J
+    gradient: Float[Array, "t p"]  # its gradient
+    normal: Float[Array, "t p p"]  # J'J
     # the full Hessian for Newton's method; `normal` for the others
-    hessian: Float[Array, "t 9 9"]
+    hessian: Float[Array, "t p p"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -90,7 +91,7 @@ class Rules:
 class Solution:
     """Where the iteration of each trial ended."""
 
-    theta: Float[Array, "t 9"]  # parameters
+    theta: Float[Array, "t p"]  # parameters
     code: Any  # a `Code` for each trial, (t,)
     iterations: Any  # steps tried, (t,)
     gradient_norm: Float[Array, " t"]  # norm of the last gradient that was needed
@@ -100,7 +101,7 @@ Objective = Callable[[Array, Any], Local]  # (parameters, rows of the batch)
 
 
 def minimize(
-    objective: Objective, theta: Float[Array, "t 9"], rules: Rules, slack: Any
+    objective: Objective, theta: Float[Array, "t p"], rules: Rules, slack: Any
 ) -> Solution:
     """Minimise each trial's cost from its own start."""
     count = len(theta)
@@ -111,7 +112,7 @@ def minimize(
         gradient_norm=np.full(count, np.nan),
     )
     here = objective(theta, np.arange(count))
-    mean = trace(here.normal) / 9.0
+    mean = trace(here.normal) / theta.shape[-1]
     trials = _Trials(
         rows=np.arange(count),
         theta=theta,
@@ -149,7 +150,7 @@ def minimize(
 class _Trials:
     # the trials that still iterate, one row each
     rows: Any
-    theta: Float[Array, "t 9"]
+    theta: Float[Array, "t p"]
     here: Local
     mean: Float[Array, " t"]  # of the diagonal of J'J at the start
     damping: Float[Array, " t"]
@@ -173,7 +174,7 @@ class _Trials:
         self,
         ended: Solution,
         which: Any,
-        theta: Float[Array, "t 9"],
+        theta: Float[Array, "t p"],
         iteration: int,
         code: Code,
     ) -> None:
@@ -188,7 +189,7 @@ class _Trials:
 def _advance(
     objective: Objective,
     trials: _Trials,
-    there: Float[Array, "t 9"],
+    there: Float[Array, "t p"],
     size: Float[Array, " t"],
     ended: Solution,
     iteration: int,
@@ -218,11 +219,11 @@ def _advance(
     return moved.take(~stop)
 
 
-def _step(here: Local, method: str, damping: Float[Array, " t"]) -> Float[Array, "t 9"]:
+def _step(here: Local, method: str, damping: Float[Array, " t"]) -> Float[Array, "t p"]:
     # The full step of each trial.
     right = -here.gradient[..., None]
     if method == "lm":
-        matrices = here.normal + damping[:, None, None] * np.eye(9)
+        matrices = here.normal + damping[:, None, None] * np.eye(right.shape[-2])
         return solve_positive(matrices, right)[0][..., 0]
     step, pivot = solve_positive(here.hessian, right)
     if method == "newton" and not np.all(pivot > 0.0):  # not convex here: Gauss-Newton

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array
-from simval.calibrate.moments import quadratic
-from simval.calibrate.positive import solve_positive
+from simval.calibrate.leverage import Leverage
+from simval.calibrate.moments import in_lanes, quadratic
+from simval.calibrate.positive import factorize
 from simval.shapes import Float
 
 # Relative to a column's own length, so the square of a sine: rounding of exactly
@@ -28,6 +29,7 @@ class Ellipsoid:
 
     gram: Float[Array, "t 3 3"]  # A = M'M; NaN where the poses do not fix an ellipsoid
     bias: Float[Array, "t 3"]  # its centre
+    leverage: Leverage  # of the same moments
     # whether the nine monomials of the poses have full rank, (t,) of bool
     determined: Any
     proper: Any  # whether the quadric is an ellipsoid, (t,) of bool
@@ -35,16 +37,18 @@ class Ellipsoid:
 
 def fit_ellipsoid(moments: Float[Array, "t 10 10"]) -> Ellipsoid:
     """Linear least squares of eq. (E1) from the moment matrices."""
-    solution, pivot = solve_positive(moments[:, :9, :9], moments[:, :9, 9:])
-    p = solution[..., 0]
-    gram = quadratic(p)
-    bias, lowest = solve_positive(gram, -p[:, 6:, None] / 2.0)
-    bias = bias[..., 0]
-    level = 1.0 + np.vecdot(bias, np.matvec(gram, bias))
-    gram /= level[:, None, None]
+    leverage = Leverage.of(moments)
+    p = leverage.start
+    gram = in_lanes(quadratic(p.T))
+    three = factorize(gram)
+    bias = three.solve(p[6:, None] / -2.0)[:, 0]
+    # b'Ab = -b'l/2
+    level = 1.0 - (bias[0] * p[6] + bias[1] * p[7] + bias[2] * p[8]) / 2.0
+    gram /= level
     return Ellipsoid(
-        gram=gram,
-        bias=bias,
-        determined=pivot > _LEAST_PIVOT,
-        proper=lowest > 0.0,  # the level is then 1 or more
+        gram=np.ascontiguousarray(np.moveaxis(gram, -1, 0)),
+        bias=bias.T.copy(),
+        leverage=leverage,
+        determined=leverage.factors.pivot > _LEAST_PIVOT,
+        proper=three.pivot > 0.0,  # the level is then 1 or more
     )

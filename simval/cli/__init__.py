@@ -18,28 +18,29 @@ import click
 
 from simval.cli.interruption import watch
 from simval.errors import SimvalError
+from simval.startup import load_lightly
 from simval.text import did_you_mean
 
 COMMANDS = (
-    ("check", "Check an algorithm of one's own in seconds: a table and an answer."),
+    ("check", "Measure and judge your own algorithm in seconds."),
     ("sweep", "Run a suite of studies into a run folder."),
     ("report", "Write a run as one self-contained HTML file."),
     ("gate", "Judge a run against theory and the baseline; exit code for CI."),
-    ("calibrate", "Calibrate an accelerometer from a log."),
+    ("calibrate", "Calibrate the sensors of a recorded log, with error bars."),
     ("correct", "Apply a calibration to a log."),
-    ("noise", "Measure the noise model of a sensor at rest, from a log."),
-    ("filter", "Run attitude filters over a log, and measure their errors by truth."),
+    ("noise", "Measure the noise of sensors at rest, from a log."),
+    ("filter", "Run attitude filters over a log and measure their errors."),
     ("plan", "Predict a calibration's error bars before any data is taken."),
-    ("scene", "Simulate a tumble and write its readings or a picture."),
+    ("scene", "Simulate a scene and write its readings or a picture."),
     ("compare", "Show what changed between two runs beyond its uncertainty."),
-    ("trend", "Show what became better or worse over a series of runs, since when."),
-    ("repro", "Compute one cell again and compare it to the bit."),
+    ("trend", "Show what became better or worse in a series of runs."),
+    ("repro", "Compute one cell again and compare it with the run."),
     ("export", "Write the table of a run as Parquet."),
     ("suite-schema", "Print the JSON Schema of suite files."),
     ("selftest", "Inject faults and check that the gate detects each."),
     ("bench", "Race simval against the alternatives, side by side."),
-    ("completion", "Print what makes a shell complete commands and names."),
-    ("list", "List suites, studies and scenes."),
+    ("completion", "Print the script that lets a shell complete commands."),
+    ("list", "List suites, studies, scenes and plug-ins."),
 )
 
 # a module becomes a name in this package, so none may shadow a builtin
@@ -88,8 +89,8 @@ class LazyGroup(click.Group):
 def group() -> None:
     """Validate inertial calibration and attitude estimation.
 
-    How wrong are my calibration and my attitude estimate, is that as wrong as theory
-    says they must be, and did today's change make them worse?
+    How wrong are my calibration and my attitude estimate, does theory say that they
+    must be that wrong, and did today's change make them worse?
     """
 
 
@@ -127,6 +128,7 @@ def main() -> None:
     # in parallel, and the bits must not depend on the number of cores.
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+    load_lightly()
     interruption = watch()
     for stream in (sys.stdout, sys.stderr):  # for names the terminal cannot show
         if isinstance(stream, TextIOWrapper):

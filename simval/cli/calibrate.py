@@ -11,6 +11,7 @@ from simval.calibrate.files import to_json, write_json
 from simval.cli.options import write
 from simval.cli.reproduced import command_again
 from simval.cli.sensors import sensors_object
+from simval.cli.taken import log_object
 from simval.logs import Log, read_log
 from simval.multiposition import (
     ImuCalibration,
@@ -19,7 +20,6 @@ from simval.multiposition import (
     calibrate_sensors,
 )
 from simval.multiposition.described import bound_sd
-from simval.multiposition.kalibr import kalibr_yaml
 from simval.noise import load_noise
 
 
@@ -54,6 +54,8 @@ def run(
     if out is not None:
         write_json(out, written)
     if kalibr is not None:
+        from simval.multiposition.kalibr import kalibr_yaml
+
         write(kalibr, kalibr_yaml(log, whole))
     if page is not None:
         write_page(page, log, whole)
@@ -74,12 +76,6 @@ def write_page(path: Path, log: Log, whole: ImuCalibration) -> None:
     from simval.report import render_calibration  # starts the drawing
 
     write(path, render_calibration(log, whole, command_again()))
-
-
-def log_object(log: Log) -> dict[str, Any]:
-    """Return which columns were taken and at what rate, as plain JSON values."""
-    taken = {each.role: [each.place + 1, each.name] for each in log.columns}
-    return {"columns": taken, "rate": log.rate, "clock_unit_seconds": log.second}
 
 
 def as_object(result: LogCalibration) -> dict[str, Any]:

@@ -6,12 +6,12 @@ from typing import Any
 
 import click
 
-from simval.cli.calibrate import log_object
 from simval.cli.filter_object import evaluation_object, truth_object
 from simval.cli.filter_words import alignment_lines, filter_lines
 from simval.cli.noise_units import accelerometer_scale, gyro_scale
 from simval.cli.options import refuse_if, write
 from simval.cli.reproduced import command_again
+from simval.cli.taken import log_object
 from simval.errors import CrashedPluginError, InputError, PluginError
 from simval.logs import Log, Truth, read_log, read_truth
 from simval.logs.truth import quaternion_stems

@@ -20,6 +20,7 @@ from simval.gate import (
     headline,
     judge_run,
     read_baseline,
+    samples_spent,
     write_baseline,
 )
 from simval.gate.formats import (
@@ -47,6 +48,7 @@ def run(
     json_file: Path | None,
     every: bool,
     table: bool,
+    samples: bool,
 ) -> int:
     """Do what `simval gate` is asked."""
     refuse_if(
@@ -63,6 +65,8 @@ def run(
     )
     result = replace(result, notes=tuple(_notes(result, loaded, no_baseline)))
     show(result, table, every)
+    if samples:
+        _print_samples(result)
     if junit is not None:
         _write(junit, to_junit(result))
     if summary is not None:
@@ -71,6 +75,21 @@ def run(
         _write(json_file, to_json(result, result.exit_code))
     _tell_github(result)
     return result.exit_code
+
+
+def _print_samples(result: GateResult) -> None:
+    """Print how many samples the verdicts need, and how many the run spends."""
+    columns = ("study", "s", "check", "statistic", "rows", "needed", "spent", "seen")
+    part = (
+        f" of {len(result.verdicts):,} listed verdicts" if result.more.verdicts else ""
+    )
+    table = Table(*columns, title=f"samples needed and spent{part}")
+    for each in samples_spent(result.verdicts, result.seconds):
+        table.add_row(
+            each.study, f"{each.seconds:.1f}", each.check, each.statistic,
+            str(each.rows), str(each.needed), str(each.spent), f"{each.seen:.2g}",
+        )  # fmt: skip
+    Console(width=110, soft_wrap=True).print(table)
 
 
 def _beside_baseline(run: Run, baseline: Path, alpha: float) -> GateResult:

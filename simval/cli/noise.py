@@ -8,7 +8,6 @@ from typing import Any
 import click
 import numpy as np
 
-from simval.cli.calibrate import log_object
 from simval.cli.noise_units import (
     Scale,
     accelerometer_scale,
@@ -19,6 +18,7 @@ from simval.cli.noise_units import (
 )
 from simval.cli.options import write
 from simval.cli.reproduced import command_again
+from simval.cli.taken import log_object
 from simval.errors import InputError, RefusedError
 from simval.logs import Log, read_log
 from simval.multiposition.noise import LogNoise, log_noise

@@ -7,7 +7,6 @@ from typing import Final
 import numpy as np
 
 from simval.arrays import Array
-from simval.calibrate import calibrate
 from simval.errors import InputError, RefusedError
 from simval.logs import Log
 from simval.logs.names import channel
@@ -94,6 +93,8 @@ def _by_rests(means: Float[Array, "m 3"]) -> float | None:
     # m/s^2 per raw unit, the three axes' mean
     if len(means) <= PARAMETERS:
         return None
+    from simval.calibrate import calibrate
+
     try:
         fit = calibrate(means, G0).require_converged()
     except RefusedError:

@@ -1,7 +1,8 @@
 """Options that several commands share."""
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
 from click.core import ParameterSource
@@ -11,17 +12,30 @@ from simval.text import shown
 from simval.vocabulary import ALPHA
 from simval.whole import exact, read
 
+Command = TypeVar("Command", bound=Callable[..., Any])
 PATH = click.Path(path_type=Path)
 
 COLUMNS = (
-    "What each column is, in their order: t,ax,ay,az,wx,wy,wz,mx,my,mz, - to ignore "
-    "one; t[ms], t[us], t[ns] for a clock not in seconds.  [default: what the header "
-    "says]"
+    "The columns of LOG in their order, as t,ax,ay,az,wx,wy,wz,mx,my,mz, with - for "
+    "one to ignore, and t[ms], t[us] or t[ns] for a clock that is not in seconds.  "
+    "[default: what the header says]"
 )
+
+ROWS = "Rows per second of a LOG that has no clock."
+UNITS = {
+    "accelerometer": "m/s^2, g, mg, or m/s^2 per raw unit as a number",
+    "gyro": "rad/s, deg/s, mdps, or rad/s per raw unit as a number",
+    "magnetometer": "T, mT, uT, nT, gauss, mgauss, or T per raw unit as a number",
+}
+"""What the readings of a LOG may be in, by the sensor's option."""
+
+REST = "State that the first SECONDS are a rest.  [default: found in the log]"
 
 
 class Whole(click.IntRange):
     """A whole number within its limits: 100000, 1e5."""
+
+    name = "integer"
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
@@ -36,6 +50,8 @@ class Whole(click.IntRange):
 class Rate(click.FloatRange):
     """A false-alarm rate: a number from 1e-12 to a half."""
 
+    name = "rate"
+
     def __init__(self) -> None:
         super().__init__(1e-12, 0.5)
 
@@ -47,6 +63,12 @@ class Rate(click.FloatRange):
         if not rate >= 1e-12:
             self.fail(f"{value!r} is not a rate; give a number from 1e-12 to 0.5.")
         return rate
+
+
+def unit_option(sensor: str) -> Callable[[Command], Command]:
+    """The option that states the unit of a sensor's readings."""
+    text = f"Unit of the readings: {UNITS[sensor]}."
+    return click.option(f"--{sensor}-unit", metavar="UNIT", help=text)
 
 
 def stated(name: str) -> bool:

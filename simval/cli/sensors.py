@@ -5,11 +5,12 @@ from typing import Any
 from simval.calibrate.files import to_json
 from simval.logs import Log
 from simval.multiposition import ImuCalibration
-from simval.multiposition.rates import message_covariances
 
 
 def sensors_object(whole: ImuCalibration, log: Log) -> dict[str, Any]:
     """Every sensor as plain JSON values, the accelerometer as the joint fit has it."""
+    from simval.multiposition.rates import message_covariances
+
     values: dict[str, Any] = {"left_out": dict(whole.left_out)}
     if whole.gyroscope is not None:
         joint = to_json(whole.accelerometer)

@@ -5,12 +5,20 @@ agree with theory (`simval.verdict`), and does it agree with the baseline (`comp
 `findings` lists the answers in one form, for people and for machines (`formats`).
 """
 
-from simval.gate.baseline import BASELINE, read_baseline, write_baseline
-from simval.gate.comparison import Comparison
-from simval.gate.finding import Finding, findings
-from simval.gate.gaps import Gap
-from simval.gate.headline import headline
-from simval.gate.judgement import GateResult, judge_run
+from typing import TYPE_CHECKING
+
+from simval.faces import present
+
+if TYPE_CHECKING:
+    from simval.gate.baseline import BASELINE, read_baseline, write_baseline
+    from simval.gate.comparison import Comparison
+    from simval.gate.finding import Finding, findings
+    from simval.gate.gaps import Gap
+    from simval.gate.headline import headline
+    from simval.gate.judgement import GateResult, judge_run
+    from simval.gate.samples import Spent, samples_spent
+else:
+    present(__name__, __file__)
 
 __all__ = [
     "BASELINE",
@@ -18,9 +26,11 @@ __all__ = [
     "Finding",
     "Gap",
     "GateResult",
+    "Spent",
     "findings",
     "headline",
     "judge_run",
     "read_baseline",
+    "samples_spent",
     "write_baseline",
 ]

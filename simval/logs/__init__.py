@@ -1,4 +1,4 @@
-"""Logs: a user's file with rows of an accelerometer, read and checked once.
+"""Logs: a user's file with rows of sensor readings, read and checked once.
 
 A row is one instant. Text is in UTF-8, UTF-16 or Latin-1, its fields are separated by
 tabs, semicolons, commas or white space, its decimal mark is a point or a comma; words
@@ -21,8 +21,15 @@ number in a column that is taken, is refused with the file and the line, and nev
 repaired. Recorded attitudes (`simval.logs.truth`) may be missing in any row.
 """
 
-from simval.logs.columns import Column
-from simval.logs.log import Log, read_log
-from simval.logs.truth import Truth, read_truth
+from typing import TYPE_CHECKING
+
+from simval.faces import present
+
+if TYPE_CHECKING:
+    from simval.logs.columns import Column
+    from simval.logs.log import Log, read_log
+    from simval.logs.truth import Truth, read_truth
+else:
+    present(__name__, __file__)
 
 __all__ = ["Column", "Log", "Truth", "read_log", "read_truth"]

@@ -1,22 +1,32 @@
 """Seeded trials: streaming moments with standard errors, and variance reduction."""
 
-from simval.montecarlo.plain import (
-    Sampler,
-    Sums,
-    mean_square,
-    moments_of,
-    simulate,
-)
-from simval.montecarlo.reduction import METHODS, Taylor, simulate_reduced, taylor
+from typing import TYPE_CHECKING
+
+from simval.faces import present
+
+if TYPE_CHECKING:
+    from simval.montecarlo.fused import compiled, simulate_closed_form
+    from simval.montecarlo.plain import (
+        Sampler,
+        Sums,
+        mean_square,
+        moments_of,
+        simulate,
+    )
+    from simval.montecarlo.reduction import METHODS, Taylor, simulate_reduced, taylor
+else:
+    present(__name__, __file__)
 
 __all__ = [
     "METHODS",
     "Sampler",
     "Sums",
     "Taylor",
+    "compiled",
     "mean_square",
     "moments_of",
     "simulate",
+    "simulate_closed_form",
     "simulate_reduced",
     "taylor",
 ]

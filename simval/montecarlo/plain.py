@@ -158,17 +158,24 @@ def simulate(
     if block % batch:
         msg = f"`batch` is {batch} and `block` {block}; batch must divide block"
         raise InputError(msg)
-    blocks = -(-samples // block)
+
+    def means(number: int) -> Array:
+        errors = shaped_array(
+            "the errors", sampler(streams.block(number), block), (None, block)
+        )
+        return _finite(batch_means(errors, batch), errors, number)
+
+    return summed(means, -(-samples // block), batch, threads)
+
+
+def summed(
+    means: Callable[[int], Array], blocks: int, batch: int, threads: int
+) -> Sums:
+    """Sums of the batch means of so many blocks, whoever computes which of them."""
     groups = [range(k, min(k + GROUP, blocks)) for k in range(0, blocks, GROUP)]
 
     def work(group: range) -> Sums:
-        means = []
-        for number in group:
-            errors = shaped_array(
-                "the errors", sampler(streams.block(number), block), (None, block)
-            )
-            means.append(_finite(batch_means(errors, batch), errors, number))
-        return sums_of(np.concatenate(means), batch)
+        return sums_of(np.concatenate([means(number) for number in group]), batch)
 
     if threads == 1:
         return reduce(merged, map(work, groups))

@@ -1,4 +1,4 @@
-"""Multi-position calibration: from a user's log to nine parameters that can be trusted.
+"""Multi-position calibration: from a user's log to a calibration with error bars.
 
 The log shows a sensor that is held still in many poses. The way of a calibration, which
 `calibration` writes down from top to bottom:
@@ -9,7 +9,14 @@ The log shows a sensor that is held still in many poses. The way of a calibratio
 logger leaves in them, and `health` decides whether the fit may be given out.
 """
 
-from simval.multiposition.calibration import LogCalibration, calibrate_log
-from simval.multiposition.imu import ImuCalibration, calibrate_sensors
+from typing import TYPE_CHECKING
+
+from simval.faces import present
+
+if TYPE_CHECKING:
+    from simval.multiposition.calibration import LogCalibration, calibrate_log
+    from simval.multiposition.imu import ImuCalibration, calibrate_sensors
+else:
+    present(__name__, __file__)
 
 __all__ = ["ImuCalibration", "LogCalibration", "calibrate_log", "calibrate_sensors"]

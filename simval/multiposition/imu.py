@@ -21,10 +21,7 @@ from simval.calibrate import (
     ImuFit,
     MagnetometerFit,
     NineAxisFit,
-    calibrate_imu,
-    calibrate_magnetometer,
 )
-from simval.calibrate.gyroscope.imu import joined
 from simval.errors import InputError, RefusedError
 from simval.logs import Log
 from simval.multiposition.axes import require_alive, require_one_unit
@@ -174,6 +171,8 @@ def _all(
     samples: Float[Array, "n 3"],
 ) -> ImuCalibration:
     # the three sensors as one fit has them, or two and two as they are
+    from simval.calibrate.gyroscope.imu import joined
+
     fields = interval_means(samples, found.log.intervals)
     try:
         fit, said = fit_together(imu, compass[0], fields, compass[1].std)
@@ -227,6 +226,8 @@ def _gyroscope(
 
 def _joint(log: Log, result: LogCalibration, samples: Float[Array, "n 3"]) -> ImuFit:
     # both sensors together
+    from simval.calibrate import calibrate_imu
+
     fit = calibrate_imu(
         log.time,
         log.accelerometer,
@@ -248,6 +249,8 @@ def _magnetometer(
     field: float,
     known: NoiseFile | None,
 ) -> tuple[MagnetometerFit, PoseNoise]:
+    from simval.calibrate import calibrate_magnetometer
+
     middle = result.intervals.sum(axis=1) // 2
     white = white_noise(samples, result.intervals)
     noise = compass_pose_noise(log, samples, result.intervals, white, known)

@@ -10,7 +10,7 @@ from simval.arrays import Array, frozen
 from simval.errors import RefusedError
 from simval.logs import Log
 from simval.multiposition.rests import find_rests
-from simval.noise import AxisNoise, noise_of
+from simval.noise import AxisNoise
 from simval.noise.held import noise_of_readings
 from simval.shapes import Float
 from simval.statics import WINDOWS, Intervals, interval_means
@@ -89,6 +89,8 @@ def log_noise(
     RefusedError
         If there is no rest, it is too short, or rows are missing in it.
     """
+    from simval.noise import noise_of
+
     intervals = _rests(log, rest)
     start, stop, how = _still(log, rest, intervals)
     require_even(log, start, stop)

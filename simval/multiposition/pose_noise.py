@@ -8,8 +8,8 @@ from simval.arrays import Array, frozen
 from simval.errors import InputError, RefusedError
 from simval.logs import Log
 from simval.multiposition.noise import require_even
-from simval.noise import AxisNoise, NoiseFile, noise_of
-from simval.noise.measure import LEAST_ROWS
+from simval.noise import AxisNoise, NoiseFile
+from simval.noise.model import LEAST_ROWS
 from simval.shapes import Float
 from simval.statics import Intervals
 
@@ -108,6 +108,8 @@ def require_one_unit(here: float, there: float, what: str) -> None:
 def own_noise(log: Log, intervals: Intervals) -> tuple[AxisNoise, ...]:
     """Noise of the accelerometer in the longest of a log's rests."""
     start, stop = longest_rest(log, intervals)
+    from simval.noise import noise_of  # most rests are too short for it
+
     return noise_of(log.accelerometer[start:stop], log.rate)
 
 

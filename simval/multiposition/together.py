@@ -3,13 +3,7 @@
 import numpy as np
 
 from simval.arrays import Array
-from simval.calibrate import (
-    ImuFit,
-    MagnetometerFit,
-    NineAxisFit,
-    calibrate_nine_axis,
-)
-from simval.calibrate.magnetometer.summary import seen_over_stated
+from simval.calibrate import ImuFit, MagnetometerFit, NineAxisFit
 from simval.errors import RefusedError
 from simval.shapes import Float
 
@@ -31,6 +25,8 @@ def fit_together(
         If no step leads from the fits of two sensors to one of all, or one of all is
         beyond what even these noises explain.
     """
+    from simval.calibrate import calibrate_nine_axis
+
     own, reduced = imu.gyroscope, imu.reduced
     turned = _excess(float(own.chi2_per_dof) * own.dof, own.dof)
     scattered = _excess(float(compass.chi_square), compass.dof)
@@ -67,4 +63,6 @@ def fit_together(
 
 def _excess(chi_square: float, dof: int) -> float:
     # by how much residuals exceed the noise, 1 where chance can
+    from simval.calibrate.magnetometer.summary import seen_over_stated
+
     return float(seen_over_stated(np.array([chi_square]), dof)[0])

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.errors import RefusedError
-from simval.noise.measure import noise_of
 from simval.noise.model import AxisNoise
 from simval.shapes import Float
 
@@ -83,6 +82,8 @@ def noise_of_readings(
     RefusedError
         If there are too few readings, or rows repeat them irregularly.
     """
+    from simval.noise.measure import noise_of
+
     own = own_readings(rows)
     try:
         axes = noise_of(own.rows, rate_hz / own.each)

@@ -14,12 +14,11 @@ from simval.arrays import Array, physical_array, positive_number
 from simval.errors import InputError, RefusedError
 from simval.noise.allan import PER_OCTAVE, allan_variance, averaging_counts
 from simval.noise.covariance import allan_covariance, allan_law, covariance_forms
-from simval.noise.model import AxisNoise, Coefficient
+from simval.noise.model import LEAST_ROWS, AxisNoise, Coefficient
 from simval.noise.rounding import LEAST, SHARE, is_dithered, rounding_step
 from simval.noise.squares import Problem, Squares, ends, fitted
 from simval.shapes import Float, Int
 
-LEAST_ROWS: Final = 500  # averages over 1 to 50 rows: 17 lengths for four coefficients
 FALSE_ALARM: Final = 0.01
 """Chance that lengths are dropped, or a model is, of a signal that has the model's
 noise; measured, 0.3 to 1.8 % (`test_chi_square_is_one`, tests/test_noise_fit.py)."""

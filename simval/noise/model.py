@@ -1,6 +1,7 @@
 """Noise model of a signal, and what it was found from."""
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from simval.errors import RefusedError
 from simval.noise.covariance import allan_law
 from simval.shapes import Float, Int
 
+LEAST_ROWS: Final = 500  # averages over 1 to 50 rows: 17 lengths for four coefficients
 UNITS = {"N": "raw/sqrt(Hz)", "B": "raw", "K": "raw/sqrt(s)", "Q": "raw s"}
 
 

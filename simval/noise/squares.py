@@ -116,7 +116,7 @@ def _whitened(
         covariance / np.multiply.outer(scale, scale) + RIDGE * np.eye(len(scale))
     )
     both = np.column_stack([problem.law, problem.variances]) / scale[:, None]
-    solved = scipy.linalg.solve_triangular(factor, both, lower=True)
+    solved = scipy.linalg.solve_triangular(factor, both, lower=True, check_finite=False)
     return solved[:, :-1], solved[:, -1]
 
 
@@ -144,7 +144,7 @@ def _nonnegative(
             values = np.zeros(count)
             values[some] = _free((law[:, some], target))[0]
             slope = law.T @ (target - law @ values)
-            others = np.setdiff1d(np.arange(count), some)
+            others = [k for k in range(count) if k not in some]
             if np.all(values[some] > 0.0) and np.all(
                 slope[others] <= _FLAT * size[others]
             ):

@@ -7,16 +7,23 @@ JSON. What it declares about its conventions is checked without noise before any
 is measured.
 """
 
+from typing import TYPE_CHECKING
+
 from simval.errors import PluginError
-from simval.plugins.calibrator_probe import probe_calibrator
-from simval.plugins.command import command_calibrator, command_estimator
-from simval.plugins.filter_command import command_filter
-from simval.plugins.filter_frames import find_world
-from simval.plugins.filter_protocol import Filter
-from simval.plugins.filter_run import run_filter
-from simval.plugins.loading import find_plugin
-from simval.plugins.probe import probe_estimator
-from simval.plugins.protocol import Calibrator, Estimator
+from simval.faces import present
+
+if TYPE_CHECKING:
+    from simval.plugins.calibrator_probe import probe_calibrator
+    from simval.plugins.command import command_calibrator, command_estimator
+    from simval.plugins.filter_command import command_filter
+    from simval.plugins.filter_frames import find_world
+    from simval.plugins.filter_protocol import Filter
+    from simval.plugins.filter_run import run_filter
+    from simval.plugins.loading import find_plugin
+    from simval.plugins.probe import probe_estimator
+    from simval.plugins.protocol import Calibrator, Estimator
+else:
+    present(__name__, __file__)
 
 __all__ = [
     "Calibrator",

@@ -6,12 +6,19 @@ Each section is one module in `sections`, with a function ``section(context)`` t
 returns the section, or None where the run has nothing for it, and one template.
 """
 
-from simval.report.calibrated import render_calibration
-from simval.report.comparison import render_comparison
-from simval.report.page import drawings, render, tables
-from simval.report.paint import png, svg_file
-from simval.report.table import csv_text
-from simval.report.trend import render_trend
+from typing import TYPE_CHECKING
+
+from simval.faces import present
+
+if TYPE_CHECKING:
+    from simval.report.calibrated import render_calibration
+    from simval.report.comparison import render_comparison
+    from simval.report.page import drawings, render, tables
+    from simval.report.paint import png, svg_file
+    from simval.report.table import csv_text
+    from simval.report.trend import render_trend
+else:
+    present(__name__, __file__)
 
 __all__ = [
     "csv_text",

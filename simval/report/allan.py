@@ -5,10 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from simval.noise import AxisNoise
+from simval.report.answers import rounded
+from simval.report.data_sheet import called, unit_of
 from simval.report.panels import COLOURS, MARKERS, Drawing, Panel, Series
 
 BAND = 1.96  # standard deviations of a 95 % band
-SI = {"accelerometer": "m/s²", "gyro": "rad/s", "magnetometer": "T"}
 Sensor = tuple[str, Sequence[AxisNoise], float | None]  # name, axes, SI per raw unit
 
 
@@ -28,8 +29,8 @@ def allan_drawing(name: str, sensors: Sequence[Sensor]) -> Drawing:
 
 
 def _panel(name: str, axes: Sequence[AxisNoise], si: float | None) -> Panel:
-    unit = SI[name] if si else "raw units"
-    scale = si or 1.0
+    unit = unit_of(name, "B", si)  # flicker has the dimension of the readings
+    scale = unit.factor
     series: list[Series] = []
     for letter, axis, colour, marker in zip(
         "xyz", axes, COLOURS[:3], MARKERS[:3], strict=True
@@ -38,7 +39,7 @@ def _panel(name: str, axes: Sequence[AxisNoise], si: float | None) -> Panel:
         spread = axis.variance_sd / np.where(deviation > 0.0, 2.0 * deviation, 1.0)
         series.append(
             Series(
-                label=f"{letter}{_words(axis, scale)}",
+                label=f"{letter}{_words(name, axis, si)}",
                 x=axis.seconds,
                 y=scale * deviation,
                 band=scale * BAND * spread,
@@ -52,9 +53,9 @@ def _panel(name: str, axes: Sequence[AxisNoise], si: float | None) -> Panel:
             series.append(_line(axis.seconds[part], model[part], colour, "-"))
             series.append(_line(axis.seconds, model, colour, ":"))
     return Panel(
-        title=f"{name}, Allan deviation",
+        title=f"{called(name)}, Allan deviation",
         x_label="averaging time, s",
-        y_label=f"deviation, {unit}",
+        y_label=f"deviation, {unit.name}",
         series=series,
     )
 
@@ -63,15 +64,15 @@ def _line(x: np.ndarray, y: np.ndarray, colour: str, style: str) -> Series:
     return Series(label="", x=x, y=y, colour=colour, line=style)
 
 
-def _words(axis: AxisNoise, scale: float) -> str:
+def _words(name: str, axis: AxisNoise, si: float | None) -> str:
     # the coefficients in the legend, bounds as bounds
     if not axis.coefficients:
         return ": no model"
-    parts = [
-        f"{c.kind} < {scale * c.high:.2g}"
-        if c.value is None
-        else f"{c.kind} = {scale * c.value:.3g}"
-        for c in axis.coefficients
-        if np.isfinite(c.high)
-    ]
+    parts = []
+    for c in axis.coefficients:
+        unit = unit_of(name, c.kind, si)
+        if c.value is not None:
+            parts.append(f"{c.kind} = {unit.factor * c.value:.3g} {unit.name}")
+        elif np.isfinite(c.high):
+            parts.append(f"{c.kind} < {rounded(unit.factor * c.high)} {unit.name}")
     return ": " + ", ".join(parts)

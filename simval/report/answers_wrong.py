@@ -5,38 +5,34 @@ smaller) and the most poses, and of the algorithm that the suite names first; of
 such cells the one with the greatest error. Noise-free cells have no error to tell.
 """
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from simval.compare.merits import STUDIES as OF_ALGORITHMS
 from simval.gate.finding import reproduce
-from simval.report.answers import Block, Line, called, in_order
+from simval.report.answers import SHOWN, Block, Line, called, in_order
 from simval.report.answers_algorithms import lines_of_algorithms
 from simval.report.answers_readings import READERS, Reading, any_reading
 from simval.report.chapters import home
 from simval.report.curves import varying
+from simval.report.parameters import setting_words
 from simval.report.section import Context
-from simval.report.words import spelled
 from simval.sweep.run import CellResult
 
-NOISES: Mapping[str, str] = {
-    "noise_std": "noise",
-    "accelerometer_noise_std": "accelerometer noise",
-    "accelerometer_noise": "accelerometer noise",
-    "magnetometer_noise_std": "magnetometer noise",
-    "field_noise": "field noise",
-    "angle_random_walk": "angle random walk",
-}
-"""Parameters that say how noisy a sensor is, and their words."""
+NOISES = (
+    "noise_std",
+    "accelerometer_noise_std",
+    "accelerometer_noise",
+    "magnetometer_noise_std",
+    "field_noise",
+    "angle_random_walk",
+)
+"""Parameters that say how noisy a sensor is."""
 
 MIDDLE = (*NOISES, "multiplier")
 """Parameters of which the middle value is chosen: noise, and a detector's threshold."""
 
 ALGORITHM = ("estimator", "residual", "estimate", "sigma", "trim")
 """Parameters that choose an algorithm or set it, not what it is given."""
-
-IN_ACCELERATION = ("calibration", "ladder", "coverage", "detector", "solvers")
-"""Studies whose `noise_std` is an acceleration; elsewhere it is of a unit vector."""
 
 RULE = (
     "Each in the cell of its study's middle noise level, most poses and first "
@@ -59,7 +55,7 @@ def how_wrong(context: Context) -> Block:
         headline="",
         lines=lines,
         note=RULE,
-        fold="more studies",
+        fold="more algorithms" if len(told) > SHOWN else "more studies",
     )
 
 
@@ -115,27 +111,8 @@ def typical(cells: Sequence[CellResult], *, poses: bool = True) -> Sequence[Cell
 def where(cell: CellResult, cells: Sequence[CellResult], n: int) -> str:
     """Which cell of its study this is, in words."""
     values = cell.parameters
-    words = [
-        f"{name} {values[key]:g}{' m/s²' if _of_acceleration(cell, key) else ''}"
-        for key, name in NOISES.items()
-        if values.get(key)
-    ]
-    if "poses" in values:
-        words.append(f"{values['poses']} poses")
-    skipped = (*NOISES, "poses", "samples", "trials")
-    words += [_named(k, values.get(k)) for k in varying(cells) if k not in skipped]
+    skipped = ("samples", "trials")
+    shown = [key for key in (*NOISES, "poses") if values.get(key)]
+    shown += [key for key in varying(cells) if key not in (*NOISES, "poses", *skipped)]
+    words = [setting_words(cell.study, key, values.get(key)) for key in shown]
     return ", ".join([*words, f"{n:,} trials"] if n > 1 else words)
-
-
-def _of_acceleration(cell: CellResult, key: str) -> bool:
-    return key == "noise_std" and cell.study in IN_ACCELERATION
-
-
-def _named(key: str, value: Any) -> str:
-    if isinstance(value, str) and value:
-        return value
-    return (
-        f"{spelled(key)} {value:g}"
-        if isinstance(value, float)
-        else (f"{spelled(key)} {value}")
-    )

@@ -8,13 +8,12 @@ from itertools import compress
 from typing import Any
 
 import numpy as np
-from matplotlib.ticker import FixedFormatter, FixedLocator, NullFormatter, NullLocator
 
 from simval.arrays import Array
-from simval.report.layout import LINE, RIGHT, legend_rows
+from simval.report.layout import LINE, RIGHT, SMALL, legend_rows
 from simval.report.palette import GREY, SIMULATED, THEORY
 from simval.report.panels import AnyPanel, Panel, Series, SpherePanel
-from simval.report.ticks import log_ticks
+from simval.report.ticks import label_ticks
 
 TICK_LABELS = 0.32  # their height and the space about them, inches
 FARTHEST = 1e290  # an axis multiplies its ends by some factors of ten
@@ -22,6 +21,10 @@ MANY = 1500
 """Points of a series beyond which it is drawn as pixels: as vectors 20 000 with their
 bars take 8.8 MB of the page, as pixels 0.1 MB; the words stay text (measured:
 docs/decisions/0068)."""
+HALF, RIM = (
+    1.75,
+    1.56,
+)  # of its axes, and just outside of a half sphere, whose radius is the root of 2
 STEP, SIDE = 0.02, 0.1  # of the axis: between points set side by side, and all of them
 
 
@@ -78,10 +81,7 @@ def _(panel: Panel, axes: Any) -> None:
     elif panel.log_y:
         _limit(panel, axes)
     _one_place(panel, axes)
-    if panel.log_x:
-        label_decades(axes.xaxis, places)
-    if panel.log_y:
-        label_decades(axes.yaxis)
+    label_ticks(panel, axes, places)
     axes.set_title(panel.title, y=1.0)  # an automatic place takes a third longer
     axes.set_xlabel(panel.x_label)
     axes.set_ylabel(panel.y_label)
@@ -104,22 +104,6 @@ def legend(panel: AnyPanel, axes: Any, left: float, width: float) -> None:
     )
 
 
-SHORT = 100.0
-"""Two decades: a longer axis has no small ticks, each of which takes 2 ms to draw."""
-
-
-def label_decades(axis: Any, places: Any = ()) -> None:
-    """Label a logarithmic axis: at least two ticks, at its few places or at decades."""
-    axis.set_minor_formatter(NullFormatter())
-    low, high = sorted(axis.get_view_interval())
-    if high > SHORT * low:
-        axis.set_minor_locator(NullLocator())
-    found = np.unique(np.concatenate([*places, np.empty(0)]))
-    ticks, labels = log_ticks(float(low), float(high), found)
-    axis.set_major_locator(FixedLocator(ticks))
-    axis.set_major_formatter(FixedFormatter(labels))
-
-
 def _one_place(panel: Panel, axes: Any) -> None:
     """Give a single x the middle of an axis of its own size."""
     found = np.unique(np.concatenate([s.x for s in panel.series] or [np.empty(0)]))
@@ -136,7 +120,8 @@ def _drawable(panel: Panel) -> Panel:
     """Leave out points that cannot be on the axes; without data axes are linear."""
     series = []
     for s in panel.series:
-        top = s.y if s.line or s.band is None else s.y + s.band  # of an upper limit
+        with np.errstate(over="ignore", invalid="ignore"):  # such are left out
+            top = s.y if s.line or s.band is None else s.y + s.band  # an upper limit
         good = near(s.x) & near(s.y) & near(top)
         good &= (s.x > 0.0) | (not panel.log_x)
         good &= (top > 0.0) | (not panel.log_y)
@@ -172,12 +157,14 @@ def _dodged(panel: Panel) -> Panel:
 
 
 def _references(panel: Panel, axes: Any) -> None:
+    """Lines across: of one style where none has a label, else in turn."""
+    named = any(label for _, label in panel.references)
     for i, (height, label) in enumerate(panel.references):
         axes.axhline(
             height,
             color=GREY,
             linewidth=1.2,
-            linestyle=(0, (4, 2)) if i % 2 == 0 else (0, (1, 1)),
+            linestyle=(0, (4, 2)) if i % 2 == 0 or not named else (0, (1, 1)),
             label=label or "_nolegend_",
             zorder=1.5,
         )
@@ -276,7 +263,10 @@ def _(panel: SpherePanel, axes: Any) -> None:
     for degrees in (30, 60, 90):
         radius = 2.0 * np.sin(np.radians(degrees) / 2.0)
         axes.plot(radius * np.cos(angle), radius * np.sin(angle), color=GREY, lw=0.6)
+    for x, y, words in ((RIM, 0.0, "x"), (0.0, RIM, "y")):
+        axes.text(x, y, words, ha="center", va="center", fontsize=SMALL)
     axes.set_aspect("equal")
+    axes.set(xlim=(-HALF, HALF), ylim=(-HALF, HALF))
     axes.grid(False)
     axes.set_xticks([])
     axes.set_yticks([])

@@ -232,7 +232,7 @@ def _residuals(result: LogCalibration) -> Drawing:
             Panel(
                 title="residual of each pose",
                 x_label="static interval, from 0",
-                y_label="residual, sd",
+                y_label="residual, standard deviations",
                 series=series,
                 log_x=False,
                 log_y=False,

@@ -8,9 +8,17 @@ from simval.arrays import Array
 from simval.calibrate import FitResult
 from simval.calibrate.outliers import BELIEVED
 from simval.multiposition import ImuCalibration
+from simval.report.answers import rounded
 from simval.report.replies import Answer, Reply
 from simval.report.units import MILLIMETRE_PER_SECOND_SQUARED, MILLIRADIAN, PPM, Unit
 from simval.shapes import Float
+
+BARS = {
+    "known sigma": "The error bars are those of the noise that was measured.",
+    "type A": "The error bars are from the scatter of the residuals.",
+    "none": "There are no error bars.",
+}
+"""Where the error bars are from, by the kind of the covariance."""
 
 KINDS = {
     "misalignment": MILLIRADIAN,
@@ -72,7 +80,7 @@ def replies(whole: ImuCalibration, bound: Float[Array, "9"]) -> tuple[Reply, ...
 def _how_good(whole: ImuCalibration, bound: Float[Array, "9"]) -> Reply:
     fit, result = whole.accelerometer, whole.log
     bars = ", ".join(
-        f"{kind} {value:.2g} {KINDS[kind].name}"
+        f"{kind} {rounded(value)} {KINDS[kind].name}"
         for kind, value in greatest(fit).items()
     )
     known = bool(np.isfinite(fit.sd).all())
@@ -123,7 +131,7 @@ def _honest(whole: ImuCalibration) -> Reply:
             f"Chi-square per degree of freedom {found.chi2_per_dof:.3g} with {dof}; "
             f"chance of one as high {found.p_value:.2g}.",
         )
-    lines.append(f"The error bars are: {whole.accelerometer.covariance_kind}.")
+    lines.append(BARS[whole.accelerometer.covariance_kind])
     return Reply(
         title="Are its error bars honest?",
         headline=said,

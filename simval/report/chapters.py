@@ -41,7 +41,7 @@ class Chapter:
     """A section behind a fold."""
 
     section: Section
-    finding: str  # what its first figure with a finding says; may be empty
+    finding: str  # what it found, or its first figure with a finding; may be empty
     mark: str  # how many of its checks are no pass, in words; empty where all are
     answer: Answer  # the worst of them
     open: bool
@@ -109,7 +109,7 @@ def _chapter(section: Section, answers: Sequence[Answer], opened: bool) -> Chapt
     worst: Answer = next((word for word in WORST_FIRST if word in answers), "pass")
     return Chapter(
         section=section,
-        finding=next(findings, ""),
+        finding=str(section.values.get("found") or next(findings, "")),
         mark=", ".join(filter(None, parts)),
         answer=worst,
         open=opened or worst != "pass",

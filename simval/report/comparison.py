@@ -17,9 +17,12 @@ from simval.report.environment import template
 from simval.report.moves import SHOWN, moves_table, told
 from simval.report.notes import located
 from simval.report.panels import COLOURS, Drawing, Panel, Series
+from simval.report.parameters import axis_words
 from simval.report.part import part_of
 from simval.report.section import Section, made
 from simval.report.table import Column, Table
+from simval.report.units import value_words
+from simval.report.words import spelled
 from simval.statistics import Statistic
 from simval.sweep import Run
 from simval.sweep.run import CellResult
@@ -167,19 +170,19 @@ def _drawing(
         alternative=f"{name} of {where} over {axis} in both runs, with their bands",
         panels=[
             Panel(
-                title=str(name),
-                x_label=axis.replace("_", " "),
-                y_label=f"value, {difference.a.unit}",
+                title=f"{spelled(study)}, {name}",
+                x_label=axis_words(study, axis),
+                y_label=value_words(difference.a.unit),
                 series=tuple(series),
                 log_x=_positive([c for _, _, c in curves], "x"),
                 log_y=_positive([c for _, _, c in curves], "value"),
             ),
-            *_apart([c for _, _, c in curves], axis, name.better),
+            *_apart([c for _, _, c in curves], axis_words(study, axis), name.better),
         ],
     )
 
 
-def _apart(curves: list[Curve], axis: str, aim: str | None) -> list[Panel]:
+def _apart(curves: list[Curve], along: str, aim: str | None) -> list[Panel]:
     """Panel of the change: in percent, or of what is near zero in standard errors."""
     if len(curves) != 2 or not np.array_equal(curves[0].x, curves[1].x):
         return []
@@ -203,7 +206,7 @@ def _apart(curves: list[Curve], axis: str, aim: str | None) -> list[Panel]:
     return [
         Panel(
             title=title,
-            x_label=axis.replace("_", " "),
+            x_label=along,
             y_label=unit,
             series=(series,),
             log_x=_positive([a], "x"),
@@ -246,7 +249,7 @@ def differences_table(comparison: RunComparison) -> Table:
             Column("change, %", "number", 3),
             Column("A", "measured"),
             Column("B", "measured"),
-            Column("unit"),
+            Column("unit", "unit"),
             Column("statistic"),
             Column("against"),
             Column("cell", "code"),

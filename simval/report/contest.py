@@ -70,7 +70,11 @@ def contest_of(cells: Sequence[CellResult]) -> Contest:
 def _only(cell: CellResult) -> str:
     noise = cell.parameters.get("noise_std")
     known = isinstance(noise, float)
-    return setting_words(cell.study, "noise_std", noise) if known else "all"
+    return setting_words(cell.study, "noise_std", noise) if known else _scenario(cell)
+
+
+def _scenario(cell: CellResult) -> str:
+    return str(cell.parameters.get("scenario") or "all")
 
 
 def answer_of(cells: Iterable[CellResult], verdicts: Iterable[Verdict]) -> str:

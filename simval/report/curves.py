@@ -12,7 +12,7 @@ from simval.report.palette import BOUND, THEORY
 from simval.report.panels import COLOURS, MARKERS, BarPanel, Series
 from simval.report.parameters import setting_words
 from simval.report.slope import simultaneous
-from simval.report.units import Unit
+from simval.report.units import RELATIVE, Unit
 from simval.results import Row
 from simval.shapes import Float
 from simval.statistics import FAMILIES, Statistic
@@ -131,6 +131,12 @@ def bar_width(curves: Iterable[Curve | None]) -> float:
     return simultaneous(sum(len(c.x) for c in curves if c is not None))
 
 
+def spans(factor: float, values: Sequence[Array]) -> bool:
+    """Whether values are positive and span more than a factor: for a logarithm."""
+    every = np.concatenate(values)
+    return bool(np.all(every > 0.0) and every.max() > factor * every.min())
+
+
 def position(cell: CellResult, axis: str) -> float | None:
     """Place of a cell along an axis."""
     value = numeric(cell.parameters.get(axis))
@@ -145,11 +151,7 @@ def statistic(name: Statistic, predictor: str = "") -> Measure:
 
     def measure(cell: CellResult) -> Measured | None:
         row = cell.row(name, predictor)
-        return (
-            None
-            if row is None
-            else Measured(*triple(row), row.remainder, row.n, row.unit)
-        )
+        return None if row is None else read(row)
 
     return measure
 
@@ -163,19 +165,32 @@ def triple(row: Row) -> tuple[float, float, float]:
     )
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what overflows is not drawn
 def bars(
-    rows: Sequence[Row], names: Sequence[str], title: str, x_label: str
+    found: Sequence[tuple[CellResult, Row]],
+    names: Sequence[str],
+    title: str,
+    x_label: str,
+    unit: Unit = RELATIVE,
 ) -> BarPanel:
     """Rows as bars, with 95 % intervals that hold for all of them together."""
+    rows = [row for _, row in found]
+    said = None if unit == RELATIVE else unit
     value, error, prediction = np.array([triple(row) for row in rows]).T
     return BarPanel(
         title=title,
         x_label=x_label,
         names=names,
-        measured=value,
-        band=simultaneous(len(rows)) * error,
-        predicted=prediction,
+        measured=unit.factor * value,
+        band=unit.factor * simultaneous(len(rows)) * error,
+        predicted=unit.factor * prediction,
+        notes=[note(cell, read(row), said) for cell, row in found],
     )
+
+
+def read(row: Row) -> Measured:
+    """What one row says."""
+    return Measured(*triple(row), row.remainder, row.n, row.unit)
 
 
 def grouped(

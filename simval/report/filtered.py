@@ -27,6 +27,7 @@ CHI2 = (0.2158, 9.3484)
 """Ends of 95 % of a chi-square of 3 degrees of freedom, that of one row."""
 
 NAMES = ("total", "heading", "inclination")
+MEAN = "3, the mean if the covariance is true"
 
 
 def render_filters(
@@ -113,11 +114,11 @@ def _rms(done: Sequence[Evaluation]) -> Table:
     ]
     return Table(
         name="rms",
-        caption="RMS error against the truth, degrees, with its standard error.",
+        caption="RMS error against the truth, with its standard error",
         columns=(
             Column("filter", "code"),
             Column("rows"),
-            *(Column(name, "measured") for name in NAMES),
+            *(Column(f"{name}, °", "measured") for name in NAMES),
         ),
         rows=[[_finite(cell) for cell in row] for row in rows],
     )
@@ -148,7 +149,7 @@ def _own(done: Sequence[Evaluation]) -> Table:
         )
     return Table(
         name="consistency",
-        caption=("What filters say of themselves"),
+        caption="What filters say of themselves",
         columns=(
             Column("filter", "code"),
             Column("NEES", "number", 4),
@@ -156,10 +157,10 @@ def _own(done: Sequence[Evaluation]) -> Table:
             Column("to", "number", 3),
             Column("verdict"),
             Column("NIS", "number", 4),
-            Column("of", "number", 3),
-            Column("drift", "number", 3),
-            Column("up", "number", 3),
-            Column("time", "number", 4),
+            Column("its mean", "number", 3),
+            Column("drift, °/min", "number", 3),
+            Column("up, °", "number", 3),
+            Column("time, µs a row", "number", 4),
         ),
         rows=rows,
     )
@@ -197,7 +198,7 @@ def _drawing(name: str, truth: WithTruth) -> Drawing:
     )
     return Drawing(
         name=f"errors-{slug(name)}",
-        asked=f"When is {name} wrong?",
+        asked=f"When is the filter {name} wrong?",
         finding=_farthest(truth),
         caption=f"Errors of {name} over time; rests are shaded.{band}",
         alternative=f"Total, heading and inclination error of {name} over time",
@@ -230,11 +231,15 @@ def _squares(
     return Panel(
         title="squared error over covariance",
         x_label="time, s",
-        y_label="NEES of a row, of 3",
+        y_label="NEES of a row",
         series=(Series(label="", x=x, y=y, colour=COLOURS[3], line="-"),),
         log_x=False,
         log_y=True,
-        references=((CHI2[0], ""), (3.0, "3"), (CHI2[1], "")),
+        references=(
+            (CHI2[0], ""),
+            (3.0, "3, its mean if the covariance is true"),
+            (CHI2[1], ""),
+        ),
         spans=rested,
     )
 
@@ -252,7 +257,7 @@ def _lines(
         signs = (1.0, -1.0) if k == 1 else (1.0,)
         for sign in signs:
             x, y = envelope(time, sign * BAND * np.degrees(band[:, k]))
-            label = f"{BAND:g} sd" if sign > 0.0 else ""
+            label = f"{BAND:g} standard deviations" if sign > 0.0 else ""
             lines.append(Series(label=label, x=x, y=y, colour=GREY, line="-"))
     return tuple(lines)
 

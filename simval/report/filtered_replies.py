@@ -7,6 +7,7 @@ import numpy as np
 from simval.recorded import Evaluation
 from simval.recorded.consistency import ALPHA, Consistency
 from simval.recorded.errors import Rms
+from simval.report.answers import rounded
 from simval.report.replies import Answer, Reply
 from simval.report.words import measured
 
@@ -91,11 +92,18 @@ def _honest(done: Sequence[Evaluation]) -> Reply:
     if not told:
         said, answer = "Cannot be judged", "inconclusive"
     else:
-        said = f"{good} of {len(told)} {'is' if good == 1 else 'are'} consistent"
+        said = _how_many(good, len(told))
         answer = "pass" if good == len(told) else "fail"
     if told:
         lines.append(f"False-alarm rate of each verdict: {100.0 * ALPHA:g} %.")
     return Reply(title=title, headline=said, answer=_answer(answer), lines=tuple(lines))
+
+
+def _how_many(good: int, count: int) -> str:
+    """How many covariances are consistent, in words."""
+    if not good:
+        return "The one that is stated is not" if count == 1 else f"None of {count} is"
+    return f"{good} of {count} {'is' if good == 1 else 'are'} consistent"
 
 
 def _answer(word: str) -> Answer:
@@ -119,7 +127,7 @@ def _why_not(each: Evaluation) -> str:
 def _words(nees: Consistency) -> str:
     ratio = np.sqrt(nees.mean / nees.expected)
     return (
-        f"{nees.verdict}, squared error over covariance {nees.mean:.3g} of "
+        f"{nees.verdict}, squared error over covariance {rounded(nees.mean, 3)} of "
         f"{nees.expected:g}, errors {ratio:.2g} times what it states"
     )
 

@@ -6,7 +6,7 @@ theory where chance does it to fewer than one figure in ten thousand. What a pre
 itself states that it leaves out is not held against it, as in the gate.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -198,6 +198,19 @@ def slopes_said(pairs: Sequence[tuple[Slope | None, Slope | None]]) -> tuple[str
         ), False
     count = _count(len(told), "slope")
     return f"{count}, theory's own within {max(apart):.3f}{missing}", True
+
+
+def order_words(found: Iterable[tuple[str, float | None, float]]) -> str:
+    """Slopes of what each formula leaves out beside its stated order, in words."""
+    slopes: dict[tuple[str, float], list[float]] = {}
+    for formula, slope, stated in found:
+        if slope is not None:
+            slopes.setdefault((formula, stated), []).append(slope)
+    told = []
+    for (formula, stated), values in slopes.items():
+        ends = dict.fromkeys(f"{value:.2f}" for value in (min(values), max(values)))
+        told.append(f"{' to '.join(ends)} for {formula} (stated {stated:g})")
+    return f"What is left out has the slope {'; '.join(told)}" if told else ""
 
 
 def percent(share: float) -> str:

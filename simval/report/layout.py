@@ -29,10 +29,10 @@ from simval.report.panels import (
 # them, inches
 WIDTHS = {1: 6.6, 2: 4.9}
 WIDTH, UP = 4.3, 2.2
-DISC = 3.4  # of a map of directions
+DISC = 3.4  # height of a map of directions
 # left: a tick of eight digits and a line; right: half of such a tick
 LEFT, RIGHT, BOTTOM, TOP = 0.95, 0.35, 0.62, 0.35
-NAMES = 1.6  # at most, for the names of bars
+NAMES, WIDE_NAMES = 1.6, 2.4  # at most, for the names of bars; of a panel alone
 TICK = 0.15  # between a name and its axis
 POINTS = 72.0  # in an inch
 LINE = 0.18  # from one line of words to the next
@@ -40,7 +40,9 @@ SIZE, TITLE, SMALL = 10.0, 11.0, 8.5  # of labels, titles and legends, points
 HANDLE = 0.6  # a legend's mark and the space about it
 EDGE = 0.15  # of a panel, that its legend keeps free on either side
 SLANT = 50.0  # of the names below a map of shares, degrees
-APART = 0.6  # of a line, between the dots of a name
+APART = 0.45  # of a line, between the dots of a name
+SEAMS = "_:,=/"
+"""Letters after which a word that is longer than a line is broken."""
 NAMED = (BarPanel, DotPanel, HeatPanel)
 """Panels with a name for each row."""
 
@@ -99,8 +101,9 @@ def _alone(drawing: Drawing, number: int) -> Drawing:
 def laid_out(drawing: Drawing) -> Layout:
     """Break the words of a drawing into lines and find the margins."""
     globes = all(isinstance(panel, SpherePanel) for panel in drawing.panels)
-    width = DISC if globes else WIDTHS.get(drawing.columns, WIDTH)
-    panels = [_names_broken(panel) for panel in drawing.panels]
+    width = WIDTHS.get(drawing.columns, WIDTH)
+    room = NAMES if drawing.columns > 1 else WIDE_NAMES
+    panels = [_names_broken(panel, room) for panel in drawing.panels]
     ups = [_up(panel) for panel in panels]
     alike = max(
         [u for u, p in zip(ups, panels, strict=True) if _in_rows(p)], default=0.0
@@ -189,9 +192,10 @@ def broken(text: str, room: float, size: float = SIZE) -> str:
 
 
 def _fitting(word: str, room: float, size: float) -> int:
-    """Number of letters of a word that fit a line, at least one."""
+    """Number of letters of a word that fit a line, at least one; up to a seam."""
     fit = (n for n in range(len(word), 1, -1) if _width(word[:n], size) <= SLACK * room)
-    return next(fit, 1)
+    most = next(fit, 1)
+    return max((word.rfind(seam, 0, most) for seam in SEAMS), default=-1) + 1 or most
 
 
 @cache
@@ -214,10 +218,10 @@ def _more(panel: AnyPanel, word: str) -> int:
     return str(getattr(panel, word, "")).count("\n")
 
 
-def _names_broken(panel: AnyPanel) -> AnyPanel:
+def _names_broken(panel: AnyPanel, room: float) -> AnyPanel:
     if not isinstance(panel, NAMED):
         return panel
-    return replace(panel, names=[broken(name, NAMES) for name in panel.names])
+    return replace(panel, names=[broken(name, room) for name in panel.names])
 
 
 def _names_width(panel: AnyPanel) -> float:

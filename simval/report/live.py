@@ -64,8 +64,9 @@ def points(figure: Figure, panels: Sequence[AnyPanel]) -> str:
     scale, height = POINTS / figure.dpi, POINTS * figure.get_figheight()
     groups = []
     for i, (panel, axes) in enumerate(zip(panels, figure.axes, strict=True)):
-        keys = _keys(panel)
-        for series, own in zip(placed(panel), keys, strict=bool(keys)):
+        drawn = placed(panel)
+        keys = _keys(panel) or [[] for _ in drawn]  # those of bars are not switched
+        for series, own in zip(drawn, keys, strict=True):
             discs = _discs(series, axes, scale, height)
             if not discs:
                 continue

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from simval.report.curves import Curve, Measure, triple
+from simval.report.curves import Curve, Measure, read, triple
 from simval.report.notes import Measured
 from simval.results import Row
 from simval.statistics import EXACT, RMS, Family
@@ -59,6 +59,7 @@ def part(family: Family, name: str, predictor: str) -> Measure:
             if row.predictor == predictor
             and row.statistic.family == family
             and row.statistic.entries[0].startswith(letters)
+            and not row.statistic.controlled
         ]
         if not rows or any(row.prediction is None for row in rows):
             return None
@@ -135,8 +136,8 @@ def _times(row: Row) -> float:
     return 2.0 if len(set(row.statistic.entries)) == 2 else 1.0
 
 
-def placed(label: str, rows: Sequence[Row]) -> Curve:
-    """Rows side by side, each at its place in the order."""
+def placed(label: str, rows: Sequence[Row], cell: CellResult | None = None) -> Curve:
+    """Rows of a cell side by side, each at its place in the order."""
     value, error, prediction = np.array([triple(r) for r in rows]).reshape(-1, 3).T
     places = np.arange(float(len(rows)))
     return Curve(
@@ -146,4 +147,5 @@ def placed(label: str, rows: Sequence[Row]) -> Curve:
         error=error,
         prediction=prediction,
         remainder=np.array([row.remainder for row in rows]),
+        sources=() if cell is None else [(cell, read(row)) for row in rows],
     )

@@ -31,7 +31,7 @@ def moves_table(
             f"{move.cells} of {move.of}",
             move.worst.before,
             move.worst.after,
-            "" if move.worst.statistic.unit == "1" else move.worst.statistic.unit,
+            move.worst.statistic.unit,
             figures[i],
         )
         for i, move in enumerate(moves)
@@ -49,7 +49,7 @@ def moves_table(
             Column("cells"),
             Column("before", "number", 5),
             Column("after", "number", 5),
-            Column("unit"),
+            Column("unit", "unit"),
             Column("figure", "figure"),
         ),
         rows=rows,

@@ -9,10 +9,11 @@ import numpy as np
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
-from simval.report.axes import label_decades, near, paint, placed, tagged
+from simval.report.axes import near, paint, placed, tagged
 from simval.report.layout import SLANT, SMALL
 from simval.report.palette import GREY, INK, SHARE, SIMULATED, THEORY
 from simval.report.panels import BarPanel, DotPanel, HeatPanel, Series
+from simval.report.ticks import label_decades
 
 WIDEST = 10.0
 """Greatest value over the least up to which an axis of ratios is linear."""
@@ -38,6 +39,17 @@ def _(panel: BarPanel, axes: Any) -> None:
     axes.grid(visible=False, axis="y")
     axes.set_title(panel.title, y=1.0)  # an automatic place takes a third longer
     axes.set_xlabel(panel.x_label)
+
+
+@placed.register
+def _(panel: BarPanel) -> Sequence[Series]:
+    """The ends of the bars, where the page says their values."""
+    good = near(panel.measured)
+    places = np.arange(float(len(panel.names)))[::-1]
+    notes = tuple(compress(panel.notes, good))
+    return [
+        Series(label="measured", x=panel.measured[good], y=places[good], notes=notes)
+    ]
 
 
 @placed.register

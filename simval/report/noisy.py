@@ -9,40 +9,16 @@ from simval import __version__
 from simval.logs import Log
 from simval.noise import AxisNoise, Coefficient
 from simval.report.allan import allan_drawing
+from simval.report.data_sheet import called, unit_of
 from simval.report.environment import template
 from simval.report.replies import Reply, log_name, source_section
 from simval.report.section import Section, made
 from simval.report.table import Column, Table
 from simval.report.units import Unit
 
-G0 = 9.80665  # m/s^2, the g of data sheets
-HOUR = 3600.0
 AXES = "xyz"
 WORDS = {"N": "white noise", "B": "flicker", "K": "random walk", "Q": "rounding"}
 """What the coefficients are, in the order of a reader."""
-
-RAW = {"N": "raw/√Hz", "B": "raw", "K": "raw/√s", "Q": "raw s"}
-UNITS = {
-    "accelerometer": {
-        "N": Unit("µg/√Hz", 1e6 / G0),
-        "B": Unit("µg", 1e6 / G0),
-        "K": Unit("µg/√s", 1e6 / G0),
-        "Q": Unit("mm/s", 1e3),
-    },
-    "gyro": {
-        "N": Unit("°/√h", np.degrees(1.0) * np.sqrt(HOUR)),
-        "B": Unit("°/h", np.degrees(1.0) * HOUR),
-        "K": Unit("°/h/√h", np.degrees(1.0) * HOUR * np.sqrt(HOUR)),
-        "Q": Unit("mrad", 1e3),
-    },
-    "magnetometer": {
-        "N": Unit("nT/√Hz", 1e9),
-        "B": Unit("nT", 1e9),
-        "K": Unit("nT/√s", 1e9),
-        "Q": Unit("nT s", 1e9),
-    },
-}
-"""Those of data sheets, of a coefficient in SI units."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,14 +32,11 @@ class SensorNoise:
     @property
     def title(self) -> str:
         """Its name for a person."""
-        return "gyroscope" if self.name == "gyro" else self.name
+        return called(self.name)
 
     def unit(self, kind: str) -> Unit:
         """Unit in which a person reads a coefficient in raw units."""
-        if self.si_per_raw is None:
-            return Unit(RAW[kind], 1.0)
-        own = UNITS[self.name][kind]
-        return Unit(own.name, own.factor * self.si_per_raw)
+        return unit_of(self.name, kind, self.si_per_raw)
 
     def of(self, kind: str) -> list[Coefficient]:
         """One coefficient of each axis that has it."""
@@ -160,11 +133,15 @@ def _honest(sensors: Sequence[SensorNoise]) -> Reply:
     lines.append("Every interval holds 95 % by the closed-form covariance.")
     return Reply(
         title="Does the model hold?",
-        headline=f"{len(fitted)} of {len(axes)} axes follow white noise, flicker and "
+        headline=f"{_share(len(fitted), len(axes))} follow white noise, flicker and "
         "random walk",
         answer="pass" if not without else "fail",
         lines=tuple(lines),
     )
+
+
+def _share(some: int, count: int) -> str:
+    return f"All {count} axes" if some == count else f"{some} of {count} axes"
 
 
 def _lettered(sensor: SensorNoise) -> list[tuple[str, AxisNoise]]:

@@ -79,6 +79,8 @@ class BarPanel:
     measured: Float[Array, " n"]
     band: Float[Array, " n"]
     predicted: Float[Array, " n"]
+    # what the page says of each part on request; empty says nothing
+    notes: Sequence[str] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -18,19 +18,22 @@ from simval.report.curves import (
     curves,
     first,
     grouped,
+    spans,
     statistic,
     varying,
 )
 from simval.report.measures import GROUPS
 from simval.report.panels import Drawing, Panel, Series
 from simval.report.section import Context
-from simval.report.units import OF_A_CALIBRATION
+from simval.report.units import OF_A_CALIBRATION, value_words
 from simval.report.words import spelled
 from simval.statistics import CRAMER_RAO, RMS
 from simval.sweep.run import CellResult
 
 AXES = {"poses": "number of poses"}
 """Words of a parameter where its name is not enough."""
+LITTLE = 3.0
+"""Least factor of the values on a logarithmic axis of the only figure."""
 
 
 def axis_of_question(cells: Sequence[CellResult]) -> str | None:
@@ -99,8 +102,8 @@ def _panel(letter: str, place: int, c: Curve, z: float, name: str) -> Panel:
         x_label=name,
         y_label=f"RMS error, {OF_A_CALIBRATION[letter].name}",
         series=(c.points(z, place, ""), c.predicted(":")),
-        log_x=_spread([c.x]),
-        log_y=_spread([c.value]),
+        log_x=spans(LITTLE, [c.x]),
+        log_y=spans(LITTLE, [c.value]),
     )
 
 
@@ -140,17 +143,11 @@ def _of_any(cells: Sequence[CellResult], axis: str) -> Drawing | None:
             Panel(
                 title=what,
                 x_label=name,
-                y_label=f"value, {row.unit}",
+                y_label=value_words(row.unit),
                 series=tuple(series),
-                log_x=_spread([c.x for c in measured]),
-                log_y=_spread([c.value for c in measured]),
+                log_x=spans(LITTLE, [c.x for c in measured]),
+                log_y=spans(LITTLE, [c.value for c in measured]),
             )
         ],
         left_out=left_out,
     )
-
-
-def _spread(values: Sequence[np.ndarray]) -> bool:
-    """Whether values are positive and span a factor of three, for a logarithm."""
-    every = np.concatenate(values)
-    return bool(np.all(every > 0.0) and every.max() > 3.0 * every.min())

@@ -99,11 +99,14 @@ def limits(
     values: Sequence[Float[Array, " n"]], bands: Sequence[Float[Array, " n"] | None]
 ) -> tuple[float, float]:
     """Ends of an axis of ratios: about 1, and never narrower than the bands."""
-    half = LEAST
+    half, lowest = LEAST, 0.0
     for value, band in zip(values, bands, strict=True):
-        reach = np.abs(value - 1.0) + (0.0 if band is None else band)
+        width = 0.0 if band is None else band
+        reach = np.abs(value - 1.0) + width
         half = max(half, ROOM * float(np.max(reach, initial=0.0)))
-    return 1.0 - half, 1.0 + half
+        lowest = min(lowest, float(np.min(value - width, initial=0.0)))
+    # an axis that reaches far above 1 has nothing to show below zero
+    return max(1.0 - half, ROOM * lowest), 1.0 + half
 
 
 def ratio_bars(

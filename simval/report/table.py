@@ -9,7 +9,9 @@ from typing import Any, Literal
 from simval.report.words import measured, number, slug
 from simval.results import Row
 
-Kind = Literal["text", "code", "command", "number", "measured", "answer", "figure"]
+Kind = Literal[
+    "text", "unit", "code", "command", "number", "measured", "answer", "figure"
+]  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,12 +19,22 @@ class Column:
     """A column."""
 
     title: str  # heading, with the unit where all its values have the same
-    # ``text``; ``code``, a name; ``command``, shown on request; ``number``;
+    # ``text``; ``unit``, which a ratio has none of on the page; ``code``, a name;
+    # ``command``, shown on request; ``number``;
     # ``measured``, a pair of value and standard error; ``answer``, a verdict;
     # ``figure``, the name of a figure on the page
     kind: Kind = "text"
     digits: int = 6  # significant digits of a number
     choice: bool = False  # whether the page lets its rows be chosen by it
+    # the heading on the page, and the factor of its numbers, where a person reads
+    # another unit than a file has
+    shown: str = ""
+    factor: float = 1.0
+
+    @property
+    def heading(self) -> str:
+        """Heading on the page."""
+        return self.shown or self.title
 
     @property
     def numeric(self) -> bool:
@@ -46,6 +58,17 @@ class Table:
         assert self.name == slug(self.name), self.name
 
     @property
+    def filled(self) -> Sequence[int]:
+        """Places of the columns that the page shows: those with a value in some row."""
+        if not self.rows:
+            return range(len(self.columns))
+        return [
+            i
+            for i in range(len(self.columns))
+            if any(text(row[i], self.columns[i]) for row in self.rows)
+        ]
+
+    @property
     def visible(self) -> Sequence[Sequence[Any]]:
         """The rows that the page shows."""
         return self.rows[: self.shown]
@@ -54,7 +77,7 @@ class Table:
 NUMBERS = (
     Column("statistic"),
     Column("value", "measured"),
-    Column("unit"),
+    Column("unit", "unit"),
     Column("n", "number", 12),
     Column("prediction", "number"),
     Column("by"),
@@ -74,8 +97,10 @@ def text(value: Any, column: Column) -> str:
     if value is None:
         return ""
     if column.kind == "measured":
-        return measured(*value)
-    return number(value, column.digits) if column.kind == "number" else str(value)
+        return measured(*(column.factor * part for part in value))
+    if column.kind == "number":
+        return number(column.factor * value, column.digits)
+    return "" if column.kind == "unit" and value == "1" else str(value)
 
 
 def sort_key(value: Any, column: Column) -> str:

@@ -1,9 +1,16 @@
 """Labels of a logarithmic axis: at the data's own few places, or at round numbers."""
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
-from matplotlib.ticker import MaxNLocator
+from matplotlib import rcParams
+from matplotlib.lines import TICKDOWN, TICKLEFT, Line2D  # type: ignore[attr-defined]
+from matplotlib.ticker import FixedFormatter, FixedLocator, MaxNLocator, NullLocator
 
 from simval.arrays import Array
+from simval.report.palette import INK
+from simval.report.panels import Panel
 from simval.shapes import Float
 
 MANTISSAS = ((1.0,), (1.0, 3.0), (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0))
@@ -17,13 +24,43 @@ GAP = 0.15
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
+def label_ticks(panel: Panel, axes: Any, places: list[Array]) -> None:
+    """Label axes that are logarithmic, or on which only whole numbers stand."""
+    if panel.log_x:
+        label_decades(axes.xaxis, places)
+    elif places and all(np.array_equal(x, np.rint(x)) for x in places):
+        whole = MaxNLocator("auto", steps=[1, 2, 5, 10], integer=True)
+        axes.xaxis.set_major_locator(whole)  # half an iteration is none
+    if panel.log_y:
+        label_decades(axes.yaxis)
+
+
+SHORT = 100.0
+"""Two decades: a longer axis has no small ticks."""
+
+
+def label_decades(axis: Any, places: Any = ()) -> None:
+    """Label a logarithmic axis: at least two ticks, at its few places or at decades."""
+    low, high = sorted(axis.get_view_interval())
+    found = np.unique(np.concatenate([*places, np.empty(0)]))
+    ticks, labels = log_ticks(float(low), float(high), found)
+    axis.set_major_locator(FixedLocator(ticks))
+    axis.set_major_formatter(FixedFormatter(labels))
+    if high <= SHORT * low:
+        small_ticks(axis, [x for x in axis.get_minorticklocs() if low <= x <= high])
+    axis.set_minor_locator(NullLocator())
+
+
 def log_ticks(
     low: float, high: float, places: Float[Array, " n"]
 ) -> tuple[list[float], list[str]]:
     """Ticks of an axis from low to high with their labels; two at least."""
     if not 0.0 < low < high < np.inf:
         return [], []
-    ticks = _places(low, high, places) or _round(low, high)
+    if len(places) == 1 and low <= places[0] <= high:
+        ticks = _about(float(places[0]), _round(low, high), high / low)
+    else:
+        ticks = _places(low, high, places) or _round(low, high)
     return ticks, [spelled(tick) for tick in ticks]
 
 
@@ -37,6 +74,27 @@ def spelled(x: float) -> str:
     return raised if head == "1" else f"{head}×{raised}"
 
 
+def small_ticks(axis: Any, places: Sequence[float]) -> None:
+    """Draw small ticks as the marks of one line: each as a tick takes 2 ms."""
+    at, zeros, axes = np.array(places), np.zeros(len(places)), axis.axes
+    if axis.axis_name == "x":
+        x, y, mark, scale = at, zeros, TICKDOWN, axes.get_xaxis_transform()
+    else:
+        x, y, mark, scale = zeros, at, TICKLEFT, axes.get_yaxis_transform()
+    marks = Line2D(
+        x,
+        y,
+        transform=scale,
+        linestyle="none",
+        marker=mark,
+        markersize=rcParams["xtick.minor.size"],  # of both axes
+        markeredgewidth=rcParams["xtick.minor.width"],
+        color=INK,
+        clip_on=False,
+    )
+    axes.add_artist(marks)  # which leaves the limits alone
+
+
 def _places(low: float, high: float, places: Float[Array, " n"]) -> list[float]:
     """The places of the data, where they are few, short and apart."""
     inside = [float(x) for x in places if low <= x <= high]
@@ -46,6 +104,12 @@ def _places(low: float, high: float, places: Float[Array, " n"]) -> list[float]:
         return []
     apart = np.diff(np.log(inside)) / np.log(high / low)
     return inside if np.all(apart >= GAP) else []
+
+
+def _about(place: float, ticks: list[float], whole: float) -> list[float]:
+    """The only place of the data, and the round numbers apart from it."""
+    apart = np.abs(np.log(np.array(ticks) / place)) / np.log(whole) >= GAP
+    return sorted([place, *np.array(ticks)[apart].tolist()])
 
 
 def _round(low: float, high: float) -> list[float]:

@@ -227,7 +227,7 @@ def _lines(trend: Trend) -> Table:
             Column("since", "code"),
             Column("first", "measured"),
             Column("last", "measured"),
-            Column("unit"),
+            Column("unit", "unit"),
             Column("statistic"),
             Column("cell", "code"),
             Column("runs", "number"),

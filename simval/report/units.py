@@ -20,6 +20,9 @@ MILLIRADIAN = Unit("mrad", 1e3)
 DEGREE = Unit("°", 57.29577951308232)
 PPM = Unit("ppm", 1e6)
 MILLIMETRE_PER_SECOND_SQUARED = Unit("mm/s²", 1e3)
+DEGREE_OF_QUATERNION = Unit("°", 2.0 * DEGREE.factor)
+"""Of the length of a quaternion's error: half of the small angle that it is wrong by,
+to the order of the angle's square over 48."""
 RELATIVE = Unit("relative", 1.0)
 
 SI = {"rad": MILLIRADIAN, "1": RELATIVE, "m/s^2": Unit("m/s²", 1.0)}
@@ -32,6 +35,11 @@ OF_A_CALIBRATION = {
     "B": MILLIMETRE_PER_SECOND_SQUARED,
 }
 """Units of misalignment, scale factor and bias, by the first letter of a parameter."""
+
+
+def value_words(unit: str) -> str:
+    """Label of an axis with values of rows: their unit as it is, none of a ratio."""
+    return "value" if unit == "1" else f"value, {unit.replace('^2', '²')}"
 
 
 def of_row(unit: str) -> Unit:

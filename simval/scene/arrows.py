@@ -21,7 +21,7 @@ GLASS = 0.5  # share of its own colour that the body keeps
 CLEAR = np.array([1.0, 1.0, 1.0, 0.3])  # so that the arrows are seen inside it
 
 
-def body_reach(model: mujoco.MjModel) -> float:
+def body_reach(model: "mujoco.MjModel") -> float:
     """Distance of the body's farthest point from the sensor, at most, m."""
     site = model.site(SITE)
     own = np.flatnonzero(model.geom_bodyid == site.bodyid[0])
@@ -30,7 +30,7 @@ def body_reach(model: mujoco.MjModel) -> float:
     return float(reach.max()) if len(own) else 0.1 * float(model.stat.extent)
 
 
-def make_glass(model: mujoco.MjModel) -> None:
+def make_glass(model: "mujoco.MjModel") -> None:
     """Make the sensor's body translucent."""
     own = model.geom_bodyid == model.site(SITE).bodyid[0]
     for k in np.flatnonzero(own).tolist():
@@ -38,14 +38,14 @@ def make_glass(model: mujoco.MjModel) -> None:
         model.geom_matid[k] = -1
 
 
-def _own_colour(model: mujoco.MjModel, geom: int) -> Float[Array, "4"]:
+def _own_colour(model: "mujoco.MjModel", geom: int) -> Float[Array, "4"]:
     material = model.geom_matid[geom]
     colour: Array = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
     return colour
 
 
 def arrow_tips(
-    data: mujoco.MjData, force: Float[Array, "3"], g: float, reach: float
+    data: "mujoco.MjData", force: Float[Array, "3"], g: float, reach: float
 ) -> Float[Array, "4 3"]:
     """Tips of the axes x, y, z and of the specific force (sensor axes), world, m."""
     site = data.site(SITE)
@@ -57,7 +57,7 @@ def arrow_tips(
 
 
 def add_arrows(
-    scene: mujoco.MjvScene,
+    scene: "mujoco.MjvScene",
     start: Float[Array, "3"],
     tips: Float[Array, "4 3"],
     reach: float,
@@ -81,7 +81,7 @@ def add_arrows(
 
 
 def projected(
-    scene: mujoco.MjvScene, points: Float[Array, "m 3"], width: int, height: int
+    scene: "mujoco.MjvScene", points: Float[Array, "m 3"], width: int, height: int
 ) -> Float[Array, "m 2"]:
     """Pixels (right, down) of points of the world; NaN behind the camera."""
     eyes = scene.camera

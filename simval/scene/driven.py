@@ -68,7 +68,7 @@ def tour(
 
 
 def drive_gimbal(
-    model: mujoco.MjModel,
+    model: "mujoco.MjModel",
     *,
     poses: object = 40,
     first_hold: float = 1.0,
@@ -89,7 +89,7 @@ def drive_gimbal(
 
 
 def drive_shaker(
-    model: mujoco.MjModel,
+    model: "mujoco.MjModel",
     *,
     poses: int = 40,
     move_time: float = 1.5,

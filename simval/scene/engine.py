@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from simval.arrays import Array
@@ -21,13 +20,7 @@ from simval.scene.models import SENSORS, SITE
 from simval.scene.script import Script
 from simval.shapes import Float
 
-INPUTS = {
-    "ctrl": mujoco.mjtState.mjSTATE_CTRL,
-    "qfrc_applied": mujoco.mjtState.mjSTATE_QFRC_APPLIED,
-    "xfrc_applied": mujoco.mjtState.mjSTATE_XFRC_APPLIED,
-    "mocap_pos": mujoco.mjtState.mjSTATE_MOCAP_POS,
-    "mocap_quat": mujoco.mjtState.mjSTATE_MOCAP_QUAT,
-}
+INPUTS = ("ctrl", "qfrc_applied", "xfrc_applied", "mocap_pos", "mocap_quat")
 
 
 class Rollout(NamedTuple):
@@ -44,7 +37,7 @@ class Rollout(NamedTuple):
 
 
 def roll_out(
-    model: mujoco.MjModel, scripts: Sequence[Script], threads: int = 1
+    model: "mujoco.MjModel", scripts: Sequence[Script], threads: int = 1
 ) -> Rollout:
     """Run scripts of one length together."""
     with captured_messages() as messages:
@@ -60,7 +53,7 @@ def roll_out(
 
 
 def path_length(
-    model: mujoco.MjModel, script: Script, qpos: Float[Array, "m nq"]
+    model: "mujoco.MjModel", script: Script, qpos: Float[Array, "m nq"]
 ) -> Float[Array, " m"]:
     """Distance of the sensor from where it begins, for some positions."""
     data = mujoco.MjData(model)
@@ -74,7 +67,7 @@ def path_length(
 
 
 def positions(
-    model: mujoco.MjModel, script: Script, rows: NDArray[np.intp]
+    model: "mujoco.MjModel", script: Script, rows: NDArray[np.intp]
 ) -> Float[Array, "m nq"]:
     """Generalised positions of a run at some rows."""
     with captured_messages():
@@ -83,7 +76,7 @@ def positions(
 
 
 def instants(
-    model: mujoco.MjModel, script: Script
+    model: "mujoco.MjModel", script: Script
 ) -> tuple[Float[Array, "n nq"], Float[Array, "n 14"]]:
     """Generalised positions of a run and its unchecked rows, for pictures."""
     with captured_messages():
@@ -93,7 +86,7 @@ def instants(
 
 
 def _from_start(
-    model: mujoco.MjModel, script: Script, qpos: Float[Array, "n nq"]
+    model: "mujoco.MjModel", script: Script, qpos: Float[Array, "n nq"]
 ) -> Float[Array, "m nq"]:
     # sensor data are of the state before their step, so row 0 is of the start
     start = model.qpos0 if script.qpos is None else script.qpos
@@ -101,7 +94,7 @@ def _from_start(
 
 
 def _in_order(
-    model: mujoco.MjModel, rows: Float[Array, "runs n width"]
+    model: "mujoco.MjModel", rows: Float[Array, "runs n width"]
 ) -> Float[Array, "runs n 14"]:
     order = np.concatenate([_columns(model, name) for name in SENSORS])
     if np.array_equal(order, np.arange(rows.shape[2])):
@@ -110,11 +103,13 @@ def _in_order(
 
 
 def _batch(
-    model: mujoco.MjModel,
+    model: "mujoco.MjModel",
     scripts: Sequence[Script],
     what: tuple[str, ...],
     threads: int,
-) -> tuple[Batch, dict[str, Array]]:
+) -> tuple["mujoco.batch.Batch", dict[str, Array]]:
+    from mujoco.batch import Batch
+
     spec, control = _controls(model, scripts)
     batch = Batch(model, len(scripts), nthread=threads)
     for name in ("qpos", "qvel"):
@@ -130,33 +125,38 @@ def _batch(
     return batch, out
 
 
-def _columns(model: mujoco.MjModel, sensor: str) -> NDArray[np.intp]:
+def _columns(model: "mujoco.MjModel", sensor: str) -> NDArray[np.intp]:
     k = model.sensor(sensor).id
     columns: NDArray[np.intp] = model.sensor_adr[k] + np.arange(model.sensor_dim[k])
     return columns
 
 
 def _controls(
-    model: mujoco.MjModel, scripts: Sequence[Script]
+    model: "mujoco.MjModel", scripts: Sequence[Script]
 ) -> tuple[int, Float[Array, "runs n width"] | None]:
     # inputs of all runs side by side in MuJoCo's order
     for name in scripts[0].inputs:
         if name not in INPUTS:
             msg = f"there is no input `{name}`; a driver may set {', '.join(INPUTS)}"
             raise InputError(msg)
-    names = sorted(scripts[0].inputs, key=lambda name: int(INPUTS[name]))
+    names = sorted(scripts[0].inputs, key=bit_of)
     if not names:
-        return int(INPUTS["ctrl"]), None
+        return bit_of("ctrl"), None
     for script in scripts:
         for name in names:
-            wanted = (len(script.hold), mujoco.mj_stateSize(model, INPUTS[name]))
+            wanted = (len(script.hold), mujoco.mj_stateSize(model, bit_of(name)))
             _of_shape(name, script.inputs[name], wanted)
-    spec = sum(int(INPUTS[name]) for name in names)
+    spec = sum(map(bit_of, names))
     stacked = [
         np.concatenate([script.inputs[name] for name in names], axis=1)
         for script in scripts
     ]
     return spec, np.stack(stacked)
+
+
+def bit_of(name: str) -> int:
+    """Bit of an input in MuJoCo's word of what a state holds."""
+    return int(getattr(mujoco.mjtState, f"mjSTATE_{name.upper()}"))
 
 
 def _of_shape(name: str, value: Array, wanted: tuple[int, ...]) -> Array:

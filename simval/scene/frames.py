@@ -44,7 +44,7 @@ class _NoFrameError(Exception):
     """The child process gave no frame; its words say why."""
 
 
-def drawn_frames(model: mujoco.MjModel, job: Mapping[str, Any]) -> Generator[Frame]:
+def drawn_frames(model: "mujoco.MjModel", job: Mapping[str, Any]) -> Generator[Frame]:
     """Draw the frames of a job by the first graphics library that works.
 
     Raises

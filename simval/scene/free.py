@@ -15,7 +15,7 @@ AXIS = np.array([0.1, 1.0, 0.1]) / np.sqrt(1.02)
 
 
 def drive_pivot(
-    model: mujoco.MjModel,
+    model: "mujoco.MjModel",
     *,
     spin_rate: float = 0.1,
     turns: float = 4.0,
@@ -53,7 +53,7 @@ def drive_pivot(
 
 
 def drive_freefall(
-    model: mujoco.MjModel, *, spin_rate: float = 4.0, seconds: float = 20.0
+    model: "mujoco.MjModel", *, spin_rate: float = 4.0, seconds: float = 20.0
 ) -> Script:
     """Let a spinning body fall: at its centre of mass it reads zero."""
     spin_rate = nonnegative_number("spin_rate", spin_rate, "rad/s")

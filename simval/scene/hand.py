@@ -17,7 +17,7 @@ SINES = 5  # in each axis' tremor
 
 
 def drive_handheld(
-    model: mujoco.MjModel,
+    model: "mujoco.MjModel",
     *,
     poses: object = 40,
     first_hold: float = 1.0,

@@ -21,26 +21,15 @@ from simval.scene.messages import captured_messages
 SITE = "imu"
 # of the site, in the order of a row's columns
 SENSORS = ("accelerometer", "gyro", "magnetometer", "attitude", "clock")
-_TYPES = (
-    mujoco.mjtSensor.mjSENS_ACCELEROMETER,
-    mujoco.mjtSensor.mjSENS_GYRO,
-    mujoco.mjtSensor.mjSENS_MAGNETOMETER,
-    mujoco.mjtSensor.mjSENS_FRAMEQUAT,
-    mujoco.mjtSensor.mjSENS_CLOCK,
-)
-INTEGRATORS = {
-    "Euler": mujoco.mjtIntegrator.mjINT_EULER,
-    "RK4": mujoco.mjtIntegrator.mjINT_RK4,
-    "implicit": mujoco.mjtIntegrator.mjINT_IMPLICIT,
-    "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
-}
+_TYPES = ("ACCELEROMETER", "GYRO", "MAGNETOMETER", "FRAMEQUAT", "CLOCK")
+INTEGRATORS = ("Euler", "RK4", "implicit", "implicitfast")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Physics:
     """A compiled model and the hash of its file."""
 
-    model: mujoco.MjModel  # checked: every sensor is there, no option spoils the data
+    model: "mujoco.MjModel"  # checked: every sensor is there, no option spoils the data
     sha256: str  # of the model file, hexadecimal
 
 
@@ -115,14 +104,14 @@ def load_model(
     return Physics(model=model, sha256=hashlib.sha256(content).hexdigest())
 
 
-def _integrator(name: str) -> mujoco.mjtIntegrator:
+def _integrator(name: str) -> "mujoco.mjtIntegrator":
     if name not in INTEGRATORS:
         msg = f"`integrator` is {name!r}; choose one of {', '.join(INTEGRATORS)}"
         raise InputError(msg)
-    return INTEGRATORS[name]
+    return getattr(mujoco.mjtIntegrator, f"mjINT_{name.upper()}")
 
 
-def check_model(model: mujoco.MjModel, path: str) -> None:
+def check_model(model: "mujoco.MjModel", path: str) -> None:
     """Refuse a model whose data would silently be wrong.
 
     Raises
@@ -136,7 +125,7 @@ def check_model(model: mujoco.MjModel, path: str) -> None:
         raise InputError(msg)
 
 
-def _option_faults(model: mujoco.MjModel) -> list[str]:
+def _option_faults(model: "mujoco.MjModel") -> list[str]:
     option, faults = model.opt, []
     if not (np.isfinite(option.timestep) and option.timestep > 0.0):
         faults.append(f"timestep is {option.timestep} s; it must be above 0")
@@ -145,7 +134,7 @@ def _option_faults(model: mujoco.MjModel) -> list[str]:
         faults.append(f"gravity is {option.gravity} m/s^2; it must be finite, not zero")
     if not np.isfinite(option.magnetic).all():
         faults.append(f"magnetic is {option.magnetic} T; it must be finite")
-    if option.integrator not in INTEGRATORS.values():
+    if option.integrator not in map(_integrator, INTEGRATORS):
         faults.append(
             "the integrator reports accelerations averaged over a step; choose one of "
             + ", ".join(INTEGRATORS)
@@ -153,7 +142,7 @@ def _option_faults(model: mujoco.MjModel) -> list[str]:
     return faults
 
 
-def _flag_faults(model: mujoco.MjModel) -> list[str]:
+def _flag_faults(model: "mujoco.MjModel") -> list[str]:
     disabled, enabled = model.opt.disableflags, model.opt.enableflags
     faults = []
     if not disabled & mujoco.mjtDisableBit.mjDSBL_AUTORESET:
@@ -172,12 +161,13 @@ def _flag_faults(model: mujoco.MjModel) -> list[str]:
     return faults
 
 
-def _sensor_faults(model: mujoco.MjModel) -> list[str]:
+def _sensor_faults(model: "mujoco.MjModel") -> list[str]:
     faults = []
     for name, kind in zip(SENSORS, _TYPES, strict=True):
         k = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, name)
-        if k < 0 or model.sensor_type[k] != kind:
-            faults.append(f"it has no {kind.name[7:].lower()} sensor named `{name}`")
+        wanted = getattr(mujoco.mjtSensor, f"mjSENS_{kind}")
+        if k < 0 or model.sensor_type[k] != wanted:
+            faults.append(f"it has no {kind.lower()} sensor named `{name}`")
             continue
         if model.sensor_cutoff[k] != 0.0:
             faults.append(f"sensor `{name}` has a cutoff and would clip; remove it")

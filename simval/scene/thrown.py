@@ -16,7 +16,7 @@ STANDARD_G = 9.80665  # m/s^2
 
 
 def drive_thrown(
-    model: mujoco.MjModel,
+    model: "mujoco.MjModel",
     *,
     poses: int = 40,
     settle_time: float = 2.5,
@@ -53,7 +53,7 @@ def drive_thrown(
     )
 
 
-def _dropped(model: mujoco.MjModel, rng: np.random.Generator) -> Float[Array, " nq"]:
+def _dropped(model: "mujoco.MjModel", rng: np.random.Generator) -> Float[Array, " nq"]:
     # the model's own position with a random attitude (scalar first for MuJoCo)
     qpos = np.array(model.qpos0)
     start = model.jnt_qposadr[model.body_jntadr[model.body("body").id]] + 3

@@ -22,10 +22,8 @@ _fault = partial(Fault, "attitude", "run")
 
 
 def _samples() -> list[Fault]:
-    def half(
-        original: Any, sampler: Any, streams: Any, *, samples: int, **o: Any
-    ) -> Any:
-        return original(sampler, streams, samples=samples // 2, **o)
+    def half(original: Any, *law: Any, samples: int, **o: Any) -> Any:
+        return original(*law, samples=samples // 2, **o)
 
     def claimed(sums: Any) -> Any:
         # sixteen times as many batches as there were, with the scatter to match
@@ -42,9 +40,10 @@ def _samples() -> list[Fault]:
             ),
         )
 
+    plain = "simulate_closed_form"
     return [
-        _fault("half of the samples", wrapped(attitude, "simulate", half)),
-        _fault("samples counted sixteenfold", after(attitude, "simulate", claimed)),
+        _fault("half of the samples", wrapped(attitude, plain, half)),
+        _fault("samples counted sixteenfold", after(attitude, plain, claimed)),
         _fault("standard errors a tenth", errors(0.1)),
         _fault("standard errors of zero", errors(0.0)),
     ]

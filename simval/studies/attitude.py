@@ -33,7 +33,7 @@ from simval.moments import Moments
 from simval.montecarlo import (
     mean_square,
     moments_of,
-    simulate,
+    simulate_closed_form,
     simulate_reduced,
 )
 from simval.results import Outcome, Row, control, limit, nees, plain, unjudged
@@ -93,7 +93,7 @@ class Parameters(StudyParameters):
         default=3, description="Number of the random attitude and vectors, a seed."
     )
     noise_std: Annotated[float, Field(gt=0.0, le=0.5)] = Field(
-        default=0.01, description="Noise per axis of each unit vector, 1."
+        default=0.01, description="Noise per axis of each unit vector."
     )
     samples: Annotated[int, Field(ge=MIN_BATCHES * BATCH)] = Field(
         default=1_000_000, description="Trials; rounded up to whole blocks of 16384."
@@ -132,14 +132,14 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         error = normalize_columns(raw_quaternion(vectors, str(exact.frame)))
         return np.subtract(exact.q_true[:, None], error, out=error)
 
-    def sampler(rng: np.random.Generator, count: int) -> Float[Array, "4 count"]:
-        vectors = rng.standard_normal((12, count))
-        vectors *= sigma
-        vectors += truth
-        return errors(vectors)
-
-    sums = simulate(
-        sampler, streams, samples=parameters.samples, block=BLOCK, batch=BATCH
+    sums = simulate_closed_form(
+        truth,
+        str(exact.frame),
+        exact.q_true,
+        sigma,
+        streams,
+        samples=parameters.samples,
+        block=BLOCK,
     )
     measured = moments_of(sums)
     controlled = moments_of(

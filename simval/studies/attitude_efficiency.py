@@ -64,7 +64,7 @@ class Parameters(StudyParameters):
         default=200, description="Trials for each geometry."
     )
     noise_std: Annotated[float, Field(gt=0.0, le=1e-3)] = Field(
-        default=1e-3, description="Noise per axis of each unit vector, 1."
+        default=1e-3, description="Noise per axis of each unit vector."
     )
 
     def cost(self) -> Cost:

@@ -47,10 +47,10 @@ class Parameters(StudyParameters):
     """One cell: a length of qbar, and the noise at which flips are counted."""
 
     norm: Annotated[float, Field(ge=0.05, le=0.8)] = Field(
-        default=0.3, description="Length of the noise-free qbar, plain frame, 1."
+        default=0.3, description="Length of the noise-free qbar in the plain frame."
     )
     ratio: Annotated[float, Field(ge=1.5, le=20.0)] = Field(
-        default=2.0, description="|qbar|/sigma at which flips are counted, 1."
+        default=2.0, description="|qbar|/sigma at which flips are counted."
     )
     samples: Annotated[int, Field(ge=BLOCK)] = Field(
         default=400_000, description="Trials; rounded up to whole blocks of 4096."

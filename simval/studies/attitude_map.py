@@ -17,6 +17,7 @@ from pydantic import Field
 
 from simval.arrays import Array
 from simval.results import Outcome, Row, unjudged
+from simval.shapes import Float
 from simval.statistics import LIMIT_RATIO, NEXT_ORDER
 from simval.streams import Streams
 from simval.studies.attitude import PREDICTORS
@@ -80,17 +81,13 @@ def _limits(
 ) -> dict[tuple[int | str, str, str], tuple[float, float]]:
     # |qbar|/sigma and rho at which each formula is off by each share
     norm = attitude_moments(*truth, 1e-3, 2, frame).norm
-    found = [
-        {o: attitude_moments(*truth, norm / ratio, o, frame) for o, _ in PREDICTORS}
-        for ratio in RATIOS
-    ]
-    rho = [_relative(f[4], f[2], f[2], "covariance") for f in found]
+    noise = (norm / RATIOS)[:, None]  # a sample for each
+    found = {o: attitude_moments(*truth, noise, o, frame) for o, _ in PREDICTORS}
+    rho = _relative(found[4], found[2], found[2], "covariance")
     limits = {}
     for order in FORMULAS:
         for part in PARTS:
-            off = np.array(
-                [_relative(f[order], f["exact"], f["exact"], part) for f in found]
-            )
+            off = _relative(found[order], found["exact"], found["exact"], part)
             for share, size in SHARES.items():
                 ratio = crossing(off, size)
                 at = float(
@@ -102,9 +99,12 @@ def _limits(
 
 def _relative(
     a: AttitudeMoments, b: AttitudeMoments, size: AttitudeMoments, part: str
-) -> float:
-    gap = np.linalg.norm(getattr(a, part) - getattr(b, part))
-    return float(gap / np.linalg.norm(getattr(size, part)))
+) -> Float[Array, " n"]:
+    def length(values: Array) -> Array:
+        return np.asarray(np.linalg.norm(values.reshape(len(values), -1), axis=1))
+
+    gap = length(getattr(a, part) - getattr(b, part))
+    return gap / length(getattr(size, part))
 
 
 def crossing(off: Array, limit: float) -> float:

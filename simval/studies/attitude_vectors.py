@@ -7,6 +7,9 @@ covariance that is computed from the measured vectors of each sample; how often 
 chi-square test of the loss calls good samples inconsistent; and how often it finds a
 second vector that is turned by `shift` standard deviations of its angle.
 
+The same samples are averaged once more with their linear part as a control variate
+(`simval.studies.vectors_controls`).
+
 What the first order leaves out is computed: Gaussian cubature of the same quantities,
 of degree 5, gives their means to the next order, at the noise and at half of it. Twice
 what falls with the noise is the remainder.
@@ -15,7 +18,6 @@ what falls with the noise is the remainder.
 from typing import Annotated
 
 import numpy as np
-import scipy
 from pydantic import Field
 
 from simval.arrays import Array
@@ -34,17 +36,22 @@ from simval.geometry import (
 )
 from simval.results import Outcome, Row, nees, plain, unjudged
 from simval.statistics import (
-    CHI_SQUARE,
     CHI_SQUARE_3,
     FIRST_ORDER,
-    INCONSISTENT_RATE,
     NEES,
     RMS_OVER_BOUND,
     SQUARED_ERROR,
 )
 from simval.streams import Streams
+from simval.studies.expanded import noise_row
 from simval.studies.stated_covariance import closed_form_square, normalized_square
 from simval.studies.study import Cost, StudyParameters
+from simval.studies.vectors_controls import (
+    control_rows,
+    linear_features,
+    linear_losses,
+    loss_rows,
+)
 from simval.theory import (
     attitude_moments,
     cubature_moments,
@@ -55,10 +62,6 @@ from simval.theory import (
 
 TITLE = "Two or more weighted vectors: error, covariance and test of the loss"
 SECTION = "vectors"
-
-FALSE_ALARM = 1e-2
-"""Of the chi-square test: rare, and seen 655 times in the default number of samples."""
-
 
 MOST_LEFT_OUT = 0.3
 """Of a mean normalised square of 3: noise that is 10 % wrong makes it 0.6. Without the
@@ -72,13 +75,13 @@ class Parameters(StudyParameters):
         default=2, description="Vector pairs."
     )
     noise_std: Annotated[float, Field(ge=1e-5, le=1e-2)] = Field(
-        default=1e-4, description="Noise per axis of the first pair, body vector, 1."
+        default=1e-4, description="Noise per axis of the body vector of the first pair."
     )
     ratio: Annotated[float, Field(ge=1.0, le=1e3)] = Field(
-        default=1.0, description="Noise of the other pairs over that of the first, 1."
+        default=1.0, description="Noise of the other pairs over that of the first."
     )
     shift: Annotated[float, Field(ge=0.0, le=10.0)] = Field(
-        default=3.0, description="Turn of the wrong vector, standard deviations, 1."
+        default=3.0, description="Turn of the wrong vector, in standard deviations."
     )
     geometry: Annotated[int, Field(ge=0)] = Field(
         default=0, description="Number of the random geometry."
@@ -197,6 +200,16 @@ class Setting:
         """Body vectors with noise, (count, n, 3)."""
         return self.body + self.std[:, None] * rng.standard_normal((count, self.n, 3))
 
+    def noise(self, body: Array) -> Array:
+        """Noise of body vectors, in units of its deviation."""
+        return (body - self.body) / self.std[:, None]
+
+    def errors(self, x: Array) -> Array:
+        """Turn of each estimator by some noise, (count, d), side by side."""
+        body = self.body + self.std[:, None] * x.reshape(len(x), self.n, 3)
+        found = self.estimates(body).values()
+        return np.concatenate([turn_between(self.q, q) for q in found], axis=1)
+
 
 def turn_between(q: Array, estimate: Array) -> Array:
     """Rotation vector from the truth to each estimate, body axes, rad."""
@@ -223,48 +236,63 @@ def left_out(parameters: Parameters, shift: float = 0.0) -> Array:
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Measure and predict one cell."""
     setting, n = Setting(parameters), parameters.samples
-    values = setting.features(setting.draw(n, streams.block(0)))
-    mean, error = values.mean(axis=0), values.std(axis=0, ddof=1) / np.sqrt(n)
+    body = setting.draw(n, streams.block(0))
+    values, x = setting.features(body), setting.noise(body)
     off = left_out(parameters)
-    count = len(setting.predicted)
-    rows: list[Row] = []
+    rows, ratios = _estimator_rows(setting, values, off)
+    known = linear_features(setting.errors, x, list(setting.predicted.values()))
+    tests = _test_rows(setting, 0.0, x, values[:, -1], off[-1])
+    shift = parameters.shift
+    if shift > 0.0:
+        again = setting.draw(n, streams.block(1))
+        wrong = again + setting.displaced(shift)
+        references = np.broadcast_to(setting.references, wrong.shape)
+        losses = consistency(wrong, references, setting.noise_std).statistic
+        off = left_out(parameters, shift)
+        tests += _test_rows(setting, shift, setting.noise(again), losses, off[-1])
+    return Outcome(
+        rows=(
+            *noise_row(x.reshape(n, -1)),
+            *rows,
+            *ratios,
+            *control_rows(rows, values, *known),
+            *tests,
+        )
+    )
+
+
+def _estimator_rows(
+    setting: Setting, values: Array, off: Array
+) -> tuple[list[Row], list[Row]]:
+    # squared error and normalised square of each estimator, and its RMS over the bound
+    n, count = len(values), len(setting.predicted)
+    mean, error = values.mean(axis=0), values.std(axis=0, ddof=1) / np.sqrt(n)
+    squares: list[Row] = []
+    own: list[Row] = []
+    ratios: list[Row] = []
     for k, (name, predicted) in enumerate(setting.predicted.items()):
-        rows += plain(
+        squares += plain(
             SQUARED_ERROR(name), mean[k], error[k], n, 1.0, FIRST_ORDER, off[k]
         )
         ratio, root = np.sqrt(predicted / setting.bound), np.sqrt(mean[k])
         width = ratio * error[k] / (2.0 * root)
-        rows += unjudged(
+        ratios += unjudged(
             RMS_OVER_BOUND(name), ratio * root, width, n, ratio, FIRST_ORDER
         )
-        own = k + count
-        numbers = mean[own], error[own], n, 3.0, CHI_SQUARE_3, off[own]
-        judged = nees if off[own] <= MOST_LEFT_OUT else unjudged
-        rows += judged(NEES(name), *numbers)
-    found = values[:, -1]
-    rows += _test_row(setting, "good", 0.0, found, off[-1])
-    shift = parameters.shift
-    if shift > 0.0:
-        wrong = setting.draw(n, streams.block(1)) + setting.displaced(shift)
-        references = np.broadcast_to(setting.references, wrong.shape)
-        found = consistency(wrong, references, setting.noise_std).statistic
-        off = left_out(parameters, shift)
-        rows += _test_row(setting, "wrong vector", shift, found, off[-1])
-    return Outcome(rows=tuple(rows))
+        j = k + count
+        judged = nees if off[j] <= MOST_LEFT_OUT else unjudged
+        own += judged(NEES(name), mean[j], error[j], n, 3.0, CHI_SQUARE_3, off[j])
+    return squares + own, ratios
 
 
-def _test_row(
-    setting: Setting, name: str, shift: float, statistic: Array, off: float
+def _test_rows(
+    setting: Setting, shift: float, x: Array, losses: Array, off: float
 ) -> tuple[Row, ...]:
-    # share of samples whose loss is above the threshold
-    freedom, n = 2 * setting.n - 3, len(statistic)
-    threshold, apart = scipy.special.chdtri(freedom, FALSE_ALARM), setting.apart(shift)
-    chance, steeper = (_share(threshold, k, apart) for k in (freedom, freedom + 2))
-    share, error = np.mean(statistic > threshold), np.sqrt(chance * (1 - chance) / n)
-    left = 0.5 * (steeper - chance) * off  # the derivative by the non-centrality
-    return plain(INCONSISTENT_RATE(name), share, error, n, chance, CHI_SQUARE, left)
-
-
-def _share(threshold: float, freedom: int, apart: float) -> float:
-    # share of a chi-square law above the threshold, its centre `apart` from 0
-    return 1.0 - float(scipy.special.chndtr(threshold, freedom, apart))
+    displaced = setting.displaced(shift) / setting.std[:, None]
+    return loss_rows(
+        "wrong vector" if shift else "good",
+        losses,
+        (2 * setting.n - 3, setting.apart(shift)),
+        off,
+        linear_losses(setting.body, setting.std, x, displaced),
+    )

@@ -4,7 +4,9 @@ The scene is simulated once. Each trial distorts every sample of every hold with
 true misalignment, scale, bias and fresh noise, averages the holds and calibrates. The
 error is estimate minus truth, in the nine parameters of the model. Beside its bias
 and standard deviation stand the second-order bias and the first-order covariance of
-theory; beside both, the Cramer-Rao bound.
+theory; beside both, the Cramer-Rao bound. The same trials are also averaged with their
+first and second order as control variates (`simval.studies.expanded`): these rows see a
+bias of second order, far below the spread of a trial.
 
 Both predictions are allowed the remainder that theory states for them
 (`simval.theory.calibration`). With ``noise_std = 0`` the cell is one noise-free
@@ -39,8 +41,10 @@ from simval.statistics import (
     TRUTH,
 )
 from simval.streams import Streams
+from simval.studies.expanded import Expanded, beside, noise_row
 from simval.studies.study import Cost, StudyParameters
 from simval.theory.calibration import CalibrationMoments, calibration_moments
+from simval.theory.calibration_expansion import calibration_expansion
 
 TITLE = "Calibration recovery: tumble, distort, average the holds, calibrate"
 SECTION = "calibration"
@@ -48,6 +52,10 @@ SECTION = "calibration"
 BLOCK = 64  # trials; part of the promise of equal bits
 RECOVERED = 1e-9
 """Relative; of 500 random sensors the worst was off by 2e-15 (docs/calibration.md)."""
+ROUNDED = 64 * np.finfo(float).eps
+"""Of g and 1, times the condition of the poses: thirty times what the worst of those
+500 was off by. Control variates see that."""
+G = 9.80665  # m/s^2, natural size of a bias
 UNITS = ("1",) * 6 + ("m/s²",) * 3
 GROUPS = (("T", slice(0, 3), "1"), ("K", slice(3, 6), "1"), ("B", slice(6, 9), "m/s²"))
 
@@ -122,20 +130,37 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     means = forces.mean(axis=1)
     noise = parameters.noise_std / np.sqrt(forces.shape[1])
     predicted = calibration_moments(sensor, means / g, g=g, noise_std=noise)
+    clean = true_sensor(0.0).distort(means, np.random.default_rng(0))  # draws nothing
+    drawn: list[Array] = []  # noise of the pose means
+    found: list[Array] = []
 
     def errors(rng: np.random.Generator, count: int) -> Float[Array, "9 count"]:
         shape = (count, *forces.shape)
         raw = sensor.distort(np.broadcast_to(forces, shape), rng).mean(axis=2)
         fit = calibrate(raw, g=g, covariance=False)
-        return (fit.parameters - sensor.parameters).T
+        drawn.append(raw - clean)
+        found.append(fit.parameters - sensor.parameters)
+        return found[-1].T
 
     sums = simulate(errors, streams, samples=parameters.trials, block=BLOCK, batch=1)
+    still = calibrate(clean, g=g)
+    x = np.concatenate(drawn)
+    expansion = calibration_expansion(sensor, means, g)
+    known = Expanded(
+        first=expansion.first(x),
+        second=expansion.second(x),
+        covariance=noise**2 * expansion.slope @ expansion.slope.T,
+        mean_second=noise**2 * expansion.mean_second,
+    )
+    rows = (*_parameter_rows(sums, predicted), *_nees_row(sums, predicted))
+    error = np.concatenate(found) - (still.parameters - sensor.parameters)
     return Outcome(
         rows=(
             *unjudged(NOISE_OF_MEAN(), noise),
-            *_parameter_rows(sums, predicted),
+            *noise_row(x.reshape(len(x), -1) / noise),
+            *rows,
+            *_control_rows(rows, error, known, predicted, float(still.condition)),
             *_group_rows(sums, predicted),
-            *_nees_row(sums, predicted),
         )
     )
 
@@ -178,6 +203,24 @@ def _parameter_rows(sums: Sums, predicted: CalibrationMoments) -> list[Row]:
             (np.sqrt(np.diagonal(predicted.cramer_rao)) / expected) ** 2, FIRST_ORDER,
         ),
     ]  # fmt: skip
+
+
+def _control_rows(
+    rows: tuple[Row, ...],
+    error: Float[Array, "t 9"],
+    known: Expanded,
+    predicted: CalibrationMoments,
+    condition: float,
+) -> tuple[Row, ...]:
+    """The judged ones of these rows, of what noise adds, with control variates."""
+    weight = np.linalg.inv(predicted.covariance)
+    rounding = ROUNDED * condition * np.array([1.0] * 6 + [G] * 3)
+    relative = 18.0 * np.max(rounding / predicted.sd)  # of nine squares
+    return beside(
+        [row for row in rows if row.check != "record"],
+        (known.mean(error), known.sd(error), known.weighted_square(error, weight)),
+        np.concatenate([rounding, rounding, [relative]]),
+    )
 
 
 def _group_rows(sums: Sums, predicted: CalibrationMoments) -> list[Row]:

@@ -32,7 +32,7 @@ from simval.statics import Intervals, interval_counts, interval_means
 from simval.statistics import BUDGET, CARRIED, CHI_SQUARE_3, IMPURE, NEES
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
-from simval.studies.magnetometer import true_magnetometer
+from simval.studies.magnetometer_scenario import true_magnetometer
 from simval.studies.scoring import RATE, Tumble, detect, mean_of, pure, thinned
 from simval.studies.study import Cost, StudyParameters
 from simval.theory.carry import PARTS, UP, Wanted, calibration_parts, carrier

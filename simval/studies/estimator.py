@@ -123,7 +123,7 @@ class Parameters(PluginParameters):
         default=3, description="Number of the random attitude and vectors, a seed."
     )
     noise_std: Annotated[float, Field(gt=0.0, le=MOST_NOISE)] = Field(
-        default=0.01, description="Noise per axis of each body vector of length 1, 1."
+        default=0.01, description="Noise per axis of each body vector of length 1."
     )
     noise: Annotated[str, AfterValidator(lambda text: " ".join(text.split()))] = Field(
         default="body",

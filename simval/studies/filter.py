@@ -94,22 +94,25 @@ class Parameters(PluginParameters):
         default=20.0, description="Length of a trial, s."
     )
     accelerometer_noise: Annotated[float, Field(gt=0.0, le=0.1)] = Field(
-        default=2e-3, description="Noise per axis and row, of gravity, 1."
+        default=2e-3, description="Noise per axis and row, as a share of gravity."
     )
     magnetometer_noise: Annotated[float, Field(gt=0.0, le=0.1)] = Field(
-        default=5e-3, description="Noise per axis and row, of the field, 1."
+        default=5e-3, description="Noise per axis and row, as a share of the field."
     )
     angle_random_walk: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
         default=0.01, description="White noise, degrees/s per root hertz."
     )
     rate_random_walk: Annotated[float, Field(ge=0.0, le=0.01)] = Field(
-        default=2e-5, description="Of the gyroscope's bias, rad/s^2 per root hertz."
+        default=2e-5,
+        description="Random walk of the gyroscope's bias, rad/s^2 per root hertz.",
     )
     bias_std: Annotated[float, Field(gt=0.0, le=0.1)] = Field(
-        default=1e-3, description="Of the gyroscope's first bias, rad/s per axis."
+        default=1e-3,
+        description="Standard deviation of the gyroscope's first bias, rad/s per axis.",
     )
     start_std: Annotated[float, Field(gt=0.0, le=0.5)] = Field(
-        default=5e-3, description="Of the attitude that is told first, rad per axis."
+        default=5e-3,
+        description="Standard deviation of the attitude told first, rad per axis.",
     )
     trials: Annotated[int, Field(ge=BLOCK)] = Field(
         default=256, description="Trials; rounded up to whole blocks of 8."

@@ -7,9 +7,11 @@ in units of :math:`\sigma^2/g^2`, is the ladder -3.5 (squared), -2 (norm), -1.5
 has its own number for each parameter.
 
 Trials come in antithetic pairs, noise and its negative: the mean of a pair has the
-bias but not the first-order error, so a bias of a hundredth of a standard deviation
-is measured. Such rows are ``control`` rows; the spread of the single trials stands
-beside them as ``plain`` rows, with the Cramer-Rao bound and the efficiency.
+bias but not the first-order error. The first and second order of each trial are control
+variates (`simval.studies.expanded`), so a bias of a thousandth of a standard deviation
+is measured. Such rows are ``control`` rows; the spread of the
+single trials stands beside them as ``plain`` rows, with the Cramer-Rao bound and the
+efficiency.
 
 Both predictions are allowed the remainder that theory states for them.
 """
@@ -21,6 +23,7 @@ from pydantic import Field
 
 from simval.arrays import Array
 from simval.calibrate import calibrate
+from simval.moments import Moments
 from simval.montecarlo import moments_of, simulate
 from simval.poses import fibonacci_sphere
 from simval.results import Outcome, Row, control, plain, unjudged
@@ -36,8 +39,17 @@ from simval.statistics import (
     SECOND_ORDER,
 )
 from simval.streams import Streams
+from simval.studies.expanded import (
+    Expanded,
+    Reduced,
+    beside,
+    noise_row,
+    reduced_mean,
+    stated,
+)
 from simval.studies.study import Cost, StudyParameters
 from simval.theory.calibration import CalibrationMoments, calibration_moments
+from simval.theory.calibration_expansion import calibration_expansion
 
 TITLE = "Bias ladder: bias, spread and efficiency of each calibration residual"
 SECTION = "ladder"
@@ -87,63 +99,103 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     directions = fibonacci_sphere(parameters.poses)
     clean = sensor.distort(G * directions, np.random.default_rng(0))  # draws nothing
     sigma, residual = parameters.noise_std, parameters.residual
-    unit = (sigma / G) ** 2
+    drawn: list[Array] = []
+    found: list[Array] = []  # of both of each pair
 
-    def errors(rng: np.random.Generator, count: int) -> Float[Array, "p count"]:
+    def errors(rng: np.random.Generator, count: int) -> Float[Array, "9 count"]:
         noise = sigma * rng.standard_normal((count, *clean.shape))
         both = np.concatenate([clean + noise, clean - noise])
         fit = calibrate(
             both, G, residual=residual, noise_std=sigma, covariance=False
         ).require_converged()
         error = fit.parameters - sensor.parameters
-        even = (error[:count] + error[count:]) / 2.0
-        rung = (even[:, 3:6] / sensor.K).mean(axis=1) / unit
-        return np.concatenate([even, error[:count], rung[:, None]], axis=1).T
+        drawn.append(noise)
+        found.append(np.stack([error[:count], error[count:]]))
+        return error[:count].T
 
     sums = simulate(errors, streams, samples=parameters.trials, block=BLOCK, batch=1)
     measured = moments_of(sums)
     predicted = calibration_moments(
         sensor, directions, g=G, noise_std=sigma, residual=residual
     )
-    bias, bias_error = measured.bias, measured.bias_error
-    sd = measured.sd[9:18]
-    sd_error = np.diagonal(measured.covariance_error)[9:18] / (2.0 * sd)
-    n, names = sums.samples, predicted.names
-    bound = np.sqrt(np.diagonal(predicted.cramer_rao))
-    efficiency = (bound / sd) ** 2
+    noise, pairs = np.concatenate(drawn), np.concatenate(found, axis=1)
+    expansion = calibration_expansion(sensor, directions, G, residual)
+    known = Expanded(
+        first=expansion.first(noise),
+        second=expansion.second(noise),
+        covariance=sigma**2 * expansion.slope @ expansion.slope.T,
+        mean_second=sigma**2 * expansion.mean_second,
+    )
+    rows = _spread_rows(measured, predicted)
     return Outcome(
         rows=(
-            *_rung_rows(parameters, sensor, predicted, (bias[18], bias_error[18]), n),
-            *control(
-                BIAS.each(names, UNITS), bias[:9], bias_error[:9], n,
-                predicted.bias, SECOND_ORDER, predicted.bias_remainder,
-            ),
-            *plain(
-                SD.each(names, UNITS), sd, sd_error, n,
-                predicted.sd, FIRST_ORDER, predicted.sd_remainder,
-            ),
-            *plain(
-                EFFICIENCY.each(names), efficiency, 2.0 * efficiency * sd_error / sd, n,
-                predicted.efficiency, FIRST_ORDER,
-                predicted.efficiency * predicted.variance_remainder,
-            ),
+            *noise_row(noise.reshape(len(noise), -1) / sigma),
+            *_rung_rows(parameters, sensor, pairs, known, predicted),
+            *_bias_rows(pairs, known, predicted),
+            *rows,
+            *beside(rows, _spreads(*known.mirrored_sd(pairs), predicted)),
         )
+    )
+
+
+def _bias_rows(
+    pairs: Float[Array, "2 t 9"], known: Expanded, predicted: CalibrationMoments
+) -> tuple[Row, ...]:
+    n, left = pairs.shape[1], predicted.bias_remainder
+    return control(
+        BIAS.each(predicted.names, UNITS),
+        *stated(known.mirrored_mean(pairs), predicted.bias, left, n), n,
+        predicted.bias, SECOND_ORDER, left,
     )  # fmt: skip
+
+
+def _spread_rows(measured: Moments, predicted: CalibrationMoments) -> tuple[Row, ...]:
+    n, names, sd = measured.samples, predicted.names, measured.sd
+    sd_error = np.diagonal(measured.covariance_error) / (2.0 * sd)
+    spread, efficiency = _spreads(sd, sd_error, predicted)
+    return (
+        *plain(
+            SD.each(names, UNITS), *spread, n,
+            predicted.sd, FIRST_ORDER, predicted.sd_remainder,
+        ),
+        *plain(
+            EFFICIENCY.each(names), *efficiency, n,
+            predicted.efficiency, FIRST_ORDER,
+            predicted.efficiency * predicted.variance_remainder,
+        ),
+    )  # fmt: skip
+
+
+def _spreads(
+    sd: Float[Array, "9"], sd_error: Float[Array, "9"], predicted: CalibrationMoments
+) -> tuple[Reduced, Reduced]:
+    """Standard deviations and the efficiencies that they mean."""
+    efficiency = (np.sqrt(np.diagonal(predicted.cramer_rao)) / sd) ** 2
+    return (sd, sd_error), (efficiency, 2.0 * efficiency * sd_error / sd)
 
 
 def _rung_rows(
     parameters: Parameters,
     sensor: AccelerometerModel,
+    pairs: Float[Array, "2 t 9"],
+    known: Expanded,
     predicted: CalibrationMoments,
-    rung: tuple[float, float],
-    samples: int,
 ) -> tuple[Row, ...]:
     """Mean relative bias of the scales, with its standard error, beside theory."""
     unit = (parameters.noise_std / G) ** 2
     left_out = float((predicted.bias_remainder[3:6] / sensor.K).mean() / unit)
     expected = float((predicted.bias[3:6] / sensor.K).mean() / unit)
-    rows = control(SCALE_BIAS(), *rung, samples, expected, SECOND_ORDER, left_out)
+    samples = pairs.shape[1]
+
+    def rung(values: Float[Array, "t 9"]) -> Float[Array, " t"]:
+        return np.asarray((values[..., 3:6] / sensor.K).mean(axis=-1) / unit)
+
+    found = reduced_mean(
+        rung(pairs.mean(axis=0)), rung(known.second), rung(known.mean_second)
+    )
+    found = stated(found, expected, left_out, samples)
+    rows = control(SCALE_BIAS(), *found, samples, expected, SECOND_ORDER, left_out)
     if parameters.scale_spread == 0.0:  # the ladder is that of an ideal sensor
         many = RUNGS[parameters.residual]
-        rows += unjudged(SCALE_BIAS(), *rung, samples, many, MANY_POSES)
+        rows += unjudged(SCALE_BIAS(), *found, samples, many, MANY_POSES)
     return rows

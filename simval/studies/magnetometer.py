@@ -10,10 +10,11 @@ truth, beside the bound, the second-order bias, and the recipe's own covariance
 A relative error e of a standard deviation moves a 95 % interval's coverage by 0.23 e,
 and a bias of b standard deviations by 0.11 b^2; that of the ellipsoid of k parameters
 moves by :math:`2 x f_k(x)\, e`, with f the density of chi-square at its 95 % quantile
-x. One noise-free set in each cell must recover the truth to `RECOVERED`.
+x. The same trials are averaged once more with control variates
+(`simval.studies.magnetometer_controls`). One noise-free set in each cell must recover
+the truth to `RECOVERED`.
 """
 
-from dataclasses import dataclass
 from math import radians
 from typing import Annotated
 
@@ -22,10 +23,12 @@ import scipy
 from pydantic import Field
 
 from simval.arrays import Array
-from simval.calibrate import calibrate_magnetometer, ellipsoid_then_rotation
-from simval.geometry import attitude_matrix, random_quaternions
+from simval.calibrate import (
+    MagnetometerFit,
+    calibrate_magnetometer,
+    ellipsoid_then_rotation,
+)
 from simval.results import Outcome, Row, limit, nees, plain
-from simval.sensor import AccelerometerModel, MagnetometerModel
 from simval.shapes import Float
 from simval.statistics import (
     BIAS,
@@ -44,6 +47,15 @@ from simval.statistics import (
     Statistic,
 )
 from simval.streams import Streams
+from simval.studies.expanded import noise_row
+from simval.studies.magnetometer_controls import LEVEL, control_rows
+from simval.studies.magnetometer_scenario import (
+    G,
+    Scenario,
+    scenario,
+    true_accelerometer,
+    true_magnetometer,
+)
 from simval.studies.study import Cost, StudyParameters
 from simval.theory.magnetometer import MagnetometerMoments, magnetometer_moments
 
@@ -51,8 +63,6 @@ TITLE = "Magnetometer: all 22 parameters at the bound, and the usual recipe"
 SECTION = "magnetometer"
 
 BLOCK = 128  # trials; part of the promise of equal bits
-G = 9.80665  # m/s^2, standard gravity
-LEVEL = 0.95
 RECOVERED = 1e-9
 """Relative; of 1000 random sensors the worst was off by 3e-15."""
 INTERVAL_SLOPE = 0.23  # 2 z f(z) of the normal density at its 97.5 % quantile
@@ -78,11 +88,11 @@ class Parameters(StudyParameters):
     )
     field_noise: Annotated[float, Field(ge=1e-5, le=0.02)] = Field(
         default=0.005,
-        description="Noise per axis of a magnetometer's pose mean, of the field, 1.",
+        description="Noise per axis of a magnetometer's mean, a share of the field.",
     )
     accelerometer_noise: Annotated[float, Field(ge=1e-5, le=0.02)] = Field(
         default=1e-4,
-        description="Noise per axis of an accelerometer's pose mean, of gravity, 1.",
+        description="Noise per axis of an accelerometer's mean, a share of gravity.",
     )
     trials: Annotated[int, Field(ge=8 * BLOCK)] = Field(
         default=4096, description="Trials; rounded up to whole blocks of 128."
@@ -93,51 +103,14 @@ class Parameters(StudyParameters):
         return Cost(0.5 + self.trials * (2e-4 + 2.5e-5 * self.poses), 99)
 
 
-def true_accelerometer() -> AccelerometerModel:
-    """The accelerometer that is to be recovered; raw units m/s^2."""
-    values = np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
-    return AccelerometerModel.from_parameters(values)
-
-
-def true_magnetometer() -> MagnetometerModel:
-    """The magnetometer that is to be recovered: x and y changed, z turned, field 1."""
-    matrix = np.array([[0.04, 0.97, 0.05], [1.06, -0.03, 0.02], [-0.04, 0.06, -1.02]])
-    return MagnetometerModel(M=matrix, b=np.array([0.25, -0.1, 0.15]))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Scenario:
-    """The pose means of a cell without noise, and their noise, raw units."""
-
-    attitudes: Float[Array, "n 4"]
-    accelerometer: Float[Array, "n 3"]
-    magnetometer: Float[Array, "n 3"]
-    accelerometer_std: float
-    magnetometer_std: float
-    truth: Float[Array, "22"]
-
-
-def scenario(parameters: Parameters) -> Scenario:
-    """Both sensors at rest in the attitudes of a cell."""
-    # always the same attitudes, so that predictions involve no chance
-    q = random_quaternions(parameters.poses, np.random.default_rng(parameters.poses))
-    dip, turn = radians(parameters.dip_deg), attitude_matrix(q)
-    field = turn @ np.array([np.cos(dip), 0.0, -np.sin(dip)])
-    body, iron = true_accelerometer(), true_magnetometer()
-    quiet = np.random.default_rng(0)  # draws nothing: these sensors have no noise
-    return Scenario(
-        attitudes=q,
-        accelerometer=body.distort(G * turn[:, :, 2], quiet),
-        magnetometer=iron.distort(field, quiet),
-        accelerometer_std=G * parameters.accelerometer_noise,
-        magnetometer_std=parameters.field_noise,
-        truth=np.concatenate([body.parameters, iron.M.ravel(), iron.b, [dip]]),
-    )
-
-
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Simulate one cell and set it beside theory."""
-    case = scenario(parameters)
+    case = scenario(
+        parameters.poses,
+        parameters.dip_deg,
+        parameters.accelerometer_noise,
+        parameters.field_noise,
+    )
     predicted = magnetometer_moments(
         true_accelerometer(),
         true_magnetometer(),
@@ -150,33 +123,51 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     blocks = -(-parameters.trials // BLOCK)
     trials = [_trials(case, streams.block(i)) for i in range(blocks)]
     seen = {k: np.concatenate([block[k] for block in trials]) for k in trials[0]}
+    rows = (
+        *_parameter_rows(seen["error"], predicted),
+        *_bound_rows(seen, predicted),
+        *_coverage_rows(seen, predicted),
+    )
+
+    def errors(x: Float[Array, "t d"]) -> Float[Array, "t p"]:
+        readings = case.readings(x)
+        usual = ellipsoid_then_rotation(*readings) - case.truth[9:]
+        fit = _fitted(case, *readings)
+        return np.concatenate([fit.parameters - case.truth, usual], axis=1)
+
+    bound = np.diagonal(predicted.covariance)
     return Outcome(
         rows=(
             *_recovery(case),
-            *_parameter_rows(seen["error"], predicted),
-            *_bound_rows(seen, predicted),
-            *_coverage_rows(seen, predicted),
+            *noise_row(seen["noise"]),
+            *rows,
+            *control_rows(rows, seen, errors, case.equations(), PARTS, bound),
         )
     )
 
 
-def _trials(case: Scenario, rng: np.random.Generator) -> dict[str, Array]:
-    shape = (BLOCK, *case.accelerometer.shape)
-    body = case.accelerometer + case.accelerometer_std * rng.standard_normal(shape)
-    iron = case.magnetometer + case.magnetometer_std * rng.standard_normal(shape)
-    fit = calibrate_magnetometer(
+def _fitted(case: Scenario, body: Array, iron: Array) -> MagnetometerFit:
+    return calibrate_magnetometer(
         body,
         iron,
         G,
         accelerometer_std=case.accelerometer_std,
         magnetometer_std=case.magnetometer_std,
-    ).require_converged()
+    )
+
+
+def _trials(case: Scenario, rng: np.random.Generator) -> dict[str, Array]:
+    noise = rng.standard_normal((2, BLOCK, case.accelerometer.size))
+    noise = noise.transpose(1, 0, 2).reshape(BLOCK, -1)
+    body, iron = case.readings(noise)
+    fit = _fitted(case, body, iron).require_converged()
     error, sd = fit.parameters - case.truth, fit.sd
     scaled = fit.covariance / (sd[:, :, None] * sd[:, None, :])
     ratio = error / sd
     low, high = np.moveaxis(fit.confidence_intervals(LEVEL), -1, 0)
     square = np.vecdot(ratio, np.linalg.solve(scaled, ratio[..., None])[..., 0])
     return {
+        "noise": noise,
         "error": error,
         "recipe": ellipsoid_then_rotation(body, iron) - case.truth[9:],
         "inside": ((low <= case.truth) & (case.truth <= high)).astype(float),
@@ -186,13 +177,7 @@ def _trials(case: Scenario, rng: np.random.Generator) -> dict[str, Array]:
 
 
 def _recovery(case: Scenario) -> tuple[Row, ...]:
-    fit = calibrate_magnetometer(
-        case.accelerometer,
-        case.magnetometer,
-        G,
-        accelerometer_std=case.accelerometer_std,
-        magnetometer_std=case.magnetometer_std,
-    )
+    fit = _fitted(case, case.accelerometer, case.magnetometer)
     error = np.abs(fit.parameters - case.truth)
     sizes = [np.abs(case.truth[PARTS[name]]).max() for name in (*PARTS,)[:-1]]
     relative = [

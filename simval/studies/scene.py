@@ -17,7 +17,6 @@ from simval.geometry import attitude_matrix, compose, conjugate
 from simval.poses import observability
 from simval.results import Outcome, Row, exact, limit, unjudged
 from simval.scene import Trajectory, simulate
-from simval.scene.render import render
 from simval.statistics import (
     ATTITUDE,
     CONDITION,
@@ -73,6 +72,8 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         f"scene-{name}.npz": {"directions": directions, "drawn": drawn}
     }
     with suppress(InputError):  # this machine cannot draw: the report says so
+        from simval.scene.render import render
+
         picture = render(parameters.scene, time=float(drawn[0]), poses=parameters.poses)
         artifacts[f"scene-{name}.png"] = picture
     return Outcome(rows=rows, artifacts=artifacts)

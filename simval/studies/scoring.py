@@ -78,7 +78,7 @@ def score(
         covered[start:stop] = True
     rests = np.unique(hold[hold >= 0])
     touched = np.unique(hold[covered & (hold >= 0)])
-    outside = [not np.any(hold[a:b] >= 0) for a, b in intervals]
+    outside = _count(hold >= 0, intervals) == 0
     return {
         PRECISION: float(still[covered].mean()) if covered.any() else 0.0,
         RECALL: float(covered[hold >= 0].mean()) if len(rests) else 0.0,
@@ -91,7 +91,13 @@ def score(
 
 def pure(intervals: Intervals, still: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return which intervals hold still rows only."""
-    return np.array([still[a:b].all() for a, b in intervals], dtype=bool)
+    return _count(still, intervals) == interval_counts(intervals)
+
+
+def _count(rows: NDArray[np.bool_], intervals: Intervals) -> NDArray[np.intp]:
+    # how many of these rows are in each interval
+    before = np.concatenate([[0], np.cumsum(rows)])
+    return np.asarray(before[intervals[:, 1]] - before[intervals[:, 0]])
 
 
 def detect(

@@ -64,7 +64,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
             for k in range(1, min(SHOWN, int(fit.iterations)) + 1)
         ]
         distance = np.abs(np.array(way) - fit.parameters).max(axis=1) / size
-        ways[method] = distance[distance > 0.0]
+        ways[method] = distance[(distance > 0.0) | (np.arange(len(way)) == 0)]
     return Outcome(
         rows=tuple(rows), artifacts={artifact_of(parameters.model_dump()): ways}
     )

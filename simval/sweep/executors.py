@@ -27,6 +27,7 @@ from typing import Any
 from simval.errors import CrashedPluginError, PluginError
 from simval.plugins.names import told_anywhere
 from simval.results import Outcome
+from simval.startup import load_lightly
 from simval.studies import find_study
 from simval.studies.study import Cell
 from simval.sweep.batches import Batch, Queue, Work
@@ -225,7 +226,8 @@ def _pool(workers: int) -> Iterator[Executor]:
 
 
 def _begin_worker(receiver: Connection) -> None:
-    """Let a worker end when its driver ends or closes the pipe."""
+    """Let a worker start quickly, and end when its driver ends or closes the pipe."""
+    load_lightly()
     parent = parent_process()
     assert parent is not None  # this is a child
     Thread(target=_follow, args=([parent.sentinel, receiver],), daemon=True).start()

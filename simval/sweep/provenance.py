@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from simval.montecarlo import compiled
 from simval.plugins.names import portable
 from simval.plugins.sources import sources
 from simval.scene import models_folder
@@ -40,6 +41,8 @@ def manifest(suite: Suite) -> dict[str, Any]:
             "processor": platform.machine(),
             "kernels": _kernels(),
         },
+        # no number depends on it, so a run may be resumed with the other
+        "trials": "compiled" if compiled() else "NumPy",
     }
 
 
@@ -74,10 +77,10 @@ def model_hashes() -> dict[str, str]:
 
 
 def source_hash() -> str:
-    """SHA-256 of all the package's own Python source."""
+    """SHA-256 of all the package's own source, Python and C."""
     package = Path(__file__).resolve().parents[1]
     digest = hashlib.sha256()
-    for file in sorted(package.rglob("*.py")):
+    for file in sorted([*package.rglob("*.py"), *package.rglob("*.c")]):
         digest.update(str(file.relative_to(package)).encode() + b"\0")
         digest.update(hashlib.sha256(file.read_bytes()).digest())
     return digest.hexdigest()

@@ -1,29 +1,36 @@
 """Predictions: what the errors must be. Imports nothing that it predicts."""
 
-from simval.theory.attitude import (
-    AttitudeMoments,
-    attitude_moments,
-    multiplicative_moments,
-)
-from simval.theory.calibration import CalibrationMoments, calibration_moments
-from simval.theory.cramer_rao import AttitudeBound, attitude_bound
-from simval.theory.cubature import cubature_moments
-from simval.theory.filter_budget import FilterPrediction, filter_prediction
-from simval.theory.filter_calibration import calibration_error
-from simval.theory.filter_errors import CalibrationError, RowError
-from simval.theory.filter_model import FilterModel, FilterPath, VectorSensor
-from simval.theory.filter_start import FirstUpdate, first_update
-from simval.theory.filtering import FilterBound, filter_bound
-from simval.theory.gyroscope import GyroscopeMoments, MovePath, gyroscope_moments
-from simval.theory.gyroscope_bias import gyroscope_bias
-from simval.theory.gyroscope_planning import GyroscopePlan, plan_gyroscope
-from simval.theory.magnetometer import MagnetometerMoments, magnetometer_moments
-from simval.theory.magnetometer_planning import MagnetometerPlan, plan_magnetometer
-from simval.theory.nine_axis import NineAxisMoments, nine_axis_moments
-from simval.theory.planning import Plan, plan, pose_noise
-from simval.theory.series import series_moments
-from simval.theory.sufficient import SufficientOrder, sufficient_order
-from simval.theory.wahba import loss_noncentrality, wahba_bound, wahba_moments
+from typing import TYPE_CHECKING
+
+from simval.faces import present
+
+if TYPE_CHECKING:
+    from simval.theory.attitude import (
+        AttitudeMoments,
+        attitude_moments,
+        multiplicative_moments,
+    )
+    from simval.theory.calibration import CalibrationMoments, calibration_moments
+    from simval.theory.cramer_rao import AttitudeBound, attitude_bound
+    from simval.theory.cubature import cubature_moments
+    from simval.theory.filter_budget import FilterPrediction, filter_prediction
+    from simval.theory.filter_calibration import calibration_error
+    from simval.theory.filter_errors import CalibrationError, RowError
+    from simval.theory.filter_model import FilterModel, FilterPath, VectorSensor
+    from simval.theory.filter_start import FirstUpdate, first_update
+    from simval.theory.filtering import FilterBound, filter_bound
+    from simval.theory.gyroscope import GyroscopeMoments, MovePath, gyroscope_moments
+    from simval.theory.gyroscope_bias import gyroscope_bias
+    from simval.theory.gyroscope_planning import GyroscopePlan, plan_gyroscope
+    from simval.theory.magnetometer import MagnetometerMoments, magnetometer_moments
+    from simval.theory.magnetometer_planning import MagnetometerPlan, plan_magnetometer
+    from simval.theory.nine_axis import NineAxisMoments, nine_axis_moments
+    from simval.theory.planning import Plan, plan, pose_noise
+    from simval.theory.series import series_moments
+    from simval.theory.sufficient import SufficientOrder, sufficient_order
+    from simval.theory.wahba import loss_noncentrality, wahba_bound, wahba_moments
+else:
+    present(__name__, __file__)
 
 __all__ = [
     "AttitudeBound",

@@ -27,12 +27,12 @@ the integral over s in closed form, and shares nothing with this but (E4).
 """
 
 from collections.abc import Iterator
-from functools import partial
+from functools import lru_cache, partial
 from typing import Final
 
 import numpy as np
 
-from simval.arrays import Array
+from simval.arrays import Array, frozen
 from simval.shapes import Float
 from simval.theory.cubature import covariance_roots
 from simval.theory.directions import about_d2
@@ -97,10 +97,16 @@ def _direction_rules(d2: Array, C2: Array) -> Iterator[tuple[Array, Array]]:
             yield _hermite_rule(d2, np.maximum(variances, 0.0), axes, count)
 
 
+@lru_cache(maxsize=32)
+def _gauss(count: int) -> tuple[Array, Array]:
+    x, w = np.polynomial.hermite_e.hermegauss(count)
+    return frozen(x), frozen(w)
+
+
 def _hermite_rule(
     d2: Array, variances: Array, axes: Array, count: int
 ) -> tuple[Array, Array]:
-    x, w = np.polynomial.hermite_e.hermegauss(count)
+    x, w = _gauss(count)
     grid = np.stack(np.meshgrid(x, x, x, indexing="ij"), axis=-1).reshape(-1, 3)
     weights = (w[:, None, None] * w[:, None] * w).ravel() / w.sum() ** 3
     kept = weights > 1e-22

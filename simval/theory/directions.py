@@ -12,13 +12,14 @@ near the direction of :math:`d_1^t`, about that.
 """
 
 from collections.abc import Iterator
+from functools import lru_cache
 from itertools import pairwise
 from typing import Final
 
 import numpy as np
 import scipy
 
-from simval.arrays import Array
+from simval.arrays import Array, frozen
 from simval.shapes import Float
 from simval.theory.two_vector import TwoVectorGeometry
 
@@ -104,8 +105,15 @@ def _graded_edges(tau1: float, k: float, angle: float) -> list[float]:
 def _panel(
     low: float, high: float, count: int
 ) -> tuple[Float[Array, " count"], Float[Array, " count"]]:
-    x, w = np.polynomial.legendre.leggauss(count)
+    x, w = _gauss(count)
     return low + 0.5 * (high - low) * (x + 1.0), 0.5 * (high - low) * w
+
+
+@lru_cache(maxsize=32)
+def _gauss(count: int) -> tuple[Float[Array, " count"], Float[Array, " count"]]:
+    # half of the time of an exact answer, if it is worked out anew for each panel
+    x, w = np.polynomial.legendre.leggauss(count)
+    return frozen(x), frozen(w)
 
 
 def _grid(

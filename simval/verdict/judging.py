@@ -30,6 +30,7 @@ from simval.verdict.rules import (
     WORST_FIRST,
     Verdict,
     deterministic_reason,
+    margin,
     sampled_reason,
 )
 
@@ -135,6 +136,8 @@ class Judged:
             p_value=p if sampled else None,
             limit=limit,
             reason=reason,
+            detectable=float(self.detectable[i]),
+            margin=margin(row) if sampled else float("nan"),
         )
 
 

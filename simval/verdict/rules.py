@@ -89,6 +89,18 @@ class Verdict:
     # the greatest difference allowed
     limit: float = float("nan")
     reason: str = ""  # why it is not a pass
+    # of a sampling row: what would be seen beyond the remainder, eq. (V2), and the
+    # practical margin that it must not exceed
+    detectable: float = float("nan")
+    margin: float = float("nan")
+
+    @property
+    def samples_needed(self) -> float:
+        """Samples for which what would be seen is just the margin; NaN if not sampled.
+
+        As if Student's t kept its degrees of freedom, so somewhat few far below `n`.
+        """
+        return self.row.n * (self.detectable / self.margin) ** 2
 
     @property
     def sigmas(self) -> float:
@@ -158,6 +170,12 @@ def deterministic_reason(row: Row) -> str:
     )
 
 
+def margin(row: Row) -> float:
+    """Discrepancy of a sampling row that must not go unseen, see eq. (V2)."""
+    assert row.prediction is not None
+    return PRACTICAL * max(abs(row.prediction), row.standard_error * sqrt(row.n))
+
+
 def sampled_reason(
     row: Row, answer: Answer, p: float, limit: float, detectable: float
 ) -> str:
@@ -170,9 +188,9 @@ def sampled_reason(
             f"{beyond / row.standard_error:.1f} standard errors beyond the allowed "
             f"remainder, p = {p:.2g}, limit {limit:.2g}"
         )
-    margin = PRACTICAL * max(abs(row.prediction), row.standard_error * sqrt(row.n))
+    least = margin(row)
     return (
         f"{row.n} samples would show no discrepancy below {detectable:.3g}, and "
-        f"{margin:.3g} must not go unseen; about "
-        f"{int(np.ceil(row.n * (detectable / margin) ** 2))} samples are needed"
+        f"{least:.3g} must not go unseen; about "
+        f"{int(np.ceil(row.n * (detectable / least) ** 2))} samples are needed"
     )

@@ -15,9 +15,11 @@ from simval.cli.options import PATH, Whole
     type=Whole(min=1),
     default=7,
     show_default=True,
-    help="Rounds to run.",
+    help="Number of rounds.",
 )
-@click.option("--json", "path", type=PATH, help="Write JSON too.")
+@click.option(
+    "--json", "path", type=PATH, help="Write the result to this JSON file too."
+)
 @click.option(
     "--cells",
     "sizes",
@@ -36,8 +38,9 @@ from simval.cli.options import PATH, Whole
 def command(**options: Any) -> int:
     """Race simval against the alternatives: all RACES, or those named.
 
-    The ratio is the median over the rounds of a contender's rate divided by that of
-    the first one in the same round; processor time unless the title says wall.
+    The ratio is a contender's rate divided by that of the first contender in the same
+    round; the median over the rounds is printed. Time is processor time unless the
+    title says wall.
 
     `growth`, named alone, is no race: it sweeps, judges, compares and reports grids
     of cheap cells of several sizes, and prints the time and the memory of each step.

@@ -19,14 +19,14 @@ from simval.cli.options import Whole, alpha_option
 @alpha_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def command(**options: Any) -> int:
-    """Measure PLUGIN in two cells and judge it, without leaving a run.
+    """Measure your algorithm PLUGIN in two cells and judge it; keeps no run folder.
 
     PLUGIN is FILE.py, FILE.py:NAME, the name of an installed plug-in, or
     'command: PROGRAM {poses}'.
 
-    Exit code 0 pass, 1 fail, 2 it cannot be loaded, 3 inconclusive or refused, 4 it
-    crashed. The verdicts are the gate's, against theory alone; `simval sweep` measures
-    more, and keeps it.
+    The verdicts are those of `simval gate --no-baseline`. `simval sweep` measures more,
+    and keeps it. Exit code 0 pass, 1 fail, 2 the plug-in cannot be loaded, 3
+    inconclusive or refused, 4 it crashed.
     """
     from simval.cli.check import run
 

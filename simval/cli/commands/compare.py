@@ -15,26 +15,41 @@ from simval.cli.options import PATH, alpha_option
     "--algorithms",
     nargs=2,
     metavar="A B",
-    help="Set two algorithms of RUN_A against each other instead: names as the report "
-    "has them, without the file where that is clear.",
+    help="Compare two algorithms of RUN_A instead, by their names in the report; the "
+    "file may be left out where the name alone is unique.",
 )
 @click.option(
     "--out",
     type=PATH,
-    help="Write an HTML page, with both curves of each change in one figure.",
+    help="Write an HTML page with a figure of each change, before and after.",
 )
-@click.option("--all", "every", is_flag=True, help="Print every value that changed.")
-@click.option("--csv", "csv_file", type=PATH, help="Write every common value as CSV.")
-@click.option("--json", "json_file", type=PATH, help="Write what moved as JSON.")
+@click.option(
+    "--all",
+    "every",
+    is_flag=True,
+    help="Print every value that changed, not only the kinds.",
+)
+@click.option(
+    "--csv",
+    "csv_file",
+    type=PATH,
+    help="Write every value that both runs have to this CSV file.",
+)
+@click.option(
+    "--json", "json_file", type=PATH, help="Write what changed to this JSON file."
+)
 @alpha_option
 def command(**options: Any) -> int:
-    """Show what became better or worse from RUN_A to RUN_B, largest first.
+    """Show what became better or worse from RUN_A to RUN_B, the largest change first.
 
-    Each is a folder, or `latest`; the runs may be of two commits, and the first lines
-    name them. Only what changed beyond its uncertainty is shown. With --algorithms A B:
-    in what A is better or worse than B in RUN_A, by how much. Exit code 0, or 3 if
-    there is nothing in common. To fail on a change, use `simval gate` with a baseline;
-    for more than two runs, `simval trend`.
+    Each run is a folder, or `latest`. They may be of two commits; the first lines name
+    them. Only changes beyond the uncertainty are shown.
+
+    With --algorithms A B the command says where A is better or worse than B in RUN_A,
+    and by how much.
+
+    Exit code 0, or 3 if the runs have nothing in common. To fail on a change, use
+    `simval gate` with a baseline; for more than two runs, use `simval trend`.
     """
     from simval.cli.compare import run
 

@@ -7,13 +7,15 @@ import click
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 @click.pass_context
 def command(context: click.Context, shell: str) -> int:
-    r"""Print what makes SHELL complete commands, options, suites, scenes and runs.
+    """Print the script that lets SHELL complete commands, options, suites and runs.
+
+    Add one line to the start-up file of the shell:
 
     \b
     bash  eval "$(simval completion bash)"   in ~/.bashrc
     zsh   eval "$(simval completion zsh)"    in ~/.zshrc
     fish  simval completion fish | source    in ~/.config/fish/config.fish
-    """
+    """  # noqa: D301 (click looks for the character, so the text is not raw)
     from simval.cli.completion import run
 
     return run(context.find_root().command, shell)

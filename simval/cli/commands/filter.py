@@ -4,7 +4,7 @@ from typing import Any
 
 import click
 
-from simval.cli.options import COLUMNS, PATH
+from simval.cli.options import COLUMNS, PATH, ROWS, unit_option
 from simval.vocabulary import FILTER_SECONDS, FRAMES
 
 
@@ -16,50 +16,69 @@ from simval.vocabulary import FILTER_SECONDS, FRAMES
     multiple=True,
     required=True,
     metavar="PLUGIN",
-    help="Filter: FILE.py, FILE.py:NAME, or a name; several are compared.",
+    help="A filter: FILE.py, FILE.py:NAME, or the name of an installed one; may be "
+    "repeated to compare several.",
 )
 @click.option(
     "--truth",
     metavar="NAME|FILE",
-    help="Recorded attitudes: common name of four columns of LOG ('log' for the only "
-    "ones), or a file of its own.",
+    help="Recorded attitudes: the common name of four columns of LOG ('log' if it has "
+    "only four), or another file.",
 )
 @click.option(
     "--truth-columns",
     metavar="NAMES",
-    help="What each column of the truth's file is: t,qx,qy,qz,qs (or q0,q1,q2,q3), -.",
+    help="The columns of the truth's file in their order, as t,qx,qy,qz,qs (or "
+    "q0,q1,q2,q3), with - for one to ignore.",
 )
-@click.option("--truth-rate", type=float, metavar="HZ", help="Rows per second of it.")
+@click.option(
+    "--truth-rate",
+    type=float,
+    metavar="HZ",
+    help="Rows per second of a truth's file that has no clock.",
+)
 @click.option(
     "--truth-world",
     type=click.Choice(FRAMES),
     help="World of the truth, if it is known.  [default: what the log shows]",
 )
-@click.option("--calibration", type=PATH, help="JSON file of `simval calibrate`.")
-@click.option("--noise", type=PATH, help="JSON of `simval noise`: what to tell it.")
-@click.option("--rate", type=float, metavar="HZ", help="Rows per second.")
+@click.option(
+    "--calibration",
+    type=PATH,
+    help="Correct the log first, by a JSON file that `simval calibrate --out` wrote.",
+)
+@click.option(
+    "--noise",
+    type=PATH,
+    help="Noise that the filters are told, a file made by `simval noise LOG --json`.  "
+    "[default: what the rests of the log show]",
+)
+@click.option("--rate", type=float, metavar="HZ", help=ROWS)
 @click.option("--columns", help=COLUMNS)
-@click.option("--accelerometer-unit", metavar="UNIT", help="m/s^2, g, mg, or a number.")
-@click.option("--gyro-unit", metavar="UNIT", help="rad/s, deg/s, mdps, or a number.")
+@unit_option("accelerometer")
+@unit_option("gyro")
 @click.option(
     "--time-limit",
     type=click.FloatRange(min=0.0, min_open=True),
     default=FILTER_SECONDS,
     show_default=True,
     metavar="SECONDS",
-    help="For each filter.",
+    help="Time that each filter may take.",
 )
-@click.option("--out", type=PATH, help="Write the JSON file.")
-@click.option("--report", "page", type=PATH, help="Write a page, one HTML file.")
+@click.option("--out", type=PATH, help="Write the result to this JSON file.")
+@click.option(
+    "--report", "page", type=PATH, help="Write a page with figures, a single HTML file."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def command(**options: Any) -> int:
     """Run attitude filters over a recorded LOG and measure their errors.
 
-    LOG has a gyroscope, an accelerometer and a magnetometer, and a rest at least; its
-    columns and its clock are as for `simval calibrate`. With --truth the errors are
-    against recorded attitudes, whose clock, axes and world are found from the log and
-    stated with error bars. Without it only what a filter says of itself can be looked
-    at.
+    LOG must have a gyroscope, an accelerometer, a magnetometer and at least one rest.
+    Its columns and its clock are read as by `simval calibrate`.
+
+    With --truth, errors are measured against recorded attitudes; their clock, axes and
+    world are found from the log and stated with error bars. Without --truth, the
+    command can only show what a filter says about itself.
 
     Exit code 0 measured, 2 unreadable input, 3 refused, 4 a filter crashed.
     """

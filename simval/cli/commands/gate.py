@@ -28,18 +28,38 @@ def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> N
     type=PATH,
     default=BASELINE,
     show_default=True,
-    help="Stored statistics to compare with.",
+    help="Baseline to compare with; written if there is none yet.",
 )
 @click.option(
-    "--update-baseline", metavar="REASON", help="Store this run, with the reason."
+    "--update-baseline",
+    metavar="REASON",
+    help="Make this run the baseline, and store the reason in it.",
 )
-@click.option("--no-baseline", is_flag=True, help="Judge against theory only.")
+@click.option(
+    "--no-baseline",
+    is_flag=True,
+    help="Judge against theory only, without a baseline.",
+)
 @alpha_option
-@click.option("--junit", type=FILE, help="Write JUnit XML.")
-@click.option("--summary", type=FILE, help="Write a Markdown summary.")
-@click.option("--json", "json_file", type=FILE, help="Write every finding as JSON.")
-@click.option("--all", "every", is_flag=True, help="Print each failure, not by kind.")
-@click.option("--table", is_flag=True, help="Print the counts of all checks.")
+@click.option("--junit", type=FILE, help="Write JUnit XML to this file.")
+@click.option("--summary", type=FILE, help="Write a Markdown summary to this file.")
+@click.option(
+    "--json", "json_file", type=FILE, help="Write every finding to this JSON file."
+)
+@click.option(
+    "--all",
+    "every",
+    is_flag=True,
+    help="Print every check that did not pass, not ten lines by kind.",
+)
+@click.option(
+    "--table", is_flag=True, help="Print how many checks of each kind passed."
+)
+@click.option(
+    "--samples",
+    is_flag=True,
+    help="Print the samples that the verdicts need, and those spent.",
+)
 @click.option(
     "--json-schema",
     is_flag=True,
@@ -52,8 +72,8 @@ def command(**options: Any) -> int:
     """Judge RUN (a folder, or `latest`) against theory and the baseline.
 
     Exit code 0 pass, 1 fail, 3 inconclusive, refused or nothing measured, 4 a cell
-    crashed.
-    In a GitHub workflow it annotates failures and writes the step summary.
+    crashed. In a GitHub workflow the command annotates failures and writes the step
+    summary.
     """
     from simval.cli.gate import run
 

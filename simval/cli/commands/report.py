@@ -12,26 +12,26 @@ from simval.vocabulary import BASELINE
 @click.command(name="report")
 @click.argument("run", shell_complete=runs)
 @click.option(
-    "--out", type=PATH, help="File to write.  [default: report.html in the run folder]"
+    "--out", type=PATH, help="Page to write.  [default: report.html in the run folder]"
 )
 @click.option(
     "--figures",
     "pictures",
     type=PATH,
-    help="Write each figure to this folder, as SVG and PNG.",
+    help="Write each figure to this folder too, as SVG and PNG.",
 )
 @click.option(
     "--only",
     "names",
     multiple=True,
     metavar="NAME",
-    help="With --figures: only this figure; may be repeated.",
+    help="With --figures, write only this figure; may be repeated.",
 )
 @click.option(
     "--tables",
     "lists",
     type=PATH,
-    help="Write each table, whole, to this folder as CSV.",
+    help="Write each table, with all its rows, to this folder as CSV.",
 )
 @click.option(
     "--baseline",
@@ -39,23 +39,27 @@ from simval.vocabulary import BASELINE
     is_flag=False,
     flag_value=str(BASELINE),
     metavar="[FILE]",
-    help="Say what changed from the stored statistics.  [default file: "
-    f"{BASELINE}; give it after RUN]",
+    help="Say on the page what changed since this baseline; put the option after RUN.  "
+    f"[default file: {BASELINE}]",
 )
 @click.option(
-    "--against", metavar="RUN", help="Say what changed from this other run folder."
+    "--against",
+    metavar="RUN",
+    help="Say on the page what changed since this other run.",
 )
 @click.option(
-    "--open", "opened", is_flag=True, help="Write every fold open, as for print."
+    "--open",
+    "opened",
+    is_flag=True,
+    help="Write the page with every fold open, to print.",
 )
 @alpha_option
 def command(**options: Any) -> int:
     """Write RUN (a folder, or `latest`) as one self-contained HTML file.
 
-    Its first screen says how wrong the algorithms are, whether that is as theory says
-    and, with --baseline or --against, whether it is worse than before.
-
-    The last line printed is the path of the file.
+    The first screen says how wrong the algorithms are, whether theory says so too and,
+    with --baseline or --against, whether they are worse than before. The last line
+    printed is the path of the page.
     """
     from simval.cli.report import run
 

@@ -6,14 +6,18 @@ import click
 
 
 @click.command(name="selftest")
-@click.option("--quick", is_flag=True, help="A third of the faults, for CI.")
-@click.option("--rates", is_flag=True, help="Measure false-alarm rate and power.")
+@click.option(
+    "--quick", is_flag=True, help="Inject only a third of the faults, for CI."
+)
+@click.option(
+    "--rates", is_flag=True, help="Measure the false-alarm rate and the power."
+)
 @click.option(
     "--share",
     type=click.FloatRange(0.0, 1.0, min_open=True),
     default=1.0,
     show_default=True,
-    help="Share of the runs of --rates to do.",
+    help="Share of the runs of --rates that are computed.",
 )
 def command(**options: Any) -> int:
     """Inject faults into the whole flow and check that the gate detects each.

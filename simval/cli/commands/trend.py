@@ -10,19 +10,31 @@ from simval.cli.options import PATH, alpha_option
 @click.command(name="trend")
 @click.argument("folder", type=PATH)
 @click.option(
-    "--out", type=PATH, help="Write an HTML page, with a figure of each kind."
+    "--out", type=PATH, help="Write an HTML page with a figure of each kind of step."
 )
-@click.option("--all", "every", is_flag=True, help="Print every value with a step.")
-@click.option("--csv", "csv_file", type=PATH, help="Write every value of every run.")
-@click.option("--json", "json_file", type=PATH, help="Write the steps as JSON.")
+@click.option(
+    "--all",
+    "every",
+    is_flag=True,
+    help="Print every value that has a step, not only the kinds.",
+)
+@click.option(
+    "--csv",
+    "csv_file",
+    type=PATH,
+    help="Write every value of every run to this CSV file.",
+)
+@click.option(
+    "--json", "json_file", type=PATH, help="Write the steps to this JSON file."
+)
 @alpha_option
 def command(**options: Any) -> int:
     """Show what became better or worse over the runs in FOLDER, and since which commit.
 
-    The runs of one suite, each in a folder of its own in FOLDER, in the order of their
-    commits. A step is told if chance does not explain it: largest first, with the
-    commit of the first run that has it. Exit code 0, or 3 if the runs have nothing in
-    common.
+    FOLDER holds the runs of one suite, each in a folder of its own; they are taken in
+    the order of their commits. A step is reported if chance does not explain it, with
+    the commit of the first run that has it, the largest step first. Exit code 0, or 3
+    if the runs have nothing in common.
     """
     from simval.cli.trend import run
 

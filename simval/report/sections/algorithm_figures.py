@@ -1,10 +1,15 @@
 """Figures of algorithms side by side: accuracy as dots, failures as a map."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
-from simval.compare.merits import called, over_bound
+from simval.compare.merits import Measured, called, over_bound
+from simval.report.answers_algorithms import BOUND, mean
 from simval.report.contest import Contest
 from simval.report.curves import MAX_GROUPS
+from simval.report.notes import Measured as Said
+from simval.report.notes import note
 from simval.report.panels import COLOURS, MARKERS, DotPanel, Drawing, HeatPanel, Series
 from simval.report.slope import simultaneous
 
@@ -28,6 +33,11 @@ def dots(name: str, who: str, contest: Contest) -> Drawing | None:
     series = []
     for i, setting in enumerate(settings):
         own = [(place, *measured) for k, place, measured in found if k == i]
+        notes = [
+            _note(contest, drawn[place], setting, measured)
+            for k, place, measured in found
+            if k == i
+        ]
         if own:
             place, value, error = np.array(own, dtype=float).T
             series.append(
@@ -38,13 +48,14 @@ def dots(name: str, who: str, contest: Contest) -> Drawing | None:
                     band=np.where(error > 0.0, z * error, np.nan),
                     colour=COLOURS[i % len(COLOURS)],
                     marker=MARKERS[i % len(MARKERS)],
+                    notes=notes,
                 )
             )
     alone = f" ({settings[0]})" if len(settings) == 1 else ""
     return Drawing(
         name=f"{name}-accuracy",
         asked="How near to the bound is each?",
-        finding=_ranked([(m.value, short[drawn[place]]) for _, place, m in found]),
+        finding=_ranked(contest, short),
         caption=(
             f"RMS error of each algorithm over the Cramér-Rao bound{alone}: 1, the "
             "dashed line, is as good as any unbiased one can be to first order. Bars: "
@@ -69,14 +80,26 @@ def dots(name: str, who: str, contest: Contest) -> Drawing | None:
     )
 
 
-def _ranked(found: list[tuple[float, str]]) -> str:
-    """The best and the worst of all settings."""
-    (best, name), (worst, other) = min(found), max(found)
-    if name == other and best == worst:
-        return f"{name} has {best:.3g} times the error of the bound."
+def _note(contest: Contest, algorithm: str, setting: str, found: Measured) -> str:
+    """What the page says of a dot: its ratio, and the first cell that it is of."""
+    cell = contest.cells[algorithm, setting][0]
+    return note(cell, Said(*found, prediction=np.nan, unit=BOUND))
+
+
+def _ranked(contest: Contest, short: Mapping[str, str]) -> str:
+    """The best and the worst by the mean over all settings."""
+    means = [(mean(contest, name, contest.settings), name) for name in short]
+    found = sorted((m.value, short[name]) for m, name in means if m is not None)
+    if not found:
+        return ""
+    (best, name), (worst, other) = found[0], found[-1]
+    many = len(contest.settings)
+    over = f" (geometric mean over {many} settings)" if many > 1 else ""
+    if len(found) == 1:
+        return f"{name} has {best:.3g} times the error of the bound{over}."
     return (
-        f"Best {name} with {best:.3g} times the error of the bound, worst {other} "
-        f"with {worst:.3g} times."
+        f"{name} is nearest to the bound, with {best:.3g} times its error, and {other} "
+        f"farthest, with {worst:.3g} times{over}."
     )
 
 

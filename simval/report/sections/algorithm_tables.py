@@ -15,8 +15,10 @@ from simval.compare.merits import (
     size_row,
 )
 from simval.plugins.builtin import BESIDE
+from simval.report.answers import LEAST_DEGREES
 from simval.report.contest import Contest, answer_of
-from simval.report.table import Column, Table
+from simval.report.table import Column, Kind, Table
+from simval.report.units import DEGREE, MILLIRADIAN, PPM, Unit, of_row
 from simval.results import Row
 from simval.sweep.run import CellResult
 from simval.verdict import Verdict
@@ -26,6 +28,7 @@ MAX_SETTINGS = 4
 BOUND = "\N{NO-BREAK SPACE}"
 """Keeps the words of a field in one line."""
 MAX_CELLS = 60
+DEGREES = Unit("degrees", DEGREE.factor)
 
 Times = Mapping[str, Mapping[str, float]]
 """What was timed, by the name of the cell."""
@@ -69,8 +72,8 @@ def side_by_side(
             Column("algorithm", "code"),
             Column("checks", "answer"),
             *(Column(setting, "measured") for setting in settings),
-            Column("bias", "number", 2),
-            Column("NEES", "measured"),
+            Column("bias", "number", 2, shown="bias / bound"),
+            Column("NEES", "measured", shown="NEES / mean"),
             Column("call, ms", "number", 3),
             Column("× built-in", "number", 3),
             *((Column("fails at"),) if with_failures else ()),
@@ -126,13 +129,13 @@ def by_cell(study: str, contest: Contest) -> Table:
             Column("setting"),
             *(
                 (
-                    Column(f"RMS error, {whole.unit}", "measured"),
-                    Column(f"bound, {whole.unit}", "number"),
+                    _sized("RMS error", "measured", whole),
+                    _sized("bound", "number", whole),
                 )
                 if whole is not None
                 else (
-                    Column("RMS of T, 1", "measured"),
-                    Column("RMS of K, 1", "measured"),
+                    _in_unit("RMS of T", "1", MILLIRADIAN, "measured"),
+                    _in_unit("RMS of K", "1", PPM, "measured"),
                     Column("RMS of B, raw", "measured"),
                 )
             ),
@@ -143,6 +146,19 @@ def by_cell(study: str, contest: Contest) -> Table:
         ),
         rows=rows,
         shown=MAX_CELLS,
+    )
+
+
+def _sized(title: str, kind: Kind, row: Row) -> Column:
+    """A column of sizes like that of a row, in the unit that a person reads."""
+    small = row.unit == "rad" and row.value < LEAST_DEGREES
+    degrees = DEGREES if row.unit == "rad" else of_row(row.unit)
+    return _in_unit(title, row.unit, MILLIRADIAN if small else degrees, kind)
+
+
+def _in_unit(title: str, unit: str, shown: Unit, kind: Kind) -> Column:
+    return Column(
+        f"{title}, {unit}", kind, shown=f"{title}, {shown.name}", factor=shown.factor
     )
 
 

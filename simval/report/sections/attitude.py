@@ -1,6 +1,6 @@
 """Attitude error against noise: bias and covariance beside every prediction."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from simval.report import palette
 from simval.report.curves import Curve, Measure, bar_width, curve, first, grouped
-from simval.report.findings import agrees, behind
+from simval.report.findings import agrees, behind, order_words
 from simval.report.measures import left_out, moment
 from simval.report.noise import SLOPES, Fits, fits, slope_fold, slope_words
 from simval.report.panels import GREY, Drawing, Panel, Series
@@ -16,6 +16,7 @@ from simval.report.ratio import ratio_panel
 from simval.report.section import Context, Section, Shown, made
 from simval.report.slope import order
 from simval.report.table import Column, Table
+from simval.report.units import RELATIVE, Unit
 from simval.report.words import slugs
 from simval.statistics import (
     BIAS,
@@ -67,8 +68,8 @@ def section(context: Context) -> Section | None:
     )
 
 
-def remainders(cells: Sequence[CellResult], part: Family) -> Panel:
-    """What each truncated formula leaves out, beside the moment itself."""
+def remainders(cells: Sequence[CellResult], part: Family) -> list[Panel]:
+    """What each truncated formula leaves out, beside the moment; none without any."""
     series: list[Series] = []
     for predictor in CLAIMED:
         c = curve("", cells, "noise_std", left_out(part, predictor))
@@ -76,30 +77,36 @@ def remainders(cells: Sequence[CellResult], part: Family) -> Panel:
             continue
         if not series:
             series.append(line(c.x, c.prediction, EXACT, f"the {part.words}"))
-        series.append(line(c.x, c.value, predictor, f"left out, {predictor}"))
+        series.append(line(c.x, c.value, predictor, predictor))
+    if not series:
+        return []
     sampled = curve("", cells, "noise_std", moment(part, EXACT))
     if sampled is not None:
         dotted = Series(
             label="standard error", x=sampled.x, y=sampled.error, colour=GREY, line=":"
         )
         series.append(dotted)
-    return _panel(f"{part.words}: what is left out", series)
+    title = f"{part.words}: what is left out"
+    return [_panel(title, "norm of what is left out", series)]
 
 
 def beside_predictions(
     cells: Sequence[CellResult],
     measure_against: Callable[[str], Measure],
     z: float | None = None,
+    unit: Unit = RELATIVE,
 ) -> list[Series]:
     """Simulated points over the noise, and a line for each prediction."""
     series = []
     points = curve("simulated", cells, "noise_std", measure_against(EXACT))
     if points is not None:
-        series.append(points.points(bar_width([points]) if z is None else z))
+        bars = bar_width([points]) if z is None else z
+        series.append(points.scaled(unit).points(bars))
     for predictor in STYLES:
         c = curve("", cells, "noise_std", measure_against(predictor))
         if c is not None:
-            series.append(line(c.x, c.prediction, predictor, predictor))
+            y = unit.factor * c.prediction
+            series.append(line(c.x, y, predictor, predictor))
     return series
 
 
@@ -109,11 +116,11 @@ def line(x: np.ndarray, y: np.ndarray, predictor: str, label: str) -> Series:
     return Series(label=label, x=x, y=y, colour=colour, line=style)
 
 
-def _panel(title: str, series: Sequence[Series]) -> Panel:
+def _panel(title: str, y_label: str, series: Sequence[Series]) -> Panel:
     return Panel(
         title=title,
         x_label=NOISE,
-        y_label="norm, of the quaternion",
+        y_label=y_label,
         series=tuple(series),
     )
 
@@ -127,9 +134,9 @@ def _drawing(
     panels: list[Panel] = []
     for part, c in zip(PARTS, sampled, strict=True):
         series = beside_predictions(cells, partial(moment, part), z)
-        panels.append(_panel(part.words, series))
+        panels.append(_panel(part.words, f"norm of the {part.words}", series))
         panels += _over_exact(part, cells, c, z)
-        panels.append(remainders(cells, part))
+        panels += remainders(cells, part)
     place = f"{label}: " if label else ""
     said = agrees(
         "Every moment of the error",
@@ -140,7 +147,7 @@ def _drawing(
     drawing = Drawing(
         name=name,
         caption=(
-            f"{place}left, bias and covariance of the "
+            f"{_begun(f'{place}left')}, bias and covariance of the "
             f"simulated error (bars: {z:.2f} standard errors, 95 % for all points of "
             "the figure together) beside theory; in the middle the same over the exact "
             "theory, where each formula can be seen to leave it. Right, how far each "
@@ -151,7 +158,7 @@ def _drawing(
             "samples."
         ),
         alternative=(
-            f"{place}bias and covariance of the attitude error "
+            f"{_begun(f'{place}bias')} and covariance of the attitude error "
             "against the noise on logarithmic axes, simulated points beside predicted "
             "lines; both over the exact theory on a linear axis; and the distance of "
             "each truncated prediction from the exact one"
@@ -160,8 +167,12 @@ def _drawing(
     )
     asked = "Are bias and covariance what theory says?"
     if folded:
-        return behind(drawing, f"{place}{said}", curves, asked)
+        return behind(drawing, _begun(f"{place}{said}"), curves, asked)
     return replace(drawing, asked=asked, finding=said)
+
+
+def _begun(words: str) -> str:
+    return words[:1].upper() + words[1:]
 
 
 def _over_exact(
@@ -245,19 +256,6 @@ def _unit_lengths(cells: Sequence[CellResult]) -> Table:
     )
 
 
-def order_words(found: Iterable[tuple[str, float | None, float]]) -> str:
-    """Slopes of what each formula leaves out beside its stated order, in words."""
-    slopes: dict[tuple[str, float], list[float]] = {}
-    for formula, slope, stated in found:
-        if slope is not None:
-            slopes.setdefault((formula, stated), []).append(slope)
-    told = []
-    for (formula, stated), values in slopes.items():
-        ends = dict.fromkeys(f"{value:.2f}" for value in (min(values), max(values)))
-        told.append(f"{' to '.join(ends)} ({formula}; stated {stated:g})")
-    return f"What is left out has the slope {', '.join(told)}" if told else ""
-
-
 def _lengths(kinds: Sequence[str], rows: Sequence[Sequence[float | None]]) -> str:
     """The greatest defect of the unit length, in words."""
     told = []
@@ -265,7 +263,7 @@ def _lengths(kinds: Sequence[str], rows: Sequence[Sequence[float | None]]) -> st
         values = [value for row in rows if (value := row[i + 2]) is not None]
         if values:
             told.append(f"{kind} {max(values):.1e}")
-    return f"Unit length, greatest relative defect: {', '.join(told)}" if told else ""
+    return f"Unit length, greatest relative defect: {'; '.join(told)}" if told else ""
 
 
 def _second(x: np.ndarray) -> float:

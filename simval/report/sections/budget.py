@@ -1,10 +1,6 @@
 """Error budget: what each source of error contributes, measured and predicted."""
 
-from dataclasses import replace
-
-import numpy as np
-
-from simval.report.curves import MAX_GROUPS, bar_width, bars, grouped
+from simval.report.curves import bar_width, bars, first, grouped
 from simval.report.findings import agrees
 from simval.report.measures import placed
 from simval.report.panels import BarPanel, Drawing
@@ -28,21 +24,17 @@ def section(context: Context) -> Section | None:
     ]
     if not cells:
         return None
-    groups = grouped(cells)
-    labels = list(groups)
-    members = [group[0] for group in groups.values()]
-    shown = members[:MAX_GROUPS]
-    panels = [_panel(cell, label) for cell, label in zip(shown, labels, strict=False)]
-    curves = [
-        placed(label, _rows(cell)) for cell, label in zip(shown, labels, strict=False)
-    ]
+    groups, left_out = first(grouped(cells))
+    shown = {label: own[0] for label, own in groups.items()}
+    panels = [_panel(cell, label) for label, cell in shown.items()]
+    curves = [placed(label, _rows(cell), cell) for label, cell in shown.items()]
     alike = all(list(panel.names) == list(panels[0].names) for panel in panels)
     names = panels[0].names
     ratios = ratio_bars("over theory", names, curves, bar_width(curves))
     drawing = Drawing(
         name="budget",
         asked="What does each source of error contribute?",
-        finding=f"{_greatest(shown[0])}{agrees('Every part', curves)}",
+        finding=f"{_greatest(*list(shown.values())[:1])}{agrees('Every part', curves)}",
         caption=(
             "Bars: measured, with 95 % intervals that hold for all bars of a panel "
             "together. Diamonds: predicted, carried from the noise through the "
@@ -52,10 +44,14 @@ def section(context: Context) -> Section | None:
         alternative="Contribution of each source of error, measured and predicted",
         panels=[*panels, *([ratios] if ratios and alike else [])],
         columns=2 if len(panels) < 2 else 3,
-        left_out=[cell.name for cell in cells if cell not in shown],
+        left_out=left_out,
     )
     return made(
-        "budget", "Error budget", [drawing], cells=len(members), shown=len(shown)
+        "budget",
+        "Error budget",
+        [drawing],
+        cells=len(shown) + len(left_out),
+        shown=len(shown),
     )
 
 
@@ -78,16 +74,10 @@ def _greatest(cell: CellResult) -> str:
 def _panel(cell: CellResult, label: str) -> BarPanel:
     rows = _rows(cell)
     unit = of_row(rows[0].unit)
-    panel = bars(
-        rows,
+    return bars(
+        [(cell, row) for row in rows],
         [row.statistic.entries[0] for row in rows],
         label or spelled(cell.study),
         f"contribution, {unit.name}",
+        unit,
     )
-    with np.errstate(over="ignore"):  # what overflows is not drawn
-        return replace(
-            panel,
-            measured=unit.factor * panel.measured,
-            band=unit.factor * panel.band,
-            predicted=unit.factor * panel.predicted,
-        )

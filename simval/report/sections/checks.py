@@ -1,6 +1,7 @@
 """Every check against theory: counts by family, then each check, failing ones first."""
 
 from collections import Counter
+from collections.abc import Mapping
 from typing import Any
 
 from simval.change import EFFORT
@@ -30,7 +31,14 @@ def section(context: Context) -> Section | None:
         open=bool(verdicts) and verdicts[0].answer != "pass",
         alpha=context.alpha,
         linked=linked,
+        found=_counted(context.judged.counts),
     )
+
+
+def _counted(counts: Mapping[Answer, int]) -> str:
+    """How many checks ended how."""
+    told = [f"{counts[word]:,} {word}" for word in WORST_FIRST if counts.get(word)]
+    return f"{', '.join(told)}." if told else ""
 
 
 def _families(context: Context) -> Table:
@@ -95,7 +103,7 @@ def _each(context: Context, verdicts: list[Verdict], figures: dict[Key, str]) ->
             Column("what else varies"),
             Column("command", "command"),
             Column("measured", "measured"),
-            Column("unit"),
+            Column("unit", "unit"),
             Column("predicted", "number"),
             Column("allowed remainder", "number", 3),
             Column("standard errors", "number", 3),

@@ -14,6 +14,8 @@ from simval.report.sections.other import numbers
 from simval.studies.solvers import artifact_of
 from simval.sweep.run import CellResult
 
+LINES = ("-", "--", ":", "-.")
+
 
 def section(context: Context) -> Section | None:
     """Make the section."""
@@ -24,7 +26,7 @@ def section(context: Context) -> Section | None:
     tables = [numbers("solvers", cells)] if cells else []
     if not panels and not tables:
         return None
-    left_out = [file.stem for file in files[MAX_GROUPS:]]
+    left_out = [titles.get(file.name, file.stem) for file in files[MAX_GROUPS:]]
     drawings = [_drawing(panels, left_out)] if panels else []
     return made("convergence", "Convergence of the solvers", drawings, tables)
 
@@ -36,7 +38,8 @@ def _drawing(panels: Sequence[Panel], left_out: Sequence[str]) -> Drawing:
         finding=_steps(panels[-1]),
         caption=(
             "Each point is one iteration. A straight line means linear convergence, a "
-            "line that bends down faster convergence. The last points are rounding."
+            "line that bends down faster convergence; solvers that take the same steps "
+            "are on one line. The last points are rounding."
         ),
         alternative="Distance to the solution after each iteration, for each solver",
         panels=panels,
@@ -66,7 +69,8 @@ def _panel(file: Path, titles: Mapping[str, str]) -> Panel | None:
         steps = np.arange(len(trace), dtype=float)
         trace = np.where(trace > 0.0, trace, np.nan)
         colour, marker = COLOURS[i % len(COLOURS)], MARKERS[i % len(MARKERS)]
-        series.append(Series(label="", x=steps, y=trace, colour=colour, line="-"))
+        line = LINES[i % len(LINES)]  # of lines that coincide each is seen
+        series.append(Series(label="", x=steps, y=trace, colour=colour, line=line))
         series.append(
             Series(label=name, x=steps, y=trace, colour=colour, marker=marker)
         )

@@ -7,11 +7,13 @@ import numpy as np
 from simval.gate.finding import reproduce
 from simval.report.curves import Measure, axis_of, bar_width, curve, grouped, statistic
 from simval.report.findings import agreement, agrees
-from simval.report.notes import Measured
+from simval.report.notes import Measured, described
 from simval.report.palette import THEORY
 from simval.report.panels import GREY, Drawing, Panel, Series
 from simval.report.parameters import axis_words, named
 from simval.report.section import Context, Section, made
+from simval.report.units import value_words
+from simval.report.words import spelled
 from simval.results import Row
 from simval.statistics import Statistic
 from simval.sweep.run import CellResult
@@ -81,7 +83,8 @@ def _drawing(context: Context, verdict: Verdict, name: str) -> Drawing | None:
         name=name,
         finding=_said(members, axis, verdict),
         caption=(
-            f"{what}{against}, first failing in {verdict.cell}: {verdict.reason}."
+            f"{what}{against}, first failing in "
+            f"{described(study, failed.parameters)}: {verdict.reason}."
         ),
         alternative=(
             f"{what} of the study {study}{against} over {axis}: measured values "
@@ -114,7 +117,12 @@ def _values(cells: Sequence[CellResult], axis: str, row: Row) -> Panel:
                 label=label, x=c.x, y=c.prediction, colour=THEORY, marker="D"
             )
         series = [c.points(bar_width([c])), predicted]
-    return _panel(str(row.statistic), _value_of(row), (study, axis), series)
+    return _panel(
+        f"{spelled(study)}, {row.statistic}",
+        value_words(row.unit),
+        (study, axis),
+        series,
+    )
 
 
 def _distances(cells: Sequence[CellResult], axis: str, row: Row) -> Panel:
@@ -131,10 +139,6 @@ def _distances(cells: Sequence[CellResult], axis: str, row: Row) -> Panel:
     return _panel(
         "distance from the prediction", "standard errors", (study, axis), series
     )
-
-
-def _value_of(row: Row) -> str:
-    return "value" if row.unit == "1" else f"value, {row.unit}"
 
 
 def _panel(

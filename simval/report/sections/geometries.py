@@ -56,7 +56,7 @@ def section(context: Context) -> Section | None:
     found = [(cell, r) for cell in cells if (r := _ratios(folder, cell)) is not None]
     shown = found[:MAX_GROUPS]
     names = {cell.name for cell, _ in shown}
-    rest = [cell.name for cell in cells if cell.name not in names]
+    rest = [_place(cell) for cell in cells if cell.name not in names]
     drawings = [_drawing(shown, rest)] if shown else []
     return made(
         "geometries",
@@ -110,8 +110,14 @@ def _nearer(found: Sequence[tuple[CellResult, Ratios]]) -> str:
     for name in DRAWN:
         shares = [100.0 * float(np.mean(of_all[name] < 1.0)) for _, of_all in found]
         ends = dict.fromkeys(f"{share:.3g}" for share in (min(shares), max(shares)))
-        told.append(f"{CALLED[name]} in {' to '.join(ends)} %")
-    return f"{'; '.join(told)} of the geometries."
+        told.append((CALLED[name], f"{' to '.join(ends)} %"))
+    (one, share), *others = told
+    also = "".join(f", {name} in {each}" for name, each in others)
+    several = ", depending on noise and frame" if len(found) > 1 else ""
+    return (
+        f"{one} is nearer to the truth than the second order in {share} of the "
+        f"geometries{also}{several}."
+    )
 
 
 def _panel(cell: CellResult, ratios: Ratios) -> Panel:

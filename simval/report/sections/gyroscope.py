@@ -3,7 +3,7 @@
 import numpy as np
 
 from simval.arrays import Array
-from simval.report.curves import MAX_GROUPS, grouped
+from simval.report.curves import first, grouped
 from simval.report.palette import BOUND
 from simval.report.panels import COLOURS, Drawing, Panel, Series
 from simval.report.section import Context, Section, Shown, made
@@ -26,13 +26,12 @@ def section(context: Context) -> Section | None:
     cells = context.cells("gyroscope")
     if not cells:
         return None
-    groups = grouped(cells)
-    labels = list(groups)
-    shown = [group[0] for group in groups.values()][:MAX_GROUPS]
+    groups, left_out = first(grouped(cells))
+    shown = {label: own[0] for label, own in groups.items()}
     drawing = Drawing(
         name="gyroscope",
         asked="How fast must a gyroscope be read for its calibration?",
-        finding=" ".join(filter(None, (_said(cell) for cell in shown[:1]))),
+        finding=_said(next(iter(shown.values()))),
         caption=(
             "Greatest error of M in a calibration without noise, by the rate of the "
             "rows. Runge-Kutta on samples integrates straight lines between them and "
@@ -44,11 +43,9 @@ def section(context: Context) -> Section | None:
             "Error of the gyroscope's matrix against the rate of its rows, for two "
             "integrators, beside the Cramér-Rao bound"
         ),
-        panels=[
-            _panel(cell, label) for cell, label in zip(shown, labels, strict=False)
-        ],
+        panels=[_panel(cell, label) for label, cell in shown.items()],
         columns=2,
-        left_out=labels[MAX_GROUPS:],
+        left_out=left_out,
     )
     return made("gyroscope", "Gyroscope", [drawing])
 

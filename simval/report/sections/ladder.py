@@ -30,6 +30,10 @@ MAX_BARS = 16
 SHOWN = Shown("ladder", (SCALE_BIAS, *BIAS.each(("K_x", "K_y", "K_z"))))
 
 
+Rung = tuple[str, Row, CellResult]
+"""A residual, its bias of the scale, and the cell that has it."""
+
+
 def section(context: Context) -> Section | None:
     """Make the section."""
     cells = [c for c in context.cells("ladder") if c.row(SCALE_BIAS(), THEORY)]
@@ -43,20 +47,27 @@ def _drawing(cells: Sequence[CellResult]) -> Drawing:
     panels: list[BarPanel | Panel] = []
     left_out = list(rest)
     every: list[Curve] = []
-    found: list[tuple[str, Row]] = []
+    found: list[Rung] = []
     for setting, members in settings.items():
         rungs = _lowest(members)
         lines = _by_residual(members)
         biases = [c.scaled(PPM) for c in curves(lines, part(BIAS, "K", THEORY))]
         every, found = [*every, *biases], found or rungs
         words = f": {setting}" if setting else ""
-        names, rows = zip(*rungs[:MAX_BARS], strict=True)
+        names = [name for name, _, _ in rungs[:MAX_BARS]]
         title, z = f"bias of scale K{words}", bar_width(biases)
         label = "relative bias of the scale, σ²/g²"
-        panels.append(bars(rows, names, f"the ladder{words}", label))
+        panels.append(
+            bars(
+                [(cell, row) for _, row, cell in rungs[:MAX_BARS]],
+                names,
+                f"the ladder{words}",
+                label,
+            )
+        )
         panels.append(panel(title, NOISE, f"bias, {PPM.name}", biases, z=z))
-        panels += ratios_of(f"bias of K over theory{words}", NOISE, biases, [], z)
-        left_out += [f"{name}{words}" for name, _ in rungs[MAX_BARS:]]
+        panels += ratios_of(f"bias of K{words}", NOISE, biases, [], z)
+        left_out += [f"{name}{words}" for name, _, _ in rungs[MAX_BARS:]]
         drawn = {c.label for c in biases}
         left_out += [
             f"{name}{words}, in the middle, as theory has no bias of K at this order"
@@ -84,16 +95,19 @@ def _drawing(cells: Sequence[CellResult]) -> Drawing:
     )
 
 
-def _cost(rungs: Sequence[tuple[str, Row]]) -> str:
+def _cost(rungs: Sequence[Rung]) -> str:
     """The greatest and the least bias of the first setting's residuals."""
     if len(rungs) < 2:
         return ""
     ranked = sorted(rungs, key=_size)
-    (least, low), (most, high) = ranked[0], ranked[-1]
-    return f"Between {high.value:.3g} σ²/g² ({most}) and {low.value:.2g} ({least}). "
+    (least, low, _), (most, high, _) = ranked[0], ranked[-1]
+    return (
+        f"The bias of the scale is greatest for {most}, {high.value:.3g} σ²/g², and "
+        f"least for {least}, {low.value:.2g} σ²/g². "
+    )
 
 
-def _size(rung: tuple[str, Row]) -> float:
+def _size(rung: Rung) -> float:
     return abs(rung[1].value)
 
 
@@ -104,7 +118,7 @@ def _by_residual(cells: Sequence[CellResult]) -> Groups:
     return {name: tuple(members) for name, members in groups.items()}
 
 
-def _lowest(cells: Sequence[CellResult]) -> list[tuple[str, Row]]:
+def _lowest(cells: Sequence[CellResult]) -> list[Rung]:
     """Row of each residual at its smallest noise, one for each seed."""
     rungs = []
     for name, members in _by_residual(cells).items():
@@ -114,7 +128,7 @@ def _lowest(cells: Sequence[CellResult]) -> list[tuple[str, Row]]:
             row = cell.row(SCALE_BIAS(), THEORY)
             assert row is not None  # the section leaves out cells without it
             several = f", seed {cell.seed}" if len(chosen) > 1 else ""
-            rungs.append((f"{name}{several}", row))
+            rungs.append((f"{name}{several}", row, cell))
     return rungs
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from simval.report.curves import MAX_GROUPS, bar_width, bars, grouped
+from simval.report.curves import bar_width, bars, first, grouped
 from simval.report.findings import agrees
 from simval.report.measures import placed
 from simval.report.panels import BarPanel, Drawing
@@ -17,6 +17,7 @@ ALTERNATIVE = (
     "Variance of the weighted fit and of the usual recipe over the bound, measured "
     "beside predicted, for matrix, hard iron and dip"
 )
+WORDS = {"M": "matrix M", "b": "hard iron b"}
 SHOWN = Shown("magnetometer", (VARIANCE_OVER_BOUND,))
 
 
@@ -25,12 +26,12 @@ def section(context: Context) -> Section | None:
     cells = context.cells("magnetometer")
     if not cells:
         return None
-    groups = grouped(cells)
-    shown = [(label, own[0]) for label, own in groups.items()][:MAX_GROUPS]
-    first, *others = [_panel(cell, label) for label, cell in shown]
-    curves = [placed(label, _rows(cell)) for label, cell in shown]
-    ratios = ratio_bars("over theory", first.names, curves, bar_width(curves))
-    named = [list(panel.names) for panel in (first, *others)]
+    groups, left_out = first(grouped(cells))
+    shown = {label: own[0] for label, own in groups.items()}
+    one, *others = [_panel(cell, label) for label, cell in shown.items()]
+    curves = [placed(label, _rows(cell), cell) for label, cell in shown.items()]
+    ratios = ratio_bars("over theory", one.names, curves, bar_width(curves))
+    named = [list(panel.names) for panel in (one, *others)]
     alike = all(names == named[0] for names in named)
     drawing = Drawing(
         name="magnetometer",
@@ -44,9 +45,9 @@ def section(context: Context) -> Section | None:
             "panel together. Diamonds: predicted. Beside it, of all settings drawn, "
             "measured over predicted, with bands that hold for all points together."
         ),
-        panels=[first, *([ratios] if ratios and alike else [])],
+        panels=[one, *([ratios] if ratios and alike else [])],
         columns=2,
-        left_out=list(groups)[MAX_GROUPS:],
+        left_out=left_out,
         alternative=ALTERNATIVE,
     )
     drawings = [drawing]
@@ -64,7 +65,11 @@ def section(context: Context) -> Section | None:
 
 
 def _rows(cell: CellResult) -> list[Row]:
-    return [r for r in cell.rows if r.statistic.family == VARIANCE_OVER_BOUND]
+    return [
+        row
+        for row in cell.rows
+        if row.statistic.family == VARIANCE_OVER_BOUND and not row.statistic.controlled
+    ]
 
 
 def _cost(cells: Sequence[CellResult]) -> str:
@@ -74,16 +79,21 @@ def _cost(cells: Sequence[CellResult]) -> str:
         return ""
     worst = max(rows, key=lambda row: row.value)
     return (
-        f"The variance is at most {worst.value:.3g} times the bound "
-        f"({', '.join(worst.statistic.entries)}). "
+        f"The variance is at most {worst.value:.3g} times the bound ({_named(worst)}). "
     )
+
+
+def _named(row: Row) -> str:
+    """What a row is of, in words."""
+    what, *recipe = row.statistic.entries
+    return ", ".join((WORDS.get(what, what), *recipe))
 
 
 def _panel(cell: CellResult, label: str) -> BarPanel:
     rows = _rows(cell)
     return bars(
-        rows,
-        [", ".join(row.statistic.entries) for row in rows],
+        [(cell, row) for row in rows],
+        [_named(row) for row in rows],
         label or spelled(cell.study),
         "variance over the bound",
     )

@@ -25,5 +25,9 @@ def section(context: Context) -> Section | None:
         shown=MAX_ROWS,
     )
     return made(
-        "numbers", "All numbers", tables=[table], folder=context.run.folder.name
+        "numbers",
+        "All numbers",
+        tables=[table],
+        folder=context.run.folder.name,
+        found=f"{len(rows):,} statistics of {len(context.run.cells):,} cells.",
     )

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from simval.report.curves import first, grouped
+from simval.report.findings import order_words
 from simval.report.panels import Drawing, Panel
 from simval.report.section import Context, Section, Shown, made
-from simval.report.sections.attitude import CLAIMED, line, order_words
+from simval.report.sections.attitude import CLAIMED, line
 from simval.report.table import Column, Table
 from simval.statistics import BIAS_ERROR, BIAS_ORDER, COVARIANCE_ERROR, COVARIANCE_ORDER
 from simval.sweep.run import CellResult

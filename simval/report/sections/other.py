@@ -11,6 +11,7 @@ from simval.report.curves import (
     curves,
     first,
     grouped,
+    spans,
     statistic,
     varying,
 )
@@ -19,6 +20,7 @@ from simval.report.panels import Drawing, Panel, Series
 from simval.report.parameters import axis_words
 from simval.report.section import Context, Section, made
 from simval.report.table import NUMBERS, Column, Table, numbers_of
+from simval.report.units import value_words
 from simval.report.words import slug, spelled
 from simval.statistics import BUDGET, COVERAGE, COVERAGE_NORMAL, EFFICIENCY, NEES
 from simval.studies import STUDIES
@@ -49,6 +51,7 @@ def section(context: Context) -> Section | None:
         [drawing for _, drawing, _ in parts if drawing is not None],
         [table for _, _, table in parts],
         parts=parts,
+        found=" ".join(title for title, _, _ in parts),
     )
 
 
@@ -107,18 +110,12 @@ def scored(
     return Panel(
         title=spelled(name),
         x_label=axis,
-        y_label="value" if unit == "1" else f"value, {unit}",
+        y_label=value_words(unit),
         series=tuple(series),
-        log_x=_spread([c.x for c in measured]),
-        log_y=_spread([c.value for c in measured]),
+        log_x=spans(10.0, [c.x for c in measured]),
+        log_y=spans(10.0, [c.value for c in measured]),
         dodge=True,
     )
-
-
-def _spread(values: Sequence[np.ndarray]) -> bool:
-    """Whether all values are positive and span more than a factor of ten."""
-    every = np.concatenate(values)
-    return bool(np.all(every > 0.0) and every.max() > 10.0 * every.min())
 
 
 def numbers(study: str, cells: Sequence[CellResult]) -> Table:
@@ -132,7 +129,7 @@ def numbers(study: str, cells: Sequence[CellResult]) -> Table:
     return Table(
         name=slug(f"study {study}"),
         caption=f"Numbers of the study {study}",
-        columns=(*(Column(spelled(key)) for key in keys), *NUMBERS),
+        columns=(*(Column(axis_words(study, key)) for key in keys), *NUMBERS),
         rows=rows,
         shown=MAX_ROWS,
     )

@@ -100,7 +100,7 @@ def _drawing(name: str, cell: CellResult, found: Found, *, folded: bool) -> Draw
             f"Estimator in the {frame} frame: the share of {count} random geometries "
             "in which each formula is within 1 %, and within 10 %, of the exact "
             "answer, over the length of the un-normalised quaternion in units of the "
-            "noise; singular is to the left. Between the two dotted lines are 80 % of "
+            "noise; singular is to the left. Between the two dashed lines are 80 % of "
             "the geometries. The source's fourth order has the bias "
             "of the second order, so these two are one line. Limits are sought from "
             f"{found.most:g} down to {found.least:g}; no chance is involved."
@@ -122,10 +122,10 @@ def _needed(found: Found) -> str:
     needed = []
     for name in CLAIMED:
         half, most = np.quantile(found.ratios[name, "covariance", "1%"], [0.5, 0.9])
-        needed.append(f"{half:.3g} and {most:.3g} ({name})")
+        needed.append(f"{half:.3g} and {most:.3g} for {name}")
     return (
-        "The covariance is within 1 % in half of the geometries, and in nine tenths, "
-        f"where |q̄| / σ is at least {', '.join(needed)}."
+        "The covariance is within 1 %, in half and in nine tenths of the geometries, "
+        f"from |q̄| / σ of {'; '.join(needed)}."
     )
 
 

@@ -43,7 +43,12 @@ def section(context: Context) -> Section | None:
     scenes[-1] = replace(scenes[-1], drawing=replace(scenes[-1].drawing, left_out=rest))
     drawings = [scene.drawing for scene in scenes]
     return made(
-        "scene", "Scenes", drawings, scenes=scenes, hidden=len(files) - len(scenes)
+        "scene",
+        "Scenes",
+        drawings,
+        scenes=scenes,
+        hidden=len(files) - len(scenes),
+        found=" ".join(scene.finding for scene in scenes),
     )
 
 
@@ -103,6 +108,6 @@ def _map(
         alternative=f"{name}: {count} pose directions on the two half spheres",
         panels=[
             SpherePanel(title=title, directions=directions[:MAX_DIRECTIONS], sign=sign)
-            for sign, title in ((1.0, "z > 0"), (-1.0, "z < 0"))
+            for sign, title in ((1.0, "z up"), (-1.0, "z down"))
         ],
     )

@@ -23,11 +23,11 @@ MAX_LOGS = 2  # drawn; for the size of a page
 Spans = tuple[tuple[float, float], ...]
 """Begin and end of each interval, s."""
 SCORES = (
-    (PRECISION(), ""),
-    (RECALL(), ""),
-    (IMPURE(), ""),
-    (NEES("all"), ""),
-    (NEES("pure"), CHI_SQUARE_9),
+    (PRECISION(), "", "share"),
+    (RECALL(), "", "share"),
+    (IMPURE(), "", "intervals"),
+    (NEES("all"), "", "squared error"),
+    (NEES("pure"), CHI_SQUARE_9, "squared error"),
 )
 NEEDED = ("time", "signal", "intervals")
 SHOWN = Shown("detector", (PRECISION, RECALL, IMPURE, NEES))
@@ -48,7 +48,9 @@ def section(context: Context) -> Section | None:
     ]
     shown = len(drawings)
     if drawings:
-        rest = [f.stem for i, f in enumerate(files) if i not in chosen]
+        rest = [
+            titles.get(f.name, f.stem) for i, f in enumerate(files) if i not in chosen
+        ]
         drawings[-1] = replace(drawings[-1], left_out=rest)
     scores = _scores(context.cells("detector"))
     if scores is not None:
@@ -65,13 +67,14 @@ def _scores(cells: Sequence[CellResult]) -> Drawing | None:
     groups, left_out = first(grouped(cells, axis))
     panels = []
     every: list[Curve] = []
-    for name, predictor in SCORES:
+    for name, predictor, label in SCORES:
         measured = curves(groups, statistic(name, predictor), axis)
         if measured:
             every += measured
             title = ": ".join((name.family.words, *name.entries))
             words = axis_words("detector", axis)
-            panels.append(scored(title, words, "1", measured, predictor))
+            panel = scored(title, words, "1", measured, predictor)
+            panels.append(replace(panel, y_label=label))
     return Drawing(
         name="detector",
         asked="Are the intervals pure, and is what is calibrated from them true?",
@@ -137,10 +140,11 @@ def _title(cell: CellResult) -> str:
 def _found(name: str, spans: Spans, truth: Spans | None) -> str:
     """How many intervals were found, and how many there are."""
     if truth is None:
-        return f"{len(spans)} intervals in {name}."
+        return f"{name}: {len(spans)} intervals."
     if not truth:
-        return f"{len(spans)} intervals in {name}, where nothing is truly at rest."
-    return f"{len(spans)} intervals in {name}, where {len(truth)} are truly at rest."
+        return f"{name}: {len(spans)} intervals, and the sensor is never truly at rest."
+    rests = f"{len(truth)} true rest{'s' * (len(truth) > 1)}"
+    return f"{name}: {len(spans)} intervals; there are {rests}."
 
 
 def _spans(file: Path, content: Mapping[str, Array], name: str) -> Spans:

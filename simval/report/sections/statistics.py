@@ -122,7 +122,11 @@ def _panels(
             drawn += some
             room = MAX_PANELS - len(panels)
             for i, part in enumerate(parts[:room]):
-                place = f" ({i + 1} of {len(parts)})" if len(parts) > 1 else ""
+                place = (
+                    f" ({i + 1}\N{NO-BREAK SPACE}of\N{NO-BREAK SPACE}{len(parts)})"
+                    if len(parts) > 1
+                    else ""
+                )
                 axis = axis_words(study, axis_of(cells))
                 words = (f"{title}{place}", axis, y_label)
                 panels.append(_panel(words, part, family))

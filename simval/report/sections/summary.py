@@ -16,7 +16,7 @@ from simval.gate import headline
 from simval.report.answers import percent
 from simval.report.answers_before import worse_than_before
 from simval.report.answers_theory import as_theory_says
-from simval.report.answers_wrong import how_wrong
+from simval.report.answers_wrong import chosen, how_wrong
 from simval.report.curves import (
     Curve,
     Groups,
@@ -31,9 +31,14 @@ from simval.report.question import question_figure
 from simval.report.section import Context, Section, made
 from simval.report.sections.algorithms import has_user_code
 from simval.report.sections.attitude import NOISE, beside_predictions, remainders
-from simval.report.units import OF_A_CALIBRATION
+from simval.report.units import DEGREE_OF_QUATERNION, OF_A_CALIBRATION
 from simval.statistics import COVARIANCE, CRAMER_RAO, EXACT, FIRST_ORDER, RMS
 from simval.sweep.run import CellResult
+
+RIGHT_OF_IT = (
+    " Right: how far the covariance of each is from exact, on a scale that shows the "
+    "differences."
+)
 
 
 def section(context: Context) -> Section | None:
@@ -58,6 +63,7 @@ def section(context: Context) -> Section | None:
         sampled=sum(v.p_value is not None for v in verdicts)
         + sum(n for kind, n in context.judged.more.verdicts.items() if kind.sampled),
         part=part.said if part else "",
+        judged=context.judged.counts.total(),
         alpha=context.alpha,
         manifest=run.manifest,
         studies=studies,
@@ -83,7 +89,7 @@ def calibration_figure(context: Context) -> Drawing | None:
     ]
     if not cells:
         return None
-    label, members = _longest(grouped(cells, "noise_std"))
+    label, members = _longest("calibration", grouped(cells, "noise_std"))
     measured, bounds = (
         [curve("", members, "noise_std", statistic(RMS(name), by)) for name in GROUPS]
         for by in (FIRST_ORDER, CRAMER_RAO)
@@ -127,7 +133,7 @@ def attitude_figure(context: Context) -> Drawing | None:
     cells = context.cells("attitude")
     if not cells:
         return None
-    label, members = _longest(grouped(cells, "noise_std"))
+    label, members = _longest("attitude", grouped(cells, "noise_std"))
     measured = curve("", members, "noise_std", statistic(RMS(), EXACT))
     if measured is None:
         return None
@@ -135,23 +141,27 @@ def attitude_figure(context: Context) -> Drawing | None:
         Panel(
             title="attitude",
             x_label=NOISE,
-            y_label="RMS error of the quaternion, 1",
-            series=tuple(beside_predictions(members, partial(statistic, RMS()))),
+            y_label="RMS error, degrees",
+            series=tuple(
+                beside_predictions(
+                    members, partial(statistic, RMS()), unit=DEGREE_OF_QUATERNION
+                )
+            ),
         )
     ]
     if curve("", members, "noise_std", moment(COVARIANCE, EXACT)) is not None:
-        panels.append(remainders(members, COVARIANCE))
+        panels += remainders(members, COVARIANCE)
     return Drawing(
         name="summary-attitude",
         caption=(
             f"Attitude error against noise{f' ({label})' if label else ''}. Points: "
             "simulation with bars that hold for all together (95 %); lines: second "
-            "order, the source's fourth order, the complete fourth order, exact. "
-            "Right: how far each is from exact, on a scale that shows the differences."
+            "order, the source's fourth order, the complete fourth order, exact."
+            f"{RIGHT_OF_IT if len(panels) > 1 else ''}"
         ),
         finding=_within([measured], "the exact theory"),
         alternative=(
-            "RMS error of the quaternion against the noise, simulated points beside "
+            "RMS attitude error against the noise, simulated points beside "
             "four predictions; and the distance of each prediction from the exact one"
         ),
         panels=panels,
@@ -169,10 +179,13 @@ def _within(curves: Sequence[Curve | None], what: str) -> str:
     )
 
 
-def _longest(groups: Groups) -> tuple[str, Sequence[CellResult]]:
-    """Return the group with the most noise levels; of equals the last one."""
+def _longest(study: str, groups: Groups) -> tuple[str, Sequence[CellResult]]:
+    """The group with the most noise levels; of equals that of the answer above it."""
+    told = chosen(study, [cell for group in groups.values() for cell in group])
+    own = told[0].named if told else None
 
-    def levels(group: tuple[str, Sequence[CellResult]]) -> int:
-        return len({cell.parameters["noise_std"] for cell in group[1]})
+    def levels(group: tuple[str, Sequence[CellResult]]) -> tuple[int, bool]:
+        noises = {cell.parameters["noise_std"] for cell in group[1]}
+        return len(noises), any(cell.named == own for cell in group[1])
 
     return max(reversed(list(groups.items())), key=levels)

@@ -82,7 +82,7 @@ def _efficiency(groups: Groups, names: Sequence[str]) -> Drawing:
         name="vectors",
         asked="What does each estimator of weighted vectors cost?",
         finding=(
-            f"At most, times the bound: {worst}. "
+            f"The RMS error is at most so many times the bound: {worst}. "
             + agrees(
                 "The simulated error",
                 [c for curves in found.values() for c in curves.values()],

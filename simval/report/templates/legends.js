@@ -9,6 +9,7 @@ for (const figure of document.querySelectorAll("figure svg")) {
     const button = parts.find((part) => part.querySelector("text"));
     if (!button) continue;
     button.setAttribute("role", "button");
+    button.style.pointerEvents = "bounding-box"; // of SVG 2, which HTML checkers do not know
     button.setAttribute("tabindex", "0");
     button.setAttribute("aria-pressed", "true");
     figure.append(button); // an image has no buttons inside

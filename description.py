@@ -3,8 +3,6 @@
 import re
 from pathlib import Path
 
-from hatchling.metadata.plugin.interface import MetadataHookInterface
-
 IMAGE = re.compile(r"!\[([^\]]*)\]\((?!\w+:)([^)]+)\)")
 LINK = re.compile(r"(?<!!)\[([^\]]*)\]\((?!\w+:)([^)#]+)(?:#[^)]*)?\)")
 EITHER = re.compile(r"(!?\[[^\]]*\]\()(?!\w+:|#)")
@@ -26,13 +24,9 @@ def _path(link):
     return words if path in words else f"{words} (`{path}`)"
 
 
-class CustomMetadataHook(MetadataHookInterface):
-    """Gives hatchling the description; `base` is the files' address, if any."""
-
-    def update(self, metadata):
-        """Put the description into the metadata."""
-        text = (Path(self.root) / "README.md").read_text(encoding="utf-8")
-        metadata["readme"] = {
-            "content-type": "text/markdown",
-            "text": described(text, self.config.get("base", "")),
-        }
+def dynamic_metadata(settings, project):
+    """Give the build backend the description; `base` is the files' address, if any."""
+    del project  # the protocol's; nothing of it is needed
+    readme = Path(__file__).with_name("README.md").read_text(encoding="utf-8")
+    text = described(readme, settings.get("base", ""))
+    return {"readme": {"content-type": "text/markdown", "text": text}}

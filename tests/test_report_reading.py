@@ -1,0 +1,109 @@
+"""What a person reads on the page: units, ticks, axes, values of bars, columns."""
+
+import csv
+import io
+
+import numpy as np
+import pytest
+import rows_by_name
+import small_runs
+
+from simval.report.contest import contest_of
+from simval.report.curves import bars
+from simval.report.layout import NAMES, WIDE_NAMES, broken
+from simval.report.named import placed
+from simval.report.page import context_of
+from simval.report.paint import svg
+from simval.report.panels import Drawing
+from simval.report.ratio import limits
+from simval.report.sections.algorithm_figures import dots
+from simval.report.sections.summary import attitude_figure
+from simval.report.table import Column, Table, csv_text, text
+from simval.report.ticks import log_ticks
+from simval.report.units import MILLIRADIAN
+from simval.statistics import EXACT, RMS
+
+
+def test_a_column_has_its_own_unit_on_the_page_and_si_in_the_file():
+    column = Column("RMS, rad", "measured", shown="RMS, mrad", factor=1e3)
+    rows = [[(0.0125, 0.00025), "1", None], [(0.5, 0.0), "1", None]]
+    columns = (column, Column("unit", "unit"), Column("note"))
+    table = Table(name="t", caption="", columns=columns, rows=rows)
+    assert column.heading == "RMS, mrad"
+    assert text(rows[0][0], column) == "12.50 ± 0.25"
+    assert list(table.filled) == [0], "a unit 1 is none, and nothing has a note"
+    head, first, _ = csv.reader(io.StringIO(csv_text(table)))
+    assert head == ["RMS, rad", "standard error of RMS, rad", "unit", "note"]
+    assert first == ["0.0125", "0.00025", "1", ""]
+
+
+@pytest.mark.parametrize("place", [40.0, 0.5, 0.002])
+def test_a_single_place_is_a_tick_among_others(place):
+    ticks, labels = log_ticks(place / 2.2, place * 2.2, np.array([place]))
+    assert f"{place:g}" in labels
+    assert len(ticks) >= 2
+    assert np.all(np.diff(np.log(ticks)) / np.log(2.2**2) >= 0.1), "labels are apart"
+
+
+def test_an_axis_of_ratios_does_not_reach_below_zero_for_nothing():
+    one, far = np.array([0.9, 1.1]), np.array([2.0, 30.0])
+    near = limits([one], [np.array([0.1, 0.1])])
+    assert near[0] + near[1] == pytest.approx(2.0), "about 1"
+    low, high = limits([far], [np.ones(2)])
+    assert low == 0.0
+    assert high > 31.0
+    low, _ = limits([far], [np.array([5.0, 1.0])])
+    assert low < -3.0, "a bar that reaches there is whole"
+
+
+def test_a_long_name_is_broken_at_a_seam():
+    assert broken("filterpy_quaternion.py:UKF", NAMES).split("\n")[0][-1] in "_:"
+    assert "".join(broken("a" * 60, NAMES).split("\n")) == "a" * 60
+    assert "\n" not in broken("imumaster_ekf.py:EKF", WIDE_NAMES)
+
+
+def test_bars_say_their_values_where_they_end():
+    names = ("one", "two")
+    row = rows_by_name.row
+    rows = [
+        row(f"budget[{name}]", k * 1e-3, "rad", standard_error=1e-5, n=9,
+            prediction=k * 1.1e-3, predictor="p")
+        for k, name in enumerate(names, 1)
+    ]  # fmt: skip
+    cell = small_runs.cell_of("attitude", rows)
+    panel = bars([(cell, r) for r in rows], names, "parts", "mrad", MILLIRADIAN)
+    assert panel.notes[1].startswith("2.000 ± 0.010 mrad, n = 9\npredicted 2.2 mrad")
+    (ends,) = placed(panel)
+    assert ends.x.tolist() == [1.0, 2.0]
+    assert ends.y.tolist() == [1.0, 0.0]
+    drawing = Drawing(name="b", caption="", alternative="parts", panels=[panel])
+    drawn = svg(drawing)
+    assert drawn.count("<circle") == 2
+    assert "2.000 ± 0.010 mrad" in drawn
+
+
+def test_the_first_screen_says_degrees(tmp_path):
+    run = small_runs.accuracy(tmp_path)
+    figure = attitude_figure(context_of(run))
+    points = figure.panels[0].series[0]
+    assert figure.panels[0].y_label == "RMS error, degrees"
+    # an angle is twice the length of the quaternion's error
+    sizes = sorted(cell.row(RMS(), EXACT).value for cell in run.of("attitude"))
+    angles = np.degrees(2.0 * np.array(sizes))
+    assert all(np.isclose(angles, y, rtol=1e-12).any() for y in points.y)
+    assert "°" in points.notes[0]
+
+
+def test_dots_and_their_best_name_the_same_numbers(tmp_path):
+    run = small_runs.own_estimator(tmp_path)
+    contest = contest_of(run.of("estimator"))
+    drawing = dots("estimator", "estimators", contest)
+    (panel,) = drawing.panels
+    for series in panel.series:
+        for x, note in zip(series.x, series.notes, strict=True):
+            assert float(note.split()[0]) == pytest.approx(x, abs=1e-4)
+            assert "× the bound" in note
+            assert "simval repro" in note
+    # geometric means of 1.01 and 1.111, of 1.2 and 1.32 (tests/small_runs.py)
+    assert "simval:wahba is nearest to the bound, with 1.06 times" in drawing.finding
+    assert "mine.py farthest, with 1.26 times" in drawing.finding
