@@ -100,8 +100,8 @@ class Parameters(StudyParameters):
     )
 
     def cost(self) -> Cost:
-        """Cost of a cell: a quarter of a second for a million samples."""
-        return Cost(0.05 + 2.5e-7 * self.samples, 81)
+        """Cost of a cell: a twentieth of a second for a million samples."""
+        return Cost(0.05 + 5e-8 * self.samples, 81)
 
 
 def random_geometry(

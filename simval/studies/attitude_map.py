@@ -49,7 +49,7 @@ class Parameters(StudyParameters):
 
     def cost(self) -> Cost:
         """Cost of a cell: 26 exact answers a geometry."""
-        return Cost(0.25 * self.geometries, 120)
+        return Cost(0.1 * self.geometries, 120)
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:

@@ -82,8 +82,8 @@ class Parameters(StudyParameters):
 
     def cost(self) -> Cost:
         """Cost of a cell: two fits for each pair."""
-        passes = 1.0 if self.residual in ("squared", "adjusted") else 4.0
-        one = 1e-5 + passes * 3e-7 * self.poses
+        passes = 1.0 if self.residual in ("squared", "adjusted") else 5.0
+        one = 2e-5 + passes * 4e-7 * self.poses
         return Cost(2.0 * self.trials * one, 29)
 
 

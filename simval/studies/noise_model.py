@@ -86,7 +86,7 @@ class Parameters(StudyParameters):
 
     def cost(self) -> Cost:
         """Cost of a cell: a draw, a fit and its intervals, for each signal."""
-        fit = {"known weights": 0.0, "fitted": 0.004, "intervals": 0.02}[self.estimate]
+        fit = {"known weights": 0.0, "fitted": 0.004, "intervals": 0.024}[self.estimate]
         return Cost(0.2 + self.trials * (fit + 4e-4 + 2e-7 * self.rows), 40)
 
 

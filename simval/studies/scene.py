@@ -57,7 +57,7 @@ class Parameters(StudyParameters):
 
     def cost(self) -> Cost:
         """Cost of a cell."""
-        return Cost(1.0, 5)
+        return Cost(2.0, 5)
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
