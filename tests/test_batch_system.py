@@ -55,11 +55,13 @@ def test_the_recipes_install_what_is_there():
             # a file, a checkout or a repository: simval is on no index
             assert what, words
             assert all(
-                re.match(r"['\"]?(\.|/|git\+|wheels/|simval-[0-9.]+-py3)", w)
+                re.match(
+                    r"['\"]?(\.|/|git\+|wheels/|simval-[0-9.]+-|\$\(echo$|/wheels/)", w
+                )
                 for w in what
             ), words
     text = (RECIPES / "Containerfile").read_text(encoding="utf-8")
-    wheels = set(re.findall(r"simval-([0-9.]+)-py3-none-any\.whl", text))
+    wheels = set(re.findall(r"simval-([0-9.]+)-\*\.whl", text))
     version = re.search(
         r'^version = "(.*)"', (ROOT / "pyproject.toml").read_text(), re.M
     )

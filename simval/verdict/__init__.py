@@ -4,21 +4,28 @@
 at once.
 """
 
-from simval.verdict.judging import Blocks, Judged, judge, judge_blocks, p_value
-from simval.verdict.rules import (
-    ALPHA,
-    MAX_REMAINDER,
-    MIN_SAMPLES,
-    POWER,
-    PRACTICAL,
-    SAMPLES_PER_FREEDOM,
-    WEIGHTS,
-    WORST_FIRST,
-    Answer,
-    Verdict,
-    overall,
-    overall_of,
-)
+from typing import TYPE_CHECKING
+
+from simval.faces import present
+
+if TYPE_CHECKING:
+    from simval.verdict.judging import Blocks, Judged, judge, judge_blocks, p_value
+    from simval.verdict.rules import (
+        ALPHA,
+        MAX_REMAINDER,
+        MIN_SAMPLES,
+        POWER,
+        PRACTICAL,
+        SAMPLES_PER_FREEDOM,
+        WEIGHTS,
+        WORST_FIRST,
+        Answer,
+        Verdict,
+        overall,
+        overall_of,
+    )
+else:
+    present(__name__, __file__)
 
 __all__ = [
     "ALPHA",
