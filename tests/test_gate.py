@@ -363,8 +363,8 @@ def test_an_update_says_what_it_drops(simval, tiny_run, tmp_path):
     path.write_text(content)
     words = ("gate", tiny_run, "--baseline", path, "--update-baseline")
     assert simval(*words, "--alpha")[0] == 2  # an option is no reason
-    code, _, err = simval(*words, "renamed")
-    assert code == 0
+    code, _, err = simval(*words, "renamed", "--reason", "attitude=renamed")
+    assert code == 0, err
     assert re.search(r"4 cells, (\d) of them new, \1 dropped", err)
 
 

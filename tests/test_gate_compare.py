@@ -14,7 +14,7 @@ from simval.gate.compare import compare, has_partners
 from simval.gate.judgement import judge_run
 from simval.statistics import COVARIANCE, RMS
 from simval.sweep.run import CellResult, Run
-from simval.verdict import SAMPLES_PER_FREEDOM
+from simval.verdict import freedom
 
 NAME = "attitude(geometry=3,noise_std=0.01,samples={samples})@{seed}"
 
@@ -227,7 +227,7 @@ def test_other_noise_halves_the_rate_of_theory():
     new = dataclasses.replace(
         new, cells=(dataclasses.replace(cell, rows=(*cell.rows, judged)),)
     )
-    p = 2 * stats.t(4000 / SAMPLES_PER_FREEDOM).sf(z)
+    p = 2 * stats.t(freedom(4000)).sf(z)
     baseline = {"environment": {}, "cells": stored_of(old)}
     for alpha, answer in ((p * 1.5, "pass"), (p * 2.5, "fail")):
         result = judge_run(new, baseline, alpha)

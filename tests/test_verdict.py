@@ -17,10 +17,10 @@ from simval.statistics import NEES
 from simval.verdict import (
     POWER,
     PRACTICAL,
-    SAMPLES_PER_FREEDOM,
+    freedom,
     judge,
     overall,
-    p_value,
+    p_values,
 )
 
 GOOD = row(
@@ -39,7 +39,7 @@ def changed(**values):
     return dataclasses.replace(GOOD, **values)
 
 
-LAW = stats.t(GOOD.n / SAMPLES_PER_FREEDOM)
+LAW = stats.t(freedom(GOOD.n))
 
 
 def rows_of(z, **values):
@@ -54,8 +54,8 @@ def test_p_value_is_the_greatest_over_the_interval():
     # the expectation that makes |value| >= 3 most likely is the interval's end
     means = np.linspace(-1.0, 1.0, 201)
     tails = LAW.sf(3.0 - means) + LAW.cdf(-3.0 - means)
-    assert p_value(row) == pytest.approx(tails.max(), rel=1e-12, abs=0)
-    assert p_value(changed(value=2.0)) == pytest.approx(2 * LAW.sf(2.0))
+    assert p_values([row])[0] == pytest.approx(tails.max(), rel=1e-12, abs=0)
+    assert p_values([changed(value=2.0)])[0] == pytest.approx(2 * LAW.sf(2.0))
 
 
 @pytest.mark.parametrize("n", [256, 1024, 4096, 65536])
@@ -63,11 +63,11 @@ def test_p_value_is_the_greatest_over_the_interval():
 def test_the_tail_of_skewed_rows_is_the_stated_one(n, p):
     # exact laws of n Gaussian errors beside their own standard error: the standard
     # deviation, the inverse of the variance, and the mean of squares of 3 and 9
-    t = stats.t(n / SAMPLES_PER_FREEDOM).isf(p / 2)
+    t = stats.t(freedom(n)).isf(p / 2)
     chi, c = stats.chi2(n), t / np.sqrt(2 * n)
     sd = chi.cdf(n / (1 + c) ** 2) + chi.sf(n / (1 - c) ** 2)
     inverse = chi.cdf(n * (1 - 2 * c)) + chi.sf(n * (1 + 2 * c))
-    # what SAMPLES_PER_FREEDOM was chosen for: no tail above 1.4 times the stated one
+    # what `freedom` was chosen for: no tail above 1.4 times the stated one
     assert max(sd, inverse) <= 1.4 * p
     for k in (3, 9):
         chi, c = stats.chi2(n * k), t / np.sqrt(n * k / 2)
@@ -232,7 +232,7 @@ def test_a_pass_means_that_a_discrepancy_would_have_been_seen():
     alpha = 1e-3
 
     def short(n):  # of the margin, in standard errors
-        law = stats.t(n / SAMPLES_PER_FREEDOM)
+        law = stats.t(freedom(n))
         return law.isf(alpha / 2) + stats.norm.ppf(POWER) - PRACTICAL * np.sqrt(n)
 
     enough = int(np.ceil(optimize.brentq(short, 256, 4096)))

@@ -1,11 +1,15 @@
 """What `simval gate` does."""
 
 import os
+import shlex
+import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import click
 from rich.console import Console
@@ -23,6 +27,7 @@ from simval.gate import (
     samples_spent,
     write_baseline,
 )
+from simval.gate.baseline import check_reason
 from simval.gate.formats import (
     all_counts,
     annotations,
@@ -30,6 +35,7 @@ from simval.gate.formats import (
     to_junit,
     to_markdown,
 )
+from simval.gate.reasons import moved_kinds, reasons_given
 from simval.sweep import load_run
 from simval.sweep.provenance import source_hash
 from simval.sweep.run import Run
@@ -41,6 +47,7 @@ def run(
     run: str,
     baseline: Path,
     update_baseline: str | None,
+    reasons: Sequence[str],
     no_baseline: bool,
     alpha: float,
     junit: Path | None,
@@ -55,9 +62,13 @@ def run(
         no_baseline and (update_baseline is not None or stated("baseline")),
         "`--no-baseline` excludes `--baseline` and `--update-baseline`; give one",
     )
+    refuse_if(
+        bool(reasons) and update_baseline is None,
+        "`--reason` applies to `--update-baseline`; give that too",
+    )
     loaded = load_run(run)
     if update_baseline is not None:
-        _update(baseline, loaded, update_baseline)
+        _update(baseline, loaded, update_baseline, reasons)
     result = (
         judge_run(loaded, None, alpha)
         if no_baseline
@@ -108,15 +119,38 @@ def _beside_baseline(run: Run, baseline: Path, alpha: float) -> GateResult:
     return replace(result, first=words)
 
 
-def _update(path: Path, run: Run, reason: str) -> None:
+def _update(path: Path, run: Run, reason: str, stated: Sequence[str]) -> None:
     old = _stored_cells(path)
-    write_baseline(path, run, reason)
+    check_reason(reason)
+    result = judge_run(run, read_baseline(path)) if old else None
+    kinds = moved_kinds(result) if result else {}
+    for group in chain.from_iterable(kinds.values()):
+        click.echo(group.line, err=True)
+    reasons = _reasons(kinds, reasons_given(list(kinds), stated, reason))
+    write_baseline(path, run, reason, reasons)
     new = _stored_cells(path)
     click.echo(
         f"{path} written: {len(new)} cells, {len(new - old)} of them new, "
         f"{len(old - new)} dropped; review and commit it",
         err=True,
     )
+
+
+def _reasons(kinds: Mapping[str, Any], given: Mapping[str, str]) -> dict[str, str]:
+    """A reason for each kind that moved: as stated, or asked for on a terminal."""
+    missing = [kind for kind in kinds if kind not in given]
+    if missing and not sys.stdin.isatty():
+        options = "\n".join(
+            f"  --reason {shlex.quote(f'{kind}=WHY')}" for kind in missing
+        )
+        msg = (
+            f"{len(missing)} kinds of statistic moved by more than their error, and no "
+            "reason is given for them, so the baseline was not written; a study may "
+            f"stand for its kinds:\n{options}"
+        )
+        raise InputError(msg)
+    asked = {kind: click.prompt(f"why did {kind} move", err=True) for kind in missing}
+    return {**given, **asked}
 
 
 def _stored_cells(path: Path) -> set[str]:

@@ -15,6 +15,7 @@ from simval.selftest.rates import (
     false_alarm_rates,
     powers,
 )
+from simval.selftest.tails import SETTINGS, Tail, tails
 
 CLEAN_RUNS = {0.05: 2000, 0.01: 2000, 0.001: 20_000}
 """Runs at each rate. Chosen: at least 20 false alarms are expected at each."""
@@ -24,6 +25,19 @@ POWER_RUNS = 400
 """Chosen: if all find the fault, the power is above 0.99 (Wilson's interval)."""
 CLEAN_SEED, CALIBRATION_SEED, POWER_SEED = 8_000_000, 7_000_000, 9_000_000
 """First seeds. Any will do; so far apart, no two measurements share one."""
+TAIL_RUNS = {
+    "attitude": 1000,
+    "attitude_limits": 300,
+    "attitude_vectors": 500,
+    "calibration": 500,
+    "coverage": 500,
+    "gyroscope": 20,
+    "ladder": 500,
+    "magnetometer": 100,
+    "noise_model": 50,
+}
+"""Runs of each study on random settings. Chosen: some minutes each."""
+TAIL_SEED = 11_000_000
 QUICK = 3
 """With --quick every third fault is injected: some of every part of the flow."""
 
@@ -74,13 +88,20 @@ def _measure(share: float) -> int:
         runs = {alpha: max(1, round(share * n)) for alpha, n in wanted.items()}
         with bar(max(runs.values()), what) as progress:
             alarms += false_alarm_rates(clean, runs, seed, progress.update)
+    small: list[Tail] = []
+    for study in SETTINGS:
+        runs_of_it = max(2, round(share * TAIL_RUNS[study]))
+        with bar(runs_of_it, f"{study}, random settings") as progress:
+            small += tails(study, runs_of_it, TAIL_SEED, progress.update)
     with bar(faulty, "runs with faults") as progress:
         detected = powers(faulty, POWER_SEED, progress.update)
     console = Console(highlight=False)
     console.print(_table("false alarms: at most the stated rate", alarms))
+    console.print(_tails_table(small))
     console.print(_table("faults found: at least the stated rate", detected))
     # only an interval wholly beyond the stated rate shows that the rate is wrong
     broken = [f"{r.name} at {r.nominal:g}" for r in alarms if r.interval[0] > r.nominal]
+    broken += [f"{t.study}, {t.check}, {t.level:g}" for t in small if t.too_many]
     broken += [r.name for r in detected if r.interval[1] < r.nominal]
     for name in broken:
         click.echo(f"not as stated: {name}")
@@ -100,4 +121,16 @@ def _table(title: str, rates: list[Rate]) -> Table:
             f"{low:.4g} to {high:.4g}",
             str(rate.runs),
         )
+    return table
+
+
+def _tails_table(found: list[Tail]) -> Table:
+    table = Table(title="p-values below a level, on random settings")
+    for heading in ("study", "check", "runs", "rows", "level", "expected", "seen"):
+        table.add_column(heading)
+    for each in found:
+        table.add_row(
+            each.study, each.check, str(each.runs), str(each.rows), f"{each.level:g}",
+            f"{each.expected:.3g} +- {each.error:.2g}", str(each.seen),
+        )  # fmt: skip
     return table

@@ -81,7 +81,7 @@ def read_baseline(path: Path) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``reason``, ``environment`` and ``cells``.
+        ``reason``, ``reasons`` by kind, ``environment`` and ``cells``.
 
     Raises
     ------
@@ -110,6 +110,7 @@ def read_baseline(path: Path) -> dict[str, Any]:
         cells = {name: _cell(cell) for name, cell in content["cells"].items()}
         environment = dict(content["environment"])
         reason = str(content["reason"])
+        reasons = dict(content.get("reasons", {}))
         if not any(cell.statistics for cell in cells.values()):
             msg = "it holds no statistic"
             raise ValueError(msg)
@@ -122,10 +123,17 @@ def read_baseline(path: Path) -> dict[str, Any]:
             "--update-baseline 'why'"
         )
         raise InputError(msg) from None
-    return {"reason": reason, "environment": environment, "cells": cells}
+    return {
+        "reason": reason,
+        "reasons": reasons,
+        "environment": environment,
+        "cells": cells,
+    }
 
 
-def write_baseline(path: Path, run: Run, reason: str) -> None:
+def write_baseline(
+    path: Path, run: Run, reason: str, reasons: Mapping[str, str] | None = None
+) -> None:
     """Write the statistics of a run as the new baseline.
 
     Parameters
@@ -136,6 +144,8 @@ def write_baseline(path: Path, run: Run, reason: str) -> None:
         A finished run.
     reason : str
         Why the baseline changes; kept in it.
+    reasons : mapping of str to str, optional
+        Why each kind of statistic moved; kept in it too.
 
     Raises
     ------
@@ -143,9 +153,7 @@ def write_baseline(path: Path, run: Run, reason: str) -> None:
         If the reason is empty, a cell is unfinished, a value is not finite, there is
         nothing to store, or the file cannot be written.
     """
-    if not reason.strip() or reason.lstrip().startswith("-"):
-        msg = "a new baseline needs its reason: --update-baseline 'why it changed'"
-        raise InputError(msg)
+    check_reason(reason)
     if isinstance(run.cells, StoredCells):
         msg = (
             f"the run has {run.cells.rows:,} rows; a baseline is reviewed line by line "
@@ -170,6 +178,7 @@ def write_baseline(path: Path, run: Run, reason: str) -> None:
     head = {
         "schema": SCHEMA,
         "reason": reason.strip(),
+        **({"reasons": dict(reasons)} if reasons else {}),
         "environment": environment(run.manifest),
     }
     text = json.dumps(head, indent=1)[:-2] + f',\n "cells": {{\n{cells}\n }}\n}}\n'
@@ -179,6 +188,13 @@ def write_baseline(path: Path, run: Run, reason: str) -> None:
     except OSError as error:
         msg = f"cannot write {path}: {error}; choose a file that can be written"
         raise InputError(msg) from None
+
+
+def check_reason(reason: str) -> None:
+    """Refuse an empty reason, or an option in its place."""
+    if not reason.strip() or reason.lstrip().startswith("-"):
+        msg = "a new baseline needs its reason: --update-baseline 'why it changed'"
+        raise InputError(msg)
 
 
 def environment(manifest: Mapping[str, Any]) -> dict[str, Any]:

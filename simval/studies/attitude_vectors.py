@@ -217,7 +217,8 @@ def turn_between(q: Array, estimate: Array) -> Array:
     sign = np.where(difference[:, 3:] < 0.0, -1.0, 1.0)
     sine = np.linalg.norm(difference[:, :3], axis=1, keepdims=True)
     angle = 2.0 * np.arctan2(sine, np.abs(difference[:, 3:]))
-    return sign * difference[:, :3] * np.where(sine > 0.0, angle / sine, 2.0)
+    per_sine = np.divide(angle, sine, out=np.full_like(sine, 2.0), where=sine > 0.0)
+    return sign * difference[:, :3] * per_sine
 
 
 def left_out(parameters: Parameters, shift: float = 0.0) -> Array:

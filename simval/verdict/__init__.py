@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING
 from simval.faces import present
 
 if TYPE_CHECKING:
-    from simval.verdict.judging import Blocks, Judged, judge, judge_blocks, p_value
+    from simval.verdict.judging import Blocks, Judged, judge, judge_blocks, p_values
     from simval.verdict.rules import (
         ALPHA,
         MAX_REMAINDER,
         MIN_SAMPLES,
         POWER,
         PRACTICAL,
-        SAMPLES_PER_FREEDOM,
         WEIGHTS,
         WORST_FIRST,
         Answer,
         Verdict,
+        freedom,
         overall,
         overall_of,
     )
@@ -33,16 +33,16 @@ __all__ = [
     "MIN_SAMPLES",
     "POWER",
     "PRACTICAL",
-    "SAMPLES_PER_FREEDOM",
     "WEIGHTS",
     "WORST_FIRST",
     "Answer",
     "Blocks",
     "Judged",
     "Verdict",
+    "freedom",
     "judge",
     "judge_blocks",
     "overall",
     "overall_of",
-    "p_value",
+    "p_values",
 ]

@@ -25,11 +25,11 @@ from simval.verdict.rules import (
     OBSTACLES,
     POWER,
     PRACTICAL,
-    SAMPLES_PER_FREEDOM,
     WEIGHTS,
     WORST_FIRST,
     Verdict,
     deterministic_reason,
+    freedom,
     margin,
     sampled_reason,
 )
@@ -40,20 +40,20 @@ SAMPLED = [CHECKS.index(name) for name in CHECKS if name in WEIGHTS]
 """Places of the checks that involve chance."""
 
 
-def p_value(row: Row) -> float:
-    """Probability of eq. (V1) for a sampling row.
+def p_values(rows: Iterable[Row]) -> Float[Array, " n"]:
+    """Probability of eq. (V1) for sampling rows.
 
     Parameters
     ----------
-    row : Row
-        The row.
+    rows : iterable of Row
+        The rows.
 
     Returns
     -------
-    float
-        The probability.
+    Array
+        The probabilities.
     """
-    return float(_p_values(columns_of([(CellName(""), row)]))[0])
+    return _p_values(columns_of((CellName(""), row) for row in rows))
 
 
 @np.errstate(all="ignore")  # what is no number has an obstacle
@@ -61,8 +61,8 @@ def _p_values(rows: Columns) -> Float[Array, " n"]:
     distance = np.abs(rows.value - rows.prediction)
     low = (distance - rows.remainder) / rows.standard_error
     high = (distance + rows.remainder) / rows.standard_error
-    freedom = rows.n / SAMPLES_PER_FREEDOM
-    left, right = (scipy.special.stdtr(freedom, -z) for z in (low, high))
+    law = freedom(rows.n)
+    left, right = (scipy.special.stdtr(law, -z) for z in (low, high))
     return np.asarray(left + right, dtype=float)
 
 
@@ -296,8 +296,7 @@ def _answers(rows: Columns, families: Mapping[int, _Family]) -> Judged:
     for check, family in families.items():
         own = sound & (rows.check == check)
         limit[own] = family.limits(values[own])
-        freedom = rows.n[own] / SAMPLES_PER_FREEDOM
-        quantile = -scipy.special.stdtrit(freedom, family.tail)
+        quantile = -scipy.special.stdtrit(freedom(rows.n[own]), family.tail)
         needed = quantile + float(scipy.special.ndtri(POWER))
         detectable[own] = needed * rows.standard_error[own]
     good = np.where(

@@ -10,7 +10,8 @@ is the greatest probability, over all expectations within the interval, of a
 difference at least this large. F is Student's t with one degree of freedom for every
 `SAMPLES_PER_FREEDOM` samples and not the normal law: variances, squares and fractions
 are skewed, and their standard error, itself estimated, moves with them, so the tails
-are heavier by a term of order 1/n. The p-values of a family (plain, control, nees)
+are heavier by a term of order 1/n. It never has more degrees of freedom than the
+standard error (`freedom`). The p-values of a family (plain, control, nees)
 share the family's part of the false-alarm rate by Holm's rule, which holds under any
 dependence; the parts are weighted Bonferroni: 1/4, 1/2, 1/4, divided over the
 families that are present.
@@ -40,9 +41,12 @@ from math import sqrt
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from simval import vocabulary
+from simval.arrays import Array
 from simval.results import CellName, Row
+from simval.shapes import Float
 
 Answer = Literal["pass", "fail", "inconclusive"]
 WORST_FIRST: tuple[Answer, ...] = ("fail", "inconclusive", "pass")
@@ -61,9 +65,24 @@ Gaussian error is the most skewed of the usual rows: beside its own standard err
 exact two-sided tail at the normal's 1e-5 is 2.4e-5 with 1024 samples, and Student's t
 with 102 degrees of freedom has 2.5e-5 there."""
 
+SAMPLES_PER_BATCH = 256
+"""Most samples in one of the batch means that a standard error rests on."""
+
 MIN_SAMPLES = 256
 """Below this the tails are not known well enough for eq. (V1). Measured at a rate of
 0.1 %: 64 batch means gave 0.19 % false alarms, 256 give 0.07 % (docs/gate.md)."""
+
+
+def freedom(n: ArrayLike) -> Float[Array, " rows"]:
+    """Degrees of freedom of F in eq. (V1).
+
+    A standard error rests on the samples themselves, or on means of batches of at most
+    `SAMPLES_PER_BATCH`, of which each study takes at least `MIN_SAMPLES`.
+    """
+    n = np.asarray(n, dtype=float)
+    has = np.maximum(n / SAMPLES_PER_BATCH, MIN_SAMPLES) - 1.0
+    return np.asarray(np.minimum(n / SAMPLES_PER_FREEDOM, has), dtype=float)
+
 
 MAX_REMAINDER = 0.5
 """Greatest remainder beside the predicted value or one sample's own spread, whichever

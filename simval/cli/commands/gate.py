@@ -36,6 +36,13 @@ def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> N
     help="Make this run the baseline, and store the reason in it.",
 )
 @click.option(
+    "--reason",
+    "reasons",
+    metavar="KIND=WORDS",
+    multiple=True,
+    help="Why a kind of statistic, or a study, moved; one for each that did.",
+)
+@click.option(
     "--no-baseline",
     is_flag=True,
     help="Judge against theory only, without a baseline.",

@@ -23,7 +23,7 @@ def command(**options: Any) -> int:
     """Inject faults into the whole flow and check that the gate detects each.
 
     Exit code 0 if every fault ended in fail or inconclusive and every clean twin in
-    pass, else 1. With --rates, 22 000 clean runs and 400 with each fault (40 minutes
+    pass, else 1. With --rates, 25 500 clean runs and 400 with each fault (an hour
     on one processor) measure how often the gate is wrong.
     """
     from simval.cli.selftest import run
