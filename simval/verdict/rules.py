@@ -78,6 +78,16 @@ def freedom(n: ArrayLike) -> Float[Array, " rows"]:
 
     A standard error rests on the samples themselves, or on means of batches of at most
     `SAMPLES_PER_BATCH`, of which each study takes at least `MIN_SAMPLES`.
+
+    Parameters
+    ----------
+    n : array_like
+        Number of samples of each row.
+
+    Returns
+    -------
+    Array
+        Not more than the standard error has.
     """
     n = np.asarray(n, dtype=float)
     has = np.maximum(n / SAMPLES_PER_BATCH, MIN_SAMPLES) - 1.0
