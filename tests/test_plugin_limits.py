@@ -83,7 +83,7 @@ def test_an_answer_without_noise_is_right_to_a_millionth():
     def moved(share):
         def answer(poses, g):
             matrix, bias, _ = fitted(poses, g)
-            return matrix, bias + [share * greatest, 0.0, 0.0]
+            return matrix, bias + share * np.array([greatest, 0.0, 0.0])
 
         return plugin(answer)
 
