@@ -1,0 +1,158 @@
+"""Robust losses: efficiency, scale, and the factors of their stated covariance.
+
+The oracle knows the loss by its own formula, takes derivatives numerically and works
+in raw units with the parameters that the fit returns.
+"""
+
+import numpy as np
+import pytest
+from scipy import integrate, stats
+
+from simval.calibrate import calibrate
+from simval.calibrate.residuals import LOSSES
+from simval.poses import fibonacci_sphere
+from simval.sensor import AccelerometerModel
+
+G = 9.80665
+SIGMA = 0.02
+SENSOR = AccelerometerModel.from_parameters(
+    [0.03, -0.02, 0.05, 2.0, 1.6, 2.4, 0.3, -0.2, 0.1]
+)
+# influence function, its derivative, and the scale over the standard deviation
+LAWS = {
+    "huber": (lambda r: np.clip(r, -1, 1), lambda r: (abs(r) < 1) * 1.0, 1.345),
+    "soft_l1": (
+        lambda r: r / np.sqrt(1 + r * r),
+        lambda r: (1 + r * r) ** -1.5,
+        1.345,
+    ),
+    "cauchy": (
+        lambda r: r / (1 + r * r),
+        lambda r: 1 / (1 + r * r) - 2 * r * r / (1 + r * r) ** 2,
+        2.385,
+    ),
+}
+EFFICIENCY = {"huber": 0.950, "soft_l1": 0.954, "cauchy": 0.950}
+
+
+@pytest.mark.parametrize("loss", LAWS)
+def test_the_tuning_gives_the_stated_efficiency(loss):
+    """(E psi')^2 / E psi^2 of a standard normal, by quadrature of the code's weight."""
+    tuning, law = LOSSES[loss].tuning, LOSSES[loss]
+
+    def mean(function):
+        pieces = [(0.0, tuning), (tuning, 12.0)]  # Huber's corner between them
+        parts = [
+            integrate.quad(lambda x: function(x) * stats.norm.pdf(x), *ends)[0]
+            for ends in pieces
+        ]
+        return 2.0 * sum(parts)
+
+    slope = mean(lambda x: float(law.slope(np.array(x / tuning))))
+    square = mean(lambda x: (x * float(law.weight(np.array(x / tuning)))) ** 2)
+    # three digits are stated; one per cent of the tuning moves the efficiency by 0.001
+    assert slope**2 / square == pytest.approx(EFFICIENCY[loss], abs=5e-4)
+
+
+@pytest.mark.parametrize("loss", LAWS)
+def test_weight_and_slope_are_of_one_influence_function(loss):
+    r = np.array([0.0, 0.3, 0.999, 1.001, 2.0, 7.0])
+    psi, _, _ = LAWS[loss]
+    np.testing.assert_allclose(r * LOSSES[loss].weight(r), psi(r), rtol=1e-15, atol=0)
+    h = 1e-5  # central differences: h^2 of a third derivative below 6
+    slope = (psi(r + h) - psi(r - h)) / (2 * h)
+    np.testing.assert_allclose(LOSSES[loss].slope(r), slope, rtol=0, atol=1e-9)
+
+
+def distances(parameters, y):
+    """First-order distance of each reading to the ellipsoid, raw units."""
+    sensor = AccelerometerModel.from_parameters(parameters)
+    force = (y - sensor.B) @ sensor.matrix.T
+    gradient = 2.0 * force @ sensor.matrix
+    return (np.sum(force**2, axis=1) - G**2) / np.linalg.norm(gradient, axis=1)
+
+
+def derivatives(function, parameters):
+    """Jacobian by central differences."""
+    columns = []
+    for k in range(9):
+        step = np.zeros(9)
+        step[k] = 1e-6
+        columns.append(
+            (function(parameters + step) - function(parameters - step)) / 2e-6
+        )
+    return np.array(columns).T
+
+
+def norms(parameters, y):
+    sensor = AccelerometerModel.from_parameters(parameters)
+    return np.sum(((y - sensor.B) @ sensor.matrix.T) ** 2, axis=1)
+
+
+def noisy(count, seed, sigma=SIGMA):
+    clean = SENSOR.distort(G * fibonacci_sphere(count), np.random.default_rng(0))
+    noise = np.random.default_rng(seed).standard_normal((count, 3))
+    y = clean + np.asarray(sigma).reshape(-1, 1) * noise
+    y[4] += 0.3 * SENSOR.B  # one reading off by some standard deviations
+    return y
+
+
+def scale_of(distance):
+    """Median absolute one over that of a normal law, nine distances fitted."""
+    n = len(distance)
+    median = np.median(abs(distance)) / stats.norm.ppf(0.75)
+    return median * np.sqrt(n / (n - 9))
+
+
+def huber_variance(loss, distance, scale):
+    """Huber's variance of a residual, kappa and all."""
+    psi, slope, tuning = LAWS[loss]
+    n = len(distance)
+    pull = tuning * scale * psi(distance / (tuning * scale))
+    each = slope(distance / (tuning * scale))
+    kappa = 1 + 9 / n * each.var() / each.mean() ** 2
+    return kappa**2 * np.sum(pull**2) / (n - 9) / each.mean() ** 2
+
+
+@pytest.mark.parametrize("residual", ["squared", "weighted"])
+@pytest.mark.parametrize("known", [False, True], ids=["scale found", "noise known"])
+@pytest.mark.parametrize("loss", LAWS)
+def test_the_fit_and_its_covariance_are_those_of_the_formula(loss, known, residual):
+    y = noisy(24, seed=7)
+    given = {"noise_std": SIGMA} if known else {}
+    fit = calibrate(y, G, loss=loss, residual=residual, **given)
+    assert fit.status == "converged"
+    distance = distances(fit.parameters, y)
+    scale = SIGMA if known else scale_of(distance)
+    psi, _, tuning = LAWS[loss]
+    r = distance / (tuning * scale)
+    slopes = derivatives(lambda p: norms(p, y), fit.parameters)
+    steep = (norms(fit.parameters, y) - G**2) / distance  # of |f|^2 along the reading
+    share = 1.0 / steep**2 if residual == "weighted" else np.ones(24)
+    # the estimate solves sum w(r) a c dc = 0: its value is a step of at most 1e-4 of a
+    # standard deviation. A scale held after ten rounds is that of the end within 1e-4.
+    pull = share * steep * psi(r) * tuning * scale
+    normal = slopes.T @ (share[:, None] * slopes)
+    step = np.linalg.solve(normal, slopes.T @ pull)
+    assert np.all(abs(step) < 1e-3 * fit.sd)
+    # stated covariance (U1) with (U3)
+    middle = slopes.T @ ((share * steep)[:, None] ** 2 * slopes)
+    inverse = np.linalg.inv(normal)
+    expected = huber_variance(loss, distance, scale) * inverse @ middle @ inverse
+    np.testing.assert_allclose(fit.sd, np.sqrt(np.diagonal(expected)), rtol=1e-3)
+
+
+def test_known_noise_of_each_pose_is_the_scale_of_each():
+    sigma = np.where(np.arange(24) % 3, 0.01, 0.04)
+    y = noisy(24, seed=8, sigma=sigma)
+    fit = calibrate(y, G, loss="huber", residual="weighted", noise_std=sigma)
+    assert fit.status == "converged"
+    psi, _, tuning = LAWS["huber"]
+    standard = distances(fit.parameters, y) / sigma
+    slopes = derivatives(lambda p: distances(p, y) / sigma, fit.parameters)
+    normal = slopes.T @ slopes
+    step = np.linalg.solve(normal, slopes.T @ (tuning * psi(standard / tuning)))
+    # the distance's derivative, not that of the norm alone: noise over g is left
+    assert np.all(abs(step) < 0.02 * fit.sd)
+    expected = huber_variance("huber", standard, 1.0) * np.linalg.inv(normal)
+    np.testing.assert_allclose(fit.sd, np.sqrt(np.diagonal(expected)), rtol=0.01)

@@ -1,0 +1,123 @@
+"""Limits of a log's clock, each on both of its sides: gaps, rates, units, dates."""
+
+import numpy as np
+import pytest
+
+from simval.errors import InputError
+from simval.logs import read_log
+
+ROWS = 40
+OFF = 1e-5  # of a limit: beyond the digits of a file, and of a changed constant
+
+
+def log_of(tmp_path, time, header="t[s] ax ay az"):
+    path = tmp_path / "log.txt"
+    force = np.random.default_rng(1).standard_normal((len(time), 3))
+    lines = [
+        f"{t:.12g} {' '.join(f'{x:.4f}' for x in row)}"
+        for t, row in zip(time, force, strict=True)
+    ]
+    path.write_text("\n".join([header, *lines]) + "\n")
+    return path
+
+
+def with_gap(step, gap):
+    steps = np.full(ROWS, step)
+    steps[ROWS // 2] = gap
+    return np.cumsum(steps)
+
+
+@pytest.mark.parametrize(
+    ("step", "limit"),
+    [
+        (0.01, 0.05),  # five steps, and 0.05 s
+        (0.05, 0.25),  # five steps
+        (0.001, 0.05),  # 0.05 s, though that is fifty steps
+        (0.1, 0.5),
+    ],
+)
+def test_a_gap_is_five_steps_and_a_twentieth_of_a_second(tmp_path, step, limit):
+    time = with_gap(step, limit * (1 - OFF))
+    assert len(read_log(log_of(tmp_path, time)).time) == ROWS
+    with pytest.raises(InputError, match=f"a gap of {limit:.3f} s before it"):
+        read_log(log_of(tmp_path, with_gap(step, limit * (1 + OFF))))
+
+
+def test_a_gap_is_told_by_its_row(tmp_path):
+    path = log_of(tmp_path, with_gap(0.01, 0.3))
+    # the header is line 1, so the row after the gap is line 22
+    with pytest.raises(InputError, match=r"line 22: a gap of 0\.300 s"):
+        read_log(path)
+
+
+@pytest.mark.parametrize(
+    ("rate", "good"),
+    [
+        (100.0 / 1.1 * (1 + OFF), True),
+        (100.0 / 1.1 * (1 - OFF), False),
+        (100.0 / 0.9 * (1 - OFF), True),
+        (100.0 / 0.9 * (1 + OFF), False),
+    ],
+)
+def test_a_stated_rate_agrees_within_a_tenth(tmp_path, rate, good):
+    path = log_of(tmp_path, 0.01 * np.arange(ROWS))
+    if good:
+        # the clock's own rate is what counts; its digits are exact to 1e-12
+        assert read_log(path, rate=rate).rate == pytest.approx(100.0, rel=1e-10)
+    else:
+        with pytest.raises(InputError, match="says 100 Hz"):
+            read_log(path, rate=rate)
+
+
+@pytest.mark.parametrize(
+    ("rate", "good"),
+    [
+        (7.0 * (1 + OFF), True),
+        (7.0 * (1 - OFF), False),
+        (5e4 * (1 - OFF), True),
+        (5e4 * (1 + OFF), False),
+    ],
+)
+def test_a_clock_without_a_unit_is_seconds_at_rates_of_accelerometers(
+    tmp_path, rate, good
+):
+    path = log_of(tmp_path, np.arange(ROWS) / rate, header="t ax ay az")
+    if good:
+        assert read_log(path).rate == pytest.approx(rate, rel=1e-6)
+    else:
+        with pytest.raises(InputError, match="what is its unit"):
+            read_log(path)
+
+
+@pytest.mark.parametrize(
+    ("start", "good"),
+    [(1e9, True), (1e9 - 1.0, False), (2.5e9 - 1.0, True), (2.5e9, False)],
+)
+def test_another_unit_counts_for_dates_of_this_century(tmp_path, start, good):
+    """Milliseconds since 1970, 100 rows a second."""
+    time = 1e3 * start + 10.0 * np.arange(ROWS)
+    path = log_of(tmp_path, time, header="t ax ay az")
+    if good:
+        assert read_log(path).rate == pytest.approx(100.0, rel=1e-6)
+    else:
+        with pytest.raises(InputError, match="what is its unit"):
+            read_log(path)
+
+
+@pytest.mark.parametrize(
+    ("unit", "seconds"), [("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)]
+)
+def test_each_unit_of_a_header_is_its_size(tmp_path, unit, seconds):
+    time = np.arange(ROWS) * 0.01 / seconds
+    path = log_of(tmp_path, time, header=f"t[{unit}] ax ay az")
+    found = read_log(path)
+    np.testing.assert_allclose(found.time, 0.01 * np.arange(ROWS), rtol=1e-10)
+    assert found.rate == pytest.approx(100.0, rel=1e-10)
+
+
+def test_equal_and_falling_times_are_refused(tmp_path):
+    for back in (0.0, 0.004):
+        time = 0.01 * np.arange(ROWS)
+        time[7] = time[6] - back
+        with pytest.raises(InputError, match=r"line 9: time .* times must increase"):
+            read_log(log_of(tmp_path, time))
