@@ -1,8 +1,8 @@
 """What to say when the packages of an extra are not installed.
 
-simval is on no package index: `pip install 'simval[EXTRA]'` would run what a stranger
-put there. What an extra asks for is on one, and is installed by itself, whatever simval
-was installed from: a checkout, a wheel or a repository.
+simval is on no package index: whoever took its name there would be the one whose code
+is installed by it. What an extra asks for is on an index, and is installed by itself,
+whatever simval was installed from: a checkout, a wheel or a repository.
 """
 
 import re
