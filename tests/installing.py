@@ -55,7 +55,8 @@ PATHS = frozenset(
     """-r --requirement -c --constraint -t --target -d --dest -w --wheel-dir -e -f
     --editable --find-links -i --index-url --extra-index-url --prefix --root --src
     --platform --python --python-version -p -n --name --channel --cache-dir --log
-    --directory --project --group --extra --with-editable --with-requirements --path""".split()  # noqa: SIM905
+    --directory --project --group --extra --with-editable --with-requirements
+    --path""".split()  # noqa: SIM905
 )
 """Options whose value names no project."""
 SOURCES = {"--from", "--spec", "--with"}
