@@ -52,8 +52,8 @@ def test_no_text_installs_simval_by_name(where):
         if (lines := by_name(path.read_text(encoding="utf-8"), kind_of(path)))
     }
     # a package's own extras, named in its metadata, are resolved without an index
-    own = '"simval[cluster,pandas,parquet,render]",'
-    assert found.pop("pyproject.toml", [own]) == [own]
+    for own in found.pop("pyproject.toml", []):
+        assert re.fullmatch(r'"simval\[[\w,]+\]",', own)
     assert found == {}
 
 
