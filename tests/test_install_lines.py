@@ -1,10 +1,13 @@
 """Every install line and workflow of the documents does what it says."""
 
+import os
 import re
 import shutil
 import subprocess
 import sys
+import time
 import venv
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
@@ -82,7 +85,7 @@ def test_a_workflow_installs_what_is_there(job, place):
         assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_lines_for_a_cluster(place, tiny_suite):
     """As they stand, but for the port, fewer cells, and one machine for all."""
     pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
@@ -92,39 +95,40 @@ def test_the_lines_for_a_cluster(place, tiny_suite):
     port, bins = free_port(), [stand_in(place), Path(sys.executable).parent]
     for name in WHEELS.findall(block):
         (place / name).touch()
-    words = block.replace("HOST:8786", f"127.0.0.1:{port}").replace(
-        "full", str(tiny_suite)
-    )
-    servers, codes = [], []
-    for line in words.splitlines():
-        if line.startswith("dask"):
-            line = line.replace(
-                "scheduler ", f"scheduler --port {port} --no-dashboard ", 1
-            )
-            servers.append(started(line, place, bins))
-        else:
-            codes.append(in_bash(line, place, bins).returncode)
-    for server in reversed(servers):
-        server.terminate()
-        server.wait(timeout=60)
-    assert len(servers) == 2
+    text = block.replace("HOST:8786", f"127.0.0.1:{port}")
+    text = text.replace("sweep full", f"sweep {tiny_suite}")
+    text = text.replace("scheduler ", f"scheduler --port {port} ", 1)
+    codes = []
+    with ExitStack() as servers:
+        for line in text.splitlines():
+            if line.startswith("dask"):
+                servers.enter_context(server(line, place, bins))
+            else:
+                codes.append(in_bash(line, place, bins).returncode)
     assert codes == [0, 0]
     assert (place / "RUN" / "results.csv").is_file()
 
 
-def started(line, folder, bins):
-    """Start a server of dask, and wait until it is there."""
-    path = ":".join([*map(str, bins), "/usr/bin", "/bin"])
-    server = subprocess.Popen(
-        ["bash", "-c", f"exec {line}"],
-        cwd=folder,
-        env={"PATH": path, "OMP_NUM_THREADS": "1", "HOME": str(folder)},
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    ready = re.compile(r"Scheduler at:|Registered to:")
-    assert any(ready.search(said) for said in server.stderr), "it ended"
-    return server
+@contextmanager
+def server(line, folder, bins):
+    """Start a server of dask, wait until it is there, and end it."""
+    path = os.pathsep.join([*map(str, bins), os.environ["PATH"]])
+    log = folder / f"{line.split()[1]}.log"
+    with log.open("w") as said:
+        started = subprocess.Popen(
+            ["bash", "-c", f"exec {line}"],
+            cwd=folder,
+            env={**os.environ, "PATH": path, "OMP_NUM_THREADS": "1"},
+            stderr=said,
+        )
+    try:
+        while not re.search(r"Scheduler at:|Registered to:", log.read_text()):
+            assert started.poll() is None, log.read_text()
+            time.sleep(0.1)
+        yield
+    finally:
+        started.terminate()
+        started.wait(timeout=60)
 
 
 @pytest.mark.slow
