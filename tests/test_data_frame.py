@@ -109,5 +109,5 @@ def test_a_run_without_a_finished_cell_has_no_line():
 
 def test_without_pandas_it_says_what_to_install(tiny_run, monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(InputError, match=r"pip install 'simval\[pandas\]'"):
+    with pytest.raises(InputError, match=r"`pandas`: .*pip install .*pandas>="):
         load_run(tiny_run).to_pandas()

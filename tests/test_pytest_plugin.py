@@ -158,3 +158,17 @@ def test_it_imports_nothing_until_it_is_asked(tmp_path):
     ours = {name for name in beside if name.startswith("simval")}
     assert ours == {"simval", "simval.pytest_plugin"}
     assert beside - ours <= {"typing"}
+
+
+@pytest.mark.ci
+def test_a_users_pytest_warns_of_nothing(tmp_path):
+    """Nor of how simval is installed; an editable one made before this needs anew."""
+    (tmp_path / "test_mine.py").write_text("def test_mine():\n    pass\n")
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert re.fullmatch(r"\.\s+\[100%\]\n1 passed in [\d.]+s\n", done.stdout)

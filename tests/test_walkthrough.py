@@ -88,6 +88,10 @@ def test_lines_left_out_stay_left_out(tmp_path):
         ("─────", "──", True),
         ("PASS: 3", "FAIL: 3", False),
         ("−0.5 m", "0.5 m", False),
+        ("1 passed in 0.23s", "1 passed in 12.80s", True),  # how long it took
+        ("1 passed in 0.23s", "2 passed in 0.23s", False),
+        ("1 passed in 0.23s", "1 passed, 1 warning in 0.23s", False),
+        ("at 0.23s", "at 0.25s", False),
     ],
 )
 def test_the_rule(shown, printed, equal):

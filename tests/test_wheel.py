@@ -4,7 +4,6 @@ import os
 import re
 import subprocess
 import sys
-import venv
 import zipfile
 
 import pytest
@@ -27,16 +26,18 @@ def test_the_wheel_finds_its_models_and_runs_the_smoke_suite(tmp_path):
     (wheel,) = tmp_path.glob("simval-*.whl")
     with zipfile.ZipFile(wheel) as files:
         (name,) = [n for n in files.namelist() if n.endswith("METADATA")]
+        assert not [n for n in files.namelist() if "editable" in n]
         description = files.read(name).decode("utf-8").partition("\n\n# simval\n")[2]
     assert "Three questions" in description
     assert "](" not in description  # no link to a file that is not there
-    venv.create(tmp_path / "empty", with_pip=True)
-    python = tmp_path / "empty" / "bin" / "python"
-    run(python, *pip, "install", wheel)
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    (made, line) = re.findall(r"^(?:python3 -m venv|simval sweep) .*$", readme, re.M)
+    (install,) = re.findall(r"^pip install simval-.*$", readme, re.M)
     # away from the checkout, so that nothing is found there by accident
     outside = {"cwd": tmp_path, "env": {**os.environ, "PYTHONPATH": ""}}
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    (line,) = re.findall(r"^simval sweep .*$", readme, re.M)
+    outside["env"]["PATH"] = f"{sys.base_prefix}/bin{os.pathsep}{os.environ['PATH']}"
+    run("bash", "-e", "-c", f"{made}\n{install}", **outside)
+    python = tmp_path / ".venv" / "bin" / "python"
     outside["env"]["PATH"] = f"{python.parent}{os.pathsep}{os.environ['PATH']}"
     out = run("sh", "-c", line, **outside)
     assert "run/report.html" in out.splitlines()

@@ -1,26 +1,13 @@
 """Every workflow in the documentation, line by line, as a runner does."""
 
-import re
 import shlex
 from xml.etree import ElementTree
 
 import pytest
-import yaml
-from places import ROOT
 from quick_align import ALIGN
+from workflows import EVEN_THEN, jobs, runs
 
-BLOCKS = [
-    (file.name, yaml.safe_load(block))
-    for file in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
-    for block in re.findall(r"```ya?ml\n(.*?)```", file.read_text(), re.S)
-]
-JOBS = [
-    pytest.param(job, id=f"{name}-{key}")
-    for name, block in BLOCKS
-    for key, job in block["jobs"].items()
-]
-EVEN_THEN = ("always()", "!cancelled()")
-"""Conditions under which a step is run though one before it failed."""
+JOBS = [pytest.param(job, id=name) for name, job in jobs()]
 
 CRASHING = """
 from simval.plugins import Estimator
@@ -36,11 +23,11 @@ def gone_through(job, simval, plugin):
     """Words and exit code of each step that a runner starts, as `simval` goes on."""
     codes, printed = {}, []
     for step in job["steps"]:
-        condition = str(step.get("if", "")).strip("${} ")
         words = shlex.split(step.get("run", ""))
-        if any(codes.values()) and condition not in EVEN_THEN:
+        if not runs(step, codes.values()):
             continue
         if words[:1] != ["simval"]:
+            # tests/test_install_lines.py runs these
             assert not words or words[:2] == ["pip", "install"]
             continue
         if words[1] == "sweep":  # one option more, and less to do to save time

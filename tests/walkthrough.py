@@ -9,7 +9,8 @@ command above; one that is not 0 must be followed by it.
 What a page shows is what is printed, by this rule: words are equal to the letter; the
 number of blanks is free, for columns widen with their numbers; whole numbers are equal;
 any other number may differ by one unit in its last printed digit, for other versions
-and processors round otherwise, and two numbers below 1e-12 are both rounding.
+and processors round otherwise, and two numbers below 1e-12 are both rounding. How long
+something took, as in `1 passed in 0.23s`, is not compared.
 
 `python tests/walkthrough.py docs/tutorials/*.md` runs pages and writes into them what
 is printed now; read the difference before it is committed.
@@ -33,6 +34,7 @@ from simval.cli import run
 
 FENCE = re.compile(r"```(\w+)(?: title=\"([^\"]+)\")?\n(.*?)```\n", re.S)
 NUMBER = re.compile(r"(?<![\w.])[-−]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?!\w)")
+TOOK = re.compile(r"(?<= in )\d+\.\d+s$")
 ROUNDING = 1e-12
 LEFT_OUT = "..."
 
@@ -184,6 +186,7 @@ def same(shown, printed):
 
 
 def _same(line, other):
+    line, other = (TOOK.sub("", each) for each in (line, other))
     if _words(line) != _words(other):
         return False
     return all(map(_close, NUMBER.findall(line), NUMBER.findall(other)))

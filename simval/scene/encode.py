@@ -7,7 +7,6 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from simval.errors import InputError
 from simval.scene.frames import Pixels
 
 FRAME_RATE = 15.0  # Hz
@@ -38,8 +37,9 @@ def pillow() -> ModuleType:
     try:
         from PIL import Image
     except ImportError:
-        msg = "writing pictures needs Pillow; install it (pip install pillow)"
-        raise InputError(msg) from None
+        from simval.extras import refuse_without
+
+        refuse_without("render", "writing pictures")
     return Image
 
 
@@ -91,9 +91,7 @@ def _imageio() -> Any:
         import imageio.v3 as imageio
         import imageio_ffmpeg  # noqa: F401  # the plugin's encoder, checked for
     except ImportError:
-        msg = (
-            "writing .mp4 needs imageio and imageio-ffmpeg; install them (pip install "
-            "imageio imageio-ffmpeg), or write .gif"
-        )
-        raise InputError(msg) from None
+        from simval.extras import refuse_without
+
+        refuse_without("render", "writing .mp4", "; or write .gif")
     return imageio

@@ -39,8 +39,9 @@ def clustered(address: str) -> Iterator[Compute]:
     try:
         from distributed import Client
     except ImportError:
-        msg = "a scheduler needs the extra `cluster`: pip install 'simval[cluster]'"
-        raise InputError(msg) from None
+        from simval.extras import refuse_without
+
+        refuse_without("cluster", "a scheduler")
     try:
         client = Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:

@@ -18,8 +18,9 @@ def export_parquet(folder: Path, path: Path) -> int:
         import pyarrow as pa
         from pyarrow import parquet
     except ImportError:
-        msg = "Parquet needs the extra `parquet`: pip install 'simval[parquet]'"
-        raise InputError(msg) from None
+        from simval.extras import refuse_without
+
+        refuse_without("parquet", "Parquet")
     written = 0
     with opened_run(folder) as (database, _):
         kinds = parameter_kinds(read_heads(database))

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import Any
 
-from simval.errors import InputError
 from simval.sweep.cells import CellResult
 from simval.sweep.tidy import HEAD, NUMBERS, lines, parameter_kinds
 
@@ -16,8 +15,9 @@ def data_frame(cells: Sequence[CellResult]) -> Any:
     try:
         import pandas as pd
     except ImportError:
-        msg = "a data frame needs the extra `pandas`: pip install 'simval[pandas]'"
-        raise InputError(msg) from None
+        from simval.extras import refuse_without
+
+        refuse_without("pandas", "a data frame")
     done = [cell for cell in cells if cell.status == "done"]
     kinds = parameter_kinds(done)
     rows = list(lines(done, kinds))
