@@ -1,33 +1,38 @@
 """What `simval bench` does."""
 
-import json
-from dataclasses import asdict
 from pathlib import Path
 
 from rich.console import Console
-from rich.table import Table
 
 from simval.bench import Result, find_races, run_race
-from simval.cli.options import write
-from simval.sweep.provenance import versions
+from simval.bench.record import written
+from simval.cli.options import refuse_if, write
+from simval.cli.raced import history, judge, show
 
 
-def run(races: tuple[str, ...], rounds: int, path: Path | None) -> int:
+def run(
+    races: tuple[str, ...],
+    rounds: int,
+    against: Path | None,
+    page: Path | None,
+    path: Path | None,
+) -> int:
     """Do what `simval bench` is asked."""
+    refuse_if(
+        page is not None and (against is not None or path is not None),
+        "`--page` draws what was measured and races nobody; give `--against` or "
+        "`--json` to a call of its own",
+    )
+    if page is not None:
+        return history(page, races)
     console = Console(highlight=False)
     results: list[Result] = []
-    for race in find_races(races):
-        race_results = run_race(race, rounds)
-        results += race_results
-        table = Table(title=f"{race.title} ({race.name}, {race.clock} time)")
-        table.add_column("contender")
-        for heading in (race.item, f"{race.item}/s", "ratio", "least", "greatest"):
-            table.add_column(heading, justify="right")
-        for r in race_results:
-            numbers = (r.count, r.rate, r.ratio, r.low, r.high)
-            table.add_row(r.contender, *(f"{number:.3g}" for number in numbers))
-        console.print(table)
+    if against is not None:
+        code, results = judge(find_races(races), rounds, against, console)
+    else:
+        code = 0
+        for race in find_races(races):
+            results += show(race, run_race(race, rounds), console)
     if path is not None:
-        content = {"versions": versions(), "results": [asdict(r) for r in results]}
-        write(path, json.dumps(content, indent=2) + "\n")
-    return 0
+        write(path, written(results))
+    return code
