@@ -33,7 +33,7 @@ def spin(times):
 
 def test_a_race_finds_the_slower_one():
     def seen(total):
-        even = Answer(values=np.array([total % 2]), within=0.0)
+        even = Answer(values=np.array([total % 2.0]), within=0.0)
         return Done(items=1, answers={"whether the sum is odd": even})
 
     race = Race(

@@ -19,7 +19,7 @@ def test_batch_contenders_agree(monkeypatch):
     require_agreement("calibration", found, set())
     lm = contenders[1]
     found[lm.name] = lm.seen(lm.run() * (1 + 2e-9))
-    with pytest.raises(RefusedError, match="differ by"):
+    with pytest.raises(RefusedError, match=r"differ by"):
         require_agreement("calibration", found, set())
 
 
@@ -32,10 +32,11 @@ def test_the_other_races_run(monkeypatch):
     # power: a residual's answers of other poses
     norm = contenders[2]
     found[norm.name] = norm.seen(norm.run()[::-1])
-    with pytest.raises(RefusedError, match="parameters: .* differ by"):
+    with pytest.raises(RefusedError, match=r"parameters: .* differ by"):
         require_agreement("residuals", found, set())
 
 
+@pytest.mark.ci
 def test_sizes_of_one_set(monkeypatch):
     monkeypatch.setattr(calibration, "SAMPLES", 40_000)
     monkeypatch.setattr(calibration, "ALIKE", 1e-4)  # of fits of 400 samples

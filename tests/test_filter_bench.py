@@ -38,6 +38,6 @@ def test_a_filter_that_differs_from_the_bound_is_an_error(short, monkeypatch):
     monkeypatch.setattr(filters, "NOISE", noise)
     monkeypatch.setattr(filters, "_model", lambda: model)
     found = {each.name: each.once() for each in filters.contenders()[:5]}
-    with pytest.raises(RefusedError, match="variances: mekf.* differ by"):
+    with pytest.raises(RefusedError, match=r"variances: mekf.* differ by"):
         require_agreement("filter", found, set())
     assert np.isfinite(model.start).all()

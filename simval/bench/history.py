@@ -1,10 +1,10 @@
 r"""Runs of the races over commits: which ratios have a step, and since when.
 
 A contender keeps its level until the interval of a run has no point in common with
-that of the run where the level began; so a slow change is seen too. Two runs of seven rounds
-each that do not differ are as far apart with a chance of :math:`2 \cdot 7!\,7!/14!`, one
-in 1716. What differs between runs and not within one (the machine, its other work,
-where the memory lies) is not in the intervals.
+that of the run where the level began; so a slow change is seen too. Two runs of seven
+rounds each that do not differ are as far apart with a chance of
+:math:`2 \cdot 7!\,7!/14!`, one in 1716. What differs between runs and not within one
+(the machine, its other work, where the memory lies) is not in the intervals.
 """
 
 from collections.abc import Iterable, Sequence

@@ -38,7 +38,12 @@ class Interval:
 
 def confidence_of(n: int, k: int) -> float:
     """Chance that the median is from the k-th to the k-th last of n, eq. (B1)."""
-    return 1.0 - 2.0 * sum(comb(n, i) for i in range(k)) / 2**n
+    return _share(sum(comb(n, i) for i in range(k)), n)
+
+
+def _share(beyond: int, n: int) -> float:
+    # of whole numbers, for a float has no 2**1024
+    return (2**n - 2 * beyond) / 2**n
 
 
 def median_interval(
@@ -46,14 +51,22 @@ def median_interval(
 ) -> Interval:
     """Shortest interval (B1) of this confidence; all values where there is none."""
     ordered, n = sorted(values), len(values)
-    k = 1
-    while k < (n + 1) // 2 and confidence_of(n, k + 1) >= confidence:
-        k += 1
+    k = place_of(n, confidence)
     return Interval(
         low=ordered[k - 1],
         high=ordered[n - k],
         confidence=max(0.0, confidence_of(n, k)),
     )
+
+
+def place_of(n: int, confidence: float = CONFIDENCE) -> int:
+    """Greatest k whose interval of n values has this confidence, or 1."""
+    k, term, beyond = 1, n, 1  # of the 2**n signs, 2 beyond are beyond the k-th
+    while k < (n + 1) // 2 and _share(beyond + term, n) >= confidence:
+        beyond += term
+        term = term * (n - k) // (k + 1)
+        k += 1
+    return k
 
 
 def rounds_for(confidence: float = CONFIDENCE) -> int:

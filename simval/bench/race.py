@@ -134,8 +134,8 @@ def require_agreement(race: str, found: Mapping[str, Done], other: set[str]) -> 
         if name not in other and not shared:
             msg = (
                 f"race `{race}`: {name} has no answer in common with another "
-                "contender, so nothing shows that it does the same work; it was not timed: state "
-                "how its work differs"
+                "contender, so nothing shows that it does the same work; it was not "
+                "timed: state how its work differs"
             )
             raise RefusedError(msg)
 

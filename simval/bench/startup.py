@@ -5,13 +5,15 @@ time of the processes that have ended. No two do the same, so each is compared w
 reference alone: Python with the imports that a numerical program cannot do without.
 """
 
+import atexit
 import os
 import subprocess
 import sys
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from shutil import rmtree
+from tempfile import mkdtemp
 
 import numpy as np
 
@@ -36,8 +38,9 @@ find_study("attitude")
 
 def starts() -> list[Contender]:
     """List the starts; the reference imports NumPy and `scipy.linalg`."""
-    folder = TemporaryDirectory()  # lives as long as the contenders
-    log = Path(folder.name) / "log.csv"
+    folder = Path(mkdtemp(prefix="simval-bench-"))
+    atexit.register(rmtree, folder, ignore_errors=True)
+    log = folder / "log.csv"
     np.savetxt(log, small_log(), fmt="%.5f", delimiter=",")
     command = ("-m", "simval")
     timed = {
@@ -81,7 +84,7 @@ def small_log() -> Float[Array, "n 3"]:
     return readings + 0.01 * rng.standard_normal(readings.shape)
 
 
-def _started(words: tuple[str, ...], folder: TemporaryDirectory[str]) -> None:
+def _started(words: tuple[str, ...], folder: Path) -> None:
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     environment.pop("PYTHONDONTWRITEBYTECODE", None)  # a start of compiled files
     done = subprocess.run(
@@ -89,7 +92,7 @@ def _started(words: tuple[str, ...], folder: TemporaryDirectory[str]) -> None:
         capture_output=True,
         text=True,
         check=False,
-        cwd=folder.name,
+        cwd=folder,
         env=environment,
     )
     if done.returncode:
