@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -18,11 +19,11 @@ NOISE = 0.02
 def folder_of(path, costs, *, noise=NOISE, rounds=7, **facts):
     """A file for each commit, whose contender took so long; dates against names."""
     path.mkdir()
+    base = json.loads(written([]))
     for k, cost in enumerate(costs):
         machine = Machine(noise=noise, seed=k)
-        content = json.loads(
-            written(raced(machine, {"reference": 1.0, "own": cost}, rounds))
-        )
+        results = raced(machine, {"reference": 1.0, "own": cost}, rounds)
+        content = base | {"results": [asdict(result) for result in results]}
         content |= {"commit": f"{k:040x}"[::-1], "dirty": False}
         # in the order of the moments, not of the words
         content |= {"committed": f"2026-03-{10 + k:02d}T12:00:00+0{k % 3}:00"}

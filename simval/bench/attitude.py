@@ -22,7 +22,7 @@ from simval.studies.attitude import random_geometry
 from simval.theory import attitude_moments
 
 NOISE = 0.01  # a level of the accuracy suite; the time does not depend on it
-MANY, FEW = 200_000, 500
+MANY, FEW = 50_000, 500
 ROUNDING = 1e-12
 """Of an element of q q'. Chosen: a hundred times what an eigenvector of the geometry
 loses, 1e-14."""

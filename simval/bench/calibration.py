@@ -20,7 +20,7 @@ NOISE = 0.02  # m/s^2, of a pose; chosen
 TOLERANCE = 1e-12
 """Relative step at which every solver stops. Chosen: near rounding, so that all end at
 the same point."""
-MANY, FEW = 10_000, 200
+MANY, FEW = 10_000, 100
 AGREEMENT = 1e-9
 """Relative difference allowed between contenders. Chosen: a thousand times
 `TOLERANCE`; far below the standard error of a parameter, about 1e-3."""

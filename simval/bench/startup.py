@@ -64,7 +64,7 @@ def starts() -> list[Contender]:
                 name=name,
                 run=partial(_started, words, folder),
                 seen=lambda _: Done(items=1),
-                other="a command of its own",
+                other="another program",
             )
             for name, words in timed.items()
         ),

@@ -23,20 +23,23 @@ def show(race: Race, results: list[Result], console: Console) -> list[Result]:
     last, rounds = results[-1], len(results[-1].seconds)
     table = Table(
         title=f"{race.title} ({race.name}, {race.clock} time)",
-        caption=f"{rounds} rounds; from and to: interval of the median ratio, "
-        f"{last.confidence:.1%}",
+        caption=f"{rounds} rounds; the ratio is their median, and this is in the "
+        f"interval at a confidence of {last.confidence:.1%}",
     )
     table.add_column("contender")
-    for heading in (race.item, f"{race.item}/s", "ratio", "from", "to"):
+    for heading in (race.item, f"{race.item}/s", "ratio", "interval"):
         table.add_column(heading, justify="right")
-    table.add_column("other work")
     for r in results:
-        numbers = (r.count, r.rate, r.ratio, r.low, r.high)
-        words = [f"{number:.3g}" for number in numbers]
-        other = f"reference: {r.other}" if r.other else ""
-        table.add_row(escape(r.contender), *words, escape(other))
+        words = [f"{number:.3g}" for number in (r.count, r.rate, r.ratio)]
+        table.add_row(escape(_label(r)), *words, f"{r.low:.3g} to {r.high:.3g}")
     console.print(table)
     return results
+
+
+def _label(r: Result) -> str:
+    """A contender, and how its work differs if it does."""
+    kind = "other work" if r.ours else "reference"
+    return f"{r.contender} ({kind}: {r.other})" if r.other else r.contender
 
 
 def judge(
