@@ -1,8 +1,9 @@
 r"""The work of a race as a user of NumPy would write it: the sides that do not change.
 
 A ratio says how simval's code became only if what it is divided by stays the same, so
-nothing here is simval's. The plain closed form is written out: :math:`\bar q = [d_1 \times d_2;\ s_1^T d_2]` for sums and differences of
-body vectors and references.
+nothing here is simval's. The plain closed form is written out:
+:math:`\bar q = [d_1 \times d_2;\ s_1^T d_2]` for differences d and sums s of body
+vectors and references.
 """
 
 import numpy as np
