@@ -66,7 +66,7 @@ def test_a_machine_that_becomes_slower_moves_no_ratio():
 
 def test_the_interval_covers_as_often_as_it_says():
     """Seven rounds of 20 % noise: 98.4 %; a false alarm in 1e4 seeds."""
-    n = 600
+    n = 300
     machine = Machine(noise=0.2, seed=1)
     _, half = raced(machine, {"reference": 1.0, "half": 0.5}, rounds=7 * n)
     groups = np.reshape(half.ratios, (n, 7))
