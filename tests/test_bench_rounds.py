@@ -102,6 +102,19 @@ def test_rounds_that_are_needed():
     assert [rounds_for(c) for c in (0.5, 0.75, 0.95)] == [2, 3, 6]
 
 
+def test_a_rate_counts_what_each_has_done():
+    machine = Machine()
+    done = {"few": 3, "many": 12}
+    contenders = [
+        Contender(name=n, run=lambda: machine.work("", 2.0), seen=told(items=items))
+        for n, items in done.items()
+    ]
+    race = Race(name="stub", title="", item="runs", contenders=lambda: contenders)
+    few, many = run_race(race, clock=machine)
+    assert (few.count, few.rate, few.ratio) == (3, 1.5, 1.0)
+    assert (many.count, many.rate, many.ratio) == (12, 6.0, 4.0)
+
+
 def test_rounds_are_put_together():
     machine = Machine(noise=0.2)
     first = raced(machine, COSTS)

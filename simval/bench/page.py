@@ -22,7 +22,7 @@ def render_history(
         title=f"{name}: {len(records)} runs of the races",
         sections=_sections(records, races),
         version=version("simval"),
-        source=f"the files of `simval bench --json` in {name}",
+        source=f"the JSON files in {name}",
     )
 
 
@@ -34,7 +34,6 @@ def told(step: Step, records: Sequence[Record]) -> str:
         f"{k.ratio:.3g} ({_ends(k)})" for k in (step.before, step.after)
     )
     changed = "slower" if step.time > 1.0 else "faster"
-    size = max(step.time, 1.0 / step.time)
     differs = [
         f"{what} {a or 'unknown'} before and {b or 'unknown'} since"
         for what, a, b in (
@@ -45,8 +44,8 @@ def told(step: Step, records: Sequence[Record]) -> str:
     ]
     more = f"; {', '.join(differs)}" if differs else ""
     return (
-        f"{line.race}, {line.contender}: {size:.2f} times {changed} since "
-        f"{since.label}: ratio {ratios}{more}"
+        f"{line.race}, {line.contender}: {changed} since {since.label}, "
+        f"{step.time:.2f} times the time: ratio {ratios}{more}"
     )
 
 
@@ -95,8 +94,9 @@ def _drawings(
             finding=finding or "No ratio left its level.",
             fold="" if found else f"{race}: no step",
             caption=(
-                f"Rate by that of {reference} over the runs, by their number in the "
-                "table of runs. Bars: intervals of the medians of all rounds."
+                f"Rate divided by that of the reference ({reference}), over the runs "
+                "by their number in the table of runs. Bars: intervals of the median "
+                "over the rounds."
             ),
             alternative=f"Ratios of {len(some)} contenders over {len(records)} runs. "
             f"{finding or 'No ratio left its level.'}",

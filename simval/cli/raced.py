@@ -109,6 +109,10 @@ def _verdict(changes: Sequence[Change], record: Record, code: int) -> list[str]:
     return lines
 
 
+def _several(count: int, what: str) -> str:
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+
+
 def history(folder: Path, races: tuple[str, ...]) -> int:
     """Draw the runs in a folder, and say which ratios have a step."""
     names = [race.name for race in find_races(races)] if races else []
@@ -116,7 +120,8 @@ def history(folder: Path, races: tuple[str, ...]) -> int:
     from simval.bench.page import render_history, told  # drawing takes a second to load
 
     steps = [step for line in lines_of(records, names) for step in steps_of(line)]
-    click.echo(f"{len(records)} runs, {len(steps)} steps beyond the intervals")
+    counts = [_several(len(records), "run"), _several(len(steps), "step")]
+    click.echo(f"{', '.join(counts)} beyond the intervals")
     for step in steps:
         click.echo(told(step, records))
     out = folder / "bench.html"
