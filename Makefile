@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: report test landing check nightly sanitize mutants lowest sample league docs clean
+.PHONY: report test landing check nightly bench sanitize mutants lowest sample league docs clean
 
 report: .venv/installed
 	@mkdir -p reports/runs
@@ -35,6 +35,11 @@ nightly: check docs sanitize
 	$(MAKE) mutants
 	$(MAKE) .venv-league/installed
 	PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 .venv-league/bin/python -m pytest -m league tests/test_league.py tests/test_league_filters.py
+	$(BIN)/simval bench --against reports/bench.json
+
+# the ratios that the nightly run compares with: once after each release, on a quiet machine
+bench: .venv/installed
+	$(BIN)/simval bench --rounds 15 --json reports/bench.json
 
 # the compiled block under sanitizers, with random arguments
 sanitize: .venv/installed

@@ -64,6 +64,7 @@ RACES: Final = (
     "allan",
     "gyroscope",
     "filter",
+    "startup",
 )
 """Races of `simval bench`."""
 

@@ -4,9 +4,10 @@ import json
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
-from simval.bench import Contender, Race, run_race
+from simval.bench import Answer, Contender, Done, Race, run_race
 from simval.errors import InputError
 
 # One block of 16384 columns of 12 float64 is 1.5 MiB; the pass needs a few of them.
@@ -14,11 +15,11 @@ MEMORY_LIMIT = 64  # MiB above the imported program
 
 MEASURED = """
 import resource, sys
-from simval.bench.attitude import _monte_carlo
+from simval.bench.trials import full_pass
 def peak():
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 before = peak()  # of the imported program
-_monte_carlo(int(sys.argv[1]), int(sys.argv[2]))
+full_pass(int(sys.argv[1]), int(sys.argv[2]))
 print(peak() - before)
 """
 
@@ -31,17 +32,17 @@ def spin(times):
 
 
 def test_a_race_finds_the_slower_one():
-    def once(times):
-        spin(times)
-        return 1
+    def seen(total):
+        even = Answer(values=np.array([total % 2.0]), within=0.0)
+        return Done(items=1, answers={"whether the sum is odd": even})
 
     race = Race(
         name="spin",
         title="Spin",
         item="spins",
         contenders=lambda: [
-            Contender(name="short", run=lambda: once(20_000)),
-            Contender(name="long", run=lambda: once(200_000)),
+            Contender(name="short", run=lambda: spin(20_000), seen=seen),
+            Contender(name="long", run=lambda: spin(200_000), seen=seen),
         ],
     )
     short, long = run_race(race, rounds=5)

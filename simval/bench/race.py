@@ -1,16 +1,53 @@
 """A race: contenders do the same work in turns, over several rounds."""
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
 
 import numpy as np
 
-ROUNDS = 7
+from simval.arrays import Array
+from simval.errors import RefusedError
+from simval.shapes import Float
+
+ROUNDS: Final = 7
 """Odd, so that the median is a round; chosen for the time that a race takes."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Answer:
+    """Numbers that a contender found, for the comparison with the others.
+
+    Attributes
+    ----------
+    values : numpy.ndarray
+        The items are on the first axis, so that who does fewer is compared over these.
+    within : float or numpy.ndarray
+        How far each may be from the right one, in its unit.
+    """
+
+    values: Float[Array, "..."]
+    within: float | Float[Array, "..."]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Done:
+    """What a contender did in one run.
+
+    Attributes
+    ----------
+    items : int
+        How much that was, in the race's item.
+    answers : mapping
+        What it found, by a name for people.
+    """
+
+    items: int
+    answers: Mapping[str, Answer] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Contender:
     """One way to do the work.
 
@@ -19,11 +56,25 @@ class Contender:
     name : str
         What it is.
     run : callable
-        Does the work once and returns how many items that was.
+        Does the work once; this is what is timed.
+    seen : callable
+        ``seen(result of run) -> Done``, outside of the time.
+    ours : bool, default True
+        Whether the time is that of simval's own code.
+    other : str, default ""
+        How its work differs from that of the others. Empty says that it is the same,
+        and then its answers must agree with theirs.
     """
 
     name: str
-    run: Callable[[], int]
+    run: Callable[[], Any]
+    seen: Callable[[Any], Done]
+    ours: bool = True
+    other: str = ""
+
+    def once(self) -> Done:
+        """Do the work once, and see what it was."""
+        return self.seen(self.run())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,10 +90,11 @@ class Race:
     item : str
         What is counted.
     contenders : callable
-        ``contenders() -> list of Contender``; the first is the reference. A peer that
-        is not installed is left out.
+        ``contenders() -> list of Contender``; the first is the reference, which is not
+        simval's own code. A peer that is not installed is left out.
     clock : str, default "cpu"
-        ``cpu`` for processor time, ``wall`` where threads are what is measured.
+        ``cpu`` for processor time, ``children`` for that of the processes that a
+        contender starts, ``wall`` where threads are what is measured.
     """
 
     name: str
@@ -52,74 +104,77 @@ class Race:
     clock: str = "cpu"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Result:
-    """How one contender did.
-
-    Attributes
-    ----------
-    race, contender, item : str
-        Which, and what is counted.
-    count : int
-        Items of its last run.
-    rate : float
-        Median items per second.
-    ratio : float
-        Median over the rounds of its rate by the reference's in the same round.
-    low, high : float
-        Least and greatest of these ratios.
-    clock : str
-        ``cpu`` or ``wall``.
-    """
-
-    race: str
-    contender: str
-    item: str
-    count: int
-    rate: float
-    ratio: float
-    low: float
-    high: float
-    clock: str
-
-
-def run_race(race: Race, rounds: int = ROUNDS) -> list[Result]:
-    """Let the contenders of a race take turns.
+def require_agreement(race: str, found: Mapping[str, Done], other: set[str]) -> None:
+    """Refuse contenders whose answers differ by more than both may be wrong.
 
     Parameters
     ----------
-    race : Race
-        Who runs.
-    rounds : int, default 7
-        How often each runs, after one round that is not counted.
+    race : str
+        Its name.
+    found : mapping
+        What each contender found.
+    other : set of str
+        Names of those that do other work: they may have no answer in common.
 
-    Returns
-    -------
-    list of Result
-        In the order of the contenders.
+    Raises
+    ------
+    RefusedError
+        If two answers differ, one is not finite, or there is none to compare with.
     """
-    clock = time.process_time if race.clock == "cpu" else time.perf_counter
-    contenders = race.contenders()
-    rates = np.zeros((rounds + 1, len(contenders)))
-    counts = [0] * len(contenders)
-    for turn in range(rounds + 1):
-        for k, contender in enumerate(contenders):
-            start = clock()
-            counts[k] = contender.run()
-            rates[turn, k] = counts[k] / max(clock() - start, 1e-9)
-    rates = rates[1:]  # the first round pays for imports and memory
-    ratios = rates / rates[:, :1]
-    return [
-        Result(
-            race=race.name,
-            contender=contender.name,
-            item=race.item,
-            count=counts[k],
-            rate=float(np.median(rates[:, k])),
-            ratio=float(np.median(ratios[:, k])),
-            low=float(ratios[:, k].min()),
-            high=float(ratios[:, k].max()),
-            clock=race.clock,
-        )
-        for k, contender in enumerate(contenders)
-    ]
+    names = list(found)
+    for k, name in enumerate(names):
+        for before in names[:k]:
+            both = found[name].answers.keys() & found[before].answers.keys()
+            for key in sorted(both):
+                pair = found[before].answers[key], found[name].answers[key]
+                _require_equal(f"race `{race}`, {key}", (before, name), pair)
+    for name in names:
+        others = [d.answers.keys() for n, d in found.items() if n != name]
+        shared = any(found[name].answers.keys() & keys for keys in others)
+        if name not in other and not shared:
+            msg = (
+                f"race `{race}`: {name} has no answer in common with another "
+                "contender, so nothing shows that it does the same work; it was not "
+                "timed: state how its work differs"
+            )
+            raise RefusedError(msg)
+
+
+def _require_equal(
+    where: str, names: tuple[str, str], pair: tuple[Answer, Answer]
+) -> None:
+    shortest = min(np.shape(a.values)[0] for a in pair)
+    x, y = (np.asarray(a.values)[:shortest] for a in pair)
+    allowed = sum(_cut(a.within, a.values, shortest) for a in pair)
+    off, wide = np.abs(x - y), np.broadcast_to(allowed, np.shape(x))
+    if np.all(off <= wide):  # false for NaN
+        return
+    worst = np.unravel_index(np.argmax(np.where(off <= wide, -1.0, 1.0)), off.shape)
+    msg = (
+        f"{where}: {names[0]} and {names[1]} differ by {off[worst]:.1e}; "
+        f"{wide[worst]:.1e} is allowed; neither was timed: find out which one is wrong"
+    )
+    raise RefusedError(msg)
+
+
+def _cut(
+    within: float | Float[Array, "..."], values: Float[Array, "..."], count: int
+) -> Float[Array, "..."]:
+    return np.broadcast_to(np.asarray(within), np.shape(values))[:count]
+
+
+def clock_of(race: Race) -> Callable[[], float]:
+    """Clock that a race is timed by, s."""
+    clocks = {
+        "cpu": time.process_time,
+        "wall": time.perf_counter,
+        "children": _time_of_children,
+    }
+    return clocks[race.clock]
+
+
+def _time_of_children() -> float:
+    import resource  # not on every system
+
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime

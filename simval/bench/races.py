@@ -2,7 +2,16 @@
 
 from collections.abc import Iterable
 
-from simval.bench import attitude, calibration, filters, gyroscope, noise, scene
+from simval.bench import (
+    attitude,
+    calibration,
+    filters,
+    gyroscope,
+    noise,
+    scene,
+    startup,
+    trials,
+)
 from simval.bench.race import Race
 from simval.errors import InputError
 from simval.text import did_you_mean
@@ -24,20 +33,20 @@ RACES: tuple[Race, ...] = (
         name="montecarlo",
         title="Full Monte Carlo pass beside the generator's own rate",
         item="samples",
-        contenders=attitude.monte_carlo,
+        contenders=trials.monte_carlo,
     ),
     Race(
         name="threads",
         title="Full Monte Carlo pass in threads",
         item="samples",
-        contenders=attitude.threads,
+        contenders=trials.threads,
         clock="wall",
     ),
     Race(
         name="reductions",
         title="Precision of the covariance from 65 536 evaluations, in plain samples",
         item="plain samples",
-        contenders=attitude.reductions,
+        contenders=trials.reductions,
     ),
     Race(
         name="scene",
@@ -80,6 +89,13 @@ RACES: tuple[Race, ...] = (
         title="Attitude filters, and the bound on them, at 100 Hz",
         item="rows of a trial",
         contenders=filters.contenders,
+    ),
+    Race(
+        name="startup",
+        title="Starts of commands",
+        item="starts",
+        contenders=startup.starts,
+        clock="children",
     ),
 )
 

@@ -18,6 +18,20 @@ from simval.cli.options import PATH, Whole
     help="Number of rounds.",
 )
 @click.option(
+    "--against",
+    type=PATH,
+    metavar="FILE",
+    help="Compare with the ratios in this file of `--json`; exit code 1 if something "
+    "takes 20 % more time, 3 if that cannot be said.",
+)
+@click.option(
+    "--page",
+    type=PATH,
+    metavar="FOLDER",
+    help="Race nobody; draw the ratios in the JSON files of FOLDER, one of each "
+    "commit, into FOLDER/bench.html.",
+)
+@click.option(
     "--json", "path", type=PATH, help="Write the result to this JSON file too."
 )
 @click.option(

@@ -1,0 +1,150 @@
+r"""What became slower than in an earlier run of the races.
+
+Two intervals of confidence c bound the change of a ratio: with
+:math:`[l_0, h_0]` then and :math:`[l_1, h_1]` now,
+
+.. math:: \rho_1/\rho_0 \in [l_1/h_0,\ h_1/l_0]
+   \text{ at a confidence of at least } 2c - 1. \tag{B2}
+
+It is slower if all of this is below :math:`1/(1 + s)`, as fast if none is, and else
+nothing can be said yet: more rounds make the interval shorter.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from simval.bench.interval import CONFIDENCE, rounds_for
+from simval.bench.race import Race
+from simval.bench.record import Kept, kept_of
+from simval.bench.rounds import Result, joined, run_race
+
+SLOWER: Final = 0.2
+"""Share s by which the time may grow. Chosen: runs of the same code differ by less."""
+TIMES: Final = 4
+"""Bound on the rounds of what does not pass, in those that were asked for."""
+
+Standing = Literal["pass", "slower", "inconclusive", "not judged"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Change:
+    """What became of a contender's ratio."""
+
+    race: str
+    contender: str
+    then: Kept | None
+    now: Kept | None
+    # interval of its time now, in its time then
+    low: float | None
+    high: float | None
+    standing: Standing
+    words: str  # why, where it is not what the interval says
+
+
+def measured(
+    race: Race,
+    then: Mapping[tuple[str, str], Kept],
+    rounds: int,
+    run: Callable[..., list[Result]] = run_race,
+) -> tuple[list[Result], list[Change]]:
+    """Run a race, and more rounds of it while something in it does not pass."""
+    results, done = run(race, rounds), rounds
+    changes = changes_of(then, kept_of(results), race.name)
+    while done < TIMES * rounds and any(_open(change) for change in changes):
+        results = joined(results, run(race, done, seed=done))
+        done *= 2
+        changes = changes_of(then, kept_of(results), race.name)
+    return results, changes
+
+
+def changes_of(
+    then: Mapping[tuple[str, str], Kept], now: Iterable[Kept], race: str
+) -> list[Change]:
+    """Compare the contenders of a race with those of an earlier run."""
+    found = {kept.key: kept for kept in now}
+    gone = [k for key, k in then.items() if key[0] == race and key not in found]
+    return [
+        *(_change(then.get(key), kept) for key, kept in found.items()),
+        *(_alone(kept, None, *_of_gone(kept)) for kept in gone),
+    ]
+
+
+def code_of(changes: Sequence[Change]) -> int:
+    """Exit code: 1 if something is slower, 3 if that cannot be said, else 0."""
+    standings = {change.standing for change in changes}
+    if "slower" in standings:
+        return 1
+    return 0 if "pass" in standings and "inconclusive" not in standings else 3
+
+
+def _open(change: Change) -> bool:
+    return change.low is not None and change.standing in ("slower", "inconclusive")
+
+
+def _of_gone(kept: Kept) -> tuple[Standing, str]:
+    if not _judged(kept):
+        return "not judged", "is not there now"
+    return "inconclusive", "is not there now; if that is meant, make the file anew"
+
+
+def _judged(kept: Kept) -> bool:
+    return kept.ours and kept.clock != "wall"
+
+
+def _change(then: Kept | None, now: Kept) -> Change:
+    if not _judged(now):
+        words = "not simval's" if not now.ours else "its time is that on the wall"
+        return _alone(then, now, "not judged", words)
+    if then is None:
+        return _alone(then, now, "not judged", "is new")
+    if (then.reference, then.clock) != (now.reference, now.clock):
+        words = (
+            f"its reference was {then.reference} ({then.clock} time) and is "
+            f"{now.reference} ({now.clock} time); make the file anew"
+        )
+        return _alone(then, now, "inconclusive", words)
+    few = [k for k in (then, now) if k.confidence < CONFIDENCE]
+    if few:
+        words = (
+            f"{few[0].rounds} rounds have an interval of {few[0].confidence:.0%}; "
+            f"{rounds_for()} are needed"
+        )
+        return _alone(then, now, "inconclusive", words)
+    return _compared(then, now)
+
+
+def _compared(then: Kept, now: Kept) -> Change:
+    low, high = then.low / now.high, then.high / now.low  # of times: eq. (B2) inverted
+    standing: Standing = "inconclusive"
+    if low > 1.0 + SLOWER:
+        standing = "slower"
+    elif high <= 1.0 + SLOWER:
+        standing = "pass"
+    return Change(
+        race=now.race,
+        contender=now.contender,
+        then=then,
+        now=now,
+        low=low,
+        high=high,
+        standing=standing,
+        words="",
+    )
+
+
+def _alone(
+    then: Kept | None, now: Kept | None, standing: Standing, words: str
+) -> Change:
+    one = now if now is not None else then
+    assert one is not None
+    return Change(
+        race=one.race,
+        contender=one.contender,
+        then=then,
+        now=now,
+        low=None,
+        high=None,
+        standing=standing,
+        words=words,
+    )
