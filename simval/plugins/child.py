@@ -165,12 +165,13 @@ def read_answer(folder: Path, code: int, kind: type[Kind], who: str) -> Kind:
 def _content(file: Path) -> bytes:
     """What a child has written, if it is a plain file of a size that it may have."""
     # a link could lead anywhere, and a pipe without a writer would be waited for
-    with os.fdopen(os.open(file, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)) as held:
-        state = os.fstat(held.fileno())
+    number = os.open(file, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+    with os.fdopen(number, "rb") as held:
+        state = os.fstat(number)
         if not stat.S_ISREG(state.st_mode) or state.st_size > MAX_OUTPUT:
             msg = f"it must be a plain file of at most {MAX_OUTPUT} bytes"
             raise OSError(msg)
-        return held.buffer.read(MAX_OUTPUT)
+        return held.read(MAX_OUTPUT)
 
 
 def died(who: str, code: int, folder: Path) -> str:
