@@ -53,7 +53,7 @@ class Message:
         shapes = {name: list(np.shape(a)) for name, a in self.arrays.items()}
         head = json.dumps({"words": dict(self.words), "shapes": shapes}).encode()
         arrays = [np.ravel(np.asarray(a, np.float64)) for a in self.arrays.values()]
-        numbers = [memoryview(a).cast("B") for a in arrays if a.size]
+        numbers = [a.view(np.uint8).data for a in arrays if a.size]
         return [memoryview(LENGTH.pack(len(head)) + head), *numbers]
 
 

@@ -25,7 +25,7 @@ from simval.shapes import Float
 
 Kind = TypeVar("Kind", bound=Plugin)
 
-PER_ROW = 1024
+PER_ROW = 512
 """Numbers that a filter may answer at a row, by which its answer is bounded."""
 
 
@@ -127,7 +127,8 @@ class RemoteFilter(Filter):
             or not all(each in WORLDS for each in alike)
             or not isinstance(stray, float)
         ):
-            raise self.session.unreadable("it names no world")
+            msg = "it names no world"
+            raise self.session.unreadable(msg)
         return str(world), tuple(alike), stray
 
     def output(
@@ -164,7 +165,8 @@ class RemoteFilter(Filter):
             self.session, answer, **shapes, attitude=(n, k, 4), seconds=seconds
         )
         if not all(np.isfinite(a).all() for a in found.values()):
-            raise self.session.unreadable("entries that are not finite")
+            msg = "entries that are not finite"
+            raise self.session.unreadable(msg)
         parts = {each.name: found.get(each.name) for each in fields(FilterOutput)}
         whole: dict[str, Any] = parts | {"kept": keep}
         return FilterOutput(**whole)
@@ -189,14 +191,16 @@ def remote(session: Session, word: str, kind: type[Kind]) -> Kind:
     known = {each.name for each in fields(kind)}  # type: ignore[arg-type]
     declared, gives = answer.words.get("declared"), answer.words.get("gives")
     if not isinstance(declared, dict) or not isinstance(gives, list):
-        raise session.unreadable("it declares nothing")
+        msg = "it declares nothing"
+        raise session.unreadable(msg)
     values = {
         name: tuple(value) if isinstance(value, list) else value
         for name, value in declared.items()
     }
     values |= {str(name): _elsewhere for name in gives}
     if not values.keys() <= known:
-        raise session.unreadable("it declares what there is not")
+        msg = "it declares what there is not"
+        raise session.unreadable(msg)
     try:
         found: Kind = REMOTE[kind](**values, session=session)
     except TypeError as error:
@@ -223,13 +227,15 @@ def _elsewhere(*_: Any, **__: Any) -> Any:
 def _forms(session: Session, answer: Message, count: int) -> list[tuple[int, int]]:
     """For each calibration whether it has a covariance, and its degrees of freedom."""
     of = answer.words.get("of")
-    whole = isinstance(of, list) and all(
+    each_of = of if isinstance(of, list) else []
+    whole = all(
         isinstance(each, list) and len(each) == 2 and {type(k) for k in each} == {int}
-        for each in of
+        for each in each_of
     )
-    if not whole or len(of) != count or not all(has in (0, 1) for has, _ in of):
-        raise session.unreadable("it does not say what its answers are")
-    return [(has, dof) for has, dof in of]
+    if not whole or len(each_of) != count or any(e[0] not in (0, 1) for e in each_of):
+        msg = "it does not say what its answers are"
+        raise session.unreadable(msg)
+    return [(has, dof) for has, dof in each_of]
 
 
 def _told(told: Told) -> tuple[dict[str, float], dict[str, Array]]:

@@ -59,7 +59,7 @@ Question = Callable[[Served, Any, Mapping[str, Array]], Message]
 
 def find(served: Served, words: Any, _: Mapping[str, Array]) -> Message:
     """Load the plug-in, and say what it declares, but for its functions."""
-    kind = next(each for each in KINDS if each.taken_by == words["kind"])
+    kind: Any = next(each for each in KINDS if each.taken_by == words["kind"])
     served.word = words["word"]
     served.plugin = find_plugin(served.word, kind)
     values = {each.name: getattr(served.plugin, each.name) for each in fields(kind)}

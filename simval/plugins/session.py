@@ -99,10 +99,10 @@ class Session:
             answer = received(self._read, most)
         except UNREADABLE as error:
             raise self.unreadable(error) from None
-        error, kind = answer.words.get("error"), answer.words.get("kind")
-        if error is None:
+        said, kind = answer.words.get("error"), answer.words.get("kind")
+        if said is None:
             return answer
-        own = (PluginError if kind == "refused" else CrashedPluginError)(str(error))
+        own = (PluginError if kind == "refused" else CrashedPluginError)(str(said))
         if kind in ("refused", "crashed"):
             raise own
         raise Lost(own)
@@ -115,7 +115,8 @@ class Session:
         """Require that there is nothing to read, but for its end."""
         if self._is(select.POLLIN, 0.0):
             self._read(1)
-            raise self.unreadable("it answered before it was asked")
+            msg = "it answered before it was asked"
+            raise self.unreadable(msg)
 
     def _send(self, left: memoryview) -> None:
         while left:

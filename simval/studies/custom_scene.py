@@ -80,6 +80,9 @@ def _trajectory(asked: Session, answer: Message) -> Trajectory:
     found: dict[str, Any] = {**taken(asked, answer, **shapes)}
     rests = len(np.unique(found["hold"]))
     if rests * len(found["time"]) > MOST:
-        raise asked.unreadable(f"{rests} rests")
-    bounds = {name: float(found.pop(name)) for name in ("rest_force", "rest_rate")}
+        msg = f"{rests} rests"
+        raise asked.unreadable(msg)
+    bounds: dict[str, Any] = {
+        name: float(found.pop(name)) for name in ("rest_force", "rest_rate")
+    }
     return Trajectory(**found, **bounds, unsettled=(), provenance={})

@@ -101,7 +101,8 @@ def _answered_elsewhere(
     found = session.ask("series", words, arrays).arrays
     terms, plain = (found.get(name, np.empty(0)) for name in ("terms", "plain"))
     if terms.ndim == 0 or terms.shape != (*plain.shape, len(tables.means)):
-        raise session.unreadable(f"terms of the shape {terms.shape}")
+        msg = f"terms of the shape {terms.shape}"
+        raise session.unreadable(msg)
     answer = np.empty(plain.shape, dtype=object)
     for place in np.ndindex(plain.shape):
         own = terms[place]

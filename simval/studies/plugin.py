@@ -159,5 +159,6 @@ def _times(asked: Session, parameters: PluginParameters) -> dict[str, float]:
     if not isinstance(times, dict) or not all(
         isinstance(each, int | float) and 0.0 < each < inf for each in times.values()
     ):
-        raise asked.unreadable("its times are none")
+        msg = "its times are none"
+        raise asked.unreadable(msg)
     return {str(name): float(each) for name, each in times.items()}
