@@ -25,7 +25,7 @@ from simval.plugins.filter_signs import require_signs
 from simval.plugins.filter_strays import DECLARED, STAYS, Stray, Trial
 from simval.plugins.protocol import Components
 from simval.plugins.reference_frames import WORLDS
-from simval.plugins.remote import RemoteFilter
+from simval.plugins.remote_filter import RemoteFilter
 
 DIRECTIONS: Final[tuple[Literal["active", "passive"], ...]] = ("active", "passive")
 

@@ -23,7 +23,7 @@ from simval.plugins.filter_twice import (
     require_trials_alone,
 )
 from simval.plugins.filter_worlds import on_body_side, own_quaternions, to_scene
-from simval.plugins.remote import RemoteFilter
+from simval.plugins.remote_filter import RemoteFilter
 from simval.shapes import Float
 
 PARTS: Final = 8

@@ -30,20 +30,10 @@ from simval.plugins.loading import find_plugin
 from simval.plugins.messages import Message, received
 from simval.plugins.noise import VectorNoise
 from simval.plugins.protocol import Calibrator, Estimator, Plugin
+from simval.plugins.remote_filter import OUTPUTS, SENSORS
 
 KINDS: Final[tuple[type[Plugin], ...]] = (Estimator, Calibrator, Filter)
 """What can be asked."""
-
-SENSORS: Final = ("dt", "gyroscope", "accelerometer", "magnetometer", "start")
-OUTPUTS: Final = (
-    "attitude",
-    "covariance",
-    "bias",
-    "innovation",
-    "innovation_covariance",
-    "seconds",
-)
-"""Arrays that a filter is given, and that it leaves."""
 
 
 @dataclass(slots=True)

@@ -12,7 +12,7 @@ import json
 import select
 import socket
 import subprocess
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from time import monotonic
@@ -80,9 +80,10 @@ class Session:
         question: str,
         words: Mapping[str, Any],
         arrays: Arrays | None = None,
+        says: Collection[str] = (),
         most: float = MOST_NUMBERS,
     ) -> Message:
-        """Ask a question, and wait for an answer of at most so many bytes of numbers.
+        """Ask a question, and wait for an answer of these words and so many bytes.
 
         Raises
         ------
@@ -99,13 +100,12 @@ class Session:
             answer = received(self._read, most)
         except UNREADABLE as error:
             raise self.unreadable(error) from None
-        said, kind = answer.words.get("error"), answer.words.get("kind")
-        if said is None:
-            return answer
-        own = (PluginError if kind == "refused" else CrashedPluginError)(str(said))
-        if kind in ("refused", "crashed"):
-            raise own
-        raise Lost(own)
+        if answer.words.keys() == {"error", "kind"}:
+            raise _error(str(answer.words["error"]), answer.words["kind"])
+        if answer.words.keys() != set(says):
+            msg = f"it says {', '.join(answer.words) or 'nothing'}"
+            raise self.unreadable(msg)
+        return answer
 
     def unreadable(self, error: object) -> Lost:
         """What ends a session whose process answered with something else."""
@@ -167,6 +167,14 @@ class Session:
             msg = f"{self.who} closed the connection by which it answers, and runs on"
             return Lost(CrashedPluginError(msg))
         return Lost(CrashedPluginError(died(self.who, code, self.folder)))
+
+
+def _error(words: str, kind: object) -> PluginError | Lost:
+    """What a process says of a question: the next may be asked, or none."""
+    if kind == "refused":
+        return PluginError(words)
+    own = CrashedPluginError(words)
+    return own if kind == "crashed" else Lost(own)
 
 
 @contextmanager

@@ -13,7 +13,7 @@ from simval.plugins.filter_protocol import Filter
 from simval.plugins.filter_run import run_filter
 from simval.plugins.filter_signals import FilterInput, FilterOutput
 from simval.plugins.loading import meant
-from simval.plugins.remote import remote
+from simval.plugins.remote_loading import remote
 from simval.plugins.session import session
 from simval.recorded.signals import Signals
 from simval.recorded.told import Start

@@ -20,7 +20,7 @@ from simval.errors import PluginError
 from simval.plugins.child import told
 from simval.plugins.names import located, portable
 from simval.plugins.protocol import Plugin
-from simval.plugins.remote import remote
+from simval.plugins.remote_loading import remote
 from simval.plugins.session import Session, session
 from simval.plugins.sources import missing, sources
 from simval.results import Outcome
@@ -155,7 +155,7 @@ def _limit(parameters: PluginParameters) -> float:
 def _times(asked: Session, parameters: PluginParameters) -> dict[str, float]:
     """Time of one call, measured where it is made; see `call_time`."""
     told = {"parameters": parameters.model_dump(mode="json")}
-    times = asked.ask("times", told).words.get("times")
+    times = asked.ask("times", told, says=("times",)).words["times"]
     if not isinstance(times, dict) or not all(
         isinstance(each, int | float) and 0.0 < each < inf for each in times.values()
     ):
