@@ -22,7 +22,7 @@ PER_ROW: Final = 512
 SENSORS: Final = ("dt", "gyroscope", "accelerometer", "magnetometer", "start")
 SPREAD: Final = ("covariance", "innovation_covariance")
 OUTPUTS: Final = ("attitude", "bias", "innovation", "seconds", *SPREAD)
-"""Arrays that a filter is given, and that it leaves."""
+"""Arrays that a filter is given, those that are covariances, and all that it leaves."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -98,15 +98,17 @@ def _believable(found: Mapping[str, Array]) -> bool:
     More of covariances is checked where the filter runs, in its own convention.
     """
     q = found["attitude"].reshape(-1, 4)
-    spreads = [
-        np.diagonal(a, axis1=2, axis2=3) for k, a in found.items() if k in SPREAD
-    ]
-    known = found.get("covariance")
+    variances = {
+        word: np.diagonal(each, axis1=2, axis2=3)
+        for word, each in found.items()
+        if word in SPREAD
+    }
+    own = variances.get("covariance")
     return bool(
-        all(np.isfinite(a).all() for a in found.values())
+        all(np.isfinite(each).all() for each in found.values())
         and sound_rows(q, "xyzs").all()
-        and all((spread >= 0.0).all() for spread in spreads)
-        and (known is None or (known.shape[-1] >= 3 and spreads[0][..., :3].all()))
+        and all((each >= 0.0).all() for each in variances.values())
+        and (own is None or (own.shape[-1] >= 3 and own[..., :3].all()))
     )
 
 
