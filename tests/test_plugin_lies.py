@@ -45,8 +45,11 @@ class Liar(subprocess.Popen):
         return 0
 
     def _serve(self):
-        with contextlib.suppress(OSError, ValueError, struct.error), self.theirs:
-            source = self.theirs.makefile("rb")
+        with (
+            contextlib.suppress(OSError, ValueError, struct.error),
+            self.theirs,
+            self.theirs.makefile("rb") as source,
+        ):
             received(lambda count: bytearray(source.read(count)), float("inf"))
             self.theirs.sendall(self.answer)
         self.gone.set()
@@ -248,7 +251,7 @@ def test_numbers_that_no_answer_may_have_are_refused(tmp_path):
                 with (
                     Liar(lie, tmp_path) as session,
                     pytest.raises(
-                        (PluginError, Lost), match=r"finite|not symmetric|entries that"
+                        (PluginError, Lost), match=r"finite|symmetric|entries that"
                     ),
                 ):
                     asks(session)
@@ -294,7 +297,7 @@ def test_an_answer_before_its_question_is_refused(tmp_path):
 def test_a_process_that_answers_a_byte_at_a_time_is_out_of_time(tmp_path):
     class Trickle(Liar):
         def _serve(self):
-            with contextlib.suppress(OSError):
+            with contextlib.suppress(OSError), self.theirs:
                 while not self.gone.wait(0.01):
                     self.theirs.sendall(b"\0")
 

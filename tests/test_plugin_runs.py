@@ -189,7 +189,7 @@ def test_an_answer_is_a_plain_file_of_a_size(tmp_path):
         with pytest.raises(PluginError, match="left no readable answer"):
             child.read_answer(tmp_path, 0, Said, "the plug-in")
         file.rmdir() if file.is_dir() and not file.is_symlink() else file.unlink()
-    with pytest.raises(CrashedPluginError, match="exit code 0 without an answer$"):
+    with pytest.raises(CrashedPluginError, match=r"exit code 0 without an answer$"):
         child.read_answer(tmp_path, 0, Said, "the plug-in")
 
 

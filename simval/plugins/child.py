@@ -20,7 +20,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, TypeVar
+from typing import Any, BinaryIO, TypeVar
 
 from pydantic import BaseModel
 
@@ -148,7 +148,8 @@ def read_answer(folder: Path, code: int, kind: type[Kind], who: str) -> Kind:
         As `asked`.
     """
     try:
-        content = _content(folder / "answer.json")
+        with _plain(folder / "answer.json") as file:
+            content = file.read(MAX_OUTPUT)
     except FileNotFoundError:
         raise CrashedPluginError(died(who, code, folder)) from None
     except OSError as error:
@@ -162,16 +163,17 @@ def read_answer(folder: Path, code: int, kind: type[Kind], who: str) -> Kind:
     return answer
 
 
-def _content(file: Path) -> bytes:
+@contextlib.contextmanager
+def _plain(file: Path) -> Iterator[BinaryIO]:
     """What a child has written, if it is a plain file of a size that it may have."""
     # a link could lead anywhere, and a pipe without a writer would be waited for
     number = os.open(file, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
-    with os.fdopen(number, "rb") as held:
+    with os.fdopen(number, "rb") as content:
         state = os.fstat(number)
         if not stat.S_ISREG(state.st_mode) or state.st_size > MAX_OUTPUT:
             msg = f"it must be a plain file of at most {MAX_OUTPUT} bytes"
             raise OSError(msg)
-        return held.read(MAX_OUTPUT)
+        yield content
 
 
 def died(who: str, code: int, folder: Path) -> str:
@@ -185,7 +187,7 @@ def unreadable(who: str, error: object, folder: Path) -> str:
 
 
 def _tail(folder: Path) -> str:
-    with contextlib.suppress(OSError), (folder / "output").open("rb") as output:
+    with contextlib.suppress(OSError), _plain(folder / "output") as output:
         output.seek(max(0, output.seek(0, os.SEEK_END) - 400))
         lines = output.read().decode(errors="replace").strip().splitlines()
         words = " | ".join(line.strip() for line in lines[-3:])
