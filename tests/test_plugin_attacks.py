@@ -201,7 +201,7 @@ def test_a_sweep_leaves_no_process(tmp_path, workers, killed):
     driver = subprocess.Popen([sys.executable, "-m", "simval", *words], cwd=tmp_path)
     try:
         if killed:
-            left = noted(mark, workers)
+            left = noted(mark, workers, 120.0)
             assert all(alive(each) for each in left)
             driver.send_signal(signal.SIGKILL)
         else:

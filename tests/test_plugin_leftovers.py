@@ -82,9 +82,9 @@ def alive(pid):
     return False
 
 
-def noted(mark, least):
+def noted(mark, least, seconds=20.0):
     """Processes that have written their number; they need a moment."""
-    end = time.monotonic() + 20.0
+    end = time.monotonic() + seconds
     while time.monotonic() < end:
         with contextlib.suppress(FileNotFoundError):
             if len(found := mark.read_text().split()) >= least:
