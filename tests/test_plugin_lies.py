@@ -23,6 +23,7 @@ from simval.plugins.remote_filter import RemoteFilter
 from simval.plugins.remote_loading import remote
 from simval.plugins.session import Lost, Session
 from simval.studies import calibrator, custom_scene, plugin
+from simval.studies.call_time import TIMES
 
 LIMIT = 20.0
 """Seconds of a session; no lie may make us wait for them."""
@@ -146,6 +147,7 @@ def find(session):
 
 def times(session):
     found = plugin._times(session, PARAMETERS)
+    assert set(found) in (set(), set(TIMES))
     assert all(0.0 < each < np.inf for each in found.values())
 
 
@@ -186,7 +188,7 @@ HONEST = {
             "gives": ["estimate"],
         }
     ),
-    times: Message(words={"times": {"seconds": 1.0, "ratio": 2.0}}),
+    times: Message(words={"times": dict.fromkeys(TIMES, 1.0)}),
     trajectory: Message(
         words={},
         arrays={

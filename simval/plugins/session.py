@@ -75,6 +75,11 @@ class Session:
         """Seconds that it may still take."""
         return self.end - monotonic()
 
+    @property
+    def spent(self) -> float:
+        """Seconds since it was begun."""
+        return self.time_limit - self.left
+
     def ask(
         self,
         question: str,

@@ -25,6 +25,7 @@ from simval.plugins.session import Session, session
 from simval.plugins.sources import missing, sources
 from simval.results import Outcome
 from simval.streams import Streams
+from simval.studies.call_time import TIMES
 from simval.studies.study import StudyParameters
 
 PluginName = Annotated[
@@ -121,9 +122,7 @@ def isolated(
     with opened(parameters, time_limit) as asked:
         plugin = remote(asked, parameters.word, kind)
         measured = outcome(plugin, parameters, streams)
-        if asked.time_limit - asked.left < SHARE * _limit(parameters):
-            measured = replace(measured, times=_times(asked, parameters))
-    return measured
+        return replace(measured, times=_times(asked, parameters))
 
 
 @contextmanager
@@ -147,18 +146,18 @@ def opened(parameters: PluginParameters, time_limit: float) -> Iterator[Session]
             raise told(error) from error
 
 
-def _limit(parameters: PluginParameters) -> float:
-    """Time limit that a user has set, s."""
-    return float(getattr(parameters, "time_limit", inf))
-
-
 def _times(asked: Session, parameters: PluginParameters) -> dict[str, float]:
-    """Time of one call, measured where it is made; see `call_time`."""
-    told = {"parameters": parameters.model_dump(mode="json")}
-    times = asked.ask("times", told, says=("times",)).words["times"]
-    if not isinstance(times, dict) or not all(
-        isinstance(each, int | float) and 0.0 < each < inf for each in times.values()
+    """Time of a call, measured where it is made, if the cell leaves the time for it."""
+    limit = float(getattr(parameters, "time_limit", inf))
+    if not asked.spent < SHARE * limit:
+        return {}
+    given = {"parameters": parameters.model_dump(mode="json")}
+    times = asked.ask("times", given, says=("times",)).words["times"]
+    if times and not (
+        isinstance(times, dict)
+        and times.keys() == set(TIMES)
+        and all(type(t) in (int, float) and 0.0 < t < 1e300 for t in times.values())
     ):
         msg = "its times are none"
         raise asked.unreadable(msg)
-    return {str(name): float(each) for name, each in times.items()}
+    return {name: float(times[name]) for name in TIMES if times}
