@@ -10,6 +10,7 @@ import os
 import socket
 import sys
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from math import inf
 from pathlib import Path
@@ -52,10 +53,19 @@ def find(served: Served, words: Any, _: Mapping[str, Array]) -> Message:
     kind: Any = next(each for each in KINDS if each.taken_by == words["kind"])
     served.word = words["word"]
     served.plugin = find_plugin(served.word, kind)
-    values = {each.name: getattr(served.plugin, each.name) for each in fields(kind)}
+    return declared(served.plugin, kind)
+
+
+def declared(plugin: Any, kind: Any) -> Message:
+    """What a plug-in declares, and which functions it has."""
+    values = {each.name: getattr(plugin, each.name) for each in fields(kind)}
     gives = [name for name, value in values.items() if callable(value)]
-    declared = {name: each for name, each in values.items() if name not in gives}
-    return Message(words={"declared": declared, "gives": gives})
+    words = {
+        name: value.item() if isinstance(value, np.generic) else value
+        for name, value in values.items()
+        if name not in gives
+    }
+    return Message(words={"declared": words, "gives": gives})
 
 
 def vectors_of(
@@ -143,29 +153,35 @@ def serve(more: Mapping[str, Question] | None = None) -> None:
     connection.set_inheritable(False)  # what the plug-in starts has no part in it
     content = json.loads((folder / "request.json").read_text(encoding="utf-8"))
     restrain(float(content["time_limit"]))
-    questions, served = {**QUESTIONS, **(more or {})}, Served()
-    source = connection.makefile("rb")
+    answer_all(connection, {**QUESTIONS, **(more or {})})
+    sys.stdout.flush()
+    os._exit(0)  # whatever threads and exit handlers the plug-in has left behind
+
+
+def answer_all(connection: socket.socket, questions: Mapping[str, Question]) -> None:
+    """Answer questions until the connection ends."""
+    served, source = Served(), connection.makefile("rb")
 
     def read(count: int) -> bytearray:
         found = bytearray(count)
         if source.readinto(found) < count:
-            sys.stdout.flush()
-            os._exit(0)  # whatever threads and exit handlers the plug-in has left
+            raise EOFError
         return found
 
-    while True:
-        asked = received(read, most=inf)
-        answer = _answer(questions[asked.words["question"]], served, asked)
-        for part in answer.parts():
-            connection.sendall(part)
+    with source, suppress(EOFError):
+        while True:
+            asked = received(read, most=inf)
+            question = questions[asked.words["question"]]
+            for part in _answer(question, served, asked):
+                connection.sendall(part)
 
 
-def _answer(question: Question, served: Served, asked: Message) -> Message:
+def _answer(question: Question, served: Served, asked: Message) -> list[memoryview]:
     try:
-        return question(served, asked.words["words"], asked.arrays)
+        return question(served, asked.words["words"], asked.arrays).parts()
     except PluginError as error:
         crashed = isinstance(error, CrashedPluginError)
-        kind = "crashed" if crashed else "refused"
-        return Message(words={"error": str(error), "kind": kind})
+        words = {"error": str(error), "kind": "crashed" if crashed else "refused"}
     except BaseException as error:  # SystemExit too: a plug-in must not end the cell
-        return Message(words={"error": str(told(error)), "kind": "failed"})
+        words = {"error": str(told(error)), "kind": "failed"}
+    return Message(words=words).parts()

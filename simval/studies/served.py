@@ -1,20 +1,15 @@
 """In the child: what studies ask of a plug-in, beside the plug-in's own answers."""
 
 from collections.abc import Mapping
-from types import SimpleNamespace
-from typing import Any
+from types import MappingProxyType, SimpleNamespace
+from typing import Any, Final
 
 import numpy as np
 
 from simval.arrays import Array
 from simval.plugins.messages import Message
-from simval.plugins.serving import Served, serve
+from simval.plugins.serving import Question, Served, serve
 from simval.studies.call_time import call_time
-
-
-def answer() -> None:
-    """Answer the questions of any study."""
-    serve({"series": _series, "times": _times, "trajectory": _trajectory})
 
 
 def _series(served: Served, words: Any, arrays: Mapping[str, Array]) -> Message:
@@ -38,3 +33,13 @@ def _trajectory(_: Served, words: Any, __: Mapping[str, Array]) -> Message:
         name: np.asarray(getattr(found, name), dtype=float) for name in (*BY_ROW, *ONCE)
     }
     return Message(words={}, arrays=arrays)
+
+
+MORE: Final[Mapping[str, Question]] = MappingProxyType(
+    {"series": _series, "times": _times, "trajectory": _trajectory}
+)
+
+
+def answer() -> None:
+    """Answer the questions of any study."""
+    serve(MORE)
