@@ -107,6 +107,7 @@ SERIES = Estimator(
 
 
 def row_by_row(b1, b2, r1, r2, weights):
+    assert b1.shape == (3,)
     assert weights.shape == (2,)
     return davenport(*(v[None] for v in (b1, b2, r1, r2)))[0]
 
@@ -126,21 +127,25 @@ def test_an_estimator_elsewhere_is_itself(estimator, tmp_path):
     noise = vector_noise("general", 2, 0.01)
     with Elsewhere(estimator, tmp_path) as other:
         for name in ("generic", "reference as body"):
-            _, vectors = exact_cases(name, 64)
+            _, vectors = exact_cases(name, 16)
             asked = [raw_attitudes(e, vectors, noise) for e in (estimator, other)]
             assert same(*asked)
             assert same(*(quaternions_of(e, vectors, None) for e in (estimator, other)))
         if estimator.covariance is not None:
             one = vector_noise("body", 2, 0.01)
             assert same(*(covariances_of(e, vectors, one) for e in (estimator, other)))
-        alone = replace(other, batch=False)
-        assert (
-            same(
-                raw_attitudes(alone, vectors[:4], noise),
-                raw_attitudes(replace(estimator, batch=False), vectors[:4], noise),
-            )
-            or estimator.batch
-        )
+
+
+def test_a_convention_that_is_tried_is_tried_there(tmp_path):
+    # one sample at a time, as the probe tries it
+    _, vectors = exact_cases("generic", 4)
+    with Elsewhere(ALONE, tmp_path) as other, Elsewhere(PAIRS, tmp_path) as many:
+        batch = replace(other, batch=True)
+        with pytest.raises(CrashedPluginError, match="alone raised"):
+            raw_attitudes(batch, vectors, vector_noise("body"))
+        matrix = replace(many, components="matrix")
+        with pytest.raises(PluginError, match=r"of shape \(4, 4\); it must"):
+            raw_attitudes(matrix, vectors)
 
 
 @pytest.mark.parametrize("order", [2, 4])
