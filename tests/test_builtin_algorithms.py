@@ -2,6 +2,7 @@
 
 import json
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,9 +25,11 @@ from simval.plugins import (
 from simval.plugins.builtin import BESIDE, BUILTIN, beside_builtin
 from simval.plugins.filter_protocol import Filter
 from simval.plugins.loading import chosen, find_again, overrides_of
+from simval.plugins.messages import Message
+from simval.plugins.session import Lost, Session
 from simval.plugins.sources import missing, sources
 from simval.streams import Streams
-from simval.studies import call_time, estimator
+from simval.studies import call_time, estimator, plugin
 from simval.sweep import load_run, run_suite
 from simval.sweep.documents import read_timing
 from simval.sweep.suite import expand, load_suite
@@ -243,26 +246,29 @@ def test_a_cell_brings_its_time_and_no_row_of_it(tmp_path):
     assert load_run(tmp_path / "run").timing["calls"] == before
 
 
-def test_no_time_is_taken_of_a_cell_that_nears_its_limit(monkeypatch):
-    from simval.studies import plugin
+class Asked(Session):
+    """A session that has taken some time, and whose process says some times."""
 
-    asked = []
-    monkeypatch.setattr(plugin, "call_time", lambda *given: asked.append(given) or {})
-    answers = []
-    monkeypatch.setattr(plugin, "respond", lambda rows: answers.append(rows))
-    monkeypatch.setattr(plugin, "perf_counter", iter((0.0, 149.0, 0.0, 151.0)).__next__)
+    def __init__(self, spent, times):
+        self.time_limit, self.end, self.times = 300.0, 300.0 - spent, times
+        self.who, self.folder, self.questions = "the plug-in", Path(), []
 
-    def compute(parameters, streams):
-        from simval.results import Outcome
+    @property
+    def left(self):
+        return self.end
 
-        return Outcome(rows=())
+    def ask(self, question, words, arrays=None, says=(), most=0.0):
+        self.questions.append(question)
+        return Message(words={"times": self.times})
 
-    compute.__module__ = "simval.studies.estimator"
-    plugin.answer(compute, estimator.Parameters)
-    values = estimator.Parameters(algorithm="simval:triad").model_dump(mode="json")
-    for _ in range(2):  # below half of 300 s, and above
-        answers[0]({"parameters": values, "seed": 1, "key": [1]})
-    assert [given[:2] for given in asked] == [("estimator.algorithm", "simval:triad")]
+
+def test_no_time_is_taken_of_a_cell_that_nears_its_limit():
+    parameters = estimator.Parameters(algorithm="simval:triad")
+    sound = dict.fromkeys(call_time.TIMES, 1.0)
+    for spent, times in ((149.0, sound), (151.0, {})):  # half of 300 s
+        asked = Asked(spent, sound)
+        assert plugin._times(asked, parameters) == times
+        assert asked.questions == (["times"] if times else [])
 
 
 @pytest.mark.parametrize(
@@ -284,13 +290,14 @@ def test_damaged_times_are_refused_in_words(tmp_path, calls):
 
 
 def test_a_forged_time_from_a_child_is_refused():
-    from pydantic import ValidationError
-
-    from simval.studies.plugin import Rows
-
-    for bad in (-1.0, 0.0, float("nan"), float("inf"), "x"):
-        with pytest.raises(ValidationError):
-            Rows.model_validate({"rows": [], "times": {"seconds": bad}})
+    parameters = estimator.Parameters(algorithm="simval:triad")
+    sound = dict.fromkeys(call_time.TIMES, 1.0)
+    for bad in (-1.0, 0.0, float("nan"), float("inf"), "x", None, True, [], 10**400):
+        with pytest.raises(Lost, match="its times are none"):
+            plugin._times(Asked(0.0, sound | {"ratio": bad}), parameters)
+    for bad in (sound | {"x": 1.0}, {"seconds": 1.0}, [1.0], "x"):
+        with pytest.raises(Lost, match="its times are none"):
+            plugin._times(Asked(0.0, bad), parameters)
 
 
 @pytest.mark.ci

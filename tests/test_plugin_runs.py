@@ -17,6 +17,7 @@ import pytest
 from places import EXAMPLES, ROOT
 from quick_align import ALIGN
 
+from simval.errors import CrashedPluginError
 from simval.plugins import (
     Calibrator,
     PluginError,
@@ -29,7 +30,6 @@ from simval.plugins.calibrator_probe import probe_sensor
 from simval.poses import fibonacci_sphere
 from simval.streams import Streams
 from simval.studies import calibrator, custom_scene, estimator
-from simval.studies.plugin import Rows, checked
 from simval.sweep import load_run, run_suite
 from simval.sweep.suite import expand
 from simval.text import LIMIT
@@ -142,34 +142,18 @@ def alive(pid):
     return False
 
 
-STATISTIC = {"family": "bias", "entries": ["x"], "controlled": False, "unit": "1"}
-ROW = {
-    "statistic": STATISTIC,
-    "value": 0.1,
-    "standard_error": 0.1,
-    "n": 1,
-    "predictor": "",
-    "remainder": 0.0,
-    "prediction": None,
-    "check": "plain",
-}
+class Said(child.Answer):
+    """An answer of one number."""
+
+    number: int = 0
 
 
 @pytest.mark.parametrize(
     ("answer", "words"),
     [
-        ({"rows": [{}]}, "no readable answer"),
-        ({"rows": [ROW | {"n": float("inf")}]}, "no readable answer"),
-        ({"rows": [ROW | {"n": 2**63}]}, "an entry that no store can hold"),
-        ({"rows": [ROW | {"statistic": "bias[x]"}]}, "no readable answer"),
-        *(
-            ({"rows": [ROW | {"statistic": STATISTIC | bad}]}, "no readable answer")
-            for bad in ({"family": "no such"}, {"entries": ["\x07"]}, {"unit": "\n"})
-        ),
-        ({"rows": [ROW | {"standard_error": -1.0}]}, "an entry that no store can hold"),
-        ({"rows": [ROW | {"check": []}]}, "no readable answer"),
-        ({"rows": [3]}, "no readable answer"),
-        ({"rows": []}, "measured nothing"),
+        ({"number": "x"}, "no readable answer"),
+        ({"number": []}, "no readable answer"),
+        ({"number": 0.5}, "no readable answer"),
         ({"error": "bad\nand worse"}, r"^bad \| and worse$"),
         ({"error": "x" * 10**5}, r"^x{900}"),
         ({"error": ["x"]}, "no readable answer"),
@@ -180,11 +164,33 @@ ROW = {
 def test_a_forged_answer_is_refused(tmp_path, answer, words):
     (tmp_path / "answer.json").write_text(json.dumps(answer))
     with pytest.raises(PluginError, match=words) as caught:
-        checked(child.read_answer(tmp_path, 0, Rows, "the plug-in"))
+        child.read_answer(tmp_path, 0, Said, "the plug-in")
     assert len(str(caught.value)) <= LIMIT
-    (tmp_path / "answer.json").write_text(json.dumps({"rows": [ROW]}))
-    (row,) = checked(child.read_answer(tmp_path, 0, Rows, "the plug-in")).rows
-    assert (str(row.statistic), row.value, row.n) == ("bias[x]", 0.1, 1)
+    (tmp_path / "answer.json").write_text(json.dumps({"number": 3}))
+    assert child.read_answer(tmp_path, 0, Said, "the plug-in").number == 3
+
+
+def test_an_answer_is_a_plain_file_of_a_size(tmp_path):
+    file, other = tmp_path / "answer.json", tmp_path / "other.json"
+    other.write_text("{}")
+
+    def great():
+        with file.open("wb") as content:
+            content.truncate(child.MAX_OUTPUT + 1)
+
+    for make in (
+        lambda: file.symlink_to(other),
+        lambda: file.symlink_to("/dev/zero"),
+        lambda: os.mkfifo(file),  # whose other end nobody has
+        file.mkdir,
+        great,
+    ):
+        make()
+        with pytest.raises(PluginError, match="left no readable answer"):
+            child.read_answer(tmp_path, 0, Said, "the plug-in")
+        file.rmdir() if file.is_dir() and not file.is_symlink() else file.unlink()
+    with pytest.raises(CrashedPluginError, match=r"exit code 0 without an answer$"):
+        child.read_answer(tmp_path, 0, Said, "the plug-in")
 
 
 @pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])

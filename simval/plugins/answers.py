@@ -17,6 +17,7 @@ from simval.errors import InputError, PluginError
 from simval.plugins.calling import answers
 from simval.plugins.noise import VectorNoise
 from simval.plugins.protocol import Estimator
+from simval.plugins.remote import RemoteEstimator
 from simval.plugins.rotations import (
     fault_of,
     finite_rows,
@@ -61,6 +62,8 @@ def raw_attitudes(
     noise: VectorNoise | None = None,
 ) -> Float[Array, "n ..."]:
     """Answers in the estimator's own convention; rows need not be attitudes."""
+    if isinstance(estimator, RemoteEstimator):
+        return estimator.attitudes(vectors, noise)
     name, shape = estimator.name, tail(estimator.components)
     found = answers(estimator, estimator.estimate, vectors, noise)
     what = "matrices" if estimator.components == "matrix" else "quaternions"
@@ -90,9 +93,14 @@ def covariances_of(
     """Ask an estimator for its covariances."""
     name = estimator.name
     assert estimator.covariance is not None
+    shape = (len(vectors[0]), 3, 3)
+    if isinstance(estimator, RemoteEstimator):
+        answered = estimator.covariances(vectors, noise)
+        covariances = array_of(name, "covariance", answered, shape)
+        check_covariance(name, covariances)
+        return covariances
     one = () if "noise_std" in estimator.reads else (noise.noise_std,)
     found = answers(estimator, estimator.covariance, vectors, noise, *one)
-    shape = (len(vectors[0]), 3, 3)
     if estimator.batch:
         covariances = array_of(name, "covariance", found[0], shape, (3, 3))
     else:

@@ -11,6 +11,7 @@ from simval.errors import PluginError
 from simval.plugins.answers import array_of, check_covariance
 from simval.plugins.calling import called
 from simval.plugins.protocol import BatchCalibrator, Calibrator
+from simval.plugins.remote import RemoteCalibrator
 from simval.sensor import forms
 from simval.sensor.estimated import FIXED, places_of
 from simval.shapes import Float
@@ -44,6 +45,9 @@ def calibration_of(
 ) -> Calibration:
     """Calibrate one set of poses."""
     name = calibrator.name
+    if isinstance(calibrator, RemoteCalibrator):
+        (found,) = calibrator.calibrations(poses[None], g, noise_std)
+        return _checked(name, calibrator, found)
     arguments: tuple[Any, ...] = (poses.copy(), g)
     if calibrator.noise_std:
         arguments = (*arguments, noise_std)
@@ -59,6 +63,9 @@ def calibrations_of(
     seconds: float,
 ) -> list[Calibration]:
     """Calibrate many sets of poses; in a batch, within some seconds for all."""
+    if isinstance(calibrator, RemoteCalibrator):
+        found = calibrator.calibrations(sets, g, noise_std, seconds)
+        return [_checked(calibrator.name, calibrator, each) for each in found]
     if not isinstance(calibrator, BatchCalibrator):
         return [calibration_of(calibrator, poses, g, noise_std) for poses in sets]
     name = calibrator.name

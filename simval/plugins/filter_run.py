@@ -23,6 +23,7 @@ from simval.plugins.filter_twice import (
     require_trials_alone,
 )
 from simval.plugins.filter_worlds import on_body_side, own_quaternions, to_scene
+from simval.plugins.remote_filter import RemoteFilter
 from simval.shapes import Float
 
 PARTS: Final = 8
@@ -57,6 +58,8 @@ def run_filter(
         between runs, or takes longer and longer for a row.
     """
     rows = _rows(keep, len(given.dt))
+    if isinstance(filter, RemoteFilter):
+        return filter.output(given, rows, world)
     trials: list[int | slice] = list(range(len(given.start)))
     if filter.batch:
         trials = [slice(0, len(given.start))]

@@ -2,42 +2,29 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simval import vocabulary
-from simval.errors import PluginError, UnusablePluginError
-from simval.plugins.child import Answer, asked
+from simval.errors import UnusablePluginError
 from simval.plugins.filter_frames import find_world
 from simval.plugins.filter_protocol import Filter
 from simval.plugins.filter_run import run_filter
-from simval.plugins.filter_signals import FilterInput, FilterOutput, Told
-from simval.plugins.loading import find_plugin, meant
+from simval.plugins.filter_signals import FilterInput, FilterOutput
+from simval.plugins.loading import meant
+from simval.plugins.remote_loading import remote
+from simval.plugins.session import session
 from simval.recorded.signals import Signals
 from simval.recorded.told import Start
 
 TIME_LIMIT: Final = vocabulary.FILTER_SECONDS
 
 MOST: Final = 200_000
-"""Rows whose answers are kept: covariances of six by six then fit the file that a child
-may write. Of a longer log rows are left out evenly."""
+"""Rows whose answers are kept: covariances of six by six are then 60 MB. Of a longer
+log rows are left out evenly."""
 
-PROGRAM: Final = (
-    "from simval.plugins.child import respond; "
-    "from simval.recorded.run import answer; respond(answer)"
-)
-
-
-class _Done(Answer):
-    """What the child says beside the arrays that it leaves."""
-
-    world: str = ""
-    how: str = ""
-    arrays: tuple[str, ...] = ()
+PROGRAM: Final = "from simval.plugins.serving import serve; serve()"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -102,105 +89,22 @@ def run_on_log(
     given = filter_input(found, start)
     stride = -(-len(given.dt) // MOST)
     keep = np.arange(stride - 1, len(given.dt), stride)
-    with TemporaryDirectory(prefix="simval-filter-") as folder:
-        _save(Path(folder), given, keep)
-        request = {"algorithm": algorithm, "folder": folder}
-        done = asked(PROGRAM, request, time_limit, _Done, f"the filter {name}")
-        try:
-            arrays = {
-                name: np.load(Path(folder, f"out_{name}.npy"), allow_pickle=False)
-                for name in done.arrays
-                if name in _OUTPUTS
-            }
-            output = _output(arrays, keep)
-        except (OSError, ValueError, EOFError, KeyError) as error:
-            msg = f"the filter {name} left no readable answer ({error})"
-            raise PluginError(msg) from None
+    rate = 1.0 / float(np.median(given.dt))
+    with session(PROGRAM, time_limit, f"the filter {name}") as asked:
+        filter = remote(asked, algorithm, Filter)
+        world = find_world(filter, given.told, rate)
+        output = run_filter(filter, given, keep, world.world)
+    how = "declared" if filter.world else "found"
     return FilterRun(
         name=name,
-        world=done.world,
-        how=done.how,
+        world=world.world,
+        how=f"{how}: {filter.name} {world.words}",
         output=_in_log(output, start.row + 1),
         thinned=stride > 1,
     )
 
 
 _OUTPUTS: Final = tuple(each.name for each in fields(FilterOutput))
-_INPUTS: Final = ("dt", "gyroscope", "accelerometer", "magnetometer", "start")
-
-
-def _save(folder: Path, given: FilterInput, keep: NDArray[np.intp]) -> None:
-    np.save(folder / "keep.npy", keep)
-    for name in _INPUTS:
-        np.save(folder / f"{name}.npy", getattr(given, name))
-    told = [np.atleast_1d(getattr(given.told, each.name)) for each in fields(Told)]
-    np.save(folder / "told.npy", np.concatenate(told))
-
-
-def _load(folder: Path) -> tuple[FilterInput, NDArray[np.intp]]:
-    values: list[float] = np.load(folder / "told.npy").tolist()
-    told: dict[str, Any] = {}
-    for each in fields(Told):
-        if each.name == "field":
-            told["field"], values = np.array(values[:3]), values[3:]
-        else:
-            told[each.name], values = values[0], values[1:]
-    arrays: dict[str, Any] = {name: np.load(folder / f"{name}.npy") for name in _INPUTS}
-    return FilterInput(**arrays, told=Told(**told)), np.load(folder / "keep.npy")
-
-
-def answer(request: dict[str, Any]) -> dict[str, Any]:
-    """In the child: find the world of a filter, run it, and leave its arrays."""
-    filter = find_plugin(str(request["algorithm"]), Filter)
-    folder = Path(str(request["folder"]))
-    given, keep = _load(folder)
-    rate = 1.0 / float(np.median(given.dt))
-    found = find_world(filter, given.told, rate)
-    output = run_filter(filter, given, keep, found.world)
-    left = []
-    for name in _OUTPUTS:
-        value = getattr(output, name)
-        if value is not None:
-            np.save(folder / f"out_{name}.npy", value)
-            left.append(name)
-    how = "declared" if filter.world else "found"
-    return {
-        "world": found.world,
-        "how": f"{how}: {filter.name} {found.words}",
-        "arrays": left,
-    }
-
-
-def _output(arrays: dict[str, Any], keep: NDArray[np.intp]) -> FilterOutput:
-    # what a child left is believed only in its shapes
-    count = len(keep)
-    expected: dict[str, tuple[int | None, ...]] = {
-        "attitude": (1, count, 4),
-        "covariance": (1, count, None, None),
-        "bias": (1, count, 3),
-        "innovation": (1, count, None),
-        "innovation_covariance": (1, count, None, None),
-        "seconds": (None,),
-    }
-    for name, shape in expected.items():
-        value = arrays.get(name)
-        if value is None:
-            continue
-        fits = value.ndim == len(shape) and all(
-            want in (None, have) for want, have in zip(shape, value.shape, strict=True)
-        )
-        if not fits or value.dtype != np.float64 or not np.isfinite(value).all():
-            msg = f"{name} has shape {value.shape} and type {value.dtype}"
-            raise ValueError(msg)
-    return FilterOutput(
-        kept=keep,
-        attitude=arrays["attitude"],
-        covariance=arrays.get("covariance"),
-        bias=arrays.get("bias"),
-        innovation=arrays.get("innovation"),
-        innovation_covariance=arrays.get("innovation_covariance"),
-        seconds=arrays["seconds"],
-    )
 
 
 def _in_log(output: FilterOutput, first: int) -> FilterOutput:

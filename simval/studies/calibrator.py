@@ -149,7 +149,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         limit += AROUND
     elif parameters.algorithm.startswith(COMMAND):
         limit *= ceil(parameters.trials / CALLS)
-    return isolated(compute, parameters, streams, limit)
+    return isolated(outcome, parameters, streams, limit, Calibrator)
 
 
 def compute(parameters: Parameters, streams: Streams) -> Outcome:

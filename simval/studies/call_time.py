@@ -55,6 +55,9 @@ BUDGET = 1.0
 LEAST = 1e-9
 """Seconds that a call takes at the least: what the clock can tell."""
 
+TIMES: Final = ("seconds", "builtin_seconds", "ratio", "turns", "items")
+"""What is told of the calls, each greater than 0."""
+
 Call = Callable[[], object]
 
 

@@ -165,7 +165,7 @@ def claim_off(moments: tuple[Array, Array]) -> float:
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Measure the plug-in in a child process."""
-    return isolated(compute, parameters, streams, parameters.time_limit)
+    return isolated(outcome, parameters, streams, parameters.time_limit, Estimator)
 
 
 def compute(parameters: Parameters, streams: Streams) -> Outcome:

@@ -12,22 +12,26 @@ what cubature differs from it by.
 """
 
 import traceback
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from simval.arrays import Array
 from simval.errors import PluginError
 from simval.geometry import attitude_matrix
 from simval.moments import Moments
-from simval.plugins import calling
+from simval.plugins import Estimator, calling
+from simval.plugins.noise import VectorNoise
+from simval.plugins.remote import RemoteEstimator
 from simval.plugins.rotations import tail
 from simval.results import Row, plain
 from simval.statistics import BIAS, COVARIANCE, ORDER_2, ORDER_4
 from simval.studies.estimator_setting import Moments as MeanAndCovariance
 from simval.studies.estimator_setting import Setting
 from simval.text import message_of
-from simval.theory.series import series_moments
+from simval.theory.series import Series, algebra, series_moments
 
 AXES = ("x", "y", "z")
 
@@ -46,8 +50,7 @@ def series_of(setting: Setting, noise_std: float, order: int) -> Moments:
 
     def error(*vectors: NDArray[np.object_]) -> NDArray[np.object_]:
         try:
-            answer = calling.one_answer(plugin, [v[None] for v in vectors], truth, told)
-            return _rotation(setting, np.asarray(answer, dtype=object))
+            return _rotation(setting, _answer(plugin, list(vectors), truth, told))
         except Exception as fault:  # whatever a user's function may raise
             raised.append(fault)
             raise
@@ -58,13 +61,90 @@ def series_of(setting: Setting, noise_std: float, order: int) -> Moments:
         )
     except Exception as fault:  # of the plug-in, or of what it answered
         own = raised[0] if raised else fault
-        msg = (
-            f"{plugin.name} declares series=True, and `estimate` cannot work with "
-            f"power series{_place(own)}: {message_of(own)}; use + - * / **, abs, "
-            "comparisons and numpy.sqrt, or do not declare it"
-        )
-        raise PluginError(msg) from None
+        if isinstance(plugin, RemoteEstimator) and isinstance(own, PluginError):
+            raise own from None  # what its process says of it
+        raise _unable(plugin.name, own) from None
     return Moments(bias=-moments.bias, covariance=moments.covariance)
+
+
+def _answer(
+    plugin: Estimator,
+    vectors: list[NDArray[np.object_]],
+    truth: list[Array],
+    noise: VectorNoise,
+) -> NDArray[np.object_]:
+    """Answer to vectors of power series, (3,) each."""
+    if isinstance(plugin, RemoteEstimator):
+        return _answered_elsewhere(plugin, vectors, truth, noise)
+    found = calling.one_answer(plugin, [v[None] for v in vectors], truth, noise)
+    return np.asarray(found, dtype=object)
+
+
+def _answered_elsewhere(
+    plugin: RemoteEstimator,
+    vectors: list[NDArray[np.object_]],
+    truth: list[Array],
+    noise: VectorNoise,
+) -> NDArray[np.object_]:
+    tables = vectors[0][0].algebra
+    words = {
+        "dimension": tables.dimension,
+        "degree": tables.degree,
+        "noise": {"tangent": noise.tangent, "noise_std": noise.noise_std},
+    }
+    arrays = {
+        "vectors": np.array([[each.coefficients for each in v] for v in vectors]),
+        "truth": np.array(truth),
+        "unit": noise.unit,
+    }
+    session = plugin.session
+    found = session.ask("series", words, arrays).arrays
+    terms, plain = (found.get(name, np.empty(0)) for name in ("terms", "plain"))
+    if terms.ndim == 0 or terms.shape != (*plain.shape, len(tables.means)):
+        msg = f"terms of the shape {terms.shape}"
+        raise session.unreadable(msg)
+    answer = np.empty(plain.shape, dtype=object)
+    for place in np.ndindex(plain.shape):
+        own = terms[place]
+        answer[place] = float(own[0]) if plain[place] else Series(own, tables)
+    return answer
+
+
+def series(
+    plugin: Estimator, words: Mapping[str, Any], arrays: Mapping[str, Array]
+) -> dict[str, Array]:
+    """In the plug-in's process: its answer to power series, by their terms.
+
+    Raises
+    ------
+    PluginError
+        If it cannot work with them.
+    """
+    tables = algebra(words["dimension"], words["degree"])
+    vectors = [
+        np.array([Series(own, tables) for own in v], dtype=object)
+        for v in arrays["vectors"]
+    ]
+    noise = VectorNoise(unit=arrays["unit"], **words["noise"])
+    try:
+        answer = _answer(plugin, vectors, list(arrays["truth"]), noise)
+        one = vectors[0][0] * 0.0
+        plain = np.array([not isinstance(each, Series) for each in answer.flat])
+        terms = [(one + each).coefficients for each in answer.flat]
+    except Exception as fault:  # whatever a user's function may raise
+        raise _unable(plugin.name, fault) from None
+    return {
+        "terms": np.reshape(terms, (*answer.shape, len(tables.means))),
+        "plain": plain.reshape(answer.shape),
+    }
+
+
+def _unable(name: str, fault: Exception) -> PluginError:
+    return PluginError(
+        f"{name} declares series=True, and `estimate` cannot work with "
+        f"power series{_place(fault)}: {message_of(fault)}; use + - * / **, abs, "
+        "comparisons and numpy.sqrt, or do not declare it"
+    )
 
 
 def _place(error: BaseException) -> str:

@@ -158,7 +158,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Measure the filter, a user's in a child process."""
     if parameters.reference:
         return animated(parameters, compute(parameters, streams))
-    found = isolated(compute, parameters, streams, parameters.time_limit)
+    found = isolated(outcome, parameters, streams, parameters.time_limit, Filter)
     return animated(parameters, found)
 
 

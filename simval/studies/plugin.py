@@ -8,20 +8,24 @@ It is the study that starts the child, so it is the same under every scheduler.
 import os
 import platform
 from collections.abc import Callable, Container, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
 from math import inf
-from time import perf_counter
 from typing import Annotated, Any, Self, TypeVar
 
 import numpy as np
 from pydantic import AfterValidator, Field, PrivateAttr, model_validator
 
 from simval.errors import PluginError
-from simval.plugins.child import Answer, asked, respond
+from simval.plugins.child import told
 from simval.plugins.names import located, portable
+from simval.plugins.protocol import Plugin
+from simval.plugins.remote_loading import remote
+from simval.plugins.session import Session, session
 from simval.plugins.sources import missing, sources
-from simval.results import ROWS, Outcome, Row
+from simval.results import Outcome
 from simval.streams import Streams
-from simval.studies.call_time import call_time
+from simval.studies.call_time import TIMES
 from simval.studies.study import StudyParameters
 
 PluginName = Annotated[
@@ -91,89 +95,69 @@ def _changes(old: Mapping[str, str], new: Mapping[str, str]) -> Iterator[str]:
             yield f"{key} {how}"
 
 
-Number = Annotated[float, Field(ge=-2.0, le=2.0)]
-"""Component of a quaternion."""
-
-
-class Rows(Answer):
-    """What the child leaves: the rows of its cell, and the time of a call."""
-
-    rows: tuple[Row, ...] = ()
-    estimate: tuple[tuple[Number, Number, Number, Number], ...] = ()
-    times: dict[str, Annotated[float, Field(gt=0.0, allow_inf_nan=False)]] = Field(
-        default_factory=dict
-    )
-
-
 ESTIMATE = "estimate"
 """Name under which a study of a filter leaves the attitudes of one trial."""
 
+PROGRAM = "from simval.studies.served import answer; answer()"
+
 Model = TypeVar("Model", bound=PluginParameters)
-Compute = Callable[[Model, Streams], Outcome]
+Kind = TypeVar("Kind", bound=Plugin)
 
 
 def isolated(
-    compute: Compute[Model], parameters: Model, streams: Streams, time_limit: float
+    outcome: Callable[[Kind, Model, Streams], Outcome],
+    parameters: Model,
+    streams: Streams,
+    time_limit: float,
+    kind: type[Kind],
 ) -> Outcome:
-    """Compute a cell in a child process: ``compute(parameters, streams)``.
+    """Measure a plug-in that a child process runs: ``outcome(plugin, ...)``.
 
     Raises
     ------
     PluginError
-        If the plug-in is another one now, the child did not answer, or its answer is
-        not made of rows.
+        If the plug-in is another one now, breaks a rule, or its process raised, ended
+        or answered nothing in time.
+    """
+    with opened(parameters, time_limit) as asked:
+        plugin = remote(asked, parameters.word, kind)
+        measured = outcome(plugin, parameters, streams)
+        return replace(measured, times=_times(asked, parameters))
+
+
+@contextmanager
+def opened(parameters: PluginParameters, time_limit: float) -> Iterator[Session]:
+    """Open a process for a plug-in; what cannot be measured is the plug-in's doing.
+
+    Raises
+    ------
+    PluginError
+        As `isolated`.
     """
     parameters.require_same_sources()
-    function, model = compute.__name__, type(parameters).__name__
-    program = (
-        f"from {__name__} import answer; "
-        f"from {compute.__module__} import {function}, {model}; "
-        f"answer({function}, {model})"
-    )
-    request = {
-        "parameters": parameters.model_dump(mode="json"),
-        "seed": streams.seed,
-        "key": list(streams.key),
-    }
-    return checked(asked(program, request, time_limit, Rows, "the plug-in"))
+    # numbers that overflow are judged, not announced
+    with (
+        session(PROGRAM, time_limit, "the plug-in") as asked,
+        np.errstate(all="ignore"),
+    ):
+        try:
+            yield asked
+        except Exception as error:
+            raise told(error) from error
 
 
-def answer(compute: Compute[Model], model: type[Model]) -> None:
-    """Compute the cell that is asked for, in the child."""
-
-    def rows(request: Any) -> dict[str, Any]:
-        # they were validated where they were made: the child only computes
-        parameters = model.model_construct(**request["parameters"])
-        streams = Streams(request["seed"], tuple(request["key"]))
-        started = perf_counter()
-        measured = compute(parameters, streams)
-        times = {}
-        if perf_counter() - started < SHARE * getattr(parameters, "time_limit", inf):
-            study = compute.__module__.rpartition(".")[2]
-            times = call_time(f"{study}.{model.plugin}", parameters.word, parameters)
-        left: Any = measured.artifacts.get(ESTIMATE, {})
-        return {
-            "rows": ROWS.dump_python(measured.rows, mode="json"),
-            "estimate": left[ESTIMATE].tolist() if left else [],
-            "times": times,
-        }
-
-    respond(rows)
-
-
-def checked(answer: Rows) -> Outcome:
-    """Outcome of a cell whose child has answered.
-
-    Raises
-    ------
-    PluginError
-        If the rows are such as cannot be measured.
-    """
-    if not answer.rows:
-        msg = "the plug-in's process measured nothing"
-        raise PluginError(msg)
-    if not all(0 <= r.n < 2**63 and not r.standard_error < 0.0 for r in answer.rows):
-        msg = "the plug-in's process left an entry that no store can hold"
-        raise PluginError(msg)
-    left = {ESTIMATE: {ESTIMATE: np.array(answer.estimate)}} if answer.estimate else {}
-    return Outcome(rows=answer.rows, artifacts=left, times=answer.times)
+def _times(asked: Session, parameters: PluginParameters) -> dict[str, float]:
+    """Time of a call, measured where it is made, if the cell leaves the time for it."""
+    limit = float(getattr(parameters, "time_limit", inf))
+    if not asked.spent < SHARE * limit:
+        return {}
+    given = {"parameters": parameters.model_dump(mode="json")}
+    times = asked.ask("times", given, says=("times",)).words["times"]
+    if times and not (
+        isinstance(times, dict)
+        and times.keys() == set(TIMES)
+        and all(type(t) in (int, float) and 0.0 < t < 1e300 for t in times.values())
+    ):
+        msg = "its times are none"
+        raise asked.unreadable(msg)
+    return {name: float(times[name]) for name in TIMES if times}
