@@ -10,7 +10,7 @@ from simval.results import Outcome
 from simval.selftest.fault import Fault, after, wrapped
 from simval.statistics import NEES
 from simval.studies import attitude
-from simval.sweep import executors, runner, store
+from simval.sweep import crew, executors, store
 
 
 def run_faults() -> list[Fault]:
@@ -66,10 +66,10 @@ def _cells() -> list[Fault]:
         return original(path, list(cells)[:-1], manifest)
 
     return [
-        _fault("a worker drops a cell", wrapped(runner, "serial", drop), stops=True),
+        _fault("a worker drops a cell", wrapped(crew, "serial", drop), stops=True),
         _fault(
             "results under another cell's name",
-            wrapped(runner, "serial", swapped),
+            wrapped(crew, "serial", swapped),
             baseline=True,
         ),
         _fault("a cell crashes", wrapped(executors, "execute", crash), crash=True),
