@@ -22,7 +22,7 @@ from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection
 from multiprocessing.connection import wait as wait_for_any
 from threading import Thread
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from simval.errors import CrashedPluginError, PluginError
 from simval.plugins.names import told_anywhere
@@ -144,6 +144,7 @@ Flying = dict[Future[list[Done]], Batch]
 """The batches in flight."""
 
 
+@runtime_checkable
 class Submits(Protocol):
     """What takes batches: a pool, or a cluster."""
 

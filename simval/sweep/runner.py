@@ -27,7 +27,7 @@ from simval.sweep.crew import Crew, gathered
 from simval.sweep.endings import ENDINGS, Ending, ending_of, worse
 from simval.sweep.folder import check_same, create, keep, locked, write
 from simval.sweep.grid import Chosen
-from simval.sweep.machines import Machines
+from simval.sweep.machines import environments
 from simval.sweep.parquet import (
     FOLDER,
     has_pyarrow,
@@ -174,8 +174,7 @@ def _fill(
     with locked(folder), store.writing(folder / "run.sqlite") as database:
         unseal(database)
         write(folder / "timing.json", json.dumps({"plugins": places}) + "\n")
-        machines = Machines(database)
-        done = _compute(database, folder, suite, crew, progress, work, machines)
+        done = _compute(database, folder, suite, crew, progress, work)
         parquet, text = forms(store.size(database))
         spent = dict(store.seconds(database)) if text else {}
         timing = {
@@ -193,7 +192,7 @@ def _fill(
             "plugins": places,
         }
         manifest = store.manifest(database)
-        manifest["environments"] = machines.environments()
+        manifest["environments"] = environments(store.entry(database, store.MACHINES))
         store.keep_manifest(database, manifest)
         store.keep(database, store.WORST, None)
         _write_tables(database, folder, parquet, text)
@@ -209,7 +208,6 @@ def _compute(
     crew: Crew,
     progress: Progress,
     work: Work | None,
-    machines: Machines,
 ) -> int:
     """Compute the missing cells; return how many were finished before."""
     cells, pending = suite.cells, store.unfinished(database)
@@ -224,7 +222,7 @@ def _compute(
             keep(folder / "artifacts", each.artifacts)
             if each.ending not in ("failed", "refused"):
                 worst = worse(worst, each.ending)
-        store.finish(database, batch, worst, machines.count(batch))
+        store.finish(database, batch, worst)
         for each in batch:
             progress.advance(each.cell[1], each.ending)
     left = store.count(database, "pending")

@@ -32,6 +32,7 @@ from simval.sweep.entries import (
     digest_of,
     digest_of_entries,
 )
+from simval.sweep.machines import counted
 
 SCHEMA_VERSION = 2
 ROW_COLUMNS = ", ".join(f'"{name}"' for name in NAMED)
@@ -161,9 +162,7 @@ def digest_of_cell(cell: sqlite3.Row, rows: Iterable[Stored]) -> str:
     return digest_of_entries([cell[name] for name in CELL_FIELDS], rows)
 
 
-def finish(
-    database: sqlite3.Connection, batch: Sequence[Done], worst: str, machines: str = ""
-) -> None:
+def finish(database: sqlite3.Connection, batch: Sequence[Done], worst: str) -> None:
     """Store cells that have ended with their rows, in one transaction."""
     marks = ", ".join("?" * (2 + len(ROW_FIELDS)))
     with database:
@@ -180,7 +179,7 @@ def finish(
             times = json.dumps(dict(done.times)) if done.times else None
             _set(database, f"{TIMES}{done.cell[1]}", times)
         _set(database, WORST, worst)
-        _set(database, MACHINES, machines or None)
+        _set(database, MACHINES, counted(entry(database, MACHINES), batch))
 
 
 def keep_manifest(database: sqlite3.Connection, content: Mapping[str, Any]) -> None:
