@@ -12,6 +12,8 @@ import time
 from places import ROOT
 from test_executors import free_port
 
+from simval.sweep import store
+
 QUIET = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
 
 # sends one more line than the other; not a number of any study
@@ -109,3 +111,19 @@ def until(condition, seconds=90):
         assert time.monotonic() < limit
         with contextlib.suppress(KeyboardInterrupt):
             time.sleep(0.05)
+
+
+def finished(folder):
+    """Number of finished cells of a run."""
+    if not (folder / "run.sqlite").exists():
+        return 0
+    with store.opened(folder / "run.sqlite") as database:
+        return store.count(database, "done")
+
+
+def poisoned(folder):
+    """A path by which a Python starts with what `poison` does."""
+    site = folder / "site"
+    site.mkdir(exist_ok=True)
+    (site / "sitecustomize.py").write_text("import poison; poison.install()\n")
+    return os.pathsep.join([str(site), str(ROOT)])
