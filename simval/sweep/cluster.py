@@ -199,7 +199,12 @@ def _on_worker(batch: Batch) -> list[Done]:
 @contextmanager
 def _own_words() -> Iterator[None]:
     """Keep what `distributed` logs about lost connections: we say it ourselves."""
-    loggers = [logging.getLogger(name) for name in ("distributed", "tornado")]
+    known = ("distributed", "tornado", *logging.root.manager.loggerDict)
+    loggers = [
+        logging.getLogger(name)
+        for name in dict.fromkeys(known)
+        if name.partition(".")[0] in ("distributed", "tornado")
+    ]
     before = [logger.level for logger in loggers]
     for logger in loggers:
         logger.setLevel(logging.CRITICAL + 1)
