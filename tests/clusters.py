@@ -50,7 +50,7 @@ class Cluster:
         self.folder, self.words = folder, words
         self.address = f"{scheme}://127.0.0.1:{free_port()}"
         port = self.address.rpartition(":")[2]
-        self.workers = []
+        self.workers, self.drivers = [], []
         self.scheduler = self._start(
             "dask_scheduler", "--host", self.address.rpartition(":")[0], "--port", port
         )
@@ -70,19 +70,26 @@ class Cluster:
         self.workers.append(self._start("dask_worker", *words, **options))
         return self.workers[-1]
 
+    def sweep(self, suite, folder, *words, address=None, **options):
+        """Have a driver sweep on it, as a process."""
+        where = ("--scheduler", address or self.address)
+        self.drivers.append(sweep(suite, folder, *where, *words, **options))
+        return self.drivers[-1]
+
     def await_workers(self, count):
         from distributed import Client
 
         with Client(self.address, timeout=60, set_as_default=False) as client:
-            client.wait_for_workers(count, timeout=60)
+            if count:
+                client.wait_for_workers(count, timeout=60)
 
     def __enter__(self):
         return self
 
     def __exit__(self, *error):
-        for process in (*self.workers, self.scheduler):
+        for process in (*self.drivers, *self.workers, self.scheduler):
             process.kill()
-            process.wait()
+            process.communicate()
 
 
 def sweep(suite, folder, *words, source=ROOT, **environment):
@@ -101,6 +108,7 @@ def sweep(suite, folder, *words, source=ROOT, **environment):
 def ended(process, timeout=120):
     """Exit code, standard output and standard error of a process."""
     out, err = process.communicate(timeout=timeout)
+    process.communicate = lambda: None  # its pipes are closed
     return process.returncode, out, err
 
 

@@ -6,7 +6,7 @@ import subprocess
 import time
 
 import pytest
-from clusters import Cluster, ended, finished, poisoned, sweep, until
+from clusters import Cluster, ended, finished, poisoned, until
 
 from simval.errors import LostClusterError
 from simval.sweep import run_suite
@@ -31,19 +31,18 @@ def suite(tmp_path):
 def test_no_worker_is_waited_for_so_long_and_said(suite, tmp_path):
     with Cluster(tmp_path) as cluster:
         cluster.await_workers(0)
-        words = ("--scheduler", cluster.address, "--wait", 1)
-        code, _, err = ended(sweep(suite, tmp_path / "run", *words))
+        code, _, err = ended(cluster.sweep(suite, tmp_path / "run", "--wait", 1))
         assert code == 2, err
         assert "has no worker that may compute; waiting 1 s for one" in err
         assert f"start `dask worker {cluster.address}`" in err
         assert not (tmp_path / "run").exists()
         # one that joins meanwhile is used, and Ctrl-C ends the wait
-        driver = sweep(suite, tmp_path / "run", "--scheduler", cluster.address)
+        driver = cluster.sweep(suite, tmp_path / "run")
         time.sleep(1.0)
         cluster.join()
         assert ended(driver)[0] == 0
         cluster.workers[0].kill()
-        driver = sweep(suite, tmp_path / "new", "--scheduler", cluster.address)
+        driver = cluster.sweep(suite, tmp_path / "new")
         assert "waiting 60 s" in driver.stderr.readline()
         driver.send_signal(signal.SIGINT)
         start = time.monotonic()
@@ -58,7 +57,7 @@ def lost(suite, tmp_path, which):
         slow = {"SIMVAL_TEST_POISON": "slow:0.5", "source": poisoned(tmp_path)}
         worker = cluster.join(**slow)
         cluster.await_workers(1)
-        driver = sweep(suite, folder, "--scheduler", cluster.address, "--wait", 2)
+        driver = cluster.sweep(suite, folder, "--wait", 2)
         until(lambda: finished(folder) > 0)
         (worker if which == "worker" else cluster.scheduler).kill()
         code, out, err = ended(driver)
@@ -145,12 +144,11 @@ def test_a_cluster_with_certificates_takes_no_other_driver(
 ):
     with Cluster(tmp_path, scheme="tls", **certificate) as cluster:
         cluster.join()
-        words = ("--scheduler", cluster.address)
-        code, _, err = ended(sweep(suite, tmp_path / "run", *words, **certificate))
+        code, _, err = ended(cluster.sweep(suite, tmp_path / "run", **certificate))
         assert code == 0, err
         for address in (cluster.address, cluster.address.replace("tls", "tcp")):
-            words = ("--scheduler", address)
-            code, _, err = ended(sweep(suite, tmp_path / "other", *words))
+            driver = cluster.sweep(suite, tmp_path / "other", address=address)
+            code, _, err = ended(driver)
             assert code == 2, err
             assert "there is no scheduler at" in err
             assert "Traceback" not in err

@@ -14,7 +14,6 @@ from clusters import (
     finished,
     plain,
     poisoned,
-    sweep,
     until,
 )
 
@@ -51,11 +50,10 @@ def stranger(tmp_path):
 def test_a_worker_of_other_source_computes_nothing(suite, stranger, tmp_path):
     run_suite(str(suite), tmp_path / "alone")
     with Cluster(tmp_path) as cluster:
-        cluster.join()
+        cluster.join(SIMVAL_TEST_POISON="slow:0.3", source=poisoned(tmp_path))
         cluster.join(source=stranger)
         cluster.await_workers(2)
-        words = ("--scheduler", cluster.address)
-        code, _, err = ended(sweep(suite, tmp_path / "run", *words))
+        code, _, err = ended(cluster.sweep(suite, tmp_path / "run"))
     assert code == 0, err
     assert err.count("computes nothing: its source code is") == 1
     assert digest(tmp_path / "run") == digest(tmp_path / "alone")
@@ -70,8 +68,7 @@ def test_a_stranger_that_joins_late_computes_nothing_though_it_is_alone(
     with Cluster(tmp_path) as cluster:
         good = cluster.join(SIMVAL_TEST_POISON="slow:0.5", source=poisoned(tmp_path))
         cluster.await_workers(1)
-        words = ("--scheduler", cluster.address, "--wait", 8)
-        driver = sweep(suite, folder, *words)
+        driver = cluster.sweep(suite, folder, "--wait", 8)
         until(lambda: finished(folder) > 0)
         cluster.join(source=stranger)
         cluster.await_workers(2)
@@ -96,8 +93,7 @@ def test_other_kernels_compute_where_that_is_asked_for(suite, tmp_path, simval):
     with Cluster(tmp_path) as cluster:
         cluster.join(**OTHER_KERNELS)
         cluster.await_workers(1)
-        words = ("--scheduler", cluster.address)
-        code, _, err = ended(sweep(suite, tmp_path / "refused", *words))
+        code, _, err = ended(cluster.sweep(suite, tmp_path / "refused"))
         assert code == 2, err
         assert "every worker" in err
         assert "processor kernels (" in err
@@ -105,7 +101,7 @@ def test_other_kernels_compute_where_that_is_asked_for(suite, tmp_path, simval):
         assert not (tmp_path / "refused").exists()
         cluster.join()
         cluster.await_workers(2)
-        driver = sweep(suite, tmp_path / "mixed", *words, "--mixed-kernels")
+        driver = cluster.sweep(suite, tmp_path / "mixed", "--mixed-kernels")
         code, _, err = ended(driver)
         assert code == 0, err
     run = load_run(tmp_path / "mixed")

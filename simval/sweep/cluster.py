@@ -20,6 +20,10 @@ CONNECT_TIMEOUT = 10.0  # s
 WAIT = 60.0
 """How long a sweep waits for a worker while there is none, s."""
 
+ANSWER = 60.0
+"""How long a worker that is there may take to say what it is, s: it has to import simval
+first, from a file system that may be slow."""
+
 PAUSE = 0.1
 """Between two looks for a worker while there is none, s."""
 
@@ -112,13 +116,14 @@ class Crowd:
         While there is none, a question to any is open, so that a cluster that grows on
         demand sees a demand.
         """
-        limit = time.monotonic() + self._wait
+        start = time.monotonic()
         demand = self.client.submit(here, pure=False)
         said = False
         try:
             while not self.roster.threads:
                 self.roster.look()
-                late = time.monotonic() >= limit
+                patience = max(self._wait, ANSWER) if self.roster.asked else self._wait
+                late = time.monotonic() - start >= patience
                 if late or (at_start and self._all_differ()):
                     raise self._nobody(at_start)
                 if not (said or self.roster.asked or self.roster.threads):
