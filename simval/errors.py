@@ -62,3 +62,7 @@ class UnusablePluginError(PluginError, InputError):
     """A plug-in that is not there, or cannot be loaded as it was given."""
 
     exit_code = 2
+
+
+class LostClusterError(RefusedError):
+    """A cluster whose scheduler or workers are gone; finished cells are kept."""

@@ -4,6 +4,7 @@ import hashlib
 import json
 import time
 from multiprocessing import get_context
+from types import SimpleNamespace
 
 import pytest
 from stores import edited
@@ -116,7 +117,8 @@ def test_resume_of_another_suite_is_refused_with_the_difference(tiny_suite, tiny
 def test_resume_after_a_change_of_the_source_is_refused(
     tiny_suite, tiny_run, monkeypatch
 ):
-    monkeypatch.setattr(provenance, "source_hash", lambda: "another")
+    other = SimpleNamespace(source="another")
+    monkeypatch.setattr(provenance, "loaded", lambda: other)
     with pytest.raises(InputError, match=r"source: .* -> another"):
         run_suite(str(tiny_suite), tiny_run, resume=True)
 

@@ -37,8 +37,8 @@ from simval.gate.formats import (
 )
 from simval.gate.reasons import moved_kinds, reasons_given
 from simval.sweep import load_run
-from simval.sweep.provenance import source_hash
 from simval.sweep.run import Run
+from simval.sweep.source import source_hash
 from simval.text import one_line
 from simval.verdict import Answer
 

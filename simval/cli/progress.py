@@ -45,6 +45,10 @@ class Quiet(Silence):
         """Say nothing."""
         heed()
 
+    def tell(self, words: str) -> None:
+        """Say what became of a worker: silence would hide it."""
+        click.echo(words, err=True)
+
 
 class CellBar:
     """Progress of a sweep: how many cells, how long still, which are at work.
@@ -90,6 +94,10 @@ class CellBar:
                 self._left.end(name, time.monotonic())
         self._line.show(self._done, self._words)
         heed()
+
+    def tell(self, words: str) -> None:
+        """Say what became of a worker, on a line of its own."""
+        tqdm.write(words, file=sys.stderr)
 
     def _words(self) -> str:
         """What stands behind the count of cells."""

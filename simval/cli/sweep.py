@@ -10,10 +10,12 @@ import click
 
 from simval.cli.options import refuse_if, stated
 from simval.cli.progress import CellBar, Quiet
+from simval.errors import LostClusterError
 from simval.plugins.builtin import beside_builtin
 from simval.plugins.loading import chosen, spelled
 from simval.sweep import Suite, load_suite, store
 from simval.sweep.cells import REFUSED
+from simval.sweep.identity import StrangerError
 from simval.sweep.run import RUNS
 from simval.sweep.runner import LARGE, drive, forms
 
@@ -38,6 +40,8 @@ def run(
     resume: bool,
     dry_run: bool,
     quiet: bool,
+    wait: float,
+    mixed_kernels: bool,
 ) -> int:
     """Do what `simval sweep` is asked."""
     refuse_if(
@@ -48,6 +52,12 @@ def run(
         scheduler is not None and stated("workers"),
         "`--workers` is for this machine, `--scheduler` has its own; give one",
     )
+    for name in ("wait", "mixed_kernels"):
+        refuse_if(
+            scheduler is None and stated(name),
+            f"`--{name.replace('_', '-')}` is for the workers of a cluster; give its "
+            "`--scheduler` too, or leave it out",
+        )
     added = spelled(beside_builtin(chosen(plugins)))
     loaded = load_suite(suite, (*added, *overrides), seed)
     if dry_run:
@@ -62,8 +72,10 @@ def run(
                 scheduler=scheduler,
                 resume=resume,
                 progress=progress,
+                wait=wait,
+                mixed_kernels=mixed_kernels,
             )
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, LostClusterError, StrangerError):
         if (folder / "run.sqlite").exists():
             click.echo(f"to continue: {resuming(suite, folder)}", err=True)
         raise

@@ -19,6 +19,7 @@ from simval.compare.judged import Difference, Judging, Kind, More
 from simval.compare.matching import matched_places, pairs_of, rows_of
 from simval.compare.moves import Move, Standing, Step, moved
 from simval.statistics import Statistic
+from simval.sweep.machines import other_machines
 from simval.sweep.provenance import differences
 from simval.sweep.run import Run
 from simval.sweep.stored import KEPT, StoredCells
@@ -159,7 +160,9 @@ def _named(key: tuple[Statistic, str]) -> str:
 
 def _dependencies(run: Run) -> Mapping[str, object]:
     kept = ("suite", "versions", "git", "source", "models", "files", "machine")
-    return {key: run.manifest[key] for key in kept if key in run.manifest}
+    own = {key: run.manifest[key] for key in kept if key in run.manifest}
+    others = other_machines(run.manifest)
+    return {**own, "other machines": others} if others else own
 
 
 def _rank(difference: Difference) -> tuple[int, float, str]:

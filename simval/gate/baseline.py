@@ -17,6 +17,8 @@ from simval.change import question
 from simval.errors import InputError
 from simval.results import Check, Row
 from simval.statistics import Statistic
+from simval.sweep.machines import other_machines
+from simval.sweep.provenance import differences
 from simval.sweep.run import MAX_SAMPLES, Run
 from simval.sweep.stored import KEPT, StoredCells
 
@@ -200,14 +202,26 @@ def check_reason(reason: str) -> None:
 def environment(manifest: Mapping[str, Any]) -> dict[str, Any]:
     """Read from a manifest what the last bits of a run depend on."""
     try:
-        return {
+        own = {
             "suite": str(manifest["suite"]),
             "versions": dict(manifest["versions"]),
             "machine": dict(manifest["machine"]),
         }
+        others = other_machines(manifest)
+        return {**own, "other machines": others} if others else own
     except (KeyError, TypeError, ValueError) as error:
         msg = f"the run's manifest is damaged ({error!r}); run the suite again"
         raise InputError(msg) from None
+
+
+def environment_changes(
+    kept: Mapping[str, Any], manifest: Mapping[str, Any]
+) -> tuple[str, ...]:
+    """Where a run's environment is not the baseline's, as far as that one says."""
+    own = environment(manifest)
+    if isinstance(machine := kept.get("machine"), Mapping):
+        own["machine"] = {k: v for k, v in own["machine"].items() if k in machine}
+    return tuple(differences(kept, own))
 
 
 def entries(rows: Sequence[Row]) -> dict[str, Entry]:

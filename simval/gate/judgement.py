@@ -12,7 +12,7 @@ from itertools import islice
 from typing import Any
 
 from simval.compare import Step
-from simval.gate.baseline import environment as environment_of
+from simval.gate.baseline import environment_changes
 from simval.gate.compare import compare, has_partners
 from simval.gate.comparison import Change, Comparison, answer_of
 from simval.gate.gaps import Gap, gaps_of
@@ -24,7 +24,6 @@ from simval.gate.tally import (
     listed_comparisons,
     listed_verdicts,
 )
-from simval.sweep.provenance import differences
 from simval.sweep.run import CellResult, Run
 from simval.sweep.stored import KEPT, blocks_of, heads_of
 from simval.verdict import ALPHA, Answer, Verdict, judge_blocks, overall_of
@@ -162,9 +161,7 @@ def judge_run(
         every = compare(run, baseline["cells"], alpha / 2.0)
         listed = listed_comparisons(every, large, tally)
         compared = tuple(sorted(listed, key=lambda c: (c.cell, c.statistic)))
-        environment = tuple(
-            differences(baseline["environment"], environment_of(run.manifest))
-        )
+        environment = environment_changes(baseline["environment"], run.manifest)
     judged = judge_blocks(lambda: blocks_of(cells, judged=True), share)
     names = frozenset(shown) if large else None
     verdicts = tuple(listed_verdicts(judged, names, tally))

@@ -10,7 +10,8 @@ from simval.results import Outcome
 from simval.selftest.fault import Fault, after, wrapped
 from simval.statistics import NEES
 from simval.studies import attitude
-from simval.sweep import executors, runner, store
+from simval.sweep import crew, executors, store
+from simval.sweep.entries import Done, digest_of_entries
 
 
 def run_faults() -> list[Fault]:
@@ -49,14 +50,21 @@ def _samples() -> list[Fault]:
     ]
 
 
-def _cells() -> list[Fault]:
-    def drop(original: Any, cells: Any, pending: Any) -> Any:
-        return original(cells, list(pending)[:-1])
+def _under_the_name(own: Done, other: Done) -> Done:
+    """Rows of another cell as if they were a cell's own, with a digest to match."""
+    rows = [(own.cell[0], *row[1:]) for row in other.rows]
+    digest = digest_of_entries(own.cell, (row[1:] for row in rows))
+    return other._replace(cell=own.cell, rows=rows, digest=digest)
 
-    def swapped(original: Any, cells: Any, pending: Any) -> Any:
-        places = list(pending)
-        turned = dict(zip(places, places[::-1], strict=True))
-        return ((turned[p], o, s) for p, o, s in original(cells, pending))
+
+def _cells() -> list[Fault]:
+    def drop(original: Any, queue: Any) -> Any:
+        return list(original(queue))[:-1]
+
+    def swapped(original: Any, queue: Any) -> Any:
+        done = [each for batch in original(queue) for each in batch]
+        pairs = zip(done, done[::-1], strict=True)
+        return [[_under_the_name(own, other)] for own, other in pairs]
 
     def crash(original: Any, cell: Any) -> Any:
         msg = "crashed on purpose"
@@ -66,10 +74,10 @@ def _cells() -> list[Fault]:
         return original(path, list(cells)[:-1], manifest)
 
     return [
-        _fault("a worker drops a cell", wrapped(runner, "serial", drop), stops=True),
+        _fault("a worker drops a cell", wrapped(crew, "serial", drop), stops=True),
         _fault(
             "results under another cell's name",
-            wrapped(runner, "serial", swapped),
+            wrapped(crew, "serial", swapped),
             baseline=True,
         ),
         _fault("a cell crashes", wrapped(executors, "execute", crash), crash=True),

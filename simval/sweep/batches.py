@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from simval.results import Outcome
 from simval.studies.study import Cell
+from simval.sweep.identity import Stated
 
 SECONDS = 1.0
 """Stated cost at which a batch is full, s. Chosen: a hundred times the price of a task
@@ -38,6 +39,7 @@ class Batch:
     cells: tuple[tuple[int, Cell], ...]
     alpha: float  # the part of the false-alarm rate of each
     work: Work | None = None  # None is the study's own
+    stated: Stated | None = None  # what whoever computes them must be
 
     @property
     def places(self) -> list[int]:
@@ -54,8 +56,9 @@ class Queue:
         pending: Sequence[int],
         alpha: float,
         work: Work | None = None,
+        stated: Stated | None = None,
     ) -> None:
-        self._cells, self._pending = cells, pending
+        self._cells, self._pending, self._stated = cells, pending, stated
         self._alpha, self._work = alpha / max(len(cells), 1), work
         self._next = 0
         self._alone: deque[int] = deque()
@@ -79,11 +82,11 @@ class Queue:
                 break
             self._next += 1
             batch.append((place, cell))
-        return Batch(tuple(batch), self._alpha, self._work)
+        return Batch(tuple(batch), self._alpha, self._work, self._stated)
 
     def alone(self, place: int) -> Batch:
         """A batch of one cell."""
-        return Batch((self._cell(place),), self._alpha, self._work)
+        return Batch((self._cell(place),), self._alpha, self._work, self._stated)
 
     def give_back(self, places: Iterable[int]) -> None:
         """Have some cells computed alone, before all others."""

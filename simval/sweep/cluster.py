@@ -1,29 +1,40 @@
 """Cells on a running dask.distributed cluster, whose workers may come and go."""
 
+import logging
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import CancelledError, Executor
-from contextlib import contextmanager
+from concurrent.futures import CancelledError, Future
+from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Any
 
-from simval.errors import InputError
-from simval.sweep import provenance
-from simval.sweep.batches import Queue
+from simval.errors import InputError, LostClusterError
+from simval.sweep.batches import Batch, Queue
 from simval.sweep.entries import Done
-from simval.sweep.executors import Compute, Flying, failed, windowed
+from simval.sweep.executors import Compute, Flying, computed, failed, windowed
+from simval.sweep.identity import Stated, StrangerError, here
+from simval.sweep.roster import Roster, Tell
 
 CONNECT_TIMEOUT = 10.0  # s
 
-ASKED = 1.0
-"""How old the number of threads may be, s."""
+WAIT = 60.0
+"""How long a sweep waits for a worker while there is none, s."""
+
+ANSWER = 60.0
+"""How long a worker that is there may take to say what it is, s: it has to import simval
+first, from a file system that may be slow."""
+
+PAUSE = 0.1
+"""Between two looks for a worker while there is none, s."""
 
 AHEAD = 2
 """Batches in flight for each thread: one at work, one that waits for it."""
 
 
 @contextmanager
-def clustered(address: str) -> Iterator[Compute]:
+def clustered(
+    address: str, stated: Stated, wait: float, tell: Tell
+) -> Iterator[Compute]:
     """Connect to a running dask.distributed cluster.
 
     The scheduler gives a batch whose worker is lost to another one. If it loses worker
@@ -33,8 +44,8 @@ def clustered(address: str) -> Iterator[Compute]:
     Raises
     ------
     InputError
-        If the extra is not installed, there is no scheduler at the address, it has no
-        worker, or a worker has other versions than this process.
+        If the extra is not installed, there is no scheduler at the address, no worker
+        joins it in time, or every worker differs from this process.
     """
     try:
         from distributed import Client
@@ -42,62 +53,137 @@ def clustered(address: str) -> Iterator[Compute]:
         from simval.extras import refuse_without
 
         refuse_without("cluster", "a scheduler")
-    try:
-        client = Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
-    except (OSError, ValueError, TimeoutError) as error:
-        msg = f"there is no scheduler at {address}: {error}; start `dask scheduler`"
-        raise InputError(msg) from None
-    with client:
-        _check_workers(client, address)
-        executor = client.get_executor(pure=False)
-        yield partial(_by_cluster, executor, Window(client), address)
+    with _own_words():
+        try:
+            client = Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
+        except (OSError, ValueError, TypeError, TimeoutError) as error:
+            msg = f"there is no scheduler at {address}: {error}; start `dask scheduler`"
+            raise InputError(msg) from None
+        with client:
+            crowd = Crowd(client, Roster(client, stated, tell), address, wait, tell)
+            crowd.begin()
+            yield partial(_by_cluster, crowd)
 
 
-class Window:
-    """How many batches to keep in flight: it follows the workers that join and leave.
+class Crowd:
+    """Whoever computes on a cluster: it hands out batches, and waits for workers."""
 
-    Where all have left, as many as there were stay in flight, so that a cluster that
-    grows on demand sees the demand.
-    """
+    def __init__(
+        self, client: Any, roster: Roster, address: str, wait: float, tell: Tell
+    ) -> None:
+        self.client, self.roster, self.address = client, roster, address
+        self._wait, self._tell = wait, tell
+        self._executor = client.get_executor(pure=False)
+        self._given: dict[Future[list[Done]], frozenset[str]] = {}
 
-    def __init__(self, client: Any) -> None:
-        self._client = client
-        self._asked = -ASKED
-        self._size = AHEAD
+    def begin(self) -> None:
+        """Wait for the first worker that may compute."""
+        try:
+            self._await_one(at_start=True)
+        except (OSError, CancelledError) as error:
+            raise self.lost(error) from None
 
-    def __call__(self) -> int:
-        """Twice the number of threads."""
-        now = time.monotonic()
-        if now - self._asked >= ASKED:
-            self._asked = now
-            threads = sum(self._client.nthreads().values())
-            self._size = AHEAD * threads or self._size
-        return self._size
+    def submit(self, function: Any, batch: Batch) -> Future[list[Done]]:
+        """Hand a batch to the workers that may compute it, and to no other."""
+        fit = sorted(self.roster.threads)
+        future = self._executor.submit(_on_worker, batch, workers=fit)
+        self._given[future] = frozenset(fit)
+        return future
+
+    def window(self, flying: Flying, queue: Queue) -> int:
+        """How many batches to keep in flight: twice the number of threads.
+
+        It follows the workers that join and leave. A batch all of whose workers have
+        left goes back into the queue.
+        """
+        self.roster.look()
+        self._given = {f: fit for f, fit in self._given.items() if f in flying}
+        for future, fit in self._given.items():
+            if not (future.done() or fit & self.roster.threads.keys()):
+                queue.give_back(flying.pop(future).places)
+                future.cancel()
+        if not self.roster.threads:
+            self._await_one()
+        return AHEAD * sum(self.roster.threads.values())
+
+    def lost(self, error: BaseException) -> LostClusterError:
+        """Say that the scheduler is gone."""
+        reason = str(error) or "it ended, or the connection broke"
+        return LostClusterError(f"lost the scheduler at {self.address}: {reason}")
+
+    def _await_one(self, at_start: bool = False) -> None:
+        """Wait until a worker may compute.
+
+        While there is none, a question to any is open, so that a cluster that grows on
+        demand sees a demand.
+        """
+        start = time.monotonic()
+        demand = self.client.submit(here, pure=False)
+        said = False
+        try:
+            while not self.roster.threads:
+                self.roster.look()
+                patience = max(self._wait, ANSWER) if self.roster.asked else self._wait
+                late = time.monotonic() - start >= patience
+                if late or (at_start and self._all_differ()):
+                    raise self._nobody(at_start)
+                if not (said or self.roster.asked or self.roster.threads):
+                    self._tell(
+                        f"the scheduler at {self.address} has no worker that may "
+                        f"compute; waiting {self._wait:g} s for one"
+                    )
+                    said = True
+                time.sleep(PAUSE)
+        finally:
+            with suppress(Exception):  # the scheduler may be what is lost
+                demand.cancel()
+
+    def _all_differ(self) -> bool:
+        roster = self.roster
+        return bool(roster.refused) and not (roster.threads or roster.asked)
+
+    def _nobody(self, at_start: bool) -> InputError | LostClusterError:
+        refused = self.roster.refused
+        if refused:
+            lines = dict.fromkeys(line for each in refused.values() for line in each)
+            msg = (
+                f"every worker at {self.address} would give other numbers than the "
+                f"driver ({len(refused)} of {len(refused)}): {'; '.join(lines)}; "
+                "install the same there and start the workers again"
+            )
+        else:
+            msg = (
+                f"the scheduler at {self.address} has no worker"
+                + (" that answers" if self.roster.asked else "")
+                + f", and none joined within {self._wait:g} s; "
+                f"start `dask worker {self.address}`, or wait longer with --wait"
+            )
+        return InputError(msg) if at_start else LostClusterError(msg)
 
 
-def _by_cluster(
-    executor: Executor, window: Window, address: str, queue: Queue
-) -> Iterator[Sequence[Done]]:
+def _by_cluster(crowd: Crowd, queue: Queue) -> Iterator[Sequence[Done]]:
     from distributed.scheduler import KilledWorker
 
     flying: Flying = {}
+    window = partial(crowd.window, flying, queue)
     while queue or flying:
         try:
-            yield from windowed(executor, queue, flying, window, (KilledWorker,))
+            yield from windowed(crowd, queue, flying, window, (KilledWorker,))
         except KilledWorker as error:
-            yield _killed(flying, queue, error)
+            yield _killed(flying, queue, error, KilledWorker)
+        except StrangerError as error:
+            crowd.roster.refuse(error.worker, error.lines)
         except (CancelledError, OSError) as error:
-            msg = (
-                f"lost the scheduler at {address}: {error}; finished cells are "
-                "kept, so continue with --resume"
-            )
-            raise InputError(msg) from None
+            raise crowd.lost(error) from None
 
 
-def _killed(flying: Flying, queue: Queue, error: BaseException) -> Sequence[Done]:
+def _killed(
+    flying: Flying, queue: Queue, error: BaseException, kind: type[BaseException]
+) -> Sequence[Done]:
     """Say of single cells that they lose their workers; give out the others alone."""
     gone = []
-    for future in [f for f in flying if f.done() and f.exception()]:
+    ended = [future for future in flying if future.done()]
+    for future in [f for f in ended if isinstance(f.exception(), kind)]:
         batch = flying.pop(future)
         if len(batch.cells) > 1:
             queue.give_back(batch.places)
@@ -106,17 +192,30 @@ def _killed(flying: Flying, queue: Queue, error: BaseException) -> Sequence[Done
     return gone
 
 
-def _check_workers(client: Any, address: str) -> None:
-    """Check that there are workers, whose versions must be the same as here."""
-    if not client.nthreads():
-        msg = f"the scheduler at {address} has no worker; start `dask worker {address}`"
-        raise InputError(msg)
-    here = provenance.versions()
-    for worker, there in client.run(provenance.versions).items():
-        changed = provenance.differences(here, there)
-        if changed:
-            msg = (
-                f"worker {worker} has other versions, so its numbers would differ: "
-                f"{'; '.join(changed)}; install the same ones there"
-            )
-            raise InputError(msg)
+def _on_worker(batch: Batch) -> list[Done]:
+    """Compute on a worker; one that differs says which it is."""
+    from distributed import get_worker
+
+    try:
+        return computed(batch)
+    except StrangerError as error:
+        raise StrangerError(error.lines, get_worker().address) from None
+
+
+@contextmanager
+def _own_words() -> Iterator[None]:
+    """Keep what `distributed` logs about lost connections: we say it ourselves."""
+    known = ("distributed", "tornado", *logging.root.manager.loggerDict)
+    loggers = [
+        logging.getLogger(name)
+        for name in dict.fromkeys(known)
+        if name.partition(".")[0] in ("distributed", "tornado")
+    ]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)

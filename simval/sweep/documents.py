@@ -34,6 +34,14 @@ class _Machine(_Document):
     system: str
     processor: str
     kernels: list[str]
+    linear_algebra: str = ""
+    threads: Count = 0  # not said
+    libc: str = ""
+
+
+class _Environment(_Document):
+    machine: _Machine
+    cells: Count
 
 
 class _Grid(_Document):
@@ -57,6 +65,7 @@ class _Manifest(_Document):
     cells: Count
     source: str = ""
     files: dict[str, str] = Field(default_factory=dict)
+    environments: list[_Environment] = Field(default_factory=list)
 
 
 class _Started(_Document):

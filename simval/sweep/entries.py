@@ -43,6 +43,7 @@ class Done(NamedTuple):
     ending: Ending
     artifacts: Mapping[str, Any] = {}
     times: Mapping[str, float] = {}
+    machine: str = ""  # that computed it; empty where none did
 
 
 def cell_entry(

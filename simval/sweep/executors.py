@@ -22,7 +22,7 @@ from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection
 from multiprocessing.connection import wait as wait_for_any
 from threading import Thread
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 from simval.errors import CrashedPluginError, PluginError
 from simval.plugins.names import told_anywhere
@@ -34,6 +34,8 @@ from simval.sweep.batches import Batch, Queue, Work
 from simval.sweep.cells import REFUSED
 from simval.sweep.endings import Ending, ending_of
 from simval.sweep.entries import Done, cell_entry, digest_of_entries, row_entries
+from simval.sweep.identity import StrangerError, require_as_read
+from simval.sweep.threads import ONE_THREAD
 from simval.text import described, message_of, one_line, printable
 
 PAUSE = 1.0  # s, after which the window is asked for again though nothing has ended
@@ -42,6 +44,7 @@ LOST: tuple[type[BaseException], ...] = (BrokenProcessPool, OSError)
 """Errors of a future whose worker is lost, and not of the cell itself."""
 
 DIED = "the worker process died while it computed this cell"
+STRAY = "the worker answered with other cells than it was given"
 
 
 Compute = Callable[[Queue], Iterator[Sequence[Done]]]
@@ -59,7 +62,8 @@ def attempt(
     """Compute one cell, or say why that failed; with the CPU seconds that it took."""
     start = time.process_time()
     try:
-        outcome: Outcome | str = (work or execute)(cell)
+        with ONE_THREAD:
+            outcome: Outcome | str = (work or execute)(cell)
     except PluginError as error:
         crashed = isinstance(error, CrashedPluginError)
         words = described(error) if crashed else f"{REFUSED}{error}\n"
@@ -70,12 +74,23 @@ def attempt(
 
 
 def computed(batch: Batch) -> list[Done]:
-    """Compute some cells, and make of them what is stored."""
+    """Compute some cells, and make of them what is stored.
+
+    Raises
+    ------
+    StrangerError
+        If this process would compute other numbers than the driver states.
+    """
+    machine = "" if batch.stated is None else batch.stated.require()
     work = () if batch.work is None else (batch.work,)
-    return [
-        _done(cell, *attempt(position, cell, *work), batch.alpha)
-        for position, cell in batch.cells
-    ]
+    with ONE_THREAD:
+        done = [
+            _done(cell, *attempt(position, cell, *work), batch.alpha)
+            for position, cell in batch.cells
+        ]
+    if batch.stated is not None:
+        require_as_read()
+    return [each._replace(machine=machine) for each in done]
 
 
 def _done(
@@ -102,8 +117,9 @@ def failed(position: int, cell: Cell, error: str, seconds: float = 0.0) -> Done:
 
 def serial(queue: Queue) -> Iterator[Sequence[Done]]:
     """Compute cells one after the other in this process."""
-    while queue:
-        yield computed(queue.take(1))
+    with ONE_THREAD:
+        while queue:
+            yield computed(queue.take(1))
 
 
 def pooled(queue: Queue, workers: int) -> Iterator[Sequence[Done]]:
@@ -128,8 +144,18 @@ Flying = dict[Future[list[Done]], Batch]
 """The batches in flight."""
 
 
+@runtime_checkable
+class Submits(Protocol):
+    """What takes batches: a pool, or a cluster."""
+
+    def submit(
+        self, function: Callable[[Batch], list[Done]], batch: Batch, /
+    ) -> Future[list[Done]]:
+        """Have a batch computed."""
+
+
 def windowed(
-    executor: Executor,
+    executor: Submits,
     queue: Queue,
     flying: Flying,
     window: Callable[[], int],
@@ -161,7 +187,7 @@ def windowed(
         raise
 
 
-def _submitted(executor: Executor, batch: Batch) -> Future[list[Done]]:
+def _submitted(executor: Submits, batch: Batch) -> Future[list[Done]]:
     # A worker that starts now inherits the blocked signal: only the driver gets
     # Ctrl-C, and it ends the workers.
     previous = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -181,11 +207,23 @@ def _landed(future: Future[list[Done]], batch: Batch, queue: Queue) -> Sequence[
     """What a batch has left; where it could not travel, its cells travel alone."""
     error = future.exception()
     if error is None:
-        return future.result()
+        return _own(batch, future.result())
+    if isinstance(error, StrangerError):
+        queue.give_back(batch.places)
+        raise error
     if len(batch.cells) > 1:
         queue.give_back(batch.places)
         return []
     return [failed(*batch.cells[0], one_line(message_of(error)))]
+
+
+def _own(batch: Batch, answer: Sequence[Done]) -> Sequence[Done]:
+    """Check that an answer is one to the cells of the batch, and to each once."""
+    asked = [cell_entry(place, cell, "", "", 0.0)[:5] for place, cell in batch.cells]
+    places = [{row[0] for row in done.rows} - {done.cell[0]} for done in answer]
+    if [done.cell[:5] for done in answer] == asked and not any(places):
+        return answer
+    return [failed(place, cell, STRAY) for place, cell in batch.cells]
 
 
 def _alone(cells: Iterable[Batch]) -> Iterator[Sequence[Done]]:
@@ -197,7 +235,7 @@ def _alone(cells: Iterable[Batch]) -> Iterator[Sequence[Done]]:
                 while left:
                     future = _submitted(pool, left[0])
                     error = future.exception()
-                    if isinstance(error, BrokenProcessPool):
+                    if isinstance(error, BrokenProcessPool | StrangerError):
                         raise error
                     position, cell = left.popleft().cells[0]
                     yield (
@@ -228,6 +266,7 @@ def _pool(workers: int) -> Iterator[Executor]:
 def _begin_worker(receiver: Connection) -> None:
     """Let a worker start quickly, and end when its driver ends or closes the pipe."""
     load_lightly()
+    ONE_THREAD.__enter__()  # as long as it lives
     parent = parent_process()
     assert parent is not None  # this is a child
     Thread(target=_follow, args=([parent.sentinel, receiver],), daemon=True).start()

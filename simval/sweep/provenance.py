@@ -5,6 +5,7 @@ and dates are stored separately and never compared.
 """
 
 import hashlib
+import os
 import platform
 import subprocess
 from collections.abc import Iterator, Mapping
@@ -19,7 +20,9 @@ from simval.plugins.names import portable
 from simval.plugins.sources import sources
 from simval.scene import models_folder
 from simval.studies import STUDIES
+from simval.sweep.source import loaded
 from simval.sweep.suite import Suite
+from simval.sweep.threads import linear_algebra
 
 PACKAGES = ("simval", "numpy", "scipy", "mujoco-core", "pydantic")
 
@@ -33,14 +36,10 @@ def manifest(suite: Suite) -> dict[str, Any]:
         "cells": len(suite.cells),
         "versions": versions(),
         "git": git_state(),
-        "source": source_hash(),
+        "source": loaded().source,
         "models": model_hashes(),
         "files": file_hashes(suite.grid),
-        "machine": {
-            "system": platform.system(),
-            "processor": platform.machine(),
-            "kernels": _kernels(),
-        },
+        "machine": machine(),
         # no number depends on it, so a run may be resumed with the other
         "trials": "compiled" if compiled() else "NumPy",
     }
@@ -50,6 +49,18 @@ def versions() -> dict[str, str]:
     """Versions of Python and of the packages that the numbers depend on."""
     packages = {name: metadata.version(name) for name in PACKAGES}
     return {"python": platform.python_version(), **packages}
+
+
+def machine() -> dict[str, Any]:
+    """What the last bits depend on: processor kernels, linear algebra, C library."""
+    return {
+        "system": platform.system(),
+        "processor": platform.machine(),
+        "kernels": _kernels(),
+        "linear_algebra": linear_algebra(),
+        "threads": 1,  # in it, while cells are computed
+        "libc": _libc(),
+    }
 
 
 def git_state() -> dict[str, Any]:
@@ -74,16 +85,6 @@ def model_hashes() -> dict[str, str]:
     """SHA-256 of each model file."""
     files = sorted(models_folder().glob("*.xml"))
     return {f.name: hashlib.sha256(f.read_bytes()).hexdigest() for f in files}
-
-
-def source_hash() -> str:
-    """SHA-256 of all the package's own source, Python and C."""
-    package = Path(__file__).resolve().parents[1]
-    digest = hashlib.sha256()
-    for file in sorted([*package.rglob("*.py"), *package.rglob("*.c")]):
-        digest.update(str(file.relative_to(package)).encode() + b"\0")
-        digest.update(hashlib.sha256(file.read_bytes()).digest())
-    return digest.hexdigest()
 
 
 def portable_grid(grid: Mapping[str, Any]) -> dict[str, Any]:
@@ -152,6 +153,14 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
 def _kernels() -> list[str]:
     config: Any = np.show_config(mode="dicts")
     return list(config["SIMD Extensions"].get("found", []))
+
+
+def _libc() -> str:
+    # its logarithms and sines are chosen by processor, and differ between versions
+    try:
+        return os.confstr("CS_GNU_LIBC_VERSION") or "unknown"
+    except (OSError, ValueError):  # another one than GNU's
+        return "unknown"
 
 
 def _git(root: Path, *words: str) -> str | None:

@@ -11,23 +11,23 @@ import shutil
 import sqlite3
 import time
 from collections.abc import Sequence
-from contextlib import AbstractContextManager, nullcontext
 from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
 from typing import Protocol, cast, runtime_checkable
 
 from simval.arguments import file_path, instance, switch, whole_number
+from simval.arrays import nonnegative_number
 from simval.errors import InputError
 from simval.studies.study import Cell
 from simval.sweep import provenance, store
 from simval.sweep.batches import Queue, Work
 from simval.sweep.cells import read_cells
-from simval.sweep.cluster import clustered
+from simval.sweep.cluster import WAIT
+from simval.sweep.crew import Crew, gathered
 from simval.sweep.endings import ENDINGS, Ending, ending_of, worse
-from simval.sweep.executors import Compute, pooled, serial
 from simval.sweep.folder import check_same, create, keep, locked, write
 from simval.sweep.grid import Chosen
+from simval.sweep.machines import environments
 from simval.sweep.parquet import (
     FOLDER,
     has_pyarrow,
@@ -82,6 +82,8 @@ def run_suite(
     scheduler: str | None = None,
     resume: bool = False,
     progress: Progress | None = None,
+    wait: float = WAIT,
+    mixed_kernels: bool = False,
 ) -> Run:
     """Run a suite into a folder and return what it left.
 
@@ -100,6 +102,11 @@ def run_suite(
         ones are computed.
     progress : Progress, optional
         Called for each cell that ends.
+    wait : float, default 60
+        Seconds to wait for a worker of the scheduler while there is none.
+    mixed_kernels : bool, default False
+        Whether workers with other processor kernels, linear algebra or C library than
+        this process may compute: the last bits then depend on which did.
 
     Returns
     -------
@@ -110,7 +117,9 @@ def run_suite(
     ------
     InputError
         If the folder exists, cannot be written, or holds the run of another suite
-        or version.
+        or version, or every worker would compute other numbers.
+    LostClusterError
+        If the scheduler or all workers are lost.
     """
     if not isinstance(suite, Suite):
         suite = load_suite(str(file_path("suite", suite)))
@@ -121,6 +130,8 @@ def run_suite(
         scheduler=None if scheduler is None else instance("scheduler", scheduler, str),
         resume=switch("resume", resume),
         progress=progress or Silence(),
+        wait=wait,
+        mixed_kernels=switch("mixed_kernels", mixed_kernels),
     )
     return load_run(out)
 
@@ -134,31 +145,28 @@ def drive(
     resume: bool,
     progress: Progress,
     work: Work | None = None,
+    wait: float = WAIT,
+    mixed_kernels: bool = False,
 ) -> None:
     """Run a suite into a folder; memory does not grow with the number of rows.
 
     `work` computes a cell in place of its study.
     """
     workers = whole_number("workers", workers, 1, 4096)
+    wait = nonnegative_number("wait", wait, "s")
     require_plugins(suite.cells)
     known = provenance.manifest(suite)
-    where = workers if scheduler is None else scheduler
-    with _computing(workers, scheduler) as compute:
+    with gathered(workers, scheduler, wait, mixed_kernels, progress) as crew:
         # no folder is created before it is known that cells can be computed
         if resume and _is_file(folder / "run.sqlite"):
             check_same(folder, suite, known)
         else:
             create(folder, suite, known, resume)
-        _fill(folder, suite, compute, progress, where, work)
+        _fill(folder, suite, crew, progress, work)
 
 
 def _fill(
-    folder: Path,
-    suite: Suite,
-    compute: Compute,
-    progress: Progress,
-    where: int | str,
-    work: Work | None,
+    folder: Path, suite: Suite, crew: Crew, progress: Progress, work: Work | None
 ) -> None:
     """Compute the missing cells of a run, and write its table."""
     started, wall = datetime.now(UTC), time.perf_counter()
@@ -166,14 +174,15 @@ def _fill(
     with locked(folder), store.writing(folder / "run.sqlite") as database:
         unseal(database)
         write(folder / "timing.json", json.dumps({"plugins": places}) + "\n")
-        done = _compute(database, folder, suite, compute, progress, where, work)
+        done = _compute(database, folder, suite, crew, progress, work)
         parquet, text = forms(store.size(database))
         spent = dict(store.seconds(database)) if text else {}
         timing = {
             "started": started.isoformat(timespec="seconds"),
             "committed": provenance.commit_date(),
             "wall_seconds": round(time.perf_counter() - wall, 3),
-            "workers": where,
+            "workers": crew.where,
+            "told": crew.told,
             "host": platform.node(),
             "finished_before": done,
             "cpu_seconds": round(sum(s for _, s in store.seconds(database)), 3),
@@ -183,6 +192,8 @@ def _fill(
             "plugins": places,
         }
         manifest = store.manifest(database)
+        manifest["environments"] = environments(store.entry(database, store.MACHINES))
+        store.keep_manifest(database, manifest)
         store.keep(database, store.WORST, None)
         _write_tables(database, folder, parquet, text)
         write(folder / "manifest.json", json.dumps(manifest, indent=2) + "\n")
@@ -194,9 +205,8 @@ def _compute(
     database: sqlite3.Connection,
     folder: Path,
     suite: Suite,
-    compute: Compute,
+    crew: Crew,
     progress: Progress,
-    where: int | str,
     work: Work | None,
 ) -> int:
     """Compute the missing cells; return how many were finished before."""
@@ -205,9 +215,9 @@ def _compute(
     worst = _worst_stored(database, suite) if done and pending else "stored"
     progress.start(len(cells), done, worst)
     if isinstance(progress, Watch):
-        at_once = where if isinstance(where, int) else None
+        at_once = crew.where if isinstance(crew.where, int) else None
         progress.expect(Chosen(cells, pending), at_once)
-    for batch in compute(Queue(cells, pending, ALPHA, work)):
+    for batch in crew.compute(Queue(cells, pending, ALPHA, work, crew.stated)):
         for each in batch:
             keep(folder / "artifacts", each.artifacts)
             if each.ending not in ("failed", "refused"):
@@ -261,9 +271,3 @@ def _worst_stored(database: sqlite3.Connection, suite: Suite) -> Ending:
             own = suite.cells[cell.position]
             worst = worse(worst, ending_of(own, cell.rows, ALPHA / len(suite.cells)))
     return worst
-
-
-def _computing(workers: int, scheduler: str | None) -> AbstractContextManager[Compute]:
-    if scheduler is not None:
-        return clustered(scheduler)
-    return nullcontext(serial if workers == 1 else partial(pooled, workers=workers))

@@ -13,7 +13,7 @@ so has the manifest: later damage to a store is detected (`simval.sweep.cells`).
 import json
 import sqlite3
 from array import array
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from itertools import chain
 from pathlib import Path
@@ -32,6 +32,7 @@ from simval.sweep.entries import (
     digest_of,
     digest_of_entries,
 )
+from simval.sweep.machines import counted
 
 SCHEMA_VERSION = 2
 ROW_COLUMNS = ", ".join(f'"{name}"' for name in NAMED)
@@ -44,6 +45,9 @@ FILES = "files"
 
 WORST = "worst"
 """Entry of the worst ending of the finished cells."""
+
+MACHINES = "machines"
+"""Entry of the number of finished cells by the machine that computed them."""
 
 CHECKPOINT = 8_192
 """Pages of the write-ahead log, 32 MB, after which it is brought into the file: a
@@ -175,6 +179,15 @@ def finish(database: sqlite3.Connection, batch: Sequence[Done], worst: str) -> N
             times = json.dumps(dict(done.times)) if done.times else None
             _set(database, f"{TIMES}{done.cell[1]}", times)
         _set(database, WORST, worst)
+        _set(database, MACHINES, counted(entry(database, MACHINES), batch))
+
+
+def keep_manifest(database: sqlite3.Connection, content: Mapping[str, Any]) -> None:
+    """Replace the manifest, in one transaction."""
+    text = json.dumps(content)
+    with database:
+        _set(database, "manifest", text)
+        _set(database, "manifest digest", digest_of(text))
 
 
 def manifest(database: sqlite3.Connection) -> dict[str, Any]:

@@ -19,13 +19,6 @@ srun --ntasks="$workers" dask worker "$address" --nthreads 1 --no-dashboard &
 tasks=$!
 trap 'kill $scheduler $tasks 2>/dev/null || true' EXIT
 
-# the sweep refuses a scheduler without workers; those that come later are used too
-python - "$address" <<'WAIT'
-import sys
-from distributed import Client
-
-Client(sys.argv[1], timeout=300).wait_for_workers(1, timeout=300)
-WAIT
-
-simval sweep "$suite" --out "$run" --scheduler "$address" --resume
+# it waits for a first worker; those that come later are used too
+simval sweep "$suite" --out "$run" --scheduler "$address" --wait 300 --resume
 simval gate "$run" --no-baseline

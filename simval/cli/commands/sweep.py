@@ -38,6 +38,20 @@ from simval.cli.options import PATH, Whole
     help="Compute on the dask.distributed cluster at this address (extra `cluster`).",
 )
 @click.option(
+    "--wait",
+    type=click.FloatRange(min=0.0),
+    default=60.0,
+    metavar="SECONDS",
+    show_default=True,
+    help="Wait so long for a worker of the scheduler while there is none.",
+)
+@click.option(
+    "--mixed-kernels",
+    is_flag=True,
+    help="Let workers compute whose processor kernels, linear algebra or C library are "
+    "not this machine's: the last bits then depend on which did.",
+)
+@click.option(
     "--plugin",
     "plugins",
     multiple=True,
@@ -59,8 +73,8 @@ def command(**options: Any) -> int:
     """Run SUITE: smoke, accuracy, filters, full, or the path of a TOML file.
 
     The last line printed is the folder of the run. Exit code 0 if every cell was
-    computed, 3 if a plug-in was refused, 4 if a cell crashed. `simval gate` judges the
-    numbers.
+    computed, 3 if a plug-in was refused or the cluster was lost, 4 if a cell crashed.
+    `simval gate` judges the numbers.
     """
     from simval.cli.sweep import run
 

@@ -1,0 +1,39 @@
+"""How many cells each machine has computed: what the last bits of a run depend on."""
+
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from simval.sweep.documents import read_json
+from simval.sweep.entries import Done
+
+
+def counted(kept: str | None, batch: Sequence[Done]) -> str:
+    """Entry of the store with some more finished cells."""
+    cells = _read(kept)
+    cells.update(
+        done.machine
+        for done in batch
+        if done.machine and done.ending not in ("failed", "refused")
+    )
+    return json.dumps(cells)
+
+
+def environments(kept: str | None) -> list[dict[str, Any]]:
+    """Machines with the number of their cells, most cells first."""
+    order = sorted(_read(kept).items(), key=lambda item: (-item[1], item[0]))
+    return [
+        {"machine": json.loads(machine), "cells": cells} for machine, cells in order
+    ]
+
+
+def other_machines(manifest: Mapping[str, Any]) -> list[Any]:
+    """Machines that computed cells of a run beside the driver's, in a fixed order."""
+    own = manifest.get("machine")
+    found = [each["machine"] for each in manifest.get("environments", ())]
+    return sorted((each for each in found if each != own), key=json.dumps)
+
+
+def _read(kept: str | None) -> Counter[str]:
+    return Counter(read_json("the number of cells by machine", kept) if kept else {})

@@ -1,0 +1,233 @@
+"""Who computes a cell says what it is, and what differs is refused in words."""
+
+import json
+import pickle
+import sys
+from concurrent.futures import Future
+from dataclasses import replace
+from types import ModuleType, SimpleNamespace
+
+import pytest
+from test_executors import Fragile
+
+from simval.errors import InputError, LostClusterError
+from simval.gate.baseline import environment, environment_changes
+from simval.sweep import executors, identity, load_run, provenance, run_suite, source
+from simval.sweep.batches import Queue
+from simval.sweep.entries import Done
+from simval.sweep.identity import Stated, StrangerError, differing, here
+from simval.sweep.machines import counted, environments, other_machines
+from simval.sweep.roster import Roster
+from simval.sweep.source import PACKAGE, Loaded, loaded, source_hash
+from simval.sweep.suite import expand, load_suite
+
+OTHERS = {
+    "source code": {"source": "0" * 64},
+    "set of model files": {"models": "0" * 64},
+    "numpy is": {"versions": {**here().versions, "numpy": "0.1"}},
+    "mine is 1, the driver's absent": {"versions": {**here().versions, "mine": "1"}},
+    "processor kernels": {"machine": {**here().machine, "kernels": ["none"]}},
+    "linear_algebra": {"machine": {**here().machine, "linear_algebra": "other"}},
+    "libc": {"machine": {**here().machine, "libc": "glibc 1.0"}},
+}
+
+
+@pytest.mark.parametrize("words", OTHERS)
+def test_each_difference_is_refused_in_words(words):
+    other = replace(here(), **OTHERS[words])
+    lines = differing(here(), other)
+    assert len(lines) == 1
+    assert words in lines[0]
+    kernels = "machine" in OTHERS[words]
+    assert bool(differing(here(), other, mixed=True)) != kernels
+    with pytest.raises(StrangerError, match="would give other numbers"):
+        Stated(driver=other).require()
+
+
+def test_the_same_process_is_no_stranger():
+    stated = pickle.loads(pickle.dumps(Stated(driver=here())))
+    assert json.loads(stated.require()) == here().machine
+    assert here().source == source_hash() == loaded().source
+
+
+def test_a_refusal_travels():
+    error = pickle.loads(pickle.dumps(StrangerError(("it differs",), "tcp://there")))
+    assert (error.lines, error.worker) == (("it differs",), "tcp://there")
+    assert "worker tcp://there would give other numbers" in str(error)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_local_process_that_differs_stops_the_sweep(tmp_path, monkeypatch, workers):
+    suite = expand("one", {"attitude": {"samples": 65_536}})
+    # as if the source had changed between the start of the driver and of its workers
+    stated = Stated(driver=replace(here(), source="0" * 64))
+    monkeypatch.setattr("simval.sweep.crew.Stated", lambda **words: stated)
+    if workers == 2:  # a pool in this process
+        monkeypatch.setattr(executors, "_pool", lambda workers: Answering(None))
+    with pytest.raises(InputError, match=r"source code is \w{12}, the driver's 0{12}"):
+        run_suite(suite, tmp_path / "run", workers=workers)
+    monkeypatch.undo()
+    run = run_suite(suite, tmp_path / "run", resume=True)
+    assert {cell.status for cell in run.cells} == {"done"}
+
+
+class Answering(Fragile):
+    """An executor that computes, and changes its answers."""
+
+    def __init__(self, change):
+        super().__init__(-1)
+        self.change = change
+
+    def submit(self, function, *arguments):
+        future = Future()
+        try:
+            answer = function(*arguments)
+            future.set_result(self.change(answer) if self.change else answer)
+        except StrangerError as error:
+            future.set_exception(error)
+        return future
+
+
+def _entry(done, place, value):
+    cell = list(done.cell)
+    cell[place] = value
+    return done._replace(cell=tuple(cell))
+
+
+LIES = {
+    "another cell": lambda batch: [_entry(batch[0], 1, "attitude()@1")],
+    "another place": lambda batch: [_entry(batch[0], 0, 7)],
+    "other parameters": lambda batch: [_entry(batch[0], 4, "{}")],
+    "another seed": lambda batch: [_entry(batch[0], 3, 99)],
+    "rows of another cell": lambda batch: [
+        batch[0]._replace(rows=[(7, *row[1:]) for row in batch[0].rows])
+    ],
+    "twice": lambda batch: [*batch, *batch],
+    "nothing": lambda batch: [],
+}
+
+
+@pytest.mark.parametrize("lie", LIES)
+def test_an_answer_to_another_question_fails_its_cell(tiny_suite, monkeypatch, lie):
+    cells = load_suite(str(tiny_suite)).cells
+    pool = Answering(LIES[lie])
+    monkeypatch.setattr(executors, "_pool", lambda workers: pool)
+    queue = Queue(cells, [2], 1e-3, stated=Stated(driver=here()))
+    (batch,) = executors.pooled(queue, 1)
+    assert [(done.cell[0], done.cell[5], done.cell[6]) for done in batch] == [
+        (2, "failed", executors.STRAY)
+    ]
+
+
+def test_a_file_that_changes_before_it_is_loaded_is_seen(tmp_path, monkeypatch):
+    root = tmp_path / PACKAGE.name
+    root.mkdir()
+    for name in ("early", "late", "same"):
+        (root / f"{name}.py").write_text("x = 1\n")
+    monkeypatch.setattr(source, "PACKAGE", root)
+
+    def load(name):
+        module = ModuleType(f"simval.{name}")
+        module.__file__ = str(root / f"{name}.py")
+        monkeypatch.setitem(sys.modules, f"simval.{name}", module)
+
+    load("early")
+    own = Loaded()
+    (root / "early.py").write_text("x = 2\n")  # too late to matter
+    (root / "late.py").write_text("x = 2\n")
+    assert own.changed() == []
+    load("late")
+    load("same")
+    assert own.changed() == ["late.py"]
+    assert own.changed() == []
+    monkeypatch.setattr(
+        identity, "loaded", lambda: SimpleNamespace(changed=lambda: "x")
+    )
+    with pytest.raises(StrangerError, match="x changed on the disk"):
+        identity.require_as_read()
+
+
+def test_the_manifest_counts_the_cells_of_each_machine(tiny_run):
+    run = load_run(tiny_run)
+    own = run.manifest["machine"]
+    assert run.manifest["environments"] == [{"machine": own, "cells": 4}]
+    assert json.loads((tiny_run / "manifest.json").read_text()) == run.manifest
+    assert other_machines(run.manifest) == []
+    assert provenance.machine() == own
+
+
+def test_machines_are_counted_of_finished_cells_alone():
+    def done(machine, ending):
+        return Done((), (), "", ending, machine=json.dumps(machine))
+
+    a, b = {"kernels": ["a"]}, {"kernels": ["b"]}
+    kept = counted(None, [done(a, "pass"), done(b, "failed"), done(a, "refused")])
+    kept = counted(kept, [done(b, "pass"), done(b, "fail")])
+    assert environments(kept) == [
+        {"machine": b, "cells": 2},
+        {"machine": a, "cells": 1},
+    ]
+
+
+def test_the_gate_knows_of_other_machines(tiny_run):
+    manifest = load_run(tiny_run).manifest
+    kept = environment(manifest)
+    assert environment_changes(kept, manifest) == ()
+    other = {**manifest["machine"], "linear_algebra": "openblas 0.3 Nehalem"}
+    mixed = [*manifest["environments"], {"machine": other, "cells": 1}]
+    (line,) = environment_changes(kept, {**manifest, "environments": mixed})
+    assert line.startswith("other machines: None -> ")
+    assert "Nehalem" in line
+    # a baseline of before, which does not say so much, is not another environment
+    before = {k: v for k, v in kept["machine"].items() if k not in ("libc", "threads")}
+    assert environment_changes({**kept, "machine": before}, manifest) == ()
+    own = {**manifest["machine"], "processor": "other"}
+    changed = {**manifest, "machine": own, "environments": []}
+    assert len(environment_changes({**kept, "machine": before}, changed)) == 1
+
+
+class Futures:
+    """A client whose workers answer what they are told to."""
+
+    status = "running"
+
+    def __init__(self, **answers):
+        self.answers = answers
+
+    def nthreads(self):
+        return dict.fromkeys(self.answers, 2)
+
+    def submit(self, function, *, workers, pure, priority):
+        answer = self.answers[workers[0]]
+        return SimpleNamespace(
+            done=lambda: answer is not None,
+            status="error" if isinstance(answer, Exception) else "finished",
+            result=lambda: answer,
+            exception=lambda: answer,
+        )
+
+
+def test_a_worker_computes_once_it_has_answered_and_is_the_same():
+    said = []
+    other = replace(here(), source="0" * 64)
+    gone = ModuleNotFoundError("No module named 'simval.sweep.identity'")
+    client = Futures(
+        good=here(), silent=None, other=other, twin=other, old=gone, odd={"a": 1}
+    )
+    roster = Roster(client, Stated(driver=here()), said.append)
+    roster.look()
+    roster.look()
+    assert roster.threads == {"good": 2}
+    assert roster.asked  # the silent one, for which nobody waits
+    assert roster.refused.keys() == {"other", "twin", "old", "odd"}
+    assert len(said) == 3  # twins once
+    assert any("cannot load this version of simval (ModuleNot" in s for s in said)
+    client.answers = {"silent": here()}
+    roster.look()
+    assert not roster.threads.keys() - {"silent"}
+    assert not roster.refused
+    client.status = "connecting"
+    with pytest.raises(OSError, match="does not answer"):
+        roster.look()
+    assert issubclass(LostClusterError, Exception)
+    assert LostClusterError.exit_code == 3
