@@ -14,6 +14,7 @@ from simval.plugins.builtin import beside_builtin
 from simval.plugins.loading import chosen, spelled
 from simval.sweep import Suite, load_suite, store
 from simval.sweep.cells import REFUSED
+from simval.sweep.connections import kept_open
 from simval.sweep.run import RUNS
 from simval.sweep.runner import LARGE, drive, forms
 
@@ -89,6 +90,8 @@ def run(
             err=True,
         )
     _tell_table(folder, rows)
+    if words := kept_open(folder / "run.sqlite"):
+        click.echo(words, err=True)
     click.echo(str(folder))
     return 4 if failed > refused else 3 if failed else 0
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from simval.report.artifacts import arrays
+from simval.report.artifacts import arrays, listed
 from simval.report.curves import MAX_GROUPS
 from simval.report.panels import COLOURS, MARKERS, Drawing, Panel, Series
 from simval.report.parameters import setting_words
@@ -19,7 +19,7 @@ LINES = ("-", "--", ":", "-.")
 
 def section(context: Context) -> Section | None:
     """Make the section."""
-    files = sorted((context.run.folder / "artifacts").glob("convergence-*.npz"))
+    files = listed(context.run.folder, "convergence-*.npz")
     cells = context.cells("solvers")
     titles = {artifact_of(cell.parameters): _title(cell) for cell in cells}
     panels = [panel for file in files[:MAX_GROUPS] if (panel := _panel(file, titles))]

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from simval.arrays import Array
-from simval.report.artifacts import arrays, shaped
+from simval.report.artifacts import arrays, content_of, is_left, listed, shaped
 from simval.report.coverage import widest_gap
 from simval.report.panels import Drawing, SpherePanel
 from simval.report.section import Context, Section, made
@@ -32,7 +32,7 @@ class Picture:
 
 def section(context: Context) -> Section | None:
     """Make the section."""
-    files = sorted((context.run.folder / "artifacts").glob("scene-*.npz"))
+    files = listed(context.run.folder, "scene-*.npz")
     scenes: list[Picture] = []
     for file in files[:MAX_SCENES]:
         if scene := _scene(file, explained=any(each.data for each in scenes)):
@@ -60,8 +60,8 @@ def _scene(file: Path, explained: bool) -> Picture | None:
     name = file.stem.removeprefix("scene-").rpartition("-")[0]
     picture = file.with_suffix(".png")
     data = ""
-    if picture.is_file() and picture.stat().st_size <= MAX_PICTURE:
-        data = base64.b64encode(picture.read_bytes()).decode()
+    if is_left(picture) and picture.lstat().st_size <= MAX_PICTURE:
+        data = base64.b64encode(content_of(picture)).decode()
     return Picture(
         name=name,
         finding=(
