@@ -20,8 +20,10 @@ MEMBERS = 1000
 PLAIN = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 """How NumPy packs: others may ask for gigabytes to unpack a byte."""
 # what NumPy raises for a file that is damaged or no npz file
-UNREADABLE = (OSError, ValueError, EOFError, AttributeError, KeyError, TypeError)
-UNREADABLE += (zipfile.BadZipFile, zlib.error, RuntimeError, RecursionError)
+UNREADABLE: tuple[type[Exception], ...] = (
+    *(OSError, ValueError, EOFError, AttributeError, KeyError, TypeError),
+    *(zipfile.BadZipFile, zlib.error, RuntimeError, RecursionError),
+)
 
 
 def listed(run: Path, pattern: str) -> list[Path]:

@@ -9,8 +9,8 @@ import os
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
 
 from simval.errors import InputError
 
@@ -25,7 +25,7 @@ _LOOK = os.O_RDONLY | os.O_NOFOLLOW | os.O_DIRECTORY | os.O_CLOEXEC
 @contextmanager
 def opened_inside(
     folder: Path, name: str, most: int | None = None
-) -> Iterator[BinaryIO]:
+) -> Iterator[BufferedReader]:
     """Open a regular file of a run folder by its name in it, ``a/b.npz``.
 
     Raises

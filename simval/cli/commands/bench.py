@@ -5,10 +5,11 @@ from typing import Any
 import click
 
 from simval.cli.completing import races
-from simval.cli.options import PATH, Whole
+from simval.cli.options import Whole
+from simval.cli.outputs import OUT, Command
 
 
-@click.command(name="bench")
+@click.command(name="bench", cls=Command)
 @click.argument("races", nargs=-1, shell_complete=races)
 @click.option(
     "--rounds",
@@ -18,7 +19,7 @@ from simval.cli.options import PATH, Whole
     help="Number of rounds.",
 )
 @click.option(
-    "--json", "path", type=PATH, help="Write the result to this JSON file too."
+    "--json", "path", type=OUT, help="Write the result to this JSON file too."
 )
 @click.option(
     "--cells",
