@@ -148,7 +148,8 @@ def _connected(path: Path) -> sqlite3.Connection:
         database.execute("SELECT count(*) FROM sqlite_schema").fetchone()
     except sqlite3.OperationalError as error:
         database.close()
-        if "unable to open" not in str(error) or Path(f"{path}-wal").exists():
+        asked = any(words in str(error) for words in ("unable to open", "readonly"))
+        if not asked or Path(f"{path}-wal").exists():
             raise
         # it asks for a log of which there is none, and none can be made
         database = sqlite3.connect(f"{path.absolute().as_uri()}?immutable=1", uri=True)

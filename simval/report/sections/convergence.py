@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from simval.errors import InputError
 from simval.report.artifacts import arrays, listed
 from simval.report.curves import MAX_GROUPS
 from simval.report.panels import COLOURS, MARKERS, Drawing, Panel, Series
@@ -66,6 +67,9 @@ def _panel(file: Path, titles: Mapping[str, str]) -> Panel | None:
     series: list[Series] = []
     for i, (name, values) in enumerate(sorted(arrays(file).items())):
         trace = np.atleast_1d(np.asarray(values, dtype=float)).ravel()
+        if not len(trace):
+            msg = f"{file}: `{name}` is empty; run the suite again"
+            raise InputError(msg)
         steps = np.arange(len(trace), dtype=float)
         trace = np.where(trace > 0.0, trace, np.nan)
         colour, marker = COLOURS[i % len(COLOURS)], MARKERS[i % len(MARKERS)]
