@@ -176,7 +176,14 @@ def _set(database: sqlite3.Connection, key: str, value: str | None) -> None:
 
 def size(database: sqlite3.Connection) -> int:
     """Number of rows that were stored, which is found at once."""
-    return int(database.execute("SELECT max(rowid) FROM rows").fetchone()[0] or 0)
+    least, most = (
+        int(database.execute(f"SELECT {which}(rowid) FROM rows").fetchone()[0] or 0)
+        for which in ("min", "max")
+    )
+    if least < 0:
+        msg = f"its rows are numbered from {least}"
+        raise DamagedError(msg)
+    return most
 
 
 def sealed(database: sqlite3.Connection) -> dict[str, str]:

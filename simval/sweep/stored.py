@@ -75,7 +75,7 @@ class StoredCells(Sequence[CellResult]):
     def blocks(self, *, judged: bool) -> Iterator[Columns]:
         """The rows of the finished cells; from the table where there is one."""
         if self._table is not None:
-            return parquet_blocks(self._table, judged=judged)
+            return parquet_blocks(self._table, judged=judged, rows=self.rows)
         return _blocks(self, judged=judged)
 
 
