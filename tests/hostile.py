@@ -230,7 +230,9 @@ def _kind(folder, rng):
     name = _pick(NAMES, rng)
     kind = _pick(("pipe", "socket", "folder", "link", "dead", "empty", "huge"), rng)
     put(folder / name, kind)
-    return Attack(f"{name} is {kind}", signed=rng.random() < 0.3)
+    # a store is not signed through a pipe, nor a hundred gigabytes of nothing sealed
+    can = "/" in name and kind in ("folder", "link", "dead", "empty")
+    return Attack(f"{name} is {kind}", signed=can and rng.random() < 0.5)
 
 
 def put(file, kind):

@@ -13,11 +13,12 @@ from io import BytesIO
 
 import numpy as np
 import pytest
-from hostile import attack, resealed
+from hostile import ENDLESS, arrays_of, attack, bomb, put, resealed
+from stores import raw, rewritten
 from test_safety import watched
 
 from simval.cli import run as simval_command
-from simval.sweep import load_run, run_suite
+from simval.sweep import load_run, parquet, run, run_suite, store
 
 SMALL = """
 title = "Small"
@@ -70,8 +71,8 @@ class Judge:
         series = self.place / "series"
         shutil.rmtree(series, ignore_errors=True)
         series.mkdir()
-        for name, run in (("good", self.good), ("bad", folder)):
-            (series / name).symlink_to(run, target_is_directory=True)
+        for name, place in (("good", self.good), ("bad", folder)):
+            (series / name).symlink_to(place, target_is_directory=True)
         out = self.place / "out"
         return (
             ("gate", folder, "--no-baseline", "--junit", f"{out}.xml"),
@@ -268,9 +269,8 @@ def test_an_array_is_what_its_header_says_or_refused(at, folder, simval, undrawn
 def test_a_bomb_is_small_where_it_lies(tmp_path):
     """Else the test above would have shown nothing."""
     assert len(bomb()) < 2**20
-    assert sum(part.file_size for part in zipfile.ZipFile(BytesIO(bomb())).filelist) > (
-        64 * 2**20
-    )
+    with zipfile.ZipFile(BytesIO(bomb())) as members:
+        assert sum(part.file_size for part in members.filelist) > 64 * 2**20
 
 
 def test_pages_that_lead_in_a_circle_end(folder, simval):

@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+from itertools import product
 
 import pytest
 from stores import rewritten
@@ -18,6 +19,14 @@ MEBIBYTE = 1 << 20
 
 def _name(study, parameters, seed):
     return Cell(study, STUDIES[study].parameters(**parameters), seed).name
+
+
+AXES = {"calibration": "poses", "attitude": "geometry"}
+"""What is varied, with the seed, to make a run large."""
+
+
+def _listed(value):
+    return value if isinstance(value, list) else [value]
 
 
 def grown(folder, rows):
@@ -37,37 +46,45 @@ def grown(folder, rows):
             ).fetchall()
             for position, _, _ in cells
         }
-        count, place, step = sum(map(len, content.values())), len(cells), 1
+        (text,) = database.execute(
+            "SELECT value FROM meta WHERE key = 'manifest'"
+        ).fetchone()
+        manifest = json.loads(text)
+        grid = manifest["grid"]
+        for study, key in AXES.items():
+            grid[study][key] = [grid[study][key] + step for step in range(40)]
+        once = 40 * sum(map(len, content.values()))
+        grid["seed"] = list(range(1, 1 + -(-rows // once)))
+        database.execute("DELETE FROM rows")
+        database.execute("DELETE FROM cells")
+        asked = [
+            (seed, study, dict(zip(axes, values, strict=True)))
+            for seed in grid["seed"]
+            for study, axes in list(grid.items())[1:]
+            for values in product(*map(_listed, axes.values()))
+        ]
+        like = {
+            (cells[i][1], json.loads(cells[i][2])["noise_std"]): i for i in range(given)
+        }
         marks = ", ".join("?" * (2 + len(columns)))
-        while count < rows:
-            step += 1
-            for position, study, text in cells:
-                parameters = json.loads(text)
-                key = "geometry" if study == "attitude" else "poses"
-                parameters[key] += step % 40
-                parameters["noise_std"] *= 1.0 + 0.01 * (step // 40)
-                name = _name(study, parameters, step)
-                database.execute(
-                    "INSERT INTO cells "
-                    "(position, cell, study, seed, parameters, status) "
-                    "VALUES (?, ?, ?, ?, ?, 'done')",
-                    (place, name, study, step, json.dumps(parameters)),
-                )
-                database.executemany(
-                    f"INSERT INTO rows VALUES ({marks})",
-                    [(place, i, *row) for i, row in enumerate(content[position])],
-                )
-                count += len(content[position])
-                place += 1
-        manifest = json.loads(
+        for place, (seed, study, parameters) in enumerate(asked):
+            name = _name(study, parameters, seed)
             database.execute(
-                "SELECT value FROM meta WHERE key = 'manifest'"
-            ).fetchone()[0]
-        )
+                "INSERT INTO cells "
+                "(position, cell, study, seed, parameters, status) "
+                "VALUES (?, ?, ?, ?, ?, 'done')",
+                (place, name, study, seed, json.dumps(parameters)),
+            )
+            own = content[like[study, parameters["noise_std"]]]
+            database.executemany(
+                f"INSERT INTO rows VALUES ({marks})",
+                [(place, i, *row) for i, row in enumerate(own)],
+            )
         database.execute(
             "UPDATE meta SET value = ? WHERE key = 'manifest'",
-            (json.dumps(manifest | {"cells": place}),),
+            (json.dumps(manifest | {"cells": len(asked)}),),
         )
+        (count,) = database.execute("SELECT count(*) FROM rows").fetchone()
     return count
 
 
