@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from places import ROOT
-from stores import edited_run
+from stores import edited, edited_run
 
 from simval.report import drawings, png, render, svg_file, tables
 from simval.report.paint import svg
@@ -323,6 +323,10 @@ def test_what_cannot_be_read_or_written_is_an_error(
     (artifacts / "scene-x-1.npz").write_bytes(b"PK no archive")
     code, _, err = simval("report", tiny_run)
     assert code == 2
+    assert "scene-x-1.npz is not of this run" in err
+    edited(tiny_run)  # without a seal
+    code, _, err = simval("report", tiny_run)
+    assert code == 2
     assert "scene-x-1.npz is damaged" in err
 
 
@@ -331,6 +335,7 @@ def test_an_artifact_of_objects_is_refused(simval, tiny_run, undrawn):
     artifacts.mkdir(exist_ok=True)
     thing = np.array([{"a": 1}], dtype=object)
     np.savez(artifacts / "scene-x-1.npz", directions=thing, allow_pickle=True)
+    edited(tiny_run)  # without a seal, which knows no such file
     code, _, err = simval("report", tiny_run)
     assert code == 2
     assert "damaged" in err
@@ -415,15 +420,19 @@ def test_a_budget_becomes_a_figure(tiny_run):
     assert "noise</text>" in page
 
 
-RENAMED = (
-    "UPDATE cells SET cell = replace(cell, study || '(', '{0}('), study = '{0}' "
-    "WHERE position > 1"
-)
+def renamed(study):
+    """Statements that give one study another name, in the suite too."""
+    return (
+        f"UPDATE cells SET cell = replace(cell, study || '(', '{study}('), "
+        f"study = '{study}' WHERE position > 1",
+        "UPDATE meta SET value = "
+        f"replace(value, '\"attitude\": {{', '\"{study}\": {{') WHERE key = 'manifest'",
+    )
 
 
 @pytest.mark.ci
 def test_a_study_without_a_section_is_shown_all_the_same(tiny_run, undrawn):
-    run = edited_run(tiny_run, RENAMED.format("of_a_plugin"))
+    run = edited_run(tiny_run, *renamed("of_a_plugin"))
     (drawing,) = (d for d in drawings(run) if d.name == "study-of-a-plugin")
     ElementTree.fromstring(f"<all>{svg(drawing)}</all>")
     page = render(run)
@@ -433,7 +442,7 @@ def test_a_study_without_a_section_is_shown_all_the_same(tiny_run, undrawn):
 
 
 def test_names_from_data_cannot_leave_the_folder(simval, tiny_run, tmp_path, undrawn):
-    edited_run(tiny_run, RENAMED.format("../../x y"))
+    edited_run(tiny_run, *renamed("../../x y"))
     assert simval("report", tiny_run, "--tables", tmp_path / "a" / "t")[0] == 0
     assert (tmp_path / "a" / "t" / "study-x-y.csv").is_file()
     assert sorted(p.name for p in tmp_path.iterdir() if p.name != "tiny") == ["a"]

@@ -7,7 +7,7 @@ from multiprocessing import get_context
 from types import SimpleNamespace
 
 import pytest
-from stores import edited
+from stores import edited, raw
 
 from simval.compare import compare_runs
 from simval.errors import InputError
@@ -18,7 +18,6 @@ from simval.sweep import (
     load_suite,
     provenance,
     run_suite,
-    store,
 )
 from simval.sweep.folder import locked
 
@@ -192,7 +191,7 @@ def test_a_damaged_store_is_a_clear_error(tmp_path, content):
 
 
 def test_a_newer_store_is_refused(tiny_run):
-    with store.opened(tiny_run / "run.sqlite") as database, database:
+    with raw(tiny_run) as database:
         database.execute("UPDATE meta SET value = '99' WHERE key = 'schema'")
     with pytest.raises(InputError, match="schema 99; this program reads 2"):
         load_run(tiny_run)

@@ -16,6 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from simval.cli.options import refuse_if, stated, write
+from simval.cli.outputs import require_free
 from simval.cli.shortened import every_line, short_lines
 from simval.errors import InputError
 from simval.gate import (
@@ -207,6 +208,7 @@ def show(result: GateResult, table: bool = False, every: bool = False) -> None:
 def _tell_github(result: GateResult) -> None:
     summary = os.environ.get("GITHUB_STEP_SUMMARY")
     if summary:
+        require_free(Path(summary), "GITHUB_STEP_SUMMARY")
         try:
             with Path(summary).open("a", encoding="utf-8") as file:
                 file.write(to_markdown(result) + "\n")

@@ -7,13 +7,14 @@ from typing import Any, TypeVar
 import click
 from click.core import ParameterSource
 
+from simval.cli.outputs import Input, require_free
 from simval.errors import InputError
 from simval.text import shown
 from simval.vocabulary import ALPHA
 from simval.whole import exact, read
 
 Command = TypeVar("Command", bound=Callable[..., Any])
-PATH = click.Path(path_type=Path)
+PATH = Input()
 
 COLUMNS = (
     "The columns of LOG in their order, as t,ax,ay,az,wx,wy,wz,mx,my,mz, with - for "
@@ -79,6 +80,7 @@ def stated(name: str) -> bool:
 
 def write(path: Path, text: str) -> None:
     """Write a file that the user named."""
+    require_free(path)
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from simval.cli.options import refuse_if
+from simval.cli.outputs import beside_store, require_free
 from simval.errors import InputError
 from simval.gate import read_baseline
 from simval.report import csv_text, drawings, png, render, svg_file, tables
@@ -32,7 +33,7 @@ def run(
     stored = None if baseline is None else read_baseline(baseline)
     other = None if against is None else load_run(against)
     chosen = _chosen(loaded, names) if pictures is not None else {}
-    path = out or loaded.folder / "report.html"
+    path = out or beside_store(loaded.folder, "report.html")
     try:
         page = render(loaded, alpha, baseline=stored, against=other, opened=opened)
         path.write_text(page, encoding="utf-8")
@@ -60,6 +61,8 @@ def _write_figures(chosen: dict[str, Drawing], folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for name, drawing in chosen.items():
         file = folder / f"{name}.svg"
+        require_free(file, "--figures")
+        require_free(file.with_suffix(".png"), "--figures")
         file.write_text(svg_file(drawing), encoding="utf-8")
         file.with_suffix(".png").write_bytes(png(drawing))
 
@@ -68,4 +71,5 @@ def _write_tables(run: Run, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for table in tables(run):
         file = folder / f"{table.name}.csv"
+        require_free(file, "--tables")
         file.write_text(csv_text(table), encoding="utf-8")

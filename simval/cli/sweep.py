@@ -15,6 +15,7 @@ from simval.plugins.builtin import beside_builtin
 from simval.plugins.loading import chosen, spelled
 from simval.sweep import Suite, load_suite, store
 from simval.sweep.cells import REFUSED
+from simval.sweep.connections import kept_open
 from simval.sweep.identity import StrangerError
 from simval.sweep.run import RUNS
 from simval.sweep.runner import LARGE, drive, forms
@@ -79,6 +80,13 @@ def run(
         if (folder / "run.sqlite").exists():
             click.echo(f"to continue: {resuming(suite, folder)}", err=True)
         raise
+    code = _tell_failures(folder, len(loaded.cells))
+    click.echo(str(folder))
+    return code
+
+
+def _tell_failures(folder: Path, cells: int) -> int:
+    """Say which cells failed, and where the table is; give the exit code."""
     with store.opened(folder / "run.sqlite") as database:
         first = store.failures(database, SHOWN)
         failed = store.count(database, "failed")
@@ -90,18 +98,19 @@ def run(
         click.echo(f"{'refused' if known else 'failed'}: {name}: {last}", err=True)
     if failed and failed == refused:
         click.echo(
-            f"{failed} of {len(loaded.cells)} cells refused their plug-in; the "
+            f"{failed} of {cells} cells refused their plug-in; the "
             f"reasons are in {folder}/run.sqlite and in the report",
             err=True,
         )
     elif failed:
         click.echo(
-            f"{failed} of {len(loaded.cells)} cells failed; the tracebacks are in "
+            f"{failed} of {cells} cells failed; the tracebacks are in "
             f"{folder}/run.sqlite and in the report",
             err=True,
         )
     _tell_table(folder, rows)
-    click.echo(str(folder))
+    if words := kept_open(folder / "run.sqlite"):
+        click.echo(words, err=True)
     return 4 if failed > refused else 3 if failed else 0
 
 

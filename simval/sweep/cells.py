@@ -18,6 +18,7 @@ from simval.statistics import Statistic
 from simval.studies import STUDIES
 from simval.studies.study import canonical
 from simval.sweep import store
+from simval.sweep.asked import Asked
 from simval.sweep.documents import DamagedError, read_json
 from simval.sweep.entries import Stored
 from simval.sweep.plausible import name_of, row_of
@@ -93,6 +94,7 @@ def read_cells(database: sqlite3.Connection) -> Iterator[CellResult]:
 
 def read_heads(database: sqlite3.Connection) -> Iterator[CellResult]:
     """Read the cells of a store without their rows."""
+    asked = Asked(store.manifest(database))
     cells = database.execute("SELECT * FROM cells ORDER BY position")
     for number, cell in enumerate(cells):
         if cell["position"] != number:
@@ -100,15 +102,22 @@ def read_heads(database: sqlite3.Connection) -> Iterator[CellResult]:
                 f"the cells are not numbered from 0 without a gap: {number} is missing"
             )
             raise DamagedError(msg)
-        with _named(cell):
-            yield _result(cell, ())
+        yield _head(cell, asked)
 
 
 def read_heads_by_study(database: sqlite3.Connection) -> Iterator[CellResult]:
     """Read the cells of a store without their rows, study by study."""
+    asked = Asked(store.manifest(database))
     for cell in database.execute("SELECT * FROM cells ORDER BY study, position"):
-        with _named(cell):
-            yield _result(cell, ())
+        yield _head(cell, asked)
+
+
+def _head(cell: sqlite3.Row, asked: Asked) -> CellResult:
+    """A cell without its rows, the one that the suite asks for at its place."""
+    with _named(cell):
+        head = _result(cell, ())
+        asked.require(head.position, head.study, head.seed, head.parameters)
+    return head
 
 
 def read_cell(database: sqlite3.Connection, position: int) -> CellResult:

@@ -21,8 +21,8 @@ WAIT = 60.0
 """How long a sweep waits for a worker while there is none, s."""
 
 ANSWER = 60.0
-"""How long a worker that is there may take to say what it is, s: it has to import simval
-first, from a file system that may be slow."""
+"""How long a worker that is there may take to say what it is, s: it has to import
+simval first, from a file system that may be slow."""
 
 PAUSE = 0.1
 """Between two looks for a worker while there is none, s."""

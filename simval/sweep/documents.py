@@ -11,6 +11,10 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from simval.errors import InputError
+from simval.sweep.inside import MEBIBYTE, is_inside, read_inside
+
+MOST_TIMES = 256 * MEBIBYTE
+"""Bytes of the times of a run; those of a million cells take 100 MB."""
 
 Seconds = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
@@ -97,13 +101,15 @@ def read_timing(folder: Path) -> dict[str, Any]:
     """Read the times of a run."""
     file = folder / "timing.json"
     try:
-        if not file.is_file():
+        if not is_inside(folder, file.name):
             return {}
-        text = file.read_text(encoding="utf-8")
+        text = read_inside(folder, file.name, MOST_TIMES).decode()
         content = _checked("file", text, _Started)
         started = content.keys() <= {"plugins"}
         return content if started else _checked("file", text, _Timing)
-    except (OSError, ValueError) as error:
+    except FileNotFoundError:
+        return {}
+    except (DamagedError, UnicodeDecodeError) as error:
         msg = f"{file} is damaged: {error}; run the suite again, or remove the file"
         raise InputError(msg) from None
 

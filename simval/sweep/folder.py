@@ -42,13 +42,16 @@ def create(folder: Path, suite: Suite, known: Mapping[str, Any], resume: bool) -
     try:
         # a run that was stopped before its store was complete left only a part of it
         begun = (
-            resume and folder.is_dir() and {p.name for p in folder.iterdir()} <= {PART}
+            resume
+            and folder.is_dir()
+            and all(p.name.startswith(PART) for p in folder.iterdir())
         )
         if folder.exists() and not begun:
             msg = f"{folder} exists; choose another folder, or --resume to continue it"
             raise InputError(msg)
         folder.mkdir(parents=True, exist_ok=begun)
-        (folder / PART).unlink(missing_ok=True)
+        for left in folder.iterdir():
+            left.unlink()
     except OSError as error:
         msg = f"cannot make {folder}: {error}; choose a folder that can be written"
         raise InputError(msg) from None

@@ -9,7 +9,7 @@ table, and reads only the columns and the row groups that it asks for.
 import json
 import shutil
 import sqlite3
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -19,9 +19,13 @@ import numpy as np
 from simval.columns import CHECKS, Columns
 from simval.errors import InputError
 from simval.results import CellName
-from simval.statistics import FAMILIES, Statistic
+from simval.statistics import Statistic
 from simval.sweep.cells import CellResult, read_cells, read_heads
+from simval.sweep.documents import DamagedError
+from simval.sweep.inside import MEBIBYTE
+from simval.sweep.plausible import MAX_SAMPLES, statistic_of
 from simval.sweep.tidy import HEAD, NUMBERS, parameter_kinds, parameter_values
+from simval.text import one_line
 
 FOLDER = "results"
 
@@ -31,9 +35,15 @@ GROUP = 50_000
 PART = 10_000_000
 """Rows at which a file is full: some 300 MB on the disk."""
 
+MOST_ROWS = 20 * GROUP
+"""Rows of a row group: it is full at `GROUP`, and the last cell is written whole."""
+MOST_BYTES = 256 * MEBIBYTE
+"""Bytes of a row group, unpacked."""
+
 FIELDS = {"family": "string", "entries": "string", "controlled": "bool_"}
 """Columns that say what a row measures, beside its name."""
 
+WORDS = ("cell", "family", "entries", "controlled", "unit", "predictor", "check")
 NEEDED = ("value", "standard_error", "n", "prediction", "remainder")
 
 
@@ -140,19 +150,48 @@ def _spelled(entries: tuple[str, ...]) -> str:
     return json.dumps(entries, separators=(",", ":"))
 
 
-def parquet_blocks(folder: Path, *, judged: bool) -> Iterator[Columns]:
-    """Read the table in blocks of whole cells; `judged` leaves out what is not."""
+def parquet_blocks(folder: Path, *, judged: bool, rows: int) -> Iterator[Columns]:
+    """Read the table in blocks of whole cells; `judged` leaves out what is not.
+
+    `rows` are as many as it must have.
+
+    Raises
+    ------
+    InputError
+        If it is damaged, or a part of it is larger than any that a sweep writes.
+    """
+    import pyarrow as pa
+
+    # what pyarrow raises for a file that is damaged, and what its content may cause
+    unreadable = (pa.ArrowException, OSError, ValueError, KeyError, TypeError)
+    try:
+        yield from _blocks(folder, judged, rows)
+    except DamagedError as error:
+        msg = f"{folder} is damaged: {error}; restore it from a copy"
+        raise InputError(msg) from None
+    except unreadable as error:
+        msg = (
+            f"{folder} cannot be read ({one_line(str(error))}); restore it from a copy"
+        )
+        raise InputError(msg) from None
+
+
+def _blocks(folder: Path, judged: bool, rows: int) -> Iterator[Columns]:
     from pyarrow import dataset
 
     table = dataset.dataset(folder, partitioning="hive", format="parquet")
+    found = table.count_rows()
+    if found != rows:
+        msg = f"it has {found:,} rows, and the store has {rows:,}"
+        raise DamagedError(msg)
     kept = (dataset.field("check") != "record") if judged else None
-    words = ("cell", "family", "entries", "controlled", "unit", "predictor", "check")
     for file in sorted(table.get_fragments(), key=lambda part: str(part.path)):
         study = Path(file.path).parent.name.partition("=")[2]
         for group in file.split_by_row_group(kept, schema=table.schema):
+            _require_small(group.row_groups)
             columns = group.to_table(
                 table.schema,
-                columns=[*words, *NEEDED],
+                columns=[*WORDS, *NEEDED],
                 filter=kept,
                 use_threads=False,
                 batch_size=2 * GROUP,
@@ -160,7 +199,41 @@ def parquet_blocks(folder: Path, *, judged: bool) -> Iterator[Columns]:
             yield _block(study, columns)
 
 
+def _require_small(groups: Iterable[Any]) -> None:
+    for group in groups:
+        if group.num_rows > MOST_ROWS or group.total_byte_size > MOST_BYTES:
+            msg = (
+                f"a row group has {group.num_rows:,} rows in {group.total_byte_size:,} "
+                f"bytes; one of a sweep has at most {MOST_ROWS:,} in {MOST_BYTES:,}"
+            )
+            raise DamagedError(msg)
+
+
+def _require_possible(block: Columns) -> None:
+    """Refuse numbers that cannot be what they are: see `simval.sweep.plausible`."""
+    families = [statistic.family for statistic in block.statistics]
+    least = np.array([family.least for family in families])[block.statistic]
+    most = np.array([family.most for family in families])[block.statistic]
+    fields = {
+        "value": (block.value < least) | (block.value > most),
+        "prediction": (block.prediction < least) | (block.prediction > most),
+        "standard_error": block.standard_error < 0.0,
+        "remainder": block.remainder < 0.0,
+        "n": (block.n < 0) | (block.n >= MAX_SAMPLES),
+    }
+    for name, wrong in fields.items():
+        if wrong.any():
+            i = int(np.argmax(wrong))
+            given = getattr(block, name)[i]
+            msg = f"cell {block.named(i).name!s:.300}: `{name}` is {given!r}"
+            raise DamagedError(msg)
+
+
 def _block(study: str, table: Any) -> Columns:
+    for name in (*WORDS, "n"):
+        if table[name].null_count:
+            msg = f"the column `{name}` has empty places"
+            raise DamagedError(msg)
     names, cell = _coded(table["cell"])
     predictors, predictor = _coded(table["predictor"])
     checks, check = _coded(table["check"])
@@ -171,7 +244,7 @@ def _block(study: str, table: Any) -> Columns:
         if name != "n"
     }
     places = np.array([CHECKS.index(word) for word in checks], dtype=np.int64)
-    return Columns(
+    block = Columns(
         cells=[CellName(study, name) for name in names],
         statistics=statistics,
         predictors=predictors,
@@ -182,6 +255,9 @@ def _block(study: str, table: Any) -> Columns:
         n=table["n"].to_numpy(zero_copy_only=False).astype(np.int64),
         **numbers,
     )
+    if len(block):
+        _require_possible(block)
+    return block
 
 
 def _coded(column: Any) -> tuple[list[Any], np.ndarray[Any, np.dtype[np.int64]]]:
@@ -206,7 +282,5 @@ def _statistics(
     found = []
     for i in first.tolist():
         family, entries, controlled, unit = (words[at[i]] for words, at in fields)
-        found.append(
-            Statistic(FAMILIES[family], tuple(json.loads(entries)), controlled, unit)
-        )
+        found.append(statistic_of(family, entries, int(controlled), unit))
     return found, statistic.astype(np.int64)

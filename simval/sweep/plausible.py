@@ -22,6 +22,9 @@ from simval.sweep.entries import NAMED, Stored
 MAX_SAMPLES = 2**53
 """From here on a number of samples is not exact as a float."""
 
+LONGEST = 10_000
+"""Characters of a text in a row; those of the studies have 40."""
+
 STATISTIC: TypeAdapter[Statistic] = TypeAdapter(Statistic)
 
 CHECKS = get_args(Check)
@@ -33,7 +36,10 @@ def _is_size(value: Any) -> bool:
 
 NUMBER = (lambda x: x is None or isinstance(x, int | float), "must be a number")
 SIZE = (_is_size, "must be a number >= 0")
-TEXT = (lambda x: isinstance(x, str), "must be a text")
+TEXT = (
+    lambda x: isinstance(x, str) and len(x) <= LONGEST,
+    f"must be a text of at most {LONGEST} characters",
+)
 
 _FIELDS: Mapping[str, tuple[Callable[[Any], bool], str]] = MappingProxyType(
     {
@@ -74,12 +80,13 @@ def row_of(entry: Stored) -> Row:
         and type(n) is int
         and 0 <= n < MAX_SAMPLES
         and type(predictor) is str
+        and len(predictor) <= LONGEST
         and check in CHECKS
         and (error is None or error >= 0.0)
         and (remainder is None or remainder >= 0.0)
     ):
         _require_possible(entry)
-    statistic = _statistic(family, entries, controlled, unit)
+    statistic = statistic_of(family, entries, controlled, unit)
     low, high = statistic.family.least, statistic.family.most
     if not (
         (value is None or low <= value <= high)
@@ -120,13 +127,13 @@ def _require_within(
 def name_of(entry: Stored) -> str:
     """Name of the statistic of an entry, as far as it can be read."""
     try:
-        return str(_statistic(*entry[1:5]))
+        return str(statistic_of(*entry[1:5]))
     except (DamagedError, ValueError, TypeError):
         return f"{entry[1]!s:.60}"
 
 
 @lru_cache(maxsize=4096, typed=True)
-def _statistic(family: Any, entries: Any, controlled: Any, unit: Any) -> Statistic:
+def statistic_of(family: Any, entries: Any, controlled: Any, unit: Any) -> Statistic:
     """Statistic of the entries of a row; the families and units are few."""
     for name, given in (
         ("family", family),

@@ -21,6 +21,7 @@ from simval.errors import InputError
 from simval.results import COLUMNS
 from simval.sweep import store
 from simval.sweep.cells import CellResult, read_cell, read_cells, read_heads
+from simval.sweep.connections import explained, require_whole
 from simval.sweep.documents import read_timing
 from simval.sweep.frame import data_frame
 from simval.sweep.plausible import MAX_SAMPLES
@@ -124,7 +125,7 @@ def load_run(folder: str | Path) -> Run:
         cells = () if large else tuple(read_cells(database))
     if large:
         file = path / "run.sqlite"
-        with store.explained(file):
+        with explained(file):
             cells = StoredCells(path, store.attached(file))
     timing = read_timing(path)
     places = timing.pop("plugins", {})
@@ -137,6 +138,7 @@ def load_run(folder: str | Path) -> Run:
 def opened_run(folder: Path) -> Iterator[tuple[sqlite3.Connection, dict[str, Any]]]:
     """Open a run folder; its files and manifest must be what the sweep wrote."""
     with store.opened(folder / "run.sqlite") as database:
+        require_whole(database)
         check_files(database, folder)
         yield database, store.manifest(database)
 

@@ -7,13 +7,25 @@ being resumed has none. A missing file is not damage: a store alone can be judge
 import hashlib
 import json
 import sqlite3
+import sys
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from simval.errors import InputError
 from simval.sweep import store
+from simval.sweep.inside import MEBIBYTE, is_inside, opened_inside
 
 FOLDERS = ("artifacts", "results")
 NAMES = ("results.csv", "manifest.json", "timing.json")
+READ = (".npz", ".png")
+"""What a report reads of the artifacts."""
+
+LINE = 64 * 1024
+"""Bytes that a line of results.csv has at most; the suites' have 300."""
+MOST_PART = 8 * 1024 * MEBIBYTE
+"""Bytes of a file of the Parquet table; one that is full has 300 MB."""
+MOST_FILE = 256 * MEBIBYTE
+"""Bytes of any other file; the times of a million cells take 100 MB."""
 
 
 def seal(database: sqlite3.Connection, folder: Path) -> None:
@@ -21,7 +33,8 @@ def seal(database: sqlite3.Connection, folder: Path) -> None:
     files = [folder / name for name in NAMES]
     for place in FOLDERS:
         files += sorted((folder / place).rglob("*"))
-    digests = {f.relative_to(folder).as_posix(): _digest(f) for f in files if _whole(f)}
+    names = [f.relative_to(folder).as_posix() for f in files if _whole(f)]
+    digests = {name: _digest(folder, name, sys.maxsize) for name in names}
     store.keep(database, store.FILES, json.dumps(digests))
 
 
@@ -32,24 +45,45 @@ def unseal(database: sqlite3.Connection) -> None:
 
 def check_files(database: sqlite3.Connection, folder: Path) -> None:
     """Refuse a run if one of its files is not what the sweep wrote."""
-    for name, digest in store.sealed(database).items():
-        file = folder / str(name)
-        if file.is_file() and _digest(file) != digest:
+    known = store.sealed(database)
+    if not known:
+        return
+    limits = {"results.csv": LINE * (1 + store.size(database))}
+    for name, digest in known.items():
+        most = limits.get(name, MOST_PART if name.startswith("results/") else MOST_FILE)
+        if is_inside(folder, name) and _digest(folder, name, most) != digest:
             msg = (
-                f"{file} is not what the sweep wrote (its SHA-256 differs); restore "
-                "it from a copy, or write it again with `simval sweep ... --resume`"
+                f"{folder / name} is not what the sweep wrote (its SHA-256 differs); "
+                "restore it from a copy, or write it again with `simval sweep ... "
+                "--resume`"
             )
             raise InputError(msg)
+    for file in _stray(folder, known):
+        msg = (
+            f"{file} is not of this run: the sweep wrote no such file; move it out of "
+            "the run folder"
+        )
+        raise InputError(msg)
+
+
+def _stray(folder: Path, known: Mapping[str, str]) -> Iterator[Path]:
+    """Artifacts, which a report would show, that the sweep did not write."""
+    place = folder / "artifacts"
+    if place.is_symlink() or not place.is_dir():
+        return
+    for file in sorted(place.iterdir()):
+        if file.suffix in READ and f"artifacts/{file.name}" not in known:
+            yield file
 
 
 def _whole(file: Path) -> bool:
     return file.is_file() and file.suffix != ".part"
 
 
-def _digest(file: Path) -> str:
+def _digest(folder: Path, name: str, most: int) -> str:
     try:
-        with file.open("rb") as content:
+        with opened_inside(folder, name, most) as content:
             return hashlib.file_digest(content, "sha256").hexdigest()
-    except OSError as error:
-        msg = f"cannot read {file}: {error}; is it yours to read?"
+    except FileNotFoundError:  # a link to nothing, or taken away meanwhile
+        msg = f"cannot read {folder / name}: it is not there any more"
         raise InputError(msg) from None

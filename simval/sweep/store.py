@@ -19,8 +19,8 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from simval.errors import InputError
 from simval.studies.study import Cell
+from simval.sweep.connections import explained, fold, to_read, to_write
 from simval.sweep.documents import DamagedError, checked_manifest, read_json
 from simval.sweep.entries import (
     CELL_FIELDS,
@@ -49,11 +49,7 @@ WORST = "worst"
 MACHINES = "machines"
 """Entry of the number of finished cells by the machine that computed them."""
 
-CHECKPOINT = 8_192
-"""Pages of the write-ahead log, 32 MB, after which it is brought into the file: a
-checkpoint waits for the disk."""
-
-_TABLES = f"""
+TABLES = f"""
 CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);
 CREATE TABLE cells (
   position INTEGER PRIMARY KEY, cell TEXT UNIQUE NOT NULL, study TEXT NOT NULL,
@@ -70,57 +66,34 @@ CREATE TABLE rows (
 
 @contextmanager
 def opened(path: Path) -> Iterator[sqlite3.Connection]:
-    """Open the store of a run.
+    """Open the store of a run to read from it.
 
     Raises
     ------
     InputError
-        If there is no such file, it is no store, it is of another schema, it is
-        damaged, or it cannot be written to.
+        If there is no such file, it is no store, it is of another schema, or it is
+        damaged.
     """
-    with _connected(path) as database:
+    with explained(path), closing(to_read(path, TABLES, SCHEMA_VERSION)) as database:
+        database.row_factory = sqlite3.Row
         database.execute("BEGIN")
         yield database
 
 
 def attached(path: Path) -> sqlite3.Connection:
     """Open the store of a run for as long as the connection is used: one snapshot."""
-    with opened(path):
-        pass  # it is the store of a run
-    database = sqlite3.connect(path)
+    database = to_read(path, TABLES, SCHEMA_VERSION)
     database.row_factory = sqlite3.Row
     database.execute("BEGIN")
     return database
 
 
 @contextmanager
-def _connected(path: Path) -> Iterator[sqlite3.Connection]:
-    if not path.is_file():
-        msg = f"{path} does not exist, so {path.parent} is no run folder"
-        raise InputError(msg)
-    with explained(path), closing(sqlite3.connect(path)) as database:
-        version = entry(database, "schema")
-        if version != str(SCHEMA_VERSION):
-            given = "no schema" if version is None else f"schema {version}"
-            msg = (
-                f"{path} has {given}; this program reads {SCHEMA_VERSION}; use the "
-                "version of simval that wrote it"
-            )
-            raise InputError(msg)
-        database.row_factory = sqlite3.Row
-        yield database
-
-
-@contextmanager
 def writing(path: Path) -> Iterator[sqlite3.Connection]:
     """Open the store of a run to add to it."""
-    with _connected(path) as database:
-        database.execute("PRAGMA journal_mode = WAL")
-        database.execute("PRAGMA synchronous = NORMAL")
-        database.execute(f"PRAGMA wal_autocheckpoint = {CHECKPOINT}")
+    with explained(path), closing(to_write(path, TABLES, SCHEMA_VERSION)) as database:
         yield database
-        # one file again when all is done
-        database.execute("PRAGMA journal_mode = DELETE")
+        fold(database)  # one file again when all is done
 
 
 def create(path: Path, cells: Iterable[Cell], manifest: str) -> None:
@@ -131,7 +104,9 @@ def create(path: Path, cells: Iterable[Cell], manifest: str) -> None:
         ("manifest digest", digest_of(manifest)),
     )
     with explained(path), closing(sqlite3.connect(path)) as database, database:
-        database.executescript(_TABLES)
+        # at once, as nobody has the file open yet
+        database.execute("PRAGMA journal_mode = WAL")
+        database.executescript(TABLES)
         database.executemany("INSERT INTO meta VALUES (?, ?)", entries)
         marks = ", ".join("?" * (1 + len(CELL_FIELDS)))
         database.executemany(
@@ -214,7 +189,14 @@ def _set(database: sqlite3.Connection, key: str, value: str | None) -> None:
 
 def size(database: sqlite3.Connection) -> int:
     """Number of rows that were stored, which is found at once."""
-    return int(database.execute("SELECT max(rowid) FROM rows").fetchone()[0] or 0)
+    least, most = (
+        int(database.execute(f"SELECT {which}(rowid) FROM rows").fetchone()[0] or 0)
+        for which in ("min", "max")
+    )
+    if least < 0:
+        msg = f"its rows are numbered from {least}"
+        raise DamagedError(msg)
+    return most
 
 
 def sealed(database: sqlite3.Connection) -> dict[str, str]:
@@ -287,25 +269,3 @@ def names(database: sqlite3.Connection) -> Iterator[str]:
     """Read the names of the cells."""
     query = "SELECT cell FROM cells ORDER BY position"
     return (entry[0] for entry in database.execute(query))
-
-
-@contextmanager
-def explained(path: Path) -> Iterator[None]:
-    """Turn errors of SQLite, and damaged content, into messages."""
-    try:
-        yield
-    except DamagedError as error:
-        msg = (
-            f"{path} is damaged: {error}; restore it from a copy, or run the suite "
-            "again in a new folder"
-        )
-        raise InputError(msg) from None
-    except sqlite3.OperationalError as error:
-        if "no such table" in str(error) or "no such column" in str(error):
-            msg = f"{path} is not the store of a run: {error}"
-        else:
-            msg = f"cannot use {path}: {error}; is the disk full or read-only?"
-        raise InputError(msg) from None
-    except sqlite3.Error as error:
-        msg = f"{path} is not the store of a run, or is damaged: {error}"
-        raise InputError(msg) from None

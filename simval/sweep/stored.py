@@ -21,6 +21,7 @@ from simval.sweep.cells import (
     read_heads,
     read_heads_by_study,
 )
+from simval.sweep.connections import explained
 from simval.sweep.parquet import FOLDER, has_pyarrow, parquet_blocks
 
 KEPT = 100_000
@@ -49,18 +50,18 @@ class StoredCells(Sequence[CellResult]):
     def __getitem__(self, place: slice) -> Sequence[CellResult]: ...
     def __getitem__(self, place: int | slice) -> CellResult | Sequence[CellResult]:
         places = range(self._count)[place]
-        with store.explained(self._folder / "run.sqlite"):
+        with explained(self._folder / "run.sqlite"):
             if isinstance(places, int):
                 return read_cell(self._database, places)
             return tuple(read_cell(self._database, each) for each in places)
 
     def __iter__(self) -> Iterator[CellResult]:
-        with store.explained(self._folder / "run.sqlite"):
+        with explained(self._folder / "run.sqlite"):
             yield from read_cells(self._database)
 
     def heads(self) -> Iterator[CellResult]:
         """The cells without their rows."""
-        with store.explained(self._folder / "run.sqlite"):
+        with explained(self._folder / "run.sqlite"):
             yield from read_heads(self._database)
 
     def heads_by_block(self) -> Iterator[CellResult]:
@@ -68,13 +69,13 @@ class StoredCells(Sequence[CellResult]):
         if self._table is None:
             yield from self.heads()
             return
-        with store.explained(self._folder / "run.sqlite"):
+        with explained(self._folder / "run.sqlite"):
             yield from read_heads_by_study(self._database)
 
     def blocks(self, *, judged: bool) -> Iterator[Columns]:
         """The rows of the finished cells; from the table where there is one."""
         if self._table is not None:
-            return parquet_blocks(self._table, judged=judged)
+            return parquet_blocks(self._table, judged=judged, rows=self.rows)
         return _blocks(self, judged=judged)
 
 
@@ -120,7 +121,9 @@ def _blocks(cells: Sequence[CellResult], *, judged: bool) -> Iterator[Columns]:
 def sealed_table(database: sqlite3.Connection, folder: Path) -> Path | None:
     """The folder of the Parquet table, if it is there and whole."""
     place = folder / FOLDER
-    files = sorted(file for file in place.rglob("*") if file.is_file())
+    if place.is_symlink():
+        return None
+    files = sorted(file for file in place.rglob("*") if not file.is_dir())
     known = store.sealed(database)
     names = [file.relative_to(folder).as_posix() for file in files]
     whole = sorted(name for name in known if name.startswith(f"{FOLDER}/"))

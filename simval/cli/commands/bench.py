@@ -5,10 +5,11 @@ from typing import Any
 import click
 
 from simval.cli.completing import races
-from simval.cli.options import PATH, Whole
+from simval.cli.options import Whole
+from simval.cli.outputs import OUT, Command, Input
 
 
-@click.command(name="bench")
+@click.command(name="bench", cls=Command)
 @click.argument("races", nargs=-1, shell_complete=races)
 @click.option(
     "--rounds",
@@ -19,20 +20,20 @@ from simval.cli.options import PATH, Whole
 )
 @click.option(
     "--against",
-    type=PATH,
+    type=Input(),
     metavar="FILE",
     help="Compare with the ratios in this file of `--json`; exit code 1 if something "
     "takes 20 % more time, 3 if that cannot be said.",
 )
 @click.option(
     "--page",
-    type=PATH,
+    type=Input(),
     metavar="FOLDER",
     help="Race nobody; draw the ratios in the JSON files of FOLDER, one of each "
     "commit, into FOLDER/bench.html.",
 )
 @click.option(
-    "--json", "path", type=PATH, help="Write the result to this JSON file too."
+    "--json", "path", type=OUT, help="Write the result to this JSON file too."
 )
 @click.option(
     "--cells",

@@ -7,6 +7,7 @@ import click
 from click.decorators import FC
 
 from simval.cli.options import COLUMNS, PATH, REST, ROWS
+from simval.cli.outputs import OUT, Command
 from simval.vocabulary import LOSSES, METHODS, MODELS, RESIDUALS
 
 
@@ -17,7 +18,7 @@ def _choice(name: str, choices: tuple[str, ...], words: str) -> Callable[[FC], F
     )  # fmt: skip
 
 
-@click.command(name="calibrate")
+@click.command(name="calibrate", cls=Command)
 @click.argument("path", metavar="LOG", type=PATH)
 @click.option(
     "--g",
@@ -65,11 +66,11 @@ def _choice(name: str, choices: tuple[str, ...], words: str) -> Callable[[FC], F
     type=float,
     help="Greatest reading that the sensor can give, in the unit of the log.",
 )
-@click.option("--out", type=PATH, help="Write the calibration to this JSON file.")
+@click.option("--out", type=OUT, help="Write the calibration to this JSON file.")
 @click.option(
-    "--report", "page", type=PATH, help="Write a page with figures, a single HTML file."
+    "--report", "page", type=OUT, help="Write a page with figures, a single HTML file."
 )
-@click.option("--kalibr", type=PATH, help="Write Kalibr's imu.yaml to this file.")
+@click.option("--kalibr", type=OUT, help="Write Kalibr's imu.yaml to this file.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def command(**options: Any) -> None:
     """Calibrate the accelerometer of a LOG, and its gyroscope and magnetometer.

@@ -5,10 +5,11 @@ from typing import Any
 import click
 
 from simval.cli.completing import runs
-from simval.cli.options import PATH, alpha_option
+from simval.cli.options import alpha_option
+from simval.cli.outputs import OUT, Command
 
 
-@click.command(name="compare")
+@click.command(name="compare", cls=Command)
 @click.argument("run_a", shell_complete=runs)
 @click.argument("run_b", shell_complete=runs, required=False)
 @click.option(
@@ -20,7 +21,7 @@ from simval.cli.options import PATH, alpha_option
 )
 @click.option(
     "--out",
-    type=PATH,
+    type=OUT,
     help="Write an HTML page with a figure of each change, before and after.",
 )
 @click.option(
@@ -32,11 +33,11 @@ from simval.cli.options import PATH, alpha_option
 @click.option(
     "--csv",
     "csv_file",
-    type=PATH,
+    type=OUT,
     help="Write every value that both runs have to this CSV file.",
 )
 @click.option(
-    "--json", "json_file", type=PATH, help="Write what changed to this JSON file."
+    "--json", "json_file", type=OUT, help="Write what changed to this JSON file."
 )
 @alpha_option
 def command(**options: Any) -> int:

@@ -5,9 +5,10 @@ from typing import Any
 import click
 
 from simval.cli.options import COLUMNS, PATH, ROWS
+from simval.cli.outputs import OUT, Command
 
 
-@click.command(name="correct")
+@click.command(name="correct", cls=Command)
 @click.argument("path", metavar="LOG", type=PATH)
 @click.option(
     "--calibration",
@@ -20,7 +21,7 @@ from simval.cli.options import COLUMNS, PATH, ROWS
 @click.option(
     "--unchecked", is_flag=True, help="Write the force even if it is implausible."
 )
-@click.option("--out", type=PATH, help="File to write, instead of standard output.")
+@click.option("--out", type=OUT, help="File to write, instead of standard output.")
 def command(**options: Any) -> None:
     """Apply a calibration to a LOG.
 

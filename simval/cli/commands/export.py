@@ -5,14 +5,14 @@ from typing import Any
 import click
 
 from simval.cli.completing import runs
-from simval.cli.options import PATH
+from simval.cli.outputs import OUT, Command
 
 
-@click.command(name="export")
+@click.command(name="export", cls=Command)
 @click.argument("run", shell_complete=runs)
 @click.option(
     "--out",
-    type=PATH,
+    type=OUT,
     help="File to write.  [default: results.parquet in the run folder]",
 )
 def command(**options: Any) -> int:

@@ -5,10 +5,11 @@ from typing import Any
 import click
 
 from simval.cli.options import COLUMNS, PATH, ROWS, unit_option
+from simval.cli.outputs import OUT, Command
 from simval.vocabulary import FILTER_SECONDS, FRAMES
 
 
-@click.command(name="filter")
+@click.command(name="filter", cls=Command)
 @click.argument("path", metavar="LOG", type=PATH)
 @click.option(
     "--plugin",
@@ -65,9 +66,9 @@ from simval.vocabulary import FILTER_SECONDS, FRAMES
     metavar="SECONDS",
     help="Time that each filter may take.",
 )
-@click.option("--out", type=PATH, help="Write the result to this JSON file.")
+@click.option("--out", type=OUT, help="Write the result to this JSON file.")
 @click.option(
-    "--report", "page", type=PATH, help="Write a page with figures, a single HTML file."
+    "--report", "page", type=OUT, help="Write a page with figures, a single HTML file."
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def command(**options: Any) -> int:

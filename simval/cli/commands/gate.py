@@ -1,16 +1,16 @@
 """`simval gate`."""
 
 import json
-from pathlib import Path
 from typing import Any
 
 import click
 
 from simval.cli.completing import runs
-from simval.cli.options import PATH, alpha_option
+from simval.cli.options import alpha_option
+from simval.cli.outputs import OUT, Command, Output
 from simval.vocabulary import BASELINE
 
-FILE = click.Path(path_type=Path, dir_okay=False)
+FILE = Output(dir_okay=False)
 
 
 def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> None:
@@ -21,11 +21,11 @@ def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> N
         context.exit(0)
 
 
-@click.command(name="gate")
+@click.command(name="gate", cls=Command)
 @click.argument("run", shell_complete=runs)
 @click.option(
     "--baseline",
-    type=PATH,
+    type=OUT,
     default=BASELINE,
     show_default=True,
     help="Baseline to compare with; written if there is none yet.",

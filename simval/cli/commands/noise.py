@@ -5,9 +5,10 @@ from typing import Any
 import click
 
 from simval.cli.options import COLUMNS, PATH, REST, ROWS, unit_option
+from simval.cli.outputs import OUT, Command
 
 
-@click.command(name="noise")
+@click.command(name="noise", cls=Command)
 @click.argument("path", metavar="LOG", type=PATH)
 @click.option("--rate", type=float, metavar="HZ", help=ROWS)
 @click.option("--rest", type=float, metavar="SECONDS", help=REST)
@@ -18,9 +19,9 @@ from simval.cli.options import COLUMNS, PATH, REST, ROWS, unit_option
 @click.option(
     "--increments", is_flag=True, help="Rows are rounded increments, so fit Q as well."
 )
-@click.option("--figure", type=PATH, help="Draw the Allan deviations (.svg or .png).")
+@click.option("--figure", type=OUT, help="Draw the Allan deviations (.svg or .png).")
 @click.option(
-    "--report", "page", type=PATH, help="Write a page with figures, a single HTML file."
+    "--report", "page", type=OUT, help="Write a page with figures, a single HTML file."
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def command(**options: Any) -> None:

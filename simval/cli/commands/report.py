@@ -6,18 +6,19 @@ import click
 
 from simval.cli.completing import runs
 from simval.cli.options import PATH, alpha_option
+from simval.cli.outputs import OUT, Command
 from simval.vocabulary import BASELINE
 
 
-@click.command(name="report")
+@click.command(name="report", cls=Command)
 @click.argument("run", shell_complete=runs)
 @click.option(
-    "--out", type=PATH, help="Page to write.  [default: report.html in the run folder]"
+    "--out", type=OUT, help="Page to write.  [default: report.html in the run folder]"
 )
 @click.option(
     "--figures",
     "pictures",
-    type=PATH,
+    type=OUT,
     help="Write each figure to this folder too, as SVG and PNG.",
 )
 @click.option(
@@ -30,7 +31,7 @@ from simval.vocabulary import BASELINE
 @click.option(
     "--tables",
     "lists",
-    type=PATH,
+    type=OUT,
     help="Write each table, with all its rows, to this folder as CSV.",
 )
 @click.option(

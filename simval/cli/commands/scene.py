@@ -6,9 +6,10 @@ import click
 
 from simval.cli.completing import scenes
 from simval.cli.options import PATH, Whole
+from simval.cli.outputs import OUT, Command
 
 
-@click.command(name="scene")
+@click.command(name="scene", cls=Command)
 @click.argument("name", default="gimbal", shell_complete=scenes)
 @click.option(
     "--sensor",
@@ -17,7 +18,7 @@ from simval.cli.options import PATH, Whole
     "effects), and in tables the gyroscope, magnetometer and clock.  [default: ideal "
     "sensors]",
 )
-@click.option("--out", type=PATH, help="Write the log to this CSV file.")
+@click.option("--out", type=OUT, help="Write the log to this CSV file.")
 @click.option(
     "--every",
     type=Whole(min=1),
@@ -29,7 +30,7 @@ from simval.cli.options import PATH, Whole
 @click.option(
     "--render",
     "picture",
-    type=PATH,
+    type=OUT,
     help="Write a picture (.png) or an animation (.gif, .mp4).",
 )
 @click.option(

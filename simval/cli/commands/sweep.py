@@ -6,14 +6,15 @@ from typing import Any
 import click
 
 from simval.cli.completing import studies, suites
-from simval.cli.options import PATH, Whole
+from simval.cli.options import Whole
+from simval.cli.outputs import OUT, Command
 
 
-@click.command(name="sweep")
+@click.command(name="sweep", cls=Command)
 @click.argument("suite", default="accuracy", shell_complete=suites)
 @click.option(
     "--out",
-    type=PATH,
+    type=OUT,
     help="Folder of the run, new or empty.  [default: one under reports/runs]",
 )
 @click.option(

@@ -5,12 +5,13 @@ from typing import Any
 import click
 
 from simval.cli.options import PATH, alpha_option
+from simval.cli.outputs import OUT, Command
 
 
-@click.command(name="trend")
+@click.command(name="trend", cls=Command)
 @click.argument("folder", type=PATH)
 @click.option(
-    "--out", type=PATH, help="Write an HTML page with a figure of each kind of step."
+    "--out", type=OUT, help="Write an HTML page with a figure of each kind of step."
 )
 @click.option(
     "--all",
@@ -21,11 +22,11 @@ from simval.cli.options import PATH, alpha_option
 @click.option(
     "--csv",
     "csv_file",
-    type=PATH,
+    type=OUT,
     help="Write every value of every run to this CSV file.",
 )
 @click.option(
-    "--json", "json_file", type=PATH, help="Write the steps to this JSON file."
+    "--json", "json_file", type=OUT, help="Write the steps to this JSON file."
 )
 @alpha_option
 def command(**options: Any) -> int:

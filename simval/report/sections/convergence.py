@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from simval.report.artifacts import arrays
+from simval.errors import InputError
+from simval.report.artifacts import arrays, listed
 from simval.report.curves import MAX_GROUPS
 from simval.report.panels import COLOURS, MARKERS, Drawing, Panel, Series
 from simval.report.parameters import setting_words
@@ -19,7 +20,7 @@ LINES = ("-", "--", ":", "-.")
 
 def section(context: Context) -> Section | None:
     """Make the section."""
-    files = sorted((context.run.folder / "artifacts").glob("convergence-*.npz"))
+    files = listed(context.run.folder, "convergence-*.npz")
     cells = context.cells("solvers")
     titles = {artifact_of(cell.parameters): _title(cell) for cell in cells}
     panels = [panel for file in files[:MAX_GROUPS] if (panel := _panel(file, titles))]
@@ -66,6 +67,9 @@ def _panel(file: Path, titles: Mapping[str, str]) -> Panel | None:
     series: list[Series] = []
     for i, (name, values) in enumerate(sorted(arrays(file).items())):
         trace = np.atleast_1d(np.asarray(values, dtype=float)).ravel()
+        if not len(trace):
+            msg = f"{file}: `{name}` is empty; run the suite again"
+            raise InputError(msg)
         steps = np.arange(len(trace), dtype=float)
         trace = np.where(trace > 0.0, trace, np.nan)
         colour, marker = COLOURS[i % len(COLOURS)], MARKERS[i % len(MARKERS)]

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from simval.report.artifacts import arrays
+from simval.report.artifacts import arrays, is_left
 from simval.report.findings import percent
 from simval.report.panels import COLOURS, Drawing, Panel, Series
 from simval.report.section import Context, Section, Shown, made
@@ -26,7 +26,7 @@ def section(context: Context) -> Section | None:
     names = _names(cell)
     file = context.run.folder / "artifacts" / "attitude-efficiency.npz"
     drawings = []
-    if file.is_file():
+    if is_left(file):
         simulated = np.atleast_2d(arrays(file).get("simulated", np.empty((0, 0))))
         if simulated.shape[1] == len(names) and simulated.size:
             others = [c.name for c in cells[:-1]]

@@ -8,7 +8,7 @@ import numpy as np
 from markupsafe import Markup
 
 from simval.compare.merits import algorithm_of
-from simval.report.artifacts import arrays, shaped
+from simval.report.artifacts import arrays, is_left, shaped
 from simval.report.attitudes import turning
 from simval.report.curves import MAX_GROUPS, first, grouped
 from simval.report.section import Context, Section, Shown, made
@@ -59,7 +59,7 @@ def _turning(context: Context, cells: Sequence[CellResult]) -> list[tuple[str, M
     found = []
     for cell in cells:
         file = context.run.folder / "artifacts" / artifact_of(cell.parameters)
-        if not file.is_file():
+        if not is_left(file):
             continue
         content = arrays(file)
         time = shaped(file, content, "time", None)

@@ -7,7 +7,7 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.report import palette
-from simval.report.artifacts import arrays, shaped
+from simval.report.artifacts import arrays, is_left, shaped
 from simval.report.curves import MAX_GROUPS
 from simval.report.distribution import share_at_most
 from simval.report.panels import Drawing, Panel, Series
@@ -72,7 +72,7 @@ def _ratios(folder: Path, cell: CellResult) -> Ratios | None:
         cell.parameters[key] for key in ("noise", "frame", "geometries")
     )
     file = folder / f"attitude-geometries-{noise}-{frame}-{count}.npz"
-    if not file.is_file():
+    if not is_left(file):
         return None
     content = arrays(file)
     return {name: shaped(file, content, name, count) for name in DRAWN}

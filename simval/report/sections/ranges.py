@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from simval.arrays import Array
-from simval.report.artifacts import arrays, shaped
+from simval.report.artifacts import arrays, is_left, shaped
 from simval.report.curves import MAX_GROUPS
 from simval.report.distribution import share_at_most
 from simval.report.panels import Drawing, Panel
@@ -76,7 +76,7 @@ def section(context: Context) -> Section | None:
 def _limits(folder: Path, cell: CellResult) -> Found | None:
     frame, count = cell.parameters["frame"], cell.parameters["geometries"]
     file = folder / f"attitude-map-{frame}-{count}.npz"
-    if not file.is_file():
+    if not is_left(file):
         return None
     content = arrays(file)
     most, least = shaped(file, content, "searched", 2)

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from simval.arrays import Array
-from simval.report.artifacts import arrays, shaped
+from simval.errors import InputError
+from simval.report.artifacts import arrays, content_of, is_left, listed, shaped
 from simval.report.coverage import widest_gap
 from simval.report.panels import Drawing, SpherePanel
 from simval.report.section import Context, Section, made
@@ -17,6 +18,8 @@ MAX_SCENES = 8  # for the size of a page; the others are named
 MAX_DIRECTIONS = 2000  # points of a panel, the first; for the size of a page
 MAX_PICTURE = 600_000
 """Bytes; a larger picture is left in the run folder."""
+PNG = b"\x89PNG\r\n\x1a\n"
+MAX_SIDE = 4096  # pixels; the scenes are drawn with 640
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,7 +35,7 @@ class Picture:
 
 def section(context: Context) -> Section | None:
     """Make the section."""
-    files = sorted((context.run.folder / "artifacts").glob("scene-*.npz"))
+    files = listed(context.run.folder, "scene-*.npz")
     scenes: list[Picture] = []
     for file in files[:MAX_SCENES]:
         if scene := _scene(file, explained=any(each.data for each in scenes)):
@@ -60,8 +63,8 @@ def _scene(file: Path, explained: bool) -> Picture | None:
     name = file.stem.removeprefix("scene-").rpartition("-")[0]
     picture = file.with_suffix(".png")
     data = ""
-    if picture.is_file() and picture.stat().st_size <= MAX_PICTURE:
-        data = base64.b64encode(picture.read_bytes()).decode()
+    if is_left(picture) and picture.lstat().st_size <= MAX_PICTURE:
+        data = base64.b64encode(_drawn(picture)).decode()
     return Picture(
         name=name,
         finding=(
@@ -72,6 +75,16 @@ def _scene(file: Path, explained: bool) -> Picture | None:
         caption=_caption(file, content, name, explained),
         drawing=_map(file, name, directions, bool(data)),
     )
+
+
+def _drawn(file: Path) -> bytes:
+    """The bytes of a picture, which is one and of the size that is drawn."""
+    content = content_of(file)
+    width, height = (int.from_bytes(content[i : i + 4]) for i in (16, 20))
+    if content[:8] != PNG or not 0 < max(width, height) <= MAX_SIDE:
+        msg = f"{file} is no picture of a scene; run the suite again"
+        raise InputError(msg)
+    return content
 
 
 def _caption(

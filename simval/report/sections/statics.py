@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from simval.arrays import Array
-from simval.report.artifacts import arrays, shaped
+from simval.report.artifacts import arrays, listed, shaped
 from simval.report.curves import Curve, axis_of, curves, first, grouped, statistic
 from simval.report.findings import agrees
 from simval.report.panels import COLOURS, Drawing, Panel, Series
@@ -35,7 +35,7 @@ SHOWN = Shown("detector", (PRECISION, RECALL, IMPURE, NEES))
 
 def section(context: Context) -> Section | None:
     """Make the section."""
-    files = sorted((context.run.folder / "artifacts").glob("static-*.npz"))
+    files = listed(context.run.folder, "static-*.npz")
     count = min(len(files), MAX_LOGS)
     chosen = np.linspace(0, len(files) - 1, count).astype(int)  # first and last
     titles = {artifact_of(c.parameters): _title(c) for c in context.cells("detector")}

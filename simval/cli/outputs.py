@@ -1,0 +1,153 @@
+"""What a command writes: never over what it reads, and never over a file of a run.
+
+Each option that names a file or a folder to write has the type `Output`; the command
+looks at all of them before it does anything.
+"""
+
+import os
+import stat
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+
+from simval.errors import InputError
+from simval.vocabulary import RUNS
+
+STORE = "run.sqlite"
+OWN = (
+    *(STORE, "results.csv", "manifest.json", "timing.json", "artifacts", "results"),
+    *(f"{STORE}{suffix}" for suffix in ("-wal", "-shm", "-journal", ".part")),
+)
+"""What a run folder has of its own; a page or a table may be written beside it."""
+
+
+class Input(click.Path):
+    """A file or a folder that a command reads."""
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path)
+
+
+class Output(click.Path):
+    """A file or a folder that a command writes."""
+
+    def __init__(self, *, dir_okay: bool = True) -> None:
+        super().__init__(path_type=Path, dir_okay=dir_okay)
+
+
+OUT = Output()
+
+
+class Command(click.Command):
+    """A command that refuses to write over what it reads."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Look at the outputs, then do what the command does."""
+        require_apart(self, ctx.params)
+        return super().invoke(ctx)
+
+
+def require_apart(command: click.Command, values: Mapping[str, Any]) -> None:
+    """Refuse outputs that are inputs, files of a run, or one and the same file."""
+    outputs: list[tuple[str, Path]] = []
+    inputs: list[str] = []
+    for parameter in command.params:
+        given = list(_each(values.get(parameter.name or "")))
+        if isinstance(parameter.type, Output):
+            option = max(parameter.opts, key=len)
+            outputs += [(option, Path(each)) for each in given]
+        else:
+            inputs += given
+    for place, (option, path) in enumerate(outputs):
+        require_free(path, option)
+        if any(_same(path, each) for name in inputs for each in _files(name)):
+            msg = f"`{option}` names {path}, which this command reads; choose another"
+            raise InputError(msg)
+        for other, earlier in outputs[:place]:
+            if _same(path, earlier) and not _is_special(path):
+                msg = f"`{other}` and `{option}` both name {path}; choose two files"
+                raise InputError(msg)
+
+
+def require_free(path: Path, option: str = "--out") -> None:
+    """Refuse to write over what a run folder has of its own."""
+    for place in (path.absolute(), _real(path)):
+        for folder in place.parents:
+            name = place.relative_to(folder).parts[0]
+            if name.lower() in OWN and os.path.lexists(folder / STORE):
+                msg = (
+                    f"`{option}` names {path}, a file of the run in {folder}, which "
+                    "would be lost; choose another"
+                )
+                raise InputError(msg)
+
+
+def beside_store(folder: Path, name: str) -> Path:
+    """A file to write in a run folder; a link there may lead anywhere."""
+    path = folder / name
+    for each in (path, path.with_name(f"{name}.part")):
+        if os.path.lexists(each) and not stat.S_ISREG(each.lstat().st_mode):
+            msg = (
+                f"{each} is no regular file, so it is not written over; take it away, "
+                "or choose another file with --out"
+            )
+            raise InputError(msg)
+    return path
+
+
+def _each(value: Any) -> Iterator[str]:
+    """The words of the value of an option."""
+    if isinstance(value, str | Path):
+        yield str(value)
+    elif isinstance(value, tuple | list):
+        for each in value:
+            yield from _each(each)
+
+
+def _files(word: str) -> Iterator[Path]:
+    """The files that a word may name: a file, FILE.py:NAME, a run, a folder of runs."""
+    paths = [Path(word), Path(word.rpartition(":")[0])]
+    if word == "latest":
+        paths += [store.parent for store in RUNS.glob(f"*/{STORE}")]
+    for path in filter(_is_there, paths):
+        if not path.is_dir():
+            yield path
+            continue
+        for folder in (path, *path.glob("*/")):
+            if (folder / STORE).exists():
+                for name in OWN:
+                    yield folder / name
+                    yield from (folder / name).rglob("*")
+
+
+def _is_there(path: Path) -> bool:
+    try:
+        return path != Path() and path.exists()
+    except OSError:  # a name that no file can have
+        return False
+
+
+def _same(one: Path, other: Path) -> bool:
+    """Whether two paths are of one file, through links and in any spelling."""
+    try:
+        return os.path.samefile(one, other)
+    except OSError:  # one of them is not there
+        return _real(one) == _real(other)
+
+
+def _is_special(path: Path) -> bool:
+    """Whether it is a terminal, a pipe or the like, which nothing is lost of."""
+    try:
+        return not stat.S_ISREG(path.stat().st_mode)
+    except OSError:
+        return False
+
+
+def _real(path: Path) -> Path:
+    try:
+        return path.resolve()
+    except (OSError, RuntimeError) as error:
+        msg = f"cannot write {path}: {error}; choose another file"
+        raise InputError(msg) from None
