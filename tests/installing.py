@@ -39,9 +39,9 @@ LIST = re.compile(
 )
 REQUIREMENT = re.compile(
     r"""simval \s* (?:\[ [^]]* \])? \s*
-    (?: @ \s* (?: latest | \d[\w.]* )                       # of uv: simval@0.1
-      | \(? (?: (?: ===?|~=|!=|[<>]=? ) \s* [^\s,;()@]+ \s* ,? \s* )* \)? )
-    \s* (?: ; .* )?""",
+    (?: $ | ; | \(? \s* (?: [=~!<>]= | [<>](?=\s*v?[\d{$]) ) # any, or some versions
+      | @ \s* (?: latest | \d ) )                  # of uv: simval@0.1
+    """,
     re.X | re.I,
 )
 FENCE = re.compile(
@@ -67,7 +67,7 @@ RUNS = ("uvx", "uv tool run", "pipx run")
 
 def is_bare(word: str) -> bool:
     """Whether a requirement leaves it to an index what simval is."""
-    return REQUIREMENT.fullmatch(word.strip()) is not None
+    return REQUIREMENT.match(word.strip()) is not None
 
 
 def by_name(text: str, kind: str) -> list[str]:
