@@ -27,7 +27,7 @@ OFF = 1e-3  # of a limit
 
 
 def fitted(poses, g):
-    fit = package_calibrate(poses, g, residual="weighted")
+    fit = package_calibrate(poses, g)
     return fit.matrix, fit.B, fit.covariance
 
 
