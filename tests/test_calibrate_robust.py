@@ -156,3 +156,18 @@ def test_known_noise_of_each_pose_is_the_scale_of_each():
     assert np.all(abs(step) < 0.02 * fit.sd)
     expected = huber_variance("huber", standard, 1.0) * np.linalg.inv(normal)
     np.testing.assert_allclose(fit.sd, np.sqrt(np.diagonal(expected)), rtol=0.01)
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_unweighted_poses_of_unequal_noise_share_the_greatest(order):
+    sigma = np.linspace(0.01, 0.04, 24)[::order]
+    y = noisy(24, seed=9, sigma=sigma)
+    fit = calibrate(y, G, loss="soft_l1", noise_std=sigma)
+    assert fit.status == "converged"
+    slopes = derivatives(lambda p: norms(p, y), fit.parameters)
+    distance = distances(fit.parameters, y)
+    steep = (norms(fit.parameters, y) - G**2) / distance
+    inverse = np.linalg.inv(slopes.T @ slopes)
+    middle = slopes.T @ (steep[:, None] ** 2 * slopes)
+    expected = huber_variance("soft_l1", distance, 0.04) * inverse @ middle @ inverse
+    np.testing.assert_allclose(fit.sd, np.sqrt(np.diagonal(expected)), rtol=1e-6)
