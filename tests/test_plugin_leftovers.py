@@ -67,6 +67,8 @@ subprocess.Popen(["sh", "-c", "trap '' TERM; echo $$ >> " + {mark!r} + "; sleep 
 }
 """Ways to leave a process behind."""
 
+QUICK = ("deaf to all", "another program", "a thread")
+
 ENDS = {"ends": "os._exit(0)", "dies": "os.kill(os.getpid(), 11)", "stays": "stay()"}
 
 
@@ -100,7 +102,10 @@ def assert_gone(processes):
         time.sleep(0.02)
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize(
+    "way",
+    [w if w in QUICK else pytest.param(w, marks=pytest.mark.ci) for w in WAYS],
+)
 def test_nothing_outlives_its_time(tmp_path, way):
     mark = tmp_path / "mark"
     with own_folder() as folder, started(program(way, "stays", mark), folder) as own:
@@ -110,6 +115,7 @@ def test_nothing_outlives_its_time(tmp_path, way):
     assert_gone(left)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("end", ["ends", "dies"])
 @pytest.mark.parametrize("way", ["a double fork", "another program"])
 def test_nothing_outlives_a_process_that_ends_first(tmp_path, way, end):
@@ -120,6 +126,7 @@ def test_nothing_outlives_a_process_that_ends_first(tmp_path, way, end):
     assert_gone(noted(mark, 2))
 
 
+@pytest.mark.ci
 def test_nothing_outlives_us(tmp_path):
     # whoever started it is killed, and can end nothing itself
     mark = tmp_path / "mark"
@@ -135,6 +142,7 @@ def test_nothing_outlives_us(tmp_path):
     assert_gone(left)
 
 
+@pytest.mark.ci
 def test_what_keeps_its_output_open_is_not_waited_for(tmp_path):
     mark, begun = tmp_path / "mark", time.monotonic()
     text = program("a double fork", "ends", mark)
