@@ -21,8 +21,8 @@ WAIT = 60.0
 """How long a sweep waits for a worker while there is none, s."""
 
 ANSWER = 60.0
-"""How long a worker that is there may take to say what it is, s: it has to import
-simval first, from a file system that may be slow."""
+"""How long a worker that is there may take to say what it is, s: it imports simval
+first, from a file system that may be slow."""
 
 PAUSE = 0.1
 """Between two looks for a worker while there is none, s."""
@@ -121,13 +121,12 @@ class Crowd:
         demand = self.client.submit(here, pure=False)
         said = False
         try:
-            while not self.roster.threads:
-                self.roster.look()
+            while not self._somebody():
                 patience = max(self._wait, ANSWER) if self.roster.asked else self._wait
                 late = time.monotonic() - start >= patience
                 if late or (at_start and self._all_differ()):
                     raise self._nobody(at_start)
-                if not (said or self.roster.asked or self.roster.threads):
+                if not (said or self.roster.asked):
                     self._tell(
                         f"the scheduler at {self.address} has no worker that may "
                         f"compute; waiting {self._wait:g} s for one"
@@ -138,9 +137,12 @@ class Crowd:
             with suppress(Exception):  # the scheduler may be what is lost
                 demand.cancel()
 
+    def _somebody(self) -> bool:
+        self.roster.look()
+        return bool(self.roster.threads)
+
     def _all_differ(self) -> bool:
-        roster = self.roster
-        return bool(roster.refused) and not (roster.threads or roster.asked)
+        return bool(self.roster.refused) and not self.roster.asked
 
     def _nobody(self, at_start: bool) -> InputError | LostClusterError:
         refused = self.roster.refused
