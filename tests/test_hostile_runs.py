@@ -4,7 +4,7 @@ Never a traceback, a hang, a link followed, memory without a bound, or a pass of
 not whole. `hostile.py` has the attacks; two thousand of them run by night.
 """
 
-import contextlib
+import os
 import resource
 import shutil
 import sqlite3
@@ -18,6 +18,7 @@ from stores import raw, rewritten
 from test_safety import watched
 
 from simval.cli import run as simval_command
+from simval.gate import write_baseline
 from simval.sweep import load_run, parquet, run, run_suite, store
 
 SMALL = """
@@ -120,11 +121,13 @@ class Judge:
 def attacked(run, place, capsys, count, seed, share):
     rng, judge = np.random.default_rng(seed), Judge(run, place, capsys)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    handles = len(os.listdir("/proc/self/fd"))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("simval.report.environment.svg", lambda drawing: "<svg/>")
         found = [judge.check(n, rng, n % share == 0) for n in range(count)]
     grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
     assert grown * 1024 < MOST
+    assert len(os.listdir("/proc/self/fd")) <= handles + 1  # none is left open
     return found
 
 
@@ -160,10 +163,11 @@ def test_the_small_run_is_good(folder, simval, undrawn):
         (
             "ALTER TABLE rows RENAME TO old; CREATE VIEW rows AS "
             + ENDLESS.format("cell, n AS ordinal FROM x"),
-            "its table `old` is not among what a sweep makes",
+            "its view `rows` is other than what a sweep makes",
         ),
         (
-            "DROP TABLE meta; CREATE VIEW meta AS " + ENDLESS.format("key FROM x"),
+            "DROP TABLE meta; CREATE VIEW meta AS "
+            + ENDLESS.format("key, 2 AS value FROM x"),
             "its view `meta` is other than what a sweep makes",
         ),
         (
@@ -208,7 +212,7 @@ def test_who_knows_the_seal_is_refused_by_what_does_not_agree(
 ):
     with raw(folder) as database:
         database.executescript(sql)
-    with contextlib.suppress(sqlite3.Error):  # there may be nothing to seal
+    if "VIEW" not in sql:  # to sign would be to read it
         resealed(folder)
     with watched():
         code, _, err = simval("gate", folder, "--no-baseline")
@@ -219,6 +223,7 @@ def test_who_knows_the_seal_is_refused_by_what_does_not_agree(
 def test_what_a_seal_cannot_show(folder, simval, tmp_path):
     """Rows left out of a cell, signed anew: the baseline and the cell itself know."""
     baseline = tmp_path / "baseline.json"
+    write_baseline(baseline, load_run(folder), "good")
     assert simval("gate", folder, "--baseline", baseline)[0] == 0
     with rewritten(folder) as database:
         database.execute("DELETE FROM rows WHERE cell = 1 AND ordinal > 40")
@@ -228,12 +233,20 @@ def test_what_a_seal_cannot_show(folder, simval, tmp_path):
     assert simval("repro", load_run(folder).cells[1].name, "--run", folder)[0] == 1
 
 
-@pytest.mark.parametrize("kind", ["pipe", "socket", "link", "dead", "folder", "huge"])
+PLACES = (
+    *("run.sqlite", "run.sqlite-wal", "timing.json", "manifest.json", "results.csv"),
+    *("artifacts/scene-die-12.npz", "artifacts/scene-die-12.png"),
+)
+
+
 @pytest.mark.parametrize(
-    "name",
+    ("name", "kind"),
     [
-        *("run.sqlite", "run.sqlite-wal", "timing.json", "manifest.json"),
-        *("results.csv", "artifacts/scene-die-12.npz", "artifacts/scene-die-12.png"),
+        (name, kind)
+        for name in PLACES
+        for kind in ("pipe", "socket", "link", "dead", "folder", "huge")
+        # SQLite knows where a store ends, and reads no further
+        if (kind, name.partition("-")[0]) != ("huge", "run.sqlite")
     ],
 )
 def test_only_files_of_the_folder_itself_are_read(name, kind, folder, simval):
@@ -327,7 +340,7 @@ def changed(file, name, value):
     ("name", "value", "words"),
     [
         ("family", "invented", "`family` is 'invented'"),
-        ("check", "invented", "is not in"),
+        ("check", "invented", "`check` is 'invented'"),
         ("check", None, "the column `check` has empty places"),
         ("n", None, "the column `n` has empty places"),
         ("n", -1, "`n` is "),

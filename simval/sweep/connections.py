@@ -135,7 +135,7 @@ def explained(path: Path) -> Iterator[None]:
         else:
             msg = f"cannot use {path}: {error}; is the disk full or read-only?"
         raise InputError(msg) from None
-    except sqlite3.Error as error:
+    except (sqlite3.Error, UnicodeDecodeError) as error:  # what it says may be no text
         msg = f"{path} is not the store of a run, or is damaged: {error}"
         raise InputError(msg) from None
 

@@ -3,6 +3,8 @@
 import os
 from pathlib import Path
 
+from simval.text import printable
+
 
 def holders(file: Path) -> list[str]:
     """Other processes that have a store open, by number and name.
@@ -46,6 +48,6 @@ def _has_open(number: int, wanted: set[tuple[int, int]]) -> bool:
 
 def _name(number: int) -> str:
     try:
-        return Path(f"/proc/{number}/comm").read_text(encoding="utf-8").strip()
+        return printable(Path(f"/proc/{number}/comm").read_text("utf-8").strip())
     except (OSError, ValueError):
         return "unknown"

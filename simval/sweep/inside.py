@@ -42,8 +42,13 @@ def opened_inside(
         msg = f"{name!r:.60} is no name of a file in a run folder"
         raise InputError(msg)
     try:
-        with os.fdopen(_descriptor(folder, parts), "rb") as content:
-            _require_plain(file, os.fstat(content.fileno()), most)
+        place = _descriptor(folder, parts)
+        try:
+            _require_plain(file, os.fstat(place), most)
+        except BaseException:
+            os.close(place)
+            raise
+        with os.fdopen(place, "rb") as content:
             yield content
     except FileNotFoundError:
         raise

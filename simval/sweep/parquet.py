@@ -243,6 +243,9 @@ def _block(study: str, table: Any) -> Columns:
         for name in NEEDED
         if name != "n"
     }
+    if unknown := [word for word in checks if word not in CHECKS]:
+        msg = f"`check` is {unknown[0]!r:.60}; it must be one of {', '.join(CHECKS)}"
+        raise DamagedError(msg)
     places = np.array([CHECKS.index(word) for word in checks], dtype=np.int64)
     block = Columns(
         cells=[CellName(study, name) for name in names],
