@@ -188,3 +188,7 @@ def test_the_command_judges_and_writes(simval, tmp_path, monkeypatch):
     first.write_text(json.dumps({**content, "processor": "Abacus"}))
     code, out, _ = simval("bench", "--against", first)
     assert (code, "another processor (Abacus" in out) == (1, True)
+    # as may be what else it was doing
+    first.write_text(json.dumps({**content, "load": 9.5}))
+    code, out, _ = simval("bench", "--against", first)
+    assert (code, "made while 9.5 processes wanted each core" in out) == (1, True)
