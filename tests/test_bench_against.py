@@ -3,10 +3,12 @@
 import json
 
 import pytest
+from places import ROOT
 from racing import Machine, race_on, raced
 
-from simval.bench import run_race
+from simval.bench import RACES, run_race
 from simval.bench.against import TIMES, changes_of, code_of, measured
+from simval.bench.interval import CONFIDENCE
 from simval.bench.record import FORMAT, kept_of, read_record, written
 from simval.errors import InputError
 
@@ -188,3 +190,13 @@ def test_the_command_judges_and_writes(simval, tmp_path, monkeypatch):
     first.write_text(json.dumps({**content, "processor": "Abacus"}))
     code, out, _ = simval("bench", "--against", first)
     assert (code, "another processor (Abacus" in out) == (1, True)
+    # as may be what else it was doing
+    first.write_text(json.dumps({**content, "load": 9.5}))
+    code, out, _ = simval("bench", "--against", first)
+    assert (code, "made while 9.5 processes wanted each core" in out) == (1, True)
+
+
+def test_the_file_of_the_last_release_has_every_race():
+    record = read_record(ROOT / "reports" / "bench.json")
+    assert {kept.race for kept in record.kept} == {race.name for race in RACES}
+    assert all(kept.confidence >= CONFIDENCE for kept in record.kept)

@@ -55,6 +55,7 @@ class Record:
     dirty: bool  # whether files differed from the commit
     processor: str
     block: str  # which form of the Monte Carlo pass ran: compiled or NumPy
+    load: float  # processes that ran or waited for each core; NaN if it is not known
     kept: tuple[Kept, ...]
 
     @property
@@ -76,7 +77,7 @@ def written(results: Iterable[Result]) -> str:
         "system": platform.system(),
         "processor": processor(),
         "cores": os.cpu_count(),
-        "load": _load(),
+        "load": load(),
         "block": "compiled" if compiled() else "NumPy",
         "results": [
             {key: value for key, value in asdict(r).items() if key != "ratios"}
@@ -96,9 +97,11 @@ def processor() -> str:
     return names[0] if names else platform.processor() or platform.machine()
 
 
-def _load() -> float | None:
-    # processes that ran or waited in the last minute
-    return os.getloadavg()[0] if hasattr(os, "getloadavg") else None
+def load() -> float | None:
+    """Processes that ran or waited in the last minute, for each core."""
+    if not hasattr(os, "getloadavg"):
+        return None
+    return os.getloadavg()[0] / (os.cpu_count() or 1)
 
 
 def kept_of(results: Iterable[Result]) -> tuple[Kept, ...]:
@@ -133,7 +136,7 @@ def read_record(path: Path) -> Record:
             f"{path}`"
         )
         raise InputError(msg)
-    rows = content.get("results")
+    rows, busy = content.get("results"), content.get("load")
     return Record(
         name=path.name,
         commit=_text(content.get("commit")),
@@ -141,6 +144,7 @@ def read_record(path: Path) -> Record:
         dirty=content.get("dirty") is True,
         processor=_text(content.get("processor")),
         block=_text(content.get("block")),
+        load=float(busy) if isinstance(busy, int | float) else math.nan,
         kept=tuple(_kept(rows if isinstance(rows, list) else [], str(path))),
     )
 

@@ -1,6 +1,6 @@
 """Races in the terminal: one of them, one beside an earlier run, and many runs."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import click
@@ -13,9 +13,12 @@ from simval.bench.history import lines_of, read_history, steps_of
 from simval.bench.interval import rounds_for
 from simval.bench.race import Race
 from simval.bench.races import find_races
-from simval.bench.record import Record, processor, read_record
+from simval.bench.record import Record, load, processor, read_record
 from simval.bench.rounds import Result
 from simval.cli.options import refuse_if, write
+
+BUSY = 1.5
+"""Processes for each core from which a ratio is doubted. Chosen: our own is one."""
 
 
 def show(race: Race, results: list[Result], console: Console) -> list[Result]:
@@ -99,14 +102,23 @@ def _verdict(changes: Sequence[Change], record: Record, code: int) -> list[str]:
         + ("; ".join(names["inconclusive"]) or "no contender could be compared")
         + "; try again with more `--rounds`, or on a quieter machine",
     }
-    lines = [words[code]]
-    here = processor()
+    return [words[code], *_notes(record, code)]
+
+
+def _notes(record: Record, code: int) -> Iterator[str]:
+    """What else than the code may have moved the ratios."""
+    here, now = processor(), load()
     if code and here != record.processor:
-        lines.append(
+        yield (
             f"note: the file is of another processor ({record.processor or 'unknown'}; "
             f"this is {here}); measure its commit here to tell code from machine"
         )
-    return lines
+    for when, busy in (("the file was made", record.load), ("this was measured", now)):
+        if busy is not None and busy > BUSY:
+            yield (
+                f"note: {when} while {busy:.1f} processes wanted each core; batches "
+                "lose more by that than loops do: make it anew on a quiet machine"
+            )
 
 
 def _several(count: int, what: str) -> str:
