@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 from simval import vocabulary
 from simval.change import question
 from simval.errors import InputError
+from simval.files import MOST_BASELINE, parsed_json, read_text
 from simval.results import Check, Row
 from simval.statistics import Statistic
 from simval.sweep.run import MAX_SAMPLES, Run
@@ -97,8 +98,8 @@ def read_baseline(path: Path) -> dict[str, Any]:
         )
         raise InputError(msg)
     try:
-        text = path.read_text(encoding="utf-8")
-        content = json.loads(text, object_pairs_hook=_without_repeats)
+        text = read_text(path, MOST_BASELINE)
+        content = parsed_json(text, _without_repeats)
         schema = content["schema"]
         if type(schema) is not int or schema != SCHEMA:
             msg = (

@@ -11,11 +11,12 @@ from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
-import mujoco
 import numpy as np
 
 from simval.arrays import finite_array, positive_number
 from simval.errors import InputError
+from simval.files import MOST_MODEL, read_bytes
+from simval.scene.library import mujoco
 from simval.scene.messages import captured_messages
 
 SITE = "imu"
@@ -76,7 +77,7 @@ def load_model(
         If the file cannot be read or compiled, or holds what would spoil the data.
     """
     try:
-        content = Path(path).read_bytes()
+        content = read_bytes(path, MOST_MODEL)
     except OSError as error:
         msg = f"cannot read the model file {path}: {error.strerror}"
         raise InputError(msg) from None

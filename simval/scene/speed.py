@@ -7,10 +7,10 @@ last ones.
 from collections.abc import Callable
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 
 from simval.scene.engine import roll_out
+from simval.scene.library import mujoco
 from simval.scene.messages import captured_messages
 from simval.scene.run import plan_run
 

@@ -58,6 +58,7 @@ from simval.studies.plugin import (
     PluginParameters,
     isolated,
 )
+from simval.studies.refusing import LEAST_NOISE
 from simval.studies.study import Cost
 from simval.theory import FilterPrediction
 
@@ -93,24 +94,24 @@ class Parameters(PluginParameters):
     seconds: Annotated[float, Field(ge=4.0, le=100.0)] = Field(
         default=20.0, description="Length of a trial, s."
     )
-    accelerometer_noise: Annotated[float, Field(gt=0.0, le=0.1)] = Field(
+    accelerometer_noise: Annotated[float, Field(ge=LEAST_NOISE, le=0.1)] = Field(
         default=2e-3, description="Noise per axis and row, as a share of gravity."
     )
-    magnetometer_noise: Annotated[float, Field(gt=0.0, le=0.1)] = Field(
+    magnetometer_noise: Annotated[float, Field(ge=LEAST_NOISE, le=0.1)] = Field(
         default=5e-3, description="Noise per axis and row, as a share of the field."
     )
-    angle_random_walk: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
+    angle_random_walk: Annotated[float, Field(ge=LEAST_NOISE, le=1.0)] = Field(
         default=0.01, description="White noise, degrees/s per root hertz."
     )
     rate_random_walk: Annotated[float, Field(ge=0.0, le=0.01)] = Field(
         default=2e-5,
         description="Random walk of the gyroscope's bias, rad/s^2 per root hertz.",
     )
-    bias_std: Annotated[float, Field(gt=0.0, le=0.1)] = Field(
+    bias_std: Annotated[float, Field(ge=LEAST_NOISE, le=0.1)] = Field(
         default=1e-3,
         description="Standard deviation of the gyroscope's first bias, rad/s per axis.",
     )
-    start_std: Annotated[float, Field(gt=0.0, le=0.5)] = Field(
+    start_std: Annotated[float, Field(ge=LEAST_NOISE, le=0.5)] = Field(
         default=5e-3,
         description="Standard deviation of the attitude told first, rad per axis.",
     )

@@ -26,7 +26,12 @@ from multiprocessing.connection import wait as wait_for_any
 from threading import Thread
 from typing import Any
 
-from simval.errors import CrashedPluginError, InputError, PluginError
+from simval.errors import (
+    CrashedPluginError,
+    InputError,
+    PluginError,
+    UnmeasurableError,
+)
 from simval.plugins.names import told_anywhere
 from simval.results import Outcome
 from simval.startup import load_lightly
@@ -58,7 +63,7 @@ def attempt(position: int, cell: Cell) -> Done:
     start = time.process_time()
     try:
         outcome: Outcome | str = execute(cell)
-    except PluginError as error:
+    except (PluginError, UnmeasurableError) as error:
         crashed = isinstance(error, CrashedPluginError)
         words = described(error) if crashed else f"{REFUSED}{error}\n"
         outcome = told_anywhere(words, cell.parameters.files)

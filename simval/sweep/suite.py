@@ -12,7 +12,6 @@ study's default. `--set attitude.noise_std=1e-3,1e-2` on the command line wins.
 """
 
 import itertools
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -31,6 +30,7 @@ from pydantic import (
 from pydantic.fields import FieldInfo
 
 from simval.errors import InputError
+from simval.files import MOST_DOCUMENT, parsed_toml, read_text
 from simval.studies import STUDIES
 from simval.studies.study import Cell
 from simval.sweep.paths import kept_inside
@@ -128,8 +128,8 @@ def load_suite(
     """
     stem, text = _read(name)
     try:
-        content = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        content = parsed_toml(text)
+    except ValueError as error:
         msg = f"suite {name} is not valid TOML: {error}"
         raise InputError(msg) from None
     content = kept_inside(name, content, Path(name).parent)
@@ -203,10 +203,10 @@ def _read(name: str) -> tuple[str, str]:
         return name, file.read_text(encoding="utf-8")
     path = Path(name)
     try:
-        is_file = path.is_file()
+        is_there = path.exists()
     except OSError:  # a name that no file can have
-        is_file = False
-    if not is_file:
+        is_there = False
+    if not is_there:
         near = did_you_mean(name, builtin_suites())
         msg = (
             f"there is no suite `{name}`{near}: the built-in ones are "
@@ -215,7 +215,7 @@ def _read(name: str) -> tuple[str, str]:
         )
         raise InputError(msg)
     try:
-        return path.stem, path.read_text(encoding="utf-8-sig")
+        return path.stem, read_text(path, MOST_DOCUMENT, "utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         msg = f"suite {name} cannot be read: {error}"
         raise InputError(msg) from None
@@ -245,8 +245,8 @@ def _override(content: dict[str, Any], override: str) -> None:
 def literal(text: str) -> Any:
     """Value of a text: a TOML literal, else the text itself."""
     try:
-        content = tomllib.loads(f"value = {text}")
-    except (tomllib.TOMLDecodeError, RecursionError):
+        content = parsed_toml(f"value = {text}")
+    except ValueError:
         return text
     return content["value"] if len(content) == 1 else text
 
