@@ -67,8 +67,11 @@ def read_bytes(path: str | PathLike[str], most: int) -> bytes:
     # it may be another one by now: a pipe is opened at once and seen for what it is
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
     with open(handle, "rb") as file:
-        require_regular(path, os.fstat(handle), most)
-        content = file.read(most + 1)  # files of the kernel have no size
+        status = os.fstat(handle)
+        require_regular(path, status, most)
+        content = file.read(status.st_size + 1)
+        while len(content) <= most and (more := file.read(MEBIBYTE)):
+            content += more  # it grows, or is of the kernel and has no size
     if len(content) > most:
         raise _too_large(path, f"more than {_size(most)}", most)
     return content

@@ -30,9 +30,10 @@ COMMANDS = {  # {0} is a folder; each runs in a process that has not imported Mu
     "repro": "repro calibration(hold_time=0.2,noise_std=0.01,poses=10,scene=gimbal,"
     "trials=128)@1 --run {0}/runs/1",
     "calibrate": "calibrate {0}/log.csv --out {0}/found.json",
-    "correct": "correct {0}/log.csv --calibration {0}/found.json --out {0}/corrected.csv",
+    "correct": "correct {0}/log.csv --calibration {0}/found.json "
+    "--out {0}/corrected.csv",
     "noise": "noise {0}/log.csv",
-    "filter": "filter {0}/log.csv --plugin simval:mekf",
+    "filter": "filter {0}/corrected.csv --plugin simval:mekf",
 }
 PROGRAM = """
 import json, os, sys

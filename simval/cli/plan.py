@@ -196,6 +196,9 @@ def read_directions(path: Path) -> Float[Array, "n 3"]:
     if not rows or any(len(row) != 3 for row in rows):
         msg = f"{path} must have rows of three numbers x y z, and at least one"
         raise InputError(msg)
+    if not np.isfinite(rows).all():
+        msg = f"{path} has a number that is not finite; rows are x y z"
+        raise InputError(msg)
     return np.array(rows)
 
 

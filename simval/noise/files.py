@@ -180,8 +180,8 @@ def load_noise(path: str | PathLike[str]) -> NoiseFile:
     except OSError as error:
         msg = f"cannot read the noise file {file}: {error.strerror}; {how}"
         raise InputError(msg) from None
-    except ValueError:
-        msg = f"the noise file {file} is not JSON; {how}"
+    except ValueError as error:
+        msg = f"the noise file {file} is not JSON ({error}); {how}"
         raise InputError(msg) from None
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         msg = f"{file} is not a noise file (no format {FORMAT!r}); {how}"

@@ -34,7 +34,8 @@ from simval.files import MOST_DOCUMENT, parsed_toml, read_text
 from simval.studies import STUDIES
 from simval.studies.study import Cell
 from simval.sweep.paths import kept_inside
-from simval.text import did_you_mean
+from simval.sweep.size import require_size
+from simval.text import did_you_mean, shown
 from simval.vocabulary import builtin_suites
 from simval.whole import exact
 
@@ -157,6 +158,7 @@ def expand(name: str, content: Mapping[str, Any]) -> Suite:
             f"add a table for one of {', '.join(STUDIES)}"
         )
         raise InputError(msg)
+    require_size(name, model)
     seeds = _as_list(model.seed)  # type: ignore[attr-defined]
     cells = tuple(
         Cell(key, validated(f"suite {name}, {key}", parameters, point), number)
@@ -203,7 +205,7 @@ def _read(name: str) -> tuple[str, str]:
         return name, file.read_text(encoding="utf-8")
     path = Path(name)
     try:
-        is_there = path.exists()
+        is_there = path.exists() and not path.is_dir()
     except OSError:  # a name that no file can have
         is_there = False
     if not is_there:
@@ -226,13 +228,13 @@ def _override(content: dict[str, Any], override: str) -> None:
     study, dot, key = path.strip().partition(".")
     if not (equals and dot and key and text.strip()) or "." in key:
         msg = (
-            f"`--set {override}` is not of the form STUDY.KEY=VALUE[,VALUE...], "
+            f"`--set {override:.60}` is not of the form STUDY.KEY=VALUE[,VALUE...], "
             "for example attitude.noise_std=1e-3,1e-2"
         )
         raise InputError(msg)
     table = content.setdefault(study, {})
     if not isinstance(table, dict):
-        msg = f"`--set {override}`: `{study}` is no study; use {', '.join(STUDIES)}"
+        msg = f"`--set {override:.60}`: `{study}` is no study; use {', '.join(STUDIES)}"
         raise InputError(msg)
     whole = literal(text.strip())
     if isinstance(whole, list):
@@ -282,7 +284,7 @@ def _explain(error: Any, model: type[BaseModel]) -> str:
             known = tuple(STUDIES[words[0]].parameters.model_fields)
         near = did_you_mean(words[-1], known)
         return f"`{path}` is not a known key{near}; known here: {', '.join(known)}"
-    return f"`{path}`: {error['msg']} (given {error['input']!r})"
+    return f"`{path}`: {error['msg']} (given {shown(error['input'])})"
 
 
 def _grid(table: BaseModel) -> Iterable[dict[str, Any]]:
