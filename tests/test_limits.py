@@ -9,12 +9,13 @@ import resource
 import socket
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from simval import files
 from simval.calibrate import load_calibration
-from simval.cli import run
+from simval.cli import report, run
 from simval.cli.plan import read_directions
 from simval.errors import InputError, PluginError
 from simval.gate.baseline import read_baseline
@@ -141,8 +142,8 @@ TEXTS = {  # content and part of what is said: of TOML, of JSON
     },
     "log": {
         f"t,ax,ay,az\n0,1,2,{DIGITS}\n" * 3: "",
-        ",".join(["ax"] * 200_000): "",
-        "0 1 2 3\n" + "1 " * 500_000: "",
+        ",".join(["ax"] * 200_000): "line 1: 599,999 characters; a row of a log has",
+        "0 1 2 3\n" + "1 " * 500_000: "line 2: 1,000,000 characters",
     },
     "directions": {f"1 2 {DIGITS}": "", f"{DIGITS}": ""},
 }
@@ -247,8 +248,7 @@ def test_a_plugin_of_ten_gibibytes(tmp_path):
         file.truncate(10 * 2**30)
     with pytest.raises((PluginError, InputError), match="10,240 MiB"):
         find_plugin(str(path), Estimator)
-    code = run(["check", str(path)])
-    assert code == 2
+    assert run(["check", str(path)]) == 2
 
 
 @pytest.mark.parametrize("kind", ["mesh", "include", "texture"])
@@ -264,3 +264,34 @@ def test_a_model_that_names_a_pipe(tmp_path, kind):
     path.write_text(text.replace("</mujoco>", f"{part}</mujoco>"))
     with pytest.raises(InputError, match=r"pipe\.stl.*it is a pipe"):
         load_model(path)
+
+
+@pytest.mark.parametrize(
+    ("words", "full"),
+    [
+        ("--out {0}", "page"),
+        ("--out {0}/page --figures {0}", "a.svg"),
+        ("--out {0}/page --figures {0}", "a.png"),
+        ("--out {0}/page --tables {0}", "a.csv"),
+    ],
+)
+def test_a_full_disk_names_the_file(
+    tiny_run, tmp_path, monkeypatch, words, full, capsys
+):
+    # what is drawn does not matter here, and takes long
+    part = SimpleNamespace(name="a")
+    for name, made in {
+        "render": "page",
+        "drawings": [part],
+        "svg_file": "figure",
+        "png": b"figure",
+        "tables": [part],
+        "csv_text": "table",
+    }.items():
+        monkeypatch.setattr(report, name, lambda *_, made=made, **__: made)
+    path = tmp_path / full
+    path.symlink_to("/dev/full")
+    place = path if full == "page" else tmp_path
+    assert run(["report", str(tiny_run), *words.format(place).split()]) == 2
+    said = capsys.readouterr().err
+    assert f"cannot write {path}: No space left" in said
