@@ -29,14 +29,14 @@ from simval.sweep.cells import REFUSED
 from simval.sweep.executors import attempt
 
 DRAWN = [name for name in STUDIES if name != "custom_scene"]  # that is a user's
-CHEAP = {  # studies of which a cell may take a tenth of a second
-    "coverage": 12,
-    "calibration": 12,
-    "ladder": 12,
-    "solvers": 16,
-    "attitude_order": 16,
-    "attitude_vectors": 4,
-    "attitude": 4,
+CHEAP = {  # how many tests of how many cells, and what a cell may cost, s
+    "coverage": (5, 4, 0.06),
+    "calibration": (4, 4, 0.1),
+    "ladder": (5, 4, 0.06),
+    "solvers": (5, 4, 1.0),
+    "attitude_order": (5, 4, 1.0),
+    "attitude_vectors": (2, 1, 0.6),
+    "attitude": (2, 1, 1.0),
 }
 
 
@@ -84,10 +84,15 @@ def drawn(study, count, seconds, first=0):
             yield number, parameters
 
 
-@pytest.mark.parametrize(("study", "count"), CHEAP.items())
-def test_drawn_parameters_of_cheap_studies(study, count):
-    answers = [answer(study, own) for _, own in drawn(study, count, 0.15)]
-    assert "measured" in answers  # not every one is refused
+@pytest.mark.parametrize(
+    ("study", "part"),
+    [(study, part) for study, (parts, _, _) in CHEAP.items() for part in range(parts)],
+)
+def test_drawn_parameters_of_cheap_studies(study, part):
+    _, count, seconds = CHEAP[study]
+    for number, parameters in drawn(study, count, seconds, 1000 * part):
+        found = answer(study, parameters)
+        assert found == "measured" or "cannot be measured: " in found, number
 
 
 @pytest.mark.slow
@@ -107,9 +112,9 @@ def test_drawn_parameters_of_every_study(study, part):
 @pytest.mark.parametrize("study", DRAWN)
 def test_what_is_drawn_is_legal_or_refused_in_words(study):
     rng = np.random.default_rng(20_261_122)
-    values = [study_draws.draw(study, rng) for _ in range(200)]
+    values = [study_draws.draw(study, rng) for _ in range(100)]
     legal = [own for each in values if (own := made(study, each)) is not None]
-    assert len(legal) > 20
+    assert len(legal) > 10
     assert all(np.isfinite(own.cost().seconds) for own in legal)
 
 
