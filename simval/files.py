@@ -3,7 +3,7 @@
 A device or a pipe has no size: it may never end, and who opens a pipe waits for its
 writer. What is too large is refused before a byte of it is read. Numbers and names in
 text have limits, too: Python refuses a whole number of 4300 digits in words of its own,
-and `tomllib` takes 7 s for a name of 20 000 parts, four times as long for twice as many.
+and `tomllib` takes 7 s for a name of 20 000 parts, four times that for twice as many.
 
 A refusal is an `OSError` whose ``strerror`` says what the path is and what is required,
 so that each reader says it in its own words for files that cannot be read.

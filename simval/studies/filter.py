@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, model_validator
 
+from simval.errors import InputError, UnmeasurableError
 from simval.plugins import Filter, find_plugin
 from simval.plugins.filter_frames import find_world
 from simval.plugins.filter_run import run_filter
@@ -197,9 +198,16 @@ def compute(parameters: Parameters, streams: Streams) -> Outcome:
     return outcome(find_plugin(parameters.algorithm, Filter), parameters, streams)
 
 
+def _course(parameters: Parameters) -> Course:
+    try:
+        return course(parameters.named_scenario, parameters.rate, parameters.seconds)
+    except InputError as error:  # how long it lasts is known when it is simulated
+        raise UnmeasurableError(str(error)) from None
+
+
 def outcome(plugin: Filter, parameters: Parameters, streams: Streams) -> Outcome:
     """Measure a filter that this process holds."""
-    way = course(parameters.named_scenario, parameters.rate, parameters.seconds)
+    way = _course(parameters)
     sensors, told = sensors_of(parameters, way), told_of(parameters, way)
     # of our own a test knows it; it takes as long as the trials do
     own = parameters.reference and plugin.world
