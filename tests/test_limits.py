@@ -142,8 +142,8 @@ TEXTS = {  # content and part of what is said: of TOML, of JSON
     },
     "log": {
         f"t,ax,ay,az\n0,1,2,{DIGITS}\n" * 3: "",
-        ",".join(["ax"] * 200_000): "line 1: 599,999 characters; a row of a log has",
-        "0 1 2 3\n" + "1 " * 500_000: "line 2: 1,000,000 characters",
+        ",".join(["ax"] * 400_000): "line 1: 1,199,999 characters; a row of a log has",
+        "0 1 2 3\n" + "1 " * 600_000: "line 2: 1,200,000 characters",
     },
     "directions": {f"1 2 {DIGITS}": "", f"{DIGITS}": ""},
 }
@@ -276,7 +276,7 @@ def test_a_model_that_names_a_pipe(tmp_path, kind):
     ],
 )
 def test_a_full_disk_names_the_file(
-    tiny_run, tmp_path, monkeypatch, words, full, capsys
+    tiny_run, tmp_path, monkeypatch, words, full, capsys, unchecked
 ):
     # what is drawn does not matter here, and takes long
     part = SimpleNamespace(name="a")

@@ -12,8 +12,8 @@ from simval.logs.header import Line, header_names, header_of, is_names
 from simval.shapes import Bool, Float
 
 COMMENTS = ("#", "%", "//")
-MOST_LINE = 2**16
-"""Characters of a row: two thousand columns of 32. A file without rows has more."""
+MOST_LINE = 2**20
+"""Characters of a row: thirty thousand columns of 32. A file without rows has more."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
