@@ -41,6 +41,10 @@ class SimulationError(RefusedError):
     """A simulated run that failed a check; its data is never returned."""
 
 
+class UnmeasurableError(RefusedError):
+    """Legal parameters of a study that leave nothing to measure."""
+
+
 class PluginError(RefusedError):
     """A plug-in that cannot be loaded, breaks what it declares, or fails.
 

@@ -12,9 +12,11 @@ The program and its workers call it. A user's process that imports simval is the
 user's, and is left as it is.
 """
 
+import os
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
@@ -46,6 +48,25 @@ FUNCTIONS: Final = (
 )
 """Those of which answers and verdicts are made."""
 _RUNNING = threading.RLock()
+RENDERER: Final = "MUJOCO_GL"
+"""Environment variable by which MuJoCo chooses a graphics library."""
+
+
+@contextmanager
+def no_renderer() -> Iterator[None]:
+    """Let MuJoCo be imported for its physics alone, whatever `RENDERER` says.
+
+    It ends its own import where the variable names a library that is not there.
+    """
+    wanted = os.environ.get(RENDERER)
+    os.environ[RENDERER] = "disable"
+    try:
+        yield
+    finally:
+        if wanted is None:
+            del os.environ[RENDERER]
+        else:
+            os.environ[RENDERER] = wanted
 
 
 class _Package(ModuleType):
@@ -66,11 +87,22 @@ class _Package(ModuleType):
             raise AttributeError(msg, name=name, obj=self)
         loader, self.__path__ = self._rest
         try:
-            loader.exec_module(self)
+            _execute(loader, self)
         except BaseException:
             del self.__path__  # asked again, it runs again
             raise
         self.__class__ = ModuleType  # type: ignore[assignment]
+
+
+def _execute(loader: Loader, module: ModuleType) -> None:
+    # run the text of a package; MuJoCo's without a renderer if it fails with one
+    try:
+        loader.exec_module(module)
+    except Exception:
+        if module.__name__ != "mujoco":
+            raise
+        with no_renderer():
+            loader.exec_module(module)
 
 
 class _Light(Loader):

@@ -10,7 +10,7 @@ from PIL import Image
 from simval.cli import run
 from simval.errors import InputError
 from simval.logs import read_log
-from simval.scene import average_rates, render, render_file, simulate
+from simval.scene import average_rates, frames, render, render_file, simulate
 from simval.scene.draw import CAMERA
 from simval.scene.models import load_model, model_path
 from simval.scene.signal import header, motion_of, write_signal
@@ -228,7 +228,8 @@ def test_pictures_that_cannot_be_drawn_say_why(picture, monkeypatch, tmp_path):
 
 @pytest.mark.ci
 def test_a_machine_that_cannot_draw_is_told_what_to_install(monkeypatch):
-    monkeypatch.setenv("MUJOCO_GL", "disable")  # MuJoCo then draws nothing
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    monkeypatch.setattr(frames, "BACKENDS", ("disable",))  # MuJoCo then draws nothing
     with pytest.raises(InputError, match=r"install EGL.*libegl1.*or OSMesa") as caught:
         render("gimbal", poses=2)
     assert "disable: " in str(caught.value)

@@ -89,19 +89,14 @@ def test_the_physics_engine_runs_when_it_is_used():
     assert told(program) == "False\nTrue True"
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("words", [["list"], ["plan", "--noise-std", "0.01"]])
-def test_a_renderer_that_is_not_there_stops_only_what_builds_a_scene(words):
-    program = f"from simval.cli import run\nprint('exit', run({words}))"
-    assert told(program, MUJOCO_GL="nonsense").endswith("exit 0")
-
-
 def test_a_package_that_fails_says_why():
     program = (
-        "import mujoco\n"
+        "import mujoco\nsys.modules['mujoco._version'] = None\n"
         "try: mujoco.MjModel\n"
-        "except RuntimeError as error: print(error, '__path__' in vars(mujoco))"
+        "except ImportError as error: print(error, '__path__' in vars(mujoco))\n"
+        "del sys.modules['mujoco._version']; print(mujoco.MjModel.__name__)"
     )
-    said = told(program, MUJOCO_GL="nonsense")
-    assert "MUJOCO_GL: nonsense" in said
+    *_, said, found = told(program).splitlines()
+    assert "mujoco" in said
     assert said.endswith("False")  # it runs again when it is asked again
+    assert found == "MjModel"

@@ -23,6 +23,7 @@ from simval.calibrate.statements import (
     require_possible,
 )
 from simval.errors import InputError
+from simval.files import MOST_DOCUMENT, parsed_json, read_text
 from simval.sensor import forms
 from simval.shapes import Float
 from simval.text import shown
@@ -177,12 +178,12 @@ def load_calibration(path: str | PathLike[str]) -> FitResult:
     """
     path = file_path("path", path)
     try:
-        text = path.read_text(encoding="utf-8")
-        data = json.loads(text, object_pairs_hook=_once)
+        text = read_text(path, MOST_DOCUMENT)
+        data = parsed_json(text, _once)
     except OSError as error:
         msg = f"cannot read {path}: {error.strerror}; give the path of a calibration"
         raise InputError(msg) from None
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         msg = f"{path} is not JSON ({error}); give a file of `simval calibrate --out`"
         raise InputError(msg) from None
     return from_json(data, str(path))

@@ -1,11 +1,11 @@
 """The gyroscope and the magnetometer of a calibration file."""
 
-import json
 from pathlib import Path
 from typing import Any
 
 from simval.arguments import file_path
 from simval.errors import InputError
+from simval.files import MOST_DOCUMENT, parsed_json, read_text
 from simval.sensor import GyroscopeModel, MagnetometerModel
 
 BLOCKS = ("gyroscope", "magnetometer")
@@ -21,7 +21,7 @@ def load_others(
     InputError
         If a sensor is there and its numbers cannot be used.
     """
-    data = json.loads(file_path("path", path).read_text(encoding="utf-8"))
+    data = parsed_json(read_text(file_path("path", path), MOST_DOCUMENT))
     gyroscope, magnetometer = (_block(path, data, name) for name in BLOCKS)
     try:
         return (

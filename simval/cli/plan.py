@@ -12,6 +12,7 @@ from simval.arrays import Array, positive_number
 from simval.calibrate.files import load_calibration
 from simval.cli.options import refuse_if, stated
 from simval.errors import InputError, RefusedError
+from simval.files import MOST_DOCUMENT, read_text
 from simval.multiposition.pose_noise import SHOWS, mean_noise
 from simval.noise import load_noise
 from simval.poses import cube_corners, cube_edges, cube_faces, fibonacci_sphere
@@ -184,7 +185,7 @@ def named_poses(text: str) -> Float[Array, "n 3"]:
 def read_directions(path: Path) -> Float[Array, "n 3"]:
     """Read rows of x y z from a text file."""
     try:
-        lines = path.read_text(encoding="utf-8").replace(",", " ").splitlines()
+        lines = read_text(path, MOST_DOCUMENT).replace(",", " ").splitlines()
         rows = [[float(x) for x in line.split()] for line in lines if line.strip()]
     except OSError as error:
         msg = f"cannot read {path}: {error.strerror}; give a file of rows x y z"
@@ -194,6 +195,9 @@ def read_directions(path: Path) -> Float[Array, "n 3"]:
         raise InputError(msg) from None
     if not rows or any(len(row) != 3 for row in rows):
         msg = f"{path} must have rows of three numbers x y z, and at least one"
+        raise InputError(msg)
+    if not np.isfinite(rows).all():
+        msg = f"{path} has a number that is not finite; rows are x y z"
         raise InputError(msg)
     return np.array(rows)
 

@@ -1,5 +1,7 @@
 """What `simval report` does."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import click
@@ -36,7 +38,8 @@ def run(
     path = out or beside_store(loaded.folder, "report.html")
     try:
         page = render(loaded, alpha, baseline=stored, against=other, opened=opened)
-        path.write_text(page, encoding="utf-8")
+        with _named(path):
+            path.write_text(page, encoding="utf-8")
         if pictures is not None:
             _write_figures(chosen, pictures)
         if lists is not None:
@@ -46,6 +49,16 @@ def run(
         raise InputError(msg) from None
     click.echo(str(path))
     return 0
+
+
+@contextmanager
+def _named(file: Path) -> Iterator[Path]:
+    # a full disk shows while a file is written, and such an error has no name
+    try:
+        yield file
+    except OSError as error:
+        error.filename = error.filename or str(file)
+        raise
 
 
 def _chosen(run: Run, names: tuple[str, ...]) -> dict[str, Drawing]:
@@ -63,8 +76,10 @@ def _write_figures(chosen: dict[str, Drawing], folder: Path) -> None:
         file = folder / f"{name}.svg"
         require_free(file, "--figures")
         require_free(file.with_suffix(".png"), "--figures")
-        file.write_text(svg_file(drawing), encoding="utf-8")
-        file.with_suffix(".png").write_bytes(png(drawing))
+        with _named(file):
+            file.write_text(svg_file(drawing), encoding="utf-8")
+        with _named(file.with_suffix(".png")) as picture:
+            picture.write_bytes(png(drawing))
 
 
 def _write_tables(run: Run, folder: Path) -> None:
@@ -72,4 +87,5 @@ def _write_tables(run: Run, folder: Path) -> None:
     for table in tables(run):
         file = folder / f"{table.name}.csv"
         require_free(file, "--tables")
-        file.write_text(csv_text(table), encoding="utf-8")
+        with _named(file):
+            file.write_text(csv_text(table), encoding="utf-8")

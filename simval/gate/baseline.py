@@ -8,6 +8,7 @@ kept (null).
 
 import json
 import math
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,6 +16,8 @@ from typing import Any, NamedTuple
 from simval import vocabulary
 from simval.change import question
 from simval.errors import InputError
+from simval.files import MOST_BASELINE, parsed_json, read_text
+from simval.plugins.names import is_file
 from simval.results import Check, Row
 from simval.statistics import Statistic
 from simval.sweep.machines import other_machines
@@ -91,17 +94,17 @@ def read_baseline(path: Path) -> dict[str, Any]:
         If the file is missing, not a baseline, of another schema, or holds a number
         that is not finite.
     """
-    if not path.is_file():
+    if not is_file(path):
         msg = (
             f"{path} is not a regular file; give a JSON file in version control"
-            if path.exists()
+            if os.path.exists(path)
             else f"there is no baseline {path}; write one with "
             "--update-baseline 'first baseline' and commit it"
         )
         raise InputError(msg)
     try:
-        text = path.read_text(encoding="utf-8")
-        content = json.loads(text, object_pairs_hook=_without_repeats)
+        text = read_text(path, MOST_BASELINE)
+        content = parsed_json(text, _without_repeats)
         schema = content["schema"]
         if type(schema) is not int or schema != SCHEMA:
             msg = (

@@ -2,9 +2,9 @@
 
 import unicodedata
 from os import PathLike
-from pathlib import Path
 
 from simval.errors import InputError
+from simval.files import MOST_LOG, read_bytes
 
 _KINDS = {  # first bytes: what the file is, and what to do
     b"\x1f\x8b": "compressed by gzip; unpack it first (gunzip)",
@@ -35,7 +35,7 @@ def file_bytes(path: str | PathLike[str]) -> bytes:
         If it cannot be read.
     """
     try:
-        return Path(path).read_bytes()
+        return read_bytes(path, MOST_LOG)
     except (OSError, ValueError) as error:  # ValueError: a path with a NUL
         why = getattr(error, "strerror", None) or error
         msg = f"cannot read {path}: {why}; give the path of a log"

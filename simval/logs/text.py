@@ -12,6 +12,8 @@ from simval.logs.header import Line, header_names, header_of, is_names
 from simval.shapes import Bool, Float
 
 COMMENTS = ("#", "%", "//")
+MOST_LINE = 2**20
+"""Characters of a row: thirty thousand columns of 32. A file without rows has more."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -102,6 +104,7 @@ def text_table(path: str, text: str) -> TextTable:
     if not lines:
         msg = f"{path} is empty: it has no row of numbers; record or export it again"
         raise InputError(msg)
+    _require_short(path, every)
     dialect = judged([line for _, line in lines])
     first = _first_row(dialect, lines)
     if first is None:
@@ -113,6 +116,16 @@ def text_table(path: str, text: str) -> TextTable:
     _require_preamble(path, dialect, rest, rows)
     _require_width(path, dialect, rows)
     return TextTable(path=path, names=names, dialect=dialect, lines=rows)
+
+
+def _require_short(path: str, lines: list[Line]) -> None:
+    number, line = max(lines, key=lambda entry: len(entry[1]))
+    if len(line) > MOST_LINE:
+        msg = (
+            f"{path}, line {number}: {len(line):,} characters; a row of a log has at "
+            f"most {MOST_LINE:,}, so export it as rows"
+        )
+        raise InputError(msg)
 
 
 def _first_row(dialect: Dialect, lines: list[Line]) -> int | None:

@@ -1,6 +1,5 @@
 """The noise of a log as a JSON file: written, read back, and checked."""
 
-import json
 from dataclasses import dataclass
 from os import PathLike
 from typing import Any, Final
@@ -10,6 +9,7 @@ import numpy as np
 from simval.arguments import file_path, whole_number
 from simval.arrays import Array, finite_array, positive_number
 from simval.errors import InputError
+from simval.files import MOST_DOCUMENT, parsed_json, read_text
 from simval.noise.model import AxisNoise, Coefficient
 from simval.shapes import Float
 from simval.text import shown
@@ -176,12 +176,12 @@ def load_noise(path: str | PathLike[str]) -> NoiseFile:
     file = file_path("path", path)
     how = "write one with `simval noise LOG --json > FILE`"
     try:
-        data = json.loads(file.read_text(encoding="utf-8"))
+        data = parsed_json(read_text(file, MOST_DOCUMENT))
     except OSError as error:
         msg = f"cannot read the noise file {file}: {error.strerror}; {how}"
         raise InputError(msg) from None
-    except ValueError:
-        msg = f"the noise file {file} is not JSON; {how}"
+    except ValueError as error:
+        msg = f"the noise file {file} is not JSON ({error}); {how}"
         raise InputError(msg) from None
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         msg = f"{file} is not a noise file (no format {FORMAT!r}); {how}"

@@ -9,7 +9,8 @@ import sys
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from importlib import metadata
-from pathlib import Path
+
+from simval.files import MOST_DOCUMENT, read_bytes
 
 STATED = frozenset({"simval", "numpy", "scipy", "mujoco", "pydantic"})
 """Modules whose versions a run states whatever its plug-ins."""
@@ -34,7 +35,7 @@ def _distributions() -> Mapping[str, list[str]]:
 def _named(file: str) -> Iterator[str]:
     """First part of each module that a file imports."""
     try:
-        nodes = ast.walk(ast.parse(Path(file).read_bytes()))
+        nodes = ast.walk(ast.parse(read_bytes(file, MOST_DOCUMENT)))
     except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):
         return  # loading it fails, in words
     for node in nodes:

@@ -14,6 +14,7 @@ from types import ModuleType
 from typing import Any, TypeVar
 
 from simval.errors import PluginError, UnusablePluginError
+from simval.files import MOST_DOCUMENT, read_bytes
 from simval.plugins.builtin import BUILTIN, GROUP, PREFIX, meant_builtin, points_of
 from simval.plugins.child import Answer, asked
 from simval.plugins.command import command_calibrator
@@ -242,7 +243,8 @@ def _imported(file: Path) -> ModuleType:
     if folder not in sys.path:
         sys.path.append(folder)
     # not by the loader: its cache takes a file of the same second and size for this one
-    exec(loader.source_to_code(file.read_bytes(), path), vars(module))
+    source = read_bytes(file, MOST_DOCUMENT)
+    exec(loader.source_to_code(source, path), vars(module))
     return module
 
 

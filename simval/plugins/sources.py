@@ -11,9 +11,11 @@ import hashlib
 import os
 import re
 import shutil
+import sys
 from collections.abc import Container, Iterator
 from pathlib import Path
 
+from simval.files import MOST_MODEL, read_bytes, require_regular
 from simval.plugins.builtin import BUILTIN, PREFIX, meant_builtin, points_of
 from simval.plugins.imported import imported_versions
 from simval.plugins.names import (
@@ -76,16 +78,25 @@ def _closure(first: Path) -> dict[str, str]:
         file = queue.pop()
         if str(file) in hashes:
             continue
+        named = {".py": _named_by_python, ".xml": _named_by_xml}.get(file.suffix)
         try:
-            content = file.read_bytes()
+            if named is None:
+                hashes[str(file)] = _digest(file)
+                continue
+            content = read_bytes(file, MOST_MODEL)
         except OSError:  # whoever uses it says so, in words
             hashes[str(file)] = ""
             continue
         hashes[str(file)] = hashlib.sha256(content).hexdigest()
-        named = {".py": _named_by_python, ".xml": _named_by_xml}.get(file.suffix)
-        if named is not None:
-            queue += named(file, first.parent, content)
+        queue += named(file, first.parent, content)
     return hashes
+
+
+def _digest(file: Path) -> str:
+    # of a file of any size: a program, meshes, weights
+    require_regular(file, file.stat(), sys.maxsize)
+    with file.open("rb") as content:
+        return hashlib.file_digest(content, "sha256").hexdigest()
 
 
 def _named_by_python(file: Path, root: Path, content: bytes) -> list[Path]:

@@ -3,10 +3,10 @@
 All sizes are shares of the body's reach, so that a die and a gimbal look alike.
 """
 
-import mujoco
 import numpy as np
 
 from simval.arrays import Array
+from simval.scene.library import mujoco
 from simval.scene.models import SITE
 from simval.shapes import Float
 

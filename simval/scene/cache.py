@@ -19,9 +19,9 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 
+from simval.scene.library import mujoco
 from simval.scene.run import Plan, plan_run, run_plan
 from simval.scene.script import Scene
 from simval.scene.trajectory import Trajectory

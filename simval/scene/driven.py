@@ -1,6 +1,5 @@
 """Drivers of scenes in which a motor or a hand moves the body and lets it rest."""
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +8,7 @@ from simval.arrays import Array, finite_array
 from simval.errors import InputError
 from simval.geometry import normalize
 from simval.poses import fibonacci_sphere
+from simval.scene.library import mujoco
 from simval.scene.motion import steps, visit
 from simval.scene.script import Script
 from simval.shapes import Float

@@ -9,12 +9,12 @@ sensor data beside a position would not be.
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.errors import InputError
+from simval.scene.library import mujoco
 from simval.scene.messages import captured_messages
 from simval.scene.models import SENSORS, SITE
 from simval.scene.script import Script

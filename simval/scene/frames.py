@@ -18,17 +18,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.errors import InputError
 from simval.scene.draw import PLACES
+from simval.scene.library import mujoco
 from simval.shapes import Float
+from simval.startup import RENDERER
 
 BACKENDS = ("egl", "osmesa")
 TIMEOUT = 300.0  # s, for one frame; the first includes the start of the process
+INSTALL = (
+    "install EGL (on Debian and Ubuntu: apt-get install libegl1 libgl1-mesa-dri) or "
+    "OSMesa (apt-get install libosmesa6)"
+)
 Pixels = NDArray[np.uint8]
 
 
@@ -50,10 +55,10 @@ def drawn_frames(model: "mujoco.MjModel", job: Mapping[str, Any]) -> Generator[F
     Raises
     ------
     InputError
-        If none does: the message says what each said, and what to install.
+        If none does: the message says what each said, and what to set or install.
     """
-    wanted = os.environ.get("MUJOCO_GL")
-    reasons = []
+    wanted = os.environ.get(RENDERER, "").strip()
+    reasons = {}
     with tempfile.TemporaryDirectory(prefix="simval-draw-") as name:
         folder = Path(name)
         mujoco.mj_saveModel(model, str(folder / "model.mjb"))
@@ -66,15 +71,35 @@ def drawn_frames(model: "mujoco.MjModel", job: Mapping[str, Any]) -> Generator[F
                         yield child.frame(width, height)
                     return
                 except _NoFrameError as error:
-                    reasons.append(f"{backend}: {error}")
+                    reasons[backend] = str(error)
                     if child.drawn:
                         break  # half of a film cannot be taken back
-    msg = (
-        f"this machine cannot draw off-screen ({'; '.join(reasons)}); install EGL (on "
-        "Debian and Ubuntu: apt-get install libegl1 libgl1-mesa-dri) or OSMesa "
-        "(apt-get install libosmesa6)"
+        others = [each for each in BACKENDS if wanted and each != wanted.lower()]
+        able = [each for each in others if _can_draw(folder, each, width, height)]
+    said = "; ".join(f"{backend}: {why}" for backend, why in reasons.items())
+    raise InputError(_refusal(wanted, said, others, able))
+
+
+def _refusal(wanted: str, said: str, others: list[str], able: list[str]) -> str:
+    if not wanted:
+        return f"this machine cannot draw off-screen ({said}); {INSTALL}"
+    head = (
+        f"`{RENDERER}` is {wanted!r:.60}, and with it this machine cannot draw "
+        f"off-screen ({said})"
     )
-    raise InputError(msg)
+    if able:
+        which = " or ".join(able)
+        return f"{head}; with {which} it can, so set it to {which}, or unset it"
+    return f"{head}, nor with {' or '.join(others)}; {INSTALL}, and unset it"
+
+
+def _can_draw(folder: Path, backend: str, width: int, height: int) -> bool:
+    with _child(folder, backend) as child:
+        try:
+            child.frame(width, height)
+        except _NoFrameError:
+            return False
+    return True
 
 
 @dataclass(slots=True)
@@ -119,7 +144,7 @@ def _child(folder: Path, backend: str) -> Iterator[_Child]:
     with tempfile.TemporaryFile() as words:
         process = subprocess.Popen(
             [sys.executable, "-m", "simval.scene.draw", str(folder)],
-            env={**os.environ, "MUJOCO_GL": backend},
+            env={**os.environ, RENDERER: backend},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=words,

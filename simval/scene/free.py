@@ -1,10 +1,10 @@
 """Drivers of scenes in which nothing holds the body: it spins, and never rests."""
 
-import mujoco
 import numpy as np
 
 from simval.arrays import nonnegative_number, positive_number
 from simval.errors import InputError
+from simval.scene.library import mujoco
 from simval.scene.models import SITE
 from simval.scene.motion import require_rows, steps
 from simval.scene.script import Script

@@ -1,11 +1,11 @@
 """Driver of the hand-held scene: a trembling hand carries a body through poses."""
 
-import mujoco
 import numpy as np
 import scipy
 
 from simval.arrays import Array, nonnegative_number
 from simval.scene.driven import tour
+from simval.scene.library import mujoco
 from simval.scene.models import SITE
 from simval.scene.motion import steps
 from simval.scene.script import Script

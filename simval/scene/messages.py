@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import mujoco
+from simval.scene.library import mujoco
 
 
 @contextmanager

@@ -7,21 +7,32 @@ any of them is refused before it runs.
 """
 
 import hashlib
+import re
 from dataclasses import dataclass
+from itertools import product
 from os import PathLike
 from pathlib import Path
 
-import mujoco
 import numpy as np
 
 from simval.arrays import finite_array, positive_number
 from simval.errors import InputError
+from simval.files import (
+    MOST_LOG,
+    MOST_MODEL,
+    UnreadableError,
+    read_bytes,
+    require_regular,
+)
+from simval.scene.library import mujoco
 from simval.scene.messages import captured_messages
 
 SITE = "imu"
 # of the site, in the order of a row's columns
 SENSORS = ("accelerometer", "gyro", "magnetometer", "attitude", "clock")
 _TYPES = ("ACCELEROMETER", "GYRO", "MAGNETOMETER", "FRAMEQUAT", "CLOCK")
+_FILE = re.compile(r"""\bfile\w*\s*=\s*["']([^"'<>]+)["']""")
+_FOLDER = re.compile(r"""\b(?:asset|mesh|texture)dir\s*=\s*["']([^"'<>]+)["']""")
 INTEGRATORS = ("Euler", "RK4", "implicit", "implicitfast")
 
 
@@ -76,10 +87,11 @@ def load_model(
         If the file cannot be read or compiled, or holds what would spoil the data.
     """
     try:
-        content = Path(path).read_bytes()
+        content = read_bytes(path, MOST_MODEL)
     except OSError as error:
         msg = f"cannot read the model file {path}: {error.strerror}"
         raise InputError(msg) from None
+    _require_regular_parts(Path(path), content)
     try:
         with captured_messages():
             spec = mujoco.MjSpec.from_file(str(path))
@@ -102,6 +114,21 @@ def load_model(
         raise InputError(msg) from None
     check_model(model, str(path))
     return Physics(model=model, sha256=hashlib.sha256(content).hexdigest())
+
+
+def _require_regular_parts(path: Path, content: bytes) -> None:
+    # MuJoCo opens what a model names, and would wait for ever for a pipe's writer
+    text = content.decode(errors="replace")
+    folders = [".", *_FOLDER.findall(text)]
+    for name, folder in product(dict.fromkeys(_FILE.findall(text)), folders):
+        part = path.parent / folder / name
+        try:
+            require_regular(part, part.stat(), MOST_LOG)
+        except UnreadableError as error:
+            msg = f"the model file {path} names {part}: {error}"
+            raise InputError(msg) from None
+        except (OSError, ValueError):
+            continue  # not there: MuJoCo says so where it is needed
 
 
 def _integrator(name: str) -> "mujoco.mjtIntegrator":

@@ -4,13 +4,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from simval.errors import InputError, SimvalError
 from simval.scene.catalogue import find_scene
 from simval.scene.checks import check_reach, check_run, settled_rests
 from simval.scene.engine import Rollout, path_length, positions, roll_out
+from simval.scene.library import mujoco
 from simval.scene.models import Physics, load_model
 from simval.scene.motion import require_rows
 from simval.scene.script import Scene, Script

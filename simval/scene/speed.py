@@ -7,11 +7,11 @@ last ones.
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-import mujoco
 import numpy as np
 
 from simval.arrays import Array
 from simval.scene.engine import last_row, roll_out
+from simval.scene.library import mujoco
 from simval.scene.messages import captured_messages
 from simval.scene.run import plan_run
 from simval.shapes import Float

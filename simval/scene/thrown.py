@@ -1,11 +1,11 @@
 """Drivers of scenes in which contacts decide where the body comes to rest."""
 
-import mujoco
 import numpy as np
 
 from simval.arguments import whole_number
 from simval.arrays import Array
 from simval.geometry import normalize, random_quaternions
+from simval.scene.library import mujoco
 from simval.scene.motion import require_rows, steps
 from simval.scene.script import Script
 from simval.shapes import Float

@@ -29,8 +29,6 @@ TOML (or JSON with the same names), for example::
 A calibration that ``simval calibrate --out`` wrote is one, too: its T, K and B.
 """
 
-import json
-import tomllib
 from os import PathLike
 from pathlib import Path
 from typing import Any, Final
@@ -40,6 +38,7 @@ import numpy as np
 from simval.arguments import file_path
 from simval.arrays import Array, physical_array
 from simval.errors import InputError
+from simval.files import MOST_DOCUMENT, parsed_json, parsed_toml, read_text
 from simval.sensor.effects import (
     Effects,
     GyroscopeEffects,
@@ -180,7 +179,7 @@ def _table(name: str, value: Any) -> dict[str, Any]:
 
 def _parsed(path: Path) -> dict[str, Any]:
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path, MOST_DOCUMENT)
     except OSError as error:
         msg = f"cannot read the sensor file {path}: {error.strerror}"
         raise InputError(msg) from None
@@ -189,7 +188,7 @@ def _parsed(path: Path) -> dict[str, Any]:
         raise InputError(msg) from None
     try:
         json_file = path.suffix.lower() == ".json"
-        values = json.loads(text) if json_file else tomllib.loads(text)
+        values = parsed_json(text) if json_file else parsed_toml(text)
     except ValueError as error:
         msg = f"the sensor file {path} cannot be parsed: {error}"
         raise InputError(msg) from None

@@ -52,6 +52,7 @@ from simval.statistics import (
     UNIT_LENGTH,
 )
 from simval.streams import Streams
+from simval.studies.refusing import LEAST_NOISE
 from simval.studies.study import Cost, StudyParameters
 from simval.theory.attitude import AttitudeMoments, attitude_moments
 from simval.theory.remainder import RANGE, expansion_remainders
@@ -92,7 +93,7 @@ class Parameters(StudyParameters):
     geometry: Annotated[int, Field(ge=0, lt=2**63)] = Field(
         default=3, description="Number of the random attitude and vectors, a seed."
     )
-    noise_std: Annotated[float, Field(gt=0.0, le=0.5)] = Field(
+    noise_std: Annotated[float, Field(ge=LEAST_NOISE, le=0.5)] = Field(
         default=0.01, description="Noise per axis of each unit vector."
     )
     samples: Annotated[int, Field(ge=MIN_BATCHES * BATCH)] = Field(

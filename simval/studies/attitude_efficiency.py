@@ -28,6 +28,7 @@ from simval.statistics import (
     SQUARED_ERROR,
 )
 from simval.streams import Streams
+from simval.studies.refusing import LEAST_NOISE
 from simval.studies.study import Cost, StudyParameters
 from simval.theory.attitude import attitude_moments
 from simval.theory.cramer_rao import attitude_bound
@@ -63,7 +64,7 @@ class Parameters(StudyParameters):
     trials: Annotated[int, Field(ge=10)] = Field(
         default=200, description="Trials for each geometry."
     )
-    noise_std: Annotated[float, Field(gt=0.0, le=1e-3)] = Field(
+    noise_std: Annotated[float, Field(ge=LEAST_NOISE, le=1e-3)] = Field(
         default=1e-3, description="Noise per axis of each unit vector."
     )
 

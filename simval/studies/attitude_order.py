@@ -30,6 +30,7 @@ from simval.statistics import (
 )
 from simval.streams import Streams
 from simval.studies.attitude import PREDICTORS, random_geometry
+from simval.studies.refusing import refusing
 from simval.studies.study import Cost, StudyParameters
 from simval.theory.attitude import AttitudeMoments, attitude_moments
 from simval.theory.cubature import cubature_moments
@@ -61,7 +62,7 @@ FAMILIES = ((BIAS_ORDER, BIAS_ERROR), (COVARIANCE_ORDER, COVARIANCE_ERROR))
 class Parameters(StudyParameters):
     """One cell: a geometry and a shape of the noise."""
 
-    geometry: Annotated[int, Field(ge=0)] = Field(
+    geometry: Annotated[int, Field(ge=0, lt=2**63)] = Field(
         default=3, description="Number of the random attitude and vectors, a seed."
     )
     noise: Literal["isotropic", "full", "tangent"] = Field(
@@ -75,6 +76,7 @@ class Parameters(StudyParameters):
         return Cost(0.1, 40)
 
 
+@refusing("give another `geometry`")
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Measure the slopes of one cell.
 

@@ -15,10 +15,10 @@ of degree 5, gives their means to the next order, at the noise and at half of it
 what falls with the noise is the remainder.
 """
 
-from typing import Annotated
+from typing import Annotated, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from simval.arrays import Array
 from simval.attitude import (
@@ -44,6 +44,7 @@ from simval.statistics import (
 )
 from simval.streams import Streams
 from simval.studies.expanded import noise_row
+from simval.studies.refusing import refusing
 from simval.studies.stated_covariance import closed_form_square, normalized_square
 from simval.studies.study import Cost, StudyParameters
 from simval.studies.vectors_controls import (
@@ -68,6 +69,10 @@ MOST_LEFT_OUT = 0.3
 right weights the second order of a noisy vector swamps the first of a good one."""
 
 
+MOST_NOISE = 0.1
+"""Of any vector, per axis: beyond it a vector may turn round."""
+
+
 class Parameters(StudyParameters):
     """One cell: how many vectors, and how unequal their noise is."""
 
@@ -83,12 +88,25 @@ class Parameters(StudyParameters):
     shift: Annotated[float, Field(ge=0.0, le=10.0)] = Field(
         default=3.0, description="Turn of the wrong vector, in standard deviations."
     )
-    geometry: Annotated[int, Field(ge=0)] = Field(
+    geometry: Annotated[int, Field(ge=0, lt=2**63)] = Field(
         default=0, description="Number of the random geometry."
     )
     samples: Annotated[int, Field(ge=4096)] = Field(
         default=65_536, description="Trials."
     )
+
+    @model_validator(mode="after")
+    def _require_vectors(self) -> Self:
+        """Check that no vector drowns in its noise."""
+        most = self.noise_std * self.ratio
+        if not most <= MOST_NOISE:
+            msg = (
+                f"`noise_std` is {self.noise_std:g} and `ratio` {self.ratio:g}: that "
+                f"makes {most:.3g} of a vector of length 1; at most {MOST_NOISE:g} is "
+                "allowed, so lower one of them"
+            )
+            raise ValueError(msg)
+        return self
 
     def cost(self) -> Cost:
         """Cost of a cell."""
@@ -234,6 +252,7 @@ def left_out(parameters: Parameters, shift: float = 0.0) -> Array:
     return 2.0 * np.abs(change) / (0.5 if shift else 0.75)
 
 
+@refusing("lower `noise_std` or `ratio`")
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Measure and predict one cell."""
     setting, n = Setting(parameters), parameters.samples

@@ -18,7 +18,7 @@ from functools import lru_cache
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from simval.arrays import Array, frozen
 from simval.calibrate import calibrate
@@ -42,6 +42,7 @@ from simval.statistics import (
 )
 from simval.streams import Streams
 from simval.studies.expanded import Expanded, beside, noise_row
+from simval.studies.refusing import LEAST_NOISE, refusing
 from simval.studies.study import Cost, StudyParameters
 from simval.theory.calibration import CalibrationMoments, calibration_moments
 from simval.theory.calibration_expansion import calibration_expansion
@@ -69,7 +70,7 @@ class Parameters(StudyParameters):
     poses: Annotated[int, Field(ge=9, le=400)] = Field(
         default=40, description="Poses of the gimbal, or throws of the die."
     )
-    hold_time: Annotated[float, Field(gt=0.0, le=10.0)] = Field(
+    hold_time: Annotated[float, Field(ge=0.002, le=10.0)] = Field(
         default=0.2, description="Length of each hold that is averaged, s."
     )
     noise_std: Annotated[float, Field(ge=0.0, le=10.0)] = Field(
@@ -78,6 +79,17 @@ class Parameters(StudyParameters):
     trials: Annotated[int, Field(ge=2 * BLOCK)] = Field(
         default=2048, description="Trials; rounded up to whole blocks of 64."
     )
+
+    @field_validator("noise_std")
+    @classmethod
+    def _none_or_some(cls, value: float) -> float:
+        if 0.0 < value < LEAST_NOISE:
+            msg = (
+                f"noise_std is {value:g}, which is lost in rounding; it must be 0, or "
+                f"{LEAST_NOISE:g} or more"
+            )
+            raise ValueError(msg)
+        return value
 
     def cost(self) -> Cost:
         """Cost of a cell: the tumble once, then every sample of every trial."""
@@ -120,6 +132,7 @@ def simulated_rests(scene: str, poses: int, hold_time: float) -> Rests:
     )
 
 
+@refusing("lower `noise_std` or give more `poses`")
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Simulate one cell and set it beside theory."""
     sensor = true_sensor(parameters.noise_std)
@@ -138,6 +151,8 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         shape = (count, *forces.shape)
         raw = sensor.distort(np.broadcast_to(forces, shape), rng).mean(axis=2)
         fit = calibrate(raw, g=g, covariance=False)
+        if not np.isfinite(fit.parameters).all():
+            fit.require_converged()
         drawn.append(raw - clean)
         found.append(fit.parameters - sensor.parameters)
         return found[-1].T

@@ -76,6 +76,7 @@ from simval.statistics import (
 from simval.streams import Streams
 from simval.studies.calibrator_setting import FACES, Setting, setting_of
 from simval.studies.plugin import PluginName, PluginParameters, isolated
+from simval.studies.refusing import LEAST_NOISE
 
 TITLE = "User-supplied calibrator: bias, spread and stated covariance"
 SECTION = "algorithms"
@@ -118,7 +119,7 @@ class Parameters(PluginParameters):
         description="Sensor with all nine errors, or with those alone that the "
         "calibrator estimates.",
     )
-    noise_std: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
+    noise_std: Annotated[float, Field(ge=LEAST_NOISE, le=1.0)] = Field(
         default=0.01, description="Noise per axis of a pose mean, m/s^2."
     )
     trials: Annotated[int, Field(ge=2 * BLOCK)] = Field(

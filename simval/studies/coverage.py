@@ -14,11 +14,11 @@ density of the law at its quantile.
 """
 
 from math import sqrt
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import numpy as np
 import scipy
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from simval.arrays import Array
 from simval.calibrate import FitResult, calibrate
@@ -38,6 +38,7 @@ from simval.statistics import (
 )
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
+from simval.studies.refusing import LEAST_NOISE, refusing
 from simval.studies.study import Cost, StudyParameters
 from simval.theory.calibration import calibration_moments
 
@@ -66,18 +67,30 @@ class Parameters(StudyParameters):
     poses: Annotated[int, Field(ge=10, le=1000)] = Field(
         default=20, description="Poses, spread evenly over the sphere."
     )
-    noise_std: Annotated[float, Field(gt=0.0, le=0.3)] = Field(
+    noise_std: Annotated[float, Field(ge=LEAST_NOISE, le=0.3)] = Field(
         default=0.01, description="Noise of each axis of a pose mean, m/s^2."
     )
     trials: Annotated[int, Field(ge=2 * BLOCK)] = Field(
         default=10_240, description="Trials; rounded up to whole blocks of 512."
     )
 
+    @model_validator(mode="after")
+    def _require_known(self) -> Self:
+        """Check that what takes the noise out of the moments knows it."""
+        if self.residual == "adjusted" and self.sigma != "known":
+            msg = (
+                f"`residual` is adjusted and `sigma` is {self.sigma}: it takes the "
+                'noise out of the moments, so give sigma = "known", or another residual'
+            )
+            raise ValueError(msg)
+        return self
+
     def cost(self) -> Cost:
         """Cost of a cell: one fit with its covariance for each trial."""
         return Cost(self.trials * (4e-5 + 1e-6 * self.poses), 12)
 
 
+@refusing("lower `noise_std` or give more `poses`")
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Simulate one cell."""
     sensor = true_sensor(0.0)

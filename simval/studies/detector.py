@@ -26,6 +26,7 @@ from simval.statics import Intervals
 from simval.statistics import CHI_SQUARE_9, FITTED, NEES, Family
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
+from simval.studies.refusing import LEAST_NOISE, refusing
 from simval.studies.scoring import (
     Tumble,
     detect,
@@ -55,10 +56,10 @@ class Parameters(StudyParameters):
     poses: Annotated[int, Field(ge=9, le=400)] = Field(
         default=40, description="Rests that the scene plans."
     )
-    noise_std: Annotated[float, Field(gt=0.0, le=10.0)] = Field(
+    noise_std: Annotated[float, Field(ge=LEAST_NOISE, le=10.0)] = Field(
         default=0.01, description="Noise per axis and sample at 100 Hz, m/s^2."
     )
-    multiplier: Annotated[float, Field(gt=0.0)] = Field(
+    multiplier: Annotated[float, Field(gt=0.0, le=1e9)] = Field(
         default=6.0, description="Threshold over the variance of the initial rest."
     )
     window: Annotated[int, Field(ge=3, le=2001)] = Field(
@@ -92,6 +93,7 @@ def tumble(scene: str, poses: int) -> Tumble:
     return thinned(simulate_cached(scene, **setting))
 
 
+@refusing("give a smaller `trim` or `window`, or a `multiplier` nearer to 6")
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Score the detector in one cell."""
     truth = tumble(parameters.scene, parameters.poses)

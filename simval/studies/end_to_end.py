@@ -33,6 +33,7 @@ from simval.statistics import BUDGET, CARRIED, CHI_SQUARE_3, IMPURE, NEES
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
 from simval.studies.magnetometer_scenario import true_magnetometer
+from simval.studies.refusing import LEAST_NOISE, refusing
 from simval.studies.scoring import RATE, Tumble, detect, mean_of, pure, thinned
 from simval.studies.study import Cost, StudyParameters
 from simval.theory.carry import PARTS, UP, Wanted, calibration_parts, carrier
@@ -57,10 +58,10 @@ class Parameters(StudyParameters):
     attitudes: Annotated[int, Field(ge=2, le=200)] = Field(
         default=24, description="Rests of the second tumble, whose attitude is wanted."
     )
-    accelerometer_noise_std: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
+    accelerometer_noise_std: Annotated[float, Field(ge=LEAST_NOISE, le=1.0)] = Field(
         default=0.02, description="Noise per axis and sample at 100 Hz, m/s^2."
     )
-    magnetometer_noise_std: Annotated[float, Field(gt=0.0, le=1e-5)] = Field(
+    magnetometer_noise_std: Annotated[float, Field(ge=1e-14, le=1e-5)] = Field(
         default=5e-8, description="Noise per axis and sample at 100 Hz, T."
     )
     average: Annotated[int, Field(ge=1, le=10_000)] = Field(
@@ -131,6 +132,7 @@ def scenario_of(trajectory: Trajectory, noise: float) -> Scenario:
     )
 
 
+@refusing("lower the noise, or give more `poses` or a larger `average`")
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Measure the error budget of one cell beside its prediction."""
     trajectory, wanted = tumbles(parameters.poses, parameters.attitudes)

@@ -81,6 +81,7 @@ from simval.studies.estimator_size import size_rows
 from simval.studies.failure_rows import failure_rows
 from simval.studies.leading_terms import leading_rows
 from simval.studies.plugin import PluginName, PluginParameters, isolated
+from simval.studies.refusing import LEAST_NOISE
 from simval.theory.unit_length import unit_length_defect, unit_length_rounding
 
 TITLE = "User-supplied attitude estimator: bias, spread and stated covariance"
@@ -119,10 +120,10 @@ class Parameters(PluginParameters):
     algorithm: PluginName = Field(
         default="", description="FILE.py, FILE.py:NAME or the name of an entry point."
     )
-    geometry: Annotated[int, Field(ge=0)] = Field(
+    geometry: Annotated[int, Field(ge=0, lt=2**63)] = Field(
         default=3, description="Number of the random attitude and vectors, a seed."
     )
-    noise_std: Annotated[float, Field(gt=0.0, le=MOST_NOISE)] = Field(
+    noise_std: Annotated[float, Field(ge=LEAST_NOISE, le=MOST_NOISE)] = Field(
         default=0.01, description="Noise per axis of each body vector of length 1."
     )
     noise: Annotated[str, AfterValidator(lambda text: " ".join(text.split()))] = Field(

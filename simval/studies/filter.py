@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, model_validator
 
+from simval.errors import InputError, UnmeasurableError
 from simval.plugins import Filter, find_plugin
 from simval.plugins.filter_frames import find_world
 from simval.plugins.filter_run import run_filter
@@ -43,6 +44,7 @@ from simval.studies.filter_rows import (
 )
 from simval.studies.filter_scenarios import (
     ANYWHERE,
+    ROWS,
     UNKNOWN,
     Course,
     Imperfect,
@@ -50,6 +52,7 @@ from simval.studies.filter_scenarios import (
     drawn,
     scenario_of,
     spelled,
+    steps_of,
 )
 from simval.studies.filter_wrong import Wrong
 from simval.studies.plugin import (
@@ -58,6 +61,7 @@ from simval.studies.plugin import (
     PluginParameters,
     isolated,
 )
+from simval.studies.refusing import LEAST_NOISE
 from simval.studies.study import Cost
 from simval.theory import FilterPrediction
 
@@ -71,6 +75,10 @@ SMALL = 0.02
 beside sensors of 2 and 5 mrad (docs/filters.md)."""
 INSTANTS = 100
 """At which errors are kept, evenly in time, each with the row before."""
+
+LEAST_READ = 1e-6
+"""Of a reading: its square is then 4e-12 of the greatest variance of the start, which a
+filter adds to it; less than 1e-15 of that is lost in rounding, and singular."""
 
 
 class Parameters(PluginParameters):
@@ -93,24 +101,24 @@ class Parameters(PluginParameters):
     seconds: Annotated[float, Field(ge=4.0, le=100.0)] = Field(
         default=20.0, description="Length of a trial, s."
     )
-    accelerometer_noise: Annotated[float, Field(gt=0.0, le=0.1)] = Field(
+    accelerometer_noise: Annotated[float, Field(ge=LEAST_READ, le=0.1)] = Field(
         default=2e-3, description="Noise per axis and row, as a share of gravity."
     )
-    magnetometer_noise: Annotated[float, Field(gt=0.0, le=0.1)] = Field(
+    magnetometer_noise: Annotated[float, Field(ge=LEAST_READ, le=0.1)] = Field(
         default=5e-3, description="Noise per axis and row, as a share of the field."
     )
-    angle_random_walk: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
+    angle_random_walk: Annotated[float, Field(ge=LEAST_NOISE, le=1.0)] = Field(
         default=0.01, description="White noise, degrees/s per root hertz."
     )
     rate_random_walk: Annotated[float, Field(ge=0.0, le=0.01)] = Field(
         default=2e-5,
         description="Random walk of the gyroscope's bias, rad/s^2 per root hertz.",
     )
-    bias_std: Annotated[float, Field(gt=0.0, le=0.1)] = Field(
+    bias_std: Annotated[float, Field(ge=LEAST_NOISE, le=0.1)] = Field(
         default=1e-3,
         description="Standard deviation of the gyroscope's first bias, rad/s per axis.",
     )
-    start_std: Annotated[float, Field(gt=0.0, le=0.5)] = Field(
+    start_std: Annotated[float, Field(ge=LEAST_NOISE, le=0.5)] = Field(
         default=5e-3,
         description="Standard deviation of the attitude told first, rad per axis.",
     )
@@ -129,8 +137,9 @@ class Parameters(PluginParameters):
 
     @model_validator(mode="after")
     def _require_scenario(self) -> Self:
-        """Check that there is such a scenario."""
+        """Check that there is such a scenario, at a rate that it can have."""
         scenario_of(self.scenario)
+        steps_of(ROWS, self.rate, self.seconds)
         return self
 
     @property
@@ -189,9 +198,16 @@ def compute(parameters: Parameters, streams: Streams) -> Outcome:
     return outcome(find_plugin(parameters.algorithm, Filter), parameters, streams)
 
 
+def _course(parameters: Parameters) -> Course:
+    try:
+        return course(parameters.named_scenario, parameters.rate, parameters.seconds)
+    except InputError as error:  # how long it lasts is known when it is simulated
+        raise UnmeasurableError(str(error)) from None
+
+
 def outcome(plugin: Filter, parameters: Parameters, streams: Streams) -> Outcome:
     """Measure a filter that this process holds."""
-    way = course(parameters.named_scenario, parameters.rate, parameters.seconds)
+    way = _course(parameters)
     sensors, told = sensors_of(parameters, way), told_of(parameters, way)
     # of our own a test knows it; it takes as long as the trials do
     own = parameters.reference and plugin.world

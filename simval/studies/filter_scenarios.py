@@ -146,7 +146,7 @@ def course(scenario: str, rate: float, seconds: float) -> Course:
     """
     recorded = _SCENES[scenario]
     run = simulate_cached(recorded.scene, **recorded.words)
-    every, count = _steps(run.rate, rate, seconds)
+    every, count = steps_of(run.rate, rate, seconds)
     most = (len(run.time) - 1) // every
     if count > most:
         msg = (
@@ -176,7 +176,7 @@ def course(scenario: str, rate: float, seconds: float) -> Course:
     )
 
 
-def _steps(own: float, rate: float, seconds: float) -> tuple[int, int]:
+def steps_of(own: float, rate: float, seconds: float) -> tuple[int, int]:
     """Rows of the scene in a step, and steps."""
     every = round(own / rate)
     if every < 1 or abs(own / every - rate) > 1e-6 * rate:

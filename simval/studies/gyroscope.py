@@ -47,6 +47,7 @@ from simval.statistics import (
 )
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
+from simval.studies.refusing import refusing
 from simval.studies.study import Cost, StudyParameters
 from simval.theory.gyroscope import MovePath, gyroscope_moments
 
@@ -89,7 +90,7 @@ class Parameters(StudyParameters):
     every: Annotated[int, Field(ge=1, le=10)] = Field(
         default=5, description="Rows of 500 Hz that one reading averages."
     )
-    angle_random_walk: Annotated[float, Field(gt=0.0, le=0.3)] = Field(
+    angle_random_walk: Annotated[float, Field(ge=1e-6, le=0.3)] = Field(
         default=0.01, description="White noise, degrees/s per root hertz."
     )
     trials: Annotated[int, Field(ge=256)] = Field(
@@ -102,6 +103,7 @@ class Parameters(StudyParameters):
         return Cost(1.0 + 7e-5 * rows * self.trials, 20)
 
 
+@refusing("lower `angle_random_walk` or give more `poses`")
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Simulate one cell."""
     data = _Tumble(parameters)

@@ -47,6 +47,7 @@ from simval.studies.expanded import (
     reduced_mean,
     stated,
 )
+from simval.studies.refusing import LEAST_NOISE, refusing
 from simval.studies.study import Cost, StudyParameters
 from simval.theory.calibration import CalibrationMoments, calibration_moments
 from simval.theory.calibration_expansion import calibration_expansion
@@ -67,13 +68,13 @@ class Parameters(StudyParameters):
     residual: Literal["squared", "norm", "weighted", "sampson", "adjusted"] = Field(
         default="squared", description="What the calibration minimises."
     )
-    noise_std: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
+    noise_std: Annotated[float, Field(ge=LEAST_NOISE, le=1.0)] = Field(
         default=0.1, description="Noise of each axis of a pose mean, m/s^2."
     )
     poses: Annotated[int, Field(ge=10, le=1000)] = Field(
         default=100, description="Poses, spread evenly over the sphere."
     )
-    scale_spread: Annotated[float, Field(ge=0.0, lt=1.0)] = Field(
+    scale_spread: Annotated[float, Field(ge=0.0, le=0.99)] = Field(
         default=0.0, description="Scales of x, y, z are 1 less, 1, 1 plus this."
     )
     trials: Annotated[int, Field(ge=2 * BLOCK)] = Field(
@@ -93,6 +94,7 @@ def true_sensor(scale_spread: float) -> AccelerometerModel:
     return AccelerometerModel(T=np.eye(3), K=scale, B=np.zeros(3))
 
 
+@refusing("lower `noise_std` or give more `poses`")
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Simulate one cell and set it beside theory."""
     sensor = true_sensor(parameters.scale_spread)

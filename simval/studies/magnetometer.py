@@ -56,6 +56,7 @@ from simval.studies.magnetometer_scenario import (
     true_accelerometer,
     true_magnetometer,
 )
+from simval.studies.refusing import refusing
 from simval.studies.study import Cost, StudyParameters
 from simval.theory.magnetometer import MagnetometerMoments, magnetometer_moments
 
@@ -103,6 +104,7 @@ class Parameters(StudyParameters):
         return Cost(0.5 + self.trials * (2e-4 + 2.5e-5 * self.poses), 99)
 
 
+@refusing("lower the noise or give more `poses`")
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Simulate one cell and set it beside theory."""
     case = scenario(

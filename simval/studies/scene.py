@@ -33,6 +33,7 @@ from simval.statistics import (
 )
 from simval.statistics import ROUNDING as BY_ROUNDING
 from simval.streams import Streams
+from simval.studies.refusing import refusing
 from simval.studies.study import Cost, StudyParameters
 
 TITLE = "Scenes: is rest at rest, and do the poses suffice?"
@@ -60,6 +61,7 @@ class Parameters(StudyParameters):
         return Cost(2.0, 5)
 
 
+@refusing("give more `poses`")
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Simulate the scene and measure its rests."""
     trajectory = simulate(parameters.scene, poses=parameters.poses)

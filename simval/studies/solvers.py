@@ -18,6 +18,7 @@ from simval.results import Outcome, Row, limit, unjudged
 from simval.statistics import APART, FIRST_SOLVER, STEPS
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
+from simval.studies.refusing import LEAST_NOISE, refusing
 from simval.studies.study import Cost, StudyParameters
 
 TITLE = "Solvers: how each method of the calibration comes to the same answer"
@@ -33,7 +34,7 @@ AGREEMENT = 1e-9
 class Parameters(StudyParameters):
     """One cell: a pose set and its noise."""
 
-    noise_std: Annotated[float, Field(gt=0.0, le=3.0)] = Field(
+    noise_std: Annotated[float, Field(ge=LEAST_NOISE, le=3.0)] = Field(
         default=0.3, description="Noise of each axis of a pose mean, m/s^2."
     )
     poses: Annotated[int, Field(ge=10, le=400)] = Field(
@@ -45,6 +46,7 @@ class Parameters(StudyParameters):
         return Cost(0.1, 6)
 
 
+@refusing("lower `noise_std` or give more `poses`")
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Follow each method step by step."""
     sensor = true_sensor(parameters.noise_std)

@@ -24,7 +24,7 @@ from multiprocessing.connection import wait as wait_for_any
 from threading import Thread
 from typing import Any, Protocol, runtime_checkable
 
-from simval.errors import CrashedPluginError, PluginError
+from simval.errors import CrashedPluginError, PluginError, UnmeasurableError
 from simval.plugins.names import told_anywhere
 from simval.results import Outcome
 from simval.startup import load_lightly
@@ -64,7 +64,7 @@ def attempt(
     try:
         with ONE_THREAD:
             outcome: Outcome | str = (work or execute)(cell)
-    except PluginError as error:
+    except (PluginError, UnmeasurableError) as error:
         crashed = isinstance(error, CrashedPluginError)
         words = described(error) if crashed else f"{REFUSED}{error}\n"
         outcome = told_anywhere(words, cell.parameters.files)

@@ -11,7 +11,6 @@ Each value is checked against the study's own parameters; what is left out takes
 study's default. `--set attitude.noise_std=1e-3,1e-2` on the command line wins.
 """
 
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
@@ -30,11 +29,13 @@ from pydantic import (
 from pydantic.fields import FieldInfo
 
 from simval.errors import InputError
+from simval.files import MOST_DOCUMENT, parsed_toml, read_text
 from simval.studies import STUDIES
 from simval.studies.study import Cell
 from simval.sweep.grid import Grid, Table, table
 from simval.sweep.paths import kept_inside
-from simval.text import did_you_mean
+from simval.sweep.size import require_size
+from simval.text import did_you_mean, shown
 from simval.vocabulary import builtin_suites
 from simval.whole import exact
 
@@ -128,8 +129,8 @@ def load_suite(
     """
     stem, text = _read(name)
     try:
-        content = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        content = parsed_toml(text)
+    except ValueError as error:
         msg = f"suite {name} is not valid TOML: {error}"
         raise InputError(msg) from None
     content = kept_inside(name, content, Path(name).parent)
@@ -157,6 +158,7 @@ def expand(name: str, content: Mapping[str, Any]) -> Suite:
             f"add a table for one of {', '.join(STUDIES)}"
         )
         raise InputError(msg)
+    require_size(name, model)
     seeds = _as_list(model.seed)  # type: ignore[attr-defined]
     cells = Grid(seeds, [_table(name, key, getattr(model, key)) for key in studies])
     _check_names(name, cells)
@@ -202,10 +204,10 @@ def _read(name: str) -> tuple[str, str]:
         return name, file.read_text(encoding="utf-8")
     path = Path(name)
     try:
-        is_file = path.is_file()
+        is_there = path.exists() and not path.is_dir()
     except OSError:  # a name that no file can have
-        is_file = False
-    if not is_file:
+        is_there = False
+    if not is_there:
         near = did_you_mean(name, builtin_suites())
         msg = (
             f"there is no suite `{name}`{near}: the built-in ones are "
@@ -214,7 +216,7 @@ def _read(name: str) -> tuple[str, str]:
         )
         raise InputError(msg)
     try:
-        return path.stem, path.read_text(encoding="utf-8-sig")
+        return path.stem, read_text(path, MOST_DOCUMENT, "utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         msg = f"suite {name} cannot be read: {error}"
         raise InputError(msg) from None
@@ -225,13 +227,13 @@ def _override(content: dict[str, Any], override: str) -> None:
     study, dot, key = path.strip().partition(".")
     if not (equals and dot and key and text.strip()) or "." in key:
         msg = (
-            f"`--set {override}` is not of the form STUDY.KEY=VALUE[,VALUE...], "
+            f"`--set {override:.60}` is not of the form STUDY.KEY=VALUE[,VALUE...], "
             "for example attitude.noise_std=1e-3,1e-2"
         )
         raise InputError(msg)
     table = content.setdefault(study, {})
     if not isinstance(table, dict):
-        msg = f"`--set {override}`: `{study}` is no study; use {', '.join(STUDIES)}"
+        msg = f"`--set {override:.60}`: `{study}` is no study; use {', '.join(STUDIES)}"
         raise InputError(msg)
     whole = literal(text.strip())
     if isinstance(whole, list):
@@ -244,8 +246,8 @@ def _override(content: dict[str, Any], override: str) -> None:
 def literal(text: str) -> Any:
     """Value of a text: a TOML literal, else the text itself."""
     try:
-        content = tomllib.loads(f"value = {text}")
-    except (tomllib.TOMLDecodeError, RecursionError):
+        content = parsed_toml(f"value = {text}")
+    except ValueError:
         return text
     return content["value"] if len(content) == 1 else text
 
@@ -281,7 +283,7 @@ def _explain(error: Any, model: type[BaseModel]) -> str:
             known = tuple(STUDIES[words[0]].parameters.model_fields)
         near = did_you_mean(words[-1], known)
         return f"`{path}` is not a known key{near}; known here: {', '.join(known)}"
-    return f"`{path}`: {error['msg']} (given {error['input']!r})"
+    return f"`{path}`: {error['msg']} (given {shown(error['input'])})"
 
 
 def _as_list(value: Any) -> list[Any]:

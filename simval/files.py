@@ -1,0 +1,171 @@
+"""Files that a user names: regular ones of a size that their kind can have.
+
+A device or a pipe has no size: it may never end, and who opens a pipe waits for its
+writer. What is too large is refused before a byte of it is read. Numbers and names in
+text have limits, too: Python refuses a whole number of 4300 digits in words of its own,
+and `tomllib` takes 7 s for a name of 20 000 parts, four times that for twice as many.
+
+A refusal is an `OSError` whose ``strerror`` says what the path is and what is required,
+so that each reader says it in its own words for files that cannot be read.
+"""
+
+import json
+import os
+import re
+import stat
+import tomllib
+from collections.abc import Callable
+from errno import EISDIR
+from os import PathLike
+from typing import Any, Final
+
+MEBIBYTE: Final = 2**20
+MOST_LOG: Final = 2048 * MEBIBYTE
+"""Bytes of a log: twelve hours of ten columns at 500 Hz, 100 bytes a row."""
+MOST_BASELINE: Final = 2048 * MEBIBYTE
+"""Bytes of a baseline: one of a cell takes 10 to 30 kB, so this is of 1e5 cells."""
+MOST_MODEL: Final = 64 * MEBIBYTE
+"""Bytes of a model file, its meshes in files of their own."""
+MOST_DOCUMENT: Final = 4 * MEBIBYTE
+"""Bytes of any other text: suites, sensors, calibrations, noise, poses, plug-ins. A
+calibration of three sensors takes 20 kB, and `tomllib` a second for a mebibyte."""
+
+DIGITS: Final = 400
+"""Most digits of a number in a text; the greatest float has 309 before its point."""
+PARTS: Final = 20
+"""Most parts of a name, `a.b.c`, in TOML; none of ours has more than two."""
+
+_KINDS: Final = (  # what a path may be, and what to do about it
+    (stat.S_ISCHR, "it is a device, which may never end; give a file"),
+    (stat.S_ISBLK, "it is a device; give a file"),
+    (stat.S_ISFIFO, "it is a pipe, which may never end; write it to a file first"),
+    (stat.S_ISSOCK, "it is a socket; give a file"),
+)
+_NUMBER: Final = re.compile(rf"(?<![0-9_])[0-9][0-9_]{{{DIGITS},}}+")
+_PART: Final = r"""(?>[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
+_NAME: Final = re.compile(
+    rf"(?<![A-Za-z0-9_-]){_PART}(?:\.[ \t]*+{_PART}){{{PARTS},}}+"
+)
+
+
+class UnreadableError(OSError):
+    """What is no regular file, or is larger than any file of its kind."""
+
+    def __str__(self) -> str:
+        return str(self.strerror)
+
+
+def read_bytes(path: str | PathLike[str], most: int) -> bytes:
+    """Content of a regular file of at most so many bytes.
+
+    Raises
+    ------
+    OSError
+        If there is no such file, or it cannot be read; `UnreadableError` in words.
+    """
+    require_regular(path, os.stat(path), most)
+    # it may be another one by now: a pipe is opened at once and seen for what it is
+    handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+    with open(handle, "rb") as file:
+        status = os.fstat(handle)
+        require_regular(path, status, most)
+        content = file.read(status.st_size + 1)
+        while len(content) <= most and (more := file.read(MEBIBYTE)):
+            content += more  # it grows, or is of the kernel and has no size
+    if len(content) > most:
+        raise _too_large(path, f"more than {_size(most)}", most)
+    return content
+
+
+def read_text(path: str | PathLike[str], most: int, encoding: str = "utf-8") -> str:
+    r"""Text of a regular file of at most so many bytes, its lines ended by ``\n``.
+
+    Raises
+    ------
+    OSError
+        As `read_bytes`.
+    UnicodeDecodeError
+        If it is no text.
+    """
+    text = read_bytes(path, most).decode(encoding)
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def require_regular(
+    path: str | PathLike[str], status: os.stat_result, most: int
+) -> None:
+    """Refuse what is no file, or too large.
+
+    Raises
+    ------
+    OSError
+        Saying what it is.
+    """
+    if stat.S_ISDIR(status.st_mode):
+        raise IsADirectoryError(EISDIR, os.strerror(EISDIR), os.fspath(path))
+    for is_kind, words in _KINDS:
+        if is_kind(status.st_mode):
+            raise UnreadableError(0, words, os.fspath(path))
+    if stat.S_ISREG(status.st_mode) and status.st_size > most:
+        raise _too_large(path, _size(status.st_size), most)
+
+
+def parsed_json(text: str, pairs: Callable[[list[tuple[str, Any]]], Any] = dict) -> Any:
+    """Value of a JSON text.
+
+    Raises
+    ------
+    ValueError
+        If it is none, or a number in it or its depth is beyond all use.
+    """
+    _require_numbers(text)
+    try:
+        return json.loads(text, object_pairs_hook=pairs)
+    except RecursionError:
+        raise ValueError(_DEEP) from None
+
+
+def parsed_toml(text: str) -> dict[str, Any]:
+    """Table of a TOML text.
+
+    Raises
+    ------
+    ValueError
+        If it is none, or a number, a name or the depth in it is beyond all use.
+    """
+    _require_numbers(text)
+    if found := _NAME.search(text):
+        msg = (
+            f"a name in line {_line(found)} has more than {PARTS} parts, "
+            f"{found.group()[:20]!r} and so on"
+        )
+        raise ValueError(msg)
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise ValueError(_DEEP) from None
+
+
+_DEEP: Final = "it is nested too deeply; none of ours has more than a few levels"
+
+
+def _require_numbers(text: str) -> None:
+    if found := _NUMBER.search(text):
+        msg = (
+            f"a number in line {_line(found)} has {len(found.group())} digits; at most "
+            f"{DIGITS} are read"
+        )
+        raise ValueError(msg)
+
+
+def _line(found: re.Match[str]) -> int:
+    return found.string.count("\n", 0, found.start()) + 1
+
+
+def _too_large(path: str | PathLike[str], size: str, most: int) -> UnreadableError:
+    msg = f"it has {size}; a file of its kind has at most {_size(most)}"
+    return UnreadableError(0, msg, os.fspath(path))
+
+
+def _size(count: int) -> str:
+    return f"{count / MEBIBYTE:,.0f} MiB" if count >= MEBIBYTE else f"{count:,} bytes"
