@@ -12,16 +12,30 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.filters import Mekf
-from simval.selftest.fault import Fault, Part, after, wrapped
+from simval.montecarlo import plain
+from simval.selftest.fault import Fault, Part, after, everywhere, wrapped
 from simval.sensor import AccelerometerModel, NoiseModel
 from simval.streams import Streams
-from simval.studies import calibration, coverage, expanded, gyroscope, ladder
-from simval.studies import filter as filters
-from simval.studies import magnetometer, scoring
-from simval.studies import end_to_end as budget
+from simval.studies import (
+    coverage,
+    gyroscope,
+    ladder,
+    magnetometer,
+)
 
 LOUDER = 1.01
-DRAWN = ("ladder", "coverage", "magnetometer", "gyroscope", "filter", "attitude_vectors")
+TOO_SMALL = (
+    "1/n of a variance that n trials tell to sqrt(2/n); the functions that all studies "
+    "share are judged by `sampling`, a study's own lines are not"
+)
+DRAWN = (
+    "ladder",
+    "coverage",
+    "magnetometer",
+    "gyroscope",
+    "filter",
+    "attitude_vectors",
+)
 """Studies that draw their normals from the generator of a block."""
 FELT = ("calibration", "end_to_end")
 """Studies whose accelerometer draws its own."""
@@ -75,12 +89,10 @@ def _louder() -> list[Fault]:
         return original(replace(model, white_raw_per_sqrt_hz=own), *given)
 
     name = "noise 1 % louder"
+    felt = wrapped(AccelerometerModel, "distort", accelerometer)
     return [
         *(_smoke(study, "noise", name, _normals(loud)) for study in DRAWN),
-        *(
-            _smoke(s, "noise", name, wrapped(AccelerometerModel, "distort", accelerometer))
-            for s in FELT
-        ),
+        *(_smoke(s, "noise", name, felt) for s in FELT),
         _smoke("noise_model", "noise", name, wrapped(NoiseModel, "draw", white)),
     ]  # fmt: skip
 
@@ -148,25 +160,44 @@ def _freedom() -> list[Fault]:
         n = moments.samples
         return replace(moments, covariance=moments.covariance * ((n - 1) / n))
 
+    def variance(original: Any, sums: Any) -> Any:
+        return original(sums) * ((sums.batches - 1) / sums.batches)
+
+    def mean(original: Any, values: Any) -> Any:
+        value, error, n = original(values)
+        return value, error * np.sqrt((n - 1) / n), n
+
+    def reduced(original: Any, values: Array, *given: Any) -> Any:
+        value, error = original(values, *given)
+        return value, error * np.sqrt((len(values) - 1) / len(values))
+
     def fewer(original: Any, poses: Array, *given: Any, **named: Any) -> Any:
         # Type A variances by n - 8
         fit = original(poses, *given, **named)
         n = poses.shape[-2]
         return replace(fit, covariance=fit.covariance * ((n - 9) / (n - 8)))
 
-    def mean(original: Any, values: Any) -> Any:
-        value, error, n = original(values)
-        return value, error * np.sqrt((n - 1) / n), n
-
     def free(original: Any, *given: Any) -> Any:
         fit = original(*given)
         return replace(fit, dof=fit.dof + 1)
 
-    name = "n for n - 1"
+    def by_n(
+        study: str, part: Part, inject: Any, where: str = "", why: str = ""
+    ) -> Fault:
+        name = f"n for n - 1{where}"
+        return replace(_smoke(study, part, name, inject), baseline=why)
+
     return [
-        _smoke("calibration", "estimator", name, after(calibration, "moments_of", biased)),
-        _smoke("ladder", "estimator", name, after(ladder, "moments_of", biased)),
-        _smoke("coverage", "calibrator", name, wrapped(coverage, "calibrate", fewer)),
-        _smoke("end_to_end", "estimator", name, wrapped(budget, "mean_of", mean)),
-        _smoke("magnetometer", "calibrator", name, wrapped(magnetometer, "_fitted", free)),
-    ]
+        by_n("calibration", "estimator", everywhere(plain, "_variance", variance)),
+        by_n("end_to_end", "estimator", everywhere(scoring, "mean_of", mean)),
+        by_n(
+            "ladder", "estimator", everywhere(expanded, "reduced_mean", reduced),
+            " under control variates",
+        ),
+        by_n("coverage", "calibrator", wrapped(coverage, "calibrate", fewer)),
+        by_n("magnetometer", "calibrator", wrapped(magnetometer, "_fitted", free)),
+        by_n(
+            "ladder", "estimator", after(ladder, "moments_of", biased),
+            " in the study's own lines", TOO_SMALL,
+        ),
+    ]  # fmt: skip

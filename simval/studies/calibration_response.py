@@ -37,7 +37,7 @@ def response_rows(
     g: float,
     residual: Any = "squared",
 ) -> tuple[Row, ...]:
-    """Rows of theory beside the estimate, and of the estimate's error bars beside it."""
+    """Rows of theory beside the estimate, and of stated error bars beside theory."""
     count = len(forces)
     few = forces[np.linspace(0, count - 1, min(count, MOST)).round().astype(int)]
     still = AccelerometerModel(T=sensor.T, K=sensor.K, B=sensor.B)

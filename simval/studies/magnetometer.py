@@ -51,7 +51,6 @@ from simval.streams import Streams
 from simval.studies.drawn import correlation_row
 from simval.studies.expanded import noise_row
 from simval.studies.magnetometer_controls import LEVEL, control_rows
-from simval.studies.response import MET, apart
 from simval.studies.magnetometer_scenario import (
     G,
     Scenario,
@@ -59,6 +58,7 @@ from simval.studies.magnetometer_scenario import (
     true_accelerometer,
     true_magnetometer,
 )
+from simval.studies.response import MET, apart
 from simval.studies.study import Cost, StudyParameters
 from simval.theory.magnetometer import MagnetometerMoments, magnetometer_moments
 
