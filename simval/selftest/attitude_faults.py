@@ -173,10 +173,7 @@ def _noise() -> list[Fault]:
             "noise", "every block the same", wrapped(Streams, "sequence", first_block)
         ),
         _fault(
-            "noise",
-            "all cells share a stream",
-            wrapped(Streams, "sequence", no_cell),
-            baseline=True,
+            "noise", "all cells share a stream", wrapped(Streams, "sequence", no_cell)
         ),
     ]
 

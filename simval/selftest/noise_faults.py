@@ -18,9 +18,11 @@ from simval.sensor import AccelerometerModel, NoiseModel
 from simval.streams import Streams
 from simval.studies import (
     coverage,
+    expanded,
     gyroscope,
     ladder,
     magnetometer,
+    scoring,
 )
 
 LOUDER = 1.01
@@ -142,7 +144,7 @@ def _shared() -> list[Fault]:
     class Again:
         # the second draw repeats the first one's numbers
         def __init__(self, original: Any, streams: Streams, number: int) -> None:
-            self.make = lambda: original(streams, number)
+            self.make: Callable[[], Any] = lambda: original(streams, number)
 
         def standard_normal(self, shape: Any = None) -> Any:
             return self.make().standard_normal(shape)
@@ -188,10 +190,13 @@ def _freedom() -> list[Fault]:
         return replace(_smoke(study, part, name, inject), baseline=why)
 
     return [
-        by_n("calibration", "estimator", everywhere(plain, "_variance", variance)),
-        by_n("end_to_end", "estimator", everywhere(scoring, "mean_of", mean)),
+        by_n("sampling", "estimator", everywhere(plain, "_variance", variance)),
         by_n(
-            "ladder", "estimator", everywhere(expanded, "reduced_mean", reduced),
+            "sampling", "estimator", everywhere(scoring, "mean_of", mean),
+            " in an error of a mean",
+        ),
+        by_n(
+            "sampling", "estimator", everywhere(expanded, "reduced_mean", reduced),
             " under control variates",
         ),
         by_n("coverage", "calibrator", wrapped(coverage, "calibrate", fewer)),

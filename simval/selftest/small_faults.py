@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array
-from simval.calibrate import uncertainty
+from simval.calibrate import quadric
 from simval.calibrate.gyroscope import turn
 from simval.calibrate.leverage import Leverage
 from simval.calibrate.magnetometer import solver
 from simval.filters import mekf
 from simval.selftest.fault import Fault, Part, after, everywhere, wrapped
+from simval.statics import detector, intervals, variance
 from simval.studies import (
     attitude_vectors,
     calibration,
@@ -89,10 +90,6 @@ def _algorithm() -> list[Fault]:
     def calibrator(study: str, name: str, inject: Any) -> Fault:
         return _smoke(study, "calibrator", name, inject)
 
-    def unimproved(original: Any, leverage: Leverage, at: Array) -> Any:
-        none = np.zeros_like(leverage.start_cost)
-        return original(replace(leverage, start_cost=none), at)
-
     def pulled(original: Any, leverage: Any, bias: Array, *, newton: bool) -> Any:
         local = original(leverage, bias, newton=newton)
         # of the leverage's slope, a term of what the start left
@@ -106,11 +103,7 @@ def _algorithm() -> list[Fault]:
     return [
         calibrator(
             "coverage", "a derivative 0.1 % off in the error bars",
-            after(uncertainty.quadric, "value_derivatives", _scaled((..., 4))),
-        ),
-        calibrator(
-            "calibration", "the closed-form start taken for the answer",
-            wrapped(Leverage, "_best", unimproved),
+            after(quadric, "value_derivatives", _scaled((..., 4))),
         ),
         calibrator(
             "calibration", "a gradient 0.1 % off", wrapped(Leverage, "local", pulled)

@@ -72,7 +72,7 @@ def correlation_row(vectors: Iterable[Array]) -> tuple[Row, ...]:
     m = min(len(vector) for vector in given)
     X = np.array([vector[:m] for vector in given])
     X /= np.maximum(np.linalg.norm(X, axis=1), np.finfo(float).tiny)[:, None]
-    r = np.abs(X @ X.T)
+    r = np.minimum(np.abs(X @ X.T), 1.0)  # of equal ones, rounding
     np.fill_diagonal(r, 0.0)
     most = strongest_by_chance(len(X), m)
     return limit(STRONGEST_CORRELATION(), r.max(), most, INDEPENDENT, n=m)

@@ -7,7 +7,7 @@ where it holds one sample of a move. So a rest of samples [p, q) is found as [p 
 q - h - t), with h = (w-1)/2 and t what is trimmed, and the mean of an even number of
 samples is its level.
 
-The first rest, of n samples, scales the threshold by :math:`m a^2 n/(n-1)`. Two more are
+The first rest, of n samples, makes the threshold :math:`m a^2 n/(n-1)`. Two more are
 made for the threshold itself, `NEAR` below it and above it: the former is found, the
 latter is not. All of it is arithmetic: nothing but rounding may differ.
 """
@@ -27,7 +27,9 @@ NEAR = 1e-3
 """Of the threshold. The variance by n and by n - 1 differs by 2 % in a window of 51
 samples, and by 0.2 % in a rest of 500."""
 MOVE = 1e3
-"""Of the amplitude at rest: one sample of it in a window is far above any threshold."""
+"""Of the deviation at the threshold: one sample of it in a window is far above."""
+MULTIPLIERS = (2.0, 1e4)
+"""A rest is to be found at any threshold between these."""
 ROUNDED = 1e-9
 """Of the amplitude: levels of a hundred amplitudes, summed by the hundred."""
 
@@ -59,7 +61,7 @@ def known_rests(multiplier: float, window: int, trim: int) -> KnownRests:
         if k != 3:  # which is above the threshold
             intervals.append([at + half + trim, at + count - half - trim])
             means.append(level)
-        parts += [_alternating(move, MOVE)]
+        parts += [_alternating(move, MOVE * float(near[1]))]
         at += count + move
     samples = np.concatenate(parts)
     return KnownRests(
@@ -74,6 +76,8 @@ def known_rest_rows(
     settings: tuple[float, int, int],
 ) -> tuple[Row, ...]:
     """Rows of a detector, and of the means and counts of what it finds."""
+    if not MULTIPLIERS[0] <= settings[0] <= MULTIPLIERS[1]:
+        return ()
     known = known_rests(*settings)
     found = np.asarray(detect(known.samples, *settings)[0])
     rows = exact(KNOWN_RESTS(), len(found), len(known.intervals), KNOWN_SCENE, 0.0)
