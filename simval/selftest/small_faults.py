@@ -66,7 +66,7 @@ def _theory() -> list[Fault]:
     def formula(study: str, name: str, inject: Any) -> Fault:
         return _smoke(study, "formula", name, inject)
 
-    one = "a derivative 0.1 % off"
+    one = "a derivative of theory 0.1 % off"
     return [
         formula("calibration", one, part("d")),
         formula("ladder", one, part("d")),
