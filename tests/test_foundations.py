@@ -4,6 +4,7 @@ Noise that was drawn, streams, variances by n - 1, formulas and error bars besid
 estimate answers its readings, and a detector beside rests that are known.
 """
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from scipy import stats
 
 from simval.calibrate import calibrate
+from simval.plugins import Filter, find_plugin
 from simval.poses import fibonacci_sphere
 from simval.results import CellName
 from simval.statics import interval_counts, interval_means
@@ -23,7 +25,8 @@ from simval.statistics import (
     UNBIASED_VARIANCE,
 )
 from simval.streams import Streams, cell_key
-from simval.studies import sampling, scoring
+from simval.studies import filter as filters
+from simval.studies import gyroscope, sampling, scoring
 from simval.studies.calibration import true_sensor
 from simval.studies.calibration_response import response_rows
 from simval.studies.drawn import (
@@ -33,6 +36,7 @@ from simval.studies.drawn import (
     drawn_rows,
     strongest_by_chance,
 )
+from simval.studies.filter_foundations import stated_row
 from simval.studies.known_rests import known_rest_rows, known_rests
 from simval.studies.response import apart, response
 from simval.verdict import judge
@@ -62,13 +66,41 @@ def drawn(blocks):
 
 
 def test_noise_that_is_right_raises_no_alarm():
-    # 100 fresh seeds, three rows each, at a rate of 1e-3 in all: more than 2 alarms have
-    # a probability of 1.5e-4 (Poisson of 0.1)
+    # 100 fresh seeds, three rows each, at a rate of 1e-3 in all: more than 2 alarms
+    # have a probability of 1.5e-4 (Poisson of 0.1)
     alarms = sum(
         answer(drawn(noise(np.random.default_rng(seed)))) != {"pass"}
         for seed in range(100)
     )
     assert alarms <= 2
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("scenario", ["gimbal slow", "gimbal fast", "long rest"])
+@pytest.mark.parametrize("rate", [25.0, 100.0])
+def test_the_reference_filter_states_what_theory_says(scenario, rate):
+    given = filters.Parameters(scenario=scenario, rate=rate)
+    way = filters.course(scenario, rate, given.seconds)
+    plugin, told = find_plugin(given.algorithm, Filter), filters.told_of(given, way)
+    rows = stated_row(plugin, told, plugin.world, (scenario, rate))
+    assert answer(rows) == {"pass"}
+    assert rows[0].value < 0.3 * rows[0].remainder
+    louder = replace(told, gyroscope_noise=1.01 * told.gyroscope_noise)
+    other = stated_row(plugin, louder, plugin.world, (scenario, rate))
+    assert answer(other) == {"pass"}  # told the same on both sides
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("every", [1, 5, 10])
+def test_the_joint_fit_states_the_bound_of_short_pieces(every):
+    given = gyroscope.Parameters(poses=14, trials=256, every=every)
+    data = gyroscope._Tumble(given)
+    clean = data.trial(np.random.default_rng(0), 1, noise=0.0)
+    (row,) = gyroscope._stated_row(clean, data, 12)
+    assert row.value < 0.5 * row.remainder
+    data.walk *= 1.01  # of the bound alone
+    (row,) = gyroscope._stated_row(clean, data, 12)
+    assert row.value > row.remainder
 
 
 @pytest.mark.parametrize("fault", ["louder", "again", "shared", "half shared"])
