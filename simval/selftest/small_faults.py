@@ -108,7 +108,10 @@ def _algorithm() -> list[Fault]:
         calibrator(
             "calibration", "a gradient 0.1 % off", wrapped(Leverage, "local", pulled)
         ),
-        calibrator("magnetometer", one, after(solver, "jacobian", entry)),
+        replace(
+            calibrator("magnetometer", one, after(solver, "jacobian", entry)),
+            crash=True,  # at the truth it converges, and in some trials no longer
+        ),
         calibrator(
             "gyroscope", one,
             after(turn, "map_slopes", _scaled((..., 4))),
@@ -133,9 +136,9 @@ def _rests() -> list[Fault]:
         forces = np.roll(np.array(rests.forces).reshape(-1, 3), -1, axis=0)
         return replace(rests, forces=forces.reshape(rests.forces.shape))
 
-    def early(original: Any, *given: Any) -> Any:
+    def longer(original: Any, *given: Any) -> Any:
         rests = np.array(original(*given))
-        rests[1:, 0] -= 1
+        rests[:-1, 1] += 1
         return rests
 
     return [
@@ -148,8 +151,8 @@ def _rests() -> list[Fault]:
             wrapped(calibration, "simulated_rests", moved),
         ),
         _smoke(
-            "gyroscope", "scene", "rests begin a row early",
-            wrapped(gyroscope, "_rests", early),
+            "gyroscope", "scene", "rests end a row late",
+            wrapped(gyroscope, "_rests", longer),
         ),
     ]  # fmt: skip
 
