@@ -44,7 +44,8 @@ def smoke_parts() -> dict[str, dict[str, Any]]:
 
 
 SUITES: dict[str, dict[str, Any]] = {
-    "attitude": {
+    "attitude": {"attitude": {"noise_std": [0.02, 0.05, 0.1], "samples": 1_048_576}},
+    "streams": {
         "attitude": {"noise_std": [0.02, 0.05, 0.1], "samples": 1_048_576},
         "sampling": {"blocks": 8},
     },
