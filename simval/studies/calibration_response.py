@@ -15,7 +15,7 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.calibrate import calibrate
-from simval.poses import observability
+from simval.poses import PARAMETERS, observability
 from simval.results import Row, exact
 from simval.sensor import AccelerometerModel
 from simval.shapes import Float
@@ -27,6 +27,9 @@ MOST = 40
 """Poses: more tell nothing new of a formula."""
 MET_BIAS = 10.0 * MET
 """A second difference keeps fewer digits: 1e-8 was the worst seen."""
+UNEVEN, UNLIKE = 10.0, 4.0
+"""Condition of the poses, and ratio of the scales, up to which differences are taken:
+the fourth powers of what they make of a step are 3500 and 250."""
 SMALL = 1e-6
 """Noise over gravity, of a residual that must be told one: its square is rounding."""
 
@@ -37,9 +40,15 @@ def response_rows(
     g: float,
     residual: Any = "squared",
 ) -> tuple[Row, ...]:
-    """Rows of theory beside the estimate, and of stated error bars beside theory."""
+    """Rows of theory beside the estimate, and of stated error bars beside theory.
+
+    None for poses or scales so uneven that differences are no match for them.
+    """
     count = len(forces)
     few = forces[np.linspace(0, count - 1, min(count, MOST)).round().astype(int)]
+    seen, K = observability(few), np.linalg.norm(sensor.matrix, axis=1)
+    if seen.rank < PARAMETERS or seen.condition > UNEVEN or K.max() > UNLIKE * K.min():
+        return ()
     still = AccelerometerModel(T=sensor.T, K=sensor.K, B=sensor.B)
     clean = still.distort(few, np.random.default_rng(0))  # draws nothing
     told = {"g": g, "residual": residual, "noise_std": SMALL * g}
@@ -49,10 +58,10 @@ def response_rows(
         fit = calibrate(poses, **told, covariance=False)
         return fit.require_converged().parameters
 
-    found = response(estimate, clean.ravel(), STEP * g)
+    found = response(estimate, clean.ravel(), STEP * g / K.max())
     noise = np.ones(clean.size)
     predicted = calibration_moments(sensor, few, g=g, noise_std=1.0, residual=residual)
-    worse = max(1.0, observability(few).condition / EVEN)
+    worse = max(1.0, seen.condition / EVEN)
     stated = calibrate(clean, **told).covariance / told["noise_std"] ** 2
     rows = exact(
         COVARIANCE_OFF("predicted"),
