@@ -127,6 +127,38 @@ NOISE_SQUARE = Family(
     least=0.0,
     better="prediction",
 )
+STRONGEST_CORRELATION = Family(
+    "strongest_correlation",
+    "strongest correlation of two streams of noise",
+    least=0.0,
+    most=1.0,
+)
+COVARIANCE_OFF = Family(
+    "covariance_off", "greatest error of a covariance, in deviations", least=0.0
+)
+BIAS_OFF = Family("bias_off", "greatest error of a bias, in deviations", least=0.0)
+MEAN_ERROR = Family("mean_error", "mean error over its deviation", better="zero")
+STATED_VARIANCE = Family(
+    "stated_variance",
+    "stated variance over the predicted one",
+    margin=0.02,
+    least=0.0,
+    better="prediction",
+)
+UNBIASED_VARIANCE = Family(
+    "unbiased_variance",
+    "mean variance of all samples over the true one",
+    least=0.0,
+    better="prediction",
+)
+KNOWN_RESTS = Family("known_rests", "rests found of known ones", better="prediction")
+EDGE_OFF = Family(
+    "edge_off", "distance of a rest's edges from the known ones", "samples", least=0.0
+)
+COUNT_OFF = Family(
+    "count_off", "samples of a rest less the known number", "samples", least=0.0
+)
+MEAN_OFF = Family("mean_off", "mean of a rest less the known one", least=0.0)
 NOISE_OF_MEAN = Family("noise_of_mean", "noise of a pose mean", unit="m/s²", least=0.0)
 SCALE_BIAS = Family(
     "scale_bias", "mean relative bias of the scales", unit="σ²/g²", better="zero"
@@ -431,6 +463,10 @@ BEST_OF_CLASS = "best of its class"
 LEAST_SQUARES = "generalised least squares"
 CLOSED_FORM = "closed form"
 WHITE = "white"
+INDEPENDENT = "independence"
+RESPONSE = "its own response"
+ENUMERATED = "all samples"
+KNOWN_SCENE = "known scene"
 NINE_PARAMETERS = "Cramer-Rao, nine parameters"
 
 

@@ -26,6 +26,7 @@ FRAMES: Final = ("NED", "ENU", "NWU")
 """Worlds that a recorded truth may have."""
 
 STUDIES: Final = (
+    "sampling",
     "scene",
     "calibration",
     "ladder",

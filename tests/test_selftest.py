@@ -1,6 +1,7 @@
 """The selftest: its faults are found, its twins pass, and it can fail itself."""
 
 from contextlib import nullcontext
+from dataclasses import replace
 
 import pytest
 from scipy import stats
@@ -55,6 +56,8 @@ def test_a_fault_that_is_not_found_is_said(simval, monkeypatch):
     code, out, _ = simval("selftest")
     assert code == 1
     assert "the gate was wrong: nothing: pass, its clean twin pass" in out
+    assert "theory alone finds 0 of 1\n" in out
+    assert "only a baseline sees: nothing: nobody knows why" in out
     monkeypatch.setattr(command, "faults", lambda: (FAULTS["rates in degrees"],))
     assert simval("selftest")[0] == 0
     # an injection that does not fit the flow crashes it, which proves nothing
@@ -68,6 +71,22 @@ def test_a_fault_that_is_not_found_is_said(simval, monkeypatch):
     assert simval("selftest")[0] == 1
     monkeypatch.setattr(command, "faults", tuple)
     assert simval("selftest")[0] == 1
+
+
+def test_what_only_a_baseline_sees_has_a_reason_that_is_true(simval, monkeypatch):
+    reasons = {fault.name: fault.baseline for fault in faults() if fault.baseline}
+    assert len(reasons) == 8
+    # a reason is no excuse: theory sees this one, so the catalogue is wrong
+    seen = replace(FAULTS["rates in degrees"], baseline="theory cannot see it")
+    monkeypatch.setattr(command, "faults", lambda: (seen,))
+    code, out, _ = simval("selftest")
+    assert code == 1
+    assert "theory alone finds 1 of 1\n" in out
+    wide = FAULTS["values that moved by a hundredth of a standard error"]
+    monkeypatch.setattr(command, "faults", lambda: (wide,))
+    code, out, _ = simval("selftest")
+    assert code == 0
+    assert f"only a baseline sees: {wide.name}: {wide.baseline}" in out
 
 
 def test_rates_count_what_happens(monkeypatch):

@@ -56,7 +56,14 @@ def _inject(quick: bool) -> int:
     with bar(len(chosen), "faults") as progress:
         results = list(inject_all(chosen, progress.update))
     table = Table(title="injected faults and the gate's answers")
-    for heading in ("part", "fault", "with it", "without", "first finding"):
+    for heading in (
+        "part",
+        "fault",
+        "with it",
+        "theory alone",
+        "without",
+        "first finding",
+    ):
         table.add_column(heading, overflow="fold")
     for result in results:
         table.add_row(*(escape(word) for word in _words(result)))
@@ -65,17 +72,26 @@ def _inject(quick: bool) -> int:
     for result in wrong:
         click.echo(
             f"the gate was wrong: {result.fault.name}: {result.seen}, its clean twin "
-            f"{result.twin}"
+            f"{result.twin}, by theory alone {result.alone}"
         )
     click.echo(f"{len(results) - len(wrong)} of {len(results)} faults found")
+    _say_what_theory_finds(results)
     return int(bool(wrong) or not results)
+
+
+def _say_what_theory_finds(results: list[Result]) -> None:
+    unseen = [result.fault for result in results if result.alone == "pass"]
+    click.echo(f"theory alone finds {len(results) - len(unseen)} of {len(results)}")
+    for fault in unseen:
+        why = fault.baseline or "nobody knows why"
+        click.echo(f"only a baseline sees: {fault.name}: {why}")
 
 
 def _words(result: Result) -> list[str]:
     # leave out the cell's name: the statistic and the reason explain the answer
     reason = result.reason.partition("@1")[2].strip(" :") or result.reason
     fault = result.fault
-    return [fault.part, fault.name, result.seen, result.twin, reason]
+    return [fault.part, fault.name, result.seen, result.alone, result.twin, reason]
 
 
 def _measure(share: float) -> int:

@@ -172,13 +172,11 @@ def _noise() -> list[Fault]:
         _fault(
             "noise", "every block the same", wrapped(Streams, "sequence", first_block)
         ),
-        _fault(
-            "noise",
-            "all cells share a stream",
+        Fault(
+            "streams", "noise", "all cells share a stream",
             wrapped(Streams, "sequence", no_cell),
-            baseline=True,
         ),
-    ]
+    ]  # fmt: skip
 
 
 def _wrap(name: str, change: Any) -> Any:

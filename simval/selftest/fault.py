@@ -1,7 +1,8 @@
 """A fault: what it breaks, in which suite, and how it is injected into the flow."""
 
+import sys
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import KW_ONLY, dataclass
 from typing import Any, Literal
 
@@ -18,9 +19,9 @@ class Fault:
     name: str  # what is wrong, in words
     inject: Inject  # gives a context in which the flow is broken
     _: KW_ONLY
-    # whether the run is compared with a stored baseline too: for faults that theory
-    # cannot see, because every number is right by itself
-    baseline: bool = False
+    # Why theory alone cannot see it; its run is then compared with a baseline too. A
+    # fault that has such a reason and is seen by theory makes the catalogue wrong.
+    baseline: str = ""
     # Whether a cell is expected to crash. An unexpected crash is a fault of the
     # injection, and does not count as a detection.
     crash: bool = False
@@ -48,6 +49,25 @@ def wrapped(owner: Any, name: str, change: Callable[..., Any]) -> Inject:
             return change(original, *arguments, **options)
 
         return replaced(owner, name, broken)
+
+    return inject
+
+
+def everywhere(owner: Any, name: str, change: Callable[..., Any]) -> Inject:
+    """Wrap a function wherever a module has it: the fault is in its own lines."""
+
+    @contextmanager
+    def inject() -> Iterator[None]:
+        original = getattr(owner, name)
+
+        def broken(*arguments: Any, **options: Any) -> Any:
+            return change(original, *arguments, **options)
+
+        with ExitStack() as stack:
+            for module in list(sys.modules.values()):
+                if vars(module).get(name) is original:
+                    stack.enter_context(replaced(module, name, broken))
+            yield
 
     return inject
 

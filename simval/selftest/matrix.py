@@ -21,14 +21,34 @@ from simval.selftest.fault import Fault, replaced
 from simval.selftest.filter_faults import filter_faults
 from simval.selftest.gyroscope_faults import gyroscope_faults, noise_faults
 from simval.selftest.magnetometer_faults import magnetometer_faults
+from simval.selftest.noise_faults import small_noise_faults
 from simval.selftest.run_faults import run_faults
+from simval.selftest.small_faults import small_code_faults
 from simval.sweep.run import Run, load_run
 from simval.sweep.runner import run_suite
-from simval.sweep.suite import expand
+from simval.sweep.suite import expand, load_suite
 from simval.verdict import Answer
+
+FEWER: dict[str, dict[str, Any]] = {"filter": {"scenario": "gimbal slow"}}
+"""What is left of the longest part of the smoke suite: one of two scenarios."""
+
+
+def smoke_parts() -> dict[str, dict[str, Any]]:
+    """Each study of the smoke suite as a suite of its own."""
+    grid: Any = load_suite("smoke").grid
+    return {
+        f"smoke {name}": {name: cells | FEWER.get(name, {})}
+        for name, cells in grid.items()
+        if isinstance(cells, dict)
+    }
+
 
 SUITES: dict[str, dict[str, Any]] = {
     "attitude": {"attitude": {"noise_std": [0.02, 0.05, 0.1], "samples": 1_048_576}},
+    "streams": {
+        "attitude": {"noise_std": [0.02, 0.05, 0.1], "samples": 1_048_576},
+        "sampling": {"blocks": 8},
+    },
     # noise of 1.5 m/s^2: only there do 6144 trials see a bias of second order
     "calibration": {
         "calibration": {
@@ -64,6 +84,7 @@ SUITES: dict[str, dict[str, Any]] = {
         }
     },
     "order": {"attitude_order": {"geometry": 3, "noise": "isotropic"}},
+    **smoke_parts(),
 }
 
 
@@ -73,6 +94,7 @@ class Result:
 
     fault: Fault
     seen: Answer  # the gate's answer with it
+    alone: Answer  # the same by theory alone
     twin: Answer  # the gate's answer without it
     crashed: bool
     reason: str  # the gate's first finding with the fault
@@ -81,7 +103,8 @@ class Result:
     def right(self) -> bool:
         """Whether the gate was right about both, and nothing else went wrong."""
         told_apart = self.seen != "pass" and self.twin == "pass"
-        return told_apart and self.crashed == self.fault.crash
+        stated = (self.alone == "pass") == bool(self.fault.baseline)
+        return told_apart and stated and self.crashed == self.fault.crash
 
 
 def faults() -> tuple[Fault, ...]:
@@ -94,6 +117,8 @@ def faults() -> tuple[Fault, ...]:
         *filter_faults(),
         *attitude_faults(),
         *run_faults(),
+        *small_noise_faults(),
+        *small_code_faults(),
     )
 
 
@@ -120,6 +145,7 @@ def inject_all(
             yield Result(
                 fault=fault,
                 seen=result.answer,
+                alone=judge_run(run).answer,
                 twin=twin.beside_baseline if fault.baseline else twin.alone,
                 crashed=any(cell.status == "failed" for cell in run.cells),
                 reason=_first(result),

@@ -19,6 +19,24 @@ def run_faults() -> list[Fault]:
     return [*_samples(), *_cells(), *_rows()]
 
 
+OTHERS = (
+    "its rows bring their own predictions with them, and these are right for the cell "
+    "that they are of"
+)
+WIDE = (
+    "a wider error bar agrees with whatever a narrower one does, and says itself how "
+    "wide it is"
+)
+OWN_WORD = (
+    "theory's word is what a run is held to: its predictions and remainders are judged "
+    "by nothing above them"
+)
+ABSENT = "what is not there is not judged, and no theory says what must be measured"
+WITHIN = (
+    "far below what chance does to the sample; where a value has a deterministic row "
+    "beside it, that row tells"
+)
+
 _fault = partial(Fault, "attitude", "run")
 
 
@@ -78,7 +96,7 @@ def _cells() -> list[Fault]:
         _fault(
             "results under another cell's name",
             wrapped(crew, "serial", swapped),
-            baseline=True,
+            baseline=OTHERS,
         ),
         _fault("a cell crashes", wrapped(executors, "execute", crash), crash=True),
         _fault("the store lacks a cell", wrapped(store, "create", fewer)),
@@ -86,7 +104,7 @@ def _cells() -> list[Fault]:
 
 
 def _rows() -> list[Fault]:
-    def rows(name: str, change: Any, *, baseline: bool = False) -> Fault:
+    def rows(name: str, change: Any, *, baseline: str = "") -> Fault:
         def broken(outcome: Outcome) -> Outcome:
             return replace(outcome, rows=tuple(change(list(outcome.rows))))
 
@@ -108,19 +126,19 @@ def _rows() -> list[Fault]:
             lambda rows: [
                 replace(r, standard_error=10 * r.standard_error) for r in rows
             ],
-            baseline=True,
+            baseline=WIDE,
         ),
         rows(
             "four times the samples said",
             lambda rows: [replace(r, n=4 * r.n) for r in rows],
-            baseline=True,
+            baseline=WIDE,
         ),
         rows(
             "remainders of half a prediction",
             lambda rows: [
                 replace(r, remainder=0.5 * abs(r.prediction or 0.0)) for r in rows
             ],
-            baseline=True,
+            baseline=OWN_WORD,
         ),
         rows(
             "predictions copied from the samples",
@@ -128,7 +146,7 @@ def _rows() -> list[Fault]:
                 r if r.prediction is None else replace(r, prediction=r.value)
                 for r in rows
             ],
-            baseline=True,
+            baseline=OWN_WORD,
         ),
         rows(
             "predictions left out",
@@ -137,13 +155,13 @@ def _rows() -> list[Fault]:
         rows(
             "a statistic no longer measured",
             lambda rows: [r for r in rows if r.statistic != NEES()],
-            baseline=True,
+            baseline=ABSENT,
         ),
         rows(
             "values that moved by a hundredth of a standard error",
             lambda rows: [
                 replace(r, value=r.value + 0.01 * r.standard_error) for r in rows
             ],
-            baseline=True,
+            baseline=WITHIN,
         ),
     ]

@@ -41,6 +41,8 @@ from simval.statistics import (
     TRUTH,
 )
 from simval.streams import Streams
+from simval.studies.calibration_response import response_rows
+from simval.studies.drawn import Drawn, drawn_rows
 from simval.studies.expanded import Expanded, beside, noise_row
 from simval.studies.refusing import LEAST_NOISE, refusing
 from simval.studies.study import Cost, StudyParameters
@@ -143,13 +145,18 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     means = forces.mean(axis=1)
     noise = parameters.noise_std / np.sqrt(forces.shape[1])
     predicted = calibration_moments(sensor, means / g, g=g, noise_std=noise)
-    clean = true_sensor(0.0).distort(means, np.random.default_rng(0))  # draws nothing
+    quiet = np.random.default_rng(0)  # draws nothing
+    clean, felt = (true_sensor(0.0).distort(f, quiet) for f in (means, forces))
     drawn: list[Array] = []  # noise of the pose means
     found: list[Array] = []
+    samples: list[dict[str, Drawn]] = []
 
     def errors(rng: np.random.Generator, count: int) -> Float[Array, "9 count"]:
         shape = (count, *forces.shape)
-        raw = sensor.distort(np.broadcast_to(forces, shape), rng).mean(axis=2)
+        readings = sensor.distort(np.broadcast_to(forces, shape), rng)
+        raw = readings.mean(axis=2)
+        each = (readings - felt) / parameters.noise_std
+        samples.append({"samples": Drawn.of(each)})
         fit = calibrate(raw, g=g, covariance=False)
         if not np.isfinite(fit.parameters).all():
             fit.require_converged()
@@ -176,6 +183,8 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
             *rows,
             *_control_rows(rows, error, known, predicted, float(still.condition)),
             *_group_rows(sums, predicted),
+            *drawn_rows(samples),
+            *response_rows(sensor, means, g),
         )
     )
 

@@ -32,13 +32,18 @@ from simval.statistics import (
     COVERAGE,
     COVERAGE_NORMAL,
     F_LAW,
+    FIRST_ORDER,
     NEES,
     NORMAL,
+    STATED_VARIANCE,
     STUDENT,
 )
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
+from simval.studies.calibration_response import response_rows
+from simval.studies.drawn import Drawn, drawn_rows
 from simval.studies.refusing import LEAST_NOISE, refusing
+from simval.studies.scoring import mean_of
 from simval.studies.study import Cost, StudyParameters
 from simval.theory.calibration import calibration_moments
 
@@ -99,15 +104,20 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     known = parameters.sigma == "known"
     dof = parameters.poses - 9
     limit = nees_quantile(LEVEL, None if known else dof)
+    predicted = calibration_moments(sensor, directions, G, parameters.noise_std)
+    drawn: list[dict[str, Drawn]] = []
+    stated: list[Array] = []
 
     def indicators(rng: np.random.Generator, count: int) -> Array:
         noise = parameters.noise_std * rng.standard_normal((count, *clean.shape))
+        drawn.append({"pose means": Drawn.of(noise / parameters.noise_std)})
         fit = calibrate(
             clean + noise,
             G,
             residual=parameters.residual,
             noise_std=parameters.noise_std if known else None,
         ).require_converged()
+        stated.append(np.mean((fit.sd / predicted.sd) ** 2, axis=1))
         low, high = np.moveaxis(fit.confidence_intervals(LEVEL), -1, 0)
         inside = (low <= sensor.parameters) & (sensor.parameters <= high)
         squares = normalized_square(fit, sensor.parameters)
@@ -122,7 +132,6 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     )
     measured = moments_of(sums)
     n, covered = sums.samples, measured.bias
-    predicted = calibration_moments(sensor, directions, G, parameters.noise_std)
     relative = (predicted.variance_remainder + FREEDOM) / 2.0
     slopes = np.array([INTERVAL_SLOPE] * 9 + [ELLIPSOID_SLOPE])
     # that of the predicted fraction: the fraction seen is the larger the smaller
@@ -144,6 +153,13 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
             NEES(), covered[11], measured.bias_error[11], n,
             9.0, CHI_SQUARE, 9.0 * 2.0 * relative,
         )  # fmt: skip
+    else:  # the variance of the residuals is unbiased
+        rows += plain(
+            STATED_VARIANCE(), *mean_of(np.concatenate(stated)),
+            1.0, FIRST_ORDER, 2.0 * relative,
+        )  # fmt: skip
+    rows += drawn_rows(drawn)
+    rows += response_rows(sensor, G * directions, G, parameters.residual)
     return Outcome(rows=rows)
 
 

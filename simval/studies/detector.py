@@ -22,10 +22,11 @@ from simval.arrays import Array
 from simval.results import Outcome, Row, nees, unjudged
 from simval.scene import simulate_cached
 from simval.shapes import Float
-from simval.statics import Intervals
+from simval.statics import Intervals, interval_counts, interval_means
 from simval.statistics import CHI_SQUARE_9, FITTED, NEES, Family
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
+from simval.studies.known_rests import known_rest_rows
 from simval.studies.refusing import LEAST_NOISE, refusing
 from simval.studies.scoring import (
     Tumble,
@@ -123,6 +124,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
             break
     name = artifact_of(parameters.model_dump())
     rows = _rows(scores, np.array(squares))
+    rows += known_rest_rows(detect, interval_means, interval_counts, settings)
     return Outcome(rows=rows, artifacts={name: artifact})
 
 

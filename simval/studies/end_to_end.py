@@ -32,6 +32,8 @@ from simval.statics import Intervals, interval_counts, interval_means
 from simval.statistics import BUDGET, CARRIED, CHI_SQUARE_3, IMPURE, NEES
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
+from simval.studies.drawn import Drawn, drawn_rows
+from simval.studies.known_rests import known_rest_rows
 from simval.studies.magnetometer_scenario import true_magnetometer
 from simval.studies.refusing import LEAST_NOISE, refusing
 from simval.studies.scoring import RATE, Tumble, detect, mean_of, pure, thinned
@@ -149,9 +151,13 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     true = scenario.problem(wanted.q, mean_std)
     carriers = [carrier(true, wanted, k, *mean_std) for k in range(len(wanted.q))]
     measured, predicted, squares, impure = [], [], [], []
+    quiet = np.random.default_rng(0)  # draws nothing: without noise
+    felt = true_sensor(0.0).distort(scenario.tumble.force, quiet)
+    drawn: list[dict[str, Drawn]] = []
     for trial in range(parameters.trials):
         rng = streams.block(trial)
         raw = scenario.accelerometer.distort(scenario.tumble.force, rng)
+        drawn.append({"samples": Drawn.of((raw - felt) / noise[0])})
         intervals, _, _ = detect(raw, *SETTINGS)
         impure.append(float(np.sum(~pure(intervals, scenario.tumble.still))))
         samples = np.sqrt(interval_counts(intervals))
@@ -176,6 +182,8 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
             ),
             *nees(NEES(), *mean_of(squares), 3.0, CHI_SQUARE_3, 3.0 * remainder),
             *unjudged(IMPURE(), *mean_of(impure)),
+            *drawn_rows(drawn),
+            *known_rest_rows(detect, interval_means, interval_counts, SETTINGS),
         )
     )  # fmt: skip
 

@@ -34,6 +34,7 @@ from simval.plugins.filter_run import run_filter
 from simval.plugins.filter_signals import FilterInput, Told
 from simval.results import Outcome, Row
 from simval.streams import Streams
+from simval.studies.filter_foundations import drawn_filter_rows, stated_row
 from simval.studies.filter_prediction import budget_rows, prediction, undisturbed
 from simval.studies.filter_rows import (
     Answers,
@@ -232,8 +233,14 @@ def outcome(plugin: Filter, parameters: Parameters, streams: Streams) -> Outcome
     still, true = undisturbed(way), exact.told(way)
     least = prediction(still, exact, true, kept[late], plugin.magnetometer)
     theory = prediction(way, sensors, told, kept[late], plugin.magnetometer)
+    rows = _rows(parameters, way, answers, (least, theory))
+    rows += drawn_filter_rows(way, sensors, parts)
+    if parameters.reference and not parameters.anywhere and not way.disturbed:
+        rows += stated_row(
+            plugin, told, world, (parameters.named_scenario, parameters.rate)
+        )
     return Outcome(
-        rows=_rows(parameters, way, answers, (least, theory)),
+        rows=rows,
         artifacts={ESTIMATE: {ESTIMATE: answers.found.attitude[0, late]}},
     )
 

@@ -28,26 +28,31 @@ from simval.calibrate import (
     calibrate_gyroscope,
     moves_between,
 )
-from simval.results import Outcome, Row, limit, nees, plain, unjudged
+from simval.results import Outcome, Row, exact, limit, nees, plain, unjudged
 from simval.scene import Trajectory, average_rates, simulate_cached
 from simval.sensor import GyroscopeModel
 from simval.shapes import Float
 from simval.statistics import (
     BIAS,
     CHI_SQUARE,
+    COVARIANCE_OFF,
     COVERAGE,
     CRAMER_RAO,
     NEES,
     NO_BIAS,
     NORMAL,
     RECOVERY,
+    REST_FORCE,
     ROUNDING,
+    SCENE_BOUND,
     SD,
     SQUARED_ERROR,
 )
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
+from simval.studies.drawn import Drawn, drawn_rows
 from simval.studies.refusing import refusing
+from simval.studies.response import apart
 from simval.studies.study import Cost, StudyParameters
 from simval.theory.gyroscope import MovePath, gyroscope_moments
 
@@ -60,6 +65,12 @@ FORCE = 0.01  # m/s^2, of an accelerometer's sample at 100 Hz
 CHUNK = 2
 PIECES = 40
 """Segments of a move in the bound: a variance is good to 5e-4 of itself."""
+FINE = 100
+"""Segments of a move beside which a stated covariance is held, extrapolated with half
+as many."""
+LEFT_OUT = 2e-5
+"""Of a covariance in deviations, by the square of the rows to a reading: 7e-6, 1.3e-4
+and 7.8e-4 were seen with 1, 5 and 10 (`tests/test_foundations.py`)."""
 RELATIVE = 5e-3
 """Of a variance or a NEES: the bound's segments, and the covariance that is taken at a
 noisy estimate, which moves it by some 1e-3."""
@@ -108,7 +119,11 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Simulate one cell."""
     data = _Tumble(parameters)
     blocks = -(-parameters.trials // BLOCK)
-    found = [data.trial(streams.block(i), BLOCK) for i in range(blocks)]
+    found, noise = [], []
+    for i in range(blocks):
+        readings = data.readings(streams.block(i), BLOCK)
+        found.append(data.fitted(*readings))
+        noise.append(data.drawn(*readings))
     error = np.concatenate([fit.parameters for fit in found]) - data.truth
     C = np.concatenate([fit.own_covariance for fit in found])
     free = 9 if parameters.estimator == "unweighted" else 12
@@ -123,10 +138,24 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         rows=(
             *rows,
             *limit(RECOVERY("M"), off, most, ROUNDING),
+            *limit(REST_FORCE(), data.off, data.rest_force, SCENE_BOUND),
+            *drawn_rows(noise),
+            *_stated_row(clean, data, free),
             *_integrators(parameters),
             *unjudged(SD("M", "bound"), sqrt(bound[:9].mean())),
         )
     )
+
+
+def _stated_row(clean: GyroscopeFit, data: "_Tumble", free: int) -> tuple[Row, ...]:
+    """The covariance that is stated at the truth, beside the bound of short pieces."""
+    if free < 12:  # the unweighted way does not reach the bound
+        return ()
+    coarse, fine = (data.bound(pieces) for pieces in (FINE // 2, FINE))
+    bound = (4.0 * fine - coarse) / 3.0  # of the second order of a piece
+    off = apart(clean.own_covariance[0], bound)
+    left = LEFT_OUT * data.parameters.every**2
+    return exact(COVARIANCE_OFF("stated"), off, 0.0, CRAMER_RAO, left)
 
 
 def _integrators(parameters: Parameters) -> tuple[Row, ...]:
@@ -185,6 +214,9 @@ class _Tumble:
         self.time, self.attitude = run.time[::every], run.attitude[::every]
         self.rests = _rests(run, every)
         force = run.specific_force[::every]
+        still = np.concatenate([force[a:b] for a, b in self.rests])
+        self.off = float(np.abs(np.linalg.norm(still, axis=1) - run.g).max())
+        self.rest_force = run.rest_force
         self.force = np.array([force[a:b].mean(axis=0) for a, b in self.rests])
         seconds = np.diff(self.rests)[:, 0] * every / ROWS
         self.pose_std = FORCE / np.sqrt(100.0 * seconds)
@@ -217,11 +249,34 @@ class _Tumble:
         self, rng: np.random.Generator, count: int, noise: float = 1.0
     ) -> GyroscopeFit:
         """Draw and fit some trials."""
+        return self.fitted(*self.readings(rng, count, noise))
+
+    def readings(
+        self, rng: np.random.Generator, count: int, noise: float = 1.0
+    ) -> tuple[Float[Array, "t n 3"], Float[Array, "t r 3"]]:
+        """Draw the pose means and the rates of some trials."""
         std = noise * self.pose_std[:, None]
         poses = self.poses + std * rng.standard_normal((count, *self.poses.shape))
         step = self.parameters.every / ROWS
         each = noise * self.walk / sqrt(step)
         rows = self.rates + each * rng.standard_normal((count, *self.rates.shape))
+        return poses, rows
+
+    def drawn(
+        self, poses: Float[Array, "t n 3"], rows: Float[Array, "t r 3"]
+    ) -> dict[str, Drawn]:
+        """Noise of these, in units of what the parameters say."""
+        density = np.radians(self.parameters.angle_random_walk)
+        each = density * sqrt(ROWS / self.parameters.every)
+        return {
+            "pose means": Drawn.of((poses - self.poses) / self.pose_std[:, None]),
+            "rates": Drawn.of((rows - self.rates) / each),
+        }
+
+    def fitted(
+        self, poses: Float[Array, "t n 3"], rows: Float[Array, "t r 3"]
+    ) -> GyroscopeFit:
+        """Calibrate from these."""
         moves = moves_between(self.time, rows, self.rests, chunk=CHUNK)
         known = self.parameters.estimator == "unweighted"
         fit: FitResult = calibrate(
@@ -233,17 +288,17 @@ class _Tumble:
             bias="first rest" if known else "constant",
         ).require_converged()  # fmt: skip
 
-    def bound(self) -> Float[Array, "12 12"]:
-        """Cramer-Rao bound of the gyroscope's twelve."""
+    def bound(self, pieces: int = PIECES) -> Float[Array, "12 12"]:
+        """Cramer-Rao bound of the gyroscope's twelve, by moves of so many segments."""
         moves = moves_between(self.time, self.rates, self.rests, chunk=CHUNK)
         moments = gyroscope_moments(
-            self.gyroscope, self.accelerometer, self.force, self._path(),
+            self.gyroscope, self.accelerometer, self.force, self._path(pieces),
             pose_std=self.pose_std, g=self.g, angle_random_walk=self.walk,
             bias_std=self.walk / np.sqrt(moves.rest_seconds.sum()),
         )  # fmt: skip
         return moments.cramer_rao[9:, 9:]
 
-    def _path(self) -> MovePath:
+    def _path(self, pieces: int) -> MovePath:
         # from the attitudes, from ten rows before the end of a rest to ten of the next
         rotation = scipy.spatial.transform.Rotation
         inner = np.minimum(10, np.diff(self.rests)[:, 0] // 3)
@@ -251,7 +306,7 @@ class _Tumble:
         last = self.rests[1:, 0] + inner[1:]
         turns, seconds = [], []
         for a, b in zip(first, last, strict=True):
-            nodes = np.round(np.linspace(a, b, PIECES + 1)).astype(int)
+            nodes = np.round(np.linspace(a, b, pieces + 1)).astype(int)
             # the package's world to sensor is what SciPy reads as sensor to world
             attitude = rotation.from_quat(np.array(self.attitude[nodes]))
             turns.append((attitude[:-1].inv() * attitude[1:]).as_rotvec())

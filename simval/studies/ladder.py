@@ -39,6 +39,8 @@ from simval.statistics import (
     SECOND_ORDER,
 )
 from simval.streams import Streams
+from simval.studies.calibration_response import response_rows
+from simval.studies.drawn import correlation_row
 from simval.studies.expanded import (
     Expanded,
     Reduced,
@@ -136,6 +138,8 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
             *_bias_rows(pairs, known, predicted),
             *rows,
             *beside(rows, _spreads(*known.mirrored_sd(pairs), predicted)),
+            *correlation_row(drawn),
+            *response_rows(sensor, G * directions, G, residual),
         )
     )
 

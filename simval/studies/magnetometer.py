@@ -28,12 +28,13 @@ from simval.calibrate import (
     calibrate_magnetometer,
     ellipsoid_then_rotation,
 )
-from simval.results import Outcome, Row, limit, nees, plain
+from simval.results import Outcome, Row, exact, limit, nees, plain
 from simval.shapes import Float
 from simval.statistics import (
     BIAS,
     CHI_SQUARE,
     CHI_SQUARE_OF_FREEDOM,
+    COVARIANCE_OFF,
     COVERAGE,
     CRAMER_RAO,
     FIRST_ORDER,
@@ -47,6 +48,7 @@ from simval.statistics import (
     Statistic,
 )
 from simval.streams import Streams
+from simval.studies.drawn import correlation_row
 from simval.studies.expanded import noise_row
 from simval.studies.magnetometer_controls import LEVEL, control_rows
 from simval.studies.magnetometer_scenario import (
@@ -57,6 +59,7 @@ from simval.studies.magnetometer_scenario import (
     true_magnetometer,
 )
 from simval.studies.refusing import refusing
+from simval.studies.response import MET, apart
 from simval.studies.study import Cost, StudyParameters
 from simval.theory.magnetometer import MagnetometerMoments, magnetometer_moments
 
@@ -144,8 +147,24 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
             *noise_row(seen["noise"]),
             *rows,
             *control_rows(rows, seen, errors, case.equations(), PARTS, bound),
+            *correlation_row(_vectors(seen["noise"])),
+            *_stated_row(case, predicted),
         )
     )
+
+
+def _vectors(noise: Float[Array, "t d"]) -> Float[Array, "k m"]:
+    """Noise of each sensor in each block."""
+    t, d = noise.shape
+    both = noise.reshape(t // BLOCK, BLOCK, 2, d // 2).transpose(0, 2, 1, 3)
+    return both.reshape(2 * (t // BLOCK), -1)
+
+
+def _stated_row(case: Scenario, predicted: MagnetometerMoments) -> tuple[Row, ...]:
+    """The covariance that the fit states at the truth, beside the bound."""
+    fit = _fitted(case, case.accelerometer, case.magnetometer)
+    off = apart(fit.covariance, predicted.covariance)
+    return exact(COVARIANCE_OFF("stated"), off, 0.0, CRAMER_RAO, MET)
 
 
 def _fitted(case: Scenario, body: Array, iron: Array) -> MagnetometerFit:

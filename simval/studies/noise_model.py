@@ -34,19 +34,23 @@ from simval.noise import (
     covariance_forms,
 )
 from simval.noise.squares import RIDGE, Problem, ends, fitted
-from simval.results import Outcome, plain
+from simval.results import Outcome, Row, exact, plain
 from simval.sensor import NoiseModel
 from simval.shapes import Float, Int
 from simval.statistics import (
     ALLAN_ERROR,
     CLOSED_FORM,
+    COVARIANCE_OFF,
     COVERAGE,
     LEAST_SQUARES,
+    MEAN_ERROR,
     NORMAL,
     SQUARED_ERROR,
     VARIANCE_OVER_BOUND,
 )
 from simval.streams import Streams
+from simval.studies.drawn import KEPT, correlation_row
+from simval.studies.response import MET, apart
 from simval.studies.study import Cost, StudyParameters
 from simval.theory.noise_bound import noise_bound
 
@@ -62,6 +66,8 @@ RATE_OF_INTERVALS = 0.95
 COVERED = 0.02
 SHORTEST = 4  # rows to an average from which samples follow the laws of averages
 KINDS = ("N", "B", "K")
+FEW = 64
+"""Rows of white noise whose quadratic forms are written out."""
 
 
 class Parameters(StudyParameters):
@@ -112,11 +118,16 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         walk_raw_per_sqrt_s=parameters.walk * WHITE,
     )
 
+    drawn: list[Array] = []
+    misfits: list[Array] = []
+
     def errors(rng: np.random.Generator, count: int) -> Array:
         columns = []
         for _ in range(count // 3):
             rows = model.draw(parameters.rows, RATE, rng)
+            drawn.append(rows[1::2, 0] - rows[: len(rows) // 2 * 2 : 2, 0])
             for variances in allan_variance(rows, theory.counts).T:
+                misfits.append(variances - theory.law @ theory.truth)
                 columns.append(_errors(variances, theory, parameters.estimate))
         return np.array(columns).T
 
@@ -143,7 +154,38 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
             COVERAGE.each(KINDS), value[last:], spread, n,
             RATE_OF_INTERVALS, NORMAL, COVERED,
         )  # fmt: skip
-    return Outcome(rows=rows)
+    if linear:
+        rows += _mean_rows(np.array(misfits), theory)
+    # differences of two rows each: nearly white
+    rows += correlation_row(each[:KEPT] for each in drawn)
+    return Outcome(rows=(*rows, *_white_row()))
+
+
+def _mean_rows(misfits: Float[Array, "n m"], theory: Theory) -> tuple[Row, ...]:
+    """Mean error of the squares of N, B and K: weights that are known are unbiased."""
+    n = len(misfits)
+    mean = np.mean(misfits @ theory.weights.T / np.sqrt(theory.predicted), axis=0)
+    statistics = MEAN_ERROR.each(f"{k}^2" for k in KINDS)
+    return plain(statistics, mean, 1.0 / np.sqrt(n), n, 0.0, LEAST_SQUARES, LAGS)
+
+
+def _white_row() -> tuple[Row, ...]:
+    """The covariance (V4) of a few rows of white noise beside its quadratic forms.
+
+    An Allan variance is y'Ay, and the covariance of two of white noise is 2 tr AB.
+    """
+    counts = averaging_counts(FEW)
+    forms = covariance_forms(counts, FEW)[..., :3, :3]
+    A = np.zeros((len(counts), FEW, FEW))
+    for own, m in zip(A, counts, strict=True):
+        starts = FEW - 2 * m + 1
+        D = np.zeros((starts, FEW))
+        for i in range(starts):
+            D[i, i : i + m], D[i, i + m : i + 2 * m] = -1.0 / m, 1.0 / m
+        own += D.T @ D / (2 * starts)
+    known = 2.0 * np.einsum("aij,bij->ab", A, A)
+    off = apart(allan_covariance(forms, np.array([1.0, 0.0, 0.0])), known)
+    return exact(COVARIANCE_OFF("white"), off, 0.0, CLOSED_FORM, MET)
 
 
 def _theory(parameters: Parameters) -> Theory:
