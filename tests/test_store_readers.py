@@ -179,6 +179,7 @@ def test_a_journal_of_another_hand_is_not_rolled_back(tiny_run):
         load_run(tiny_run)
 
 
+@pytest.mark.ci
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can become another user")
 def test_a_run_on_a_medium_that_cannot_be_written(tiny_run):
     """As left by a reader at the end: a store that asks for a log, and has none."""

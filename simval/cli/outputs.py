@@ -62,7 +62,9 @@ def require_apart(command: click.Command, values: Mapping[str, Any]) -> None:
             inputs += given
     for place, (option, path) in enumerate(outputs):
         require_free(path, option)
-        if any(_same(path, each) for name in inputs for each in _files(name)):
+        # what is not there yet is no input
+        files = (each for name in inputs for each in _files(name))
+        if _is_there(path) and any(_same(path, each) for each in files):
             msg = f"`{option}` names {path}, which this command reads; choose another"
             raise InputError(msg)
         for other, earlier in outputs[:place]:
