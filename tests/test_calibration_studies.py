@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from simval.results import CellName
+from simval.statistics import COVERAGE, NEES
 from simval.streams import Streams, cell_key
 from simval.studies import coverage, ladder
+from simval.verdict import judge
 
 
 def streams(name):
@@ -25,7 +28,12 @@ def excess(row):
 def test_ladder_rows_agree_with_theory(residual):
     parameters = ladder.Parameters(residual=residual, poses=60, trials=2048)
     outcome = ladder.run(parameters, streams("ladder"))
-    judged = [row for row in outcome.rows if row.check != "record"]
+    judged = [row for row in outcome.rows if row.check in ("plain", "control")]
+    certain = [row for row in outcome.rows if row.check in ("exact", "limit")]
+    # a correlation, and formulas beside responses: of the adjusted residual no bias
+    assert len(certain) == (3 if residual == "adjusted" else 4)
+    cell = CellName("ladder", "ladder()@1")
+    assert {v.answer for v in judge([(cell, row) for row in certain], 1e-4)} == {"pass"}
     # noise; a scale and nine biases; nine deviations and efficiencies, twice
     assert len(judged) == 1 + 1 + 9 + 2 * (9 + 9)
     limit = stats.norm.isf(1e-4 / (2 * len(judged)))
@@ -85,10 +93,13 @@ def test_unequal_scales_cost_the_squared_residual_its_efficiency():
 def test_coverage_rows(sigma):
     parameters = coverage.Parameters(sigma=sigma, poses=12, trials=4096)
     outcome = coverage.run(parameters, streams("coverage"))
-    judged = [row for row in outcome.rows if row.check != "record"]
-    # ten coverages, and the normalised square or the stated variance; then the noise
-    # drawn and its correlation, and three of formulas beside responses
-    assert len(judged) == 11 + 5
+    every = [row for row in outcome.rows if row.check != "record"]
+    judged = [r for r in every if r.statistic.family in (COVERAGE, NEES)]
+    assert len(judged) == (11 if sigma == "known" else 10)
+    # the stated variance; the noise drawn and its correlation, and three of formulas
+    assert len(every) - len(judged) == (5 if sigma == "known" else 6)
+    cell = CellName("coverage", "coverage()@1")
+    assert {v.answer for v in judge([(cell, row) for row in every], 1e-4)} == {"pass"}
     limit = stats.norm.isf(1e-4 / (2 * len(judged)))
     assert all(excess(row) < limit for row in judged)
     # at most a fifth of the 1 % that a coverage is allowed to be off; 0.0008 is seen
