@@ -12,8 +12,8 @@ from simval.errors import InputError, LostClusterError
 from simval.sweep.batches import Batch, Queue
 from simval.sweep.entries import Done
 from simval.sweep.executors import Compute, Flying, computed, failed, windowed
-from simval.sweep.identity import Stated, StrangerError, here
-from simval.sweep.roster import Roster, Tell
+from simval.sweep.identity import Stated, StrangerError
+from simval.sweep.roster import Roster, Tell, question
 
 CONNECT_TIMEOUT = 10.0  # s
 
@@ -117,7 +117,7 @@ class Crowd:
         demand sees a demand.
         """
         start = time.monotonic()
-        demand = self.client.submit(here, pure=False)
+        demand = self.client.submit(question(), pure=False)
         said = False
         try:
             while not self._somebody():
