@@ -54,7 +54,8 @@ def clustered(
         raise InputError(msg) from None
     with _own_words():
         try:
-            client = Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
+            connect: Any = type("Connected", (Client,), {"__del__": _end})
+            client = connect(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
         except (OSError, ValueError, TypeError, TimeoutError) as error:
             msg = f"there is no scheduler at {address}: {error}; start `dask scheduler`"
             raise InputError(msg) from None
@@ -201,6 +202,12 @@ def _on_worker(batch: Batch) -> list[Done]:
         return computed(batch)
     except StrangerError as error:
         raise StrangerError(error.lines, get_worker().address) from None
+
+
+def _end(client: Any) -> None:
+    # one that has never connected would wait for 20 s, and complain
+    if client.status == "running":
+        client.close()
 
 
 @contextmanager
