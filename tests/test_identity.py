@@ -17,7 +17,7 @@ from simval.sweep.batches import Queue
 from simval.sweep.entries import Done
 from simval.sweep.identity import Stated, StrangerError, differing, here
 from simval.sweep.machines import counted, environments, other_machines
-from simval.sweep.roster import Roster
+from simval.sweep.roster import Roster, question
 from simval.sweep.source import PACKAGE, Loaded, loaded, source_hash
 from simval.sweep.suite import expand, load_suite
 
@@ -205,6 +205,14 @@ class Futures:
             result=lambda: answer,
             exception=lambda: answer,
         )
+
+
+def test_the_question_travels_as_code():
+    cloudpickle = pytest.importorskip("cloudpickle")
+    data = cloudpickle.dumps(question())
+    assert pickle.loads(data)() == here()
+    loaded_by_name = cloudpickle.dumps(here)
+    assert len(data) > 2 * len(loaded_by_name)
 
 
 def test_a_worker_computes_once_it_has_answered_and_is_the_same():

@@ -12,8 +12,8 @@ from simval.errors import InputError, LostClusterError
 from simval.sweep.batches import Batch, Queue
 from simval.sweep.entries import Done
 from simval.sweep.executors import Compute, Flying, computed, failed, windowed
-from simval.sweep.identity import Stated, StrangerError, here
-from simval.sweep.roster import Roster, Tell
+from simval.sweep.identity import Stated, StrangerError
+from simval.sweep.roster import Roster, Tell, question
 
 CONNECT_TIMEOUT = 10.0  # s
 
@@ -55,7 +55,8 @@ def clustered(
         refuse_without("cluster", "a scheduler")
     with _own_words():
         try:
-            client = Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
+            connect: Any = type("Connected", (Client,), {"__del__": _end})
+            client = connect(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
         except (OSError, ValueError, TypeError, TimeoutError) as error:
             msg = f"there is no scheduler at {address}: {error}; start `dask scheduler`"
             raise InputError(msg) from None
@@ -118,7 +119,7 @@ class Crowd:
         demand sees a demand.
         """
         start = time.monotonic()
-        demand = self.client.submit(here, pure=False)
+        demand = self.client.submit(question(), pure=False)
         said = False
         try:
             while not self._somebody():
@@ -202,6 +203,12 @@ def _on_worker(batch: Batch) -> list[Done]:
         return computed(batch)
     except StrangerError as error:
         raise StrangerError(error.lines, get_worker().address) from None
+
+
+def _end(client: Any) -> None:
+    # one that has never connected would wait for 20 s, and complain
+    if client.status == "running":
+        client.close()
 
 
 @contextmanager

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from simval.sweep.identity import Identity, Stated, differing, here
+from simval.sweep.identity import Identity, Stated, differing
 from simval.text import message_of, one_line
 
 ASKED = 1.0
@@ -17,6 +17,23 @@ ASKED = 1.0
 
 Tell = Callable[[str], None]
 """Says to the user what becomes of the workers."""
+
+
+def question() -> Callable[[], Any]:
+    """What a worker is asked; it travels as code, so that any worker can answer.
+
+    A function of a module travels by its name, and a worker without that module breaks
+    its connection and ends.
+    """
+
+    def answer() -> Any:
+        try:
+            from simval.sweep.identity import here
+        except Exception as error:
+            return f"{type(error).__name__}: {error}"
+        return here()
+
+    return answer
 
 
 class Roster:
@@ -74,7 +91,7 @@ class Roster:
         answer = self._answers.get(address)
         if answer is None:
             self._answers[address] = self._client.submit(
-                here, workers=[address], pure=False, priority=1
+                question(), workers=[address], pure=False, priority=1
             )
         elif answer.done():
             del self._answers[address]
@@ -87,9 +104,9 @@ class Roster:
     def _lines(self, answer: Any) -> tuple[str, ...]:
         if answer.status != "finished":
             error = answer.exception() if answer.status == "error" else answer.status
-            words = message_of(error) if isinstance(error, BaseException) else error
-            return (f"it cannot load this version of simval ({one_line(str(words))})",)
-        there = answer.result()
+            there = message_of(error) if isinstance(error, BaseException) else error
+        else:
+            there = answer.result()
         if not isinstance(there, Identity):
-            return ("it answers in the words of another version of simval",)
+            return (f"it cannot load this version of simval ({one_line(str(there))})",)
         return differing(self._stated.driver, there, mixed=self._stated.mixed)
