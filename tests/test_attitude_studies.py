@@ -5,7 +5,7 @@ import pytest
 from rows_by_name import named
 
 from simval.attitude.kernel import raw_quaternion
-from simval.errors import GeometryError
+from simval.errors import UnmeasurableError
 from simval.streams import Streams, cell_key
 from simval.studies import attitude_efficiency, attitude_limits, attitude_order
 from simval.theory import attitude_moments
@@ -53,7 +53,7 @@ def test_a_formula_with_a_term_missing_fails(monkeypatch):
 
 def test_a_geometry_near_singular_is_refused(monkeypatch):
     monkeypatch.setattr(attitude_order, "MIN_NORM", 0.5)
-    with pytest.raises(GeometryError, match="choose another number"):
+    with pytest.raises(UnmeasurableError, match="choose another number"):
         run(attitude_order, geometry=3)
 
 

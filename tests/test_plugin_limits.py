@@ -153,7 +153,7 @@ def test_an_attitude_is_of_unit_length_to_a_millionth(off):
 def test_a_calibrator_has_its_time(monkeypatch, algorithm, trials, seconds):
     given = []
 
-    def isolated(compute, parameters, streams, limit):
+    def isolated(compute, parameters, streams, limit, kind):
         given.append(limit)
         return Outcome(rows=())
 

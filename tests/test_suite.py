@@ -49,7 +49,10 @@ def test_the_command_line_wins(tmp_path):
         ("[attitude]\nnoise = 1\n", "`attitude.noise` is not a known key.*noise_std"),
         ("[altitude]\nnoise_std = 1\n", "`altitude` is not a known key.*attitude"),
         ("[attitude]\nnoise_std = []\n", "`attitude.noise_std`.*at least 1 item"),
-        ("[attitude]\nnoise_std = -0.1\n", "`attitude.noise_std`.*greater than 0"),
+        (
+            "[attitude]\nnoise_std = -0.1\n",
+            "`attitude.noise_std`.*greater than or equal to 0.000000001",
+        ),
         ("[attitude]\nnoise_std = [0.1, -0.1]\n", "`attitude.noise_std`"),
         ("[attitude]\nnoise_std = 'small'\n", "`attitude.noise_std`.*'small'"),
         ("[attitude]\nsamples = 100000.5\n", "`attitude.samples`.*integer"),
@@ -94,7 +97,7 @@ def test_only_the_meant_half_of_a_refusal_is_told(tmp_path):
         load_suite(path)
     assert "list" not in str(told.value)
     path = written(tmp_path, "[attitude]\nnoise_std = [0.1, -0.1]\n")
-    with pytest.raises(InputError, match=r"greater than 0 \(given -0.1\)"):
+    with pytest.raises(InputError, match=r"equal to 0.000000001 \(given -0.1\)"):
         load_suite(path)
 
 
