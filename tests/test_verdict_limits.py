@@ -15,7 +15,7 @@ from scipy import stats
 
 from simval.results import CellName
 from simval.statistics import NEES
-from simval.verdict import judge, p_value
+from simval.verdict import judge, p_values
 
 NAME = CellName("study", "cell")
 GOOD = row(
@@ -75,23 +75,29 @@ def test_what_must_not_go_unseen_is_a_quarter_of_the_size(prediction, size):
     assert verdict.margin == pytest.approx(0.25 * size, rel=4 * EPS, abs=0)
 
 
-@pytest.mark.parametrize("n", [256, 1000, 65_536])
-def test_what_would_be_seen_is_found_in_99_of_100(n):
-    # eq. (V2) with the normal's 99 % quantile and Student's of n/10 degrees at the
-    # limit of one of four rows
+@pytest.mark.parametrize(
+    ("n", "freedom"), [(256, 25.6), (1000, 100.0), (65_536, 255.0), (262_144, 1023.0)]
+)
+def test_what_would_be_seen_is_found_in_99_of_100(n, freedom):
+    # eq. (V2) with the normal's 99 % quantile and Student's at the limit of one of
+    # four rows
     rows = [changed(value=float(v), n=n, standard_error=0.01) for v in (0, 0, 0, 0.001)]
-    limit = stats.t(n / 10.0).isf(1e-3 / 4 / 2)
+    limit = stats.t(freedom).isf(1e-3 / 4 / 2)
     for verdict in judged(*rows):
         assert verdict.detectable == pytest.approx(
             (limit + stats.norm.ppf(0.99)) * 0.01, rel=1e-9, abs=0
         )
 
 
-@pytest.mark.parametrize("n", [256, 1000, 65_536])
-def test_ten_samples_are_one_degree_of_freedom(n):
+@pytest.mark.parametrize(
+    ("n", "freedom"),
+    [(256, 25.6), (1000, 100.0), (65_536, 255.0), (65_792, 256.0), (262_144, 1023.0)],
+)
+def test_ten_samples_are_one_degree_of_freedom(n, freedom):
+    # but never more than 256 batch means have, or one of each 256 samples
     # SciPy's own Student t, by its density: 1e-9 of a tail of 1e-3
-    assert p_value(changed(value=3.0, n=n)) == pytest.approx(
-        2.0 * stats.t(n / 10.0).sf(3.0), rel=1e-9, abs=0
+    assert p_values([changed(value=3.0, n=n)])[0] == pytest.approx(
+        2.0 * stats.t(freedom).sf(3.0), rel=1e-9, abs=0
     )
 
 
