@@ -85,7 +85,13 @@ class Crowd:
             raise self.lost(error) from None
 
     def submit(self, function: Any, batch: Batch) -> Future[list[Done]]:
-        """Hand a batch to the workers that may compute it, and to no other."""
+        """Hand a batch to the workers that may compute it, and to no other.
+
+        Where all may, the scheduler is left to choose: it then knows which batch a
+        worker died of. One that joins just now checks the batch itself.
+        """
+        if not (self.roster.refused or self.roster.asked):
+            return self._executor.submit(_on_worker, batch)
         fit = sorted(self.roster.threads)
         future = self._executor.submit(_on_worker, batch, workers=fit)
         self._given[future] = frozenset(fit)
