@@ -255,7 +255,11 @@ JUDGED = "\"check\" IN ('plain', 'control', 'nees')"
             f"WHERE {JUDGED} AND family LIKE 'cov%'",
             "theory",
         ),
-        ("UPDATE rows SET prediction = 1e300 WHERE \"check\" = 'limit'", "theory"),
+        (  # a correlation can be no limit beyond 1
+            "UPDATE rows SET prediction = 1e300 WHERE \"check\" = 'limit' "
+            "AND family <> 'strongest_correlation'",
+            "theory",
+        ),
         # only some rows of a statistic: then they no longer hold one value
         (
             "UPDATE rows SET value = prediction WHERE predictor = 'order 2' "
