@@ -442,3 +442,14 @@ def test_paths_in_a_suite_file_stay_in_its_folder(tmp_path, value):
     suite.write_text('[estimator]\nalgorithm = "deep/x.py:n"\n')
     (cell,) = load_suite(str(suite)).cells
     assert cell.parameters.algorithm == f"{folder / 'deep' / 'x.py'}:n"
+
+
+@pytest.mark.parametrize(
+    "line", ["raise OSError('half')", "1 +", "raise SystemExit(3)"]
+)
+def test_a_file_that_fails_leaves_no_half_of_a_module(tmp_path, line):
+    path = tmp_path / "halfway.py"
+    path.write_text(f"import numpy\nhalf = 1\n{line}\n")
+    with pytest.raises((PluginError, InputError)):
+        find_plugin(str(path), Estimator)
+    assert "simval_plugin_halfway" not in sys.modules

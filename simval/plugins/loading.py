@@ -239,12 +239,16 @@ def _imported(file: Path) -> ModuleType:
     loader = SourceFileLoader(name, path)
     module = module_from_spec(ModuleSpec(name, loader, origin=path))
     module.__file__ = path
+    # not by the loader: its cache takes a file of the same second and size for this one
+    source = read_bytes(file, MOST_DOCUMENT)
     sys.modules[name] = module
     if folder not in sys.path:
         sys.path.append(folder)
-    # not by the loader: its cache takes a file of the same second and size for this one
-    source = read_bytes(file, MOST_DOCUMENT)
-    exec(loader.source_to_code(source, path), vars(module))
+    try:
+        exec(loader.source_to_code(source, path), vars(module))
+    except BaseException:
+        sys.modules.pop(name, None)  # as after an import that fails
+        raise
     return module
 
 
