@@ -205,7 +205,7 @@ def _held_by(file: Path) -> list[Any]:
         raise UnusablePluginError(msg)
     try:
         content = vars(_imported(file))
-    except Exception as error:  # whatever a user's file may raise
+    except (Exception, SystemExit) as error:  # whatever a user's file may raise
         msg = f"the plug-in file {file} fails with {message_of(error)}"
         raise UnusablePluginError(msg) from error
     return _distinct(file, content)
