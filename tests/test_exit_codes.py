@@ -11,7 +11,15 @@ from simval.errors import InputError, UnusablePluginError
 from simval.gate import judge_run
 from simval.report.section import Context
 from simval.report.sections import checks
-from simval.sweep import executors, load_run, load_suite, run_suite, store
+from simval.sweep import (
+    batches,
+    cluster,
+    executors,
+    load_run,
+    load_suite,
+    run_suite,
+    store,
+)
 
 SUITES = {
     "file": "[estimator]\nalgorithm = 'gone.py'\n",
@@ -133,7 +141,7 @@ def test_a_start_that_fails_leaves_no_folder(
     more, code = [], 2
     if where == "connection":
         pytest.importorskip("distributed", reason="the extra `cluster` is missing")
-        monkeypatch.setattr(executors, "CONNECT_TIMEOUT", 0.5)
+        monkeypatch.setattr(cluster, "CONNECT_TIMEOUT", 0.5)
         more = ["--scheduler", "tcp://127.0.0.1:1"]
     elif where == "store":
         monkeypatch.setattr(store, "create", refused)
@@ -174,6 +182,7 @@ def unfinished(tmp_path, monkeypatch, simval, seeds=30):
         return execute(cell)
 
     monkeypatch.setattr(executors, "execute", stopping)
+    monkeypatch.setattr(batches, "SECONDS", 0.0)  # a cell each
     suite = tmp_path / "many.toml"
     suite.write_text(
         f"seed = {list(range(1, seeds + 1))}\n"

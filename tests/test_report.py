@@ -392,6 +392,7 @@ def test_artifacts_become_figures(tiny_run, undrawn):
     np.savez(
         artifacts / "convergence-x.npz", lm=[1.0, 1e-3, 1e-9], newton=[1.0, 1e-8, 0.0]
     )
+    edited(tiny_run)  # without a seal, which knows no such files
     run = load_run(tiny_run)
     pictures = [
         svg(drawing) for drawing in drawings(run) if drawing.name.startswith("static")

@@ -297,15 +297,19 @@ def test_html_escapes_what_comes_from_data_and_plugins(tiny_run, tmp_path, capsy
             value = json.dumps([HOSTILE]) if column == "entries" else HOSTILE
             db.execute(f"UPDATE {table} SET {column} = ? WHERE {where}", (value,))
         db.execute("UPDATE cells SET status = 'failed' WHERE position = 2")
-        db.execute(
-            "UPDATE cells SET cell = 'hostile(x=' || ? || ')@1', study = 'hostile', "
-            "parameters = ? WHERE position = 3",
-            (PLAIN, json.dumps({"x": PLAIN})),
-        )
+        values = (PLAIN, f"{PLAIN}!")
+        for position, value in enumerate(values, start=2):
+            db.execute(
+                "UPDATE cells SET cell = 'hostile(x=' || ? || ')@1', "
+                "study = 'hostile', parameters = ? WHERE position = ?",
+                (value, json.dumps({"x": value}), position),
+            )
         (manifest,) = db.execute(
             "SELECT value FROM meta WHERE key = 'manifest'"
         ).fetchone()
         content = json.loads(manifest) | {"suite": HOSTILE, "title": HOSTILE}
+        del content["grid"]["attitude"]
+        content["grid"]["hostile"] = {"x": values}
         db.execute(
             "UPDATE meta SET value = ? WHERE key = 'manifest'", (json.dumps(content),)
         )
