@@ -119,8 +119,8 @@ def test_a_line_says_what_is_so_of_any_result():
 @pytest.mark.parametrize(
     ("status", "answer", "words"),
     [
-        ("failed", "FAIL", "1 cell crashed; all 101 checks against theory agree"),
-        ("pending", "INCONCLUSIVE", "1 cell never run; all 101 checks against"),
+        ("failed", "FAIL", "1 cell crashed; all 106 checks against theory agree"),
+        ("pending", "INCONCLUSIVE", "1 cell never run; all 106 checks against"),
     ],
 )
 def test_every_output_says_the_same_true_line(
