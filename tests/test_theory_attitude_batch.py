@@ -13,7 +13,7 @@ from simval.attitude import two_vector_quaternion
 from simval.errors import GeometryError, InputError, RefusedError
 from simval.geometry import normalize
 from simval.streams import Streams
-from simval.studies import attitude_vectors
+from simval.studies import attitude_vectors, vectors_setting
 from simval.studies.stated_covariance import closed_form_square
 from simval.theory import (
     any_covariance,
@@ -284,9 +284,9 @@ def test_a_covariance_that_is_told_wrong_is_seen(monkeypatch):
 def test_a_covariance_that_is_wrong_is_not_its_own_remainder(monkeypatch):
     """Cubature sees the wrong one too, at any noise, so what falls is still small."""
     for name in ("closed_form_square", "normalized_square"):
-        right = getattr(attitude_vectors, name)
+        right = getattr(vectors_setting, name)
         monkeypatch.setattr(
-            attitude_vectors, name, lambda *given, right=right: 1.2 * right(*given)
+            vectors_setting, name, lambda *given, right=right: 1.2 * right(*given)
         )
     found = nees_rows()
     assert set(found) == NAMES

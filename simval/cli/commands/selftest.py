@@ -7,7 +7,7 @@ import click
 
 @click.command(name="selftest")
 @click.option(
-    "--quick", is_flag=True, help="Inject only a fifth of the faults, for CI."
+    "--quick", is_flag=True, help="Inject only an eighth of the faults, for CI."
 )
 @click.option(
     "--rates", is_flag=True, help="Measure the false-alarm rate and the power."
