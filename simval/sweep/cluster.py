@@ -11,9 +11,11 @@ from typing import Any
 from simval.errors import InputError, LostClusterError
 from simval.sweep.batches import Batch, Queue
 from simval.sweep.entries import Done
-from simval.sweep.executors import Compute, Flying, computed, failed, windowed
+from simval.sweep.errand import errand
+from simval.sweep.executors import Compute, Flying, failed, windowed
 from simval.sweep.identity import Stated, StrangerError
 from simval.sweep.roster import Roster, Tell, question
+from simval.sweep.suspects import Suspects
 
 CONNECT_TIMEOUT = 10.0  # s
 
@@ -75,6 +77,8 @@ class Crowd:
         self.client, self.roster, self.address = client, roster, address
         self._wait, self._tell = wait, tell
         self._executor = client.get_executor(pure=False)
+        self._errand = errand()
+        self.suspects = Suspects()
         self._given: dict[Future[list[Done]], frozenset[str]] = {}
 
     def begin(self) -> None:
@@ -88,12 +92,16 @@ class Crowd:
         """Hand a batch to the workers that may compute it, and to no other.
 
         Where all may, the scheduler is left to choose: it then knows which batch a
-        worker died of. One that joins just now checks the batch itself.
+        worker died of. One that joins just now may get the batch before it is asked
+        what it is; the errand asks it.
         """
+        from distributed.protocol.pickle import dumps
+
+        errand = self._errand, dumps(batch.stated), dumps(batch)
         if not (self.roster.refused or self.roster.asked):
-            return self._executor.submit(_on_worker, batch)
+            return self._executor.submit(*errand)
         fit = sorted(self.roster.threads)
-        future = self._executor.submit(_on_worker, batch, workers=fit)
+        future = self._executor.submit(*errand, workers=fit)
         self._given[future] = frozenset(fit)
         return future
 
@@ -101,13 +109,13 @@ class Crowd:
         """How many batches to keep in flight: twice the number of threads.
 
         It follows the workers that join and leave. A batch all of whose workers have
-        left goes back into the queue.
+        left comes back.
         """
         self.roster.look()
         self._given = {f: fit for f, fit in self._given.items() if f in flying}
         for future, fit in self._given.items():
             if not (future.done() or fit & self.roster.threads.keys()):
-                queue.give_back(flying.pop(future).places)
+                self.suspects.came_back(flying.pop(future).places, queue)
                 future.cancel()
         if not self.roster.threads:
             self._await_one()
@@ -175,7 +183,9 @@ def _by_cluster(crowd: Crowd, queue: Queue) -> Iterator[Sequence[Done]]:
 
     flying: Flying = {}
     window = partial(crowd.window, flying, queue)
-    while queue or flying:
+    while queue or flying or crowd.suspects:
+        if not (queue or flying):
+            yield crowd.suspects.next(queue)
         try:
             yield from windowed(crowd, queue, flying, window, (KilledWorker,))
         except KilledWorker as error:
@@ -199,16 +209,6 @@ def _killed(
         else:
             gone.append(failed(*batch.cells[0], f"every worker was lost: {error}"))
     return gone
-
-
-def _on_worker(batch: Batch) -> list[Done]:
-    """Compute on a worker; one that differs says which it is."""
-    from distributed import get_worker
-
-    try:
-        return computed(batch)
-    except StrangerError as error:
-        raise StrangerError(error.lines, get_worker().address) from None
 
 
 def _end(client: Any) -> None:
