@@ -1,4 +1,4 @@
-"""A worker without this version's modules: it answers in words, whatever it is given."""
+"""A worker without this version's modules answers in words, whatever it is given."""
 
 import hashlib
 
@@ -40,7 +40,9 @@ class Joins(Silence):
 def test_one_that_joins_late_says_so_of_a_batch_before_it_is_asked(
     tmp_path, monkeypatch
 ):
-    suite = expand("late", {"attitude": {"geometry": list(range(1, 9)), "samples": 65_536}})
+    suite = expand(
+        "late", {"attitude": {"geometry": list(range(1, 9)), "samples": 65_536}}
+    )
     run_suite(suite, tmp_path / "alone")
     with Cluster(tmp_path) as cluster:
         cluster.join(SIMVAL_TEST_POISON="slow:0.4", source=poisoned(tmp_path))

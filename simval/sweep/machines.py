@@ -38,7 +38,7 @@ def other_machines(manifest: Mapping[str, Any]) -> list[Any]:
 
 
 def mixture(manifest: Mapping[str, Any]) -> str:
-    """Which machines computed a run, where it was not the driver's alone; else empty."""
+    """Which machines computed a run, in words; empty if only the driver's did."""
     others = other_machines(manifest)
     if not others:
         return ""
