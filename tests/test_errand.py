@@ -191,3 +191,39 @@ def test_a_cell_beside_one_that_kills_is_given_out_by_itself_before_it_fails():
     assert (done.cell[0], done.cell[5]) == (0, "failed")
     assert not kept
     assert isinstance(queue.alone(1), Batch)
+
+
+def test_a_cell_that_waits_beside_a_deadly_one_is_not_failed_with_it(monkeypatch):
+    # the scheduler blames all tasks that a worker had, those that waited too
+    from distributed.scheduler import KilledWorker
+
+    client = Executes("a")
+    crowd, queue = crowd_of(client), queue_of(4)
+    deadly, trials, last = 2, [], SimpleNamespace(address="a")
+    window = crowd.window
+
+    def dying(flying, queue):
+        held = {place for batch in flying.values() for place in batch.places}
+        trials.extend([held] if deadly in held else [])
+        for future, batch in flying.items():
+            if future.done():
+                continue
+            if deadly in held:
+                future.set_exception(KilledWorker("cell", last, 3))
+            else:
+                future.set_result(computed(batch))
+        return window(flying, queue)
+
+    monkeypatch.setattr(crowd, "window", dying)
+    ended = [done for some in cluster._by_cluster(crowd, queue) for done in some]
+    assert sorted((done.cell[0], done.cell[5]) for done in ended) == [
+        (0, "done"),
+        (1, "done"),
+        (2, "failed"),
+        (3, "done"),
+    ]
+    assert {2, 3} in trials
+    assert trials[-1] == {deadly}
+    assert all(not workers for workers, _, _ in client.tasks)
+    (failed,) = [done for done in ended if done.cell[5] == "failed"]
+    assert failed.cell[6].startswith("every worker was lost: Attempted to run task")

@@ -12,7 +12,7 @@ from simval.errors import InputError, LostClusterError
 from simval.sweep.batches import Batch, Queue
 from simval.sweep.entries import Done
 from simval.sweep.errand import errand
-from simval.sweep.executors import Compute, Flying, failed, windowed
+from simval.sweep.executors import Compute, Flying, windowed
 from simval.sweep.identity import Stated, StrangerError
 from simval.sweep.roster import Roster, Tell, question
 from simval.sweep.suspects import Suspects
@@ -40,8 +40,8 @@ def clustered(
     """Connect to a running dask.distributed cluster.
 
     The scheduler gives a batch whose worker is lost to another one. If it loses worker
-    after worker, its cells are given out alone, and one that goes on so is stored as
-    failed.
+    after worker, its cells are given out alone, those that go on so by themselves at
+    the end, and one that still does is stored as failed.
 
     Raises
     ------
@@ -188,8 +188,8 @@ def _by_cluster(crowd: Crowd, queue: Queue) -> Iterator[Sequence[Done]]:
             yield crowd.suspects.next(queue)
         try:
             yield from windowed(crowd, queue, flying, window, (KilledWorker,))
-        except KilledWorker as error:
-            yield _killed(flying, queue, error, KilledWorker)
+        except KilledWorker:
+            _killed(crowd, flying, queue, KilledWorker)
         except StrangerError as error:
             crowd.roster.refuse(error.worker, error.lines)
         except (CancelledError, OSError) as error:
@@ -197,18 +197,17 @@ def _by_cluster(crowd: Crowd, queue: Queue) -> Iterator[Sequence[Done]]:
 
 
 def _killed(
-    flying: Flying, queue: Queue, error: BaseException, kind: type[BaseException]
-) -> Sequence[Done]:
-    """Say of single cells that they lose their workers; give out the others alone."""
-    gone = []
-    ended = [future for future in flying if future.done()]
-    for future in [f for f in ended if isinstance(f.exception(), kind)]:
-        batch = flying.pop(future)
-        if len(batch.cells) > 1:
-            queue.give_back(batch.places)
-        else:
-            gone.append(failed(*batch.cells[0], f"every worker was lost: {error}"))
-    return gone
+    crowd: Crowd, flying: Flying, queue: Queue, kind: type[BaseException]
+) -> None:
+    """Give out the cells of batches that lose their workers alone, then one by one."""
+    for future in [future for future in flying if future.done()]:
+        error = future.exception()
+        if isinstance(error, kind):
+            places = flying.pop(future).places
+            if len(places) > 1:
+                queue.give_back(places)
+            else:
+                crowd.suspects.keep(places[0], f"every worker was lost: {error}")
 
 
 def _end(client: Any) -> None:
