@@ -64,9 +64,10 @@ class Cluster:
             **QUIET,
         )
 
-    def join(self, **options):
-        """Have one more worker join."""
-        words = (self.address, "--nthreads", "1", "--no-nanny")
+    def join(self, nanny=False, **options):
+        """Have one more worker join; a nanny starts it again when it dies."""
+        kind = "--nanny" if nanny else "--no-nanny"
+        words = (self.address, "--nthreads", "1", kind)
         self.workers.append(self._start("dask_worker", *words, **options))
         return self.workers[-1]
 
@@ -90,6 +91,15 @@ class Cluster:
         for process in (*self.drivers, *self.workers, self.scheduler):
             process.kill()
             process.communicate()
+
+
+def without_simval(folder):
+    """A path by which a Python has a package `simval` that cannot be imported."""
+    package = folder / "nothing" / "simval"
+    package.mkdir(parents=True)
+    words = "No module named 'simval'"
+    (package / "__init__.py").write_text(f"raise ModuleNotFoundError({words!r})\n")
+    return package.parent
 
 
 def sweep(suite, folder, *words, source=ROOT, **environment):

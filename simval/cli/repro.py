@@ -8,6 +8,7 @@ from simval.cli.rounding import beside_theory
 from simval.errors import InputError
 from simval.results import Row
 from simval.sweep.cells import REFUSED
+from simval.sweep.machines import mixture
 from simval.sweep.provenance import differences, file_hashes, versions
 from simval.sweep.repro import Repetition, find_cell, repeat
 from simval.sweep.run import Run, load_run
@@ -38,6 +39,8 @@ def run(
         where = "there is no run" if run is None else f"{run.folder} has no such cell"
         click.echo(f"{where}, so there is nothing to compare with")
         return 3
+    if words := mixture(run.manifest):
+        click.echo(words)
     if again.equal:
         click.echo(f"equal to the bit to {run.folder}: {len(again.stored.rows)} rows")
         return 0

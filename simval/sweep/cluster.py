@@ -11,9 +11,11 @@ from typing import Any
 from simval.errors import InputError, LostClusterError
 from simval.sweep.batches import Batch, Queue
 from simval.sweep.entries import Done
-from simval.sweep.executors import Compute, Flying, computed, failed, windowed
+from simval.sweep.errand import errand
+from simval.sweep.executors import Compute, Flying, windowed
 from simval.sweep.identity import Stated, StrangerError
 from simval.sweep.roster import Roster, Tell, question
+from simval.sweep.suspects import Suspects
 
 CONNECT_TIMEOUT = 10.0  # s
 
@@ -38,8 +40,8 @@ def clustered(
     """Connect to a running dask.distributed cluster.
 
     The scheduler gives a batch whose worker is lost to another one. If it loses worker
-    after worker, its cells are given out alone, and one that goes on so is stored as
-    failed.
+    after worker, its cells are given out alone, those that go on so by themselves at
+    the end, and one that still does is stored as failed.
 
     Raises
     ------
@@ -75,6 +77,8 @@ class Crowd:
         self.client, self.roster, self.address = client, roster, address
         self._wait, self._tell = wait, tell
         self._executor = client.get_executor(pure=False)
+        self._errand = errand()
+        self.suspects = Suspects()
         self._given: dict[Future[list[Done]], frozenset[str]] = {}
 
     def begin(self) -> None:
@@ -88,12 +92,16 @@ class Crowd:
         """Hand a batch to the workers that may compute it, and to no other.
 
         Where all may, the scheduler is left to choose: it then knows which batch a
-        worker died of. One that joins just now checks the batch itself.
+        worker died of. One that joins just now may get the batch before it is asked
+        what it is; the errand asks it.
         """
+        from distributed.protocol.pickle import dumps
+
+        errand = self._errand, dumps(batch.stated), dumps(batch)
         if not (self.roster.refused or self.roster.asked):
-            return self._executor.submit(_on_worker, batch)
+            return self._executor.submit(*errand)
         fit = sorted(self.roster.threads)
-        future = self._executor.submit(_on_worker, batch, workers=fit)
+        future = self._executor.submit(*errand, workers=fit)
         self._given[future] = frozenset(fit)
         return future
 
@@ -101,13 +109,13 @@ class Crowd:
         """How many batches to keep in flight: twice the number of threads.
 
         It follows the workers that join and leave. A batch all of whose workers have
-        left goes back into the queue.
+        left comes back.
         """
         self.roster.look()
         self._given = {f: fit for f, fit in self._given.items() if f in flying}
         for future, fit in self._given.items():
             if not (future.done() or fit & self.roster.threads.keys()):
-                queue.give_back(flying.pop(future).places)
+                self.suspects.came_back(flying.pop(future).places, queue)
                 future.cancel()
         if not self.roster.threads:
             self._await_one()
@@ -175,11 +183,13 @@ def _by_cluster(crowd: Crowd, queue: Queue) -> Iterator[Sequence[Done]]:
 
     flying: Flying = {}
     window = partial(crowd.window, flying, queue)
-    while queue or flying:
+    while queue or flying or crowd.suspects:
+        if not (queue or flying):
+            yield crowd.suspects.next(queue)
         try:
             yield from windowed(crowd, queue, flying, window, (KilledWorker,))
-        except KilledWorker as error:
-            yield _killed(flying, queue, error, KilledWorker)
+        except KilledWorker:
+            _killed(crowd, flying, queue, KilledWorker)
         except StrangerError as error:
             crowd.roster.refuse(error.worker, error.lines)
         except (CancelledError, OSError) as error:
@@ -187,28 +197,17 @@ def _by_cluster(crowd: Crowd, queue: Queue) -> Iterator[Sequence[Done]]:
 
 
 def _killed(
-    flying: Flying, queue: Queue, error: BaseException, kind: type[BaseException]
-) -> Sequence[Done]:
-    """Say of single cells that they lose their workers; give out the others alone."""
-    gone = []
-    ended = [future for future in flying if future.done()]
-    for future in [f for f in ended if isinstance(f.exception(), kind)]:
-        batch = flying.pop(future)
-        if len(batch.cells) > 1:
-            queue.give_back(batch.places)
-        else:
-            gone.append(failed(*batch.cells[0], f"every worker was lost: {error}"))
-    return gone
-
-
-def _on_worker(batch: Batch) -> list[Done]:
-    """Compute on a worker; one that differs says which it is."""
-    from distributed import get_worker
-
-    try:
-        return computed(batch)
-    except StrangerError as error:
-        raise StrangerError(error.lines, get_worker().address) from None
+    crowd: Crowd, flying: Flying, queue: Queue, kind: type[BaseException]
+) -> None:
+    """Give out the cells of batches that lose their workers alone, then one by one."""
+    for future in [future for future in flying if future.done()]:
+        error = future.exception()
+        if isinstance(error, kind):
+            places = flying.pop(future).places
+            if len(places) > 1:
+                queue.give_back(places)
+            else:
+                crowd.suspects.keep(places[0], f"every worker was lost: {error}")
 
 
 def _end(client: Any) -> None:

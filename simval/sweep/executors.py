@@ -34,7 +34,7 @@ from simval.sweep.batches import Batch, Queue, Work
 from simval.sweep.cells import REFUSED
 from simval.sweep.endings import Ending, ending_of
 from simval.sweep.entries import Done, cell_entry, digest_of_entries, row_entries
-from simval.sweep.identity import StrangerError, require_as_read
+from simval.sweep.identity import StrangerError, refusal, require_as_read
 from simval.sweep.threads import ONE_THREAD
 from simval.text import described, message_of, one_line, printable
 
@@ -205,7 +205,7 @@ def _is_lost(
 
 def _landed(future: Future[list[Done]], batch: Batch, queue: Queue) -> Sequence[Done]:
     """What a batch has left; where it could not travel, its cells travel alone."""
-    error = future.exception()
+    error = future.exception() or refusal(future.result())
     if error is None:
         return _own(batch, future.result())
     if isinstance(error, StrangerError):

@@ -15,6 +15,7 @@ from typing import Any
 from simval.errors import InputError
 from simval.sweep import provenance
 from simval.sweep.source import loaded
+from simval.text import one_line
 
 SHOWN = 12
 """Characters of a SHA-256 that a message shows."""
@@ -72,6 +73,19 @@ class StrangerError(InputError):
             f"{who} would give other numbers than the driver: {'; '.join(self.lines)}; "
             "finished cells are kept: start the sweep again with --resume"
         )
+
+
+def unable(words: str) -> tuple[str, ...]:
+    """Say of a process that it has no such version."""
+    return (f"it cannot load this version of simval ({one_line(words)})",)
+
+
+def refusal(answer: object) -> StrangerError | None:
+    """The refusal of a worker that may not even have the words for one."""
+    if not isinstance(answer, tuple):
+        return None
+    worker, why = answer
+    return StrangerError(unable(why) if isinstance(why, str) else tuple(why), worker)
 
 
 def require_as_read() -> None:

@@ -7,6 +7,8 @@ from typing import Any
 
 from simval.sweep.documents import read_json
 from simval.sweep.entries import Done
+from simval.sweep.identity import machine_text
+from simval.sweep.provenance import differences
 
 
 def counted(kept: str | None, batch: Sequence[Done]) -> str:
@@ -33,6 +35,28 @@ def other_machines(manifest: Mapping[str, Any]) -> list[Any]:
     own = manifest.get("machine")
     found = [each["machine"] for each in manifest.get("environments", ())]
     return sorted((each for each in found if each != own), key=json.dumps)
+
+
+def mixture(manifest: Mapping[str, Any]) -> str:
+    """Which machines computed a run, in words; empty if only the driver's did."""
+    others = other_machines(manifest)
+    if not others:
+        return ""
+    own = manifest["machine"]
+    cells = {
+        machine_text(each["machine"]): each["cells"]
+        for each in manifest["environments"]
+    }
+    counts = [cells.get(machine_text(machine), 0) for machine in (own, *others)]
+    parts = [f"{counts[0]} of its cells by the driver's"]
+    parts += [
+        f"{count} by one that differs ({', '.join(differences(own, machine))})"
+        for count, machine in zip(counts[1:], others, strict=True)
+    ]
+    return (
+        f"{len(parts)} kinds of machine computed this run, so the last bits may "
+        f"differ: {'; '.join(parts)}"
+    )
 
 
 def _read(kept: str | None) -> Counter[str]:

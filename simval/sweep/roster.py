@@ -9,8 +9,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from simval.sweep.identity import Identity, Stated, differing
-from simval.text import message_of, one_line
+from simval.sweep.identity import Identity, Stated, differing, unable
+from simval.text import message_of
 
 ASKED = 1.0
 """How old the list of workers may be, s."""
@@ -82,6 +82,7 @@ class Roster:
     def refuse(self, address: str, lines: tuple[str, ...]) -> None:
         """Give a worker nothing more."""
         self.threads.pop(address, None)
+        self._answers.pop(address, None)  # a batch may have been answered first
         self.refused[address] = lines
         if lines not in self._told:  # not once more for each of a hundred
             self._told.add(lines)
@@ -108,5 +109,5 @@ class Roster:
         else:
             there = answer.result()
         if not isinstance(there, Identity):
-            return (f"it cannot load this version of simval ({one_line(str(there))})",)
+            return unable(str(there))
         return differing(self._stated.driver, there, mixed=self._stated.mixed)
