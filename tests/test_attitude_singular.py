@@ -27,6 +27,7 @@ def norms(problem):
     return np.array([np.linalg.norm(raw_quaternion(block, f)) for f in FRAMES])
 
 
+@pytest.mark.ci
 @given(problem=problems())
 @example(problem=IDENTITY)
 @example(problem=HALF_TURN)
@@ -38,6 +39,7 @@ def test_greatest_norm_is_half_the_normal_or_more(problem):
     )
 
 
+@pytest.mark.ci
 @given(problem=problems())
 @example(problem=IDENTITY)
 @example(problem=HALF_TURN)
@@ -68,6 +70,7 @@ SMALL_TURN = Problem(
 )
 
 
+@pytest.mark.ci
 @given(problem=problems())
 @example(problem=IDENTITY)
 @example(problem=HALF_TURN)
@@ -87,6 +90,7 @@ def test_direct_solutions(problem):
         assert plain > 1e-13 * problem.sine
 
 
+@pytest.mark.ci
 @given(problem=problems())
 @example(problem=IDENTITY)
 @example(problem=HALF_TURN)

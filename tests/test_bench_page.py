@@ -84,6 +84,7 @@ def test_another_reference_is_another_line(tmp_path):
     assert all(steps_of(line) == () for line in lines)
 
 
+@pytest.mark.ci
 def test_the_page(tmp_path):
     folder = folder_of(
         tmp_path / "runs",

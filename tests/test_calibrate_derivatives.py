@@ -57,6 +57,7 @@ def test_symmetric_gradient_and_hessian():
     )
 
 
+@pytest.mark.ci
 def test_all_45_second_derivatives_symbolically():
     """sympy differentiates |K (a - b)|^2 from the matrix product."""
     k = sp.symbols("k11 k12 k13 k22 k23 k33")

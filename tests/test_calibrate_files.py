@@ -247,6 +247,7 @@ def ignored_edits(rng, count):
     return found
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("count", [100, pytest.param(2000, marks=pytest.mark.slow)])
 def test_no_edit_is_ignored(count):
     assert ignored_edits(np.random.default_rng(11), count) == []

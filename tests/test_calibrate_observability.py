@@ -178,6 +178,7 @@ def wrong_and_refused(family, sets, seed, counts=(9, 60), noise=(1e-5, 0.3)):
     return wrong, refused
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("family", DEFICIENT)
 def test_rank_deficient_poses_are_refused(family):
     """Forty sets each; before, one in seven of the circles was accepted."""

@@ -85,6 +85,7 @@ def test_type_a_of_every_residual_agrees():
         assert np.all(np.abs(ratio - 1) < 0.005)
 
 
+@pytest.mark.ci
 def test_type_a_of_a_robust_loss_is_the_measured_covariance():
     """Huber's factor of order 9/n included, 1.10 on the variance at 20 poses."""
     trials, n = 800, 20
@@ -115,6 +116,7 @@ def test_nine_poses_have_no_type_a_interval():
     assert np.isnan(known.chi2_per_dof)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("n", [12, 40])
 def test_chi_square(n):
     values = fits(n, SIGMA).chi2_per_dof * (n - 9)
@@ -143,6 +145,7 @@ def test_covariance_follows_the_form():
         )
 
 
+@pytest.mark.ci
 def test_noise_of_each_pose():
     """One pose ten times as noisy: the covariance knows, and covers."""
     n = 20
@@ -155,6 +158,7 @@ def test_noise_of_each_pose():
     assert abs(nees(fit).mean() / 9 - 1) < 5 * np.sqrt(2 / 9 / TRIALS) + 0.01
 
 
+@pytest.mark.ci
 def test_levels():
     fit = fits(12)
     with pytest.raises(InputError, match="`level`"):

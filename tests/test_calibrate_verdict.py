@@ -78,6 +78,7 @@ def test_the_share_of_right_words(family):
     assert len(wrong) <= stats.binom.isf(1e-4 / len(FAMILIES), 300, 0.05), wrong[:3]
 
 
+@pytest.mark.ci
 def test_ten_poses_of_a_bad_geometry():
     """Random directions, condition 15 to some 100: noise was blamed."""
     seen = 0

@@ -57,6 +57,7 @@ def test_ladder_is_the_ladder():
         assert abs(row.value - rung) < 30 / 400 + 5 * row.standard_error
 
 
+@pytest.mark.ci
 def test_bias_has_slope_two():
     """The same rung at three noise levels: |bias| over sigma^2 is one number."""
     values = []

@@ -98,6 +98,7 @@ def test_a_wrong_calibrator_of_less_fails(wrong, what, monkeypatch):
     assert what in failed(plugin, monkeypatch, sensor="own class", trials=512)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("pose_set", ["sphere", "faces"])
 @pytest.mark.parametrize("estimates", LESS)
 def test_of_the_full_sensor_it_is_judged_by_what_its_class_converges_to(
@@ -158,6 +159,7 @@ def test_all_nine_are_set_beside_what_they_leave(monkeypatch):
     assert left.prediction * 0.98 < left.value < 1.06 * left.prediction
 
 
+@pytest.mark.ci
 def test_six_positions_are_the_example_of_the_documentation(monkeypatch):
     plugin = find_plugin(SIX, Calibrator)
     assert probe_calibrator(plugin, cube_faces()) < 1e-14

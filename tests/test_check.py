@@ -160,6 +160,7 @@ def test_a_file_that_cannot_be_loaded_is_exit_code_2(simval, tmp_path, text, com
     assert complaint in err
 
 
+@pytest.mark.ci
 def test_the_document_holds_every_number():
     checked = check_function(found("known to fail"), Estimator, **QUICK, alpha=0.01)
     document = json.loads(to_json(checked))

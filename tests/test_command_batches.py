@@ -71,6 +71,7 @@ def test_answers_belong_to_their_trials_in_any_order(tmp_path):
         assert [each.bias[0] for each in found] == list(range(TRIALS))
 
 
+@pytest.mark.ci
 def test_each_form_hands_over_the_same_readings(tmp_path):
     echo = (
         "for line in {where}:\n"
@@ -386,6 +387,7 @@ def test_a_program_that_is_no_estimator_is_refused(tmp_path, body, words):
         probe_estimator(made)
 
 
+@pytest.mark.ci
 def test_a_command_declares_what_a_file_of_python_says(tmp_path):
     body = (
         "for line in sys.stdin:\n"

@@ -55,6 +55,7 @@ def test_false_alarms_are_as_rare_as_stated(tmp_path):
     assert 5 <= alarms <= 45
 
 
+@pytest.mark.ci
 def test_a_change_of_six_standard_errors_is_found(tmp_path):
     """Power: limit of 50 at 1e-3 is 4.3 standard errors; 6 are missed once in 20."""
     rng = np.random.default_rng(4)

@@ -83,6 +83,7 @@ def test_a_distance_has_a_direction_only_beyond_chance(tmp_path):
     assert difference.standing == "worse"
 
 
+@pytest.mark.ci
 def test_a_false_direction_is_as_rare_as_a_false_change(tmp_path):
     """200 pairs of runs without a change: 20 biases and 20 squared errors each."""
     rng = np.random.default_rng(11)

@@ -10,6 +10,7 @@ from docs.site.equations import NUMBER, TAG, defined_in, home, modules, numbers
 DOCS = ROOT / "docs"
 
 
+@pytest.mark.ci
 def test_each_citation_of_an_equation_has_a_home():
     """The number of an equation in a docstring, a message or a comment."""
     lost = [

@@ -193,6 +193,7 @@ def test_a_cell_beside_one_that_kills_is_given_out_by_itself_before_it_fails():
     assert isinstance(queue.alone(1), Batch)
 
 
+@pytest.mark.ci
 def test_a_cell_that_waits_beside_a_deadly_one_is_not_failed_with_it(monkeypatch):
     # the scheduler blames all tasks that a worker had, those that waited too
     from distributed.scheduler import KilledWorker

@@ -65,6 +65,7 @@ def drawn(blocks):
     return drawn_rows(kept)
 
 
+@pytest.mark.ci
 def test_noise_that_is_right_raises_no_alarm():
     # 100 fresh seeds, three rows each, at a rate of 1e-3 in all: more than 2 alarms
     # have a probability of 1.5e-4 (Poisson of 0.1)

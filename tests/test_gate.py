@@ -18,6 +18,7 @@ from simval.results import CellName
 from simval.sweep import load_run
 
 
+@pytest.mark.ci
 def test_the_first_run_writes_the_baseline_and_fails(simval, tiny_run, tmp_path):
     baseline = tmp_path / "baseline.json"
     files = [tmp_path / name for name in ("j.xml", "s.md", "r.json")]
@@ -106,6 +107,7 @@ def test_another_environment_is_said(simval, tiny_run, tmp_path):
     assert "versions.numpy: 1.0 ->" in out
 
 
+@pytest.mark.ci
 def test_failed_and_missing_cells_are_not_a_pass(simval, tiny_run, tmp_path):
     baseline = tmp_path / "baseline.json"
     write_baseline(baseline, load_run(tiny_run), "before")
@@ -139,6 +141,7 @@ def test_update_asks_for_a_reason_and_keeps_it(simval, tiny_run, tmp_path):
     assert read_baseline(path)["reason"] == "new noise model"
 
 
+@pytest.mark.ci
 def test_green_is_one_line_and_red_names_the_command(simval, tiny_run, tmp_path):
     baseline = tmp_path / "baseline.json"
     write_baseline(baseline, load_run(tiny_run), "before")

@@ -65,6 +65,7 @@ def evil_run():
     return Run(folder=Path(), cells=tuple(cells), manifest={}, timing={})
 
 
+@pytest.mark.ci
 def test_files_of_a_failing_run(simval, tiny_run, tmp_path, monkeypatch):
     baseline = tmp_path / "baseline.json"
     write_baseline(baseline, load_run(tiny_run), "before")

@@ -99,6 +99,7 @@ def id_of(finding):
     return (finding.tier, finding.cell.name, finding.what, finding.check)
 
 
+@pytest.mark.ci
 def test_all_prints_each_and_the_files_keep_each(simval, tiny_run, tmp_path):
     from stores import edited
 

@@ -131,6 +131,7 @@ def attacked(run, place, capsys, count, seed, share):
     return found
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     "seed",
     [
@@ -157,6 +158,7 @@ def folder(small, tmp_path):
     return place
 
 
+@pytest.mark.ci
 def test_the_small_run_is_good(folder, simval, undrawn):
     for command in ("gate", "report", "export"):
         words = ("--no-baseline",) if command == "gate" else ()
@@ -227,6 +229,7 @@ def test_who_knows_the_seal_is_refused_by_what_does_not_agree(
     assert words in err
 
 
+@pytest.mark.ci
 def test_what_a_seal_cannot_show(folder, simval, tmp_path):
     """Rows left out of a cell, signed anew: the baseline and the cell itself know."""
     baseline = tmp_path / "baseline.json"

@@ -42,6 +42,7 @@ def held(command, loaded):
     assert idle(command, loaded) == []
 
 
+@pytest.mark.ci
 def test_calibrate(log):
     held("calibrate", imported("calibrate", log, "--rate", "50"))
 

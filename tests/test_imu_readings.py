@@ -310,6 +310,7 @@ GARBAGE = [None, True, "a", -1.0, [], {}, [1.0], [[1.0, 2.0]], 1e400, float("nan
 }, [[float("nan")] * 3] * 3, 10**400, ["a", "b", "c"], [[0.0] * 3] * 3]  # fmt: skip
 
 
+@pytest.mark.ci
 @given(st.data())
 def test_no_damaged_file_becomes_a_traceback(tmp_path_factory, data):
     values = tomllib.loads(FILE)

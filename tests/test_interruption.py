@@ -55,6 +55,7 @@ def ended(monkeypatch, *words):
     return caught.value.code
 
 
+@pytest.mark.ci
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.usefixtures("handlers")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -242,6 +242,7 @@ def test_number_of_cells_is_counted_rightly(tmp_path, monkeypatch):
         load_suite(str(path))
 
 
+@pytest.mark.ci
 def test_a_plugin_of_ten_gibibytes(tmp_path):
     path = tmp_path / "mine.py"
     with path.open("wb") as file:

@@ -51,6 +51,7 @@ def test_a_fault_is_refused_and_named(name):
     assert caught.value.exit_code == 3
 
 
+@pytest.mark.ci
 def test_good_logs_are_kept():
     for seed in range(2):
         rec = recording("good", seed)

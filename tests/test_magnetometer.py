@@ -468,6 +468,7 @@ def test_the_recipe_is_exact_without_noise_and_has_the_same_axes():
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
 
 
+@pytest.mark.ci
 def test_broken_equations_are_seen(monkeypatch):
     """The dip's sign, M transposed, the accelerometer's noise: each moves something."""
     body, iron = FORTY.noisy(200, np.random.default_rng(3), 0.05, IRON_STD)

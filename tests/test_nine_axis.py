@@ -99,6 +99,7 @@ def test_noise_free_recovery_from_wrong_starts(short):
     assert np.abs((fit.parameters[0] - TRUTH) / SIZE).max() < 1e-9
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("form", ["upper", "symmetric"])
 def test_noise_free_recovery_in_other_forms(short, form):
     poses, rows, fields = clean(short)
@@ -193,6 +194,7 @@ def noisy():
     return truth, data, calibrated(truth, *data)
 
 
+@pytest.mark.ci
 def test_moves_that_tell_nothing_leave_the_magnetometers_fit(noisy):
     """With an endless walk the rows of the gaps count for nothing."""
     truth, (poses, _, fields), found = noisy

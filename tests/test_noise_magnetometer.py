@@ -273,6 +273,7 @@ def test_a_stated_unit(simval, tmp_path, unit, scale):
     assert json.loads(out)["sensors"]["magnetometer"]["si_per_raw"] == scale
 
 
+@pytest.mark.ci
 def test_units_that_are_none(simval, logs, tmp_path):
     code, _, err = simval("noise", logs[1.0], "--magnetometer-unit", "furlongs")
     assert code == 2

@@ -286,6 +286,7 @@ def test_the_frames_are_what_they_say():
         assert np.allclose(field @ north, [1.0, np.cos(1.0)], rtol=0, atol=1e-16)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("vertical", VERTICALS)
 @pytest.mark.parametrize("frame", FRAMES)
 def test_a_frame_passes_and_every_other_is_told(frame, vertical):
@@ -386,6 +387,7 @@ SERIES = dataclasses.replace(
 )
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("side", ["body", "reference"])
 def test_theory_of_a_plugin_comes_from_itself(side, monkeypatch):
     plugin = dataclasses.replace(SERIES, side=side)
@@ -407,6 +409,7 @@ def test_theory_of_a_plugin_comes_from_itself(side, monkeypatch):
     assert "fail" not in {verdict.answer for verdict in judged}
 
 
+@pytest.mark.ci
 def test_series_of_quaternions_are_those_of_matrices(monkeypatch):
     def estimate(b1, b2, r1, r2):
         e = np.cross(b1 - r1, b2 - r2)
@@ -473,6 +476,7 @@ def test_what_cannot_work_with_series_is_refused_with_its_line(
     assert not measured(sound, monkeypatch)[1]
 
 
+@pytest.mark.ci
 def test_a_series_without_its_noise_fails(monkeypatch):
     def estimate(*vectors):
         if vectors[0].dtype != object:

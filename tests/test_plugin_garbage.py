@@ -204,6 +204,7 @@ KINDS = {
 }
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("side", ["body", "reference"])
 @pytest.mark.parametrize("kind", CLASSES_OF_ESTIMATORS)
 def test_the_clean_twins_of_each_class_pass(kind, side, monkeypatch):
@@ -217,6 +218,7 @@ def test_the_clean_twins_of_each_class_pass(kind, side, monkeypatch):
         assert found[name].prediction < 2e-3
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("kind", CLASSES_OF_ESTIMATORS)
 def test_no_class_passes_for_another(kind, monkeypatch):
     other = "triad" if kind != "triad" else "wahba"

@@ -57,6 +57,7 @@ def checkouts(tmp_path, monkeypatch):
     return folders
 
 
+@pytest.mark.ci
 def test_two_checkouts_compare(checkouts, simval):
     runs = [folder / "run" for folder in checkouts]
     for folder, run in zip(checkouts, runs, strict=True):
@@ -76,6 +77,7 @@ def test_two_checkouts_compare(checkouts, simval):
         assert (runs[0] / name).read_bytes() == (runs[1] / name).read_bytes()
 
 
+@pytest.mark.ci
 def test_nothing_that_is_shown_tells_of_folders(checkouts, simval, monkeypatch):
     pytest.importorskip("pyarrow")
     folder = checkouts[1]

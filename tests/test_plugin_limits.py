@@ -46,6 +46,7 @@ def named(rows, family):
     return [row for row in rows if str(row.statistic).startswith(f"{family}[")]
 
 
+@pytest.mark.ci
 def test_a_bias_may_be_seven_squared_noises(rows):
     """Relative to g: of a misalignment, of a scale, and of a bias in raw units."""
     K = np.abs(probe_sensor().K)

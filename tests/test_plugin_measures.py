@@ -502,6 +502,7 @@ SHELF = """
 """
 
 
+@pytest.mark.ci
 @pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")  # it never turns
 def test_the_documented_scenes_are_judged_as_documented(tmp_path):
     text = (EXAMPLES.parent / "scenes.md").read_text()

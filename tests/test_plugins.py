@@ -124,6 +124,7 @@ def covariance(b1, b2, r1, r2, noise_std, factor=1.0):
     return factor * noise_std**2 * np.linalg.inv(total)
 
 
+@pytest.mark.ci
 def test_the_leading_term_of_a_covariance_is_probed():
     # sum over both pairs of noise sigma^2 [b x][b x]' = sigma^2 H, so H^-1 sigma^2
     sound = changed(covariance=covariance)

@@ -128,6 +128,7 @@ def test_a_log_has_a_line_now_and_then(monkeypatch, capsys):
     assert lines[-1] == "86400/86400 cells"
 
 
+@pytest.mark.ci
 def test_a_short_sweep_in_a_log(simval, tiny_suite, tmp_path):
     code, _, err = simval("sweep", tiny_suite, "--out", tmp_path / "r", "--workers", 1)
     lines = err.splitlines()

@@ -34,6 +34,7 @@ def test_it_is_installed_with_the_package():
     assert point.value == "simval.pytest_plugin"
 
 
+@pytest.mark.ci
 def test_the_page_keeps_its_word(ended):
     text = PAGE.partition("## In your test suite")[2]
     block = re.search(r"```python\n(.*?)```", text, re.DOTALL)[1]
@@ -49,6 +50,7 @@ from simval.attitude.comparators import davenport
 WORDS = 'components="xyzs", matrix="passive", noise_std=0.05, samples=1024'
 
 
+@pytest.mark.ci
 def test_a_failure_is_the_gates_message_alone(ended):
     result = ended(
         HEAD
@@ -111,6 +113,7 @@ def test_the_users_own_line_is_shown_where_it_raises(ended):
     assert "raised ValueError: matmul" in said
 
 
+@pytest.mark.ci
 def test_settings_of_a_test_do_not_change_the_answer(ended):
     # a warning of the function, where warnings are errors; state of NumPy
     text = (

@@ -223,6 +223,7 @@ def test_decimated_recordings_give_the_same_answer(step):
     assert np.abs(error).max() < 2.0
 
 
+@pytest.mark.ci
 def test_the_command_takes_the_accelerometer_and_says_so(tmp_path, capsys):
     """A magnetometer in the first three columns, a clock in milliseconds."""
     rng = np.random.default_rng(39)

@@ -163,6 +163,7 @@ def test_xsens_detector_gives_the_reference_intervals(xsens):
     assert np.abs(found - bounds).max() <= 2
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("name", "scale", "bias", "off_diagonal"),
     [

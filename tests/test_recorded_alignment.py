@@ -147,6 +147,7 @@ def test_error_bars_hold():
     assert abs(errors.mean()) < 4.0 * errors.std() / np.sqrt(trials)
 
 
+@pytest.mark.ci
 def test_what_was_put_in_is_found():
     log = made(
         5,
@@ -172,6 +173,7 @@ def test_what_was_put_in_is_found():
     assert found.noise.mean() == pytest.approx(2e-4, rel=0.1)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("meaning", meanings("unstated"), ids=str)
 def test_every_order_and_direction_gives_the_same_truth(meaning):
     log = made(7, seconds=30.0, rate=50.0)

@@ -102,6 +102,7 @@ def ornstein_uhlenbeck(rng, count, memory, size=3):
     return values
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("memory", [1.0, 20.0, 100.0])
 def test_verdicts_keep_their_rate_and_have_power(memory):
     # logs of 2000 rows, errors that last up to a twentieth of one

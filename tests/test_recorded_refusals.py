@@ -34,6 +34,7 @@ def test_no_truth_of_another_log_is_taken(log):
             aligned(replace(log, truth=other.truth))
 
 
+@pytest.mark.ci
 def test_noise_is_no_truth(log):
     rng = np.random.default_rng(1)
     for components in (

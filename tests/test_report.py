@@ -91,6 +91,7 @@ def test_the_same_run_gives_the_same_bytes(tiny_run, page_and_figures, monkeypat
     assert svg_file(drawing) == svg_file(drawing)
 
 
+@pytest.mark.ci
 def test_nothing_of_the_day_or_the_host_is_inside(tiny_run, page):
     timing = json.loads((tiny_run / "timing.json").read_text())
     assert timing["started"] not in page
@@ -287,6 +288,7 @@ def test_one_figure_by_its_name(simval, tiny_run, tmp_path, undrawn):
     assert names == ["closeness.png", "closeness.svg"]
 
 
+@pytest.mark.ci
 def test_the_csv_of_the_numbers_is_exact(simval, tiny_run, tmp_path, undrawn):
     assert simval("report", tiny_run, "--tables", tmp_path)[0] == 0
     with (tmp_path / "numbers.csv").open(encoding="utf-8") as file:
@@ -310,6 +312,7 @@ def test_a_file_that_is_no_run_is_an_error(simval, tmp_path, content):
     assert "Traceback" not in err
 
 
+@pytest.mark.ci
 def test_what_cannot_be_read_or_written_is_an_error(
     simval, tiny_run, tmp_path, undrawn
 ):

@@ -106,6 +106,7 @@ def within(run, study, families, factors):
     return abs(mean / total) + 1.959963984540054 * np.sqrt(square) / total
 
 
+@pytest.mark.ci
 def test_an_accuracy_run_tells_sizes_units_and_how_near_theory_is(tmp_path):
     run = small_runs.accuracy(tmp_path / "run")
     (wrong, theory, before), section = first_screen(run)
@@ -174,6 +175,7 @@ def test_a_run_with_two_questions_has_the_usual_figures(tmp_path, more):
     assert len(asked) == (1 if more == "noise" else 0)
 
 
+@pytest.mark.ci
 def test_an_own_estimator_stands_beside_the_best_built_in_one(tmp_path):
     run = small_runs.own_estimator(tmp_path / "run")
     (wrong, _, _), _ = first_screen(run)

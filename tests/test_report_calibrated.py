@@ -88,6 +88,7 @@ def test_nothing_of_a_log_is_code_and_no_folder_is_shown(log, whole, result):
     assert not re.search(r'(src|href)="(?!#|data:)', page)
 
 
+@pytest.mark.ci
 def test_every_sensor_is_drawn_under_the_rests(log, whole, result):
     (drawing,) = section(log, whole, "signals").drawings
     assert [p.title for p in drawing.panels] == [

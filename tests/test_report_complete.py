@@ -330,6 +330,7 @@ def test_no_study_is_on_the_page_twice(tmp_path):
     assert len(figures) == len(set(figures))
 
 
+@pytest.mark.ci
 def test_a_formula_has_one_colour_on_all_figures(tmp_path):
     colours = {name: colour for name, (colour, _) in attitude.STYLES.items()}
     seen = set()

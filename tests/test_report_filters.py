@@ -27,6 +27,7 @@ def run(tmp_path_factory):
     return load_run(folder)
 
 
+@pytest.mark.ci
 def test_the_section_draws_errors_squares_budget_and_a_trial(run):
     context = Context(run=run, judged=judge_run(run), titles={"filter": "x"})
     section = filters.section(context)

@@ -214,6 +214,7 @@ def test_cells_are_grouped_by_what_varies_beside_the_axis():
     assert [len(g) for g in groups.values()] == [2, 2, 2, 2]
 
 
+@pytest.mark.ci
 def test_the_projected_moment_is_unbiased_where_the_norm_is_not():
     """Of a bias below its noise the norm is the noise, the projection is not."""
     rng = np.random.default_rng(8)

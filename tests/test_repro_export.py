@@ -48,6 +48,7 @@ def test_a_wrong_name_is_told_the_nearest(tiny_run):
         find_cell("what", run, (), "smoke")
 
 
+@pytest.mark.ci
 def test_repro_says_whether_the_bits_are_equal(simval, tiny_run):
     name = "attitude(geometry=3,noise_std=0.02,samples=65536)@1"
     code, out, _ = simval("repro", name, "--run", tiny_run)

@@ -72,6 +72,7 @@ def test_the_cells_of_a_million_take_no_memory():
     assert peak < 4 * MEBIBYTE  # 900 MiB when all were held
 
 
+@pytest.mark.ci
 def test_the_queue_of_ten_thousand_cells_takes_their_places_only():
     suite = suite_of(10_000)
     tracemalloc.start()
@@ -109,6 +110,7 @@ def test_batches_are_as_large_as_their_cells_say_they_cost(at_once):
     assert len(Queue(dear, range(3), 1e-3).take(1).cells) == 1
 
 
+@pytest.mark.ci
 def test_a_transaction_holds_a_batch_and_the_bytes_do_not_show_it(
     small, tmp_path, monkeypatch
 ):
@@ -145,6 +147,7 @@ class Stops(Silence):
             raise KeyboardInterrupt
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("after", [1, 10, 23])
 def test_a_sweep_stopped_within_a_batch_ends_with_the_same_bytes(
     small, tmp_path, monkeypatch, after
@@ -209,6 +212,7 @@ FAR = [
 """Four that fail, each with a limit of its own by Holm's rule."""
 
 
+@pytest.mark.ci
 @given(rows=st.lists(ROWS, max_size=12), cut=st.integers(1, 5))
 @example(rows=FAR, cut=1)
 @example(rows=FAR, cut=4)
@@ -250,6 +254,7 @@ def large(request, small, tmp_path, monkeypatch):
     return folder
 
 
+@pytest.mark.ci
 def test_a_large_run_is_judged_as_if_it_were_small(small, large):
     whole, part = load_run(small), load_run(large)
     assert isinstance(whole.cells, StoredCells)
@@ -270,6 +275,7 @@ def test_a_large_run_is_judged_as_if_it_were_small(small, large):
         assert len(findings(b)) < len(findings(a))
 
 
+@pytest.mark.ci
 def test_a_large_run_is_compared_as_if_it_were_small(small, large):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(run, "KEPT", 10**6)
@@ -295,6 +301,7 @@ def test_a_large_run_is_compared_as_if_it_were_small(small, large):
     assert len(b.differences) < len(a.differences)
 
 
+@pytest.mark.ci
 def test_no_baseline_is_made_of_a_large_run(large, tmp_path):
     with pytest.raises(InputError, match="compare it with an earlier one"):
         write_baseline(tmp_path / "b.json", load_run(large), "first")
@@ -326,6 +333,7 @@ def test_a_grid_is_thinned_along_its_longest_axes():
     assert thinned(axes, 10_000, 10_000) == {k: frozenset(v) for k, v in axes.items()}
 
 
+@pytest.mark.ci
 def test_damaged_parquet_is_refused_and_a_missing_one_is_read_from_the_store(
     small, tmp_path, monkeypatch
 ):
@@ -366,6 +374,7 @@ def test_a_reader_of_parquet_takes_the_columns_and_studies_that_it_asks_for(
     assert few.column_names == ["noise_std", "value"]
 
 
+@pytest.mark.ci
 def test_a_large_run_without_pyarrow_has_its_table_as_text(
     small, tmp_path, monkeypatch
 ):
@@ -416,6 +425,7 @@ def test_a_batch_in_which_a_cell_fails_keeps_the_others():
     assert "ZeroDivisionError" in done[4].cell[6]
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("pyarrow", [True, False])
 def test_gaps_of_a_large_run_are_those_of_a_small_one(tmp_path, monkeypatch, pyarrow):
     monkeypatch.setattr(runner, "KEPT", 0 if pyarrow else 10**6)

@@ -215,6 +215,7 @@ def test_an_animation_has_its_frames_and_moves(picture, tmp_path):
     assert (np.abs(first - last).max(axis=2) > 50).sum() > 100
 
 
+@pytest.mark.ci
 def test_pictures_that_cannot_be_drawn_say_why(picture, monkeypatch, tmp_path):
     with pytest.raises(InputError, match="outside the run"):
         render("gimbal", time=1e6, poses=2)

@@ -30,6 +30,7 @@ def falling(request):
     return simulate("freefall", site_offset=place)
 
 
+@pytest.mark.ci
 def test_the_cube_shows_six_directions_of_rank_six(cube):
     means = cube.hold_means() / cube.g
     assert observability(means).rank == 6

@@ -175,6 +175,7 @@ def budget():
     return rows_of(end_to_end.run(parameters, streams("budget")))
 
 
+@pytest.mark.ci
 def test_every_part_of_the_budget_is_as_predicted(budget):
     limit = stats.t.isf(1e-4 / 2 / 6, TRIALS - 1)  # six rows, one alarm in 1e4 seeds
     for part in PARTS:
@@ -230,6 +231,7 @@ def sensors_of(theta):
     return body, MagnetometerModel(M=theta[9:18].reshape(3, 3), b=theta[18:21])
 
 
+@pytest.mark.ci
 def test_the_carriers_jacobian_is_the_derivative_of_the_whole_chain():
     """Against central differences through correction and estimator, no formula."""
     _, wanted, problem = case()
@@ -265,6 +267,7 @@ def test_the_carriers_jacobian_is_the_derivative_of_the_whole_chain():
             np.testing.assert_allclose(covariance, expected, rtol=0, atol=1e-7)
 
 
+@pytest.mark.ci
 def test_the_calibrations_parts_are_what_moves_the_fit():
     """Against the weighted fit itself, moved one reading at a time; they add up."""
     scenario, wanted, _ = case()

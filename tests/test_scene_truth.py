@@ -167,6 +167,7 @@ def test_the_trajectory_has_the_integrators_order(integrator, order, steps):
     assert error[0] > 10 * error[-1] or order == 1
 
 
+@pytest.mark.ci
 def test_energy_and_momentum_are_kept_by_runge_kutta_and_not_by_euler():
     inertia = load_model(find_scene("freefall").model).model.body_inertia[1]
 

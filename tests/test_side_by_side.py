@@ -161,6 +161,7 @@ def test_a_class_that_fails_a_little_is_never_called_whole_or_none(share, words)
     assert _percent(share) == words
 
 
+@pytest.mark.ci
 def test_a_users_algorithms_come_right_after_the_verdict(tmp_path, monkeypatch):
     def anchors(run):
         return [s.anchor for s in sections(run)]

@@ -75,11 +75,13 @@ def test_threads_that_ask_at_once():
     assert told(program) == "{np.float64(0.0)}"
 
 
+@pytest.mark.ci
 def test_an_unknown_name_is_refused():
     program = "import scipy.special as s\nprint(hasattr(s, 'nothing'))"
     assert told(program) == "False"
 
 
+@pytest.mark.ci
 def test_the_physics_engine_runs_when_it_is_used():
     program = (
         "import mujoco\nimport mujoco\nprint('mujoco._structs' in sys.modules)\n"
@@ -89,6 +91,7 @@ def test_the_physics_engine_runs_when_it_is_used():
     assert told(program) == "False\nTrue True"
 
 
+@pytest.mark.ci
 def test_a_package_that_fails_says_why():
     program = (
         "import mujoco\nsys.modules['mujoco._version'] = None\n"

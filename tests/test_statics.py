@@ -173,6 +173,7 @@ def xsens():
     return log, reference
 
 
+@pytest.mark.ci
 def test_imu_tk_intervals_are_reproduced_on_its_own_recording(xsens):
     log, reference = xsens
     rest = initial_rest(log.accelerometer, log.rows_within(reference["init_static_s"]))

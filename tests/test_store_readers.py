@@ -63,6 +63,7 @@ def at_the_end(monkeypatch, folder, statements, stack):
     monkeypatch.setattr(runner, "seal", seal)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("statements", [OPEN, SNAPSHOT])
 def test_a_reader_at_the_end_is_named_and_not_waited_for(
     statements, suite, tmp_path, simval, monkeypatch
@@ -116,6 +117,7 @@ def test_a_short_reader_is_waited_for(suite, tmp_path, monkeypatch):
     assert not list(folder.glob("run.sqlite-*"))
 
 
+@pytest.mark.ci
 def test_one_who_writes_is_waited_for_and_named(suite, tmp_path, monkeypatch):
     monkeypatch.setattr(doors, "PATIENCE", 0.1)
     folder, whole = tmp_path / "run", tmp_path / "whole"

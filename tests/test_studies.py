@@ -44,6 +44,7 @@ def recovered():
     return outcome("calibration", parameters)
 
 
+@pytest.mark.ci
 def test_rms_error_is_within_5_percent_of_the_predicted(recovered):
     for name in ("T", "K", "B"):
         found = row(recovered, f"rms[{name}]", "first order")

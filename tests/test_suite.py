@@ -117,6 +117,7 @@ def test_a_byte_order_mark_is_no_error(tmp_path):
     assert len(load_suite(str(path)).cells) == 1
 
 
+@pytest.mark.ci
 def test_every_scene_of_the_builtin_suites_shows_enough_faces():
     wanted = {
         (cell.parameters.scene, cell.parameters.poses)

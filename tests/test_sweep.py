@@ -35,6 +35,7 @@ def test_workers_and_order_do_not_change_the_table(tiny_suite, tiny_run, tmp_pat
     assert digest(tmp_path / "other") != digest(tiny_run)
 
 
+@pytest.mark.ci
 def test_a_cell_does_not_depend_on_its_neighbours(tiny_suite, tiny_run, tmp_path):
     suite = load_suite(str(tiny_suite), ["attitude.noise_std=0.005,0.02"])
     run = run_suite(suite, tmp_path / "changed")
@@ -167,6 +168,7 @@ def test_a_failed_cell_leaves_the_others_and_its_traceback(
     assert failed.name not in (tmp_path / "run" / "results.csv").read_text()
 
 
+@pytest.mark.ci
 def test_a_killed_run_resumes_to_the_same_table(tiny_suite, tiny_run, tmp_path):
     folder = tmp_path / "killed"
     # a fork has imported everything already

@@ -41,6 +41,7 @@ def counted(monkeypatch):
     return count
 
 
+@pytest.mark.ci
 def test_sound_rows_are_counted_as_stated(counted):
     found = counted(1.0)
     assert {(t.check, t.rows, t.runs) for t in found} == {
@@ -56,6 +57,7 @@ def test_sound_rows_are_counted_as_stated(counted):
     assert 0 < plain_rows.seen < 24 + 3.1 * plain_rows.error
 
 
+@pytest.mark.ci
 def test_standard_errors_that_are_too_small_are_found(counted):
     # by a fifth: 2.576 standard errors are 2.15, and p is 3.2 % there
     found = counted(1.2)

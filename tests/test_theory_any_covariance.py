@@ -51,6 +51,7 @@ def test_isotropic_noise_agrees_with_the_closed_form(size):
         assert relative(found[0], known[0]) < 1e-10 + 1e-15 / np.linalg.norm(known[0])
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("kind", [full, tangent])
 def test_cubature_agrees_where_it_can(kind):
     # degree 9 leaves out sigma^10 of a covariance of sigma^2: (sigma/|qbar|)^8 with a

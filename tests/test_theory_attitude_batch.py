@@ -273,6 +273,7 @@ def test_every_estimator_states_its_covariance():
     assert max(found.values()) < 4.0  # 3e-4 of false alarm
 
 
+@pytest.mark.ci
 def test_a_covariance_that_is_told_wrong_is_seen(monkeypatch):
     """10 % more noise than told: 21 % of 3, at a standard error of 0.03."""
     found = nees_rows(monkeypatch, 1.1)

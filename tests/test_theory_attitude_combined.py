@@ -154,6 +154,7 @@ MANY = pytest.mark.parametrize(
 )  # geometries: each has bounds of its own to keep, more of them find rarer ones
 
 
+@pytest.mark.ci
 @MANY
 def test_price_of_the_closed_form(count):
     """RMS error over the Cramer-Rao bound, which the q-method reaches."""

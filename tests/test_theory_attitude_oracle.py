@@ -148,6 +148,7 @@ def test_some_or_no_noise(std):
         assert np.linalg.norm(found.covariance - fourth.covariance) < limit
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     "std", [[0.3, 0.3, 0.3, 0.3], [0.02, 0.1, 0.2, 0.05], [0.2, 0.01, 0.1, 0.02]]
 )

@@ -100,6 +100,7 @@ FLOOR = 30 * 1e-15
 ORDERS = [(2, 4.0), ("4-paper", 4.0), (4, 6.0)]
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("kind", ["full", "tangent"])
 def test_convergence_order_against_cubature(kind):
     sigmas = np.geomspace(0.005, 0.02, 5)

@@ -94,6 +94,7 @@ def synthetic(tmp_path, tables, seeds=None, errors=1.0, **fields):
     ]
 
 
+@pytest.mark.ci
 def test_lines_share_the_false_alarm_rate(tmp_path):
     """60 series of six runs with twelve statistics each, at 10 %."""
     rng, alpha, count = np.random.default_rng(12), 0.1, 60
@@ -243,6 +244,7 @@ def test_where_a_run_comes_from(folder):
     assert changed.commit == "abc+"
 
 
+@pytest.mark.ci
 def test_the_command_says_it_and_writes_it(simval, folder, tmp_path):
     names = ("page.html", "values.csv", "steps.json")
     files = [tmp_path / name for name in names]

@@ -204,6 +204,7 @@ def test_checks_without_chance():
 finite = st.floats(-1e6, 1e6)
 
 
+@pytest.mark.ci
 @given(
     values=st.lists(
         st.tuples(finite, st.floats(1e-6, 1e6), st.floats(0.0, 0.49)),
@@ -227,6 +228,7 @@ def test_a_wider_remainder_never_turns_a_pass_into_a_fail(values):
         assert not (a.answer == "pass" and b.answer == "fail")
 
 
+@pytest.mark.ci
 def test_a_pass_means_that_a_discrepancy_would_have_been_seen():
     # one plain row at alpha: (z + z99) s <= PRACTICAL s sqrt(n) just at this n
     alpha = 1e-3

@@ -124,6 +124,7 @@ def test_the_bound_of_two_is_the_two_vector_bound():
     assert np.array_equal(ours.rotation, theirs.rotation)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("n", [2, 3, 6])
 def test_the_loss_is_chi_square(n):
     """Kolmogorov-Smirnov over 20 000 samples at a false-alarm rate of 1e-3."""
@@ -330,12 +331,14 @@ def distance(row):
     return (abs(row.value - row.prediction) - row.remainder) / row.standard_error
 
 
+@pytest.mark.ci
 def test_the_study_agrees_with_theory(cell):
     judged = [row for row in cell.values() if row.check in ("plain", "nees")]
     assert len(judged) == 7
     assert max(distance(row) for row in judged) < 4.0  # 3e-4 of false alarm
 
 
+@pytest.mark.ci
 def test_the_study_sees_noise_that_is_told_wrong(monkeypatch):
     """10 % more noise than told shows in error, covariance and test."""
     draw = attitude_vectors.Setting.draw
