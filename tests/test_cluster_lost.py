@@ -13,8 +13,6 @@ from simval.sweep import run_suite
 from simval.sweep.suite import expand
 
 pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
-pytestmark = pytest.mark.ci
-
 SUITE = (
     f"[attitude]\ngeometry = {list(range(1, 13))}\nnoise_std = 0.02\nsamples = 65536\n"
 )
@@ -28,6 +26,7 @@ def suite(tmp_path):
     return path
 
 
+@pytest.mark.slow
 def test_no_worker_is_waited_for_so_long_and_said(suite, tmp_path):
     with Cluster(tmp_path) as cluster:
         cluster.await_workers(0)
@@ -69,12 +68,14 @@ def lost(suite, tmp_path, which):
     return code, err
 
 
+@pytest.mark.ci
 def test_all_workers_lost_is_said_and_resumed(suite, tmp_path):
     code, err = lost(suite, tmp_path, "worker")
     assert code == 3, err
     assert "none joined within 2 s" in err
 
 
+@pytest.mark.slow
 def test_a_scheduler_killed_is_one_line(suite, tmp_path):
     code, err = lost(suite, tmp_path, "scheduler")
     assert code == 3, err
@@ -85,6 +86,7 @@ def test_a_scheduler_killed_is_one_line(suite, tmp_path):
     assert "distributed" not in err
 
 
+@pytest.mark.slow
 def test_a_worker_that_comes_back_in_time_goes_on(tmp_path, monkeypatch):
     monkeypatch.setenv("DASK_DISTRIBUTED__ADMIN__LOW_LEVEL_LOG_LENGTH", "0")
     geometries = list(range(1, 7))
@@ -139,6 +141,7 @@ def certificate(tmp_path):
     return {**settings, "DASK_DISTRIBUTED__COMM__REQUIRE_ENCRYPTION": "true"}
 
 
+@pytest.mark.ci
 def test_a_cluster_with_certificates_takes_no_other_driver(
     suite, certificate, tmp_path
 ):
@@ -158,5 +161,6 @@ def test_a_cluster_with_certificates_takes_no_other_driver(
     assert len({table.read_bytes() for table in tables}) == 1
 
 
+@pytest.mark.ci
 def test_a_lost_cluster_is_no_fault_of_the_words_that_were_given():
     assert LostClusterError.exit_code == 3

@@ -21,7 +21,6 @@ from simval.gate import write_baseline
 from simval.sweep import load_run, run_suite
 
 pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
-pytestmark = pytest.mark.ci
 
 
 def digest(folder):
@@ -47,6 +46,7 @@ def stranger(tmp_path):
     return copy_of_source(tmp_path / "stranger", studies__attitude=(old, new))
 
 
+@pytest.mark.ci
 def test_a_worker_of_other_source_computes_nothing(suite, stranger, tmp_path):
     run_suite(str(suite), tmp_path / "alone")
     with Cluster(tmp_path) as cluster:
@@ -59,6 +59,7 @@ def test_a_worker_of_other_source_computes_nothing(suite, stranger, tmp_path):
     assert digest(tmp_path / "run") == digest(tmp_path / "alone")
 
 
+@pytest.mark.ci
 def test_a_stranger_that_joins_late_computes_nothing_though_it_is_alone(
     suite, stranger, tmp_path
 ):
@@ -85,6 +86,7 @@ def test_a_stranger_that_joins_late_computes_nothing_though_it_is_alone(
     assert digest(folder) == digest(tmp_path / "alone")
 
 
+@pytest.mark.slow
 def test_other_kernels_compute_where_that_is_asked_for(suite, tmp_path, simval):
     here, there = (machine(words) for words in ({}, OTHER_KERNELS))
     if here == there:

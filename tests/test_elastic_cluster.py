@@ -13,8 +13,6 @@ from simval.sweep.runner import Silence, drive
 from simval.sweep.suite import expand
 
 pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
-pytestmark = pytest.mark.ci
-
 __all__ = ["scheduled"]  # a fixture
 
 
@@ -69,6 +67,7 @@ class Comings(Silence):
             self.workers[1].send_signal(signal.SIGKILL)  # with a batch at work
 
 
+@pytest.mark.slow
 def test_the_window_follows_workers_that_join_and_leave(
     scheduled, tmp_path, monkeypatch
 ):
@@ -114,6 +113,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_an_adaptive_cluster_grows_with_the_demand(tmp_path):
     file = tmp_path / "adaptive.py"
     file.write_text(ADAPTIVE)
@@ -158,6 +158,7 @@ def workers_at(address):
         return len(client.nthreads())
 
 
+@pytest.mark.slow
 def test_a_batch_that_loses_its_workers_is_given_out_cell_by_cell(
     tmp_path, monkeypatch
 ):

@@ -202,9 +202,19 @@ class Futures:
         return SimpleNamespace(
             done=lambda: answer is not None,
             status="error" if isinstance(answer, Exception) else "finished",
-            result=lambda: answer,
-            exception=lambda: answer,
+            result=lambda timeout: fetched(answer),
+            exception=lambda timeout: fetched(answer),
         )
+
+
+def fetched(answer):
+    """An answer on its way, or none where it was lost with its worker."""
+    if answer is LOST:
+        raise TimeoutError
+    return answer
+
+
+LOST = "lost"
 
 
 def test_the_question_travels_as_code():
@@ -239,3 +249,18 @@ def test_a_worker_computes_once_it_has_answered_and_is_the_same():
         roster.look()
     assert issubclass(LostClusterError, Exception)
     assert LostClusterError.exit_code == 3
+
+
+def test_an_answer_that_is_lost_with_its_worker_is_asked_for_again():
+    client = Futures(back=LOST)
+    roster = Roster(client, Stated(driver=here()), print)
+    for _ in range(4):  # asked, lost, asked, lost
+        roster.look()
+        roster._at -= 10.0
+    assert not roster.threads
+    assert not roster.refused
+    client.answers = {"back": here()}
+    for _ in range(3):
+        roster.look()
+        roster._at -= 10.0
+    assert roster.threads == {"back": 2}

@@ -15,6 +15,9 @@ from simval.text import message_of
 ASKED = 1.0
 """How old the list of workers may be, s."""
 
+FETCH = 5.0
+"""How long an answer that is there may travel, s: it is lost with its worker."""
+
 Tell = Callable[[str], None]
 """Says to the user what becomes of the workers."""
 
@@ -96,7 +99,10 @@ class Roster:
             )
         elif answer.done():
             del self._answers[address]
-            lines = self._lines(answer)
+            try:
+                lines = self._lines(answer)
+            except TimeoutError:  # lost when it had answered: if it is back, ask again
+                return
             if lines:
                 self.refuse(address, lines)
             else:
@@ -104,10 +110,11 @@ class Roster:
 
     def _lines(self, answer: Any) -> tuple[str, ...]:
         if answer.status != "finished":
-            error = answer.exception() if answer.status == "error" else answer.status
+            failed = answer.status == "error"
+            error = answer.exception(timeout=FETCH) if failed else answer.status
             there = message_of(error) if isinstance(error, BaseException) else error
         else:
-            there = answer.result()
+            there = answer.result(timeout=FETCH)
         if not isinstance(there, Identity):
             return unable(str(there))
         return differing(self._stated.driver, there, mixed=self._stated.mixed)
