@@ -205,7 +205,10 @@ def _held_by(file: Path) -> list[Any]:
         raise UnusablePluginError(msg)
     try:
         content = vars(_imported(file))
-    except (Exception, SystemExit) as error:  # whatever a user's file may raise
+    except SystemExit as error:
+        msg = f"the plug-in file {file} calls exit({error.code})"
+        raise UnusablePluginError(msg) from None
+    except Exception as error:  # whatever a user's file may raise
         msg = f"the plug-in file {file} fails with {message_of(error)}"
         raise UnusablePluginError(msg) from error
     return _distinct(file, content)
