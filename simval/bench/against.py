@@ -31,15 +31,30 @@ Standing = Literal["pass", "slower", "inconclusive", "not judged"]
 class Change:
     """What became of a contender's ratio."""
 
-    race: str
-    contender: str
     then: Kept | None
     now: Kept | None
-    # interval of its time now, in its time then
-    low: float | None
-    high: float | None
     standing: Standing
-    words: str  # why, where it is not what the interval says
+    words: str = ""  # why, where it is not what the interval says
+    # interval of its time now, in its time then
+    low: float | None = None
+    high: float | None = None
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Race and contender: it was there then, or is there now."""
+        one = self.now if self.now is not None else self.then
+        assert one is not None
+        return one.key
+
+    @property
+    def race(self) -> str:
+        """Its race."""
+        return self.key[0]
+
+    @property
+    def contender(self) -> str:
+        """Its name."""
+        return self.key[1]
 
 
 def measured(
@@ -66,7 +81,7 @@ def changes_of(
     gone = [k for key, k in then.items() if key[0] == race and key not in found]
     return [
         *(_change(then.get(key), kept) for key, kept in found.items()),
-        *(_alone(kept, None, *_of_gone(kept)) for kept in gone),
+        *map(_gone, gone),
     ]
 
 
@@ -82,10 +97,13 @@ def _open(change: Change) -> bool:
     return change.low is not None and change.standing in ("slower", "inconclusive")
 
 
-def _of_gone(kept: Kept) -> tuple[Standing, str]:
-    if not _judged(kept):
-        return "not judged", "is not there now"
-    return "inconclusive", "is not there now; if that is meant, make the file anew"
+def _gone(kept: Kept) -> Change:
+    standing: Standing = "not judged"
+    words = "is not there now"
+    if _judged(kept):
+        standing = "inconclusive"
+        words = f"{words}; if that is meant, make the file anew"
+    return Change(then=kept, now=None, standing=standing, words=words)
 
 
 def _judged(kept: Kept) -> bool:
@@ -95,22 +113,22 @@ def _judged(kept: Kept) -> bool:
 def _change(then: Kept | None, now: Kept) -> Change:
     if not _judged(now):
         words = "not simval's" if not now.ours else "its time is that on the wall"
-        return _alone(then, now, "not judged", words)
+        return Change(then=then, now=now, standing="not judged", words=words)
     if then is None:
-        return _alone(then, now, "not judged", "is new")
+        return Change(then=then, now=now, standing="not judged", words="is new")
     if (then.reference, then.clock) != (now.reference, now.clock):
         words = (
             f"its reference was {then.reference} ({then.clock} time) and is "
             f"{now.reference} ({now.clock} time); make the file anew"
         )
-        return _alone(then, now, "inconclusive", words)
+        return Change(then=then, now=now, standing="inconclusive", words=words)
     few = [k for k in (then, now) if k.confidence < CONFIDENCE]
     if few:
         words = (
             f"{few[0].rounds} rounds have an interval of {few[0].confidence:.0%}; "
             f"{rounds_for()} are needed"
         )
-        return _alone(then, now, "inconclusive", words)
+        return Change(then=then, now=now, standing="inconclusive", words=words)
     return _compared(then, now)
 
 
@@ -121,30 +139,4 @@ def _compared(then: Kept, now: Kept) -> Change:
         standing = "slower"
     elif high <= 1.0 + SLOWER:
         standing = "pass"
-    return Change(
-        race=now.race,
-        contender=now.contender,
-        then=then,
-        now=now,
-        low=low,
-        high=high,
-        standing=standing,
-        words="",
-    )
-
-
-def _alone(
-    then: Kept | None, now: Kept | None, standing: Standing, words: str
-) -> Change:
-    one = now if now is not None else then
-    assert one is not None
-    return Change(
-        race=one.race,
-        contender=one.contender,
-        then=then,
-        now=now,
-        low=None,
-        high=None,
-        standing=standing,
-        words=words,
-    )
+    return Change(then=then, now=now, standing=standing, low=low, high=high)

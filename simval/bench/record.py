@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from simval.bench.rounds import Result
+from simval.bench.rounds import Rated, Result
 from simval.errors import InputError
 from simval.text import shown
 
@@ -22,21 +22,10 @@ LARGEST: Final = 50_000_000  # bytes; a thousand rounds of all races have 3 mill
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Kept:
+class Kept(Rated):
     """How one contender did, as a file has it."""
 
-    race: str
-    contender: str
-    item: str
     reference: str  # the first contender of its race
-    rate: float
-    ratio: float
-    low: float
-    high: float
-    confidence: float
-    clock: str
-    ours: bool
-    other: str
     rounds: int
 
     @property

@@ -27,7 +27,24 @@ TICK = 1e-9  # s, least time: a clock that did not move divides nothing
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Result:
+class Rated:
+    """How one contender did, as it is printed, written and read."""
+
+    race: str
+    contender: str
+    item: str
+    rate: float
+    ratio: float
+    low: float
+    high: float
+    confidence: float
+    clock: str
+    ours: bool
+    other: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Result(Rated):
     """How one contender did.
 
     Attributes
@@ -54,18 +71,7 @@ class Result:
         Its rate by the reference's in each round.
     """
 
-    race: str
-    contender: str
-    item: str
     count: int
-    rate: float
-    ratio: float
-    low: float
-    high: float
-    confidence: float
-    clock: str
-    ours: bool
-    other: str
     seconds: tuple[float, ...]
     ratios: tuple[float, ...]
 
