@@ -11,7 +11,7 @@ from rounding import EPS, relative
 
 from simval.attitude import two_vector_quaternion
 from simval.errors import GeometryError, InputError, RefusedError
-from simval.geometry import normalize
+from simval.geometry import compose, normalize
 from simval.streams import Streams
 from simval.studies import attitude_vectors, vectors_setting
 from simval.studies.stated_covariance import closed_form_square
@@ -331,3 +331,16 @@ def test_the_example_of_the_page():
     test = doctest.DocTestParser().get_doctest(example, names, "page", None, 0)
     assert len(test.examples) >= 5
     assert doctest.DocTestRunner(verbose=False).run(test).failed == 0
+
+
+def test_a_turn_does_not_depend_on_the_sign_of_a_quaternion():
+    rng = np.random.default_rng(11)
+    q = normalize(rng.standard_normal(4))
+    turns = rng.uniform(-1.5, 1.5, (50, 3))
+    turns[0] = 0.0
+    half = np.linalg.norm(turns, axis=1, keepdims=True) / 2.0
+    part = turns / 2.0 * np.sinc(half / np.pi)
+    estimates = compose(q, np.concatenate([part, np.cos(half)], axis=1))
+    for sign in (1.0, -1.0, rng.choice([-1.0, 1.0], (50, 1))):
+        found = vectors_setting.turn_between(q, sign * estimates)
+        np.testing.assert_allclose(found, turns, rtol=0, atol=1e-14)
