@@ -82,6 +82,29 @@ def test_of_any_pace_it_is_finite_and_ends_at_nothing(costs, workers, pace):
     assert left.seconds(0.0) <= 1e-9 * max(sum(costs), 1.0)
 
 
+@given(COSTS, st.integers(1, 4), st.integers(1, 8), st.randoms(use_true_random=False))
+def test_cells_that_end_together_in_any_order_leave_nothing_at_work(
+    costs, workers, size, order
+):
+    # batches of cells are told of as one, and a later batch may end first; before, the
+    # cells of it were named as at work until the last one, and the time left stood
+    cells = [Cell("priced", Priced(k=k, seconds=c), 1) for k, c in enumerate(costs)]
+    left = TimeLeft(cells, workers, 0.0)
+    batches = [cells[k : k + size] for k in range(0, len(cells), size)]
+    order.shuffle(batches)
+    ended, now = set(), 0.0
+    for batch in batches:
+        now += sum(cell.parameters.seconds for cell in batch)
+        for cell in batch:
+            left.end(cell.name, now)
+            ended.add(cell.name)
+        running = {cell.name for cell in left.running()}
+        assert not running & ended
+        assert len(running) == min(workers, len(cells) - len(ended))
+        assert 0.0 <= left.seconds(now) < np.inf
+    assert left.seconds(now) == 0.0
+
+
 def test_it_is_weighed_by_cost_and_learns_the_pace():
     # 100 cells of a second and then one of 900: half way by the count, a tenth by cost
     costs = [1.0] * 100 + [900.0]

@@ -7,8 +7,10 @@ stated costs themselves as `PRIOR` seconds of evidence,
     pace = (PRIOR + sum of taken) / (PRIOR + sum of stated).
 
 Cells begin in their order, as many at a time as there are workers, so those that run
-are the first that have not ended. What is left of one is its cost times the pace, less
-its age. The time left is what is left of all over the workers, or of the longest one.
+are the first that have not ended. Cells that travel together end together, some of them
+before earlier ones; these are passed over when their turn comes. What is left of one is
+its cost times the pace, less its age. The time left is what is left of all over the
+workers, or of the longest one.
 """
 
 from array import array
@@ -50,13 +52,16 @@ class TimeLeft:
         self._begun = 0
         self._workers = workers
         self._running: dict[str, Running] = {}
+        self._early: set[str] = set()  # ended, and not yet taken for begun
         self._taken = self._stated = PRIOR
         self._begin(now)
 
     def end(self, name: str, now: float) -> None:
         """Note that a cell has ended, and that the next one begins."""
         ended = self._running.pop(name, None)
-        if ended is not None:
+        if ended is None:
+            self._early.add(name)
+        else:
             self._taken += now - ended.began
             self._stated += ended.cost
         self._begin(now)
@@ -76,11 +81,14 @@ class TimeLeft:
         return max(whole, pace * self._greatest[self._begun], *parts)
 
     def _begin(self, now: float) -> None:
-        free = self._workers - len(self._running)
-        for place in range(self._begun, min(self._begun + free, len(self._cells))):
-            cell = self._cells[place]
+        while len(self._running) < self._workers and self._begun < len(self._cells):
+            cell, cost = self._cells[self._begun], self._costs[self._begun]
             self._begun += 1
-            self._running[cell.name] = Running(cell, self._costs[place], now)
+            if cell.name in self._early:
+                self._early.remove(cell.name)
+                self._stated += cost  # its time was that of those taken to run
+            else:
+                self._running[cell.name] = Running(cell, cost, now)
 
 
 def told(seconds: float) -> str:
