@@ -65,7 +65,8 @@ from simval.theory.magnetometer_poses import (
 VARIANCE_NEXT = 10.0  # of eq. (M9), measured
 BIAS_NEXT = 10.0  # of eq. (M10), measured
 EVEN = 2.4  # w sqrt(n) / sigma of many poses, for any dip from 0 to 89 degrees
-_STEP = 1e-4  # of a reading's size: rounding and truncation leave 1e-8 of a derivative
+_STEP = 1e-3  # of a reading's size: rounding and truncation leave 1e-6 of the bias
+_SECOND = {-2: -1 / 12, -1: 4 / 3, 0: -5 / 2, 1: 4 / 3, 2: -1 / 12}  # fourth order
 _CHUNK = 256  # perturbed readings worked at once
 _RANK = 1e-10  # of the greatest singular value, columns of equal length
 
@@ -173,7 +174,7 @@ def magnetometer_moments(
     to_dip[-1] = 1.0 / np.cos(np.arcsin(problem.theta[-1]))
     bias = _second_order(problem, covariance, slopes, weights)
     # arcsin is curved: half its second derivative times the variance
-    bias[-1] += 0.5 * np.tan(dip) * to_dip[-1] * covariance[-1, -1] * to_dip[-1]
+    bias[-1] += 0.5 * np.tan(dip) * to_dip[-1] * covariance[-1, -1]
     sd, count = np.sqrt(np.diagonal(covariance)), len(problem.y)
     noise = float(np.max(problem.sigma / problem.size))
     u, k = (noise / np.cos(dip)) ** 2, max(1.0, worst * count**0.5 / noise / EVEN)
@@ -245,9 +246,11 @@ def _second_order(
         y = np.zeros((len(rows), count))
         y[np.arange(len(rows)), rows] = step[rows]
         y = y.reshape(-1, *p.y.shape)
-        twice = sum(_score(p, p.theta + s * theta, p.y + s * y) for s in (1.0, -1.0))
-        bent = (twice - 2.0 * _score(p, p.theta, p.y)) / step[rows, None] ** 2
-        total += p.sigma.reshape(-1)[rows] ** 2 @ bent
+        bent = sum(
+            weight * _score(p, p.theta + k * theta, p.y + k * y)
+            for k, weight in _SECOND.items()
+        )
+        total += (p.sigma.reshape(-1)[rows] / step[rows]) ** 2 @ bent
     return -0.5 * covariance @ total
 
 

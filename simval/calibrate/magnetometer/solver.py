@@ -2,9 +2,9 @@ r"""Reweighted Gauss-Newton for a batch of trials, damped where a step would not
 
 Each step takes the weights of eq. (M4) at the parameters at hand, so it ends where
 :math:`\sum J^T W c = 0`. A step must lower the cost under the weights it was made
-with, else it is damped. A trial ends when its next step is less than `TOLERANCE` of its
-own error bars, or of the parameters themselves, whichever allows more; it leaves the
-batch then, so no trial depends on its neighbours.
+with, or be short beside its error bars; else it is damped. A trial ends when its next
+step is less than `TOLERANCE` of its own error bars, or of the parameters themselves,
+whichever allows more; it leaves the batch then, so no trial depends on its neighbours.
 """
 
 from dataclasses import dataclass
@@ -28,9 +28,9 @@ from simval.shapes import Float
 TOLERANCE = 1e-8
 """Of a standard deviation: a step's effect on any result is 1e-8 of its error bar."""
 _FLOOR = 1e-14  # of the parameters, in scaled units: rounding
-# By how much rounding may raise a cost, relative: steps below 1e-5 standard deviations
-# gain less than that, and their own convergence is judged by `TOLERANCE`.
-_SLACK = 1e-12
+# Of a standard deviation: a shorter step is taken whatever the cost says, as it gains
+# less than the cost's rounding, which noise of 1e-5 of a reading makes 1e-10.
+_NEAR = 1e-4
 _FIRST_DAMPING, _LAST_DAMPING = 1e-4, 1e12  # of the diagonal
 
 
@@ -129,8 +129,9 @@ def minimize(
             at = corrected(model, tried, data)
             after = _whitened(tried, residual(at, tried[:, DIP]), here.whiten, own)
             cost = np.vecdot(here.rows, here.rows)
-            small = _small(here, step, theta[active])
-            better = small | (np.vecdot(after, after) < cost * (1.0 + _SLACK))
+            moved = _moved(here, step)
+            small = (moved <= TOLERANCE) | _rounding(step, theta[active])
+            better = small | (moved <= _NEAR) | (np.vecdot(after, after) < cost)
             theta[active[better]] = tried[better]
             damping[active] = _next_damping(damping[active], better)
             done = small & (damping[active] == 0.0)
@@ -146,10 +147,14 @@ def _step(here: Local, damping: Float[Array, " t"]) -> Float[Array, "t 22"]:
     return -solve_positive(normal, here.gradient[..., None])[0][..., 0]
 
 
-def _small(here: Local, step: Array, theta: Array) -> Any:
-    moved = np.matvec(here.slopes, step)
-    length, size = np.abs(step).max(axis=1), np.abs(theta).max(axis=1)
-    return (np.vecdot(moved, moved) <= TOLERANCE**2) | (length <= _FLOOR * size)
+def _moved(here: Local, step: Array) -> Float[Array, " t"]:
+    # length of the step in standard deviations
+    return np.linalg.norm(np.matvec(here.slopes, step), axis=1)
+
+
+def _rounding(step: Array, theta: Array) -> Any:
+    # whether the step is no more than rounding of the parameters
+    return np.abs(step).max(axis=1) <= _FLOOR * np.abs(theta).max(axis=1)
 
 
 def _next_damping(damping: Array, better: Any) -> Float[Array, " t"]:
