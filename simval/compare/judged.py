@@ -15,9 +15,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 import scipy
 
-from simval.change import EXACT_BOUND, PAIRED_BOUND, holm_of_least, on_same_noise
+from simval.change import EXACT_BOUND, holm_of_least, on_same_noise
 from simval.compare.matching import Pair, prediction_changed
-from simval.compare.moves import Standing, Step, kind_of, loss, standing
+from simval.compare.moves import Standing, Step, kind_of, loss, rounding_of, standing
 from simval.results import Row
 
 Kind = Literal["changed", "moved", "same"]
@@ -240,7 +240,7 @@ def _kind(a: Row, b: Row, error: float, *, beyond: bool, paired: bool) -> Kind:
     sampled = error > 0.0
     if sampled and beyond:
         return "changed"
-    bound = PAIRED_BOUND * error if sampled else EXACT_BOUND * abs(a.value)
+    bound = rounding_of(a, error)
     if on_same_noise(a.value, b.value, bound) != "changed":
         return "same"
     if not sampled:

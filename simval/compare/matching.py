@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from simval.change import EXACT_BOUND, is_near, matched, question
+from simval.compare.moves import rounding_of
 from simval.results import Row
 from simval.statistics import Statistic
 from simval.sweep.run import CellResult, Run
@@ -102,7 +103,8 @@ def prediction_changed(a: Row, b: Row) -> bool:
     """Whether the prediction of a statistic changed."""
     if a.prediction is None or b.prediction is None:
         return a.prediction is not b.prediction
-    return not is_near(a.prediction, b.prediction, EXACT_BOUND)
+    least = rounding_of(a, a.standard_error)
+    return not is_near(a.prediction, b.prediction, EXACT_BOUND, least)
 
 
 def rows_of(cell: CellResult) -> dict[tuple[Statistic, str], Row]:

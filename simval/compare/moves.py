@@ -21,6 +21,8 @@ from dataclasses import dataclass
 from math import inf, isfinite
 from typing import Literal
 
+from simval.change import rounding_bound
+from simval.results import Row
 from simval.statistics import Statistic
 
 Standing = Literal["better", "worse", "neither"]
@@ -275,3 +277,10 @@ def moved(
 def largest_first(steps: Sequence[Step]) -> list[Step]:
     """Sort by weight; by name where that is equal."""
     return sorted(steps, key=lambda s: (-s.weight, s.cell, str(s.statistic)))
+
+
+def rounding_of(row: Row, error: float) -> float:
+    """By how much rounding may move a row whose values have this standard error."""
+    judged = error > 0.0 or row.check == "exact"
+    known = judged and isfinite(row.remainder)
+    return rounding_bound(row.value, error, row.remainder if known else 0.0)

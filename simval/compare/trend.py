@@ -14,9 +14,17 @@ from math import isfinite
 import numpy as np
 import scipy
 
-from simval.change import EXACT_BOUND, PAIRED_BOUND, ROUNDING, holm
+from simval.change import holm
 from simval.compare.levels import Series, least_p, steps_in
-from simval.compare.moves import Move, Standing, Step, loss, moved, standing
+from simval.compare.moves import (
+    Move,
+    Standing,
+    Step,
+    loss,
+    moved,
+    rounding_of,
+    standing,
+)
 from simval.compare.origin import Origin, origin_of
 from simval.compare.series import Line, lines_of
 from simval.sweep.run import Run
@@ -199,7 +207,7 @@ def _found(
             yield _break(number, line, points[found.place].run, levels, least)
         return
     for old, new in pairwise(points):
-        bound = max(EXACT_BOUND * abs(old.value), ROUNDING)
+        bound = rounding_of(old.row, 0.0)
         if abs(new.value - old.value) > bound:
             levels = old.value, new.value, 0.0
             yield _break(number, line, new.run, levels, bound)
@@ -243,7 +251,8 @@ def _within(
         for old, new in pairwise(line.points):
             error = max(old.row.standard_error, new.row.standard_error)
             same = old.cell == new.cell and old.row.n == new.row.n
-            far = abs(new.value - old.value) > PAIRED_BOUND * error > 0.0
+            bound = rounding_of(old.row, error)
+            far = error > 0.0 and abs(new.value - old.value) > bound
             if same and far and (number, new.run) not in steps:
                 counts[new.run] += 1
     return tuple(counts)

@@ -1,9 +1,8 @@
 """A cell with the noise that it had in the baseline: only rounding may differ.
 
-Up to `PAIRED_BOUND` standard errors are accepted, more is a change. A deterministic
-value may move by `EXACT_BOUND` of its size, by `ROUNDING`, or by `PAIRED_SHARE` of the
-remainder that theory allows it. What the value is judged by must stay as well: its
-standard error, its number of samples, and each prediction with its remainder.
+What rounding may do is accepted (`simval.change.rounding_bound`), more is a change.
+What the value is judged by must stay as well: its standard error, its number of samples
+and each prediction with its remainder.
 """
 
 from collections.abc import Iterator, Mapping
@@ -12,11 +11,9 @@ from math import isfinite
 from simval.change import (
     EXACT_BOUND,
     JUDGING_BOUND,
-    PAIRED_BOUND,
-    PAIRED_SHARE,
-    ROUNDING,
     is_near,
     on_same_noise,
+    rounding_bound,
 )
 from simval.gate.baseline import Entry
 from simval.gate.comparison import Change, Comparison
@@ -58,15 +55,14 @@ def paired(
 
 
 def _bound(entry: Entry, now: Entry | None) -> float:
-    if entry.error > 0.0:
-        return PAIRED_BOUND * entry.error
     checks = {} if now is None else {k: j.check for k, j in now.judged.items()}
     remainders = (
-        j.remainder for key, j in entry.judged.items() if checks.get(key) == "exact"
+        j.remainder
+        for key, j in entry.judged.items()
+        if checks.get(key) == "exact" or entry.error > 0.0
     )
-    allowed = min(remainders, default=0.0)
-    size = abs(entry.value or 0.0)
-    return max(EXACT_BOUND * size, ROUNDING, PAIRED_SHARE * allowed)
+    allowed = min((r for r in remainders if isfinite(r)), default=0.0)
+    return rounding_bound(entry.value or 0.0, entry.error, allowed)
 
 
 def known(old: Entry | None, new: Entry | None) -> Change | None:

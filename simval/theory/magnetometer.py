@@ -43,17 +43,14 @@ from typing import Any
 
 import numpy as np
 
-from simval.arrays import (
-    Array,
-    frozen,
-)
+from simval.arrays import Array, frozen
 from simval.errors import GeometryError
 from simval.sensor import AccelerometerModel, MagnetometerModel, forms
 from simval.shapes import Float
 from simval.theory.magnetometer_poses import (
     PARAMETERS,
     Problem,
-    equations,
+    along_of,
     jacobian,
     noise_of,
     problem_of,
@@ -65,9 +62,8 @@ from simval.theory.magnetometer_poses import (
 VARIANCE_NEXT = 10.0  # of eq. (M9), measured
 BIAS_NEXT = 10.0  # of eq. (M10), measured
 EVEN = 2.4  # w sqrt(n) / sigma of many poses, for any dip from 0 to 89 degrees
-_STEP = 1e-3  # of a reading's size: rounding and truncation leave 1e-6 of the bias
-_SECOND = {-2: -1 / 12, -1: 4 / 3, 0: -5 / 2, 1: 4 / 3, 2: -1 / 12}  # fourth order
-_CHUNK = 256  # perturbed readings worked at once
+_STEP = 1e-3  # of a reading's size: fourth order leaves 1e-10 of a dip of 85 degrees
+_FIRST = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}  # difference of fourth order
 _RANK = 1e-10  # of the greatest singular value, columns of equal length
 
 
@@ -234,34 +230,46 @@ def _natural(p: Problem) -> Float[Array, "22 22"]:
 def _second_order(
     p: Problem, covariance: Array, slopes: Array, weights: Array
 ) -> Float[Array, "22"]:
-    # eq. (M7) by central differences along each reading
+    # eq. (M7). Along reading k all poses see theta_k, whose squares add up to P; only
+    # its own pose sees the reading move as well
+    unit = float(np.max(p.sigma / p.size))
+    sd = np.sqrt(np.diagonal(covariance))
+    root = sd[:, None] * np.linalg.cholesky(covariance / np.outer(sd, sd))
+    still = np.zeros((1, *p.y.shape))
+    total = _bent(p, p.y, p.sigma, (root.T / unit, still)).sum(axis=0) * unit**2
     reach = reach_of(p, p.theta, p.y)
     pushed = np.einsum("nai,nab,nbk->nki", slopes, weights, reach)  # dpsi/dy
-    along = -(pushed @ covariance).reshape(-1, PARAMETERS)  # theta_k
-    count = p.y.size
-    step, total = _STEP * np.tile(p.size, len(p.y)), np.zeros(PARAMETERS)
-    for first in range(0, count, _CHUNK):
-        rows = np.arange(first, min(first + _CHUNK, count))
-        theta = step[rows, None] * along[rows]
-        y = np.zeros((len(rows), count))
-        y[np.arange(len(rows)), rows] = step[rows]
-        y = y.reshape(-1, *p.y.shape)
-        bent = sum(
-            weight * _score(p, p.theta + k * theta, p.y + k * y)
-            for k, weight in _SECOND.items()
-        )
-        total += (p.sigma.reshape(-1)[rows] / step[rows]) ** 2 @ bent
+    theta = -(pushed @ covariance) * p.size[:, None]  # theta_k
+    y, sigma = p.y[:, None, None], p.sigma[:, None, None]
+    moved = (p.size * np.eye(6))[:, None]
+    own = _bent(p, y, sigma, (theta, moved)) - _bent(p, y, sigma, (theta, 0.0 * moved))
+    total += np.einsum("nk,nki->i", (p.sigma / p.size) ** 2, own)
     return -0.5 * covariance @ total
 
 
-def _score(
-    p: Problem, theta: Float[Array, "... 22"], y: Float[Array, "... n 6"]
-) -> Float[Array, "... 22"]:
-    # psi, the sum of J'W c
-    reach = reach_of(p, theta, y) * p.sigma[:, None, :]
-    c = equations(p, theta, y)
-    weighted = np.linalg.solve(reach @ np.swapaxes(reach, -1, -2), c[..., None])[..., 0]
-    return np.einsum("...nai,...na->...i", slopes_of(p, theta, y), weighted)
+def _bent(p: Problem, y: Array, sigma: Array, way: tuple[Array, Array]) -> Array:
+    # Second derivative of psi at the truth along each way, (..., 22). There c = 0, so
+    # it is A c'' + 2 A' c' with A = J'W; c' is exact, and only first differences of A
+    # and c' are taken
+    turned: Any = 0.0
+    curved: Any = 0.0
+    for k, weight in _FIRST.items():
+        there = p.theta + k * _STEP * way[0], y + k * _STEP * way[1]
+        turned = turned + weight / _STEP * _pull(p, *there, sigma)
+        curved = curved + weight / _STEP * along_of(p, there, way)
+    pulled, moved = _pull(p, p.theta, y, sigma), along_of(p, (p.theta, y), way)
+    both = np.matvec(pulled, curved) + 2.0 * np.matvec(turned, moved)
+    return np.asarray(both.sum(axis=-2))
+
+
+def _pull(
+    p: Problem, theta: Float[Array, "... 22"], y: Float[Array, "... n 6"], sigma: Array
+) -> Float[Array, "... n 22 3"]:
+    # A of each pose
+    reach = reach_of(p, theta, y) * sigma[..., None, :]
+    noise = reach @ np.swapaxes(reach, -1, -2)
+    slopes = slopes_of(p, theta, y)
+    return np.swapaxes(np.linalg.solve(noise, slopes), -1, -2)
 
 
 def _recipe(p: Problem, slopes: Float[Array, "n 3 22"]) -> Float[Array, "22 22"]:

@@ -131,6 +131,12 @@ def reach_of(p: Problem, theta: Any, y: Array) -> Array:
     return np.stack(columns, axis=-1)
 
 
+def along_of(p: Problem, at: tuple[Array, Array], way: tuple[Array, Array]) -> Array:
+    """Derivative of c along a way of the parameters and readings, (..., n, 3)."""
+    theta, y = (here + 1j * _TINY * step for here, step in zip(at, way, strict=True))
+    return equations(p, theta, y).imag / _TINY
+
+
 def jacobian(p: Problem) -> Float[Array, "n 3 22"]:
     """Derivatives dc/dtheta at the truth."""
     return slopes_of(p, p.theta, p.y)

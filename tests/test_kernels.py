@@ -1,0 +1,90 @@
+"""Another processor rounds otherwise; the gate and compare must not call that a change.
+
+What a processor computes with is chosen when a process starts: the linear algebra's
+kernels, NumPy's and the C library's each by a variable of their own.
+"""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from simval.sweep.identity import here
+
+ROOT = Path(__file__).parent.parent
+MACHINE = here().machine
+PLAIN = {
+    "OPENBLAS_CORETYPE": "Nehalem",
+    "NPY_DISABLE_CPU_FEATURES": " ".join(MACHINE["kernels"]),
+    "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-AVX512F,-AVX",
+}
+"""A processor of 2008: no fused or wide arithmetic."""
+
+CELLS = """
+seed = 1
+
+[calibration]
+poses = [12, 40]
+noise_std = 0.01
+trials = 1024
+
+[attitude_vectors]
+vectors = [2, 3]
+ratio = 100.0
+noise_std = 1e-4
+samples = 4096
+
+[magnetometer]
+poses = 12
+trials = 1024
+"""
+
+pytestmark = pytest.mark.skipif(
+    MACHINE["processor"] != "x86_64" or "openblas" not in MACHINE["linear_algebra"],
+    reason="kernels are chosen for OpenBLAS on x86-64 only",
+)
+
+
+def sweep(suite, folder, **variables):
+    words = [sys.executable, "-m", "simval", "sweep", suite, "--out", folder, "--quiet"]
+    subprocess.run(
+        [str(word) for word in (*words, "--workers", 1)],
+        env={**os.environ, **variables},
+        check=True,
+        cwd=ROOT,
+        stdout=subprocess.DEVNULL,
+    )
+    return folder
+
+
+@pytest.mark.ci
+def test_other_kernels_are_no_change(simval, tmp_path):
+    suite, stored = tmp_path / "suite.toml", tmp_path / "baseline.json"
+    suite.write_text(CELLS)
+    ours = sweep(suite, tmp_path / "ours")
+    other = sweep(suite, tmp_path / "other", **PLAIN)
+    text = (ours / "results.csv").read_bytes()
+    assert text != (other / "results.csv").read_bytes()  # else nothing is tried
+    words = ("--baseline", stored, "--update-baseline", "first")
+    assert simval("gate", ours, *words)[0] == 0
+    code, out, _ = simval("gate", other, "--baseline", stored)
+    assert code == 0, out
+    assert "another environment" in out
+    code, out, _ = simval("compare", ours, other)
+    assert code == 0, out
+    assert re.search(r"\b0 of \d+ common statistics changed", out), out
+    assert "0 moved" in out, out
+    assert "predictions of theory changed" not in out, out
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("core", ["Nehalem", "Sandybridge", "Haswell"])
+@pytest.mark.parametrize("plain", [True, False])
+def test_the_committed_baseline_holds_on_any_kernel(simval, tmp_path, core, plain):
+    variables = {**(PLAIN if plain else {}), "OPENBLAS_CORETYPE": core}
+    run = sweep("smoke", tmp_path / "run", **variables)
+    code, out, _ = simval("gate", run, "--baseline", ROOT / "reports/baseline.json")
+    assert code == 0, out
