@@ -8,6 +8,7 @@ from dataclasses import replace
 from types import ModuleType, SimpleNamespace
 
 import pytest
+from stores import raw
 from test_executors import Fragile
 
 from simval.errors import InputError, LostClusterError
@@ -167,6 +168,18 @@ def test_machines_are_counted_of_finished_cells_alone():
         {"machine": b, "cells": 2},
         {"machine": a, "cells": 1},
     ]
+
+
+@pytest.mark.parametrize(
+    "kept",
+    ["3", "[]", "null", "{", '{"x": 1}', '{"{}": -1}', '{"{}": true}', "{}", "1e400"],
+)
+def test_counts_that_are_not_the_manifest_s_are_refused(tiny_run, kept):
+    with raw(tiny_run) as database:
+        sql = "UPDATE meta SET value = ? WHERE key = 'machines'"
+        assert database.execute(sql, (kept,)).rowcount == 1
+    with pytest.raises(InputError, match=r"by machine"):
+        load_run(tiny_run)
 
 
 def test_the_gate_knows_of_other_machines(tiny_run):

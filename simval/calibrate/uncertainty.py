@@ -134,9 +134,10 @@ def _huber_variance(
     pull = distance * LOSSES[loss].weight(ratio)
     slope = LOSSES[loss].slope(ratio)
     mean = slope.mean(axis=-1)
-    inflation = 1.0 + 9.0 / count * slope.var(axis=-1) / mean**2
     total = np.vecdot(pull, pull) / max(count - 9, 1)
-    return np.asarray(inflation**2 * total / mean**2)
+    with np.errstate(divide="ignore", invalid="ignore"):  # no pose is near: NaN
+        inflation = 1.0 + 9.0 / count * slope.var(axis=-1) / mean**2
+        return np.asarray(inflation**2 * total / mean**2)
 
 
 def _sandwich(

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from simval.sweep.documents import read_json
+from simval.sweep.documents import DamagedError, read_json
 from simval.sweep.entries import Done
 from simval.sweep.identity import machine_text
 from simval.sweep.provenance import differences
@@ -28,6 +28,21 @@ def environments(kept: str | None) -> list[dict[str, Any]]:
     return [
         {"machine": json.loads(machine), "cells": cells} for machine, cells in order
     ]
+
+
+def require_counted(kept: str | None, manifest: Mapping[str, Any]) -> None:
+    """Refuse a finished run whose store and manifest count other machines.
+
+    Raises
+    ------
+    DamagedError
+        If they differ.
+    """
+    said = manifest.get("environments", [])
+    told = {machine_text(each["machine"]): each["cells"] for each in said}
+    if dict(_read(kept)) != told:
+        msg = f"it counts its cells by machine as {kept!r:.60}, its manifest otherwise"
+        raise DamagedError(msg)
 
 
 def other_machines(manifest: Mapping[str, Any]) -> list[Any]:
@@ -60,4 +75,9 @@ def mixture(manifest: Mapping[str, Any]) -> str:
 
 
 def _read(kept: str | None) -> Counter[str]:
-    return Counter(read_json("the number of cells by machine", kept) if kept else {})
+    content = read_json("the number of cells by machine", kept) if kept else {}
+    numbers = content.values() if isinstance(content, dict) else [None]
+    if not all(type(number) is int and number >= 0 for number in numbers):
+        msg = f"its number of cells by machine is {kept!r:.60}"
+        raise DamagedError(msg)
+    return Counter(content)

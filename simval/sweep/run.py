@@ -24,6 +24,7 @@ from simval.sweep.cells import CellResult, read_cell, read_cells, read_heads
 from simval.sweep.connections import explained, require_whole
 from simval.sweep.documents import read_timing
 from simval.sweep.frame import data_frame
+from simval.sweep.machines import require_counted
 from simval.sweep.plausible import MAX_SAMPLES
 from simval.sweep.seal import check_files
 from simval.sweep.stored import KEPT, StoredCells
@@ -140,7 +141,10 @@ def opened_run(folder: Path) -> Iterator[tuple[sqlite3.Connection, dict[str, Any
     with store.opened(folder / "run.sqlite") as database:
         require_whole(database)
         check_files(database, folder)
-        yield database, store.manifest(database)
+        manifest = store.manifest(database)
+        if store.sealed(database):
+            require_counted(store.entry(database, store.MACHINES), manifest)
+        yield database, manifest
 
 
 def write_table(database: sqlite3.Connection, path: Path) -> None:
