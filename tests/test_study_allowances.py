@@ -2,7 +2,8 @@
 
 Each constant that widens a verdict lies between two figures that are found without it:
 what soundness leaves (rounding, the order left out, a measured run) and the least fault
-that its row is there for. A factor of a hundred either way leaves the bracket.
+that its row is there for. A hundred times each constant is beyond the second; a
+hundredth of it may still be above the first, where there is room.
 """
 
 from dataclasses import replace
