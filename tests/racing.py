@@ -53,3 +53,20 @@ def race_on(machine, costs, *, clock="cpu", **more):
 def raced(machine, costs, rounds=7, seed=0):
     """Results of such a race."""
     return run_race(race_on(machine, costs), rounds, seed=seed, clock=machine)
+
+
+def failing_race(error, name="stuck", *, after=0):
+    """A race whose contender raises an error, at once or after some good runs."""
+    runs = []
+
+    def run():
+        runs.append(1)
+        if len(runs) > after:
+            raise error
+        return 0
+
+    contender = Contender(name="own", run=run, seen=told())
+    other = Contender(name="reference", run=lambda: 0, seen=told(), ours=False)
+    return Race(
+        name=name, title="Stub", item="runs", contenders=lambda: [other, contender]
+    )

@@ -178,7 +178,7 @@ def test_the_command_judges_and_writes(simval, tmp_path, monkeypatch):
     assert (code, "98.4%" in out) == (0, True)
     code, out, _ = simval("bench", "--against", first, "--json", second)
     assert code == 0, out
-    assert "PASS: none of 1 contenders" in out
+    assert "PASS: none of 1 contender " in out
     assert read_record(second).kept[1].key == ("stub", "own")
     monkeypatch.setattr(races, "RACES", (race_on(machine, {**COSTS, "own": 0.65}),))
     code, out, _ = simval("bench", "--against", first)
@@ -200,3 +200,20 @@ def test_the_file_of_the_last_release_has_every_race():
     record = read_record(ROOT / "reports" / "bench.json")
     assert {kept.race for kept in record.kept} == {race.name for race in RACES}
     assert all(kept.confidence >= CONFIDENCE for kept in record.kept)
+
+
+def test_what_runs_longer_says_so_and_a_figure_is_written_out():
+    from simval.cli.raced import figure
+
+    said = []
+    slow = Machine(noise=NOISE, seed=6)
+    race = race_on(slow, {**COSTS, "own": 5.0})
+
+    def run(race, rounds, seed=0):
+        return run_race(race, rounds, seed=seed, clock=slow)
+
+    measured(race, then_of(), 7, run, said.append)
+    assert said == [f"stub: {n} more rounds, because of own" for n in (7, 14)]
+    shown = {0.48612: "0.486", 999.4: "999", 999.6: "1,000", 13_640.0: "13,600"}
+    shown |= {1000.0: "1,000", 1.19e7: "11,900,000", 5e11: "5e+11"}
+    assert {value: figure(value) for value in shown} == shown

@@ -95,7 +95,7 @@ def test_the_reference_filter_states_what_theory_says(scenario, rate):
 @pytest.mark.parametrize("every", [1, 5, 10])
 def test_the_joint_fit_states_the_bound_of_short_pieces(every):
     given = gyroscope.Parameters(poses=14, trials=256, every=every)
-    data = gyroscope._Tumble(given)
+    data = gyroscope.Tumble(given)
     clean = data.trial(np.random.default_rng(0), 1, noise=0.0)
     (row,) = gyroscope._stated_row(clean, data, 12)
     assert row.value < 0.5 * row.remainder

@@ -54,11 +54,28 @@ def test_it_shows_a_wrong_noise_and_a_wrong_matrix(monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(spread_module, "walk_blocks", lambda r, c: 0.5 * whole(r, c))
         assert off(rows_of(), "nees") > 6.0
-    before = study._Tumble.__init__
+    before = study.Tumble.__init__
 
     def wrong(self, parameters):
         before(self, parameters)
         self.truth = self.truth + 1e-3 * (np.arange(12) == 0)
 
-    monkeypatch.setattr(study._Tumble, "__init__", wrong)
+    monkeypatch.setattr(study.Tumble, "__init__", wrong)
     assert off(rows_of(), "nees") > 6.0
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(
+    ("poses", "one", "mean"), [(14, 4.1e-3, 1.3e-4), (40, 3.1e-3, 4.4e-4)]
+)
+def test_what_segments_of_a_move_leave_out_is_what_is_stated(poses, one, mean):
+    """Beside segments a fifth as long, extrapolated by their second order."""
+    data = study.Tumble(PARAMETERS.model_copy(update={"poses": poses}))
+    coarse, fine = (np.diagonal(data.bound(pieces)) for pieces in (100, 200))
+    limit = (4.0 * fine - coarse) / 3.0
+    off = np.diagonal(data.bound()) / limit - 1.0
+    # the next order leaves 6e-5 of a variance: beside 50 and 100 segments
+    assert np.abs(off).max() == pytest.approx(one, abs=1e-4)
+    assert abs(off.mean()) == pytest.approx(mean, abs=5e-5)
+    # what a cell judges is the mean, and what it is allowed is above it
+    assert abs(off.mean()) < study.RELATIVE

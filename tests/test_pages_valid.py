@@ -31,6 +31,7 @@ with_nu = pytest.mark.skipif(
 
 NAMES = (
     "sound", "failing", "algorithms", "compared", "calibrated", "filtered", "noise",
+    "races",
 )  # fmt: skip
 WIDTHS, SCHEMES = (380, 1280), ("light", "dark")
 

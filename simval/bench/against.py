@@ -18,6 +18,7 @@ from simval.bench.interval import CONFIDENCE, rounds_for
 from simval.bench.race import Race
 from simval.bench.record import Kept, kept_of
 from simval.bench.rounds import Result, joined, run_race
+from simval.bench.untimed import Untimed
 
 SLOWER: Final = 0.2
 """Share s by which the time may grow. Chosen: runs of the same code differ by less."""
@@ -29,7 +30,7 @@ Standing = Literal["pass", "slower", "inconclusive", "not judged"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Change:
-    """What became of a contender's ratio."""
+    """What became of a contender's ratio, or of a race that has none, then or now."""
 
     then: Kept | None
     now: Kept | None
@@ -38,10 +39,13 @@ class Change:
     # interval of its time now, in its time then
     low: float | None = None
     high: float | None = None
+    untimed: Untimed | None = None
 
     @property
     def key(self) -> tuple[str, str]:
-        """Race and contender: it was there then, or is there now."""
+        """Race and contender: it was there then, or is there now; all of a race."""
+        if self.untimed is not None:
+            return self.untimed.race, ""
         one = self.now if self.now is not None else self.then
         assert one is not None
         return one.key
@@ -53,7 +57,7 @@ class Change:
 
     @property
     def contender(self) -> str:
-        """Its name."""
+        """Its name; empty for all of a race."""
         return self.key[1]
 
 
@@ -62,11 +66,14 @@ def measured(
     then: Mapping[tuple[str, str], Kept],
     rounds: int,
     run: Callable[..., list[Result]] = run_race,
+    tell: Callable[[str], None] = lambda _: None,
 ) -> tuple[list[Result], list[Change]]:
     """Run a race, and more rounds of it while something in it does not pass."""
     results, done = run(race, rounds), rounds
     changes = changes_of(then, kept_of(results), race.name)
-    while done < TIMES * rounds and any(_open(change) for change in changes):
+    while done < TIMES * rounds and (still := [c for c in changes if _open(c)]):
+        names = ", ".join(change.contender for change in still)
+        tell(f"{race.name}: {done} more rounds, because of {names}")
         results = joined(results, run(race, done, seed=done))
         done *= 2
         changes = changes_of(then, kept_of(results), race.name)
@@ -91,6 +98,19 @@ def code_of(changes: Sequence[Change]) -> int:
     if "slower" in standings:
         return 1
     return 0 if "pass" in standings and "inconclusive" not in standings else 3
+
+
+def uncompared(untimed: Untimed, *, before: bool) -> Change:
+    """Nothing in a race can be compared that had no times before, or has none now."""
+    words = f"cannot be compared, {untimed}"
+    if before:
+        words = (
+            f"cannot be compared, when the file was made it was {untimed}; make the "
+            "file anew"
+        )
+    return Change(
+        then=None, now=None, standing="inconclusive", words=words, untimed=untimed
+    )
 
 
 def _open(change: Change) -> bool:

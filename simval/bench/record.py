@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from simval.bench.rounds import Rated, Result
+from simval.bench.untimed import Untimed
 from simval.errors import InputError
-from simval.text import shown
+from simval.text import one_line, shown
 
 FORMAT: Final = "simval bench 1"
 LARGEST: Final = 50_000_000  # bytes; a thousand rounds of all races have 3 million
@@ -46,6 +47,7 @@ class Record:
     block: str  # which form of the Monte Carlo pass ran: compiled or NumPy
     load: float  # processes that ran or waited for each core; NaN if it is not known
     kept: tuple[Kept, ...]
+    untimed: tuple[Untimed, ...] = ()
 
     @property
     def label(self) -> str:
@@ -53,7 +55,7 @@ class Record:
         return (self.commit[:10] + (" (dirty)" if self.dirty else "")) or self.name
 
 
-def written(results: Iterable[Result]) -> str:
+def written(results: Iterable[Result], untimed: Iterable[Untimed] = ()) -> str:
     """Write results as JSON, with all that their times depend on."""
     from simval.montecarlo import compiled
     from simval.sweep.provenance import commit_date, git_state, versions
@@ -72,6 +74,7 @@ def written(results: Iterable[Result]) -> str:
             {key: value for key, value in asdict(r).items() if key != "ratios"}
             for r in results
         ],
+        "untimed": [asdict(each) for each in untimed],
     }
     return json.dumps(content, indent=1) + "\n"
 
@@ -126,6 +129,7 @@ def read_record(path: Path) -> Record:
         )
         raise InputError(msg)
     rows, busy = content.get("results"), content.get("load")
+    without = content.get("untimed")
     return Record(
         name=path.name,
         commit=_text(content.get("commit")),
@@ -135,6 +139,9 @@ def read_record(path: Path) -> Record:
         block=_text(content.get("block")),
         load=float(busy) if isinstance(busy, int | float) else math.nan,
         kept=tuple(_kept(rows if isinstance(rows, list) else [], str(path))),
+        untimed=tuple(
+            _untimed(without if isinstance(without, list) else [], str(path))
+        ),
     )
 
 
@@ -167,6 +174,16 @@ def _kept(rows: Iterable[Any], where: str) -> Iterable[Kept]:
             ours=some.get("ours") is True,
             other=_text(some.get("other")),
             rounds=len(seconds) if isinstance(seconds, list) else 0,
+        )
+
+
+def _untimed(rows: Iterable[Any], where: str) -> Iterable[Untimed]:
+    for row in rows:
+        some = row if isinstance(row, Mapping) else {}
+        yield Untimed(
+            race=_required(some, "race", where),
+            ending="crashed" if some.get("ending") == "crashed" else "refused",
+            words=one_line(_required(some, "words", where)),
         )
 
 

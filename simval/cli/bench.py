@@ -1,13 +1,17 @@
 """What `simval bench` does."""
 
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
+import click
 from rich.console import Console
 
-from simval.bench import Result, find_races, run_race
+from simval.bench import Race, Result, find_races, run_race
 from simval.bench.record import written
+from simval.bench.untimed import Untimed, attempted, code_of_untimed
 from simval.cli.options import refuse_if, write
-from simval.cli.raced import history, judge, show
+from simval.cli.raced import history, judge, show, without_times
 
 GROWTH = "growth"
 
@@ -44,13 +48,29 @@ def run(
     if page is not None:
         return history(page, races)
     console = Console(highlight=False)
-    results: list[Result] = []
+    chosen = find_races(races)
     if against is not None:
-        code, results = judge(find_races(races), rounds, against, console)
+        code, results, untimed = judge(chosen, rounds, against, console)
     else:
-        code = 0
-        for race in find_races(races):
-            results += show(race, run_race(race, rounds), console)
+        results, untimed = _raced(chosen, rounds, console)
+        code = code_of_untimed(untimed)
     if path is not None:
-        write(path, written(results))
+        write(path, written(results, untimed))
+    if untimed and against is None:
+        click.echo(without_times(untimed, len(chosen)))
     return code
+
+
+def _raced(
+    races: Sequence[Race], rounds: int, console: Console
+) -> tuple[list[Result], list[Untimed]]:
+    results: list[Result] = []
+    untimed: list[Untimed] = []
+    for race in races:
+        found = attempted(race, partial(run_race, race, rounds))
+        show(race, found, console)
+        if isinstance(found, Untimed):
+            untimed.append(found)
+        else:
+            results += found
+    return results, untimed

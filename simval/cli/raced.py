@@ -1,6 +1,7 @@
 """Races in the terminal: one of them, one beside an earlier run, and many runs."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import click
@@ -8,21 +9,24 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from simval.bench.against import SLOWER, Change, code_of, measured
+from simval.bench.against import SLOWER, Change, code_of, measured, uncompared
 from simval.bench.history import lines_of, read_history, steps_of
 from simval.bench.interval import rounds_for
 from simval.bench.race import Race
 from simval.bench.races import find_races
 from simval.bench.record import Record, load, processor, read_record
 from simval.bench.rounds import Result
+from simval.bench.untimed import Untimed, attempted, code_of_untimed
 from simval.cli.options import refuse_if, write
 
 BUSY = 1.5
 """Processes for each core from which a ratio is doubted. Chosen: our own is one."""
 
 
-def show(race: Race, results: list[Result], console: Console) -> list[Result]:
-    """Print how the contenders of a race did."""
+def show(race: Race, results: list[Result] | Untimed, console: Console) -> None:
+    """Print how the contenders of a race did, or why they were not timed."""
+    if isinstance(results, Untimed):
+        return console.print(escape(f"{race.title} ({race.name}): {results}"))
     last, rounds = results[-1], len(results[-1].seconds)
     table = Table(
         title=f"{race.title} ({race.name}, {race.clock} time)",
@@ -33,10 +37,15 @@ def show(race: Race, results: list[Result], console: Console) -> list[Result]:
     for heading in (race.item, f"{race.item}/s", "ratio", "interval"):
         table.add_column(heading, justify="right")
     for r in results:
-        words = [f"{number:.3g}" for number in (r.count, r.rate, r.ratio)]
-        table.add_row(escape(_label(r)), *words, f"{r.low:.3g} to {r.high:.3g}")
-    console.print(table)
-    return results
+        words = [figure(number) for number in (r.count, r.rate, r.ratio)]
+        table.add_row(escape(_label(r)), *words, f"{figure(r.low)} to {figure(r.high)}")
+    return console.print(table)
+
+
+def figure(value: float) -> str:
+    """A number of three digits, a large one as people write it: 13,600 and not 1e4."""
+    rounded = float(f"{value:.3g}")
+    return f"{rounded:,.0f}" if 1e3 <= rounded < 1e10 else f"{value:.3g}"
 
 
 def _label(r: Result) -> str:
@@ -47,7 +56,7 @@ def _label(r: Result) -> str:
 
 def judge(
     races: Sequence[Race], rounds: int, file: Path, console: Console
-) -> tuple[int, list[Result]]:
+) -> tuple[int, list[Result], list[Untimed]]:
     """Race, compare with an earlier run, and say what became slower."""
     refuse_if(
         rounds < rounds_for(),
@@ -56,53 +65,93 @@ def judge(
     )
     record = read_record(file)
     then = {kept.key: kept for kept in record.kept}
+    before = {each.race: each for each in record.untimed}
     found: list[Change] = []
     results: list[Result] = []
+    untimed: list[Untimed] = []
     for race in races:
-        some, changes = measured(race, then, rounds)
-        results += show(race, some, console)
-        found += changes
-    console.print(_changes(found, record))
+        now = attempted(race, partial(measured, race, then, rounds, tell=_told))
+        if isinstance(now, Untimed):
+            show(race, now, console)
+            untimed.append(now)
+            found.append(uncompared(now, before=False))
+            continue
+        some, changes = now
+        show(race, some, console)
+        results += some
+        none = before.get(race.name)
+        found += changes if none is None else [uncompared(none, before=True)]
     code = code_of(found)
-    for words in _verdict(found, record, code):
+    told = [c for c in found if c.now is None or c.now.ours]  # others have no answer
+    console.print(_changes(told, record))
+    for words in _verdict(told, record, code):
         click.echo(words)
-    return code, results
+    if untimed:
+        click.echo(without_times(untimed, len(races)))
+    # a crash of the code counts before what is slower, as in every command
+    return max(code, code_of_untimed(untimed), key=_WORSE.index), results, untimed
+
+
+_WORSE = (0, 3, 1, 4)
+"""Exit codes, the worst last."""
+
+
+def without_times(untimed: Sequence[Untimed], races: int) -> str:
+    """One line that names the races without times."""
+    names = ", ".join(f"{each.race} ({each.ending})" for each in untimed)
+    return f"NOT TIMED: {len(untimed)} of {_several(races, 'race')}: {names}"
+
+
+def _told(words: str) -> None:
+    click.echo(words, err=True)
 
 
 def _changes(changes: Sequence[Change], record: Record) -> Table:
     table = Table(title=f"Beside {escape(record.label)}")
-    for heading in ("race", "contender"):
-        table.add_column(heading)
+    table.add_column("race, contender")
     for heading in ("ratio then", "now", "time now, in that then"):
         table.add_column(heading, justify="right")
-    table.add_column("answer")
+    table.add_column("answer", no_wrap=True)
     for c in changes:
-        ratios = ["" if k is None else f"{k.ratio:.3g}" for k in (c.then, c.now)]
+        ratios = ["" if k is None else figure(k.ratio) for k in (c.then, c.now)]
         time = "" if c.low is None else f"{c.low:.2f} to {c.high:.2f}"
-        answer = f"{c.standing}: {c.words}" if c.words else c.standing
-        table.add_row(c.race, escape(c.contender), *ratios, time, escape(answer))
+        table.add_row(escape(named(c)), *ratios, time, c.standing)
     return table
+
+
+def named(change: Change) -> str:
+    """Race and contender of a change; the race alone where it stands for all of it."""
+    return ", ".join(filter(None, change.key))
+
+
+def _reasons(changes: Sequence[Change]) -> Iterator[str]:
+    """Why a ratio has no answer by its interval, a line for each reason."""
+    found: dict[str, list[str]] = {}
+    for c in changes:
+        if c.words:
+            found.setdefault(f"{c.standing}, {c.words}", []).append(named(c))
+    for words, names in found.items():
+        yield f"{'; '.join(names)}: {words}"
 
 
 def _verdict(changes: Sequence[Change], record: Record, code: int) -> list[str]:
     """The answer in words, and what else may have made the difference."""
     names = {
-        standing: [
-            f"{c.race}, {c.contender}" for c in changes if c.standing == standing
-        ]
+        standing: [named(c) for c in changes if c.standing == standing]
         for standing in ("pass", "slower", "inconclusive")
     }
     limit, passed = f"{SLOWER:.0%}", len(names["pass"])
+    unsure = "; ".join(names["inconclusive"])
+    more = any(c.standing == "inconclusive" and c.low is not None for c in changes)
     words = {
-        0: f"PASS: none of {passed} contenders takes {limit} more time than at "
-        f"{record.label}",
+        0: f"PASS: none of {_several(passed, 'contender')} takes {limit} more time "
+        f"than at {record.label}",
         1: f"FAIL: more than {limit} slower than at {record.label}: "
-        f"{'; '.join(names['slower'])}",
-        3: "INCONCLUSIVE: "
-        + ("; ".join(names["inconclusive"]) or "no contender could be compared")
-        + "; try again with more `--rounds`, or on a quieter machine",
+        f"{'; '.join(names['slower'])}" + (f"; inconclusive: {unsure}" * bool(unsure)),
+        3: f"INCONCLUSIVE: {unsure or 'no contender could be compared'}"
+        + "; try again with more `--rounds`, or on a quieter machine" * more,
     }
-    return [words[code], *_notes(record, code)]
+    return [*_reasons(changes), words[code], *_notes(record, code)]
 
 
 def _notes(record: Record, code: int) -> Iterator[str]:

@@ -15,7 +15,7 @@ from simval.arrays import Array
 from simval.errors import SimulationError
 from simval.scene.library import mujoco
 from simval.scene.script import Script
-from simval.shapes import Float
+from simval.shapes import Bool, Float
 
 CLOCK_TOLERANCE = 1e-6  # of a step, beside what a sum of steps is rounded by
 
@@ -38,9 +38,7 @@ def check_run(
     """
     clock = rows[:, 13]
     expected = timestep * np.arange(len(rows))
-    # MuJoCo adds up steps: each addition is off by half a unit in the last place
-    rounded = np.arange(len(rows)) * np.spacing(expected[-1]) / 2.0
-    regular = np.abs(clock - expected) <= CLOCK_TOLERANCE * timestep + rounded
+    regular = is_regular(clock, timestep)
     count = warnings[:, 1]
     if not np.all(count == 0):
         kind = mujoco.mjtWarning(int(np.argmax(count != 0))).name[7:]
@@ -68,6 +66,17 @@ def check_run(
             row = _first(~(size <= limit))
             what = f"{name} {size[row]:.4g} {unit} beyond the limit {limit:g} {unit}"
             _fail(scene, what, row, expected, "the integration is not stable")
+
+
+def is_regular(
+    clock: Float[Array, " n"], timestep: float
+) -> Bool[NDArray[np.bool_], " n"]:
+    """Whether each row of a clock has the time that adding up its steps gives."""
+    steps = np.arange(len(clock))
+    expected = timestep * steps
+    # MuJoCo adds up steps: each addition is off by half a unit in the last place
+    rounded = steps * np.spacing(expected[-1]) / 2.0
+    return np.abs(clock - expected) <= CLOCK_TOLERANCE * timestep + rounded
 
 
 def check_reach(

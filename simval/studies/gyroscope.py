@@ -10,27 +10,19 @@ without noise.
 
 The laws are of first order. The next one is of the size of the second-order bias, below
 a hundredth of a standard deviation (`simval.theory.gyroscope_bias`), and of what the
-bound's moves of `PIECES` segments leave out.
+bound's moves of 40 segments leave out (`simval.studies.gyroscope_tumble.PIECES`).
 """
 
 from math import sqrt
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 import scipy
 from pydantic import Field
 
 from simval.arrays import Array
-from simval.calibrate import (
-    FitResult,
-    GyroscopeFit,
-    calibrate,
-    calibrate_gyroscope,
-    moves_between,
-)
+from simval.calibrate import GyroscopeFit
 from simval.results import Outcome, Row, exact, limit, nees, plain, unjudged
-from simval.scene import Trajectory, average_rates, simulate_cached
-from simval.sensor import GyroscopeModel
 from simval.shapes import Float
 from simval.statistics import (
     BIAS,
@@ -49,22 +41,16 @@ from simval.statistics import (
     SQUARED_ERROR,
 )
 from simval.streams import Streams
-from simval.studies.calibration import true_sensor
-from simval.studies.drawn import Drawn, drawn_rows
+from simval.studies.drawn import drawn_rows
+from simval.studies.gyroscope_tumble import ROWS, Estimator, Tumble
 from simval.studies.refusing import refusing
 from simval.studies.response import apart
 from simval.studies.study import Cost, StudyParameters
-from simval.theory.gyroscope import MovePath, gyroscope_moments
 
 TITLE = "Gyroscope: do the error bars of a calibration between rests hold?"
 SECTION = "gyroscope"
 
 BLOCK = 8  # trials; part of the promise of equal bits
-ROWS = 500.0  # Hz, of the gimbal
-FORCE = 0.01  # m/s^2, of an accelerometer's sample at 100 Hz
-CHUNK = 2
-PIECES = 40
-"""Segments of a move in the bound: a variance is good to 5e-4 of itself."""
 FINE = 100
 """Segments of a move beside which a stated covariance is held, extrapolated with half
 as many."""
@@ -89,7 +75,7 @@ UNITS = ("1",) * 9 + ("rad/s",) * 3
 class Parameters(StudyParameters):
     """One cell: an estimator, poses, moves, rate of the rows and noise."""
 
-    estimator: Literal["joint", "generalised", "unweighted"] = Field(
+    estimator: Estimator = Field(
         default="joint", description="Both sensors together, one by one, or IMU-TK's."
     )
     poses: Annotated[int, Field(ge=12, le=100)] = Field(
@@ -117,7 +103,7 @@ class Parameters(StudyParameters):
 @refusing("lower `angle_random_walk` or give more `poses`")
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Simulate one cell."""
-    data = _Tumble(parameters)
+    data = Tumble(parameters)
     blocks = -(-parameters.trials // BLOCK)
     found, noise = [], []
     for i in range(blocks):
@@ -147,7 +133,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     )
 
 
-def _stated_row(clean: GyroscopeFit, data: "_Tumble", free: int) -> tuple[Row, ...]:
+def _stated_row(clean: GyroscopeFit, data: Tumble, free: int) -> tuple[Row, ...]:
     """The covariance that is stated at the truth, beside the bound of short pieces."""
     if free < 12:  # the unweighted way does not reach the bound
         return ()
@@ -162,7 +148,7 @@ def _integrators(parameters: Parameters) -> tuple[Row, ...]:
     """Error of M without noise, by rate of the rows and what is between them."""
     rows: list[Row] = []
     for rate, every in THINNED.items():
-        data = _Tumble(parameters.model_copy(update={"every": every}))
+        data = Tumble(parameters.model_copy(update={"every": every}))
         clean = data.trial(np.random.default_rng(0), 1, noise=0.0)
         averages = float(np.abs(clean.M[0] - data.gyroscope.M).max())
         rows += unjudged(
@@ -198,123 +184,3 @@ def _judged(
         *judge(SQUARED_ERROR("mean"), *mean(over), 1.0, CRAMER_RAO, RELATIVE),
         *shift(BIAS.each(NAMES[:p], UNITS[:p]), *several, 0.0, NO_BIAS, small),
     )
-
-
-class _Tumble:
-    """A cell's scene at its rate, its sensors, and how a trial is drawn and fitted."""
-
-    def __init__(self, parameters: Parameters) -> None:
-        self.parameters = parameters
-        every = parameters.every
-        run = simulate_cached(
-            "gimbal", poses=parameters.poses, move_time=parameters.move_time,
-            first_hold=20.0,
-        )  # fmt: skip
-        self.g = run.g
-        self.time, self.attitude = run.time[::every], run.attitude[::every]
-        self.rests = _rests(run, every)
-        force = run.specific_force[::every]
-        still = np.concatenate([force[a:b] for a, b in self.rests])
-        self.off = float(np.abs(np.linalg.norm(still, axis=1) - run.g).max())
-        self.rest_force = run.rest_force
-        self.force = np.array([force[a:b].mean(axis=0) for a, b in self.rests])
-        seconds = np.diff(self.rests)[:, 0] * every / ROWS
-        self.pose_std = FORCE / np.sqrt(100.0 * seconds)
-        self.walk = float(np.radians(parameters.angle_random_walk))
-        off = [[0.02, 0.02, -0.01], [0.03, 0.03, 0.02], [-0.02, 0.01, -0.01]]
-        bias = np.array([0.02, -0.01, 0.03])
-        self.gyroscope = GyroscopeModel(M=np.eye(3) + np.array(off), B=bias)
-        self.accelerometer = true_sensor(0.0)
-        rng = np.random.default_rng(0)  # draws nothing
-        self.rates = self.gyroscope.distort(average_rates(run, every), rng)
-        steps = average_rates(run)
-        beside = 0.5 * (steps + np.concatenate([steps[1:], steps[-1:]]))[::every]
-        self.instants = self.gyroscope.distort(beside, rng)
-        self.poses = self.accelerometer.distort(self.force, rng)
-        self.truth = np.concatenate([self.gyroscope.M.ravel(), bias])
-
-    def straight_lines(self) -> float:
-        """Error of M from instants with straight lines between, without noise.
-
-        An instant is the mean of the two steps of 500 Hz beside it.
-        """
-        moves = moves_between(self.time, self.instants, self.rests, scheme="linear")
-        fit = calibrate_gyroscope(
-            moves, self.poses, calibrate(self.poses, self.g), pose_std=self.pose_std,
-            angle_random_walk=self.walk, start=np.eye(3), estimator="unweighted",
-        )  # fmt: skip
-        return float(np.abs(fit.M - self.gyroscope.M).max())
-
-    def trial(
-        self, rng: np.random.Generator, count: int, noise: float = 1.0
-    ) -> GyroscopeFit:
-        """Draw and fit some trials."""
-        return self.fitted(*self.readings(rng, count, noise))
-
-    def readings(
-        self, rng: np.random.Generator, count: int, noise: float = 1.0
-    ) -> tuple[Float[Array, "t n 3"], Float[Array, "t r 3"]]:
-        """Draw the pose means and the rates of some trials."""
-        std = noise * self.pose_std[:, None]
-        poses = self.poses + std * rng.standard_normal((count, *self.poses.shape))
-        step = self.parameters.every / ROWS
-        each = noise * self.walk / sqrt(step)
-        rows = self.rates + each * rng.standard_normal((count, *self.rates.shape))
-        return poses, rows
-
-    def drawn(
-        self, poses: Float[Array, "t n 3"], rows: Float[Array, "t r 3"]
-    ) -> dict[str, Drawn]:
-        """Noise of these, in units of what the parameters say."""
-        density = np.radians(self.parameters.angle_random_walk)
-        each = density * sqrt(ROWS / self.parameters.every)
-        return {
-            "pose means": Drawn.of((poses - self.poses) / self.pose_std[:, None]),
-            "rates": Drawn.of((rows - self.rates) / each),
-        }
-
-    def fitted(
-        self, poses: Float[Array, "t n 3"], rows: Float[Array, "t r 3"]
-    ) -> GyroscopeFit:
-        """Calibrate from these."""
-        moves = moves_between(self.time, rows, self.rests, chunk=CHUNK)
-        known = self.parameters.estimator == "unweighted"
-        fit: FitResult = calibrate(
-            poses, self.g, residual="weighted", noise_std=self.pose_std
-        )
-        return calibrate_gyroscope(
-            moves, poses, fit, pose_std=self.pose_std, angle_random_walk=self.walk,
-            estimator=self.parameters.estimator, start=np.eye(3),
-            bias="first rest" if known else "constant",
-        ).require_converged()  # fmt: skip
-
-    def bound(self, pieces: int = PIECES) -> Float[Array, "12 12"]:
-        """Cramer-Rao bound of the gyroscope's twelve, by moves of so many segments."""
-        moves = moves_between(self.time, self.rates, self.rests, chunk=CHUNK)
-        moments = gyroscope_moments(
-            self.gyroscope, self.accelerometer, self.force, self._path(pieces),
-            pose_std=self.pose_std, g=self.g, angle_random_walk=self.walk,
-            bias_std=self.walk / np.sqrt(moves.rest_seconds.sum()),
-        )  # fmt: skip
-        return moments.cramer_rao[9:, 9:]
-
-    def _path(self, pieces: int) -> MovePath:
-        # from the attitudes, from ten rows before the end of a rest to ten of the next
-        rotation = scipy.spatial.transform.Rotation
-        inner = np.minimum(10, np.diff(self.rests)[:, 0] // 3)
-        first = self.rests[:-1, 1] - 1 - inner[:-1]
-        last = self.rests[1:, 0] + inner[1:]
-        turns, seconds = [], []
-        for a, b in zip(first, last, strict=True):
-            nodes = np.round(np.linspace(a, b, pieces + 1)).astype(int)
-            # the package's world to sensor is what SciPy reads as sensor to world
-            attitude = rotation.from_quat(np.array(self.attitude[nodes]))
-            turns.append((attitude[:-1].inv() * attitude[1:]).as_rotvec())
-            seconds.append(np.diff(self.time[nodes]))
-        return MovePath(turns=np.array(turns), seconds=np.array(seconds))
-
-
-def _rests(run: Trajectory, every: int) -> Any:
-    hold = run.hold[::every]
-    rows = [np.flatnonzero(hold == k) for k in run.hold_indices()]
-    return np.array([[r[0], r[-1] + 1] for r in rows])

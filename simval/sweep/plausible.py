@@ -12,8 +12,6 @@ from functools import lru_cache
 from types import MappingProxyType
 from typing import Any, get_args
 
-from pydantic import TypeAdapter
-
 from simval.results import Check, Row
 from simval.statistics import FAMILIES, Statistic
 from simval.sweep.documents import DamagedError
@@ -25,8 +23,6 @@ MAX_SAMPLES = 2**53
 LONGEST = 10_000
 """Characters of a text in a row; those of the studies have 40."""
 
-STATISTIC: TypeAdapter[Statistic] = TypeAdapter(Statistic)
-
 CHECKS = get_args(Check)
 
 
@@ -34,22 +30,27 @@ def _is_size(value: Any) -> bool:
     return value is None or (isinstance(value, int | float) and value >= 0)
 
 
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str) and len(value) <= LONGEST
+
+
 NUMBER = (lambda x: x is None or isinstance(x, int | float), "must be a number")
 SIZE = (_is_size, "must be a number >= 0")
-TEXT = (
-    lambda x: isinstance(x, str) and len(x) <= LONGEST,
-    f"must be a text of at most {LONGEST} characters",
-)
+TEXT = (_is_text, f"must be a text of at most {LONGEST} characters")
 
 _FIELDS: Mapping[str, tuple[Callable[[Any], bool], str]] = MappingProxyType(
     {
         "family": (
             lambda x: isinstance(x, str) and x in FAMILIES,
-            "must be a family of statistics of this version",
+            "must be a family of statistics of this version; read it with the version "
+            "of simval that wrote it, or sweep anew",
         ),
         "entries": TEXT,
         "controlled": (lambda x: x in (0, 1), "must be 0 or 1"),
-        "unit": TEXT,
+        "unit": (
+            lambda x: _is_text(x) and x.isprintable(),
+            f"must be a printable text of at most {LONGEST} characters",
+        ),
         "value": NUMBER,
         "standard_error": SIZE,
         "n": (
@@ -145,18 +146,26 @@ def statistic_of(family: Any, entries: Any, controlled: Any, unit: Any) -> Stati
         if not is_possible(given):
             msg = f"`{name}` is {_shown(given)}; it {words}"
             raise DamagedError(msg)
+    return Statistic(
+        family=FAMILIES[family],
+        entries=_words(entries),
+        controlled=bool(controlled),
+        unit=unit,
+    )
+
+
+def _words(entries: str) -> tuple[str, ...]:
+    # of the JSON list that `sweep.entries` writes, and of nothing like it
     try:
-        return STATISTIC.validate_python(
-            {
-                "family": family,
-                "entries": tuple(json.loads(entries)),
-                "controlled": bool(controlled),
-                "unit": unit,
-            }
-        )
-    except (ValueError, TypeError, RecursionError):
+        words = json.loads(entries)
+    except (ValueError, RecursionError):
+        words = None
+    if not isinstance(words, list) or not all(
+        isinstance(word, str) and word.isprintable() for word in words
+    ):
         msg = f"`entries` is {_shown(entries)}; it must be a JSON list of words"
-        raise DamagedError(msg) from None
+        raise DamagedError(msg)
+    return tuple(words)
 
 
 def _measured(value: float | None) -> float:

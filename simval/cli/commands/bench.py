@@ -55,7 +55,8 @@ def command(**options: Any) -> int:
 
     The ratio is a contender's rate divided by that of the first contender in the same
     round; the median over the rounds is printed. Time is processor time unless the
-    title says wall.
+    title says wall. A race that is refused or crashes is told in words, the others go
+    on, and the exit code is 3 or 4.
 
     `growth`, named alone, is no race: it sweeps, judges, compares and reports grids
     of cheap cells of several sizes, and prints the time and the memory of each step.

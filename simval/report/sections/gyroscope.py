@@ -11,7 +11,8 @@ from simval.report.units import PPM
 from simval.report.words import spelled
 from simval.shapes import Float
 from simval.statistics import RECOVERY, SD
-from simval.studies.gyroscope import AVERAGES, ROWS, STRAIGHT, THINNED
+from simval.studies.gyroscope import AVERAGES, STRAIGHT, THINNED
+from simval.studies.gyroscope_tumble import ROWS
 from simval.sweep.run import CellResult
 
 SHOWN = Shown("gyroscope", (RECOVERY, SD))
