@@ -5,8 +5,8 @@ covariance and the bias of the estimate without a derivative of anybody's; theor
 (K1) must meet them, and the covariance that the calibration states must meet theory's.
 
 A combination of parameters that the poses see k times worse bends k times sooner: what
-the differences leave grows as :math:`k^4` for a variance and as :math:`k^7` for a bias,
-like theory's own remainders (K3) and (K4), of `simval.theory.calibration`.
+the differences leave grows as :math:`k^4`, as was measured up to k = 6 with poses of
+every kind.
 """
 
 from typing import Any
@@ -26,7 +26,7 @@ from simval.theory.calibration import EVEN, calibration_moments
 MOST = 40
 """Poses: more tell nothing new of a formula."""
 MET_BIAS = 10.0 * MET
-"""A second difference keeps fewer digits: 1e-8 was the worst seen."""
+"""A second difference keeps fewer digits: 2e-8 was the worst seen of even poses."""
 UNEVEN, UNLIKE = 10.0, 4.0
 """Condition of the poses, and ratio of the scales, up to which differences are taken:
 the fourth powers of what they make of a step are 3500 and 250."""
@@ -75,5 +75,5 @@ def response_rows(
         return rows
     off = np.abs(predicted.bias - found.bias(noise)) / predicted.sd
     return rows + exact(
-        BIAS_OFF("predicted"), off.max(), 0.0, RESPONSE, MET_BIAS * worse**7
+        BIAS_OFF("predicted"), off.max(), 0.0, RESPONSE, MET_BIAS * worse**4
     )
