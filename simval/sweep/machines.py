@@ -5,10 +5,12 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from simval.sweep.documents import read_json
+from simval.sweep.documents import DamagedError, checked_environment, read_json
 from simval.sweep.entries import Done
 from simval.sweep.identity import machine_text
 from simval.sweep.provenance import differences
+
+NAME = "the number of cells by machine"
 
 
 def counted(kept: str | None, batch: Sequence[Done]) -> str:
@@ -26,7 +28,8 @@ def environments(kept: str | None) -> list[dict[str, Any]]:
     """Machines with the number of their cells, most cells first."""
     order = sorted(_read(kept).items(), key=lambda item: (-item[1], item[0]))
     return [
-        {"machine": json.loads(machine), "cells": cells} for machine, cells in order
+        checked_environment({"machine": read_json(NAME, machine), "cells": cells})
+        for machine, cells in order
     ]
 
 
@@ -60,4 +63,9 @@ def mixture(manifest: Mapping[str, Any]) -> str:
 
 
 def _read(kept: str | None) -> Counter[str]:
-    return Counter(read_json("the number of cells by machine", kept) if kept else {})
+    cells = read_json(NAME, kept) if kept else {}
+    counted = isinstance(cells, dict) and all(type(n) is int for n in cells.values())
+    if not counted:
+        msg = f"{NAME} is {cells!r:.60}, not whole numbers by name"
+        raise DamagedError(msg)
+    return Counter(cells)
