@@ -30,12 +30,14 @@ def whole_number(name: str, value: Any, least: int, most: int = MOST) -> int:
     InputError
         If the value is not a whole number (1.5 is none, nor is True) or is outside.
     """
-    limit = f"{least} or more" if most == MOST else f"from {least} to {most}"
     try:
         number = operator.index(exact(value))
     except TypeError:
         number = least - 1
     if isinstance(value, bool | np.bool_) or not least <= number <= most:
+        # of a count only the slip is told what the most is
+        told = number <= most == MOST
+        limit = f"{least} or more" if told else f"from {least} to {most}"
         msg = f"`{name}` is {shown(value)}; it must be a whole number, {limit}"
         raise InputError(msg)
     return number

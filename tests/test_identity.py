@@ -161,7 +161,8 @@ def test_machines_are_counted_of_finished_cells_alone():
     def done(machine, ending):
         return Done((), (), "", ending, machine=json.dumps(machine))
 
-    a, b = {"kernels": ["a"]}, {"kernels": ["b"]}
+    own = here().machine
+    a, b = {**own, "kernels": ["a"]}, {**own, "kernels": ["b"]}
     kept = counted(None, [done(a, "pass"), done(b, "failed"), done(a, "refused")])
     kept = counted(kept, [done(b, "pass"), done(b, "fail")])
     assert environments(kept) == [
@@ -174,11 +175,11 @@ def test_machines_are_counted_of_finished_cells_alone():
     "kept",
     ["3", "[]", "null", "{", '{"x": 1}', '{"{}": -1}', '{"{}": true}', "{}", "1e400"],
 )
-def test_counts_that_are_not_the_manifest_s_are_refused(tiny_run, kept):
+def test_counts_that_the_sweep_did_not_write_are_refused(tiny_run, kept):
     with raw(tiny_run) as database:
         sql = "UPDATE meta SET value = ? WHERE key = 'machines'"
         assert database.execute(sql, (kept,)).rowcount == 1
-    with pytest.raises(InputError, match=r"by machine"):
+    with pytest.raises(InputError, match=r"says of the run .*its SHA-256 differs"):
         load_run(tiny_run)
 
 

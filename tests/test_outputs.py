@@ -179,3 +179,11 @@ def test_the_step_summary_is_not_a_run(places, simval, monkeypatch):
     before = bytes_of(run)
     assert simval("gate", run, "--no-baseline")[0] == 2
     assert bytes_of(run) == before
+
+
+def test_a_link_to_itself_in_a_run_is_not_what_is_written(places, simval):
+    place, run, _ = places
+    (place / "base.json").write_text("{}")
+    (run / "run.sqlite.part").symlink_to("run.sqlite.part")
+    words = ("gate", run, "--no-baseline", "--json", place / "base.json")
+    assert simval(*words)[0] == 0

@@ -1,6 +1,7 @@
 """Ratios, findings, ticks, words and colours of the figures, from synthetic curves."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -82,6 +83,16 @@ def test_a_band_wider_than_one_is_no_ratio(error, shown):
     c = made([0.0, 0.0, 0.0], error=error * SEEN / z)
     assert (ratio_panel("", "", [c], z) is not None) == shown
     assert (ratio_bars("", ["a", "b", "c"], [c], z) is not None) == shown
+
+
+@pytest.mark.parametrize("value", [1e308, -1e308, np.inf, np.nan, 1e290])
+@pytest.mark.parametrize("prediction", [1.0, 1e-200, -1e-300])
+def test_a_ratio_that_overflows_has_no_place(value, prediction):
+    c = replace(made([0.0, 0.0, 0.0]), value=np.array([value, 1.0, 1.0]))
+    c = replace(c, prediction=np.array([prediction, 1.0, 1.0]))
+    low, high = ratio_panel("", "", [c], 2.0).limits
+    assert np.isfinite(high - low)
+    assert low < 1.0 < high
 
 
 def test_other_predictions_do_not_widen_the_axis():

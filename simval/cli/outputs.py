@@ -136,7 +136,8 @@ def _same(one: Path, other: Path) -> bool:
     try:
         return os.path.samefile(one, other)
     except OSError:  # one of them is not there
-        return _real(one) == _real(other)
+        # the other may lead in a circle, and is not written
+        return _real(one) == Path(os.path.realpath(other))
 
 
 def _is_special(path: Path) -> bool:

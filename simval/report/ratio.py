@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array
+from simval.report.axes import near
 from simval.report.curves import Curve
 from simval.report.panels import DotPanel, Panel, Series
 from simval.shapes import Bool, Float
@@ -45,7 +46,7 @@ def ratio(c: Curve) -> Curve:
 @np.errstate(over="ignore", invalid="ignore")  # what overflows is not drawn
 def seen(c: Curve, z: float) -> Curve:
     """The points of a ratio whose bands tell it from 0 and from 2."""
-    return kept(c, np.less_equal(z * c.error, SEEN))
+    return kept(c, np.less_equal(z * c.error, SEEN) & near(c.value))
 
 
 def kept(c: Curve, good: Bool[Array, " n"]) -> Curve:

@@ -54,6 +54,9 @@ ESTIMATORS: dict[str, Callable[..., Array]] = {
     "TRIAD": triad,
 }
 
+MOST_TRIALS = 1_000_000
+"""Those of a geometry are held all at once."""
+
 
 class Parameters(StudyParameters):
     """One cell: how many geometries and trials, at which noise."""
@@ -61,7 +64,7 @@ class Parameters(StudyParameters):
     geometries: Annotated[int, Field(ge=100)] = Field(
         default=500, description="Random attitudes and vector pairs."
     )
-    trials: Annotated[int, Field(ge=10)] = Field(
+    trials: Annotated[int, Field(ge=10, le=MOST_TRIALS)] = Field(
         default=200, description="Trials for each geometry."
     )
     noise_std: Annotated[float, Field(ge=LEAST_NOISE, le=1e-3)] = Field(

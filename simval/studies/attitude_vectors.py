@@ -57,6 +57,9 @@ MOST_LEFT_OUT = 0.3
 right weights the second order of a noisy vector swamps the first of a good one."""
 
 
+MOST_SAMPLES = 4_000_000
+"""They are held all at once: 8 GB with six vectors."""
+
 MOST_NOISE = 0.1
 """Of any vector, per axis: beyond it a vector may turn round."""
 
@@ -85,7 +88,7 @@ class Parameters(StudyParameters):
     geometry: Annotated[int, Field(ge=0, lt=2**63)] = Field(
         default=0, description="Number of the random geometry."
     )
-    samples: Annotated[int, Field(ge=4096)] = Field(
+    samples: Annotated[int, Field(ge=4096, le=MOST_SAMPLES)] = Field(
         default=65_536, description="Trials."
     )
 

@@ -5,7 +5,10 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, ValidationInfo, field_validator
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticCustomError
 
+from simval.arguments import MOST
 from simval.results import Outcome
 from simval.streams import Streams, cell_key
 from simval.whole import exact
@@ -19,6 +22,11 @@ class Cost:
     rows: int  # rows that it leaves
 
 
+def _ends(field: FieldInfo) -> bool:
+    """Whether a field says itself how great it may be."""
+    return any(hasattr(limit, "le") or hasattr(limit, "lt") for limit in field.metadata)
+
+
 class StudyParameters(BaseModel):
     """Base of every study's parameters: frozen, no unknown keys, finite numbers."""
 
@@ -30,8 +38,15 @@ class StudyParameters(BaseModel):
     @classmethod
     def _whole(cls, value: Any, info: ValidationInfo) -> Any:
         """Take 1e5 for an integer where one is asked for."""
-        asked = cls.model_fields[info.field_name or ""].annotation
-        return exact(value) if asked is int else value
+        field = cls.model_fields[info.field_name or ""]
+        number = exact(value) if field.annotation is int else value
+        if type(number) is int and number > MOST and not _ends(field):
+            kind, msg = (
+                "less_than_equal",
+                "Input should be less than or equal to {most}",
+            )
+            raise PydanticCustomError(kind, msg, {"most": MOST})
+        return number
 
     def cost(self) -> Cost:
         """Cost of a cell if a study does not state it: a second and fifty rows."""

@@ -16,7 +16,7 @@ from pathlib import Path
 from simval.errors import InputError
 from simval.sweep.documents import DamagedError
 from simval.sweep.holders import holders
-from simval.sweep.inside import MEBIBYTE, require_plain
+from simval.sweep.inside import MEBIBYTE, require_alone, require_plain
 
 CHECKPOINT = 8_192
 """Pages of the write-ahead log, 32 MB, after which it is brought into the file: a
@@ -50,6 +50,8 @@ def to_read(path: Path, tables: str, version: int) -> sqlite3.Connection:
         raise InputError(msg)
     for suffix in ("", *BESIDE):
         require_plain(Path(f"{path}{suffix}"))
+    for suffix in BESIDE:
+        require_alone(Path(f"{path}{suffix}"))
     _require_no_journal(path)
     database = _connected(path)
     try:
@@ -215,10 +217,13 @@ def _schema(tables: str) -> Schema:
 
 def _entries(database: sqlite3.Connection) -> Schema:
     query = "SELECT name, type, tbl_name, sql FROM sqlite_schema LIMIT 100"
-    return {
-        str(name): (str(kind), str(table), " ".join(str(sql).split()))
-        for name, kind, table, sql in database.execute(query)
-    }
+    entries: Schema = {}
+    for name, kind, table, sql in database.execute(query):
+        if str(name) in entries:  # a trigger may have the name of a table
+            msg = f"it has `{name:.60}` twice, once as a {kind}"
+            raise DamagedError(msg)
+        entries[str(name)] = (str(kind), str(table), " ".join(str(sql).split()))
+    return entries
 
 
 def _patiently(database: sqlite3.Connection, pragma: str, seconds: float) -> None:

@@ -114,6 +114,16 @@ def read_timing(folder: Path) -> dict[str, Any]:
         raise InputError(msg) from None
 
 
+def checked_call(name: str, content: Any) -> dict[str, Any]:
+    """What was timed in a cell."""
+    return _required(name, content, _Call)
+
+
+def checked_environment(content: Any) -> dict[str, Any]:
+    """A machine with the number of its cells."""
+    return _required("entry of machines", content, _Environment)
+
+
 def read_json(name: str, text: Any) -> Any:
     """Read JSON that can be written again as UTF-8."""
     try:
@@ -126,7 +136,10 @@ def read_json(name: str, text: Any) -> Any:
 
 
 def _checked(name: str, text: Any, model: type[_Document]) -> dict[str, Any]:
-    content = read_json(f"the {name}", text)
+    return _required(name, read_json(f"the {name}", text), model)
+
+
+def _required(name: str, content: Any, model: type[_Document]) -> dict[str, Any]:
     try:
         model.model_validate(content)
     except ValidationError as error:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from simval.errors import InputError
 from simval.sweep.cells import read_cells, read_heads
+from simval.sweep.parts import completed
 from simval.sweep.run import opened_run
 from simval.sweep.tidy import HEAD, NUMBERS, lines, parameter_kinds
 
@@ -21,6 +22,13 @@ def export_parquet(folder: Path, path: Path) -> int:
         from simval.extras import refuse_without
 
         refuse_without("parquet", "Parquet")
+    if path.exists() and not path.is_file():
+        # it would be replaced: a device or a pipe would be gone for all who use it
+        msg = (
+            f"cannot write {path}: it is no regular file, and Parquet is not written "
+            "into a pipe; choose another file with --out"
+        )
+        raise InputError(msg)
     written = 0
     with opened_run(folder) as (database, _):
         kinds = parameter_kinds(read_heads(database))
@@ -30,17 +38,16 @@ def export_parquet(folder: Path, path: Path) -> int:
                 for name, kind in (HEAD | kinds | NUMBERS).items()
             ]
         )
-        part = path.with_name(path.name + ".part")
         try:
-            with parquet.ParquetWriter(part, schema, compression="zstd") as writer:
+            with (
+                completed(path) as file,
+                parquet.ParquetWriter(file, schema, compression="zstd") as writer,
+            ):
                 table = lines(read_cells(database), kinds)
                 while chunk := list(islice(table, CHUNK)):
                     writer.write_table(pa.Table.from_pylist(chunk, schema))
                     written += len(chunk)
-            part.replace(path)
         except (OSError, OverflowError, pa.ArrowInvalid) as error:
             msg = f"cannot write {path}: {error}; choose another file with --out"
             raise InputError(msg) from None
-        finally:
-            part.unlink(missing_ok=True)  # no incomplete table is left
     return written

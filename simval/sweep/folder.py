@@ -15,6 +15,9 @@ import numpy as np
 
 from simval.errors import InputError
 from simval.sweep import provenance, store
+from simval.sweep.inside import require_folder
+from simval.sweep.machines import environments
+from simval.sweep.parts import completed
 from simval.sweep.suite import Suite
 
 # What must be equal for a run to be resumed. The commit may differ where only texts
@@ -65,8 +68,11 @@ def create(folder: Path, suite: Suite, known: Mapping[str, Any], resume: bool) -
 
 
 def check_same(folder: Path, suite: Suite, known: Mapping[str, Any]) -> None:
-    """Refuse to resume a run of another suite, version or source."""
+    """Refuse to resume a run of another suite, version or source, or a damaged one."""
+    require_folder(folder / "artifacts")
     with store.opened(folder / "run.sqlite") as database:
+        store.times(database)
+        environments(store.entry(database, store.MACHINES))
         earlier = store.manifest(database)
         same = _same(store.names(database), (cell.name for cell in suite.cells))
     changed = provenance.differences(
@@ -102,11 +108,10 @@ def keep(folder: Path, artifacts: Mapping[str, Any]) -> None:
 def write(path: Path, content: str | bytes) -> None:
     """Write a file that appears only when it is complete."""
     data = content.encode() if isinstance(content, str) else content
-    part = path.with_name(path.name + ".part")
     try:
         path.parent.mkdir(exist_ok=True)
-        part.write_bytes(data)
-        part.replace(path)
+        with completed(path) as file:
+            file.write(data)
     except OSError as error:
         msg = f"cannot write {path}: {error}; is the disk full or read-only?"
         raise InputError(msg) from None

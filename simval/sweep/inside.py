@@ -82,6 +82,29 @@ def require_plain(file: Path) -> None:
         raise InputError(msg) from None
 
 
+def require_alone(file: Path) -> None:
+    """Refuse what is there under this name if it has another name, too.
+
+    SQLite writes to what it finds beside a store, so to the file of the other name.
+    """
+    if os.path.lexists(file) and file.lstat().st_nlink > 1:
+        msg = (
+            f"{file} is a file that has another name elsewhere, too (a hard link), and "
+            "would be written there: take it away, or copy the run folder"
+        )
+        raise InputError(msg)
+
+
+def require_folder(place: Path) -> None:
+    """Refuse what is there under this name if it is no folder; a link is none."""
+    if os.path.lexists(place) and not stat.S_ISDIR(place.lstat().st_mode):
+        msg = (
+            f"{place} is no folder of this run, so nothing is written there: take it "
+            "away, or run the suite in a new folder"
+        )
+        raise InputError(msg)
+
+
 def _descriptor(folder: Path, parts: list[str]) -> int:
     """Descriptor of a file, found from the folder on without following a link."""
     place = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)

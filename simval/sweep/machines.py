@@ -5,10 +5,12 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from simval.sweep.documents import DamagedError, read_json
+from simval.sweep.documents import DamagedError, checked_environment, read_json
 from simval.sweep.entries import Done
 from simval.sweep.identity import machine_text
 from simval.sweep.provenance import differences
+
+NAME = "the number of cells by machine"
 
 
 def counted(kept: str | None, batch: Sequence[Done]) -> str:
@@ -26,23 +28,9 @@ def environments(kept: str | None) -> list[dict[str, Any]]:
     """Machines with the number of their cells, most cells first."""
     order = sorted(_read(kept).items(), key=lambda item: (-item[1], item[0]))
     return [
-        {"machine": json.loads(machine), "cells": cells} for machine, cells in order
+        checked_environment({"machine": read_json(NAME, machine), "cells": cells})
+        for machine, cells in order
     ]
-
-
-def require_counted(kept: str | None, manifest: Mapping[str, Any]) -> None:
-    """Refuse a finished run whose store and manifest count other machines.
-
-    Raises
-    ------
-    DamagedError
-        If they differ.
-    """
-    said = manifest.get("environments", [])
-    told = {machine_text(each["machine"]): each["cells"] for each in said}
-    if dict(_read(kept)) != told:
-        msg = f"it counts its cells by machine as {kept!r:.60}, its manifest otherwise"
-        raise DamagedError(msg)
 
 
 def other_machines(manifest: Mapping[str, Any]) -> list[Any]:
@@ -75,9 +63,9 @@ def mixture(manifest: Mapping[str, Any]) -> str:
 
 
 def _read(kept: str | None) -> Counter[str]:
-    content = read_json("the number of cells by machine", kept) if kept else {}
-    numbers = content.values() if isinstance(content, dict) else [None]
-    if not all(type(number) is int and number >= 0 for number in numbers):
-        msg = f"its number of cells by machine is {kept!r:.60}"
+    cells = read_json(NAME, kept) if kept else {}
+    counted = isinstance(cells, dict) and all(type(n) is int for n in cells.values())
+    if not counted:
+        msg = f"{NAME} is {cells!r:.60}, not whole numbers by name"
         raise DamagedError(msg)
-    return Counter(content)
+    return Counter(cells)

@@ -7,7 +7,6 @@ table, and reads only the columns and the row groups that it asks for.
 """
 
 import json
-import shutil
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping
 from functools import lru_cache
@@ -23,6 +22,7 @@ from simval.statistics import Statistic
 from simval.sweep.cells import CellResult, read_cells, read_heads
 from simval.sweep.documents import DamagedError
 from simval.sweep.inside import MEBIBYTE
+from simval.sweep.parts import taken_away
 from simval.sweep.plausible import MAX_SAMPLES, statistic_of
 from simval.sweep.tidy import HEAD, NUMBERS, parameter_kinds, parameter_values
 from simval.text import one_line
@@ -60,7 +60,7 @@ def has_pyarrow() -> bool:
 def write_parquet(database: sqlite3.Connection, folder: Path) -> None:
     """Write the table of the finished cells; it appears only when it is complete."""
     part = folder.with_name(folder.name + ".part")
-    shutil.rmtree(part, ignore_errors=True)
+    taken_away(part)
     tables: dict[str, _Study] = {}
     try:
         for cell in read_cells(database):
@@ -71,7 +71,7 @@ def write_parquet(database: sqlite3.Connection, folder: Path) -> None:
                 tables[cell.study].add(cell)
         for table in tables.values():
             table.close()
-        shutil.rmtree(folder, ignore_errors=True)
+        taken_away(folder)
         part.rename(folder)
     except OSError as error:
         msg = f"cannot write {folder}: {error}; is the disk full or read-only?"

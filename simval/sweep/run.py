@@ -12,6 +12,7 @@ import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from io import TextIOWrapper
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from simval.sweep.cells import CellResult, read_cell, read_cells, read_heads
 from simval.sweep.connections import explained, require_whole
 from simval.sweep.documents import read_timing
 from simval.sweep.frame import data_frame
-from simval.sweep.machines import require_counted
+from simval.sweep.parts import completed
 from simval.sweep.plausible import MAX_SAMPLES
 from simval.sweep.seal import check_files
 from simval.sweep.stored import KEPT, StoredCells
@@ -140,10 +141,8 @@ def opened_run(folder: Path) -> Iterator[tuple[sqlite3.Connection, dict[str, Any
     """Open a run folder; its files and manifest must be what the sweep wrote."""
     with store.opened(folder / "run.sqlite") as database:
         require_whole(database)
-        check_files(database, folder)
         manifest = store.manifest(database)
-        if store.sealed(database):
-            require_counted(store.entry(database, store.MACHINES), manifest)
+        check_files(database, folder)
         yield database, manifest
 
 
@@ -151,9 +150,11 @@ def write_table(database: sqlite3.Connection, path: Path) -> None:
     """Write the tidy long table of the finished cells: sorted, floats exact."""
     heads = (cell for cell in read_heads(database) if cell.status == "done")
     keys = sorted({key for cell in heads for key in cell.parameters})
-    part = path.with_name(path.name + ".part")
     try:
-        with part.open("w", encoding="utf-8", newline="") as file:
+        with (
+            completed(path) as content,
+            TextIOWrapper(content, encoding="utf-8", newline="") as file,
+        ):
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(["cell", "study", "seed", *keys, *COLUMNS])
             for position in store.finished(database):
@@ -162,7 +163,6 @@ def write_table(database: sqlite3.Connection, path: Path) -> None:
                 head = [cell.name, cell.study, cell.seed, *values]
                 lines = sorted(_lines(cell), key=lambda line: line[:2])
                 writer.writerows([*head, *line] for line in lines)
-        part.replace(path)
     except OSError as error:
         msg = f"cannot write {path}: {error}; is the disk full or read-only?"
         raise InputError(msg) from None

@@ -7,7 +7,6 @@ number of workers, in any order, leaves the same table.
 import json
 import os
 import platform
-import shutil
 import sqlite3
 import time
 from collections.abc import Sequence
@@ -33,6 +32,7 @@ from simval.sweep.parquet import (
     has_pyarrow,
     write_parquet,
 )
+from simval.sweep.parts import taken_away
 from simval.sweep.paths import require_plugins
 from simval.sweep.run import Run, load_run, write_table
 from simval.sweep.seal import seal, unseal
@@ -245,7 +245,7 @@ def _write_tables(
     if parquet:
         write_parquet(database, folder / FOLDER)
     else:
-        shutil.rmtree(folder / FOLDER, ignore_errors=True)
+        taken_away(folder / FOLDER)
     if text:
         write_table(database, folder / "results.csv")
     else:

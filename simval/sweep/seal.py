@@ -1,7 +1,9 @@
 """The seal of a finished run: the SHA-256 of each file beside the store.
 
-The driver writes it last and removes it first, so a run that was interrupted or is
-being resumed has none. A missing file is not damage: a store alone can be judged.
+One more is of all that the store says of the run itself (`ENTRIES`), the list of files
+included; each cell has its own. The driver writes the seal last and removes it first:
+a run that was interrupted or is being resumed has none. A missing file is not damage: a
+store alone can be judged.
 """
 
 import hashlib
@@ -10,6 +12,7 @@ import sqlite3
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from simval.errors import InputError
 from simval.sweep import store
@@ -19,6 +22,9 @@ FOLDERS = ("artifacts", "results")
 NAMES = ("results.csv", "manifest.json", "timing.json")
 READ = (".npz", ".png")
 """What a report reads of the artifacts."""
+
+ENTRIES = "run.sqlite"
+"""Name of what the store says of the run, and of the list of files, among the files."""
 
 LINE = 64 * 1024
 """Bytes that a line of results.csv has at most; the suites' have 300."""
@@ -35,6 +41,7 @@ def seal(database: sqlite3.Connection, folder: Path) -> None:
         files += sorted((folder / place).rglob("*"))
     names = [f.relative_to(folder).as_posix() for f in files if _whole(f)]
     digests = {name: _digest(folder, name, sys.maxsize) for name in names}
+    digests[ENTRIES] = _digest_of_entries(database, digests)
     store.keep(database, store.FILES, json.dumps(digests))
 
 
@@ -48,6 +55,12 @@ def check_files(database: sqlite3.Connection, folder: Path) -> None:
     known = store.sealed(database)
     if not known:
         return
+    if known.pop(ENTRIES, None) != _digest_of_entries(database, known):
+        msg = (
+            f"what {folder / ENTRIES} says of the run and of its files is not what the "
+            "sweep wrote (its SHA-256 differs); restore it from a copy"
+        )
+        raise InputError(msg)
     limits = {"results.csv": LINE * (1 + store.size(database))}
     for name, digest in known.items():
         most = limits.get(name, MOST_PART if name.startswith("results/") else MOST_FILE)
@@ -64,6 +77,13 @@ def check_files(database: sqlite3.Connection, folder: Path) -> None:
             "the run folder"
         )
         raise InputError(msg)
+
+
+def _digest_of_entries(database: sqlite3.Connection, files: Mapping[str, Any]) -> str:
+    said = [store.entries(database), dict(files)]
+    return hashlib.sha256(
+        json.dumps(said, sort_keys=True, default=repr).encode()
+    ).hexdigest()
 
 
 def _stray(folder: Path, known: Mapping[str, str]) -> Iterator[Path]:

@@ -21,7 +21,12 @@ from typing import Any
 
 from simval.studies.study import Cell
 from simval.sweep.connections import explained, fold, to_read, to_write
-from simval.sweep.documents import DamagedError, checked_manifest, read_json
+from simval.sweep.documents import (
+    DamagedError,
+    checked_call,
+    checked_manifest,
+    read_json,
+)
 from simval.sweep.entries import (
     CELL_FIELDS,
     NAMED,
@@ -199,6 +204,12 @@ def size(database: sqlite3.Connection) -> int:
     return most
 
 
+def entries(database: sqlite3.Connection) -> dict[str, Any]:
+    """All that the store says of the run itself, but for the digests of its files."""
+    query = "SELECT key, value FROM meta WHERE key != ? ORDER BY key"
+    return dict(database.execute(query, (FILES,)).fetchall())
+
+
 def sealed(database: sqlite3.Connection) -> dict[str, str]:
     """The digests of the files beside the store, as the sweep left them."""
     text = entry(database, FILES)
@@ -214,7 +225,9 @@ def times(database: sqlite3.Connection) -> dict[str, Any]:
     query = "SELECT key, value FROM meta WHERE substr(key, 1, ?) = ? ORDER BY key"
     found = database.execute(query, (len(TIMES), TIMES))
     return {
-        key.removeprefix(TIMES): read_json(f"the entry {key!r:.60}", value)
+        key.removeprefix(TIMES): checked_call(
+            f"entry {key!r:.60}", read_json(f"the entry {key!r:.60}", value)
+        )
         for key, value in found
     }
 
