@@ -41,11 +41,13 @@ _KINDS: Final = (  # what a path may be, and what to do about it
     (stat.S_ISFIFO, "it is a pipe, which may never end; write it to a file first"),
     (stat.S_ISSOCK, "it is a socket; give a file"),
 )
-_NUMBER: Final = re.compile(rf"(?<![0-9_])[0-9][0-9_]{{{DIGITS},}}+")
-_PART: Final = r"""(?>[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
-_NAME: Final = re.compile(
-    rf"(?<![A-Za-z0-9_-]){_PART}(?:\.[ \t]*+{_PART}){{{PARTS},}}+"
+_NUMBER: Final = re.compile(
+    rf"(?<![0-9_])(?>0x[0-9A-Fa-f_]{{{DIGITS},}}+|[0-9][0-9_]{{{DIGITS},}}+)"
 )
+_PART: Final = r"""(?>[A-Za-z0-9_-]++|"(?>[^"\\\n]|\\.)*+"|'[^'\n]*+')[ \t]*+"""
+_MORE: Final = rf"\.[ \t]*+{_PART}"
+# each piece is read once: what is escaped outside of a name starts none
+_NAME: Final = re.compile(rf"\\.|{_PART}(?:{_MORE}){{0,{PARTS - 1}}}+({_MORE})?+")
 
 
 class UnreadableError(OSError):
@@ -134,12 +136,9 @@ def parsed_toml(text: str) -> dict[str, Any]:
         If it is none, or a number, a name or the depth in it is beyond all use.
     """
     _require_numbers(text)
-    if found := _NAME.search(text):
-        msg = (
-            f"a name in line {_line(found)} has more than {PARTS} parts, "
-            f"{found.group()[:20]!r} and so on"
-        )
-        raise ValueError(msg)
+    for number, line in enumerate(text.split("\n"), 1):
+        if line.count(".") >= PARTS:
+            _require_short_names(number, line)
     try:
         return tomllib.loads(text)
     except RecursionError:
@@ -156,6 +155,16 @@ def _require_numbers(text: str) -> None:
             f"{DIGITS} are read"
         )
         raise ValueError(msg)
+
+
+def _require_short_names(number: int, line: str) -> None:
+    for found in _NAME.finditer(line):
+        if found[1]:
+            msg = (
+                f"a name in line {number} has more than {PARTS} parts, "
+                f"{found.group()[:20]!r} and so on"
+            )
+            raise ValueError(msg)
 
 
 def _line(found: re.Match[str]) -> int:

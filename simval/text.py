@@ -45,7 +45,10 @@ def _bare(word: str) -> str:
 
 def shown(value: Any) -> str:
     """A value as a message shows it, cut where it is long."""
-    text = " ".join(repr(value).split())
+    try:
+        text = " ".join(repr(value).split())
+    except ValueError:  # Python writes no whole number of more than 4300 digits
+        text = f"of type {type(value).__name__}, too long to be written"
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 

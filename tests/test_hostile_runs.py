@@ -289,6 +289,37 @@ def test_an_array_is_what_its_header_says_or_refused(at, folder, simval, undrawn
     assert (code, "run the suite again" in err) in ((2, True), (0, False)), err
 
 
+@pytest.mark.parametrize("columns", [0, 2, 4, 9, 300])
+def test_readings_have_three_columns(columns, folder, simval, undrawn):
+    """With more than there are colours it was a traceback."""
+    signal = np.ones((40, columns))
+    file = folder / "artifacts" / "static-gimbal-0.npz"
+    np.savez(file, time=np.arange(40.0), signal=signal, intervals=[[0.5, 1.0]])
+    resealed(folder)
+    code, _, err = simval("report", folder)
+    assert code == 2
+    assert f"`signal` has shape (40, {columns}); it must have (40, 3)" in err
+
+
+@pytest.mark.parametrize("kind", ["scene", "static", "convergence"])
+@pytest.mark.parametrize("sealed", [True, False])
+def test_a_name_that_is_no_text_is_refused(kind, sealed, folder, simval, undrawn):
+    """Without a seal it was a traceback: a page is text."""
+    artifacts = os.fsencode(folder / "artifacts")
+    (old,) = (n for n in os.listdir(artifacts) if n.startswith(kind.encode() + b"-")
+              and n.endswith(b".npz"))  # fmt: skip
+    new = kind.encode() + b"-\xff-1.npz"
+    os.rename(os.path.join(artifacts, old), os.path.join(artifacts, new))
+    if sealed:
+        resealed(folder)
+    else:
+        with raw(folder) as database:
+            database.execute("DELETE FROM meta WHERE key = 'files'")
+    code, _, err = simval("report", folder)
+    assert code == 2
+    assert "surrogates not allowed" in err if sealed else "whose name is no text" in err
+
+
 def test_a_bomb_is_small_where_it_lies(tmp_path):
     """Else the test above would have shown nothing."""
     assert len(bomb()) < 2**20

@@ -4,6 +4,8 @@ Each reader is given what never ends, what is too large and what takes for ever 
 parse. A reader that tries all the same runs out of memory here, not of the machine's.
 """
 
+import contextlib
+import math
 import os
 import resource
 import socket
@@ -12,18 +14,24 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from simval import files
+from simval.arguments import whole_number
 from simval.calibrate import load_calibration
 from simval.cli import report, run
 from simval.cli.plan import read_directions
-from simval.errors import InputError, PluginError
+from simval.errors import InputError, PluginError, RefusedError
 from simval.gate.baseline import read_baseline
 from simval.logs import read_log, read_truth
 from simval.noise import load_noise
 from simval.plugins import Estimator, find_plugin
 from simval.scene.models import load_model, model_path
 from simval.sensor import load_imu
+from simval.streams import Streams
+from simval.studies import STUDIES
 from simval.sweep.size import MOST_CELLS
 from simval.sweep.suite import load_suite
 
@@ -132,6 +140,11 @@ TEXTS = {  # content and part of what is said: of TOML, of JSON
         f"\n\n{PARTS} = 1": "a name in line 3 has more than 20 parts",
         f"[{PARTS}]": "a name in line 1 has more than 20 parts",
         '"b" . ' * 20_000 + "c = 1": "a name in line 1 has more than 20 parts",
+        '"a\\"b".' * 20_000 + "c = 1": "a name in line 1 has more than 20 parts",
+        '"\\\\".' * 20_000 + "c = 1": "a name in line 1 has more than 20 parts",
+        "'\\'." * 20_000 + "c = 1": "a name in line 1 has more than 20 parts",
+        f"K = 0x{'f' * 10_000}": "number in line 1 has 10002 digits",
+        f"K = 0x1_{'F_f' * 2_000}f": "number in line 1 has 6005 digits",
         "K = " + "[" * DEEP: "nested too deeply",
         "K = " + "{a = " * DEEP: "nested too deeply",
     },
@@ -178,7 +191,12 @@ def test_what_is_legal_is_read():
 
 
 @pytest.mark.parametrize(
-    "text", ["a" * 2**20, '"' * 2**20, "a." * 2**19, "1 " * 2**19, "'\"" * 2**19]
+    "text",
+    [
+        *("a" * 2**20, '"' * 2**20, "a." * 2**19, "1 " * 2**19, "'\"" * 2**19),
+        *('"\\' * 2**19 + "." * 20, '\\"' * 2**19 + "." * 20, "0x" * 2**19),
+        *("'\\'\"." * 2**17, '."\\\\' * 2**18, '.\\"' * 2**18, ".'\\\"" * 2**18),
+    ],
 )
 def test_looking_for_them_takes_no_time(text):
     start = time.process_time()
@@ -208,6 +226,57 @@ def test_settings_of_the_command_line(setting, tmp_path):
         load_suite(str(path), [setting])
     assert time.process_time() - start < SECONDS
     assert len(str(caught.value)) < 1000
+
+
+@given(
+    names=st.lists(
+        st.sampled_from(
+            ["a", "b-1", '"c"', '"d.e"', '"\\""', '"\\\\"', "'f'", "'\\'", '""']
+        )
+    ),
+    dot=st.sampled_from([".", " . ", "\t.", ". "]),
+    before=st.sampled_from(["", "[", "x = {", 'x = {y = """ " """, ']),
+)
+@example(names=["a"] * 21, dot=".", before='x = {y = """ " """, ')
+@example(names=['"\\""'] * 21, dot=".", before="")
+@example(names=['"\\""', "'\\'"] * 10, dot=".", before="")
+def test_as_many_parts_are_counted_as_there_are(names, dot, before):
+    """Wherever the name stands, whatever quotes are before it."""
+    text = before + dot.join(names) + {"": " = 1", "[": "]"}.get(before, " = 1}")
+    try:
+        files.parsed_toml(text)
+        said = ""
+    except ValueError as error:
+        said = str(error)
+    assert ("more than 20 parts" in said) == (len(names) > files.PARTS)
+
+
+def test_of_many_faults_the_first_are_told(tmp_path):
+    path = tmp_path / "suite.toml"
+    path.write_text("".join(f"[x{i}]\n" for i in range(3_000)))
+    start = time.process_time()
+    with pytest.raises(InputError, match=r"; and 2,980 more$") as caught:
+        load_suite(str(path))
+    assert time.process_time() - start < SECONDS
+    assert len(str(caught.value)) < 10_000
+
+
+@pytest.mark.parametrize("which", ["one", "below", "list"])
+def test_a_number_that_python_does_not_write_is_refused_in_words(which):
+    number = {"one": 10**5000, "below": -(10**5000), "list": [10**5000]}[which]
+    with pytest.raises(InputError, match="too long to be written; it must be a whole"):
+        whole_number("n", number, 1)
+
+
+def test_a_threshold_is_not_rounded_to_nothing():
+    """5e-324 times a variance of 1e-18 was 0, and a crash of the cell."""
+    for multiplier in (5e-324, 1e-300, 0.0, math.nextafter(1e-9, 0.0)):
+        with pytest.raises(ValidationError, match="greater than or equal to"):
+            STUDIES["detector"].parameters(multiplier=multiplier)
+    values = {"multiplier": 1e-9, "noise_std": 1e-9, "poses": 9, "window": 3}
+    own = STUDIES["detector"].parameters(**values, trim=0, trials=2)
+    with contextlib.suppress(RefusedError):  # nothing is below so low a threshold
+        STUDIES["detector"].run(own, Streams(1, (1,)))
 
 
 AXIS = list(range(1, 1001))

@@ -197,3 +197,16 @@ def test_the_initial_rest_is_found_on_real_recordings(xsens):
     # the recording's authors state 50 s at least; the first move comes at 52.4 s
     assert 49.0 < seconds < 52.4
     assert len(static_intervals(log.accelerometer, 6.0 * rest.variance)) == 38
+
+
+def test_an_initial_rest_has_two_samples_at_least():
+    """A window of 3 finds runs of one sample, whose variance would be 0 / 0."""
+    rng = np.random.default_rng(22)
+    for _ in range(20):
+        raw = 9.8 + rng.normal(0.0, [0.01, 5.0, 1e-6], (200, 3))
+        try:
+            rest = initial_rest(raw, None, 3, 1)
+        except RefusedError:
+            continue
+        assert rest.stop - rest.start >= 2
+        assert rest.variance > 0.0

@@ -28,7 +28,17 @@ UNREADABLE: tuple[type[Exception], ...] = (
 
 def listed(run: Path, pattern: str) -> list[Path]:
     """Artifacts of a run folder by a pattern of their names, sorted."""
-    return sorted((run / FOLDER).glob(pattern))
+    files = sorted((run / FOLDER).glob(pattern))
+    for file in files:
+        try:
+            file.name.encode()
+        except UnicodeEncodeError:
+            msg = (
+                f"{run / FOLDER} has a file {file.name!a}, whose name is no text; "
+                "no study leaves one: move it out of the run folder"
+            )
+            raise InputError(msg) from None
+    return files
 
 
 def is_left(file: Path) -> bool:

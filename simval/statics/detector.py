@@ -92,7 +92,8 @@ def initial_rest(
     if count is None:
         if spread is None:
             spread = variance_magnitude(samples, window)
-        start, stop = _first_rest(spread, minimum, rate)
+        least = max(minimum, 2)  # one sample has no variance
+        start, stop = _first_rest(spread, least, rate)
     else:
         start, stop = 0, whole_number("count", count, 1)
         if not window <= stop <= len(samples):

@@ -60,7 +60,7 @@ class Parameters(StudyParameters):
     noise_std: Annotated[float, Field(ge=LEAST_NOISE, le=10.0)] = Field(
         default=0.01, description="Noise per axis and sample at 100 Hz, m/s^2."
     )
-    multiplier: Annotated[float, Field(gt=0.0, le=1e9)] = Field(
+    multiplier: Annotated[float, Field(ge=1e-9, le=1e9)] = Field(
         default=6.0, description="Threshold over the variance of the initial rest."
     )
     window: Annotated[int, Field(ge=3, le=2001)] = Field(

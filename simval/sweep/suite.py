@@ -42,6 +42,8 @@ from simval.whole import exact
 Model = TypeVar("Model", bound=BaseModel)
 NonEmpty = Field(min_length=1)
 WHOLE = BeforeValidator(exact)
+MOST_FAULTS = 20
+"""Of a file that are told one by one; who sees so many reads no more."""
 Seed = Annotated[int, Field(ge=0, lt=2**63), WHOLE]
 
 
@@ -258,8 +260,9 @@ def validated(where: str, model: type[Model], content: Mapping[str, Any]) -> Mod
         return model.model_validate(content)
     except ValidationError as error:
         faults = [e for e in error.errors() if not _other_arm(e)] or error.errors()
-        lines = "; ".join(dict.fromkeys(_explain(e, model) for e in faults))
-        msg = f"{where}: {lines}"
+        told = dict.fromkeys(_explain(e, model) for e in faults[:MOST_FAULTS])
+        more = len(faults) - MOST_FAULTS
+        msg = f"{where}: {'; '.join(told)}" + (f"; and {more:,} more" * (more > 0))
         raise InputError(msg) from None
 
 

@@ -158,7 +158,7 @@ def _signal(file: Path, content: Mapping[str, Array], spans: Spans) -> Panel:
     time = shaped(file, content, "time", None)
     flat = content["signal"].ndim == 1
     columns = {"signal": content["signal"][:, None]} if flat else content
-    signal = shaped(file, columns, "signal", len(time), None)
+    signal = shaped(file, columns, "signal", len(time), 1 if flat else 3)
     labels = "xyz" if signal.shape[1] == 3 else ("",) * signal.shape[1]
     return Panel(
         title="readings",
