@@ -7,9 +7,9 @@ generalised least squares with (V4) at the truth, and N squared beside Whittle's
 the intervals beside their rate.
 
 The law of B and K in a fit, and (V4), are those of averages of a continuous signal. The
-signals drawn here are samples, whose Allan variances over a few rows are greater (S2):
-by the share d of each. So the mean errors are the weights times what they are greater
-by, W s; and (V4) grows by (1 + d)(1 + d') in any two, to first order in d.
+signals drawn here are samples, whose Allan variances over a few rows are greater, eq.
+(N11). So the weights times that are the mean errors, and (V4) is taken to grow as the
+product of the two Allan variances, to first order.
 
 With ``known weights`` the estimate is linear in the Allan variances, and theory exact
 but for that and for the quadrature of (V4). The fit itself estimates its weights. To
