@@ -8,6 +8,8 @@ import sys
 import pytest
 from places import ROOT
 
+from simval.selftest.random_settings import SETTINGS
+
 DOCS = ROOT / "docs"
 
 
@@ -51,3 +53,25 @@ def test_the_documented_figures_are_the_printed_ones():
     ]
     assert len(seen) == 9
     assert printed.count("│ 0.99   │ 1    │ 0.9905 to 1   │ 400  │") == 5
+
+
+def test_the_documented_counts_are_the_printed_ones():
+    text = (DOCS / "experiments" / "gate_tails.txt").read_text()
+    printed = {}
+    for line in text.splitlines():
+        cells = [cell.strip() for cell in line.split("│")[1:-1]]
+        if len(cells) == 7:
+            study, check, runs, rows, level, expected, seen = cells
+            found = printed.setdefault((study, check, int(runs)), [rows])
+            found += [expected, seen] if level == "0.01" else [seen]
+    page = (DOCS / "gate.md").read_text()
+    table = re.findall(
+        r"^\| `(\w+)` \| [\d.]+ \| (\w+) \| (\d+) \| ([\d ]+) "
+        r"\| (\d+) \((.*?)\) \| (\d+) \| (\d+) \|$",
+        page,
+        re.M,
+    )
+    assert {line[0] for line in table} == set(SETTINGS)
+    for study, check, runs, rows, first, expected, second, third in table:
+        whole = [rows.replace(" ", ""), expected.replace("±", "+-"), first]
+        assert printed[study, check, int(runs)] == [*whole, second, third]

@@ -1,10 +1,13 @@
 """The study `noise_model`: sound as it is, and told from a wrong covariance."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.integrate import quad
 
-from simval.noise import allan_covariance, covariance_forms
+from simval.noise import allan_covariance, allan_law, covariance_forms
 from simval.noise.squares import RIDGE
 from simval.statistics import (
     ALLAN_ERROR,
@@ -15,7 +18,8 @@ from simval.statistics import (
 )
 from simval.streams import Streams, cell_key
 from simval.studies import find_study
-from simval.studies.noise_model import REMAINDERS, Parameters, _theory
+from simval.studies.noise_model import LAGS, REMAINDERS, SECOND, Parameters, _theory
+from simval.theory.sampled_noise import LONGEST, sampled_allan_law
 
 STREAMS = Streams(1, cell_key("test noise study"))
 
@@ -105,3 +109,108 @@ def test_remainders_cover_the_second_order_of_estimated_weights(rows):
     assert np.all(added < REMAINDERS)
     # and each by less than tenfold, so a remainder that hides a fault is seen
     assert np.all(added > 0.1 * np.array(REMAINDERS))
+
+
+def sampled_sums(n):
+    """Generalised covariance of the sums of rows of flicker (C3), by its own recursion.
+
+    The rows' differences have the spectrum 2|sin(pi f)|, whose cosine integral is
+    (4/pi)/(1 - 4 k^2); summing twice makes it that of sums of rows.
+    """
+    R = (4.0 / np.pi) / (1.0 - 4.0 * np.arange(n + 2.0) ** 2)
+    for _ in range(2):
+        summed = np.zeros(len(R) + 1)
+        summed[1] = -R[0] / 2.0
+        for t in range(1, len(R)):
+            summed[t + 1] = 2.0 * summed[t] - summed[t - 1] - R[t]
+        R = summed
+    return R
+
+
+def exact_of_samples(counts, truth, n):
+    """Allan variances and their covariance, (V2) and (V4) summed over every lag."""
+    N2, B2, K2 = truth
+    t = np.arange(n + 1.0)
+    # a sum of a random walk's rows is a cubic and, for its steps, a line
+    R = -N2 * t / 2.0 + B2 * sampled_sums(n)[: n + 1] + K2 * (t**3 - t) / 12.0
+    A, V = np.empty(len(counts)), np.empty((len(counts),) * 2)
+
+    def c(lag, m, other):
+        steps = ((-1, 1), (0, -2), (1, 1))
+        return sum(
+            wa * wb * R[np.abs(lag + b * other - a * m)]
+            for a, wa in steps
+            for b, wb in steps
+        )
+
+    for i, m in enumerate(counts):
+        A[i] = c(np.zeros(1, int), m, m)[0] / (2.0 * m * m)
+        for j, other in enumerate(counts):
+            n1, n2 = n - 2 * m + 1, n - 2 * other + 1
+            start = np.arange(1 - n2, n1)
+            many = np.minimum(n1, n2 + start) - np.maximum(0, start)
+            squares = many * c(start + m - other, m, other) ** 2
+            V[i, j] = squares.sum() / (2.0 * m**2 * other**2 * n1 * n2)
+    return A, V
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(
+    ("flicker", "walk"),
+    [(0.5, 0.3), (2.0, 1.0), (10.0, 10.0), (10.0, 0.1), (0.1, 10.0)],
+)
+def test_covariance_of_samples(flicker, walk):
+    """What a row of samples is predicted to be, beside all lags of their own law."""
+    theory = _theory(Parameters(rows=4096, flicker=flicker, walk=walk))
+    A, V = exact_of_samples(theory.counts, theory.truth, 4096)
+    averages = theory.law @ theory.truth
+    # averages of 256 rows or more count as continuous: 3e-5 of flicker
+    np.testing.assert_allclose(averages + theory.more, A, rtol=3e-5, atol=0)
+    off = theory.weights @ (A - averages) / np.sqrt(theory.predicted)
+    np.testing.assert_allclose(theory.bias, off, rtol=0, atol=2e-4)
+    grown = np.diagonal(theory.weights @ V @ theory.weights.T) / theory.predicted
+    assert np.all(abs(theory.grown - grown) < LAGS + SECOND * (theory.grown - 1.0))
+    share = np.diagonal(V) / np.diagonal(theory.covariance)
+    assert np.all(abs(theory.share - share) < LAGS + SECOND * (theory.share - 1.0))
+    # power: without it, as before, the mean errors would be off by this
+    assert abs(off).max() > 10.0 * LAGS
+
+
+def test_the_law_of_samples_is_that_of_averages_over_many_rows():
+    m = np.array([1, 2, 4, 32, LONGEST - 1, LONGEST, 10**6])
+    ratio = sampled_allan_law(m) / allan_law(m)[:, :3]
+    assert ratio[0] == pytest.approx([1.0, 1.0 / np.log(2.0), 1.5])  # 2/pi, K^2/2
+    assert np.all(np.diff(ratio, axis=0) <= 0.0)
+    assert ratio[-3:] == pytest.approx(np.ones((3, 3)), abs=3e-5)
+
+
+@pytest.mark.ci
+def test_strong_flicker_is_judged_by_the_law_of_samples():
+    """At B = 2 N the mean error of N^2 is a quarter of its deviation, and not 0."""
+    study = find_study("noise_model")
+    parameters = study.parameters(
+        rows=4096, trials=600, estimate="known weights", flicker=2.0, walk=1.0
+    )
+    found = {
+        str(row.statistic): row
+        for row in study.run(parameters, STREAMS).rows
+        if row.check == "plain"
+    }
+    limit = stats.norm.isf(1e-3 / (2 * len(found)))
+    assert max(excess(row) for row in found.values()) < limit
+    assert (
+        found["mean_error[N^2]"].value > limit * found["mean_error[N^2]"].standard_error
+    )
+
+
+@pytest.mark.parametrize("m", [1, 2, 3, 5, 20, 100])
+def test_samples_of_flicker_are_those_of_its_spectrum(m):
+    # the spectrum is 1/(2 sin pi f), and neighbouring averages of m rows differ by a
+    # filter of gain 2 sin^4(pi m f)/(m sin pi f)^2: no autocovariance is asked
+    def part(f):
+        return np.sin(np.pi * m * f) ** 4 / np.sin(np.pi * f) ** 3
+
+    ends = np.arange(m + 1) / (2.0 * m)
+    total = sum(quad(part, a, b)[0] for a, b in pairwise(ends))
+    known = sampled_allan_law(np.array([m]))[0, 1]
+    assert known == pytest.approx(2.0 * total / m**2, rel=1e-11)

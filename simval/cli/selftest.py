@@ -1,5 +1,7 @@
 """What `simval selftest` does."""
 
+from collections.abc import Iterable
+
 import click
 from rich.console import Console
 from rich.markup import escape
@@ -8,6 +10,7 @@ from rich.table import Table
 from simval.cli.options import refuse_if, stated
 from simval.cli.progress import bar
 from simval.selftest.matrix import Result, faults, inject_all
+from simval.selftest.random_settings import SETTINGS, WITHOUT_CHANCE
 from simval.selftest.rates import (
     Rate,
     attitude_rows,
@@ -15,7 +18,7 @@ from simval.selftest.rates import (
     false_alarm_rates,
     powers,
 )
-from simval.selftest.tails import SETTINGS, Tail, tails
+from simval.selftest.tails import Tail, tails
 
 CLEAN_RUNS = {0.05: 2000, 0.01: 2000, 0.001: 20_000}
 """Runs at each rate. Chosen: at least 20 false alarms are expected at each."""
@@ -26,15 +29,22 @@ POWER_RUNS = 400
 CLEAN_SEED, CALIBRATION_SEED, POWER_SEED = 8_000_000, 7_000_000, 9_000_000
 """First seeds. Any will do; so far apart, no two measurements share one."""
 TAIL_RUNS = {
-    "attitude": 1000,
-    "attitude_limits": 300,
-    "attitude_vectors": 500,
+    "sampling": 1000,
     "calibration": 500,
+    "ladder": 500,
     "coverage": 500,
     "gyroscope": 20,
-    "ladder": 500,
     "magnetometer": 100,
+    "attitude": 1000,
+    "attitude_efficiency": 300,
+    "attitude_limits": 300,
+    "attitude_vectors": 500,
     "noise_model": 50,
+    "detector": 150,
+    "end_to_end": 60,
+    "estimator": 600,
+    "calibrator": 200,
+    "filter": 200,
 }
 """Runs of each study on random settings. Chosen: some minutes each."""
 TAIL_SEED = 11_000_000
@@ -42,13 +52,24 @@ QUICK = 8
 """With --quick every eighth fault is injected: some of every part of the flow."""
 
 
-def run(quick: bool, rates: bool, share: float) -> int:
+def run(quick: bool, rates: bool, share: float, studies: tuple[str, ...]) -> int:
     """Do what `simval selftest` is asked."""
     refuse_if(quick and rates, "`--quick` does not apply to `--rates`; give one")
     refuse_if(
         stated("share") and not rates, "`--share` applies to `--rates`; give that too"
     )
-    return _measure(share) if rates else _inject(quick)
+    refuse_if(
+        bool(studies) and not rates, "`--study` applies to `--rates`; give that too"
+    )
+    for study in studies:
+        refuse_if(
+            study in WITHOUT_CHANCE,
+            f"there is no p-value of `{study}`: it {WITHOUT_CHANCE.get(study)}; give "
+            f"one of {', '.join(SETTINGS)}",
+        )
+    if not rates:
+        return _inject(quick)
+    return _count(share, studies) if studies else _measure(share)
 
 
 def _inject(quick: bool) -> int:
@@ -104,11 +125,7 @@ def _measure(share: float) -> int:
         runs = {alpha: max(1, round(share * n)) for alpha, n in wanted.items()}
         with bar(max(runs.values()), what) as progress:
             alarms += false_alarm_rates(clean, runs, seed, progress.update)
-    small: list[Tail] = []
-    for study in SETTINGS:
-        runs_of_it = max(2, round(share * TAIL_RUNS[study]))
-        with bar(runs_of_it, f"{study}, random settings") as progress:
-            small += tails(study, runs_of_it, TAIL_SEED, progress.update)
+    small = _small(share, SETTINGS)
     with bar(faulty, "runs with faults") as progress:
         detected = powers(faulty, POWER_SEED, progress.update)
     console = Console(highlight=False)
@@ -117,8 +134,31 @@ def _measure(share: float) -> int:
     console.print(_table("faults found: at least the stated rate", detected))
     # only an interval wholly beyond the stated rate shows that the rate is wrong
     broken = [f"{r.name} at {r.nominal:g}" for r in alarms if r.interval[0] > r.nominal]
-    broken += [f"{t.study}, {t.check}, {t.level:g}" for t in small if t.too_many]
+    broken += _too_many(small)
     broken += [r.name for r in detected if r.interval[1] < r.nominal]
+    return _said(broken)
+
+
+def _count(share: float, studies: Iterable[str]) -> int:
+    small = _small(share, dict.fromkeys(studies))
+    Console(highlight=False).print(_tails_table(small))
+    return _said(_too_many(small))
+
+
+def _small(share: float, studies: Iterable[str]) -> list[Tail]:
+    found: list[Tail] = []
+    for study in studies:
+        runs = max(2, round(share * TAIL_RUNS[study]))
+        with bar(runs, f"{study}, random settings") as progress:
+            found += tails(study, runs, TAIL_SEED, progress.update)
+    return found
+
+
+def _too_many(found: list[Tail]) -> list[str]:
+    return [f"{t.study}, {t.check}, {t.level:g}" for t in found if t.too_many]
+
+
+def _said(broken: list[str]) -> int:
     for name in broken:
         click.echo(f"not as stated: {name}")
     return int(bool(broken))

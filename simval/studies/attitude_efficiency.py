@@ -96,11 +96,11 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     relative = errors / squares
     # as if both mean squares were independent: they share their noise, so at most this
     error = simulated * np.hypot(relative, relative[:, best, None]) / 2.0
-    scaled = squares / (predicted * parameters.noise_std**2)
+    scaled = found / (predicted * parameters.noise_std**2)[:, None]
     rows: list[Row] = []
     for k, name in enumerate(names):
         rows += _ratio_rows(name, ratios[:, k], simulated[:, k], error[:, k])
-        rows += _scale_row(name, scaled[:, k], parameters.trials)
+        rows += _scale_row(name, scaled[:, 0, k], scaled[:, 1, k], parameters.trials)
     artifact = {"predicted": ratios, "simulated": simulated}
     return Outcome(
         rows=tuple(rows), artifacts={"attitude-efficiency.npz": dict(artifact)}
@@ -173,11 +173,18 @@ def _ratio_rows(
     return rows
 
 
-def _scale_row(name: str, scaled: Float[Array, " n"], trials: int) -> tuple[Row, ...]:
+def _scale_row(
+    name: str,
+    squares: Float[Array, " n"],
+    errors: Float[Array, " n"],
+    trials: int,
+) -> tuple[Row, ...]:
     # free selection follows the noise, and TRIAD is not predicted: not judged
-    statistic, n = SQUARED_ERROR(name), len(scaled) * trials
-    value = float(np.mean(scaled))
-    error = float(np.std(scaled, ddof=1) / np.sqrt(len(scaled)))
+    statistic, n = SQUARED_ERROR(name), len(squares) * trials
+    value = float(np.mean(squares))
+    # from the spread of the trials in each geometry: the geometries are fewer, and
+    # their spread has fewer degrees of freedom than `verdict.freedom` takes
+    error = float(np.sqrt(np.sum(errors**2))) / len(errors)
     if name in ("combined", "q-method"):
         return plain(statistic, value, error, n, 1.0, FIRST_ORDER, REMAINDER)
     return unjudged(statistic, value, error, n, predictor=FIRST_ORDER)
