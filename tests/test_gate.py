@@ -193,6 +193,30 @@ GOOD = '{"b": [1.0, 0.5, 5, {"plain exact": [1.0, 0.0]}]}'
 
 
 @pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("poses=12", "poses=../../etc/passwd"),
+        ("poses=12", "poses=13"),
+        ("calibration(", "ladder("),
+        ("trials=1024", "trials=many"),
+        (",trials=1024", ",trials=1024,trials=1024"),
+        ("@1", "@x"),
+        ("scene=gimbal", "scene=gimbal,more=1"),
+    ],
+)
+def test_a_cell_of_the_baseline_under_another_name_is_refused(
+    tiny_run, tmp_path, old, new
+):
+    path = tmp_path / "baseline.json"
+    write_baseline(path, load_run(tiny_run), "why")
+    text = path.read_text()
+    name = next(n for n in read_baseline(path)["cells"] if old in n and "12" in n)
+    path.write_text(text.replace(json.dumps(name), json.dumps(name.replace(old, new))))
+    with pytest.raises(InputError, match="is stored as calibration with"):
+        read_baseline(path)
+
+
+@pytest.mark.parametrize(
     "cell",
     [
         GOOD.replace("[1.0, 0.5", "[NaN, 0.5"),
@@ -213,10 +237,10 @@ GOOD = '{"b": [1.0, 0.5, 5, {"plain exact": [1.0, 0.0]}]}'
 )
 def test_a_baseline_that_would_accept_anything_is_refused(tmp_path, cell):
     path = tmp_path / "baseline.json"
-    head = '{"schema": 3, "reason": "", "environment": {}, "cells": {"a": {'
+    head = '{"schema": 3, "reason": "", "environment": {}, "cells": {"s()@1": {'
     head += '"study": "s", "parameters": {}, "statistics": '
     path.write_text(head + GOOD + "}}}")
-    assert read_baseline(path)["cells"]["a"].statistics["b"].n == 5
+    assert read_baseline(path)["cells"]["s()@1"].statistics["b"].n == 5
     path.write_text(head + cell + "}}}")
     with pytest.raises(InputError, match="is not a baseline of simval"):
         read_baseline(path)
@@ -367,10 +391,10 @@ def test_an_update_says_what_it_drops(simval, tiny_run, tmp_path):
     path = tmp_path / "baseline.json"
     write_baseline(path, load_run(tiny_run), "before")
     content = path.read_text().replace('"attitude(', '"attitudes(')
-    path.write_text(content)
+    path.write_text(content.replace('"study": "attitude"', '"study": "attitudes"'))
     words = ("gate", tiny_run, "--baseline", path, "--update-baseline")
     assert simval(*words, "--alpha")[0] == 2  # an option is no reason
-    code, _, err = simval(*words, "renamed", "--reason", "attitude=renamed")
+    code, _, err = simval(*words, "renamed", "--reason", "attitudes=renamed")
     assert code == 0, err
     assert re.search(r"4 cells, (\d) of them new, \1 dropped", err)
 

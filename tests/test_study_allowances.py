@@ -233,6 +233,20 @@ def test_the_best_of_four_would_be_beyond_the_limits_of_the_combined_estimator()
     predicted = np.array([attitude_efficiency._predicted(*p) for p in problems])
     combined, best, bound = np.sqrt(predicted[:, :3].T)
     assert np.all(combined >= bound * (1.0 - 1e-9))
-    assert np.median(best / bound) > attitude_efficiency.MEDIAN_LIMIT > 1.0
+    most = attitude_efficiency.MEDIAN + attitude_efficiency.SPREAD / np.sqrt(len(best))
+    assert np.median(best / bound) > most > 1.0
     assert np.max(best / bound) > attitude_efficiency.WORST_LIMIT
     assert np.max(combined / bound) < attitude_efficiency.WORST_LIMIT
+
+
+@pytest.mark.parametrize("geometries", [100, 137, 200, 500])
+def test_the_combined_estimator_is_within_its_limits_for_any_number(geometries):
+    rng = np.random.default_rng(geometries)
+    problems = attitude_efficiency._geometries(geometries, rng)
+    predicted = np.array([attitude_efficiency._predicted(*p) for p in problems])
+    name = "combined"
+    ratios = np.sqrt(predicted[:, 0] / predicted[:, 2])
+    rows = attitude_efficiency._ratio_rows(name, ratios, ratios, 0.0 * ratios)
+    judged = [row for row in rows if row.check == "limit"]
+    assert len(judged) == 2
+    assert all(row.value <= row.prediction for row in judged)

@@ -9,17 +9,19 @@ kept (null).
 import json
 import math
 import os
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from simval import vocabulary
-from simval.change import question
+from simval.change import EFFORT, question
 from simval.errors import InputError
 from simval.files import MOST_BASELINE, parsed_json, read_text
 from simval.plugins.names import is_file
 from simval.results import Check, Row
 from simval.statistics import Statistic
+from simval.studies.study import canonical
 from simval.sweep.machines import other_machines
 from simval.sweep.provenance import differences
 from simval.sweep.run import MAX_SAMPLES, Run
@@ -112,7 +114,7 @@ def read_baseline(path: Path) -> dict[str, Any]:
                 "it again with --update-baseline 'schema' and review it"
             )
             raise InputError(msg)
-        cells = {name: _cell(cell) for name, cell in content["cells"].items()}
+        cells = {name: _cell(name, cell) for name, cell in content["cells"].items()}
         environment = dict(content["environment"])
         reason = str(content["reason"])
         reasons = dict(content.get("reasons", {}))
@@ -273,9 +275,29 @@ def _without_repeats(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
     return content
 
 
-def _cell(cell: Any) -> StoredCell:
+def _cell(name: str, cell: Any) -> StoredCell:
     statistics = {key: _entry(entry) for key, entry in cell["statistics"].items()}
-    return StoredCell(str(cell["study"]), dict(cell["parameters"]), statistics)
+    read = StoredCell(str(cell["study"]), dict(cell["parameters"]), statistics)
+    if not _is_named(name, read):
+        msg = f"{name!r:.80} is stored as {read.study} with {read.parameters!r:.80}"
+        raise ValueError(msg)
+    return read
+
+
+def _is_named(name: str, cell: StoredCell) -> bool:
+    """Whether a name agrees with study and parameters; it has those of effort too."""
+    inner, _, seed = name.removeprefix(f"{cell.study}(").rpartition(")@")
+    parts = [
+        re.escape(f",{key}={canonical(cell.parameters[key])}")
+        if key in cell.parameters
+        else rf"(,{key}=[0-9]+)?"
+        for key in sorted({*cell.parameters, *EFFORT})
+    ]
+    return (
+        name == f"{cell.study}({inner})@{seed}"
+        and re.fullmatch("[0-9]+", seed) is not None
+        and re.fullmatch("".join(parts), f",{inner}" if inner else "") is not None
+    )
 
 
 def _entry(entry: Any) -> Entry:

@@ -16,7 +16,8 @@
 #include <stdint.h>
 #include <string.h>
 
-#if defined(__FAST_MATH__) || FLT_EVAL_METHOD != 0
+/* 16: half floats are computed as such, so doubles as doubles */
+#if defined(__FAST_MATH__) || (FLT_EVAL_METHOD != 0 && FLT_EVAL_METHOD != 16)
 #error "doubles must be computed as IEEE doubles: without this block NumPy does the same"
 #endif
 

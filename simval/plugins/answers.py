@@ -148,7 +148,9 @@ def _plain(
     if fault:
         msg = f"{name} returned {what} with {fault}; every entry must be a plain number"
         raise PluginError(msg)
-    return array
+    # rows first, as an answer that was sent is: products of the same numbers by columns
+    # end in other bits on some processors
+    return np.ascontiguousarray(array)
 
 
 def _fault(array: NDArray[np.generic]) -> str:

@@ -11,12 +11,19 @@ def number(value: float | None, digits: int = 6) -> str:
     return "–" if value is None else f"{value:.{digits}g}"  # noqa: RUF001
 
 
+DIGITS = 16  # of a double, after its first
+FEWEST = -300  # exponent of ten below which a double has fewer
+
+
 def measured(value: float, error: float) -> str:
     """Spell a value and its standard error with digits that mean something."""
     if not error > 0.0 or not abs(value) < float("inf") or error == float("inf"):
         return number(value)
     exponent = int(f"{max(abs(value), error):e}".partition("e")[2])
+    if exponent < FEWEST:
+        return f"{value:.3g} ± {error:.2g}"
     places = max(0, exponent - int(f"{error:e}".partition("e")[2]) + 1)
+    places = min(places, DIGITS)
     scale = 10.0**exponent
     if -3 <= exponent <= 4:
         places = max(0, places - exponent)

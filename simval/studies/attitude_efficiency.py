@@ -40,8 +40,10 @@ SECTION = "estimators"
 MIN_SINE = 0.3
 """Of the angle between r1 and r2."""
 
-MEDIAN_LIMIT, WORST_LIMIT = 1.03, 1.12
-"""What the combined estimator may cost in RMS error."""
+MEDIAN, SPREAD, WORST_LIMIT = 1.024, 0.2, 1.12
+"""What the combined estimator may cost in RMS error. The median of 8000 geometries is
+1.0241, their worst 1.106; a median of n of them is above `MEDIAN` plus `SPREAD` over
+the root of n about 3 times in 10 000."""
 
 REMAINDER = 1e-3
 """The second-order term of a squared error, relative: 90 (sigma/MIN_SINE)^2 at the
@@ -158,7 +160,7 @@ def _ratio_rows(
 ) -> list[Row]:
     rows: list[Row] = []
     for what, pick, most in (
-        ("median", np.median, MEDIAN_LIMIT),
+        ("median", np.median, MEDIAN + SPREAD / np.sqrt(len(predicted))),
         ("worst", np.max, WORST_LIMIT),
     ):
         ratio, at = RMS_RATIO(name, what), float(pick(predicted))
