@@ -231,9 +231,10 @@ def _bias_rows(
     unresolved = 2.0 * float(np.linalg.norm((mean - coarser[0])[:3]))
     small = setting.noise.small(SMALL).noise_std
     rounding = SMALL_ROUNDING * max(1.0, setting.weights / WEIGHTS)
+    longer = 1.0 + setting.coupling
     most = (
-        float(np.trace(covariance[:3, :3])) + unresolved + TOLERANCE,
-        float(np.trace(setting.bound(small))) + rounding,
+        longer * float(np.trace(covariance[:3, :3])) + unresolved + TOLERANCE,
+        longer * float(np.trace(setting.bound(small))) + rounding,
     )
     biases = [
         float(np.linalg.norm(bias[:3]))

@@ -97,6 +97,23 @@ class Setting:
         scaled: Array = noise_std**2 * self.roots @ self.roots
         return scaled
 
+    @property
+    def coupling(self) -> float:
+        r"""By how much noise along the vectors may add to a second-order bias.
+
+        Noise along a vector weighs it, and turns the estimate as far as it moves with
+        the noise across. With c_i the covariance of both and l_i the least variance
+        across, an estimate of the covariance P is off by at most the sum of |c_i|/l_i
+        times trace(P): none of noise that is the same in every direction, or across.
+        """
+        total = 0.0
+        for i in self.noise.noisy:
+            C, along = self.roots[i] @ self.roots[i], self.truth[i]
+            plane = np.linalg.svd(along[None])[2][1:]  # two directions across
+            least = np.linalg.eigvalsh(plane @ C @ plane.T)[0]
+            total += float(np.linalg.norm(plane @ C @ along) / least)
+        return total
+
     def bound(self, noise_std: float) -> Float[Array, "3 3"]:
         """Cramer-Rao bound of the rotation error, body side, rad^2.
 
