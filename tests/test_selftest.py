@@ -50,6 +50,13 @@ def test_no_fault_is_left_in_place():
     assert attitude.__dict__["raw_quaternion"] is before
 
 
+@pytest.mark.parametrize("name", FAULTS)
+def test_any_fault_can_be_put_in(name):
+    # what a fault takes the place of may have moved to another module
+    with FAULTS[name].inject():
+        pass
+
+
 def test_a_fault_that_is_not_found_is_said(simval, monkeypatch):
     harmless = Fault(name="nothing", part="run", suite="scene", inject=nullcontext)
     monkeypatch.setattr(command, "faults", lambda: (harmless,))

@@ -19,9 +19,9 @@ from simval.streams import Streams
 from simval.studies import (
     coverage,
     expanded,
-    gyroscope,
+    gyroscope_tumble,
     ladder,
-    magnetometer,
+    magnetometer_response,
     scoring,
 )
 
@@ -113,8 +113,8 @@ def _told() -> list[Fault]:
 
     both = ("accelerometer_std", "magnetometer_std")
     return [
-        told("magnetometer", magnetometer, "calibrate_magnetometer", *both),
-        told("gyroscope", gyroscope, "calibrate_gyroscope", "angle_random_walk"),
+        told("magnetometer", magnetometer_response, "calibrate_magnetometer", *both),
+        told("gyroscope", gyroscope_tumble, "calibrate_gyroscope", "angle_random_walk"),
         told("filter", Mekf, "__init__", "accelerometer_noise", "magnetometer_noise"),
     ]
 
@@ -200,7 +200,11 @@ def _freedom() -> list[Fault]:
             " under control variates",
         ),
         by_n("coverage", "calibrator", wrapped(coverage, "calibrate", fewer)),
-        by_n("magnetometer", "calibrator", wrapped(magnetometer, "_fitted", free)),
+        by_n(
+            "magnetometer",
+            "calibrator",
+            everywhere(magnetometer_response, "fitted", free),
+        ),
         by_n(
             "ladder", "estimator", after(ladder, "moments_of", biased),
             " in the study's own lines", TOO_SMALL,

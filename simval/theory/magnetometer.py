@@ -234,9 +234,10 @@ def _second_order(
     # its own pose sees the reading move as well
     unit = float(np.max(p.sigma / p.size))
     sd = np.sqrt(np.diagonal(covariance))
-    root = sd[:, None] * np.linalg.cholesky(covariance / np.outer(sd, sd))
-    still = np.zeros((1, *p.y.shape))
-    total = _bent(p, p.y, p.sigma, (root.T / unit, still)).sum(axis=0) * unit**2
+    values, axes = np.linalg.eigh(covariance / np.outer(sd, sd))
+    root = sd[:, None] * axes * np.sqrt(np.abs(values)) / unit
+    bent = _bent(p, p.y, p.sigma, (root.T, np.zeros((1, *p.y.shape))))
+    total = unit**2 * np.sign(values) @ bent
     reach = reach_of(p, p.theta, p.y)
     pushed = np.einsum("nai,nab,nbk->nki", slopes, weights, reach)  # dpsi/dy
     theta = -(pushed @ covariance) * p.size[:, None]  # theta_k
