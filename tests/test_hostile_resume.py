@@ -97,6 +97,7 @@ def test_a_part_that_is_a_link_is_not_written_through(
     assert not (tiny_run / "timing.json").is_symlink()
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("key", ["machines", "times of x(a=1)@7"])
 def test_what_a_store_says_of_machines_and_times_is_checked(
     key, tiny_run, tiny_suite, simval

@@ -239,7 +239,10 @@ def test_the_best_of_four_would_be_beyond_the_limits_of_the_combined_estimator()
     assert np.max(combined / bound) < attitude_efficiency.WORST_LIMIT
 
 
-@pytest.mark.parametrize("geometries", [100, 137, 200, 500])
+@pytest.mark.parametrize(
+    "geometries",
+    [100, 137, *(pytest.param(n, marks=pytest.mark.ci) for n in (200, 500))],
+)
 def test_the_combined_estimator_is_within_its_limits_for_any_number(geometries):
     rng = np.random.default_rng(geometries)
     problems = attitude_efficiency._geometries(geometries, rng)
