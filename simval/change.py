@@ -47,8 +47,9 @@ ROUNDING = 1e-13
 noise of a difference of numbers of size one."""
 
 PAIRED_SHARE = 0.1
-"""Share of the remainder of an exact row by which its value may move. Chosen: what is
-left of the remainder, nine tenths, still judges the value."""
+"""Share of what a value is judged to by which it may move: of the remainder of an exact
+row, of the standard error and remainder of a mean. Chosen: what is left, nine tenths,
+still judges the value."""
 
 ROUNDED_MEAN = 1e-14
 """Change that a mean over samples may show, in its SI unit, up to `PAIRED_SHARE` of

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from math import hypot, sqrt
 
-from simval.change import EXACT_BOUND, ROUNDING, on_other_noise
+from simval.change import on_other_noise, rounding_bound
 from simval.gate.baseline import Entry
 from simval.gate.comparison import Comparison
 from simval.gate.paired import known, paired, predictions
@@ -44,7 +44,7 @@ def unpaired(
             continue
         assert now.value is not None  # else it would be unjudged
         both = hypot(entry.error, now.error)
-        margin = max(EXACT_BOUND * abs(entry.value), ROUNDING)
+        margin = rounding_bound(entry.value, 0.0, 0.0)
         if both > 0:
             margin = _margin(now.statistic, entry, old)
         yield Comparison(

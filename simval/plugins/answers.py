@@ -150,7 +150,7 @@ def _plain(
         raise PluginError(msg)
     # rows first, as an answer that was sent is: products of the same numbers by columns
     # end in other bits on some processors
-    return np.ascontiguousarray(array)
+    return np.asarray(array, order="C")
 
 
 def _fault(array: NDArray[np.generic]) -> str:

@@ -5,14 +5,13 @@ from collections.abc import Iterable
 
 from simval.statistics import Statistic
 
+DIGITS = 16  # of a double, after its first
+FEWEST = -300  # exponent of ten below which a double has fewer
+
 
 def number(value: float | None, digits: int = 6) -> str:
     """Spell a number for a person."""
     return "–" if value is None else f"{value:.{digits}g}"  # noqa: RUF001
-
-
-DIGITS = 16  # of a double, after its first
-FEWEST = -300  # exponent of ten below which a double has fewer
 
 
 def measured(value: float, error: float) -> str:

@@ -36,12 +36,12 @@ UNLIKE = 100.0
 """Ratio of the sensors' noise up to which differences are taken: beyond, a step of the
 noisy one is thousands of deviations of the other."""
 MET_COVARIANCE = 100.0 * MET
-"""Up to a dip of 85 degrees 5e-7 was the worst seen."""
+"""Up to a dip of 85 degrees 6e-7 was the worst seen."""
 LOUD = 3e-4
 """Relative noise that the fit is told of the noisier sensor: only the ratio of both
 weighs a reading, and of a smaller one a step would be hundreds of deviations."""
 MET_BIAS = MET
-"""In deviations of `LOUD`: 2e-8 was the worst seen, of a bias of 2e-3."""
+"""In deviations of `LOUD`: 5e-9 was the worst seen."""
 
 
 def fitted(case: Scenario, body: Array, iron: Array) -> MagnetometerFit:

@@ -62,7 +62,7 @@ from simval.theory.magnetometer_poses import (
 VARIANCE_NEXT = 10.0  # of eq. (M9), measured
 BIAS_NEXT = 10.0  # of eq. (M10), measured
 EVEN = 2.4  # w sqrt(n) / sigma of many poses, for any dip from 0 to 89 degrees
-_STEP = 1e-3  # of a reading's size: fourth order leaves 1e-10 of a dip of 85 degrees
+_STEP = 1e-3  # of a reading's size: leaves 1e-10 of the bias at a dip of 85 degrees
 _FIRST = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}  # difference of fourth order
 _RANK = 1e-10  # of the greatest singular value, columns of equal length
 

@@ -23,6 +23,7 @@ import numpy as np
 
 from simval.shapes import Float, Int
 
+FLOOR: Final = 2.0 * np.log(2.0) / np.pi  # of flicker, continuous
 LONGEST: Final = 256
 """Rows of an average from which flicker is that of a continuous signal, to 3e-5."""
 
@@ -34,9 +35,6 @@ def sampled_allan_law(counts: Int[np.ndarray, " m"]) -> Float[np.ndarray, "m 3"]
     return np.stack(
         [1.0 / m, np.array(flicker), (2.0 * m**2 + 1.0) / (6.0 * m)], axis=1
     )
-
-
-FLOOR: Final = 2.0 * np.log(2.0) / np.pi
 
 
 def _flicker(m: int) -> float:
