@@ -1,12 +1,14 @@
 """Readers of a run and the sweep that writes it: none keeps the other from its end."""
 
 import os
+import random
 import sqlite3
+import struct
 import subprocess
 import sys
 import tempfile
 import time
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -14,6 +16,7 @@ import pytest
 from simval.errors import InputError
 from simval.sweep import connections as doors
 from simval.sweep import load_run, run_suite, runner
+from simval.sweep.connections import JOURNAL_MAGIC
 from simval.sweep.holders import holders
 
 SMALL = 'title = "S"\n[attitude]\nnoise_std = [0.01, 0.02]\nsamples = 65536\n'
@@ -174,11 +177,94 @@ def test_a_reader_writes_nothing(tiny_run):
 STORE = (runner.store.TABLES, runner.store.SCHEMA_VERSION)
 
 
-def test_a_journal_of_another_hand_is_not_rolled_back(tiny_run):
+def interrupted(run, statement):
+    """Leave a run as a sweep does that is killed in the middle of a transaction."""
+    path = run / "run.sqlite"
+    with closing(sqlite3.connect(path, isolation_level=None)) as database:
+        for each in ("PRAGMA cache_size = 1", "BEGIN", statement):
+            database.execute(each)
+        parts = [path, Path(f"{path}-journal")]
+        content = [part.read_bytes() for part in parts]
+        assert content[1]
+        database.execute("ROLLBACK")
+    for part, each in zip(parts, content, strict=True):
+        part.write_bytes(each)
+    return parts[1]
+
+
+MEDDLED = "UPDATE rows SET value = value + 1"
+
+
+def test_a_sweep_that_is_killed_in_a_change_of_mode_is_read(tiny_run):
+    """A journal is left then, and SQLite brings the store back by it."""
+    before = load_run(tiny_run)
+    journal = interrupted(tiny_run, MEDDLED)
+    now = load_run(tiny_run)
+    assert [cell.rows for cell in now.cells] == [cell.rows for cell in before.cells]
+    assert not journal.exists()
+
+
+def named(journal, file):
+    """A journal that ends with the name of another one, which SQLite then removes."""
+    name = str(file).encode()
+    tail = struct.pack(">II", len(name), sum(name)) + JOURNAL_MAGIC
+    return struct.pack(">I", 0x40000001) + name + tail
+
+
+def test_a_journal_of_another_hand_is_not_rolled_back(tiny_run, tmp_path):
     """SQLite would play it back, and remove the file that it names."""
-    (tiny_run / "run.sqlite-journal").write_bytes(b"\xd9\xd5\x05\xf9\x20\xa1\x63\xd7")
-    with pytest.raises(InputError, match="is left of a program that was stopped"):
+    journal = interrupted(tiny_run, MEDDLED)
+    mine = tmp_path / "mine"
+    mine.write_bytes(b"kept")
+    journal.write_bytes(journal.read_bytes() + named(journal, mine))
+    with pytest.raises(InputError, match="is of no sweep: it names another file"):
         load_run(tiny_run)
+    assert mine.read_bytes() == b"kept"
+    # and that it would have been removed: what is tested can happen
+    with closing(sqlite3.connect(tiny_run / "run.sqlite")) as database:
+        database.execute("SELECT count(*) FROM rows")
+    assert not mine.exists()
+
+
+def test_a_journal_does_not_make_a_store_longer(tiny_run):
+    journal = interrupted(tiny_run, MEDDLED)
+    content = bytearray(journal.read_bytes())
+    content[16:20] = struct.pack(">I", 2**31)
+    journal.write_bytes(content)
+    length = (tiny_run / "run.sqlite").stat().st_size
+    with pytest.raises(InputError, match="is of no sweep: it makes the store longer"):
+        load_run(tiny_run)
+    assert (tiny_run / "run.sqlite").stat().st_size == length
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_damaged_journals_end_in_words(tiny_run, seed):
+    """Bytes of the journal changed, cut and repeated, at random."""
+    rows = [cell.rows for cell in load_run(tiny_run).cells]
+    journal = interrupted(tiny_run, MEDDLED)
+    kept = [(file, file.read_bytes()) for file in (tiny_run / "run.sqlite", journal)]
+    names = {file.name for file in tiny_run.iterdir()}
+    rng = random.Random(seed)
+    for _ in range(30):
+        for file, content in kept:
+            file.write_bytes(content)
+        content = bytearray(kept[1][1])
+        place = rng.choice([rng.randrange(28), rng.randrange(len(content))])
+        match rng.randrange(4):
+            case 0:
+                content[place] = rng.randrange(256)
+            case 1:
+                del content[place:]
+            case 2:
+                content[place:place] = rng.randbytes(rng.randrange(1, 40))
+            case 3:
+                content += content[place:]
+        journal.write_bytes(content)
+        with suppress(InputError):  # what is read is what was there
+            now = load_run(tiny_run)
+            assert [cell.rows for cell in now.cells] == rows
+        assert (tiny_run / "run.sqlite").stat().st_size <= len(kept[0][1])
+        assert {file.name for file in tiny_run.iterdir()} <= names
 
 
 @pytest.mark.ci

@@ -11,7 +11,9 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import lru_cache
+from os import SEEK_END
 from pathlib import Path
+from struct import Struct
 
 from simval.errors import InputError
 from simval.sweep.documents import DamagedError
@@ -32,8 +34,17 @@ READERS = 3.0
 """Seconds that a finished sweep waits for readers, to leave one file alone; a gate
 reads a store of the suites in less than one."""
 
+JOURNAL_MAGIC = bytes.fromhex("d9d505f920a163d7")
+"""What a journal that names another file ends with."""
+
+JOURNAL_HEAD = Struct(">16xI4xI")
+"""Head of a journal: pages of the store before it was changed, and bytes of a page."""
+
 BESIDE = ("-wal", "-shm", "-journal")
 """What SQLite may keep beside a store."""
+
+LEFT = ("-wal", "-journal")
+"""Without which a store is not what was written."""
 
 
 def to_read(path: Path, tables: str, version: int) -> sqlite3.Connection:
@@ -52,7 +63,7 @@ def to_read(path: Path, tables: str, version: int) -> sqlite3.Connection:
         require_plain(Path(f"{path}{suffix}"))
     for suffix in BESIDE:
         require_alone(Path(f"{path}{suffix}"))
-    _require_no_journal(path)
+    _require_own_journal(path)
     database = _connected(path)
     try:
         for pragma in (
@@ -151,7 +162,8 @@ def _connected(path: Path) -> sqlite3.Connection:
     except sqlite3.OperationalError as error:
         database.close()
         asked = any(words in str(error) for words in ("unable to open", "readonly"))
-        if not asked or Path(f"{path}-wal").exists():
+        left = any(Path(f"{path}{suffix}").exists() for suffix in LEFT)
+        if not asked or left:
             raise
         # it asks for a log of which there is none, and none can be made
         database = sqlite3.connect(f"{path.absolute().as_uri()}?immutable=1", uri=True)
@@ -162,13 +174,30 @@ def _connected(path: Path) -> sqlite3.Connection:
     return database
 
 
-def _require_no_journal(path: Path) -> None:
+def _require_own_journal(path: Path) -> None:
+    """Refuse a journal that would do more than bring the store back.
+
+    SQLite plays back what a sweep leaves that is killed in a change of mode. It also
+    makes the store as long as the journal says, and removes a file that it names.
+    """
     journal = Path(f"{path}-journal")
-    if journal.exists() and journal.stat().st_size:
-        # SQLite would roll it back, and remove a file that it names
+    try:
+        content, length = journal.open("rb"), path.stat().st_size
+    except FileNotFoundError:
+        return  # as always, or its writer has just ended
+    with content:
+        head = content.read(JOURNAL_HEAD.size)
+        content.seek(max(content.seek(0, SEEK_END) - len(JOURNAL_MAGIC), 0))
+        names_a_file = content.read() == JOURNAL_MAGIC
+    longer = False
+    if len(head) == JOURNAL_HEAD.size:
+        pages, page = JOURNAL_HEAD.unpack(head)
+        longer = pages * page > length
+    if names_a_file or longer:
+        does = "names another file" if names_a_file else "makes the store longer"
         msg = (
-            f"{journal} is left of a program that was stopped while it wrote to "
-            f"{path}; restore the folder from a copy, or run the suite in a new one"
+            f"{journal} is of no sweep: it {does}; restore the folder from a copy, or "
+            "run the suite in a new one"
         )
         raise InputError(msg)
 
