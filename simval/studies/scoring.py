@@ -37,8 +37,8 @@ from simval.statistics import (
 
 RATE = 100.0  # Hz, of the log that is made from a trajectory
 # A tenth of the noise that a second leaves in a mean at 0.01 m/s^2 a sample, so 1 % of
-# its variance. Half or twice both limits moves 0.4 % of the rests' rows of gimbal and
-# die, 4 % of the shaker's, where a few rests creep.
+# its variance. Half or twice both limits moves 0.7 % of the rests' rows of gimbal and
+# die at the most, 5 % of the shaker's, where a few rests creep.
 STILL_FORCE = 1e-4  # m/s^2
 STILL_RATE = 1e-4  # rad/s
 
