@@ -146,7 +146,8 @@ def test_a_part_is_projected_on_its_prediction(family, name):
     slopes = np.array([slope(measure, rows, each) for each in rows])
     np.testing.assert_allclose(slopes, np.array([2, -2, 1]) / (3 * size), atol=1e-9)
     errors, rests = [0.1, 0.2, 0.4], [0.1, 0.2, 0.3]
-    assert found.error == pytest.approx(np.linalg.norm(slopes * errors), rel=1e-8)
+    # the entries share their trials, so the worst case: all move one way
+    assert found.error == pytest.approx(np.abs(slopes) @ errors, rel=1e-8)
     assert found.remainder == pytest.approx(np.abs(slopes) @ rests, rel=1e-8)
     assert found.n == 7
 
@@ -186,10 +187,98 @@ def test_a_covariance_is_projected_with_both_of_its_triangles():
     assert found.value == pytest.approx(1.1 * size, rel=8 * EPS)
     slopes = np.array([slope(measure, rows, each) for each in rows])
     np.testing.assert_allclose(slopes, np.array([4.0, 9.0, -4.0]) / size, atol=1e-9)
-    error = np.linalg.norm(slopes * [0.1, 0.2, 0.3])
-    assert found.error == pytest.approx(error, rel=1e-8)
     rest = np.abs(slopes) @ [0.01, 0.02, 0.03]
     assert found.remainder == pytest.approx(rest, rel=1e-8)
+    # normal samples correlate the entries
+    P = np.array([[4.0, -2.0], [-2.0, 9.0]])
+    pairs = [(0, 0), (1, 1), (0, 1)]
+    C = np.array([
+        [P[i, k] * P[j, m] + P[i, m] * P[j, k] for k, m in pairs] for i, j in pairs
+    ])  # fmt: skip
+    own = slopes * [0.1, 0.2, 0.3] / np.sqrt(np.diagonal(C))
+    assert found.error == pytest.approx(np.sqrt(own @ C @ own), rel=1e-8)
+
+
+SHAPES = {  # covariances, by how much the entries have to do with each other
+    "round": np.eye(3),
+    "long, along an axis": np.diag([1.0, 0.1, 0.01]),
+    "near a singular geometry": np.eye(3) * 1e-3 + np.ones((3, 3)),
+    "crooked": np.array([[4.0, -2.0, 0.3], [-2.0, 9.0, 1.0], [0.3, 1.0, 2.0]]),
+}
+UPPER = [(i, j) for i in range(3) for j in range(i, 3)]
+
+
+def sampled(P, mean, n):
+    """Rows of exact predictions with the errors that n normal samples leave."""
+    moments = {
+        f"covariance[{'xyz'[i]},{'xyz'[j]}]": (
+            P[i, j],
+            np.sqrt((P[i, i] * P[j, j] + P[i, j] ** 2) / n),
+        )
+        for i, j in UPPER
+    }
+    means = {
+        f"bias[{axis}]": (m, np.sqrt(v / n))
+        for axis, m, v in zip("xyz", mean, np.diagonal(P), strict=True)
+    }
+    return [
+        made(name, value, value, error=error, n=n)
+        for name, (value, error) in (moments | means).items()
+    ]
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_the_error_of_a_moment_is_that_of_its_samples(shape):
+    """Against 20 000 fresh moments of 100 samples each, drawn with a fixed seed."""
+    P, n, repeats = SHAPES[shape], 100, 20_000
+    rng = np.random.default_rng(20_261_122)
+    mean = 0.1 * np.linalg.cholesky(P) @ [1.0, 2.0, -1.0]
+    z = rng.standard_normal((repeats, n, 3)) @ np.linalg.cholesky(P).T
+    S = np.einsum("kni,knj->kij", z, z) / n  # about the known mean
+    found = {
+        BIAS: (z.mean(axis=1) + mean) @ mean / np.linalg.norm(mean),
+        COVARIANCE: np.einsum("kij,ij->k", S, P) / np.linalg.norm(P),
+    }
+    rows = sampled(P, mean, n)
+    for family, values in found.items():
+        drawn = moment(family, BY)(cell(rows))
+        # an sd of 20 000 values is known to 0.5 % (0.6 % of squares of 100): 5 of these
+        assert drawn.error == pytest.approx(values.std(), rel=0.03), family
+
+
+def test_errors_added_as_if_independent_would_be_seen():
+    """Power of the test above: that rule gives 0.43 of the error of P = 1."""
+    P = SHAPES["near a singular geometry"]
+    rows = [r for r in sampled(P, np.ones(3), 100) if r.statistic.family == COVARIANCE]
+    weight = np.array([P[p] * (1 if p[0] == p[1] else 2) for p in UPPER])
+    errors = weight / np.linalg.norm(P) * [r.standard_error for r in rows]
+    ratio_of_rules = np.linalg.norm(errors) / moment(COVARIANCE, BY)(cell(rows)).error
+    assert ratio_of_rules == pytest.approx(np.sqrt(15.0 / 81.0), rel=0.01)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"covariance[x,x]": None},  # not there
+        {"covariance[x,x]": -1.0},
+        {"covariance[x,y]": 50.0},  # correlation above 1
+        {"covariance[x,z]": np.nan},
+        {"covariance[z,z]": 1e-320},
+        {"covariance[x,y]": 1e300},
+    ],
+)
+def test_without_a_covariance_all_entries_move_one_way(damage):
+    mean = np.array([3.0, -1.0, 2.0])
+    rows = [
+        replace(r, prediction=damage.get(str(r.statistic), r.prediction))
+        for r in sampled(SHAPES["crooked"], mean, 100)
+        if damage.get(str(r.statistic), 0.0) is not None
+    ]
+    found = moment(BIAS, BY)(cell(rows))
+    errors = np.sqrt(np.diagonal(SHAPES["crooked"]) / 100)
+    expected = np.abs(mean / np.linalg.norm(mean)) @ errors
+    assert found.error == pytest.approx(expected, rel=1e-12)
+    assert moment(BIAS, BY)(cell(rows[-3:])).error == pytest.approx(expected, rel=1e-12)
 
 
 def test_what_a_theory_leaves_out_is_its_distance_from_the_exact_one():

@@ -4,15 +4,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from simval.arrays import Array
 from simval.report.curves import Curve, Measure, read, triple
 from simval.report.notes import Measured
 from simval.results import Row
-from simval.statistics import EXACT, RMS, Family
+from simval.shapes import Float
+from simval.statistics import COVARIANCE, EXACT, RMS, Family
 from simval.sweep.run import CellResult
 
 GROUPS = {"T": "misalignment T", "K": "scale K", "B": "bias B"}
 STANDARD_GRAVITY = 9.80665
 """Unit in which the bias joins the other parameters, m/s^2."""
+ROUNDING = 1e-9
+"""By which the least eigenvalue of rounded correlations may be below zero."""
 
 
 def together(predictor: str) -> Measure:
@@ -70,7 +74,8 @@ def part(family: Family, name: str, predictor: str) -> Measure:
         if not (size > 0.0 and np.isfinite([value, error, predicted]).all()):
             return None
         weight = predicted / size / len(rows)
-        spread = float(np.sqrt(np.sum((weight * error) ** 2)))
+        # how the entries of one trial go together no row says: as `together`
+        spread = float(np.abs(weight) @ error)
         rest = float(np.abs(weight) @ [row.remainder for row in rows])
         return Measured(float(weight @ value), spread, size, rest, *samples(rows))
 
@@ -78,7 +83,11 @@ def part(family: Family, name: str, predictor: str) -> Measure:
 
 
 def moment(family: Family, predictor: str) -> Measure:
-    """Bias or covariance, projected on the direction of the prediction."""
+    """Bias or covariance, projected on the direction of the prediction.
+
+    The entries come from the same samples. What correlates their errors is the
+    covariance that is predicted; without it, all are taken to move one way.
+    """
 
     def measure(cell: CellResult) -> Measured | None:
         rows = _entries(cell, family, predictor)
@@ -90,7 +99,10 @@ def moment(family: Family, predictor: str) -> Measure:
         if not (size > 0.0 and np.isfinite([value, error, predicted]).all()):
             return None
         weight = twice * predicted / size
-        spread = float(np.sqrt(np.sum((weight * error) ** 2)))
+        parts, whole = weight * error, _correlations(cell, rows, predictor)
+        spread = float(np.sum(np.abs(parts)))
+        if whole is not None:
+            spread = float(np.sqrt(max(parts @ whole @ parts, 0.0)))
         rest = float(np.abs(weight) @ [row.remainder for row in rows])
         return Measured(float(weight @ value), spread, size, rest, *samples(rows))
 
@@ -129,6 +141,37 @@ def _entries(cell: CellResult, family: Family, predictor: str) -> list[Row]:
         and not row.statistic.controlled
         and row.prediction is not None
     ]
+
+
+def _correlations(
+    cell: CellResult, rows: Sequence[Row], predictor: str
+) -> Float[Array, "k k"] | None:
+    """Correlations of sampled means or covariances; None if they are not known.
+
+    Of normal samples, S_ij and S_kl covary as P_ik P_jl + P_il P_jk does.
+    """
+    predicted = {
+        frozenset(row.statistic.entries): row.prediction
+        for row in _entries(cell, COVARIANCE, predictor)
+    }
+    axes = sorted(set().union(*predicted))
+    pairs = [[predicted.get(frozenset((a, b))) for b in axes] for a in axes]
+    P = np.array(pairs, dtype=float)
+    ends = [(row.statistic.entries[0], row.statistic.entries[-1]) for row in rows]
+    if not {axis for pair in ends for axis in pair} <= set(axes):
+        return None
+    if not (np.isfinite(P).all() and (np.diagonal(P) > 0.0).all()):
+        return None
+    sd = np.sqrt(np.diagonal(P))
+    R = P / sd / sd[:, None]
+    if np.linalg.eigvalsh(R)[0] < -ROUNDING:
+        return None
+    i, j = np.array([[axes.index(axis) for axis in pair] for pair in ends]).T
+    if all(len(row.statistic.entries) == 1 for row in rows):
+        return R[np.ix_(i, i)]
+    C = R[np.ix_(i, i)] * R[np.ix_(j, j)] + R[np.ix_(i, j)] * R[np.ix_(j, i)]
+    own = np.sqrt(np.diagonal(C))
+    return C / own / own[:, None]
 
 
 def _times(row: Row) -> float:
