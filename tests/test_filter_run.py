@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 from sound_filters import WORLDS, kalman, told, tumbling
 
-from simval.errors import CrashedPluginError, PluginError
+from simval.errors import CrashedPluginError, GeometryError, PluginError
 from simval.geometry import attitude_matrix
 from simval.plugins import Filter, run_filter
 from simval.plugins import filter_twice as twice
@@ -135,6 +135,19 @@ def test_takes_no_magnetometer_unless_declared():
     six = declared(Six, magnetometer=False)
     assert run_filter(six, GIVEN, KEEP, "NWU").attitude.shape == (3, len(KEEP), 4)
     assert "raised TypeError" in message_of(replace(six, magnetometer=True))
+
+
+@pytest.mark.parametrize(
+    ("error", "crashed"), [(GeometryError("parallel"), False), (ValueError("x"), True)]
+)
+def test_a_refusal_of_ours_is_a_refusal_of_the_filter(error, crashed):
+    class Refusing(Rate):
+        def update(self, dt, w, f, m):
+            raise error
+
+    with pytest.raises(PluginError, match=f"{error}, at row 0 ") as caught:
+        run_filter(declared(Refusing), GIVEN, KEEP, "NWU")
+    assert isinstance(caught.value, CrashedPluginError) is crashed
 
 
 def test_handed_what_it_reads_in_its_own_words():

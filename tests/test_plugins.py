@@ -14,7 +14,12 @@ from scipy.spatial.transform import Rotation
 
 from simval.attitude.comparators import davenport
 from simval.calibrate import calibrate
-from simval.errors import InputError
+from simval.errors import (
+    ConvergenceError,
+    CrashedPluginError,
+    GeometryError,
+    InputError,
+)
 from simval.geometry import attitude_matrix, conjugate
 from simval.plugins import (
     Calibrator,
@@ -24,7 +29,9 @@ from simval.plugins import (
     probe_calibrator,
     probe_estimator,
 )
+from simval.plugins.calibrations import calibration_of
 from simval.plugins.calibrator_probe import probe_sensor
+from simval.plugins.calling import answers
 from simval.plugins.loading import overrides_of
 from simval.plugins.log import log_of
 from simval.plugins.probe import rotation_error
@@ -109,6 +116,34 @@ def overwriting(b1, b2, r1, r2):
 def test_a_broken_estimator_is_refused_in_words(estimate, words):
     with pytest.raises(PluginError, match=words):
         probe_estimator(changed(estimate=estimate))
+
+
+@pytest.mark.parametrize(
+    ("error", "crashed"),
+    [
+        (GeometryError("parallel"), False),
+        (ConvergenceError("no end"), False),
+        (InputError("a word of ours, but no refusal"), True),
+        (ValueError("theirs"), True),
+    ],
+    ids=lambda each: type(each).__name__,
+)
+def test_a_refusal_of_ours_is_a_refusal_of_the_plugin(error, crashed):
+    """A plug-in may be our own solver: what it says of its data is no crash."""
+
+    def refuse(*words, **more):
+        raise error
+
+    calls = [
+        lambda: answers(changed(estimate=refuse), refuse, [np.eye(3)] * 4, None),
+        lambda: calibration_of(
+            Calibrator(name="mine", calibrate=refuse), np.eye(3), 9.8, 0.01
+        ),
+    ]
+    for call in calls:
+        with pytest.raises(PluginError, match=str(error)) as caught:
+            call()
+        assert isinstance(caught.value, CrashedPluginError) is crashed
 
 
 def covariance(b1, b2, r1, r2, noise_std, factor=1.0):

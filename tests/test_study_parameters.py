@@ -159,6 +159,11 @@ CRASHED = {  # values with which a cell crashed, and what of it is said now
         {"noise_std": 1e-9, "poses": 9, "hold_time": 0.01, "trials": 128},
         "measured",
     ),
+    "a calibrator whose trials have no answer": (
+        "calibrator",
+        {"algorithm": "simval:norm", "noise_std": 1.0, "trials": 32},
+        "norm refuses what it is given: the 24 poses .* add poses",
+    ),
     "unequal scales": (
         "ladder",
         {"scale_spread": 0.99, "poses": 100, "noise_std": 1e-4, "trials": 512},

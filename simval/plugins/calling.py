@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simval.arrays import Array
-from simval.errors import CrashedPluginError, PluginError
+from simval.errors import CrashedPluginError, PluginError, RefusedError
 from simval.plugins.noise import VectorNoise, vector_noise
 from simval.plugins.protocol import Estimator
 from simval.shapes import Float
@@ -20,11 +20,17 @@ from simval.text import message_of
 
 
 def called(name: str, function: Any, *arguments: Any, **words: Any) -> Any:
-    """What a user's function answers; whatever it raises crashes the plug-in."""
+    """What a user's function answers; whatever it raises crashes the plug-in.
+
+    But for one of our refusals: a plug-in that says that its data has no answer.
+    """
     try:
         return function(*arguments, **words)
     except PluginError:
         raise
+    except RefusedError as error:
+        msg = f"{name} refuses what it is given: {error}"
+        raise PluginError(msg) from error
     except Exception as error:  # whatever a user's function may raise
         msg = f"{name} raised {message_of(error)}"
         raise CrashedPluginError(msg) from error

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simval.arrays import Array
-from simval.errors import CrashedPluginError, PluginError
+from simval.errors import CrashedPluginError, PluginError, RefusedError
 from simval.plugins.calling import called
 from simval.plugins.filter_answers import Form, faults, form_of, storing
 from simval.plugins.filter_protocol import Filter
@@ -213,6 +213,12 @@ class _Stretch:
         except PluginError as error:
             msg = f"{error}, {place(self.readings, self.first + max(row, 0))}"
             raise type(error)(msg) from error
+        except RefusedError as error:
+            msg = (
+                f"{self.filter.name} refuses what it is given: {error}, "
+                f"{place(self.readings, self.first + max(row, 0))}"
+            )
+            raise PluginError(msg) from error
         except (Exception, SystemExit) as error:  # whatever a user's filter may raise
             said = message_of(error)
             msg = (
