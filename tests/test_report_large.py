@@ -1,4 +1,4 @@
-"""A run of 99 000 rows: its report takes at most 500 MiB of memory, 10 MiB of disk."""
+"""A run of nearly 100 000 rows: its report takes at most 500 MiB, 10 MiB of disk."""
 
 import json
 import os
@@ -13,7 +13,7 @@ from stores import rewritten
 from simval.studies import STUDIES
 from simval.studies.study import Cell
 
-ROWS = 99_000  # of a larger one a part is shown
+ROWS = 100_000  # of a larger one a part is shown
 STEPS = 45
 MEBIBYTE = 1 << 20
 
@@ -31,7 +31,10 @@ def _listed(value):
 
 
 def grown(folder, rows):
-    """Repeat the cells of a run at other geometries, pose counts and noise."""
+    """Repeat the cells of a run at other geometries and pose counts, to so many rows.
+
+    Or to a little less, by a seed; and at 45 values of each at the least.
+    """
     with rewritten(folder) as database:
         cells = database.execute(
             "SELECT position, study, parameters FROM cells ORDER BY position"
@@ -55,7 +58,7 @@ def grown(folder, rows):
         for study, key in AXES.items():
             grid[study][key] = [grid[study][key] + step for step in range(STEPS)]
         once = STEPS * sum(map(len, content.values()))
-        grid["seed"] = list(range(1, 1 + -(-rows // once)))
+        grid["seed"] = list(range(1, 1 + max(1, rows // once)))
         database.execute("DELETE FROM rows")
         database.execute("DELETE FROM cells")
         asked = [
@@ -102,7 +105,8 @@ print(code, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024)
 
 @pytest.mark.slow
 def test_a_large_run_stays_within_time_memory_and_size(tiny_run):
-    assert grown(tiny_run, ROWS) >= ROWS
+    count = grown(tiny_run, ROWS)
+    assert 0.75 * ROWS < count <= ROWS
     done = subprocess.run(
         [sys.executable, "-c", PROBE, str(tiny_run)],
         capture_output=True,
@@ -119,7 +123,7 @@ def test_a_large_run_stays_within_time_memory_and_size(tiny_run):
     assert page.stat().st_size <= 10 * MEBIBYTE
     text = page.read_text(encoding="utf-8")
     # what is left out is said
-    assert re.search(r"500 of 99,\d\d\d rows are shown", text)
+    assert f"500 of {count:,} rows are shown" in text
     assert re.search(r"6 of \d+ groups of cells are drawn", text)
 
 
