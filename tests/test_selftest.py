@@ -75,7 +75,9 @@ def test_a_fault_that_is_not_found_is_said(simval, monkeypatch):
         inject=wrapped(executors, "execute", lambda original: original()),
     )
     monkeypatch.setattr(command, "faults", lambda: (wrong,))
-    assert simval("selftest")[0] == 1
+    code, out, _ = simval("selftest")
+    assert code == 1
+    assert ", and cells of it crashed" in out
     monkeypatch.setattr(command, "faults", tuple)
     assert simval("selftest")[0] == 1
 

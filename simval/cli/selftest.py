@@ -94,6 +94,7 @@ def _inject(quick: bool) -> int:
         click.echo(
             f"the gate was wrong: {result.fault.name}: {result.seen}, its clean twin "
             f"{result.twin}, by theory alone {result.alone}"
+            f"{', and cells of it crashed' if result.crashed else ''}"
         )
     click.echo(f"{len(results) - len(wrong)} of {len(results)} faults found")
     _say_what_theory_finds(results)

@@ -44,7 +44,7 @@ FELT = ("calibration", "end_to_end")
 BLOCKS = (*FELT, *DRAWN, "noise_model")
 
 
-class ChangedNormals:
+class ChangedNormals(np.random.Generator):
     """A generator whose normals are changed on their way."""
 
     def __init__(
@@ -52,15 +52,13 @@ class ChangedNormals:
         generator: np.random.Generator,
         change: Callable[[np.random.Generator, Any], Array],
     ) -> None:
+        super().__init__(generator.bit_generator)
         self._generator = generator
         self._change = change
 
-    def standard_normal(self, shape: Any = None) -> Any:
+    def standard_normal(self, size: Any = None, *_: Any, **__: Any) -> Any:
         """Normals, changed."""
-        return self._change(self._generator, shape)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._generator, name)
+        return self._change(self._generator, size)
 
 
 def small_noise_faults() -> list[Fault]:
