@@ -1,8 +1,8 @@
 """Plug-ins that attack what measures them, in real processes.
 
-Each is a sound calibrator with something more in its file, which runs when the file is
-imported, or in each call. It is refused in words, or it is measured as the sound one
-is, to the bit: nothing else that it does reaches a row.
+Each is a sound calibrator, estimator or filter with something more in its file, which
+runs when the file is imported, or in each call. It is refused in words, or it is
+measured as the sound one is, to the bit: nothing else that it does reaches a row.
 """
 
 import re
@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import cache
 
 import pytest
 from lying_plugins import INVENTED
@@ -18,7 +19,7 @@ from test_plugin_leftovers import alive, assert_gone, noted
 
 from simval.errors import PluginError
 from simval.streams import Streams
-from simval.studies import calibrator
+from simval.studies import calibrator, estimator, filter
 
 HEAD = f"""
 import json, os, pickle, signal, socket, struct, sys, threading, time
@@ -124,53 +125,71 @@ AT_IMPORT = {
 """What runs at the import, and what is said of it."""
 
 
-def attacking(folder, code):
-    path = folder / "ellipsoid.py"
+OF_CALIBRATORS = {"our checks replaced": MEASURED, **dict.fromkeys(
+    ("its declaration, and it ends", "its declaration twice"), "declares what there is"
+)}  # fmt: skip
+"""What is said of another kind, which does not declare or ask what these attack."""
+
+KINDS = {
+    "calibrator": (calibrator, "ellipsoid.py", {"trials": 32}),
+    "estimator": (estimator, "align.py", {"samples": 1024, "cases": 64}),
+    "filter": (filter, "kalman.py", {"trials": 8, "seconds": 4.0}),
+}
+
+
+def attacking(folder, code, kind="calibrator"):
+    study, file, cell = KINDS[kind]
+    path = folder / file
     indented = "\n".join(f"    {line}" for line in code.splitlines())
-    sound = (EXAMPLES / "ellipsoid.py").read_text()
+    sound = (EXAMPLES / file).read_text()
     path.write_text(f"{HEAD}\n{sound}\nif OURS:\n{indented}\n")
-    return calibrator.Parameters(algorithm=str(path), trials=32, time_limit=60.0)
+    return study.Parameters(algorithm=str(path), time_limit=60.0, **cell)
 
 
-def sound_rows():
-    sound = str(EXAMPLES / "ellipsoid.py")
-    parameters = calibrator.Parameters(algorithm=sound, trials=32)
-    return calibrator.compute(parameters, Streams(1, (1,))).rows
+@cache
+def sound_rows(kind):
+    study, file, cell = KINDS[kind]
+    parameters = study.Parameters(algorithm=str(EXAMPLES / file), **cell)
+    return study.compute(parameters, Streams(1, (1,))).rows
 
 
 LATE = ("an answer from a child",)
 
 
-def check(folder, attack):
+def check(folder, attack, kind="calibrator"):
     code, words = AT_IMPORT[attack]
-    parameters = attacking(folder, code)
+    if kind != "calibrator":
+        words = OF_CALIBRATORS.get(attack, words)
+    parameters, study = attacking(folder, code, kind), KINDS[kind][0]
     if words == MEASURED:
-        assert calibrator.run(parameters, Streams(1, (1,))).rows == sound_rows()
+        assert study.run(parameters, Streams(1, (1,))).rows == sound_rows(kind)
         return
     if attack in LATE:  # it may come when all has been answered
         try:
-            rows = calibrator.run(parameters, Streams(1, (1,))).rows
+            rows = study.run(parameters, Streams(1, (1,))).rows
         except PluginError as error:
             rows, said = (), str(error)
-        assert rows == sound_rows() if rows else re.search(words, said)
+        assert rows == sound_rows(kind) if rows else re.search(words, said)
         return
     with pytest.raises(PluginError, match=words):
-        calibrator.run(parameters, Streams(1, (1,)))
+        study.run(parameters, Streams(1, (1,)))
     assert not (folder.parent / "unpickled").exists()
 
 
 @pytest.mark.ci
 @pytest.mark.skipif(sys.platform != "linux", reason="of Linux's processes")
-def test_invented_rows_in_an_answer_file_are_no_answer(tmp_path):
-    check(tmp_path, "rows in a file, and it ends")
+@pytest.mark.parametrize("kind", KINDS)
+def test_invented_rows_in_an_answer_file_are_no_answer(tmp_path, kind):
+    check(tmp_path, "rows in a file, and it ends", kind)
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="of Linux's processes")
+@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("attack", AT_IMPORT)
-def test_an_attack_reaches_no_row(tmp_path, attack):
+def test_an_attack_reaches_no_row(tmp_path, attack, kind):
     begun = time.monotonic()
-    check(tmp_path, attack)
+    check(tmp_path, attack, kind)
     assert time.monotonic() - begun < 45.0  # and is not waited for
 
 
