@@ -5,10 +5,14 @@ not whole. `hostile.py` has the attacks; two thousand of them run by night.
 """
 
 import os
+import random
 import resource
 import shutil
 import sqlite3
+import warnings
 import zipfile
+from collections import deque
+from contextlib import suppress
 from io import BytesIO
 
 import numpy as np
@@ -18,6 +22,7 @@ from stores import raw, rewritten
 from test_safety import watched
 
 from simval.cli import run as simval_command
+from simval.errors import InputError
 from simval.gate import write_baseline
 from simval.sweep import load_run, parquet, run, run_suite, store
 
@@ -432,3 +437,91 @@ def test_rows_of_a_table_are_as_many_as_the_store_has(parted, simval):
     resealed(folder)
     code, _, err = simval("gate", folder, "--no-baseline")
     assert (code, "rows, and the store has" in err) == (2, True), err
+
+
+def spoilt_bytes(good, rng):
+    """A file with bytes changed, flipped, put in, or made great, at its end too."""
+    content = bytearray(good)
+    for _ in range(rng.choice([1, 1, 2, 8])):
+        end = len(content) - 1 - rng.randrange(min(len(content), 3000))
+        place = rng.choice([rng.randrange(len(content)), end])
+        match rng.randrange(4):
+            case 0:
+                content[place] = rng.randrange(256)
+            case 1:
+                content[place] ^= 1 << rng.randrange(8)
+            case 2:
+                lost = rng.randrange(1, 9)
+                content[place : place + lost] = rng.randbytes(rng.randrange(1, 9))
+            case 3:
+                great = rng.choice([0, 1, 2**24, 2**31 - 1, 2**32 - 1])
+                content[place : place + 4] = great.to_bytes(4, "little")
+    return bytes(content)
+
+
+ODD_VALUES = (None, 0, 1, -1, 2**62, 1.5, np.nan, np.inf, 1e300, "x", "1", "[1]", b"a")
+ODD_TYPES = (
+    *("string", "large_string", "binary", "int8", "uint64", "float16", "float64"),
+    *("bool_", "date32", "null"),
+)
+
+
+def spoilt_columns(good, rng):
+    """A table with columns left out, twice, or of another type, nested ones too."""
+    import pyarrow as pa
+    from pyarrow import parquet as pq
+
+    nested = (
+        pa.list_(pa.string()),
+        pa.struct([("a", pa.int8())]),
+        pa.dictionary(pa.int32(), pa.string()),
+        pa.decimal128(10, 2),
+        pa.duration("s"),
+        pa.timestamp("ns"),
+    )
+    table = pq.ParquetFile(pa.BufferReader(good)).read()
+    for _ in range(rng.choice([1, 2])):
+        place = rng.randrange(table.num_columns)
+        name = table.column_names[place]
+        match rng.randrange(5):
+            case 0:
+                table = table.remove_column(place)
+            case 1:
+                table = table.append_column(name, table.column(place))
+            case _:
+                plain = (getattr(pa, word)() for word in ODD_TYPES)
+                kind, value = rng.choice([*plain, *nested]), rng.choice(ODD_VALUES)
+                with suppress(pa.ArrowException, TypeError, OverflowError, ValueError):
+                    column = pa.array([value] * len(table), kind)
+                    table = table.set_column(place, pa.field(name, kind), column)
+    sink = pa.BufferOutputStream()
+    pq.write_table(table, sink)
+    return sink.getvalue().to_pybytes()
+
+
+@pytest.mark.parametrize("spoilt", [spoilt_bytes, spoilt_columns])
+@pytest.mark.parametrize(
+    ("seed", "count"), [(1, 60), pytest.param(2, 2000, marks=pytest.mark.slow)]
+)
+def test_a_spoilt_table_is_read_or_refused_in_words(parted, spoilt, seed, count):
+    """Its seal may be made anew; some damage ended the process."""
+    folder, file = parted
+    good, rng = file.read_bytes(), random.Random(seed)
+    rows = sum(len(cell.rows) for cell in load_run(folder).cells)
+    refused = 0
+    for number in range(count):
+        file.write_bytes(spoilt(good, rng))
+        for judged in (True, False):
+            blocks = parquet.parquet_blocks(
+                folder / "results", judged=judged, rows=rows
+            )
+            try:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("error")
+                    deque(blocks, maxlen=0)
+            except InputError:
+                refused += 1
+            except BaseException as error:
+                error.add_note(f"number {number} of seed {seed}")
+                raise
+    assert refused > count

@@ -8,7 +8,7 @@ table, and reads only the columns and the row groups that it asks for.
 
 import json
 import sqlite3
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -50,7 +50,7 @@ NEEDED = ("value", "standard_error", "n", "prediction", "remainder")
 def has_pyarrow() -> bool:
     """Whether Parquet can be read and written: pyarrow is installed."""
     try:
-        import pyarrow.dataset
+        import pyarrow.compute
         import pyarrow.parquet  # noqa: F401
     except ImportError:
         return False
@@ -177,30 +177,67 @@ def parquet_blocks(folder: Path, *, judged: bool, rows: int) -> Iterator[Columns
 
 
 def _blocks(folder: Path, judged: bool, rows: int) -> Iterator[Columns]:
-    from pyarrow import dataset
+    from pyarrow import compute
 
-    table = dataset.dataset(folder, partitioning="hive", format="parquet")
-    found = table.count_rows()
+    parts = [_Part(file) for file in sorted(folder.rglob("*.parquet"), key=str)]
+    found = sum(part.rows for part in parts)
     if found != rows:
         msg = f"it has {found:,} rows, and the store has {rows:,}"
         raise DamagedError(msg)
-    kept = (dataset.field("check") != "record") if judged else None
-    for file in sorted(table.get_fragments(), key=lambda part: str(part.path)):
-        study = Path(file.path).parent.name.partition("=")[2]
-        for group in file.split_by_row_group(kept, schema=table.schema):
-            _require_small(group.row_groups)
-            columns = group.to_table(
-                table.schema,
-                columns=[*WORDS, *NEEDED],
-                filter=kept,
-                use_threads=False,
-                batch_size=2 * GROUP,
-            )
-            yield _block(study, columns)
+    for part in parts:
+        for table in part.groups():
+            kept = compute.not_equal(table["check"], "record") if judged else None
+            yield _block(part.study, table if kept is None else table.filter(kept))
 
 
-def _require_small(groups: Iterable[Any]) -> None:
-    for group in groups:
+class _Part:
+    """A file of the table, which need not be one.
+
+    It is read by row groups: the dataset of pyarrow ends the process on some damage.
+    """
+
+    def __init__(self, file: Path) -> None:
+        from pyarrow import parquet
+
+        self.study = file.parent.name.partition("=")[2]
+        self._file = parquet.ParquetFile(file, pre_buffer=False)
+        self._require_types()
+
+    @property
+    def rows(self) -> int:
+        """Number of its rows, as it says."""
+        return int(self._file.metadata.num_rows)
+
+    def groups(self) -> Iterator[Any]:
+        """Tables of its row groups."""
+        for place in range(self._file.metadata.num_row_groups):
+            self._require_small(self._file.metadata.row_group(place))
+            columns = [*WORDS, *NEEDED]
+            table = self._file.read_row_group(place, columns, use_threads=False)
+            for name in (*WORDS, "n"):
+                if table[name].null_count:
+                    msg = f"the column `{name}` has empty places"
+                    raise DamagedError(msg)
+            yield table
+
+    def _require_types(self) -> None:
+        import pyarrow as pa
+
+        schema = self._file.schema_arrow
+        for name in (*WORDS, *NEEDED):
+            found = [
+                str(schema.field(i).type) for i in schema.get_all_field_indices(name)
+            ]
+            kind = (HEAD | FIELDS | NUMBERS)[name]
+            if found != [str(getattr(pa, kind)())]:
+                msg = (
+                    f"the column `{name}` is {' and '.join(found) or 'not there'}; it "
+                    f"must be there once, {kind.rstrip('_')}"
+                )
+                raise DamagedError(msg)
+
+    @staticmethod
+    def _require_small(group: Any) -> None:
         if group.num_rows > MOST_ROWS or group.total_byte_size > MOST_BYTES:
             msg = (
                 f"a row group has {group.num_rows:,} rows in {group.total_byte_size:,} "
@@ -230,10 +267,6 @@ def _require_possible(block: Columns) -> None:
 
 
 def _block(study: str, table: Any) -> Columns:
-    for name in (*WORDS, "n"):
-        if table[name].null_count:
-            msg = f"the column `{name}` has empty places"
-            raise DamagedError(msg)
     names, cell = _coded(table["cell"])
     predictors, predictor = _coded(table["predictor"])
     checks, check = _coded(table["check"])
