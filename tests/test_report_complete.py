@@ -16,10 +16,10 @@ from simval.report.page import SECTIONS, sections
 from simval.report.paint import STYLE, _figure
 from simval.report.panels import BarPanel, DotPanel, Drawing, Panel, Series
 from simval.report.section import Context
-from simval.report.sections import attitude, convergence, statistics
+from simval.report.sections import attitude, convergence, other, statistics
 from simval.report.slope import fitted_slope
 from simval.studies import STUDIES
-from simval.sweep.run import Run
+from simval.sweep.run import Run, load_run
 
 MANIFEST = {
     "suite": "made",
@@ -429,3 +429,14 @@ def test_no_label_of_many_is_clipped(tmp_path):
     for drawing in drawings(made(tmp_path)):
         assert not clipped(drawing), drawing.name
     whole(150, 1212)
+
+
+def test_the_titles_of_further_studies_are_sentences_of_their_own(tiny_run):
+    run = load_run(tiny_run)
+    cells = [replace(run.cells[0], study=study) for study in ("asked", "said")]
+    context = Context(
+        run=replace(run, cells=tuple(cells)),
+        judged=judge_run(run),
+        titles={"asked": "Is it right?", "said": "Sampling: streams"},
+    )
+    assert other.section(context).values["found"] == "Is it right? Sampling: streams."

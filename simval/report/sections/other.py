@@ -51,7 +51,7 @@ def section(context: Context) -> Section | None:
         [drawing for _, drawing, _ in parts if drawing is not None],
         [table for _, _, table in parts],
         parts=parts,
-        found=" ".join(title for title, _, _ in parts),
+        found=" ".join(f"{title}.".replace("?.", "?") for title, _, _ in parts),
     )
 
 
