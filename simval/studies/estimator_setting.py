@@ -5,6 +5,8 @@ inverse variances of the pairs, from the same vectors: what two estimators diffe
 seen under equal noise.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
 from simval.arrays import Array
@@ -156,18 +158,41 @@ class Setting:
 
     def cubature(self, noise_std: float, degree: int) -> Moments:
         """Mean and covariance of `errors` under the noise."""
+        return self._averaged(
+            lambda vectors: self.errors(vectors, noise_std),
+            6 if self.claims else 5, noise_std, degree,
+        )  # fmt: skip
+
+    def nodes(self, noise_std: float, degree: int) -> Float[Array, "n m 3"]:
+        """The vectors that this cubature tries."""
+        seen: list[Array] = []
+
+        def look(vectors: Float[Array, "n m 3"]) -> Float[Array, "n 1"]:
+            seen.append(vectors)
+            return np.zeros((len(vectors), 1))
+
+        self._averaged(look, 1, noise_std, degree)
+        return np.concatenate(seen)
+
+    def _averaged(
+        self,
+        function: Callable[[Float[Array, "n m 3"]], Float[Array, "n p"]],
+        values: int,
+        noise_std: float,
+        degree: int,
+    ) -> Moments:
         noisy = self.noise.noisy
 
-        def errors(*vectors: Float[Array, "n 3"]) -> Float[Array, "n p"]:
+        def of_noisy(*vectors: Float[Array, "n 3"]) -> Float[Array, "n p"]:
             every = np.repeat(self.truth[None], len(vectors[0]), axis=0)
             every[:, noisy] = np.stack(vectors, axis=1)
-            return self.errors(every, noise_std)
+            return function(every)
 
         moments = cubature_moments(
-            errors,
+            of_noisy,
             self.truth[noisy],
             self.covariances(noise_std)[noisy],
-            np.zeros(6 if self.claims else 5),
+            np.zeros(values),
             degree,
         )
         return -moments.bias, moments.covariance

@@ -12,10 +12,9 @@ nothing is below the Cramer-Rao bound. An estimator that declares its class has 
 and P of that class as well, and one that works with power series those of its own
 second order. The rest of the sums are of relative order :math:`h^4`.
 
-An estimator that chooses between formulas, as between frames of the reference, has
-leading terms where h does not reach the choice. Where it does, its errors have a kink
-there, and these sums are of no formula. What is wrong in the leading terms is wrong at
-every h, so what fails at `NOISE` is tried once more `NEARER`.
+The two-vector formula in its best frame has these terms where h does not reach another
+frame. Where it does, its errors have a kink there, and the sums are of no formula: h is
+then the first of `NEARER` that reaches none.
 """
 
 from collections.abc import Iterator
@@ -23,6 +22,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from simval.arrays import Array
+from simval.attitude.kernel import column_matrix
 from simval.geometry import attitude_matrix
 from simval.results import Row, limit
 from simval.shapes import Float
@@ -48,38 +48,14 @@ TOLERANCE = 1e-3
 are within 2e-8 in 60 random geometries, and a bias of less is 1e-3 of a standard
 deviation."""
 
-MOST = 5.0 * TOLERANCE
-"""What a limit may be at `NEARER`, with the slack for rounding."""
-
 NEARER = (1e-4, 1e-5)
-"""Noises at which a choice is more rarely in reach: of 400 random geometries of the
-two-vector estimator four have one within 1e-3 of its best frame."""
+"""Of 400 random geometries four have another frame within 1e-3 of their best one."""
 
 
 def leading_rows(setting: Setting, rounding: float) -> tuple[Row, ...]:
-    """Rows of moments at `NOISE`, or `NEARER`; `rounding` of one estimate, rad."""
-    rows = _rows(setting, rounding, NOISE)
-    for size in NEARER:
-        if _hold(rows):
-            break
-        near = _rows(setting, rounding, size)
-        # with the slack of a coarse estimate, what is wrong would pass there
-        if _hold(near) and all(_most(row) <= MOST for row in near):
-            return near
-    return rows
-
-
-def _most(row: Row) -> float:
-    return np.inf if row.prediction is None else row.prediction
-
-
-def _hold(rows: tuple[Row, ...]) -> bool:
-    return all(row.value <= _most(row) for row in rows)
-
-
-def _rows(setting: Setting, rounding: float, size: float) -> tuple[Row, ...]:
-    """Rows of moments at a noise and at half of it."""
-    noise = setting.noise.small(size).noise_std
+    """Rows of moments at a noise and at half of it; `rounding` of one estimate, rad."""
+    sizes = [setting.noise.small(size).noise_std for size in (NOISE, *NEARER)]
+    noise = next((each for each in sizes if _of_one_formula(setting, each)), sizes[-1])
     whole, half = (setting.cubature(noise / part, DEGREE) for part in (1.0, 2.0))
     plugin, weights = setting.plugin, setting.weights
     A = attitude_matrix(setting.q) if plugin.side == "reference" else np.eye(3)
@@ -107,6 +83,16 @@ def _rows(setting: Setting, rounding: float, size: float) -> tuple[Row, ...]:
             (float(np.linalg.norm(bias - mean)) / trace, off), limits, predictor, n=1,
         )  # fmt: skip
     return rows
+
+
+def _of_one_formula(setting: Setting, noise: float) -> bool:
+    """Whether no node of cubature has another best frame than the truth."""
+    if setting.plugin.kind != "closed form":
+        return True
+    vectors = np.concatenate([setting.truth[None], setting.nodes(noise, DEGREE)])
+    columns = column_matrix(np.moveaxis(vectors, 0, 2), symmetric=False)
+    best = np.argmax(np.einsum("kin,kin->kn", columns, columns), axis=0)
+    return bool(np.all(best == best[0]))
 
 
 def _predictions(
