@@ -2,6 +2,7 @@
 
 import os
 import random
+import shutil
 import sqlite3
 import struct
 import subprocess
@@ -267,27 +268,43 @@ def test_damaged_journals_end_in_words(tiny_run, seed):
         assert {file.name for file in tiny_run.iterdir()} <= names
 
 
+READ = """
+import os, sys
+from simval.errors import InputError
+from simval.sweep import load_run
+load_run(sys.argv[1])  # all modules, which the other user cannot read
+os.setgroups([]); os.setgid(65534); os.setuid(65534)
+try:
+    print(len(load_run(sys.argv[2]).cells))
+except InputError as error:
+    print(error)
+"""
+
+
 @pytest.mark.ci
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can become another user")
-def test_a_run_on_a_medium_that_cannot_be_written(tiny_run):
-    """As left by a reader at the end: a store that asks for a log, and has none."""
+@pytest.mark.parametrize("killed", [False, True])
+def test_a_run_on_a_medium_that_cannot_be_written(tiny_run, killed):
+    """As left by a reader at the end: a store that asks for a log, and has none.
+
+    Or with a journal, which cannot be played back there: never half of a store.
+    """
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place) / "run"
-        tiny_run.rename(folder)
+        shutil.copytree(tiny_run, folder)
         with closing(sqlite3.connect(folder / "run.sqlite")) as database:
             database.execute("PRAGMA journal_mode = WAL")
+            if killed:
+                database.execute("PRAGMA journal_mode = DELETE")
+        if killed:
+            interrupted(folder, MEDDLED)
         for path in (Path(place), folder):
             path.chmod(0o555)
-        program = (
-            "import os, sys\n"
-            "from simval.sweep import load_run\n"
-            "load_run(sys.argv[1])  # all modules, which the other user cannot read\n"
-            "os.setgroups([]); os.setgid(65534); os.setuid(65534)\n"
-            "print(len(load_run(sys.argv[1]).cells))\n"
-        )
-        words = [sys.executable, "-c", program, str(folder)]
+        words = [sys.executable, "-c", READ, str(tiny_run), str(folder)]
         done = subprocess.run(words, capture_output=True, text=True, check=False)
-        assert (done.stdout, done.returncode) == ("4\n", 0), done.stderr
+        assert done.returncode == 0, done.stderr
+        wanted = "readonly database; is the disk full or read-only?" if killed else "4"
+        assert done.stdout.strip().endswith(wanted)
 
 
 def test_holders_are_other_processes(tiny_run):
