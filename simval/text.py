@@ -72,12 +72,17 @@ def printable(text: str) -> str:
     )
 
 
+def words_of(error: BaseException) -> str:
+    """What an error says, even one that cannot say it."""
+    try:
+        return str(error)
+    except Exception:  # whatever a user's `__str__` may raise
+        return "(its message cannot be read)"
+
+
 def message_of(error: BaseException) -> str:
     """Say what an error is, even one that cannot say so itself."""
-    try:
-        words = str(error)
-    except Exception:  # whatever a user's `__str__` may raise
-        words = "(its message cannot be read)"
+    words = words_of(error)
     return f"{type(error).__name__}: {words}" if words else type(error).__name__
 
 

@@ -142,10 +142,15 @@ def test_takes_no_magnetometer_unless_declared():
 )
 def test_a_refusal_of_ours_is_a_refusal_of_the_filter(error, crashed):
     class Refusing(Rate):
-        def update(self, dt, w, f, m):
-            raise error
+        rows = 0
 
-    with pytest.raises(PluginError, match=f"{error}, at row 0 ") as caught:
+        def update(self, dt, w, f, m):
+            self.rows += 1
+            if self.rows > 2:
+                raise error
+            return super().update(dt, w, f, m)
+
+    with pytest.raises(PluginError, match=f"{error}, at row 2 ") as caught:
         run_filter(declared(Refusing), GIVEN, KEEP, "NWU")
     assert isinstance(caught.value, CrashedPluginError) is crashed
 

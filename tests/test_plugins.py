@@ -146,6 +146,24 @@ def test_a_refusal_of_ours_is_a_refusal_of_the_plugin(error, crashed):
         assert isinstance(caught.value, CrashedPluginError) is crashed
 
 
+class Wordless(GeometryError):
+    """A refusal that cannot say what it is."""
+
+    def __str__(self):
+        msg = "boom"
+        raise RuntimeError(msg)
+
+
+def test_a_refusal_that_cannot_say_itself_is_one():
+    def refuse(*words, **more):
+        raise Wordless
+
+    words = "refuses what it is given: .its message cannot be read."
+    with pytest.raises(PluginError, match=words) as caught:
+        answers(changed(estimate=refuse), refuse, [np.eye(3)] * 4, None)
+    assert not isinstance(caught.value, CrashedPluginError)
+
+
 def covariance(b1, b2, r1, r2, noise_std, factor=1.0):
     """Covariance of Wahba's solution for equal weights, by differences of its own.
 

@@ -281,6 +281,26 @@ def test_without_a_covariance_all_entries_move_one_way(damage):
     assert moment(BIAS, BY)(cell(rows[-3:])).error == pytest.approx(expected, rel=1e-12)
 
 
+def test_a_covariance_too_odd_to_scale_is_none():
+    """Its correlations are infinite, and have no eigenvalues."""
+    odd = {f"covariance[{a},{a}]": 1e-320 for a in "xyz"} | {"covariance[x,z]": 1e140}
+    rows = [
+        replace(r, prediction=odd.get(str(r.statistic), r.prediction))
+        for r in sampled(SHAPES["crooked"], np.array([3.0, -1.0, 2.0]), 100)
+    ]
+    assert np.isfinite(moment(COVARIANCE, BY)(cell(rows)).error)
+
+
+@pytest.mark.parametrize("family", [BIAS, COVARIANCE])
+def test_a_row_of_no_entry_does_not_end_the_page(family):
+    rows = [
+        replace(r, statistic=replace(r.statistic, entries=()))
+        for r in sampled(SHAPES["crooked"], np.array([3.0, -1.0, 2.0]), 100)
+        if r.statistic.family == family
+    ]
+    assert moment(family, BY)(cell(rows)).error > 0.0
+
+
 def test_what_a_theory_leaves_out_is_its_distance_from_the_exact_one():
     rows = [
         *covariances(),

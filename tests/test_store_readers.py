@@ -227,15 +227,42 @@ def test_a_journal_of_another_hand_is_not_rolled_back(tiny_run, tmp_path):
     assert not mine.exists()
 
 
-def test_a_journal_does_not_make_a_store_longer(tiny_run):
+@pytest.mark.parametrize("page", [4096, 0])
+def test_a_journal_does_not_make_a_store_longer(tiny_run, page):
+    """A page of 0 bytes stands for one of the store's."""
     journal = interrupted(tiny_run, MEDDLED)
     content = bytearray(journal.read_bytes())
-    content[16:20] = struct.pack(">I", 2**31)
+    content[16:20] = struct.pack(">I", 2**20)
+    content[24:28] = struct.pack(">I", page)
     journal.write_bytes(content)
     length = (tiny_run / "run.sqlite").stat().st_size
     with pytest.raises(InputError, match="is of no sweep: it makes the store longer"):
         load_run(tiny_run)
     assert (tiny_run / "run.sqlite").stat().st_size == length
+
+
+@pytest.mark.parametrize("suffix", ["-journal", "-wal"])
+def test_what_is_left_is_not_written_to_a_file_of_another_name(
+    tiny_run, tmp_path, suffix
+):
+    """SQLite brings it into whatever has the name of the store."""
+    journal, path = interrupted(tiny_run, MEDDLED), tiny_run / "run.sqlite"
+    journal.rename(f"{path}{suffix}")
+    mine = tmp_path / "mine"
+    mine.write_bytes(b"kept\n" * 10_000)
+    path.unlink()
+    os.link(mine, path)
+    with pytest.raises(InputError, match="is a file that has another name"):
+        load_run(tiny_run)
+    assert mine.read_bytes() == b"kept\n" * 10_000
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read it")
+def test_a_journal_that_cannot_be_read_is_said(tiny_run):
+    journal = interrupted(tiny_run, MEDDLED)
+    journal.chmod(0)
+    with pytest.raises(InputError, match="is it yours to read"):
+        load_run(tiny_run)
 
 
 @pytest.mark.parametrize("seed", range(2))

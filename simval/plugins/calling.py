@@ -16,7 +16,7 @@ from simval.errors import CrashedPluginError, PluginError, RefusedError
 from simval.plugins.noise import VectorNoise, vector_noise
 from simval.plugins.protocol import Estimator
 from simval.shapes import Float
-from simval.text import message_of
+from simval.text import message_of, words_of
 
 
 def called(name: str, function: Any, *arguments: Any, **words: Any) -> Any:
@@ -29,7 +29,7 @@ def called(name: str, function: Any, *arguments: Any, **words: Any) -> Any:
     except PluginError:
         raise
     except RefusedError as error:
-        msg = f"{name} refuses what it is given: {error}"
+        msg = f"{name} refuses what it is given: {words_of(error)}"
         raise PluginError(msg) from error
     except Exception as error:  # whatever a user's function may raise
         msg = f"{name} raised {message_of(error)}"

@@ -23,7 +23,7 @@ from simval.plugins.filter_protocol import Filter
 from simval.plugins.filter_signals import FilterInput
 from simval.plugins.filter_worlds import from_scene, written
 from simval.shapes import Float
-from simval.text import message_of
+from simval.text import message_of, words_of
 
 SENSORS: Final = ("gyroscope", "accelerometer", "magnetometer")
 
@@ -215,7 +215,7 @@ class _Stretch:
             raise type(error)(msg) from error
         except RefusedError as error:
             msg = (
-                f"{self.filter.name} refuses what it is given: {error}, "
+                f"{self.filter.name} refuses what it is given: {words_of(error)}, "
                 f"{place(self.readings, self.first + max(row, 0))}"
             )
             raise PluginError(msg) from error

@@ -157,14 +157,18 @@ def _correlations(
     axes = sorted(set().union(*predicted))
     pairs = [[predicted.get(frozenset((a, b))) for b in axes] for a in axes]
     P = np.array(pairs, dtype=float)
-    ends = [(row.statistic.entries[0], row.statistic.entries[-1]) for row in rows]
-    if not {axis for pair in ends for axis in pair} <= set(axes):
+    words = [row.statistic.entries for row in rows]
+    if not all(words) or not set().union(*words) <= set(axes):
         return None
+    ends = [(each[0], each[-1]) for each in words]
     if not (np.isfinite(P).all() and (np.diagonal(P) > 0.0).all()):
         return None
     sd = np.sqrt(np.diagonal(P))
-    R = P / sd / sd[:, None]
-    if np.linalg.eigvalsh(R)[0] < -ROUNDING:
+    with np.errstate(over="ignore"):
+        R = P / sd / sd[:, None]
+    if not np.abs(R).max() <= 1.0 + ROUNDING:  # an infinite one has no eigenvalues
+        return None
+    if not np.linalg.eigvalsh(R)[0] >= -ROUNDING:
         return None
     i, j = np.array([[axes.index(axis) for axis in pair] for pair in ends]).T
     if all(len(row.statistic.entries) == 1 for row in rows):

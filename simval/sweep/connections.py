@@ -40,6 +40,9 @@ JOURNAL_MAGIC = bytes.fromhex("d9d505f920a163d7")
 JOURNAL_HEAD = Struct(">16xI4xI")
 """Head of a journal: pages of the store before it was changed, and bytes of a page."""
 
+LARGEST_PAGE = 65_536
+"""Bytes of a page at the most; SQLite takes a 0 in a journal for the store's own."""
+
 BESIDE = ("-wal", "-shm", "-journal")
 """What SQLite may keep beside a store."""
 
@@ -63,6 +66,8 @@ def to_read(path: Path, tables: str, version: int) -> sqlite3.Connection:
         require_plain(Path(f"{path}{suffix}"))
     for suffix in BESIDE:
         require_alone(Path(f"{path}{suffix}"))
+    if any(Path(f"{path}{suffix}").exists() for suffix in LEFT):
+        require_alone(path)  # what is left is written to it, whatever it is
     _require_own_journal(path)
     database = _connected(path)
     try:
@@ -181,10 +186,14 @@ def _require_own_journal(path: Path) -> None:
     makes the store as long as the journal says, and removes a file that it names.
     """
     journal = Path(f"{path}-journal")
+    length = path.stat().st_size
     try:
-        content, length = journal.open("rb"), path.stat().st_size
+        content = journal.open("rb")
     except FileNotFoundError:
         return  # as always, or its writer has just ended
+    except OSError as error:
+        msg = f"cannot read {journal}: {error.strerror}; is it yours to read?"
+        raise InputError(msg) from None
     with content:
         head = content.read(JOURNAL_HEAD.size)
         content.seek(max(content.seek(0, SEEK_END) - len(JOURNAL_MAGIC), 0))
@@ -192,7 +201,7 @@ def _require_own_journal(path: Path) -> None:
     longer = False
     if len(head) == JOURNAL_HEAD.size:
         pages, page = JOURNAL_HEAD.unpack(head)
-        longer = pages * page > length
+        longer = pages * (page or LARGEST_PAGE) > length
     if names_a_file or longer:
         does = "names another file" if names_a_file else "makes the store longer"
         msg = (
