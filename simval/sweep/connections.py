@@ -186,7 +186,6 @@ def _require_own_journal(path: Path) -> None:
     makes the store as long as the journal says, and removes a file that it names.
     """
     journal = Path(f"{path}-journal")
-    length = path.stat().st_size
     try:
         content = journal.open("rb")
     except FileNotFoundError:
@@ -195,6 +194,7 @@ def _require_own_journal(path: Path) -> None:
         msg = f"cannot read {journal}: {error.strerror}; is it yours to read?"
         raise InputError(msg) from None
     with content:
+        length = path.stat().st_size
         head = content.read(JOURNAL_HEAD.size)
         content.seek(max(content.seek(0, SEEK_END) - len(JOURNAL_MAGIC), 0))
         names_a_file = content.read() == JOURNAL_MAGIC
