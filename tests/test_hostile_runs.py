@@ -24,7 +24,7 @@ from test_safety import watched
 from simval.cli import run as simval_command
 from simval.errors import InputError
 from simval.gate import write_baseline
-from simval.sweep import load_run, parquet, run, run_suite, store
+from simval.sweep import load_run, parquet, parquet_read, run, run_suite, store
 
 SMALL = """
 title = "Small"
@@ -422,7 +422,7 @@ def test_parts_that_are_cut_off_swapped_or_without_bounds(parted, simval, monkey
     assert (code, "measured nothing" in out) == (3, True)
     file.parent.with_name("study=calibration").rename(file.parent)
     resealed(folder)
-    monkeypatch.setattr(parquet, "MOST_ROWS", 10)
+    monkeypatch.setattr(parquet_read, "MOST_ROWS", 10)
     code, _, err = simval("gate", folder, "--no-baseline")
     assert (code, "a row group has " in err) == (2, True)
 
@@ -512,7 +512,7 @@ def test_a_spoilt_table_is_read_or_refused_in_words(parted, spoilt, seed, count)
     for number in range(count):
         file.write_bytes(spoilt(good, rng))
         for judged in (True, False):
-            blocks = parquet.parquet_blocks(
+            blocks = parquet_read.parquet_blocks(
                 folder / "results", judged=judged, rows=rows
             )
             try:
@@ -525,3 +525,23 @@ def test_a_spoilt_table_is_read_or_refused_in_words(parted, spoilt, seed, count)
                 error.add_note(f"number {number} of seed {seed}")
                 raise
     assert refused > count
+
+
+def test_a_long_text_in_every_row_takes_the_room_of_one(parted):
+    """10 kB of a file were 2 GB in memory: a row group's size says nothing of that."""
+    import pyarrow as pa
+    from pyarrow import parquet as pq
+
+    folder, file = parted
+    table = pq.ParquetFile(file).read().slice(0, 1)
+    count = 200_000
+    every = table.take(pa.array([0] * count))
+    units = pa.array(["x" * 9000]).dictionary_encode().take(pa.array([0] * count))
+    place = table.column_names.index("unit")
+    pq.write_table(every.set_column(place, "unit", units), file, store_schema=False)
+    assert file.stat().st_size < 100_000
+    pool = pa.default_memory_pool()
+    before = pool.max_memory()
+    blocks = parquet_read.parquet_blocks(folder / "results", judged=False, rows=count)
+    assert sum(len(block) for block in blocks) == count
+    assert pool.max_memory() - before < 100 * 2**20

@@ -53,6 +53,8 @@ LEFT = ("-wal", "-journal")
 def to_read(path: Path, tables: str, version: int) -> sqlite3.Connection:
     """Open a store that need not be one; nothing can be written through it.
 
+    What a sweep has left beside it that was killed, SQLite brings into it first.
+
     Raises
     ------
     InputError

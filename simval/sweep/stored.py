@@ -22,7 +22,8 @@ from simval.sweep.cells import (
     read_heads_by_study,
 )
 from simval.sweep.connections import explained
-from simval.sweep.parquet import FOLDER, has_pyarrow, parquet_blocks
+from simval.sweep.parquet import FOLDER, has_pyarrow
+from simval.sweep.parquet_read import parquet_blocks
 
 KEPT = 100_000
 """Rows that are held in memory: 100 MB. Chosen: the accuracy suite has 6 000."""
