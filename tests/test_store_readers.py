@@ -227,15 +227,15 @@ def test_a_journal_of_another_hand_is_not_rolled_back(tiny_run, tmp_path):
     assert not mine.exists()
 
 
-@pytest.mark.parametrize("page", [4096, 0])
-def test_a_journal_does_not_make_a_store_longer(tiny_run, page):
+@pytest.mark.parametrize(("more", "page"), [(1, 4096), (2**20, 4096), (2**20, 0)])
+def test_a_journal_does_not_make_a_store_longer(tiny_run, more, page):
     """A page of 0 bytes stands for one of the store's."""
     journal = interrupted(tiny_run, MEDDLED)
+    length = (tiny_run / "run.sqlite").stat().st_size
     content = bytearray(journal.read_bytes())
-    content[16:20] = struct.pack(">I", 2**20)
+    content[16:20] = struct.pack(">I", length // 4096 + more)
     content[24:28] = struct.pack(">I", page)
     journal.write_bytes(content)
-    length = (tiny_run / "run.sqlite").stat().st_size
     with pytest.raises(InputError, match="is of no sweep: it makes the store longer"):
         load_run(tiny_run)
     assert (tiny_run / "run.sqlite").stat().st_size == length

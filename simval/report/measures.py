@@ -19,6 +19,10 @@ ROUNDING = 1e-9
 """By which the least eigenvalue of rounded correlations may be below zero."""
 
 
+MOST_AXES = 12
+"""Axes of a covariance that is looked up pair by pair; an attitude has three."""
+
+
 def together(predictor: str) -> Measure:
     """RMS error of all nine parameters, the bias in units of standard gravity."""
 
@@ -155,6 +159,8 @@ def _correlations(
         for row in _entries(cell, COVARIANCE, predictor)
     }
     axes = sorted(set().union(*predicted))
+    if len(axes) > MOST_AXES:
+        return None
     pairs = [[predicted.get(frozenset((a, b))) for b in axes] for a in axes]
     P = np.array(pairs, dtype=float)
     words = [row.statistic.entries for row in rows]

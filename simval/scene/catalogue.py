@@ -37,8 +37,6 @@ CONTACT_FORCE = 20_000.0  # m/s^2; an impact of 2 m/s within one step of 0.1 ms
 _HARD = {"force_limit": CONTACT_FORCE, "rate_limit": 500.0}
 # m: the die ends 0.24 m away, one that falls through the floor is beyond it after 3.2 s
 _THROWN = {**_HARD, "reach": 50.0}
-# m: inside its box the sensor is 0.16 m from where it began at the most
-_BOXED = {**_HARD, "reach": 0.2}
 _FAR = {"reach": np.inf}
 
 _LISTED: tuple[tuple[str, Callable[..., Script], Mapping[str, float], str], ...] = (
@@ -46,7 +44,7 @@ _LISTED: tuple[tuple[str, Callable[..., Script], Mapping[str, float], str], ...]
      "servos turn the IMU through chosen poses; exact at rest"),
     ("die", drive_thrown, _THROWN,
      "a fourteen-faced die is kicked up, tumbles and comes to rest"),
-    ("shaker", drive_shaker, _BOXED,
+    ("shaker", drive_shaker, _HARD,
      "a die loose in a closed box that two servos tip"),
     ("pivot", drive_pivot, {},
      "a slow free spin about a pivot, off-centre: never quite at rest"),

@@ -56,7 +56,7 @@ class ChangedNormals(np.random.Generator):
         self._generator = generator
         self._change = change
 
-    def standard_normal(self, size: Any = None, *_: Any, **__: Any) -> Any:
+    def standard_normal(self, size: Any = None) -> Any:  # type: ignore[override]
         """Normals, changed."""
         return self._change(self._generator, size)
 
