@@ -220,9 +220,15 @@ def test_the_projected_moment_is_unbiased_where_the_norm_is_not():
     rng = np.random.default_rng(8)
     truth, error = np.array([3e-4, -4e-4, 0.0]), 1e-3
     values, norms = [], []
+    spreads = [  # of independent entries
+        rows_by_name.row(
+            f"covariance[{a},{b}]", 1.0, prediction=float(a == b), predictor="exact"
+        )
+        for a, b in ("xx", "xy", "xz", "yy", "yz", "zz")
+    ]
     for _ in range(4000):
         seen = truth + error * rng.standard_normal(3)
-        rows = [
+        rows = spreads + [
             rows_by_name.row(
                 f"bias[{n}]",
                 v,

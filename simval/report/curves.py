@@ -61,6 +61,7 @@ class Curve:
             unit=unit,
         )
 
+    @np.errstate(over="ignore")  # what overflows is not drawn
     def points(self, z: float, place: int = 0, label: str | None = None) -> Series:
         """Measured points with bands."""
         return Series(

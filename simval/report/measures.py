@@ -60,6 +60,7 @@ def part(family: Family, name: str, predictor: str) -> Measure:
     """RMS over the three entries of T, K or B of their sd or bias."""
     letters = tuple("ST" if name == "T" else name)
 
+    @np.errstate(over="ignore", invalid="ignore")  # what overflows is not drawn
     def measure(cell: CellResult) -> Measured | None:
         rows = [
             row
@@ -93,6 +94,7 @@ def moment(family: Family, predictor: str) -> Measure:
     covariance that is predicted; without it, all are taken to move one way.
     """
 
+    @np.errstate(over="ignore", invalid="ignore")  # what overflows is not drawn
     def measure(cell: CellResult) -> Measured | None:
         rows = _entries(cell, family, predictor)
         predicted = np.array([row.prediction for row in rows], dtype=float)
@@ -170,8 +172,7 @@ def _correlations(
     if not (np.isfinite(P).all() and (np.diagonal(P) > 0.0).all()):
         return None
     sd = np.sqrt(np.diagonal(P))
-    with np.errstate(over="ignore"):
-        R = P / sd / sd[:, None]
+    R = P / sd / sd[:, None]
     if not np.abs(R).max() <= 1.0 + ROUNDING:  # an infinite one has no eigenvalues
         return None
     if not np.linalg.eigvalsh(R)[0] >= -ROUNDING:

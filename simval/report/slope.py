@@ -72,8 +72,8 @@ def _shape(
     k: float, z: Float[Array, " n"], error: Float[Array, " n"]
 ) -> Float[Array, " n"]:
     """Weighted curve x^k of unit length."""
-    exponent = k * z
-    curve = np.exp(exponent - exponent.max()) / error
+    exponent = k * z - np.log(error)  # errors may be as small or great as floats are
+    curve = np.exp(exponent - exponent.max())
     return curve / np.linalg.norm(curve)
 
 
