@@ -20,20 +20,26 @@ from simval.text import message_of, words_of
 
 
 def called(name: str, function: Any, *arguments: Any, **words: Any) -> Any:
-    """What a user's function answers; whatever it raises crashes the plug-in.
-
-    But for one of our refusals: a plug-in that says that its data has no answer.
-    """
+    """What a user's function answers; what it raises is told by `ended`."""
     try:
         return function(*arguments, **words)
     except PluginError:
         raise
-    except RefusedError as error:
-        msg = f"{name} refuses what it is given: {words_of(error)}"
-        raise PluginError(msg) from error
     except Exception as error:  # whatever a user's function may raise
-        msg = f"{name} raised {message_of(error)}"
-        raise CrashedPluginError(msg) from error
+        raise ended(name, error) from error
+
+
+def ended(name: str, error: BaseException, where: str = "") -> PluginError:
+    """What is said of a plug-in that has raised: it has crashed.
+
+    But for one of our refusals: a plug-in that says that its data has no answer. What
+    was found of it already stays what it is.
+    """
+    if isinstance(error, PluginError):
+        return type(error)(f"{error}{where}")
+    if isinstance(error, RefusedError):
+        return PluginError(f"{name} refuses what it is given: {words_of(error)}{where}")
+    return CrashedPluginError(f"{name} raised {message_of(error)}{where}")
 
 
 def answers(

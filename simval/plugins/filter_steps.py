@@ -16,14 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simval.arrays import Array
-from simval.errors import CrashedPluginError, PluginError, RefusedError
-from simval.plugins.calling import called
+from simval.errors import CrashedPluginError, PluginError
+from simval.plugins.calling import called, ended
 from simval.plugins.filter_answers import Form, faults, form_of, storing
 from simval.plugins.filter_protocol import Filter
 from simval.plugins.filter_signals import FilterInput
 from simval.plugins.filter_worlds import from_scene, written
 from simval.shapes import Float
-from simval.text import message_of, words_of
 
 SENSORS: Final = ("gyroscope", "accelerometer", "magnetometer")
 
@@ -210,22 +209,9 @@ class _Stretch:
                     self.form = form_of(self.filter, answer, self.readings.lead)
                     put = self._puts(self.form, count)
                 put(row, answer)
-        except PluginError as error:
-            msg = f"{error}, {place(self.readings, self.first + max(row, 0))}"
-            raise type(error)(msg) from error
-        except RefusedError as error:
-            msg = (
-                f"{self.filter.name} refuses what it is given: {words_of(error)}, "
-                f"{place(self.readings, self.first + max(row, 0))}"
-            )
-            raise PluginError(msg) from error
         except (Exception, SystemExit) as error:  # whatever a user's filter may raise
-            said = message_of(error)
-            msg = (
-                f"{self.filter.name} raised {said}, "
-                f"{place(self.readings, self.first + max(row, 0))}"
-            )
-            raise CrashedPluginError(msg) from error
+            where = f", {place(self.readings, self.first + max(row, 0))}"
+            raise ended(self.filter.name, error, where) from error
         wall, processor = np.array([perf_counter(), process_time()]) - start
         return float(wall), float(processor)
 

@@ -17,8 +17,6 @@ STANDARD_GRAVITY = 9.80665
 """Unit in which the bias joins the other parameters, m/s^2."""
 ROUNDING = 1e-9
 """By which the least eigenvalue of rounded correlations may be below zero."""
-
-
 MOST_AXES = 12
 """Axes of a covariance that is looked up pair by pair; an attitude has three."""
 

@@ -5,8 +5,6 @@ inverse variances of the pairs, from the same vectors: what two estimators diffe
 seen under equal noise.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 
 from simval.arrays import Array
@@ -158,44 +156,31 @@ class Setting:
 
     def cubature(self, noise_std: float, degree: int) -> Moments:
         """Mean and covariance of `errors` under the noise."""
-        return self._averaged(
-            lambda vectors: self.errors(vectors, noise_std),
-            6 if self.claims else 5, noise_std, degree,
-        )  # fmt: skip
-
-    def nodes(self, noise_std: float, degree: int) -> Float[Array, "n m 3"]:
-        """The vectors that this cubature tries."""
-        seen: list[Array] = []
-
-        def look(vectors: Float[Array, "n m 3"]) -> Float[Array, "n 1"]:
-            seen.append(vectors)
-            return np.zeros((len(vectors), 1))
-
-        self._averaged(look, 1, noise_std, degree)
-        return np.concatenate(seen)
-
-    def _averaged(
-        self,
-        function: Callable[[Float[Array, "n m 3"]], Float[Array, "n p"]],
-        values: int,
-        noise_std: float,
-        degree: int,
-    ) -> Moments:
         noisy = self.noise.noisy
 
-        def of_noisy(*vectors: Float[Array, "n 3"]) -> Float[Array, "n p"]:
+        def errors(*vectors: Float[Array, "n 3"]) -> Float[Array, "n p"]:
             every = np.repeat(self.truth[None], len(vectors[0]), axis=0)
             every[:, noisy] = np.stack(vectors, axis=1)
-            return function(every)
+            return self.errors(every, noise_std)
 
         moments = cubature_moments(
-            of_noisy,
+            errors,
             self.truth[noisy],
             self.covariances(noise_std)[noisy],
-            np.zeros(values),
+            np.zeros(6 if self.claims else 5),
             degree,
         )
         return -moments.bias, moments.covariance
+
+    def nodes(self, noise_std: float, degree: int) -> Float[Array, "n m 3"]:
+        """The vectors that this cubature tries, by the same symmetric roots."""
+        noisy = self.noise.noisy
+        points = smolyak_hermite(3 * len(noisy), degree)[0].reshape(-1, len(noisy), 3)
+        every = np.repeat(self.truth[None], len(points), axis=0)
+        every[:, noisy] += np.einsum(
+            "mij,nmj->nmi", noise_std * self.roots[noisy], points
+        )
+        return every
 
     @property
     def weights(self) -> float:

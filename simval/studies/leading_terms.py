@@ -54,8 +54,8 @@ NEARER = (1e-4, 1e-5)
 
 def leading_rows(setting: Setting, rounding: float) -> tuple[Row, ...]:
     """Rows of moments at a noise and at half of it; `rounding` of one estimate, rad."""
-    sizes = [setting.noise.small(size).noise_std for size in (NOISE, *NEARER)]
-    noise = next((each for each in sizes if _of_one_formula(setting, each)), sizes[-1])
+    sizes = [setting.noise.small(h).noise_std for h in (NOISE, *NEARER)]
+    noise = next((h for h in sizes if _of_one_formula(setting, h)), sizes[-1])
     whole, half = (setting.cubature(noise / part, DEGREE) for part in (1.0, 2.0))
     plugin, weights = setting.plugin, setting.weights
     A = attitude_matrix(setting.q) if plugin.side == "reference" else np.eye(3)
@@ -63,24 +63,24 @@ def leading_rows(setting: Setting, rounding: float) -> tuple[Row, ...]:
     bias = A @ (16.0 * half[0] - whole[0])[:3] / 3.0
     covariance = A @ ((16.0 * half[1] - whole[1])[:3, :3] / 3.0) @ A.T
     bound = setting.bound(noise)
-    trace = float(np.trace(bound))
-    most = TOLERANCE + 5.0 * weights * rounding / np.sqrt(trace)
+    size = float(np.trace(bound))
+    most = TOLERANCE + 5.0 * weights * rounding / np.sqrt(size)
     rows = limit(
-        (FIRST_ORDER_BIAS(),), (float(np.linalg.norm(linear)) / np.sqrt(trace),),
+        (FIRST_ORDER_BIAS(),), (float(np.linalg.norm(linear)) / np.sqrt(size),),
         most, NO_BIAS, n=1,
     ) + limit(
         (BELOW_BOUND(),), (max(0.0, 1.0 - _least_ratio(covariance, bound)),),
         most, CRAMER_RAO, n=1,
     )  # fmt: skip
     slack = 6.0 * weights * rounding
-    limits = (TOLERANCE + slack / trace, TOLERANCE + 2.0 * slack / np.sqrt(trace))
+    limits = (TOLERANCE + slack / size, TOLERANCE + 2.0 * slack / np.sqrt(size))
     for predictor, mean, spread in _predictions(setting, noise, A):
         # which is the bound's size or more, where it is the theory of an estimator
         most_spread = max(np.linalg.norm(spread), np.linalg.norm(bound))
         off = float(np.linalg.norm(covariance - spread) / most_spread)
         rows += limit(
             (CLASS_BIAS(), CLASS_COVARIANCE()),
-            (float(np.linalg.norm(bias - mean)) / trace, off), limits, predictor, n=1,
+            (float(np.linalg.norm(bias - mean)) / size, off), limits, predictor, n=1,
         )  # fmt: skip
     return rows
 
