@@ -2,6 +2,7 @@
 
 import csv
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -107,3 +108,28 @@ def test_dots_and_their_best_name_the_same_numbers(tmp_path):
     # geometric means of 1.01 and 1.111, of 1.2 and 1.32 (tests/small_runs.py)
     assert "simval:wahba is nearest to the bound, with 1.06 times" in drawing.finding
     assert "mine.py farthest, with 1.26 times" in drawing.finding
+
+
+def test_the_best_is_of_settings_in_which_all_have_a_result(tmp_path):
+    """One whose worse setting was refused is not the best by that, nor of two."""
+    cells = small_runs.own_estimator(tmp_path).of("estimator")
+    noises = sorted({cell.parameters["noise_std"] for cell in cells})
+
+    def found(*kept):
+        """What is said if the user's own has a result at these noises alone."""
+        given = [
+            cell
+            if cell.parameters["algorithm"] != "mine.py"
+            or cell.parameters["noise_std"] in kept
+            else replace(cell, status="failed", error="refused: x", rows=())
+            for cell in cells
+        ]
+        return dots("estimator", "estimators", contest_of(given)).finding
+
+    one = found(noises[0])
+    assert "with 1.01 times its error, and mine.py farthest, with 1.2 times" in one
+    assert one.endswith("(in 1 of 2 settings).")
+    # what is measured nowhere takes no setting from the others
+    none = found()
+    assert "with 1.06 times its error, and simval:triad farthest" in none
+    assert none.endswith("(geometric mean over 2 settings).")

@@ -87,14 +87,24 @@ def _note(contest: Contest, algorithm: str, setting: str, found: Measured) -> st
 
 
 def _ranked(contest: Contest, short: Mapping[str, str]) -> str:
-    """The best and the worst by the mean over all settings."""
-    means = [(mean(contest, name, contest.settings), name) for name in short]
+    """The best and the worst, by the mean over settings in which all have a result."""
+    own = {
+        name: {s for s in contest.settings if contest.measured(name, s, over_bound)}
+        for name in short
+    }
+    seen = [name for name in short if own[name]]
+    shared = [s for s in contest.settings if all(s in own[name] for name in seen)]
+    means = [(mean(contest, name, shared), name) for name in seen]
     found = sorted((m.value, short[name]) for m, name in means if m is not None)
     if not found:
         return ""
     (best, name), (worst, other) = found[0], found[-1]
-    many = len(contest.settings)
+    many, of = len(shared), len(contest.settings)
     over = f" (geometric mean over {many} settings)" if many > 1 else ""
+    if many < of:
+        over = (
+            f" ({'geometric mean over' if many > 1 else 'in'} {many} of {of} settings)"
+        )
     if len(found) == 1:
         return f"{name} has {best:.3g} times the error of the bound{over}."
     return (
