@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: report test landing check nightly bench sanitize mutants lowest sample league docs clean
+.PHONY: report test landing check nightly power bench sanitize mutants lowest sample league docs clean
 
 report: .venv/installed
 	@mkdir -p reports/runs
@@ -30,12 +30,17 @@ check: .venv/installed
 nightly: check docs sanitize
 	-$(MAKE) tests/pages/installed
 	HYPOTHESIS_PROFILE=nightly $(BIN)/python -m pytest -m "not league"
-	$(BIN)/simval selftest
-	$(BIN)/simval selftest --rates
+	$(MAKE) power POWER=
+	$(MAKE) power POWER=--rates
 	$(MAKE) mutants
 	$(MAKE) .venv-league/installed
 	PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 .venv-league/bin/python -m pytest -m league tests/test_league.py tests/test_league_filters.py
 	$(BIN)/simval bench --against reports/bench.json
+
+# faults put into the flow, and their clean twins, through the gate: every third of them
+POWER ?= --quick
+power: .venv/installed
+	PYTHONPATH=tests $(BIN)/python -m power $(POWER)
 
 # the ratios that the nightly run compares with: once after each release, on a quiet machine
 bench: .venv/installed

@@ -96,8 +96,7 @@ TABLE = {
     "options that would be ignored": [
         *("sweep good.toml --resume", "report run --only attitude"),
         "sweep good.toml --scheduler tcp://127.0.0.1:1 --workers 2",
-        *("gate run --baseline x --no-baseline", "selftest --quick --rates"),
-        *("selftest --share 0.5", "plan --noise-std 1 --hold 2"),
+        *("gate run --baseline x --no-baseline", "plan --noise-std 1 --hold 2"),
         "plan --poses faces --directions short.csv --noise-std 1",
         *("scene --seed 3", "scene --seconds 3"),
     ],

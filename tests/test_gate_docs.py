@@ -7,8 +7,7 @@ import sys
 
 import pytest
 from places import ROOT
-
-from simval.selftest.random_settings import SETTINGS
+from power.random_settings import SETTINGS
 
 DOCS = ROOT / "docs"
 

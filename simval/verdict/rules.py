@@ -57,7 +57,7 @@ sharpest; any shares that sum to 1 keep the rate."""
 
 ALPHA = vocabulary.ALPHA
 """Default false-alarm rate of a whole run: one clean run in a thousand
-does not pass (measured: `simval selftest --rates`, docs/gate.md)."""
+does not pass (measured: `make power` with `--rates`, docs/gate.md)."""
 
 SAMPLES_PER_FREEDOM = 10.0
 """Samples for each degree of freedom of F in eq. (V1). The standard deviation of a

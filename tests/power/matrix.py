@@ -5,7 +5,7 @@ a folder, read back and judged. Its twin is the same suite without the fault. Th
 is right if the fault ends in fail or inconclusive, and the twin in pass.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass
 from importlib import import_module
@@ -13,17 +13,17 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from power.attitude_faults import attitude_faults
+from power.calibration_faults import calibration_faults
+from power.fault import Fault, replaced
+from power.filter_faults import filter_faults
+from power.gyroscope_faults import gyroscope_faults, noise_faults
+from power.magnetometer_faults import magnetometer_faults
+from power.noise_faults import small_noise_faults
+from power.run_faults import run_faults
+from power.small_faults import small_code_faults
 from simval.errors import InputError
 from simval.gate import GateResult, findings, judge_run, read_baseline, write_baseline
-from simval.selftest.attitude_faults import attitude_faults
-from simval.selftest.calibration_faults import calibration_faults
-from simval.selftest.fault import Fault, replaced
-from simval.selftest.filter_faults import filter_faults
-from simval.selftest.gyroscope_faults import gyroscope_faults, noise_faults
-from simval.selftest.magnetometer_faults import magnetometer_faults
-from simval.selftest.noise_faults import small_noise_faults
-from simval.selftest.run_faults import run_faults
-from simval.selftest.small_faults import small_code_faults
 from simval.sweep.run import Run, load_run
 from simval.sweep.runner import run_suite
 from simval.sweep.suite import expand, load_suite
@@ -122,11 +122,9 @@ def faults() -> tuple[Fault, ...]:
     )
 
 
-def inject_all(
-    chosen: tuple[Fault, ...], advance: Callable[[], object] = lambda: None
-) -> Iterator[Result]:
+def inject_all(chosen: tuple[Fault, ...]) -> Iterator[Result]:
     """Run each fault and its twin through the gate."""
-    with TemporaryDirectory(prefix="simval-selftest-") as folder:
+    with TemporaryDirectory(prefix="simval-power-") as folder:
         twins = {
             name: _Twin.of(name, Path(folder) / f"{name}-twin")
             for name in dict.fromkeys(fault.suite for fault in chosen)
@@ -150,7 +148,6 @@ def inject_all(
                 crashed=any(cell.status == "failed" for cell in run.cells),
                 reason=_first(result),
             )
-            advance()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -182,7 +179,7 @@ def _run(name: str, folder: Path, context: AbstractContextManager[None]) -> Run:
 
 
 def _no_picture(*_: Any, **__: Any) -> bytes:
-    msg = "no pictures in a selftest"
+    msg = "no pictures here"
     raise InputError(msg)
 
 

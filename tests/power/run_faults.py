@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from power.fault import Fault, after, wrapped
 from simval.results import Outcome
-from simval.selftest.fault import Fault, after, wrapped
 from simval.statistics import NEES
 from simval.studies import attitude
 from simval.sweep import crew, executors, store

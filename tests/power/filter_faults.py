@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from power.fault import Fault, after, wrapped
 from simval.arrays import Array
 from simval.filters import Mekf
 from simval.filters import mekf as reference
-from simval.selftest.fault import Fault, after, wrapped
 from simval.studies import filter, filter_prediction, filter_scenarios
 from simval.theory import filter_model
 

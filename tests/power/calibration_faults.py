@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from power.fault import Fault, after, wrapped
 from simval.arrays import Array
 from simval.calibrate.leverage import Leverage
-from simval.selftest.fault import Fault, after, wrapped
 from simval.sensor import AccelerometerModel, forms
 from simval.studies import calibration, scene
 from simval.theory import calibration as theory

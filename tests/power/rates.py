@@ -17,11 +17,11 @@ from typing import Any
 
 import scipy
 
+from power.fault import replaced
 from simval.arrays import Array
 from simval.montecarlo import simulate_closed_form
 from simval.montecarlo.reduction import simulate_reduced
 from simval.results import CellName, Check, Row, plain
-from simval.selftest.fault import replaced
 from simval.statistics import EXACT, RMS
 from simval.streams import Streams, cell_key
 from simval.studies import attitude, calibration, coverage, ladder
@@ -63,9 +63,7 @@ class Rate:
         return float(low), float(high)
 
 
-def false_alarm_rates(
-    clean: Clean, runs: dict[float, int], seed: int, advance: Callable[[], object]
-) -> list[Rate]:
+def false_alarm_rates(clean: Clean, runs: dict[float, int], seed: int) -> list[Rate]:
     """Judge clean runs on fresh seeds."""
     counts: dict[tuple[float, str], int] = {}
     with known_theory():
@@ -74,7 +72,6 @@ def false_alarm_rates(
                 for alpha, wanted in runs.items():
                     alarm = number < wanted and overall(judge(rows, alpha)) != "pass"
                     counts[alpha, name] = counts.get((alpha, name), 0) + alarm
-            advance()
     return [
         Rate(name=name, nominal=alpha, count=count, runs=runs[alpha])
         for (alpha, name), count in sorted(counts.items(), key=lambda c: -c[0][0])
@@ -127,7 +124,7 @@ def formula_faults() -> dict[str, tuple[float, Claim]]:
     }
 
 
-def powers(runs: int, seed: int, advance: Callable[[], object]) -> list[Rate]:
+def powers(runs: int, seed: int) -> list[Rate]:
     """Judge one cell of default size with each fault."""
     faults = formula_faults()
     counts = dict.fromkeys([*faults, "noise 1 % larger"], 0)
@@ -143,7 +140,6 @@ def powers(runs: int, seed: int, advance: Callable[[], object]) -> list[Rate]:
         with claimed(_for_noise(0.003)):
             rows = _rows(0.00303, DEFAULT_SAMPLES, seed + number)
         counts["noise 1 % larger"] += _caught([*rows, *sound])
-        advance()
     return [
         Rate(name=name, nominal=0.99, count=count, runs=runs)
         for name, count in counts.items()

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from power.fault import Fault, Part, after, everywhere, wrapped
 from simval.arrays import Array
 from simval.calibrate import quadric
 from simval.calibrate.gyroscope import turn
 from simval.calibrate.leverage import Leverage
 from simval.calibrate.magnetometer import solver
 from simval.filters import mekf
-from simval.selftest.fault import Fault, Part, after, everywhere, wrapped
 from simval.statics import detector, intervals, variance
 from simval.studies import (
     attitude_vectors,

@@ -1,17 +1,17 @@
 """How often the p-values of sound rows are small, in the studies that draw samples.
 
 Each run is one cell on a fresh seed, at a setting of its own that is drawn from that
-seed (`simval.selftest.random_settings`). At most the stated share of the
+seed (`power.random_settings`). At most the stated share of the
 p-values may be below a level. The rows of a run depend on each other, so how far the
 count may be off is found from the spread between the runs.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from simval.selftest.random_settings import SETTINGS
+from power.random_settings import SETTINGS
 from simval.streams import Streams, cell_key
 from simval.verdict import WEIGHTS, p_values
 
@@ -42,9 +42,7 @@ class Tail:
         return self.seen - self.expected > 3.1 * self.error
 
 
-def tails(
-    study: str, runs: int, seed: int, advance: Callable[[], object]
-) -> Iterator[Tail]:
+def tails(study: str, runs: int, seed: int) -> Iterator[Tail]:
     """Judge the rows of fresh runs of a study one by one, without Holm's limits."""
     run, setting = SETTINGS[study]
     found: dict[str, list[list[float]]] = {}
@@ -55,7 +53,6 @@ def tails(
             own = [row for row in outcome.rows if row.check == check]
             if own:
                 found.setdefault(check, []).append(p_values(own).tolist())
-        advance()
     for check, lists in found.items():
         for level in LEVELS:
             yield _tail(study, check, level, lists)

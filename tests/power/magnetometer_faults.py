@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from power.fault import Fault, after, wrapped
 from simval.arrays import Array
 from simval.calibrate.magnetometer import equations, solver
 from simval.calibrate.magnetometer.scaling import Scaled
-from simval.selftest.fault import Fault, after, wrapped
 from simval.sensor import MagnetometerModel
 from simval.studies import magnetometer_response
 from simval.theory import magnetometer as theory

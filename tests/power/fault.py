@@ -14,7 +14,7 @@ Part = Literal["estimator", "formula", "noise", "sensor", "scene", "calibrator",
 class Fault:
     """One injected fault."""
 
-    suite: str  # key of `simval.selftest.matrix.SUITES`
+    suite: str  # key of `power.matrix.SUITES`
     part: Part  # where in the flow it is
     name: str  # what is wrong, in words
     inject: Inject  # gives a context in which the flow is broken

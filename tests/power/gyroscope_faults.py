@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from power.fault import Fault, after, replaced, wrapped
 from simval.arrays import Array
 from simval.calibrate.gyroscope import fit, statistics
 from simval.scene import simulate_cached
-from simval.selftest.fault import Fault, after, replaced, wrapped
 from simval.sensor import GyroscopeModel, NoiseModel
 from simval.studies import gyroscope_tumble, noise_model
 

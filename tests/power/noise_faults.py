@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from power.fault import Fault, Part, after, everywhere, wrapped
 from simval.arrays import Array
 from simval.filters import Mekf
 from simval.montecarlo import plain
-from simval.selftest.fault import Fault, Part, after, everywhere, wrapped
 from simval.sensor import AccelerometerModel, NoiseModel
 from simval.streams import Streams
 from simval.studies import (

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from simval.cli import selftest as command
+from power import __main__ as command
+from power import tails as measured
+from power.random_settings import SETTINGS, WITHOUT_CHANCE
 from simval.results import Outcome, control, nees, plain
-from simval.selftest import tails as measured
-from simval.selftest.random_settings import SETTINGS, WITHOUT_CHANCE
 from simval.statistics import BIAS, EXACT, NEES
 from simval.streams import Streams, cell_key
 from simval.studies import (
@@ -43,7 +43,7 @@ def counted(monkeypatch):
     def count(size, runs=600):
         settings = {"made": (study_of(size), lambda _: None)}
         monkeypatch.setattr(measured, "SETTINGS", settings)
-        return list(measured.tails("made", runs, 5, lambda: None))
+        return list(measured.tails("made", runs, 5))
 
     return count
 
@@ -191,31 +191,17 @@ def test_the_efficiency_has_the_freedom_that_its_rows_are_judged_by():
 
 
 @pytest.mark.ci
-def test_the_command_counts_one_study(simval):
-    code, out, _ = simval(
-        "selftest", "--rates", "--share", "0.004", "--study", "sampling"
-    )
-    assert code == 0
-    assert "p-values below a level" in out
+def test_the_command_counts_one_study(capsys):
+    assert command.main(["--rates", "--share", "0.004", "--study", "sampling"]) == 0
+    out = capsys.readouterr().out
     # four runs of three rows, at three levels, and no other measurement
-    assert out.count("sampling │ plain │ 4    │ 12 ") == 3
+    assert out.count("sampling | plain | 4 | 12 | ") == 3
     assert "false alarms" not in out
 
 
-def test_the_command_refuses_a_study_without_chance(simval):
-    code, _, error = simval("selftest", "--study", "sampling")
-    assert code == 2
-    assert "`--study` applies to `--rates`" in error
-    code, _, error = simval("selftest", "--rates", "--study", "attitude_map")
-    assert code == 2
-    assert "`attitude_map`: it draws nothing: its geometries are numbered" in error
-    assert "sampling, calibration, ladder" in error
-
-
 @pytest.mark.ci
-def test_the_command_says_which_count_is_not_as_stated(simval, monkeypatch):
+def test_the_command_says_which_count_is_not_as_stated(capsys, monkeypatch):
     settings = {"sampling": (study_of(1.5), lambda _: None)}
     monkeypatch.setattr(measured, "SETTINGS", settings)
-    code, out, _ = simval("selftest", "--rates", "--study", "sampling")
-    assert code == 1
-    assert "not as stated: sampling, plain, 0.01" in out
+    assert command.main(["--study", "sampling"]) == 1
+    assert "not as stated: sampling, plain, 0.01" in capsys.readouterr().out

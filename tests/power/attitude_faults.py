@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from power.fault import Fault, after, wrapped
 from simval.arrays import Array
-from simval.selftest.fault import Fault, after, wrapped
 from simval.streams import Streams
 from simval.studies import attitude, attitude_order
 from simval.theory.attitude import AttitudeMoments, attitude_moments
