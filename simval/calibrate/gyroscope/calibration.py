@@ -8,6 +8,8 @@ import numpy as np
 from simval.arguments import choice, instance
 from simval.arrays import Array, physical_array
 from simval.calibrate.gyroscope.fit import (
+    MOST_LINEAR,
+    MOVED,
     A,
     approach,
     iterate,
@@ -120,11 +122,17 @@ def calibrate_gyroscope(
         raise GeometryError(refusals[0])
     good = np.array([not text for text in refusals])
     result = empty(len(M), moves, setting, estimator, condition)
-    if good.any():
-        part = moves if good.all() else taken(moves, good)
-        chosen = replace(setting, bias_value=setting.bias_value[good])
-        found = iterate(part, readings[good], chosen, theta[good], M[good])
-        write(result, good, found, part, chosen, theta[good])
+    at = np.flatnonzero(good)  # those that are not at their end yet
+    theta, M, B = np.array(theta), np.array(M), np.array(setting.bias_value)
+    for _ in range(MOST_LINEAR):
+        if not at.size:
+            break
+        part = moves if len(at) == len(M) else taken(moves, at)
+        chosen = replace(setting, bias_value=setting.bias_value[at])
+        found = iterate(part, readings[at], chosen, theta[at], M[at], B[at])
+        write(result, at, found, part, chosen, theta[at])
+        theta[at], M[at], B[at] = found.theta, found.M, found.B
+        at = at[found.moved > MOVED]
     result["status"] = np.where(
         good, result["status"], [f"refused: {text}" for text in refusals]
     )

@@ -1,9 +1,10 @@
 r"""Fit a gyroscope to the directions of gravity at rests, alone or with them.
 
-The way of a fit: a start; plain Gauss-Newton steps until it is near; one linearisation
-there, with the covariance of the rows; and steps with that linearisation until they are
-far below the error bars. What the last steps leave is the product of two small errors,
-that of the linearisation and that of the step.
+The way of a fit: a start; plain Gauss-Newton steps until it is near; a linearisation
+there, with the covariance of the rows; steps with it until they are far below the error
+bars; and so again from where they ended, until the way there is below `MOVED`. Weights
+and covariance are then those at the solution, to the product of that way and of the
+noise over the readings.
 """
 
 from dataclasses import dataclass
@@ -37,7 +38,9 @@ from simval.shapes import Float
 NEAR: Final = 3e-3  # relative step; the next error is its square
 MOST_PLAIN: Final = 30
 MOST_STEPS: Final = 12  # with one linearisation; each takes a thousandth of the error
+MOST_LINEAR: Final = 12
 SETTLED: Final = 1e-5  # standard deviations
+MOVED: Final = 1e-2  # standard deviations that a linearisation may be from the end
 ROUNDED: Final = 1e-13  # of the parameters' own size
 _ANGLE: Final = 0.5  # rad a chunk on the way there
 A = 9  # accelerometer's parameters
@@ -66,6 +69,7 @@ class Fitted:
     linear: Linear
     r: Float[Array, "t r"]
     step: Float[Array, " t"]
+    moved: Float[Array, " t"]  # greatest step since the linearisation
     iterations: int
 
 
@@ -180,15 +184,16 @@ def iterate(
     setting: Setting,
     theta: Float[Array, "t 9"],
     M: Float[Array, "t 3 3"],
+    B: Float[Array, "t 3"],
 ) -> Fitted:
     """Steps with one linearisation until they are far below the error bars."""
-    B = setting.bias_value
     linear = linearise(moves, poses, setting, theta, M, B)
     first = A if setting.joint else 0
     sd = np.sqrt(np.diagonal(linear.gain.covariance, axis1=-2, axis2=-1))
     size = _sizes(moves, M, theta, first, setting.free)
     r = linear.r
     taken, left = np.full(len(M), np.nan), np.full(len(M), np.inf)
+    moved = np.zeros(len(M))
     for count in range(1, MOST_STEPS + 1):
         step = -(linear.gain.K @ r[..., None])[..., 0]
         step[left <= SETTLED] = 0.0  # a trial does not wait for its neighbours
@@ -197,14 +202,16 @@ def iterate(
         B = B + step[:, first + A :] if setting.free == 12 else B
         last, taken = taken, np.max(np.abs(step) / sd, axis=1)
         rounding = np.max(np.abs(step) / size, axis=1) <= ROUNDED
+        moved = np.maximum(moved, np.where(rounding, 0.0, taken))
         left = np.where(rounding, 0.0, _left(taken, last))
         if np.all(left <= SETTLED) or count == MOST_STEPS:
             r = r + (linear.gain.J @ step[..., None])[..., 0]
             break
         r = _rows_at(moves, poses, setting, theta, M, B, linear.E)
     return Fitted(
-        theta=theta, M=M, B=B, linear=linear, r=r, step=left, iterations=count
-    )
+        theta=theta, M=M, B=B, linear=linear, r=r, step=left, moved=moved,
+        iterations=count,
+    )  # fmt: skip
 
 
 def _left(taken: Float[Array, " t"], last: Float[Array, " t"]) -> Float[Array, " t"]:

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array
-from simval.calibrate.gyroscope.fit import A, Fitted
+from simval.calibrate.gyroscope.fit import MOVED, A, Fitted
 from simval.calibrate.gyroscope.moves import Moves
 from simval.calibrate.gyroscope.setting import Setting
 from simval.shapes import Float
@@ -56,7 +56,7 @@ def write(
     chi2 = found.linear.gain.chi2(found.r)
     result["chi2_per_dof"][good] = chi2 / dof if dof > 0 else np.nan
     result["step"][good] = found.step
-    done = found.step <= 1e-3
+    done = (found.step <= 1e-3) & (found.moved <= MOVED)
     result["status"][good] = np.where(done, "converged", "max iterations")
     result["iterations"][good] = found.iterations
 
