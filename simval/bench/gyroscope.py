@@ -107,7 +107,7 @@ def _fitted(some: slice, **options: Any) -> Float[Array, "k 3 3"]:
     return np.asarray(
         calibrate_gyroscope(
             moves, poses[some], acc, pose_std=POSE_STD, angle_random_walk=WALK,
-            start=np.eye(3), **options,
+            start=np.eye(3), weights="stated", **options,
         ).M
     )  # fmt: skip
 

@@ -7,22 +7,18 @@ import numpy as np
 
 from simval.arguments import choice, instance
 from simval.arrays import Array, physical_array
-from simval.calibrate.gyroscope.fit import (
-    MOST_LINEAR,
-    MOVED,
-    A,
-    approach,
-    iterate,
-)
+from simval.calibrate.factors import WEIGHTS, NoiseFactors, judged, stacked
+from simval.calibrate.gyroscope.fit import A, Fitted, approach, ended, residuals
 from simval.calibrate.gyroscope.gravity import across, directions
 from simval.calibrate.gyroscope.moves import Moves, taken
-from simval.calibrate.gyroscope.outcome import degrees_of_freedom, empty, write
+from simval.calibrate.gyroscope.noise import checked_pose_std
+from simval.calibrate.gyroscope.outcome import NUMBERS, degrees_of_freedom, empty, write
 from simval.calibrate.gyroscope.refusal import relative_rows, require_told, worst_sd
 from simval.calibrate.gyroscope.result import GyroscopeFit
-from simval.calibrate.gyroscope.setting import Given, setting_of
+from simval.calibrate.gyroscope.setting import Given, Setting, setting_of
 from simval.calibrate.gyroscope.start import first_matrix
 from simval.calibrate.result import FitResult
-from simval.errors import GeometryError, InputError
+from simval.errors import GeometryError, InputError, RefusedError
 from simval.shapes import Float
 
 ESTIMATORS: Final = ("joint", "generalised", "unweighted")
@@ -45,6 +41,7 @@ def calibrate_gyroscope(
     known_bias: Any = None,
     bias_std: Any = None,
     start: Any = None,
+    weights: str = "judged",
 ) -> GyroscopeFit:
     """Fit M and B of a gyroscope to the moves between rests, one log or a batch.
 
@@ -80,6 +77,9 @@ def calibrate_gyroscope(
         noise if not given.
     start : array_like, optional
         M to start from, (3, 3); found by itself if not given.
+    weights : {"judged", "stated"}
+        Whether a joint fit gives a sensor more noise where its residuals do not bear
+        what is stated of it, see `simval.calibrate.factors`.
 
     Returns
     -------
@@ -93,6 +93,9 @@ def calibrate_gyroscope(
     GeometryError
         If the moves of one log do not tell the parameters. In a batch such a trial has
         a status that says so, and NaN for its numbers.
+    RefusedError
+        If the residuals of one log are far beyond the noise of a sensor; in a batch as
+        above.
 
     Notes
     -----
@@ -109,6 +112,7 @@ def calibrate_gyroscope(
         bias_std=bias_std, clock_jitter=clock_jitter,
     )  # fmt: skip
     estimator = choice("estimator", estimator, ESTIMATORS)
+    weights = choice("weights", weights, WEIGHTS)
     setting = setting_of(
         moves, readings, given, model=accelerometer.model,
         residual=accelerometer.residual, g=accelerometer.g, estimator=estimator,
@@ -122,20 +126,27 @@ def calibrate_gyroscope(
         raise GeometryError(refusals[0])
     good = np.array([not text for text in refusals])
     result = empty(len(M), moves, setting, estimator, condition)
-    at = np.flatnonzero(good)  # those that are not at their end yet
-    theta, M, B = np.array(theta), np.array(M), np.array(setting.bias_value)
-    for _ in range(MOST_LINEAR):
-        if not at.size:
-            break
-        part = moves if len(at) == len(M) else taken(moves, at)
-        chosen = replace(setting, bias_value=setting.bias_value[at])
-        found = iterate(part, readings[at], chosen, theta[at], M[at], B[at])
-        write(result, at, found, part, chosen, theta[at])
-        theta[at], M[at], B[at] = found.theta, found.M, found.B
-        at = at[found.moved > MOVED]
-    result["status"] = np.where(
-        good, result["status"], [f"refused: {text}" for text in refusals]
-    )
+    trials = np.flatnonzero(good)
+    part = moves if good.all() else taken(moves, good)
+    chosen = _of_trial(setting, good)
+    start = theta[good], M[good], chosen.bias_value
+    for at, found in ended(part, readings[good], chosen, start):
+        here = trials[at]
+        write(result, here, found, taken(moves, here), chosen)
+    noise: list[NoiseFactors | None] = [None] * len(M)
+    # a noise of zero, or below rounding, is no statement
+    stated = setting.noise.pose_std == checked_pose_std(pose_std, readings.shape[1])
+    if weights == "judged" and setting.joint and stated.all():
+        for i in trials:
+            one = [int(i)]
+            problem = taken(moves, one), readings[one], _of_trial(setting, one)
+            first = found if len(M) == 1 else _again(problem, result, one)
+            told = _rewritten(result, one, problem, first)
+            noise[i], refusals[i] = told, told.refusal
+    if single and refusals[0]:
+        raise RefusedError(refusals[0])
+    for i in np.flatnonzero(refusals):
+        result["status"][i] = f"refused: {refusals[i]}"
     if single:
         sd, _ = worst_sd(result["covariance"][0, A : 2 * A, A : 2 * A], found.M[0])
         rows = relative_rows(found.linear.by_gyroscope[0], found.M[0])
@@ -146,8 +157,48 @@ def calibrate_gyroscope(
         estimator=estimator,
         bias=bias,
         dof=degrees_of_freedom(moves, setting),
+        noise=noise[0] if single and noise[0] else stacked(noise),
         **result,
     )
+
+
+_Problem = tuple[Moves, Float[Array, "t n 3"], Setting]
+
+
+def _of_trial(setting: Setting, trials: Any) -> Setting:
+    return replace(setting, bias_value=setting.bias_value[trials])
+
+
+def _last(problem: _Problem, start: tuple[Array, Array, Array]) -> Fitted:
+    *_, (_, found) = ended(*problem, start)
+    return found
+
+
+def _again(problem: _Problem, result: dict[str, Any], trial: Any) -> Fitted:
+    # one trial of a batch, from where it ended
+    values = result["parameters"][trial]
+    B = values[:, A:] - problem[0].centre
+    start = result["accelerometer"][trial], values[:, :A].reshape(-1, 3, 3), B
+    return _last(problem, start)
+
+
+def _rewritten(
+    result: dict[str, Any], trial: Any, problem: _Problem, first: Fitted
+) -> NoiseFactors:
+    # write one trial again by the noise that its residuals ask for, if it is more
+    moves, poses, stated = problem
+
+    def fit(last: Fitted, factor: Any) -> Fitted:
+        noisier = moves, poses, stated.noisier(*factor)
+        return _last(noisier, (last.theta, last.M, last.B))
+
+    found, noise = judged(first, fit, residuals)
+    if noise.refusal:
+        for name in NUMBERS:
+            result[name][trial] = np.nan
+    elif not noise.borne:
+        write(result, trial, found, moves, stated.noisier(*noise.factor))
+    return noise
 
 
 def _readings(

@@ -7,12 +7,14 @@ and covariance are then those at the solution, to the product of that way and of
 noise over the readings.
 """
 
-from dataclasses import dataclass
-from typing import Final
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any, Final
 
 import numpy as np
 
 from simval.arrays import Array
+from simval.calibrate.factors import Residuals, Source
 from simval.calibrate.gyroscope.gravity import (
     Gravity,
     across,
@@ -20,7 +22,7 @@ from simval.calibrate.gyroscope.gravity import (
     gravity,
     influence,
 )
-from simval.calibrate.gyroscope.moves import Moves
+from simval.calibrate.gyroscope.moves import Moves, taken
 from simval.calibrate.gyroscope.rows import (
     Rows,
     carried,
@@ -52,6 +54,7 @@ class Linear:
 
     r: Float[Array, "t r"]
     gain: Gain
+    L: Float[Array, "t r m"]  # unit noises of the poses to the rows
     E: Float[Array, "t k 2 3"]
     by_gyroscope: Float[Array, "t e 12"]  # of the gaps, for the observability
     # covariance of the accelerometer's own fit, and of the estimate with it
@@ -123,13 +126,14 @@ def linearise(
     found_noise = spread(rows, moved, moves, setting, M, B)
     if not setting.joint:
         rows = carried(rows, pulled)
-    r, J, V = _assembled(rows, found_noise, found, setting, B)
+    r, J, V, L = _assembled(rows, found_noise, found, setting, B)
     estimator = gain(J, V, weighted=setting.weighted)
     K = estimator.K[..., : rows.e.shape[1]]
     back = np.swapaxes(pulled, -1, -2)
     return Linear(
         r=r,
         gain=estimator,
+        L=L,
         E=rows.E,
         by_gyroscope=rows.by_gyroscope,
         accelerometer=pulled @ back,
@@ -143,8 +147,9 @@ def _assembled(
     found: Gravity,
     setting: Setting,
     B: Float[Array, "t 3"],
-) -> tuple[Float[Array, "t r"], Float[Array, "t r p"], Float[Array, "t r r"]]:
-    # gaps, then norms if the fit is joint, then the bias if it is estimated
+) -> tuple[Array, Array, Array, Array]:
+    # r, J, V and the poses' part of its root; rows are the gaps, then norms if the fit
+    # is joint, then the bias if it is estimated
     t, gaps = rows.e.shape
     n = found.u.shape[1]
     count, norms = setting.free, n if setting.joint else 0
@@ -166,7 +171,8 @@ def _assembled(
         J[:, -3:, -3:] = np.eye(3)
         V[:, [-3, -2, -1], [-3, -2, -1]] = setting.bias_std**2
     shared(V, noise, ends)
-    return _values(rows.e, found.c, B, setting), J, V
+    L = np.pad(L, ((0, 0), (0, ends), (0, 0)))
+    return _values(rows.e, found.c, B, setting), J, V, L
 
 
 def _values(e: Array, c: Array, B: Array, setting: Setting) -> Float[Array, "t r"]:
@@ -176,6 +182,52 @@ def _values(e: Array, c: Array, B: Array, setting: Setting) -> Float[Array, "t r
     if setting.free == 12:
         parts.append(B - setting.bias_value)
     return np.concatenate(parts, axis=1)
+
+
+def ended(
+    moves: Moves,
+    poses: Float[Array, "t n 3"],
+    setting: Setting,
+    start: tuple[Array, Array, Array],
+) -> Iterator[tuple[Any, Fitted]]:
+    """Fit from some theta, M and B: which trials, and where they are, the last holds.
+
+    A trial is linearised again until it stands.
+    """
+    theta, M, B = map(np.array, start)
+    at = np.arange(len(M))
+    for _ in range(MOST_LINEAR):
+        part = moves if len(at) == len(M) else taken(moves, at)
+        chosen = replace(setting, bias_value=setting.bias_value[at])
+        found = iterate(part, poses[at], chosen, theta[at], M[at], B[at])
+        yield at, found
+        theta[at], M[at], B[at] = found.theta, found.M, found.B
+        at = at[found.moved > MOVED]
+        if not at.size:
+            break
+
+
+def residuals(found: Fitted) -> Residuals:
+    """Rows of one joint fit, and what is noise of the accelerometer in them."""
+    gain, L = found.linear.gain, found.linear.L[0]
+    rows, gaps = len(L), found.linear.by_gyroscope.shape[1]
+    root = np.linalg.inv(gain.white[0])
+    poses, moves = np.moveaxis(L.reshape(rows, -1, 3), 1, 0), np.eye(rows, gaps)
+    return Residuals(
+        r=found.r[0],
+        J=gain.J[0],
+        sources=(
+            Source(
+                name="accelerometer", covariance=L @ L.T, items=poses, item="rest",
+                parameters=slice(0, A),
+            ),
+            Source(
+                name="gyroscope", covariance=root @ root.T - L @ L.T,
+                items=np.moveaxis(moves.reshape(rows, -1, 2), 1, 0), item="move",
+                parameters=slice(A, None),
+            ),
+        ),
+    )  # fmt: skip
 
 
 def iterate(

@@ -105,8 +105,8 @@ def calibrate_imu(
     InputError
         If an argument is not usable.
     RefusedError
-        If the rests or the moves do not tell the parameters, rows are missing, or the
-        range ends.
+        If the rests or the moves do not tell the parameters, rows are missing, the
+        range ends, or a sensor's residuals are far beyond its noise.
     """
     bias = choice("bias", bias, _CHOICES)
     asked = None if sensitivity is None else switch("sensitivity", sensitivity)
@@ -155,7 +155,7 @@ def calibrate_imu(
     return ImuFit(
         accelerometer=acc,
         gyroscope=fit,
-        reasons=(said, found.reason),
+        reasons=(said, found.reason, *fit.noise.sentences),
         G=found.G,
         reduced=reduced,
     )

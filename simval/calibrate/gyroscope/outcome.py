@@ -1,6 +1,6 @@
 """The numbers of a batch of fits, refused trials among them."""
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -9,6 +9,10 @@ from simval.calibrate.gyroscope.fit import MOVED, A, Fitted
 from simval.calibrate.gyroscope.moves import Moves
 from simval.calibrate.gyroscope.setting import Setting
 from simval.shapes import Float
+
+NUMBERS: Final = (
+    "parameters", "accelerometer", "covariance", "gap_angles", "chi2_per_dof", "step",
+)  # fmt: skip
 
 
 def degrees_of_freedom(moves: Moves, setting: Setting) -> int:
@@ -40,7 +44,6 @@ def write(
     found: Fitted,
     moves: Moves,
     setting: Setting,
-    theta: Float[Array, "t 9"],
 ) -> None:
     """Write the numbers of fitted trials among them."""
     t, k = len(found.M), moves.statistics.shape[1]
@@ -49,7 +52,7 @@ def write(
         [matrix, found.B + moves.centre], axis=1
     )
     result["accelerometer"][good] = found.theta
-    result["covariance"][good] = _whole(found, setting, theta, moves)
+    result["covariance"][good] = _whole(found, setting)
     across2 = (found.r[:, : 2 * k].reshape(t, k, 2) ** 2).sum(axis=-1)
     result["gap_angles"][good] = np.arcsin(np.minimum(np.sqrt(across2), 1.0))
     dof = degrees_of_freedom(moves, setting)
@@ -61,9 +64,7 @@ def write(
     result["iterations"][good] = found.iterations
 
 
-def _whole(
-    found: Fitted, setting: Setting, theta: Float[Array, "t 9"], moves: Moves
-) -> Float[Array, "t 21 21"]:
+def _whole(found: Fitted, setting: Setting) -> Float[Array, "t 21 21"]:
     # covariance of the accelerometer's nine, M and B
     C = found.linear.gain.covariance
     t, first = len(C), A if setting.joint else 0

@@ -8,6 +8,7 @@ import numpy as np
 from simval.arrays import Array, frozen
 from simval.calibrate.converged import require_all
 from simval.calibrate.described import gyroscope_text
+from simval.calibrate.factors import NoiseFactors
 from simval.calibrate.intervals import normal_intervals
 from simval.errors import InputError
 from simval.sensor import GyroscopeFactors, GyroscopeModel, forms, gyroscope_factors
@@ -56,6 +57,9 @@ class GyroscopeFit:
         Between gravity as turned and as read at the end of each gap, rad, (..., k).
     step : Array
         What a further step would be, over its standard deviation, (...).
+    noise : NoiseFactors
+        By how much the noise of each sensor was taken to exceed what was stated, with
+        which covariance and chi-square are; empty unless the fit is joint and judged.
     """
 
     model: str
@@ -71,6 +75,7 @@ class GyroscopeFit:
     condition: Float[Array, "..."]
     gap_angles: Float[Array, "... k"]
     step: Float[Array, "..."]
+    noise: NoiseFactors
 
     def __post_init__(self) -> None:
         for name in _ARRAYS:

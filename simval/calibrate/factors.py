@@ -1,0 +1,299 @@
+r"""Which sensors of a joint fit bear their stated noise, and what the others need.
+
+The rows of a joint fit are :math:`r = J\,\mathrm{d}\theta + \sum_s n_s`, each n_s the
+noise of one sensor, its source, of covariance :math:`\lambda_s V_s`; V_s is what was
+stated. With :math:`S = \sum_s \lambda_s V_s` and Z a basis of what J cannot explain,
+:math:`P = Z (Z^T S Z)^{-1} Z^T`, true factors give
+
+.. math:: E\,r^T P V_s P r = \mathrm{tr}\,P V_s,\qquad
+   \mathrm{var}\,r^T P V_s P r = 2\,\mathrm{tr}\,P V_s P V_s,
+
+and the factors of restricted maximum likelihood are those that make both sides equal
+(1 where that would be less): each is multiplied by the ratio until none changes. At the
+stated noise the sum over the sources is chi-square of all rows. That and each source's
+own part are tested first; where all are what chance leaves, nothing is done. Sources
+that chance explains beside the factors of the others go back to 1, one by one.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, TypeVar
+
+import numpy as np
+import scipy
+
+from simval.arrays import Array, frozen
+from simval.shapes import Float
+
+F = TypeVar("F")
+CHANCE: Final = 1e-3
+"""Of a log whose noise is as stated: that any of its sensors is given more."""
+MOST_FACTOR: Final = 10.0
+"""Of the error bars of a sensor's own parameters. Beyond it the stated noise is less
+than a hundredth of the variance that is seen: what governs the result is in no model,
+and to the others the sensor tells less than a hundredth of what it was taken for, half
+a percent of their error bars. It is left out."""
+_STILL: Final = 1e-4  # of a factor, between steps of its search
+_MOST_STEPS: Final = 500
+_ROUNDS: Final = 8  # of factors and fit; three are usual
+_SAME: Final = 1e-2  # of a factor, between rounds: a hundredth of an error bar
+_TOLD: Final = 1e-2  # degrees of freedom of a source below which nothing is told of it
+_VALUES: Final = ("factor", "widening", "dof", "deviations")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Source:
+    """A sensor whose noise is in the rows of a fit."""
+
+    name: str
+    covariance: Float[Array, "r r"]  # that its noise gives the rows
+    items: Float[Array, "i r m"]  # what an error of each rest or move does to the rows
+    item: str  # rest or move
+    parameters: slice  # its own
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Residuals:
+    """Rows of one fit where it ended, in any units, and whose noise they hold."""
+
+    r: Float[Array, " r"]
+    J: Float[Array, "r p"]
+    sources: tuple[Source, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NoiseFactors:
+    """What the residuals of a joint fit ask of the noise of each of its sensors.
+
+    Leading axes ``...`` are empty for one fit and (trials,) for a batch.
+
+    Attributes
+    ----------
+    sources : tuple of str
+        Sensors; empty where none was judged.
+    factor : Array
+        By how much the standard deviations of the sensor's noise exceed those stated;
+        1 where they are borne, (..., s).
+    widening : Array
+        By how much the error bars of the sensor's own parameters have grown, at most,
+        (..., s).
+    dof : Array
+        Degrees of freedom that the factor was told by, (..., s).
+    items : tuple of str
+        What each sensor was read in, rest or move.
+    worst : Array of int
+        That rest or move which is farthest off, (..., s).
+    deviations : Array
+        How far, in standard deviations of the stated noise, (..., s).
+    """
+
+    sources: tuple[str, ...]
+    factor: Float[Array, "... s"]
+    widening: Float[Array, "... s"]
+    dof: Float[Array, "... s"]
+    items: tuple[str, ...]
+    worst: Any
+    deviations: Float[Array, "... s"]
+
+    def __post_init__(self) -> None:
+        for name in _VALUES:
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    @property
+    def borne(self) -> Any:
+        """Whether no residuals are beyond the stated noise, (...)."""
+        return ~np.any(self.factor > 1.0, axis=-1)
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What one fit says of each sensor whose noise is more than was stated."""
+        return tuple(
+            f"noise of the {name}: {self.factor[s]:.2f} times what was stated, which "
+            f"its residuals do not bear; {self.items[s]} {self.worst[s]} is farthest "
+            f"off, {self.deviations[s]:.1f} of its standard deviations"
+            for s, name in enumerate(self.sources)
+            if self.factor[s] > 1.0
+        )
+
+    @property
+    def refusal(self) -> str:
+        """Why one fit is no calibration; empty where it is one."""
+        wide = [s for s, x in enumerate(self.widening) if not x <= MOST_FACTOR]
+        if not wide:
+            return ""
+        s = max(wide, key=lambda each: float(self.widening[each]))
+        return (
+            f"the residuals of the {self.sources[s]} ask for {self.factor[s]:.3g} "
+            f"times its stated noise and for error bars {self.widening[s]:.3g} times "
+            f"as wide, {MOST_FACTOR:g} at most: it does not follow the model of one "
+            f"calibration; look at {self.items[s]} {self.worst[s]}, which is farthest "
+            "off, at a scale or a bias that changes with time, at the range and the "
+            "clock of the sensor, and at the noise that is stated"
+        )
+
+    def as_object(self) -> dict[str, Any]:
+        """Return what one fit found by sensor, as JSON can hold it."""
+        return {
+            name: {
+                "factor": float(self.factor[s]),
+                "widening": float(self.widening[s]),
+                "dof": float(self.dof[s]),
+                "worst": {
+                    self.items[s]: int(self.worst[s]),
+                    "deviations": float(self.deviations[s]),
+                },
+            }
+            for s, name in enumerate(self.sources)
+        }
+
+
+WEIGHTS: Final = ("judged", "stated")
+
+
+def judged(
+    found: F,
+    fit: Callable[[F, Float[Array, " s"]], F],
+    residuals: Callable[[F], Residuals],
+) -> tuple[F, NoiseFactors]:
+    """Fit again with the noise that the residuals ask for, if they ask for more.
+
+    Parameters
+    ----------
+    found : object
+        A fit by the stated noise.
+    fit : callable
+        From a fit and the factors of its sources' standard deviations to the fit with
+        those.
+    residuals : callable
+        Rows of a fit where it ended, the covariances with the noise it was made with.
+
+    Returns
+    -------
+    object, NoiseFactors
+        The last fit, and what it was made with.
+    """
+    rows = residuals(found)
+    factor: Array = np.ones(len(rows.sources))
+    for _ in range(_ROUNDS):
+        last, factor = factor, _Left(rows, factor).factors()
+        if np.all(np.abs(np.log(factor / last)) < _SAME):
+            factor = last  # what the fit was made with
+            break
+        found = fit(found, factor)
+        rows = residuals(found)
+    return found, _Left(rows, factor).told(factor)
+
+
+def stacked(found: Sequence[NoiseFactors | None]) -> NoiseFactors:
+    """Those of several fits as those of a batch; NaN for one that has none."""
+    first = next((each for each in found if each is not None), None)
+    shape = (len(found), 0 if first is None else len(first.sources))
+    values = {name: np.full(shape, np.nan) for name in _VALUES}
+    values["worst"] = np.full(shape, -1)
+    for i, each in enumerate(found):
+        for name in values if each is not None else ():
+            values[name][i] = getattr(each, name)
+    return NoiseFactors(
+        sources=() if first is None else first.sources,
+        items=() if first is None else first.items,
+        **values,
+    )
+
+
+class _Left:
+    # what the parameters cannot explain of the rows, in units of the fit's noise
+    def __init__(self, rows: Residuals, made_with: Float[Array, " s"]) -> None:
+        parts = [s.covariance for s in rows.sources]
+        white = np.linalg.inv(np.linalg.cholesky(sum(parts)))
+        J = white @ rows.J
+        J /= np.linalg.norm(J, axis=0)
+        self.sources, self.J, self.white = rows.sources, J, white
+        self.parts = [
+            white @ V @ white.T / f**2 for V, f in zip(parts, made_with, strict=True)
+        ]
+        self.Z = np.linalg.qr(J, mode="complete")[0][:, J.shape[1] :]
+        self.y = self.Z.T @ (white @ rows.r)
+        self.V = [self.Z.T @ part @ self.Z for part in self.parts]
+
+    def moments(self, factor: Float[Array, " s"]) -> Float[Array, "s 3"]:
+        """Of each source: its part of chi-square at these, mean, and variance."""
+        S = sum(f * f * V for f, V in zip(factor, self.V, strict=True))
+        solved = np.linalg.solve(S, np.column_stack([self.y, *self.V]))
+        parts = np.split(solved[:, 1:], len(self.V), axis=1)
+        q = solved[:, 0]
+        return np.array(
+            [
+                (f * f * (q @ V @ q), f * f * np.trace(A), 2.0 * f**4 * np.sum(A * A.T))
+                for f, V, A in zip(factor, self.V, parts, strict=True)
+            ]
+        )
+
+    def factors(self) -> Float[Array, " s"]:
+        """Of the standard deviations: what the residuals ask for, 1 at the least."""
+        count = len(self.V)
+        ones = np.ones(count)
+        value, rows = self.moments(ones), self.y.size
+        free = [s for s in range(count) if value[s, 1] > _TOLD]
+        every = [value[:, 0].sum(), rows, 2.0 * rows], *value[free]
+        if not free or min(map(_chance, every)) >= CHANCE / (len(free) + 1):
+            return ones
+        while True:
+            factor = self._balanced(free)
+            chances = [self._chance_at_stated(factor, s) for s in free]
+            most = int(np.argmax(chances))
+            if len(free) == 1 or chances[most] < CHANCE / (count + 1):
+                return factor
+            free.pop(most)
+
+    def _balanced(self, free: list[int]) -> Float[Array, " s"]:
+        # factors of these sources by restricted maximum likelihood
+        factor = np.ones(len(self.V))
+        for _ in range(_MOST_STEPS):
+            last, found = factor.copy(), self.moments(factor)
+            ratio = np.sqrt(found[free, 0] / found[free, 1])
+            factor[free] = np.maximum(1.0, factor[free] * ratio)
+            if np.all(np.abs(np.log(factor / last)) < _STILL):
+                break
+        return factor
+
+    def _chance_at_stated(self, factor: Float[Array, " s"], source: int) -> float:
+        # that noise as stated of one leaves as much, the others as they are
+        stated = np.where(np.arange(len(factor)) == source, 1.0, factor)
+        return _chance(self.moments(stated)[source])
+
+    def told(self, factor: Float[Array, " s"]) -> NoiseFactors:
+        """What a fit with these factors tells."""
+        value = self.moments(factor)
+        S = sum(f * f * V for f, V in zip(factor, self.parts, strict=True))
+        bars = [
+            np.linalg.inv(self.J.T @ np.linalg.solve(V, self.J)).diagonal()
+            for V in (S, sum(self.parts))
+        ]
+        wider = np.sqrt(bars[0] / bars[1])
+        far = [self._distances(each, factor) for each in self.sources]
+        worst = np.array([int(np.argmax(each)) for each in far])
+        return NoiseFactors(
+            sources=tuple(each.name for each in self.sources),
+            factor=factor,
+            widening=np.array([wider[s.parameters].max() for s in self.sources]),
+            dof=value[:, 1],
+            items=tuple(each.item for each in self.sources),
+            worst=worst,
+            deviations=factor
+            * np.array([d[k] for d, k in zip(far, worst, strict=True)]),
+        )
+
+    def _distances(self, source: Source, factor: Array) -> Float[Array, " i"]:
+        # of each rest or move from what all others say
+        S = sum(f * f * V for f, V in zip(factor, self.V, strict=True))
+        U = self.Z.T @ (self.white @ source.items)
+        solved = np.linalg.solve(S, U)
+        C, seen = np.swapaxes(U, 1, 2) @ solved, self.y @ solved
+        best = np.linalg.pinv(C, rcond=1e-6, hermitian=True) @ seen[..., None]
+        return np.sqrt((seen[:, None] @ best)[:, 0, 0])
+
+
+def _chance(value: Any) -> float:
+    # of a sum of squares of this mean and variance to be as large
+    seen, mean, variance = value
+    return float(scipy.special.gammaincc(mean**2 / variance, seen * mean / variance))
