@@ -35,16 +35,16 @@ nightly: check docs sanitize
 	$(MAKE) mutants
 	$(MAKE) .venv-league/installed
 	PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 .venv-league/bin/python -m pytest -m league tests/test_league.py tests/test_league_filters.py
-	$(BIN)/simval bench --against reports/bench.json
+	$(MAKE) bench
 
 # faults put into the flow, and their clean twins, through the gate: every third of them
 POWER ?= --quick
 power: .venv/installed
 	PYTHONPATH=tests $(BIN)/python -m power $(POWER)
 
-# the ratios that the nightly run compares with: once after each release, on a quiet machine
+# simval beside the alternatives: all races, or RACES="calibration allan"
 bench: .venv/installed
-	$(BIN)/simval bench --rounds 15 --json reports/bench.json
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONPATH=tests $(BIN)/python -m benchmarks $(RACES)
 
 # the compiled block under sanitizers, with random arguments
 sanitize: .venv/installed

@@ -52,22 +52,6 @@ STUDIES: Final = (
 """Studies, in the order of the page."""
 SCENES: Final = ("gimbal", "die", "shaker", "pivot", "handheld", "cube", "freefall")
 """Scenes that come with the package, the default first."""
-RACES: Final = (
-    "estimators",
-    "predictions",
-    "montecarlo",
-    "threads",
-    "reductions",
-    "scene",
-    "calibration",
-    "residuals",
-    "samples",
-    "allan",
-    "gyroscope",
-    "filter",
-    "startup",
-)
-"""Races of `simval bench`."""
 
 
 def builtin_suites() -> tuple[str, ...]:

@@ -1,6 +1,5 @@
 """One page of each kind that simval writes, made in a minute: what people open."""
 
-import json
 import shutil
 
 import numpy as np
@@ -106,27 +105,12 @@ def every_page(folder):
     told = ["--truth", "log", "--calibration", found]
     _run("filter", log, *filters, *told, "--report", pages["filtered"])
     _run("noise", still, "--report", pages["noise"])
-    pages["races"] = _write_races(folder / "races") / "bench.html"
-    _run("bench", "--page", folder / "races")
     return pages
 
 
 def _run(*words):
     code = run([str(word) for word in words])
     assert code in (0, 1), (code, words)
-
-
-def _write_races(folder):
-    """The races of the last release, and a commit in which one became slower."""
-    folder.mkdir()
-    content = json.loads((ROOT / "reports" / "bench.json").read_text())
-    (folder / "release.json").write_text(json.dumps(content))
-    for result in content["results"]:
-        if result["contender"] == "closed form, best":
-            result |= {key: result[key] / 2.0 for key in ("low", "ratio", "high")}
-    content |= {"commit": "f" * 40, "committed": "2100-01-01T00:00:00+00:00"}
-    (folder / "slower.json").write_text(json.dumps(content))
-    return folder
 
 
 def _write_still(path):

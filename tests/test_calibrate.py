@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from imu_tk import imu_tk_jacobian, imu_tk_residual
 from rounding import EPS
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from true_sensor import MODEL, PARAMETERS, G
 
-from simval.bench.imu_tk import imu_tk_jacobian, imu_tk_residual
 from simval.calibrate import calibrate
 from simval.calibrate.moments import unbiased_moment_matrix
 from simval.calibrate.residuals import RESIDUALS

@@ -7,11 +7,11 @@ model) and the complex step; neither shares a step with the code.
 import numpy as np
 import pytest
 import sympy as sp
+from imu_tk import imu_tk_jacobian, imu_tk_residual
 from oracles import calibration_sources as sources
 from rounding import EPS
 from true_sensor import PARAMETERS, G
 
-from simval.bench.imu_tk import imu_tk_jacobian, imu_tk_residual
 from simval.calibrate import quadric
 from simval.calibrate.moments import monomials
 from simval.calibrate.objective import pose_objective

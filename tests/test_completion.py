@@ -47,8 +47,6 @@ def test_values_are_completed(complete):
     assert complete("simval sweep smoke --set attitude_l") == plain("attitude_limits.")
     assert complete("simval scene ") == plain(*vocabulary.SCENES)
     assert complete("simval scene d") == plain("die")
-    assert complete("simval bench allan f") == plain("filter")
-    assert ["plain", "allan"] not in complete("simval bench allan ")
     assert complete("simval sweep my") == [["file", "my"]]
 
 

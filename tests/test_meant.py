@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from simval import vocabulary
 from simval.arguments import choice
-from simval.bench.races import find_races
 from simval.cli import COMMANDS
 from simval.errors import InputError
 from simval.plugins.loading import find_plugin
@@ -22,7 +21,6 @@ LISTS = {
     "commands": tuple(name for name, _ in COMMANDS),
     "scenes": vocabulary.SCENES,
     "studies": vocabulary.STUDIES,
-    "races": vocabulary.RACES,
     "suites": vocabulary.builtin_suites(),
 }
 
@@ -43,7 +41,6 @@ LISTS = {
         (["scene", "--set", "directions=4"], "(poses)"),
         (["scene", "die", "--set", "throws=4"], "(poses)"),
         (["scene", "--set", "holdtime=4"], "(hold_time)"),
-        (["bench", "estimatrs"], "(estimators)"),
         (["repro", "attitude(frame=bodi)@1"], "the nearest are"),
     ],
 )  # fmt: skip
@@ -61,13 +58,12 @@ def test_a_slip_is_answered(simval, words, said):
     [
         lambda: find_study("attitud"),
         lambda: find_scene("Gimbal "),
-        lambda: find_races(["montecarl"]),
         lambda: find_plugin("wahba", Estimator),
         lambda: load_suite("smok"),
         lambda: simulate("gimbal", n_poses=4),
         lambda: choice("loss", "hubr", vocabulary.LOSSES),
     ],
-    ids=["study", "scene", "race", "plugin", "suite", "parameter", "choice"],
+    ids=["study", "scene", "plugin", "suite", "parameter", "choice"],
 )
 def test_every_name_asks_the_same_way(ask):
     with pytest.raises(InputError, match=r"\(did you mean `[\w:]+`\?\)"):

@@ -31,7 +31,6 @@ with_nu = pytest.mark.skipif(
 
 NAMES = (
     "sound", "failing", "algorithms", "compared", "calibrated", "filtered", "noise",
-    "races",
 )  # fmt: skip
 WIDTHS, SCHEMES = (380, 1280), ("light", "dark")
 

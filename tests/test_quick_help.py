@@ -8,7 +8,6 @@ import sys
 import pytest
 
 from simval import vocabulary
-from simval.bench.races import RACES
 from simval.calibrate.arguments import choices
 from simval.cli import COMMANDS
 from simval.gate import BASELINE
@@ -105,7 +104,6 @@ def test_a_stranger_is_seen():
         (vocabulary.FRAMES, FRAMES),
         (vocabulary.SCENES, tuple(scenes())),
         (vocabulary.STUDIES, tuple(STUDIES)),
-        (vocabulary.RACES, tuple(race.name for race in RACES)),
         (vocabulary.ALPHA, ALPHA),
         (vocabulary.BASELINE, BASELINE),
         (vocabulary.FILTER_SECONDS, TIME_LIMIT),

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from light_cells import light, suite_of
 
-from simval.bench.growth import light, suite_of
 from simval.columns import columns_of
 from simval.compare import compare_runs
 from simval.errors import InputError

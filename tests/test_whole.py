@@ -166,6 +166,3 @@ def test_scenes_and_plans_take_it(simval):
         code, _, err = simval("plan", "--poses", wrong, "--noise-std", "1e-3")
         assert code == 2, wrong
         assert "Traceback" not in err
-    code, _, err = simval("bench", "--rounds", "1.5")
-    assert code == 2
-    assert "'1.5' is not a whole number" in err

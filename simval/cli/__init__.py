@@ -37,7 +37,6 @@ COMMANDS = (
     ("repro", "Compute one cell again and compare it with the run."),
     ("export", "Write the table of a run as Parquet."),
     ("suite-schema", "Print the JSON Schema of suite files."),
-    ("bench", "Race simval against the alternatives, side by side."),
     ("completion", "Print the script that lets a shell complete commands."),
     ("list", "List suites, studies, scenes and plug-ins."),
 )

@@ -1,4 +1,4 @@
-"""Values that a shell completes: suites, scenes, studies, races and runs.
+"""Values that a shell completes: suites, scenes, studies and runs.
 
 A shell starts the program at each key, so only names of `simval.vocabulary` and of
 folders are looked at. Where no name fits, the shell completes files by itself.
@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 from click.shell_completion import CompletionItem
 
-from simval.vocabulary import RACES, RUNS, SCENES, STUDIES, builtin_suites
+from simval.vocabulary import RUNS, SCENES, STUDIES, builtin_suites
 
 Completer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
@@ -27,14 +27,6 @@ def scenes(
 ) -> list[CompletionItem]:
     """Scenes of the package, else Python files."""
     return _fitting(SCENES, word)
-
-
-def races(
-    context: click.Context, parameter: click.Parameter, word: str
-) -> list[CompletionItem]:
-    """Races that are not named yet."""
-    named = context.params.get("races") or ()
-    return _fitting([race for race in RACES if race not in named], word)
 
 
 def studies(

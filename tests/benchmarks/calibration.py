@@ -1,14 +1,13 @@
 """Races of the calibration: a batch of trials beside a loop over SciPy."""
 
-from collections.abc import Callable
 from functools import partial
 
 import numpy as np
 import scipy
+from imu_tk import imu_tk_jacobian, imu_tk_residual
 
+from benchmarks.race import Answer, Contender, Done
 from simval.arrays import Array
-from simval.bench.imu_tk import imu_tk_jacobian, imu_tk_residual
-from simval.bench.race import Answer, Contender, Done
 from simval.calibrate import calibrate
 from simval.poses import fibonacci_sphere
 from simval.sensor import AccelerometerModel
@@ -24,15 +23,7 @@ MANY, FEW = 10_000, 100
 AGREEMENT = 1e-9
 """Relative difference allowed between contenders. Chosen: a thousand times
 `TOLERANCE`; far below the standard error of a parameter, about 1e-3."""
-SPREAD = 0.5
-"""Difference allowed between residuals, in the greatest standard deviation of each
-parameter. Chosen: they weigh the same poses by weights that differ by some percent, and
-their answers by a fifth."""
 SIZE = np.array([1.0] * 6 + [G] * 3)  # biases and small angles beside g and 1
-SAMPLES = 1_000_000
-ALIKE = 1e-6
-"""Relative difference allowed between the mean of many fits and one fit of all samples.
-Chosen: the error of a fit of 10 000 samples is 1e-4, so its second order is 1e-8."""
 
 
 def noisy_poses(count: int) -> Float[Array, "count 40 3"]:
@@ -96,19 +87,19 @@ def batch() -> list[Contender]:
         fits = [calibrate(y, G, tolerance=TOLERANCE, covariance=False) for y in few]
         return np.array([fit.parameters for fit in fits])
 
-    peers: dict[str, Callable[[], Array]] = {
+    peers = {
         f"scipy least_squares {method}, loop, data unchecked": partial(
             scipy_loop, few, method
         )
         for method in ("trf", "lm")
     }
-    ours: dict[str, Callable[[], Array]] = {
+    ours = {
         "calibrate, one set at a time": one_by_one,
         "calibrate, batch": partial(batched, False),
         "calibrate, batch with covariance": partial(batched, True),
     }
     return [
-        Contender(name=name, run=run, seen=_parameters, ours=name in ours)
+        Contender(name=name, run=run, seen=_parameters)
         for name, run in {**peers, **ours}.items()
     ]
 
@@ -120,71 +111,3 @@ def _parameters(found: Float[Array, "trials 9"]) -> Done:
 def _near(found: Float[Array, "trials 9"], relative: float) -> Answer:
     # half of it for each of two
     return Answer(values=found, within=0.5 * relative * np.maximum(np.abs(found), SIZE))
-
-
-def residuals() -> list[Contender]:
-    """List the residuals, a batch each; the reference is SciPy over the squared one."""
-    readings = noisy_poses(MANY // 4)
-    spread = calibrate(readings, G, covariance=False).parameters.std(axis=0)
-
-    def seen(residual: str, found: Float[Array, "trials 9"]) -> Done:
-        answers = {
-            f"parameters, {residual}": _near(found, AGREEMENT),
-            "parameters": Answer(values=found, within=0.5 * SPREAD * spread),
-        }
-        return Done(items=len(found), answers=answers)
-
-    def fit(residual: str) -> Array:
-        found = calibrate(
-            readings, G, residual=residual, noise_std=NOISE, tolerance=TOLERANCE
-        )
-        return np.asarray(found.parameters)
-
-    names = ("squared", "norm", "weighted", "sampson", "adjusted")
-    return [
-        Contender(
-            name="scipy least_squares lm, loop, squared, data unchecked",
-            run=partial(scipy_loop, readings[:FEW], "lm"),
-            seen=partial(seen, "squared"),
-            ours=False,
-        ),
-        *(
-            Contender(name=name, run=partial(fit, name), seen=partial(seen, name))
-            for name in names
-        ),
-    ]
-
-
-def samples() -> list[Contender]:
-    """List sizes of one set, all samples each; the reference is SciPy on one of them.
-
-    The mean of the fits of all sets must be the fit of all samples.
-    """
-    flat = noisy_poses(SAMPLES // POSES).reshape(-1, 3)
-    sizes = (SAMPLES // 100, SAMPLES // 10, SAMPLES)
-
-    def fit(count: int) -> Array:
-        sets = flat.reshape(-1, count, 3)
-        fits = [calibrate(y, G, repeats=True, covariance=False) for y in sets]
-        return np.array([each.parameters for each in fits])
-
-    def seen(count: int, found: Float[Array, "sets 9"]) -> Done:
-        answers = {f"parameters of {count:,} samples": _near(found, AGREEMENT)}
-        if len(found) * count == SAMPLES:
-            mean = found.mean(axis=0, keepdims=True)
-            answers["mean of the parameters"] = _near(mean, ALIKE)
-        return Done(items=len(found) * count, answers=answers)
-
-    middle = sizes[1]
-    return [
-        Contender(
-            name=f"scipy least_squares lm, {middle:,} samples, data unchecked",
-            run=partial(scipy_loop, flat[None, :middle], "lm"),
-            seen=partial(seen, middle),
-            ours=False,
-        ),
-        *(
-            Contender(name=f"{n:,} samples", run=partial(fit, n), seen=partial(seen, n))
-            for n in sizes
-        ),
-    ]

@@ -1,26 +1,24 @@
-"""Races of the Monte Carlo pass: beside the generator, in threads, and reduced."""
+"""Race of the Monte Carlo pass beside the generator."""
 
 from functools import partial
 
 import numpy as np
 
+from benchmarks.in_numpy import normals
+from benchmarks.race import Answer, Contender, Done
 from simval.arrays import Array
 from simval.attitude.kernel import (
     normalize_columns,
     raw_quaternion,
     sums_and_differences,
 )
-from simval.bench.in_numpy import normals, simulated_moments
-from simval.bench.race import Answer, Contender, Done
 from simval.geometry import attitude_matrix
 from simval.moments import Moments
 from simval.montecarlo import (
-    METHODS,
     fused,
     moments_of,
     simulate,
     simulate_closed_form,
-    simulate_reduced,
 )
 from simval.montecarlo.normals import lanes
 from simval.montecarlo.plain import sums_of
@@ -30,7 +28,6 @@ from simval.studies.attitude import BATCH, BLOCK, random_geometry
 
 NOISE = 0.01  # a level of the accuracy suite; the time does not depend on it
 SAMPLES = 2**19  # 6.3 million normals, 0.1 to 0.3 s: long beside the clock's step
-REDUCED = 2**16
 SIGMAS = 5.0  # of a simulated number; the seeds are fixed, so it is right or it is not
 
 
@@ -95,7 +92,6 @@ def _generator(samples: int) -> Contender:
         name="SFC64 normals, 12 a sample",
         run=partial(normals, samples),
         seen=lambda _: Done(items=samples),
-        ours=False,
         other="draws only",
     )
 
@@ -111,73 +107,3 @@ def monte_carlo() -> list[Contender]:
         _generator(SAMPLES),
         *(Contender(name=n, run=run, seen=_measured) for n, run in passes.items()),
     ]
-
-
-def threads() -> list[Contender]:
-    """List the full pass in one thread and in two: the same bits."""
-
-    def same(moments: Moments) -> Done:
-        bits = {
-            "covariance": Answer(values=moments.covariance, within=0.0),
-            "bias": Answer(values=moments.bias, within=0.0),
-        }
-        return Done(items=moments.samples, answers=bits)
-
-    return [
-        _generator(SAMPLES),
-        *(
-            Contender(name=name, run=partial(full_pass, 2 * SAMPLES, n), seen=same)
-            for name, n in (("one thread", 1), ("two threads", 2))
-        ),
-    ]
-
-
-def reductions() -> list[Contender]:
-    """List the variance reductions by how many plain samples they replace."""
-    q, truth = geometry()
-    plain = _plain_variance(truth, q)
-
-    def errors(x: Float[Array, "12 n"]) -> Float[Array, "4 n"]:
-        return q[:, None] - normalize_columns(
-            raw_quaternion(NOISE * x + truth, "plain")
-        )
-
-    def reduced(method: str) -> Moments:
-        sums = simulate_reduced(
-            errors,
-            Streams(1, (1,)),
-            dimension=12,
-            method=method,  # type: ignore[arg-type]
-            samples=REDUCED,
-        )
-        return moments_of(sums)
-
-    def worth(covariance: Array, error: Array) -> Done:
-        answer = Answer(values=covariance, within=SIGMAS * error)
-        items = round(plain / float(np.sum(np.diagonal(error) ** 2)))
-        return Done(items=items, answers={"covariance": answer})
-
-    return [
-        Contender(
-            name="plain, NumPy alone",
-            run=partial(simulated_moments, truth, NOISE, REDUCED, 1),
-            seen=lambda found: worth(found[1], found[3]),
-            ours=False,
-        ),
-        *(
-            Contender(
-                name=method,
-                run=partial(reduced, method),
-                seen=lambda m: worth(m.covariance, m.covariance_error),
-            )
-            for method in METHODS
-        ),
-    ]
-
-
-def _plain_variance(truth: Float[Array, "12 1"], q: Float[Array, "4"]) -> float:
-    """Variance of one plain sample, summed over the squares of the components."""
-    rng = np.random.default_rng(2)
-    vectors = NOISE * rng.standard_normal((12, 400_000)) + truth
-    error = q[:, None] - normalize_columns(raw_quaternion(vectors, "plain"))
-    return float(np.sum(np.var(error**2, axis=1)))

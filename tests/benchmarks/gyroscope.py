@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import scipy
 
+from benchmarks.race import Answer, Contender, Done
 from simval.arrays import Array
-from simval.bench.race import Answer, Contender, Done
 from simval.calibrate import FitResult, calibrate, calibrate_gyroscope, moves_between
 from simval.poses import fibonacci_sphere
 from simval.sensor import AccelerometerModel, GyroscopeModel
@@ -81,7 +81,6 @@ def contenders() -> list[Contender]:
             name="scipy least_squares, Runge-Kutta on samples, data unchecked",
             run=lambda: _scipy(0)[None],
             seen=partial(_seen, "unweighted"),
-            ours=False,
         ),
         *(
             Contender(name=name, run=run, seen=partial(_seen, weights))

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.race import Answer, Contender, Done
 from simval.arrays import Array
-from simval.bench.race import Answer, Contender, Done
 from simval.filters import Mekf
 from simval.geometry import attitude_matrix, compose, from_rotation_vector
 from simval.plugins import Filter
@@ -55,7 +55,6 @@ def contenders() -> list[Contender]:
             name="a filter in NumPy, bare loop, data unchecked",
             run=_bare,
             seen=_pulled,
-            ours=False,
         ),
         Contender(name="the same as a plug-in, checked", run=_as_plugin, seen=_pulled),
         *(
@@ -86,7 +85,6 @@ def _peers() -> list[Contender]:
             name=f"ahrs {name}",
             run=partial(_peer, name),
             seen=lambda _: Done(items=ROWS),
-            ours=False,
             other="another filter",
         )
         for name in names

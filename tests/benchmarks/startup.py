@@ -17,8 +17,8 @@ from tempfile import mkdtemp
 
 import numpy as np
 
+from benchmarks.race import Contender, Done
 from simval.arrays import Array
-from simval.bench.race import Contender, Done
 from simval.errors import RefusedError
 from simval.poses import fibonacci_sphere
 from simval.shapes import Float
@@ -56,7 +56,6 @@ def starts() -> list[Contender]:
             name=f"python, {IMPORTS}",
             run=partial(_started, ("-c", IMPORTS), folder),
             seen=lambda _: Done(items=1),
-            ours=False,
             other="imports only",
         ),
         *(

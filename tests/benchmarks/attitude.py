@@ -10,11 +10,11 @@ from importlib.util import find_spec
 import numpy as np
 import scipy
 
+from benchmarks.in_numpy import simulated_moments
+from benchmarks.race import Answer, Contender, Done
 from simval.arrays import Array
 from simval.attitude import two_vector_quaternion
 from simval.attitude.comparators import davenport, triad
-from simval.bench.in_numpy import simulated_moments
-from simval.bench.race import Answer, Contender, Done
 from simval.geometry import attitude_matrix, compose, from_rotation_vector
 from simval.moments import Moments
 from simval.shapes import Float
@@ -62,10 +62,7 @@ def estimators() -> list[Contender]:
     if find_spec("ahrs") is not None:
         peers["ahrs Davenport, loop, data unchecked"] = partial(_ahrs, few)
     listed = [*peers.items(), *ours.items()]
-    return [
-        Contender(name=name, run=run, seen=_attitudes, ours=name in ours)
-        for name, run in listed
-    ]
+    return [Contender(name=name, run=run, seen=_attitudes) for name, run in listed]
 
 
 def _attitudes(q: Float[Array, "n 4"]) -> Done:
@@ -135,7 +132,6 @@ def predictions() -> list[Contender]:
             name=f"simulated in NumPy, {TRIALS:,} trials",
             run=partial(simulated_moments, truth, NOISE, TRIALS, 1),
             seen=simulated,
-            ours=False,
         ),
         *(
             Contender(

@@ -1,0 +1,97 @@
+"""Races of the simulation of a scene, and of the Allan variance."""
+
+from dataclasses import replace
+from functools import partial
+from importlib.util import find_spec
+
+import numpy as np
+
+from benchmarks.in_numpy import allan_variances
+from benchmarks.race import Answer, Contender, Done
+from simval.noise import allan_variance
+from simval.scene.engine import last_row, roll_out
+from simval.scene.library import mujoco
+from simval.scene.messages import captured_messages
+from simval.scene.run import plan_run
+
+TOGETHER = 8  # as `many` takes
+MOST_STEPS = 10_000  # for the time of a race
+ROWS = 1_000_000
+LENGTHS = 40  # averaging times, evenly on a log scale to a tenth of the rows
+AGREEMENT = 1e-9
+"""Relative. Chosen: the running sum of a million normals, some 1e3, has lost 1e-13 a
+step at most, and the sums of squares average that."""
+
+
+def simulation() -> list[Contender]:
+    """List both ways to advance the gimbal; the reference is the bare loop in C.
+
+    The loop cannot change its inputs, so both hold the scene's last ones.
+    """
+    plan = plan_run("gimbal")
+    model, steps = plan.physics.model, min(len(plan.script.hold), MOST_STEPS)
+    held = {
+        field: np.repeat(value[-1:], steps, axis=0)
+        for field, value in plan.script.inputs.items()
+    }
+    script = replace(plan.script, inputs=held, hold=plan.script.hold[:steps])
+    data = mujoco.MjData(model)
+
+    def bare():
+        last = []
+        with captured_messages():
+            for _ in range(TOGETHER):
+                mujoco.mj_resetData(model, data)
+                if script.qpos is not None:
+                    data.qpos[:] = script.qpos
+                if script.qvel is not None:
+                    data.qvel[:] = script.qvel
+                for field, value in held.items():
+                    getattr(data, field).flat = value[-1]
+                mujoco.mj_step(model, data, steps)
+                last.append(last_row(model, data))
+        return np.array(last)
+
+    def seen(rows):
+        # the engine is the same, so the bits are
+        answers = {"last rows of the sensors": Answer(values=rows, within=0.0)}
+        return Done(items=TOGETHER * steps, answers=answers)
+
+    return [
+        Contender(
+            name="mj_step, nstep at once", run=bare, seen=seen, other="keeps no row"
+        ),
+        Contender(
+            name="simulation, every row kept",
+            run=lambda: roll_out(model, [script] * TOGETHER).rows[:, -1],
+            seen=seen,
+        ),
+    ]
+
+
+def allan() -> list[Contender]:
+    """List the ways to the Allan variance; the reference is its definition in NumPy."""
+    signal = np.random.default_rng(0).standard_normal(ROWS)
+    counts = np.unique(np.round(np.geomspace(1, ROWS // 10, LENGTHS)).astype(int))
+
+    def seen(found):
+        # each averaging time takes all rows
+        values = np.asarray(found)
+        answer = Answer(values=values, within=0.5 * AGREEMENT * np.abs(values))
+        return Done(items=ROWS * len(values), answers={"Allan variances": answer})
+
+    ways = {"second differences in NumPy, data unchecked": allan_variances}
+    if find_spec("allantools") is not None:
+        ways["allantools, data unchecked"] = _allantools
+    ways["simval"] = allan_variance
+    return [
+        Contender(name=name, run=partial(run, signal, counts), seen=seen)
+        for name, run in ways.items()
+    ]
+
+
+def _allantools(rate, counts):
+    import allantools
+
+    found = allantools.oadev(rate, rate=1.0, data_type="freq", taus=counts)
+    return np.asarray(found[1]) ** 2
