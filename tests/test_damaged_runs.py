@@ -81,7 +81,7 @@ class Campaign:
             "gate": ("gate", damaged, "--no-baseline", "--junit", f"{out}.xml"),
             "beside": ("gate", damaged, "--baseline", self.baseline),
             "compare": ("compare", self.run, damaged, "--out", f"{out}.html"),
-            "trend": ("trend", series, "--out", f"{out}.html"),
+            "trend": ("trend", series, "--csv", f"{out}.csv"),
             "report": ("report", damaged, "--out", f"{out}.html"),
             "export": ("export", damaged, "--out", f"{out}.parquet"),
         }

@@ -37,6 +37,22 @@ def filled(line, folder):
     return line.replace("git+URL", f"git+file://{folder}")
 
 
+def test_no_page_or_message_asks_an_index_for_simval():
+    asks = re.compile(
+        r"(?:pip3? install|uv add|uvx|pipx install)\s+(?:-\S+\s+)*"
+        r"['\"]?simval(?![-./\w])"
+    )
+    assert asks.search("pip install -U 'simval[cluster]'")
+    texts = [
+        path
+        for path in (*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"),
+                     *(ROOT / "simval").rglob("*.py"), *(ROOT / "docs").rglob("*.py"))
+        if not path.is_relative_to(ROOT / "docs" / "reference")
+    ]  # fmt: skip
+    assert len(texts) > 100
+    assert [p for p in texts if asks.search(p.read_text())] == []
+
+
 def test_the_lines_are_found():
     places = {str(page) for page, _ in LINES}
     assert {"README.md", "docs/ci.md", "docs/cluster.md", "docs/terminal.md"} <= places

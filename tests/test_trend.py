@@ -15,7 +15,6 @@ from scipy import stats
 from simval.compare import compare_runs, read_runs, trend_of
 from simval.compare.origin import origin_of
 from simval.errors import InputError
-from simval.report import render_trend
 from simval.sweep import load_run
 from simval.sweep.run import Run
 
@@ -161,8 +160,6 @@ def test_a_number_that_became_none_is_a_step(tmp_path, bad, error):
         (2, "worse"),
         (4, "better"),
     ]
-    page = render_trend(trend, "x")
-    assert page.count("<svg") == 1
 
 
 def test_a_share_without_spread_takes_the_error_of_the_others(tmp_path):
@@ -246,12 +243,8 @@ def test_where_a_run_comes_from(folder):
 
 @pytest.mark.ci
 def test_the_command_says_it_and_writes_it(simval, folder, tmp_path):
-    names = ("page.html", "values.csv", "steps.json")
-    files = [tmp_path / name for name in names]
-    page, table, document = files
-    code, out, _ = simval(
-        "trend", folder, "--out", page, "--csv", table, "--json", document
-    )
+    table, document = (tmp_path / name for name in ("values.csv", "steps.json"))
+    code, out, _ = simval("trend", folder, "--csv", table, "--json", document)
     assert code == 0
     lines = out.splitlines()
     assert re.match(
@@ -269,7 +262,7 @@ def test_the_command_says_it_and_writes_it(simval, folder, tmp_path):
     assert re.search(
         r"    calibration\(.*\)@1 sd\[K_\w\]: \S+ -> \S+, \+\S+ standard", out
     )
-    assert lines[-3:] == [str(table), str(document), str(page)]
+    assert lines[-2:] == [str(table), str(document)]
     content = json.loads(document.read_text())
     assert content["with_a_step"] == 3
     assert [run["worse"] for run in content["runs"]] == [0, 0, 3, 0, 0]
@@ -283,26 +276,12 @@ def test_the_command_says_it_and_writes_it(simval, folder, tmp_path):
     assert len(re.findall(r"^    calibration", every, flags=re.M)) == 3
 
 
-def test_the_page_is_whole_and_the_same_each_time(folder):
-    trend = trend_of(read_runs(folder))
-    page = render_trend(trend, "series")
-    assert page == render_trend(trend, "series")
-    words = re.sub(r"<[^>]*>", "", page)
-    assert "3 of " in words
-    assert f"Worse since {commit_of(2)[:10]}: calibration, standard deviation" in words
-    ids = re.findall(r'\bid="([^"]*)"', page)
-    assert len(set(ids)) == len(ids)
-    assert page.index("<table") < page.index("<svg")  # numbers first
-
-
 def test_nothing_in_common_is_no_success(simval, tiny_run, tmp_path):
     series = tmp_path / "series"
     series.mkdir()
     for number in range(2):
         add_run(series, tiny_run, number, "DELETE FROM rows")
-    page = tmp_path / "page.html"
-    code, out, _ = simval("trend", series, "--out", page)
+    code, out, _ = simval("trend", series)
     assert code == 3
     assert "they have nothing in common" in out
-    assert "NOTHING IN COMMON" in page.read_text()
     assert simval("trend", tmp_path / "nowhere")[0] == 2

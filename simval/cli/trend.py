@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 from rich.console import Console
-from rich.table import Table
+from rich.table import Table as Printed
 
 from simval.cli.changes import SHOWN, say, value_line
 from simval.cli.options import write
@@ -13,12 +13,12 @@ from simval.compare import Trend, read_runs, trend_of
 from simval.compare.documents import trend_json
 from simval.compare.series import ordered_by
 from simval.compare.trend import WAYS
+from simval.report.table import Column, Table, csv_text
 from simval.text import one_line
 
 
 def run(
     folder: Path,
-    out: Path | None,
     every: bool,
     csv_file: Path | None,
     json_file: Path | None,
@@ -29,15 +29,9 @@ def run(
     show(trend, every=every)
     if json_file is not None:
         write(json_file, trend_json(trend))
-    if out is not None or csv_file is not None:
-        from simval.report import csv_text  # drawing takes a second to load
-        from simval.report import trend as page
-
-        if csv_file is not None:
-            write(csv_file, csv_text(page.values_table(trend)))
-        if out is not None:
-            write(out, page.render_trend(trend, folder.resolve().name))
-    for file in filter(None, (csv_file, json_file, out)):
+    if csv_file is not None:
+        write(csv_file, csv_text(values_table(trend)))
+    for file in filter(None, (csv_file, json_file)):
         click.echo(str(file))
     return 0 if trend.lines else 3
 
@@ -62,9 +56,9 @@ def headline(trend: Trend) -> str:
     )
 
 
-def _runs(trend: Trend) -> Table:
+def _runs(trend: Trend) -> Printed:
     """A line for each run: which way how many values stepped there."""
-    table = Table(box=None, pad_edge=False)
+    table = Printed(box=None, pad_edge=False)
     for heading in ("run", "commit", "date", "seeds"):
         table.add_column(heading)
     for heading in (*WAYS, "within chance"):
@@ -90,3 +84,35 @@ def _lines(trend: Trend, every: bool) -> Iterator[str]:
     if hidden:
         values = sum(len(move.steps) for _, move in hidden)
         yield f"... and {len(hidden)} more kinds ({values} values); --all shows them"
+
+
+def values_table(trend: Trend) -> Table:
+    """Every value of every run as a tidy long table."""
+    ways = dict(zip(WAYS, ("worse", "better", "moved"), strict=True))
+    steps = {(b.line, b.run): ways[b.step.standing] for b in trend.breaks}
+    names = (
+        *("study", "cell", "statistic", "unit", "run"),
+        *("folder", "commit", "committed", "started"),
+    )
+    rows = [
+        (
+            *(line.study, point.cell, str(line.statistic), line.statistic.unit),
+            *(point.run + 1, origin.name, origin.commit, origin.committed),
+            *(origin.started, (point.row.value, point.row.standard_error)),
+            *(point.row.n, steps.get((at, point.run), "")),
+        )
+        for at, line in enumerate(trend.lines)
+        for point in line.points
+        for origin in (trend.origins[point.run],)
+    ]
+    return Table(
+        name="series",
+        caption="Every value of every run",
+        columns=(
+            *(Column(name) for name in names),
+            Column("value", "measured"),
+            Column("n", "number"),
+            Column("step"),
+        ),
+        rows=rows,
+    )

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from simval.report.page import drawings, render, tables
     from simval.report.paint import png, svg_file
     from simval.report.table import csv_text
-    from simval.report.trend import render_trend
 else:
     present(__name__, __file__)
 
@@ -27,7 +26,6 @@ __all__ = [
     "render",
     "render_calibration",
     "render_comparison",
-    "render_trend",
     "svg_file",
     "tables",
 ]

@@ -11,9 +11,6 @@ from simval.cli.outputs import OUT, Command
 @click.command(name="trend", cls=Command)
 @click.argument("folder", type=PATH)
 @click.option(
-    "--out", type=OUT, help="Write an HTML page with a figure of each kind of step."
-)
-@click.option(
     "--all",
     "every",
     is_flag=True,
