@@ -25,6 +25,22 @@ FLAGS = (
 )
 
 
+# parts whose text passes the sheet's edge or their own; figures that the text needs, and
+# the provenance, where they are not drawn: all but what is folded in a closed chapter
+LACKING = """(() => {
+  const told = (e) => `${e.tagName} ${e.className}: ${e.textContent.slice(0, 60)}`;
+  const shown = [...document.querySelectorAll('body *')].filter(
+    (e) => e.checkVisibility() && !e.closest('svg, .unseen, .skip, script'));
+  const clips = (e) => getComputedStyle(e).overflowX !== 'visible';
+  const cut = shown.filter((e) => e.getBoundingClientRect().right > innerWidth + 1
+    || (clips(e) && e.scrollWidth > e.clientWidth + 1));
+  const inner = '.chapter:not([open]) details:not([open]) *';
+  const drawn = [...document.querySelectorAll('figure, dl, pre')].filter(
+    (e) => !e.matches(inner) && !e.checkVisibility());
+  return [...cut, ...drawn].map(told);
+})()"""
+
+
 def find_chromium():
     """Path of the browser, or None."""
     names = ("chromium", "chromium-browser", "google-chrome")
@@ -100,6 +116,15 @@ class Browser:
         if "exceptionDetails" in answer:
             raise RuntimeError(json.dumps(answer["exceptionDetails"])[:500])
         return answer["result"].get("value")
+
+    def printed(self, path, width):
+        """What a sheet so many pixels wide lacks: text cut off, figures not drawn."""
+        self.open(path, width=width, height=1047)
+        self.call("Emulation.setEmulatedMedia", media="print")
+        try:
+            return self.run(LACKING)
+        finally:
+            self.call("Emulation.setEmulatedMedia", media="")
 
     def press(self, key, code, text=""):
         """Press and release a key."""

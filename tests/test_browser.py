@@ -213,27 +213,6 @@ def test_headings_are_in_order_and_folds_have_names(tab, clean):
     assert len(set(names)) == len(names)
 
 
-LEADING = """[...document.querySelectorAll('details.chapter:not([open]) > section')]
-  .map(s => [...s.querySelectorAll('figure[id], table')])
-  .filter(parts => parts.length > 1 && parts[0].tagName === 'FIGURE')
-  .map(parts => parts.map(e => e.checkVisibility()))"""
-
-
-def test_a_folded_page_prints_its_first_screen_and_the_lead_figures(tab, clean):
-    tab.open(clean, width=718, height=1047)
-    assert not any(part for parts in tab.run(LEADING) for part in parts)
-    tab.call("Emulation.setEmulatedMedia", media="print")
-    try:
-        printed = tab.run(LEADING)
-        assert len(printed) >= 3
-        assert all(first and not any(rest) for first, *rest in printed)
-        tab.run("document.querySelectorAll('details').forEach(d => d.open = true)")
-        opened = LEADING.replace(":not([open])", "")
-        assert all(all(parts) for parts in tab.run(opened))  # on request, everything
-    finally:
-        tab.call("Emulation.setEmulatedMedia", media="")
-
-
 SORTED = """(() => {
   const table = document.querySelector('#table-%s').closest('table');
   const head = [...table.tHead.rows[0].cells].findIndex(
@@ -367,28 +346,50 @@ def test_panels_stack_on_a_phone_and_use_the_width_of_a_screen(tab, pages):
         assert any(columns >= 3 for _, columns, _, _ in found) == beside
 
 
-def test_it_prints_without_cutting_the_page(tab, pages):
-    tab.open(pages[0])
+SHEETS = (718, 740)  # A4 and Letter less their margins, at 96 pixels an inch
+FOLDED = """[...document.querySelectorAll('.chapter:not([open]) details > *')]
+  .filter(e => e.tagName !== 'SUMMARY' && !e.parentElement.open)
+  .map(e => e.checkVisibility())"""
+
+
+@pytest.mark.parametrize("width", SHEETS)
+def test_paper_has_all_that_the_text_needs_and_cuts_nothing(
+    tab, pages, clean, tmp_path, width
+):
+    opened = tmp_path / "opened.html"
+    text = clean.read_text(encoding="utf-8")
+    opened.write_text(text.replace("<details", "<details open"), encoding="utf-8")
+    for page in (*pages, clean, opened):
+        assert tab.printed(page, width) == []
+    tab.open(clean, width=width)
     tab.call("Emulation.setEmulatedMedia", media="print")
-    try:
-        # A4 less its margins, at 96 pixels an inch
-        tab.call(
-            "Emulation.setDeviceMetricsOverride",
-            width=718,
-            height=1047,
-            deviceScaleFactor=1,
-            mobile=False,
-        )
-        tab.run("document.querySelectorAll('details').forEach(d => d.open = true)")
-        assert tab.run("document.documentElement.scrollWidth") <= 718
-        assert tab.run("getComputedStyle(document.querySelector('nav')).display") == (
-            "none"
-        )
-        assert tab.run("getComputedStyle(document.body).backgroundColor") == (
-            "rgb(255, 255, 255)"
-        )
-    finally:
-        tab.call("Emulation.setEmulatedMedia", media="")
+    folded = tab.run(FOLDED)
+    assert len(folded) > 3
+    assert not any(folded)  # but a closed fold of a chapter is not on paper
+    nav = "getComputedStyle(document.querySelector('nav')).display"
+    assert tab.run(nav) == "none"
+    paper = "getComputedStyle(document.body).backgroundColor"
+    assert tab.run(paper) == "rgb(255, 255, 255)"
+    tab.call("Emulation.setEmulatedMedia", media="")
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        "pre, pre * { white-space: pre !important; overflow: auto; }",
+        "table { min-width: 60rem; }",
+        "details::details-content { content-visibility: hidden !important; }",
+    ],
+)
+def test_a_page_that_paper_cuts_would_be_seen(tab, clean, tmp_path, fault):
+    """Power of the test above."""
+    page = tmp_path / "cut.html"
+    line = "<pre>" + "one line " * 40 + "</pre>"
+    text = clean.read_text(encoding="utf-8").replace("</main>", f"{line}</main>")
+    page.write_text(text, encoding="utf-8")
+    assert tab.printed(page, SHEETS[0]) == []
+    page.write_text(text.replace("</style>", f"{fault}</style>"), encoding="utf-8")
+    assert tab.printed(page, SHEETS[0])
 
 
 def test_without_its_script_the_page_is_whole(tab, pages, tmp_path):

@@ -109,3 +109,9 @@ def test_invalid_html_would_be_seen(pages, tmp_path):
     found = " ".join(errors([path]))
     assert "Duplicate ID" in found
     assert "span" in found
+
+
+@pytest.mark.skipif(find_chromium() is None, reason="Chromium is not installed")
+@pytest.mark.parametrize("name", NAMES)
+def test_every_page_prints_whole(tab, pages, name):
+    assert tab.printed(pages[name], 718) == []

@@ -22,6 +22,9 @@ SCRIPTS = ("sort.js", "points.js", "legends.js", "filter.js", "folds.js")
 NAMED = 100
 """What a figure leaves out is named one by one up to this many, the rest counted."""
 
+PRINTED = 40
+"""Rows of the longest table that is printed though it is folded."""
+
 
 def template(*names: str) -> Template:
     """Load the first template of these names that this package has."""
@@ -51,7 +54,7 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters.update(number=number)
-    environment.globals.update(NAMED=NAMED, MANY=MANY, silent=silent)
+    environment.globals.update(NAMED=NAMED, PRINTED=PRINTED, MANY=MANY, silent=silent)
     environment.globals.update(
         measured=measured, picture=_picture, text=text, sort_key=sort_key, script=script
     )
