@@ -25,7 +25,7 @@ FLAGS = (
 )
 
 
-# parts whose text passes the sheet's edge or their own; figures that the text needs, and
+# parts whose text passes the sheet's edge or their own; figures that the text needs and
 # the provenance, where they are not drawn: all but what is folded in a closed chapter
 LACKING = """(() => {
   const told = (e) => `${e.tagName} ${e.className}: ${e.textContent.slice(0, 60)}`;

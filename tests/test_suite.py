@@ -4,6 +4,7 @@ import pytest
 
 from simval.errors import InputError
 from simval.poses import observability
+from simval.studies import STUDIES
 from simval.studies.calibration import simulated_rests
 from simval.sweep import load_suite, suite_schema
 from simval.vocabulary import builtin_suites
@@ -137,3 +138,20 @@ def test_the_schema_lists_every_parameter():
     grid = schema["$defs"]["attitude_grid"]["properties"]
     assert "noise_std" in grid
     assert "Noise" in grid["noise_std"]["description"]
+
+
+def test_a_quantity_with_its_unit_is_answered_by_the_unit_that_is_needed(tmp_path):
+    asked = 0
+    for study in STUDIES.values():
+        for name, field in study.parameters.model_fields.items():
+            if field.annotation not in (int, float):
+                continue
+            for value in ("'0.01 m/s^2'", "['5 mg', 1]", "'12'"):
+                path = written(tmp_path, f"[{study.name}]\n{name} = {value}\n")
+                with pytest.raises(InputError) as refusal:
+                    load_suite(path)
+                words = str(refusal.value)
+                assert f"`{study.name}.{name}`: Input should be a number" in words
+                assert field.description.rstrip(".") in words
+                asked += 1
+    assert asked > 200

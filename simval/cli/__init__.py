@@ -12,11 +12,11 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
-from io import TextIOWrapper
 
 import click
 
 from simval.cli.interruption import watch
+from simval.cli.terminal import patient, say
 from simval.errors import SimvalError
 from simval.startup import load_lightly
 from simval.text import did_you_mean
@@ -105,9 +105,9 @@ def run(arguments: Sequence[str]) -> int:
         click.echo("interrupted", err=True)
         return 130
     except SimvalError as error:
-        click.echo(f"error: {error}", err=True)
+        say(f"error: {error}".splitlines(), err=True)
         return error.exit_code
-    except SystemExit as end:  # click completed a word, or nobody reads our output
+    except SystemExit as end:  # click completed a word
         return 0 if COMPLETE in os.environ and end.code == 0 else 2
     except (KeyError, ValueError) as error:
         if COMPLETE not in os.environ:
@@ -128,14 +128,10 @@ def main() -> None:
         os.environ.setdefault(name, "1")
     load_lightly()
     interruption = watch()
-    for stream in (sys.stdout, sys.stderr):  # for names the terminal cannot show
-        if isinstance(stream, TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
+    sys.stdout, sys.stderr = patient(sys.stdout), patient(sys.stderr)
     try:
         code = run(sys.argv[1:])
         sys.stdout.flush()
-    except BrokenPipeError:
-        code = 2
     except (Exception, KeyboardInterrupt) as error:
         code = 70
         if not interruption.asked:

@@ -12,6 +12,7 @@ from simval.cli.options import write
 from simval.cli.reproduced import command_again
 from simval.cli.sensors import sensors_object
 from simval.cli.taken import log_object
+from simval.cli.terminal import say
 from simval.logs import Log, read_log
 from simval.multiposition import (
     ImuCalibration,
@@ -62,8 +63,7 @@ def run(
     if as_json:
         click.echo(json.dumps(written, allow_nan=False))
         return
-    for line in [*log.described(), str(whole)]:
-        click.echo(line)
+    say([*log.described(), *str(whole).splitlines()])
 
 
 def listed(words: str) -> list[str]:

@@ -1,9 +1,8 @@
 """What changed between runs, in lines: the counts, what moved, and what else."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
-from rich.console import Console
-
+from simval.cli.terminal import say
 from simval.compare import Move, RunComparison, Step
 from simval.compare.trend import WAYS
 from simval.text import one_line
@@ -12,12 +11,9 @@ SHOWN = 12
 """Kinds of change printed with the value that moved most; the others are counted."""
 
 
-def say(lines: Sequence[str]) -> None:
+def tell(lines: Iterable[str]) -> None:
     """Print lines that may have names from data in them, with their indent."""
-    console = Console(highlight=False, soft_wrap=True, emoji=False)
-    for line in lines:
-        indent = line[: len(line) - len(line.lstrip())]
-        console.print(f"{indent}{one_line(line)}", markup=False)
+    say(line[: len(line) - len(line.lstrip())] + one_line(line) for line in lines)
 
 
 def headline(found: RunComparison) -> str:

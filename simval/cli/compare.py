@@ -5,9 +5,8 @@ from pathlib import Path
 from statistics import median
 
 import click
-from rich.console import Console
 
-from simval.cli.changes import headline, move_lines, other_lines, say
+from simval.cli.changes import headline, move_lines, other_lines, tell
 from simval.cli.options import refuse_if, write
 from simval.compare import (
     AlgorithmComparison,
@@ -92,29 +91,27 @@ def _algorithms(
 
 def show_algorithms(found: AlgorithmComparison) -> None:
     """Print how often the first is better or worse, in what, and bound the rest."""
-    console = Console(highlight=False, soft_wrap=True)
     first, second = found.names
     if not found.merits:
-        console.print(f"{first} and {second} have nothing in common", markup=False)
+        tell([f"{first} and {second} have nothing in common"])
         return
     counts = ", ".join(
         f"{word} in {len(found.of(word))}" for word in ("better", "worse", "same")
     )
-    console.print(
+    lines = [
         f"{first} beside {second}: {counts} of {len(found.merits)}; false-alarm rate "
-        f"{found.alpha:g} for all together",
-        markup=False,
-    )
+        f"{found.alpha:g} for all together"
+    ]
     apart = [m for m in found.merits if m.standing != "same"]
     for merit in sorted(apart, key=lambda m: -m.weight)[:MERITS]:
-        console.print(_merit_line(merit, first, second), markup=False)
+        lines.append(_merit_line(merit, first, second))
     if len(apart) > MERITS:
-        console.print(f"... and {len(apart) - MERITS} more")
-    for line in _same_lines(found):
-        console.print(line, markup=False)
+        lines.append(f"... and {len(apart) - MERITS} more")
+    lines += _same_lines(found)
     if found.alone:
         one = found.alone[0]
-        console.print(f"{len(found.alone)} cells of one alone: {one}", markup=False)
+        lines.append(f"{len(found.alone)} cells of one alone: {one}")
+    tell(lines)
 
 
 def _merit_line(merit: Merit, first: str, second: str) -> str:
@@ -176,4 +173,4 @@ def show(a: Run, b: Run, found: RunComparison, *, every: bool = False) -> None:
         lines += other_lines(found)
     else:
         lines.append(f"the runs have nothing in common: {shared_words(a, b)}")
-    say(lines)
+    tell(lines)

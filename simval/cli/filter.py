@@ -12,6 +12,7 @@ from simval.cli.noise_units import accelerometer_scale, gyro_scale
 from simval.cli.options import refuse_if, write
 from simval.cli.reproduced import command_again
 from simval.cli.taken import log_object
+from simval.cli.terminal import say
 from simval.errors import CrashedPluginError, InputError, PluginError
 from simval.logs import Log, Truth, read_log, read_truth
 from simval.logs.truth import quaternion_stems
@@ -54,7 +55,7 @@ def run(
     head = [*log.described(), *found.said(), *start.said]
     head += alignment_lines(alignment, recorded, found)
     head += _offered(path) if recorded is None else []
-    _print([] if as_json else head)
+    say([] if as_json else head)
     done, failed, code = _evaluated(filters, found, start, alignment, time_limit)
     written = as_object(log, found, start, alignment, recorded) | {
         "filters": [evaluation_object(each) for each in done],
@@ -64,14 +65,11 @@ def run(
         write(out, json.dumps(written, allow_nan=False, indent=1) + "\n")
     if page is not None:
         _write_page(page, log, head, done, failed)
-    lines = ["", *filter_lines(done, failed, alignment is not None)]
-    _print([json.dumps(written, allow_nan=False)] if as_json else lines)
+    if as_json:
+        click.echo(json.dumps(written, allow_nan=False))
+    else:
+        say(["", *filter_lines(done, failed, alignment is not None)])
     return code
-
-
-def _print(lines: list[str]) -> None:
-    for line in lines:
-        click.echo(line)
 
 
 def _write_page(

@@ -18,6 +18,7 @@ from rich.table import Table
 from simval.cli.options import refuse_if, stated, write
 from simval.cli.outputs import require_free
 from simval.cli.shortened import every_line, short_lines
+from simval.cli.terminal import say
 from simval.errors import InputError
 from simval.gate import (
     GateResult,
@@ -192,17 +193,12 @@ def _notes(result: GateResult, run: Run, no_baseline: bool) -> Iterator[str]:
 
 def show(result: GateResult, table: bool = False, every: bool = False) -> None:
     """Print one line if all is well, else what did not pass, in ten lines or all."""
-    console = Console(highlight=False, soft_wrap=True, emoji=False)
     if table:
-        console.print(_counts(result))
-    for line in every_line(result) if every else short_lines(result):
-        console.print(line, markup=False)
-    for note in result.notes:
-        console.print(one_line(note), markup=False)
-    console.print(
-        f"{result.answer.upper()}: {headline(result)}; "
-        f"false-alarm rate {result.alpha:g} for all together"
-    )
+        Console(highlight=False, soft_wrap=True, emoji=False).print(_counts(result))
+    say(every_line(result) if every else short_lines(result))
+    say(map(one_line, result.notes))
+    rate = f"false-alarm rate {result.alpha:g} for all together"
+    say([f"{result.answer.upper()}: {headline(result)}; {rate}"])
 
 
 def _tell_github(result: GateResult) -> None:

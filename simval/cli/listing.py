@@ -1,7 +1,6 @@
 """What `simval list` does."""
 
-import click
-
+from simval.cli.terminal import say
 from simval.plugins.builtin import BUILTIN
 from simval.plugins.loading import installed
 from simval.scene import scenes
@@ -12,21 +11,20 @@ from simval.vocabulary import builtin_suites
 
 def run() -> int:
     """Do what `simval list` is asked."""
-    click.echo("suites")
+    lines = ["suites"]
     for name in builtin_suites():
         suite = load_suite(name)
-        click.echo(f"  {name}: {suite.title} ({len(suite.cells)} cells)")
-    click.echo("studies")
+        lines.append(f"  {name}: {suite.title} ({len(suite.cells)} cells)")
+    lines.append("studies")
     for study in STUDIES.values():
-        click.echo(f"  {study.name}: {study.title}")
+        lines.append(f"  {study.name}: {study.title}")
         for key, field in study.parameters.model_fields.items():
-            click.echo(f"    {key} = {field.default}  {field.description}")
-    click.echo("scenes")
-    for scene in scenes().values():
-        click.echo(f"  {scene.name}: {scene.summary}")
-    click.echo("algorithms of its own, measured beside plug-ins")
-    click.echo(f"  {', '.join(BUILTIN)}")
-    click.echo("plug-ins (installed; for files see docs/plugins.md)")
-    for name, distribution in installed():
-        click.echo(f"  {name}: {distribution}")
+            lines.append(f"    {key} = {field.default}  {field.description}")
+    lines.append("scenes")
+    lines += [f"  {scene.name}: {scene.summary}" for scene in scenes().values()]
+    lines.append("algorithms of its own, measured beside plug-ins")
+    lines.append(f"  {', '.join(BUILTIN)}")
+    lines.append("plug-ins (installed; for files see docs/plugins.md)")
+    lines += [f"  {name}: {distribution}" for name, distribution in installed()]
+    say(lines)
     return 0

@@ -19,6 +19,7 @@ from simval.cli.noise_units import (
 from simval.cli.options import write
 from simval.cli.reproduced import command_again
 from simval.cli.taken import log_object
+from simval.cli.terminal import say
 from simval.errors import InputError, RefusedError
 from simval.logs import Log, read_log
 from simval.multiposition.noise import LogNoise, log_noise
@@ -69,8 +70,7 @@ def run(
     if as_json:
         click.echo(json.dumps(as_object(log, found, sensors), allow_nan=False))
     else:
-        for line in [*log.described(), *described(found, sensors)]:
-            click.echo(line)
+        say([*log.described(), *described(found, sensors)])
     if not any(axis.coefficients for axes, _ in sensors.values() for axis in axes):
         msg = f"{path}: no axis has a noise model; the reasons stand with each axis"
         raise RefusedError(msg)

@@ -30,6 +30,9 @@ UNITS = {
 }
 """What the readings of a LOG may be in, by the sensor's option."""
 
+EARTH = (9.76, 9.84)
+"""Gravity on the Earth, m/s^2: on its highest mountain at the equator, at the poles."""
+
 REST = "State that the first SECONDS are a rest.  [default: found in the log]"
 
 
@@ -64,6 +67,26 @@ class Rate(click.FloatRange):
         if not rate >= 1e-12:
             self.fail(f"{value!r} is not a rate; give a number from 1e-12 to 0.5.")
         return rate
+
+
+class Gravity(click.ParamType):
+    """Gravity in m/s^2; one that is nowhere on the Earth is said."""
+
+    name = "float"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """Convert, and say what is not of the Earth."""
+        g = float(click.FLOAT.convert(value, param, ctx))
+        if g > 0.0 and not EARTH[0] <= g <= EARTH[1]:
+            click.echo(
+                f"warning: `--g` is {g:g} m/s^2, and gravity on the Earth is "
+                f"{EARTH[0]} to {EARTH[1]}: unless the sensor is elsewhere, scales are "
+                f"then {g / EARTH[1]:.2g} times too large; state it in m/s^2",
+                err=True,
+            )
+        return g
 
 
 def unit_option(sensor: str) -> Callable[[Command], Command]:

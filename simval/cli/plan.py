@@ -11,6 +11,7 @@ import numpy as np
 from simval.arrays import Array, positive_number
 from simval.calibrate.files import load_calibration
 from simval.cli.options import refuse_if, stated
+from simval.cli.terminal import say
 from simval.errors import InputError, RefusedError
 from simval.files import MOST_DOCUMENT, read_text
 from simval.multiposition.pose_noise import SHOWS, mean_noise
@@ -98,10 +99,8 @@ def run(
             made["gyroscope"] = as_object(turned, GYROSCOPE_KEYS)
         click.echo(json.dumps(made, allow_nan=False))
         return
-    for line in described(result, model, SOURCES[source]):
-        click.echo(line)
-    for line in gyroscope_described(turned) if turned else ():
-        click.echo(line)
+    say(described(result, model, g, SOURCES[source]))
+    say(gyroscope_described(turned) if turned else ())
 
 
 def measured_noise(
@@ -217,28 +216,41 @@ def as_object(
     return {key: plain(getattr(result, key)) for key in keys}
 
 
-def described(result: Plan, form: str, source: str = "") -> list[str]:
+def described(result: Plan, form: str, g: float, source: str = "") -> list[str]:
     """Describe a plan in lines of text."""
     helps = ", ".join(f"{x:.3f}" for x in result.next_direction)
     lines = [
-        f"poses           {result.poses}, rank {result.rank} of 9, condition "
-        f"{result.condition:.3g}",
+        f"poses           {result.poses}, {_rank(result)}",
         f"noise           {result.noise_std:.4g} in each axis of a pose mean{source}",
         f"next direction  ({helps}), specific force in sensor axes",
         "",
-        "            predicted sd      bound       bias   with the next pose",
     ]
+    if result.rank < 9:
+        return [
+            *lines,
+            f"nothing to predict: these poses tell {result.rank} of the nine "
+            f"parameters apart, whatever the noise; add {9 - result.rank} or more, the "
+            "first along the next direction, and plan again",
+        ]
+    lines.append("            predicted sd      bound       bias   with the next pose")
     columns = (entries(form), result.sd, result.bound, result.bias, result.sd_next)
     for (name, sign), sd, bound, bias, after in zip(*columns, strict=True):
         numbers = f"{sd:14.4g} {bound:10.4g} {sign * bias:10.2g} {after:20.4g}"
         lines.append(f"  {name:7s} {numbers}")
-    if result.rank < 9:
+    if (np.abs(result.bias) > result.sd).any():
         lines += [
             "",
-            "rank below nine: these poses do not tell some parameters apart, whatever "
-            "the noise; add the next direction and plan again",
+            f"not to be believed: this noise, {result.noise_std:.3g}, is so large "
+            f"beside gravity, {g:.3g} m/s^2, that a bias of second order is above the "
+            "standard deviation; check the units of both",
         ]
     return lines
+
+
+def _rank(result: Plan | GyroscopePlan) -> str:
+    """How many of the nine combinations of parameters are told, and how evenly."""
+    words = f"rank {result.rank} of 9"
+    return words if result.rank < 9 else f"{words}, condition {result.condition:.3g}"
 
 
 def gyroscope_described(result: GyroscopePlan) -> list[str]:
@@ -246,20 +258,19 @@ def gyroscope_described(result: GyroscopePlan) -> list[str]:
     helps = ", ".join(f"{x:.3f}" for x in result.next_axis)
     lines = [
         "",
-        f"moves           {result.moves}, rank {result.rank} of 9, condition "
-        f"{result.condition:.3g}",
+        f"moves           {result.moves}, {_rank(result)}",
         f"next turn       {np.degrees(result.next_angle):.0f} degrees about ({helps}), "
         "sensor axes, from the last pose",
         "",
-        "            predicted sd   with the next turn",
     ]
+    if not np.isfinite(result.sd).all():
+        return [
+            *lines,
+            "nothing to predict: these poses and moves do not tell the gyroscope's "
+            "matrix, whatever the noise; add the next turn, or poses, and plan again",
+        ]
+    lines.append("            predicted sd   with the next turn")
     for name, sd, after in zip(result.names, result.sd, result.sd_next, strict=True):
         lines.append(f"  {name:7s} {sd:14.4g} {after:20.4g}")
     lines.append("rad/s per rad/s, and rad/s; both sensors fitted together")
-    if not np.isfinite(result.sd[0]):
-        lines += [
-            "",
-            "these moves do not tell the matrix, whatever the noise; add the next turn "
-            "and plan again",
-        ]
     return lines

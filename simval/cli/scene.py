@@ -9,6 +9,7 @@ import click
 import numpy as np
 
 from simval.cli.options import refuse_if, stated
+from simval.cli.terminal import say
 from simval.errors import InputError
 from simval.scene import Trajectory, find_scene, render_file, scenes, simulate
 from simval.scene.signal import motion_of, write_signal
@@ -58,8 +59,7 @@ def run(
     if as_json:
         click.echo(json.dumps(dict(trajectory.provenance), default=_plain))
         return
-    for line in [*described(trajectory), *stopped(readings)]:
-        click.echo(line)
+    say([*described(trajectory), *stopped(readings)])
     for path in (out, picture):
         if path is not None:
             click.echo(f"written   {path}")

@@ -7,7 +7,7 @@ import click
 from rich.console import Console
 from rich.table import Table as Printed
 
-from simval.cli.changes import SHOWN, say, value_line
+from simval.cli.changes import SHOWN, tell, value_line
 from simval.cli.options import write
 from simval.compare import Trend, read_runs, trend_of
 from simval.compare.documents import trend_json
@@ -38,10 +38,9 @@ def run(
 
 def show(trend: Trend, *, every: bool = False) -> None:
     """Print how many values have a step, the runs, and the steps."""
-    console = Console(highlight=False, soft_wrap=True, emoji=False)
-    console.print(headline(trend), markup=False)
-    console.print(_runs(trend))
-    say(list(_lines(trend, every)))
+    tell([headline(trend)])
+    Console(highlight=False, soft_wrap=True, emoji=False).print(_runs(trend))
+    tell(list(_lines(trend, every)))
 
 
 def headline(trend: Trend) -> str:

@@ -286,7 +286,15 @@ def _explain(error: Any, model: type[BaseModel]) -> str:
             known = tuple(STUDIES[words[0]].parameters.model_fields)
         near = did_you_mean(words[-1], known)
         return f"`{path}` is not a known key{near}; known here: {', '.join(known)}"
-    return f"`{path}`: {error['msg']} (given {shown(error['input'])})"
+    given = f"(given {shown(error['input'])})"
+    numeric = error["type"] in ("float_type", "int_type")
+    if numeric and isinstance(error["input"], str) and len(names) > 1:
+        study = STUDIES[names[0]].parameters.model_fields
+        return (
+            f"`{path}`: Input should be a number, without unit or quotes {given}: "
+            f"{(study[names[1]].description or '').rstrip('.')}"
+        )
+    return f"`{path}`: {error['msg']} {given}"
 
 
 def _as_list(value: Any) -> list[Any]:

@@ -6,7 +6,7 @@ from typing import Any
 import click
 from click.decorators import FC
 
-from simval.cli.options import COLUMNS, PATH, REST, ROWS
+from simval.cli.options import COLUMNS, PATH, REST, ROWS, Gravity
 from simval.cli.outputs import OUT, Command
 from simval.vocabulary import LOSSES, METHODS, MODELS, RESIDUALS
 
@@ -22,7 +22,7 @@ def _choice(name: str, choices: tuple[str, ...], words: str) -> Callable[[FC], F
 @click.argument("path", metavar="LOG", type=PATH)
 @click.option(
     "--g",
-    type=float,
+    type=Gravity(),
     default=9.80665,
     show_default=True,
     help="Gravity where the log was recorded, m/s^2.",

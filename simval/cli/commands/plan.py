@@ -4,7 +4,7 @@ from typing import Any
 
 import click
 
-from simval.cli.options import PATH
+from simval.cli.options import PATH, Gravity
 from simval.vocabulary import MODELS
 
 
@@ -65,7 +65,7 @@ from simval.vocabulary import MODELS
     help="Time of a move between two poses, for the gyroscope.  [default: 2]",
 )
 @click.option(
-    "--g", type=float, default=9.80665, show_default=True, help="Gravity, m/s^2."
+    "--g", type=Gravity(), default=9.80665, show_default=True, help="Gravity, m/s^2."
 )
 @click.option(
     "--model",

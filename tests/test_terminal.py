@@ -1,0 +1,128 @@
+"""What is printed: narrow terminals, readers that go early, and the numbers of g."""
+
+import subprocess
+import sys
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from simval.cli import COMMANDS, run
+from simval.cli.terminal import folded
+
+SENSOR = """
+T = [[1, 0, 0], [0.03, 1, 0], [0.02, 0.05, 1]]
+K = [1.03, 0.96, 1.05]
+B = [0.3, -0.2, 0.1]
+white_raw_per_sqrt_hz = 0.002
+"""
+WORDS = st.text("abc+-.,():", min_size=1, max_size=30)
+SPACES = st.integers(1, 12).map(lambda count: " " * count)
+
+
+@given(
+    parts=st.lists(st.tuples(SPACES, WORDS), min_size=1, max_size=30),
+    width=st.integers(20, 200),
+)
+def test_a_folded_line_has_all_its_words_and_none_is_wider_than_it_must(parts, width):
+    line = "".join(space + word for space, word in parts)
+    lines = folded(line, width)
+    assert " ".join(lines).split() == line.split()
+    if len(line) <= width:
+        assert lines == [line]
+    assert all(len(each) <= width or len(each.split()) == 1 for each in lines)
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    path = tmp_path_factory.mktemp("log") / "log.csv"
+    words = ["--set", "poses=20", "--set", "first_hold=20", "--every", "5"]
+    (path.parent / "s.toml").write_text(SENSOR)
+    sensor = ["--sensor", str(path.parent / "s.toml"), "--out", str(path)]
+    assert run(["scene", "gimbal", *words, *sensor]) == 0
+    return path
+
+
+@pytest.mark.ci
+def test_sixty_columns_are_enough(simval, log, tiny_run, monkeypatch):
+    commands = (
+        ("list",),
+        ("plan", "--noise-std", "0.01"),
+        ("calibrate", log),
+        ("noise", log),
+        ("gate", tiny_run, "--no-baseline"),
+        ("compare", tiny_run, tiny_run),
+        ("scene", "gimbal"),
+        ("plan", "--poses", "dodecahedron", "--noise-std", "1"),
+    )
+    for words in commands:
+        code, wide, errors = simval(*words)
+        monkeypatch.setenv("COLUMNS", "60")
+        again, narrow, folded_errors = simval(*words)
+        monkeypatch.delenv("COLUMNS")
+        assert again == code
+        assert (narrow + folded_errors).split() == (wide + errors).split()
+        assert any(len(line) > 60 for line in (wide + errors).splitlines())
+        for line in (narrow + folded_errors).splitlines():
+            assert len(line) <= 60 or " " not in line.strip(), line
+
+
+@pytest.mark.ci
+def test_a_reader_that_goes_early_is_no_failure(log, tiny_run, tmp_path):
+    run, made = str(tiny_run), tmp_path / "made.json"
+    for words, expected in (
+        *(((name, "--help"), 0) for name, _ in COMMANDS),
+        (("list",), 0),
+        (("suite-schema",), 0),
+        (("plan", "--noise-std", "0.01"), 0),
+        (("calibrate", str(log), "--out", str(made)), 0),
+        (("noise", str(log)), 0),
+        (("gate", run, "--no-baseline"), 0),
+        (("gate", run, "--baseline", str(log)), 2),  # its own code
+        (("compare", run, run), 0),
+    ):
+        child = subprocess.Popen(
+            [sys.executable, "-m", "simval", *words],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        child.stdout.close()
+        errors = child.communicate()[1]
+        assert child.returncode == expected, (words, errors)
+        assert "Traceback" not in errors
+        assert "pipe" not in errors
+    assert made.exists()  # the work is done
+
+
+@pytest.mark.parametrize("g", ["1", "32.17", "98", "981", "9806.65", "1.62"])
+@pytest.mark.parametrize("command", ["calibrate", "plan"])
+def test_a_gravity_that_is_nowhere_on_the_earth_is_said(simval, log, command, g):
+    words = (log,) if command == "calibrate" else ("--noise-std", "1e-3")
+    code, out, errors = simval(command, *words, "--g", g, "--json")
+    assert code == 0
+    assert f"`--g` is {float(g):g} m/s^2, and gravity on the Earth is 9.76" in errors
+    assert out.startswith("{")
+    for earth in ("9.78", "9.81744", "9.832"):
+        assert simval(command, *words, "--g", earth)[2] == ""
+
+
+@pytest.mark.parametrize("poses", ["faces", *(f"fibonacci:{n}" for n in range(1, 9))])
+@pytest.mark.parametrize("gyroscope", [(), ("--angle-random-walk", "1e-4")])
+def test_a_plan_that_can_predict_nothing_says_so(simval, poses, gyroscope):
+    noise = ("--hold", "1", "--noise-density", "1e-3")
+    code, out, errors = simval("plan", "--poses", poses, *noise, *gyroscope)
+    assert (code, errors) == (0, "")
+    assert "nothing to predict: these poses tell" in out
+    assert not {"inf", "nan"} & set(out.split())
+
+
+def test_a_plan_for_a_noise_in_another_unit_says_so(simval):
+    for noise, believed in (
+        ("0.01", True),
+        ("0.1", True),
+        ("9.8", False),
+        ("50", False),
+    ):
+        out = simval("plan", "--noise-std", noise)[1]
+        assert ("not to be believed" not in out) == believed
