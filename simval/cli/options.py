@@ -69,16 +69,14 @@ class Rate(click.FloatRange):
         return rate
 
 
-class Gravity(click.ParamType):
+class Gravity(click.types.FloatParamType):
     """Gravity in m/s^2; one that is nowhere on the Earth is said."""
-
-    name = "float"
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
         """Convert, and say what is not of the Earth."""
-        g = float(click.FLOAT.convert(value, param, ctx))
+        g = float(super().convert(value, param, ctx))
         if g > 0.0 and not EARTH[0] <= g <= EARTH[1]:
             click.echo(
                 f"warning: `--g` is {g:g} m/s^2, and gravity on the Earth is "
