@@ -45,6 +45,11 @@ class LogCalibration:
         Threshold of the detector over the variance of the rest.
     intervals : Intervals
         Static intervals, samples start <= k < stop, (m, 2).
+    cuts : tuple of str
+        Rests of the accelerometer in which the gyroscope turns: cut or left out.
+    turns : bool
+        Whether it does in all but too few: `intervals` are the accelerometer's then,
+        and the gyroscope cannot be calibrated.
     predicted : CalibrationMoments or None
         Bias, covariance and Cramer-Rao bound by `pose_noise`; None where the readings
         show no noise.
@@ -60,6 +65,8 @@ class LogCalibration:
     rest_seconds: float
     multiplier: float
     intervals: Intervals
+    cuts: tuple[str, ...]
+    turns: bool
     predicted: CalibrationMoments | None
     next_direction: Float[Array, "3"]
 
@@ -114,7 +121,7 @@ def calibrate_log(
 
     def detect(part: Log, least: int) -> Intervals:
         known = rest if part.time[0] == log.time[0] else None
-        return find_rests(part, known, least).plateau[0][1]
+        return find_rests(part, known, least).best.intervals
 
     form = {"model": model, "method": method, "loss": loss}
     try:
@@ -137,7 +144,8 @@ def _calibrated(
     # and the diagnosis by white noise alone, which faults are told by
     rests = find_rests(log, rest)
     refusal: RefusedError | None = None
-    for multiplier, intervals in rests.plateau:
+    for level in rests.plateau:
+        intervals = level.intervals
         require_unsaturated(log, intervals, full_scale)
         poses = interval_means(log.accelerometer, intervals)
         white = white_noise(log.accelerometer, intervals, rests.block)
@@ -160,13 +168,15 @@ def _calibrated(
             pose_noise=noise,
             rest=initial,
             rest_seconds=float(log.time[initial.stop - 1] - log.time[initial.start]),
-            multiplier=multiplier,
+            multiplier=level.multiplier,
             intervals=intervals,
+            cuts=level.cuts,
+            turns=not level.enough,
             predicted=_predicted(fit, poses, noise.std) if noisy else None,
             next_direction=observability(fit.sensor().correct(poses)).next_direction,
         )
         return result, alone
-    assert refusal is not None  # a plateau is never empty
+    assert refusal is not None  # there is a best one
     raise refusal
 
 

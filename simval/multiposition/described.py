@@ -25,6 +25,7 @@ def log_lines(result: Any) -> list[str]:
         f"initial rest      {result.rest_seconds:.2f} s ({how})",
         f"static intervals  {len(result.intervals)} "
         f"(threshold {result.multiplier:g} times the rest's variance)",
+        *(f"{'':18s}{cut}" for cut in result.cuts),
         status_line(fit),
         "",
         *parameter_lines(fit, bound_sd(result)),

@@ -31,6 +31,7 @@ from simval.multiposition.described import log_lines, sensor_lines
 from simval.multiposition.pose_noise import PoseNoise
 from simval.multiposition.together import fit_together
 from simval.noise import NoiseFile
+from simval.poses import PARAMETERS
 from simval.shapes import Float
 from simval.statics import interval_means
 
@@ -211,6 +212,13 @@ def pose_std(result: LogCalibration) -> Float[Array, " m"]:
 def _gyroscope(
     log: Log, result: LogCalibration, samples: Float[Array, "n 3"]
 ) -> ImuFit:
+    if result.turns:
+        msg = (
+            f"it turns in {len(result.cuts)} of the {len(result.intervals)} rests of "
+            f"the accelerometer, and {PARAMETERS} in which both are still are needed; "
+            "record more rests in which nothing turns"
+        )
+        raise RefusedError(msg)
     # axes of different units make any move look blind to the one with small numbers
     try:
         return _joint(log, result, samples)

@@ -150,7 +150,7 @@ def require_even(log: Log, start: int, stop: int) -> None:
 def _rests(log: Log, rest: float | None) -> Intervals:
     # those that are found; of a log whose rest is stated, there may be none to find
     try:
-        return find_rests(log, rest, 1).plateau[0][1]
+        return find_rests(log, rest, 1).best.intervals
     except RefusedError:
         if rest is None:
             raise

@@ -1,5 +1,9 @@
 """The rests of a log: found by times in seconds, at any rate, and what they show.
 
+The accelerometer finds them; where the log has a gyroscope, what turns is cut off them
+or leaves them out (`simval.statics.turns`). A magnetometer is not asked: a field that
+changes while the sensor lies still would cost the others a rest.
+
 The detector's threshold is a multiple of the variance of the initial rest. Each
 multiple gives its own intervals. Of the multiples that agree on the number of
 intervals, the middle one is taken, so that the choice never sees the residuals: the
@@ -7,7 +11,9 @@ multiple whose fit leaves the least of them, as IMU-TK takes it, is the luckiest
 and its error bars are too small (`docs/decisions/0055-threshold-without-residuals.md`).
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -21,14 +27,25 @@ from simval.statics import (
     SLOWEST_NOISE,
     WHITE,
     WINDOWS,
+    Cut,
     Intervals,
     Rest,
     evened,
     interval_means,
+    still_parts,
     variance_magnitude,
 )
 
 MULTIPLIERS = tuple(map(float, range(2, 11)))  # those that IMU-TK tries
+
+
+class Level(NamedTuple):
+    """What one threshold makes of a log."""
+
+    multiplier: float  # of the variance of the initial rest
+    intervals: Intervals
+    cuts: tuple[str, ...]  # rests in which the gyroscope turns, in words
+    enough: bool  # are still; else these are the rests of the accelerometer alone
 
 
 class Detection(NamedTuple):
@@ -36,9 +53,13 @@ class Detection(NamedTuple):
 
     block: int  # rows that the detector takes together
     initial: Rest
-    # multiples of its variance that agree on the number of rests, with the rests of
-    # each; the middle one first
-    plateau: list[tuple[float, Intervals]]
+    best: Level
+    others: Iterator[Level]  # as many rests by other thresholds, most alike first
+
+    @property
+    def plateau(self) -> Iterator[Level]:
+        """The best and the others."""
+        return chain([self.best], self.others)
 
 
 def find_rests(log: Log, rest: float | None, least: int = PARAMETERS) -> Detection:
@@ -70,10 +91,35 @@ def find_rests(log: Log, rest: float | None, least: int = PARAMETERS) -> Detecti
         every = [(m, even.intervals(spread, m * initial.variance)) for m in MULTIPLIERS]
         usable = [(m, intervals) for m, intervals in every if len(intervals) >= least]
         if usable:
-            return Detection(even.block, initial, _plateau(usable))
+            levels = (_level(log, window, least, *at) for at in _plateau(usable))
+            return Detection(even.block, initial, next(levels), levels)
         refusal = refusal or _too_few(max(len(intervals) for _, intervals in every))
     assert refusal is not None  # there is a window
     raise refusal
+
+
+def _level(
+    log: Log, window: float, least: int, multiplier: float, intervals: Intervals
+) -> Level:
+    if log.gyro is None:
+        return Level(multiplier, intervals, (), enough=True)
+    kept, cuts = still_parts(evened(log.time, log.gyro, window), intervals)
+    enough = len(kept) >= least
+    said = tuple(_said(log, cut) for cut in cuts)
+    return Level(multiplier, kept if enough else intervals, said, enough=enough)
+
+
+def _said(log: Log, cut: Cut) -> str:
+    first, last = log.time[cut.rest[0]], log.time[cut.rest[1] - 1]
+    still = "too little of it is still"
+    if cut.kept is not None:
+        first_kept, last_kept = log.time[cut.kept[0]], log.time[cut.kept[1] - 1]
+        still = f"{first_kept:.2f} s to {last_kept:.2f} s is still"
+    return (
+        f"rest from {first:.2f} s to {last:.2f} s {'cut' if cut.kept else 'left out'}: "
+        f"the gyroscope turns in it, up to {cut.rate:.3g} raw units off its bias where "
+        f"chance leaves {cut.chance:.2g}; {still}"
+    )
 
 
 def _plateau(usable: list[tuple[float, Intervals]]) -> list[tuple[float, Intervals]]:

@@ -73,7 +73,7 @@ def rests_of_log(log: Log) -> Intervals:
     RefusedError
         If it has none.
     """
-    return find_rests(log, None, 1).plateau[0][1]
+    return find_rests(log, None, 1).best.intervals
 
 
 def signals(

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
         interval_counts,
         interval_means,
     )
+    from simval.statics.turns import Cut, still_parts
     from simval.statics.variance import variance_magnitude
 else:
     present(__name__, __file__)
@@ -38,6 +39,7 @@ __all__ = [
     "SLOWEST_NOISE",
     "WHITE",
     "WINDOWS",
+    "Cut",
     "Intervals",
     "Rest",
     "evened",
@@ -45,5 +47,6 @@ __all__ = [
     "interval_counts",
     "interval_means",
     "intervals_below",
+    "still_parts",
     "variance_magnitude",
 ]
