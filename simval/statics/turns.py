@@ -121,13 +121,14 @@ def _part(
     samples = even.samples[start:stop]
     centre = np.arange(start + half, stop - half) + 0.5
     away = _away(ticks, k, centre)
-    tries = max(1, int(np.ptp(ticks, axis=1).sum()) // _block(even))
     block = _block(even)
+    tries = max(1, int(np.ptp(ticks, axis=1).sum()) // block)
     off = np.abs(still.off(_means(samples, size), centre))
     limit = still.limit(still.noise[k] * block / size, tries, away)
     row, axis = np.unravel_index(int(np.argmax(off / limit)), off.shape)
     rate, chance = float(off[row, axis]), float(limit[row, axis])
-    runs = runs_of((off <= limit).all(axis=1)) + start + half
+    still_rows = np.asarray((off <= limit).all(axis=1))
+    runs = runs_of(still_rows) + start + half
     if len(runs) == 0:
         return None, rate, chance
     first, end = (int(edge) for edge in runs[np.argmax(np.ptp(runs, axis=1))])
@@ -142,8 +143,8 @@ def _part(
         still.noise[k] * block / (end - first), len(ticks), _away(ticks, k, middle)
     )[0]
     if (mean > most).any():
-        axis = int(np.argmax(mean / most))
-        return None, float(mean[axis]), float(most[axis])
+        worst = int(np.argmax(mean / most))
+        return None, float(mean[worst]), float(most[worst])
     return (first, end), rate, chance
 
 
