@@ -57,7 +57,17 @@ def drawn(truth, trials, rng, *, times=1.0):
     return poses, rows, fields_of(truth) + times * IRON_STD * noise
 
 
-def calibrated(truth, poses, rows, fields, *, chunk=2, form="triangular", times=1.0):
+def calibrated(
+    truth,
+    poses,
+    rows,
+    fields,
+    *,
+    chunk=2,
+    form="triangular",
+    times=1.0,
+    weights="stated",
+):
     """All fits of some trials, told noise of so many times the nominal one."""
     _, moves = fitted(truth, poses, rows, chunk=chunk)
     pose_std, walk, std = times * truth.pose_std, times * WALK, times * IRON_STD

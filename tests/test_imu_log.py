@@ -19,7 +19,6 @@ from simval.errors import (
 )
 from simval.logs import Log, read_log
 from simval.multiposition import calibrate_log, calibrate_sensors
-from simval.multiposition import imu as imu_module
 from simval.multiposition.axes import rail, require_alive
 from simval.multiposition.kalibr import kalibr_yaml
 from simval.report.calibrated import calibration_sections
@@ -132,7 +131,7 @@ def test_sensors_that_do_not_agree_are_left_as_two_fits_have_them(path, monkeypa
 
     log = read_log(path)
     result = calibrate_log(log)
-    monkeypatch.setattr(imu_module, "fit_together", astray)
+    monkeypatch.setattr("simval.calibrate.calibrate_nine_axis", astray)
     found = calibrate_sensors(log, result)
     assert found.together is None
     assert found.gyroscope is not None

@@ -15,7 +15,7 @@ own part are tested first; where all are what chance leaves, nothing is done. So
 that chance explains beside the factors of the others go back to 1, one by one.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, TypeVar
 
@@ -38,7 +38,6 @@ _MOST_STEPS: Final = 500
 _ROUNDS: Final = 8  # of factors and fit; three are usual
 _SAME: Final = 1e-2  # of a factor, between rounds: a hundredth of an error bar
 _TOLD: Final = 1e-2  # degrees of freedom of a source below which nothing is told of it
-_VALUES: Final = ("factor", "widening", "dof", "deviations")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -60,12 +59,44 @@ class Residuals:
     J: Float[Array, "r p"]
     sources: tuple[Source, ...]
 
+    @classmethod
+    def of_rests_and_moves(
+        cls,
+        r: Float[Array, " r"],
+        J: Float[Array, "r p"],
+        V: Float[Array, "r r"],
+        rests: Mapping[str, tuple[Float[Array, "r i 3"], slice]],
+        moves: tuple[int, int, slice] | None = None,
+    ) -> "Residuals":
+        """Rows of which the first are those of moves, so many of so many rows.
+
+        What is not noise of the sensors that are read at rest is the gyroscope's.
+        """
+        parts = {name: np.einsum("rim,sim->rs", L, L) for name, (L, _) in rests.items()}
+        told = {name: (L, "rest", at) for name, (L, at) in rests.items()}
+        if moves is not None:
+            count, each, own = moves
+            rows = np.eye(len(r), count * each).reshape(len(r), count, each)
+            parts["gyroscope"] = V - sum(parts.values())
+            told["gyroscope"] = rows, "move", own
+        return cls(
+            r=r,
+            J=J,
+            sources=tuple(
+                Source(
+                    name=name, covariance=parts[name], items=np.moveaxis(L, 1, 0),
+                    item=item, parameters=at,
+                )
+                for name, (L, item, at) in told.items()
+            ),
+        )  # fmt: skip
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NoiseFactors:
-    """What the residuals of a joint fit ask of the noise of each of its sensors.
+    """What the residuals of one joint fit ask of the noise of each of its sensors.
 
-    Leading axes ``...`` are empty for one fit and (trials,) for a batch.
+    A batch of trials is weighed by the noise that is stated: it has no sources.
 
     Attributes
     ----------
@@ -73,40 +104,44 @@ class NoiseFactors:
         Sensors; empty where none was judged.
     factor : Array
         By how much the standard deviations of the sensor's noise exceed those stated;
-        1 where they are borne, (..., s).
+        1 where they are borne, (s,).
     widening : Array
         By how much the error bars of the sensor's own parameters have grown, at most,
-        (..., s).
+        (s,).
     dof : Array
-        Degrees of freedom that the factor was told by, (..., s).
+        Degrees of freedom that the factor was told by, (s,).
     items : tuple of str
         What each sensor was read in, rest or move.
     worst : Array of int
-        That rest or move which is farthest off, (..., s).
+        That rest or move which is farthest off, (s,).
     deviations : Array
-        How far, in standard deviations of the stated noise, (..., s).
+        How far, in standard deviations of the stated noise, (s,).
+    p_value : float
+        Chance that noise as stated leaves as much, in all rows or in those of any
+        sensor; below `CHANCE` a factor is asked for. NaN where none was judged.
     """
 
     sources: tuple[str, ...]
-    factor: Float[Array, "... s"]
-    widening: Float[Array, "... s"]
-    dof: Float[Array, "... s"]
+    factor: Float[Array, " s"]
+    widening: Float[Array, " s"]
+    dof: Float[Array, " s"]
     items: tuple[str, ...]
     worst: Any
-    deviations: Float[Array, "... s"]
+    deviations: Float[Array, " s"]
+    p_value: float
 
     def __post_init__(self) -> None:
-        for name in _VALUES:
+        for name in ("factor", "widening", "dof", "deviations"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
-    def borne(self) -> Any:
-        """Whether no residuals are beyond the stated noise, (...)."""
-        return ~np.any(self.factor > 1.0, axis=-1)
+    def borne(self) -> bool:
+        """Whether no sensor was given more than its stated noise."""
+        return not np.any(self.factor > 1.0)
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What one fit says of each sensor whose noise is more than was stated."""
+        """What there is to say of each sensor whose noise is more than was stated."""
         return tuple(
             f"noise of the {name}: {self.factor[s]:.2f} times what was stated, which "
             f"its residuals do not bear; {self.items[s]} {self.worst[s]} is farthest "
@@ -117,9 +152,9 @@ class NoiseFactors:
 
     @property
     def refusal(self) -> str:
-        """Why one fit is no calibration; empty where it is one."""
-        wide = [s for s, x in enumerate(self.widening) if not x <= MOST_FACTOR]
-        if not wide:
+        """Why the fit is no calibration; empty where it is one."""
+        wide = np.flatnonzero((self.factor > 1.0) & ~(self.widening <= MOST_FACTOR))
+        if not wide.size:
             return ""
         s = max(wide, key=lambda each: float(self.widening[each]))
         return (
@@ -132,7 +167,7 @@ class NoiseFactors:
         )
 
     def as_object(self) -> dict[str, Any]:
-        """Return what one fit found by sensor, as JSON can hold it."""
+        """Return what was found of each sensor, as JSON can hold it."""
         return {
             name: {
                 "factor": float(self.factor[s]),
@@ -147,7 +182,10 @@ class NoiseFactors:
         }
 
 
-WEIGHTS: Final = ("judged", "stated")
+NOT_JUDGED: Final = NoiseFactors(
+    sources=(), factor=np.ones(0), widening=np.ones(0), dof=np.zeros(0), items=(),
+    worst=np.zeros(0, int), deviations=np.zeros(0), p_value=float("nan"),
+)  # fmt: skip
 
 
 def judged(
@@ -184,22 +222,6 @@ def judged(
     return found, _Left(rows, factor).told(factor)
 
 
-def stacked(found: Sequence[NoiseFactors | None]) -> NoiseFactors:
-    """Those of several fits as those of a batch; NaN for one that has none."""
-    first = next((each for each in found if each is not None), None)
-    shape = (len(found), 0 if first is None else len(first.sources))
-    values = {name: np.full(shape, np.nan) for name in _VALUES}
-    values["worst"] = np.full(shape, -1)
-    for i, each in enumerate(found):
-        for name in values if each is not None else ():
-            values[name][i] = getattr(each, name)
-    return NoiseFactors(
-        sources=() if first is None else first.sources,
-        items=() if first is None else first.items,
-        **values,
-    )
-
-
 class _Left:
     # what the parameters cannot explain of the rows, in units of the fit's noise
     def __init__(self, rows: Residuals, made_with: Float[Array, " s"]) -> None:
@@ -214,6 +236,8 @@ class _Left:
         self.Z = np.linalg.qr(J, mode="complete")[0][:, J.shape[1] :]
         self.y = self.Z.T @ (white @ rows.r)
         self.V = [self.Z.T @ part @ self.Z for part in self.parts]
+        means = self.moments(np.ones(len(self.V)))[:, 1]
+        self.free = [s for s, mean in enumerate(means) if mean > _TOLD]
 
     def moments(self, factor: Float[Array, " s"]) -> Float[Array, "s 3"]:
         """Of each source: its part of chi-square at these, mean, and variance."""
@@ -228,20 +252,22 @@ class _Left:
             ]
         )
 
+    def p_value(self) -> float:
+        """Chance that noise as stated leaves as much, in all rows or of any source."""
+        value, rows = self.moments(np.ones(len(self.V))), self.y.size
+        every = [(value[:, 0].sum(), rows, 2.0 * rows), *value[self.free]]
+        return min(1.0, len(every) * min(map(_chance, every)))
+
     def factors(self) -> Float[Array, " s"]:
         """Of the standard deviations: what the residuals ask for, 1 at the least."""
-        count = len(self.V)
-        ones = np.ones(count)
-        value, rows = self.moments(ones), self.y.size
-        free = [s for s in range(count) if value[s, 1] > _TOLD]
-        every = [value[:, 0].sum(), rows, 2.0 * rows], *value[free]
-        if not free or min(map(_chance, every)) >= CHANCE / (len(free) + 1):
-            return ones
+        free = list(self.free)
+        if not free or self.p_value() >= CHANCE:
+            return np.ones(len(self.V))
         while True:
             factor = self._balanced(free)
             chances = [self._chance_at_stated(factor, s) for s in free]
             most = int(np.argmax(chances))
-            if len(free) == 1 or chances[most] < CHANCE / (count + 1):
+            if len(free) == 1 or chances[most] < CHANCE / (len(self.V) + 1):
                 return factor
             free.pop(most)
 
@@ -279,6 +305,7 @@ class _Left:
             dof=value[:, 1],
             items=tuple(each.item for each in self.sources),
             worst=worst,
+            p_value=self.p_value(),
             deviations=factor
             * np.array([d[k] for d, k in zip(far, worst, strict=True)]),
         )

@@ -29,7 +29,6 @@ from simval.multiposition.calibration import LogCalibration, white_noise
 from simval.multiposition.compass import compass_pose_noise
 from simval.multiposition.described import log_lines, sensor_lines
 from simval.multiposition.pose_noise import PoseNoise
-from simval.multiposition.together import fit_together
 from simval.noise import NoiseFile
 from simval.poses import PARAMETERS
 from simval.shapes import Float
@@ -157,7 +156,7 @@ def calibrate_sensors(
         magnetometer=None if compass is None else compass[0],
         together=None,
         compass_noise=None if compass is None else compass[1],
-        reasons=() if imu is None else imu.reasons,
+        reasons=() if imu is None else (*imu.reasons, *imu.gyroscope.noise.sentences),
         left_out=left_out,
     )
     if imu is None or compass is None or log.magnetometer is None:
@@ -172,14 +171,21 @@ def _all(
     samples: Float[Array, "n 3"],
 ) -> ImuCalibration:
     # the three sensors as one fit has them, or two and two as they are
+    from simval.calibrate import calibrate_nine_axis
     from simval.calibrate.gyroscope.imu import joined
 
-    fields = interval_means(samples, found.log.intervals)
+    fields, reduced = interval_means(samples, found.log.intervals), imu.reduced
     try:
-        fit, said = fit_together(imu, compass[0], fields, compass[1].std)
+        fit = calibrate_nine_axis(
+            reduced.moves, reduced.poses, fields, imu.gyroscope, compass[0],
+            pose_std=reduced.pose_std, field_std=compass[1].std,
+            angle_random_walk=reduced.angle_random_walk,
+            bias_random_walk=reduced.bias_random_walk,
+            known_bias=reduced.known_bias, bias_std=reduced.bias_std,
+        ).require_converged()  # fmt: skip
     except RefusedError as error:
-        said = (f"the three sensors are not fitted together: {error}",)
-        return replace(found, reasons=(*found.reasons, *said))
+        said = f"the three sensors are not fitted together: {error}"
+        return replace(found, reasons=(*found.reasons, said))
     own = fit.gyroscope
     return replace(
         found,
@@ -190,7 +196,7 @@ def _all(
         gyroscope=own,
         magnetometer=fit.magnetometer,
         together=fit,
-        reasons=(*found.reasons, *said),
+        reasons=(*imu.reasons, *fit.noise.sentences),
     )  # fmt: skip
 
 

@@ -135,7 +135,7 @@ class Tumble:
         return calibrate_gyroscope(
             moves, poses, fit, pose_std=self.pose_std, angle_random_walk=self.walk,
             estimator=self.parameters.estimator, start=np.eye(3),
-            bias="first rest" if known else "constant", weights="stated",
+            bias="first rest" if known else "constant",
         ).require_converged()  # fmt: skip
 
     def bound(self, pieces: int = PIECES) -> Float[Array, "12 12"]:

@@ -106,7 +106,7 @@ def _fitted(some: slice, **options: Any) -> Float[Array, "k 3 3"]:
     return np.asarray(
         calibrate_gyroscope(
             moves, poses[some], acc, pose_std=POSE_STD, angle_random_walk=WALK,
-            start=np.eye(3), weights="stated", **options,
+            start=np.eye(3), **options,
         ).M
     )  # fmt: skip
 

@@ -7,12 +7,12 @@ import numpy as np
 
 from simval.arguments import choice, instance
 from simval.arrays import Array, physical_array
-from simval.calibrate.factors import WEIGHTS, NoiseFactors, judged, stacked
+from simval.calibrate.factors import NOT_JUDGED, NoiseFactors, judged
 from simval.calibrate.gyroscope.fit import A, Fitted, approach, ended, residuals
 from simval.calibrate.gyroscope.gravity import across, directions
 from simval.calibrate.gyroscope.moves import Moves, taken
 from simval.calibrate.gyroscope.noise import checked_pose_std
-from simval.calibrate.gyroscope.outcome import NUMBERS, degrees_of_freedom, empty, write
+from simval.calibrate.gyroscope.outcome import degrees_of_freedom, empty, write
 from simval.calibrate.gyroscope.refusal import relative_rows, require_told, worst_sd
 from simval.calibrate.gyroscope.result import GyroscopeFit
 from simval.calibrate.gyroscope.setting import Given, Setting, setting_of
@@ -41,7 +41,6 @@ def calibrate_gyroscope(
     known_bias: Any = None,
     bias_std: Any = None,
     start: Any = None,
-    weights: str = "judged",
 ) -> GyroscopeFit:
     """Fit M and B of a gyroscope to the moves between rests, one log or a batch.
 
@@ -77,9 +76,6 @@ def calibrate_gyroscope(
         noise if not given.
     start : array_like, optional
         M to start from, (3, 3); found by itself if not given.
-    weights : {"judged", "stated"}
-        Whether a joint fit gives a sensor more noise where its residuals do not bear
-        what is stated of it, see `simval.calibrate.factors`.
 
     Returns
     -------
@@ -94,14 +90,14 @@ def calibrate_gyroscope(
         If the moves of one log do not tell the parameters. In a batch such a trial has
         a status that says so, and NaN for its numbers.
     RefusedError
-        If the residuals of one log are far beyond the noise of a sensor; in a batch as
-        above.
+        If the residuals of one log are far beyond the noise of a sensor.
 
     Notes
     -----
     IMU-TK's calibration is ``estimator="unweighted", bias="first rest"`` on moves of
     ``scheme="linear"``. The covariance is that of the stated noise, for each estimator
-    its own (`simval.calibrate.gyroscope.solve`).
+    its own (`simval.calibrate.gyroscope.solve`); where the residuals of one log do not
+    bear that, a joint fit takes what they show (`simval.calibrate.factors`).
     """
     instance("moves", moves, Moves)
     instance("accelerometer", accelerometer, FitResult)
@@ -112,7 +108,6 @@ def calibrate_gyroscope(
         bias_std=bias_std, clock_jitter=clock_jitter,
     )  # fmt: skip
     estimator = choice("estimator", estimator, ESTIMATORS)
-    weights = choice("weights", weights, WEIGHTS)
     setting = setting_of(
         moves, readings, given, model=accelerometer.model,
         residual=accelerometer.residual, g=accelerometer.g, estimator=estimator,
@@ -128,25 +123,20 @@ def calibrate_gyroscope(
     result = empty(len(M), moves, setting, estimator, condition)
     trials = np.flatnonzero(good)
     part = moves if good.all() else taken(moves, good)
-    chosen = _of_trial(setting, good)
+    chosen = replace(setting, bias_value=setting.bias_value[good])
     start = theta[good], M[good], chosen.bias_value
     for at, found in ended(part, readings[good], chosen, start):
         here = trials[at]
         write(result, here, found, taken(moves, here), chosen)
-    noise: list[NoiseFactors | None] = [None] * len(M)
+    result["status"] = np.where(
+        good, result["status"], [f"refused: {text}" for text in refusals]
+    )
+    noise = NOT_JUDGED
     # a noise of zero, or below rounding, is no statement
     stated = setting.noise.pose_std == checked_pose_std(pose_std, readings.shape[1])
-    if weights == "judged" and setting.joint and stated.all():
-        for i in trials:
-            one = [int(i)]
-            problem = taken(moves, one), readings[one], _of_trial(setting, one)
-            first = found if len(M) == 1 else _again(problem, result, one)
-            told = _rewritten(result, one, problem, first)
-            noise[i], refusals[i] = told, told.refusal
-    if single and refusals[0]:
-        raise RefusedError(refusals[0])
-    for i in np.flatnonzero(refusals):
-        result["status"][i] = f"refused: {refusals[i]}"
+    if single and setting.joint and stated.all():
+        found, noise = _weighed(moves, readings, setting, found)
+        write(result, trials, found, moves, setting.noisier(*noise.factor))
     if single:
         sd, _ = worst_sd(result["covariance"][0, A : 2 * A, A : 2 * A], found.M[0])
         rows = relative_rows(found.linear.by_gyroscope[0], found.M[0])
@@ -157,48 +147,24 @@ def calibrate_gyroscope(
         estimator=estimator,
         bias=bias,
         dof=degrees_of_freedom(moves, setting),
-        noise=noise[0] if single and noise[0] else stacked(noise),
+        noise=noise,
         **result,
     )
 
 
-_Problem = tuple[Moves, Float[Array, "t n 3"], Setting]
-
-
-def _of_trial(setting: Setting, trials: Any) -> Setting:
-    return replace(setting, bias_value=setting.bias_value[trials])
-
-
-def _last(problem: _Problem, start: tuple[Array, Array, Array]) -> Fitted:
-    *_, (_, found) = ended(*problem, start)
-    return found
-
-
-def _again(problem: _Problem, result: dict[str, Any], trial: Any) -> Fitted:
-    # one trial of a batch, from where it ended
-    values = result["parameters"][trial]
-    B = values[:, A:] - problem[0].centre
-    start = result["accelerometer"][trial], values[:, :A].reshape(-1, 3, 3), B
-    return _last(problem, start)
-
-
-def _rewritten(
-    result: dict[str, Any], trial: Any, problem: _Problem, first: Fitted
-) -> NoiseFactors:
-    # write one trial again by the noise that its residuals ask for, if it is more
-    moves, poses, stated = problem
-
+def _weighed(
+    moves: Moves, readings: Float[Array, "1 n 3"], setting: Setting, found: Fitted
+) -> tuple[Fitted, NoiseFactors]:
+    # by the noise that the residuals ask for, where it is more than stated
     def fit(last: Fitted, factor: Any) -> Fitted:
-        noisier = moves, poses, stated.noisier(*factor)
-        return _last(noisier, (last.theta, last.M, last.B))
+        start = last.theta, last.M, last.B
+        *_, (_, found) = ended(moves, readings, setting.noisier(*factor), start)
+        return found
 
-    found, noise = judged(first, fit, residuals)
+    found, noise = judged(found, fit, residuals)
     if noise.refusal:
-        for name in NUMBERS:
-            result[name][trial] = np.nan
-    elif not noise.borne:
-        write(result, trial, found, moves, stated.noisier(*noise.factor))
-    return noise
+        raise RefusedError(noise.refusal)
+    return found, noise
 
 
 def _readings(

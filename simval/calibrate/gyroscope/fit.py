@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from simval.arrays import Array
-from simval.calibrate.factors import Residuals, Source
+from simval.calibrate.factors import Residuals
 from simval.calibrate.gyroscope.gravity import (
     Gravity,
     across,
@@ -197,36 +197,24 @@ def ended(
     theta, M, B = map(np.array, start)
     at = np.arange(len(M))
     for _ in range(MOST_LINEAR):
+        if not at.size:
+            break
         part = moves if len(at) == len(M) else taken(moves, at)
         chosen = replace(setting, bias_value=setting.bias_value[at])
         found = iterate(part, poses[at], chosen, theta[at], M[at], B[at])
         yield at, found
         theta[at], M[at], B[at] = found.theta, found.M, found.B
         at = at[found.moved > MOVED]
-        if not at.size:
-            break
 
 
 def residuals(found: Fitted) -> Residuals:
-    """Rows of one joint fit, and what is noise of the accelerometer in them."""
+    """Rows of one joint fit, and whose noise is in them."""
     gain, L = found.linear.gain, found.linear.L[0]
-    rows, gaps = len(L), found.linear.by_gyroscope.shape[1]
     root = np.linalg.inv(gain.white[0])
-    poses, moves = np.moveaxis(L.reshape(rows, -1, 3), 1, 0), np.eye(rows, gaps)
-    return Residuals(
-        r=found.r[0],
-        J=gain.J[0],
-        sources=(
-            Source(
-                name="accelerometer", covariance=L @ L.T, items=poses, item="rest",
-                parameters=slice(0, A),
-            ),
-            Source(
-                name="gyroscope", covariance=root @ root.T - L @ L.T,
-                items=np.moveaxis(moves.reshape(rows, -1, 2), 1, 0), item="move",
-                parameters=slice(A, None),
-            ),
-        ),
+    return Residuals.of_rests_and_moves(
+        found.r[0], gain.J[0], root @ root.T,
+        {"accelerometer": (L.reshape(len(L), -1, 3), slice(0, A))},
+        (found.linear.E.shape[1], 2, slice(A, None)),
     )  # fmt: skip
 
 

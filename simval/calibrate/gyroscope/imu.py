@@ -155,7 +155,7 @@ def calibrate_imu(
     return ImuFit(
         accelerometer=acc,
         gyroscope=fit,
-        reasons=(said, found.reason, *fit.noise.sentences),
+        reasons=(said, found.reason),
         G=found.G,
         reduced=reduced,
     )

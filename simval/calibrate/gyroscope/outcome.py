@@ -1,6 +1,6 @@
 """The numbers of a batch of fits, refused trials among them."""
 
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -9,10 +9,6 @@ from simval.calibrate.gyroscope.fit import MOVED, A, Fitted
 from simval.calibrate.gyroscope.moves import Moves
 from simval.calibrate.gyroscope.setting import Setting
 from simval.shapes import Float
-
-NUMBERS: Final = (
-    "parameters", "accelerometer", "covariance", "gap_angles", "chi2_per_dof", "step",
-)  # fmt: skip
 
 
 def degrees_of_freedom(moves: Moves, setting: Setting) -> int:

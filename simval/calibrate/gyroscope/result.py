@@ -59,7 +59,7 @@ class GyroscopeFit:
         What a further step would be, over its standard deviation, (...).
     noise : NoiseFactors
         By how much the noise of each sensor was taken to exceed what was stated, with
-        which covariance and chi-square are; empty unless the fit is joint and judged.
+        which covariance and chi-square are; empty for a batch and a fit of one sensor.
     """
 
     model: str

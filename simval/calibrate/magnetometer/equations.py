@@ -20,6 +20,7 @@ The 22 parameters stand in the order: nine of the accelerometer, the rows of
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -105,6 +106,20 @@ def jacobian(
     result[..., 2, IRON] = -(u @ at.matrix_m)
     result[..., 2, DIP] = 1.0
     return result
+
+
+def reach(at: Corrected, readings: Any) -> Float[Array, "t n 3 2 3"]:
+    """What unit noises of the axes of both sensors do to the equations, eq. (M4)."""
+    u, v = at.up, at.field
+    L = np.zeros((*u.shape[:2], 3, 2, 3))
+    L[:, :, 0, 0] = 2.0 * (u @ at.matrix_a)
+    L[:, :, 1, 1] = 2.0 * (v @ at.matrix_m)
+    L[:, :, 2, 0] = v @ at.matrix_a
+    L[:, :, 2, 1] = u @ at.matrix_m
+    stds = readings.accelerometer_std, readings.magnetometer_std
+    for sensor, std in enumerate(stds):  # of each pose, or of each of its axes
+        L[:, :, :, sensor] *= std.reshape(*u.shape[:2], 1, -1)
+    return L
 
 
 def whitener(at: Corrected, readings: Readings) -> Float[Array, "t n 3 3"]:

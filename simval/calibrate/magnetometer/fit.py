@@ -12,6 +12,12 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array
+from simval.calibrate.factors import (
+    NOT_JUDGED,
+    NoiseFactors,
+    Residuals,
+    judged,
+)
 from simval.calibrate.magnetometer import refusals
 from simval.calibrate.magnetometer.arguments import (
     Options,
@@ -21,10 +27,12 @@ from simval.calibrate.magnetometer.arguments import (
     refuse_repeated,
 )
 from simval.calibrate.magnetometer.equations import (
+    ACCELEROMETER,
     DIP,
     IRON,
     MATRIX,
     PARAMETERS,
+    reach,
 )
 from simval.calibrate.magnetometer.few import solve
 from simval.calibrate.magnetometer.findings import Found, Single, look
@@ -104,6 +112,12 @@ def calibrate_magnetometer(
         has a status that says so, and NaN for its numbers.
     RefusedError
         If one set has duplicate poses, or says too little for what it scatters.
+
+    Notes
+    -----
+    Where the residuals of one set do not bear the stated noise, parameters and error
+    bars are by what they show (`simval.calibrate.factors`), except beside a `known`
+    accelerometer; chi-squares and findings are by what is stated.
     """
     options = Options(
         g=g, field=field, model=model, hemisphere=hemisphere,
@@ -128,7 +142,11 @@ def calibrate_magnetometer(
     ]
     numbers = {k: np.concatenate([p.numbers[k] for p in parts]) for k in _SHAPES}
     found = Found(pose_chi_square=np.zeros(0), disturbed=(), findings=())
+    noise_factors = NOT_JUDGED
     if single:
+        weighed, noise_factors = _weighed(parts[0], options)
+        for name in ("parameters", "covariance", "half_width", "code"):
+            numbers[name] = weighed.numbers[name]
         code = int(numbers["code"][0])
         if code > Code.MAX_ITERATIONS:
             _refuse(code, named, parts[0], noise)
@@ -145,6 +163,7 @@ def calibrate_magnetometer(
         disturbed=found.disturbed,
         findings=found.findings,
         assumption=ASSUMPTIONS[options.hemisphere],
+        noise=noise_factors,
         **numbers,
     )
 
@@ -191,6 +210,35 @@ def _fit_block(scaled: Scaled, options: Options) -> _Block:
         value[bad] = np.nan
     numbers |= {"code": code, "iterations": solution.iterations}
     return _Block(numbers=numbers, scaled=scaled, theta=theta, summary=summary, dof=dof)
+
+
+def _weighed(block: _Block, options: Options) -> tuple[_Block, NoiseFactors]:
+    # one set by the noise that its residuals ask for, where it is more than stated
+    def fit(_: _Block, factor: Any) -> _Block:
+        return _fit_block(block.scaled.noisier(*factor), options)
+
+    if block.numbers["code"][0] != Code.CONVERGED or options.known is not None:
+        return block, NOT_JUDGED
+    return judged(block, fit, _residuals)
+
+
+def _residuals(block: _Block) -> Residuals:
+    # whitened equations of the first trial, and whose noise is in them
+    here, readings = block.summary.here, block.scaled.readings
+    own = np.einsum(
+        "nij,njsm->nism", here.whiten[0], reach(block.summary.at, readings)[0]
+    )
+    count, each = len(own), np.arange(len(own))
+    spread = np.zeros((count, 3, count, 2, 3))
+    spread[each, :, each] = own
+    L = spread.reshape(3 * count, count, 2, 3)
+    return Residuals.of_rests_and_moves(
+        here.rows[0], here.slopes[0], np.eye(3 * count),
+        {
+            "accelerometer": (L[:, :, 0], ACCELEROMETER),
+            "magnetometer": (L[:, :, 1], slice(ACCELEROMETER.stop, PARAMETERS)),
+        },
+    )  # fmt: skip
 
 
 def _twin(theta: Float[Array, "t 22"], hemisphere: str) -> Float[Array, "t 22"]:

@@ -8,6 +8,7 @@ import numpy as np
 from simval.arrays import Array, frozen
 from simval.calibrate.converged import require_all
 from simval.calibrate.described import magnetometer_text
+from simval.calibrate.factors import NoiseFactors
 from simval.calibrate.intervals import normal_intervals
 from simval.calibrate.magnetometer.equations import ACCELEROMETER, DIP, IRON, MATRIX
 from simval.errors import InputError
@@ -59,6 +60,9 @@ class MagnetometerFit:
         Poses that do not fit the others, the worst first; empty for a batch.
     findings : tuple of str
         What is to be known before the numbers are used, the gravest first.
+    noise : NoiseFactors
+        By how much the noise of each sensor was taken to exceed what was stated, with
+        which the covariance is; empty for a batch, and beside a known accelerometer.
     assumption : str
         What picked the fit from its exact twin (-M, -dip).
     """
@@ -76,6 +80,7 @@ class MagnetometerFit:
     pose_chi_square: Float[Array, " n"]
     disturbed: tuple[int, ...]
     findings: tuple[str, ...]
+    noise: NoiseFactors
     assumption: str
 
     def __post_init__(self) -> None:

@@ -1,6 +1,6 @@
 """The scaled units of the fit: middle and size of both sensors' readings."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -29,6 +29,16 @@ class Scaled:
     finite: Any  # bool, (t,)
     sizes: Float[Array, "t 22"]
     shifts: Float[Array, "t 22"]
+
+    def noisier(self, accelerometer: float, magnetometer: float) -> "Scaled":
+        """The same with so many times the noise of either sensor."""
+        own = self.readings
+        readings = replace(
+            own,
+            accelerometer_std=own.accelerometer_std * accelerometer,
+            magnetometer_std=own.magnetometer_std * magnetometer,
+        )
+        return replace(self, readings=readings)
 
     def physical(
         self, theta: Float[Array, "t 22"], covariance: Float[Array, "t 22 22"]

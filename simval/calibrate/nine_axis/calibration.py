@@ -7,6 +7,7 @@ import numpy as np
 
 from simval.arguments import instance
 from simval.arrays import Array, physical_array
+from simval.calibrate.factors import NOT_JUDGED, NoiseFactors, judged
 from simval.calibrate.gyroscope.moves import Moves, taken
 from simval.calibrate.gyroscope.noise import checked_pose_std
 from simval.calibrate.gyroscope.result import GyroscopeFit
@@ -20,9 +21,9 @@ from simval.calibrate.magnetometer.result import MagnetometerFit
 from simval.calibrate.magnetometer.scaling import Scaled, scale
 from simval.calibrate.nine_axis.outcome import COUNT, empty, result_of, write
 from simval.calibrate.nine_axis.result import NineAxisFit
-from simval.calibrate.nine_axis.rows import EACH, Problem, State
-from simval.calibrate.nine_axis.solve import solve
-from simval.errors import InputError
+from simval.calibrate.nine_axis.rows import EACH, Problem, State, residuals
+from simval.calibrate.nine_axis.solve import Solved, solve
+from simval.errors import InputError, RefusedError
 from simval.shapes import Float
 
 _FLOOR: Final = 1e-11  # of the readings' own size, as for the other noises
@@ -80,6 +81,8 @@ def calibrate_nine_axis(
     ------
     InputError
         If an argument is not usable, or the fits are not of the same recordings.
+    RefusedError
+        If the residuals of one recording are far beyond the noise of a sensor.
     """
     instance("moves", moves, Moves)
     instance("gyroscope", gyroscope, GyroscopeFit)
@@ -99,6 +102,7 @@ def calibrate_nine_axis(
     )  # fmt: skip
     good = _usable(gyroscope, magnetometer)
     result = empty(good, gyroscope, magnetometer)
+    told = NOT_JUDGED
     if good.any():
         part = moves if good.all() else taken(moves, good)
         chosen = replace(setting, bias_value=setting.bias_value[good])
@@ -106,7 +110,25 @@ def calibrate_nine_axis(
         problem = _problem(part, chosen, scaled, noise)
         found = solve(problem, _start(part, scaled, gyroscope, magnetometer, good))
         write(result, good, found, problem, scaled)
-    return result_of(result, gyroscope, magnetometer, 2 * EACH * count - COUNT)
+        if gyroscope.parameters.ndim == 1 and all(np.all(std > 0.0) for std in noise):
+            found, told = _weighed(problem, found)
+            write(result, good, found, problem.noisier(*told.factor), scaled)
+    dof = 2 * EACH * count - COUNT
+    return result_of(result, gyroscope, magnetometer, dof, told)
+
+
+def _weighed(problem: Problem, stated: Solved) -> tuple[Solved, NoiseFactors]:
+    # by the noise that the residuals ask for, where it is more than stated
+    found, noise = judged(
+        stated,
+        lambda last, factor: solve(problem.noisier(*factor), last.state),
+        lambda last: residuals(last.linear),
+    )
+    if not found.converged[0]:  # residuals of no solution
+        return stated, NOT_JUDGED
+    if noise.refusal:
+        raise RefusedError(noise.refusal)
+    return found, noise
 
 
 def checked_field_std(value: Any, count: int) -> Float[Array, "n 3"]:

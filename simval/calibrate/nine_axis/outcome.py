@@ -5,6 +5,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from simval.calibrate.factors import NoiseFactors
 from simval.calibrate.gyroscope.result import GyroscopeFit
 from simval.calibrate.magnetometer.equations import DIP, PARAMETERS
 from simval.calibrate.magnetometer.result import MagnetometerFit
@@ -81,6 +82,7 @@ def result_of(
     gyroscope: GyroscopeFit,
     magnetometer: MagnetometerFit,
     dof: int,
+    noise: NoiseFactors,
 ) -> NineAxisFit:
     """Return all trials, or the one of a recording, with each sensor's own part."""
     if gyroscope.parameters.ndim == 1:
@@ -88,7 +90,7 @@ def result_of(
     parameters, covariance = result["parameters"], result["covariance"]
     ratio = result["chi2"] / dof if dof > 0 else result["chi2"] * np.nan
     poses = np.r_[0:9, 21:34]  # accelerometer and magnetometer
-    shared = {key: result[key] for key in ("status", "iterations")}
+    shared = {key: result[key] for key in ("status", "iterations")} | {"noise": noise}
     return NineAxisFit(
         parameters=parameters,
         covariance=covariance,

@@ -8,6 +8,7 @@ import numpy as np
 from simval.arrays import Array, frozen
 from simval.calibrate.converged import require_all
 from simval.calibrate.described import nine_axis_text
+from simval.calibrate.factors import NoiseFactors
 from simval.calibrate.gyroscope.result import NAMES, GyroscopeFit
 from simval.calibrate.intervals import normal_intervals
 from simval.calibrate.magnetometer.result import OWN_NAMES, MagnetometerFit
@@ -42,6 +43,9 @@ class NineAxisFit:
         Weighted sum of squares of all rows by degree of freedom, (...).
     step : Array
         The last step, over its standard deviation, (...).
+    noise : NoiseFactors
+        By how much the noise of each sensor was taken to exceed what was stated, with
+        which covariance and chi-square are; empty for a batch.
     gyroscope : GyroscopeFit
         The gyroscope with the numbers of this fit; its `dof` and `chi2_per_dof` are
         those of all rows.
@@ -58,6 +62,7 @@ class NineAxisFit:
     iterations: Any
     chi2_per_dof: Float[Array, "..."]
     step: Float[Array, "..."]
+    noise: NoiseFactors
     gyroscope: GyroscopeFit
     magnetometer: MagnetometerFit
 

@@ -18,11 +18,12 @@ parameters stand in the order: nine of the accelerometer, the rows of :math:`M_m
 :math:`b_m`, s, and then the rows of the gyroscope's M, and B.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from simval.arrays import Array
+from simval.calibrate.factors import Residuals
 from simval.calibrate.gyroscope.gravity import Gravity, across, gravity
 from simval.calibrate.gyroscope.moves import Moves
 from simval.calibrate.gyroscope.rows import Rows, covariance_of
@@ -40,6 +41,7 @@ from simval.calibrate.magnetometer.equations import (
     Readings,
     corrected,
     jacobian,
+    reach,
     residual,
 )
 from simval.geometry import normalize
@@ -58,6 +60,17 @@ class Problem:
     accelerometer_std: Float[Array, "t n 3"]  # scaled, as the readings
     magnetometer_std: Float[Array, "t n 3"]
 
+    def noisier(
+        self, accelerometer: float, magnetometer: float, gyroscope: float
+    ) -> "Problem":
+        """The same with so many times the noise of each sensor."""
+        return replace(
+            self,
+            setting=self.setting.noisier(accelerometer, gyroscope),
+            accelerometer_std=self.accelerometer_std * accelerometer,
+            magnetometer_std=self.magnetometer_std * magnetometer,
+        )
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class State:
@@ -74,6 +87,7 @@ class Linear:
 
     r: Float[Array, "t r"]
     gain: Gain
+    L: Float[Array, "t r m"]  # unit noises of the poses to the rows, six each
     at: Corrected
     C: Float[Array, "t k 3 3"]  # turns of the moves
     u: Float[Array, "t n 3"]
@@ -112,10 +126,25 @@ def linearise(problem: Problem, state: State) -> Linear:
     return Linear(
         r=np.concatenate(r, axis=1),
         gain=gain(J, V, weighted=True),
+        L=np.pad(L, ((0, 0), (0, ends), (0, 0))),
         at=at,
         C=moved.C,
         u=found.u,
     )
+
+
+def residuals(linear: Linear) -> Residuals:
+    """Rows of one fit, and whose noise is in them."""
+    L = linear.L[0].reshape(len(linear.L[0]), -1, 2, 3)
+    root = np.linalg.inv(linear.gain.white[0])
+    return Residuals.of_rests_and_moves(
+        linear.r[0], linear.gain.J[0], root @ root.T,
+        {
+            "accelerometer": (L[:, :, 0], ACCELEROMETER),
+            "magnetometer": (L[:, :, 1], slice(ACCELEROMETER.stop, PARAMETERS)),
+        },
+        (linear.C.shape[1], EACH, slice(PARAMETERS, None)),
+    )  # fmt: skip
 
 
 def gap_rows(problem: Problem, found: Gravity, at: Corrected, moved: Turn) -> Rows:
@@ -157,15 +186,9 @@ def gap_rows(problem: Problem, found: Gravity, at: Corrected, moved: Turn) -> Ro
 
 def pose_noise(problem: Problem, at: Corrected) -> Float[Array, "t r m"]:
     """Map from unit noises to the equations of the poses, eq. (M4)."""
-    u, v = at.up, at.field
-    t, n = u.shape[:2]
-    reach = np.zeros((t, n, EACH, 6))
-    reach[:, :, 0, :3] = 2.0 * (u @ at.matrix_a)
-    reach[:, :, 1, 3:] = 2.0 * (v @ at.matrix_m)
-    reach[:, :, 2, :3] = v @ at.matrix_a
-    reach[:, :, 2, 3:] = u @ at.matrix_m
-    reach[..., :3] *= problem.accelerometer_std[:, :, None]
-    reach[..., 3:] *= problem.magnetometer_std[:, :, None]
+    t, n = at.up.shape[:2]
     whole, each = np.zeros((t, n, EACH, n, 6)), np.arange(n)
-    whole[:, each, :, each] = np.moveaxis(reach, 1, 0)
+    whole[:, each, :, each] = np.moveaxis(
+        reach(at, problem).reshape(t, n, EACH, 6), 1, 0
+    )
     return whole.reshape(t, EACH * n, 6 * n)
