@@ -65,4 +65,8 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     """List the public names too, though they are not imported yet."""
-    return sorted({*globals(), *__all__})
+    import sys
+
+    from simval.faces import offered
+
+    return offered(sys.modules[__name__])

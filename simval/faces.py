@@ -38,8 +38,20 @@ class Face(ModuleType):
             super().__setattr__(name, value)
 
     def __dir__(self) -> Iterable[str]:
-        """List the public names too, though they may not be imported yet."""
-        return sorted({*vars(self), *self._homes})
+        """List what a completion should offer: public names and the modules inside."""
+        return offered(self)
+
+
+def offered(package: ModuleType) -> list[str]:
+    """Public names of a package, imported yet or not, and its modules that are."""
+    own = vars(package)
+    inside = [
+        name
+        for name, value in own.items()
+        if name.startswith("__")
+        or getattr(value, "__name__", "") == f"{own['__name__']}.{name}"
+    ]
+    return sorted({*own["__all__"], *inside})
 
 
 def present(package: str, file: str) -> None:

@@ -5,6 +5,7 @@ once anything has imported this package, the package itself under the same name,
 both do the same.
 """
 
+import inspect
 import sys
 from typing import TYPE_CHECKING, Any
 
@@ -58,6 +59,14 @@ class _CallableFace(Face):
     # the parent offers under it
     def __call__(self, *arguments: Any, **options: Any) -> Any:
         return self.calibrate(*arguments, **options)
+
+    @property
+    def __signature__(self) -> inspect.Signature:
+        return inspect.signature(self.calibrate)
+
+    @property
+    def __doc__(self) -> str:  # type: ignore[override]
+        return f"{vars(self)['__doc__']}\n{inspect.getdoc(self.calibrate)}\n"
 
 
 sys.modules[__name__].__class__ = _CallableFace

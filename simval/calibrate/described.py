@@ -132,7 +132,9 @@ def matrix_lines(fit: Any) -> list[str]:
     name, matrix = ("K", fit.K) if fit.model == "symmetric" else ("T", fit.T)
     product = "K (reading - b)" if name == "K" else "T diag(K) (reading - B)"
     rows = ["  ".join(f"{entry:15.8g}" for entry in row) for row in matrix]
-    return [f"force = {product}, with {name} =", *(f"  {row}" for row in rows)]
+    return [f"force = {product}, with {name} =", *(f"  {row}" for row in rows)] + [
+        f"  where {note}" for note in forms.sign_notes(fit.model)
+    ]
 
 
 def _kind(fit: Any) -> str:

@@ -10,6 +10,7 @@ from simval.arrays import Array, frozen
 from simval.calibrate.described import accelerometer_text
 from simval.calibrate.intervals import around, one_tail
 from simval.errors import ConvergenceError, InputError
+from simval.notebooks import ShownFit
 from simval.sensor import AccelerometerModel, forms
 from simval.shapes import Float
 
@@ -38,7 +39,7 @@ def raw_unit(length: float) -> str:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FitResult:
+class FitResult(ShownFit):
     """Calibration of one pose set, or of a batch of trials.
 
     Leading axes ``...`` are empty for one set and (trials,) for a batch; a trial

@@ -78,6 +78,15 @@ def entries(model: str) -> tuple[tuple[str, float], ...]:
     return off + known[3:]
 
 
+def sign_notes(model: str) -> list[str]:
+    """Say which parameters are minus the entry of T that is printed."""
+    return [
+        f"parameters[{place}], {names(model)[place]}, is -{entry}"
+        for place, (entry, sign) in enumerate(entries(model))
+        if sign < 0.0
+    ]
+
+
 def matrix(
     model: str, parameters: Inexact[Array, "... 9"]
 ) -> Inexact[Array, "... 3 3"]:

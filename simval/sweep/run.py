@@ -19,6 +19,7 @@ from typing import Any
 from simval import vocabulary
 from simval.arguments import file_path
 from simval.errors import InputError
+from simval.notebooks import ShownRun
 from simval.results import COLUMNS
 from simval.sweep import store
 from simval.sweep.cells import CellResult, read_cell, read_cells, read_heads
@@ -45,8 +46,8 @@ __all__ = [
 RUNS = vocabulary.RUNS
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Run:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Run(ShownRun):
     """A run folder's content.
 
     Attributes
@@ -68,6 +69,10 @@ class Run:
     manifest: Mapping[str, Any]
     timing: Mapping[str, Any]
     places: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        suite = self.manifest.get("suite", "")
+        return f"Run({str(self.folder)!r}: suite {suite}, {len(self.cells)} cells)"
 
     def of(self, study: str) -> tuple[CellResult, ...]:
         """Finished cells of one study, in the order of the suite.

@@ -11,6 +11,7 @@ from simval.calibrate.described import gyroscope_text
 from simval.calibrate.factors import NoiseFactors
 from simval.calibrate.intervals import normal_intervals
 from simval.errors import InputError
+from simval.notebooks import ShownFit
 from simval.sensor import GyroscopeFactors, GyroscopeModel, forms, gyroscope_factors
 from simval.shapes import Float
 
@@ -22,7 +23,7 @@ _ARRAYS = (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class GyroscopeFit:
+class GyroscopeFit(ShownFit):
     """Calibration of a gyroscope beside an accelerometer, one or a batch of trials.
 
     Leading axes ``...`` are empty for one recording and (trials,) for a batch; a trial

@@ -12,6 +12,7 @@ from simval.calibrate.factors import NoiseFactors
 from simval.calibrate.intervals import normal_intervals
 from simval.calibrate.magnetometer.equations import ACCELEROMETER, DIP, IRON, MATRIX
 from simval.errors import InputError
+from simval.notebooks import ShownFit
 from simval.sensor import AccelerometerModel, MagnetometerModel, forms
 from simval.shapes import Float
 
@@ -26,7 +27,7 @@ _ARRAYS = ("parameters", "covariance", "chi_square", "half_width", "pose_chi_squ
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MagnetometerFit:
+class MagnetometerFit(ShownFit):
     """Calibration of a magnetometer on the axes of its accelerometer.
 
     Leading axes ``...`` are empty for one set and (trials,) for a batch; a trial that

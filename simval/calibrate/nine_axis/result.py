@@ -12,6 +12,7 @@ from simval.calibrate.factors import NoiseFactors
 from simval.calibrate.gyroscope.result import NAMES, GyroscopeFit
 from simval.calibrate.intervals import normal_intervals
 from simval.calibrate.magnetometer.result import OWN_NAMES, MagnetometerFit
+from simval.notebooks import ShownFit
 from simval.sensor import forms
 from simval.shapes import Float
 
@@ -21,7 +22,7 @@ _ARRAYS = ("parameters", "covariance", "chi2_per_dof", "step")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class NineAxisFit:
+class NineAxisFit(ShownFit):
     """Accelerometer, gyroscope and magnetometer in one fit, one recording or a batch.
 
     Leading axes ``...`` are empty for one recording and (trials,) for a batch; a trial

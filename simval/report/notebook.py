@@ -1,0 +1,226 @@
+"""What a notebook shows of fits and runs: tables in HTML, and axes of matplotlib."""
+
+from collections.abc import Iterable, Sequence
+from html import escape
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.calibrate import FitResult, GyroscopeFit, MagnetometerFit, NineAxisFit
+from simval.calibrate.magnetometer.equations import DIP, IRON, MATRIX
+from simval.change import EFFORT
+from simval.errors import InputError
+from simval.results import Row
+from simval.sensor import forms
+from simval.sweep import Run
+from simval.text import did_you_mean
+
+HALF = 1.96  # standard deviations of a 95 % interval
+
+
+class Kind(NamedTuple):
+    """Parameters of one kind, as they are printed."""
+
+    title: str
+    names: Sequence[str]
+    values: Array  # (..., k)
+    sd: Array
+    half: Array  # of the 95 % interval
+
+
+def plot_fit(fit: Any, axes: Any = None) -> Any:
+    """Draw each parameter with its 95 % interval, a panel for each kind."""
+    kinds = _kinds(fit)
+    if axes is None:
+        axes = _figure(len(kinds))
+    axes = np.atleast_1d(axes)
+    if len(axes) != len(kinds):
+        msg = f"`axes` has {len(axes)} panels, and this fit has {len(kinds)} kinds"
+        raise InputError(msg)
+    for panel, kind in zip(axes, kinds, strict=True):
+        values, half = kind.values, kind.half
+        if np.ndim(values) > 1:  # a batch: what its trials have
+            trials = values.reshape(-1, len(kind.names))
+            values = np.nanmean(trials, axis=0)
+            half = HALF * np.nanstd(trials, axis=0, ddof=1)
+        panel.errorbar(np.arange(len(kind.names)), values, half, fmt="o")
+        panel.set_xticks(np.arange(len(kind.names)), kind.names)
+        panel.set_title(kind.title)
+    return axes
+
+
+def fit_html(fit: Any) -> str:
+    """Each parameter with its standard deviation, and how the fit ended."""
+    if np.ndim(fit.status):
+        return f"<p>{escape(str(fit))}</p>"
+    rows = []
+    for kind in _kinds(fit):
+        for name, value, sd in zip(kind.names, kind.values, kind.sd, strict=True):
+            rows.append((name, f"{value:.8g}", f"{sd:.3g}", kind.title))
+    head = ("parameter", "value", "standard deviation", "of")
+    words = [f"{fit.status} after {int(fit.iterations)} iterations"]
+    if np.isfinite(fit.chi2_per_dof):
+        words += [f"chi-square per degree of freedom {float(fit.chi2_per_dof):.3g}"]
+    if isinstance(fit, FitResult):
+        words += forms.sign_notes(fit.model)
+    return _table(head, rows, "; ".join(words))
+
+
+def _kinds(fit: Any) -> list[Kind]:
+    """The parameters of a fit by kind; of the accelerometer as the entries of T."""
+    if isinstance(fit, NineAxisFit):
+        others = [*_kinds(fit.gyroscope), *_kinds(fit.magnetometer)[3:]]
+        return [*_accelerometer(fit.gyroscope.model, fit), *others]
+    if isinstance(fit, GyroscopeFit):
+        return [
+            _part(fit, "matrix M, rad/s per raw unit", slice(0, 9)),
+            _part(fit, "bias B, raw units", slice(9, 12)),
+        ]
+    kinds = _accelerometer(fit.model, fit)
+    if isinstance(fit, MagnetometerFit):
+        for title, part in (
+            ("matrix M of the magnetometer", MATRIX),
+            ("hard iron b, raw units", IRON),
+            ("dip, rad", slice(DIP, DIP + 1)),
+        ):
+            kinds.append(_part(fit, title, part))
+    return kinds
+
+
+def _accelerometer(model: str, fit: Any) -> list[Kind]:
+    """T, K and B, as the first nine parameters of a fit have them."""
+    names, signs = zip(*forms.entries(model), strict=True)
+    signed = np.array(signs)
+    titles = [
+        ("misalignment T", slice(0, 3)),
+        ("scale K, m/s^2 per raw unit", slice(3, 6)),
+    ]
+    if model == "symmetric":
+        titles = [("matrix K, m/s^2 per raw unit", slice(0, 6))]
+    return [
+        _part(fit, title, part, names, signed)
+        for title, part in (*titles, ("bias B, raw units", slice(6, 9)))
+    ]
+
+
+def _part(
+    fit: Any, title: str, part: slice, names: Sequence[str] = (), signs: Any = 1.0
+) -> Kind:
+    interval = fit.confidence_intervals(0.95)[..., part, :]
+    return Kind(
+        title,
+        (names or fit.names)[part],
+        (signs[part] if names else signs) * fit.parameters[..., part],
+        fit.sd[..., part],
+        (interval[..., 1] - interval[..., 0]) / 2.0,
+    )
+
+
+def plot_run(run: Run, statistic: str, along: str = "", axes: Any = None) -> Any:
+    """Draw a statistic of all finished cells with 95 % intervals, beside theory."""
+    found = _measured(run, statistic)
+    along = along or _widest(found)
+    if not any(along in cell for cell, _ in found):
+        known = {key for cell, _ in found for key in cell}
+        msg = (
+            f"no cell with {statistic} has the parameter `{along}`"
+            f"{did_you_mean(along, known)}: they have {', '.join(sorted(known))}"
+        )
+        raise InputError(msg)
+    varied = [k for k in _varied(found) if k != along]
+    lines: dict[str, list[tuple[Any, Row]]] = {}
+    for cell, row in found:
+        if along in cell:
+            label = ", ".join(f"{k} {cell[k]}" for k in varied if k in cell)
+            lines.setdefault(label, []).append((cell[along], row))
+    axes = axes if axes is not None else _figure(1)[0]
+    for label, points in lines.items():
+        points.sort(key=lambda point: point[0])
+        _draw_line(axes, label or statistic, points)
+    unit = "" if found[0][1].unit == "1" else f", {found[0][1].unit}"
+    axes.set(xlabel=along, ylabel=f"{statistic}{unit}")
+    axes.legend()
+    return axes
+
+
+def _measured(run: Run, statistic: str) -> list[tuple[dict[str, Any], Row]]:
+    """Parameters and first row of each finished cell that has a statistic."""
+    found, known = [], set()
+    for cell in run.cells:
+        if cell.status == "done":
+            rows = {str(row.statistic): row for row in reversed(cell.rows)}
+            known |= set(rows)
+            if statistic in rows:
+                named = {"study": cell.study, "seed": cell.seed, **cell.parameters}
+                found.append((named, rows[statistic]))
+    if not found:
+        msg = (
+            f"no finished cell of {run.folder} has `{statistic}`"
+            f"{did_you_mean(statistic, known)}; results.csv has all {len(known)}"
+        )
+        raise InputError(msg)
+    return found
+
+
+def _varied(found: list[tuple[dict[str, Any], Row]]) -> dict[str, int]:
+    """Parameters that are not the same in all cells, and how many values they have."""
+    keys = dict.fromkeys(key for cell, _ in found for key in cell)
+    counts = {k: len({repr(cell.get(k)) for cell, _ in found}) for k in keys}
+    return {k: n for k, n in counts.items() if n > 1 and k not in EFFORT}
+
+
+def _widest(found: list[tuple[dict[str, Any], Row]]) -> str:
+    """The number that has most values; the first one where nothing varies."""
+    first = found[0][0]
+    numbers = [k for k, v in first.items() if type(v) in (int, float)]
+    varied = _varied(found)
+    return max(numbers, key=lambda k: (varied.get(k, 1), k not in (*EFFORT, "seed")))
+
+
+def _draw_line(axes: Any, label: str, points: list[tuple[Any, Row]]) -> None:
+    at = [x for x, _ in points]
+    rows = [row for _, row in points]
+    bars = [HALF * row.standard_error for row in rows]
+    drawn = axes.errorbar(at, [row.value for row in rows], bars, fmt="o", label=label)
+    if all(row.prediction is not None for row in rows):
+        axes.plot(at, [row.prediction for row in rows], color=drawn[0].get_color())
+
+
+def run_html(run: Run) -> str:
+    """How many cells of each study a run has, and how they ended."""
+    studies: dict[str, dict[str, int]] = {}
+    for cell in run.cells:
+        endings = studies.setdefault(cell.study, {})
+        endings[cell.ending] = endings.get(cell.ending, 0) + 1
+    rows = [
+        (
+            study,
+            sum(endings.values()),
+            ", ".join(f"{n} {k}" for k, n in endings.items()),
+        )
+        for study, endings in studies.items()
+    ]
+    return _table(("study", "cells", "ended"), rows, str(run))
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[Any]], caption: str) -> str:
+    def line(tag: str, cells: Sequence[Any]) -> str:
+        inside = "".join(f"<{tag}>{escape(str(x))}</{tag}>" for x in cells)
+        return f"<tr>{inside}</tr>"
+
+    body = "".join(line("td", row) for row in rows)
+    return (
+        f"<table><caption>{escape(caption)}</caption>"
+        f"<thead>{line('th', head)}</thead><tbody>{body}</tbody></table>"
+    )
+
+
+def _figure(panels: int) -> Any:
+    from matplotlib import pyplot  # chooses how figures are shown; only here
+
+    size = (4.0 * panels, 3.2) if panels > 1 else (6.4, 4.0)
+    _, axes = pyplot.subplots(
+        1, panels, figsize=size, squeeze=False, layout="constrained"
+    )
+    return axes[0]

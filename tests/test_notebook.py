@@ -1,0 +1,147 @@
+"""In a notebook: what completion, help, tables and figures say, and the tutorial."""
+
+import ast
+import inspect
+import json
+import pydoc
+import sys
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from places import ROOT
+
+import simval
+from simval.calibrate import load_calibration
+from simval.calibrate.fit import calibrate
+from simval.errors import InputError
+from simval.poses import fibonacci_sphere
+from simval.sensor import forms
+from simval.sweep import load_run
+
+NOTEBOOKS = sorted((ROOT / "docs" / "tutorials").glob("*.ipynb"))
+
+
+@pytest.fixture(autouse=True)
+def _no_window():
+    from matplotlib import pyplot
+
+    with mpl.rc_context({"backend": "agg"}):
+        yield
+    pyplot.close("all")
+
+
+def fitted(model="triangular", trials=()):
+    rng = np.random.default_rng(3)
+    noise = 0.01 * rng.standard_normal((*trials, 24, 3))
+    return calibrate(9.80665 * fibonacci_sphere(24) + noise, model=model)
+
+
+def test_the_package_that_is_a_function_says_what_it_takes():
+    assert load_calibration.__module__ == "simval.calibrate.files"  # imported
+    assert inspect.ismodule(sys.modules["simval.calibrate"])
+    assert inspect.signature(simval.calibrate) == inspect.signature(calibrate)
+    text = pydoc.plain(pydoc.render_doc(simval.calibrate))
+    assert inspect.getdoc(calibrate).splitlines()[0] in text
+    assert "max_iterations" in inspect.getdoc(simval.calibrate)
+
+
+def test_completion_offers_names_and_modules_alone():
+    packages = [name for name in sys.modules if name.split(".")[0] == "simval"]
+    faces = [sys.modules[n] for n in packages if hasattr(sys.modules[n], "__path__")]
+    for face in (each for each in faces if "__all__" in vars(each)):
+        offered = {name for name in dir(face) if not name.startswith("__")}
+        assert set(face.__all__) - {"__version__"} <= offered
+        extra = offered - set(face.__all__)
+        assert all(f"{face.__name__}.{name}" in sys.modules for name in extra), extra
+
+
+@pytest.mark.parametrize("model", forms.MODELS)
+def test_what_is_printed_and_what_stands_in_the_parameters_is_told_apart(model):
+    fit = fitted(model)
+    shown = {**_entries(fit)}
+    for place, name in enumerate(fit.names):
+        entry = forms.entries(model)[place][0]
+        if shown[entry] != fit.parameters[place]:
+            note = f"parameters[{place}], {name}, is -{entry}"
+            assert shown[entry] == -fit.parameters[place]
+            assert note in str(fit)
+            assert note in fit._repr_html_()
+    assert ("is -" in str(fit)) == (model == "triangular")
+
+
+def _entries(fit):
+    """The entries by name, from the attributes that a user reads."""
+    if fit.model == "symmetric":
+        upper = fit.K[np.triu_indices(3)]
+        return dict(zip(fit.names, [*upper, *fit.B], strict=True))
+    off = {f"T[{i}][{j}]": fit.T[i, j] for i in range(3) for j in range(3)}
+    names = ("K_x", "K_y", "K_z", "B_x", "B_y", "B_z")
+    return off | dict(zip(names, [*fit.K, *fit.B], strict=True))
+
+
+@pytest.mark.parametrize("trials", [(), (8,)])
+@pytest.mark.parametrize("model", forms.MODELS)
+def test_a_fit_draws_what_it_printed(model, trials):
+    from matplotlib.axes import Axes
+
+    fit = fitted(model, trials)
+    panels = fit.plot()
+    assert all(isinstance(panel, Axes) for panel in panels)
+    drawn, names = [], []
+    for panel in panels:
+        drawn += list(panel.lines[0].get_ydata())
+        names += [label.get_text() for label in panel.get_xticklabels()]
+    signs = [sign for _, sign in forms.entries(model)]
+    expected = np.atleast_2d(fit.parameters).mean(axis=0) * signs
+    np.testing.assert_allclose(drawn, expected, rtol=1e-12)  # a mean of eight
+    assert names == [name for name, _ in forms.entries(model)]
+    assert fit.plot(panels) is panels
+    with pytest.raises(InputError, match=r"`axes` has 1 panels"):
+        fit.plot(panels[:1])
+
+
+def test_a_run_is_short_in_words_and_drawn_on_demand(tiny_run):
+    run = load_run(tiny_run)
+    assert len(repr(run)) < 120 + len(str(tiny_run))
+    assert "<td>calibration</td><td>2</td><td>2 done</td>" in run._repr_html_()
+    axes = run.plot("bias[x]")
+    assert axes.get_xlabel() == "noise_std"
+    rows = {
+        cell.parameters["noise_std"]: row.value
+        for cell in run.of("attitude")
+        for row in reversed(cell.rows)
+        if str(row.statistic) == "bias[x]"
+    }
+    points = axes.containers[0].lines[0]
+    assert dict(zip(points.get_xdata(), points.get_ydata(), strict=True)) == rows
+    assert len(rows) == 2
+    assert run.plot("rms[K]", axes=axes) is axes
+    with pytest.raises(InputError, match=r"did you mean `rms\[K\]`"):
+        run.plot("rms[k]")
+    with pytest.raises(InputError, match=r"has the parameter `nois`.*`noise_std`"):
+        run.plot("rms[K]", along="nois")
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_the_notebook_runs_and_keeps_no_output(path, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    content = json.loads(path.read_text(encoding="utf-8"))
+    assert content["nbformat"] == 4
+    names, shown = {}, []
+    for cell in content["cells"]:
+        if cell["cell_type"] != "code":
+            continue
+        assert cell["outputs"] == []
+        assert cell["execution_count"] is None
+        tree = ast.parse("".join(cell["source"]))
+        last = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
+        exec(compile(tree, str(path), "exec"), names)
+        if last is not None:
+            shown.append(eval(compile(ast.Expression(last.value), "", "eval"), names))
+    tables = [each for each in shown if hasattr(each, "_repr_html_")]
+    assert len(tables) >= 2
+    assert all("<table>" in each._repr_html_() for each in tables)
+    page = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    assert f"tutorials/{path.name}" in page
