@@ -3,6 +3,14 @@
     def test_my_estimator(simval_estimator):
         simval_estimator(my_function, components="sxyz", matrix="active")
 
+Each fixture returns what was measured, a `simval.check.Checked`. Beside what it
+declares and sets, a test may state limits of its own and a baseline:
+
+    found = simval_filter(make, limits=["rms < 1.1 bounds", "settling < 5 s"])
+    simval_calibrator(fit, baseline="tests/fit.json")
+
+``pytest --simval-update-baseline WHY`` writes the baselines of the tests that it runs.
+
 Installed with the package, and loaded by every pytest: nothing but pytest is imported
 until a test asks for a fixture.
 """
@@ -12,11 +20,23 @@ from typing import Any
 
 import pytest
 
-Check = Callable[..., None]
+Check = Callable[..., Any]
+
+UPDATE = "--simval-update-baseline"
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the option that writes baselines."""
+    parser.addoption(
+        UPDATE,
+        default="",
+        metavar="WHY",
+        help="write the baselines of tests with simval's fixtures, and why they change",
+    )
 
 
 @pytest.fixture(scope="session")
-def simval_estimator() -> Check:
+def simval_estimator(pytestconfig: pytest.Config) -> Check:
     """Judge an attitude estimator: ``simval_estimator(function, components=...)``.
 
     Keywords are what `simval.plugins.Estimator` declares, parameters of the study
@@ -24,59 +44,63 @@ def simval_estimator() -> Check:
     the false-alarm rate of all checks together.
     """
 
-    def check(function: Any, /, **words: Any) -> None:
+    def check(function: Any, /, **words: Any) -> Any:
         __tracebackhide__ = True
         from simval.plugins import Estimator
 
-        _judge(function, Estimator, words)
+        return _judge(function, Estimator, words, pytestconfig)
 
     return check
 
 
 @pytest.fixture(scope="session")
-def simval_calibrator() -> Check:
+def simval_calibrator(pytestconfig: pytest.Config) -> Check:
     """Judge a calibrator: ``simval_calibrator(function)``.
 
     Keywords are what `simval.plugins.Calibrator` declares, parameters of the study
     ``calibrator`` (``noise_std``, ``poses``, ``trials``), ``seed``, and ``alpha``.
     """
 
-    def check(function: Any, /, **words: Any) -> None:
+    def check(function: Any, /, **words: Any) -> Any:
         __tracebackhide__ = True
         from simval.plugins import Calibrator
 
-        _judge(function, Calibrator, words)
+        return _judge(function, Calibrator, words, pytestconfig)
 
     return check
 
 
 @pytest.fixture(scope="session")
-def simval_filter() -> Check:
+def simval_filter(pytestconfig: pytest.Config) -> Check:
     """Judge an attitude filter: ``simval_filter(make, components=...)``.
 
     Keywords are what `simval.plugins.Filter` declares, parameters of the study
     ``filter`` (``scenario``, ``seconds``, ``trials``), ``seed``, and ``alpha``.
     """
 
-    def check(function: Any, /, **words: Any) -> None:
+    def check(function: Any, /, **words: Any) -> Any:
         __tracebackhide__ = True
         from simval.plugins import Filter
 
-        _judge(function, Filter, words)
+        return _judge(function, Filter, words, pytestconfig)
 
     return check
 
 
-def _judge(function: Any, kind: Any, words: dict[str, Any]) -> None:
+def _judge(
+    function: Any, kind: Any, words: dict[str, Any], config: pytest.Config
+) -> Any:
     __tracebackhide__ = True
     from simval.check import check_function, told
     from simval.errors import SimvalError
 
+    checked, why = None, config.getoption(UPDATE)
     try:
-        checked = check_function(function, kind, **words)
-        text, good = told(checked), checked.result.exit_code == 0
+        checked = check_function(function, kind, **words, update_baseline=why)
+        text = told(checked)
     except SimvalError as error:
-        text, good = str(error), False
-    if not good:  # not above: the error would be told a second time
+        text = str(error).replace("--update-baseline", UPDATE)
+    if checked is None or not checked.good:  # not above: it would be told twice
         pytest.fail(text, pytrace=False)
     print(text)  # noqa: T201, for pytest's -rP and -s
+    return checked

@@ -66,7 +66,7 @@ def test_a_failure_is_the_gates_message_alone(ended):
     assert "mine, estimator: FAIL" in said
     assert "  fails at  half turns about y 100.0%" in said
     assert "failures[half turns about y] against truth" in said
-    assert "FAIL: of 33 checks against theory, 1 failed; false-alarm rate" in said
+    assert "FAIL: of 34 checks against theory, 1 failed; false-alarm rate" in said
     assert "FAILED test_a_failure_is_the_gates_message_alone.py::test_mine - " in said
     for inside in ("Traceback", "pytest_plugin", "simval/check", "def _judge", ">   "):
         assert inside not in said
@@ -175,3 +175,59 @@ def test_a_users_pytest_warns_of_nothing(tmp_path):
         check=True,
     )
     assert re.fullmatch(r"\.\s+\[100%\]\n1 passed in [\d.]+s\n", done.stdout)
+
+
+MINE = (
+    f"{HEAD}\nQUICK = dict({WORDS}, name='mine')\n\ndef test_mine(simval_estimator):\n"
+)
+
+
+@pytest.mark.ci
+def test_a_test_gets_what_was_measured_and_has_limits_of_its_own(ended):
+    kept = ["rms < 1.1 bounds", "efficiency > 0.9", "bias[x] < 1e-1 rad"]
+    ended(
+        f"{MINE}    found = simval_estimator(davenport, **QUICK, limits={kept})\n"
+        "    rows = {str(row.statistic): row for row in found.cells[0].rows}\n"
+        "    assert 0.9 < rows['efficiency'].value < 1.1\n"
+    ).assert_outcomes(passed=1)
+    for limit, words in (
+        ("rms < 0.5 bounds", "FAIL: limit rms < 0.5 bounds: rms is 0.97"),
+        ("efficiency > 2", "FAIL: limit efficiency > 2: efficiency"),
+        ("settling < 5 s", "limit 'settling < 5 s' is of nothing that was measured: "),
+        ("failures < 2 bounds", "nothing that was measured beside a bound: rms"),
+        ("rms < 2 s", "limit 'rms < 2 s': rms is in rad"),
+        ("rms is small", "limit 'rms is small' cannot be read; it must be a statistic"),
+    ):
+        result = ended(
+            f"{MINE}    simval_estimator(davenport, **QUICK, limits=[{limit!r}])\n"
+        )
+        result.assert_outcomes(failed=1)
+        assert words in str(result.stdout)
+        assert "Traceback" not in str(result.stdout)
+
+
+@pytest.mark.ci
+def test_a_test_has_a_baseline_of_its_own(ended):
+    def mine(factor):
+        return (
+            f"{MINE}    def spoilt(b1, b2, r1, r2):\n"
+            f"        return davenport(b1, {factor} * b2, r1, r2)\n"
+            "    simval_estimator(spoilt, **QUICK, baseline='mine.json')\n"
+        )
+
+    result = ended(mine(1.0))
+    result.assert_outcomes(failed=1)
+    assert (
+        "there is no baseline mine.json; write one with --simval-update-baseline"
+        in (str(result.stdout).replace("\n", " "))
+    )
+    why = ("--simval-update-baseline", "first")
+    ended(mine(1.0), *why).assert_outcomes(passed=1)
+    ended(mine(1.0)).assert_outcomes(passed=1)
+    # another weight: as right as before, and not what it was
+    result = ended(mine(1.1))
+    result.assert_outcomes(failed=1)
+    assert "FAIL" in str(result.stdout)
+    assert "rms" in str(result.stdout)
+    ended(mine(1.1), *why).assert_outcomes(passed=1)
+    ended(mine(1.1)).assert_outcomes(passed=1)

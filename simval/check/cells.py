@@ -6,6 +6,7 @@ from typing import Any, Final
 
 from simval.plugins.loading import Meant
 from simval.plugins.names import COMMAND
+from simval.plugins.protocol import Estimator
 from simval.sweep.suite import Suite, expand
 
 NOISE: Final = (0.01, 0.05)
@@ -31,10 +32,23 @@ SETTINGS: Final[Mapping[str, Mapping[str, Any]]] = MappingProxyType(
 )
 """What differs from the default of a study."""
 
+TOLD: Final = ("body", "unequal")
+"""Noise with which an estimator is checked that reads what noise there is."""
+
 OF_A_COMMAND: Final[Mapping[str, Any]] = MappingProxyType(
     {"noise_std": NOISE[0], "trials": 896}
 )
 """A process for each trial: one cell, and about the fewest trials to be judged by."""
+
+
+def settings_of(plugin: Meant) -> dict[str, Any]:
+    """What differs from the default of its study."""
+    settings = SETTINGS.get(plugin.field.partition(".")[0], {})
+    told = (
+        plugin.field == Estimator.taken_by
+        and plugin.declared.get("reads", "none") != "none"
+    )
+    return {**settings, "noise": list(TOLD)} if told else dict(settings)
 
 
 def suite_of(plugins: Iterable[Meant], seed: int) -> Suite:
@@ -43,7 +57,8 @@ def suite_of(plugins: Iterable[Meant], seed: int) -> Suite:
     for each in plugins:
         study, _, field = each.field.partition(".")
         command = each.word.startswith(COMMAND)
-        settings = OF_A_COMMAND if command else SETTINGS.get(study, {})
-        table = content.setdefault(study, {**settings, field: []})
+        settings = OF_A_COMMAND if command else settings_of(each)
+        table = content.setdefault(study, {field: []})
+        table |= {**settings, **table}  # what one of a file needs, all of it have
         table[field].append(each.word)
     return expand("check", content)

@@ -8,7 +8,7 @@ here if it does not end.
 import time
 import traceback
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields
 from pathlib import Path
 from types import MappingProxyType
@@ -16,10 +16,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from simval.check.cells import SETTINGS
+from simval.check.cells import settings_of
+from simval.check.limits import missed_limits
 from simval.check.measure import Checked
 from simval.errors import CrashedPluginError, InputError, PluginError
-from simval.gate import judge_run
+from simval.gate import GateResult, judge_run, read_baseline, write_baseline
 from simval.plugins import Calibrator, Estimator, Filter
 from simval.plugins.declarations import declarations
 from simval.plugins.loading import Meant
@@ -27,6 +28,7 @@ from simval.results import Outcome, Row
 from simval.studies import STUDIES, calibrator, estimator, filter
 from simval.studies.study import Cell
 from simval.sweep.cells import REFUSED, CellResult
+from simval.sweep.provenance import manifest
 from simval.sweep.run import Run
 from simval.sweep.suite import expand
 from simval.text import message_of
@@ -66,6 +68,9 @@ def check_function(
     *,
     seed: int = 1,
     alpha: float = ALPHA,
+    limits: Iterable[str] = (),
+    baseline: str | Path | None = None,
+    update_baseline: str = "",
     **words: Any,
 ) -> Checked:
     """Measure and judge a function in this process.
@@ -80,6 +85,12 @@ def check_function(
         Of the noise: the same one gives the same numbers.
     alpha : float, default ALPHA
         False-alarm rate of all checks together.
+    limits : iterable of str, default ()
+        A user's own, such as ``"rms < 1.1 bounds"``: see `simval.check.limits`.
+    baseline : path, optional
+        A file of the gate, with which the values are compared.
+    update_baseline : str, default ""
+        Why the values are written to it; only if they pass without it.
     **words
         What `kind` declares, and parameters of the study; a list of values of a
         parameter is a cell for each. Where both have a word of that name, True and
@@ -93,17 +104,35 @@ def check_function(
     Raises
     ------
     InputError
-        If a word is none of either, or its value is not allowed.
+        If a word is none of either, or its value is not allowed; a limit is of
+        nothing that was measured, or the baseline cannot be read or written.
     """
     study, _, field = kind.taken_by.partition(".")
     declared, settings = _sorted_out(kind, study, words)
     plugin = _plugin(algorithm, kind, declared)
-    table = {**SETTINGS[study], **settings, field: plugin.name}
+    held = Meant(kind.taken_by, plugin.name, plugin.name, declarations(plugin))
+    table = {**settings_of(held), **settings, field: plugin.name}
     suite = expand("check", {"seed": seed, study: table})
     cells = tuple(_ended(i, cell, plugin) for i, cell in enumerate(suite.cells))
-    run = Run(folder=Path("check"), cells=cells, manifest={}, timing={})
-    held = Meant(kind.taken_by, plugin.name, plugin.name, declarations(plugin))
-    return Checked(plugins=(held,), cells=cells, result=judge_run(run, None, alpha))
+    found = {} if baseline is None else manifest(suite)
+    run = Run(folder=Path("check"), cells=cells, manifest=found, timing={})
+    return Checked(
+        plugins=(held,),
+        cells=cells,
+        result=_judged(run, baseline, update_baseline, alpha),
+        missed=tuple(missed_limits(limits, cells)),
+    )
+
+
+def _judged(
+    run: Run, baseline: str | Path | None, reason: str, alpha: float
+) -> GateResult:
+    """Judge a run, beside the baseline if there is one; and make it the baseline."""
+    if baseline is None:
+        return judge_run(run, None, alpha)
+    if reason and judge_run(run, None, alpha).exit_code == 0:
+        write_baseline(Path(baseline), run, reason)
+    return judge_run(run, read_baseline(Path(baseline)), alpha)
 
 
 def _sorted_out(
@@ -118,7 +147,8 @@ def _sorted_out(
         msg = (
             f"{listed} is no keyword here; {kind.__name__} declares "
             f"{', '.join(sorted(own))}; the study `{study}` has "
-            f"{', '.join(sorted(set_by))}; and there are `seed` and `alpha`"
+            f"{', '.join(sorted(set_by))}; and there are `seed`, `alpha`, "
+            "`limits` and `baseline`"
         )
         raise InputError(msg)
     declared = {

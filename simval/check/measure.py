@@ -25,12 +25,20 @@ class Checked:
     cells : tuple of CellResult
         What was measured of them.
     result : GateResult
-        The gate's answer, without a baseline.
+        The gate's answer.
+    missed : tuple of str, default ()
+        The user's own limits that are missed, each with what misses it.
     """
 
     plugins: tuple[Meant, ...]
     cells: tuple[CellResult, ...]
     result: GateResult
+    missed: tuple[str, ...] = ()
+
+    @property
+    def good(self) -> bool:
+        """Whether all that was judged passes, and no limit is missed."""
+        return self.result.exit_code == 0 and not self.missed
 
     def of(self, plugin: Meant) -> tuple[CellResult, ...]:
         """Cells of one plug-in.

@@ -67,8 +67,13 @@ def told(checked: Checked) -> str:
     if shared:
         parts.append("\n".join(line for f in shared for line in _finding(f, checked)))
     result = checked.result
+    if checked.missed:
+        parts.append("\n".join(f"  FAIL: limit {line}" for line in checked.missed))
+    answer = result.answer.upper()
+    if checked.missed:
+        answer = f"FAIL: {len(checked.missed)} times beyond a limit of your own"
     parts.append(
-        f"{result.answer.upper()}: {headline(result)}; "
+        f"{answer}: {headline(result)}; "
         f"false-alarm rate {result.alpha:g} for all together"
     )
     return "\n\n".join(parts)
