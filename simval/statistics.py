@@ -296,6 +296,14 @@ FIRST_ORDER_BIAS = Family(
 BELOW_BOUND = Family(
     "below_bound", "share by which a leading variance is below the bound", better=None
 )
+OVER_EQUAL_WEIGHTS = Family(
+    "variance_over_equal_weights",
+    "leading variance over that with equal weights",
+    least=0.0,
+)
+GREATEST_ERROR = Family(
+    "greatest_error", "greatest error of a trial, in deviations of most", least=0.0
+)
 CLASS_BIAS = Family("class_bias", "error of the leading bias", better="zero")
 CLASS_COVARIANCE = Family(
     "class_covariance", "error of the leading covariance", better="zero"
@@ -461,6 +469,7 @@ PSEUDO_TRUE = "what its class converges to"
 NOISE_FREE = "its noise-free answer"
 BEST_OF_CLASS = "best of its class"
 LEAST_SQUARES = "generalised least squares"
+EQUAL_WEIGHTS = "equal weights"
 CLOSED_FORM = "closed form"
 WHITE = "white"
 INDEPENDENT = "independence"

@@ -306,14 +306,14 @@ less_efficient = spoilt(
 )
 single = made(
     "single precision",
-    3,
-    "in one of 4096 its row .* from the truth without noise",
+    0,
+    "PASS: all",
     lambda *v: davenport(*(x.astype(np.float32).astype(float) for x in v)),
 )
 coarse = spoilt(
     "sixteen bits",
     3,
-    "no order or direction of the components fits any",
+    "its conventions fit, its precision does not: it answers the same where",
     lambda q, *_: normalize(np.round(q * 2.0**15) / 2.0**15),
 )
 
@@ -470,8 +470,10 @@ def late():
 drifts = spoilt("drifts", 3, "not what it is when alone: 0.0001 rad", drifting())
 tires = spoilt("tires", 3, "not what it is when alone: 0.0175 rad", tiring())
 overwrites = spoilt("overwrites", 3, "changes its input", overwriting)
-races = spoilt("races", 3, "asked again it is right|rows fit|fits any", racing())
-warms_up = spoilt("warms up", 3, "asked again it is right: it must", warming())
+races = spoilt(
+    "races", 3, "it must answer the same each time|rows fit|fits any", racing()
+)
+warms_up = spoilt("warms up", 3, "it must answer the same each time", warming())
 
 
 def dicing(q, *v):

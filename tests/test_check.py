@@ -116,7 +116,7 @@ def test_the_command_tells_what_fails_and_what_to_do(simval, tmp_path, monkeypat
         assert any(line.startswith(f"  {words} ") for line in lines)
     assert "half turns about y] against truth at noise_std 0.01: 1 is above" in out
     assert "mend the formula there, or declare the class in `fails_at`" in out
-    assert lines[-1].startswith("FAIL: of 66 checks against theory, 2 failed; false-")
+    assert lines[-1].startswith("FAIL: of 68 checks against theory, 2 failed; false-")
     assert "error" not in err
     assert [path.name for path in Path().iterdir()] == ["mine.py"]  # no run is left
 

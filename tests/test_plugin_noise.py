@@ -173,7 +173,8 @@ def test_what_an_estimator_reads_is_handed_to_it(takes, batch, monkeypatch):
         batch=batch,
         reads=("noise_std", "weights", "covariances"),
     )
-    probe_estimator(plugin, 2, vector_noise("1 3 0.5 0", 2))
+    with pytest.raises(PluginError, match="`weights`, `covariances` and ignores it"):
+        probe_estimator(plugin, 2, vector_noise("1 3 0.5 0", 2))
     stacked = (2, 2) if takes == "vectors" else (4,)
     n, std, weights, covariances = seen[0]
     assert std.shape == stacked
@@ -274,19 +275,24 @@ def test_theory_of_each_class_holds_under_each_noise(plugin, noise, monkeypatch)
 
 
 @pytest.mark.ci
-def test_ignored_weights_fail_beside_the_class(monkeypatch):
-    ignoring = dataclasses.replace(
-        WEIGHTED, estimate=lambda b, r, weights: wahba_quaternion(b, r)
-    )
-    assert not measured(WEIGHTED, monkeypatch, noise="unequal")[1]
-    _, failed = measured(ignoring, monkeypatch, noise="unequal")
-    assert "class_covariance" in failed
-    assert failed <= {"class_bias", "class_covariance"}
-    # by variances: as honest, and weights that are standard deviations' inverses
-    rooted = dataclasses.replace(
-        WEIGHTED, estimate=lambda b, r, weights: wahba_quaternion(b, r, weights**0.5)
-    )
-    assert "class_covariance" in measured(rooted, monkeypatch, noise="unequal")[1]
+def test_weights_that_are_not_used_as_they_should(monkeypatch):
+    def weighing(use, kind):
+        return dataclasses.replace(
+            WEIGHTED, kind=kind,
+            estimate=lambda b, r, weights: wahba_quaternion(b, r, use(weights)),
+        )  # fmt: skip
+
+    def failed(use, kind=None):
+        return measured(weighing(use, kind), monkeypatch, noise="unequal")[1]
+
+    with pytest.raises(PluginError, match="reads `weights` and ignores it"):
+        failed(lambda w: None)
+    for use in (lambda w: 1.0 / w, lambda w: w[::-1]):
+        assert "variance_over_equal_weights" in failed(use)
+    assert not failed(lambda w: w, "weighted wahba")
+    # by standard deviations is better than nothing, and another class
+    assert not failed(np.sqrt)
+    assert "class_covariance" in failed(np.sqrt, "weighted wahba")
 
 
 @pytest.mark.parametrize("seed", range(3))

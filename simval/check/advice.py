@@ -18,6 +18,17 @@ _ADVICE: Final[Mapping[str, str]] = MappingProxyType(
             "nobody can be better than the bound: it knows the truth, or what it saw "
             "before"
         ),
+        "squared_error_over_predicted": (
+            "rare trials are far off, more than cubature shows: look for a threshold"
+        ),
+        "greatest_error": (
+            "rare trials are far off, heavy tails: look for a threshold, or a step "
+            "that is not taken"
+        ),
+        "variance_over_equal_weights": (
+            "it would be better with equal weights: the weights are inverse "
+            "variances, in the order of the vectors"
+        ),
         "class_bias": "this is not the bias of its `kind`: mend it, or declare none",
         "class_covariance": (
             "this is not the covariance of its `kind`: mend it, or declare none"

@@ -86,10 +86,10 @@ def _checked(name: str, calibrator: Calibrator, answer: Any) -> Calibration:
     if covariance is not None:
         checked = array_of(name, "covariance", covariance, (len(places),) * 2)
         check_covariance(name, checked)
-    return Calibration(
-        matrix=matrix,
-        bias=array_of(name, "B", bias, (3,)),
-        covariance=checked,
+    return Calibration(  # in copies: the next answer may be in the same arrays
+        matrix=matrix.copy(),
+        bias=array_of(name, "B", bias, (3,)).copy(),
+        covariance=None if checked is None else checked.copy(),
         dof=_dof(name, answer, len(places)),
     )
 

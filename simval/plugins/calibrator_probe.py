@@ -11,6 +11,7 @@ from simval.arrays import Array
 from simval.errors import PluginError
 from simval.plugins.calibrations import Calibration, calibration_of
 from simval.plugins.failures import TOLERANCE
+from simval.plugins.precision import NEAR, cause_of, moved
 from simval.plugins.protocol import Calibrator
 from simval.poses import fibonacci_sphere
 from simval.sensor import AccelerometerModel, forms
@@ -21,6 +22,9 @@ COUNT = 24
 """Poses, where none are given."""
 
 G = 9.80665
+
+MOST_DIGITS = 17
+"""That a double has."""
 
 NOISE = 1e-9
 """That is stated for the exact readings, raw units: a covariance of zero is none."""
@@ -57,11 +61,26 @@ def probe_calibrator(
     answer = calibration_of(calibrator, raw, G, NOISE)
     error = float(_errors(answer, sensor).max())
     if not error <= TOLERANCE:
+        again, of_moved = (
+            calibration_of(calibrator, given, G, NOISE) for given in (raw, moved(raw))
+        )
         msg = (
             f"{calibrator.name} is {error:.3g} from the true parameters without noise, "
             f"{TOLERANCE:g} is allowed; "
-            f"{_other_meaning(answer, sensor, calibrator.estimates)}"
         )
+        if not np.all(np.abs(_numbers(again) - _numbers(answer)) <= TOLERANCE):
+            msg += (
+                "asked again it answers otherwise: it must answer the same each time, "
+                "so keep nothing from one call to the next"
+            )
+        elif error <= NEAR:
+            cause = cause_of(_numbers(answer)[None], _numbers(of_moved)[None])
+            msg += (
+                "its conventions fit, its precision does not: "
+                f"{cause}; {_worst(answer, sensor)}"
+            )
+        else:
+            msg += _other_meaning(answer, sensor, calibrator.estimates)
         raise PluginError(msg)
     return error
 
@@ -103,13 +122,27 @@ def _other_meaning(
         other = Calibration(matrix=matrix, bias=bias)
         if float(_errors(other, sensor).max()) <= TOLERANCE:
             return words
-    k = int(_errors(answer, sensor).argmax())
-    seen, true = answer.parameters("triangular")[k], sensor.parameters[k]
     return (
-        "no other sign, order or direction fits either; the worst is "
-        f"{forms.names('triangular')[k]}: {seen:.6g} instead of {true:.6g}. "
+        f"no other sign, order or direction fits either; {_worst(answer, sensor)}. "
         f"{_needed(estimates)}"
     )
+
+
+def _worst(answer: Calibration, sensor: AccelerometerModel) -> str:
+    """Name the worst parameter, to the digits that differ."""
+    k = int(_errors(answer, sensor).argmax())
+    seen, true = answer.parameters("triangular")[k], sensor.parameters[k]
+    digits = 6
+    while digits < MOST_DIGITS and f"{seen:.{digits}g}" == f"{true:.{digits}g}":
+        digits += 1
+    return (
+        f"the worst is {forms.names('triangular')[k]}: {seen:.{digits}g} instead of "
+        f"{true:.6g}"
+    )
+
+
+def _numbers(answer: Calibration) -> Float[Array, "12"]:
+    return np.append(answer.matrix, answer.bias)
 
 
 def _needed(estimates: tuple[str, ...]) -> str:

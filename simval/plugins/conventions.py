@@ -8,15 +8,20 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.geometry import attitude_error
-from simval.plugins.answers import quaternions_of
-from simval.plugins.failures import failing, failure_shares
+from simval.plugins.answers import quaternions_of, raw_attitudes
+from simval.plugins.covariance_probe import rotation_error
+from simval.plugins.failures import TOLERANCE, allowed, failing, failure_shares
 from simval.plugins.noise import VectorNoise
+from simval.plugins.precision import NEAR, cause_of, moved
 from simval.plugins.protocol import Estimator
 from simval.plugins.reference_frames import FRAMES, VERTICALS
 from simval.shapes import Float
 
 ORDERS: Final[tuple[Literal["xyzs", "sxyz"], ...]] = ("xyzs", "sxyz")
 DIRECTIONS: Final[tuple[Literal["active", "passive"], ...]] = ("active", "passive")
+
+ALIKE = 1e-2
+"""Of an angle, by which turns about one axis may differ and be the same."""
 
 CASES = 64
 """Exact cases of each class behind the words."""
@@ -27,15 +32,31 @@ def what_fits(
     truth: Float[Array, "n 4"],
     vectors: list[Float[Array, "n 3"]],
     noise: VectorNoise | None = None,
+    first: Float[Array, "n 4"] | None = None,
 ) -> str:
-    """Say how many rows each convention fits, and which classes of attitudes."""
+    """Say how many rows each convention fits, and which classes of attitudes.
+
+    `first` is what it answered to these vectors before.
+    """
+    again = quaternions_of(estimator, vectors, noise)
+    apart = np.zeros(1) if first is None else attitude_error(again, first)
+    if not np.all(apart <= allowed(vectors)):
+        return (
+            f"asked again it answers otherwise, by {apart.max():.3g} rad: it must "
+            "answer the same each time"
+        )
     fits = {}
     for other in _conventions(estimator):
         fits[other] = ~failing(other, truth, vectors, noise)
         if fits[other].all():
-            if _same(other, estimator):
-                return "asked again it is right: it must answer the same each time"
             return f"declare {_words(other)} instead"
+    for other in fits:
+        if words := nearly_right(other, truth, vectors, noise):
+            return (
+                words
+                if _same(other, estimator)
+                else f"declare {_words(other)} instead; {words}"
+            )
     if words := _fitting_frame(estimator, len(vectors) // 2, len(truth), noise):
         return words
     # of equals the declared one, which is told without its words
@@ -55,6 +76,34 @@ def what_fits(
         f"{'' if _same(best, estimator) else words}{count} of {number} rows fit, "
         f"row {wrong}, {_turn(truth[wrong])}, does not, by {off:.3g} rad {classes}"
     )
+
+
+def nearly_right(
+    estimator: Estimator,
+    truth: Float[Array, "n 4"],
+    vectors: list[Float[Array, "n 3"]],
+    noise: VectorNoise | None = None,
+) -> str:
+    """Say what is wrong of answers that are all off alike, or by little; else none."""
+    q = quaternions_of(estimator, vectors, noise)
+    for side in () if estimator.reference else ("body", "reference"):
+        error = rotation_error(truth, q, side)
+        mean = error.mean(axis=0)
+        angle = float(np.linalg.norm(mean))
+        if np.all(np.linalg.norm(error - mean, axis=1) <= ALIKE * angle):
+            axis = ", ".join(f"{x:.3f}" for x in mean / angle)
+            return (
+                f"its conventions fit, but all answers are turned by the same "
+                f"{angle:.3g} rad about the axis ({axis}) of the {side}"
+            )
+    off = attitude_error(truth, q) * (TOLERANCE / allowed(vectors))
+    if not float(off.max()) <= NEAR:
+        return ""
+    cause = cause_of(
+        raw_attitudes(estimator, vectors, noise),
+        raw_attitudes(estimator, [moved(v) for v in vectors], noise),
+    )
+    return f"its conventions fit, its precision does not: {cause}"
 
 
 def _conventions(estimator: Estimator) -> list[Estimator]:

@@ -41,6 +41,14 @@ def failure_shares(
     }
 
 
+def allowed(vectors: list[Float[Array, "n 3"]]) -> Float[Array, " n"]:
+    """How far an exact case may be from the truth, rad."""
+    first, *others = vectors[len(vectors) // 2 :]
+    sines = [np.linalg.norm(np.cross(first, r), axis=1) for r in others]
+    tolerance: Array = TOLERANCE / np.max(sines, axis=0)
+    return tolerance
+
+
 def failing(
     estimator: Estimator,
     truth: Float[Array, "n 4"],
@@ -48,9 +56,7 @@ def failing(
     noise: VectorNoise | None = None,
 ) -> Bool[Mask, " n"]:
     """Which of some exact cases are no estimate of the truth, (n,)."""
-    first, *others = vectors[len(vectors) // 2 :]
-    sines = [np.linalg.norm(np.cross(first, r), axis=1) for r in others]
-    tolerance = TOLERANCE / np.max(sines, axis=0)
+    tolerance = allowed(vectors)
 
     def halved(start: int, stop: int) -> Mask:
         # arrays that are one to the caller stay one to the estimator

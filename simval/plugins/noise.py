@@ -78,6 +78,12 @@ class VectorNoise:
         return weights
 
     @property
+    def isotropic(self) -> bool:
+        """Whether the noise of each vector is the same in every direction."""
+        sizes = self.relative[:, None, None] ** 2 * np.eye(3)
+        return not self.tangent and np.array_equal(self.unit, sizes)
+
+    @property
     def exact_references(self) -> bool:
         """Whether no reference vector has noise."""
         return not self.unit[len(self.unit) // 2 :].any()

@@ -15,9 +15,9 @@ from simval.arrays import Array
 from simval.errors import CrashedPluginError, PluginError
 from simval.geometry import attitude_error
 from simval.plugins.answers import covariances_of, quaternions_of
-from simval.plugins.conventions import what_fits
+from simval.plugins.conventions import nearly_right, what_fits
 from simval.plugins.covariance_probe import probe_covariance, rotation_error
-from simval.plugins.failures import TOLERANCE, failing
+from simval.plugins.failures import TOLERANCE, allowed, failing
 from simval.plugins.noise import VectorNoise, vector_noise
 from simval.plugins.protocol import Estimator
 from simval.shapes import Float
@@ -58,35 +58,46 @@ def probe_estimator(
     Returns
     -------
     float
-        Greatest attitude error of the first batch, rad; it and those of the large
-        batches are within `TOLERANCE`.
+        Greatest attitude error of the first batch times the sine between its
+        references, rad; it and those of the large batches are within `TOLERANCE`.
 
     Raises
     ------
     PluginError
         If an answer has a wrong shape or is not finite, an attitude is not the true
         one, it changes its input, its rows depend on each other or on how many there
-        are, or the covariance is not that of its errors.
+        are, it does not use what it reads, or the covariance is not that of its errors.
     """
     noise = vector_noise("body", vectors) if noise is None else noise
     told = noise.at(BATCH_NOISE)
     observed = estimator.observed(vectors)
     truth, exact = observed.generic(COUNT, np.random.default_rng(20_268))
     q = _first_answer(estimator, truth, exact, told)
-    error = float(attitude_error(truth, q).max())
-    if not error <= TOLERANCE:
+    error, most = np.asarray(attitude_error(truth, q)), allowed(exact)
+    if not np.all(error <= most):
         msg = (
-            f"{estimator.name} is {error:.3g} rad from the truth without noise, "
-            f"{TOLERANCE:g} is allowed; {what_fits(estimator, truth, exact, told)}"
+            f"{estimator.name}: {_far(error, most)}; "
+            f"{what_fits(estimator, truth, exact, told, q)}"
         )
         raise PluginError(msg)
     _probe_rows(estimator, exact, q, [0], told)
+    if estimator.reads:
+        _probe_reading(estimator, exact)
     if estimator.covariance is not None:
         probe_covariance(estimator, truth, exact, noise)
     for count in BATCHES:
         rng = np.random.default_rng(count)
         _probe_batch(estimator, *observed.generic(count, rng), rng, told)
-    return error
+    return float((error * (TOLERANCE / most)).max())
+
+
+def _far(error: Float[Array, " n"], most: Float[Array, " n"]) -> str:
+    """Say how far a row is from the truth, and what is allowed there."""
+    row = int(np.argmax(np.where(error <= most, 0.0, error)))
+    return (
+        f"row {row} is {error[row]:.3g} rad from the truth without noise, "
+        f"{most[row]:.2g} is allowed"
+    )
 
 
 def _first_answer(
@@ -115,13 +126,13 @@ def _probe_batch(
 ) -> None:
     """Check a large batch, and that its rows equal those computed alone."""
     count = len(truth)
-    off = attitude_error(truth, quaternions_of(estimator, vectors, noise))
-    error, row = float(off.max()), int(off.argmax())
-    if not error <= TOLERANCE:
+    q = quaternions_of(estimator, vectors, noise)
+    error, most = np.asarray(attitude_error(truth, q)), allowed(vectors)
+    if not np.all(error <= most):
+        cause = nearly_right(estimator, truth, vectors, noise)
         msg = (
             f"{estimator.name} is right in a batch of {COUNT}, but in one of {count} "
-            f"its row {row} is {error:.3g} rad from the truth without noise; "
-            f"{TOLERANCE:g} is allowed"
+            f"its {_far(error, most)}{cause and f'; {cause}'}"
         )
         raise PluginError(msg)
     noisy: list[Array] = [
@@ -146,13 +157,52 @@ def _probe_rows(
         spread = _claimed(estimator, own, noise)
         off = float(attitude_error(alone, q[row : row + 1]).max())
         apart = float(np.linalg.norm(spread[0] - claimed[row]))
-        if not (off <= TOLERANCE and apart <= TOLERANCE * np.linalg.norm(spread[0])):
+        most = float(allowed(own)[0])
+        if not (off <= most and apart <= most * np.linalg.norm(spread[0])):
             msg = (
                 f"{estimator.name}: row {row} of a batch of {len(q)} is not what it is "
                 f"when alone: {off:.3g} rad from it, its covariance {apart:.3g} rad²; "
                 "each row must be an estimate by itself"
             )
             raise PluginError(msg)
+
+
+def heeds(
+    estimator: Estimator, vectors: list[Float[Array, "n 3"]], *, covariance: bool
+) -> bool:
+    """Whether its attitudes, or its covariances too, depend on the noise that it reads.
+
+    The second noise has the weights the other way round, and is nothing beside what the
+    vectors have, so that whoever leaves out what is too far off does so.
+    """
+    k = len(vectors) // 2
+    rng, rising = np.random.default_rng(20_273), np.geomspace(0.1, 1.0, k)
+    noisy: list[Array] = [
+        v + BATCH_NOISE * rng.standard_normal(v.shape) for v in vectors
+    ]
+    told = [
+        vector_noise(" ".join(map(str, [*sizes, *np.zeros(k)])), k, noise_std)
+        for sizes, noise_std in ((rising, BATCH_NOISE), (rising[::-1], 1e-9))
+    ]
+    try:
+        q, other = (quaternions_of(estimator, noisy, noise) for noise in told)
+        if not np.array_equal(q, other):
+            return True
+        P, another = (_claimed(estimator, noisy, noise) for noise in told)
+    except PluginError:  # which is an answer to the noise
+        return True
+    return covariance and not np.array_equal(P, another)
+
+
+def _probe_reading(estimator: Estimator, vectors: list[Float[Array, "n 3"]]) -> None:
+    """Check that what it reads makes a difference."""
+    if not heeds(estimator, vectors, covariance=True):
+        words = ", ".join(f"`{word}`" for word in estimator.reads)
+        msg = (
+            f"{estimator.name} reads {words} and ignores it: its answers are the same "
+            "whatever it is told; use it, or leave it out of `reads`"
+        )
+        raise PluginError(msg)
 
 
 def _claimed(

@@ -31,17 +31,19 @@ A command is a process for each trial, so its time limit is for every `CALLS` of
 in a batch the limit is for all trials.
 """
 
-from collections.abc import Iterator
+from collections.abc import Sequence
+from itertools import permutations
 from math import ceil
 from typing import Annotated, Literal, Self
 
 import numpy as np
+import scipy
 from pydantic import Field, model_validator
 
 from simval.arrays import Array
 from simval.errors import PluginError
 from simval.moments import Moments
-from simval.montecarlo import moments_of, simulate
+from simval.montecarlo import Sums, mean_square, moments_of, simulate
 from simval.plugins import Calibrator, find_plugin, probe_calibrator
 from simval.plugins.calibrations import (
     Calibration,
@@ -50,6 +52,7 @@ from simval.plugins.calibrations import (
 )
 from simval.plugins.calibrator_probe import G
 from simval.plugins.failures import TOLERANCE
+from simval.plugins.memory import Places, require_no_memory
 from simval.plugins.names import COMMAND
 from simval.plugins.placeholders import in_batch
 from simval.results import Outcome, Row, limit, nees, plain, unjudged
@@ -57,16 +60,19 @@ from simval.sensor import forms
 from simval.sensor.estimated import mean_square_left
 from simval.shapes import Float
 from simval.statistics import (
+    BELOW_BOUND,
     BEST_OF_CLASS,
     BIAS,
     CLAIM,
     CRAMER_RAO,
     EFFICIENCY,
+    GREATEST_ERROR,
     LEFT,
     NEES,
     NINE_PARAMETERS,
     NO_BIAS,
     NOISE_FREE,
+    NORMAL,
     PROBE,
     PSEUDO_TRUE,
     SD,
@@ -86,6 +92,16 @@ BIAS_ALLOWED = 7.0
 """Twice the greatest bias of the ladder's residuals, 3.5."""
 CALLS = 64
 """Trials of a command for which the time limit is."""
+AGAIN = 4
+"""Blocks whose trials are asked again in another order."""
+SQUARE_APART = 0.01
+"""By which a normalised square may then differ, relative to it and 1: an error of a
+thousandth of its deviation and the tolerance of the probe are no more."""
+ALIKE = 10.0
+"""Greatest ratio of two directions of a covariance over the bound, each relative to it,
+if it is of the same parameters; of another order it is a hundred or more."""
+RARE = 1e-6
+"""Of cells with normal errors so many have one beyond the limit."""
 STILL = 1e-6
 """Spread of a parameter over that of the readings, relative to its size, below which it
 is not estimated: a mean of as many readings as there are in a cell has 1e-3."""
@@ -148,9 +164,14 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     limit = parameters.time_limit
     if in_batch(parameters.algorithm):
         limit += AROUND
-    elif parameters.algorithm.startswith(COMMAND):
+    elif _alone(parameters.algorithm):
         limit *= ceil(parameters.trials / CALLS)
     return isolated(outcome, parameters, streams, limit, Calibrator)
+
+
+def _alone(algorithm: str) -> bool:
+    """Whether each trial has a process of its own, which remembers nothing."""
+    return algorithm.startswith(COMMAND) and not in_batch(algorithm)
 
 
 def compute(parameters: Parameters, streams: Streams) -> Outcome:
@@ -169,41 +190,83 @@ def outcome(plugin: Calibrator, parameters: Parameters, streams: Streams) -> Out
     )
     off = probe_calibrator(plugin, setting.directions if setting.faces else None)
     settled = _settled(setting)
-    errors = _errors(setting, parameters, streams)
+    blocks = range(ceil(parameters.trials / BLOCK))
+    every = _errors(setting, parameters, streams, blocks)
+    if every.shape[1] > len(setting.theory.places) + 1:
+        _require_order(setting)
+    parts = iter(every.reshape(len(blocks), BLOCK, -1))
     sums = simulate(
-        lambda rng, count: next(errors), streams,
+        lambda rng, count: next(parts).T, streams,
         samples=parameters.trials, block=BLOCK, batch=1,
     )  # fmt: skip
     measured = moments_of(sums)
     relative = (parameters.noise_std / G) ** 2
     _require_spread(measured, setting, np.sqrt(relative))
+    if not _alone(parameters.algorithm):
+        _require_no_memory(setting, parameters, streams, every)
     rows = limit(PROBE(), off, TOLERANCE, TRUTH, n=1)
     if not setting.own:
         rows += _settled_rows(settled, setting)
     rows += _parameter_rows(measured, setting, settled, relative)
     rows += _left_rows(measured, setting)
+    rows += _extreme_rows(sums, every, setting, relative)
     if sums.size == len(setting.theory.places) + 2:
         rows += _nees_row(measured, setting)
     return Outcome(rows=tuple(rows))
 
 
 def _errors(
-    setting: Setting, parameters: Parameters, streams: Streams
-) -> Iterator[Float[Array, "p block"]]:
-    """Errors of block after block; readings are handed over many blocks at once."""
+    setting: Setting,
+    parameters: Parameters,
+    streams: Streams,
+    blocks: Sequence[int],
+    order: Places | None = None,
+) -> Float[Array, "n p"]:
+    """Errors of all trials of some blocks, asked in their own or another order.
+
+    Readings are handed over many blocks at once.
+    """
     clean = setting.sensor.distort(G * setting.directions, np.random.default_rng(0))
-    shape, blocks = (BLOCK, *clean.shape), ceil(parameters.trials / BLOCK)
-    most = max(1, AT_ONCE // (BLOCK * clean.size))
-    for first in range(0, blocks, most):
-        numbers = range(first, min(first + most, blocks))
-        noise = [streams.block(k).standard_normal(shape) for k in numbers]
+    most, found = max(1, AT_ONCE // (BLOCK * clean.size)), []
+    if order is not None:  # of few
+        most = len(blocks)
+    for first in range(0, len(blocks), most):
+        noise = [
+            streams.block(k).standard_normal((BLOCK, *clean.shape))
+            for k in blocks[first : first + most]
+        ]
         raw = clean + setting.noise * np.concatenate(noise)
         answers = calibrations_of(
-            setting.plugin, raw, G, setting.noise, parameters.time_limit
+            setting.plugin,
+            raw if order is None else raw[order],
+            G,
+            setting.noise,
+            parameters.time_limit,
         )
-        for start in range(0, len(answers), BLOCK):
-            block = answers[start : start + BLOCK]
-            yield np.stack([_error(setting, answer) for answer in block], axis=1)
+        found += [_error(setting, answer) for answer in answers]
+    return np.array(found)
+
+
+def _require_no_memory(
+    setting: Setting,
+    parameters: Parameters,
+    streams: Streams,
+    every: Float[Array, "n p"],
+) -> None:
+    """Check that some trials have the same errors in another order."""
+    last = len(every) // BLOCK - 1
+    blocks = np.unique(np.linspace(0, last, AGAIN).astype(int)).tolist()
+    first = np.concatenate([every[k * BLOCK :][:BLOCK] for k in blocks])
+    p = len(setting.theory.places)
+    allowed = np.full(first.shape, np.inf)
+    allowed[:, :p] = TOLERANCE * setting.sizes
+    allowed[:, p + 1 :] = SQUARE_APART * (1.0 + first[:, p + 1 :])
+    require_no_memory(
+        setting.plugin.name,
+        first,
+        lambda places: _errors(setting, parameters, streams, blocks, places),
+        allowed,
+    )
 
 
 def _settled(setting: Setting) -> Float[Array, " p"]:
@@ -232,6 +295,40 @@ def _error(setting: Setting, answer: Calibration) -> Float[Array, " p"]:
     # its own mean over the one that a Type A covariance gives it
     factor = 1.0 if answer.dof is None else (answer.dof - 2) / answer.dof
     return np.append(error, [left, square * factor])
+
+
+def _require_order(setting: Setting) -> None:
+    """Refuse a covariance whose parameters stand in another order than theirs.
+
+    Whatever its size, it has the proportions of the bound, by a factor of `ALIKE`, in
+    another order and not in this one.
+    """
+    plugin, theory = setting.plugin, setting.theory
+    clean = setting.sensor.distort(G * setting.directions, np.random.default_rng(0))
+    covariance = calibration_of(plugin, clean, G, setting.noise).covariance
+    assert covariance is not None
+    bound, names, p = theory.bound, setting.named[0], len(theory.places)
+    if plugin.form != "triangular":
+        own, form = setting.sensor.parameters, plugin.form
+        there, _ = forms.convert(own, None, source="triangular", target=form)
+        J = forms.conversion_jacobian(own, there, source="triangular", target=form)
+        bound, names = J @ bound @ J.T, list(forms.names(form))
+    root = np.linalg.cholesky(bound)
+    spread = {}
+    for blocks in permutations(np.arange(p).reshape(-1, 3)):
+        order = np.concatenate(blocks)
+        back = np.argsort(order)  # where each parameter stands in that order
+        half = np.linalg.solve(root, covariance[np.ix_(back, back)])
+        ratios = np.linalg.eigvalsh(np.linalg.solve(root, half.T))
+        spread[tuple(order.tolist())] = float(ratios[-1] / ratios[0])
+    fitting = min(spread, key=lambda order: spread[order])
+    if spread[fitting] < ALIKE < spread[tuple(range(p))]:
+        msg = (
+            f"the covariance of {plugin.name} is in another order than its parameters: "
+            f"it fits {', '.join(names[k] for k in fitting)}, and must be of "
+            f"{', '.join(names)}"
+        )
+        raise PluginError(msg)
 
 
 def _require_spread(measured: Moments, setting: Setting, relative: float) -> None:
@@ -297,6 +394,32 @@ def _left_rows(measured: Moments, setting: Setting) -> tuple[Row, ...]:
     for predictor, value in predictors:
         rows += unjudged(LEFT(), rms, error, n, value, predictor)
     return rows
+
+
+def _extreme_rows(
+    sums: Sums, every: Float[Array, "n p"], setting: Setting, relative: float
+) -> tuple[Row, ...]:
+    """Rows of what no calibrator does: better than the bound, or far off now and then.
+
+    Normal errors are within the quantile of all of them together; the deviation of
+    most, from the median size, is off by five of its standard errors at the most.
+    """
+    theory, n = setting.theory, len(every)
+    p = len(theory.places)
+    size = np.abs(every[:, :p] - np.median(every[:, :p], axis=0))
+    deviations = np.median(size, axis=0) / scipy.special.ndtri(0.75)
+    greatest = float((size.max(axis=0) / deviations).max())
+    most = -scipy.special.ndtri(RARE / (2 * n * p)) * (1.0 + 5.0 * 1.17 / np.sqrt(n))
+    rows = limit(GREATEST_ERROR(), greatest, most, NORMAL, n=n)
+    if not setting.own:
+        return rows
+    weight = np.zeros((sums.size, sums.size))
+    weight[:p, :p] = np.linalg.inv(theory.bound) / p
+    ratio, error = mean_square(sums, weight)
+    return rows + plain(
+        BELOW_BOUND(), max(0.0, 1.0 - ratio), error, n, 0.0, CRAMER_RAO,
+        theory.variance_off + 2.0 * BIAS_ALLOWED * relative,
+    )  # fmt: skip
 
 
 def _nees_row(measured: Moments, setting: Setting) -> tuple[Row, ...]:

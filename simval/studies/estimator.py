@@ -51,6 +51,7 @@ from simval.moments import Moments
 from simval.montecarlo import moments_of, simulate
 from simval.plugins import Estimator, find_plugin, probe_estimator
 from simval.plugins.attitude_classes import COUNT
+from simval.plugins.memory import require_no_memory
 from simval.plugins.noise import vector_noise
 from simval.plugins.probe import TOLERANCE
 from simval.results import Outcome, Row, limit, nees, plain
@@ -92,6 +93,9 @@ BATCH = 8
 AXES = ("x", "y", "z")
 MOST_NOISE = 0.1
 """Of any vector, per axis."""
+
+SQUARE_APART = 0.01
+"""By which a normalised square may differ in another order, relative to it and 1."""
 
 SMALL = 1e-5
 """Noise at which a second-order bias and the error of cubature are negligible."""
@@ -180,22 +184,30 @@ def outcome(plugin: Estimator, parameters: Parameters, streams: Streams) -> Outc
     setting = Setting(plugin, parameters.geometry, vectors, parameters.noise)
     asked = plugin if setting.claims else replace(plugin, covariance=None)
     off = probe_estimator(asked, vectors, setting.noise)
+    first: list[Float[Array, "n p"]] = []
+
+    def sampled(rng: np.random.Generator, count: int) -> Float[Array, "p n"]:
+        errors = setting.errors(setting.drawn(count, noise, rng), noise)
+        first.extend([] if first else [errors])
+        return errors.T
+
     sums = simulate(
-        lambda rng, count: setting.errors(setting.drawn(count, noise, rng), noise).T,
+        sampled,
         streams,
         samples=parameters.samples,
         block=BLOCK,
         batch=BATCH,
     )
+    _require_no_memory(setting, noise, streams, first[0])
     cubature = setting.cubature(noise, DEGREE)
     coarser = setting.cubature(noise, DEGREE - 2)
     rows = [
         *limit(PROBE(unit="rad"), off, TOLERANCE, TRUTH, n=1),
         *failure_rows(plugin, parameters.cases, vectors, setting.noise),
         *_bias_rows(setting, cubature, coarser),
-        *leading_rows(setting, off),
+        *leading_rows(setting, off / setting.sine),
         *_moment_rows(moments_of(sums), cubature, coarser),
-        *size_rows(setting, sums, noise, (cubature, coarser), off),
+        *size_rows(setting, sums, noise, (cubature, coarser), off / setting.sine),
         *_unit_rows(setting, noise, streams),
     ]
     if plugin.series:
@@ -208,6 +220,23 @@ def outcome(plugin: Estimator, parameters: Parameters, streams: Streams) -> Outc
         )
         rows += _full_rows(plugin.claim, off, claim_off(half), cubature[1][:3, :3])
     return Outcome(rows=tuple(rows))
+
+
+def _require_no_memory(
+    setting: Setting, noise: float, streams: Streams, first: Float[Array, "n p"]
+) -> None:
+    """Check that trials of the first block have the same errors in another order."""
+    vectors = setting.drawn(len(first), noise, streams.block(0))
+    allowed = np.full(first.shape, np.inf)
+    allowed[:, :3] = TOLERANCE / setting.sine
+    if setting.claims:
+        allowed[:, 3] = SQUARE_APART * (1.0 + first[:, 3])
+    require_no_memory(
+        setting.plugin.name,
+        first,
+        lambda places: setting.errors(vectors[places], noise),
+        allowed,
+    )
 
 
 def _unit_rows(setting: Setting, noise: float, streams: Streams) -> tuple[Row, ...]:

@@ -13,8 +13,9 @@ from simval.errors import PluginError
 from simval.geometry import attitude_matrix, normalize
 from simval.plugins import Estimator
 from simval.plugins.answers import covariances_of, quaternions_of
+from simval.plugins.failures import TOLERANCE, allowed
 from simval.plugins.noise import VectorNoise, vector_noise
-from simval.plugins.probe import rotation_error
+from simval.plugins.probe import heeds, rotation_error
 from simval.shapes import Float
 from simval.studies.attitude import random_geometry
 from simval.theory import wahba_bound
@@ -25,6 +26,9 @@ Moments = tuple[Float[Array, " p"], Float[Array, "p p"]]
 
 SQUARES = slice(-2, None)
 """Columns of the errors that are squares: of the plug-in, and of the least squares."""
+
+HEEDED = 24
+"""Trials by which it is seen whether it uses what it reads."""
 
 DEGREE = 7
 """Of cubature; its own error is twice what degree 5 differs by."""
@@ -85,6 +89,17 @@ class Setting:
         self.truth = np.concatenate([body, self.references])
         rows = [v[None] for v in self.truth]
         self.roots = self.noise.roots(rows)[0]
+
+    @property
+    def sine(self) -> float:
+        """Sine between its references, by which rounding turns an estimate more."""
+        return TOLERANCE / float(allowed([v[None] for v in self.truth])[0])
+
+    @property
+    def weighs(self) -> bool:
+        """Whether its attitudes depend on what it reads of the noise."""
+        given = [np.repeat(v[None], HEEDED, axis=0) for v in self.truth]
+        return bool(self.plugin.reads) and heeds(self.plugin, given, covariance=False)
 
     @property
     def claims(self) -> bool:

@@ -23,6 +23,7 @@ from simval.statistics import (
     EFFICIENCY,
     RMS,
     RMS_DIFFERENCE,
+    SQUARED_ERROR,
 )
 from simval.studies.estimator_setting import SQUARES, Moments, Setting
 
@@ -56,11 +57,29 @@ def size_rows(
             RMS(unit="rad"), rms, error / (2.0 * rms), n, np.sqrt(least), CRAMER_RAO
         ),
         *unjudged(EFFICIENCY(), efficiency, remainder=left),
+        *_tail_row(square, n, cubatures),
         *plain(
             EFFICIENCY("simulated"), least / square, least * error / square**2, n,
             efficiency, CUBATURE, left,
         ),
         *_difference_rows(sums, fine, coarse, max(rounding, _EPS), setting.weights),
+    )  # fmt: skip
+
+
+def _tail_row(
+    square: float, n: int, cubatures: tuple[Moments, Moments]
+) -> tuple[Row, ...]:
+    """Mean square over cubature's, with the standard error that cubature gives it.
+
+    The trials' own is no measure: rare ones that are far off make both great.
+    """
+    (mean, covariance), (coarse, _) = cubatures
+    fine = float(mean[SQUARES][0])
+    gaussian = 2.0 * float(np.sum(covariance[:3, :3] ** 2))
+    variance = max(gaussian, float(covariance[SQUARES, SQUARES][0, 0]))
+    return plain(
+        SQUARED_ERROR(), square / fine, np.sqrt(variance / n) / fine, n,
+        1.0, CUBATURE, 2.0 * abs(1.0 - float(coarse[SQUARES][0]) / fine),
     )  # fmt: skip
 
 

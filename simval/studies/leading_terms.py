@@ -7,6 +7,8 @@ By cubature at a noise h and at half of it. With
    m h^2 = \frac{16\,\bar\theta_{h/2} - \bar\theta_h}{3}, \quad
    P h^2 = \frac{16\,C_{h/2} - C_h}{3}.
 
+One whose attitudes depend on the noise that it reads has no greater trace of P than
+least squares with equal weights, where noise is the same in every direction.
 An estimate that is right without noise is unbiased to first order: l is zero, and
 nothing is below the Cramer-Rao bound. An estimator that declares its class has the m
 and P of that class as well, and one that works with power series those of its own
@@ -31,9 +33,11 @@ from simval.statistics import (
     CLASS_BIAS,
     CLASS_COVARIANCE,
     CRAMER_RAO,
+    EQUAL_WEIGHTS,
     FIRST_ORDER_BIAS,
     NO_BIAS,
     ORDER_2,
+    OVER_EQUAL_WEIGHTS,
     class_of,
 )
 from simval.studies.estimator_series import series_of
@@ -72,6 +76,13 @@ def leading_rows(setting: Setting, rounding: float) -> tuple[Row, ...]:
         (BELOW_BOUND(),), (max(0.0, 1.0 - _least_ratio(covariance, bound)),),
         most, CRAMER_RAO, n=1,
     )  # fmt: skip
+    if setting.noise.isotropic and np.ptp(setting.noise.weights) and setting.weighs:
+        given = setting.q, setting.references, setting.covariances(noise)
+        plain = float(np.trace(class_moments("wahba", *given)[1]))
+        rows += limit(
+            (OVER_EQUAL_WEIGHTS(),), (float(np.trace(covariance)) / plain,),
+            1.0 + most, EQUAL_WEIGHTS, n=1,
+        )  # fmt: skip
     slack = 6.0 * weights * rounding
     limits = (TOLERANCE + slack / size, TOLERANCE + 2.0 * slack / np.sqrt(size))
     for predictor, mean, spread in _predictions(setting, noise, A):
