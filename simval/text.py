@@ -1,5 +1,6 @@
 """Words for people: values and messages of any origin, fit for one printable line."""
 
+import math
 import traceback
 from collections.abc import Iterable
 from difflib import get_close_matches
@@ -50,6 +51,19 @@ def shown(value: Any) -> str:
     except ValueError:  # Python writes no whole number of more than 4300 digits
         text = f"of type {type(value).__name__}, too long to be written"
     return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def interval_words(low: float, high: float, digits: int) -> str:
+    """Both ends of an interval, with as many digits as tell them apart."""
+    if not math.isfinite(low):
+        return "not known"
+    if not math.isfinite(high):
+        return f"{low:.{digits}g} or more"
+    for many in range(digits, 18):
+        ends = f"{low:.{many}g}", f"{high:.{many}g}"
+        if ends[0] != ends[1]:
+            return " to ".join(ends)
+    return f"{low:.{digits}g}, without any scatter"
 
 
 def one_line(text: str) -> str:

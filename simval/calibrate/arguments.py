@@ -9,6 +9,7 @@ from simval.arguments import choice, switch, whole_number
 from simval.arrays import (
     Array,
     noise_levels,
+    physical_array,
     positive_number,
     shaped_array,
 )
@@ -162,3 +163,23 @@ def checked_noise(
         )
         raise InputError(msg)
     return sigma
+
+
+def checked_time(time: Any, count: int) -> Float[Array, " n"]:
+    """Return when each pose was taken, 0, 1, 2 ... if not given.
+
+    Raises
+    ------
+    InputError
+        If the shape is wrong, a time is not finite, or all are the same.
+    """
+    if time is None:
+        return np.arange(float(count))
+    values = physical_array("time", time, (count,))
+    if values.shape != (count,) or not np.ptp(values) > 0.0:
+        msg = (
+            f"`time` has shape {values.shape} and spans {shown(float(np.ptp(values)))} "
+            f"s; give the time of each of the {count} poses, s"
+        )
+        raise InputError(msg)
+    return values

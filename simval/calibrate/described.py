@@ -7,6 +7,7 @@ import numpy as np
 from simval.arrays import Array
 from simval.sensor import forms
 from simval.shapes import Float
+from simval.text import interval_words
 
 KNOWN_UNITS = (
     (1.0, "rad/s"),
@@ -15,6 +16,9 @@ KNOWN_UNITS = (
     (np.pi / 30.0, "rev/min"),
 )
 
+G_NAMES = tuple(f"G_{a}{b}" for a in "xyz" for b in "xyz")
+"""Of the sensitivity of a gyroscope to specific force, row by row."""
+_NO_FORCE = np.zeros((3, 3)), np.zeros((3, 3))
 NEAR = 1.2  # ratio of a scale to a unit's within which the readings are in that unit
 
 
@@ -41,7 +45,7 @@ def gyroscope_text(fit: Any) -> str:
     """Describe the calibration of a gyroscope."""
     if np.ndim(fit.status):
         return batch_text("a gyroscope", fit)
-    return "\n".join(gyroscope_lines(fit, np.zeros((3, 3)), "accelerometer"))
+    return "\n".join(gyroscope_lines(fit, "accelerometer", *_NO_FORCE))
 
 
 def magnetometer_text(fit: Any) -> str:
@@ -59,7 +63,7 @@ def nine_axis_text(fit: Any) -> str:
     lines = [
         *together_lines(fit),
         "",
-        *gyroscope_lines(fit.gyroscope, np.zeros((3, 3)), others),
+        *gyroscope_lines(fit.gyroscope, others, *_NO_FORCE),
         "",
         *magnetometer_lines(fit.magnetometer, together=True),
     ]
@@ -102,9 +106,10 @@ def entry_lines(
     lines = []
     for place, (name, sign) in enumerate(forms.entries(model)):
         low, high = sorted(sign * intervals[place])
-        numbers = f"{sign * values[place]:15.8g} {sd[place]:12.3g}"
+        bar = f"{sd[place]:.3g}" if np.isfinite(sd[place]) else "-"
+        numbers = f"{sign * values[place]:15.8g} {bar:>12s}"
         numbers += "" if bound is None else f" {bound[place]:12.3g}"
-        lines.append(f"  {name:7s} {numbers}   {low:.8g} to {high:.8g}")
+        lines.append(f"  {name:7s} {numbers}   {interval_words(low, high, 8)}")
     return lines
 
 
@@ -145,25 +150,20 @@ def _kind(fit: Any) -> str:
     return fit.covariance_kind
 
 
-def gyroscope_lines(fit: Any, sensitivity: Array, others: str) -> list[str]:
+def gyroscope_lines(fit: Any, others: str, G: Array, G_sd: Array) -> list[str]:
     """M, B and G with their error bars."""
-    wide = fit.chi2_per_dof > 1.0
-    sd = fit.sd_from_residuals if wide else fit.sd
-    said = "as wide as the residuals ask" if wide else "by the noise"
     lines = [
-        f"gyroscope         rate = M (reading - B{_force_term(sensitivity)}), axes of "
+        f"gyroscope         rate = M (reading - B{_force_term(G)}), axes of "
         f"the accelerometer's {fit.model} form, rad/s; readings "
         f"{_unit(fit.M)}",
         f"                  fitted together with the {others}; chi2 per dof "
-        f"{float(fit.chi2_per_dof):.3g} with {fit.dof}, error bars {said}",
+        f"{float(fit.chi2_per_dof):.3g} with {fit.dof}",
         "                  value           sd",
     ]
-    lines += _values(fit.names, fit.parameters, sd)
-    if np.any(sensitivity):
+    lines += _values(fit.names, fit.parameters, fit.sd)
+    if np.any(G):
         lines.append("  G, raw units per m/s^2:")
-        lines += [
-            "  ".join(["  ", *(f"{x:12.5g}" for x in row)]) for row in sensitivity
-        ]
+        lines += _values(G_NAMES, G.ravel(), G_sd.ravel())
     return lines
 
 

@@ -17,6 +17,8 @@ import scipy
 
 from simval.arguments import instance
 from simval.arrays import Array, frozen, noise_levels, physical_array
+from simval.calibrate.arguments import checked_time
+from simval.calibrate.drift import Drift, find_drift
 from simval.calibrate.outliers import (
     BELIEVED,
     FALSE_ALARM,
@@ -61,6 +63,8 @@ class Diagnosis:
         Chance of a chi-square at least as high if sigma is right.
     verdict : str
         What limits the calibration, in words.
+    drift : Drift
+        Whether the poses that belong follow their time.
     """
 
     distance: Float[Array, " n"]
@@ -70,6 +74,7 @@ class Diagnosis:
     chi2_per_dof: float
     p_value: float
     verdict: str
+    drift: Drift
 
     def __post_init__(self) -> None:
         for name in ("distance", "leverage", "standardized"):
@@ -104,7 +109,9 @@ def residuals(fit: FitResult, poses: Any, noise_std: Any = None) -> Residuals:
     return _judged(fit, *_checked(fit, poses, noise_std))[0]
 
 
-def diagnose(fit: FitResult, poses: Any, noise_std: Any = None) -> Diagnosis:
+def diagnose(
+    fit: FitResult, poses: Any, noise_std: Any = None, *, time: Any = None
+) -> Diagnosis:
     """Judge the residuals of one fit.
 
     Parameters
@@ -115,6 +122,8 @@ def diagnose(fit: FitResult, poses: Any, noise_std: Any = None) -> Diagnosis:
         The readings it was made from, raw units, (n, 3).
     noise_std : float or array_like, optional
         Noise of each axis of a pose mean, raw units, one number or (n,).
+    time : array_like, optional
+        When each pose was taken, s, (n,); their order if not given.
 
     Returns
     -------
@@ -130,7 +139,10 @@ def diagnose(fit: FitResult, poses: Any, noise_std: Any = None) -> Diagnosis:
         msg = f"a batch of {len(fit.parameters)} fits is not one set; pick one"
         raise InputError(msg)
     readings, sigma = _checked(fit, poses, noise_std)
+    clock = checked_time(time, len(readings))
     fitted, (rest,) = _judged(fit, readings, sigma)
+    drift = _drift(fit, readings, sigma, clock, ~rest.flagged)
+    evidence = _evidence(fit, readings, rest, float(fitted.chi2_per_dof), drift)
     return Diagnosis(
         distance=fitted.distance,
         leverage=fitted.leverage,
@@ -138,9 +150,8 @@ def diagnose(fit: FitResult, poses: Any, noise_std: Any = None) -> Diagnosis:
         outliers=tuple(int(k) for k in np.flatnonzero(rest.flagged)),
         chi2_per_dof=float(fitted.chi2_per_dof),
         p_value=float(fitted.p_value),
-        verdict=full_verdict(
-            _evidence(fit, readings, rest, float(fitted.chi2_per_dof))
-        ),
+        verdict=full_verdict(evidence),
+        drift=drift,
     )
 
 
@@ -169,7 +180,11 @@ def _judged(
 
 
 def _evidence(
-    fit: FitResult, readings: Float[Array, "n 3"], rest: Outliers, chi2: float
+    fit: FitResult,
+    readings: Float[Array, "n 3"],
+    rest: Outliers,
+    chi2: float,
+    drift: Drift,
 ) -> Evidence:
     # outliers and a robust loss leave a chi-square of another law than that of the
     # least squares over the poses that belong
@@ -185,6 +200,31 @@ def _evidence(
         outliers=[(int(k), float(abs(rest.standardized[k]))) for k in named],
         geometry=geometry_loss(directions),
         widest=float(np.max((high - low) / 2.0 / np.abs(fit.parameters[scales]))),
+        drift=drift,
+    )
+
+
+def _drift(
+    fit: FitResult,
+    readings: Float[Array, "n 3"],
+    sigma: Float[Array, " n"] | None,
+    time: Float[Array, " n"],
+    kept: Any,
+) -> Drift:
+    # of the poses that belong: a bias moves a reading off the ellipsoid along its
+    # normal, a gain by the reading over that of the bias
+    distance, rows, _ = _distances(fit, readings)
+    x = readings - fit.B
+    normal = normalize(x @ fit.matrix.T @ fit.matrix)
+    unit = np.ones(len(x)) if sigma is None else sigma
+    columns = np.concatenate([normal, normal * x], axis=1).T / unit
+    names = [f"the {what} of {axis}" for what in ("bias", "gain") for axis in "xyz"]
+    return find_drift(
+        (distance / unit)[kept],
+        (rows / unit[:, None])[kept],
+        {name: column[kept] for name, column in zip(names, columns, strict=True)},
+        time[kept],
+        known=sigma is not None,
     )
 
 

@@ -95,7 +95,7 @@ def _choose(deletion: Deletion, known: float | None) -> list[int]:
     subset: list[int] = []
     for k in range(1, most + 1):
         subset = _worst(deletion, subset, k)
-        test = _Test(rest=deletion.squares(subset), dof=dof - k, known=known)
+        test = Drop(rest=deletion.squares(subset), dof=dof - k, known=known)
         more, left = k - len(chosen), count - len(chosen)
         together = test.chance(deletion.squares(chosen), more)
         together *= scipy.special.binom(left, more)
@@ -108,13 +108,15 @@ def _choose(deletion: Deletion, known: float | None) -> list[int]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Test:
-    # chance of a drop in the sum of squares down to `rest`, at `dof`
+class Drop:
+    """A drop of the sum of squares down to `rest`, which has `dof` freedoms."""
+
     rest: float
     dof: int
-    known: float | None
+    known: float | None  # standard deviation of a residual, where it is known
 
     def chance(self, before: float, k: int) -> float:
+        """Chance that k unknowns more lower the squares as far from `before`."""
         ratio = min(self.rest / before, 1.0)
         by_scatter = float(scipy.special.betainc(self.dof / 2.0, k / 2.0, ratio))
         if self.known is None:

@@ -16,6 +16,7 @@ import numpy as np
 import scipy
 
 from simval.arrays import Array
+from simval.calibrate.drift import FALSE_ALARM, HIDDEN, Drift
 from simval.poses import PARAMETERS, direction_jacobian
 from simval.shapes import Float
 
@@ -43,6 +44,8 @@ class Evidence:
         Factor (V1) of the poses that belong; infinite below rank nine.
     widest : float
         Greatest half-width of a scale's 95 % interval over the scale; NaN if none.
+    drift : Drift
+        Whether the poses that belong follow their time.
     """
 
     chi2_per_dof: float
@@ -50,6 +53,7 @@ class Evidence:
     outliers: Sequence[tuple[int, float]]
     geometry: float
     widest: float
+    drift: Drift
 
 
 def geometry_loss(directions: Float[Array, "n 3"]) -> float:
@@ -67,26 +71,30 @@ def geometry_loss(directions: Float[Array, "n 3"]) -> float:
     return float(np.sqrt(np.max(np.sum(root * root, axis=1) / best)))
 
 
-def verdict(chi2_per_dof: float, dof: int, *, first: bool = True) -> str:
-    """Say what a chi-square per degree of freedom means."""
+def verdict(
+    chi2_per_dof: float, dof: int, drift: Drift | None = None, *, first: bool = True
+) -> str:
+    """Say what a chi-square per degree of freedom means, and a drift if one is seen."""
     if dof == 0:
         return "nine poses fit exactly: the residuals say nothing; add poses"
     if not np.isfinite(chi2_per_dof):
         return "not judged: the noise of a pose mean is not known"
     low, high = 2.0 * scipy.special.gammaincinv(dof / 2, [_TAIL, 1.0 - _TAIL]) / dof
     factor = np.sqrt(chi2_per_dof)
+    drifts = drift is not None and drift.seen
     if chi2_per_dof > high:
         return (
             f"the poses are the limit, not the noise: residuals are {factor:.1f} times "
             "what the noise explains (moved holds, drift, a sensor that is not "
-            "linear); trust the Type A error bars, more averaging will not help"
+            "linear); more averaging will not help"
+            + ("" if drifts else ", trust the Type A error bars")
         )
     if chi2_per_dof < low:
         return (
             f"residuals are {factor:.2f} times what the noise explains: the noise is "
             "overstated, or the poses are not independent"
         )
-    said = "noise is the limit: " if first else ""
+    said = "noise is the limit: " if first and not drifts else ""
     said += "the residuals are what the noise explains"
     if dof < _BLIND_BELOW:
         said += (
@@ -101,8 +109,11 @@ def full_verdict(found: Evidence) -> str:
     parts = []
     if found.outliers:
         parts.append(_outliers_named(found))
+    if found.drift.seen:
+        parts.append(drift_words(found.drift))
     wide = not found.geometry <= GEOMETRY_LIMIT
-    said = verdict(found.chi2_per_dof, found.dof, first=not (parts or wide))
+    first = not (parts or wide)
+    said = verdict(found.chi2_per_dof, found.dof, found.drift, first=first)
     scatter = f"without that, {said}" if found.outliers else said
     if not wide:
         parts.append(scatter)
@@ -116,6 +127,30 @@ def full_verdict(found: Evidence) -> str:
             "a calibration"
         )
     return "; ".join(parts)
+
+
+def drift_words(found: Drift) -> str:
+    """Say that the residuals follow the time, or whether they would show it."""
+    if found.seen:
+        return (
+            f"the sensor drifts: its residuals follow the time as if {found.what} "
+            f"changed by {found.span:.2g} over the poses (chance {found.p_value:.1g}; "
+            f"one is called below {FALSE_ALARM:g}), and no error bar holds that; let "
+            "it warm up and record again, repeating the first poses at the end"
+        )
+    if not np.isfinite(found.p_value):
+        return "too few poses to tell a drift: record more"
+    said = (
+        f"none seen (chance {found.p_value:.2g}; one is called below {FALSE_ALARM:g})"
+    )
+    if found.hidden <= HIDDEN:
+        return said
+    factor = f"{found.hidden:.0f} times" if found.hidden < 1e6 else "far"
+    return (
+        f"{said}; but the order of the poses hides one: if {found.hides} drifts "
+        f"evenly, it must be {factor} greater to be seen than with the same poses in "
+        "an order of chance; repeat the first poses at the end"
+    )
 
 
 def _geometry_named(found: Evidence) -> str:

@@ -16,7 +16,6 @@ from simval.cli.terminal import say
 from simval.logs import Log, read_log
 from simval.multiposition import (
     ImuCalibration,
-    LogCalibration,
     calibrate_log,
     calibrate_sensors,
 )
@@ -51,7 +50,7 @@ def run(
         noise=known,
     )
     if out is not None or as_json:
-        written = as_object(result) | sensors_object(whole, log) | log_object(log)
+        written = as_object(whole) | sensors_object(whole, log) | log_object(log)
     if out is not None:
         write_json(out, written)
     if kalibr is not None:
@@ -78,12 +77,13 @@ def write_page(path: Path, log: Log, whole: ImuCalibration) -> None:
     write(path, render_calibration(log, whole, command_again()))
 
 
-def as_object(result: LogCalibration) -> dict[str, Any]:
-    """Return the result as one JSON object; a calibration file with more in it."""
+def as_object(whole: ImuCalibration) -> dict[str, Any]:
+    """Return the accelerometer as one JSON object; a calibration file and more."""
+    result = whole.log
     diagnosis = result.diagnosis
     known = not np.isnan(diagnosis.chi2_per_dof)
     white = result.white_chi2_per_dof
-    return to_json(result.fit) | {
+    return to_json(whole.accelerometer) | {
         "intervals": len(result.intervals),
         "interval_samples": result.intervals.tolist(),
         "multiplier": result.multiplier,

@@ -12,6 +12,7 @@ from simval.recorded.consistency import Consistency
 from simval.recorded.errors import Rms
 from simval.recorded.fit import polar
 from simval.recorded.signals import Signals
+from simval.text import interval_words
 
 PARTS = {"all": "all", "rest": "at rest", "moving": "moving"}
 BLIND = (
@@ -184,7 +185,7 @@ def _covariances(done: list[Evaluation]) -> list[str]:
 
 
 def _interval(each: Consistency) -> str:
-    return "-" if np.isnan(each.low) else f"{each.low:.3g} to {each.high:.3g}"
+    return "-" if np.isnan(each.low) else interval_words(each.low, each.high, 3)
 
 
 def _alone(done: list[Evaluation]) -> list[str]:

@@ -26,6 +26,7 @@ from simval.multiposition.noise import LogNoise, log_noise
 from simval.noise import AxisNoise
 from simval.noise.files import AXES, FORMAT, axis_to_json
 from simval.noise.model import UNITS as RAW
+from simval.text import interval_words
 
 SI = {"accelerometer": "m/s^2", "gyro": "rad/s", "magnetometer": "T"}
 Sensors = dict[str, tuple[tuple[AxisNoise, ...], Scale]]
@@ -205,7 +206,7 @@ def _table(
             continue
         mark = "" if seen else "<"
         cells = [f"{mark}{size:.4g}", f"{scale * each.sd:.2g}" if each.sd else "-"]
-        ends = f"{scale * each.low:.4g} to {scale * each.high:.4g}"
+        ends = interval_words(scale * each.low, scale * each.high, 4)
         extra = "".join(
             f"{mark + format(convert(size, axis.rate_hz), '.4g'):>{len(title) + 3}s}"
             for title, convert in further

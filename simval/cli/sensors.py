@@ -2,27 +2,27 @@
 
 from typing import Any
 
-from simval.calibrate.files import to_json
 from simval.logs import Log
 from simval.multiposition import ImuCalibration
+from simval.multiposition.judgements import judgements
 
 
 def sensors_object(whole: ImuCalibration, log: Log) -> dict[str, Any]:
-    """Every sensor as plain JSON values, the accelerometer as the joint fit has it."""
+    """The sensors beside the accelerometer, and what is asked of all error bars."""
     from simval.multiposition.rates import message_covariances
 
     values: dict[str, Any] = {"left_out": dict(whole.left_out)}
     if whole.gyroscope is not None:
-        joint = to_json(whole.accelerometer)
-        values |= {k: v for k, v in joint.items() if k not in ("rms", "status")}
         values["gyroscope"] = whole.gyroscope.as_object() | {
             "G": whole.sensitivity.tolist(),
+            "G_sd": whole.sensitivity_sd.tolist(),
             "reasons": list(whole.reasons),
         }
     if whole.magnetometer is not None:
         values["magnetometer"] = whole.magnetometer.as_document() | noise_object(whole)
     if whole.together is not None:
         values["together"] = whole.together.as_object()
+    values["judgements"] = [each.as_object() for each in judgements(whole)]
     values["ros_imu"] = message_covariances(log, whole)
     return values
 

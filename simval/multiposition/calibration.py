@@ -160,10 +160,11 @@ def _calibrated(
             continue
         noisy = not np.any(noise.std == 0.0)
         alone = diagnose(fit, poses, None if np.any(white == 0.0) else white)
-        initial = rests.initial
+        initial, std = rests.initial, noise.std if noisy else None
+        middle = log.time[intervals.sum(axis=1) // 2]
         result = LogCalibration(
             fit=fit,
-            diagnosis=diagnose(fit, poses, noise.std if noisy else None),
+            diagnosis=diagnose(fit, poses, std, time=middle),
             white_chi2_per_dof=alone.chi2_per_dof,
             pose_noise=noise,
             rest=initial,

@@ -6,7 +6,6 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.calibrate.described import (
-    entry_lines,
     gyroscope_lines,
     magnetometer_lines,
     matrix_lines,
@@ -14,12 +13,16 @@ from simval.calibrate.described import (
     residual_line,
     status_line,
 )
+from simval.calibrate.verdict import drift_words
+from simval.multiposition.judgements import honest, judgements
 from simval.shapes import Float
 
 
-def log_lines(result: Any) -> list[str]:
-    """Describe the result in lines of text."""
-    fit, diagnosis = result.fit, result.diagnosis
+def log_lines(result: Any, whole: Any = None) -> list[str]:
+    """Describe the result in lines of text, with the numbers of the fit of all."""
+    diagnosis = result.diagnosis
+    fit = result.fit if whole is None else whole.accelerometer
+    joint = "" if whole is None else fit_of(whole)
     how = "found" if result.rest.found else "given"
     lines = [
         f"initial rest      {result.rest_seconds:.2f} s ({how})",
@@ -28,6 +31,7 @@ def log_lines(result: Any) -> list[str]:
         *(f"{'':18s}{cut}" for cut in result.cuts),
         status_line(fit),
         "",
+        *([f"accelerometer     {joint}"] if joint else []),
         *parameter_lines(fit, bound_sd(result)),
         "",
         *matrix_lines(fit),
@@ -37,8 +41,9 @@ def log_lines(result: Any) -> list[str]:
         "freedom",
         *_noise_lines(result),
         f"verdict           {diagnosis.verdict}",
+        f"drift             {drift_words(diagnosis.drift)}",
         f"bound             least sd that {_noise(result)} would allow with these "
-        "poses (Cramer-Rao)",
+        f"poses{', without the moves' * bool(joint)} (Cramer-Rao)",
         f"gravity           {fit.g:g} m/s^2 was assumed; a g wrong by 0.1 % makes "
         "every K wrong by 0.1 %, and leaves T and B",
     ]
@@ -81,16 +86,23 @@ def _noise_lines(result: Any) -> list[str]:
     return lines
 
 
-def sensor_lines(whole: Any) -> list[str]:
-    """Describe the other sensors, and what was left out."""
-    lines: list[str] = []
+def fit_of(whole: Any) -> str:
+    """The fit that the accelerometer's numbers are from, if not its own."""
     if whole.together is not None:
-        lines += ["", *joint_lines(whole.accelerometer)]
+        return "one fit of all three sensors, in which the moves help the others"
+    if whole.gyroscope is not None:
+        return "fit together with the gyroscope, whose moves help it"
+    return ""
+
+
+def sensor_lines(whole: Any) -> list[str]:
+    """Describe the other sensors, what was left out, and whether to trust the bars."""
+    lines: list[str] = []
     if whole.gyroscope is not None:
         others = "accelerometer"
         if whole.together is not None:
             others += " and the magnetometer"
-        lines += ["", *gyroscope_lines(whole.gyroscope, whole.sensitivity, others)]
+        lines += ["", *_gyroscope_lines(whole, others)]
         lines += [f"{'':18s}{reason}" for reason in whole.reasons]
     if whole.magnetometer is not None:
         lines += [
@@ -102,19 +114,14 @@ def sensor_lines(whole: Any) -> list[str]:
         lines += noise_lines(whole)
     for name, why in whole.left_out.items():
         lines += ["", f"left out          the {name}: {why}"]
-    return lines
+    _, said = honest(judgements(whole))
+    return [*lines, "", f"honest bars       {said}"]
 
 
-def joint_lines(fit: Any) -> list[str]:
-    """T, K and B as the one fit of three sensors has them."""
-    return [
-        "together          accelerometer, gyroscope and magnetometer in one fit, whose "
-        "numbers all files have;",
-        f"                  above is the accelerometer alone, here its {fit.model} "
-        "form in the fit of all",
-        "                  value           sd   95 % interval",
-        *entry_lines(fit.model, fit.parameters, fit.sd, fit.intervals),
-    ]
+def _gyroscope_lines(whole: Any, others: str) -> list[str]:
+    return gyroscope_lines(
+        whole.gyroscope, others, whole.sensitivity, whole.sensitivity_sd
+    )
 
 
 def noise_lines(whole: Any) -> list[str]:

@@ -54,6 +54,8 @@ class ImuCalibration:
         Its covariance holds the accelerometer's nine parameters too.
     sensitivity : Array
         What specific force does to the gyroscope, raw units per m/s^2, (3, 3).
+    sensitivity_sd : Array
+        Standard deviation of each entry of it, (3, 3).
     magnetometer : MagnetometerFit or None
         On the axes of the accelerometer, fitted together with it.
     together : NineAxisFit or None
@@ -70,6 +72,7 @@ class ImuCalibration:
     accelerometer: FitResult
     gyroscope: GyroscopeFit | None
     sensitivity: Float[Array, "3 3"]
+    sensitivity_sd: Float[Array, "3 3"]
     magnetometer: MagnetometerFit | None
     together: NineAxisFit | None
     reasons: tuple[str, ...]
@@ -77,7 +80,7 @@ class ImuCalibration:
     compass_noise: PoseNoise | None
 
     def __str__(self) -> str:
-        return "\n".join(log_lines(self.log) + sensor_lines(self))
+        return "\n".join(log_lines(self.log, self) + sensor_lines(self))
 
 
 def calibrate_sensors(
@@ -153,6 +156,7 @@ def calibrate_sensors(
         accelerometer=result.fit if imu is None else imu.accelerometer,
         gyroscope=None if imu is None else imu.gyroscope,
         sensitivity=np.zeros((3, 3)) if imu is None else imu.G,
+        sensitivity_sd=np.zeros((3, 3)) if imu is None else imu.G_sd,
         magnetometer=None if compass is None else compass[0],
         together=None,
         compass_noise=None if compass is None else compass[1],

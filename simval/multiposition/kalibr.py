@@ -75,7 +75,7 @@ def _matrix(name: str, matrix: Array, indent: int) -> list[str]:
 def _noise_lines(
     log: Log, force: Float[Array, "3 3"], rate: Float[Array, "3 3"]
 ) -> list[str]:
-    # the largest of the axes; what is not seen by the upper end of its interval
+    # the largest that is seen of the axes; what is only bounded is a comment
     try:
         found = log_noise(log)
     except RefusedError as error:
@@ -83,21 +83,30 @@ def _noise_lines(
     lines = []
     for name, kind, unit in LINES:
         own, M = (found.accelerometer, force) if name[0] == "a" else (found.gyro, rate)
-        value = _largest(own, kind, np.linalg.norm(M, axis=0))
-        if value is None:
-            lines.append(f"  # {name}: not told by {found.seconds:.0f} s at rest")
+        value, bound = _largest(own, kind, np.linalg.norm(M, axis=0))
+        where = f"by {found.seconds:.0f} s at rest"
+        if value is not None:
+            more = f"; an axis that is not seen, below {bound:.4g}" if bound else ""
+            lines.append(f"  {name}: {value!r}  # {unit}{more}")
+        elif bound is not None:
+            lines.append(f"  # {name}: not seen, below {bound:.4g} {unit} {where}")
         else:
-            lines.append(f"  {name}: {value!r}  # {unit}")
+            lines.append(f"  # {name}: not told {where}")
     return lines
 
 
 def _largest(
     axes: tuple[AxisNoise, ...], kind: str, scales: Float[Array, "3"]
-) -> float | None:
-    values = []
-    for axis, scale in zip(axes, scales, strict=True):
-        for each in axis.coefficients:
-            if each.kind == kind:
-                values.append(scale * (each.high if each.value is None else each.value))
-    finite = [float(value) for value in values if np.isfinite(value)]
-    return max(finite) if finite else None
+) -> tuple[float | None, float | None]:
+    # what is seen, and where an axis shows less than its bound, the bound
+    each = [
+        (c, float(scale))
+        for axis, scale in zip(axes, scales, strict=True)
+        for c in axis.coefficients
+        if c.kind == kind
+    ]
+    seen = [scale * c.value for c, scale in each if c.value is not None]
+    bounds = [
+        scale * c.high for c, scale in each if c.value is None and np.isfinite(c.high)
+    ]
+    return max(seen, default=None), max(bounds, default=None)

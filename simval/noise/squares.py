@@ -13,6 +13,10 @@ larger coefficient scatters more,
 
 .. math:: \theta_i^\pm = \tilde\theta_i(V(\theta^\pm)) \pm z\,
    \tilde s_i(V(\theta^\pm)).  \tag{V6}
+
+Where that estimate is more than one standard deviation below zero, the upper end takes
+it for one: a bound is then no lower than one signal in six without the coefficient
+shows, and never zero, which no signal tells.
 """
 
 from dataclasses import dataclass
@@ -159,7 +163,8 @@ def _end(problem: Problem, found: Squares, place: int, z: float) -> float:
         there = _with(problem, found.values, place, value)
         covariance = allan_covariance(problem.forms, there)
         free, sd = _free(_whitened(problem, covariance))
-        before, value = value, float(max(free[place] + z * sd[place], 0.0))
+        near = max(free[place], -sd[place]) if z > 0.0 else free[place]
+        before, value = value, float(max(near + z * sd[place], 0.0))
         if abs(value - before) <= 0.01 * sd[place]:
             return value
         if not value <= 1e3 * problem.variances.max() / problem.law[:, place].max():

@@ -9,6 +9,7 @@ from simval import __version__
 from simval.arrays import Array
 from simval.logs import Log
 from simval.multiposition import ImuCalibration, LogCalibration
+from simval.multiposition.described import bound_sd, fit_of
 from simval.report.calibrated_replies import farthest, readable, replies
 from simval.report.calibrated_sensors import gyroscope_section, magnetometer_section
 from simval.report.coverage import widest_gap
@@ -69,7 +70,7 @@ def calibration_sections(
 
 def _result(whole: ImuCalibration) -> Section:
     result, fit = whole.log, whole.accelerometer
-    bound = _bound(result)
+    bound = bound_sd(result)
     rows = [
         (
             name,
@@ -118,29 +119,14 @@ def _result(whole: ImuCalibration) -> Section:
         if fit.model != "symmetric"
         else "K (reading - B)",
         letter="T" if fit.model != "symmetric" else "K",
-        joint=_fit_of(whole),
+        joint=fit_of(whole),
     )
-
-
-def _fit_of(whole: ImuCalibration) -> str:
-    # the fit that the accelerometer's numbers are from, if not its own
-    if whole.together is not None:
-        return "one fit of all three sensors, in which the moves help the others"
-    if whole.gyroscope is not None:
-        return "fit together with the gyroscope, whose moves help them"
-    return ""
 
 
 def _ordered(model: str, intervals: Float[Array, "9 2"]) -> list[list[float]]:
     # ends of the entries of T, K and B, which have the parameters' signs or the other
     signs = np.array([sign for _, sign in forms.entries(model)])
     return np.sort(signs[:, None] * intervals, axis=1).tolist()
-
-
-def _bound(result: LogCalibration) -> Float[Array, "9"]:
-    if result.predicted is None:
-        return np.full(9, np.nan)
-    return np.sqrt(np.diagonal(result.predicted.cramer_rao))
 
 
 def _written(matrix: Float[Array, "3 3"]) -> str:
@@ -222,7 +208,7 @@ def _residuals(result: LogCalibration) -> Drawing:
     return Drawing(
         name="residuals",
         asked="Does every pose belong to the same sensor?",
-        finding=farthest(diagnosis.standardized, diagnosis.outliers),
+        finding=farthest(diagnosis.standardized, diagnosis.outliers, diagnosis.drift),
         caption=(
             "How far each pose is from the ellipsoid of all of them, in standard "
             "deviations; of 100 sound poses 95 are between the lines."

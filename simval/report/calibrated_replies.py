@@ -6,8 +6,10 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.calibrate import FitResult
-from simval.calibrate.outliers import BELIEVED
+from simval.calibrate.drift import Drift
 from simval.multiposition import ImuCalibration
+from simval.multiposition.described import fit_of
+from simval.multiposition.judgements import Judgement, honest, judgements
 from simval.report.answers import rounded
 from simval.report.replies import Answer, Reply
 from simval.report.units import MILLIMETRE_PER_SECOND_SQUARED, MILLIRADIAN, PPM, Unit
@@ -90,9 +92,10 @@ def _how_good(whole: ImuCalibration, bound: Float[Array, "9"]) -> Reply:
     ]
     ratio = np.max(fit.sd / bound) if known and np.all(bound > 0.0) else np.nan
     if np.isfinite(ratio):
+        alone = ", without the moves," if fit_of(whole) else ""
         lines.append(
             f"No error bar is more than {ratio:.2f} times the least that these poses "
-            "and their noise allow (Cramér-Rao)."
+            f"and their noise{alone} allow (Cramér-Rao)."
         )
     lines.append(
         f"Gravity of {fit.g:g} m/s² was assumed: wrong by 0.1 %, it makes every K "
@@ -109,35 +112,28 @@ def _how_good(whole: ImuCalibration, bound: Float[Array, "9"]) -> Reply:
 
 
 def _honest(whole: ImuCalibration) -> Reply:
-    result = whole.log
-    found, dof = result.diagnosis, result.fit.dof
-    answer: Answer = "pass"
-    if not np.isfinite(found.chi2_per_dof):
-        said, answer = "Cannot be judged", "inconclusive"
-    elif found.outliers:
-        count = len(found.outliers)
-        said = f"No: {count} outlier{'s' * (count > 1)} among the poses"
-        answer = "fail"
-    elif found.p_value < BELIEVED:
-        said, answer = "No: the residuals are greater than the noise", "fail"
-    elif found.p_value > 1.0 - BELIEVED:
-        said, answer = "No: the residuals are smaller than the noise", "fail"
-    else:
-        said = "Yes: the residuals are what the noise explains"
-    lines = [f"Verdict: {found.verdict}."]
-    if np.isfinite(found.chi2_per_dof):
-        lines.insert(
-            0,
-            f"Chi-square per degree of freedom {found.chi2_per_dof:.3g} with {dof}; "
-            f"chance of one as high {found.p_value:.2g}.",
-        )
+    found = judgements(whole)
+    holds, said = honest(found)
+    answers: dict[bool | None, Answer] = {
+        True: "pass", False: "fail", None: "inconclusive",
+    }  # fmt: skip
+    lines = [f"Verdict: {whole.log.diagnosis.verdict}."]
+    lines += [
+        f"{each.about.capitalize()}: {each.words}{_chance(each)}." for each in found
+    ]
     lines.append(BARS[whole.accelerometer.covariance_kind])
     return Reply(
         title="Are its error bars honest?",
         headline=said,
-        answer=answer,
+        answer=answers[holds],
         lines=tuple(lines),
     )
+
+
+def _chance(each: Judgement) -> str:
+    if not np.isfinite(each.p_value):
+        return ""
+    return f" (chance {each.p_value:.2g}; no below {each.level:g})"
 
 
 def _next(whole: ImuCalibration) -> Reply:
@@ -163,7 +159,9 @@ def _next(whole: ImuCalibration) -> Reply:
     )
 
 
-def farthest(residuals: Float[Array, " n"], outliers: Sequence[int]) -> str:
+def farthest(
+    residuals: Float[Array, " n"], outliers: Sequence[int], drift: Drift
+) -> str:
     """What the residuals say in one sentence."""
     known = np.abs(residuals[np.isfinite(residuals)])
     if not len(known):
@@ -171,6 +169,8 @@ def farthest(residuals: Float[Array, " n"], outliers: Sequence[int]) -> str:
     if outliers:
         named = ", ".join(str(k) for k in outliers)
         return f"Not static interval {named}, which is not on the others' ellipsoid."
+    if drift.seen:
+        return f"No: the residuals follow the time, as if {drift.what} drifted."
     return (
         f"Yes: the farthest of {len(known)} is {known.max():.1f} standard deviations "
         "off, no more than chance makes."

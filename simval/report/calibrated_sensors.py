@@ -3,7 +3,9 @@
 import numpy as np
 
 from simval.arrays import Array
+from simval.calibrate.described import G_NAMES
 from simval.multiposition import ImuCalibration
+from simval.multiposition.judgements import honest, poses_alike, steady
 from simval.report.panels import COLOURS, Drawing, Panel, Series
 from simval.report.section import Section, made
 from simval.report.table import Column, Table
@@ -20,16 +22,20 @@ def gyroscope_section(whole: ImuCalibration) -> Section | None:
     fit = whole.gyroscope
     if fit is None:
         return None
-    sd = fit.sd_from_residuals if fit.chi2_per_dof > 1.0 else fit.sd
+    rows = _rows(fit.names, fit.parameters, fit.sd)
+    if np.any(whole.sensitivity):
+        G = whole.sensitivity.ravel(), whole.sensitivity_sd.ravel()
+        rows += _rows(G_NAMES, *G)
     table = Table(
         name="gyroscope",
         caption=(
-            "Rate = M (reading - B), rad/s in the accelerometer's axes; "
+            "Rate = M (reading - B - G f), rad/s in the accelerometer's axes, G f "
+            "where forces act on it; "
             f"chi-square per degree of freedom {float(fit.chi2_per_dof):.3g} with "
             f"{fit.dof}."
         ),
         columns=COLUMNS,
-        rows=_rows(fit.names, fit.parameters, sd),
+        rows=rows,
         fold="The parameters of the gyroscope, with their error bars",
     )
     angles = np.degrees(fit.gap_angles)
@@ -80,18 +86,14 @@ def magnetometer_section(whole: ImuCalibration) -> Section | None:
         fold="The parameters of the magnetometer, with their error bars",
     )
     chi_square = np.asarray(fit.pose_chi_square)
-    same = (
-        f"Not in static interval {', '.join(str(k) for k in fit.disturbed)}."
-        if len(fit.disturbed)
-        else f"Yes: chi-square {chi_square.mean():.2g} a pose on average, of about 3."
-    )
+    _, same = honest((poses_alike(fit), steady(fit)))
     return made(
         "magnetometer-result",
         "Magnetometer",
         [
             _dots(
                 "disturbed",
-                ("Was the field the same in every pose?", same),
+                ("Was the field the same in every pose?", f"{same}."),
                 "Chi-square of each pose, three equations: 3 on average where the "
                 "field is that of the other poses and the noise is right.",
                 "chi-square of each pose",

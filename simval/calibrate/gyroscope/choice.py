@@ -45,13 +45,14 @@ class Sensitivity:
 
     kept: bool
     G: Float[Array, "3 3"]  # raw units per m/s^2; zero where not kept
+    sd: Float[Array, "3 3"]  # of its entries, as wide as the rests scatter
     # of B and of the rows of G of an axis, over the variance N^2 of that axis
     shape: Float[Array, "4 4"]
     reason: str
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "G", frozen(self.G))
-        object.__setattr__(self, "shape", frozen(self.shape))
+        for name in ("G", "sd", "shape"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
 
 
 def choose_bias(
@@ -146,7 +147,8 @@ def choose_sensitivity(
     found, *_ = np.linalg.lstsq(Xw, y, rcond=None)
     alone, *_ = np.linalg.lstsq(Xw[:, :1], y, rcond=None)
     without = float(((y - Xw[:, :1] @ alone) ** 2).sum())
-    left = float(((y - Xw @ found) ** 2).sum())
+    each = ((y - Xw @ found) ** 2).sum(axis=0)
+    left = float(each.sum())
     dof = 3 * n - 12
     least = np.finfo(float).eps ** 2 * float((y * y).sum())
     F = (without - left) / 9.0 / (max(left, least) / dof) if without > least else 0.0
@@ -160,10 +162,18 @@ def choose_sensitivity(
     if not kept:
         return _none(reason)
     scale = np.diag([1.0, 1.0 / g, 1.0 / g, 1.0 / g])
+    shape = scale @ np.linalg.inv(Xw.T @ Xw) @ scale
+    seen = float(np.sum(each / np.maximum(walk**2, np.finfo(float).tiny))) / dof
+    N = (
+        walk * np.sqrt(max(1.0, seen))
+        if np.all(walk > 0.0)
+        else np.sqrt(each / (n - 4))
+    )
     return Sensitivity(
         kept=True,
         G=found[1:].T / g,
-        shape=scale @ np.linalg.inv(Xw.T @ Xw) @ scale,
+        sd=np.multiply.outer(N, np.sqrt(np.diagonal(shape)[1:])),
+        shape=shape,
         reason=f"sensitivity to force: kept; {reason}",
     )
 
@@ -187,6 +197,7 @@ def _none(reason: str) -> Sensitivity:
     return Sensitivity(
         kept=False,
         G=np.zeros((3, 3)),
+        sd=np.zeros((3, 3)),
         shape=np.zeros((4, 4)),
         reason=f"sensitivity to force: none; {reason}",
     )

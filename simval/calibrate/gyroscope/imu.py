@@ -157,6 +157,7 @@ def calibrate_imu(
         gyroscope=fit,
         reasons=(said, found.reason),
         G=found.G,
+        G_sd=found.sd,
         reduced=reduced,
     )
 

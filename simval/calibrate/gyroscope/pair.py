@@ -38,6 +38,8 @@ class ImuFit:
     G : Array
         Sensitivity to specific force that was taken out, raw units per m/s^2, (3, 3);
         zero where there is none.
+    G_sd : Array
+        Standard deviation of each entry of it, (3, 3).
     reduced : ImuReadings
         What was fitted: moves, poses and their noise.
     """
@@ -46,10 +48,12 @@ class ImuFit:
     gyroscope: GyroscopeFit
     reasons: tuple[str, ...]
     G: Float[Array, "3 3"]
+    G_sd: Float[Array, "3 3"]
     reduced: ImuReadings
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "G", frozen(self.G))
+        for name in ("G", "G_sd"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -80,5 +84,6 @@ class ImuFit:
             },
             "gyroscope": self.gyroscope.as_object(),
             "G": self.G.tolist(),
+            "G_sd": self.G_sd.tolist(),
             "reasons": list(self.reasons),
         }

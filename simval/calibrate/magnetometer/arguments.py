@@ -17,7 +17,6 @@ from simval.calibrate.result import FitResult
 from simval.errors import GeometryError, InputError, RefusedError
 from simval.sensor import forms
 from simval.shapes import Float
-from simval.text import shown
 
 FEWEST = 8
 """Poses: three equations each for 22 parameters."""
@@ -158,26 +157,6 @@ def checked_std(name: str, value: Any, count: int) -> Float[Array, " n"]:
         )
         raise InputError(msg)
     return sigma
-
-
-def checked_time(time: Any, count: int) -> Float[Array, " n"]:
-    """Return when each pose was taken, 0, 1, 2 ... if not given.
-
-    Raises
-    ------
-    InputError
-        If the shape is wrong, a time is not finite, or all are the same.
-    """
-    if time is None:
-        return np.arange(float(count))
-    values = physical_array("time", time, (count,))
-    if values.shape != (count,) or not np.ptp(values) > 0.0:
-        msg = (
-            f"`time` has shape {values.shape} and spans {shown(float(np.ptp(values)))} "
-            f"s; give the time of each of the {count} poses, s"
-        )
-        raise InputError(msg)
-    return values
 
 
 def refuse_repeated(accelerometer: Array, magnetometer: Array) -> None:

@@ -50,6 +50,7 @@ class Found:
     pose_chi_square: Float[Array, " n"]
     disturbed: tuple[int, ...]
     findings: tuple[str, ...]
+    steady_p_value: float
 
 
 def look(fit: Single) -> Found:
@@ -78,6 +79,7 @@ def look(fit: Single) -> Found:
         pose_chi_square=poses,
         disturbed=worst,
         findings=tuple(text for text in words if text),
+        steady_p_value=varies.p_value,
     )
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array
+from simval.calibrate.arguments import checked_time
 from simval.calibrate.factors import (
     NOT_JUDGED,
     NoiseFactors,
@@ -23,7 +24,6 @@ from simval.calibrate.magnetometer.arguments import (
     Options,
     checked_pair,
     checked_std,
-    checked_time,
     refuse_repeated,
 )
 from simval.calibrate.magnetometer.equations import (
@@ -141,7 +141,9 @@ def calibrate_magnetometer(
         for i in range(0, len(batch[0]), size)
     ]
     numbers = {k: np.concatenate([p.numbers[k] for p in parts]) for k in _SHAPES}
-    found = Found(pose_chi_square=np.zeros(0), disturbed=(), findings=())
+    found = Found(
+        pose_chi_square=np.zeros(0), disturbed=(), findings=(), steady_p_value=np.nan
+    )
     noise_factors = NOT_JUDGED
     if single:
         weighed, noise_factors = _weighed(parts[0], options)
@@ -162,6 +164,7 @@ def calibrate_magnetometer(
         pose_chi_square=found.pose_chi_square,
         disturbed=found.disturbed,
         findings=found.findings,
+        steady_p_value=found.steady_p_value,
         assumption=ASSUMPTIONS[options.hemisphere],
         noise=noise_factors,
         **numbers,

@@ -64,6 +64,8 @@ class MagnetometerFit(ShownFit):
     noise : NoiseFactors
         By how much the noise of each sensor was taken to exceed what was stated, with
         which the covariance is; empty for a batch, and beside a known accelerometer.
+    steady_p_value : float
+        Chance that a steady field varies as much with time, eq. (M6); NaN for a batch.
     assumption : str
         What picked the fit from its exact twin (-M, -dip).
     """
@@ -82,6 +84,7 @@ class MagnetometerFit(ShownFit):
     disturbed: tuple[int, ...]
     findings: tuple[str, ...]
     noise: NoiseFactors
+    steady_p_value: float
     assumption: str
 
     def __post_init__(self) -> None:

@@ -1,0 +1,165 @@
+"""What is asked of the error bars of a log's calibration, each with its test.
+
+Every sentence that says yes or no of them, in the terminal, in files and on the page,
+is one of these: no where the chance of what is seen is below the level of its test.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import scipy
+
+from simval.calibrate.drift import FALSE_ALARM, HIDDEN
+from simval.calibrate.magnetometer.disturbed import FALSE_ALARM as ONE_POSE
+from simval.calibrate.outliers import BELIEVED
+
+BEYOND = 1e-3
+"""Chance of a chi-square below which residuals are beyond the stated noise."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Judgement:
+    """One question about the error bars, and the answer of its test.
+
+    Attributes
+    ----------
+    about : str
+        What is judged.
+    holds : bool or None
+        Whether all is as the error bars take it; None where the log does not tell.
+    p_value : float
+        Chance of what is seen if it is; NaN where the test has none.
+    level : float
+        The test says no below it.
+    words : str
+        The answer.
+    """
+
+    about: str
+    holds: bool | None
+    p_value: float
+    level: float
+    words: str
+
+    def as_object(self) -> dict[str, Any]:
+        """Return it as plain JSON values."""
+        known = np.isfinite(self.p_value)
+        return {
+            "about": self.about,
+            "holds": self.holds,
+            "p_value": self.p_value if known else None,
+            "level": self.level,
+            "words": self.words,
+        }
+
+
+def judgements(whole: Any) -> tuple[Judgement, ...]:
+    """Judge the sensors of a log, the accelerometer first."""
+    found = [_outliers(whole.log), _scatter(whole.log), _drift(whole.log)]
+    if whole.gyroscope is not None:
+        found.append(_moves(whole.gyroscope))
+    if whole.magnetometer is not None:
+        found += [poses_alike(whole.magnetometer), steady(whole.magnetometer)]
+    return tuple(found)
+
+
+def honest(found: tuple[Judgement, ...]) -> tuple[bool | None, str]:
+    """Say whether the error bars are honest, with the gravest answer."""
+    for answer, begin in ((False, "No: "), (None, "Not told: ")):
+        said = [each.words for each in found if each.holds is answer]
+        if said:
+            return answer, begin + said[0]
+    said = [each.words for each in found if np.isfinite(each.p_value)]
+    return True, f"Yes: {said[0]}"
+
+
+def chi_square_chance(chi_square: float, dof: float) -> float:
+    """Chance of at least such a chi-square; NaN without freedom."""
+    if not (dof > 0 and np.isfinite(chi_square)):
+        return float("nan")
+    return float(scipy.special.gammaincc(dof / 2.0, chi_square / 2.0))
+
+
+def _outliers(log: Any) -> Judgement:
+    named = log.diagnosis.outliers
+    count = len(named)
+    return Judgement(
+        about="poses of the accelerometer",
+        holds=not named,
+        p_value=float("nan"),
+        level=BELIEVED,
+        words=f"{count} outlier{'s' * (count > 1)} among the poses"
+        if named
+        else "no pose is off the ellipsoid of the others",
+    )
+
+
+def _scatter(log: Any) -> Judgement:
+    found = log.diagnosis
+    p = found.p_value
+    seen = f"chi-square per degree of freedom {found.chi2_per_dof:.3g}"
+    words = f"the residuals are what the noise explains: {seen}"
+    if not np.isfinite(p):
+        words = "the noise of a pose, or a degree of freedom, is not there"
+    elif p < BELIEVED:
+        words = f"the residuals are greater than the noise: {seen}"
+    elif p > 1.0 - BELIEVED:
+        words = f"the residuals are smaller than the noise: {seen}"
+    return _by_chance(
+        "residuals of the accelerometer",
+        2.0 * min(p, 1.0 - p) if np.isfinite(p) else p,
+        2.0 * BELIEVED,
+        words,
+    )
+
+
+def _drift(log: Any) -> Judgement:
+    found = log.diagnosis.drift
+    hidden = not found.seen and not found.hidden <= HIDDEN
+    words = "the residuals do not follow the time"
+    if found.seen:
+        words = f"the residuals follow the time: {found.what} drifts"
+    elif not np.isfinite(found.p_value):
+        words = "too few poses to tell a drift"
+    elif hidden:
+        words = f"the order of the poses hides a drift of {found.hides}"
+    told = _by_chance("drift of the accelerometer", found.p_value, FALSE_ALARM, words)
+    return replace(told, holds=None) if hidden else told
+
+
+def _moves(fit: Any) -> Judgement:
+    p = chi_square_chance(float(fit.chi2_per_dof) * fit.dof, fit.dof)
+    seen = f"chi-square per degree of freedom {float(fit.chi2_per_dof):.3g}"
+    words = f"the moves leave what their noise explains: {seen}"
+    if p < BEYOND:
+        words = f"the moves of the gyroscope leave more than their noise: {seen}"
+    return _by_chance("moves of the gyroscope", p, BEYOND, words)
+
+
+def poses_alike(fit: Any) -> Judgement:
+    """Judge whether the field is the same in every pose, as far as noise tells."""
+    p = chi_square_chance(float(fit.chi_square), fit.dof)
+    mean = f"chi-square {np.nanmean(fit.pose_chi_square):.2g} a pose, of about 3"
+    words = f"the field is that of its noise in every pose: {mean}"
+    if fit.disturbed:
+        named = ", ".join(str(k) for k in fit.disturbed)
+        words = f"the field is another in static interval {named}"
+    elif p < BEYOND:
+        words = f"the field differs from pose to pose by more than its noise: {mean}"
+    told = _by_chance("poses of the magnetometer", p, BEYOND, words)
+    return replace(told, holds=False) if fit.disturbed else told
+
+
+def steady(fit: Any) -> Judgement:
+    """Judge whether the strength of the field changes with time."""
+    p = float(fit.steady_p_value)
+    words = "the strength of the field varies with time" if p < ONE_POSE else ""
+    return _by_chance(
+        "field over time", p, ONE_POSE, words or "the field does not follow the time"
+    )
+
+
+def _by_chance(about: str, p: float, level: float, words: str) -> Judgement:
+    holds = bool(p >= level) if np.isfinite(p) else None
+    return Judgement(about=about, holds=holds, p_value=p, level=level, words=words)
