@@ -54,16 +54,16 @@ def shown(value: Any) -> str:
 
 
 def interval_words(low: float, high: float, digits: int) -> str:
-    """Both ends of an interval, with as many digits as tell them apart."""
+    """Both ends of an interval, with as many digits as tell them apart; - for none."""
     if not math.isfinite(low):
-        return "not known"
+        return "- to -"
     if not math.isfinite(high):
         return f"{low:.{digits}g} or more"
     for many in range(digits, 18):
         ends = f"{low:.{many}g}", f"{high:.{many}g}"
         if ends[0] != ends[1]:
             return " to ".join(ends)
-    return f"{low:.{digits}g}, without any scatter"
+    return "- to -"
 
 
 def one_line(text: str) -> str:

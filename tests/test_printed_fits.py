@@ -89,7 +89,7 @@ def test_a_batch_says_how_its_trials_ended():
 def test_nine_poses_have_no_error_bars():
     fit = calibrate(readings(noise_std=0.0)[:9])
     assert "none: nine poses leave no degree of freedom" in str(fit)
-    assert columns(str(fit))["K_x"][1] == "nan"
+    assert columns(str(fit))["K_x"][1:] == ["-", "-", "to", "-"]
 
 
 @given(
@@ -126,13 +126,12 @@ def test_the_command_prints_what_python_prints(simval, tmp_path):
     own = calibrate_log(log)
     whole = calibrate_sensors(log, own)
     assert out == "\n".join([*log.described(), str(whole), ""])
-    assert str(whole).startswith(str(own))
     # each fit by itself has the same numbers in the same columns, without the bound
-    alone = columns(str(own.fit))
-    printed = columns(str(own))
-    assert len(alone) == 9
-    for name, entry in alone.items():
-        assert entry == [*printed[name][:2], *printed[name][3:]]
+    for text, fit in ((str(whole), whole.accelerometer), (str(own), own.fit)):
+        alone, printed = columns(str(fit)), columns(text)
+        assert len(alone) == 9
+        for name, entry in alone.items():
+            assert entry == [*printed[name][:2], *printed[name][3:]]
     for fit in (whole.gyroscope, whole.magnetometer):
         lines = str(fit).splitlines()[2:]
         assert all(line in str(whole) for line in lines)

@@ -15,7 +15,9 @@ from simval.errors import GeometryError, RefusedError
 from simval.poses import PARAMETERS, describe, observability
 from simval.shapes import Float
 
-_FEW = 3  # degrees of freedom; below, the factor of eq. (N2) of `pencil` exceeds 20
+FEW = 3  # degrees of freedom; below, the factor of eq. (N2) of `pencil` exceeds 20
+STATE_NOISE = "state `noise_std` if it is known"
+REPEATS = "or pass `repeats=True` if these are single quantised samples"
 _RANK_TOLERANCE = 1e-7  # relative; what a scatter matrix of readings can resolve
 
 
@@ -66,8 +68,8 @@ def refuse(
         same = int(np.flatnonzero((poses == poses[index]).all(axis=1))[0])
         msg = (
             f"poses {same} and {index} are identical in every bit; means of two holds "
-            "never are, so the same data was counted twice: remove one, or pass "
-            "`repeats=True` if these are single quantised samples"
+            "never are, so the same data was counted twice: remove one, "
+            f"{REPEATS}"
         )
         raise RefusedError(msg)
     if code == Code.SATURATED:
@@ -129,12 +131,10 @@ def _noise_message(poses: Float[Array, "n 3"]) -> str:
         "quadric through them, so shape cannot be told from noise"
     )
     dof = len(poses) - PARAMETERS
-    if dof > _FEW:
+    if dof > FEW:
         return message
-    return (
-        f"{message}, and {dof} degree(s) of freedom say too little of the noise: state "
-        "`noise_std` if it is known"
-    )
+    told = f"{dof} degree(s) of freedom say too little of the noise"
+    return f"{message}, and {told}: {STATE_NOISE}"
 
 
 def _geometry_message(

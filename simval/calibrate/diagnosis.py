@@ -217,14 +217,15 @@ def _drift(
     x = readings - fit.B
     normal = normalize(x @ fit.matrix.T @ fit.matrix)
     unit = np.ones(len(x)) if sigma is None else sigma
-    columns = np.concatenate([normal, normal * x], axis=1).T / unit
+    columns = np.concatenate([normal, normal * x], axis=1).T
     names = [f"the {what} of {axis}" for what in ("bias", "gain") for axis in "xyz"]
     return find_drift(
-        (distance / unit)[kept],
-        (rows / unit[:, None])[kept],
+        distance[kept],
+        rows[kept],
         {name: column[kept] for name, column in zip(names, columns, strict=True)},
         time[kept],
         known=sigma is not None,
+        white=np.diag(1.0 / unit[kept]),
     )
 
 

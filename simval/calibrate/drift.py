@@ -77,8 +77,10 @@ def find_drift(
     time: Float[Array, " n"],
     *,
     known: bool,
+    white: Float[Array, "n n"],
 ) -> Drift:
-    """Look for a property of the sensor that drifts, in whitened residuals."""
+    """Look for a property of the sensor that drifts; `white` whitens the residuals."""
+    r, J = white @ r, white @ J
     q = np.linalg.qr(J / np.linalg.norm(J, axis=0))[0]
     n, p = J.shape
     dof = n - p
@@ -88,7 +90,7 @@ def find_drift(
     basis = np.polynomial.legendre.legvander(tau, _DEGREE)[:, 1:]
     best, tried, hidden = (np.nan, "", 0.0), 0, (0.0, "")
     for what, column in properties.items():
-        D = column[:, None] * basis
+        D = white @ (column[:, None] * basis)
         size = np.linalg.norm(D, axis=0)
         own = D - q @ (q.T @ D)
         seen = np.linalg.norm(own[:, 0]) / size[0]

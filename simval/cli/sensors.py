@@ -2,6 +2,8 @@
 
 from typing import Any
 
+from simval.calibrate import MagnetometerFit
+from simval.calibrate.magnetometer.result import OWN_NAMES
 from simval.logs import Log
 from simval.multiposition import ImuCalibration
 from simval.multiposition.judgements import judgements
@@ -19,12 +21,22 @@ def sensors_object(whole: ImuCalibration, log: Log) -> dict[str, Any]:
             "reasons": list(whole.reasons),
         }
     if whole.magnetometer is not None:
-        values["magnetometer"] = whole.magnetometer.as_document() | noise_object(whole)
+        values["magnetometer"] = _own(whole.magnetometer) | noise_object(whole)
     if whole.together is not None:
         values["together"] = whole.together.as_object()
     values["judgements"] = [each.as_object() for each in judgements(whole)]
     values["ros_imu"] = message_covariances(log, whole)
     return values
+
+
+def _own(fit: MagnetometerFit) -> dict[str, Any]:
+    # without the accelerometer, which the file states once
+    document, first = fit.as_document(), len(fit.names) - len(OWN_NAMES)
+    return document | {
+        "parameters": {name: document["parameters"][name] for name in OWN_NAMES},
+        "names": list(OWN_NAMES),
+        "covariance": fit.covariance[first:, first:].tolist(),
+    }
 
 
 def noise_object(whole: ImuCalibration) -> dict[str, Any]:

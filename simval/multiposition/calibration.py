@@ -7,6 +7,7 @@ import numpy as np
 
 from simval.arrays import Array, frozen
 from simval.calibrate import FitResult, calibrate
+from simval.calibrate.checks import FEW
 from simval.calibrate.diagnosis import Diagnosis, diagnose
 from simval.errors import RefusedError
 from simval.logs import Log
@@ -16,7 +17,7 @@ from simval.multiposition.health import explained, require_sound
 from simval.multiposition.pose_noise import PoseNoise, pose_noise
 from simval.multiposition.rests import find_rests
 from simval.noise import NoiseFile
-from simval.poses import observability
+from simval.poses import PARAMETERS, observability
 from simval.shapes import Float
 from simval.statics import Intervals, Rest, interval_counts, interval_means
 from simval.theory.calibration import CalibrationMoments, calibration_moments
@@ -150,10 +151,12 @@ def _calibrated(
         poses = interval_means(log.accelerometer, intervals)
         white = white_noise(log.accelerometer, intervals, rests.block)
         noise = pose_noise(log, intervals, white, known)
+        # so few residuals say too little of the noise; what was measured says it
+        few = len(poses) - PARAMETERS <= FEW and noise.source == "file"
         try:
             fit = calibrate(
-                poses, g, noise_std=noise.std if residual == "adjusted" else None,
-                residual=residual, full_scale=full_scale, **form,
+                poses, g, full_scale=full_scale, residual=residual, **form,
+                noise_std=noise.std if few or residual == "adjusted" else None,
             ).require_converged()  # fmt: skip
         except RefusedError as error:
             refusal = error

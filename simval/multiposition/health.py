@@ -11,6 +11,7 @@ import numpy as np
 import scipy
 
 from simval.calibrate import Diagnosis, FitResult, calibrate
+from simval.calibrate.checks import REPEATS, STATE_NOISE
 from simval.calibrate.deletion import LEFT
 from simval.calibrate.outliers import find_outliers
 from simval.errors import (
@@ -28,6 +29,11 @@ from simval.poses import PARAMETERS
 from simval.statics import Intervals
 
 _RARELY = 0.05  # chance that a scatter beyond the limit leaves as little as is seen
+_OF_A_LOG = {  # what a caller with a log can do, for what one with poses can
+    STATE_NOISE: "measure it in a long rest (simval noise LOG --json > noise.json) and "
+    "give that file (--noise noise.json)",
+    REPEATS: "or cut the log before it repeats",
+}
 # Degrees of freedom: one for the least step, and two to tell it by.
 _TELLING = LEFT + 1
 
@@ -91,7 +97,10 @@ def explained(log: Log, refusal: RefusedError, g: float, detect: Detector) -> Ex
             "more poses all over the sphere, and check the columns, the wiring and "
             "the units of each axis"
         )
-    return refusal
+    words = str(refusal)
+    for ours, theirs in _OF_A_LOG.items():
+        words = words.replace(ours, theirs)
+    return type(refusal)(words)
 
 
 def _causes(

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import scipy
 
-from simval.calibrate.drift import FALSE_ALARM, HIDDEN
+from simval.calibrate.drift import FALSE_ALARM, HIDDEN, Drift
+from simval.calibrate.factors import CHANCE
 from simval.calibrate.magnetometer.disturbed import FALSE_ALARM as ONE_POSE
 from simval.calibrate.outliers import BELIEVED
 
@@ -56,9 +57,15 @@ class Judgement:
 
 def judgements(whole: Any) -> tuple[Judgement, ...]:
     """Judge the sensors of a log, the accelerometer first."""
-    found = [_outliers(whole.log), _scatter(whole.log), _drift(whole.log)]
+    found = [
+        _outliers(whole.log),
+        _scatter(whole.log),
+        _drift("accelerometer", whole.log.diagnosis.drift),
+    ]
     if whole.gyroscope is not None:
-        found.append(_moves(whole.gyroscope))
+        found += _sources(whole.gyroscope)
+        if whole.gyroscope.drift is not None:
+            found.append(_drift("gyroscope", whole.gyroscope.drift))
     if whole.magnetometer is not None:
         found += [poses_alike(whole.magnetometer), steady(whole.magnetometer)]
     return tuple(found)
@@ -114,27 +121,42 @@ def _scatter(log: Any) -> Judgement:
     )
 
 
-def _drift(log: Any) -> Judgement:
-    found = log.diagnosis.drift
-    hidden = not found.seen and not found.hidden <= HIDDEN
-    words = "the residuals do not follow the time"
+def _drift(name: str, found: Drift, least: float = HIDDEN) -> Judgement:
+    hidden = not found.seen and not found.hidden <= least
+    words = f"the residuals of the {name} do not follow the time"
     if found.seen:
-        words = f"the residuals follow the time: {found.what} drifts"
+        words = f"the {name} drifts: its residuals follow the time by {found.what}"
     elif not np.isfinite(found.p_value):
-        words = "too few poses to tell a drift"
+        words = f"too few poses to tell a drift of the {name}"
     elif hidden:
-        words = f"the order of the poses hides a drift of {found.hides}"
-    told = _by_chance("drift of the accelerometer", found.p_value, FALSE_ALARM, words)
+        words = f"the order of the poses hides a drift of {found.hides} of the {name}"
+    told = _by_chance(f"drift of the {name}", found.p_value, FALSE_ALARM, words)
     return replace(told, holds=None) if hidden else told
 
 
-def _moves(fit: Any) -> Judgement:
-    p = chi_square_chance(float(fit.chi2_per_dof) * fit.dof, fit.dof)
-    seen = f"chi-square per degree of freedom {float(fit.chi2_per_dof):.3g}"
-    words = f"the moves leave what their noise explains: {seen}"
-    if p < BEYOND:
-        words = f"the moves of the gyroscope leave more than their noise: {seen}"
-    return _by_chance("moves of the gyroscope", p, BEYOND, words)
+def _sources(fit: Any) -> list[Judgement]:
+    # of a joint fit whether each sensor bears its stated noise, else of all its rows
+    noise = fit.noise
+    if not noise.sources:
+        p = chi_square_chance(float(fit.chi2_per_dof) * fit.dof, fit.dof)
+        words = f"chi-square per degree of freedom {float(fit.chi2_per_dof):.3g}"
+        return [_by_chance("moves of the gyroscope", p, BEYOND, words)]
+    found = []
+    for s, name in enumerate(noise.sources):
+        factor, item = float(noise.factor[s]), f"{noise.items[s]} {noise.worst[s]}"
+        words = f"the {name} bears its noise in the joint fit"
+        if factor > 1.0:
+            words = (
+                f"the {name} leaves {factor:.2f} times its noise in the joint fit, "
+                f"{item} the most ({noise.deviations[s]:.1f} standard deviations)"
+            )
+        found.append(
+            Judgement(
+                about=f"noise of the {name}", holds=not factor > 1.0,
+                p_value=float("nan"), level=CHANCE, words=words,
+            )
+        )  # fmt: skip
+    return found
 
 
 def poses_alike(fit: Any) -> Judgement:

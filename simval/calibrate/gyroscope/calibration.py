@@ -8,7 +8,7 @@ import numpy as np
 from simval.arguments import choice, instance
 from simval.arrays import Array, physical_array
 from simval.calibrate.factors import NOT_JUDGED, NoiseFactors, judged
-from simval.calibrate.gyroscope.fit import A, Fitted, approach, ended, residuals
+from simval.calibrate.gyroscope.fit import A, Fitted, approach, drift, ended, residuals
 from simval.calibrate.gyroscope.gravity import across, directions
 from simval.calibrate.gyroscope.moves import Moves, taken
 from simval.calibrate.gyroscope.noise import checked_pose_std
@@ -131,23 +131,26 @@ def calibrate_gyroscope(
     result["status"] = np.where(
         good, result["status"], [f"refused: {text}" for text in refusals]
     )
-    noise = NOT_JUDGED
+    noise, follows = NOT_JUDGED, None
     # a noise of zero, or below rounding, is no statement
     stated = setting.noise.pose_std == checked_pose_std(pose_std, readings.shape[1])
     if single and setting.joint and stated.all():
         found, noise = _weighed(moves, readings, setting, found)
         write(result, trials, found, moves, setting.noisier(*noise.factor))
+        follows = drift(found, moves, noise)
     if single:
         sd, _ = worst_sd(result["covariance"][0, A : 2 * A, A : 2 * A], found.M[0])
         rows = relative_rows(found.linear.by_gyroscope[0], found.M[0])
         require_told(rows, u[0], sd)
         result = {name: value[0] for name, value in result.items()}
+        follows = drift(last, moves, noise[0]) if last and noise[0] else None
     return GyroscopeFit(
         model=setting.model,
         estimator=estimator,
         bias=bias,
         dof=degrees_of_freedom(moves, setting),
         noise=noise,
+        drift=follows,
         **result,
     )
 

@@ -14,7 +14,8 @@ from typing import Any, Final
 import numpy as np
 
 from simval.arrays import Array
-from simval.calibrate.factors import Residuals
+from simval.calibrate.drift import Drift, find_drift
+from simval.calibrate.factors import NoiseFactors, Residuals
 from simval.calibrate.gyroscope.gravity import (
     Gravity,
     across,
@@ -215,6 +216,25 @@ def residuals(found: Fitted) -> Residuals:
         found.r[0], gain.J[0], root @ root.T,
         {"accelerometer": (L.reshape(len(L), -1, 3), slice(0, A))},
         (found.linear.E.shape[1], 2, slice(A, None)),
+    )  # fmt: skip
+
+
+def drift(found: Fitted, moves: Moves, noise: NoiseFactors) -> Drift:
+    """Whether a bias or a gain of the gyroscope of one joint fit drifts."""
+    gain, gaps = found.linear.gain, found.linear.by_gyroscope[0]
+    middle = moves.times[:, 0] + 0.5 * moves.seconds
+    time = np.full(
+        found.r.shape[1], middle.mean()
+    )  # what is no move of its own tells none
+    time[: len(gaps)] = np.repeat(middle, 2)
+    columns = {}
+    for a, axis in enumerate("xyz"):
+        scaled = gaps[:, [a, 3 + a, 6 + a]] @ found.M[0][:, a]
+        for what, own in (("bias", gaps[:, A + a]), ("gain", scaled)):
+            columns[f"the {what} of {axis}"] = np.pad(own, (0, len(time) - len(own)))
+    return find_drift(
+        found.r[0], gain.J[0], columns, time, known=bool(noise.borne),
+        white=gain.white[0],
     )  # fmt: skip
 
 

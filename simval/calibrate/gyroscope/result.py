@@ -8,6 +8,7 @@ import numpy as np
 from simval.arrays import Array, frozen
 from simval.calibrate.converged import require_all
 from simval.calibrate.described import gyroscope_text
+from simval.calibrate.drift import Drift
 from simval.calibrate.factors import NoiseFactors
 from simval.calibrate.intervals import normal_intervals
 from simval.errors import InputError
@@ -61,6 +62,8 @@ class GyroscopeFit(ShownFit):
     noise : NoiseFactors
         By how much the noise of each sensor was taken to exceed what was stated, with
         which covariance and chi-square are; empty for a batch and a fit of one sensor.
+    drift : Drift or None
+        Whether its moves follow their time; None where `noise` is empty.
     """
 
     model: str
@@ -77,6 +80,7 @@ class GyroscopeFit(ShownFit):
     gap_angles: Float[Array, "... k"]
     step: Float[Array, "..."]
     noise: NoiseFactors
+    drift: Drift | None
 
     def __post_init__(self) -> None:
         for name in _ARRAYS:
@@ -255,7 +259,6 @@ class GyroscopeFit(ShownFit):
             "chi2_per_dof": float(self.chi2_per_dof),
             "dof": self.dof,
             "condition": float(self.condition),
-            "sd_from_residuals": self.sd_from_residuals.tolist(),
             "gap_angles_rad": self.gap_angles.tolist(),
             "status": str(self.status),
         }
