@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 
 from simval.calibrate.drift import FALSE_ALARM, HIDDEN, Drift
-from simval.calibrate.factors import CHANCE
+from simval.calibrate.factors import CHANCE, NoiseFactors
 from simval.calibrate.magnetometer.disturbed import FALSE_ALARM as ONE_POSE
 from simval.calibrate.outliers import BELIEVED
 
@@ -62,12 +62,16 @@ def judgements(whole: Any) -> tuple[Judgement, ...]:
         _scatter(whole.log),
         _drift("accelerometer", whole.log.diagnosis.drift),
     ]
-    if whole.gyroscope is not None:
-        found += _sources(whole.gyroscope)
-        if whole.gyroscope.drift is not None:
-            found.append(_drift("gyroscope", whole.gyroscope.drift))
-    if whole.magnetometer is not None:
-        found += [poses_alike(whole.magnetometer), steady(whole.magnetometer)]
+    gyroscope, compass = whole.gyroscope, whole.magnetometer
+    if gyroscope is not None:
+        judged = gyroscope.noise.sources
+        found.append(_joint(gyroscope.noise) if judged else _rows(gyroscope))
+        if gyroscope.drift is not None:
+            found.append(_drift("gyroscope", gyroscope.drift))
+    if compass is not None:
+        if whole.together is None and compass.noise.sources:
+            found.append(_joint(compass.noise))
+        found += [poses_alike(compass), steady(compass)]
     return tuple(found)
 
 
@@ -134,29 +138,21 @@ def _drift(name: str, found: Drift, least: float = HIDDEN) -> Judgement:
     return replace(told, holds=None) if hidden else told
 
 
-def _sources(fit: Any) -> list[Judgement]:
-    # of a joint fit whether each sensor bears its stated noise, else of all its rows
-    noise = fit.noise
-    if not noise.sources:
-        p = chi_square_chance(float(fit.chi2_per_dof) * fit.dof, fit.dof)
-        words = f"chi-square per degree of freedom {float(fit.chi2_per_dof):.3g}"
-        return [_by_chance("moves of the gyroscope", p, BEYOND, words)]
-    found = []
-    for s, name in enumerate(noise.sources):
-        factor, item = float(noise.factor[s]), f"{noise.items[s]} {noise.worst[s]}"
-        words = f"the {name} bears its noise in the joint fit"
-        if factor > 1.0:
-            words = (
-                f"the {name} leaves {factor:.2f} times its noise in the joint fit, "
-                f"{item} the most ({noise.deviations[s]:.1f} standard deviations)"
-            )
-        found.append(
-            Judgement(
-                about=f"noise of the {name}", holds=not factor > 1.0,
-                p_value=float("nan"), level=CHANCE, words=words,
-            )
-        )  # fmt: skip
-    return found
+def _joint(noise: NoiseFactors) -> Judgement:
+    names = " and ".join(noise.sources)
+    return _by_chance(
+        f"joint fit of {names}",
+        noise.p_value,
+        CHANCE,
+        "; ".join(noise.sentences) or "every sensor bears its stated noise",
+    )
+
+
+def _rows(fit: Any) -> Judgement:
+    # of a fit whose sensors were not judged one by one
+    p = chi_square_chance(float(fit.chi2_per_dof) * fit.dof, fit.dof)
+    words = f"chi-square per degree of freedom {float(fit.chi2_per_dof):.3g}"
+    return _by_chance("moves of the gyroscope", p, BEYOND, words)
 
 
 def poses_alike(fit: Any) -> Judgement:

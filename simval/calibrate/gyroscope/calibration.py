@@ -143,7 +143,6 @@ def calibrate_gyroscope(
         rows = relative_rows(found.linear.by_gyroscope[0], found.M[0])
         require_told(rows, u[0], sd)
         result = {name: value[0] for name, value in result.items()}
-        follows = drift(last, moves, noise[0]) if last and noise[0] else None
     return GyroscopeFit(
         model=setting.model,
         estimator=estimator,
