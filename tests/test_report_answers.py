@@ -84,8 +84,8 @@ def calibration_line(run, noise, poses):
     )
 
 
-def within(run, study, families, factors):
-    """Far end of the 95 % interval of the mean deviation, by plain sums."""
+def on_average(run, study, families, factors):
+    """Mean deviation in percent and its standard error, by plain sums."""
     total = mean = square = 0.0
     for cell in run.cells:
         if cell.study != study:
@@ -102,8 +102,8 @@ def within(run, study, families, factors):
             mean += row.n * k * (row.value - row.prediction) / row.prediction
             own += row.n * k * row.standard_error / row.prediction
         square += own**2
-    # 1.96: the two-sided 95 % quantile of a normal law
-    return abs(mean / total) + 1.959963984540054 * np.sqrt(square) / total
+    numbers = 100.0 * mean / total, 100.0 * np.sqrt(square) / total
+    return f"on average {measured(*numbers)} % off"
 
 
 @pytest.mark.ci
@@ -123,11 +123,11 @@ def test_an_accuracy_run_tells_sizes_units_and_how_near_theory_is(tmp_path):
     pooled = 1  # the squared errors of the cells of `calibration` once more
     assert theory[0] == f"All {judged + pooled} checks agree"
     near = [
-        within(run, "calibration", ("sd", "nees"), (1.0, 0.5)),
-        within(run, "attitude", ("covariance",), (0.5,)),
+        on_average(run, "calibration", ("sd", "nees"), (1.0, 0.5)),
+        on_average(run, "attitude", ("covariance",), (0.5,)),
     ]
-    assert theory[1] == f"Calibration within {100 * near[0]:.2g} %; 31 checks"
-    assert theory[2] == f"Attitude within {100 * near[1]:.2g} %; 54 checks"
+    assert theory[1] == f"Calibration {near[0]}; 31 checks"
+    assert theory[2] == f"Attitude {near[1]}; 54 checks"
     assert before[0] == "Not compared"
     assert "simval report run --baseline" in before[1]
     assert "simval report run --against RUN" in before[2]
@@ -244,7 +244,7 @@ def test_a_failing_run_names_what_fails_first(tmp_path):
         theory[1]
         == f"Calibration 1 of 31 checks fails: sd[K_x], {far:+.1f} standard errors"
     )
-    assert theory[2].startswith("Attitude within")
+    assert theory[2].startswith("Attitude on average")
 
 
 def test_an_unfinished_run_says_what_was_not_measured(tmp_path):

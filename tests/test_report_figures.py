@@ -14,11 +14,8 @@ from simval.report.findings import (
     SURE,
     agreement,
     agrees,
-    behind,
-    limited,
     percent,
     slopes_said,
-    unseen,
 )
 from simval.report.layout import SLACK, entries, laid_out, legend_rows
 from simval.report.panels import DotPanel, Drawing, Panel, Series
@@ -118,78 +115,64 @@ FAR = simultaneous(3, SURE)
 @pytest.mark.parametrize(
     ("sigmas", "said"),
     [
-        ([1.0, -0.5, 0.0], "The sd is at theory within 1 % in all 3 points."),
-        ([BAND - 0.01, 0.0, 0.0], "within 2.4 % in all 3 points."),
+        (
+            [1.0, -0.5, 0.0],
+            "The sd is at theory within 1 % in all 3 values (most: a1).",
+        ),
+        ([BAND - 0.01, 0.0, 0.0], "within 2.4 % in all 3 values (most: a1)."),
         (
             [BAND + 0.01, 0.0, 0.0],
-            "; 1 point outside the band, by up to 2.4 standard errors, "
+            "; 1 value outside the band, by up to 2.4 standard errors, "
             "which chance does to one figure in 21.",
         ),
         ([FAR - 0.01, 0.0, 0.0], "chance does to one figure in 9,"),
         (
             [0.0, FAR + 0.01, 0.0],
-            "The sd: 1 of 3 points is off theory, the farthest at noise 0.01 by 4.2",
+            "The sd: 1 of 3 values is off theory, the farthest by 4.2",
         ),
         (
             [0.0, -30.0, 9.0],
-            "The sd: 2 of 3 points are off theory, the farthest at noise 0.01 by 30.0",
+            "The sd: 2 of 3 values are off theory, the farthest (a2) by 30.0",
         ),
     ],
 )
 def test_a_finding_says_what_the_points_do(sigmas, said):
-    assert said in agrees("The sd", [made(sigmas)], at="noise")
-
-
-def test_a_figure_is_not_folded_where_points_are_off():
-    drawing = Drawing(name="x", caption="", alternative="", panels=[])
-    well = behind(drawing, "It agrees.", [made([1.0, 0.0, 0.0])], "Does it?")
-    assert (well.fold, well.asked, well.finding) == ("It agrees.", "", "")
-    off = behind(drawing, "It is off.", [made([30.0, 0.0, 0.0])], "Does it?")
-    assert (off.fold, off.asked, off.finding) == ("", "Does it?", "It is off.")
+    c = replace(made(sigmas), names=["a1", "a2", "a3"])
+    assert said in agrees("The sd", [c])
 
 
 def test_a_finding_of_one_point_and_of_none():
     one = agrees("The sd", [made([0.5])])
-    assert one == "The sd is at theory: one point, 0.5 % off, 0.5 standard errors."
+    assert one == "The sd is at theory: one value, 0.5 % off, 0.5 standard errors."
     still = made([0.0], error=0.0)
-    assert agrees("It", [still]) == "It is at theory: one point, rounding off."
+    assert agrees("It", [still]) == "It is at theory: one value, rounding off."
     alone = made([1.0, 1.0], prediction=np.array([np.nan, np.nan]))
-    said = "It: 2 points, and no prediction to compare with."
+    said = "It: 2 values, and no prediction to compare with."
     assert agrees("It", [alone]) == said
-    assert agrees("It", []) == "It: 0 points, and no prediction to compare with."
+    assert agrees("It", []) == "It: 0 values, and no prediction to compare with."
 
 
 def test_what_theory_leaves_out_is_not_held_against_it():
     sigmas, rest = [0.0, 50.0, 0.0], np.array([0.0, 1.1, 0.0])  # of 2, so 55 errors
     said = agrees("It", [made(sigmas, remainder=rest)])
-    assert "in 2 of 3 points, 1 as far off as theory's own remainder allows" in said
-    assert "up to 50 %" in said
+    assert (
+        "in 2 of 3 values; 1 differs by 50 %, which theory itself leaves open" in said
+    )
     # power: a remainder that does not reach, and none
     assert "off theory" in agrees("It", [made(sigmas, remainder=rest / 2.0)])
     assert "off theory" in agrees("It", [made(sigmas)])
 
 
-def test_a_bias_that_cannot_be_seen_is_a_limit():
+def test_what_cannot_be_seen_is_counted_and_is_no_agreement():
     faint = made([1.0, -1.0, 0.5], error=3.0)
-    assert unseen([faint])
-    assert not unseen([made([1.0, -1.0, 0.5])])
     assert "cannot be told from zero" in agrees("The bias", [faint])
-    scatter = made([0.0, 0.0, 0.0], prediction=np.full(3, 1000.0))
-    said = limited("The bias", [faint], [scatter], "the scatter", 4096)
-    # the greatest: 2 (1 + 3 * 1) = 8, and its band of 6 each, of 1000
-    most = percent((8.0 + BAND * 6.0) / 1000.0)
-    assert said == (
-        f"The bias is below what 4,096 trials can see: less than {most} of the "
-        "scatter; theory puts it at 0.2 % at most."
-    )
-    assert limited("It", [], [], "the scatter", 0) == "It was not measured."
     # where it can be seen in some places, they are counted
     x = np.array([0.001, 0.01])
     some = Curve(
         label="", x=x, value=np.array([5.0, 1.0]), error=np.array([5.0, 0.01]),
         prediction=np.ones(2),
     )  # fmt: skip
-    assert "in 1 of 2 points, 1 cannot be told from zero" in agrees("It", [some])
+    assert "in 1 of 2 values; 1 cannot be told from zero" in agrees("It", [some])
 
 
 @pytest.mark.ci

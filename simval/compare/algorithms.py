@@ -14,7 +14,7 @@ All sampled differences share the false-alarm rate by Holm's rule. Shares of fai
 are of the same cases and differ or do not. Less is better of all of these.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import hypot
 from typing import Any, Literal
@@ -171,21 +171,27 @@ def compare_algorithms(
             "estimators or two calibrators"
         )
         raise InputError(msg)
-    pairs: list[tuple[CellResult, CellResult]] = []
-    alone: list[str] = []
-    for study in studies:
-        ours, theirs = (
-            [c for c in run.of(study) if algorithm_of(c) == name] for name in names
-        )
-        found, *rest = matched(ours, theirs, _asked, lambda cell: cell.seed)
-        pairs += found
-        alone += [cell.name for cells in rest for cell in cells]
-    return AlgorithmComparison(
-        names=names,
-        merits=tuple(_judged(list(_merits(pairs)), alpha)),
-        alone=tuple(alone),
-        alpha=alpha,
+    ours, theirs = (
+        [c for s in studies for c in run.of(s) if algorithm_of(c) == name]
+        for name in names
     )
+    merits, alone = merits_of(ours, theirs, alpha)
+    return AlgorithmComparison(names=names, merits=merits, alone=alone, alpha=alpha)
+
+
+def merits_of(
+    ours: Sequence[CellResult], theirs: Sequence[CellResult], alpha: float = ALPHA
+) -> tuple[tuple[Merit, ...], tuple[str, ...]]:
+    """How the cells of one algorithm stand beside those of another, and which alone."""
+    pairs, *rest = matched(ours, theirs, _asked, lambda cell: cell.seed)
+    alone = tuple(cell.name for cells in rest for cell in cells)
+    return tuple(_judged(list(_merits(pairs)), alpha)), alone
+
+
+def apart(ours: Sequence[CellResult], theirs: Sequence[CellResult]) -> bool:
+    """Whether the accuracies of two algorithms differ beyond their uncertainty."""
+    merits, _ = merits_of(ours, theirs)
+    return any(m.what == ACCURACY and m.standing != "same" for m in merits)
 
 
 def _named(run: Run, word: str) -> str:
@@ -203,7 +209,8 @@ def _named(run: Run, word: str) -> str:
 
 def _asked(cell: CellResult) -> tuple[int, str]:
     """Seed and parameters, but for the algorithm: what both must share."""
-    return cell.seed, str({**question(cell.parameters), "algorithm": ""})
+    asked = {**question(cell.parameters), "algorithm": "", "study": cell.study}
+    return cell.seed, str(asked)
 
 
 def _merits(pairs: list[tuple[CellResult, CellResult]]) -> Iterator[Merit]:

@@ -48,7 +48,7 @@ def _of(context: Context, study: str, contest: Contest) -> list[Line]:
     if not own:
         name, value, count = best(contest, built_in, contest.settings)
         said = f"{measured(*value)} {BOUND}" if value else "not measured"
-        where = f"{name}, the best of {len(built_in)}; {_over(count)}"
+        where = f"{name}, the least of {len(built_in)}; {_over(count)}"
         answer: Answer = "pass" if value else "inconclusive"
         return [
             Line(

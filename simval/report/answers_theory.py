@@ -10,9 +10,8 @@ without control variates, and k = 1 or 1/2,
 is the mean deviation, weighted by the numbers of samples because these do not depend on
 the values. Its standard error takes the sizes of one cell as one and the same chance,
 and those of two cells as independent, as their streams are; cells of studies that set
-algorithms side by side share their chance too. "Within x" is the far end of the 95 %
-interval of (T1). A statistic that is compared with several theories counts once, with
-the exact one if it is among them.
+algorithms side by side share their chance too. A statistic that is compared with
+several theories counts once, with the exact one if it is among them.
 """
 
 from collections import Counter
@@ -22,10 +21,11 @@ from typing import NamedTuple
 import numpy as np
 
 from simval.compare.merits import STUDIES as OF_ALGORITHMS
-from simval.report.answers import Block, Line, called, in_order, percent
+from simval.report.answers import Block, Line, called, in_order
 from simval.report.chapters import home
 from simval.report.section import Context
 from simval.report.slope import simultaneous
+from simval.report.words import measured
 from simval.results import CellName
 from simval.statistics import (
     ALLAN_ERROR,
@@ -49,10 +49,10 @@ SIZES = {RMS: 1.0, SD: 1.0, RMS_OVER_BOUND: 1.0, BUDGET: 1.0} | dict.fromkeys(
 """Families that are sizes of errors, and k of eq. (T1)."""
 
 NOTE = (
-    "“Within”: the far end of the 95 % interval of the mean deviation of "
-    "measured from predicted sizes of errors (standard deviations; half of that of a "
-    "variance), weighted by the number of trials. Each check by itself is in the table "
-    "of checks."
+    "“On average”: mean deviation of measured from predicted sizes of errors (standard "
+    "deviations; half of that of a variance), weighted by the number of trials, and "
+    "its standard error; one value may be farther off. Each check by itself is in the "
+    "table of checks."
 )
 
 
@@ -63,9 +63,9 @@ class Deviation(NamedTuple):
     error: float
 
     @property
-    def within(self) -> float:
-        """Far end of its 95 % interval."""
-        return abs(self.value) + simultaneous(1) * self.error
+    def said(self) -> str:
+        """It in percent, in words."""
+        return f"on average {measured(100.0 * self.value, 100.0 * self.error)} % off"
 
 
 def as_theory_says(context: Context) -> Block:
@@ -143,8 +143,8 @@ def _line(
     )
     bad += [f"{unclear:,} of {checks} inconclusive"] if unclear else []
     found = deviation(study, evenly)
-    told = found is not None and not failed and found.within < 1.0
-    near = [f"within {percent(found.within)}"] if found and told else []
+    told = found is not None and not failed and abs(found.value) + found.error < 1.0
+    near = [found.said] if found and told else []
     return Line(
         what=called(study),
         said="; ".join([*bad, *near] if bad else [*near, checks]),

@@ -40,6 +40,7 @@ class Curve:
     # what was found in which cell, in the rows' units; empty says nothing of a point
     sources: Sequence[tuple[CellResult, Measured]] = ()
     unit: Unit | None = None  # that the numbers are in; None is that of the rows
+    names: Sequence[str] = ()  # of the points, where their places do not tell them
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -4,7 +4,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from simval.report.curves import Curve, Groups, bar_width, curves, statistic
+from simval.report.curves import (
+    MAX_GROUPS,
+    Curve,
+    Groups,
+    bar_width,
+    curves,
+    statistic,
+)
 from simval.report.findings import slopes_said
 from simval.report.measures import GROUPS
 from simval.report.palette import BOUND
@@ -115,6 +122,14 @@ def rms_sets(groups: Groups, axis: str = "noise_std") -> list[Set]:
         if measured:
             sets.append((title, unit, measured, bounds))
     return sets
+
+
+def drawn(sets: Sequence[Set]) -> list[Set]:
+    """The first curves of each set: those of a figure."""
+    return [
+        (title, unit, own[:MAX_GROUPS], below[:MAX_GROUPS])
+        for title, unit, own, below in sets
+    ]
 
 
 def panels_of(sets: Sequence[Set], x_label: str, z: float) -> list[Panel]:

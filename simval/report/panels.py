@@ -124,6 +124,8 @@ class Drawing:
     asked: str = ""  # the question that it answers, as a person would ask it
     finding: str = ""  # the answer in one sentence, made from the numbers
     fold: str = ""  # words of the fold that it is behind; empty shows it at once
+    # what the finding or the fold claims of which rows (`simval.report.findings.Claim`)
+    claims: Sequence[object] = ()
     # what the run has of this kind and the figure does not draw, each by its name; the
     # page says so below the caption
     left_out: Sequence[str] = ()

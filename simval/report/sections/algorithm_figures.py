@@ -1,9 +1,10 @@
 """Figures of algorithms side by side: accuracy as dots, failures as a map."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from simval.compare.algorithms import apart
 from simval.compare.merits import Measured, called, over_bound
 from simval.report.answers_algorithms import BOUND, mean
 from simval.report.contest import Contest
@@ -95,22 +96,44 @@ def _ranked(contest: Contest, short: Mapping[str, str]) -> str:
     seen = [name for name in short if own[name]]
     shared = [s for s in contest.settings if all(s in own[name] for name in seen)]
     means = [(mean(contest, name, shared), name) for name in seen]
-    found = sorted((m.value, short[name]) for m, name in means if m is not None)
+    found = sorted((m.value, name) for m, name in means if m is not None)
     if not found:
         return ""
-    (best, name), (worst, other) = found[0], found[-1]
     many, of = len(shared), len(contest.settings)
     over = f" (geometric mean over {many} settings)" if many > 1 else ""
     if many < of:
         over = (
             f" ({'geometric mean over' if many > 1 else 'in'} {many} of {of} settings)"
         )
+    (best, first), (worst, last) = found[0], found[-1]
     if len(found) == 1:
-        return f"{name} has {best:.3g} times the error of the bound{over}."
-    return (
-        f"{name} is nearest to the bound, with {best:.3g} times its error, and {other} "
-        f"farthest, with {worst:.3g} times{over}."
+        return f"{short[first]} has {best:.3g} times the error of the bound{over}."
+    cells = {
+        name: [cell for s in shared for cell in contest.cells[name, s]]
+        for _, name in found
+    }
+    # as `simval compare` would judge the pair; who is not told apart is not ranked
+    near, far = (
+        [name for _, name in found if name == end or not apart(cells[end], cells[name])]
+        for end in (first, last)
     )
+    if last in near:
+        return (
+            f"No difference is seen between {short[first]}, with {best:.3g} times the "
+            f"error of the bound, and {short[last]}, with {worst:.3g} times{over}."
+        )
+    nearest, farthest = (_all(end, tied, short) for end, tied in
+                         ((first, near), (last, far)))  # fmt: skip
+    return (
+        f"{nearest} is nearest to the bound, with {best:.3g} times its error, and "
+        f"{farthest} farthest, with {worst:.3g} times{over}."
+    )
+
+
+def _all(name: str, tied: Sequence[str], short: Mapping[str, str]) -> str:
+    """An algorithm, and those that no difference is seen to."""
+    others = ", ".join(short[each] for each in tied if each != name)
+    return f"{short[name]} (no difference seen to {others})" if others else short[name]
 
 
 def failing(name: str, who: str, contest: Contest) -> Drawing | None:

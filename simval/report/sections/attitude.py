@@ -8,7 +8,7 @@ import numpy as np
 
 from simval.report import palette
 from simval.report.curves import Curve, Measure, bar_width, curve, first, grouped
-from simval.report.findings import agrees, behind, order_words
+from simval.report.findings import Claim, behind, claiming, order_words
 from simval.report.measures import left_out, moment
 from simval.report.noise import SLOPES, Fits, fits, slope_fold, slope_words
 from simval.report.panels import GREY, Drawing, Panel, Series
@@ -25,6 +25,7 @@ from simval.statistics import (
     ORDER_2,
     ORDER_4,
     ORDER_4_SOURCE,
+    RMS,
     UNIT_LENGTH,
     Family,
 )
@@ -52,7 +53,7 @@ def section(context: Context) -> Section | None:
     groups = grouped(cells, "noise_std")
     shown, left_out = first(groups)
     drawings = [
-        _drawing(name, label, shown[label], folded=i > 0)
+        _drawing(name, label, shown[label], () if i else cells)
         for i, (name, label) in enumerate(
             zip(slugs("attitude", shown), shown, strict=True)
         )
@@ -126,8 +127,9 @@ def _panel(title: str, y_label: str, series: Sequence[Series]) -> Panel:
 
 
 def _drawing(
-    name: str, label: str, cells: Sequence[CellResult], *, folded: bool
+    name: str, label: str, cells: Sequence[CellResult], every: Sequence[CellResult]
 ) -> Drawing:
+    """Figure of one geometry; the first says what is so of `every` cell."""
     sampled = [curve("", cells, "noise_std", moment(part, EXACT)) for part in PARTS]
     curves = [c for c in sampled if c is not None]
     z = bar_width(curves)
@@ -138,12 +140,6 @@ def _drawing(
         panels += _over_exact(part, cells, c, z)
         panels += remainders(cells, part)
     place = f"{label}: " if label else ""
-    said = agrees(
-        "Every moment of the error",
-        curves,
-        at="noise",
-        theory="the exact theory",
-    )
     drawing = Drawing(
         name=name,
         caption=(
@@ -166,9 +162,20 @@ def _drawing(
         panels=panels,
     )
     asked = "Are bias and covariance what theory says?"
-    if folded:
-        return behind(drawing, _begun(f"{place}{said}"), curves, asked)
-    return replace(drawing, asked=asked, finding=said)
+    claims = [_claim(f"The {part.words}", every or cells, part) for part in PARTS[::-1]]
+    if not every:
+        return behind(drawing, *claims, asked=asked, before=_begun(place))
+    return claiming(replace(drawing, asked=asked), *claims)
+
+
+def rms_claim(cells: Sequence[CellResult]) -> Claim:
+    """That the RMS errors of attitudes are those of the exact theory."""
+    return _claim("The RMS error", cells, RMS)
+
+
+def _claim(subject: str, cells: Sequence[CellResult], family: Family) -> Claim:
+    exact = "the exact theory"
+    return Claim(subject=subject, cells=cells, what=[family], by=EXACT, theory=exact)
 
 
 def _begun(words: str) -> str:

@@ -1,7 +1,10 @@
 """Error budget: what each source of error contributes, measured and predicted."""
 
+from collections import Counter
+from collections.abc import Sequence
+
 from simval.report.curves import bar_width, bars, first, grouped
-from simval.report.findings import agrees
+from simval.report.findings import Claim, claiming
 from simval.report.measures import placed
 from simval.report.panels import BarPanel, Drawing
 from simval.report.ratio import ratio_bars
@@ -34,7 +37,6 @@ def section(context: Context) -> Section | None:
     drawing = Drawing(
         name="budget",
         asked="What does each source of error contribute?",
-        finding=f"{_greatest(*list(shown.values())[:1])}{agrees('Every part', curves)}",
         caption=(
             "Bars: measured, with 95 % intervals that hold for all bars of a panel "
             "together. Diamonds: predicted, carried from the noise through the "
@@ -46,10 +48,11 @@ def section(context: Context) -> Section | None:
         columns=2 if len(panels) < 2 else 3,
         left_out=left_out,
     )
+    claim = Claim(subject="Every part", cells=cells, what=[BUDGET])
     return made(
         "budget",
         "Error budget",
-        [drawing],
+        [claiming(drawing, claim, before=_greatest(cells))],
         cells=len(shown) + len(left_out),
         shown=len(shown),
     )
@@ -60,15 +63,21 @@ def _rows(cell: CellResult) -> list[Row]:
     return list({row.statistic: row for row in rows}.values())
 
 
-def _greatest(cell: CellResult) -> str:
-    """The part that contributes most, where a whole is beside the parts."""
-    parts = [row for row in _rows(cell) if row.statistic.entries[0] != "total"]
-    if len(parts) < 2:
+def _greatest(cells: Sequence[CellResult]) -> str:
+    """The part that contributes most, and in how many cells it does."""
+    parts = [
+        [row for row in _rows(cell) if row.statistic.entries[0] != "total"]
+        for cell in cells
+    ]
+    most = [max(own, key=lambda row: row.value) for own in parts if len(own) > 1]
+    if not most:
         return ""
-    most = max(parts, key=lambda row: row.value)
-    unit = of_row(most.unit)
-    size = f"{unit.factor * most.value:.3g} {unit.name}"
-    return f"Most comes from the {most.statistic.entries[0]}: {size}. "
+    ((name, count),) = Counter(r.statistic.entries[0] for r in most).most_common(1)
+    sizes = sorted(r.value for r in most if r.statistic.entries[0] == name)
+    unit = of_row(most[0].unit)
+    ends = dict.fromkeys(f"{unit.factor * x:.3g}" for x in (sizes[0], sizes[-1]))
+    where = "" if len(most) == 1 else f" in {count} of {len(most)} cells"
+    return f"Most comes from the {name}{where}: {' to '.join(ends)} {unit.name}. "
 
 
 def _panel(cell: CellResult, label: str) -> BarPanel:

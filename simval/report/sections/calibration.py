@@ -12,13 +12,12 @@ from simval.report.curves import (
     grouped,
     statistic,
 )
-from simval.report.findings import agrees, behind, limited, percent, trials, unseen
+from simval.report.findings import Claim, behind, claiming, limited, percent
 from simval.report.measures import GROUPS, part, together
 from simval.report.noise import (
     SLOPES,
     Set,
     fits,
-    measured_of,
     panel,
     panels_of,
     ratios_of,
@@ -58,7 +57,12 @@ def section(context: Context) -> Section | None:
     shown, left_out = first(groups)
     drawings = [
         replace(drawing, left_out=left_out)
-        for drawing in (_rms(shown), _bias(shown), _spread(shown), _together(shown))
+        for drawing in (
+            _rms(shown, noisy),
+            _bias(shown, noisy),
+            _spread(shown, noisy),
+            _together(shown),
+        )
         if drawing is not None
     ]
     tables = [_slopes(groups)] if groups else []
@@ -75,15 +79,19 @@ def section(context: Context) -> Section | None:
     )
 
 
-def _rms(groups: Groups) -> Drawing | None:
+def rms_claim(cells: Sequence[CellResult]) -> Claim:
+    """That the RMS errors of calibrations are what theory says."""
+    return Claim(subject="The RMS error", cells=cells, what=[RMS], by=FIRST_ORDER)
+
+
+def _rms(groups: Groups, cells: Sequence[CellResult]) -> Drawing | None:
     sets = rms_sets(groups)
     if not sets:
         return None
     z = together_z(sets)
-    return Drawing(
+    drawing = Drawing(
         name="calibration",
         asked="Is the error what theory says, and at the Cramér-Rao bound?",
-        finding=agrees("The RMS error", measured_of(sets), at="noise"),
         caption=(
             "RMS error of T, K and B, and below it measured over predicted. Points: "
             f"simulation; the bars ({z:.2f} standard errors) hold for all points of "
@@ -97,6 +105,7 @@ def _rms(groups: Groups) -> Drawing | None:
         ),
         panels=panels_of(sets, NOISE, z),
     )
+    return claiming(drawing, rms_claim(cells))
 
 
 def _together(groups: Groups) -> Drawing | None:
@@ -105,8 +114,9 @@ def _together(groups: Groups) -> Drawing | None:
         return None
     z, bounds = bar_width(whole), curves(groups, together(CRAMER_RAO))
     label = "RMS error, relative"
-    drawing = Drawing(
+    return Drawing(
         name="calibration-together",
+        fold="RMS error of all nine parameters together",
         caption=(
             "RMS error of all nine parameters, B in units of g. Bars: "
             f"{z:.2f} standard errors, 95 % for all together."
@@ -121,42 +131,41 @@ def _together(groups: Groups) -> Drawing | None:
         ],
         columns=2,
     )
-    said = agrees("The RMS error of all nine parameters together", whole, at="noise")
-    return behind(drawing, said, whole)
 
 
-def _spread(groups: Groups) -> Drawing | None:
+def _spread(groups: Groups, cells: Sequence[CellResult]) -> Drawing | None:
     sets = _sets(groups, SD, FIRST_ORDER)
     if not sets:
         return None
     words = "standard deviation"
     caption = "Standard deviation alone, RMS over the three entries."
-    said = agrees("The standard deviation alone", measured_of(sets), at="noise")
-    spreads = measured_of(sets)
-    return behind(_apart(sets, "calibration-sd", words, caption), said, spreads)
+    return behind(_apart(sets, "calibration-sd", words, caption), _scatter(cells))
 
 
-def _bias(groups: Groups) -> Drawing | None:
-    sets, scatter = _sets(groups, BIAS, SECOND_ORDER), _sets(groups, SD, FIRST_ORDER)
+def _scatter(cells: Sequence[CellResult]) -> Claim:
+    said = "The standard deviation alone"
+    return Claim(subject=said, cells=cells, what=[SD], by=FIRST_ORDER)
+
+
+def _bias(groups: Groups, cells: Sequence[CellResult]) -> Drawing | None:
+    sets = _sets(groups, BIAS, SECOND_ORDER)
     if not sets:
         return None
-    biases, spreads = measured_of(sets), measured_of(scatter)
-    count = trials([cell for members in groups.values() for cell in members])
-    below = unseen(biases) and len(biases) == len(spreads)
+    claim = Claim(subject="The bias", cells=cells, what=[BIAS], by=SECOND_ORDER)
+    below = 0 < claim.found.compared == claim.found.unseen
     caption = (
         "Bias alone (estimate minus truth), projected on the direction that theory "
         "predicts. Hollow triangles: upper limits, where these trials cannot tell "
         "the bias from zero; where no ratio is below, none can be seen."
     )
-    return replace(
+    drawing = replace(
         _apart(sets, "calibration-bias", "bias", caption),
         asked="Is there a bias, and is it what theory says?",
-        finding=(
-            limited("The bias", biases, spreads, "the scatter", count)
-            if below
-            else agrees("The bias", biases, at="noise")
-        ),
     )
+    if not below:
+        return claiming(drawing, claim)
+    said = limited("The bias", claim, _scatter(cells), "the scatter")
+    return replace(drawing, finding=said, claims=[claim])
 
 
 def _sets(groups: Groups, family: Family, predictor: str) -> list[Set]:

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 
 from simval.report.curves import Curve, bar_width, curve, statistic
-from simval.report.findings import agrees
+from simval.report.findings import claiming
 from simval.report.measures import left_out
 from simval.report.notes import Measured
 from simval.report.panels import Drawing, Panel, Series
 from simval.report.ratio import ratio_panel
 from simval.report.section import Context, Section, Shown, made
-from simval.report.sections.attitude import CLAIMED, STYLES
+from simval.report.sections.attitude import CLAIMED, STYLES, rms_claim
 from simval.report.table import Column, Table
 from simval.statistics import (
     COVARIANCE,
@@ -49,15 +49,9 @@ def section(context: Context) -> Section | None:
 
 def _closeness(cells: list[CellResult]) -> Drawing:
     growth = _over_noise(cells)
-    return Drawing(
+    drawing = Drawing(
         name="closeness",
         asked="What does a geometry near a singular one cost?",
-        finding=agrees(
-            "The RMS error",
-            [] if growth is None else [growth],
-            at="|q̄|",
-            theory="the exact answer",
-        ),
         caption=(
             "All geometries and noise levels in one figure, over the length of the "
             "un-normalised quaternion, at the left in units of the noise: singular is "
@@ -71,6 +65,7 @@ def _closeness(cells: list[CellResult]) -> Drawing:
         ),
         panels=[_formulas(cells), *_growth(growth)],
     )
+    return claiming(drawing, rms_claim(cells))
 
 
 def _limits(cells: tuple[CellResult, ...]) -> Drawing:

@@ -6,11 +6,11 @@ import numpy as np
 
 from simval.gate.finding import reproduce
 from simval.report.curves import Measure, axis_of, bar_width, curve, grouped, statistic
-from simval.report.findings import agreement, agrees
+from simval.report.findings import Claim, claiming
 from simval.report.notes import Measured, described
 from simval.report.palette import THEORY
 from simval.report.panels import GREY, Drawing, Panel, Series
-from simval.report.parameters import axis_words, named
+from simval.report.parameters import axis_words
 from simval.report.section import Context, Section, made
 from simval.report.units import value_words
 from simval.report.words import spelled
@@ -79,9 +79,9 @@ def _drawing(context: Context, verdict: Verdict, name: str) -> Drawing | None:
     if verdict.row.standard_error > 0.0:
         panels.append(_distances(members, axis, verdict.row))
     against = f" against {predictor}" if predictor else ""
-    return Drawing(
+    drawing = Drawing(
         name=name,
-        finding=_said(members, axis, verdict),
+        finding=f"{what}: {verdict.reason}.",
         caption=(
             f"{what}{against}, first failing in "
             f"{described(study, failed.parameters)}: {verdict.reason}."
@@ -92,17 +92,12 @@ def _drawing(context: Context, verdict: Verdict, name: str) -> Drawing | None:
         ),
         panels=panels,
     )
-
-
-def _said(cells: Sequence[CellResult], axis: str, verdict: Verdict) -> str:
-    """How far which points are off; of a limit what the gate says."""
-    row = verdict.row
-    c = curve("", cells, axis, statistic(row.statistic, row.predictor))
-    if c is None or not agreement([c]).off:
-        return f"{row.statistic}: {verdict.reason}."
-    theory = row.predictor or "its prediction"
-    name = named(verdict.cell.study, axis).name
-    return agrees(str(row.statistic), [c], at=name, theory=theory)
+    theory = predictor or "its prediction"
+    claim = Claim(
+        subject=str(what), cells=cells, what=[what], by=predictor, theory=theory
+    )
+    # of a limit what the gate says
+    return claiming(drawing, claim) if claim.found.off else drawing
 
 
 def _values(cells: Sequence[CellResult], axis: str, row: Row) -> Panel:

@@ -30,7 +30,6 @@ def errors(groups: Groups, left_out: Sequence[str]) -> Drawing:
     return Drawing(
         name="filter-errors",
         asked="How near to the bound is each filter?",
-        finding=_costs(groups),
         caption=(
             "Attitude error over time, root mean square of the trials. Grey: the "
             "posterior Cramér-Rao bound, which no filter is below that knows of the "
@@ -109,7 +108,6 @@ def squares(groups: Groups, left_out: Sequence[str]) -> Drawing:
     return Drawing(
         name="filter-nees",
         asked="Is what a filter states of its errors true?",
-        finding=_honest(groups),
         caption=(
             "Normalised squared error of the attitude over time, mean over the trials: "
             "3 for an honest covariance. Grey lines: where one honest instant in a "
@@ -133,7 +131,7 @@ def squares(groups: Groups, left_out: Sequence[str]) -> Drawing:
     )
 
 
-def _costs(groups: Groups) -> str:
+def costs(groups: Groups) -> str:
     """Error over the bound of the best and the worst cell."""
     found = [
         (row.value, algorithm_of(cell), label)
@@ -151,14 +149,13 @@ def _costs(groups: Groups) -> str:
     return f"The RMS error is {' to '.join(told)}."
 
 
-def _honest(groups: Groups) -> str:
+def honest(groups: Groups) -> str:
     """Share of the instants whose NEES is outside the band, of all cells together."""
     count = outside = 0
-    for cells in groups.values():
-        ends = band(cells)
-        for cell in cells if ends else ():
-            x, y, _ = at(cell, NEES_AT)
-            low, high = (np.interp(x, end.x, end.y) for end in ends)
+    for cell in (cell for cells in groups.values() for cell in cells):
+        _, y, _ = at(cell, NEES_AT)
+        if len(y):
+            low, high = (end.y for end in band([cell]))
             count += len(y)
             outside += int(np.sum((y < low) | (y > high)))
     if not count:

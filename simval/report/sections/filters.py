@@ -1,6 +1,7 @@
 """Attitude filters: errors over time beside the bound, and what they say of them."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from operator import itemgetter
 from typing import Any
 
@@ -12,7 +13,14 @@ from simval.report.artifacts import arrays, is_left, shaped
 from simval.report.attitudes import turning
 from simval.report.curves import MAX_GROUPS, first, grouped
 from simval.report.section import Context, Section, Shown, made
-from simval.report.sections.filter_figures import budget, errors, ratios, squares
+from simval.report.sections.filter_figures import (
+    budget,
+    costs,
+    errors,
+    honest,
+    ratios,
+    squares,
+)
 from simval.report.table import Column, Table
 from simval.results import Row
 from simval.statistics import (
@@ -44,8 +52,11 @@ def section(context: Context) -> Section | None:
     cells = context.cells("filter")
     if not cells:
         return None
-    groups, left_out = first(grouped(cells, "algorithm"))
+    every = grouped(cells, "algorithm")
+    groups, left_out = first(every)
     drawings = [make(groups, left_out) for make in (errors, ratios, squares)]
+    for place, said in ((0, costs(every)), (2, honest(every))):
+        drawings[place] = replace(drawings[place], finding=said)
     drawn = [each for each in (*drawings, budget(groups)) if each.panels]
     pictures = _turning(context, cells)
     return made(

@@ -57,7 +57,7 @@ def section(context: Context) -> Section | None:
     shown = found[:MAX_GROUPS]
     names = {cell.name for cell, _ in shown}
     rest = [_place(cell) for cell in cells if cell.name not in names]
-    drawings = [_drawing(shown, rest)] if shown else []
+    drawings = [_drawing(found, rest)] if shown else []
     return made(
         "geometries",
         "Attitude formulas over many geometries",
@@ -99,7 +99,7 @@ def _drawing(
             "fourth order, and of equation (63) as printed, over that of the second "
             f"order. {told}"
         ),
-        panels=[_panel(cell, ratios) for cell, ratios in found],
+        panels=[_panel(cell, ratios) for cell, ratios in found[:MAX_GROUPS]],
         left_out=left_out,
     )
 

@@ -32,7 +32,7 @@ def section(context: Context) -> Section | None:
     drawing = Drawing(
         name="gyroscope",
         asked="How fast must a gyroscope be read for its calibration?",
-        finding=_said(next(iter(shown.values()))),
+        finding=_said(*next(iter(shown.items()))),
         caption=(
             "Greatest error of M in a calibration without noise, by the rate of the "
             "rows. Runge-Kutta on samples integrates straight lines between them and "
@@ -77,8 +77,9 @@ def _panel(cell: CellResult, label: str) -> Panel:
     )
 
 
-def _said(cell: CellResult) -> str:
+def _said(label: str, cell: CellResult) -> str:
     """Error of each integrator at the slowest and the fastest rate, and the bound."""
+    where = f" ({label})" if label else ""
     parts = []
     for kind, words in KINDS:
         x, y = _curve(cell, kind)
@@ -87,7 +88,7 @@ def _said(cell: CellResult) -> str:
             parts.append(f"{words} {' and '.join(ends)}")
     bound = [row.value for row in cell.rows if row.statistic.family == SD]
     least = f"; noise alone leaves {_ppm(bound[0])}" if bound else ""
-    return f"Error of M: {'; '.join(parts)}{least}." if parts else ""
+    return f"Error of M{where}: {'; '.join(parts)}{least}." if parts else ""
 
 
 def _ppm(share: float) -> str:

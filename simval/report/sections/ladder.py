@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from simval.report.curves import Curve, Groups, bar_width, bars, curves, first, grouped
-from simval.report.findings import agrees
+from simval.report.curves import Groups, bar_width, bars, curves, first, grouped
+from simval.report.findings import Claim, claiming
 from simval.report.measures import part
 from simval.report.noise import (
     Fits,
@@ -46,13 +46,10 @@ def _drawing(cells: Sequence[CellResult]) -> Drawing:
     settings, rest = first(grouped(cells, "noise_std", "residual"), MAX_SETTINGS)
     panels: list[BarPanel | Panel] = []
     left_out = list(rest)
-    every: list[Curve] = []
-    found: list[Rung] = []
     for setting, members in settings.items():
         rungs = _lowest(members)
         lines = _by_residual(members)
         biases = [c.scaled(PPM) for c in curves(lines, part(BIAS, "K", THEORY))]
-        every, found = [*every, *biases], found or rungs
         words = f": {setting}" if setting else ""
         names = [name for name, _, _ in rungs[:MAX_BARS]]
         title, z = f"bias of scale K{words}", bar_width(biases)
@@ -74,10 +71,9 @@ def _drawing(cells: Sequence[CellResult]) -> Drawing:
             for name in lines
             if name not in drawn
         ]
-    return Drawing(
+    drawing = Drawing(
         name="ladder",
         asked="What does each residual of a calibration cost in bias?",
-        finding=f"{_cost(found)}{agrees('The bias', every, at='noise')}",
         caption=(
             "A row for each sensor and number of poses. Left: bias of the scale in "
             "units of σ²/g², at the smallest noise of each residual (bars with 95 % "
@@ -93,17 +89,22 @@ def _drawing(cells: Sequence[CellResult]) -> Drawing:
         panels=panels,
         left_out=left_out,
     )
+    biases = [*BIAS.each(("K_x", "K_y", "K_z"))]
+    claim = Claim(subject="The bias of K", cells=cells, what=biases, by=THEORY)
+    return claiming(drawing, claim, before=_cost(cells))
 
 
-def _cost(rungs: Sequence[Rung]) -> str:
-    """The greatest and the least bias of the first setting's residuals."""
-    if len(rungs) < 2:
+def _cost(cells: Sequence[CellResult]) -> str:
+    """The greatest and the least bias of the scale in any cell."""
+    found = [(row, c) for c in cells if (row := c.row(SCALE_BIAS(), THEORY))]
+    ranked = sorted(found, key=lambda each: abs(each[0].value))
+    names = [str(c.parameters["residual"]) for _, c in (ranked[0], ranked[-1])]
+    if names[0] == names[1]:
         return ""
-    ranked = sorted(rungs, key=_size)
-    (least, low, _), (most, high, _) = ranked[0], ranked[-1]
+    (low, _), (high, _) = ranked[0], ranked[-1]
     return (
-        f"The bias of the scale is greatest for {most}, {high.value:.3g} σ²/g², and "
-        f"least for {least}, {low.value:.2g} σ²/g². "
+        f"The bias of the scale is greatest for {names[1]}, {high.value:.3g} σ²/g², "
+        f"and least for {names[0]}, {low.value:.2g} σ²/g². "
     )
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from simval.report.curves import bar_width, bars, first, grouped
-from simval.report.findings import agrees
+from simval.report.findings import Claim, claiming
 from simval.report.measures import placed
 from simval.report.panels import BarPanel, Drawing
 from simval.report.ratio import ratio_bars
@@ -36,7 +36,6 @@ def section(context: Context) -> Section | None:
     drawing = Drawing(
         name="magnetometer",
         asked="Does the weighted fit reach the bound, and what does the recipe cost?",
-        finding=f"{_cost(cells)}{agrees('The variance', curves)}",
         caption=(
             "Variance over the Cramér-Rao bound, mean over the entries of a matrix or "
             "vector: the weighted fit of all 22 parameters, which reaches 1, and the "
@@ -50,7 +49,8 @@ def section(context: Context) -> Section | None:
         left_out=left_out,
         alternative=ALTERNATIVE,
     )
-    drawings = [drawing]
+    claim = Claim(subject="The variance", cells=cells, what=[VARIANCE_OVER_BOUND])
+    drawings = [claiming(drawing, claim, before=_cost(cells))]
     if others:
         drawings.append(
             Drawing(

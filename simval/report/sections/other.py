@@ -15,7 +15,7 @@ from simval.report.curves import (
     statistic,
     varying,
 )
-from simval.report.findings import agrees
+from simval.report.findings import Claim, claiming
 from simval.report.panels import Drawing, Panel, Series
 from simval.report.parameters import axis_words
 from simval.report.section import Context, Section, made
@@ -72,21 +72,18 @@ def _drawing(study: str, cells: Sequence[CellResult]) -> Drawing | None:
     )
     groups, left_out = first(grouped(cells, axis))
     panels = []
-    every: list[Curve] = []
     for name, predictor, unit in keys:
         measured = curves(groups, statistic(name, predictor), axis)
         if any(len(np.unique(c.x)) > 1 for c in measured):
             words = axis_words(study, axis)
             panels.append(scored(str(name), words, unit, measured, predictor))
-            every += measured
     if not panels:
         return None
     drawn = {panel.title for panel in panels[:MAX_PANELS]}
     names = dict.fromkeys(spelled(str(row.statistic)) for c in cells for row in c.rows)
     rest = [name for name in names if name not in drawn]
-    return Drawing(
+    drawing = Drawing(
         name=slug(f"study {study}"),
-        finding=agrees("What was measured", every, at=spelled(axis)),
         caption=(
             "Points: measured, with bars that hold for all points of a panel together "
             "(95 %). Lines: predicted. All of its numbers are in the table."
@@ -95,6 +92,9 @@ def _drawing(study: str, cells: Sequence[CellResult]) -> Drawing | None:
         panels=panels[:MAX_PANELS],
         left_out=[*left_out, *rest],
     )
+    what = list(dict.fromkeys(name for name, _, _ in keys))
+    claim = Claim(subject="What was measured", cells=cells, what=what)
+    return claiming(drawing, claim)
 
 
 def scored(

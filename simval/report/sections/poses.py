@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from simval.report.curves import MAX_GROUPS, Groups, curves, first, grouped, statistic
-from simval.report.findings import agrees
 from simval.report.measures import together
 from simval.report.noise import (
     Set,
+    drawn,
     fits,
     measured_of,
     panels_of,
@@ -40,7 +40,7 @@ def section(context: Context) -> Section | None:
         if len({cell.parameters["poses"] for cell in cells}) > 1
     }
     shown, left_out = first(groups)
-    error = _error(shown)
+    error = _error(groups)
     errors = [] if error is None else [replace(error, left_out=left_out)]
     geometry = _geometry(context)
     drawings = errors if geometry is None else [*errors, geometry]
@@ -61,11 +61,12 @@ def _error(groups: Groups) -> Drawing | None:
     sets = rms_sets(groups, "poses")
     if not sets:
         return None
-    z = together_z(sets)
+    shown = drawn(sets)
+    z = together_z(shown)
     return Drawing(
         name="poses",
         asked="How many poses are needed?",
-        finding=_gained(sets) + agrees("The RMS error", measured_of(sets), at="poses"),
+        finding=_gained(sets),
         caption=(
             "RMS error against the number of poses, for each noise level, and below it "
             "measured over predicted. Expected "
@@ -76,19 +77,26 @@ def _error(groups: Groups) -> Drawing | None:
             "RMS error of misalignment, scale and bias against the number of poses on "
             "logarithmic axes, beside theory and the Cramér-Rao bound, and over theory"
         ),
-        panels=panels_of(sets, COUNT, z),
+        panels=panels_of(shown, COUNT, z),
     )
 
 
 def _gained(sets: Sequence[Set]) -> str:
-    """What more poses gain, from theory's line of the first curve."""
-    c = measured_of(sets)[0]
-    last = len(c.x) - 1
-    gain = c.prediction[0] / c.prediction[last]
-    if not (np.isfinite(gain) and c.x[last] > c.x[0]):
+    """What more poses gain, from all of theory's lines between the same two numbers."""
+    every = measured_of(sets)
+    few, many = min(c.x[0] for c in every), max(c.x[-1] for c in every)
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        found = [
+            c.prediction[0] / c.prediction[-1]
+            for c in every
+            if (c.x[0], c.x[-1]) == (few, many)
+        ]
+    if not (found and np.isfinite(found).all() and many > few):
         return ""
+    gains = dict.fromkeys(f"{end:.2g}" for end in (min(found), max(found)))
     return (
-        f"{c.x[last]:g} poses instead of {c.x[0]:g}: {gain:.2g} times more accurate. "
+        f"{many:g} poses instead of {few:g}: {' to '.join(gains)} times more accurate "
+        "by theory."
     )
 
 
@@ -121,11 +129,11 @@ def _geometry(context: Context) -> Drawing | None:
 
 
 def _slopes(groups: Groups) -> Table:
-    drawn = curves(groups, together(FIRST_ORDER), "poses")
-    found = [fits(c) for c in drawn]
+    measured = curves(groups, together(FIRST_ORDER), "poses")
+    found = [fits(c) for c in measured]
     rows = [
         (c.label, *slope_words(c, fit), -0.5)
-        for c, fit in zip(drawn, found, strict=True)
+        for c, fit in zip(measured, found, strict=True)
     ]
     return Table(
         name="poses-slopes",

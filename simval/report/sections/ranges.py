@@ -91,11 +91,12 @@ def _limits(folder: Path, cell: CellResult) -> Found | None:
 
 def _drawing(name: str, cell: CellResult, found: Found, *, folded: bool) -> Drawing:
     frame, count = cell.parameters["frame"], cell.parameters["geometries"]
+    said = f"Estimator in the {frame} frame. {_needed(found)}"
     return Drawing(
         name=name,
         asked="" if folded else "How far from singular must a geometry be?",
-        finding="" if folded else _needed(found),
-        fold=f"Estimator in the {frame} frame. {_needed(found)}" if folded else "",
+        finding="" if folded else said,
+        fold=said if folded else "",
         caption=(
             f"Estimator in the {frame} frame: the share of {count} random geometries "
             "in which each formula is within 1 %, and within 10 %, of the exact "

@@ -8,8 +8,8 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.report.artifacts import arrays, listed, shaped
-from simval.report.curves import Curve, axis_of, curves, first, grouped, statistic
-from simval.report.findings import agrees
+from simval.report.curves import axis_of, curves, first, grouped, statistic
+from simval.report.findings import Claim, claiming
 from simval.report.panels import COLOURS, Drawing, Panel, Series
 from simval.report.parameters import axis_words, setting_words
 from simval.report.section import Context, Section, Shown, made
@@ -66,19 +66,16 @@ def _scores(cells: Sequence[CellResult]) -> Drawing | None:
     axis = axis_of(cells)
     groups, left_out = first(grouped(cells, axis))
     panels = []
-    every: list[Curve] = []
     for name, predictor, label in SCORES:
         measured = curves(groups, statistic(name, predictor), axis)
         if measured:
-            every += measured
             title = ": ".join((name.family.words, *name.entries))
             words = axis_words("detector", axis)
             panel = scored(title, words, "1", measured, predictor)
             panels.append(replace(panel, y_label=label))
-    return Drawing(
+    drawing = Drawing(
         name="detector",
         asked="Are the intervals pure, and is what is calibrated from them true?",
-        finding=agrees("The squared error from pure intervals", every, at="threshold"),
         caption=(
             "The detector's intervals beside what the simulation knows to be at rest: "
             "precision is the share of their samples that are at rest, recall the "
@@ -92,6 +89,13 @@ def _scores(cells: Sequence[CellResult]) -> Drawing | None:
         panels=panels,
         left_out=left_out,
     )
+    claim = Claim(
+        subject="The squared error from pure intervals",
+        cells=cells,
+        what=[NEES("pure")],
+        by=CHI_SQUARE_9,
+    )
+    return claiming(drawing, claim)
 
 
 def _drawing(file: Path, titles: Mapping[str, str]) -> Drawing | None:

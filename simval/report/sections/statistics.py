@@ -16,7 +16,7 @@ from simval.report.curves import (
     statistic,
     triple,
 )
-from simval.report.findings import agrees, behind
+from simval.report.findings import Claim, behind, claiming
 from simval.report.notes import Measured
 from simval.report.panels import Drawing, Panel
 from simval.report.parameters import axis_words
@@ -43,7 +43,8 @@ DRAWN = {
         "measured / predicted",
         "NEES, the squared error in units of its own covariance, over its "
         "predicted mean: 1 where the covariance is right, above where it is too "
-        "small.",
+        "small. Of a covariance that is known not to hold, theory says how far it may "
+        "be off; that is recorded, not judged.",
         "Normalised squared error over its predicted mean; 1 is right",
     ),
 }
@@ -77,20 +78,25 @@ def _drawing(context: Context, family: Family, *, folded: bool) -> Drawing | Non
     """A figure of one family; behind its own answer, if that is that all is well."""
     y_label, caption, alternative = DRAWN[family]
     asked, subject = ASKED[family]
-    panels, rest, drawn = _panels(context, family, y_label)
+    panels, rest = _panels(context, family, y_label)
     if not panels:
         return None
-    said = agrees(subject, drawn)
+    cells = [
+        cell
+        for study in context.titles
+        if study not in OF_THEIR_OWN
+        for cell in context.cells(study)
+    ]
+    claim = Claim(subject=subject, cells=cells, what=[family])
     drawing = Drawing(
         name=family.name,
         asked=asked,
-        finding=said,
         caption=f"{caption} Bars: 95 % for all points of a panel together.",
         alternative=alternative,
         panels=panels,
         left_out=rest,
     )
-    return behind(drawing, said, drawn, asked) if folded else drawing
+    return behind(drawing, claim, asked=asked) if folded else claiming(drawing, claim)
 
 
 def _over_prediction(c: Curve) -> Curve:
@@ -102,10 +108,9 @@ def _over_prediction(c: Curve) -> Curve:
 
 def _panels(
     context: Context, family: Family, y_label: str
-) -> tuple[list[Panel], list[str], list[Curve]]:
-    """Panels of each study that has rows of a family, what is not in them, and all."""
+) -> tuple[list[Panel], list[str]]:
+    """Panels of each study that has rows of a family, and what is not in them."""
     panels: list[Panel] = []
-    drawn: list[Curve] = []
     left_out: list[str] = []
     for study in (name for name in context.titles if name not in OF_THEIR_OWN):
         cells = [
@@ -119,7 +124,6 @@ def _panels(
             none = [c for c in curves if not np.isfinite(c.value).any()]
             some = [c for c in curves if np.isfinite(c.value).any()]
             parts = _parts(some)
-            drawn += some
             room = MAX_PANELS - len(panels)
             for i, part in enumerate(parts[:room]):
                 place = (
@@ -132,7 +136,7 @@ def _panels(
                 panels.append(_panel(words, part, family))
             missed = [c for part in parts[room:] for c in part]
             left_out += [_label(spelled(study), c.label) for c in (*none, *missed)]
-    return panels, left_out, drawn
+    return panels, left_out
 
 
 def _parts(curves: Sequence[Curve]) -> list[Sequence[Curve]]:

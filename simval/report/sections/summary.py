@@ -10,25 +10,23 @@ Where a run has a user's code, its algorithms come next and the figures after th
 from collections.abc import Sequence
 from functools import partial
 
-import numpy as np
-
 from simval.gate import headline
-from simval.report.answers import percent
 from simval.report.answers_before import worse_than_before
 from simval.report.answers_theory import as_theory_says
 from simval.report.answers_wrong import chosen, how_wrong
 from simval.report.curves import (
-    Curve,
     Groups,
     bar_width,
     curve,
     grouped,
     statistic,
 )
+from simval.report.findings import claiming
 from simval.report.measures import GROUPS, moment
 from simval.report.panels import Drawing, Panel, Series
 from simval.report.question import question_figure
 from simval.report.section import Context, Section, made
+from simval.report.sections import attitude, calibration
 from simval.report.sections.algorithms import has_user_code
 from simval.report.sections.attitude import NOISE, beside_predictions, remainders
 from simval.report.units import DEGREE_OF_QUATERNION, OF_A_CALIBRATION
@@ -105,14 +103,13 @@ def calibration_figure(context: Context) -> Drawing | None:
             series.append(bound.scaled(unit).predicted(":"))
     if not series:
         return None
-    return Drawing(
+    drawing = Drawing(
         name="summary-calibration",
         caption=(
             f"Calibration error against noise{f' ({label})' if label else ''}. Points: "
             "simulation with bars that hold for all together (95 %). Solid: theory; "
             "dotted: Cramér-Rao bound."
         ),
-        finding=_within(bounds, "the bound"),
         alternative=(
             "RMS error of misalignment, scale and bias against the noise per sample, "
             "simulated points beside theory and the Cramér-Rao bound"
@@ -126,6 +123,7 @@ def calibration_figure(context: Context) -> Drawing | None:
             )
         ],
     )
+    return claiming(drawing, calibration.rms_claim(cells))
 
 
 def attitude_figure(context: Context) -> Drawing | None:
@@ -151,7 +149,7 @@ def attitude_figure(context: Context) -> Drawing | None:
     ]
     if curve("", members, "noise_std", moment(COVARIANCE, EXACT)) is not None:
         panels += remainders(members, COVARIANCE)
-    return Drawing(
+    drawing = Drawing(
         name="summary-attitude",
         caption=(
             f"Attitude error against noise{f' ({label})' if label else ''}. Points: "
@@ -159,24 +157,13 @@ def attitude_figure(context: Context) -> Drawing | None:
             "order, the source's fourth order, the complete fourth order, exact."
             f"{RIGHT_OF_IT if len(panels) > 1 else ''}"
         ),
-        finding=_within([measured], "the exact theory"),
         alternative=(
             "RMS attitude error against the noise, simulated points beside "
             "four predictions; and the distance of each prediction from the exact one"
         ),
         panels=panels,
     )
-
-
-def _within(curves: Sequence[Curve | None], what: str) -> str:
-    """How far the farthest point is from what stands beside it."""
-    ratios = [c.value / c.prediction for c in curves if c is not None]
-    off = np.abs(np.concatenate(ratios) - 1.0) if ratios else np.array([np.nan])
-    if not np.isfinite(off).all():
-        return ""
-    return (
-        f"The RMS error is within {percent(float(off.max()))} of {what} at every noise."
-    )
+    return claiming(drawing, attitude.rms_claim(cells))
 
 
 def _longest(study: str, groups: Groups) -> tuple[str, Sequence[CellResult]]:

@@ -7,8 +7,7 @@ import numpy as np
 
 from simval.change import EFFORT
 from simval.report.curves import Curve, curve, first, grouped, statistic, varying
-from simval.report.findings import agrees
-from simval.report.measures import placed
+from simval.report.findings import Claim, claiming
 from simval.report.panels import Drawing, Panel, Series
 from simval.report.section import Context, Section, Shown, made
 from simval.report.slope import simultaneous
@@ -45,7 +44,7 @@ def section(context: Context) -> Section | None:
         return None
     names = _estimators(cells)
     groups, rest = first(_by_vectors(cells))
-    drawing = replace(_efficiency(groups, names), left_out=rest)
+    drawing = replace(_efficiency(groups, names, cells), left_out=rest)
     return made(
         "vectors",
         "Weighted vectors",
@@ -70,25 +69,16 @@ def _by_vectors(cells: Sequence[CellResult]) -> Groups:
     return groups
 
 
-def _efficiency(groups: Groups, names: Sequence[str]) -> Drawing:
+def _efficiency(
+    groups: Groups, names: Sequence[str], cells: Sequence[CellResult]
+) -> Drawing:
     found = {label: _curves(members, names) for label, members in groups.items()}
     worst = "; ".join(
-        f"{name} {max(most):.3f}"
-        for name in names
-        if (most := [curves[name].prediction.max() for curves in found.values()
-                     if name in curves])
-    )  # fmt: skip
-    return Drawing(
+        f"{name} {c.prediction.max():.3f}" for name, c in _curves(cells, names).items()
+    )
+    drawing = Drawing(
         name="vectors",
         asked="What does each estimator of weighted vectors cost?",
-        finding=(
-            f"The RMS error is at most so many times the bound: {worst}. "
-            + agrees(
-                "The simulated error",
-                [c for curves in found.values() for c in curves.values()],
-                at="ratio",
-            )
-        ),
         caption=(
             "RMS error over the Cramér-Rao bound against how unequal the noise is: "
             "the first vector's is fixed, the others have so many times as much. "
@@ -102,6 +92,12 @@ def _efficiency(groups: Groups, names: Sequence[str]) -> Drawing:
         ),
         panels=[_panel(label, curves, names) for label, curves in found.items()],
     )
+    claim = Claim(
+        subject="The simulated error", cells=cells, what=[RMS_OVER_BOUND],
+        by=FIRST_ORDER,
+    )  # fmt: skip
+    most = f"The RMS error is at most so many times the bound, by theory: {worst}. "
+    return claiming(drawing, claim, before=most)
 
 
 def _curves(cells: Sequence[CellResult], names: Sequence[str]) -> dict[str, Curve]:
@@ -184,12 +180,12 @@ def _costs(cells: Sequence[CellResult], names: Sequence[str]) -> Table:
 
 def _test_words(cells: Sequence[CellResult]) -> str:
     """Words of the fold of the test of the loss: whether its rates are as stated."""
-    curves = [
-        placed(str(what), rows)
-        for what, predictor in TESTED
-        if (rows := [r for cell in cells if (r := cell.row(what, predictor))])
-    ]
-    return agrees("Chi-square test of the loss: the share that it refuses", curves)
+    return Claim(
+        subject="Chi-square test of the loss: the share that it refuses",
+        cells=cells,
+        what=[what for what, _ in TESTED],
+        by=CHI_SQUARE,
+    ).said
 
 
 def _tested(cells: Sequence[CellResult]) -> Table:
