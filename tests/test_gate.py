@@ -19,11 +19,13 @@ from simval.sweep import load_run
 
 
 @pytest.mark.ci
-def test_the_first_run_writes_the_baseline_and_fails(simval, tiny_run, tmp_path):
-    baseline = tmp_path / "baseline.json"
+def test_the_first_run_writes_the_baseline_and_fails(
+    simval, tiny_run, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
     files = [tmp_path / name for name in ("j.xml", "s.md", "r.json")]
     code, out, _ = simval(
-        *("gate", tiny_run, "--baseline", baseline),
+        *("gate", tiny_run),
         *("--junit", files[0], "--summary", files[1], "--json", files[2]),
     )
     assert code == 1
@@ -32,9 +34,16 @@ def test_the_first_run_writes_the_baseline_and_fails(simval, tiny_run, tmp_path)
         assert "review it, commit it" in text
         assert re.search("FAIL|failure|fail", text)
     assert json.loads(files[2].read_text())["answer"] == "fail"
-    code, out, _ = simval("gate", tiny_run, "--baseline", baseline)
+    code, out, _ = simval("gate", tiny_run)
     assert code == 0
     assert "PASS" in out
+    # a name that was given is never written by itself: it may be misspelled
+    code, _, err = simval("gate", tiny_run, "--baseline", "TYPO.json")
+    assert code == 2
+    assert "there is no baseline TYPO.json; check its name, or" in err
+    assert not (tmp_path / "TYPO.json").exists()
+    words = ("--baseline", "TYPO.json", "--update-baseline", "first")
+    assert simval("gate", tiny_run, *words)[0] == 0
 
 
 def test_a_baseline_is_sorted_and_a_line_for_each_statistic(tiny_run, tmp_path):
@@ -475,12 +484,14 @@ def test_a_rate_is_a_rate(simval, tiny_run, command, alpha):
     assert "--alpha" in err
 
 
-def test_a_run_that_fails_never_becomes_the_first_baseline(simval, tiny_run, tmp_path):
+def test_a_run_that_fails_never_becomes_the_first_baseline(
+    simval, tiny_run, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
     edited(
         tiny_run,
         "UPDATE rows SET value = value + 20 * standard_error "
         "WHERE family = 'bias' AND controlled = 0 AND entries = json_array('x')",
     )
-    baseline = tmp_path / "baseline.json"
-    assert simval("gate", tiny_run, "--baseline", baseline)[0] == 1
-    assert not baseline.exists()
+    assert simval("gate", tiny_run)[0] == 1
+    assert not (tmp_path / "reports").exists()

@@ -80,10 +80,13 @@ def test_files_of_a_failing_run(simval, tiny_run, tmp_path, monkeypatch):
         *("--junit", files[0], "--summary", files[1], "--json", files[2]),
     )
     assert code == 1
-    # three predictors and the baseline: four findings of one statistic, one mark
+    # three predictors and the baseline: one mark for theory and one for the baseline
     marks = [line for line in out.splitlines() if line.startswith("::error ")]
-    assert len(marks) == 1
-    assert "simval repro" in marks[0]
+    assert [mark.partition("file=")[2].partition(",")[0] for mark in marks] == [
+        f"{tiny_run}/results.csv",
+        str(baseline),
+    ]
+    assert all("simval repro" in mark for mark in marks)
 
     root = ElementTree.parse(files[0]).getroot()
     failures = root.findall(".//failure")
@@ -134,7 +137,7 @@ def test_hostile_names_stay_text_in_every_format():
     for line in annotations(result):
         assert "\n" not in line
         assert "\r" not in line
-        kind, _, rest = line[2:].partition(" title=")
+        kind, _, rest = line[2:].partition(" file=")
         assert kind in ("error", "warning")
         assert "::error::" not in rest.partition("::")[0]
     assert json.loads(to_json(result, 4))["answer"] == "fail"
@@ -306,14 +309,18 @@ def test_markdown_has_a_line_for_each_finding_and_every_command_once():
     ]
 
 
-def test_annotations_are_one_line_for_each_statistic_of_a_cell():
-    assert annotations(small_result())[1] == (
-        "::error title=simval%3A a(x=0.5)@1 rms against order 2::"
-        "fail: a(x=0.5)@1 rms against order 2: too far%0A"
-        "expected 1, seen 3.5, allowed 0.125, +10.00 standard errors%0A"
+def test_annotations_are_one_for_each_kind_with_its_file():
+    lines = annotations(small_result(), "reports/baseline.json")
+    assert lines[1] == (
+        "::error file=runs/one/results.csv,title=simval%3A a%2C RMS error::"
+        "fail: a, RMS error: 1 of 2 checks against theory failed: "
+        "3.5 times what is predicted, in 1 of 1 cells, up to 10 standard errors%0A"
+        "most: rms against order 2: too far; "
         "reproduce: simval repro --run runs/one 'a(x=0.5)@1'"
     )
-    kinds = [line[2:].partition(" ")[0] for line in annotations(small_result())]
+    files = [line.partition("file=")[2].partition(",")[0] for line in lines]
+    assert "reports/baseline.json" in files
+    kinds = [line[2:].partition(" ")[0] for line in lines]
     assert kinds == ["error", "error", "error", "warning"]
 
 
@@ -325,7 +332,10 @@ def test_long_lists_are_cut_and_the_rest_is_counted():
     text = to_markdown(many)
     assert text.count("| fail |") == text.count("simval repro") == SHOWN
     assert "\n... and 5 more.\n" in text
-    assert len(annotations(many)) == ANNOTATIONS
+    # of one kind one annotation, and of many kinds no more than are shown
+    assert len(annotations(many)) == 1
+    studies = tuple(replace(c, study=f"s{i}") for i, c in enumerate(crashed))
+    assert len(annotations(replace(many, unfinished=studies))) == ANNOTATIONS
 
 
 def test_the_document_holds_what_the_findings_say():

@@ -9,6 +9,7 @@ import rows_by_name
 
 from simval.cli.gate import show
 from simval.cli.shortened import LINES
+from simval.compare import Step
 from simval.gate import GateResult, findings, judge_run, read_baseline, write_baseline
 from simval.gate.comparison import Comparison
 from simval.gate.formats import KINDS, to_markdown
@@ -66,7 +67,10 @@ def test_an_intended_change_is_ten_lines(intended, capsys):
         assert told, line
         assert told.groups()[:3] in ways
         # what was given, what is required, and the command
-        assert re.match(r"    most: .* in the baseline, now .* standard errors; ", most)
+        assert re.match(
+            r"    most: .* in the baseline, now .* standard errors, but ", most
+        )
+        assert "equal seeds must give equal numbers, to " in most
         assert "reproduce: simval repro --run " in most
     assert re.match(r"\.\.\. and \d+ more \(calibration, .*\): --all prints", lines[-2])
     assert lines[-2].endswith("if the change is intended, --update-baseline 'why'")
@@ -84,6 +88,24 @@ def test_the_largest_come_first_and_none_is_lost(intended):
     bad = [each for each in findings(intended) if each.answer != "pass"]
     together = [each for group in found for each in group.findings]
     assert sorted(map(id_of, together)) == sorted(map(id_of, bad))
+
+
+@pytest.mark.parametrize("judged", [{"predictions": (1e-9, 1e-9)}, {"left_open": 1e-7}])
+def test_rounding_is_not_the_largest_effect(judged):
+    """1.05e-11 to 1.16e-11 is little beside a limit, or beside what theory leaves."""
+
+    def weight(before, after, error=0.0, **more):
+        what = rows_by_name.statistic("recovery[K]")
+        return Step(
+            study="s", cell="c", statistic=what, before=before, after=after,
+            error=error, moved=True, **more,
+        ).weight  # fmt: skip
+
+    slight = weight(1.0, 1.008, error=0.1)  # of 0.08 standard errors
+    assert weight(1.05e-11, 1.16e-11, **judged) < slight
+    # power: alone it is a tenth of its size, and where it is as great as it may be
+    assert weight(1.05e-11, 1.16e-11) > slight
+    assert weight(1.05e-11, 9e-8, **judged) > slight
 
 
 def test_the_summary_of_a_pull_request_says_it_too(intended):

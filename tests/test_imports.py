@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from importing import PROGRAM, TABLE, idle, imported, strangers
 
+from simval.gate import write_baseline
 from simval.poses import fibonacci_sphere
+from simval.sweep import load_run
 
 WORKER = (
     PROGRAM
@@ -75,8 +77,9 @@ def test_list():
 
 @pytest.mark.ci
 def test_gate(tiny_run, tmp_path):
-    none = tmp_path / "baseline.json"
-    held("gate", imported("gate", tiny_run, "--baseline", none))
+    stored = tmp_path / "baseline.json"
+    write_baseline(stored, load_run(tiny_run), "first")
+    held("gate", imported("gate", tiny_run, "--baseline", stored))
 
 
 @pytest.mark.ci

@@ -525,3 +525,25 @@ def test_what_white_noise_leaves_unexplained_on_xsens():
     assert result.pose_noise.source == "log"
     assert 15.0 < result.white_chi2_per_dof < 25.0
     assert 0.8 < result.diagnosis.chi2_per_dof < 2.5
+
+
+def test_a_page_of_readings_that_do_not_vary_has_no_empty_panel(simval, tmp_path):
+    force, _ = static(1200, 9)
+    time = np.arange(1200) / RATE
+    rates = np.zeros((1200, 3))
+    for name, accelerometer in (
+        ("stuck", np.tile(force[0], (1200, 1))),
+        ("one", force),
+    ):
+        path = written(
+            tmp_path / f"{name}.csv", "t,ax,ay,az,wx,wy,wz", time, accelerometer, rates
+        )
+        page = tmp_path / f"{name}.html"
+        code, _, _ = simval("noise", path, "--rest", 11, "--report", page)
+        text = page.read_text()
+        assert code == (3 if name == "stuck" else 0)
+        assert "gyroscope, Allan deviation" not in text
+        assert ("accelerometer, Allan deviation" in text) == (name == "one")
+        assert ("no reading varies" in text) == (name == "stuck")
+        # nothing is wrong with a model where nothing varies
+        assert 'class="headline fail' not in text

@@ -15,6 +15,7 @@ from stores import edited, edited_run
 from simval.report import drawings, png, render, svg_file, tables
 from simval.report.paint import svg
 from simval.report.sections.provenance import command, suite_text
+from simval.report.words import FORMULAS
 from simval.sweep import load_run, load_suite
 
 
@@ -155,7 +156,7 @@ def test_the_first_screen_has_the_verdict_and_two_figures(page):
     assert first.count("<figure") == 2
     assert first.count("<svg") == 3  # a picture for each panel
     assert "Cramér-Rao bound" in first
-    for predictor in ("order 2", "order 4, source", "order 4, complete", "exact"):
+    for predictor in (*FORMULAS.values(), "exact"):
         assert f"{predictor}</text>" in first
     assert "false-alarm rate 0.001 for all together" in first
 

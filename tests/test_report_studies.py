@@ -113,7 +113,7 @@ def test_the_orders_are_visible_as_slopes(figures, found):
         assert len(panel.series) == 3
         for series in panel.series:
             rise = np.polyfit(np.log(series.x), np.log(series.y), 1)[0]
-            expected = 4.0 if series.label == "order 4, complete" else 2.0
+            expected = 4.0 if series.label == "fourth order, complete" else 2.0
             assert abs(rise - expected) <= 0.1  # drawn over the noise squared
 
 
@@ -269,7 +269,7 @@ def test_the_range_of_a_formula_is_its_distribution(run, figures, found):
             assert row[7] == np.median(values)
     half, most = np.quantile(limits[f"{ORDER_2}, covariance, 1%"], [0.5, 0.9])
     told = figures["ranges-greatest"].finding
-    assert f"{half:.3g} and {most:.3g} for order 2" in told
+    assert f"{half:.3g} and {most:.3g} for second order" in told
     assert "from 30 down to 1.2" in figures["ranges-greatest"].caption
 
 
@@ -310,7 +310,7 @@ def test_one_ratio_of_noises_still_has_a_line(run):
         for c in run.of("attitude_vectors")
         if c.parameters["vectors"] == 2 and c.parameters["ratio"] == 100.0
     )
-    drawing = vectors._efficiency({"2 vectors": (cell,)}, ["weighted"])
+    drawing = vectors._efficiency({"2 vectors": (cell,)}, ["weighted"], [cell])
     points, line = drawing.panels[0].series
     assert line.x[0] < points.x[0] < line.x[1]
     assert line.y[0] == line.y[1] == cell.row(*WEIGHTED).prediction

@@ -86,7 +86,7 @@ def run(
         _write(summary, to_markdown(result))
     if json_file is not None:
         _write(json_file, to_json(result, result.exit_code))
-    _tell_github(result)
+    _tell_github(result, baseline)
     return result.exit_code
 
 
@@ -106,7 +106,7 @@ def _print_samples(result: GateResult) -> None:
 
 
 def _beside_baseline(run: Run, baseline: Path, alpha: float) -> GateResult:
-    if baseline.exists():
+    if baseline.exists() or stated("baseline"):
         return judge_run(run, read_baseline(baseline), alpha)
     result = judge_run(run, None, alpha)
     # a run that disagrees with theory never becomes the baseline by itself
@@ -201,7 +201,7 @@ def show(result: GateResult, table: bool = False, every: bool = False) -> None:
     say([f"{result.answer.upper()}: {headline(result)}; {rate}"])
 
 
-def _tell_github(result: GateResult) -> None:
+def _tell_github(result: GateResult, baseline: Path) -> None:
     summary = os.environ.get("GITHUB_STEP_SUMMARY")
     if summary:
         require_free(Path(summary), "GITHUB_STEP_SUMMARY")
@@ -212,7 +212,7 @@ def _tell_github(result: GateResult) -> None:
             msg = f"cannot write the step summary {summary}: {error}"
             raise InputError(msg) from None
     if os.environ.get("GITHUB_ACTIONS") == "true":
-        for line in annotations(result):
+        for line in annotations(result, str(baseline)):
             click.echo(line)
 
 

@@ -97,6 +97,8 @@ def _draw(figure: Path, log: Log, sensors: Sensors) -> None:
         Path(log.path).name,
         [(name, axes, scale.si_per_raw) for name, (axes, scale) in sensors.items()],
     )
+    if not drawing.panels:
+        return  # no reading varies: refused below
     try:
         if figure.suffix.lower() == ".svg":
             figure.write_text(svg_file(drawing), encoding="utf-8")

@@ -11,8 +11,8 @@ moved by more than the difference may move by chance has a direction; one that m
 less, like a bias that changed its sign, has none.
 
 A `Move` puts together the steps of one study, kind of statistic and direction. Both are
-sorted by their weight: standard errors, and for a value without chance the relative
-change over the margin of its family.
+sorted by their weight: standard errors, and for a value without chance the change over
+the margin of its family or, where that is more, over what it is judged to.
 """
 
 import re
@@ -57,6 +57,8 @@ class Step:
         Which way, where it moved.
     predictions : tuple of (float or None)
         What theory predicts before and after.
+    left_open : float
+        What theory leaves open of the value.
     """
 
     study: str
@@ -68,6 +70,7 @@ class Step:
     moved: bool
     standing: Standing = "neither"
     predictions: tuple[float | None, float | None] = (None, None)
+    left_open: float = 0.0
 
     @property
     def sigmas(self) -> float | None:
@@ -87,9 +90,15 @@ class Step:
         size = self.sigmas
         if self.after == self.before:
             return 0.0
-        if size is None and self.before:
-            share = (self.after - self.before) / self.before
-            size = share / self.statistic.family.margin
+        # rounding is small beside the limit or the remainder that it is judged by
+        judged = [p for p in self.predictions if p is not None and isfinite(p)]
+        room = max(
+            self.statistic.family.margin * abs(self.before),
+            *(abs(p - self.before) for p in judged),
+            self.left_open,
+        )
+        if size is None and room:
+            size = (self.after - self.before) / room
         return abs(size) if size is not None and isfinite(size) else inf
 
     @property

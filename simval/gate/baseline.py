@@ -100,7 +100,7 @@ def read_baseline(path: Path) -> dict[str, Any]:
         msg = (
             f"{path} is not a regular file; give a JSON file in version control"
             if os.path.exists(path)
-            else f"there is no baseline {path}; write one with "
+            else f"there is no baseline {path}; check its name, or write one with "
             "--update-baseline 'first baseline' and commit it"
         )
         raise InputError(msg)

@@ -72,6 +72,10 @@ class Comparison:
         What it is; None where the run does not have it.
     predictions : tuple of (float or None)
         What theory predicts of it, in the baseline and in the run.
+    same_noise : bool
+        Whether both have the same seed: then only rounding may differ.
+    left_open : float
+        The least that a theory leaves open of the value.
     """
 
     cell: CellName
@@ -85,6 +89,8 @@ class Comparison:
     detail: str = ""
     measured: Statistic | None = None
     predictions: tuple[float | None, float | None] = (None, None)
+    same_noise: bool = False
+    left_open: float = 0.0
 
     @property
     def answer(self) -> Answer:
@@ -117,12 +123,16 @@ class Comparison:
         words = f"{self.stored:.9g} in the baseline, now {self.value:.9g}"
         if not isfinite(self.value):
             return words
-        step = self.value - self.stored
+        return f"{words}: {self._size(self.stored, self.value)}"
+
+    def _size(self, stored: float, value: float) -> str:
+        """By how much it changed, and what was allowed."""
+        step = value - stored
         size = (
             f"{self.sigmas:+.3g} standard errors"
             if self.standard_error > 0
-            else f"{step / abs(self.stored):+.3g} of its size"
-            if self.stored
+            else f"{step / abs(stored):+.3g} of its size"
+            if stored
             else f"{step:+.3g}"
         )
         if self.change == "unresolved" and self.margin > 0.0:
@@ -135,4 +145,6 @@ class Comparison:
                 f"; whether that is within {self.margin:.3g} takes about "
                 f"{max(self.n * need**2, self.n):.2g} samples, in both runs"
             )
-        return f"{words}: {size}"
+        if self.same_noise and self.change == "changed":
+            size += f", but equal seeds must give equal numbers, to {self.margin:.2g}"
+        return size

@@ -16,7 +16,6 @@ from simval.gate.finding import Finding, details, findings
 from simval.gate.groups import groups
 from simval.gate.headline import headline
 from simval.gate.judgement import GateResult
-from simval.results import CellName
 from simval.text import one_line
 from simval.verdict import Answer
 
@@ -189,19 +188,23 @@ def to_markdown(result: GateResult) -> str:
     return "\n".join(lines)
 
 
-def annotations(result: GateResult) -> list[str]:
-    """GitHub workflow commands that mark what did not pass."""
-    bad: dict[tuple[CellName, str], Finding] = {}
-    for f in findings(result):
-        if f.answer != "pass":
-            bad.setdefault((f.cell, f.statistic), f)
+def annotations(result: GateResult, baseline: str = "") -> list[str]:
+    """GitHub workflow commands, one for each kind that did not pass, with its file."""
     lines = []
-    for f in list(bad.values())[:ANNOTATIONS]:
-        kind = "error" if _kind(f) in ("fail", "refused") else "warning"
-        title = _escaped(f"simval: {f.cell} {f.what}".rstrip())
-        title = title.replace(":", "%3A").replace(",", "%2C")
-        lines.append(f"::{kind} title={title}::{_escaped(chr(10).join(details(f)))}")
+    for group in groups(result)[:ANNOTATIONS]:
+        first = group.worst
+        kind = "error" if _kind(first) in ("fail", "refused") else "warning"
+        stored = first.tier == "baseline" and baseline
+        file = stored or f"{result.folder or '.'}/results.csv"
+        place = {"file": file, "title": f"simval: {group.what or 'the run'}"}
+        inside = ",".join(f"{key}={_property(value)}" for key, value in place.items())
+        lines.append(f"::{kind} {inside}::{_escaped(chr(10).join(group.lines))}")
     return lines
+
+
+def _property(text: str) -> str:
+    """Text as a property of a workflow command."""
+    return _escaped(text).replace(":", "%3A").replace(",", "%2C")
 
 
 def _kind(f: Finding) -> str:

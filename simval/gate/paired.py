@@ -26,7 +26,12 @@ def paired(
     """Compare a cell with the same noise."""
     for statistic in sorted({*old, *new}):
         entry, now = old.get(statistic), new.get(statistic)
-        bound = 0.0 if entry is None else _bound(entry, now)
+        left = 0.0 if entry is None else _left_open(entry, now)
+        bound = (
+            0.0
+            if entry is None
+            else rounding_bound(entry.value or 0.0, entry.error, left)
+        )
         change = known(entry, now)
         detail = ""
         if change is None and entry is not None and now is not None:
@@ -49,20 +54,22 @@ def paired(
             detail=detail,
             measured=None if now is None else now.statistic,
             predictions=predictions(entry, now),
+            same_noise=True,
+            left_open=left,
         )
     if not old and not new:  # a cell of the baseline without any statistic
         yield Comparison(cell=cell, statistic="", change="missing")
 
 
-def _bound(entry: Entry, now: Entry | None) -> float:
+def _left_open(entry: Entry, now: Entry | None) -> float:
+    """The least that a theory leaves open of a value."""
     checks = {} if now is None else {k: j.check for k, j in now.judged.items()}
     remainders = (
         j.remainder
         for key, j in entry.judged.items()
         if checks.get(key) == "exact" or entry.error > 0.0
     )
-    allowed = min((r for r in remainders if isfinite(r)), default=0.0)
-    return rounding_bound(entry.value or 0.0, entry.error, allowed)
+    return min((r for r in remainders if isfinite(r)), default=0.0)
 
 
 def known(old: Entry | None, new: Entry | None) -> Change | None:

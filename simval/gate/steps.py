@@ -52,4 +52,5 @@ def _step(each: Comparison, quantile: float) -> Step | None:
         moved=moved,
         standing=standing(change, least) if moved else "neither",
         predictions=each.predictions,
+        left_open=each.left_open,
     )

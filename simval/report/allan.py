@@ -23,9 +23,19 @@ def allan_drawing(name: str, sensors: Sequence[Sensor]) -> Drawing:
             "fitted, dotted beyond."
         ),
         alternative=f"Allan deviation over averaging time of each axis of {name}",
-        panels=[_panel(*sensor) for sensor in sensors],
+        panels=[_panel(*s) for s in sensors if any(map(varies, s[1]))],
         columns=1,
+        left_out=[
+            f"the {called(name)}, whose readings do not vary"
+            for name, axes, _ in sensors
+            if not any(map(varies, axes))
+        ],
     )
+
+
+def varies(axis: AxisNoise) -> bool:
+    """Whether the readings of an axis vary at all: a stuck one has no deviation."""
+    return bool(np.any(axis.variances > 0.0))
 
 
 def _panel(name: str, axes: Sequence[AxisNoise], si: float | None) -> Panel:

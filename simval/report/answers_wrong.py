@@ -37,7 +37,7 @@ ALGORITHM = ("estimator", "residual", "estimate", "sigma", "trim")
 RULE = (
     "Each in the cell of its study's middle noise level, most poses and first "
     "algorithm; of several such cells, in the one with the greatest error. "
-    "\N{PLUS-MINUS SIGN}: standard error. The bound is Cramér and Rao's."
+    "\N{PLUS-MINUS SIGN}: standard error."
 )
 
 

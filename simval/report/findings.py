@@ -21,7 +21,7 @@ from simval.report.panels import Drawing
 from simval.report.parameters import setting_words
 from simval.report.ratio import SEEN, ratio
 from simval.report.slope import Z95, Slope, simultaneous
-from simval.report.words import spelled
+from simval.report.words import FORMULAS, spelled
 from simval.results import Row
 from simval.shapes import Bool, Float
 from simval.statistics import Family, Statistic
@@ -180,7 +180,7 @@ def agrees(subject: str, curves: Sequence[Curve], *, theory: str = "theory") -> 
         return f"{subject}: {count}, and no prediction to compare with."
     if found.off:
         return _off(subject, found, theory)
-    if found.unseen == found.compared:
+    if found.unseen == found.compared and not found.outside:
         return (
             f"{subject} cannot be told from zero, nor from {theory}, in these trials."
         )
@@ -237,7 +237,8 @@ def _where(subject: str, found: Agreement, theory: str) -> str:
             f"itself leaves open{_named(found.names[1])}"
         )
     if found.unseen:
-        words.append(f"{found.unseen} cannot be told from zero")
+        who = "" if words else f"{subject}: "
+        words.append(f"{who}{found.unseen} cannot be told from zero")
     return "; ".join(words)
 
 
@@ -314,7 +315,8 @@ def order_words(found: Iterable[tuple[str, float | None, float]]) -> str:
     told = []
     for (formula, stated), values in slopes.items():
         ends = dict.fromkeys(f"{value:.2f}" for value in (min(values), max(values)))
-        told.append(f"{' to '.join(ends)} for {formula} (stated {stated:g})")
+        words = FORMULAS.get(formula, formula)
+        told.append(f"{' to '.join(ends)} for {words} (stated {stated:g})")
     return f"What is left out has the slope {'; '.join(told)}" if told else ""
 
 

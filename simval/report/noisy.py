@@ -8,7 +8,7 @@ import numpy as np
 from simval import __version__
 from simval.logs import Log
 from simval.noise import AxisNoise, Coefficient
-from simval.report.allan import allan_drawing
+from simval.report.allan import allan_drawing, varies
 from simval.report.data_sheet import called, unit_of
 from simval.report.environment import template
 from simval.report.replies import Reply, log_name, source_section
@@ -79,10 +79,12 @@ def noise_sections(
         asked="Over which time is an average the quietest?",
         finding=" ".join(_quietest(each) for each in sensors),
     )
-    tables = [_coefficients(sensors), _statements(sensors)]
+    fitted, said = _coefficients(sensors), _statements(sensors)
+    if not drawing.panels:  # the reasons are all that there is
+        said = replace(said, fold="")
     return (
-        made("noise", "Result", tables=tables[:1], replies=replies),
-        made("allan", "Allan deviation", [drawing], tables[1:]),
+        made("noise", "Result", tables=[fitted] * bool(fitted.rows), replies=replies),
+        made("allan", "Allan deviation", [drawing] * bool(drawing.panels), [said]),
     )
 
 
@@ -121,7 +123,12 @@ def _how_noisy(sensors: Sequence[SensorNoise], seconds: float) -> Reply:
 def _honest(sensors: Sequence[SensorNoise]) -> Reply:
     axes = [(s.title, letter, a) for s in sensors for letter, a in _lettered(s)]
     fitted = [(name, letter, a) for name, letter, a in axes if a.coefficients]
-    without = [f"{name} {letter}" for name, letter, a in axes if not a.coefficients]
+    stuck = [f"{name} {letter}" for name, letter, a in axes if not varies(a)]
+    without = [
+        f"{name} {letter}"
+        for name, letter, a in axes
+        if varies(a) and not a.coefficients
+    ]
     lines = [
         f"{s.title}: averages over {_range(s)}, chi-square per degree of freedom at "
         f"most {max(a.chi2 / a.dof for a in own):.2g}."
@@ -130,12 +137,20 @@ def _honest(sensors: Sequence[SensorNoise]) -> Reply:
     ]
     if without:
         lines.append(f"No model holds for {', '.join(without)}: see its words below.")
-    lines.append("Every interval holds 95 % by the closed-form covariance.")
+    if stuck:
+        lines.append(
+            f"The readings of {', '.join(stuck)} do not vary: stuck, or noise far "
+            "below one step of the converter."
+        )
+    if fitted:
+        lines.append("Every interval holds 95 % by the closed-form covariance.")
+    follow = f"{_share(len(fitted), len(axes))} follow white noise, flicker and random "
     return Reply(
         title="Does the model hold?",
-        headline=f"{_share(len(fitted), len(axes))} follow white noise, flicker and "
-        "random walk",
-        answer="pass" if not without else "fail",
+        headline=f"{follow}walk"
+        if len(stuck) < len(axes)
+        else "Cannot be judged: no reading varies",
+        answer="fail" if without else "inconclusive" if stuck else "pass",
         lines=tuple(lines),
     )
 
@@ -172,6 +187,14 @@ def _next(sensors: Sequence[SensorNoise], left_out: Mapping[str, str]) -> Reply:
             f"Bounded only, not seen on every axis: {', '.join(hidden)}. A rest "
             "several times as long tells them, or bounds them closer."
         )
+    if not any(a.coefficients for s in sensors for a in s.axes):
+        return Reply(
+            title="What to do next?",
+            headline="Record with a finer resolution or a narrower range"
+            if not any(varies(a) for s in sensors for a in s.axes)
+            else "Read why no model holds, axis by axis, below",
+            lines=tuple(lines),
+        )
     lines.append(
         "simval noise LOG --json > noise.json, then simval calibrate LOG --noise "
         "noise.json or simval filter LOG --noise noise.json, uses these numbers."
@@ -190,7 +213,7 @@ def _quietest(sensor: SensorNoise) -> str:
     least = [
         (float(np.sqrt(a.variances.min())), float(a.seconds[a.variances.argmin()]), x)
         for x, a in _lettered(sensor)
-        if len(a.variances)
+        if varies(a)
     ]
     if not least:
         return ""

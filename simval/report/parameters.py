@@ -26,6 +26,7 @@ PARAMETERS = {
     "every": Parameter("rows averaged"),
     "field_noise": Parameter("field noise", "of the field"),
     "flicker": Parameter("flicker / white noise", "√Hz"),
+    "geometry": Parameter("random geometry no."),
     "geometries": Parameter("geometries", counted=True),
     "hold_time": Parameter("hold", "s"),
     "magnetometer_noise_std": Parameter("magnetometer noise", "T"),

@@ -1,9 +1,10 @@
-"""A suite with one question: one study over one parameter beside noise and effort.
+"""A suite with a question: one study over parameters beside noise and effort.
 
-Then the figure over that parameter is on the first screen: "how many poses do I need?"
+Then the figure over the one that says most is on the first screen, a curve for each
+value of the others: "how many poses do I need, and how long?"
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -12,12 +13,15 @@ from simval.report.answers import in_unit, rounded
 from simval.report.answers_readings import headline_row
 from simval.report.answers_wrong import NOISES, typical
 from simval.report.curves import (
+    PREFERRED,
     Curve,
+    Groups,
+    Measure,
     bar_width,
-    curve,
     curves,
     first,
     grouped,
+    numeric,
     spans,
     statistic,
     varying,
@@ -36,52 +40,58 @@ LITTLE = 3.0
 """Least factor of the values on a logarithmic axis of the only figure."""
 
 
-def axis_of_question(cells: Sequence[CellResult]) -> str | None:
-    """The one parameter that a run is about; None where it has more, or none."""
+def axes_of_question(cells: Sequence[CellResult]) -> tuple[str, ...]:
+    """Parameters that a run is about, that of the figure's axis first; none if none."""
     if len({cell.study for cell in cells}) != 1:
-        return None
+        return ()
     keys = [key for key in varying(cells) if key not in (*EFFORT, *NOISES)]
-    values = [cell.parameters.get(key) for key in keys[:1] for cell in cells]
-    numeric = [isinstance(v, int | float) and not isinstance(v, bool) for v in values]
-    return keys[0] if len(keys) == 1 and all(numeric) else None
+    counts = {
+        key: len({cell.parameters.get(key) for cell in cells})
+        for key in keys
+        if all(numeric(cell.parameters.get(key)) is not None for cell in cells)
+    }
+    if not counts:
+        return ()
+    axis = max(counts, key=lambda key: (key in PREFERRED, counts[key]))
+    return axis, *(key for key in keys if key != axis)
 
 
 def question_figure(context: Context) -> Drawing | None:
-    """The error over the parameter that the suite asks about."""
-    axis = axis_of_question(context.run.cells)
+    """The error over the parameters that the suite asks about."""
+    axes = axes_of_question(context.run.cells)
     cells = [cell for cell in context.run.cells if cell.rows]
-    if axis is None or not cells:
+    if not axes or not cells:
         return None
     of_calibration = cells[0].study == "calibration"
-    return (_of_calibration if of_calibration else _of_any)(cells, axis)
+    return (_of_calibration if of_calibration else _of_any)(cells, axes)
 
 
-def _of_calibration(cells: Sequence[CellResult], axis: str) -> Drawing | None:
+def _words(axes: Sequence[str]) -> str:
+    return " and the ".join(AXES.get(axis, spelled(axis)) for axis in axes)
+
+
+def _of_calibration(cells: Sequence[CellResult], axes: Sequence[str]) -> Drawing | None:
     """Misalignment, scale and bias, each in its own unit, at the middle noise."""
-    alike = typical(cells, poses=False)
+    alike, axis = typical(cells, poses=False), axes[0]
     name = AXES.get(axis, spelled(axis))
+    groups, rest = first(grouped(alike, axis))
     measured = {
-        letter: c
+        letter: found
         for letter in GROUPS
-        if (c := curve("", alike, axis, statistic(RMS(letter), CRAMER_RAO))) is not None
-        and len(np.unique(c.x)) > 1
+        if (found := _curves(groups, statistic(RMS(letter), CRAMER_RAO), axis))
     }
     if not measured:
         return None
-    z = bar_width(measured.values())
+    z = bar_width(c for found in measured.values() for c in found)
     noises = {cell.parameters["noise_std"] for cell in cells}
     here = alike[0].parameters["noise_std"]
-    units = OF_A_CALIBRATION
-    ends = [
-        f"{letter} from {rounded(c.value[0] * units[letter].factor)} to "
-        f"{in_unit(c.value[-1], units[letter])}"
-        for letter, c in measured.items()
-    ]
-    x = next(iter(measured.values())).x
+    labels = list(dict.fromkeys(c.label for own in measured.values() for c in own))
+    told = [_ends(measured, label) for label in dict.fromkeys((labels[0], labels[-1]))]
+    x = next(iter(measured.values()))[0].x
     return Drawing(
         name="summary-question",
-        asked=f"How does the error depend on the {name}?",
-        finding=f"From {x[0]:g} to {x[-1]:g} the RMS errors change: {', '.join(ends)}.",
+        asked=f"How does the error depend on the {_words(axes)}?",
+        finding=f"From {x[0]:g} to {x[-1]:g} the RMS errors change: {'; '.join(told)}.",
         caption=(
             f"RMS error over the {name} at a noise of {here:g} m/s². Points: "
             f"simulation with bars of {z:.2f} standard errors, 95 % for all "
@@ -89,32 +99,69 @@ def _of_calibration(cells: Sequence[CellResult], axis: str) -> Drawing | None:
         ),
         alternative=f"RMS error of misalignment, scale and bias over the {name}",
         panels=[
-            _panel(letter, place, c.scaled(OF_A_CALIBRATION[letter]), z, name)
-            for place, (letter, c) in enumerate(measured.items())
+            _panel(
+                letter,
+                place,
+                [c.scaled(OF_A_CALIBRATION[letter]) for c in own],
+                z,
+                name,
+            )
+            for place, (letter, own) in enumerate(measured.items())
         ],
-        left_out=[f"noise {level:g} m/s²" for level in sorted(noises - {here})],
+        left_out=[
+            *(f"noise {level:g} m/s²" for level in sorted(noises - {here})),
+            *rest,
+        ],
     )
 
 
-def _panel(letter: str, place: int, c: Curve, z: float, name: str) -> Panel:
+def _curves(groups: Groups, measure: Measure, axis: str) -> list[Curve]:
+    """Curves along the axis, not single points."""
+    return [c for c in curves(groups, measure, axis) if len(np.unique(c.x)) > 1]
+
+
+def _ends(measured: Mapping[str, Sequence[Curve]], label: str) -> str:
+    """From where to where each error goes in one group."""
+    units = OF_A_CALIBRATION
+    ends = [
+        f"{letter} from {rounded(c.value[0] * units[letter].factor)} to "
+        f"{in_unit(c.value[-1], units[letter])}"
+        for letter, own in measured.items()
+        for c in own
+        if c.label == label
+    ]
+    return f"{', '.join(ends)}{f' ({label})' if label else ''}"
+
+
+def _panel(
+    letter: str, place: int, measured: Sequence[Curve], z: float, name: str
+) -> Panel:
+    alone = len(measured) == 1
     return Panel(
         title=GROUPS[letter],
         x_label=name,
         y_label=f"RMS error, {OF_A_CALIBRATION[letter].name}",
-        series=(c.points(z, place, ""), c.predicted(":")),
-        log_x=spans(LITTLE, [c.x]),
-        log_y=spans(LITTLE, [c.value]),
+        series=tuple(
+            series
+            for i, c in enumerate(measured)
+            for series in (
+                c.points(z, place if alone else i, "" if alone else None),
+                c.predicted(":"),
+            )
+        ),
+        log_x=spans(LITTLE, [c.x for c in measured]),
+        log_y=spans(LITTLE, [c.value for c in measured]),
     )
 
 
-def _of_any(cells: Sequence[CellResult], axis: str) -> Drawing | None:
+def _of_any(cells: Sequence[CellResult], axes: Sequence[str]) -> Drawing | None:
     """The statistic that the study is told by, for each noise level."""
     row = next((row for cell in cells if (row := headline_row(cell))), None)
     if row is None:
         return None
+    axis = axes[0]
     groups, left_out = first(grouped(cells, axis))
-    measure = statistic(row.statistic, row.predictor)
-    measured = [c for c in curves(groups, measure, axis) if len(np.unique(c.x)) > 1]
+    measured = _curves(groups, statistic(row.statistic, row.predictor), axis)
     if not measured:
         return None
     name, z = AXES.get(axis, spelled(axis)), bar_width(measured)
@@ -128,7 +175,7 @@ def _of_any(cells: Sequence[CellResult], axis: str) -> Drawing | None:
     c, unit = measured[0], "" if row.unit == "1" else f" {row.unit}"
     return Drawing(
         name="summary-question",
-        asked=f"How does it depend on the {name}?",
+        asked=f"How does it depend on the {_words(axes)}?",
         finding=(
             f"From {c.x[0]:g} to {c.x[-1]:g} the {what} goes from "
             f"{rounded(c.value[0], 3)} to {rounded(c.value[-1], 3)}{unit}"

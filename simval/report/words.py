@@ -3,8 +3,14 @@
 import re
 from collections.abc import Iterable
 
-from simval.statistics import Statistic
+from simval.statistics import ORDER_2, ORDER_4, ORDER_4_SOURCE, Statistic
 
+FORMULAS = {
+    ORDER_2: "second order",
+    ORDER_4_SOURCE: "fourth order as published",
+    ORDER_4: "fourth order, complete",
+}
+"""Formulas as a figure calls them; tables have their names."""
 DIGITS = 16  # of a double, after its first
 FEWEST = -300  # exponent of ten below which a double has fewer
 

@@ -28,7 +28,7 @@ def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> N
     type=OUT,
     default=BASELINE,
     show_default=True,
-    help="Baseline to compare with; written if there is none yet.",
+    help="Baseline to compare with; the default one is written if there is none yet.",
 )
 @click.option(
     "--update-baseline",

@@ -17,7 +17,7 @@ from simval.report.section import Context, Section, Shown, made
 from simval.report.slope import order
 from simval.report.table import Column, Table
 from simval.report.units import RELATIVE, Unit
-from simval.report.words import slugs
+from simval.report.words import FORMULAS, slugs
 from simval.statistics import (
     BIAS,
     COVARIANCE,
@@ -114,7 +114,8 @@ def beside_predictions(
 def line(x: np.ndarray, y: np.ndarray, predictor: str, label: str) -> Series:
     """A line in the style of its prediction."""
     colour, style = STYLES[predictor]
-    return Series(label=label, x=x, y=y, colour=colour, line=style)
+    words = FORMULAS.get(label, label)
+    return Series(label=words, x=x, y=y, colour=colour, line=style)
 
 
 def _panel(title: str, y_label: str, series: Sequence[Series]) -> Panel:

@@ -13,6 +13,7 @@ from simval.report.ratio import ratio_panel
 from simval.report.section import Context, Section, Shown, made
 from simval.report.sections.attitude import CLAIMED, STYLES, rms_claim
 from simval.report.table import Column, Table
+from simval.report.words import FORMULAS
 from simval.statistics import (
     COVARIANCE,
     EXACT,
@@ -78,7 +79,7 @@ def _limits(cells: tuple[CellResult, ...]) -> Drawing:
                 name = LIMIT_RATIO(part, share)
                 c = curve("", cells, "norm", statistic(name, predictor))
                 if c is not None:
-                    label = predictor if share == "1%" else ""
+                    label = FORMULAS[predictor] if share == "1%" else ""
                     plain = Series(
                         label="", x=c.x, y=c.value, colour=colour, line=style
                     )
@@ -152,7 +153,9 @@ def _formulas(cells: list[CellResult]) -> Panel:
         colour, marker = STYLES[predictor][0], MARKS[predictor]
         ratio = c.value / c.prediction
         series.append(
-            Series(label=predictor, x=c.x, y=ratio, colour=colour, marker=marker)
+            Series(
+                label=FORMULAS[predictor], x=c.x, y=ratio, colour=colour, marker=marker
+            )
         )
     return Panel(
         title="where a formula may be used",
@@ -219,7 +222,7 @@ def _farthest(cells: tuple[CellResult, ...]) -> str:
             "", cells, "norm", statistic(LIMIT_RATIO("covariance", "1%"), predictor)
         )
         if c is not None:
-            told.append(f"{float(c.value.max()):.3g} ({predictor})")
+            told.append(f"{float(c.value.max()):.3g} ({FORMULAS[predictor]})")
     if not told:
         return ""
     return f"The covariance is within 1 % where |q̄| / σ is at least {', '.join(told)}."

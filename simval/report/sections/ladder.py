@@ -89,8 +89,8 @@ def _drawing(cells: Sequence[CellResult]) -> Drawing:
         panels=panels,
         left_out=left_out,
     )
-    biases = [*BIAS.each(("K_x", "K_y", "K_z"))]
-    claim = Claim(subject="The bias of K", cells=cells, what=biases, by=THEORY)
+    what = BIAS.each(("K_x", "K_y", "K_z"))
+    claim = Claim(subject="The bias of K", cells=cells, what=what, by=THEORY)
     return claiming(drawing, claim, before=_cost(cells))
 
 

@@ -14,7 +14,7 @@ from simval.report.panels import Drawing, Panel
 from simval.report.section import Context, Section, Shown, made
 from simval.report.sections.attitude import CLAIMED, STYLES
 from simval.report.table import Column, Table
-from simval.report.words import slugs
+from simval.report.words import FORMULAS, slugs
 from simval.statistics import LIMIT_RATIO, NEXT_ORDER, Family
 from simval.sweep.run import CellResult
 
@@ -123,7 +123,7 @@ def _needed(found: Found) -> str:
     needed = []
     for name in CLAIMED:
         half, most = np.quantile(found.ratios[name, "covariance", "1%"], [0.5, 0.9])
-        needed.append(f"{half:.3g} and {most:.3g} for {name}")
+        needed.append(f"{half:.3g} and {most:.3g} for {FORMULAS[name]}")
     return (
         "The covariance is within 1 %, in half and in nine tenths of the geometries, "
         f"from |q̄| / σ of {'; '.join(needed)}."

@@ -33,6 +33,15 @@ from simval.report.units import DEGREE_OF_QUATERNION, OF_A_CALIBRATION
 from simval.statistics import COVARIANCE, CRAMER_RAO, EXACT, FIRST_ORDER, RMS
 from simval.sweep.run import CellResult
 
+EXPLAINED = {
+    "T ": "T, K and B: misalignment of the axes, scale factors and bias of an "
+    "accelerometer.",
+    "the bound": "The bound: the least error that any unbiased method can have with "
+    "these data (Cramér and Rao).",
+    "theory": "Theory: what was predicted before anything was simulated.",
+}
+"""What the first screen uses without a word, by what stands in its lines."""
+
 RIGHT_OF_IT = (
     " Right: how far the covariance of each is from exact, on a scale that shows the "
     "differences."
@@ -47,12 +56,15 @@ def section(context: Context) -> Section | None:
     if not studies:
         for cell in run.cells:
             studies[cell.study] = studies.get(cell.study, 0) + 1
+    wrong = how_wrong(context)
+    used = " ".join(line.said for line in wrong.first)
     return made(
         "summary",
         "Verdict",
         () if has_user_code(run) else figures(context),
+        explained=[words for key, words in EXPLAINED.items() if key in used],
         answers=(
-            how_wrong(context),
+            wrong,
             as_theory_says(context),
             worse_than_before(context),
         ),
@@ -65,8 +77,15 @@ def section(context: Context) -> Section | None:
         alpha=context.alpha,
         manifest=run.manifest,
         studies=studies,
-        samples=sum(max((r.n for r in cell.rows), default=0) for cell in run.cells),
+        samples=sum(map(_samples, run.cells)),
     )
+
+
+def _samples(cell: CellResult) -> int:
+    """Trials of a cell; each may draw many numbers, which rows of noise count."""
+    stated = [cell.parameters.get(key) for key in ("trials", "samples")]
+    most = max((row.n for row in cell.rows), default=0)
+    return next((n for n in stated if isinstance(n, int)), most) if most else 0
 
 
 def figures(context: Context) -> list[Drawing]:
