@@ -43,6 +43,9 @@ class Family:
     better : {"less", "more", "zero", "prediction"} or None, default "less"
         Which way is better: less of it, as of most (errors, times, costs); more of it;
         nearer to zero; nearer to what theory predicts; or None where neither is.
+    along : bool, default False
+        Whether the last entry is a number along which it is measured: an instant, a
+        noise level, an averaging length.
     """
 
     name: str
@@ -53,6 +56,7 @@ class Family:
     least: float = -inf
     most: float = inf
     better: Better | None = "less"
+    along: bool = False
 
     def __hash__(self) -> int:
         return hash(self.name)  # of a dozen fields it alone tells two apart
@@ -177,9 +181,14 @@ COVARIANCE_ORDER = Family(
     "order of what a formula of the covariance leaves out",
     better="more",
 )
-BIAS_ERROR = Family("bias_error", "what a formula of the bias leaves out", least=0.0)
+BIAS_ERROR = Family(
+    "bias_error", "what a formula of the bias leaves out", least=0.0, along=True
+)
 COVARIANCE_ERROR = Family(
-    "covariance_error", "what a formula of the covariance leaves out", least=0.0
+    "covariance_error",
+    "what a formula of the covariance leaves out",
+    least=0.0,
+    along=True,
 )
 LIMIT_RATIO = Family("limit_ratio", "least |q̄| / σ at which a formula holds", least=0.0)
 FLIP_RATE = Family("flip_rate", "share of flipped signs", least=0.0, most=1.0)
@@ -209,6 +218,7 @@ ALLAN_ERROR = Family(
     margin=0.02,
     least=0.0,
     better="prediction",
+    along=True,
 )
 NIS = Family(
     "nis", "normalised squared innovation", margin=0.02, least=0.0, better="prediction"
@@ -228,13 +238,23 @@ SETTLING_TRIALS = Family(
     "settling_trials", "share of trials that settle", least=0.0, most=1.0, better="more"
 )
 SETTLING = Family("settling", "time to settle", unit="s", least=0.0)
-RMS_AT = Family("rms_at", "RMS error at an instant", unit="rad", least=0.0)
-BOUND_AT = Family("bound_at", "bound at an instant", unit="rad", least=0.0, better=None)
+RMS_AT = Family("rms_at", "RMS error at an instant", "rad", least=0.0, along=True)
+BOUND_AT = Family(
+    "bound_at", "bound at an instant", "rad", least=0.0, better=None, along=True
+)
 BUDGET_AT = Family(
-    "budget_at", "part of the predicted error at an instant", unit="rad", least=0.0
+    "budget_at",
+    "part of the predicted error at an instant",
+    "rad",
+    least=0.0,
+    along=True,
 )
 NEES_AT = Family(
-    "nees_at", "normalised squared error at an instant", least=0.0, better="prediction"
+    "nees_at",
+    "normalised squared error at an instant",
+    least=0.0,
+    better="prediction",
+    along=True,
 )
 AT_AN_INSTANT = (RMS_AT, BOUND_AT, NEES_AT, BUDGET_AT)
 """Families along time, for a figure and not for a table of a few lines."""
@@ -388,6 +408,20 @@ def family(name: Any) -> Family:
     return FAMILIES[name]
 
 
+AXES = ("x", "y", "z")
+PARAMETERS = {
+    f"{kind}_{which}": kind
+    for kind in ("S", "T", "K", "B", "M")
+    for which in (*AXES, *(row + column for row in AXES for column in AXES))
+}
+"""Each entry of a matrix or vector of parameters, and which one it belongs to."""
+
+QUANTILES = ("least", "5%", "median", "95%", "most", "worst", "1%", "10%")
+RATES = ("50 Hz", "100 Hz", "250 Hz", "500 Hz")
+ONE_OF_MANY = frozenset((*AXES, "s", *QUANTILES, *RATES))
+"""Entries that say which one and not of what: axes, quantiles, shares, rates."""
+
+
 @dataclass(frozen=True, slots=True)
 class Statistic:
     """What a row measures: a family, which of its entries, and how it was sampled.
@@ -424,6 +458,12 @@ class Statistic:
     def __str__(self) -> str:
         inside = f"[{','.join(self.entries)}]" if self.entries else ""
         return f"{'control ' if self.controlled else ''}{self.family.name}{inside}"
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The entries without which one it is: ``K`` of the scale ``K_x``."""
+        named = self.entries[:-1] if self.family.along else self.entries
+        return tuple(PARAMETERS.get(e, e) for e in named if e not in ONE_OF_MANY)
 
     @property
     def better(self) -> Better | None:

@@ -1,16 +1,23 @@
 """What moved, which way and by how much: every direction by hand, groups counted."""
 
+import re
 from dataclasses import replace
 from math import inf, nan
 
 import numpy as np
 import pytest
+from places import ROOT
 from rows_by_name import cell, row, statistic
 
+from simval.calibrate.gyroscope.result import NAMES as GYROSCOPE
+from simval.calibrate.magnetometer.result import OWN_NAMES as MAGNETOMETER
 from simval.compare import Step, compare_runs, moved
 from simval.compare.moves import kind_of, loss, standing
 from simval.gate import judge_run, read_baseline, write_baseline
+from simval.sensor import forms
 from simval.statistics import FAMILIES
+from simval.studies.attitude_geometries import QUANTILES
+from simval.studies.gyroscope import THINNED
 from simval.sweep import load_run
 from simval.sweep.run import Run
 
@@ -162,6 +169,26 @@ def test_moves_are_sorted_by_how_far():
 def test_sizes_in_words(steps, words):
     (move,) = moved(steps)
     assert words in move.sentence
+
+
+def test_a_kind_is_what_expressions_over_the_names_made_of_it():
+    """Beside those that `kind_of` had, over all that is measured in the baseline."""
+    parameter = re.compile(r"([A-Z])(?:_[a-z]+)?")
+    member = re.compile(r"[xyzs]|[0-9].*|least|median|most|worst")
+    content = read_baseline(ROOT / "reports" / "baseline.json")["cells"]
+    names = {name for cell in content.values() for name in cell.statistics}
+    own = {f"sd[{name}]" for name in (*GYROSCOPE, *MAGNETOMETER)}
+    own |= {f"sd[{name}]" for model in forms.MODELS for name in forms.names(model)}
+    own |= {f"leading_error_ratio[order 2,{name}]" for name in QUANTILES}
+    own |= {f"recovery[M,averages,{name}]" for name in THINNED}
+    for name in names | own:
+        each = statistic(name.partition(" against ")[0])
+        parts = [
+            parameter.sub(r"\1", e) for e in each.entries if not member.fullmatch(e)
+        ]
+        words = each.family.words + (" of " if parts else "") + ", ".join(parts)
+        assert kind_of(each).removesuffix(", control variates") == words
+    assert len(names) > 300
 
 
 def test_kinds_leave_axes_levels_and_quantiles_out():

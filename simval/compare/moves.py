@@ -15,7 +15,6 @@ sorted by their weight: standard errors, and for a value without chance the chan
 the margin of its family or, where that is more, over what it is judged to.
 """
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite
@@ -29,12 +28,6 @@ Standing = Literal["better", "worse", "neither"]
 
 AIMED = ("zero", "prediction")
 """Directions that are towards a point."""
-
-PARAMETER = re.compile(r"([A-Z])(?:_[a-z]+)?")
-"""One parameter of a kind: ``K_x`` of the scale factors K."""
-
-MEMBER = re.compile(r"[xyzs]|[0-9].*|least|median|most|worst")
-"""Entries that say which of a kind: an axis, a level, a quantile."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -236,14 +229,8 @@ def standing(change: float, least: float) -> Standing:
 
 def kind_of(statistic: Statistic) -> str:
     """A statistic in words, without which axis, level or quantile: ``RMS of K``."""
-    parts = []
-    for entry in statistic.entries:
-        parameter = PARAMETER.fullmatch(entry)
-        if parameter:
-            parts.append(parameter[1])
-        elif not MEMBER.fullmatch(entry):
-            parts.append(entry)
-    words = f"{statistic.family.words}{' of ' if parts else ''}{', '.join(parts)}"
+    kinds = statistic.kinds
+    words = f"{statistic.family.words}{' of ' if kinds else ''}{', '.join(kinds)}"
     return f"{words}, control variates" if statistic.controlled else words
 
 

@@ -9,7 +9,6 @@ kept (null).
 import json
 import math
 import os
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,7 +20,7 @@ from simval.files import MOST_BASELINE, parsed_json, read_text
 from simval.plugins.names import is_file
 from simval.results import Check, Row
 from simval.statistics import Statistic
-from simval.studies.study import canonical
+from simval.studies.study import spelled
 from simval.sweep.machines import other_machines
 from simval.sweep.provenance import differences
 from simval.sweep.run import MAX_SAMPLES, Run
@@ -285,19 +284,14 @@ def _cell(name: str, cell: Any) -> StoredCell:
 
 
 def _is_named(name: str, cell: StoredCell) -> bool:
-    """Whether a name agrees with study and parameters; it has those of effort too."""
-    inner, _, seed = name.removeprefix(f"{cell.study}(").rpartition(")@")
-    parts = [
-        re.escape(f",{key}={canonical(cell.parameters[key])}")
-        if key in cell.parameters
-        else rf"(,{key}=[0-9]+)?"
-        for key in sorted({*cell.parameters, *EFFORT})
-    ]
-    return (
-        name == f"{cell.study}({inner})@{seed}"
-        and re.fullmatch("[0-9]+", seed) is not None
-        and re.fullmatch("".join(parts), f",{inner}" if inner else "") is not None
-    )
+    """Whether a name is the cell's with some effort, which it has too, and a seed."""
+    stem, _, seed = name.rpartition("@")
+    asked = [cell.parameters]
+    for key in EFFORT:
+        count = stem.rpartition(f"{key}=")[2].removesuffix(")").partition(",")[0]
+        if count.isdecimal() and key not in cell.parameters:
+            asked += [{**one, key: count} for one in asked]
+    return seed.isdecimal() and stem in (spelled(cell.study, one) for one in asked)
 
 
 def _entry(entry: Any) -> Entry:

@@ -1,6 +1,6 @@
 """What a study is: a name, its parameters, and a pure function of a cell."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -131,9 +131,14 @@ class Cell:
         return Streams(self.seed, cell_key(self._named(self.parameters.no_noise)))
 
     def _named(self, without: tuple[str, ...]) -> str:
-        values = sorted(self.parameters.named().items())
-        inside = (f"{k}={canonical(v)}" for k, v in values if k not in without)
-        return f"{self.study}({','.join(inside)})"
+        values = self.parameters.named().items()
+        return spelled(self.study, {k: v for k, v in values if k not in without})
+
+
+def spelled(study: str, parameters: Mapping[str, Any]) -> str:
+    """Name of a cell without its seed: what every name is made by, and checked."""
+    inside = (f"{k}={canonical(v)}" for k, v in sorted(parameters.items()))
+    return f"{study}({','.join(inside)})"
 
 
 def canonical(value: Any) -> str:
