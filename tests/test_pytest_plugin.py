@@ -10,8 +10,8 @@ import pytest
 from places import ROOT
 
 # what pytester runs in this process finds them: NumPy cannot be loaded a second time
-import simval.attitude.comparators
-import simval.check  # noqa: F401
+import simval.attitude.comparators  # noqa: F401
+from simval.check import check_function, told  # noqa: F401
 
 pytest_plugins = ["pytester"]
 

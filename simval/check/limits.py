@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from simval.errors import InputError
 from simval.results import Row
-from simval.statistics import CRAMER_RAO
+from simval.statistics import BELOW_BOUND, CRAMER_RAO
 from simval.sweep.cells import CellResult
 
 BOUNDS = "bounds"
@@ -31,7 +31,7 @@ class Limit:
     def of(self, row: Row) -> bool:
         """Whether a row is what it limits."""
         named = self.statistic in (str(row.statistic), row.statistic.family.name)
-        return named and (self.unit != BOUNDS or row.predictor == CRAMER_RAO)
+        return named and (self.unit != BOUNDS or _has_bound(row))
 
     def missed(self, row: Row) -> str:
         """Say what a row has, if that is beyond the limit."""
@@ -39,10 +39,15 @@ class Limit:
         if self.unit and not bounds and self.unit != row.unit:
             msg = f"limit {self.text!r}: {row.statistic} is in {row.unit}"
             raise InputError(msg)
-        value = row.value / (row.prediction or float("nan")) if bounds else row.value
+        value = row.value / (row.prediction if bounds and row.prediction else 1.0)
         kept = value < self.number if self.below else value > self.number
         unit = f" {BOUNDS}" if bounds else "" if row.unit == "1" else f" {row.unit}"
         return "" if kept else f"{row.statistic} is {value:.4g}{unit}"
+
+
+def _has_bound(row: Row) -> bool:
+    """Whether its prediction is a bound of its value."""
+    return row.predictor == CRAMER_RAO and row.statistic.family != BELOW_BOUND
 
 
 def limit_of(text: str) -> Limit:
@@ -85,7 +90,7 @@ def missed_limits(limits: Iterable[str], cells: Sequence[CellResult]) -> Iterato
                 row.statistic.family.name
                 for cell in done
                 for row in cell.rows
-                if not beside or row.predictor == CRAMER_RAO
+                if not beside or _has_bound(row)
             }
             msg = (
                 f"limit {limit.text!r} is of nothing that was measured"
