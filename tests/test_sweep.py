@@ -2,16 +2,22 @@
 
 import hashlib
 import json
+import math
+import re
 import time
+from dataclasses import replace
 from multiprocessing import get_context
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from stores import edited, raw
 
 from simval.compare import compare_runs
 from simval.errors import InputError
 from simval.montecarlo import fused
+from simval.results import Outcome, Row
+from simval.statistics import COVERAGE, RMS, Family
 from simval.sweep import (
     executors,
     load_run,
@@ -166,6 +172,55 @@ def test_a_failed_cell_leaves_the_others_and_its_traceback(
     failed = next(cell for cell in run.cells if cell.status == "failed")
     assert "ZeroDivisionError: broken on purpose" in failed.error
     assert failed.name not in (tmp_path / "run" / "results.csv").read_text()
+
+
+ROW = Row(statistic=RMS("x"), value=0.5, standard_error=0.1, n=300, check="plain")
+POSSIBLE = (
+    {"value": math.inf, "standard_error": math.nan, "n": 2**53 - 1, "remainder": 0.0},
+    {"value": np.float64(0.5), "n": np.int64(0), "remainder": math.inf},
+)
+IMPOSSIBLE = (
+    {"remainder": -0.0042},
+    {"standard_error": -5e-324},
+    {"standard_error": -math.inf},
+    {"value": -1e-9},
+    {"prediction": -0.1},
+    {"prediction": 1.5, "statistic": COVERAGE("x")},
+    {"statistic": Family("no such family", "of no version")("x")},
+    {"n": -1},
+    {"n": 2**53},
+    {"predictor": "x" * 10_001},
+)
+
+
+def test_an_impossible_number_fails_its_cell_and_not_the_run(
+    tmp_path, monkeypatch, simval
+):
+    given = (*POSSIBLE, *IMPOSSIBLE)
+    suite = tmp_path / "suite.toml"
+    suite.write_text(f"seed = {[*range(len(given))]}\n[attitude]\nsamples = 65536\n")
+
+    def left(cell):
+        return Outcome(rows=(ROW, replace(ROW, **given[cell.seed])))
+
+    monkeypatch.setattr(executors, "execute", left)
+    folder = tmp_path / "run"
+    assert simval("sweep", suite, "--out", folder, "--workers", 1)[0] == 4
+    cells = load_run(folder).cells
+    ends = {cell.seed: (cell.status, len(cell.rows)) for cell in cells}
+    done = len(POSSIBLE)
+    assert ends == {
+        seed: ("done", 2) if seed < done else ("failed", 0)
+        for seed in range(len(given))
+    }
+    for cell in cells[done:]:  # the error names what is impossible
+        named = re.search(
+            r"^a result that cannot be: row 1, .*: `(\w+)` is", cell.error
+        )
+        assert named, cell.error
+        assert {*given[cell.seed], "family"} >= {named[1]}
+    for command in ("gate", "report"):
+        assert "damaged" not in "".join(simval(command, folder)[1:])
 
 
 @pytest.mark.ci

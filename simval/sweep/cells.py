@@ -21,7 +21,7 @@ from simval.sweep import store
 from simval.sweep.asked import Asked
 from simval.sweep.documents import DamagedError, read_json
 from simval.sweep.entries import Stored
-from simval.sweep.plausible import name_of, row_of
+from simval.sweep.plausible import rows_of
 
 REFUSED = "refused: "
 """What the error of a cell begins with whose plug-in was refused; of one that crashed
@@ -162,20 +162,8 @@ def _result(cell: sqlite3.Row, rows: Sequence[Stored]) -> CellResult:
         status=cell["status"],
         error=cell["error"],
         seconds=float(seconds),
-        rows=tuple(_rows(rows)),
+        rows=tuple(rows_of(rows)),
     )
-
-
-def _rows(entries: Sequence[Stored]) -> Iterator[Row]:
-    for number, entry in enumerate(entries):
-        if entry[0] != number:
-            msg = f"its rows are not numbered from 0 without a gap: {number} is missing"
-            raise DamagedError(msg)
-        try:
-            yield row_of(entry)
-        except DamagedError as error:
-            msg = f"row {number}, {name_of(entry)}: {error}"
-            raise DamagedError(msg) from None
 
 
 def _parameters(cell: sqlite3.Row) -> dict[str, Any]:

@@ -32,9 +32,11 @@ from simval.studies import find_study
 from simval.studies.study import Cell
 from simval.sweep.batches import Batch, Queue, Work
 from simval.sweep.cells import REFUSED
+from simval.sweep.documents import DamagedError
 from simval.sweep.endings import Ending, ending_of
 from simval.sweep.entries import Done, cell_entry, digest_of_entries, row_entries
 from simval.sweep.identity import StrangerError, refusal, require_as_read
+from simval.sweep.plausible import rows_of
 from simval.sweep.threads import ONE_THREAD
 from simval.text import described, message_of, one_line, printable
 
@@ -100,7 +102,10 @@ def _done(
         return failed(position, cell, outcome, seconds)
     try:
         rows = row_entries(position, outcome.rows)
+        deque(rows_of(row[1:] for row in rows), maxlen=0)
         ending = ending_of(cell, outcome.rows, alpha)
+    except DamagedError as error:
+        return failed(position, cell, f"a result that cannot be: {error}", seconds)
     except (TypeError, ValueError, AttributeError, OverflowError) as error:
         return failed(position, cell, described(error), seconds)
     entry = cell_entry(position, cell, "done", "", seconds)

@@ -1,4 +1,4 @@
-"""The possible values of the fields of a stored row; anything else is damage.
+"""The possible values of the fields of a row; no other is stored, or read.
 
 A number that was not measured is stored as NULL and read as NaN (a prediction as None),
 which never passes; an infinite one does not pass either. All else must have its type
@@ -7,7 +7,7 @@ and lie within the range of its field or statistic.
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import lru_cache
 from types import MappingProxyType
 from typing import Any, get_args
@@ -67,6 +67,19 @@ _FIELDS: Mapping[str, tuple[Callable[[Any], bool], str]] = MappingProxyType(
 
 
 _REAL = (float, type(None))
+
+
+def rows_of(entries: Iterable[Stored]) -> Iterator[Row]:
+    """Rows of the entries of a cell; of an impossible one say which it is."""
+    for number, entry in enumerate(entries):
+        if entry[0] != number:
+            msg = f"its rows are not numbered from 0 without a gap: {number} is missing"
+            raise DamagedError(msg)
+        try:
+            yield row_of(entry)
+        except DamagedError as error:
+            msg = f"row {number}, {name_of(entry)}: {error}"
+            raise DamagedError(msg) from None
 
 
 def row_of(entry: Stored) -> Row:
