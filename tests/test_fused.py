@@ -19,6 +19,7 @@ from simval.geometry import attitude_matrix
 from simval.montecarlo import compiled, fused, moments_of, normals, simulate_closed_form
 from simval.montecarlo.plain import batch_means, sums_of
 from simval.streams import Streams, cell_key
+from simval.studies import attitude
 from simval.studies.attitude import random_geometry
 from simval.theory import attitude_moments
 
@@ -45,20 +46,23 @@ def test_the_block_is_there_where_a_compiler_is():
 
 
 class Other:
-    """A compiled block with the bits of another source."""
+    """A compiled block with the bits of another source in some of its batches."""
 
-    def __init__(self, factor):
-        self.factor = factor
+    def __init__(self, factor, *batches):
+        self.factor, self.batches_off = factor, slice(*batches)
 
     def batches(self, state, mean, noise, q, out):
-        out[:] = self.factor * fused.in_numpy(state, len(out), mean, noise, q)
+        out[:] = fused.in_numpy(state, len(out), mean, noise, q)
+        out[self.batches_off] *= self.factor
 
 
 def test_a_block_with_other_bits_is_not_used(monkeypatch):
-    assert fused.reproduces(Other(1.0))
-    assert not fused.reproduces(Other(1.0 + 2.0**-52))
+    assert fused.TRIED * normals.BATCH >= attitude.BLOCK
+    assert fused.reproduces(Other(1.0, None))
+    for batches in [(None,), (1,), (200, None), (-1, None), (fused.TRIED // 2, -1)]:
+        assert not fused.reproduces(Other(1.0 + 2.0**-52, *batches)), batches
     assert not fused.reproduces(object())
-    monkeypatch.setattr(fused, "import_module", lambda name: Other(1.1))
+    monkeypatch.setattr(fused, "import_module", lambda name: Other(1.1, None))
     with pytest.warns(RuntimeWarning, match="install simval again"):
         assert fused._compiled.__wrapped__() is None
 
@@ -125,7 +129,8 @@ def test_arithmetic_of_another_kind_is_not_compiled(tmp_path):
 def test_both_forms_have_the_same_bits(block):
     rng = np.random.default_rng(block)
     mean, q = rng.standard_normal(9), rng.standard_normal(4)
-    noise, batches = 10.0 ** rng.uniform(-3, 2), int(rng.integers(1, 20))
+    noise = 10.0 ** rng.uniform(-3, 2)
+    batches = [1, 2, 15, 16, 17, fused.TRIED][block]  # those of a real block, too
     known = {"mean": mean, "noise": noise, "q": q}
     found = fused.batch_means_of(STREAMS, block, batches, **known)
     assert np.array_equal(found, numpy_form(block, batches, mean, noise, q))

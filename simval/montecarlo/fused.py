@@ -8,8 +8,9 @@ normals a trial instead of twelve.
 Normals come from `simval.montecarlo.normals`; a batch of eq. (M1) of
 `simval.montecarlo.plain` is `BATCH` trials, summed in eight partial sums. `fused.c`
 does all of it in one pass through the processor's cache, with the bits of the NumPy
-form here. It is used where it was compiled and reproduces a batch, which is tried once
-in each process; so neither its absence nor a careless compiler changes a number.
+form here. It is used where it was compiled and reproduces the first, the middle and the
+last of many batches, which is tried once in each process; so neither its absence nor a
+careless compiler changes a number.
 """
 
 import warnings
@@ -31,6 +32,8 @@ from simval.streams import Streams
 
 CHUNK: Final = 16
 """Batches whose arrays stay in the cache, in the NumPy form."""
+TRIED: Final = 256
+"""Batches of the trial: more than a block of the study of attitudes has."""
 FEATURES: Final = 14
 SUMS: Final = 8
 
@@ -152,14 +155,15 @@ def _compiled() -> Any:
 
 
 def reproduces(block: Any) -> bool:
-    """Whether a compiled block gives a batch of the NumPy form, to the bit."""
+    """Whether a compiled block gives batches of the NumPy form, to the bit."""
     streams, mean, q = Streams(1, (1,)), np.linspace(-1.0, 1.0, NORMALS), np.ones(4)
-    out = np.empty((1, FEATURES))
+    out, at = np.empty((TRIED, FEATURES)), [0, TRIED // 2, TRIED - 1]
     try:
         block.batches(lanes(streams, 0), mean, 0.5, q, out)
     except (AttributeError, TypeError, ValueError):  # it was compiled from another file
         return False
-    return np.array_equal(out, in_numpy(lanes(streams, 0), 1, mean, 0.5, q))
+    x = normals(draws(lanes(streams, 0), TRIED)[at])
+    return np.array_equal(out[at], averages(x, mean, 0.5, q))
 
 
 def batch_means_of(
