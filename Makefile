@@ -35,6 +35,7 @@ nightly: check docs sanitize
 	$(MAKE) mutants
 	$(MAKE) .venv-league/installed
 	PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 .venv-league/bin/python -m pytest -m league tests/test_league.py tests/test_league_filters.py
+	$(MAKE) lowest
 	$(MAKE) bench
 
 # faults put into the flow, and their clean twins, through the gate: every third of them
@@ -109,12 +110,14 @@ docs: .venv-docs/installed
 	.venv-docs/bin/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'
 	touch $@
 
-# the stated lower bounds, really installed; once before each release
+# the stated lower bounds, really installed, that of the build too; of what old and new
+# packages warn each other of, nothing is asked
 lowest:
 	rm -rf .venv-lowest && $(PYTHON) -m venv .venv-lowest
 	.venv-lowest/bin/python tests/lowest_versions.py > .venv-lowest/bounds.txt
-	.venv-lowest/bin/python -m pip install --quiet --disable-pip-version-check -e . -r .venv-lowest/bounds.txt
-	.venv-lowest/bin/python -m pytest -m "not slow and not wheel"
+	PIP_CONSTRAINT=.venv-lowest/bounds.txt .venv-lowest/bin/python -m pip install --quiet --disable-pip-version-check -e . -r .venv-lowest/bounds.txt
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 .venv-lowest/bin/python -m pytest -n auto --dist loadfile \
+	  -W default::DeprecationWarning -m "not (slow or wheel or league)"
 
 # made when missing, re-used when not; remade only when the dependencies change
 .venv/installed: pyproject.toml CMakeLists.txt simval/montecarlo/fused.c

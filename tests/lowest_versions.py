@@ -12,8 +12,9 @@ LINTERS = (
     "mutmut",
 )  # not what the tests run on
 
-project = tomllib.loads(Path("pyproject.toml").read_text())["project"]
-wanted = list(project["dependencies"])
+content = tomllib.loads(Path("pyproject.toml").read_text())
+project = content["project"]
+wanted = [*content["build-system"]["requires"], *project["dependencies"]]
 for name, extra in project["optional-dependencies"].items():
     if name != "league":  # nothing of the package rests on what it measures
         wanted += [word for word in extra if ">=" in word]
