@@ -136,10 +136,14 @@ def walk_covariance(
 def drift_noise(
     rows: Rows, moves: Moves, noise: GyroscopeNoise, w: Float[Array, " n"]
 ) -> Float[Array, "t r m"]:
-    """Noise of the gaps by a bias that walks, where it is held for constant."""
+    """Noise of the gaps by a bias that walks, where it is held for constant.
+
+    A move is turned by its mean, whose variance is that in the middle less T/6.
+    """
     t, k = moves.statistics.shape[:2]
     middle = moves.times[:, 0] + 0.5 * moves.seconds
     covariance = walk_covariance(middle, w, moves.rest_times)
+    covariance -= np.diag(moves.seconds / 6.0)
     # a walk that has been seen at fewer times than moves leaves roots of zero
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))

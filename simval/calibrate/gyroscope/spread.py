@@ -47,9 +47,6 @@ def spread(
         theta_noise += bridge
     elif noise.bias_random_walk > 0.0:
         maps.append(drift_noise(rows, moves, noise, setting.weights))
-        # and within a move, about what it is in the middle
-        even = wander(moved, moves.statistics, M * noise.bias_random_walk)
-        theta_noise += even * (moves.seconds**2 / 12.0)[:, None, None]
     if setting.bias == "known":
         maps.append(rows.by_gyroscope[..., 9:] * setting.bias_std)
     ends: Array = np.zeros((3, 0))
