@@ -62,9 +62,9 @@ class Attitudes:
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
     def at(self, wanted: Float[Array, " m"]) -> Float[Array, "m 4"]:
-        """Attitudes at some times by the cubic through four neighbours; NaN in a hole.
+        """Attitudes at some times by six neighbours' polynomial; NaN in a hole.
 
-        The first neglected term is of fourth order in the step.
+        The first neglected term is of sixth order in the step.
         """
         half = NEIGHBOURS // 2
         last = np.searchsorted(self.time, wanted, side="right") + half - 1
