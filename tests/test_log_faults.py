@@ -1,5 +1,6 @@
 """Logs of broken sensors, cables and loggers: found and named, no good one lost."""
 
+import itertools
 import re
 
 import bad_logs
@@ -7,9 +8,11 @@ import numpy as np
 import pytest
 
 from simval.cli import run
+from simval.cli.commands import calibrate, noise
 from simval.errors import RefusedError, SimvalError
 from simval.multiposition import calibrate_log
-from simval.poses import fibonacci_sphere
+from simval.noise import NoiseFile, noise_of
+from simval.poses import fibonacci_sphere, random_directions
 
 # what the refusal says, of the faults that nothing else could be taken for
 WORDS = {
@@ -154,3 +157,63 @@ def test_a_spike_is_no_wrap_and_a_flip_no_fault():
     assert calibrate_log(bad_logs._with(rec, x).log).fit.converged
     keep = np.concatenate([np.arange(*hold) for hold in rec.holds])
     assert calibrate_log(bad_logs._with(rec, rec.samples[keep]).log).fit.converged
+
+
+def of_few(count, seed, monkeypatch):
+    """A log of so many rests in random directions, and its sensor's measured noise."""
+    rng = np.random.default_rng([91, count, seed])
+    with monkeypatch.context() as patched:
+        patched.setattr(
+            bad_logs, "spread_poses", lambda rng: random_directions(count, rng)
+        )
+        rec = bad_logs.good(rng)
+    rest = rec.samples[50] + rec.sigma * rng.standard_normal((20_000, 3))
+    gravity = float(np.linalg.norm(rest.mean(axis=0)))
+    known = NoiseFile(
+        accelerometer=noise_of(rest, bad_logs.RATE), si_per_raw=None,
+        gravity_raw=gravity,
+    )  # fmt: skip
+    return rec, known
+
+
+@pytest.mark.ci
+def test_few_rests_are_told_what_to_do_and_it_works(monkeypatch):
+    """Nine to twelve rests were refused with an argument that no command has."""
+    told = helped = 0
+    for count, seed in itertools.product(range(9, 13), range(3)):
+        rec, known = of_few(count, seed, monkeypatch)
+        _, words = outcome(rec)
+        if "say too little of the noise" not in words:
+            continue
+        assert "--noise noise.json" in words
+        told += 1
+        try:
+            fit = calibrate_log(rec.log, noise=known).fit
+        except RefusedError:
+            continue  # the geometry of these poses is no matter of noise
+        helped += 1
+        assert fit.covariance_kind == "known sigma"
+        # 27 to 100 normal numbers: one seed in 1e4
+        assert np.all(np.abs(fit.parameters - rec.sensor.parameters) < 5.5 * fit.sd)
+    assert helped >= told / 2 >= 1
+
+
+def test_advice_names_what_the_command_has(monkeypatch):
+    """Options and names in backticks that a refusal of a log gives exist."""
+    options = {
+        name: {o for p in command.params for o in p.opts}
+        for name, command in (
+            ("calibrate", calibrate.command),
+            ("noise", noise.command),
+        )
+    }
+    logs = [recording(name, 4) for name in bad_logs.FAULTS]
+    logs += [of_few(count, 0, monkeypatch)[0] for count in (9, 10)]
+    said = [words for words in (outcome(rec)[1] for rec in logs) if words]
+    assert len(said) > len(logs) / 2
+    for words in said:
+        with_noise = re.sub(r"simval noise [^)]*\)", "", words)
+        assert set(re.findall(r"--[a-z][a-z-]*", with_noise)) <= options["calibrate"]
+        others = set(re.findall(r"--[a-z][a-z-]*", words))
+        assert others <= options["calibrate"] | options["noise"]
+        assert not re.findall(r"`[a-z_]+(?:=[^`]*)?`", words), words

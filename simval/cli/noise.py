@@ -12,7 +12,6 @@ from simval.cli.noise_units import (
     Scale,
     accelerometer_scale,
     gyro_scale,
-    largest,
     magnetometer_scale,
     printed,
 )
@@ -26,6 +25,7 @@ from simval.multiposition.noise import LogNoise, log_noise
 from simval.noise import AxisNoise
 from simval.noise.files import AXES, FORMAT, axis_to_json
 from simval.noise.model import UNITS as RAW
+from simval.noise.model import largest
 from simval.text import interval_words
 
 SI = {"accelerometer": "m/s^2", "gyro": "rad/s", "magnetometer": "T"}
@@ -132,6 +132,7 @@ def _write_page(page: Path, log: Log, found: LogNoise, sensors: Sensors) -> None
 def as_object(log: Log, found: LogNoise, sensors: Sensors) -> dict[str, Any]:
     """Return the noise of a log as one JSON object."""
     gravity = float(np.linalg.norm(found.means[0]))
+    kalibr = list(_kalibr(sensors))
     listed: dict[str, Any] = {
         name: {
             "si_unit": SI[name],
@@ -155,19 +156,19 @@ def as_object(log: Log, found: LogNoise, sensors: Sensors) -> dict[str, Any]:
         },
         "sensors": listed,
         "left_out": dict(found.left_out),
-        "kalibr": dict(_kalibr(sensors)) | {"update_rate": log.rate},
+        "kalibr": {name: x for name, x, _ in kalibr if x is not None}
+        | {"update_rate": log.rate},
+        "kalibr_bounds": {name: x for name, _, x in kalibr if x is not None},
     }
 
 
-def _kalibr(sensors: Sensors) -> Iterator[tuple[str, float]]:
-    # one number for the three axes: the largest
+def _kalibr(sensors: Sensors) -> Iterator[tuple[str, float | None, float | None]]:
+    # one number for the three axes: the largest that is seen, and the largest bound
     for (name, kind), title in KALIBR.items():
-        if name in sensors:
-            axes, scale = sensors[name]
-            each = [c for axis in axes for c in axis.coefficients if c.kind == kind]
-            size = largest(each)[0] if len(each) == len(axes) else np.inf
-            if scale.si_per_raw is not None and np.isfinite(size):
-                yield title, size * scale.si_per_raw
+        axes, scale = sensors.get(name, ((), None))
+        if scale is not None and scale.si_per_raw is not None:
+            size = np.full(len(axes), scale.si_per_raw)
+            yield title, *largest(axes, kind, size)
 
 
 def described(found: LogNoise, sensors: Sensors) -> list[str]:
@@ -237,13 +238,13 @@ def _fits(axes: tuple[AxisNoise, ...]) -> list[str]:
 
 def _kalibr_lines(sensors: Sensors) -> list[str]:
     lines = []
-    values = dict(_kalibr(sensors))
-    for (name, kind), title in KALIBR.items():
-        if title in values:
-            axes = sensors[name][0]
-            each = [c for axis in axes for c in axis.coefficients if c.kind == kind]
-            note = "   # an upper bound: not seen" if largest(each)[1] else ""
-            lines.append(f"  {title + ':':30s}{values[title]:.4g}{note}")
+    for title, seen, bound in _kalibr(sensors):
+        name = f"  {title + ':':30s}"
+        if seen is not None:
+            more = "" if bound is None else f"   # not on every axis: below {bound:.4g}"
+            lines.append(f"{name}{seen:.4g}{more}")
+        elif bound is not None:
+            lines.append(f"# {name[2:]}not seen, below {bound:.4g}")
     if not lines:
         return []
     rate = next(iter(sensors.values()))[0][0].rate_hz

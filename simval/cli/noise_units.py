@@ -10,7 +10,6 @@ from simval.arrays import Array
 from simval.errors import InputError, RefusedError
 from simval.logs import Log
 from simval.logs.names import channel
-from simval.noise import Coefficient
 from simval.poses import PARAMETERS
 from simval.shapes import Float
 
@@ -261,10 +260,3 @@ _MAGNETOMETER: Final = {
 _PRINTED: Final = {
     "accelerometer": _ACCELEROMETER, "gyro": _GYRO, "magnetometer": _MAGNETOMETER,
 }  # fmt: skip
-
-
-def largest(coefficients: list[Coefficient]) -> tuple[float, bool]:
-    """Largest of the axes' values, upper bounds where one is not seen; and if it is."""
-    sizes = [c.high if c.value is None else c.value for c in coefficients]
-    place = int(np.argmax(sizes))
-    return sizes[place], coefficients[place].value is None

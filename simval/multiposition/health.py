@@ -13,6 +13,7 @@ import scipy
 from simval.calibrate import Diagnosis, FitResult, calibrate
 from simval.calibrate.checks import REPEATS, STATE_NOISE
 from simval.calibrate.deletion import LEFT
+from simval.calibrate.gyroscope.result import START
 from simval.calibrate.outliers import find_outliers
 from simval.errors import (
     ConvergenceError,
@@ -29,10 +30,11 @@ from simval.poses import PARAMETERS
 from simval.statics import Intervals
 
 _RARELY = 0.05  # chance that a scatter beyond the limit leaves as little as is seen
-_OF_A_LOG = {  # what a caller with a log can do, for what one with poses can
+_OF_A_LOG = {
     STATE_NOISE: "measure it in a long rest (simval noise LOG --json > noise.json) and "
     "give that file (--noise noise.json)",
     REPEATS: "or cut the log before it repeats",
+    START: "",
 }
 # Degrees of freedom: one for the least step, and two to tell it by.
 _TELLING = LEFT + 1
@@ -97,10 +99,14 @@ def explained(log: Log, refusal: RefusedError, g: float, detect: Detector) -> Ex
             "more poses all over the sphere, and check the columns, the wiring and "
             "the units of each axis"
         )
-    words = str(refusal)
+    return type(refusal)(of_a_log(str(refusal)))
+
+
+def of_a_log(words: str) -> str:
+    """What a caller with a log can do, for what one with poses or moves can."""
     for ours, theirs in _OF_A_LOG.items():
         words = words.replace(ours, theirs)
-    return type(refusal)(words)
+    return words
 
 
 def _causes(

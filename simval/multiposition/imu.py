@@ -28,6 +28,7 @@ from simval.multiposition.axes import require_alive, require_one_unit
 from simval.multiposition.calibration import LogCalibration, white_noise
 from simval.multiposition.compass import compass_pose_noise
 from simval.multiposition.described import log_lines, sensor_lines
+from simval.multiposition.health import of_a_log
 from simval.multiposition.pose_noise import PoseNoise
 from simval.noise import NoiseFile
 from simval.poses import PARAMETERS
@@ -143,7 +144,7 @@ def calibrate_sensors(
         except RefusedError as error:
             if asked is not None:
                 raise
-            left_out[name] = str(error)
+            left_out[name] = of_a_log(str(error))
             return None
 
     imu = tried("gyroscope", lambda samples: _gyroscope(log, result, samples))

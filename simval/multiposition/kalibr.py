@@ -18,7 +18,7 @@ from simval.errors import InputError, RefusedError
 from simval.logs import Log
 from simval.multiposition.imu import ImuCalibration
 from simval.multiposition.noise import log_noise
-from simval.noise import AxisNoise
+from simval.noise.model import largest
 from simval.shapes import Float
 
 LINES = (
@@ -83,7 +83,7 @@ def _noise_lines(
     lines = []
     for name, kind, unit in LINES:
         own, M = (found.accelerometer, force) if name[0] == "a" else (found.gyro, rate)
-        value, bound = _largest(own, kind, np.linalg.norm(M, axis=0))
+        value, bound = largest(own, kind, np.linalg.norm(M, axis=0))
         where = f"by {found.seconds:.0f} s at rest"
         if value is not None:
             more = f"; an axis that is not seen, below {bound:.4g}" if bound else ""
@@ -93,20 +93,3 @@ def _noise_lines(
         else:
             lines.append(f"  # {name}: not told {where}")
     return lines
-
-
-def _largest(
-    axes: tuple[AxisNoise, ...], kind: str, scales: Float[Array, "3"]
-) -> tuple[float | None, float | None]:
-    # what is seen, and where an axis shows less than its bound, the bound
-    each = [
-        (c, float(scale))
-        for axis, scale in zip(axes, scales, strict=True)
-        for c in axis.coefficients
-        if c.kind == kind
-    ]
-    seen = [scale * c.value for c, scale in each if c.value is not None]
-    bounds = [
-        scale * c.high for c, scale in each if c.value is None and np.isfinite(c.high)
-    ]
-    return max(seen, default=None), max(bounds, default=None)

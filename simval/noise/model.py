@@ -1,5 +1,6 @@
 """Noise model of a signal, and what it was found from."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -145,3 +146,20 @@ class AxisNoise:
             raise RefusedError(msg)
         logs = np.interp(np.log(seconds), np.log(times), np.log(self.variances))
         return float(np.exp(logs))
+
+
+def largest(
+    axes: Sequence[AxisNoise], kind: str, scales: Float[Array, " axes"]
+) -> tuple[float | None, float | None]:
+    """Largest value that is seen of the axes; largest bound of those that show none."""
+    each = [
+        (c, float(scale))
+        for axis, scale in zip(axes, scales, strict=True)
+        for c in axis.coefficients
+        if c.kind == kind
+    ]
+    seen = [scale * c.value for c, scale in each if c.value is not None]
+    bounds = [
+        scale * c.high for c, scale in each if c.value is None and np.isfinite(c.high)
+    ]
+    return max(seen, default=None), max(bounds, default=None)

@@ -17,6 +17,7 @@ from simval.sensor import GyroscopeFactors, GyroscopeModel, forms, gyroscope_fac
 from simval.shapes import Float
 
 NAMES = (*(f"M_{a}{b}" for a in "xyz" for b in "xyz"), "B_x", "B_y", "B_z")
+START = ", and give a `start` near the truth"
 _ARRAYS = (
     "parameters", "accelerometer", "covariance", "chi2_per_dof", "condition",
     "gap_angles", "step",
@@ -230,7 +231,7 @@ class GyroscopeFit(ShownFit):
             self.status,
             "{count} gyroscope fit(s) did not converge, the first is trial {first} "
             "({status}): look for rests that do not belong, for another order of the "
-            "axes, and give a `start` near the truth",
+            f"axes{START}",
         )
         return self
 
