@@ -24,6 +24,7 @@ LOSSES: Final = ("linear", "huber", "soft_l1", "cauchy")
 """Forms of the nine parameters, solvers, what is minimised, and robust losses."""
 FRAMES: Final = ("NED", "ENU", "NWU")
 """Worlds that a recorded truth may have."""
+TRUTH_WORLDS: Final = (*FRAMES, "estimated")
 
 STUDIES: Final = (
     "sampling",

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from places import RECORDINGS
+from scipy.spatial.transform import Rotation
 
 from simval.geometry import attitude_matrix, compose, conjugate, normalize
 from simval.logs import Truth
@@ -75,8 +76,13 @@ def made(
     force_noise=0.02,
     size=1.0,
     path="simulated",
+    world=None,
+    deviation=0.0,
 ):
-    """A log whose truth has its own clock, body axes and world."""
+    """A log whose truth has its own clock, body axes and world.
+
+    The field is turned westwards by `deviation`, rad, and half of that to and fro.
+    """
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, seconds, 1.0 / rate)
     truth_time = np.arange(0.0, seconds, 1.0 / (truth_rate or rate))
@@ -101,9 +107,12 @@ def made(
     own = np.eye(3) + 0.5 * (noise + noise.T)  # no turn: that is the axes'
     gyro = rates @ own.T + bent + gyro_noise * rng.standard_normal(rates.shape)
     force = A @ np.array([0.0, 0.0, G]) + force_noise * rng.standard_normal(rates.shape)
-    field = A @ FIELD + field_noise * rng.standard_normal(rates.shape)
+    west = deviation * (1.0 + 0.7 * np.sin(time))
+    turned_field = Rotation.from_rotvec(west[:, None] * [0, 0, 1]).apply(FIELD)
+    field = np.matvec(A, turned_field) + field_noise * rng.standard_normal(rates.shape)
     axes = 0.3 * rng.standard_normal(3)
-    world = of_vector(rng.standard_normal(3))
+    drawn = of_vector(rng.standard_normal(3))
+    world = drawn if world is None else of_vector(np.array(world, dtype=float))
     middle = time.mean()
     seen = (truth_time - offset + drift * middle) / (1.0 + drift)  # log's clock
     # A_sensor = A(axes) A_marker, and the truth's world is A(world) of NWU

@@ -9,14 +9,17 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import binom, f
 
 from simval.cli import run
+from simval.errors import RefusedError
 from simval.geometry import (
     attitude_error,
     attitude_matrix,
+    compose,
     conjugate,
     random_quaternions,
 )
 from simval.logs import read_log, read_truth
-from simval.recorded import align
+from simval.plugins.filter_signals import FilterOutput
+from simval.recorded import align, evaluate
 from simval.recorded.attitudes import (
     Meaning,
     after,
@@ -28,10 +31,12 @@ from simval.recorded.attitudes import (
     rotation_vector,
     turned,
 )
-from simval.recorded.blocks import mean_with_error
+from simval.recorded.blocks import mean_with_error, quantile
+from simval.recorded.evaluation import turned_words
 from simval.recorded.fit import fit_turns, polar
+from simval.recorded.run import FilterRun
 from simval.recorded.search import likely_offsets
-from simval.recorded.signals import rests_of_log
+from simval.recorded.signals import Signals, rests_of_log
 from simval.recorded.turns import stretches
 
 
@@ -43,6 +48,7 @@ def aligned(log, **changes):
         log.force,
         log.field,
         np.array(log.rests),
+        "estimated",
     )
 
 
@@ -129,7 +135,7 @@ def test_error_bars_hold():
             *halves,
             found.world.half("tilt"),
             found.world.half("tilt"),
-            found.world.half("heading"),
+            found.world.heading_sd * quantile(found.world.heading_dof),
         ]
         squares[k] = off @ np.linalg.solve(found.errors.rotation, off)
         errors.append(found.offset.value - log.offset)
@@ -293,7 +299,8 @@ def test_a_log_of_simval_scene(tmp_path):
         components=np.roll(moved, 1, axis=1),
         own_clock=True,
     )
-    found = align(recorded, log.time, rate, force, field, rests_of_log(log))
+    given = recorded, log.time, rate, force, field, rests_of_log(log)
+    found = align(*given, "estimated")
     assert abs(found.offset.value - 4.321) < 6.0 * found.offset.sd < 1e-3
     off = turned(put[None], of_vector(found.rotation)[None])[0]
     sd = np.sqrt(np.diagonal(found.errors.rotation))
@@ -304,9 +311,95 @@ def test_a_log_of_simval_scene(tmp_path):
     assert attitude_error(found.attitude[there], q[there]).max() < np.radians(0.1)
     # a world that is stated is taken as it is, right or wrong
     for world, angle in (("NWU", 0.0), ("ENU", np.pi / 2.0), ("NED", np.pi)):
-        stated = align(recorded, log.time, rate, force, field, rests_of_log(log), world)
+        stated = align(*given, world)
         off = attitude_error(stated.attitude[there], q[there])
         assert np.abs(off - angle).max() < np.radians(0.1)
-        assert stated.world.stated
+        assert stated.world.taken == "stated"
         assert np.linalg.norm(stated.world.off) == pytest.approx(angle, abs=2e-3)
         assert not stated.world.covariance.any()
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("seed", range(3))
+def test_a_field_that_deviates_does_not_turn_the_truth_over(seed):
+    # one filter is right, the other follows the field: who asks for the field's north
+    # is told that its interval leaves the order of the two open
+    rng = np.random.default_rng(seed)
+    deviation = np.radians(rng.uniform(2.0, 6.0)) * rng.choice([-1, 1])
+    half_turn = [0.0, 0.0, -np.pi / 2.0], [0.0, 0.0, 0.0], [np.pi, 0.0, 0.0]
+    name = ("ENU", "NWU", "NED")[seed % 3]
+    log = made(
+        seed, seconds=50.0, rate=50.0, world=half_turn[seed % 3], deviation=deviation
+    )
+    given = log.truth, log.time, log.gyro, log.force, log.field, np.array(log.rests)
+    nearest, estimated = align(*given), align(*given, "estimated")
+    assert (nearest.world.name, nearest.world.taken) == (name, "nearest")
+    assert estimated.world.taken == "estimated"
+    there = np.isfinite(nearest.attitude[:, 0])
+    # of the axes 0.1 degrees are left; the field's mean is all in the estimate
+    for found, off in ((nearest, 0.0), (estimated, abs(deviation))):
+        error = attitude_error(found.attitude[there], log.attitude[there]).mean()
+        assert abs(error - off) < np.radians(0.5)
+    assert abs(deviation) < estimated.world.half("heading") < 6.0 * abs(deviation)
+    turn = np.array([0.0, 0.0, np.sin(deviation / 2.0), np.cos(deviation / 2.0)])
+    follows = compose(
+        np.broadcast_to(conjugate(turn), log.attitude.shape), log.attitude
+    )
+    answers = {"right": log.attitude, "follows": follows}
+    done = evaluated(answers, log, nearest)
+    other = evaluated(answers, log, estimated)
+    for each, first in ((done, "right"), (other, "follows")):
+        assert min(each, key=total).run.name == first
+    # what it says of the other north is what is measured there
+    for each, there in zip(done, other, strict=True):
+        assert each.truth.turned[1] == pytest.approx(total(there), abs=np.radians(0.2))
+    assert "exchanges right and follows" in turned_words(done)
+    assert "not decided: follows and right" in turned_words(other)
+    elsewhere = made(seed, seconds=30.0, rate=50.0, world=[0.0, 0.0, 0.7])
+    with pytest.raises(RefusedError, match=r"none of .* degrees off .*--truth-world"):
+        align(
+            elsewhere.truth,
+            *(getattr(elsewhere, n) for n in ("time", "gyro", "force", "field")),
+            np.array(elsewhere.rests),
+        )
+
+
+def total(each):
+    return each.truth.rms["all"]["total"].value
+
+
+def evaluated(answers, log, found):
+    """What is measured of filters that answer so."""
+    read = Signals(
+        time=log.time,
+        gyro=log.gyro,
+        force=log.force,
+        field=log.field,
+        rate=50.0,
+        rests=np.array(log.rests),
+        gyro_unit="rad/s",
+        force_unit="m/s^2",
+        field_unit="T",
+    )
+    return [
+        evaluate(
+            FilterRun(
+                name=name,
+                world="NWU",
+                how="",
+                output=FilterOutput(
+                    kept=np.arange(len(q)),
+                    attitude=q[None],
+                    covariance=None,
+                    bias=None,
+                    innovation=None,
+                    innovation_covariance=None,
+                    seconds=np.zeros(1),
+                ),
+                thinned=False,
+            ),
+            read,
+            found,
+        )
+        for name, q in answers.items()
+    ]

@@ -18,7 +18,7 @@ TRANSLATION = "10_undisturbed_slow_translation_A"
 
 
 @cache
-def aligned(name):
+def aligned(name, world=None):
     path = needs_broad(name)
     log = read_log(path, RATE)
     return align(
@@ -28,6 +28,7 @@ def aligned(name):
         log.accelerometer,
         log.magnetometer,
         rests_of_log(log),
+        world,
     )
 
 
@@ -40,6 +41,9 @@ def test_what_their_authors_state_is_found(name, missing):
     assert found.same == (Meaning("last", "world to body"),)
     assert found.better > 10.0
     assert found.world.name == "ENU"
+    assert found.world.taken == "standard"
+    # north by the log holds that of the data set within its own deviation
+    assert abs(found.world.off[2]) < found.world.half("heading") < np.radians(10.0)
     assert np.linalg.norm(found.world.off[:2]) < np.radians(0.6)
     assert np.linalg.norm(found.rotation) < np.radians(0.6)
     # unit rad/s, and a gyroscope within its data sheet

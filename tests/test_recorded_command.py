@@ -15,7 +15,8 @@ from simval.cli import run
 def folder(tmp_path_factory):
     """A log with truth, one of a file of its own, and filters."""
     folder = tmp_path_factory.mktemp("filter")
-    log = made(31, seconds=42.0, rate=25.0, offset=0.0, bias=2e-3, truth_noise=1e-4)
+    words = {"offset": 0.0, "bias": 2e-3, "truth_noise": 1e-4, "world": (0.0, 0.0, 0.0)}
+    log = made(31, seconds=42.0, rate=25.0, **words)
     write_log(folder / "log.csv", log)
     write_log(folder / "bare.csv", log, truth=False)
     table = np.column_stack([log.truth.time + 100.0, log.truth.components])

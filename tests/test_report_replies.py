@@ -97,7 +97,12 @@ def filtered(name, verdict=None, mean=3.0, rms=0.01, truth=True):
         key: Rms(value=rms, sd=rms / 10, rows=100)
         for key in ("total", "heading", "inclination")
     }
-    known = SimpleNamespace(rms={"all": parts}, nees=nees)
+    known = SimpleNamespace(
+        rms={"all": parts},
+        nees=nees,
+        world=SimpleNamespace(taken="stated", off=np.zeros(3)),
+        turned=(rms, rms),
+    )
     return SimpleNamespace(
         run=SimpleNamespace(name=name),
         truth=known if truth else None,

@@ -17,11 +17,11 @@ from simval.errors import CrashedPluginError, InputError, PluginError
 from simval.logs import Log, Truth, read_log, read_truth
 from simval.logs.truth import quaternion_stems
 from simval.noise import load_noise
-from simval.plugins.reference_frames import Frame
 from simval.recorded import Alignment, Evaluation, align, evaluate
 from simval.recorded.run import filters_of, run_on_log
 from simval.recorded.signals import Signals, rests_of_log, signals, with_gyro_unit
 from simval.recorded.told import Start, start_of
+from simval.recorded.world import TruthWorld
 from simval.statics import interval_means
 
 FORMAT = "simval filter 1"
@@ -33,7 +33,7 @@ def run(
     truth: str | None,
     truth_columns: str | None,
     truth_rate: float | None,
-    truth_world: Frame | None,
+    truth_world: TruthWorld | None,
     calibration: Path | None,
     noise: Path | None,
     rate: float | None,
@@ -108,7 +108,7 @@ def prepared(
     recorded: Truth | None,
     calibration: Path | None,
     units: tuple[str | None, str | None],
-    world: Frame | None = None,
+    world: TruthWorld | None = None,
 ) -> tuple[Signals, Alignment | None]:
     """Readings in SI units, and the truth aligned with them."""
     rests = rests_of_log(log)

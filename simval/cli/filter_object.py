@@ -9,6 +9,7 @@ from simval.logs import Truth
 from simval.recorded import Alignment, Evaluation
 from simval.recorded.blocks import Measured
 from simval.recorded.consistency import Consistency
+from simval.recorded.evaluation import norths
 
 
 def truth_object(alignment: Alignment, recorded: Truth) -> dict[str, Any]:
@@ -42,7 +43,8 @@ def truth_object(alignment: Alignment, recorded: Truth) -> dict[str, Any]:
             "rests": world.rests,
             "name": world.name or None,
             "off": plain(world.off),
-            "stated": world.stated,
+            "heading_deviation": world.deviation,
+            "taken": world.taken,
         },
     }
 
@@ -76,6 +78,12 @@ def evaluation_object(each: Evaluation) -> dict[str, Any]:
                 }
                 for part, own in each.truth.rms.items()
             },
+            "total_at_norths": [
+                {"turned": turn, "rms": value}
+                for turn, value in zip(
+                    norths(each.truth.world), each.truth.turned, strict=True
+                )
+            ],
             "rows_with_truth": len(each.truth.errors.time),
             "converged_after": plain(each.truth.settled),
             "nees": _consistency(each.truth.nees),

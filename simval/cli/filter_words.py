@@ -10,8 +10,10 @@ from simval.recorded import Alignment, Evaluation
 from simval.recorded.blocks import Measured
 from simval.recorded.consistency import Consistency
 from simval.recorded.errors import Rms
+from simval.recorded.evaluation import turned_words
 from simval.recorded.fit import polar
 from simval.recorded.signals import Signals
+from simval.recorded.world import World
 from simval.text import interval_words
 
 PARTS = {"all": "all", "rest": "at rest", "moving": "moving"}
@@ -64,9 +66,16 @@ def alignment_lines(
         f"gyroscope         {scales} times the truth's rate; {100 * fit.share:.2g} % "
         "of the variance is not explained",
         f"truth's world     {_world(alignment)}",
-        f"                  up by {world.rests} rest(s), {_tilt(alignment)}; north by "
-        f"the magnetometer's mean, +- {np.degrees(world.half('heading')):.2g} degrees",
+        f"                  the log shows it off by ({_off(world)}) degrees about "
+        f"north, west and up: up by {world.rests} rest(s), {_tilt(alignment)};",
+        "                  north by the magnetometer's mean, "
+        f"+- {np.degrees(world.half('heading')):.2g} degrees with what the field's "
+        f"direction varies by over the log, {np.degrees(world.deviation):.2g}",
     ]
+
+
+def _off(world: World) -> str:
+    return ", ".join(f"{x:.2f}" for x in np.degrees(world.off))
 
 
 def _factor(alignment: Alignment) -> float:
@@ -107,16 +116,16 @@ def _tilt(alignment: Alignment) -> str:
 
 def _world(alignment: Alignment) -> str:
     world = alignment.world
-    size = np.degrees(np.linalg.norm(world.off))
-    if not world.name:
-        return f"none of {', '.join(WORLDS)}: the nearest is {size:.0f} degrees off"
-    off = ", ".join(f"{x:.2f}" for x in np.degrees(world.off))
-    if world.stated:
-        return f"{world.name}, as stated; the log shows it off by ({off}) degrees"
-    return (
-        f"{world.name} ({WORLDS[world.name]}), but for ({off}) degrees about north, "
-        "west and up"
-    )
+    if world.taken == "estimated":
+        size = np.degrees(np.linalg.norm(world.off))
+        near = f"the nearest is {world.name}" if world.name else f"{size:.0f} degrees"
+        return f"turned to what the log shows; {near}"
+    name = f"{world.name} ({WORLDS[world.name]})"
+    return {
+        "stated": f"{name}, as stated",
+        "standard": f"{name}, as its data set has it",
+        "nearest": f"{name}, the nearest; --truth-world states another",
+    }[world.taken]
 
 
 def filter_lines(
@@ -126,7 +135,9 @@ def filter_lines(
     lines = [f"{each.run.name}: {each.run.how}" for each in done]
     lines += [f"{name}: not measured: {why}" for name, why in failed.items()]
     if truth and done:
-        lines += ["", *_errors(done), "", *_covariances(done)]
+        turned = turned_words(done)
+        lines += ["", *_errors(done), *([turned] if turned else [])]
+        lines += ["", *_covariances(done)]
     elif done:
         lines += ["", *_alone(done), "", BLIND]
     return lines

@@ -1,7 +1,7 @@
 """The truth on the log's clock, in the sensor's axes, in the world north-west-up.
 
 Way of an alignment: the offsets that are likely, a fit at each for each class of
-meaning (`attitudes`), the best of them, its error bars, then north and up. Refused
+meaning (`attitudes`), the best of them, its error bars, then its world. Refused
 where the best explains little of what the gyroscope shows, where it is not clearly
 better than another, and where the motion leaves an axis open.
 """
@@ -14,7 +14,6 @@ import numpy as np
 from simval.arrays import Array, frozen
 from simval.errors import RefusedError
 from simval.logs import Truth
-from simval.plugins.reference_frames import Frame
 from simval.recorded.attitudes import (
     Attitudes,
     Meaning,
@@ -29,7 +28,7 @@ from simval.recorded.blocks import Measured
 from simval.recorded.fit import TurnErrors, TurnFit, fit_turns, polar, turn_errors
 from simval.recorded.search import likely_offsets
 from simval.recorded.turns import stretches
-from simval.recorded.world import World, as_stated, find_world
+from simval.recorded.world import TruthWorld, World, find_world, taken_world
 from simval.shapes import Float
 from simval.statics import Intervals
 
@@ -128,7 +127,7 @@ def align(
     force: Float[Array, "n 3"],
     field: Float[Array, "n 3"],
     rests: Intervals,
-    world: Frame | None = None,
+    world: TruthWorld | None = None,
 ) -> Alignment:
     """Align a truth with a log, see the module.
 
@@ -146,8 +145,9 @@ def align(
         Magnetic field, any unit, (n, 3).
     rests : Array
         Rows ``start <= k < stop`` of each rest, (m, 2).
-    world : {"NWU", "ENU", "NED"}, optional
-        The truth's world, if it is known; default what rests and field show.
+    world : {"NWU", "ENU", "NED", "estimated"}, optional
+        The truth's world; default that of its data set, else the nearest one;
+        ``estimated`` turns the truth to what rests and field show.
 
     Returns
     -------
@@ -170,7 +170,7 @@ def align(
     raw = read.at(time + fit.offset + fit.drift * (time - fit.middle))
     q = after(raw, turn)
     shown = find_world(q, force, field, rests, errors.rotation)
-    there = shown if world is None else as_stated(shown, world)
+    there = taken_world(shown, truth.columns, world)
     return Alignment(
         meaning=meaning,
         same=same,

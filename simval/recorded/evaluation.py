@@ -1,6 +1,8 @@
 """What a filter's answers over a log say: with truth, and without."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Final
 
 import numpy as np
@@ -12,6 +14,7 @@ from simval.recorded.consistency import Consistency, judged, normalised, whitene
 from simval.recorded.errors import Errors, Rms, convergence, errors_of, table
 from simval.recorded.run import FilterRun
 from simval.recorded.signals import Signals
+from simval.recorded.world import World
 from simval.shapes import Bool, Float
 
 SHORTEST: Final = 2.0  # s; of a rest in which a drift is looked at
@@ -57,6 +60,11 @@ class WithTruth:
     band : Array or None
         Standard deviations of total (root of the trace), heading and inclination (both
         in the world) that its covariance states, rad, (k, 3).
+    turned : tuple of float
+        RMS of the total error, rad, were the truth's north at either end of
+        `norths`.
+    world : World
+        That the errors are measured in.
     """
 
     errors: Errors
@@ -65,6 +73,8 @@ class WithTruth:
     nees: Consistency | None
     squares: Float[Array, " k"] | None
     band: Float[Array, "k 3"] | None
+    turned: tuple[float, float]
+    world: World
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -144,6 +154,13 @@ def _with_truth(run: FilterRun, found: Signals, alignment: Alignment) -> WithTru
         own = run.output.covariance[0][there][:, :3, :3]
         squares = normalised(errors.body, own + extra(alignment, truth))
         nees = judged(squares, 3.0)
+        if alignment.world.taken == "estimated":
+            # a verdict stands that it has with the field's own deviation too
+            north = np.outer([0.0, 0.0, 1.0], [0.0, 0.0, alignment.world.deviation**2])
+            A = attitude_matrix(truth)
+            wide = own + extra(alignment, truth) + A @ north @ A.swapaxes(1, 2)
+            if judged(normalised(errors.body, wide), 3.0).verdict != nees.verdict:
+                nees = replace(nees, verdict="not judged")
         band = _band(own, truth)
     return WithTruth(
         errors=errors,
@@ -152,6 +169,70 @@ def _with_truth(run: FilterRun, found: Signals, alignment: Alignment) -> WithTru
         nees=nees,
         squares=squares,
         band=band,
+        turned=_turned(errors, norths(alignment.world)),
+        world=alignment.world,
+    )
+
+
+def norths(world: World) -> tuple[float, float]:
+    """Turns of the north that is taken, rad, which a comparison should withstand.
+
+    Of an estimated one the ends of its interval; else to the log's own magnetometer.
+    """
+    if world.taken == "estimated":
+        half = world.half("heading")
+        return -half, half
+    return 0.0, -float(world.off[2])
+
+
+def _turned(errors: Errors, turns: tuple[float, float]) -> tuple[float, float]:
+    # by eq. (R4): an error of heading grows by what north is turned by
+    tilt = np.cos(errors.inclination / 2.0)
+    first, last = (
+        float(np.sqrt(np.mean(4.0 * np.arccos(np.clip(np.abs(c), 0.0, 1.0)) ** 2)))
+        for c in (tilt * np.cos((errors.heading + turn) / 2.0) for turn in turns)
+    )
+    return first, last
+
+
+def turned_words(done: Sequence[Evaluation]) -> str:
+    """What another north would do to a comparison of filters; empty for nothing.
+
+    The difference of two mean squares is linear in a small turn, so an order that both
+    ends of an interval have is that of all between.
+    """
+    ranked = sorted(
+        ((each.run.name, each.truth) for each in done if each.truth is not None),
+        key=lambda pair: pair[1].rms["all"]["total"].value,
+    )
+    if not ranked:
+        return ""
+    estimated = ranked[0][1].world.taken == "estimated"
+    ends = [
+        f"{name} {' and '.join(f'{np.degrees(v):.2f}' for v in found.turned)}"
+        if estimated
+        else f"{name} {np.degrees(found.turned[1]):.2f}"
+        for name, found in ranked
+    ]
+    open_ = [
+        f"{name} and {other}"
+        for (name, first), (other, second) in combinations(ranked, 2)
+        if any(a > b for a, b in zip(first.turned, second.turned, strict=True))
+    ]
+    turn = np.degrees(norths(ranked[0][1].world)[1])
+    if estimated:
+        said = (
+            "North is the log's own magnetometer's, which favours a filter that "
+            f"follows it; turned to either end of its +- {turn:.2g} degrees the total "
+            f"is, in degrees, {', '.join(ends)}"
+        )
+        return f"{said}; not decided: {'; '.join(open_)}." if open_ else f"{said}."
+    if not open_:
+        return ""
+    return (
+        f"Turned to the log's own magnetometer, by {turn:.2f} degrees (--truth-world "
+        f"estimated), the total would be {', '.join(ends)} degrees, which exchanges "
+        f"{'; '.join(open_)}."
     )
 
 

@@ -1,19 +1,23 @@
-"""The truth's world against north and up, from the log's own sensors.
+"""The truth's world: stated, of its data set, the nearest, or by the log's own sensors.
 
-Up is the mean specific force of each rest, carried into the truth's world; north is the
-horizontal part of the mean magnetic field of all rows there. So the heading of the
-truth is the magnetometer's own, on the average over the log: a constant error of it
-does not show, and neither does an accelerometer's bias that all rests have in common.
+The log's sensors show up, the mean specific force of each rest in the truth's world,
+and north, the horizontal part of the mean magnetic field of all rows there. That north
+is the magnetometer's own: the place may turn the field, or a calibration, by as much as
+its direction scatters over the log, and no mean takes that out. So a world that is
+known is taken as it is, and what the log shows is said beside it; errors are turned to
+the log's north only where a user asks for that.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from types import MappingProxyType
+from typing import Final, Literal
 
 import numpy as np
 
 from simval.arrays import Array, frozen
 from simval.errors import GeometryError, RefusedError
-from simval.plugins.reference_frames import AXES, FRAMES
+from simval.plugins.reference_frames import AXES, FRAMES, Frame
 from simval.recorded.attitudes import of_matrix, rotated, rotation_vector
 from simval.recorded.blocks import mean_with_error, quantile
 from simval.shapes import Bool, Float
@@ -22,6 +26,15 @@ from simval.statics import Intervals
 STEEPEST: Final = np.radians(85.0)  # dip beyond which a field has no north
 NEAR: Final = np.radians(10.0)  # of a named world, to be called by its name
 LEAST: Final = 20  # rows of a rest with truth
+
+STANDARD: Final[Mapping[tuple[str, ...], tuple[Frame, str]]] = MappingProxyType(
+    {tuple(f"opt_quat_{k}" for k in range(4)): ("ENU", "BROAD")}
+)
+"""Worlds of data sets, by the names of their columns: BROAD (D. Laidig, M. Caruso,
+A. Cereatti, T. Seel, Data 6(7), 2021) has east-north-up."""
+
+TruthWorld = Frame | Literal["estimated"]
+Taken = Literal["stated", "standard", "nearest", "estimated"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -40,14 +53,16 @@ class World:
         Standard deviation of north, rad.
     heading_dof : int
         Its degrees of freedom.
+    deviation : float
+        Standard deviation over the log of the field's horizontal direction, rad.
     rests : int
         Rests that up is from.
     name : str
         Named world that the truth's is nearest to, or is stated to be; empty for none.
     off : Array
-        Rotation vector from that named world to what the log shows, rad, (3,).
-    stated : bool
-        Whether `matrix` is that of the named world, and not what the log shows.
+        Rotation vector from what the log shows to that named world, rad, (3,).
+    taken : {"stated", "standard", "nearest", "estimated"}
+        Why `matrix` is that of the named world; what the log shows if estimated.
     """
 
     matrix: Float[Array, "3 3"]
@@ -55,10 +70,11 @@ class World:
     tilt_dof: int
     heading_sd: float
     heading_dof: int
+    deviation: float
     rests: int
     name: str
     off: Float[Array, "3"]
-    stated: bool = False
+    taken: Taken = "estimated"
 
     def __post_init__(self) -> None:
         for name in ("matrix", "off"):
@@ -66,18 +82,24 @@ class World:
 
     @property
     def covariance(self) -> Float[Array, "3 3"]:
-        """Of the rotation vector in north-west-up, rad^2; what is unknown counts 0."""
-        if self.stated:
+        """Of the rotation vector in north-west-up, rad^2; what is unknown counts 0.
+
+        Of an estimated north against the log's mean field, not the true north.
+        """
+        if self.taken != "estimated":
             return np.zeros((3, 3))
         tilt = 0.0 if np.isnan(self.tilt_sd) else self.tilt_sd**2
         return np.diag([tilt, tilt, self.heading_sd**2])
 
     def half(self, which: str) -> float:
-        """Half width of the 95 % interval of ``tilt`` or ``heading``, rad."""
+        """Half width of the 95 % interval of ``tilt`` or ``heading``, rad.
+
+        That of the heading has the field's own deviation in it.
+        """
         sd, dof = (
             (self.tilt_sd, self.tilt_dof)
             if which == "tilt"
-            else (self.heading_sd, self.heading_dof)
+            else (float(np.hypot(self.heading_sd, self.deviation)), self.heading_dof)
         )
         return sd * quantile(dof) if dof else np.nan
 
@@ -111,7 +133,8 @@ def find_world(
     common = turn @ axes @ turn.T
     up = ups.mean(axis=0)
     up /= np.linalg.norm(up)
-    mean, covariance, dof = mean_with_error(rotated(q, field)[there])
+    there_field = rotated(q, field)[there]
+    mean, covariance, dof = mean_with_error(there_field)
     flat = mean - (mean @ up) * up
     length = float(np.linalg.norm(flat))
     if not length > np.cos(STEEPEST) * float(np.linalg.norm(mean)):
@@ -125,6 +148,7 @@ def find_world(
     west = np.cross(up, north)
     matrix = np.stack([north, west, up])
     name, off = _named(matrix)
+    east = np.arctan2(there_field @ west, there_field @ north)
     tilt_sd, tilt_dof = _tilt(ups, up)
     leak = float(mean @ up) / length * (0.0 if np.isnan(tilt_sd) else tilt_sd)
     tilt_sd = float(np.sqrt(tilt_sd**2 + 0.5 * (np.trace(common) - up @ common @ up)))
@@ -135,18 +159,46 @@ def find_world(
         tilt_dof=tilt_dof,
         heading_sd=float(np.sqrt(heading)),
         heading_dof=dof,
+        deviation=float(np.sqrt(np.mean(east**2))),
         rests=len(ups),
         name=name,
         off=off,
     )
 
 
-def as_stated(world: World, name: str) -> World:
-    """The world that a user states, beside what the log shows of it."""
+def taken_world(
+    shown: World, columns: Sequence[str], asked: TruthWorld | None
+) -> World:
+    """The world that errors are measured in, beside what the log shows of it.
+
+    Raises
+    ------
+    RefusedError
+        If none is stated, standard or near.
+    """
+    if asked == "estimated":
+        return shown
+    if asked is not None:
+        return _as(shown, asked, "stated")
+    if tuple(columns) in STANDARD:
+        return _as(shown, STANDARD[tuple(columns)][0], "standard")
+    if shown.name:
+        return _as(shown, shown.name, "nearest")
+    msg = (
+        f"the truth's world is none of {', '.join(FRAMES)}: the nearest is "
+        f"{np.degrees(np.linalg.norm(shown.off)):.0f} degrees off by what the log's "
+        f"sensors show; state it (--truth-world), or turn the truth to the log's own "
+        "magnetometer (--truth-world estimated), to "
+        f"+- {np.degrees(shown.half('heading')):.2g} degrees"
+    )
+    raise RefusedError(msg)
+
+
+def _as(world: World, name: str, taken: Taken) -> World:
     north, up = (np.array(axis) for axis in AXES[name])
     own = np.stack([north, np.cross(up, north), up])
     off = -rotation_vector(of_matrix(world.matrix @ own.T))
-    return replace(world, matrix=own, name=name, off=off, stated=True)
+    return replace(world, matrix=own, name=name, off=off, taken=taken)
 
 
 def _ups(

@@ -7,6 +7,7 @@ import numpy as np
 from simval.recorded import Evaluation
 from simval.recorded.consistency import ALPHA, Consistency
 from simval.recorded.errors import Rms
+from simval.recorded.evaluation import turned_words
 from simval.report.answers import rounded
 from simval.report.replies import Answer, Reply
 from simval.report.words import measured
@@ -46,6 +47,7 @@ def _how_wrong(done: Sequence[Evaluation]) -> Reply:
         for each in judged
         for part, own in [_widest_part(each)]
     )
+    lines += tuple(filter(None, [turned_words(done)]))
     first = "least" if len(judged) > 1 else "RMS error"
     size = _degrees(_widest_part(best)[1]["total"])
     return Reply(
@@ -167,6 +169,12 @@ def _advice(each: Evaluation) -> tuple[str, str] | None:
         return (
             f"Tell {name} of less noise",
             f"{name} is better than it says: tell it of less noise.",
+        )
+    if nees.blocks:
+        return (
+            "State the truth's world",
+            f"The north of the log's magnetometer is too uncertain to judge the "
+            f"covariance of {name}; state the truth's world (--truth-world).",
         )
     return (
         "Record for longer",

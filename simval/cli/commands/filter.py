@@ -6,7 +6,7 @@ import click
 
 from simval.cli.options import COLUMNS, PATH, ROWS, unit_option
 from simval.cli.outputs import OUT, Command
-from simval.vocabulary import FILTER_SECONDS, FRAMES
+from simval.vocabulary import FILTER_SECONDS, TRUTH_WORLDS
 
 
 @click.command(name="filter", cls=Command)
@@ -40,8 +40,9 @@ from simval.vocabulary import FILTER_SECONDS, FRAMES
 )
 @click.option(
     "--truth-world",
-    type=click.Choice(FRAMES),
-    help="World of the truth, if it is known.  [default: what the log shows]",
+    type=click.Choice(TRUTH_WORLDS),
+    help="World of the truth; 'estimated' turns it to the log's own magnetometer.  "
+    "[default: that of its data set, else the nearest]",
 )
 @click.option(
     "--calibration",
@@ -77,9 +78,10 @@ def command(**options: Any) -> int:
     LOG must have a gyroscope, an accelerometer, a magnetometer and at least one rest.
     Its columns and its clock are read as by `simval calibrate`.
 
-    With --truth, errors are measured against recorded attitudes; their clock, axes and
-    world are found from the log and stated with error bars. Without --truth, the
-    command can only show what a filter says about itself.
+    With --truth, errors are measured against recorded attitudes; their clock and axes
+    are found from the log and stated with error bars, and their world is beside what
+    the log shows of it. Without --truth, the command can only show what a filter says
+    about itself.
 
     Exit code 0 measured, 2 unreadable input, 3 refused, 4 a filter crashed.
     """
