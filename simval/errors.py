@@ -62,6 +62,10 @@ class CrashedPluginError(PluginError):
     """A plug-in that raised, died or did not end, and so has answered nothing."""
 
 
+class SilentPluginError(CrashedPluginError):
+    """A program that did not answer in time, whatever it was asked."""
+
+
 class UnusablePluginError(PluginError, InputError):
     """A plug-in that is not there, or cannot be loaded as it was given."""
 

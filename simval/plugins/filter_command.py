@@ -22,7 +22,12 @@ from typing import Any, Final
 import numpy as np
 
 from simval.arrays import Array
-from simval.errors import CrashedPluginError, PluginError, UnusablePluginError
+from simval.errors import (
+    CrashedPluginError,
+    PluginError,
+    SilentPluginError,
+    UnusablePluginError,
+)
 from simval.plugins.child import ending
 from simval.plugins.filter_protocol import READS, Filter
 from simval.plugins.names import COMMAND
@@ -31,6 +36,11 @@ from simval.text import shown
 FIRST_LIMIT: Final = 60.0
 ROW_LIMIT: Final = 10.0
 """Seconds for the first row, with the program's start, and for each other."""
+
+SUSPECT: Final = 2.0
+"""Seconds without a first answer after which a second process is asked the same, with
+the end of its input: if that one answers, in a third of the time that the first one
+has had since, the first holds its answer back."""
 
 END_LIMIT: Final = 5.0
 """Seconds in which the program must end after its input."""
@@ -109,7 +119,7 @@ class _Process:
     """A program between its lines."""
 
     def __init__(self, words: Sequence[str], entries: int) -> None:
-        self.program, self.entries, self.rows = words[0], entries, 0
+        self.words, self.program, self.entries, self.rows = words, words[0], entries, 0
         self.pending = b""
         self.errors = TemporaryFile()  # noqa: SIM115 - until `close`
         try:
@@ -143,13 +153,34 @@ class _Process:
             self._require_alive()
             raise PluginError(self._more_than_a_line())
         numbers = [dt, *(x for reading in readings for x in reading.tolist())]
+        row = f"{' '.join(map(repr, numbers))}\n".encode()
         try:
-            self.given.write(f"{' '.join(map(repr, numbers))}\n".encode())
+            self.given.write(row)
         except OSError:  # it reads no more
             raise CrashedPluginError(self._death()) from None
+        if not self.rows and not self._readable(min(SUSPECT, FIRST_LIMIT)):
+            self._require_flushing(row)
         line = self._line(ROW_LIMIT if self.rows else FIRST_LIMIT)
         self.rows += 1
         return self._answer(line)
+
+    def _require_flushing(self, row: bytes) -> None:
+        """Require that it is not its input's end that the first answer waits for."""
+        began = monotonic()
+        twin = _Process(self.words, self.entries)
+        try:
+            twin.given.write(row)
+            twin._end_input()
+            while not twin._readable(0.1):
+                if self._readable(0.0) or monotonic() - began > FIRST_LIMIT:
+                    return
+            answered = bool(os.read(twin.printed, LINE_LIMIT))
+        except OSError:  # it reads no more
+            return
+        finally:
+            twin._kill()
+        if answered and not self._readable(2.0 * (monotonic() - began)):
+            raise SilentPluginError(self._silence(monotonic() - began + SUSPECT))
 
     def close(self) -> None:
         """End its input, and see that it ends well and has nothing more to say."""
@@ -197,7 +228,7 @@ class _Process:
                 )
                 raise PluginError(msg)
             if not self._readable(end - monotonic()):
-                raise CrashedPluginError(self._silence(seconds))
+                raise SilentPluginError(self._silence(seconds))
             more = os.read(self.printed, LINE_LIMIT)
             if not more:
                 raise CrashedPluginError(self._death())
@@ -243,7 +274,7 @@ class _Process:
             else f"{FLUSH}, and answer each row before you read the next"
         )
         return (
-            f"`{self.program}` did not answer its row within {seconds:g} s; "
+            f"`{self.program}` did not answer its row within {seconds:.3g} s; "
             f"{late}{self._last_words()}"
         )
 
