@@ -233,6 +233,36 @@ INNOVATION_PAIRS = Family(
     least=0.0,
     better="prediction",
 )
+SYSTEMATIC = Family(
+    "systematic", "share of the squared error that all trials have", least=0.0, most=1.0
+)
+RMS_BELOW_BOUND = Family(
+    "rms_below_bound",
+    "share by which the RMS error is below the bound",
+    least=0.0,
+    most=1.0,
+)
+CONSTANT = Family("constant", "error that all trials have", better="zero")
+PART_OVER_STATED = Family(
+    "part_over_stated",
+    "squared error of a part over its stated variance",
+    least=0.0,
+    better="prediction",
+)
+STATED_OVER_BOUND = Family(
+    "stated_over_bound",
+    "stated standard deviation of a part over the Cramer-Rao bound",
+    least=0.0,
+    better="prediction",
+)
+PART_OF_INNOVATION = Family(
+    "part_of_innovation",
+    "squared innovation of a reading over its stated variance",
+    least=0.0,
+    better="prediction",
+)
+DIAGNOSES = (CONSTANT, PART_OVER_STATED, STATED_OVER_BOUND, PART_OF_INNOVATION)
+"""Families that say why a filter fails, and not that it does."""
 DIVERGED = Family("diverged", "share of trials that diverge", least=0.0, most=1.0)
 SETTLING_TRIALS = Family(
     "settling_trials", "share of trials that settle", least=0.0, most=1.0, better="more"

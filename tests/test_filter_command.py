@@ -13,8 +13,19 @@ import pytest
 from filters_that_are_wrong import Rate, declared
 from sound_filters import tumbling
 
-from simval.errors import CrashedPluginError, PluginError, UnusablePluginError
-from simval.plugins import Filter, command_filter, find_plugin, run_filter
+from simval.errors import (
+    CrashedPluginError,
+    PluginError,
+    SilentPluginError,
+    UnusablePluginError,
+)
+from simval.plugins import (
+    Filter,
+    command_filter,
+    find_plugin,
+    find_world,
+    run_filter,
+)
 from simval.plugins import filter_command as commands
 from simval.plugins.declarations import declarations
 from simval.plugins.loading import meant
@@ -28,6 +39,7 @@ import os, sys, time
 mode, start = sys.argv[1], [float(x) for x in sys.argv[2].split(",")]
 q, k, held = start, 0, []
 if mode == "banner": print("Filter 1.0", flush=True)
+if mode == "slow start": time.sleep(3)
 if mode == "silent": time.sleep(100)
 if mode == "cannot start": sys.exit("cannot open model.bin")
 while mode == "endless": print("0 0 0 1")
@@ -145,7 +157,7 @@ def test_a_program_may_answer_with_a_covariance(program):
 @pytest.mark.parametrize("mode", SAID)
 def test_a_program_that_fails_is_told_why(program, mode, monkeypatch):
     crashed, said = SAID[mode]
-    if mode in ("silent", "holds"):
+    if mode == "silent":
         monkeypatch.setattr(commands, "FIRST_LIMIT", 0.5)
     if mode == "skips":
         monkeypatch.setattr(commands, "ROW_LIMIT", 1.0)
@@ -159,6 +171,19 @@ def test_a_program_that_fails_is_told_why(program, mode, monkeypatch):
     gc.collect()
     assert set(children()) == before  # neither zombies nor what runs on
     assert opened() == files
+
+
+@pytest.mark.ci
+def test_a_program_that_holds_its_answers_back_is_asked_once(program, monkeypatch):
+    # in whatever world: neither 60 s of each declaration, nor a second declaration
+    monkeypatch.setattr(commands, "FIRST_LIMIT", 120.0)
+    start = time.monotonic()
+    with pytest.raises(SilentPluginError, match="flush after each line"):
+        find_world(program("holds"), GIVEN.told)
+    assert time.monotonic() - start < 60.0
+    # one that is slow to start is not one that holds them back
+    found = run_filter(program("slow start"), GIVEN, KEEP, "NWU")
+    assert len(found.attitude[0]) == ROWS
 
 
 def test_a_process_for_each_trial(program, monkeypatch):

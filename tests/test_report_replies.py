@@ -91,7 +91,12 @@ def test_units_of_noise_are_those_of_the_command(sensor, kind, title):
 
 def filtered(name, verdict=None, mean=3.0, rms=0.01, truth=True):
     nees = verdict and Consistency(
-        mean=mean, expected=3.0, low=mean / 2, high=mean * 2, blocks=24, verdict=verdict
+        mean=mean,
+        expected=3.0,
+        low=mean / 2,
+        high=mean * 2,
+        blocks=0 if verdict == "not judged" else 24,
+        verdict=verdict,
     )
     parts = {
         key: Rms(value=rms, sd=rms / 10, rows=100)

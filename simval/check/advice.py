@@ -58,25 +58,15 @@ _OF_A_CALIBRATOR: Final = MappingProxyType(
 
 _OF_A_FILTER: Final = MappingProxyType(
     {
-        "nis": "the innovations are not what it says: look at the noise it is told",
-        "worst_instant": "its covariance is wrong at that time, perhaps at the start",
-        "innovation_pairs": (
-            "what one row did not explain the next one shows again: a state is "
-            "missing, or a noise is told too small"
-        ),
+        # of the others `filter_advice` says why
         "diverged": "it loses the attitude, or never finds it",
+        "rms_below_bound": (
+            "nobody can be better than the bound: it knows the truth, or what it saw "
+            "before"
+        ),
     }
 )
 
-
-OVERCONFIDENT: Final = (
-    "overconfident: its errors are greater than its covariance says, so it trusts its "
-    "model, or its gyroscope, too much"
-)
-UNDERCONFIDENT: Final = (
-    "underconfident: its errors are smaller than its covariance says, so it is told "
-    "more noise than there is"
-)
 
 UNSETTLED: Final = (
     "cubature of the function does not settle at this noise: it jumps, or is far from "
@@ -92,9 +82,6 @@ def advice_on(finding: Finding) -> str:
     if finding.answer != "fail" or not finding.statistic:
         return ""
     family = finding.statistic.partition("[")[0]
-    if finding.study == "filter" and family == "nees":
-        above = (finding.seen or 0.0) > (finding.expected or 0.0)
-        return OVERCONFIDENT if above else UNDERCONFIDENT
     if finding.study == "filter":
         return _OF_A_FILTER.get(family, "")
     if finding.study == "calibrator":

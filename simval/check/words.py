@@ -7,12 +7,13 @@ from types import MappingProxyType
 from typing import Final
 
 from simval.check.advice import advice_on
+from simval.check.filter_advice import unjudged, why
 from simval.check.measure import Checked
 from simval.errors import CrashedPluginError
 from simval.gate import Finding, findings, headline
 from simval.plugins.loading import Meant
 from simval.results import CellName, Row
-from simval.statistics import AT_AN_INSTANT, FAILURES, Family
+from simval.statistics import AT_AN_INSTANT, DIAGNOSES, FAILURES, Family
 from simval.sweep.cells import CellResult
 from simval.text import one_line
 
@@ -72,9 +73,11 @@ def told(checked: Checked) -> str:
     answer = result.answer.upper()
     if checked.missed:
         answer = f"FAIL: {len(checked.missed)} times beyond a limit of your own"
+    measured = (unjudged(one_line(p.name), checked.of(p)) for p in checked.plugins)
     parts.append(
         f"{answer}: {headline(result)}; "
         f"false-alarm rate {result.alpha:g} for all together"
+        + "".join(f"; {line}" for line in measured if line)
     )
     return "\n\n".join(parts)
 
@@ -98,6 +101,8 @@ def _plugin(
         yield ""
     for finding, more in bad.items():
         yield from _finding(finding, checked, more)
+    if bad and study == "filter":
+        yield from (f"  why: {line}" for line in why(cells))
 
 
 def _ending(cells: Sequence[CellResult], judged: Sequence[Finding]) -> str:
@@ -164,7 +169,7 @@ def _lines(cell: CellResult, judged: Sequence[Finding]) -> dict[str, Line]:
         families.setdefault(row.statistic.family, []).append(row)
     lines = {}
     for family, rows in families.items():
-        if family in AT_AN_INSTANT:
+        if family in (*AT_AN_INSTANT, *DIAGNOSES):
             continue
         known = [
             answers[key]

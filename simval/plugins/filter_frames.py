@@ -143,7 +143,8 @@ def _misdeclared(trial: Trial, filter: Filter, off: Stray) -> PluginError:
         f"noise, as it is declared ({as_declared})"
     )
     if not fits:
-        return PluginError(f"{filter.name} {where}; {_what_was_tried(filter, tried)}")
+        why = trial.explained(off.declared) or _what_was_tried(filter, tried)
+        return PluginError(f"{filter.name} {where}; {why}")
     if len(fits) > 2 and not _any_north(filter):  # two are the same, upside down
         after = trial.after_a_long_rest(fits)
         fits = [each for each in after if each.judged <= STAYS] or fits

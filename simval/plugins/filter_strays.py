@@ -11,8 +11,9 @@ from typing import Final
 import numpy as np
 
 from simval.arrays import Array
-from simval.errors import PluginError
-from simval.geometry import attitude_error, attitude_matrix
+from simval.consistency import heading_and_inclination
+from simval.errors import PluginError, SilentPluginError
+from simval.geometry import attitude_error, attitude_matrix, compose, conjugate
 from simval.plugins.filter_path import Path, path
 from simval.plugins.filter_protocol import Filter
 from simval.plugins.filter_signals import Told
@@ -35,6 +36,12 @@ REST: Final = 10.0
 TURN: Final = 10.0
 LONGER: Final = (20.0, 80.0, 320.0)
 """Seconds of the path, and of rests by which a filter without a start may settle."""
+
+LATEST: Final = 3.0
+"""Seconds by which answers are tried to be late, or early."""
+
+LIKE: Final = 0.2
+"""Of an error, which is left where a fault explains it."""
 
 SETTLED: Final = np.radians(0.2)
 JUDGED: Final = 2.0
@@ -116,6 +123,50 @@ class Trial:
         full, inclination = _errors(truth.truth[first:], q)
         return Stray(declared=declared, full=full, inclination=inclination)
 
+    def explained(self, declared: Filter) -> str:
+        """One fault by which a declaration strays as it does; empty where none does.
+
+        Over the last half of a rest and a turn, where the start is forgotten.
+        """
+        raw, here = self._raw(declared, REST, TURN), self._path(REST, TURN)
+        if isinstance(raw, PluginError):
+            return ""
+        own, world = own_quaternions(declared, raw), str(declared.world)
+        half = len(own) // 2
+        q, inverse = (to_scene(each[half:], world) for each in (own, conjugate(own)))
+        truth = here.truth[half:]
+        heading, _ = heading_and_inclination(q, truth)
+        off = float(np.angle(np.exp(1j * heading).mean()))
+        back = np.array([0.0, 0.0, -np.sin(off / 2.0), np.cos(off / 2.0)])
+        turned = compose(np.broadcast_to(back, q.shape), q)
+        if np.max(attitude_error(turned, truth)) <= LIKE * abs(off):
+            return (
+                f"its heading is off by {np.degrees(off):.3g} degrees all along: "
+                "another north, as by a declination; is it that of the `field` that a "
+                "filter reads?"
+            )
+        if np.max(attitude_error(inverse, truth)) <= STAYS:
+            return (
+                "its answers are the inverse of the attitude, and its start is read as "
+                "declared: transpose the matrix, or conjugate the quaternion, once"
+            )
+        most = min(round(LATEST * self.rate), half - 1)
+        rows = range(-most, most + 1)
+        left = [
+            float(np.max(attitude_error(here.truth[half - k : len(q) + half - k], q)))
+            if k >= 0
+            else float(np.max(attitude_error(here.truth[half - k :], q[: len(q) + k])))
+            for k in rows
+        ]
+        k = rows[int(np.argmin(left))]
+        if k == 0 or min(left) > LIKE * left[most]:
+            return ""
+        return (
+            f"its answers are {'late' if k > 0 else 'early'} by {abs(k)} rows, "
+            f"{abs(k) / self.rate:.3g} s: an answer is the attitude at the end of its "
+            "row"
+        )
+
     def _path(self, rest: float, turn: float) -> Path:
         key = (rest, turn)
         if key not in self.paths:
@@ -137,6 +188,8 @@ class Trial:
             try:
                 raw = run_of(declared, readings, rows).words["attitude"]
                 self.runs[key] = raw[:, 0] if declared.batch else raw
+            except SilentPluginError:  # would be as silent when it is asked again
+                raise
             except PluginError as error:
                 self.runs[key] = error
         return self.runs[key]

@@ -27,13 +27,16 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, model_validator
 
+from simval.arrays import Array
 from simval.errors import InputError, UnmeasurableError
 from simval.plugins import Filter, find_plugin
 from simval.plugins.filter_frames import find_world
 from simval.plugins.filter_run import run_filter
 from simval.plugins.filter_signals import FilterInput, Told
 from simval.results import Outcome, Row
+from simval.shapes import Float
 from simval.streams import Streams
+from simval.studies.filter_diagnosis import diagnosis_rows
 from simval.studies.filter_foundations import drawn_filter_rows, stated_row
 from simval.studies.filter_prediction import budget_rows, prediction, undisturbed
 from simval.studies.filter_rows import (
@@ -233,7 +236,7 @@ def outcome(plugin: Filter, parameters: Parameters, streams: Streams) -> Outcome
     still, true = undisturbed(way), exact.told(way)
     least = prediction(still, exact, true, kept[late], plugin.magnetometer)
     theory = prediction(way, sensors, told, kept[late], plugin.magnetometer)
-    rows = _rows(parameters, way, answers, (least, theory))
+    rows = measured_rows(parameters, way, answers, (least, theory), way.rate[kept])
     rows += drawn_filter_rows(way, sensors, parts)
     if parameters.reference and not parameters.anywhere and not way.disturbed:
         rows += stated_row(
@@ -245,12 +248,14 @@ def outcome(plugin: Filter, parameters: Parameters, streams: Streams) -> Outcome
     )
 
 
-def _rows(
+def measured_rows(
     parameters: Parameters,
     way: Course,
     answers: Answers,
     predictions: tuple[FilterPrediction, FilterPrediction],
+    rate: Float[Array, "k 3"],
 ) -> tuple[Row, ...]:
+    """Rows of a filter's answers, beside the bound and what theory predicts."""
     least, theory = predictions
     small = parameters.start_std <= SMALL and not parameters.anywhere
     first_order = small and not way.disturbed
@@ -261,6 +266,8 @@ def _rows(
         *consistency_rows(answers, judged),
         *lost_row(answers, judged),
     ]
+    if not parameters.reference:  # whose own tests know it
+        rows += diagnosis_rows(answers, rate, bound, judged)
     if parameters.reference and not parameters.anywhere:
         if not judged:  # else it is what is said above
             rows += predicted_rows(answers, theory, first_order)
