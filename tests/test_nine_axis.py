@@ -528,7 +528,7 @@ def imu_of(truth, found, poses):
     )  # fmt: skip
     return ImuFit(
         accelerometer=None, gyroscope=single(found.gyroscope), reasons=(),
-        G=np.zeros((3, 3)), reduced=reduced,
+        G=np.zeros((3, 3)), G_sd=np.zeros((3, 3)), reduced=reduced,
     )  # fmt: skip
 
 
