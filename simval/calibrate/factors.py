@@ -72,7 +72,8 @@ class Residuals:
 
         What is not noise of the sensors that are read at rest is the gyroscope's.
         """
-        parts = {name: np.einsum("rim,sim->rs", L, L) for name, (L, _) in rests.items()}
+        flat = {name: L.reshape(len(r), -1) for name, (L, _) in rests.items()}
+        parts: dict[str, Array] = {name: L @ L.T for name, L in flat.items()}
         told = {name: (L, "rest", at) for name, (L, at) in rests.items()}
         if moves is not None:
             count, each, own = moves
@@ -210,51 +211,53 @@ def judged(
     object, NoiseFactors
         The last fit, and what it was made with.
     """
-    rows = residuals(found)
-    factor: Array = np.ones(len(rows.sources))
+    left = _Left(residuals(found))
     for _ in range(_ROUNDS):
-        last, factor = factor, _Left(rows, factor).factors()
-        if np.all(np.abs(np.log(factor / last)) < _SAME):
-            factor = last  # what the fit was made with
+        asked = left.factors()
+        if np.all(np.abs(np.log(asked / left.factor)) < _SAME):
             break
-        found = fit(found, factor)
-        rows = residuals(found)
-    return found, _Left(rows, factor).told(factor)
+        found = fit(found, asked)
+        left = _Left(residuals(found), asked)
+    return found, left.told()
 
 
 class _Left:
     # what the parameters cannot explain of the rows, in units of the fit's noise
-    def __init__(self, rows: Residuals, made_with: Float[Array, " s"]) -> None:
+    def __init__(self, rows: Residuals, factor: Array | None = None) -> None:
+        self.sources, count = rows.sources, len(rows.sources)
+        self.factor = np.ones(count) if factor is None else factor
         parts = [s.covariance for s in rows.sources]
-        white = np.linalg.inv(np.linalg.cholesky(sum(parts)))
-        J = white @ rows.J
-        J /= np.linalg.norm(J, axis=0)
-        self.sources, self.J, self.white = rows.sources, J, white
+        self.white = np.linalg.inv(np.linalg.cholesky(sum(parts)))
+        J = self.white @ rows.J
+        self.J = J / np.linalg.norm(J, axis=0)
         self.parts = [
-            white @ V @ white.T / f**2 for V, f in zip(parts, made_with, strict=True)
+            self.white @ V @ self.white.T / f**2
+            for V, f in zip(parts, self.factor, strict=True)
         ]
-        self.Z = np.linalg.qr(J, mode="complete")[0][:, J.shape[1] :]
-        self.y = self.Z.T @ (white @ rows.r)
+        self.Z = np.linalg.qr(self.J, mode="complete")[0][:, J.shape[1] :]
+        self.y = self.Z.T @ (self.white @ rows.r)
         self.V = [self.Z.T @ part @ self.Z for part in self.parts]
-        means = self.moments(np.ones(len(self.V)))[:, 1]
-        self.free = [s for s, mean in enumerate(means) if mean > _TOLD]
+        self.stated = self.moments(np.ones(count))
+        self.free = [s for s, mean in enumerate(self.stated[:, 1]) if mean > _TOLD]
+
+    def weight(self, factor: Float[Array, " s"]) -> Float[Array, "q q"]:
+        """Inverse covariance of what is left, with these factors."""
+        S = sum(f * f * V for f, V in zip(factor, self.V, strict=True))
+        return np.asarray(np.linalg.inv(S))
 
     def moments(self, factor: Float[Array, " s"]) -> Float[Array, "s 3"]:
         """Of each source: its part of chi-square at these, mean, and variance."""
-        S = sum(f * f * V for f, V in zip(factor, self.V, strict=True))
-        solved = np.linalg.solve(S, np.column_stack([self.y, *self.V]))
-        parts = np.split(solved[:, 1:], len(self.V), axis=1)
-        q = solved[:, 0]
-        return np.array(
-            [
-                (f * f * (q @ V @ q), f * f * np.trace(A), 2.0 * f**4 * np.sum(A * A.T))
-                for f, V, A in zip(factor, self.V, parts, strict=True)
-            ]
-        )
+        weight, values = self.weight(factor), []
+        q = weight @ self.y
+        for f, V in zip(factor, self.V, strict=True):
+            A = weight @ V
+            squares = 2.0 * f**4 * np.sum(A * A.T)
+            values.append((f * f * (q @ V @ q), f * f * np.trace(A), squares))
+        return np.array(values)
 
     def p_value(self) -> float:
         """Chance that noise as stated leaves as much, in all rows or of any source."""
-        value, rows = self.moments(np.ones(len(self.V))), self.y.size
+        value, rows = self.stated, self.y.size
         every = [(value[:, 0].sum(), rows, 2.0 * rows), *value[self.free]]
         return min(1.0, len(every) * min(map(_chance, every)))
 
@@ -287,22 +290,22 @@ class _Left:
         stated = np.where(np.arange(len(factor)) == source, 1.0, factor)
         return _chance(self.moments(stated)[source])
 
-    def told(self, factor: Float[Array, " s"]) -> NoiseFactors:
-        """What a fit with these factors tells."""
-        value = self.moments(factor)
+    def told(self) -> NoiseFactors:
+        """What the fit tells, with its factors."""
+        factor = self.factor
         S = sum(f * f * V for f, V in zip(factor, self.parts, strict=True))
         bars = [
             np.linalg.inv(self.J.T @ np.linalg.solve(V, self.J)).diagonal()
             for V in (S, sum(self.parts))
         ]
         wider = np.sqrt(bars[0] / bars[1])
-        far = [self._distances(each, factor) for each in self.sources]
+        far = [self._distances(each) for each in self.sources]
         worst = np.array([int(np.argmax(each)) for each in far])
         return NoiseFactors(
             sources=tuple(each.name for each in self.sources),
             factor=factor,
             widening=np.array([wider[s.parameters].max() for s in self.sources]),
-            dof=value[:, 1],
+            dof=self.moments(factor)[:, 1],
             items=tuple(each.item for each in self.sources),
             worst=worst,
             p_value=self.p_value(),
@@ -310,12 +313,15 @@ class _Left:
             * np.array([d[k] for d, k in zip(far, worst, strict=True)]),
         )
 
-    def _distances(self, source: Source, factor: Array) -> Float[Array, " i"]:
+    def _distances(self, source: Source) -> Float[Array, " i"]:
         # of each rest or move from what all others say
-        S = sum(f * f * V for f, V in zip(factor, self.V, strict=True))
-        U = self.Z.T @ (self.white @ source.items)
-        solved = np.linalg.solve(S, U)
-        C, seen = np.swapaxes(U, 1, 2) @ solved, self.y @ solved
+        items, _, size = source.items.shape
+        flat = np.moveaxis(source.items, 0, 1).reshape(len(self.white), -1)
+        U = self.Z.T @ (self.white @ flat)
+        solved = self.weight(self.factor) @ U
+        each = (-1, items, size)
+        C = np.einsum("qia,qib->iab", U.reshape(each), solved.reshape(each))
+        seen = (self.y @ solved).reshape(items, size)
         best = np.linalg.pinv(C, rcond=1e-6, hermitian=True) @ seen[..., None]
         return np.sqrt((seen[:, None] @ best)[:, 0, 0])
 

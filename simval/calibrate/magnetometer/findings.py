@@ -145,8 +145,8 @@ def _scatter_words(fit: Single, *, explained: bool) -> str:
         return ""
     return (
         f"the field is disturbed: chi-square per degree of freedom is {ratio:.2f}, and "
-        f"no few poses explain it; {_by_equation(fit)}; with the noise that was stated "
-        f"the error bars are {np.sqrt(ratio):.1f} times too small"
+        f"no few poses explain it; {_by_equation(fit)}; by the noise that was stated "
+        f"the error bars would be {np.sqrt(ratio):.1f} times too small"
     )
 
 
