@@ -133,9 +133,11 @@ def positive_number(name: str, value: Any, unit: str) -> float:
     """
     number = real_number(name, value, unit)
     if not number >= LEAST:
-        msg = f"`{name}` is {shown(value)}; it must be a finite number above 0 {unit}"
-        limit = "" if number <= 0.0 else f", {LEAST:g} or more"
-        raise InputError(msg.rstrip() + limit)
+        limit = "above 0" if number <= 0.0 else f"of {LEAST:g} or more"
+        msg = (
+            f"`{name}` is {shown(value)}; it must be a finite number {limit}{_in(unit)}"
+        )
+        raise InputError(msg)
     return number
 
 
@@ -156,6 +158,10 @@ def nonnegative_number(name: str, value: Any, unit: str) -> float:
     return number
 
 
+def _in(unit: str) -> str:
+    return f", in {unit}" if unit else ""
+
+
 def real_number(name: str, value: Any, unit: str) -> float:
     """Convert to a finite float.
 
@@ -169,8 +175,8 @@ def real_number(name: str, value: Any, unit: str) -> float:
     except InputError:
         array = np.full(1, np.nan)
     if array.ndim != 0 or not np.isfinite(array):
-        msg = f"`{name}` is {shown(value)}; it must be one finite number {unit}"
-        raise InputError(msg.rstrip())
+        msg = f"`{name}` is {shown(value)}; it must be one finite number{_in(unit)}"
+        raise InputError(msg)
     if not np.abs(array) <= GREATEST:
         msg = f"`{name}` is {shown(value)}, beyond {GREATEST:g}; check its unit"
         raise InputError(msg)

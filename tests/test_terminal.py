@@ -126,3 +126,32 @@ def test_a_plan_for_a_noise_in_another_unit_says_so(simval):
     ):
         out = simval("plan", "--noise-std", noise)[1]
         assert ("not to be believed" not in out) == believed
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-1", "0", "1e300", "ten"])
+@pytest.mark.parametrize(
+    "words",
+    [
+        *(
+            ("calibrate", "--" + o)
+            for o in ("g", "rest", "rate", "field", "full-scale")
+        ),
+        ("noise", "--rest"),
+        *(("plan", "--" + option) for option in ("g", "noise-std", "hold")),
+        *(("plan", "--" + o) for o in ("noise-density", "angle-random-walk", "move")),
+    ],
+)
+def test_no_number_of_an_option_is_taken_that_cannot_be(simval, log, words, value):
+    command, option = words
+    needed = {"--noise-std": "0.01"} if option in ("--g", "--noise-std") else {}
+    if command == "plan" and not needed:
+        needed = {"--hold": "1", "--noise-density": "1e-3"}
+        needed |= {"--angle-random-walk": "1e-4"} if option == "--move" else {}
+    given = () if command != "plan" else needed | {option: value}
+    more = [word for pair in given.items() for word in pair] if given else []
+    code, _, errors = simval(command, *(more or (log, option, value)))
+    if value == "1e300" and option in ("--field", "--full-scale", "--rest", "--rate"):
+        assert code in (0, 2, 3)
+    else:
+        assert code == 2
+        assert option.lstrip("-").split("-")[0] in errors

@@ -69,6 +69,19 @@ class Rate(click.FloatRange):
         return rate
 
 
+class Positive(click.types.FloatParamType):
+    """A finite number above zero."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """Convert, and refuse zero, what is below it, NaN and infinity."""
+        number = float(super().convert(value, param, ctx))
+        if not 0.0 < number < float("inf"):
+            self.fail(f"{value} is not a finite number above 0.", param, ctx)
+        return number
+
+
 class Gravity(click.types.FloatParamType):
     """Gravity in m/s^2; one that is nowhere on the Earth is said."""
 

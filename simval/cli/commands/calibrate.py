@@ -6,7 +6,7 @@ from typing import Any
 import click
 from click.decorators import FC
 
-from simval.cli.options import COLUMNS, PATH, REST, ROWS, Gravity
+from simval.cli.options import COLUMNS, PATH, REST, ROWS, Gravity, Positive
 from simval.cli.outputs import OUT, Command
 from simval.vocabulary import LOSSES, METHODS, MODELS, RESIDUALS
 
@@ -31,7 +31,7 @@ def _choice(name: str, choices: tuple[str, ...], words: str) -> Callable[[FC], F
     "model", MODELS, "Form of the matrix: which of the rotated versions is reported."
 )
 @click.option("--rate", type=float, metavar="HZ", help=ROWS)
-@click.option("--rest", type=float, metavar="SECONDS", help=REST)
+@click.option("--rest", type=Positive(), metavar="SECONDS", help=REST)
 @click.option("--columns", help=COLUMNS)
 @_choice("method", METHODS, "Solver of the least-squares fit.")
 @_choice("residual", RESIDUALS, "Residual whose squares are minimised.")
@@ -51,7 +51,7 @@ def _choice(name: str, choices: tuple[str, ...], words: str) -> Callable[[FC], F
 )
 @click.option(
     "--field",
-    type=float,
+    type=Positive(),
     default=1.0,
     show_default=True,
     help="Strength of the magnetic field there; corrected readings get its unit.",
@@ -63,7 +63,7 @@ def _choice(name: str, choices: tuple[str, ...], words: str) -> Callable[[FC], F
 )
 @click.option(
     "--full-scale",
-    type=float,
+    type=Positive(),
     help="Greatest reading that the sensor can give, in the unit of the log.",
 )
 @click.option("--out", type=OUT, help="Write the calibration to this JSON file.")

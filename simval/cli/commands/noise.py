@@ -4,14 +4,14 @@ from typing import Any
 
 import click
 
-from simval.cli.options import COLUMNS, PATH, REST, ROWS, unit_option
+from simval.cli.options import COLUMNS, PATH, REST, ROWS, Positive, unit_option
 from simval.cli.outputs import OUT, Command
 
 
 @click.command(name="noise", cls=Command)
 @click.argument("path", metavar="LOG", type=PATH)
 @click.option("--rate", type=float, metavar="HZ", help=ROWS)
-@click.option("--rest", type=float, metavar="SECONDS", help=REST)
+@click.option("--rest", type=Positive(), metavar="SECONDS", help=REST)
 @click.option("--columns", help=COLUMNS)
 @unit_option("accelerometer")
 @unit_option("gyro")
