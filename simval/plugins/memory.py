@@ -43,8 +43,8 @@ def require_no_memory(
     if distinct < DISTINCT * len(first):
         msg = (
             f"{name} gives {distinct} different answers to {len(first)} trials of "
-            "different noise: each must be estimated from its own readings, and "
-            "nothing be kept from one call to the next"
+            "different noise: each must be estimated from its own readings, and be "
+            "neither a constant nor kept from one call to the next"
         )
         raise PluginError(msg)
     order = np.random.default_rng(20_275).permutation(len(first))
