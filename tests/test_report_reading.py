@@ -7,8 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import rows_by_name
+import side_by_side
 import small_runs
 
+from simval.compare import compare_algorithms
+from simval.compare.algorithms import ACCURACY
 from simval.report.contest import contest_of
 from simval.report.curves import bars
 from simval.report.layout import NAMES, WIDE_NAMES, broken
@@ -133,3 +136,29 @@ def test_the_best_is_of_settings_in_which_all_have_a_result(tmp_path):
     none = found()
     assert "with 1.06 times its error, and simval:triad farthest" in none
     assert none.endswith("(geometric mean over 2 settings).")
+
+
+@pytest.mark.parametrize(
+    ("ratios", "said"),
+    [
+        ((1.1, 1.1, 1.1), "No difference is seen between mine.py, with 1.1 times"),
+        ((1.1, 1.1, 1.5), "mine.py (no difference seen to simval:wahba) is nearest"),
+        ((1.1, 1.5, 1.5), "triad (no difference seen to simval:wahba) farthest"),
+        ((1.1, 1.2, 1.5), "mine.py is nearest to the bound, with 1.1 times its error,"),
+    ],
+)
+def test_what_compare_does_not_tell_apart_is_not_ranked(tmp_path, ratios, said):
+    names = ("mine.py", "simval:wahba", "simval:triad")
+    cells = [
+        side_by_side.cell(name, side_by_side.estimator_rows(ratio, 2e-3, 0.01))
+        for name, ratio in zip(names, ratios, strict=True)
+    ]
+    run = side_by_side.run_of(tmp_path, cells)
+    finding = dots("estimator", "estimators", contest_of(run.of("estimator"))).finding
+    assert said in finding
+    # as the command says of the same pair
+    merits = compare_algorithms(run, names[0], names[1]).merits
+    tied = all(m.standing == "same" for m in merits if m.what == ACCURACY)
+    assert tied == (
+        "no difference seen to simval:wahba) is" in finding or ratios[2] < 1.2
+    )
