@@ -5,14 +5,10 @@ not whole. `hostile.py` has the attacks; two thousand of them run by night.
 """
 
 import os
-import random
 import resource
 import shutil
 import sqlite3
-import warnings
 import zipfile
-from collections import deque
-from contextlib import suppress
 from io import BytesIO
 
 import numpy as np
@@ -22,9 +18,8 @@ from stores import raw, rewritten
 from test_safety import watched
 
 from simval.cli import run as simval_command
-from simval.errors import InputError
 from simval.gate import write_baseline
-from simval.sweep import load_run, parquet, parquet_read, run, run_suite, store
+from simval.sweep import load_run, run_suite
 
 SMALL = """
 title = "Small"
@@ -355,193 +350,3 @@ def test_pages_that_lead_in_a_circle_end(folder, simval):
         code, _, err = simval("gate", folder, "--no-baseline")
     assert code == 2
     assert "its pages do not fit together" in err
-
-
-@pytest.fixture
-def parted(small, tmp_path, monkeypatch):
-    """The small run as if it were large, with its table in Parquet."""
-    pytest.importorskip("pyarrow", reason="the extra `parquet` is not installed")
-    folder = tmp_path / "parted"
-    shutil.copytree(small, folder)
-    monkeypatch.setattr(run, "KEPT", 0)
-    with store.opened(folder / "run.sqlite") as database:
-        parquet.write_parquet(database, folder / "results")
-    resealed(folder)
-    return folder, folder / "results" / "study=attitude" / "part-00000.parquet"
-
-
-def changed(file, name, value):
-    """Put other values into a column of a Parquet file."""
-    import pyarrow as pa
-    from pyarrow import parquet as pq
-
-    table = pq.read_table(file, partitioning=None)
-    place = table.column_names.index(name)
-    values = [value] * len(table)
-    column = pa.array(values, table.schema.field(name).type)
-    pq.write_table(table.set_column(place, name, column), file)
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "words"),
-    [
-        ("family", "invented", "`family` is 'invented'"),
-        ("check", "invented", "`check` is 'invented'"),
-        ("check", None, "the column `check` has empty places"),
-        ("n", None, "the column `n` has empty places"),
-        ("n", -1, "`n` is "),
-        ("standard_error", -1.0, "`standard_error` is "),
-        ("remainder", -1.0, "`remainder` is "),
-        ("entries", "[[1]]", "`entries` is '[[1]]'"),
-    ],
-)
-def test_a_part_of_a_table_is_checked_as_the_store_is(
-    name, value, words, parted, simval
-):
-    folder, file = parted
-    assert simval("gate", folder, "--no-baseline")[0] == 0
-    changed(file, name, value)
-    resealed(folder)
-    code, _, err = simval("gate", folder, "--no-baseline")
-    assert (code, words in err) == (2, True), err
-
-
-def test_parts_that_are_cut_off_swapped_or_without_bounds(parted, simval, monkeypatch):
-    folder, file = parted
-    good = file.read_bytes()
-    for data in (good[:-40], good[: len(good) // 2], good[:4] * 9, b""):
-        file.write_bytes(data)
-        assert simval("gate", folder, "--no-baseline")[0] == 2  # by the seal
-        resealed(folder)
-        code, _, err = simval("gate", folder, "--no-baseline")
-        assert (code, "restore it from a copy" in err) == (2, True), err
-    file.write_bytes(good)
-    file.parent.rename(file.parent.with_name("study=calibration"))
-    resealed(folder)
-    code, out, _ = simval("gate", folder, "--no-baseline")
-    assert (code, "measured nothing" in out) == (3, True)
-    file.parent.with_name("study=calibration").rename(file.parent)
-    resealed(folder)
-    monkeypatch.setattr(parquet_read, "MOST_ROWS", 10)
-    code, _, err = simval("gate", folder, "--no-baseline")
-    assert (code, "a row group has " in err) == (2, True)
-
-
-def test_rows_of_a_table_are_as_many_as_the_store_has(parted, simval):
-    """A table from which rows are left out is not what the store holds."""
-    from pyarrow import parquet as pq
-
-    folder, file = parted
-    table = pq.read_table(file, partitioning=None)
-    pq.write_table(table.slice(0, len(table) - 3), file)
-    resealed(folder)
-    code, _, err = simval("gate", folder, "--no-baseline")
-    assert (code, "rows, and the store has" in err) == (2, True), err
-
-
-def spoilt_bytes(good, rng):
-    """A file with bytes changed, flipped, put in, or made great, at its end too."""
-    content = bytearray(good)
-    for _ in range(rng.choice([1, 1, 2, 8])):
-        end = len(content) - 1 - rng.randrange(min(len(content), 3000))
-        place = rng.choice([rng.randrange(len(content)), end])
-        match rng.randrange(4):
-            case 0:
-                content[place] = rng.randrange(256)
-            case 1:
-                content[place] ^= 1 << rng.randrange(8)
-            case 2:
-                lost = rng.randrange(1, 9)
-                content[place : place + lost] = rng.randbytes(rng.randrange(1, 9))
-            case 3:
-                great = rng.choice([0, 1, 2**24, 2**31 - 1, 2**32 - 1])
-                content[place : place + 4] = great.to_bytes(4, "little")
-    return bytes(content)
-
-
-ODD_VALUES = (None, 0, 1, -1, 2**62, 1.5, np.nan, np.inf, 1e300, "x", "1", "[1]", b"a")
-ODD_TYPES = (
-    *("string", "large_string", "binary", "int8", "uint64", "float16", "float64"),
-    *("bool_", "date32", "null"),
-)
-
-
-def spoilt_columns(good, rng):
-    """A table with columns left out, twice, or of another type, nested ones too."""
-    import pyarrow as pa
-    from pyarrow import parquet as pq
-
-    nested = (
-        pa.list_(pa.string()),
-        pa.struct([("a", pa.int8())]),
-        pa.dictionary(pa.int32(), pa.string()),
-        pa.decimal128(10, 2),
-        pa.duration("s"),
-        pa.timestamp("ns"),
-    )
-    table = pq.ParquetFile(pa.BufferReader(good)).read()
-    for _ in range(rng.choice([1, 2])):
-        place = rng.randrange(table.num_columns)
-        name = table.column_names[place]
-        match rng.randrange(5):
-            case 0:
-                table = table.remove_column(place)
-            case 1:
-                table = table.append_column(name, table.column(place))
-            case _:
-                plain = (getattr(pa, word)() for word in ODD_TYPES)
-                kind, value = rng.choice([*plain, *nested]), rng.choice(ODD_VALUES)
-                with suppress(pa.ArrowException, TypeError, OverflowError, ValueError):
-                    column = pa.array([value] * len(table), kind)
-                    table = table.set_column(place, pa.field(name, kind), column)
-    sink = pa.BufferOutputStream()
-    pq.write_table(table, sink)
-    return sink.getvalue().to_pybytes()
-
-
-@pytest.mark.parametrize("spoilt", [spoilt_bytes, spoilt_columns])
-@pytest.mark.parametrize(
-    ("seed", "count"), [(1, 60), pytest.param(2, 2000, marks=pytest.mark.slow)]
-)
-def test_a_spoilt_table_is_read_or_refused_in_words(parted, spoilt, seed, count):
-    """Its seal may be made anew; some damage ended the process."""
-    folder, file = parted
-    good, rng = file.read_bytes(), random.Random(seed)
-    rows = sum(len(cell.rows) for cell in load_run(folder).cells)
-    refused = 0
-    for number in range(count):
-        file.write_bytes(spoilt(good, rng))
-        for judged in (True, False):
-            blocks = parquet_read.parquet_blocks(
-                folder / "results", judged=judged, rows=rows
-            )
-            try:
-                with warnings.catch_warnings():
-                    warnings.simplefilter("error")
-                    deque(blocks, maxlen=0)
-            except InputError:
-                refused += 1
-            except BaseException as error:
-                error.add_note(f"number {number} of seed {seed}")
-                raise
-    assert refused > count
-
-
-def test_a_long_text_in_every_row_takes_the_room_of_one(parted):
-    """10 kB of a file were 2 GB in memory: a row group's size says nothing of that."""
-    import pyarrow as pa
-    from pyarrow import parquet as pq
-
-    folder, file = parted
-    table = pq.ParquetFile(file).read().slice(0, 1)
-    count = 200_000
-    every = table.take(pa.array([0] * count))
-    units = pa.array(["x" * 9000]).dictionary_encode().take(pa.array([0] * count))
-    place = table.column_names.index("unit")
-    pq.write_table(every.set_column(place, "unit", units), file, store_schema=False)
-    assert file.stat().st_size < 100_000
-    pool = pa.default_memory_pool()
-    before = pool.max_memory()
-    blocks = parquet_read.parquet_blocks(folder / "results", judged=False, rows=count)
-    assert sum(len(block) for block in blocks) == count
-    assert pool.max_memory() - before < 100 * 2**20

@@ -3,8 +3,9 @@
 import dataclasses
 import hashlib
 import itertools
-import json
 import re
+import subprocess
+import sys
 import tracemalloc
 
 import numpy as np
@@ -14,18 +15,16 @@ from hypothesis import strategies as st
 from light_cells import light, suite_of
 
 from simval.columns import columns_of
-from simval.compare import compare_runs
 from simval.errors import InputError
-from simval.gate import findings, headline, judge_run, write_baseline
+from simval.gate import baseline, judge_run, write_baseline
 from simval.report.part import thinned
 from simval.results import CellName, Outcome, Row
 from simval.statistics import BIAS, NEES, RMS
-from simval.sweep import batches, load_run, parquet, run, runner, store, stored
+from simval.sweep import batches, load_run, store
 from simval.sweep.batches import Queue
 from simval.sweep.cells import read_cells
 from simval.sweep.executors import computed
 from simval.sweep.runner import Silence, drive
-from simval.sweep.stored import StoredCells, blocks_of
 from simval.sweep.suite import expand
 from simval.verdict import judge, judge_blocks
 
@@ -226,95 +225,19 @@ def test_verdicts_do_not_depend_on_the_blocks(rows, cut):
     assert list(map(told, found)) == list(map(told, judge(pairs, 0.01)))
 
 
-def table(blocks):
-    """All rows, as text."""
-    return sorted(
-        repr((block.named(i), block.row(i)))
-        for block in blocks
-        for i in range(len(block))
-    )
-
-
-@pytest.fixture(params=["store", "parquet"])
-def large(request, small, tmp_path, monkeypatch):
-    """The same run as if it were too large for memory, with its table in Parquet."""
-    monkeypatch.setattr(run, "KEPT", 0)
-    folder = tmp_path / "large"
-    if request.param == "parquet":
-        pytest.importorskip("pyarrow", reason="the extra `parquet` is not installed")
-        monkeypatch.setattr(runner, "KEPT", 1000)
-        monkeypatch.setattr(runner, "LARGE", 1000)
-        monkeypatch.setattr(parquet, "GROUP", 500)
-        monkeypatch.setattr(parquet, "PART", 1500)
-    else:
-        monkeypatch.setattr(stored, "BLOCK", 500)
-    swept(folder, suite_of(CELLS))
-    assert (folder / "results.csv").exists() == (request.param == "store")
-    assert (folder / "results").exists() == (request.param == "parquet")
-    return folder
-
-
-@pytest.mark.ci
-def test_a_large_run_is_judged_as_if_it_were_small(small, large):
-    whole, part = load_run(small), load_run(large)
-    assert isinstance(whole.cells, StoredCells)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run, "KEPT", 10**6)
-        whole = load_run(small)
-    assert not isinstance(whole.cells, StoredCells)
-    for judged in (True, False):
-        assert table(blocks_of(part.cells, judged=judged)) == table(
-            blocks_of(whole.cells, judged=judged)
-        )
-    for alpha in (1e-3, 0.9):  # of the second, many fail
-        a, b = judge_run(whole, None, alpha), judge_run(part, None, alpha)
-        assert (a.answer, a.counts, a.gaps) == (b.answer, b.counts, b.gaps)
-        assert headline(a) == headline(b)
-        listed = [v for v in a.verdicts if v.answer != "pass" or not v.cell.name]
-        assert list(map(told, b.verdicts)) == list(map(told, listed))
-        assert len(findings(b)) < len(findings(a))
-
-
-@pytest.mark.ci
-def test_a_large_run_is_compared_as_if_it_were_small(small, large):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run, "KEPT", 10**6)
-        whole = load_run(small)
-    cells = tuple(
-        dataclasses.replace(
-            cell,
-            rows=tuple(
-                dataclasses.replace(r, value=r.value * (1.0 + 0.02 * (k % 3)))
-                for k, r in enumerate(cell.rows)
-            ),
-        )
-        for cell in whole.cells
-    )
-    other = dataclasses.replace(whole, cells=cells)
-    a, b = compare_runs(other, whole), compare_runs(other, load_run(large))
-    assert a.total == b.total > 0
-    for kind in ("changed", "moved", "same"):
-        assert a.number(kind) == b.number(kind)
-    assert a.number("changed") > 0
-    assert a.predictions_changed == b.predictions_changed
-    assert [m.sentence for m in a.moves] == [m.sentence for m in b.moves]
-    assert len(b.differences) < len(a.differences)
-
-
-@pytest.mark.ci
-def test_no_baseline_is_made_of_a_large_run(large, tmp_path):
+def test_no_baseline_is_made_of_a_large_run(small, tmp_path, monkeypatch):
+    monkeypatch.setattr(baseline, "MOST_ROWS", 1000)
     with pytest.raises(InputError, match="compare it with an earlier one"):
-        write_baseline(tmp_path / "b.json", load_run(large), "first")
+        write_baseline(tmp_path / "b.json", load_run(small), "first")
 
 
 @pytest.mark.ci
-def test_the_page_of_a_large_run_shows_a_part_and_says_so(
-    large, tmp_path, monkeypatch, undrawn
-):
+def test_the_page_of_a_large_run_shows_a_part_and_says_so(small, monkeypatch, undrawn):
     from simval.report import part, render
 
+    monkeypatch.setattr(part, "LARGE", 1000)
     monkeypatch.setattr(part, "ROWS", 1000)
-    page = render(load_run(large))
+    page = render(load_run(small))
     said = re.search(r"The verdict is of all 30 cells\. .* are of (\d+) of them", page)
     assert 5 <= int(said[1]) <= 13  # 1000 rows of 81 a cell
     assert "of 10 values of noise_std" in page or "of 3 values of geometry" in page
@@ -331,80 +254,6 @@ def test_a_grid_is_thinned_along_its_longest_axes():
     assert 50 < len(kept["noise"]) * len(kept["seed"]) <= 100
     assert all("0" in kept[key] for key in ("noise", "seed"))
     assert thinned(axes, 10_000, 10_000) == {k: frozenset(v) for k, v in axes.items()}
-
-
-@pytest.mark.ci
-def test_damaged_parquet_is_refused_and_a_missing_one_is_read_from_the_store(
-    small, tmp_path, monkeypatch
-):
-    pytest.importorskip("pyarrow", reason="the extra `parquet` is not installed")
-    monkeypatch.setattr(run, "KEPT", 0)
-    monkeypatch.setattr(runner, "KEPT", 1000)
-    monkeypatch.setattr(runner, "LARGE", 1000)
-    folder = swept(tmp_path / "run", suite_of(CELLS))
-    before = table(blocks_of(load_run(folder).cells, judged=False))
-    (file,) = (folder / "results" / "study=attitude").iterdir()
-    whole = file.read_bytes()
-    file.write_bytes(whole[:-20] + bytes(20))
-    with pytest.raises(InputError, match="not what the sweep wrote"):
-        load_run(folder)
-    file.unlink()
-    assert table(blocks_of(load_run(folder).cells, judged=False)) == before
-    timing = json.loads((folder / "timing.json").read_text())
-    assert timing["cells"] == {}
-
-
-def test_a_reader_of_parquet_takes_the_columns_and_studies_that_it_asks_for(
-    tmp_path, monkeypatch
-):
-    pytest.importorskip("pyarrow", reason="the extra `parquet` is not installed")
-    from pyarrow import dataset
-
-    monkeypatch.setattr(runner, "KEPT", 1000)
-    monkeypatch.setattr(runner, "LARGE", 1000)
-    folder = swept(tmp_path / "run", suite_of(CELLS))
-    data = dataset.dataset(folder / "results", partitioning="hive")
-    few = data.to_table(
-        columns=["noise_std", "value"],
-        filter=(dataset.field("study") == "attitude")
-        & (dataset.field("statistic") == "rms")
-        & (dataset.field("predictor") == "exact"),
-    )
-    assert few.num_rows == CELLS
-    assert few.column_names == ["noise_std", "value"]
-
-
-@pytest.mark.ci
-def test_a_large_run_without_pyarrow_has_its_table_as_text(
-    small, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(runner, "has_pyarrow", lambda: False)
-    monkeypatch.setattr(runner, "KEPT", 1000)
-    monkeypatch.setattr(runner, "LARGE", 1000)
-    folder = swept(tmp_path / "run", suite_of(CELLS))
-    assert digest(folder) == digest(small)
-    assert not (folder / "results").exists()
-    # and goes on as Parquet where it is there
-    pytest.importorskip("pyarrow", reason="the extra `parquet` is not installed")
-    monkeypatch.setattr(runner, "has_pyarrow", lambda: True)
-    swept(folder, suite_of(CELLS), resume=True)
-    assert not (folder / "results.csv").exists()
-    assert (folder / "results").is_dir()
-
-
-@pytest.mark.parametrize(
-    ("rows", "pyarrow", "expected"),
-    [
-        (100_000, True, (False, True)),
-        (100_001, True, (True, True)),
-        (1_000_000, True, (True, True)),
-        (1_000_001, True, (True, False)),
-        (1_000_001, False, (False, True)),
-    ],
-)
-def test_the_form_of_the_table_is_by_its_size(rows, pyarrow, expected, monkeypatch):
-    monkeypatch.setattr(runner, "has_pyarrow", lambda: pyarrow)
-    assert runner.forms(rows) == expected
 
 
 def test_a_batch_in_which_a_cell_fails_keeps_the_others():
@@ -426,10 +275,7 @@ def test_a_batch_in_which_a_cell_fails_keeps_the_others():
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("pyarrow", [True, False])
-def test_gaps_of_a_large_run_are_those_of_a_small_one(tmp_path, monkeypatch, pyarrow):
-    monkeypatch.setattr(runner, "KEPT", 0 if pyarrow else 10**6)
-    # of two studies, so that the table is in another order than the suite
+def test_what_a_run_has_not_measured(tmp_path):
     content = {
         "seed": [1, 2],
         "calibration": {"noise_std": [0.05, 0.1]},
@@ -447,17 +293,28 @@ def test_gaps_of_a_large_run_are_those_of_a_small_one(tmp_path, monkeypatch, pya
             raise ZeroDivisionError
         return outcome
 
-    folder = swept(tmp_path / "run", suite, work=odd)
-    whole = load_run(folder)
-    monkeypatch.setattr(run, "KEPT", 0)
-    part = load_run(folder)
-    assert isinstance(part.cells, StoredCells)
-    assert (part.cells._table is not None) == pyarrow
-    a, b = judge_run(whole), judge_run(part)
-    assert sorted(map(repr, a.gaps)) == sorted(map(repr, b.gaps))
-    reasons = [gap.reason for gap in b.gaps]
+    found = judge_run(load_run(swept(tmp_path / "run", suite, work=odd)))
+    reasons = [gap.reason for gap in found.gaps]
     assert sum("measured nothing" in reason for reason in reasons) == 6
     assert sum("twice" in reason for reason in reasons) == 2
-    assert a.exit_code == b.exit_code == 4
-    assert a.endings == b.endings == {"crashed": 2}
-    assert headline(a) == headline(b)
+    assert found.exit_code == 4
+    assert found.endings == {"crashed": 2}
+
+
+MEASURED = """
+import resource, sys
+from simval.cli import run
+code = run(sys.argv[1:])
+print(code, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+"""
+
+
+@pytest.mark.slow
+def test_a_run_of_a_million_rows_is_read_and_judged_in_1500_mebibytes(tmp_path):
+    folder = swept(tmp_path / "run", suite_of(12_500))
+    for words in (["gate", folder, "--no-baseline"], ["report", folder]):
+        command = [sys.executable, "-c", MEASURED, *map(str, words)]
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        code, peak = done.stdout.splitlines()[-1].split()
+        assert int(code) in (0, 1)
+        assert float(peak) < 1500.0, words

@@ -31,7 +31,6 @@ from simval.gate import (
 )
 from simval.gate.baseline import check_reason
 from simval.gate.formats import (
-    all_counts,
     annotations,
     to_json,
     to_junit,
@@ -93,10 +92,7 @@ def run(
 def _print_samples(result: GateResult) -> None:
     """Print how many samples the verdicts need, and how many the run spends."""
     columns = ("study", "s", "check", "statistic", "rows", "needed", "spent", "seen")
-    part = (
-        f" of {len(result.verdicts):,} listed verdicts" if result.more.verdicts else ""
-    )
-    table = Table(*columns, title=f"samples needed and spent{part}")
+    table = Table(*columns, title="samples needed and spent")
     for each in samples_spent(result.verdicts, result.seconds):
         table.add_row(
             each.study, f"{each.seconds:.1f}", each.check, each.statistic,
@@ -181,12 +177,6 @@ def _notes(result: GateResult, run: Run, no_baseline: bool) -> Iterator[str]:
             f"{close} values differ from the baseline in the last bits on the same "
             "versions and processor kernels: the order of some arithmetic changed"
         )
-    hidden = sum(all_counts(result, ()).values())
-    if hidden:
-        yield (
-            f"a large run: {hidden:,} findings, passes for the most part, are counted "
-            "and not listed"
-        )
     if new:
         yield f"{new} statistics are new; the baseline does not hold them yet"
 
@@ -229,9 +219,6 @@ def _counts(result: GateResult) -> Table:
     groups: dict[tuple[str, str, str], Counter[Answer]] = {}
     for f in findings(result):
         groups.setdefault((f.study, f.tier, f.check), Counter())[f.answer] += 1
-    for kind, count in result.more.verdicts.items():
-        key = (kind.study, "theory", kind.check)
-        groups.setdefault(key, Counter())[kind.answer] += count
     for key, answers in sorted(groups.items()):
         numbers = (answers[a] for a in ("pass", "fail", "inconclusive"))
         table.add_row(*key, *(str(n) for n in numbers))

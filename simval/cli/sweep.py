@@ -18,7 +18,7 @@ from simval.sweep.cells import REFUSED
 from simval.sweep.connections import kept_open
 from simval.sweep.identity import StrangerError
 from simval.sweep.run import RUNS
-from simval.sweep.runner import LARGE, drive, forms
+from simval.sweep.runner import drive
 
 BYTES_PER_ROW = 340
 """In the store and the table together, measured with the accuracy suite."""
@@ -91,7 +91,6 @@ def _tell_failures(folder: Path, cells: int) -> int:
         first = store.failures(database, SHOWN)
         failed = store.count(database, "failed")
         refused = store.count(database, "failed", REFUSED)
-        rows = store.size(database)
     for name, error in first:
         known = error.startswith(REFUSED)
         last = error.strip().splitlines()[-1].removeprefix(REFUSED if known else "")
@@ -108,24 +107,9 @@ def _tell_failures(folder: Path, cells: int) -> int:
             f"{folder}/run.sqlite and in the report",
             err=True,
         )
-    _tell_table(folder, rows)
     if words := kept_open(folder / "run.sqlite"):
         click.echo(words, err=True)
     return 4 if failed > refused else 3 if failed else 0
-
-
-def _tell_table(folder: Path, rows: int) -> None:
-    """Say where the table of a run is that is large for text."""
-    if rows <= LARGE:
-        return
-    if forms(rows)[1]:
-        words = (
-            f"the table has {rows:,} rows of text, {folder}/results.csv; with pyarrow "
-            "(simval's extra `parquet`) it would be Parquet, and read many times faster"
-        )
-    else:
-        words = f"the table is {folder}/results, Parquet by study: {rows:,} rows"
-    click.echo(words, err=True)
 
 
 def resuming(suite: str, folder: Path) -> str:

@@ -13,16 +13,15 @@ and changed if it crossed the limit.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from simval.compare.judged import Difference, Judging, Kind, More
-from simval.compare.matching import matched_places, pairs_of, rows_of
+from simval.compare.judged import Difference, Kind, judged
+from simval.compare.matching import Pair, matched_places, pairs_of, rows_of
 from simval.compare.moves import Move, Standing, Step, moved
 from simval.statistics import Statistic
 from simval.sweep.machines import other_machines
 from simval.sweep.provenance import differences
 from simval.sweep.run import Run
-from simval.sweep.stored import KEPT, StoredCells
 from simval.verdict import ALPHA
 
 
@@ -40,8 +39,6 @@ class RunComparison:
         Where versions, commit, models or machine differ.
     alpha : float
         False-alarm rate that all differences share.
-    more : More
-        Counts of further statistics, of runs that are too large to list all.
     """
 
     differences: tuple[Difference, ...]
@@ -49,12 +46,11 @@ class RunComparison:
     only_b: tuple[str, ...]
     environment: tuple[str, ...]
     alpha: float
-    more: More = field(default_factory=More)
 
     @property
     def total(self) -> int:
         """How many statistics both have."""
-        return len(self.differences) + self.more.kinds.total()
+        return len(self.differences)
 
     def number(self, kind: Kind) -> int:
         """How many differences are of one kind.
@@ -69,18 +65,17 @@ class RunComparison:
         int
             Their number.
         """
-        return len(self.of(kind)) + self.more.kinds[kind]
+        return len(self.of(kind))
 
     @property
     def predictions_changed(self) -> int:
         """How many predictions changed."""
-        own = sum(d.prediction_changed for d in self.differences)
-        return own + self.more.predictions
+        return sum(d.prediction_changed for d in self.differences)
 
     @property
     def moves(self) -> tuple[Move, ...]:
         """What changed, by study, kind of statistic and direction, largest first."""
-        return moved(self.steps, self.more.cells)
+        return moved(self.steps)
 
     def of(self, kind: Kind) -> tuple[Difference, ...]:
         """Differences of one kind, in order.
@@ -115,8 +110,7 @@ class RunComparison:
         int
             Their number.
         """
-        own = sum(d.standing == standing for d in self.of("changed"))
-        return own + self.more.standings[standing]
+        return sum(d.standing == standing for d in self.of("changed"))
 
 
 def compare_runs(a: Run, b: Run, alpha: float = ALPHA) -> RunComparison:
@@ -135,22 +129,19 @@ def compare_runs(a: Run, b: Run, alpha: float = ALPHA) -> RunComparison:
         Sorted: what changed most comes first.
     """
     places, only_a, only_b = matched_places(a, b)
-    large = any(isinstance(run.cells, StoredCells) for run in (a, b))
-    judging = Judging(alpha, KEPT if large else None)
+    pairs: list[Pair] = []
     for i, j in places:
         old, new = a.cells[i], b.cells[j]
         before, after = rows_of(old), rows_of(new)
-        judging.add(pairs_of(old, new, before, after))
+        pairs += pairs_of(old, new, before, after)
         only_a += [f"{old.name} {_named(key)}" for key in before if key not in after]
         only_b += [f"{new.name} {_named(key)}" for key in after if key not in before]
-    differences_found, more = judging.end()
     return RunComparison(
-        differences=tuple(sorted(differences_found, key=_rank)),
+        differences=tuple(sorted(judged(pairs, alpha), key=_rank)),
         only_a=tuple(only_a),
         only_b=tuple(only_b),
         environment=tuple(differences(_dependencies(a), _dependencies(b))),
         alpha=alpha,
-        more=more,
     )
 
 

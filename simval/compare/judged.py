@@ -1,23 +1,16 @@
-"""The statistics of two runs side by side, judged some cells at a time.
+"""The statistics of two runs side by side, judged together by Holm's rule."""
 
-Holm's rule needs the p-values of all, but only those that could be significant by
-themselves; what they belong to is decided last, all else at once.
-"""
-
-from array import array
-from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass, field
-from functools import lru_cache
+from dataclasses import dataclass
 from math import hypot, isfinite
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 import scipy
 
-from simval.change import EXACT_BOUND, holm_of_least, on_same_noise
+from simval.change import EXACT_BOUND, holm, on_same_noise
 from simval.compare.matching import Pair, prediction_changed
-from simval.compare.moves import Standing, Step, kind_of, loss, rounding_of, standing
+from simval.compare.moves import Standing, Step, loss, rounding_of, standing
 from simval.results import Row
 
 Kind = Literal["changed", "moved", "same"]
@@ -102,106 +95,20 @@ class Difference:
         )
 
 
-@dataclass(slots=True)
-class More:
-    """Counts of what is not listed of runs that are too large for it.
-
-    Attributes
-    ----------
-    kinds : Counter
-        Differences by kind.
-    standings : Counter
-        Of those that changed, which way.
-    predictions : int
-        Predictions that changed.
-    cells : Counter
-        Cells that have a statistic, by study and kind in words: listed ones, too.
-    """
-
-    kinds: Counter[Kind] = field(default_factory=Counter)
-    standings: Counter[Standing] = field(default_factory=Counter)
-    predictions: int = 0
-    cells: Counter[tuple[str, str]] = field(default_factory=Counter)
-
-
-class _Open(NamedTuple):
-    """A pair that is not decided yet."""
-
-    pair: Pair
-    error: float
-
-
-_words = lru_cache(maxsize=4096)(kind_of)
-
-
-class Judging:
-    """Judges pairs of statistics as they come; lists `room` of them, or all."""
-
-    def __init__(self, alpha: float, room: int | None) -> None:
-        self._alpha, self._room = alpha, room
-        self._listed: list[Difference | _Open] = []
-        self._more = More()
-        self._values = array("d")  # the p-values that could be significant
-        self._count = 0
-        # of those that are counted only: change of the loss, and its standard error
-        self._losses, self._errors = array("d"), array("d")
-
-    def add(self, pairs: Iterable[Pair]) -> None:
-        """Judge the pairs of a cell."""
-        kinds = set()
-        for pair in pairs:
-            self._add(pair)
-            if self._room is not None:
-                kinds.add((pair[1].study, _words(pair[3].statistic)))
-        self._more.cells.update(kinds)
-
-    def _add(self, pair: Pair) -> None:
+def judged(pairs: Iterable[Pair], alpha: float) -> list[Difference]:
+    """Judge pairs of statistics together."""
+    listed = []
+    for pair in pairs:
         a, b = pair[2], pair[3]
         error = hypot(a.standard_error, b.standard_error)
         p = two_sided(b.value - a.value, error) if error > 0.0 else None
-        self._count += p is not None
-        if p is not None and not p > self._alpha:
-            self._values.append(p)
-            if self._has_room:
-                self._listed.append(_Open(pair, error))
-            else:
-                self._losses.append(_loss_change(a, b))
-                self._errors.append(error)
-                self._more.predictions += prediction_changed(a, b)
-            return
-        kind = _kind_of_pair(pair, error, beyond=False)
-        if self._room is None or (kind != "same" and self._has_room):
-            self._listed.append(_difference(pair, error, p, -np.inf))
-            return
-        self._more.kinds[kind] += 1
-        self._more.predictions += prediction_changed(a, b)
-        if kind == "changed":  # without chance
-            self._more.standings[_standing(a, b, error, np.nan)] += 1
-
-    @property
-    def _has_room(self) -> bool:
-        return self._room is None or len(self._listed) < self._room
-
-    def end(self) -> tuple[list[Difference], More]:
-        """Decide what is left."""
-        values = np.array(self._values, dtype=float)
-        limits = holm_of_least(values, self._count, self._alpha)[0]
-        known = iter(zip(values.tolist(), limits.tolist(), strict=True))
-        listed = [
-            _difference(each.pair, each.error, *next(known))
-            if isinstance(each, _Open)
-            else each
-            for each in self._listed
-        ]
-        for change, error, (p, limit) in zip(
-            self._losses, self._errors, known, strict=True
-        ):
-            kind: Kind = "moved" if p > limit else "changed"
-            self._more.kinds[kind] += 1
-            if kind == "changed":
-                least = -float(scipy.special.ndtri(limit / 2.0)) * error
-                self._more.standings[standing(change, least)] += 1
-        return listed, self._more
+        listed.append((pair, error, p))
+    values = np.array([p for _, _, p in listed if p is not None])
+    limits = iter(holm(values, alpha).tolist())
+    return [
+        _difference(pair, error, p, -np.inf if p is None else next(limits))
+        for pair, error, p in listed
+    ]
 
 
 def _difference(pair: Pair, error: float, p: float | None, limit: float) -> Difference:

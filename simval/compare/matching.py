@@ -13,7 +13,6 @@ from simval.compare.moves import rounding_of
 from simval.results import Row
 from simval.statistics import Statistic
 from simval.sweep.run import CellResult, Run
-from simval.sweep.stored import heads_of
 
 Pair = tuple[CellResult, CellResult, Row, Row, tuple[str, ...]]
 """Both cells, a statistic in each, and the theories it is compared with."""
@@ -64,7 +63,7 @@ class _Head(NamedTuple):
 def _heads(run: Run) -> list[_Head]:
     return [
         _Head(place, cell.name, _asked(cell), cell.seed)
-        for place, cell in enumerate(heads_of(run.cells))
+        for place, cell in enumerate(run.cells)
         if cell.status == "done"
     ]
 
@@ -76,7 +75,7 @@ def _asked(cell: CellResult) -> bytes:
 
 
 def _finished(run: Run) -> list[CellResult]:
-    return [cell for cell in heads_of(run.cells) if cell.status == "done"]
+    return [cell for cell in run.cells if cell.status == "done"]
 
 
 def pairs_of(

@@ -15,7 +15,7 @@ sorted by their weight: standard errors, and for a value without chance the chan
 the margin of its family or, where that is more, over what it is judged to.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite
 from typing import Literal
@@ -234,9 +234,7 @@ def kind_of(statistic: Statistic) -> str:
     return f"{words}, control variates" if statistic.controlled else words
 
 
-def moved(
-    steps: Iterable[Step], among: Mapping[tuple[str, str], int] | None = None
-) -> tuple[Move, ...]:
+def moved(steps: Iterable[Step]) -> tuple[Move, ...]:
     """Group what moved by study, kind of statistic and direction.
 
     Parameters
@@ -244,8 +242,6 @@ def moved(
     steps : iterable of Step
         `RunComparison.steps` of two runs, or `simval.gate.GateResult.steps` of a run
         and its baseline; those that did not move count among all.
-    among : mapping, optional
-        How many cells have one of a study and kind, where the steps do not show it.
 
     Returns
     -------
@@ -263,7 +259,7 @@ def moved(
         Move(
             study=study, what=what, standing=way, steps=tuple(largest_first(members)),
             cells=len({step.cell for step in members}),
-            of=(among or {}).get((study, what), len(cells[study, what])),
+            of=len(cells[study, what]),
         )
         for (study, what, way), members in groups.items()
     ]  # fmt: skip

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 from simval.sweep.run import Run
-from simval.sweep.stored import heads_of
 
 SHORT = 10
 """Digits of a commit that a person needs."""
@@ -60,7 +59,7 @@ def origin_of(run: Run) -> Origin:
     return Origin(
         name=run.folder.resolve().name,
         suite=str(run.manifest.get("suite", "")),
-        seeds=tuple(sorted({cell.seed for cell in heads_of(run.cells)})),
+        seeds=tuple(sorted({cell.seed for cell in run.cells})),
         commit=f"{commit}+" if commit and git.get("dirty") else commit,
         committed=str(run.timing.get("committed") or ""),
         started=str(run.timing.get("started") or ""),

@@ -24,10 +24,10 @@ from simval.studies.study import spelled
 from simval.sweep.machines import other_machines
 from simval.sweep.provenance import differences
 from simval.sweep.run import MAX_SAMPLES, Run
-from simval.sweep.stored import KEPT, StoredCells
 
 BASELINE = vocabulary.BASELINE
 SCHEMA = 3
+MOST_ROWS = 100_000  # of a file that somebody reviews line by line
 # what reading a file that is no baseline, or is damaged inside, may raise
 UNREADABLE = (
     *(OSError, ValueError, KeyError, TypeError),
@@ -160,10 +160,11 @@ def write_baseline(
         nothing to store, or the file cannot be written.
     """
     check_reason(reason)
-    if isinstance(run.cells, StoredCells):
+    rows = sum(len(cell.rows) for cell in run.cells)
+    if rows > MOST_ROWS:
         msg = (
-            f"the run has {run.cells.rows:,} rows; a baseline is reviewed line by line "
-            f"in version control, so it holds at most {KEPT:,}: judge the run with "
+            f"the run has {rows:,} rows; a baseline is reviewed line by line in "
+            f"version control, so it holds at most {MOST_ROWS:,}: judge the run with "
             "--no-baseline, and compare it with an earlier one by `simval compare`"
         )
         raise InputError(msg)

@@ -17,7 +17,6 @@ from simval.gate.equivalence import unpaired
 from simval.gate.paired import paired
 from simval.results import CellName
 from simval.sweep.run import Run
-from simval.sweep.stored import heads_of
 
 Named = tuple[str, StoredCell]
 
@@ -29,7 +28,7 @@ def compare(run: Run, stored: Stored, alpha: float) -> Iterator[Comparison]:
     count = sum(len(cell.statistics) for (old, cell), (new, _) in pairs if old != new)
     quantile = float(-scipy.special.ndtri(alpha / max(count, 1) / 2.0))
     # an unfinished cell is reported once, not again for each of its statistics
-    unfinished = {c.name for c in heads_of(run.cells) if c.status != "done"}
+    unfinished = {c.name for c in run.cells if c.status != "done"}
     for name, old in gone:
         if name not in unfinished:
             yield from paired(CellName(old.study, name), old.statistics, {})
@@ -57,7 +56,7 @@ def _asked(run: Run) -> Stored:
     """What the finished cells of a run are matched by."""
     return {
         cell.name: StoredCell(cell.study, question(cell.parameters), {})
-        for cell in heads_of(run.cells)
+        for cell in run.cells
         if cell.status == "done"
     }
 

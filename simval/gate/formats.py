@@ -11,7 +11,6 @@ from xml.etree import ElementTree
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from simval.gate.comparison import answer_of
 from simval.gate.finding import Finding, details, findings
 from simval.gate.groups import groups
 from simval.gate.headline import headline
@@ -79,7 +78,7 @@ def to_json(result: GateResult, exit_code: int) -> str:
         headline=headline(result),
         exit_code=exit_code,
         alpha=result.alpha,
-        counts=all_counts(result, entries),
+        counts=counts(entries),
         environment=[one_line(line) for line in result.environment],
         notes=[one_line(line) for line in result.notes],
         findings=[
@@ -97,17 +96,6 @@ def counts(entries: tuple[Finding, ...]) -> dict[Answer, int]:
     """Count findings by verdict."""
     answers = [f.answer for f in entries]
     return {word: answers.count(word) for word in get_args(Answer)}
-
-
-def all_counts(result: GateResult, entries: tuple[Finding, ...]) -> dict[Answer, int]:
-    """Count all that was judged by verdict, listed or not."""
-    found = counts(entries)
-    for answer, count in result.more.answers.items():
-        found[answer] += count
-    for change, count in result.more.changes.items():
-        if change != "new":
-            found[answer_of(change)] += count
-    return found
 
 
 def to_junit(result: GateResult) -> str:

@@ -2,15 +2,13 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import chain
 
 import numpy as np
 
 from simval.change import EFFORT
-from simval.columns import CHECKS, Columns
+from simval.columns import CHECKS, Columns, columns_of
 from simval.results import CellName
 from simval.sweep.run import CellResult, Run
-from simval.sweep.stored import blocks_of, heads_by_block
 from simval.verdict import WEIGHTS
 
 
@@ -44,16 +42,11 @@ def gaps_of(run: Run) -> Iterator[Gap]:
     if isinstance(stated, int) and stated != len(run.cells):
         reason = f"the suite has {stated} cells, the run holds {len(run.cells)}"
         yield Gap(cell=CellName(""), reason=reason)
-    # both in one order, so that no more than a block is held
-    measured = chain.from_iterable(map(_measured, blocks_of(run.cells, judged=False)))
-    following = next(measured, None)
-    for cell in heads_by_block(run.cells):
-        if cell.status != "done":
-            continue
-        own = following is not None and following[0] == cell.named
-        yield from _cell_gaps(cell, following[1] if own and following else None)
-        if own:
-            following = next(measured, None)
+    done = [cell for cell in run.cells if cell.status == "done"]
+    rows = columns_of((cell.named, row) for cell in done for row in cell.rows)
+    measured = dict(_measured(rows))
+    for cell in done:
+        yield from _cell_gaps(cell, measured.get(cell.named))
 
 
 def _cell_gaps(cell: CellResult, measured: _Measured | None) -> Iterator[Gap]:

@@ -127,10 +127,6 @@ def groups(result: GateResult) -> tuple[Group, ...]:
     for each in entries:
         names.setdefault(_kind(each), set()).add(each.cell.name)
     cells = {kind: len(own) for kind, own in names.items()}
-    for hidden, count in result.more.verdicts.items():
-        of["theory", hidden.study, hidden.kind] += count
-    for (study, kind), count in result.more.cells.items():
-        cells["theory", study, kind] = count
     found = [
         Group(
             findings=tuple(sorted(each, key=lambda f: (-weight_of(f), f.cell))),

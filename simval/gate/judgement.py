@@ -6,9 +6,8 @@ baseline, and the gaps (what should have been measured and was not).
 
 import shlex
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from itertools import islice
 from typing import Any
 
 from simval.compare import Step
@@ -17,16 +16,8 @@ from simval.gate.compare import compare, has_partners
 from simval.gate.comparison import Change, Comparison, answer_of
 from simval.gate.gaps import Gap, gaps_of
 from simval.gate.steps import steps_of
-from simval.gate.tally import (
-    Tally,
-    is_large,
-    listed_cells,
-    listed_comparisons,
-    listed_verdicts,
-)
 from simval.sweep.run import CellResult, Run
-from simval.sweep.stored import KEPT, blocks_of, heads_of
-from simval.verdict import ALPHA, Answer, Verdict, judge_blocks, overall_of
+from simval.verdict import ALPHA, Answer, Verdict, judge, overall_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,8 +46,6 @@ class GateResult:
         Why nothing was compared though a baseline was wanted; else empty.
     notes : tuple of str
         What else a reader should know; they change no answer.
-    more : Tally
-        Counts of what else was judged, in a run that is too large to list all.
     """
 
     verdicts: tuple[Verdict, ...]
@@ -69,7 +58,6 @@ class GateResult:
     seconds: Mapping[str, float] = field(default_factory=dict)
     first: str = ""
     notes: tuple[str, ...] = ()
-    more: Tally = field(default_factory=Tally)
 
     @property
     def answer(self) -> Answer:
@@ -83,17 +71,17 @@ class GateResult:
     @property
     def endings(self) -> Counter[str]:
         """How the unfinished cells ended."""
-        return Counter(cell.ending for cell in self.unfinished) + self.more.endings
+        return Counter(cell.ending for cell in self.unfinished)
 
     @property
     def changes(self) -> Counter[Change]:
         """How the comparisons ended."""
-        return Counter(c.change for c in self.comparisons) + self.more.changes
+        return Counter(c.change for c in self.comparisons)
 
     @property
     def counts(self) -> Counter[Answer]:
         """Verdicts against theory by answer."""
-        return Counter(v.answer for v in self.verdicts) + self.more.answers
+        return Counter(v.answer for v in self.verdicts)
 
     @property
     def _crashed(self) -> bool:
@@ -129,8 +117,6 @@ def judge_run(
     run: Run,
     baseline: Mapping[str, Any] | None = None,
     alpha: float = ALPHA,
-    *,
-    shown: Collection[str] = (),
 ) -> GateResult:
     """Judge a run against theory and, where given, a baseline.
 
@@ -143,40 +129,29 @@ def judge_run(
     alpha : float, default ALPHA
         False-alarm rate of everything together. If some cells have other noise than
         in the baseline, theory and the baseline get half of it each.
-    shown : collection of str, optional
-        Names of cells of a large run whose passes are listed as well.
 
     Returns
     -------
     GateResult
         Verdicts, comparisons, gaps and the exit code.
     """
-    cells, tally = run.cells, Tally()
-    large = is_large(cells)
     compared: tuple[Comparison, ...] = ()
     environment: tuple[str, ...] = ()
     share = alpha
     if baseline is not None:
         share = alpha / 2.0 if has_partners(run, baseline["cells"]) else alpha
         every = compare(run, baseline["cells"], alpha / 2.0)
-        listed = listed_comparisons(every, large, tally)
-        compared = tuple(sorted(listed, key=lambda c: (c.cell, c.statistic)))
+        compared = tuple(sorted(every, key=lambda c: (c.cell, c.statistic)))
         environment = environment_changes(baseline["environment"], run.manifest)
-    judged = judge_blocks(lambda: blocks_of(cells, judged=True), share)
-    names = frozenset(shown) if large else None
-    verdicts = tuple(listed_verdicts(judged, names, tally))
-    left = (cell for cell in heads_of(cells) if cell.status != "done")
-    unfinished = tuple(listed_cells(left, large, tally))
-    named = {v.cell.name for v in verdicts} | {c.cell.name for c in compared}
-    named |= {cell.name for cell in unfinished}
+    done = (cell for cell in run.cells if cell.status == "done")
+    verdicts = judge(((c.named, row) for c in done for row in c.rows), share)
     return GateResult(
         verdicts=verdicts,
         comparisons=compared,
-        unfinished=unfinished,
-        gaps=tuple(islice(gaps_of(run), KEPT)),
+        unfinished=tuple(c for c in run.cells if c.status != "done"),
+        gaps=tuple(gaps_of(run)),
         environment=environment,
         alpha=alpha,
         folder=str(run.folder),
-        seconds={c.name: c.seconds for c in heads_of(cells) if c.name in named},
-        more=tally,
+        seconds={cell.name: cell.seconds for cell in run.cells},
     )

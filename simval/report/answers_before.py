@@ -17,7 +17,6 @@ from simval.gate.steps import steps_beside
 from simval.report.answers import Block, Line, percent, rounded
 from simval.report.section import Against, Context
 from simval.sweep import Run
-from simval.sweep.stored import heads_of
 from simval.verdict import WORST_FIRST, Answer
 
 NOTE = (
@@ -56,9 +55,7 @@ def comparable(run: Run, baseline: Mapping[str, Any] | None) -> bool:
     if baseline is None:
         return False
     stored = {_key(cell.study, cell.parameters) for cell in baseline["cells"].values()}
-    common = stored & {
-        _key(cell.study, cell.parameters) for cell in heads_of(run.cells)
-    }
+    common = stored & {_key(cell.study, cell.parameters) for cell in run.cells}
     same_suite = baseline["environment"].get("suite") == run.manifest["suite"]
     return bool(common) and (same_suite or common == stored)
 

@@ -70,27 +70,18 @@ class Deviation(NamedTuple):
 
 def as_theory_says(context: Context) -> Block:
     """Answer whether the measured agrees with theory, and how closely."""
-    verdicts = context.verdicts
-    hidden = context.judged.more.verdicts
-    studies = in_order([*(v.cell.study for v in verdicts), *(k.study for k in hidden)])
+    verdicts = context.judged.verdicts
+    studies = in_order([v.cell.study for v in verdicts])
     parts = {s: [v for v in verdicts if v.cell.study == s] for s in studies}
-    more = {s: sum(n for k, n in hidden.items() if k.study == s) for s in studies}
     worst_first = sorted(studies, key=lambda s: WORST_FIRST.index(_worst(parts[s])))
     missing = list(_missing(context))
-    evenly = context.evenly
-    lines = [
-        *missing,
-        *(
-            _line(s, parts[s], more[s], [v for v in evenly if v.cell.study == s])
-            for s in worst_first
-        ),
-    ]
+    lines = [*missing, *(_line(s, parts[s]) for s in worst_first)]
     return Block(
         title="As theory says",
         answer=_worst(verdicts) if verdicts else "inconclusive",
         headline=_headline(context.judged.counts, whole=not missing),
         lines=lines,
-        note=f"{_farthest(verdicts) if not hidden else ''}{NOTE}",
+        note=f"{_farthest(verdicts)}{NOTE}",
         fold="more studies",
     )
 
@@ -131,18 +122,16 @@ def _missing(context: Context) -> Iterable[Line]:
         )
 
 
-def _line(
-    study: str, verdicts: Sequence[Verdict], more: int, evenly: Sequence[Verdict]
-) -> Line:
+def _line(study: str, verdicts: Sequence[Verdict]) -> Line:
     answers = [verdict.answer for verdict in verdicts]
     failed, unclear = answers.count("fail"), answers.count("inconclusive")
-    count = len(answers) + more
+    count = len(answers)
     checks = f"{count:,} check{'s' if count > 1 else ''}"
     bad = (
         [f"{failed:,} of {checks} fail{_farthest_failing(verdicts)}"] if failed else []
     )
     bad += [f"{unclear:,} of {checks} inconclusive"] if unclear else []
-    found = deviation(study, evenly)
+    found = deviation(study, verdicts)
     told = found is not None and not failed and abs(found.value) + found.error < 1.0
     near = [found.said] if found and told else []
     return Line(

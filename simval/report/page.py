@@ -144,7 +144,7 @@ def context_of(
     return Context(
         run=located(part.run),
         part=part,
-        judged=judge_run(run, stored, alpha, shown=part.names),
+        judged=judge_run(run, stored, alpha),
         titles={n: STUDIES[n].title if n in STUDIES else n for n in names},
         baseline=baseline,
         against=None

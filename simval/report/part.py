@@ -1,7 +1,7 @@
 """The part of a large run that a page shows: a coarser grid, whole along its axes.
 
 A page has figures and tables of some thousand points, and its reader no more eyes than
-that. Of a run that is held in memory all cells are shown. Of a larger one, of each
+that. Of a run of up to `LARGE` rows all cells are shown. Of a larger one, of each
 study: the axis with the most values, seeds among them, keeps every second one, again
 and again, until the rows fit. So a curve that is drawn has all of its points, on fewer
 noise levels, geometries or seeds. The verdict stays that of all cells.
@@ -15,10 +15,11 @@ from typing import Any
 from simval.studies.study import canonical
 from simval.sweep import Run
 from simval.sweep.run import CellResult
-from simval.sweep.stored import StoredCells, heads_of
 
-ROWS = 50_000
-"""Rows of a large run that a page is made of: half of what is always shown whole."""
+LARGE = 100_000
+"""Rows above which a run is large. Chosen: the accuracy suite has 6 000."""
+ROWS = LARGE // 2
+"""Rows of a large run that a page is made of."""
 
 Axes = Mapping[str, Sequence[str]]
 """Values of each parameter of a study, spelled, in the order in which they come."""
@@ -38,14 +39,15 @@ class Part:
 def part_of(run: Run) -> Part:
     """Choose the cells of a run that a page shows."""
     cells = run.cells
-    if not isinstance(cells, StoredCells):
+    rows = sum(len(cell.rows) for cell in cells)
+    if rows <= LARGE:
         return Part(run=run)
     grids, counts = _grids(cells)
-    room = ROWS * len(cells) // max(cells.rows, 1) // max(len(grids), 1)
+    room = ROWS * len(cells) // rows // max(len(grids), 1)
     kept = {study: thinned(axes, counts[study], room) for study, axes in grids.items()}
     places = [
         place
-        for place, cell in enumerate(heads_of(cells))
+        for place, cell in enumerate(cells)
         if all(value in kept[cell.study][key] for key, value in _values(cell))
     ]
     chosen = tuple(cells[place] for place in places)
@@ -75,7 +77,7 @@ def _grids(cells: Sequence[CellResult]) -> tuple[dict[str, Axes], dict[str, int]
     """The axes of each study, and the number of its cells."""
     found: dict[str, dict[str, dict[str, None]]] = {}
     counts: dict[str, int] = {}
-    for cell in heads_of(cells):
+    for cell in cells:
         counts[cell.study] = counts.get(cell.study, 0) + 1
         own = found.setdefault(cell.study, {})
         for key, value in _values(cell):

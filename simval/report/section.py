@@ -46,15 +46,14 @@ class Context:
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
-        """All checks against theory."""
-        return self.judged.verdicts
-
-    @property
-    def evenly(self) -> tuple[Verdict, ...]:
-        """Those of cells that were not chosen by how their checks ended."""
+        """Checks against theory; of a large run those of its part, and all failures."""
         if self.part is None or not self.part.names:
-            return self.verdicts
-        return tuple(v for v in self.verdicts if v.cell.name in self.part.names)
+            return self.judged.verdicts
+        return tuple(
+            v
+            for v in self.judged.verdicts
+            if v.answer != "pass" or v.cell.name in {"", *self.part.names}
+        )
 
     @property
     def alpha(self) -> float:

@@ -14,7 +14,6 @@ from simval.studies.plugin import PluginParameters
 from simval.studies.study import Cell
 from simval.sweep.executors import attempt
 from simval.sweep.run import CellResult, Run
-from simval.sweep.stored import heads_of
 from simval.sweep.suite import load_suite, validated
 from simval.text import nearest
 from simval.vocabulary import builtin_suites
@@ -74,7 +73,7 @@ def find_cell(
 
 def _held(run: Run | None, name: str) -> CellResult | None:
     """The cell of a run by its name, with its rows."""
-    heads = enumerate(heads_of(run.cells)) if run is not None else ()
+    heads = enumerate(run.cells) if run is not None else ()
     place = next((place for place, cell in heads if cell.name == name), None)
     return None if run is None or place is None else run.cells[place]
 
@@ -86,7 +85,7 @@ def _of_suite(name: str, run: Run | None, suite: str | None) -> Cell:
         places = [f"suite {suite}" if suite else "a built-in suite"]
         if run is not None:
             places.append(f"the run {run.folder}")
-        known = [c.name for c in heads_of(run.cells)] if run is not None else []
+        known = [c.name for c in run.cells] if run is not None else []
         near = nearest(name, dict.fromkeys([*known, *cells]), 3)
         msg = (
             f"there is no cell `{name}` in {' or '.join(places)}; "

@@ -23,13 +23,12 @@ from simval.notebooks import ShownRun
 from simval.results import COLUMNS
 from simval.sweep import store
 from simval.sweep.cells import CellResult, read_cell, read_cells, read_heads
-from simval.sweep.connections import explained, require_whole
+from simval.sweep.connections import require_whole
 from simval.sweep.documents import read_timing
 from simval.sweep.frame import data_frame
 from simval.sweep.parts import completed
 from simval.sweep.plausible import MAX_SAMPLES
 from simval.sweep.seal import check_files
-from simval.sweep.stored import KEPT, StoredCells
 from simval.text import nearest
 
 __all__ = [
@@ -55,7 +54,7 @@ class Run(ShownRun):
     folder : Path
         Where it is.
     cells : sequence of CellResult
-        In the order of the suite; those of a large run are read when they are used.
+        In the order of the suite.
     manifest : mapping
         All that the numbers depend on.
     timing : mapping
@@ -126,14 +125,8 @@ def load_run(folder: str | Path) -> Run:
         If it is no run folder, is damaged, or was written by a newer version.
     """
     path = run_folder(folder)
-    cells: Sequence[CellResult]
     with opened_run(path) as (database, manifest):
-        large = store.size(database) > KEPT
-        cells = () if large else tuple(read_cells(database))
-    if large:
-        file = path / "run.sqlite"
-        with explained(file):
-            cells = StoredCells(path, store.attached(file))
+        cells = tuple(read_cells(database))
     timing = read_timing(path)
     places = timing.pop("plugins", {})
     return Run(

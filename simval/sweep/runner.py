@@ -27,22 +27,11 @@ from simval.sweep.endings import ENDINGS, Ending, ending_of, worse
 from simval.sweep.folder import check_same, create, keep, locked, write
 from simval.sweep.grid import Chosen
 from simval.sweep.machines import environments
-from simval.sweep.parquet import (
-    FOLDER,
-    has_pyarrow,
-    write_parquet,
-)
-from simval.sweep.parts import taken_away
 from simval.sweep.paths import require_plugins
 from simval.sweep.run import Run, load_run, write_table
 from simval.sweep.seal import seal, unseal
-from simval.sweep.stored import KEPT
 from simval.sweep.suite import Suite, load_suite
 from simval.verdict import ALPHA
-
-LARGE = 1_000_000
-"""Rows above which there is no results.csv where there is Parquet: more than a
-spreadsheet opens."""
 
 
 @runtime_checkable
@@ -175,8 +164,7 @@ def _fill(
         unseal(database)
         write(folder / "timing.json", json.dumps({"plugins": places}) + "\n")
         done = _compute(database, folder, suite, crew, progress, work)
-        parquet, text = forms(store.size(database))
-        spent = dict(store.seconds(database)) if text else {}
+        spent = dict(store.seconds(database))
         timing = {
             "started": started.isoformat(timespec="seconds"),
             "committed": provenance.commit_date(),
@@ -185,7 +173,7 @@ def _fill(
             "told": crew.told,
             "host": platform.node(),
             "finished_before": done,
-            "cpu_seconds": round(sum(s for _, s in store.seconds(database)), 3),
+            "cpu_seconds": round(sum(spent.values()), 3),
             "processors": os.cpu_count(),
             "cells": {name: round(value, 4) for name, value in spent.items()},
             "calls": store.times(database),
@@ -195,7 +183,7 @@ def _fill(
         manifest["environments"] = environments(store.entry(database, store.MACHINES))
         store.keep_manifest(database, manifest)
         store.keep(database, store.WORST, None)
-        _write_tables(database, folder, parquet, text)
+        write_table(database, folder / "results.csv")
         write(folder / "manifest.json", json.dumps(manifest, indent=2) + "\n")
         write(folder / "timing.json", json.dumps(timing, indent=2) + "\n")
         seal(database, folder)
@@ -230,26 +218,6 @@ def _compute(
         msg = f"{left} cells came back neither finished nor failed"
         raise RuntimeError(msg)
     return done
-
-
-def forms(rows: int) -> tuple[bool, bool]:
-    """Whether the table of so many rows is written as Parquet, and as text."""
-    parquet = rows > KEPT and has_pyarrow()
-    return parquet, rows <= LARGE or not parquet
-
-
-def _write_tables(
-    database: sqlite3.Connection, folder: Path, parquet: bool, text: bool
-) -> None:
-    """Write the table, and remove what an earlier session may have left of it."""
-    if parquet:
-        write_parquet(database, folder / FOLDER)
-    else:
-        taken_away(folder / FOLDER)
-    if text:
-        write_table(database, folder / "results.csv")
-    else:
-        (folder / "results.csv").unlink(missing_ok=True)
 
 
 def _is_file(path: Path) -> bool:

@@ -18,7 +18,7 @@ from simval.errors import InputError
 from simval.sweep import store
 from simval.sweep.inside import MEBIBYTE, is_inside, opened_inside
 
-FOLDERS = ("artifacts", "results")
+FOLDERS = ("artifacts",)
 NAMES = ("results.csv", "manifest.json", "timing.json")
 READ = (".npz", ".png")
 """What a report reads of the artifacts."""
@@ -28,8 +28,6 @@ ENTRIES = "run.sqlite"
 
 LINE = 64 * 1024
 """Bytes that a line of results.csv has at most; the suites' have 300."""
-MOST_PART = 8 * 1024 * MEBIBYTE
-"""Bytes of a file of the Parquet table; one that is full has 300 MB."""
 MOST_FILE = 256 * MEBIBYTE
 """Bytes of any other file; the times of a million cells take 100 MB."""
 
@@ -63,7 +61,7 @@ def check_files(database: sqlite3.Connection, folder: Path) -> None:
         raise InputError(msg)
     limits = {"results.csv": LINE * (1 + store.size(database))}
     for name, digest in known.items():
-        most = limits.get(name, MOST_PART if name.startswith("results/") else MOST_FILE)
+        most = limits.get(name, MOST_FILE)
         if is_inside(folder, name) and _digest(folder, name, most) != digest:
             msg = (
                 f"{folder / name} is not what the sweep wrote (its SHA-256 differs); "

@@ -43,12 +43,9 @@ def _counted(counts: Mapping[Answer, int]) -> str:
 
 def _families(context: Context) -> Table:
     groups: dict[tuple[str, str, str], Counter[Answer]] = {}
-    for v in context.verdicts:
+    for v in context.judged.verdicts:
         key = (v.cell.study, v.row.predictor, str(v.row.check))
         groups.setdefault(key, Counter())[v.answer] += 1
-    for hidden, count in context.judged.more.verdicts.items():
-        key = (hidden.study, hidden.predictor, hidden.check)
-        groups.setdefault(key, Counter())[hidden.answer] += count
     return Table(
         name="families",
         caption="Answers of each family of checks",

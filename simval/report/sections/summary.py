@@ -50,7 +50,7 @@ RIGHT_OF_IT = (
 
 def section(context: Context) -> Section | None:
     """Make the section."""
-    run, verdicts = context.run, context.verdicts
+    run = context.run
     part = context.part
     studies = dict(part.counts) if part else {}
     if not studies:
@@ -70,8 +70,7 @@ def section(context: Context) -> Section | None:
         ),
         answer=context.judged.answer,
         headline=headline(context.judged),
-        sampled=sum(v.p_value is not None for v in verdicts)
-        + sum(n for kind, n in context.judged.more.verdicts.items() if kind.sampled),
+        sampled=sum(v.p_value is not None for v in context.judged.verdicts),
         part=part.said if part else "",
         judged=context.judged.counts.total(),
         alpha=context.alpha,
