@@ -7,7 +7,7 @@ attitude :math:`A_k`, world to body:
 
 .. math:: m_k = A_k (c_w, c_n, 0)' \;\text{(tilt)}, \quad A_k (0, 0, c)' \;\text{
    (heading)}, \quad c \;\text{(mounting)}, \quad -\omega_k \tau \;\text{(delay)}.
-   \tag{F12}
+   \tag{F14}
 
 Each is fitted alone. What none of them explains is of the motion: coning, a scale.
 """
