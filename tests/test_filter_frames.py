@@ -271,7 +271,7 @@ def test_a_heading_that_is_not_of_the_field_is_named():
         make=lambda: Declined("NWU", form, 1.0),
         **words_of(("NWU", form, "specific force")),
     )
-    with pytest.raises(PluginError, match="heading is off by 22.9 degrees all along"):
+    with pytest.raises(PluginError, match=r"heading is off by 22\.9 degrees all along"):
         find_world(filter, told(), RATE)
 
 
