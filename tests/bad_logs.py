@@ -41,11 +41,11 @@ class Recorded:
         )
 
 
-def sensor_of(rng, gain=1.0):
-    """K within 20 %, misalignments of 0.03, biases of 0.5 m/s^2."""
-    angles = 0.03 * rng.standard_normal(3)
+def sensor_of(rng, gain=1.0, size=1.0):
+    """K within 20 %, misalignments of 0.03, biases of 0.5 m/s^2, both times `size`."""
+    angles = 0.03 * size * rng.standard_normal(3)
     scale = rng.uniform(0.8, 1.25, 3) / gain
-    bias = rng.uniform(-0.5, 0.5, 3) * gain
+    bias = rng.uniform(-0.5, 0.5, 3) * gain * size
     return AccelerometerModel.from_parameters(np.concatenate([angles, scale, bias]))
 
 
@@ -77,14 +77,14 @@ def path_of(directions, rng):
     return np.concatenate(parts), np.array(holds)
 
 
-def good(rng):
+def good(rng, size=1.0):
     """A good log: m/s^2, or counts of 12 to 16 bits over 2 to 8 g.
 
     Its noise is a third of a count or more; of less see `coarse`.
     """
     counts = rng.random() < 0.5
     gain = 2.0 ** rng.integers(11, 16) / (rng.choice([2, 4, 8]) * G) if counts else 1.0
-    sensor = sensor_of(rng, gain)
+    sensor = sensor_of(rng, gain, size)
     # less leaves rests of one value, which set no threshold
     sigma = max(10 ** rng.uniform(-2.5, -1.3), 0.3 / gain if counts else 0.0)
     force, holds = path_of(spread_poses(rng), rng)

@@ -5,6 +5,7 @@ import pytest
 
 from simval.errors import InputError
 from simval.logs import read_log
+from simval.logs.clock import GAP
 
 ROWS = 40
 OFF = 1e-5  # of a limit: beyond the digits of a file, and of a changed constant
@@ -27,27 +28,26 @@ def with_gap(step, gap):
     return np.cumsum(steps)
 
 
-@pytest.mark.parametrize(
-    ("step", "limit"),
-    [
-        (0.01, 0.05),  # five steps, and 0.05 s
-        (0.05, 0.25),  # five steps
-        (0.001, 0.05),  # 0.05 s, though that is fifty steps
-        (0.1, 0.5),
-    ],
-)
-def test_a_gap_is_five_steps_and_a_twentieth_of_a_second(tmp_path, step, limit):
-    time = with_gap(step, limit * (1 - OFF))
-    assert len(read_log(log_of(tmp_path, time)).time) == ROWS
-    with pytest.raises(InputError, match=f"a gap of {limit:.3f} s before it"):
-        read_log(log_of(tmp_path, with_gap(step, limit * (1 + OFF))))
+@pytest.mark.parametrize("step", [0.001, 0.01, 0.1])
+def test_a_gap_is_five_seconds(tmp_path, step):
+    log = read_log(log_of(tmp_path, with_gap(step, GAP * (1 - OFF))))
+    assert len(log.time) == ROWS
+    lost = round(GAP / step) - 1
+    assert f"; {lost} rows are missing, 5 s of them at once" in log.described()[-1]
+    with pytest.raises(InputError, match=r"a gap of 5\.000 s before it"):
+        read_log(log_of(tmp_path, with_gap(step, GAP * (1 + OFF))))
 
 
 def test_a_gap_is_told_by_its_row(tmp_path):
-    path = log_of(tmp_path, with_gap(0.01, 0.3))
+    path = log_of(tmp_path, with_gap(0.01, 7.3))
     # the header is line 1, so the row after the gap is line 22
-    with pytest.raises(InputError, match=r"line 22: a gap of 0\.300 s"):
+    with pytest.raises(InputError, match=r"line 22: a gap of 7\.300 s"):
         read_log(path)
+
+
+def test_lost_rows_do_not_contradict_a_stated_rate(tmp_path):
+    time = np.delete(0.01 * np.arange(ROWS), [3, 4, 9, 14, 15, 22, 30])
+    assert read_log(log_of(tmp_path, time), rate=100.0).rate < 90.0
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,7 @@ WORDS = {
     "frozen_sensor": "froze; cut that stretch out",
     "repeated_block": "again, bit for bit: .* cut the second out",
     "units": "times the gravity of the others, .* one unit",
+    "sign_flip": "changed sign between the rest .* turn it back, or cut",
     "swapped_axes": "do not lie on one ellipsoid; .* cut the log there",
 }
 
@@ -67,6 +68,28 @@ def misled(rec):
     """Whether an answer is accepted that is wrong beyond six of its error bars."""
     result, _ = outcome(rec)
     return result is not None and bad_logs.wrong(rec, result.fit)
+
+
+def require_flip_told(seed):
+    """However small the bias and the misalignment, by which alone a flip is told."""
+    rng = np.random.default_rng([57, seed])
+    rec = bad_logs.good(rng, size=10 ** rng.uniform(-2.0, 0.0))
+    flipped = bad_logs.sign_flip(rec, rng)
+    result, words = outcome(flipped)
+    if result is not None:  # near the noise, and so is what it does
+        assert not bad_logs.wrong(rec, result.fit), seed
+    assert outcome(rec)[0] is not None, seed
+    return "changed sign between the rest" in words
+
+
+@pytest.mark.ci
+def test_a_flipped_sign_is_told():
+    assert sum(require_flip_told(seed) for seed in range(5)) >= 4
+
+
+@pytest.mark.slow
+def test_200_flipped_signs_are_told():
+    assert sum(require_flip_told(seed) for seed in range(200)) >= 190
 
 
 @pytest.mark.slow

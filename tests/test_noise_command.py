@@ -440,7 +440,7 @@ def garbage():
     force, _ = static(1200, 9)
     time = np.arange(1200) / RATE
     hole, torn = time.copy(), time.copy()
-    hole[600:] += 3.0
+    hole[600:] += 6.0
     torn[600] = torn[599]
     bad = force.copy()
     bad[700, 1] = np.nan

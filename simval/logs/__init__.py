@@ -16,8 +16,9 @@ Time becomes seconds by the unit that the header or the caller states
 seconds is as right as that. The readings keep the unit of the file (raw
 counts or SI), because a calibration absorbs it.
 
-No row may be missing: a log with a hole, a repeated time, or a value that is not a
-number in a column that is taken, is refused with the file and the line, and never
+Rows may be missing where a clock says when, up to 5 s of them at once: what needs each
+row refuses them itself. A log with a longer hole, a repeated time, or a value that is
+not a number in a column that is taken, is refused with the file and the line, and never
 repaired. Recorded attitudes (`simval.logs.truth`) may be missing in any row.
 """
 

@@ -16,8 +16,7 @@ from simval.logs.names import SECONDS
 from simval.logs.table import Table
 from simval.shapes import Float
 
-GAP_STEPS = 5.0  # a step longer than this many median steps is a hole in the log,
-GAP_SECONDS = 0.05  # if it is longer than this, too: five steps at 100 Hz, at any rate
+GAP = 5.0  # s; beyond it a recording was stopped and begun again
 RATE_AGREEMENT = 0.1  # relative; beyond it time column and stated rate contradict
 SLOWEST, FASTEST = 7.0, 5e4  # Hz; rates at which accelerometers are read
 _EPOCH = (1e9, 2.5e9)  # seconds since 1970 of the years 2001 to 2049
@@ -163,16 +162,17 @@ def _checked_rate(table: Table, time: Float[Array, " n"], rate: float | None) ->
         )
         raise InputError(msg)
     median = float(np.median(step))
-    limit = max(GAP_STEPS * median, GAP_SECONDS)
-    if not np.all(step <= limit):
-        row = int(np.argmax(~(step <= limit))) + 1
+    if not np.all(step <= GAP):
+        row = int(np.argmax(~(step <= GAP))) + 1
         msg = (
             f"{table.where(row)}: a gap of {step[row - 1]:.3f} s before it, where rows "
-            f"follow each other by {median:.4g} s; split the log there"
+            f"follow each other by {median:.4g} s, and at most {GAP:g} s may be "
+            "missing; split the log there"
         )
         raise InputError(msg)
     measured = (len(time) - 1) / float(time[-1] - time[0])
-    if rate is not None and not _agree(measured, rate):
+    # rows that are lost make fewer of them, and leave the usual step as it is
+    if rate is not None and not (_agree(measured, rate) or _agree(1 / median, rate)):
         msg = (
             f"{table.path}: the time column says {measured:.6g} Hz and `rate` "
             f"{rate:.6g} Hz; give the right rate, have the time in seconds, or mark "

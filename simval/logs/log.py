@@ -94,8 +94,15 @@ class Log:
             f"columns           {taken}",
             *(f"left out          {each}" for each in self.unclear),
             f"clock             {source}: {len(self.time)} rows in {seconds:.2f} s, "
-            f"{self.rate:.6g} Hz",
+            f"{self.rate:.6g} Hz{self._lost()}",
         ]
+
+    def _lost(self) -> str:
+        step = np.diff(self.time)
+        lost = int(np.sum(np.rint(step / np.median(step)) - 1.0, where=step > 0.0))
+        if not lost > 0:
+            return ""
+        return f"; {lost} rows are missing, {step.max():.3g} s of them at once"
 
 
 def read_log(
@@ -128,8 +135,8 @@ def read_log(
     InputError
         If the file is missing, empty, neither text nor MATLAB's, ragged, holds a value
         that is not a finite number in a column that is needed, has times that do not
-        increase or leave a gap or have no unit, or if it is not clear which columns
-        are the accelerometer's, or what the rate is.
+        increase or leave a gap of 5 s or have no unit, or if it is not clear which
+        columns are the accelerometer's, or what the rate is.
     """
     if rate is not None:
         rate = positive_number("rate", rate, "Hz")

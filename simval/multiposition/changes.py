@@ -87,6 +87,55 @@ def _periods(samples: Array, span: float) -> Array:
     return span * np.linspace(1.0, 1.1, 41)
 
 
+def flipped(rests: Rests, g: float, chi2: float = np.nan) -> str | None:
+    """A time from which some axes have the other sign.
+
+    Turning the signs back leaves as many parameters. By noise of unknown size the
+    likelihood grows as the scatter's drop to the power of the degrees of freedom, and
+    in a clean log to R times with a chance of at most 1/R (Markov), times the number
+    of cuts and sets of axes tried. It must leave no more than the noise, or vanish.
+    """
+    means, dof = rests.means, len(rests.means) - PARAMETERS
+    if dof < 1 or (np.isfinite(chi2) and not beyond_noise(chi2, dof)):
+        return None
+    signs = 1.0 - 2.0 * np.array(list(np.ndindex(2, 2, 2))[1:])
+    cuts = np.arange(1, len(means))
+    later = np.arange(len(means)) >= cuts[:, None]
+    turned = np.where(later[:, None, :, None], signs[:, None, :], 1.0)
+    middle = _middle(rests.log.accelerometer)
+    undone = middle + (turned * (means - middle)).reshape(-1, len(means), 3)
+    try:
+        fits = calibrate(
+            np.concatenate([undone, means[None]]), g, covariance=False, repeats=True
+        )
+    except SimvalError:
+        return None
+    residual = np.where(fits.converged, np.minimum(fits.rms / g, 1.0), 1.0)
+    best = int(np.argmin(residual[:-1]))
+    if not 0.0 < residual[best] < MISFIT:
+        return None
+    drop = float(residual[-1] / residual[best])
+    healed = np.isfinite(chi2) and _tail(chi2 / drop**2, dof) >= BELIEVED
+    if not (healed or drop >= _VANISHES) or len(undone) * drop**-dof > BEYOND:
+        return None
+    cut, which = divmod(best, len(signs))
+    axes = " and ".join(AXES[k] for k in np.flatnonzero(signs[which] < 0.0))
+    return (
+        f"axis {axes} changed sign between the rest {rests.span(cut)} and the one "
+        f"{rests.span(cut + 1)}: with the sign turned back the rests scatter "
+        f"{drop:.3g} times less (wiring, driver, order of the axes); turn it "
+        "back, or cut the log there and calibrate one part"
+    )
+
+
+def _middle(samples: Array) -> float:
+    # what a sign turns about: 0, or the middle of the range of unsigned counts
+    top = float(samples.max())
+    if samples.min() >= 0.0 and np.all(samples == np.round(samples)):
+        return float(2.0 ** (np.ceil(np.log2(top + 1.0)) - 1.0))
+    return 0.0
+
+
 def changed(rests: Rests) -> str | None:
     """A time from which the rests lie on another ellipsoid."""
     cut = find_break(rests.means)

@@ -33,7 +33,6 @@ from simval.statics import (
     evened,
     interval_means,
     still_parts,
-    variance_magnitude,
 )
 
 MULTIPLIERS = tuple(map(float, range(2, 11)))  # those that IMU-TK tries
@@ -79,7 +78,7 @@ def find_rests(log: Log, rest: float | None, least: int = PARAMETERS) -> Detecti
     refusal: RefusedError | None = None
     for window in WINDOWS:
         even = evened(log.time, log.accelerometer, window)
-        spread = variance_magnitude(even.samples, even.window)
+        spread = even.spread()
         try:
             initial = even.initial_rest(count, spread)
             limit = WHITE if refusal else 1.0 + SLOWEST_NOISE * even.rate

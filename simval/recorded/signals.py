@@ -18,6 +18,10 @@ from simval.multiposition.rests import find_rests
 from simval.shapes import Float
 from simval.statics import Intervals
 
+GAP_STEPS: Final = 5.0
+"""Median steps of a hole in a log,"""
+GAP_SECONDS: Final = 0.05
+"""s, if it is longer than this, too: five steps at 100 Hz, at any rate."""
 GYRO_UNITS: Final[Mapping[str, float]] = MappingProxyType(
     {"rad/s": 1.0, "deg/s": np.pi / 180.0, "mdps": np.pi / 180e3}
 )
@@ -127,6 +131,16 @@ def _require_sensors(log: Log) -> None:
                 "a filter is given all three sensors; name its columns (--columns)"
             )
             raise InputError(msg)
+    step = np.diff(log.time)
+    row = int(np.argmax(step))
+    usual = float(np.median(step))
+    if step[row] > max(GAP_STEPS * usual, GAP_SECONDS):
+        msg = (
+            f"{log.path}: a gap of {step[row]:.3f} s from {log.time[row]:.3f} s on, "
+            f"where rows follow each other by {usual:.4g} s, and a filter needs what "
+            "was turned there; split the log there"
+        )
+        raise InputError(msg)
 
 
 def _calibrated(log: Log, raw: Signals, path: str) -> Signals:

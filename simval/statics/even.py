@@ -8,6 +8,7 @@ neither for nor against a rest.
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from simval.errors import InputError, RefusedError
 from simval.shapes import Float
 from simval.statics.detector import Rest, initial_rest, intervals_below
 from simval.statics.intervals import Intervals
+from simval.statics.variance import variance_magnitude
 
 RATE = 100.0  # Hz; rows that come faster are averaged to ticks of about this rate
 # span of the variance's window, and of the shortest interval, which is a window shorter
@@ -35,6 +37,7 @@ class EvenLog:
     """Readings at equal distances in time."""
 
     samples: Float[Array, "n 3"]  # mean reading of each tick
+    empty: Any  # bool: ticks without a row, (n,)
     tick: Intervals  # tick of each row of the log
     rate: float  # ticks per second, Hz
     block: int  # rows to a tick
@@ -47,6 +50,15 @@ class EvenLog:
     def rows(self, intervals: Intervals) -> Intervals:
         """Rows of the log that intervals of ticks hold."""
         return np.searchsorted(self.tick, intervals).reshape(-1, 2)
+
+    def spread(self) -> Float[Array, " n"]:
+        """Variance magnitude, infinite where half a window or more has no row."""
+        spread = variance_magnitude(self.samples, self.window)
+        lost = np.cumsum(np.pad(self.empty, (1, 0)))
+        half = self.window // 2
+        lost = lost[self.window :] - lost[: -self.window]
+        spread[half : half + len(lost)][2 * lost >= self.window] = np.inf
+        return spread
 
     def wander(self, rest: Rest, spread: Array) -> float:
         """Variance of a rest's readings within a window, over that from tick to tick.
@@ -134,8 +146,10 @@ def evened(
     every = np.arange(tick[-1] + 1)
     even = rate / block
     half = round(even * window / 2)
+    last = np.searchsorted(present, every, side="right") - 1
     return EvenLog(
-        samples=means[np.searchsorted(present, every, side="right") - 1],
+        samples=means[last],
+        empty=present[last] != every,
         tick=tick,
         rate=even,
         block=block,

@@ -148,6 +148,7 @@ def moves_between(
     lo[0], hi[-1] = rows[0, 0], rows[-1, 1]  # nothing moves before the first rest
     means, white = _rest_means(y, step, lo, hi)
     centre = means.mean(axis=1)
+    y = _refilled(y, step) if scheme == "averages" else y
     statistics = path_statistics(y, step, first, last, scheme, chunk, centre)
     spent = statistics[0, :, 9]
     return Moves(
@@ -208,6 +209,18 @@ def _checked(time: Array, y: Array, intervals: Any) -> Any:
         )
         raise InputError(msg)
     return rows.astype(np.intp)
+
+
+def _refilled(y: Array, step: Array) -> Array:
+    # a step over lost rows has the mean of its own and of what lies between neighbours
+    times = np.rint(step / np.median(step))
+    lost = np.flatnonzero(times[1:] > 1.0) + 1
+    if len(lost) == 0:
+        return y
+    share = (0.5 - 0.5 / times[lost])[:, None]
+    y = y.copy()
+    y[:, lost] += share * (y[:, lost - 1] - y[:, lost])
+    return y
 
 
 def _require_no_holes(step: Array, first: Any, last: Any) -> None:
