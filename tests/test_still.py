@@ -8,9 +8,10 @@ import pytest
 import still_logs
 from places import RECORDINGS
 from scipy.signal import lfilter
+from tumbles import tumble
 
 from simval.errors import RefusedError
-from simval.logs import read_log
+from simval.logs import Log, read_log
 from simval.multiposition import calibrate_log, calibrate_sensors
 from simval.multiposition.rests import find_rests
 from simval.statics import evened, still_parts
@@ -121,6 +122,19 @@ def test_false_alarms_and_power():
     assert FALSE_ALARM == 1e-3
     assert alarms <= 2
     assert missed == 0
+
+
+def test_a_gyroscope_without_noise_is_still():
+    """A move that ends smoothly never ends by no noise at all: to 1e-31."""
+    truth = tumble(poses=12, hold_time=2.0)
+    rng = np.random.default_rng(3)
+    force = truth.force + 0.01 * rng.standard_normal(truth.force.shape)
+    log = Log(
+        path="log", time=truth.time, accelerometer=force, gyro=truth.rate, rate=100.0
+    )
+    best = find_rests(log, None).best
+    assert best.cuts == ()
+    assert len(best.intervals) == 12
 
 
 def test_too_few_still_rests_leave_the_gyroscope_out():

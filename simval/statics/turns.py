@@ -31,6 +31,8 @@ from simval.statics.intervals import Intervals, runs_of
 FALSE_ALARM = 1e-3  # chance that a log whose rests are still loses a part of one
 WINDOW = 0.5  # s; of the means that are judged
 BLOCK = 0.1  # s; slower than the band of a gyroscope, faster than a hand turns
+LEAST = 1e-4  # of the log's rates: a scale is not known to less, a simulated one has no
+# noise, and then a motion that ends smoothly would never end
 _MEDIAN = 0.4549  # of the square of a normal variable
 
 
@@ -168,6 +170,7 @@ def _still(even: EvenLog, ticks: Intervals) -> _Still:
     steps = np.abs(np.diff(even.samples, axis=0))
     coarse = np.min(np.where(steps > 0.0, steps, np.inf), axis=0)
     coarse = np.where(np.isfinite(coarse), coarse, 1.0) ** 2 / 12.0
+    coarse += LEAST**2 * even.samples.var(axis=0).mean()
     near = off**2 / (own + np.median(off**2, axis=0) + coarse)
     chosen = list(np.argsort(near.max(axis=1))[: len(ticks) // 2 + 1])
     while True:
