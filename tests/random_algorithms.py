@@ -210,7 +210,7 @@ def rounded_readings(rng):
 
 @bad(Calibrator, PRECISION + "|stops")
 def stops_early(rng):
-    left = 10.0 ** rng.uniform(-5.5, -3.0)
+    left = 10.0 ** rng.uniform(-4.5, -3.0)
 
     def fit(poses, g):
         matrix, bias = ellipsoid(poses, g)
