@@ -165,6 +165,7 @@ GOOD = lines()
             "trial 2, returned a bad answer: `B` ",
         ),
     ],
+    ids=lambda value: f"{value:.40}" if isinstance(value, str) else None,
 )
 def test_a_program_that_prints_something_else_is_told_what(tmp_path, text, words):
     with pytest.raises(PluginError, match=words) as caught:
