@@ -417,10 +417,13 @@ def share_honest(logs, drift):
 def test_a_drift_is_not_called_honest():
     """Of 200 logs that drift none is called honest with an error beyond 6 sd.
 
-    Of 200 clean ones a drift is seen in 1 of 1000, for each of two sensors.
+    Drifts go from a fifth of the noise to forty times it; the worst was 5.4 sd, and
+    before there was a test of drift 26. Of 200 clean ones a drift is seen in 1 of 1000,
+    for each of two sensors; the chi-squares refuse 1 of 20 by chance.
     """
     _, called, worst = share_honest(200, drift=True)
-    assert called >= 50
-    assert max(worst, default=0.0) < 6.0
-    _, called, _ = share_honest(200, drift=False)
+    assert called >= 10
+    assert max(worst) < 6.0
+    yes, called, _ = share_honest(200, drift=False)
     assert called <= stats.binom.isf(1e-4, 400, 1e-3)
+    assert yes >= 170
