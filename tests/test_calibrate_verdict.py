@@ -144,3 +144,61 @@ def _open_cap():
     y = reading(directions[directions[:, 2] > 0.5][:12], rng, 0.3)
     assert calibrate(y, G, method="gauss-newton").status == "max iterations"
     return y
+
+
+def drifting(order, size, rng):
+    """Readings of 24 poses while the bias of z rises by so many of the noise."""
+    u = fibonacci_sphere(24)
+    u = rng.permutation(u) if order == "mixed" else u
+    y = reading(u, rng)
+    y[:, 2] += size * SIGMA * np.linspace(-0.5, 0.5, len(y))
+    return y
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("stated", [SIGMA, None])
+def test_a_drift_is_called_at_its_level(stated):
+    """Exact in white noise, with a Bonferroni factor of 18: 1 in 1000 at the most."""
+    p = []
+    for seed in range(150):
+        y = drifting("mixed", 0.0, np.random.default_rng([90, seed]))
+        p.append(diagnose(calibrate(y, G), y, stated).drift.p_value)
+    p = np.array(p)
+    assert np.count_nonzero(p < 0.1) <= stats.binom.isf(1e-4, len(p), 0.1)
+    assert np.all(p >= 1e-3 / 4)  # one seed of six has one below 1 in 1000
+    assert np.median(p) < 1.0 or np.mean(p == 1.0) < 0.9  # and yet it is no constant
+    # power: twelve times the noise over the log is seen, and named
+    for seed in range(10):
+        y = drifting("mixed", 30.0, np.random.default_rng([91, seed]))
+        found = diagnose(calibrate(y, G), y, stated)
+        assert found.drift.seen
+        assert found.drift.what == "the bias of z"
+        # least squares of the slope: six standard deviations
+        assert abs(found.drift.span / (30.0 * SIGMA) - 1.0) < 0.5
+        assert "drifts" in found.verdict
+        assert "noise is the limit" not in found.verdict
+
+
+def test_an_order_that_hides_a_drift_is_said():
+    """A drift of the bias of z along z itself is a scale and hardly a residual."""
+    rng = np.random.default_rng(92)
+    y = drifting("sphere", 30.0, rng)
+    hidden = diagnose(calibrate(y, G), y, SIGMA).drift
+    y = drifting("mixed", 30.0, rng)
+    shown = diagnose(calibrate(y, G), y, SIGMA).drift
+    assert hidden.hidden > 20.0
+    assert not hidden.excluded
+    assert shown.hidden < 5.0
+    assert shown.seen
+
+
+def test_the_time_of_the_poses_counts_not_their_order():
+    rng = np.random.default_rng(93)
+    y = drifting("mixed", 30.0, rng)
+    fit, back = calibrate(y, G), rng.permutation(24)
+    found = diagnose(fit, y, SIGMA, time=np.arange(24.0)).drift
+    again = diagnose(calibrate(y[back], G), y[back], SIGMA, time=1.0 * back).drift
+    assert again.p_value == pytest.approx(found.p_value, rel=1e-6)
+    assert diagnose(calibrate(y[back], G), y[back], SIGMA).drift.p_value > 1e-3
+    with pytest.raises(SimvalError, match="`time` has shape"):
+        diagnose(fit, y, SIGMA, time=np.zeros(24))

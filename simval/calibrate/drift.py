@@ -69,6 +69,11 @@ class Drift:
         """Whether there is a drift, by the level `FALSE_ALARM`."""
         return self.p_value < FALSE_ALARM
 
+    @property
+    def excluded(self) -> bool:
+        """Whether there is none, as far as poses in an order of chance would show."""
+        return self.p_value >= FALSE_ALARM and self.hidden <= HIDDEN
+
 
 def find_drift(
     r: Float[Array, " n"],

@@ -82,12 +82,13 @@ def verdict(
     low, high = 2.0 * scipy.special.gammaincinv(dof / 2, [_TAIL, 1.0 - _TAIL]) / dof
     factor = np.sqrt(chi2_per_dof)
     drifts = drift is not None and drift.seen
+    told = drift is None or drift.excluded
     if chi2_per_dof > high:
         return (
             f"the poses are the limit, not the noise: residuals are {factor:.1f} times "
             "what the noise explains (moved holds, drift, a sensor that is not "
             "linear); more averaging will not help"
-            + ("" if drifts else ", trust the Type A error bars")
+            + (", trust the Type A error bars" if told else "")
         )
     if chi2_per_dof < low:
         return (

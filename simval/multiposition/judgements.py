@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from simval.calibrate.drift import FALSE_ALARM, HIDDEN, Drift
+from simval.calibrate.drift import FALSE_ALARM, Drift
 from simval.calibrate.factors import CHANCE, NoiseFactors
 from simval.calibrate.magnetometer.disturbed import FALSE_ALARM as ONE_POSE
 from simval.calibrate.outliers import BELIEVED
@@ -125,8 +125,8 @@ def _scatter(log: Any) -> Judgement:
     )
 
 
-def _drift(name: str, found: Drift, least: float = HIDDEN) -> Judgement:
-    hidden = not found.seen and not found.hidden <= least
+def _drift(name: str, found: Drift) -> Judgement:
+    hidden = not (found.seen or found.excluded)
     words = f"the residuals of the {name} do not follow the time"
     if found.seen:
         words = f"the {name} drifts: its residuals follow the time by {found.what}"
