@@ -115,3 +115,23 @@ def test_the_stated_covariance_is_what_each_noise_moves(estimator, bias, N, K, c
     sd = np.sqrt(np.diagonal(stated))
     off = ((moved - stated) / np.outer(sd, sd))[known, known]
     assert np.abs(off).max() < close
+
+
+@pytest.mark.parametrize("estimator", ["joint", "generalised"])
+def test_a_trial_of_a_batch_goes_on_when_an_easier_one_has_ended(estimator):
+    """Readings without noise, with some, and with much: each as if it were alone."""
+    how = {
+        "estimator": estimator, "bias": "constant", "pose_std": 1e-3,
+        "angle_random_walk": 1e-4,
+    }  # fmt: skip
+    size = np.array([0.0, 1.0, 30.0])[:, None, None]
+    rng = np.random.default_rng(4)
+    force = 1e-3 * size * rng.standard_normal((3, *POSES.shape))
+    rate = 1e-3 * size * rng.standard_normal((3, ROWS, 3))
+    together = fitted(force, rate, **how)
+    assert together.converged.all()
+    for k in range(3):
+        one = fitted(force[k : k + 1], rate[k : k + 1], **how)
+        off = together.parameters[k] - one.parameters[0]
+        assert np.abs(off / one.sd[0]).max() < 1e-6
+        assert together.iterations[k] >= one.iterations[0]
