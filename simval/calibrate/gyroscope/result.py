@@ -116,12 +116,6 @@ class GyroscopeFit(ShownFit):
         return np.sqrt(np.diagonal(self.own_covariance, axis1=-2, axis2=-1))
 
     @property
-    def sd_from_residuals(self) -> Float[Array, "... 12"]:
-        """Standard deviations for as much noise as the residuals show, (..., 12)."""
-        excess = np.sqrt(np.maximum(self.chi2_per_dof, 1.0))
-        return self.sd * excess[..., None]
-
-    @property
     def cost(self) -> Float[Array, "..."]:
         """Half the sum of squared differences of unit vectors, IMU-TK's cost, (...)."""
         return (2.0 * np.sin(self.gap_angles / 2.0) ** 2).sum(axis=-1)
