@@ -7,6 +7,8 @@ import pytest
 import typechecked
 from hypothesis import settings
 
+os.environ.pop("COLUMNS", None)  # of xdist's own: lines would be folded to it
+
 for name, examples, fixed in (
     ("dev", 50, False),
     ("gate", 200, True),

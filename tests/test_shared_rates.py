@@ -14,9 +14,7 @@ from rows_by_name import cell, row
 from scipy import stats
 
 from simval.change import question
-from simval.compare import compare_runs, match, trend_of
-from simval.compare.judged import Judging
-from simval.compare.matching import pairs_of, rows_of
+from simval.compare import compare_runs, trend_of
 from simval.gate.baseline import StoredCell, entries
 from simval.gate.judgement import judge_run
 from simval.sweep.run import Run
@@ -62,15 +60,6 @@ def gate(a, b, alpha):
     return judge_run(b, {"environment": {}, "cells": stored}, alpha)
 
 
-def counted(a, b, alpha):
-    """The one way in which a value changed, in runs of which nothing is listed."""
-    judging = Judging(alpha, 0)
-    ((old, new),), _, _ = match(a, b)
-    judging.add(pairs_of(old, new, rows_of(old), rows_of(new)))
-    ((way, _),) = judging.end()[1].standings.items()
-    return way
-
-
 @pytest.mark.parametrize("alpha", [1e-3, 0.05])
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_the_least_change_is_the_two_sided_quantile_of_its_share(tmp_path, alpha, side):
@@ -98,7 +87,7 @@ def test_the_least_change_is_the_two_sided_quantile_of_its_share(tmp_path, alpha
     assert found == pytest.approx(margin + half)
 
 
-@pytest.mark.parametrize("judge", ["compare", "counted", "gate", "trend"])
+@pytest.mark.parametrize("judge", ["compare", "gate", "trend"])
 @pytest.mark.parametrize("alpha", [1e-3, 0.05])
 def test_a_distance_has_a_direction_beyond_chance_on_either_side(
     tmp_path, judge, alpha
@@ -109,8 +98,6 @@ def test_a_distance_has_a_direction_beyond_chance_on_either_side(
         a, b = pair(tmp_path, -before, after)
         if judge == "compare":
             return compare_runs(a, b, alpha).differences[0].standing
-        if judge == "counted":
-            return counted(a, b, alpha)
         if judge == "gate":
             return gate(a, b, alpha).steps[0].standing
         (found,) = trend_of([a, b], alpha).breaks

@@ -13,7 +13,7 @@ class Mine:
 
     def __init__(self, start, gravity, field, **sd):
         self.R = start  # of each trial, body to world
-        self.bias = np.zeros((len(start), 3))
+        self.bias, self.before = np.zeros((2, len(start), 3))
         self.up, self.field = np.array([0, 0, gravity]), field
         self.P = variances(sd["start_std"], sd["bias_std"])
         self.Q = variances(sd["gyroscope_noise"], sd["gyroscope_walk"])
@@ -22,7 +22,10 @@ class Mine:
     def update(self, dt, gyroscope, accelerometer, magnetometer):
         """Attitude, bias, covariance and innovation after one more row."""
         # turn by the rate less the bias, and let the covariance grow
-        turn = rotation(dt * (gyroscope - self.bias))
+        step = dt * (gyroscope - self.bias)
+        # a rate that changes its axis turns by more than its average: coning
+        turn = rotation(step + np.cross(self.before, step) / 12)
+        self.before = step
         F = np.tile(np.eye(6), (len(turn), 1, 1))
         F[:, :3, :3], F[:, :3, 3:] = turn.mT, -dt * np.eye(3)
         R, P = self.R @ turn, F @ self.P @ F.mT + dt * self.Q
