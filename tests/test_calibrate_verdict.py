@@ -5,6 +5,7 @@ import pytest
 from scipy import stats
 
 from simval.calibrate import calibrate, diagnose
+from simval.calibrate.drift import find_drift
 from simval.calibrate.verdict import GEOMETRY_LIMIT, geometry_loss, verdict
 from simval.errors import ConvergenceError, SimvalError
 from simval.geometry import normalize
@@ -167,7 +168,7 @@ def test_a_drift_is_called_at_its_level(stated):
     assert np.count_nonzero(p < 0.1) <= stats.binom.isf(1e-4, len(p), 0.1)
     assert np.all(p >= 1e-3 / 4)  # one seed of six has one below 1 in 1000
     assert np.median(p) < 1.0 or np.mean(p == 1.0) < 0.9  # and yet it is no constant
-    # power: twelve times the noise over the log is seen, and named
+    # power: thirty times the noise over the log is seen, and named
     for seed in range(10):
         y = drifting("mixed", 30.0, np.random.default_rng([91, seed]))
         found = diagnose(calibrate(y, G), y, stated)
@@ -202,3 +203,17 @@ def test_the_time_of_the_poses_counts_not_their_order():
     assert diagnose(calibrate(y[back], G), y[back], SIGMA).drift.p_value > 1e-3
     with pytest.raises(SimvalError, match="`time` has shape"):
         diagnose(fit, y, SIGMA, time=np.zeros(24))
+
+
+def test_an_order_of_chance_hides_nothing():
+    """Eq. (W2): of a fitted bias all orders leave (n - p)/(n - 1) on average, exactly."""
+    rng = np.random.default_rng(94)
+    ones, tau = np.ones(14), np.arange(14.0)
+    J = np.column_stack([ones, rng.standard_normal((14, 8))])
+    how = {"known": True, "white": np.eye(14)}
+    left = [
+        find_drift(ones, J, {"bias": ones}, rng.permutation(tau), **how).hidden ** -2.0
+        for _ in range(400)
+    ]
+    # one seed in 1e4; without the root of (W2) the mean is 5/13, 50 of these off
+    assert abs(np.mean(left) - 1.0) < stats.norm.isf(5e-5) * np.std(left) / 20.0

@@ -258,6 +258,9 @@ def test_noise_as_stated_is_asked_for_more_no_oftener_than_stated():
     for level in (CHANCE, 0.02, 0.2):
         seen = np.count_nonzero([each.p_value < level for each in told])
         assert seen <= stats.binom.isf(1e-5, count, level)
+    # power: three sources in rows mostly of their own have 0.05 each, and so it is used
+    seen = np.count_nonzero([each.p_value < 0.2 for each in told])
+    assert seen >= stats.binom.ppf(1e-3, count, 1.0 - 0.95**3)
     assert all(each.borne == (each.p_value >= CHANCE) for each in told)
 
 

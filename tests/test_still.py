@@ -15,7 +15,7 @@ from simval.logs import Log, read_log
 from simval.multiposition import calibrate_log, calibrate_sensors
 from simval.multiposition.rests import find_rests
 from simval.statics import evened, still_parts
-from simval.statics.turns import FALSE_ALARM
+from simval.statics.turns import FALSE_ALARM, WINDOW
 
 QUICK, MANY = range(3), range(200)
 
@@ -111,17 +111,30 @@ def gyroscope(seed):
 def test_false_alarms_and_power():
     """150 gyroscopes at rest: with 1e-3 a log, three alarms have a chance of 5e-4."""
     alarms = missed = 0
+    cut = [0, 0, 0]
     for seed in range(150):
         time, rows, rests = gyroscope(seed)
         alarms += bool(still_parts(evened(time, rows), rests)[1])
         k, turned = len(rests) // 2, rows.copy()
+        first, last = rests[k]
+        middle = (first + last) // 2
+        ends = ((first, last), (first, middle), (middle, last))[seed % 3]
         # beyond any limit: scatter about 1 in a mean of half a second, t below 25
-        turned[slice(*rests[k])] += [40.0, 0.0, 0.0]
+        turned[slice(*ends)] += [40.0, 0.0, 0.0]
         cuts = still_parts(evened(time, turned), rests)[1]
-        missed += not any(cut.rest == tuple(rests[k]) for cut in cuts)
+        found = [each.kept for each in cuts if each.rest == (first, last)]
+        missed += not found
+        for a, b in filter(None, found):
+            # its middle is in what turns where half of a window that does is too little
+            most = (25.0 / 40.0 - 0.5) * WINDOW / time[1] + 2  # two rows are a tick
+            assert min(b, ends[1]) - max(a, ends[0]) <= most
+            cut[seed % 3] += 1
     assert FALSE_ALARM == 1e-3
     assert alarms <= 2
     assert missed == 0
+    # of 50 that turn at either end; of a short rest too little is left
+    assert cut[0] == 0
+    assert min(cut[1:]) > 12, cut
 
 
 def test_a_gyroscope_without_noise_is_still():
@@ -155,6 +168,7 @@ def test_too_few_still_rests_leave_the_gyroscope_out():
     result = calibrate_log(log, g=still_logs.G)
     assert len(result.cuts) == 3
     assert len(result.intervals) == 11
+    assert all(re.search("kept whole: .* few rests would be$", c) for c in result.cuts)
     left = calibrate_sensors(log, result).left_out["gyroscope"]
     assert re.search("turns in 3 of the 11 rests .* and 9 in which both", left)
     with pytest.raises(RefusedError, match="turns in 3 of the 11"):
