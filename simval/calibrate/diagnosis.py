@@ -23,6 +23,7 @@ from simval.calibrate.outliers import (
     BELIEVED,
     FALSE_ALARM,
     Outliers,
+    chi_square_chance,
     find_outliers,
 )
 from simval.calibrate.residuals import WEIGHTED, noise_shares
@@ -253,11 +254,9 @@ def _checked(
 def _limit(outliers: Outliers, count: int) -> float:
     # quantile of the greatest standardised residual of a clean set of as many poses
     tail = FALSE_ALARM / (2.0 * count)
-    if np.isfinite(outliers.chi2) and outliers.dof > 0:
-        # a sigma that does not explain the scatter would call half the poses outliers
-        p_value = scipy.special.gammaincc(outliers.dof / 2.0, outliers.chi2 / 2.0)
-        if p_value >= BELIEVED:
-            return float(-scipy.special.ndtri(tail))
+    # a sigma that does not explain the scatter would call half the poses outliers
+    if chi_square_chance(outliers.chi2, outliers.dof) >= BELIEVED:
+        return float(-scipy.special.ndtri(tail))
     return (
         float(-scipy.special.stdtrit(outliers.dof - 1, tail))
         if outliers.dof > 1

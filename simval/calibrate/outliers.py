@@ -38,6 +38,7 @@ from simval.shapes import Float
 
 FALSE_ALARM = 0.01  # chance that any pose of a clean set is called an outlier
 BELIEVED = 0.01  # of the chi-square, beyond which a sigma is not believed
+BEYOND = 1e-3  # of a chi-square, below which residuals are beyond the stated noise
 _MOST = 8  # outliers sought; (O1) holds for any choice
 _ALL_TRIPLES = 64  # poses; 42 000 triples, some 10 ms
 _ROUNDS = 4  # of the weights: they settle within the noise after two
@@ -107,6 +108,13 @@ def _choose(deletion: Deletion, known: float | None) -> list[int]:
     return sorted(chosen)
 
 
+def chi_square_chance(chi_square: float, dof: float) -> float:
+    """Chance of at least such a chi-square; NaN without freedom."""
+    if not dof > 0:
+        return float("nan")
+    return float(scipy.special.gammaincc(dof / 2.0, chi_square / 2.0))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Drop:
     """A drop of the sum of squares down to `rest`, which has `dof` freedoms."""
@@ -123,9 +131,9 @@ class Drop:
             return by_scatter
         left = self.rest / self.known**2
         by_sigma = 1.0
-        if scipy.special.gammaincc(self.dof / 2.0, left / 2.0) >= BELIEVED:
+        if chi_square_chance(left, self.dof) >= BELIEVED:
             drop = before / self.known**2 - left
-            by_sigma = float(scipy.special.gammaincc(k / 2.0, max(drop, 0.0) / 2.0))
+            by_sigma = chi_square_chance(max(drop, 0.0), k)
         return min(1.0, 2.0 * min(by_scatter, by_sigma))
 
 
@@ -202,7 +210,7 @@ def _result(
     ratio = np.where(usable, residual / np.sqrt(np.where(usable, room, 1.0)), np.nan)
     chi2 = np.nan if known is None else total / known**2
     variance: Any = np.nan
-    if dof > 0 and known and scipy.special.gammaincc(dof / 2.0, chi2 / 2.0) >= BELIEVED:
+    if known and chi_square_chance(chi2, dof) >= BELIEVED:
         variance = known**2
     elif dof > 1:
         own = np.where(flagged, total / dof, (total - ratio**2) / (dof - 1))

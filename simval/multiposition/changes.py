@@ -8,12 +8,16 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-import scipy
 
 from simval.arrays import Array
 from simval.calibrate import FitResult, calibrate
 from simval.calibrate.breaks import find_break
-from simval.calibrate.outliers import BELIEVED, find_outliers
+from simval.calibrate.outliers import (
+    BELIEVED,
+    BEYOND,
+    chi_square_chance,
+    find_outliers,
+)
 from simval.calibrate.steps import find_step
 from simval.errors import SimvalError
 from simval.logs import Log
@@ -29,8 +33,8 @@ Detector = Callable[[Log, int], Intervals]  # the rests of a log, at least so ma
 # held by tests/test_log_faults.py.
 _BETTER = 1.5  # times less scatter; undoing the jumps of a sound log makes it worse
 _VANISHES = 4.0  # times less scatter; leaving out a part of a slow drift halves it
-_CHANCE = 1e-6  # of a cut or a step as good in a clean log
-BEYOND = 1e-3  # its root: of a step where the chi-square has a chance as small
+_CHANCE = 1e-6  # of a cut or a step as good in a clean log; its root where the
+# chi-square has a chance as small, `BEYOND`
 _UNUSED = 15.0  # s without a rest, long enough for several of another unit
 _SEVERAL = 3  # rests that agree on another unit
 _MANY = 6  # rests all over a sphere: their spread is its radius within a factor of two
@@ -115,7 +119,9 @@ def flipped(rests: Rests, g: float, chi2: float = np.nan) -> str | None:
     if not 0.0 < residual[best] < MISFIT:
         return None
     drop = float(residual[-1] / residual[best])
-    healed = np.isfinite(chi2) and _tail(chi2 / drop**2, dof) >= BELIEVED
+    healed = (
+        np.isfinite(chi2) and chi_square_chance(chi2 / drop**2 * dof, dof) >= BELIEVED
+    )
     if not (healed or drop >= _VANISHES) or len(undone) * drop**-dof > BEYOND:
         return None
     cut, which = divmod(best, len(signs))
@@ -167,7 +173,10 @@ def stepped(rests: Rests, chi2: float = np.nan) -> str | None:
     step = find_step(rests.means)
     if step is None or step.drop < _VANISHES:
         return None
-    healed = known and _tail(chi2 / step.drop**2, step.dof) >= BELIEVED
+    healed = (
+        known
+        and chi_square_chance(chi2 / step.drop**2 * step.dof, step.dof) >= BELIEVED
+    )
     if not (step.chance <= (BEYOND if known else _CHANCE) or healed):
         return None
     if _a_few_explain_it(rests, step.scatter):
@@ -190,12 +199,7 @@ def stepped(rests: Rests, chi2: float = np.nan) -> str | None:
 
 def beyond_noise(chi2: float, dof: int) -> bool:
     """Return whether white noise exceeds such a chi-square in under 1 of 1000 logs."""
-    return dof > 0 and _tail(chi2, dof) < BEYOND
-
-
-def _tail(chi2: float, dof: int) -> float:
-    # chance of at least such a chi-square per degree of freedom
-    return float(scipy.special.gammaincc(dof / 2.0, chi2 * dof / 2.0))
+    return chi_square_chance(chi2 * dof, dof) < BEYOND
 
 
 def _a_few_explain_it(rests: Rests, scatter: float) -> bool:

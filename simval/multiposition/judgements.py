@@ -8,15 +8,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import scipy
 
 from simval.calibrate.drift import FALSE_ALARM, Drift
 from simval.calibrate.factors import CHANCE, NoiseFactors
 from simval.calibrate.magnetometer.disturbed import FALSE_ALARM as ONE_POSE
-from simval.calibrate.outliers import BELIEVED
-
-BEYOND = 1e-3
-"""Chance of a chi-square below which residuals are beyond the stated noise."""
+from simval.calibrate.outliers import BELIEVED, BEYOND, chi_square_chance
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,13 +79,6 @@ def honest(found: tuple[Judgement, ...]) -> tuple[bool | None, str]:
             return answer, begin + said[0]
     said = [each.words for each in found if np.isfinite(each.p_value)]
     return True, f"Yes: {said[0]}"
-
-
-def chi_square_chance(chi_square: float, dof: float) -> float:
-    """Chance of at least such a chi-square; NaN without freedom."""
-    if not (dof > 0 and np.isfinite(chi_square)):
-        return float("nan")
-    return float(scipy.special.gammaincc(dof / 2.0, chi_square / 2.0))
 
 
 def _outliers(log: Any) -> Judgement:
