@@ -185,7 +185,8 @@ def magnetometer_lines(fit: Any, together: bool) -> list[str]:
         f"  dip     {np.degrees(fit.dip):15.6f} {np.degrees(fit.sd[-1]):12.3g}   "
         "degrees below the horizon"
     )
-    lines += [f"finding           {each}" for each in fit.findings]
+    said = () if together else fit.noise.sentences
+    lines += [f"finding           {each}" for each in (*fit.findings, *said)]
     return lines
 
 

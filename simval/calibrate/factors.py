@@ -144,9 +144,9 @@ class NoiseFactors:
     def sentences(self) -> tuple[str, ...]:
         """What there is to say of each sensor whose noise is more than was stated."""
         return tuple(
-            f"noise of the {name}: {self.factor[s]:.2f} times what was stated, which "
-            f"its residuals do not bear; {self.items[s]} {self.worst[s]} is farthest "
-            f"off, {self.deviations[s]:.1f} of its standard deviations"
+            f"noise of the {name}: taken {self.factor[s]:.3g} times as large as stated "
+            f"or measured, as its residuals ask; {self.items[s]} {self.worst[s]} is "
+            f"farthest off ({self.deviations[s]:.3g} standard deviations)"
             for s, name in enumerate(self.sources)
             if self.factor[s] > 1.0
         )
@@ -160,11 +160,12 @@ class NoiseFactors:
         s = max(wide, key=lambda each: float(self.widening[each]))
         return (
             f"the residuals of the {self.sources[s]} ask for {self.factor[s]:.3g} "
-            f"times its stated noise and for error bars {self.widening[s]:.3g} times "
-            f"as wide, {MOST_FACTOR:g} at most: it does not follow the model of one "
-            f"calibration; look at {self.items[s]} {self.worst[s]}, which is farthest "
-            "off, at a scale or a bias that changes with time, at the range and the "
-            "clock of the sensor, and at the noise that is stated"
+            f"times its noise as stated or measured, and for error bars "
+            f"{self.widening[s]:.3g} times as wide, {MOST_FACTOR:g} at most: it does "
+            "not follow the model of one calibration; look at "
+            f"{self.items[s]} {self.worst[s]}, which is farthest off, at a scale or a "
+            "bias that changes with time, at the range and the clock of the sensor, "
+            "and at that noise"
         )
 
     def as_object(self) -> dict[str, Any]:

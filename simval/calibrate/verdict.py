@@ -17,15 +17,16 @@ import scipy
 
 from simval.arrays import Array
 from simval.calibrate.drift import FALSE_ALARM, HIDDEN, Drift
+from simval.calibrate.outliers import BELIEVED
 from simval.poses import PARAMETERS, direction_jacobian
 from simval.shapes import Float
+from simval.text import chance_words
 
-_TAIL = 0.01  # of the chi-square, on either side, beyond which sigma is not believed
 # Of 1000 sets of 20 random directions all over the sphere 99 % lose at most 4.1, of
 # 24 3.1; of poses in one half of the sphere the best of 200 sets lost 7.3.
 GEOMETRY_LIMIT = 5.0
 _WIDE = 0.05  # half-width of a scale's 95 % interval beyond which it is said
-_BLIND_BELOW = 10  # dof from which a doubled scatter is seen with 80 %, at `_TAIL`
+_BLIND_BELOW = 10  # dof from which a doubled scatter is seen with 80 %, at `BELIEVED`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -79,7 +80,9 @@ def verdict(
         return "nine poses fit exactly: the residuals say nothing; add poses"
     if not np.isfinite(chi2_per_dof):
         return "not judged: the noise of a pose mean is not known"
-    low, high = 2.0 * scipy.special.gammaincinv(dof / 2, [_TAIL, 1.0 - _TAIL]) / dof
+    low, high = (
+        2.0 * scipy.special.gammaincinv(dof / 2, [BELIEVED, 1.0 - BELIEVED]) / dof
+    )
     factor = np.sqrt(chi2_per_dof)
     drifts = drift is not None and drift.seen
     told = drift is None or drift.excluded
@@ -135,9 +138,10 @@ def drift_words(found: Drift) -> str:
     if found.seen:
         return (
             f"the sensor drifts: its residuals follow the time as if {found.what} "
-            f"changed by {found.span:.2g} over the poses (chance {found.p_value:.1g}; "
-            f"one is called below {FALSE_ALARM:g}), and no error bar holds that; let "
-            "it warm up and record again, repeating the first poses at the end"
+            f"changed by {found.span:.2g} over the poses (chance "
+            f"{chance_words(found.p_value, 1)}; one is called below {FALSE_ALARM:g}), "
+            "and no error bar holds that; let it warm up and record again, repeating "
+            "the first poses at the end"
         )
     if not np.isfinite(found.p_value):
         return "too few poses to tell a drift: record more"

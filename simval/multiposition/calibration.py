@@ -47,7 +47,8 @@ class LogCalibration:
     intervals : Intervals
         Static intervals, samples start <= k < stop, (m, 2).
     cuts : tuple of str
-        Rests of the accelerometer in which the gyroscope turns: cut or left out.
+        Rests of the accelerometer in which the gyroscope turns: cut, left out or, of
+        too few, kept.
     turns : bool
         Whether it does in all but too few: `intervals` are the accelerometer's then,
         and the gyroscope cannot be calibrated.

@@ -104,20 +104,21 @@ def _level(
         return Level(multiplier, intervals, (), enough=True)
     kept, cuts = still_parts(evened(log.time, log.gyro, window), intervals)
     enough = len(kept) >= least
-    said = tuple(_said(log, cut) for cut in cuts)
+    said = tuple(_said(log, cut, used=enough) for cut in cuts)
     return Level(multiplier, kept if enough else intervals, said, enough=enough)
 
 
-def _said(log: Log, cut: Cut) -> str:
+def _said(log: Log, cut: Cut, *, used: bool) -> str:
     first, last = log.time[cut.rest[0]], log.time[cut.rest[1] - 1]
-    still = "too little of it is still"
+    still, done = "too little of it is still", "left out" if used else "kept whole"
     if cut.kept is not None:
         first_kept, last_kept = log.time[cut.kept[0]], log.time[cut.kept[1] - 1]
         still = f"{first_kept:.2f} s to {last_kept:.2f} s is still"
+        done = "cut" if used else done
     return (
-        f"rest from {first:.2f} s to {last:.2f} s {'cut' if cut.kept else 'left out'}: "
-        f"the gyroscope turns in it, up to {cut.rate:.3g} raw units off its bias where "
-        f"chance leaves {cut.chance:.2g}; {still}"
+        f"rest from {first:.2f} s to {last:.2f} s {done}: the gyroscope turns in it, "
+        f"up to {cut.rate:.3g} raw units off its bias where chance leaves "
+        f"{cut.chance:.2g}; {still}{'' if used else ', but too few rests would be'}"
     )
 
 

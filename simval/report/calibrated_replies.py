@@ -14,6 +14,7 @@ from simval.report.answers import rounded
 from simval.report.replies import Answer, Reply
 from simval.report.units import MILLIMETRE_PER_SECOND_SQUARED, MILLIRADIAN, PPM, Unit
 from simval.shapes import Float
+from simval.text import chance_words
 
 BARS = {
     "known sigma": "The error bars are those of the noise that was measured.",
@@ -133,7 +134,7 @@ def _honest(whole: ImuCalibration) -> Reply:
 def _chance(each: Judgement) -> str:
     if not np.isfinite(each.p_value):
         return ""
-    return f" (chance {each.p_value:.2g}; no below {each.level:g})"
+    return f" (chance {chance_words(each.p_value)}; no below {each.level:g})"
 
 
 def _next(whole: ImuCalibration) -> Reply:
