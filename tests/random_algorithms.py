@@ -1,13 +1,14 @@
 """Algorithms with one fault of random size each, and sound ones of unusual style.
 
-`BAD` and `SOUND` hold for each family its kind and what makes a member of random
-numbers: ``make(rng)`` gives the function and what it declares. With a bad family stand
-the words by which a check names the fault.
+`BAD` and `SOUND` hold for each family its kind and what makes a member of a number
+from 0 to 1 and a generator: ``make(x, rng)`` gives the function, or it and what it
+declares beyond `DECLARED`. With a bad family stand the words by which a check names it.
 """
 
 from functools import lru_cache
 
 import numpy as np
+from garbage_estimators import IDENTITY, leading, off
 from scipy.spatial.transform import Rotation
 
 from simval.attitude import wahba_quaternion
@@ -15,27 +16,48 @@ from simval.attitude.comparators import davenport, triad
 from simval.calibrate import calibrate
 from simval.geometry import compose, conjugate, normalize
 from simval.plugins import Calibrator, Estimator
+from simval.plugins.calibrator_probe import probe_sensor
 
 BAD, SOUND = {}, {}
+DECLARED = {
+    Calibrator: {},
+    Estimator: {"components": "xyzs", "matrix": "passive"},
+}
 STATE = "kee?pt? .*from one call to the next|must answer the same each time"
 PRECISION = "precision|rounds|rounded|all answers are turned by the same"
 TAIL = "rare trials are far off|it jumps|different answers to"
+WEIGHTS = {"takes": "vectors", "reads": ("weights",)}
 
 
-def bad(kind, words):
-    def kept(make):
-        BAD[make.__name__] = (kind, words, make)
-        return make
-
-    return kept
+def bad(kind, words, **makes):
+    BAD.update((name, (kind, words, make)) for name, make in makes.items())
 
 
-def sound(kind):
-    def kept(make):
-        SOUND[make.__name__] = (kind, make)
-        return make
+def sound(kind, **makes):
+    SOUND.update((name, (kind, make)) for name, make in makes.items())
 
-    return kept
+
+def member(kind, make, rng):
+    """Function of a family, and what it declares."""
+    found = make(rng.random(), rng)
+    function, declared = found if isinstance(found, tuple) else (found, {})
+    return function, DECLARED[kind] | declared
+
+
+def at(x, low, high):
+    return low + x * (high - low)
+
+
+def one_of(x, some):
+    return some[int(x * len(some))]
+
+
+def mixed(m, old, new):
+    return m * old + (1.0 - m) * new
+
+
+def rounded(x, size):
+    return np.round(x / size) * size
 
 
 # calibrators
@@ -52,210 +74,168 @@ def ellipsoid(poses, g):
 
 def residual(poses, g):
     matrix, bias = ellipsoid(poses, g)
-    off = np.linalg.norm((poses - bias) @ matrix.T, axis=1) - g
-    return matrix, bias, float(np.sqrt(np.mean(off**2)))
+    return np.sqrt(
+        np.mean((np.linalg.norm((poses - bias) @ matrix.T, axis=1) - g) ** 2)
+    )
+
+
+def changed(change):
+    """The fit, its answer changed: ``change(poses, g, matrix, bias)``."""
+    return lambda poses, g: change(poses, g, *ellipsoid(poses, g))
 
 
 def remembering(step):
-    """Calibrator whose answer also depends on what it keeps: ``step(kept, now)``."""
+    """The fit, its answer also of what it keeps: ``step(count, last, now)``."""
     kept = {"count": 0}
 
     def fit(poses, g):
         now = np.column_stack(ellipsoid(poses, g))
         kept["count"] += 1
+        last = kept.get("last", now)
         # another sensor is another one: the probe is right
-        if "last" in kept and np.abs(now - kept["last"]).max() > 0.5:
-            kept.pop("last")
-        answer = step(kept, now) if "last" in kept else now
-        kept["last"] = answer
-        return answer[:, :3], answer[:, 3]
+        near = np.abs(now - last).max() <= 0.5
+        kept["last"] = step(kept["count"], last, now) if near else now
+        return kept["last"][:, :3], kept["last"][:, 3]
 
-    return fit, {}
+    return fit
 
 
-def mixed(m, old, new):
-    return m * old + (1.0 - m) * new
-
-
-@bad(Calibrator, STATE)
-def averages_with_the_previous(rng):
-    m = rng.uniform(0.02, 0.95)
-    return remembering(lambda kept, now: mixed(m, kept["last"], now))
-
-
-@bad(Calibrator, STATE)
-def running_mean(rng):
-    return remembering(
-        lambda kept, now: mixed(1.0 - 1.0 / kept["count"], kept["last"], now)
-    )
-
-
-@bad(Calibrator, STATE)
-def stops_listening(rng):
-    most = rng.integers(40, 900)
-    return remembering(lambda kept, now: now if kept["count"] < most else kept["last"])
-
-
-@bad(Calibrator, STATE)
-def lazy(rng):
-    """Keeps its answer while the new one is near."""
-    near = rng.uniform(2e-3, 1e-2)
-    return remembering(
-        lambda kept, now: (
-            kept["last"] if np.abs(now - kept["last"]).max() < near else now
-        )
-    )
-
-
-@bad(Calibrator, STATE)
-def drifts(rng):
-    step = 10.0 ** rng.uniform(-6.5, -4.0)
-    return remembering(lambda kept, now: now * (1.0 + step * (kept["count"] > 4)))
-
-
-@bad(Calibrator, STATE)
-def every_so_many_the_last(rng):
-    every = rng.integers(3, 60)
-    return remembering(
-        lambda kept, now: kept["last"] if kept["count"] % every == 0 else now
-    )
-
-
-@bad(Calibrator, "below the (Cramer-Rao )?bound|below_bound")
-def knows_the_truth(rng):
-    from simval.plugins.calibrator_probe import probe_sensor
-
-    m, truth = rng.uniform(0.15, 0.9), probe_sensor()
-
-    def fit(poses, g):
-        matrix, bias = ellipsoid(poses, g)
-        own = np.linalg.qr(truth.matrix)[1]
-        own = own * np.sign(np.diag(own))[:, None]
-        return mixed(m, own, matrix), mixed(m, truth.B, bias)
-
-    return fit, {}
-
-
-@bad(Calibrator, TAIL)
-def gives_up_where_the_residual_is_great(rng):
-    # of 0.01 m/s^2 the residual is 0.008, of 0.05 five times as great
-    most, far = rng.uniform(0.0085, 0.012), rng.uniform(0.05, 0.5)
-
-    def fit(poses, g):
-        matrix, bias, rms = residual(poses, g)
-        return (matrix, bias) if rms < most else (matrix * (1.0 + far), bias)
-
-    return fit, {}
-
-
-@bad(Calibrator, TAIL)
-def turns_the_sign_in_rare_trials(rng):
-    place = rng.uniform(2.5, 3.4)
-
-    def fit(poses, g):
-        matrix, bias = ellipsoid(poses, g)
-        off = np.linalg.norm(poses[0] - bias) / np.linalg.norm(poses[1] - bias)
-        # a ratio that is constant without noise, and off by so many deviations of it
-        near = abs(off - 0.99) > 0.0 and abs(bias[0] - 0.3) > place * 0.006
-        return matrix, -bias if near else bias
-
-    return fit, {}
-
-
-def with_covariance(change, **declared):
+def with_covariance(change, form="triangular", **declared):
     def fit(poses, g, noise_std):
         known = max(noise_std, 1e-11)
-        found = calibrate(poses, g, noise_std=known)
+        found = calibrate(poses, g, noise_std=known, model=form)
         return found.matrix, found.B, change(np.array(found.covariance))
 
-    return fit, {"noise_std": True, **declared}
+    return fit, {"noise_std": True, "form": form, **declared}
 
 
-@bad(Calibrator, "order")
-def covariance_in_another_order(rng):
-    blocks = [[0, 1, 2], [3, 4, 5], [6, 7, 8]]
-    orders = ([2, 0, 1], [2, 1, 0], [1, 0, 2], [0, 2, 1], [1, 2, 0])
-    order = np.concatenate([blocks[k] for k in orders[rng.integers(len(orders))]])
-    return with_covariance(lambda C: C[np.ix_(order, order)], trials=512)
-
-
-@bad(Calibrator, "nees|covariance")
-def covariance_of_another_size(rng):
-    factor = np.exp(rng.choice([-1.0, 1.0]) * rng.uniform(0.3, 2.0))
-    return with_covariance(lambda C: C * factor, trials=512)
-
-
-@bad(Calibrator, PRECISION)
-def less_than_double_precision(rng):
-    bits = rng.integers(9, 14)  # of the fraction; half precision has 10
+def six(by, eps, **declared):
+    """docs/examples/six.py with its poses off by some."""
 
     def fit(poses, g):
-        fraction, exponent = np.frexp(poses)
-        return ellipsoid(np.ldexp(np.round(fraction * 2.0**bits), exponent - bits), g)
-
-    return fit, {}
-
-
-@bad(Calibrator, PRECISION)
-def rounded_answer(rng):
-    digits = int(rng.integers(3, 6))
-    return lambda p, g: tuple(np.round(a, digits) for a in ellipsoid(p, g)), {}
-
-
-@bad(Calibrator, PRECISION)
-def rounded_readings(rng):
-    size = 10.0 ** rng.uniform(-4.5, -2.5)
-    return lambda p, g: ellipsoid(np.round(p / size) * size, g), {}
-
-
-@bad(Calibrator, PRECISION + "|stops")
-def stops_early(rng):
-    left = 10.0 ** rng.uniform(-4.5, -3.0)
-
-    def fit(poses, g):
-        matrix, bias = ellipsoid(poses, g)
-        start = np.diag([2.0, 2.0, 2.0])  # what is left of the way from there
-        return mixed(left, start, matrix), bias
-
-    return fit, {}
-
-
-@bad(Calibrator, "wrong sign|inverted|transposed|after the matrix|K_|bias|S_|T_")
-def another_meaning(rng):
-    which = rng.integers(5)
-
-    def fit(poses, g):
-        M, B = ellipsoid(poses, g)
-        return ((M, -B), (np.linalg.inv(M), B), (M.T, B), (M, M @ B), (M / g, B))[which]
-
-    return fit, {}
-
-
-@bad(Calibrator, "bias|B_|B looks|B has|the worst is")
-def mean_removed(rng):
-    return lambda p, g: ellipsoid(p - p.mean(axis=0), g), {}
-
-
-@bad(Calibrator, "the worst is")
-def poses_off_by_one(rng):
-    by = int(rng.integers(1, 6))
-
-    def six(poses, g):
         turned = np.roll(poses, by, axis=0)
         up, down = np.split(turned.reshape(-1, 6, 3).mean(axis=0), 2)
         up, down = np.diag(up), np.diag(down)
-        return np.diag(2 * g / (up - down + 1e-3)), (up + down) / 2
+        return np.diag(2 * g / (up - down + eps)), (up + down) / 2
 
-    return six, {"estimates": ("scale", "bias"), "pose_set": "faces"}
+    return fit, {"estimates": ("scale", "bias"), "pose_set": "faces", **declared}
+
+
+def leaning(m):
+    truth = probe_sensor()
+    own = np.linalg.qr(truth.matrix)[1]
+    own = own * np.sign(np.diag(own))[:, None]
+    return changed(lambda p, g, M, B: (mixed(m, own, M), mixed(m, truth.B, B)))
+
+
+def gives_up(x, rng):
+    # of 0.01 m/s^2 the residual is 0.008, of 0.05 five times as great
+    most, far = at(x, 0.0085, 0.012), rng.uniform(0.05, 0.5)
+    return changed(
+        lambda p, g, M, B: (M * (1.0 + far * (residual(p, g) >= most)), B),
+    )
+
+
+def permuted(x, rng):
+    orders = ([2, 0, 1], [2, 1, 0], [1, 0, 2], [0, 2, 1], [1, 2, 0])
+    order = np.arange(9).reshape(3, 3)[one_of(x, orders)].ravel()
+    return with_covariance(lambda C: C[np.ix_(order, order)], trials=512)
+
+
+def factor_of(x, least):
+    """Factor on either side of 1, and not near it."""
+    size = least + abs(2.0 * x - 1.0) * 2.0
+    return np.exp(np.copysign(size, x - 0.5))
+
+
+def of_readings(change):
+    return lambda poses, g: ellipsoid(change(poses), g)
+
+
+def of_bits(bits):
+    """The fit of readings with so many bits of a fraction; half precision has 10."""
+
+    def change(poses):
+        fraction, exponent = np.frexp(poses)
+        return np.ldexp(np.round(fraction * 2.0**bits), exponent - bits)
+
+    return of_readings(change)
+
+
+def another_meaning(x, rng):
+    meanings = (
+        lambda p, g, M, B: (M, -B),
+        lambda p, g, M, B: (np.linalg.inv(M), B),
+        lambda p, g, M, B: (M.T, B),
+        lambda p, g, M, B: (M, M @ B),
+        lambda p, g, M, B: (M / g, B),
+    )
+    return changed(one_of(x, meanings))
+
+
+bad(
+    Calibrator,
+    STATE,
+    averages_with_the_previous=lambda x, _: remembering(
+        lambda count, last, now: mixed(at(x, 0.02, 0.95), last, now)
+    ),
+    stops_listening=lambda x, _: remembering(
+        lambda count, last, now: now if count < at(x, 40, 900) else last
+    ),
+    drifts=lambda x, _: remembering(
+        lambda count, last, now: now * (1.0 + 10.0 ** at(x, -6.5, -4) * (count > 4))
+    ),
+    every_so_many_the_last=lambda x, _: remembering(
+        lambda count, last, now: now if count % int(at(x, 3, 60)) else last
+    ),
+)
+bad(
+    Calibrator,
+    PRECISION,
+    less_than_double_precision=lambda x, _: of_bits(int(at(x, 9, 14))),
+    rounded_readings=lambda x, _: of_readings(
+        lambda poses: rounded(poses, 10.0 ** at(x, -4.5, -2.5))
+    ),
+    rounded_answer=lambda x, _: changed(
+        lambda p, g, *found: tuple(np.round(each, int(at(x, 3, 6))) for each in found)
+    ),
+)
+bad(
+    Calibrator,
+    PRECISION + "|stops",  # with what is left of the way from its start
+    stops_early=lambda x, _: changed(
+        lambda p, g, M, B: (mixed(10.0 ** at(x, -4.5, -3.0), 2.0 * np.eye(3), M), B)
+    ),
+)
+for words, name, make in (
+    (
+        "below the (Cramer-Rao )?bound|below_bound",
+        "knows_the_truth",
+        lambda x, _: leaning(at(x, 0.15, 0.9)),
+    ),
+    (TAIL, "gives_up_where_the_residual_is_great", gives_up),
+    ("order", "covariance_in_another_order", permuted),
+    (
+        "nees|covariance",
+        "covariance_of_another_size",
+        lambda x, _: with_covariance(lambda C: C * factor_of(x, 0.3), trials=512),
+    ),
+    (
+        "wrong sign|inverted|transposed|after the matrix|K_|bias|S_|T_",
+        "another_meaning",
+        another_meaning,
+    ),
+    (
+        "bias|B_|B looks|B has|the worst is",
+        "mean_removed",
+        lambda *_: of_readings(lambda poses: poses - poses.mean(axis=0)),
+    ),
+    ("the worst is", "poses_off_by_one", lambda x, _: six(1 + int(5 * x), 1e-3)),
+):
+    bad(Calibrator, words, **{name: make})
 
 
 # estimators
-
-XYZS = {"components": "xyzs", "matrix": "passive"}
-
-
-def off(b1, b2, r1, r2):
-    return np.einsum("ni,ni->n", b1, b2) - np.einsum("ni,ni->n", r1, r2)
 
 
 def turned(q, axis, angle):
@@ -267,240 +247,190 @@ def axis_of(rng):
     return normalize(rng.standard_normal(3))
 
 
-@bad(Estimator, TAIL)
-def identity_where_the_angle_is_off(rng):
-    most = rng.uniform(0.03, 0.055)
+def answers(change):
+    """Davenport's answer, changed."""
+    return lambda *v: change(davenport(*v))
+
+
+def of_vectors(change):
+    """Davenport's answer to changed vectors."""
+    return lambda *v: davenport(*map(change, v))
+
+
+def where(far, other):
+    """Davenport's answer, and ``other`` than it where ``far(*vectors)``."""
 
     def estimate(*v):
         q = davenport(*v)
-        far = np.abs(off(*v)) > most
-        return np.where(far[:, None], [0.0, 0.0, 0.0, 1.0], q)
+        return np.where(far(*v)[:, None], other(q), q)
 
-    return estimate, XYZS
-
-
-@bad(Estimator, TAIL)
-def turned_where_a_length_is_off(rng):
-    most, angle, axis = rng.uniform(0.03, 0.05), rng.uniform(0.3, 3.0), axis_of(rng)
-
-    def estimate(*v):
-        far = np.abs(np.linalg.norm(v[0], axis=1) - 1.0) > most
-        return turned(davenport(*v), axis, angle * far)
-
-    return estimate, XYZS
+    return estimate
 
 
-@bad(Estimator, TAIL)
-def inverse_where_the_sum_is_long(rng):
-    most = rng.uniform(0.03, 0.06)
-
-    def estimate(*v):
-        q = davenport(*v)
-        far = np.linalg.norm(v[0] + v[1], axis=1) - np.linalg.norm(v[2] + v[3], axis=1)
-        return np.where((far > most)[:, None], conjugate(q), q)
-
-    return estimate, XYZS
+def angle_is_off(most):
+    return lambda *v: np.abs(off(*v)) > most
 
 
-@bad(Estimator, "does not use|ignores|the same whatever")
-def ignores_what_it_reads(rng):
-    word = ("weights", "noise_std", "covariances")[rng.integers(3)]
-    return lambda *v, **_: davenport(*v), {**XYZS, "reads": (word,)}
+def length_is_off(most):
+    return lambda b1, *_: np.abs(np.linalg.norm(b1, axis=1) - 1.0) > most
 
 
-@bad(Estimator, "equal weights")
-def weights_the_wrong_way(rng):
-    power = rng.choice([-1.0, -0.5])
+def rows(which):
+    """Some rows of a batch, where there is noise."""
+    return lambda *v: which(np.arange(len(v[0]))) & angle_is_off(1e-9)(*v)
 
+
+def turn(angle, axis):
+    return lambda q: turned(q, axis, angle)
+
+
+def always_turned(x, rng):
+    angle, axis = 10.0 ** at(x, -5.0, -2.0), axis_of(rng)
+    if rng.random() < 0.5:
+        return answers(turn(angle, axis))
+    before = np.append(np.sin(angle / 2.0) * axis, np.cos(angle / 2.0))
+    return answers(lambda q: compose(np.tile(before, (len(q), 1)), q))
+
+
+def weighing(change):
     def estimate(body, references, weights):
-        return wahba_quaternion(body, references, weights**power)
+        return wahba_quaternion(body, references, change(weights))
 
-    return estimate, {**XYZS, "takes": "vectors", "reads": ("weights",)}
-
-
-@bad(Estimator, "equal weights")
-def weights_of_the_other(rng):
-    def estimate(body, references, weights):
-        return wahba_quaternion(body, references, weights[::-1])
-
-    return estimate, {**XYZS, "takes": "vectors", "reads": ("weights",)}
+    return estimate, WEIGHTS
 
 
-@bad(Estimator, STATE + "|when alone")
-def averages_with_the_last_batch(rng):
-    m, kept = rng.uniform(0.05, 0.9), {}
+def signed_as(q, other):
+    return other * np.where(np.sum(q * other, axis=1) < 0.0, -1.0, 1.0)[:, None]
+
+
+def averages_with_the_last_batch(x, rng):
+    m, kept = at(x, 0.05, 0.9), {}
 
     def estimate(*v):
         q = davenport(*v)
         last, references = kept.get("q"), kept.get("r")
         kept["q"], kept["r"] = q, v[2]
-        if last is None or references.shape != v[2].shape or (references != v[2]).any():
+        if last is None or not np.array_equal(references, v[2]):
             return q
-        q = q * np.where(np.sum(q * last, axis=1) < 0.0, -1.0, 1.0)[:, None]
-        return normalize(mixed(m, last, q))
+        return normalize(mixed(m, last, signed_as(last, q)))
 
-    return estimate, XYZS
-
-
-@bad(Estimator, STATE + "|when alone|row")
-def first_answer_for_its_references(rng):
-    kept, near = {}, rng.uniform(0.02, 0.2)
-
-    def estimate(b1, b2, r1, r2):
-        q = davenport(b1, b2, r1, r2)
-        for i, key in enumerate(map(bytes, r1)):
-            old = kept.setdefault(key, q[i])
-            if abs(old @ q[i]) > 1.0 - near**2 / 8.0:
-                q[i] = old
-        return q
-
-    return estimate, XYZS
+    return estimate
 
 
-@bad(Estimator, "row|alone")
-def mixes_neighbours(rng):
-    m = rng.uniform(0.05, 0.5)
+def mixes_neighbours(x, rng):
+    def change(q):
+        other = signed_as(q, np.roll(q, 1, axis=0))
+        near = np.sum(q * other, axis=1) > 0.99
+        return normalize(np.where(near[:, None], mixed(at(x, 0.05, 0.5), other, q), q))
 
-    def estimate(*v):
-        q = davenport(*v)
-        same = np.sum(q * np.roll(q, 1, axis=0), axis=1)
-        near = (np.abs(same) > 0.99)[:, None]
-        other = np.roll(q, 1, axis=0) * np.sign(same)[:, None]
-        return normalize(np.where(near, mixed(m, other, q), q))
-
-    return estimate, XYZS
+    return answers(change)
 
 
-@bad(Estimator, "row|batch|order")
-def one_place_of_a_batch(rng):
-    place, angle, axis = rng.integers(24, 1023), rng.uniform(0.1, 1.0), axis_of(rng)
-
-    def estimate(*v):
-        here = np.arange(len(v[0])) == place
-        return turned(davenport(*v), axis, angle * here * (np.abs(off(*v)) > 1e-9))
-
-    return estimate, XYZS
-
-
-@bad(Estimator, "row|batch|order")
-def small_batches_only(rng):
-    """Beyond some rows the others are estimated from vectors in single precision."""
-    most, size = int(rng.integers(100, 1000)), 10.0 ** rng.uniform(-3.0, -2.0)
-
-    def estimate(*v):
-        q = davenport(*v)
-        late = np.arange(len(q)) >= most
-        return turned(q, np.eye(3)[0], size * late * (np.abs(off(*v)) > 1e-9))
-
-    return estimate, XYZS
-
-
-@bad(Estimator, PRECISION)
-def rounded_quaternion(rng):
-    digits = rng.integers(2, 6)
-    return lambda *v: normalize(np.round(davenport(*v), digits)), XYZS
-
-
-@bad(Estimator, PRECISION)
-def rounded_vectors(rng):
-    size = 10.0 ** rng.uniform(-5.0, -2.5)
-    return lambda *v: davenport(*(np.round(x / size) * size for x in v)), XYZS
-
-
-@bad(Estimator, PRECISION)
-def half_precision(rng):
-    return lambda *v: davenport(*(x.astype(np.float16).astype(float) for x in v)), XYZS
-
-
-@bad(Estimator, PRECISION)
-def always_turned(rng):
-    angle, axis = 10.0 ** rng.uniform(-5.0, -2.0), axis_of(rng)
-    if rng.random() < 0.5:
-        return lambda *v: turned(davenport(*v), axis, angle), XYZS
-    turn = np.append(np.sin(angle / 2.0) * axis, np.cos(angle / 2.0))
-    return lambda *v: compose(np.tile(turn, (len(v[0]), 1)), davenport(*v)), XYZS
-
-
-@bad(Estimator, PRECISION + "|stops")
-def iterates_too_little(rng):
-    left = 10.0 ** rng.uniform(-4.5, -2.5)
+def iterates_too_little(x, rng):
+    left = 10.0 ** at(x, -4.5, -2.5)
 
     def estimate(*v):
         q, start = davenport(*v), triad(*v)
         other = compose(start, np.tile(normalize([0.1, 0.2, 0.3, 1.0]), (len(q), 1)))
-        other *= np.sign(np.sum(q * other, axis=1))[:, None]
-        return normalize(mixed(left, other, q))
+        return normalize(mixed(left, signed_as(q, other), q))
 
-    return estimate, XYZS
-
-
-@bad(Estimator, 'declare components="|is it b = A r')
-def another_convention(rng):
-    which = rng.integers(4)
-    return (
-        (lambda *v: conjugate(davenport(*v)), XYZS),
-        (lambda *v: np.roll(davenport(*v), 1, axis=1), XYZS),
-        (lambda b1, b2, r1, r2: davenport(b2, b1, r1, r2), XYZS),
-        (davenport, {**XYZS, "matrix": "active"}),
-    )[which]
+    return estimate
 
 
-@bad(Estimator, "each time")
-def not_repeating(rng):
-    size = 10.0 ** rng.uniform(-5.0, -1.5)
-    own = np.random.default_rng(int(rng.integers(1 << 30)))
-
-    def estimate(*v):
-        angle = size * own.standard_normal(len(v[0]))
-        return turned(davenport(*v), np.eye(3)[0], angle)
-
-    return estimate, XYZS
+def another_convention(x, rng):
+    conventions = (
+        answers(conjugate),
+        answers(lambda q: np.roll(q, 1, axis=1)),
+        lambda b1, b2, r1, r2: davenport(b2, b1, r1, r2),
+        (davenport, {"matrix": "active"}),
+    )
+    return one_of(x, conventions)
 
 
-@bad(Estimator, "trace is|covariance of")
-def covariance_of_the_wrong_size(rng):
-    factor = np.exp(rng.choice([-1.0, 1.0]) * rng.uniform(0.02, 3.0))
-    return davenport, {**XYZS, "covariance": lambda *v: factor * leading(*v)}
+def not_repeating(x, rng):
+    size, axis = 10.0 ** at(x, -5.0, -1.5), np.eye(3)[0]
+    return answers(lambda q: turned(q, axis, size * rng.standard_normal(len(q))))
 
 
-def leading(b1, b2, r1, r2, noise_std):
-    """Leading covariance of least squares."""
-    size = (b1**2 + b2**2).sum(axis=1)[:, None, None]
-    H = size * np.eye(3) - b1[:, :, None] * b1[:, None] - b2[:, :, None] * b2[:, None]
-    return noise_std**2 * np.linalg.inv(H)
+bad(
+    Estimator,
+    TAIL,
+    identity_where_the_angle_is_off=lambda x, _: where(
+        angle_is_off(at(x, 0.03, 0.055)), lambda q: IDENTITY
+    ),
+    turned_where_a_length_is_off=lambda x, r: where(
+        length_is_off(at(x, 0.03, 0.05)), turn(r.uniform(0.3, 3.0), axis_of(r))
+    ),
+)
+bad(
+    Estimator,
+    "does not use|ignores|the same whatever",
+    ignores_what_it_reads=lambda x, _: (
+        lambda *v, **_: davenport(*v),
+        {"reads": (one_of(x, ("weights", "noise_std", "covariances")),)},
+    ),
+)
+bad(
+    Estimator,
+    "row|batch|order|alone",
+    mixes_neighbours=mixes_neighbours,
+    one_place_of_a_batch=lambda x, r: where(
+        rows(lambda place: place == int(at(x, 24, 1023))),
+        turn(r.uniform(0.1, 1.0), axis_of(r)),
+    ),
+    small_batches_only=lambda x, r: where(
+        rows(lambda place: place >= at(x, 100, 1000)),
+        turn(10.0 ** r.uniform(-3.0, -2.0), np.eye(3)[0]),
+    ),
+)
+bad(
+    Estimator,
+    PRECISION,
+    rounded_quaternion=lambda x, _: answers(
+        lambda q: normalize(np.round(q, int(at(x, 2, 6))))
+    ),
+    rounded_vectors=lambda x, _: of_vectors(
+        lambda v: rounded(v, 10.0 ** at(x, -5.0, -2.5))
+    ),
+    always_turned=always_turned,
+)
+for words, name, make in (
+    (
+        "equal weights",
+        "weights_the_wrong_way",
+        lambda x, _: weighing(one_of(x, (np.reciprocal, np.flip))),
+    ),
+    (
+        STATE + "|when alone",
+        "averages_with_the_last_batch",
+        averages_with_the_last_batch,
+    ),
+    (PRECISION + "|stops", "iterates_too_little", iterates_too_little),
+    ('declare components="|is it b = A r', "another_convention", another_convention),
+    ("each time", "not_repeating", not_repeating),
+    (
+        "trace is|covariance of",
+        "covariance_of_the_wrong_size",
+        lambda x, _: (
+            davenport,
+            {"covariance": lambda *v: factor_of(x, 0.02) * leading(*v)},
+        ),
+    ),
+):
+    bad(Estimator, words, **{name: make})
 
 
 # sound ones of unusual style
 
 
-@sound(Estimator)
-def answers_in_lists(rng):
-    return lambda *v: davenport(*v).tolist(), XYZS
-
-
-@sound(Estimator)
-def answers_in_one_buffer(rng):
+def answers_in_one_buffer(x, rng):
     buffer = np.empty((1 << 16, 4))
 
     def estimate(*v):
         buffer[: len(v[0])] = davenport(*v)
         return buffer[: len(v[0])]
 
-    return estimate, XYZS
-
-
-@sound(Estimator)
-def works_in_single_precision(rng):
-    def estimate(*v):
-        b1, b2, r1, r2 = (x.astype(np.float32) for x in v)
-        return triad(b1, b2, r1, r2)
-
-    return estimate, XYZS
-
-
-@sound(Estimator)
-def stores_single_precision(rng):
-    return lambda *v: davenport(*v).astype(np.float32), XYZS
+    return estimate
 
 
 class _Callable:
@@ -513,13 +443,7 @@ class _Callable:
         return davenport(b1, b2, r1, r2)
 
 
-@sound(Estimator)
-def an_object(rng):
-    return _Callable(), XYZS
-
-
-@sound(Estimator)
-def one_at_a_time_in_matrices(rng):
+def one_at_a_time_in_matrices(x, rng):
     def estimate(b1, b2, r1, r2):
         return Rotation.align_vectors([b1, b2], [r1, r2])[0].as_matrix()
 
@@ -527,51 +451,32 @@ def one_at_a_time_in_matrices(rng):
     return estimate, {**declared, "samples": 1024, "cases": 64}
 
 
-@sound(Estimator)
-def either_sign(rng):
-    return lambda *v: davenport(*v) * np.sign(v[0][:, :1] + 1e-300), XYZS
-
-
-@sound(Estimator)
-def seeds_the_global_generator(rng):
+def seeds_the_global_generator(x, rng):
     def estimate(*v):
         np.random.seed(0)  # noqa: NPY002, of a user's
         return davenport(*v)
 
-    return estimate, XYZS
+    return estimate
 
 
-@sound(Estimator)
-def remembers_equal_calls(rng):
+def remembers_equal_calls(x, rng):
     @lru_cache(maxsize=64)
     def known(*v):
         return davenport(*(np.frombuffer(x).reshape(-1, 3) for x in v))
 
-    return lambda *v: known(*(x.tobytes() for x in v)), XYZS
+    return lambda *v: known(*(x.tobytes() for x in v))
 
 
-@sound(Estimator)
-def weighs_as_it_should(rng):
-    size = rng.uniform(0.1, 10.0)
-
-    def estimate(body, references, weights):
-        return wahba_quaternion(body, references, size * weights)
-
-    return estimate, {**XYZS, "takes": "vectors", "reads": ("weights",)}
-
-
-@sound(Estimator)
-def takes_the_better_first(rng):
+def takes_the_better_first(x, rng):
     def estimate(b1, b2, r1, r2, noise_std):
         if noise_std[0] <= noise_std[1]:
             return triad(b1, b2, r1, r2)
         return triad(b2, b1, r2, r1)
 
-    return estimate, {**XYZS, "reads": ("noise_std",)}
+    return estimate, {"reads": ("noise_std",)}
 
 
-@sound(Estimator)
-def reads_for_its_covariance_alone(rng):
+def reads_for_its_covariance_alone(x, rng):
     def covariance(*v, noise_std):
         b1, b2 = (normalize(b) for b in v[:2])
         shares = [
@@ -582,36 +487,23 @@ def reads_for_its_covariance_alone(rng):
         H = np.linalg.inv(shares[0] + shares[2])
         return H @ (shares[1] + shares[3]) @ H
 
-    return (
-        lambda *v, noise_std: davenport(*v),
-        {**XYZS, "reads": ("noise_std",), "covariance": covariance},
-    )
+    declared = {"reads": ("noise_std",), "covariance": covariance}
+    return lambda *v, noise_std: davenport(*v), declared
 
 
-@sound(Estimator)
-def guards_by_its_noise(rng):
+def guards_by_its_noise(x, rng):
     """Weighs down a pair whose length is off by many deviations."""
-    many = rng.uniform(7.0, 12.0)
+    many = at(x, 7.0, 12.0)
 
     def estimate(body, references, noise_std):
         far = np.abs(np.linalg.norm(body, axis=2) - 1.0) > many * noise_std[0] + 1e-9
         q = wahba_quaternion(body, references)
         return np.where(far.any(axis=1)[:, None], normalize(q + 1e-3), q)
 
-    return estimate, {**XYZS, "takes": "vectors", "reads": ("noise_std",)}
+    return estimate, {"takes": "vectors", "reads": ("noise_std",)}
 
 
-@sound(Calibrator)
-def in_a_mapping_of_lists(rng):
-    def fit(poses, g):
-        matrix, bias = ellipsoid(poses, g)
-        return {"matrix": matrix.tolist(), "B": bias.tolist()}
-
-    return fit, {}
-
-
-@sound(Calibrator)
-def in_place(rng):
+def in_place(x, rng):
     buffer = np.empty((3, 3))
 
     def fit(poses, g):
@@ -620,40 +512,22 @@ def in_place(rng):
         buffer[:] = matrix
         return buffer, bias
 
-    return fit, {}
+    return fit
 
 
-@sound(Calibrator)
-def turned_matrix(rng):
-    turn = Rotation.from_rotvec(rng.standard_normal(3)).as_matrix()
-
-    def fit(poses, g):
-        matrix, bias = ellipsoid(poses, g)
-        return turn @ matrix, bias
-
-    return fit, {}
-
-
-@sound(Calibrator)
-def without_one_pose(rng):
-    drop = int(rng.integers(24))
-    return lambda p, g: ellipsoid(np.delete(p, drop, axis=0), g), {}
-
-
-@sound(Calibrator)
-def warm_start(rng):
+def warm_start(x, rng):
     """Iterates from its last answer until nothing changes."""
-    kept = {}
+    rows, columns = np.triu_indices(3)
+    kept = {"x": np.r_[2.0 * np.eye(3)[rows, columns], 0.0, 0.0, 0.0]}
 
     def fit(poses, g):
-        x = kept.get("x", np.r_[2.0 * np.eye(3)[np.triu_indices(3)], 0.0, 0.0, 0.0])
+        x = kept["x"]
         for _ in range(50):
             M = np.zeros((3, 3))
-            M[np.triu_indices(3)] = x[:6]
+            M[rows, columns] = x[:6]
             u = poses - x[6:]
             f = u @ M.T
             r = np.sum(f * f, axis=1) - g * g
-            rows, columns = np.triu_indices(3)
             J = 2.0 * np.column_stack([f[:, rows] * u[:, columns], -(f @ M)])
             step = np.linalg.lstsq(J, -r, rcond=None)[0]
             x = x + step
@@ -662,44 +536,51 @@ def warm_start(rng):
         kept["x"] = x
         return M, x[6:].copy()
 
-    return fit, {}
+    return fit
 
 
-@sound(Calibrator)
-def random_subset_of_its_own(rng):
+def random_subset_of_its_own(x, rng):
     """Consensus of random subsets, seeded anew in each call."""
 
     def fit(poses, g):
         own = np.random.default_rng(3)
-        best, least = None, np.inf
-        for _ in range(3):
-            chosen = own.permutation(len(poses))[:20]
-            matrix, bias, rms = residual(poses[chosen], g)
-            if rms < least:
-                best, least = (matrix, bias), rms
-        return best
+        chosen = [poses[own.permutation(len(poses))[:20]] for _ in range(3)]
+        return ellipsoid(min(chosen, key=lambda some: residual(some, g)), g)
 
-    return fit, {}
+    return fit
 
 
-@sound(Calibrator)
-def with_its_covariance(rng):
-    form = ("triangular", "upper", "symmetric")[rng.integers(3)]
-
-    def fit(poses, g, noise_std):
-        found = calibrate(poses, g, noise_std=max(noise_std, 1e-11), model=form)
-        return found.matrix, found.B, found.covariance
-
-    return fit, {"noise_std": True, "form": form}
-
-
-@sound(Calibrator)
-def class_of_less(rng):
-    def six(poses, g):
-        up, down = np.split(poses.reshape(-1, 6, 3).mean(axis=0), 2)
-        up, down = np.diag(up), np.diag(down)
-        return np.diag(2 * g / (up - down)), (up + down) / 2
-
-    sensor = ("own class", "full")[rng.integers(2)]
-    declared = {"estimates": ("scale", "bias"), "pose_set": "faces", "sensor": sensor}
-    return six, declared
+sound(
+    Estimator,
+    answers_in_lists=lambda *_: answers(np.ndarray.tolist),
+    answers_in_one_buffer=answers_in_one_buffer,
+    works_in_single_precision=lambda *_: (
+        lambda *v: triad(*(each.astype(np.float32) for each in v))
+    ),
+    stores_single_precision=lambda *_: answers(lambda q: q.astype(np.float32)),
+    an_object=lambda *_: _Callable(),
+    one_at_a_time_in_matrices=one_at_a_time_in_matrices,
+    either_sign=lambda *_: lambda *v: davenport(*v) * np.sign(v[0][:, :1] + 1e-300),
+    seeds_the_global_generator=seeds_the_global_generator,
+    remembers_equal_calls=remembers_equal_calls,
+    weighs_as_it_should=lambda x, _: weighing(lambda w: at(x, 0.1, 10.0) * w),
+    takes_the_better_first=takes_the_better_first,
+    reads_for_its_covariance_alone=reads_for_its_covariance_alone,
+    guards_by_its_noise=guards_by_its_noise,
+)
+sound(
+    Calibrator,
+    in_a_mapping_of_lists=lambda *_: changed(
+        lambda p, g, M, B: {"matrix": M.tolist(), "B": B.tolist()}
+    ),
+    in_place=in_place,
+    turned_matrix=lambda x, r: changed(
+        lambda p, g, M, B: (Rotation.from_rotvec(3 * x * axis_of(r)).as_matrix() @ M, B)
+    ),
+    warm_start=warm_start,
+    random_subset_of_its_own=random_subset_of_its_own,
+    with_its_covariance=lambda x, _: with_covariance(
+        lambda C: C, form=one_of(x, ("triangular", "upper", "symmetric"))
+    ),
+    class_of_less=lambda x, _: six(0, 0.0, sensor=one_of(x, ("own class", "full"))),
+)

@@ -5,11 +5,13 @@ from zlib import crc32
 
 import numpy as np
 import pytest
-from random_algorithms import BAD, SOUND, ellipsoid
+from random_algorithms import BAD, SOUND, ellipsoid, member
 from scipy import stats
 
 from simval.check import check_function, told
+from simval.errors import PluginError
 from simval.plugins import Calibrator
+from simval.plugins.memory import require_no_memory
 
 BY_DAY = (
     "averages_with_the_previous",
@@ -19,11 +21,32 @@ BY_DAY = (
     "always_turned",
     "not_repeating",
 )
-DRAWS = 6
+DRAWS = 7
+
+
+TRUE = np.random.default_rng(1).standard_normal((64, 3))
+DEPENDING = {
+    "the place": lambda own: own + 1e-5 * (np.arange(len(own)) == 50)[:, None],
+    "the rows before": lambda own: own + 1e-5 * np.cumsum(own, axis=0),
+    "how many are asked": lambda own: own + 1e-5 * (len(own) < 40),
+    "nothing": lambda own: 0.0 * own,
+}
+
+
+@pytest.mark.parametrize("what", DEPENDING)
+def test_answers_are_of_their_own_trial_alone(what):
+    allowed = np.full(TRUE.shape, 1e-6)
+    require_no_memory("mine", TRUE, lambda places: TRUE[places] + 0.9e-6, allowed)
+    answered = DEPENDING[what]
+    with pytest.raises(PluginError, match="from one call to the next"):
+        require_no_memory(
+            "mine", answered(TRUE), lambda places: answered(TRUE[places]), allowed
+        )
 
 
 def checked(kind, make, name, draw):
-    function, declared = make(np.random.default_rng([crc32(name.encode()), draw]))
+    rng = np.random.default_rng([crc32(name.encode()), draw])
+    function, declared = member(kind, make, rng)
     return check_function(function, kind, **{"name": "mine", **declared})
 
 
@@ -69,7 +92,7 @@ def test_a_sound_calibrator_passes_at_the_stated_rate():
     )
     assert failed <= stats.binom.isf(1e-4, seeds, alpha)
     _, _, make = BAD["knows_the_truth"]
-    knowing, declared = make(np.random.default_rng(0))
+    knowing, declared = member(Calibrator, make, np.random.default_rng(0))
     for seed in range(5):
         found = check_function(knowing, Calibrator, seed=seed, **words, **declared)
         assert "below_bound" in told(found)
