@@ -146,15 +146,18 @@ def _numbers(answer: Calibration) -> Float[Array, "12"]:
 
 
 def _needed(estimates: tuple[str, ...]) -> str:
+    faces = (
+        'if it needs the six faces of a cube, set `calibrator.pose_set = "faces"` in a '
+        "suite, as by `simval sweep smoke --plugin FILE.py --set "
+        "calibrator.pose_set=faces`"
+    )
     if estimates == ALL:
         return (
             "All nine parameters are needed: the sensor of the probe has misalignment "
             "S, scale K and bias B. If it estimates fewer, declare which in "
-            "`estimates`; if it needs the six faces of a cube, set "
-            '`calibrator.pose_set = "faces"`'
+            f"`estimates`; {faces}"
         )
     return (
         f"It declares that it estimates {' and '.join(estimates)}, and the sensor of "
-        "the probe has no other error; if it needs the six faces of a cube, set "
-        '`calibrator.pose_set = "faces"`'
+        f"the probe has no other error; {faces}"
     )

@@ -270,7 +270,7 @@ def _lengths(kinds: Sequence[str], rows: Sequence[Sequence[float | None]]) -> st
     for i, kind in enumerate(kinds):
         values = [value for row in rows if (value := row[i + 2]) is not None]
         if values:
-            told.append(f"{kind} {max(values):.1e}")
+            told.append(f"{FORMULAS.get(kind, kind)} {max(values):.1e}")
     return f"Unit length, greatest relative defect: {'; '.join(told)}" if told else ""
 
 
