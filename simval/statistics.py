@@ -181,6 +181,9 @@ COVARIANCE_ORDER = Family(
     "order of what a formula of the covariance leaves out",
     better="more",
 )
+TURN_ORDER = Family(
+    "turn_order", "order in the step of what a filter's turns leave out", better="more"
+)
 BIAS_ERROR = Family(
     "bias_error", "what a formula of the bias leaves out", least=0.0, along=True
 )

@@ -39,6 +39,7 @@ from simval.streams import Streams
 from simval.studies.filter_diagnosis import diagnosis_rows
 from simval.studies.filter_foundations import drawn_filter_rows, stated_row
 from simval.studies.filter_prediction import budget_rows, prediction, undisturbed
+from simval.studies.filter_response import response_rows
 from simval.studies.filter_rows import (
     Answers,
     consistency_rows,
@@ -242,6 +243,8 @@ def outcome(plugin: Filter, parameters: Parameters, streams: Streams) -> Outcome
         rows += stated_row(
             plugin, told, world, (parameters.named_scenario, parameters.rate)
         )
+        if parameters.wrong == Wrong():  # as they do not depend on what it is told
+            rows += response_rows(parameters.named_scenario)
     return Outcome(
         rows=rows,
         artifacts={ESTIMATE: {ESTIMATE: answers.found.attitude[0, late]}},

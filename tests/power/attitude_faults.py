@@ -1,13 +1,17 @@
 """Faults of the attitude chain: noise, estimator, and the formulas beside it."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from power.fault import Fault, after, wrapped
+from power.fault import Fault, after, everywhere, replaced, wrapped
 from simval.arrays import Array
+from simval.montecarlo import fused
+from simval.montecarlo import normals as pairs
 from simval.streams import Streams
 from simval.studies import attitude, attitude_order
 from simval.theory.attitude import AttitudeMoments, attitude_moments
@@ -176,7 +180,24 @@ def _noise() -> list[Fault]:
             "streams", "noise", "all cells share a stream",
             wrapped(Streams, "sequence", no_cell),
         ),
+        Fault(
+            "streams", "noise", "normals with a sine for a cosine", _sines_alone,
+        ),
     ]  # fmt: skip
+
+
+@contextmanager
+def _sines_alone() -> Iterator[None]:
+    """As if both forms had it, which must have equal bits."""
+
+    def twice(original: Any, words: Any) -> Array:
+        return np.hstack(2 * [np.hsplit(original(words), 2)[1]])
+
+    with (
+        everywhere(pairs, "normals", twice)(),
+        replaced(fused, "_compiled", lambda: None),
+    ):
+        yield
 
 
 def _wrap(name: str, change: Any) -> Any:

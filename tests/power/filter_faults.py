@@ -111,8 +111,30 @@ def _filter() -> list[Fault]:  # noqa: C901, a fault each
         own.b = before
         return answer
 
+    def twice_coning(original: Any, own: Any, h: float, rate: Array) -> None:
+        own.before = 2.0 * own.before
+        original(own, h, rate)
+
+    def half_of_what_both_share(original: Any, own: Any, h: float, rate: Array) -> None:
+        original(own, h, rate)
+        i = np.arange(6)
+        own.P[..., i, (i + 3) % 6] += own.K2 * h**2 / 4.0
+
+    def small_gain(original: Any, own: Any, *given: Any) -> Any:
+        before = own.b
+        answer = original(own, *given)
+        own.b = before + 0.9 * (own.b - before)
+        return answer
+
     return [
         step("coning term lost in the filter", no_coning),
+        step("coning term doubled in the filter", twice_coning),
+        step("half of the covariance of turn and bias in Q", half_of_what_both_share),
+        _fault(
+            "estimator",
+            "gain of the bias 10 % small",
+            wrapped(Mekf, "_correct", small_gain),
+        ),
         step("sign of the coning term in the filter", other_coning),
         _fault(
             "estimator",
