@@ -26,7 +26,7 @@ def failing(rows):
 @pytest.mark.ci
 @pytest.mark.parametrize("scenario", ["gimbal slow", "gimbal fast", "long rest"])
 def test_what_each_noise_moves_is_the_bound(scenario):
-    rows = response_rows(scenario)
+    rows = response_rows(Mekf, scenario)
     assert not failing(rows)
     moved, stated, *turns = rows
     assert max(moved.value, stated.value) < 0.3 * moved.remainder
@@ -38,7 +38,7 @@ def test_what_each_noise_moves_is_the_bound(scenario):
 
 def test_without_coning_what_turns_leave_out_is_of_second_order():
     first, second = (
-        lost("gimbal fast", rate, coning=False) for rate in (RATE / 2.0, RATE)
+        lost(Mekf, "gimbal fast", rate, coning=False) for rate in (RATE / 2.0, RATE)
     )
     assert 1.9 < np.log2(first / second) < 2.1
 
@@ -109,4 +109,4 @@ MOVED, STATED = "covariance_off[moved]", "covariance_off[stated while the bias w
 )
 def test_a_filter_that_is_wrong_is_seen(fault, seen, monkeypatch):
     monkeypatch.setattr(Mekf, *fault)
-    assert seen in failing(response_rows("gimbal slow"))
+    assert seen in failing(response_rows(Mekf, "gimbal slow"))

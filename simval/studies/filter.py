@@ -244,7 +244,7 @@ def outcome(plugin: Filter, parameters: Parameters, streams: Streams) -> Outcome
             plugin, told, world, (parameters.named_scenario, parameters.rate)
         )
         if parameters.wrong == Wrong():  # as they do not depend on what it is told
-            rows += response_rows(parameters.named_scenario)
+            rows += response_rows(plugin.make, parameters.named_scenario)
     return Outcome(
         rows=rows,
         artifacts={ESTIMATE: {ESTIMATE: answers.found.attitude[0, late]}},

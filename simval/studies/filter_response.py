@@ -10,13 +10,13 @@ What the coning of eq. (F9) leaves out of a turn is of third order in the step; 
 it, or with a wrong factor, it is of second. Rates alone show which.
 """
 
+from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any, Final
 
 import numpy as np
 
 from simval.arrays import Array
-from simval.filters import Mekf
 from simval.geometry import compose, conjugate, rotation_vector
 from simval.results import Row, exact
 from simval.shapes import Float
@@ -27,6 +27,7 @@ from simval.studies.filter_scenarios import Course, Imperfect, course
 from simval.studies.response import apart
 from simval.theory import FilterPath, filter_prediction
 
+Make = Callable[..., Any]
 RATE: Final = 50.0
 SECONDS: Final = 2.0
 SMALL: Final = 1e-3
@@ -42,41 +43,45 @@ NEXT: Final = 0.25
 were 3.03 and 3.00; of second order, 2.00."""
 
 
-def response_rows(scenario: str) -> tuple[Row, ...]:
+def response_rows(make: Make, scenario: str) -> tuple[Row, ...]:
     """Covariance by what each noise moves, and as stated; the order of the turns."""
     way = course(scenario, RATE, SECONDS)
     model = model_of(SENSORS.told(way), True)
     path = FilterPath(dt=way.dt, attitude=way.attitude)
     end = np.array([len(way.dt) - 1])
     bound = filter_prediction(path, model, told=model, keep=end).told[0]
-    off = [apart(covariance, bound) for covariance in moved_and_stated(way)]
+    off = [apart(covariance, bound) for covariance in moved_and_stated(make, way)]
     left = LEFT_OUT * float(way.dt.max()) ** 2
     statistics = COVARIANCE_OFF.each(("moved", "stated while the bias walks"))
     rows = exact(statistics, off, 0.0, CRAMER_RAO, left)
     if way.rate.any():
-        order = float(np.log2(lost(scenario, RATE / 2.0) / lost(scenario, RATE)))
+        order = float(
+            np.log2(lost(make, scenario, RATE / 2.0) / lost(make, scenario, RATE))
+        )
         rows += exact(TURN_ORDER(), order, CONING_ORDER, TRUTH, NEXT)
     return rows
 
 
-def lost(scenario: str, rate: float, **more: Any) -> float:
+def lost(make: Make, scenario: str, rate: float, **more: Any) -> float:
     """Error to which the rates of a scenario alone lead at last, rad."""
     way = course(scenario, rate, SECONDS)
     sure = {"start_std", "bias_std", "gyroscope_noise", "gyroscope_walk"}
     told = asdict(SENSORS.told(way)) | dict.fromkeys(sure, 0.0)
-    model = Mekf(start=way.attitude[0], **told, **more)
+    model = make(start=way.attitude[0], **told, **more)
     for dt, rates in zip(way.dt, way.rate, strict=True):
         answer = model.update(dt, rates, None)
     return float(np.linalg.norm(_turn(answer["attitude"], way)))
 
 
-def moved_and_stated(way: Course) -> tuple[Float[Array, "6 6"], Float[Array, "6 6"]]:
+def moved_and_stated(
+    make: Make, way: Course
+) -> tuple[Float[Array, "6 6"], Float[Array, "6 6"]]:
     """Covariance of attitude and bias by what each noise moves, and as it is stated."""
     rates, forces, fields, start, bias = _units(way)
     half = np.concatenate([-start / 2.0, np.ones((len(start), 1))], axis=1)
     half /= np.linalg.norm(half, axis=1, keepdims=True)
     attitude = compose(np.broadcast_to(way.attitude[0], half.shape), half)
-    model = Mekf(start=attitude, **asdict(SENSORS.told(way)))
+    model = make(start=attitude, **asdict(SENSORS.told(way)))
     for k, dt in enumerate(way.dt):
         answer = model.update(
             dt, way.rate[k] + rates[:, k], way.up[k] + forces[:, k],
