@@ -338,7 +338,7 @@ def test_a_refused_plugin_is_refused_in_every_output(simval, tmp_path, monkeypat
     code, out, _ = simval("gate", "run", "--no-baseline", *outputs)
     assert code == 3
     assert "1 cell refused" in out
-    assert "::error title=simval%3A estimator" in out
+    assert "::error file=run/results.csv,title=simval%3A estimator::" in out
     assert simval("report", "run", "--out", "report.html")[0] == 0
     said = "rad from the truth without noise"
     for name in ("gate.xml", "gate.md", "gate.json", "report.html"):

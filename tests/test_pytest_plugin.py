@@ -217,9 +217,8 @@ def test_a_test_has_a_baseline_of_its_own(ended):
 
     result = ended(mine(1.0))
     result.assert_outcomes(failed=1)
-    assert (
-        "there is no baseline mine.json; write one with --simval-update-baseline"
-        in (str(result.stdout).replace("\n", " "))
+    assert "there is no baseline mine.json; check its name, or write one with " in (
+        str(result.stdout).replace("\n", " ")
     )
     why = ("--simval-update-baseline", "first")
     ended(mine(1.0), *why).assert_outcomes(passed=1)

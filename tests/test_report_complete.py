@@ -332,7 +332,8 @@ def test_no_study_is_on_the_page_twice(tmp_path):
 
 @pytest.mark.ci
 def test_a_formula_has_one_colour_on_all_figures(tmp_path):
-    colours = {name: colour for name, (colour, _) in attitude.STYLES.items()}
+    named = attitude.FORMULAS
+    colours = {named.get(n, n): c for n, (c, _) in attitude.STYLES.items()}
     seen = set()
     for drawing in drawings(made(tmp_path)):
         for panel in drawing.panels:
