@@ -206,7 +206,7 @@ def test_the_time_of_the_poses_counts_not_their_order():
 
 
 def test_an_order_of_chance_hides_nothing():
-    """Eq. (W2): of a fitted bias all orders leave (n - p)/(n - 1) on average, exactly."""
+    """Eq. (W2): of a fitted bias orders leave (n - p)/(n - 1) on average, exactly."""
     rng = np.random.default_rng(94)
     ones, tau = np.ones(14), np.arange(14.0)
     J = np.column_stack([ones, rng.standard_normal((14, 8))])
