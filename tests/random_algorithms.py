@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from simval.attitude import wahba_quaternion
 from simval.attitude.comparators import davenport, triad
 from simval.calibrate import calibrate
-from simval.geometry import compose, conjugate, normalize
+from simval.geometry import compose, normalize
 from simval.plugins import Calibrator, Estimator
 from simval.plugins.calibrator_probe import probe_sensor
 
@@ -337,16 +337,6 @@ def iterates_too_little(x, rng):
     return estimate
 
 
-def another_convention(x, rng):
-    conventions = (
-        answers(conjugate),
-        answers(lambda q: np.roll(q, 1, axis=1)),
-        lambda b1, b2, r1, r2: davenport(b2, b1, r1, r2),
-        (davenport, {"matrix": "active"}),
-    )
-    return one_of(x, conventions)
-
-
 def not_repeating(x, rng):
     size, axis = 10.0 ** at(x, -5.0, -1.5), np.eye(3)[0]
     return answers(lambda q: turned(q, axis, size * rng.standard_normal(len(q))))
@@ -406,7 +396,6 @@ for words, name, make in (
         averages_with_the_last_batch,
     ),
     (PRECISION + "|stops", "iterates_too_little", iterates_too_little),
-    ('declare components="|is it b = A r', "another_convention", another_convention),
     ("each time", "not_repeating", not_repeating),
     (
         "trace is|covariance of",
@@ -557,10 +546,8 @@ sound(
     works_in_single_precision=lambda *_: (
         lambda *v: triad(*(each.astype(np.float32) for each in v))
     ),
-    stores_single_precision=lambda *_: answers(lambda q: q.astype(np.float32)),
     an_object=lambda *_: _Callable(),
     one_at_a_time_in_matrices=one_at_a_time_in_matrices,
-    either_sign=lambda *_: lambda *v: davenport(*v) * np.sign(v[0][:, :1] + 1e-300),
     seeds_the_global_generator=seeds_the_global_generator,
     remembers_equal_calls=remembers_equal_calls,
     weighs_as_it_should=lambda x, _: weighing(lambda w: at(x, 0.1, 10.0) * w),

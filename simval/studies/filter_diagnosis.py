@@ -12,7 +12,6 @@ attitude :math:`A_k`, world to body:
 Each is fitted alone. What none of them explains is of the motion: coning, a scale.
 """
 
-from functools import partial
 from typing import Final
 
 import numpy as np
@@ -111,8 +110,10 @@ def _stated(
     P = answers.found.covariance
     if P is not None:
         parts = np.array([[0.0, 0.0, 1.0], [1.0, 1.0, 0.0]])
-        world = partial(_variances, A=A)
-        own, least = world(P[:, answers.late, :3, :3]), world(bound)
+        own, least = (
+            np.diagonal(A.swapaxes(-1, -2) @ each @ A, axis1=-2, axis2=-1)
+            for each in (P[:, answers.late, :3, :3], bound)
+        )
         error = (answers.error[..., None, :] @ A)[..., 0, :] ** 2
         for name, part in zip(("heading", "inclination"), parts, strict=True):
             squares = (error @ part) / (own @ part)
@@ -127,9 +128,3 @@ def _stated(
             mean = mean_of_trials(ratio[..., j])
             rows += unjudged(PART_OF_INNOVATION(str(j + 1)), *mean, 1.0)
     return tuple(rows)
-
-
-def _variances(
-    P: Float[Array, "... i 3 3"], A: Float[Array, "i 3 3"]
-) -> Float[Array, "... i 3"]:
-    return np.diagonal(A.swapaxes(-1, -2) @ P @ A, axis1=-2, axis2=-1)

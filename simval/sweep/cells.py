@@ -105,13 +105,6 @@ def read_heads(database: sqlite3.Connection) -> Iterator[CellResult]:
         yield _head(cell, asked)
 
 
-def read_heads_by_study(database: sqlite3.Connection) -> Iterator[CellResult]:
-    """Read the cells of a store without their rows, study by study."""
-    asked = Asked(store.manifest(database))
-    for cell in database.execute("SELECT * FROM cells ORDER BY study, position"):
-        yield _head(cell, asked)
-
-
 def _head(cell: sqlite3.Row, asked: Asked) -> CellResult:
     """A cell without its rows, the one that the suite asks for at its place."""
     with _named(cell):

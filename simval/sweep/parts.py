@@ -6,7 +6,6 @@ elsewhere, and who opens a pipe waits for its other end.
 """
 
 import os
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from io import BufferedWriter
@@ -27,12 +26,3 @@ def completed(path: Path) -> Iterator[BufferedWriter]:
         with suppress(OSError):
             part.unlink()
         raise
-
-
-def taken_away(path: Path) -> None:
-    """Remove a folder with all in it, or whatever else stands under its name."""
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path, ignore_errors=True)
-    else:
-        with suppress(OSError):
-            path.unlink()

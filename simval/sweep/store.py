@@ -85,14 +85,6 @@ def opened(path: Path) -> Iterator[sqlite3.Connection]:
         yield database
 
 
-def attached(path: Path) -> sqlite3.Connection:
-    """Open the store of a run for as long as the connection is used: one snapshot."""
-    database = to_read(path, TABLES, SCHEMA_VERSION)
-    database.row_factory = sqlite3.Row
-    database.execute("BEGIN")
-    return database
-
-
 @contextmanager
 def writing(path: Path) -> Iterator[sqlite3.Connection]:
     """Open the store of a run to add to it."""

@@ -36,9 +36,6 @@ from simval.verdict.rules import (
 
 Mask = Bool[NDArray[np.bool_], " n"]
 
-SAMPLED = [CHECKS.index(name) for name in CHECKS if name in WEIGHTS]
-"""Places of the checks that involve chance."""
-
 
 def p_values(rows: Iterable[Row]) -> Float[Array, " n"]:
     """Probability of eq. (V1) for sampling rows.
