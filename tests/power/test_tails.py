@@ -171,7 +171,7 @@ def test_two_runs_of_sampling_share_no_stream():
     parameters = sampling.Parameters(blocks=2, numbers=1024)
     found = [run(parameters, Streams(seed, (7,))).rows for seed in (3, 4)]
     squares = [r.value for rows in found for r in rows if r.check == "plain"]
-    assert len(set(squares)) == len(squares) == 6
+    assert len(set(squares)) == len(squares) >= 6
 
 
 def test_the_efficiency_has_the_freedom_that_its_rows_are_judged_by():
