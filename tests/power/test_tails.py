@@ -194,8 +194,8 @@ def test_the_efficiency_has_the_freedom_that_its_rows_are_judged_by():
 def test_the_command_counts_one_study(capsys):
     assert command.main(["--rates", "--share", "0.004", "--study", "sampling"]) == 0
     out = capsys.readouterr().out
-    # four runs of three rows, at three levels, and no other measurement
-    assert out.count("sampling | plain | 4 | 12 | ") == 3
+    # four runs of seven rows, at three levels, and no other measurement
+    assert out.count("sampling | plain | 4 | 28 | ") == 3
     assert "false alarms" not in out
 
 
