@@ -6,7 +6,7 @@ gyroscope's bias and the walk within it, the start's attitude and bias. The sum 
 squares of what the errors of attitude and bias are at the end is their covariance; it
 shares no line with the covariance that the filter states, nor with the bound.
 
-What the coning of eq. (F9) of `filters.mekf` leaves out of a turn is of third order in
+What the coning of eq. (F9) of `mekf` leaves out of a turn is of third order in
 the step; without it, or with a wrong factor, it is of second. Rates alone show which.
 """
 
