@@ -158,7 +158,7 @@ def test_equal_values_have_no_step():
 
 
 @pytest.mark.slow
-def test_the_rates_and_powers_of_decision_0095(capsys):
+def test_the_rates_and_powers_of_steps(capsys):
     """3000 series each: how many of pure noise alarm at 5 %, what steps are found."""
     rng, count, alpha = np.random.default_rng(95), 3000, 0.05
     lines = []

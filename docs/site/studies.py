@@ -138,8 +138,7 @@ def statistics_page() -> str:
         "## Statistics",
         "A statistic is a member of a family: `bias[K_x]` is the bias of one entry. "
         "The unit is that of the family, unless a study states another. The margin is "
-        "the change that counts as none where two runs do not share their noise "
-        "([decision 0068](../decisions/0068-one-place-decides-a-change.md)).",
+        "the change that counts as none where two runs do not share their noise.",
         definitions(found),
         "## Predictors",
         definitions(theory),

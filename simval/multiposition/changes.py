@@ -29,7 +29,7 @@ from simval.statics import Intervals, interval_means
 
 Detector = Callable[[Log, int], Intervals]  # the rests of a log, at least so many
 
-# What these bounds let pass and catch of 570 bad logs is in docs/decisions/0057, and is
+# What these bounds let pass and catch of 570 bad logs is
 # held by tests/test_log_faults.py.
 _BETTER = 1.5  # times less scatter; undoing the jumps of a sound log makes it worse
 _VANISHES = 4.0  # times less scatter; leaving out a part of a slow drift halves it

@@ -19,8 +19,7 @@ TICK_LABELS = 0.32  # their height and the space about them, inches
 FARTHEST = 1e290  # an axis multiplies its ends by some factors of ten
 MANY = 1500
 """Points of a series beyond which it is drawn as pixels: as vectors 20 000 with their
-bars take 8.8 MB of the page, as pixels 0.1 MB; the words stay text (measured:
-docs/decisions/0068)."""
+bars take 8.8 MB of the page, as pixels 0.1 MB; the words stay text."""
 HALF, RIM = (
     1.75,
     1.56,
