@@ -43,7 +43,3 @@ def test_a_face_is_documented(name, is_class):
     rules = [rule for rule in RULES if not (is_class and rule in FIELDS)]
     found = [f"{code}: {words}" for code, words in validate(name)["errors"]]
     assert [line for line in found if line[:4] in rules] == []
-
-
-def test_there_are_faces():
-    assert len(FACES) > 100

@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import pytest
 from places import ROOT
 
-from docs.site.mathml import display, mathml
+from docs.site.mathml import mathml
 
 TOKEN = re.compile(r"\\[a-zA-Z]+|\\.|[{}]|[^\s{}\\]")
 GREEK = re.compile("[^A-Za-z0-9]")
@@ -125,12 +125,3 @@ def test_known_ones():
     assert shown(r"2\sqrt 2D", "msqrt") == [["2"]]
     assert shown(r"x^23", "msup") == [["x", "2"]]
     assert shown(r"\hat q_k", "msub") == [["q", "k"]]
-
-
-def test_numbers_stand_beside_the_equation_and_have_places():
-    html = display(r"a = b, \tag{K1, (8)}", "simval.attitude.kernel")
-    assert 'id="eq-attitude-kernel-K1"' in html
-    assert "(K1), (8)" in html
-    two = display("a &= b \\tag{C1}\\\\ c &= d \\tag{C2}")
-    assert two.count("<span id=") == 2
-    assert GREEK.sub("", "".join(ElementTree.fromstring(two).itertext())) == "abC1cdC2"

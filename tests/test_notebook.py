@@ -46,16 +46,6 @@ def test_the_package_that_is_a_function_says_what_it_takes():
     assert "max_iterations" in inspect.getdoc(simval.calibrate)
 
 
-def test_completion_offers_names_and_modules_alone():
-    packages = [name for name in sys.modules if name.split(".")[0] == "simval"]
-    faces = [sys.modules[n] for n in packages if hasattr(sys.modules[n], "__path__")]
-    for face in (each for each in faces if "__all__" in vars(each)):
-        offered = {name for name in dir(face) if not name.startswith("__")}
-        assert set(face.__all__) - {"__version__"} <= offered
-        extra = offered - set(face.__all__)
-        assert all(f"{face.__name__}.{name}" in sys.modules for name in extra), extra
-
-
 @pytest.mark.parametrize("model", forms.MODELS)
 def test_what_is_printed_and_what_stands_in_the_parameters_is_told_apart(model):
     fit = fitted(model)

@@ -1,7 +1,6 @@
 """The runner of pages: what it takes for the same, and what it does not."""
 
 import pytest
-import walkthrough
 from walkthrough import Walk, blocks, rewritten, same
 
 PAGE = """\
@@ -61,12 +60,6 @@ def test_an_exit_code_that_is_not_shown_is_found(tmp_path):
     assert "ended with 3" in message
 
 
-def test_a_page_is_written_anew(tmp_path):
-    walk = walked(PAGE.replace("\n0.125\n", "\n8\n").replace("\n2\n", "\n"), tmp_path)
-    assert len(walk.wrong) == 2
-    assert rewritten(walk) == PAGE
-
-
 def test_lines_left_out_stay_left_out(tmp_path):
     text = PAGE.replace("print(1 + 1)", "for i in range(4): print('abcd'[i], i + 0.5)")
     walk = walked(text.replace("\n2\n", "\na 9.5\n...\nd 9.5\n"), tmp_path)
@@ -96,30 +89,3 @@ def test_lines_left_out_stay_left_out(tmp_path):
 )
 def test_the_rule(shown, printed, equal):
     assert same((shown,), [printed]) is equal
-
-
-@pytest.mark.parametrize(
-    ("shown", "equal"),
-    [
-        (["a", "b", "c"], True),
-        (["a", "..."], True),
-        (["...", "c"], True),
-        (["a", "...", "c"], True),
-        (["...", "b"], False),
-        (["...", "b", "..."], True),
-        (["...", "d", "..."], False),
-        (["a", "...", "b"], False),
-    ],
-)
-def test_lines_left_out(shown, equal):
-    assert same(shown, ["a", "b", "c"]) is equal
-
-
-@pytest.mark.ci
-def test_a_command_of_simval_runs_here(tmp_path):
-    code, out = walkthrough.called("simval list | head -n 1", tmp_path)
-    assert (code, out) == (0, "suites\n")
-    code, out = walkthrough.called("simval sweep none.toml > out.txt", tmp_path)
-    assert code == 2
-    assert "none.toml" in out
-    assert (tmp_path / "out.txt").read_text() == ""

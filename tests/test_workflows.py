@@ -1,14 +1,21 @@
 """Every workflow in the documentation, line by line, as a runner does."""
 
+import os
+import re
 import shlex
+import shutil
+import subprocess
+import venv
 from xml.etree import ElementTree
 
 import pytest
+import yaml
+from places import ROOT
 from quick_align import ALIGN
-from workflows import EVEN_THEN, jobs, runs
 
-JOBS = [pytest.param(job, id=name) for name, job in jobs()]
-
+FENCED = re.compile(r"```ya?ml\n(.*?)```", re.S)
+EVEN_THEN = ("always()", "!cancelled()")
+"""Conditions under which a step is run though one before it failed."""
 CRASHING = """
 from simval.plugins import Estimator
 
@@ -19,16 +26,35 @@ crash = Estimator(name="crash", estimate=work, components="xyzs", matrix="active
 """
 
 
+def jobs():
+    """Name and content of each job of each workflow."""
+    found = []
+    for path in sorted((ROOT / "docs").rglob("*")):
+        whole = path.suffix in {".yml", ".yaml"}
+        if not whole and path.suffix != ".md":
+            continue
+        text = path.read_text(encoding="utf-8")
+        for block in [text] if whole else FENCED.findall(text):
+            for name, job in (yaml.safe_load(block) or {}).get("jobs", {}).items():
+                found.append((f"{path.stem}-{name}", job))
+    return found
+
+
+JOBS = [pytest.param(job, id=name) for name, job in jobs()]
+
+
+def runs(step, codes):
+    """Whether a runner starts a step after these exit codes."""
+    condition = str(step.get("if", "")).strip("${} ")
+    return not any(codes) or condition in EVEN_THEN
+
+
 def gone_through(job, simval, plugin):
     """Words and exit code of each step that a runner starts, as `simval` goes on."""
     codes, printed = {}, []
     for step in job["steps"]:
         words = shlex.split(step.get("run", ""))
-        if not runs(step, codes.values()):
-            continue
-        if words[:1] != ["simval"]:
-            # tests/test_install_lines.py runs these
-            assert not words or words[:2] == ["pip", "install"]
+        if not runs(step, codes.values()) or words[:1] != ["simval"]:
             continue
         if words[1] == "sweep":  # one option more, and less to do to save time
             words = [w if w != "smoke" else "suite.toml" for w in words]
@@ -50,10 +76,19 @@ def runner(tmp_path, monkeypatch, undrawn):
     return tmp_path
 
 
-def test_there_is_a_workflow():
-    assert JOBS
-    for job in (job.values[0] for job in JOBS):
-        assert any("simval gate" in step.get("run", "") for step in job["steps"])
+def test_no_page_or_message_asks_an_index_for_simval():
+    asks = re.compile(
+        r"(?:pip3? install|uv add|uvx|pipx install)\s+(?:-\S+\s+)*"
+        r"['\"]?simval(?![-./\w])"
+    )
+    assert asks.search("pip install -U 'simval[cluster]'")
+    texts = [
+        *ROOT.glob("*.md"),
+        *(ROOT / "docs").rglob("*.md"),
+        *(ROOT / "simval").rglob("*.py"),
+    ]
+    assert len(texts) > 100
+    assert [p for p in texts if asks.search(p.read_text(encoding="utf-8"))] == []
 
 
 @pytest.mark.ci
@@ -64,10 +99,7 @@ def test_a_crash_is_annotated_and_in_every_file(job, simval, runner):
     (mark,) = [x for x in printed if x.startswith("::error ") and "crash.py" in x]
     assert "no such luck" in mark
     root = ElementTree.parse(runner / "gate.xml").getroot()
-    failure = next(
-        f for f in root.iter("failure") if "no such luck" in f.get("message")
-    )
-    assert "crash.py" in failure.text
+    assert [f for f in root.iter("failure") if "no such luck" in f.get("message")]
     for name in ("step.md", "gate.md", "gate.json", "report.html"):
         assert "no such luck" in (runner / name).read_text(encoding="utf-8")
     left = next(step for step in job["steps"] if "upload" in step.get("uses", ""))
@@ -86,3 +118,54 @@ def test_a_healthy_plugin_passes_once_the_baseline_is_there(job, simval, runner)
     code, out, _ = simval(*shlex.split(gate)[1:])
     assert code == 0, out
     assert "::error" not in out
+
+
+def in_bash(line, folder, bins, **variables):
+    """Run the text of a step as GitHub does; `bins` go before the path."""
+    path = os.pathsep.join([str(bins), os.environ["PATH"]])
+    env = {**os.environ, "PATH": path, **variables}
+    env.pop("PYTHONPATH", None)
+    return subprocess.run(
+        ["bash", "-e", "-c", line],
+        cwd=folder,
+        env=env,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.wheel
+@pytest.mark.parametrize("job", JOBS)
+def test_a_workflow_as_it_stands(job, tmp_path):
+    """From an empty environment, in a repository that has the wheel, twice the gate."""
+    page = (ROOT / "docs" / "ci.md").read_text(encoding="utf-8")
+    (build,) = re.findall(r"`(pip wheel [^`]*)`", page)
+    checkout = tmp_path / "simval"
+    cloned = ["git", "clone", "--quiet", str(ROOT), str(checkout)]
+    if not (ROOT / ".git").exists() or subprocess.run(cloned, check=False).returncode:
+        pytest.skip("not a git repository")
+    venv.create(tmp_path / "made", with_pip=True)  # what setup-python does
+    bins = tmp_path / "made" / "bin"
+    own = tmp_path / "own"
+    own.mkdir()
+    assert in_bash(build, checkout, bins).returncode == 0
+    shutil.move(checkout / "wheels", own)
+    shutil.rmtree(checkout)
+    variables = {
+        "HOME": str(tmp_path),
+        "GITHUB_ACTIONS": "true",
+        "GITHUB_STEP_SUMMARY": str(tmp_path / "step.md"),
+    }
+    codes = {}
+    for step in job["steps"]:
+        if "run" in step and runs(step, codes.values()):
+            done = in_bash(step["run"], own, bins, **variables)
+            codes[step["run"]] = done.returncode
+    (gate,) = [line for line in codes if line.startswith("simval gate")]
+    # the first gate writes the baseline and fails, as the page says
+    assert {line: code for line, code in codes.items() if code} == {gate: 1}
+    assert len(codes) == sum("run" in step for step in job["steps"])
+    again = in_bash(gate, own, bins, **variables)
+    assert again.returncode == 0, again.stdout + again.stderr
