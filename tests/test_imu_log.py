@@ -21,7 +21,7 @@ from simval.logs import Log, read_log
 from simval.multiposition import calibrate_log, calibrate_sensors
 from simval.multiposition.axes import rail, require_alive
 from simval.multiposition.kalibr import kalibr_yaml
-from simval.report.calibrated import calibration_sections
+from simval.report.calibration_page import calibration_page
 from simval.scene import simulate
 from simval.scene.signal import motion_of, write_signal
 from simval.sensor import load_imu, read_imu
@@ -269,7 +269,7 @@ def test_a_sensor_that_cannot_be_is_left_out_with_the_reason(path):
             calibrate_sensors(wrong, result, sensors=["gyroscope"])
         assert list(found.left_out) == ["gyroscope"]
         (section,) = [
-            s for s in calibration_sections(wrong, found) if s.anchor == "result"
+            s for s in calibration_page(wrong, found).sections if s.anchor == "result"
         ]
         assert found.left_out["gyroscope"] in unescape(str(section.body))
 

@@ -14,7 +14,8 @@ from simval.logs import read_log
 from simval.multiposition import calibrate_log, calibrate_sensors
 from simval.poses import fibonacci_sphere
 from simval.report import render_calibration
-from simval.report.calibrated import calibration_sections, envelope
+from simval.report.calibration_page import calibration_page
+from simval.report.log_page import envelope
 from simval.sensor import AccelerometerModel
 
 SENSOR = AccelerometerModel(
@@ -54,7 +55,7 @@ def result(whole):
 
 
 def section(log, whole, anchor):
-    (found,) = [s for s in calibration_sections(log, whole) if s.anchor == anchor]
+    (found,) = [s for s in calibration_page(log, whole).sections if s.anchor == anchor]
     return found
 
 

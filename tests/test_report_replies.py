@@ -13,10 +13,10 @@ from simval.cli.reproduced import command_again
 from simval.poses import fibonacci_sphere
 from simval.recorded.consistency import Consistency
 from simval.recorded.errors import Rms
-from simval.report.calibrated_replies import KINDS, greatest, kinds_of, readable
-from simval.report.data_sheet import UNITS
-from simval.report.filtered_replies import replies
-from simval.report.replies import FOLDERS
+from simval.report.calibration_page import KINDS, greatest, kinds_of, readable
+from simval.report.filter_page import replies
+from simval.report.log_page import FOLDERS
+from simval.report.noise_page import UNITS
 from simval.sensor import AccelerometerModel
 
 SENSOR = AccelerometerModel(

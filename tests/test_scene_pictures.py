@@ -16,7 +16,7 @@ from PIL import Image
 
 from simval.errors import InputError
 from simval.geometry import attitude_matrix
-from simval.report.coverage import widest_gap
+from simval.report.calibration_page import widest_gap
 from simval.scene import frames, render, simulate
 from simval.scene.arrows import (
     AXES,

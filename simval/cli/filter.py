@@ -79,9 +79,10 @@ def _write_page(
     done: list[Evaluation],
     failed: dict[str, str],
 ) -> None:
-    from simval.report.filtered import render_filters  # starts the drawing
+    from simval.report.filter_page import filter_page  # starts the drawing
+    from simval.report.log_page import render_log
 
-    write(page, render_filters(log, said, done, failed, command_again()))
+    write(page, render_log(filter_page(log, said, done, failed, command_again())))
 
 
 def truth_of(

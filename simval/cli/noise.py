@@ -91,12 +91,9 @@ def _require_drawable(figure: Path | None) -> None:
 
 def _draw(figure: Path, log: Log, sensors: Sensors) -> None:
     from simval.report import png, svg_file
-    from simval.report.allan import allan_drawing
+    from simval.report.noise_page import allan_drawing
 
-    drawing = allan_drawing(
-        Path(log.path).name,
-        [(name, axes, scale.si_per_raw) for name, (axes, scale) in sensors.items()],
-    )
+    drawing = allan_drawing(Path(log.path).name, _noisy(sensors))
     if not drawing.panels:
         return  # no reading varies: refused below
     try:
@@ -110,23 +107,29 @@ def _draw(figure: Path, log: Log, sensors: Sensors) -> None:
 
 
 def _write_page(page: Path, log: Log, found: LogNoise, sensors: Sensors) -> None:
-    from simval.report.noisy import SensorNoise, render_noise  # starts the drawing
+    from simval.report.log_page import render_log  # starts the drawing
+    from simval.report.noise_page import noise_page
 
-    noisy = [
-        SensorNoise(name=name, axes=axes, si_per_raw=scale.si_per_raw)
-        for name, (axes, scale) in sensors.items()
-    ]
     said = [f"rest              {found.how}: {found.stop - found.start} rows"]
     said += [f"raw unit          {name}: {sensors[name][1].how}" for name in sensors]
-    text = render_noise(
+    content = noise_page(
         log,
-        noisy,
+        _noisy(sensors),
         seconds=found.seconds,
         left_out=found.left_out,
         said=said,
         command=command_again(),
     )
-    write(page, text)
+    write(page, render_log(content))
+
+
+def _noisy(sensors: Sensors) -> Any:
+    from simval.report.noise_page import SensorNoise
+
+    return [
+        SensorNoise(name=name, axes=axes, si_per_raw=scale.si_per_raw)
+        for name, (axes, scale) in sensors.items()
+    ]
 
 
 def as_object(log: Log, found: LogNoise, sensors: Sensors) -> dict[str, Any]:

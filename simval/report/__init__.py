@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from simval.faces import present
 
 if TYPE_CHECKING:
-    from simval.report.calibrated import render_calibration
+    from simval.report.calibration_page import render_calibration
     from simval.report.comparison import render_comparison
     from simval.report.page import drawings, render, tables
     from simval.report.paint import png, svg_file

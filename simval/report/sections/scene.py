@@ -8,7 +8,7 @@ from pathlib import Path
 from simval.arrays import Array
 from simval.errors import InputError
 from simval.report.artifacts import arrays, content_of, is_left, listed, shaped
-from simval.report.coverage import widest_gap
+from simval.report.calibration_page import widest_gap
 from simval.report.panels import Drawing, SpherePanel
 from simval.report.section import Context, Section, made
 from simval.report.words import slug

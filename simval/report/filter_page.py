@@ -1,0 +1,405 @@
+"""The page of filters over one log: how wrong, whether honest, what to do next."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.logs import Log
+from simval.recorded import Evaluation
+from simval.recorded.consistency import ALPHA, Consistency
+from simval.recorded.errors import Rms
+from simval.recorded.evaluation import WithTruth, turned_words
+from simval.report.answers import rounded
+from simval.report.log_page import (
+    Answer,
+    LogPage,
+    Note,
+    Reply,
+    linear,
+    signal,
+)
+from simval.report.panels import COLOURS, GREY, Drawing, Series
+from simval.report.section import made
+from simval.report.table import Column, Table
+from simval.report.words import measured, slug
+from simval.shapes import Bool, Float
+
+BAND = 3.0
+"""Standard deviations of the band that is drawn."""
+
+CHI2 = (0.2158, 9.3484)
+"""Ends of 95 % of a chi-square of 3 degrees of freedom, that of one row."""
+
+NAMES = ("total", "heading", "inclination")
+
+PARTS = {"all": "all rows", "moving": "while moving", "rest": "at rest"}
+"""Words for the parts of a log."""
+
+WITHOUT_TRUTH = (
+    "Without truth a filter can only be asked about itself: a scale error of the "
+    "gyroscope, or noise told wrongly, leaves innovations as they should be; only "
+    "truth shows the error. --truth takes a file, or the name of the log's columns."
+)
+
+MEANING = (
+    "NEES is the squared error over the covariance, 3 where the covariance is true, "
+    "with its interval at a false-alarm rate of 1 %; NIS the squared innovation over "
+    "its covariance. At rest: the drift of the heading, degrees a minute, and up, the "
+    "angle between the filter's up and the specific force, degrees. Time is in "
+    "microseconds a row."
+)
+
+
+def filter_page(
+    log: Log,
+    said: Sequence[str],
+    done: Sequence[Evaluation],
+    failed: Mapping[str, str],
+    command: str = "",
+) -> LogPage:
+    """State the answers, figures and tables of filters over a log.
+
+    Parameters
+    ----------
+    log : Log
+        The log.
+    said : sequence of str
+        Lines on the log, what filters were told, and the truth.
+    done : sequence of Evaluation
+        Filters that were measured.
+    failed : mapping of str to str
+        Filters that were not, and why.
+    command : str
+        The command that makes the page again; empty leaves it out.
+    """
+    drawings = [_drawing(f.run.name, f.truth) for f in done if f.truth is not None]
+    # one at once, the others a click away
+    drawings[1:] = [
+        replace(each, fold=each.caption.partition(";")[0]) for each in drawings[1:]
+    ]
+    notes = [Note(words=MEANING)]
+    if done:
+        worlds = [f"{each.run.name}: {each.run.how}." for each in done]
+        how = "How each filter was run, and the frame that was found for it"
+        notes.append(Note(words=how, lines=worlds))
+    return LogPage(
+        title="Attitude filters over",
+        log=log,
+        replies=replies(done, failed),
+        tables=([_rms(done)] if drawings else []) + ([_own(done)] if done else []),
+        notes=notes,
+        chapters=[made("errors", "Errors over time", drawings)] if drawings else [],
+        said=said,
+        command=command,
+    )
+
+
+def replies(done: Sequence[Evaluation], failed: Mapping[str, str]) -> tuple[Reply, ...]:
+    """Answers to the three questions."""
+    return _how_wrong(done), _honest(done), _next(done, failed)
+
+
+def _how_wrong(done: Sequence[Evaluation]) -> Reply:
+    title = "How wrong is each filter?"
+    judged = sorted((each for each in done if each.truth is not None), key=_total)
+    if not judged:
+        return Reply(
+            title=title,
+            headline="No truth, so errors are unknown"
+            if done
+            else "Nothing was measured",
+            answer="inconclusive",
+            lines=tuple(
+                f"{each.run.name} at rest: its heading drifts {_drift(each):.2g} "
+                "degrees a minute."
+                for each in done
+                if np.isfinite(each.at_rest.drift)
+            ),
+        )
+    lines = [
+        f"{each.run.name}: {_degrees(own['total'])} in all, heading "
+        f"{_degrees(own['heading'])}, inclination {_degrees(own['inclination'])}, "
+        f"{PARTS.get(part, part)}."
+        for each in judged
+        for part, own in [_widest_part(each)]
+    ]
+    if turned := turned_words(done):
+        lines.append(turned)
+    least = _degrees(_widest_part(judged[0])[1]["total"])
+    what = "least" if len(judged) > 1 else "RMS error"
+    return Reply(
+        title=title,
+        headline=f"{least} ({judged[0].run.name}, {what})",
+        lines=tuple(lines),
+    )
+
+
+def _widest_part(each: Evaluation) -> tuple[str, dict[str, Rms]]:
+    """RMS of the errors over as much of the log as they are known in."""
+    assert each.truth is not None
+    known = each.truth.rms
+    part = next((name for name in PARTS if name in known), next(iter(known)))
+    return part, known[part]
+
+
+def _total(each: Evaluation) -> float:
+    value = _widest_part(each)[1]["total"].value
+    return value if np.isfinite(value) else np.inf
+
+
+def _degrees(rms: Rms) -> str:
+    if not np.isfinite(rms.value):
+        return "unknown"
+    if not np.isfinite(rms.sd):
+        return f"{np.degrees(rms.value):.3g}°"
+    return f"{measured(np.degrees(rms.value), np.degrees(rms.sd))}°"
+
+
+def _drift(each: Evaluation) -> float:
+    return float(np.degrees(each.at_rest.drift) * 60.0)
+
+
+def _nees(each: Evaluation) -> Consistency | None:
+    return None if each.truth is None else each.truth.nees
+
+
+def _honest(done: Sequence[Evaluation]) -> Reply:
+    stated = [(each.run.name, nees) for each in done if (nees := _nees(each))]
+    told = [nees.verdict for _, nees in stated if nees.verdict != "not judged"]
+    lines = [f"{name}: {_words(nees)}." for name, nees in stated]
+    lines += [
+        f"{each.run.name}: {_why_not(each)}." for each in done if _nees(each) is None
+    ]
+    answer: Answer = "inconclusive"
+    headline = "Cannot be judged"
+    if told:
+        good = told.count("consistent")
+        answer = "pass" if good == len(told) else "fail"
+        headline = _how_many(good, len(told))
+        lines.append(f"False-alarm rate of each verdict: {100.0 * ALPHA:g} %.")
+    return Reply(
+        title="Are their covariances honest?",
+        headline=headline,
+        answer=answer,
+        lines=tuple(lines),
+    )
+
+
+def _how_many(good: int, count: int) -> str:
+    """How many covariances are consistent, in words."""
+    if not good:
+        return "The one that is stated is not" if count == 1 else f"None of {count} is"
+    return f"{good} of {count} {'is' if good == 1 else 'are'} consistent"
+
+
+def _why_not(each: Evaluation) -> str:
+    if each.nis is not None:
+        return (
+            f"without truth only its innovations, {each.nis.verdict}, "
+            f"{each.nis.mean:.3g} of {each.nis.expected:.3g}"
+        )
+    return "it states no covariance" if each.truth else "no truth to judge it by"
+
+
+def _words(nees: Consistency) -> str:
+    ratio = np.sqrt(nees.mean / nees.expected)
+    return (
+        f"{nees.verdict}, squared error over covariance {rounded(nees.mean, 3)} of "
+        f"{nees.expected:g}, errors {ratio:.2g} times what it states"
+    )
+
+
+def _next(done: Sequence[Evaluation], failed: Mapping[str, str]) -> Reply:
+    todo = [
+        (f"Look at {name}, which was not measured", f"{name}: {why}")
+        for name, why in failed.items()
+    ]
+    if done and not any(each.truth is not None for each in done):
+        todo.append(("Give the recorded attitudes (--truth)", WITHOUT_TRUTH))
+    todo += [
+        _advice(each.run.name, nees)
+        for each in done
+        if (nees := _nees(each)) and nees.verdict != "consistent"
+    ]
+    headline = "Nothing stands out: the covariances agree with the errors"
+    if todo:
+        headline = todo[0][0] + (f", and {len(todo) - 1} more" if todo[1:] else "")
+    return Reply(
+        title="What to do next?",
+        headline=headline,
+        answer="fail" if failed else "pass",
+        lines=tuple(words for _, words in todo),
+    )
+
+
+def _advice(name: str, nees: Consistency) -> tuple[str, str]:
+    """What to do about a filter, in short and in a sentence."""
+    if nees.verdict == "overconfident":
+        return (
+            f"Tell {name} of more noise",
+            f"{name} is surer than it may be: tell it of more noise, or calibrate the "
+            "log first (simval calibrate LOG --out FILE, then --calibration FILE).",
+        )
+    if nees.verdict == "underconfident":
+        return (
+            f"Tell {name} of less noise",
+            f"{name} is better than it says: tell it of less noise.",
+        )
+    if nees.blocks:
+        return (
+            "State the truth's world",
+            f"The north of the log's magnetometer is too uncertain to judge the "
+            f"covariance of {name}; state the truth's world (--truth-world).",
+        )
+    return (
+        "Record for longer",
+        f"Too few rows have truth to judge the covariance of {name}.",
+    )
+
+
+def _rms(done: Sequence[Evaluation]) -> Table:
+    rows = [
+        (
+            each.run.name,
+            part,
+            # an RMS of too few rows is an empty cell
+            *(
+                (np.degrees(own.value), np.degrees(own.sd))
+                if np.isfinite([own.value, own.sd]).all()
+                else None
+                for own in errors.values()
+            ),
+        )
+        for each in done
+        if each.truth is not None
+        for part, errors in each.truth.rms.items()
+    ]
+    return Table(
+        name="rms",
+        caption="RMS error against the truth, with its standard error",
+        columns=(
+            Column("filter", "code"),
+            Column("rows"),
+            *(Column(f"{name}, °", "measured") for name in NAMES),
+        ),
+        rows=rows,
+    )
+
+
+def _own(done: Sequence[Evaluation]) -> Table:
+    rows = [
+        (
+            each.run.name,
+            *_interval(_nees(each)),
+            *((None, None) if each.nis is None else (each.nis.mean, each.nis.expected)),
+            _number(_drift(each)),
+            _number(np.degrees(each.at_rest.inclination)),
+            each.microseconds,
+        )
+        for each in done
+    ]
+    return Table(
+        name="consistency",
+        caption="What filters say of themselves",
+        columns=(
+            Column("filter", "code"),
+            Column("NEES", "number", 4),
+            Column("from", "number", 3),
+            Column("to", "number", 3),
+            Column("verdict"),
+            Column("NIS", "number", 4),
+            Column("its mean", "number", 3),
+            Column("drift, °/min", "number", 3),
+            Column("up, °", "number", 3),
+            Column("time, µs a row", "number", 4),
+        ),
+        rows=rows,
+    )
+
+
+def _interval(nees: Consistency | None) -> tuple[object, ...]:
+    if nees is None:
+        return None, None, None, "no covariance"
+    return nees.mean, _number(nees.low), _number(nees.high), nees.verdict
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _drawing(name: str, truth: WithTruth) -> Drawing:
+    errors = truth.errors
+    rests = [
+        (float(errors.time[a]), float(errors.time[b - 1]))
+        for a, b in _spans(errors.rest)
+    ]
+    panels = [
+        linear(word, "time, s", f"{word} error, degrees", _lines(truth, k), spans=rests)
+        for k, word in enumerate(NAMES)
+    ]
+    if truth.squares is not None:
+        # above the lines the covariance is too small, below too large
+        panels.append(
+            linear(
+                "squared error over covariance",
+                "time, s",
+                "NEES of a row",
+                [signal(errors.time, truth.squares, COLOURS[3])],
+                log_y=True,
+                references=(
+                    (CHI2[0], ""),
+                    (3.0, "3, its mean if the covariance is true"),
+                    (CHI2[1], ""),
+                ),
+                spans=rests,
+            )
+        )
+    caption = f"Errors of {name} over time; rests are shaded."
+    if truth.band is not None:
+        caption += (
+            f" Grey: {BAND:g} standard deviations of the filter's own covariance; "
+            "in the last panel 95 % of the rows are between the lines if it is true."
+        )
+    return Drawing(
+        name=f"errors-{slug(name)}",
+        asked=f"When is the filter {name} wrong?",
+        finding=_farthest(truth),
+        caption=caption,
+        alternative=f"Total, heading and inclination error of {name} over time",
+        panels=panels,
+        columns=1,
+    )
+
+
+def _farthest(truth: WithTruth) -> str:
+    """The largest error and when the filter had converged, in one sentence."""
+    errors = truth.errors
+    k = int(np.argmax(errors.total))
+    found = (
+        f"Most at {errors.time[k]:.1f} s, by {np.degrees(errors.total[k]):.3g} degrees"
+    )
+    if not np.isfinite(truth.settled):
+        return f"{found}; it never converges."
+    if truth.settled == 0.0:
+        return f"{found}; it had converged at the start."
+    return f"{found}; it had converged after {truth.settled:.2g} s."
+
+
+def _lines(truth: WithTruth, k: int) -> list[Series]:
+    """An error over time and the band that is stated; that of heading has a sign."""
+    time = truth.errors.time
+    error: Float[Array, " k"] = getattr(truth.errors, NAMES[k])
+    lines = [signal(time, np.degrees(error), COLOURS[k], "error")]
+    if truth.band is not None:
+        band = BAND * np.degrees(truth.band[:, k])
+        lines.append(signal(time, band, GREY, f"{BAND:g} standard deviations"))
+        if NAMES[k] == "heading":
+            lines.append(signal(time, -band, GREY))
+    return lines
+
+
+def _spans(rest: Bool[np.ndarray, " k"]) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], rest.astype(int), [0]])))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]

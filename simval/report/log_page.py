@@ -1,0 +1,165 @@
+"""The page of one log: three answers, then figures and tables, then its source.
+
+A calibration, filters and the noise of a log are such pages. Each kind states its
+answers, figures and tables; this module is the page around them.
+"""
+
+import hashlib
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path, PurePath
+from typing import Any, Literal
+
+import numpy as np
+
+from simval import __version__
+from simval.arrays import Array
+from simval.logs import Log
+from simval.report.environment import template
+from simval.report.panels import COLOURS, Panel, Series
+from simval.report.section import Section, made
+from simval.report.table import Table
+from simval.shapes import Float
+
+POINTS = 2000
+"""Stretches of a signal in a figure, each drawn from its least to its greatest value:
+no spike is lost, and a page stays below a megabyte."""
+
+FOLDERS = re.compile(r"(?<![\w)\].])(?:/[^/\s:,;]+)+/")
+"""The folders of a path in a sentence; the slashes of a unit follow its letters."""
+
+Answer = Literal["pass", "fail", "inconclusive"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reply:
+    """A question that a person asks of a log, and its answer."""
+
+    title: str  # the question
+    headline: str  # the answer, in one line
+    answer: Answer = "pass"  # whether it is good news
+    lines: tuple[str, ...] = ()  # what the answer rests on
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Note:
+    """A remark below the answers: words, and what is set apart below them."""
+
+    words: str
+    matrix: str = ""  # shown as it stands
+    lines: Sequence[str] = ()  # behind a fold with the words
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogPage:
+    """What a page says of a log."""
+
+    title: str  # what was done, before the name of the log
+    log: Log
+    replies: Sequence[Reply]  # to three questions
+    tables: Sequence[Table]  # of the first section, below the answers
+    notes: Sequence[Note] = ()
+    chapters: Sequence[Section] = ()  # figures and tables
+    said: Sequence[str] = ()  # what was read, and how
+    command: str = ""  # makes the page again; empty leaves it out
+
+    @property
+    def name(self) -> str:
+        """Name of the log's file: pages are shared, so they never show where it is."""
+        return PurePath(self.log.path).name
+
+    @property
+    def sections(self) -> tuple[Section, ...]:
+        """Answers, chapters, and where the numbers are from."""
+        facts = (
+            ("Log", self.name),
+            ("SHA-256", _digest(self.log)),
+            ("simval", __version__),
+        )
+        first = made(
+            "result",
+            "Result",
+            tables=self.tables,
+            replies=self.replies,
+            notes=self.notes,
+        )
+        source = made(
+            "source",
+            "Where these numbers are from",
+            facts=[(name, value) for name, value in facts if value],
+            command=self.command,
+            said="\n".join(FOLDERS.sub("", line) for line in self.said),
+        )
+        return first, *self.chapters, source
+
+
+def render_log(page: LogPage) -> str:
+    """Render the page of a log as HTML; the same page gives the same bytes."""
+    return template("page").render(
+        title=f"{page.title} {page.name}",
+        sections=page.sections,
+        version=__version__,
+        source=f"the log {page.name}",
+    )
+
+
+def _digest(log: Log) -> str:
+    # the file may have gone since it was read, or never have been one
+    try:
+        return hashlib.sha256(Path(log.path).read_bytes()).hexdigest()
+    except OSError:
+        return ""
+
+
+def linear(
+    title: str, x_label: str, y_label: str, series: Sequence[Series], **more: Any
+) -> Panel:
+    """A panel over time or a count."""
+    return Panel(
+        title=title,
+        x_label=x_label,
+        y_label=y_label,
+        series=series,
+        log_x=False,
+        **{"log_y": False, **more},
+    )
+
+
+def signal(
+    time: Float[Array, " n"], values: Float[Array, " n"], colour: str, label: str = ""
+) -> Series:
+    """A signal over time as a line."""
+    x, y = envelope(time, values)
+    return Series(label=label, x=x, y=y, colour=colour, line="-")
+
+
+def numbered(
+    values: Float[Array, " n"], marked: Sequence[int], label: str
+) -> list[Series]:
+    """Points in their order, some of them marked under a label."""
+    places = np.arange(float(len(values)))
+    odd = np.isin(places, marked)
+    series = [Series(label="", x=places[~odd], y=values[~odd])]
+    if odd.any():
+        x, y = places[odd], values[odd]
+        series.append(Series(label=label, x=x, y=y, colour=COLOURS[1], marker="D"))
+    return series
+
+
+def envelope(
+    time: Float[Array, " n"], values: Float[Array, " n"], most: int = POINTS
+) -> tuple[Float[Array, " m"], Float[Array, " m"]]:
+    """Least and greatest value of each stretch, in their order; all where few."""
+    if len(values) <= 2 * most:
+        return time, values
+    starts = np.linspace(0, len(values), most + 1).astype(int)
+    kept = np.array(
+        [
+            a + place
+            for a, b in pairwise(starts)
+            for place in sorted((int(values[a:b].argmin()), int(values[a:b].argmax())))
+        ]
+    )
+    return time[kept], values[kept]
