@@ -2,7 +2,6 @@
 
 import json
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,12 +23,10 @@ from simval.plugins import (
 )
 from simval.plugins.builtin import BESIDE, BUILTIN, beside_builtin
 from simval.plugins.filter_protocol import Filter
-from simval.plugins.loading import chosen, find_again, overrides_of
-from simval.plugins.messages import Message
-from simval.plugins.session import Lost, Session
+from simval.plugins.loading import chosen, overrides_of
 from simval.plugins.sources import missing, sources
 from simval.streams import Streams
-from simval.studies import call_time, estimator, plugin
+from simval.studies import call_time, estimator
 from simval.sweep import load_run, run_suite
 from simval.sweep.documents import read_timing
 from simval.sweep.suite import expand, load_suite
@@ -197,34 +194,6 @@ def test_slow_calls_have_fewer_turns(monkeypatch):
     assert call_time._in_turns(burning(1.0), burning(1.0))["turns"] == 3
 
 
-COUNTED = """
-from pathlib import Path
-mark = Path(__file__).with_name("count")
-mark.write_text(mark.read_text() + "x" if mark.exists() else "x")
-"""
-
-
-def test_a_file_is_not_run_again_for_its_time(tmp_path):
-    file = tmp_path / "counted.py"
-    file.write_text(COUNTED + ALIGN)
-    first = find_plugin(str(file), Estimator)
-    assert find_again(str(file), Estimator) is first
-    assert find_again(f"{file}:align", Estimator) is first
-    assert (tmp_path / "count").read_text() == "x"
-    assert find_again("simval:triad", Estimator) is algorithms.triad
-
-
-@pytest.mark.parametrize("error", [ValueError("no"), SystemExit(3)])
-def test_what_cannot_be_timed_has_no_time(monkeypatch, error):
-    def fails(*given):
-        raise error
-
-    monkeypatch.setattr(call_time, "_in_turns", fails)
-    word = Estimator.taken_by
-    assert call_time.call_time(word, "simval:triad", None) == {}
-    assert call_time.call_time("custom_scene.scene", "gimbal", None) == {}
-
-
 @pytest.mark.ci
 def test_a_cell_brings_its_time_and_no_row_of_it(tmp_path):
     (tmp_path / "align.py").write_text(ALIGN)
@@ -246,31 +215,6 @@ def test_a_cell_brings_its_time_and_no_row_of_it(tmp_path):
     assert load_run(tmp_path / "run").timing["calls"] == before
 
 
-class Asked(Session):
-    """A session that has taken some time, and whose process says some times."""
-
-    def __init__(self, spent, times):
-        self.time_limit, self.end, self.times = 300.0, 300.0 - spent, times
-        self.who, self.folder, self.questions = "the plug-in", Path(), []
-
-    @property
-    def left(self):
-        return self.end
-
-    def ask(self, question, words, arrays=None, says=(), most=0.0):
-        self.questions.append(question)
-        return Message(words={"times": self.times})
-
-
-def test_no_time_is_taken_of_a_cell_that_nears_its_limit():
-    parameters = estimator.Parameters(algorithm="simval:triad")
-    sound = dict.fromkeys(call_time.TIMES, 1.0)
-    for spent, times in ((149.0, sound), (151.0, {})):  # half of 300 s
-        asked = Asked(spent, sound)
-        assert plugin._times(asked, parameters) == times
-        assert asked.questions == (["times"] if times else [])
-
-
 @pytest.mark.parametrize(
     "calls",
     [
@@ -287,17 +231,6 @@ def test_damaged_times_are_refused_in_words(tmp_path, calls):
     (tmp_path / "timing.json").write_text(json.dumps(content))
     with pytest.raises(InputError, match=r"timing\.json is damaged: `calls"):
         read_timing(tmp_path)
-
-
-def test_a_forged_time_from_a_child_is_refused():
-    parameters = estimator.Parameters(algorithm="simval:triad")
-    sound = dict.fromkeys(call_time.TIMES, 1.0)
-    for bad in (-1.0, 0.0, float("nan"), float("inf"), "x", None, True, [], 10**400):
-        with pytest.raises(Lost, match="its times are none"):
-            plugin._times(Asked(0.0, sound | {"ratio": bad}), parameters)
-    for bad in (sound | {"x": 1.0}, {"seconds": 1.0}, [1.0], "x"):
-        with pytest.raises(Lost, match="its times are none"):
-            plugin._times(Asked(0.0, bad), parameters)
 
 
 @pytest.mark.ci

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from simval.arrays import Array, finite_array
 from simval.errors import InputError, PluginError
 from simval.plugins.calling import answers
+from simval.plugins.child import where_it_lives
 from simval.plugins.noise import VectorNoise
 from simval.plugins.protocol import Estimator
-from simval.plugins.remote import RemoteEstimator
 from simval.plugins.rotations import (
     fault_of,
     finite_rows,
@@ -56,14 +56,13 @@ def quaternions_of(
     return package_quaternion(found, estimator.components, estimator.matrix)
 
 
+@where_it_lives
 def raw_attitudes(
     estimator: Estimator,
     vectors: list[Float[Array, "n 3"]],
     noise: VectorNoise | None = None,
 ) -> Float[Array, "n ..."]:
     """Answers in the estimator's own convention; rows need not be attitudes."""
-    if isinstance(estimator, RemoteEstimator):
-        return estimator.attitudes(vectors, noise)
     name, shape = estimator.name, tail(estimator.components)
     found = answers(estimator, estimator.estimate, vectors, noise)
     what = "matrices" if estimator.components == "matrix" else "quaternions"
@@ -87,6 +86,7 @@ def _other_form(found: tuple[int, ...], required: tuple[int, ...]) -> str:
     return forms.get(found, "")
 
 
+@where_it_lives
 def covariances_of(
     estimator: Estimator, vectors: list[Float[Array, "n 3"]], noise: VectorNoise
 ) -> Float[Array, "n 3 3"]:
@@ -94,11 +94,6 @@ def covariances_of(
     name = estimator.name
     assert estimator.covariance is not None
     shape = (len(vectors[0]), 3, 3)
-    if isinstance(estimator, RemoteEstimator):
-        answered = estimator.covariances(vectors, noise)
-        covariances = array_of(name, "covariance", answered, shape)
-        check_covariance(name, covariances)
-        return covariances
     one = () if "noise_std" in estimator.reads else (noise.noise_std,)
     found = answers(estimator, estimator.covariance, vectors, noise, *one)
     if estimator.batch:

@@ -10,8 +10,8 @@ from simval.arrays import Array
 from simval.errors import PluginError
 from simval.plugins.answers import array_of, check_covariance
 from simval.plugins.calling import called
+from simval.plugins.child import where_it_lives
 from simval.plugins.protocol import BatchCalibrator, Calibrator
-from simval.plugins.remote import RemoteCalibrator
 from simval.sensor import forms
 from simval.sensor.estimated import FIXED, places_of
 from simval.shapes import Float
@@ -40,14 +40,12 @@ class Calibration:
         return forms.from_gram(form, self.matrix.T @ self.matrix, self.bias)
 
 
+@where_it_lives
 def calibration_of(
     calibrator: Calibrator, poses: Float[Array, "n 3"], g: float, noise_std: float
 ) -> Calibration:
     """Calibrate one set of poses."""
     name = calibrator.name
-    if isinstance(calibrator, RemoteCalibrator):
-        (found,) = calibrator.calibrations(poses[None], g, noise_std)
-        return _checked(name, calibrator, found)
     arguments: tuple[Any, ...] = (poses.copy(), g)
     if calibrator.noise_std:
         arguments = (*arguments, noise_std)
@@ -55,6 +53,7 @@ def calibration_of(
     return _checked(name, calibrator, answer)
 
 
+@where_it_lives
 def calibrations_of(
     calibrator: Calibrator,
     sets: Float[Array, "t n 3"],
@@ -63,9 +62,6 @@ def calibrations_of(
     seconds: float,
 ) -> list[Calibration]:
     """Calibrate many sets of poses; in a batch, within some seconds for all."""
-    if isinstance(calibrator, RemoteCalibrator):
-        found = calibrator.calibrations(sets, g, noise_std, seconds)
-        return [_checked(calibrator.name, calibrator, each) for each in found]
     if not isinstance(calibrator, BatchCalibrator):
         return [calibration_of(calibrator, poses, g, noise_std) for poses in sets]
     name = calibrator.name

@@ -1,131 +1,350 @@
-"""A child process that runs a user's code, with a time limit.
+"""A user's algorithm in a process of its own: we measure, it answers.
 
-The child gets a request file and leaves an answer file, both JSON; nothing that it
-writes is unpickled or run. It may raise, print, exit, hang, crash its interpreter or
-answer nonsense: each ends as a `PluginError` that says so (`CrashedPluginError` where
-it raised, died or did not end), and the child's whole process group is gone when the
-question ends, on Linux with all else that it has started (`simval.plugins.supervisor`).
+The parent keeps the measuring and has a function called where the plug-in is. It sends
+the function's name and its arguments, and gets what it returns: words as JSON, numbers
+as they are, so that every number crosses to the bit and nothing is unpickled. The
+plug-in may raise, print, exit, hang or crash its interpreter: each ends as a
+`PluginError` that says so (`CrashedPluginError` where it raised, died or did not end),
+and its whole process group goes with it.
+
+It is started as a program, not by `multiprocessing`: a daemonic worker, as Dask's are,
+may have no children there, and a child by `spawn` would run the user's script again.
 """
 
 import contextlib
+import ctypes
 import faulthandler
 import json
 import os
-import platform
 import resource
 import signal
-import stat
+import socket
+import struct
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import fields, is_dataclass, replace
+from functools import wraps
+from importlib import import_module
+from math import prod
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, BinaryIO, TypeVar
+from time import monotonic
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
-from pydantic import BaseModel
+import numpy as np
+from numpy.typing import NDArray
 
-from simval.errors import (
-    CrashedPluginError,
-    PluginError,
-    RefusedError,
-    SimvalError,
-)
-from simval.plugins.supervisor import ENDING
+from simval.errors import CrashedPluginError, PluginError, RefusedError, SimvalError
+from simval.plugins.protocol import Plugin
 from simval.text import message_of
 
 MAX_OUTPUT = 1 << 26
 """Bytes that the child, or a command that it runs, may write to any one file."""
 
-UNREADABLE = (OSError, ValueError, TypeError, KeyError, OverflowError, RecursionError)
-"""Errors by which a forged or broken answer shows itself."""
+MOST_WORDS = 1 << 28
+"""Bytes of a message's words; what says more is no message."""
+
+GLANCE = 0.1
+"""Seconds after which it is seen whether the process that is waited for still runs."""
 
 GRACE = 5.0
-"""Seconds past the limit after which the child ends itself, if its parent is gone."""
+"""Seconds past the limit after which the child ends itself."""
+
+SIZES = struct.Struct(">QQ")
+"""Of what a message says of its arrays, and of its words."""
+
+PR_SET_PDEATHSIG = 1
+
+KIND = "@"
+"""Key of the words for a value that JSON does not have."""
+
+UNREADABLE = (ValueError, TypeError, KeyError, AttributeError, ImportError, MemoryError)
+"""Errors by which an answer shows that it is none."""
+
+P = ParamSpec("P")
+T = TypeVar("T")
+Own = TypeVar("Own", bound=Plugin)
+AnyArray = NDArray[Any]
 
 
-class Answer(BaseModel):
-    """What a child answers: an error, or the fields of a subclass."""
+class Lost(BaseException):
+    """No more can be asked; `started` makes it the error that it holds.
 
-    error: str = ""
-    crashed: bool = False
+    It is no `Exception`, so that no probe takes it for an answer of the algorithm.
+    """
+
+    def __init__(self, error: PluginError) -> None:
+        super().__init__(str(error))
+        self.error = error
 
 
-Kind = TypeVar("Kind", bound=Answer)
+class End:
+    """One end of a connection, which sends and receives values.
+
+    Values are plain ones, arrays, dataclasses of the package, its classes and
+    functions, and plug-ins, whose functions stay in their process. Arrays that are one
+    here are one there.
+    """
+
+    def __init__(self, connection: socket.socket) -> None:
+        self.connection = connection
+        self.plugin: Any = None  # of this process
+
+    def send(self, value: Any) -> None:
+        """Send a value."""
+        places: dict[int, tuple[int, AnyArray]] = {}
+        tree = json.dumps(value, default=lambda each: self._spelled(each, places))
+        arrays = [array for _, array in places.values()]
+        heads = json.dumps([(a.dtype.str, a.shape) for a in arrays]).encode()
+        parts = [heads, tree.encode(), *(a.tobytes() for a in arrays)]
+        sizes = SIZES.pack(len(parts[0]), len(parts[1]))
+        self.connection.sendall(b"".join([sizes, *parts]))
+
+    def receive(self) -> Any:
+        """Receive a value.
+
+        Raises
+        ------
+        EOFError
+            If the other end is closed.
+        ValueError
+            If what comes is none, or another of `UNREADABLE`.
+        """
+        sizes = SIZES.unpack(self._read(SIZES.size))
+        if max(sizes) > MOST_WORDS:
+            msg = f"{max(sizes)} bytes of words"
+            raise ValueError(msg)
+        heads, words = (self._read(size) for size in sizes)
+        arrays: list[AnyArray] = []
+        for name, shape in json.loads(heads):
+            dtype = np.dtype(name)
+            numbers = self._read(dtype.itemsize * prod(shape))
+            arrays.append(np.frombuffer(numbers, dtype).reshape(shape))
+        return json.loads(words, object_hook=lambda each: self._meant(each, arrays))
+
+    def _read(self, count: int) -> bytearray:
+        found = bytearray(count)
+        left = memoryview(found)
+        while left:
+            got = self._received_into(left)
+            if not got:
+                raise EOFError
+            left = left[got:]
+        return found
+
+    def _received_into(self, left: memoryview) -> int:
+        return self.connection.recv_into(left)
+
+    def _spelled(
+        self, value: Any, places: dict[int, tuple[int, AnyArray]]
+    ) -> dict[str, Any]:
+        """A value that JSON does not have, in words; arrays by their places."""
+        if isinstance(value, np.ndarray):
+            place, _ = places.setdefault(id(value), (len(places), value))
+            return {KIND: "array", "place": place}
+        if isinstance(value, Plugin):
+            return {KIND: "plugin", **self._declared(value)}
+        if isinstance(value, Mapping):
+            return dict(value)
+        if is_dataclass(value) and not isinstance(value, type):
+            words = {each.name: getattr(value, each.name) for each in fields(value)}
+            return {KIND: "object", "type": type(value), "words": words}
+        return {KIND: "name", "name": f"{value.__module__}:{value.__qualname__}"}
+
+    def _meant(self, spelled: dict[str, Any], arrays: list[AnyArray]) -> Any:
+        """The value that is meant by words."""
+        kind = spelled.pop(KIND, "")
+        if kind == "array":
+            return arrays[spelled["place"]]
+        if kind == "plugin":
+            return self._here(**spelled)
+        if kind == "object":
+            return spelled["type"](**_fields(spelled["words"]))
+        if kind == "name":
+            module, _, name = spelled["name"].partition(":")
+            return getattr(import_module(module), name)
+        return spelled
+
+    def _declared(self, plugin: Plugin) -> dict[str, Any]:
+        """What a plug-in declares, its functions by their names alone."""
+        kind = next(
+            c for c in type(plugin).__mro__ if c.__module__.startswith("simval.")
+        )
+        values = {f.name: getattr(plugin, f.name) for f in fields(kind)}
+        gives = [name for name, value in values.items() if callable(value)]
+        if home_of(plugin) is None:
+            self.plugin = plugin
+        words = {name: v for name, v in values.items() if name not in gives}
+        return {"kind": kind, "gives": gives, "words": words}
+
+    def _here(self, kind: Any, gives: list[str], words: dict[str, Any]) -> Any:
+        """The plug-in of this process, as it is declared there."""
+        return replace(self.plugin, **_fields(words))
 
 
-def asked(
-    program: str, request: Any, time_limit: float, kind: type[Kind], who: str
-) -> Kind:
-    """Answer a request by a Python program, which calls `respond`, in a child process.
+def _fields(words: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields of a dataclass, whose lists are tuples."""
+    return {k: tuple(v) if isinstance(v, list) else v for k, v in words.items()}
+
+
+class Elsewhere:
+    """A function of a plug-in that is in a child."""
+
+    def __init__(self, child: "Child") -> None:
+        self.child = child
+
+    def __call__(self, *_: Any, **__: Any) -> Any:
+        """Not from here."""
+        msg = "this function is in another process"
+        raise AssertionError(msg)
+
+
+class Child(End):
+    """A process that calls our functions, with its plug-in, until its time is over."""
+
+    def __init__(
+        self,
+        process: subprocess.Popen[bytes],
+        connection: socket.socket,
+        output: Path,
+        time_limit: float,
+        who: str,
+    ) -> None:
+        super().__init__(connection)
+        self.process, self.output, self.who = process, output, who
+        self.time_limit, self.begun, self.asked = time_limit, monotonic(), 0
+
+    @property
+    def spent(self) -> float:
+        """Seconds since it was begun."""
+        return monotonic() - self.begun
+
+    def ask(self, function: Callable[..., T], *arguments: Any, **words: Any) -> T:
+        """What a function of a module returns in the child.
+
+        Raises
+        ------
+        PluginError
+            What the plug-in made of it: it refused, raised or broke a rule.
+        Lost
+            If there is no answer, now or later.
+        """
+        self.asked += 1
+        try:
+            self.connection.settimeout(max(self.time_limit - self.spent, 1e-3))
+            self.send((self.asked, function, arguments, words))
+            number, fault, answer = self.receive()
+            if number != self.asked:
+                msg = "it answered before it was asked"
+                raise ValueError(msg)
+        except TimeoutError:
+            raise self._too_late() from None
+        except (EOFError, OSError):
+            raise Lost(CrashedPluginError(self._death())) from None
+        except UNREADABLE as error:
+            msg = f"{self.who}'s process left no readable answer ({error})"
+            raise Lost(PluginError(f"{msg}{self._last_words()}")) from None
+        if fault == "lost":
+            raise Lost(CrashedPluginError(answer))
+        if fault:
+            raise (CrashedPluginError if fault == "crashed" else PluginError)(answer)
+        found: T = answer
+        return found
+
+    def _received_into(self, left: memoryview) -> int:
+        while (rest := self.time_limit - self.spent) > 0.0:
+            ended = self.process.poll() is not None
+            self.connection.settimeout(min(GLANCE, rest))
+            try:
+                return super()._received_into(left)
+            except TimeoutError:
+                if ended:  # what it has forked holds the connection open
+                    return 0
+        raise self._too_late()
+
+    def _here(self, kind: Any, gives: list[str], words: dict[str, Any]) -> Any:
+        return kind(**_fields(words), **dict.fromkeys(gives, Elsewhere(self)))
+
+    def _too_late(self) -> Lost:
+        msg = f"{self.who} did not end within {self.time_limit:g} s and was stopped"
+        return Lost(CrashedPluginError(msg))
+
+    def _death(self) -> str:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self.process.wait(timeout=2.0)
+        code = self.process.poll()
+        if code is None:
+            return f"{self.who} closed the connection by which it answers, and runs on"
+        how = f"{self.who}'s process {ending(code)} without an answer"
+        return f"{how}{self._last_words()}"
+
+    def _last_words(self) -> str:
+        with contextlib.suppress(OSError), self.output.open("rb") as output:
+            output.seek(max(0, output.seek(0, os.SEEK_END) - 400))
+            lines = output.read().decode(errors="replace").strip().splitlines()
+            words = " | ".join(line.strip() for line in lines[-3:])
+            return f"; its last words: {words}" if words else ""
+        return ""
+
+
+@contextlib.contextmanager
+def started(time_limit: float, who: str = "the plug-in") -> Iterator[Child]:
+    """Start a child, and end it with its process group.
 
     Raises
     ------
     PluginError
-        If the child did not answer in time, its answer is not of that kind, or says
-        why there is none.
+        If the process ended, did not end in time, or answered what cannot be read.
     """
-    with own_folder() as folder:
-        content = json.dumps({"time_limit": time_limit, "request": request})
-        Path(folder, "request.json").write_text(content, encoding="utf-8")
+    ours, theirs = socket.socketpair()
+    with (
+        ours,
+        TemporaryDirectory(
+            prefix="simval-plugin-", ignore_cleanup_errors=True
+        ) as folder,
+    ):
+        output, number = Path(folder, "output"), str(theirs.fileno())
+        program = (sys.executable, "-P", "-m", "simval.plugins.child")
+        with theirs, output.open("wb") as file:
+            process = subprocess.Popen(
+                [*program, number, str(time_limit)],
+                stdin=subprocess.DEVNULL,
+                stdout=file,
+                stderr=subprocess.STDOUT,
+                env={**os.environ, "TMPDIR": folder},  # goes with the folder
+                start_new_session=True,
+                pass_fds=(theirs.fileno(),),
+            )
         try:
-            with started(program, folder) as child:
-                code = child.wait(timeout=time_limit)
-        except subprocess.TimeoutExpired:
-            raise CrashedPluginError(too_late(who, time_limit)) from None
-        return read_answer(folder, code, kind, who)
+            yield Child(process, ours, output, time_limit, who)
+        except Lost as lost:
+            raise lost.error from None
+        finally:
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
 
 
-@contextlib.contextmanager
-def own_folder() -> Iterator[Path]:
-    """Folder of one child, which goes with it however it ends."""
-    with TemporaryDirectory(
-        prefix="simval-plugin-", ignore_cleanup_errors=True
-    ) as folder:
-        yield Path(folder)
+def home_of(plugin: Plugin) -> Child | None:
+    """The child that has a plug-in's functions; None if they are here."""
+    function = getattr(plugin, plugin.runs)
+    return function.child if isinstance(function, Elsewhere) else None
 
 
-@contextlib.contextmanager
-def started(
-    program: str, folder: Path, connection: int | None = None
-) -> Iterator[subprocess.Popen[bytes]]:
-    """Start a Python program with a folder, and end it and all that it has started.
+def where_it_lives(
+    function: Callable[Concatenate[Own, P], T],
+) -> Callable[Concatenate[Own, P], T]:
+    """Have a function of a plug-in called in the process that has the plug-in."""
 
-    A connection, a socket's number, is handed to it alone.
-    """
-    handed = () if connection is None else (connection,)
-    own = "from simval.plugins.supervisor import supervised; supervised("
-    whole = f"{own}{', '.join(map(str, handed))}); {program}"
-    with (folder / "output").open("wb") as output:
-        child = subprocess.Popen(
-            [sys.executable, "-P", "-c", whole, str(folder), *map(str, handed)],
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=subprocess.STDOUT,
-            # its temporary files are in our folder, and go with it
-            env={**os.environ, "TMPDIR": str(folder)},
-            start_new_session=True,
-            pass_fds=handed,
-        )
-    try:
-        yield child
-    finally:
-        _end(child)
+    @wraps(function)
+    def call(plugin: Own, /, *args: P.args, **kwargs: P.kwargs) -> T:
+        child = home_of(plugin)
+        if child is None:
+            return function(plugin, *args, **kwargs)
+        return child.ask(call, plugin, *args, **kwargs)
 
-
-def _end(child: subprocess.Popen[bytes]) -> None:
-    """End a child: its supervisor ends what has left the group, we the group."""
-    if platform.system() == "Linux" and child.poll() is None:
-        child.terminate()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            child.wait(timeout=2.0 * ENDING)
-    with contextlib.suppress(ProcessLookupError, PermissionError):
-        os.killpg(child.pid, signal.SIGKILL)
-    child.wait()
-
-
-def too_late(who: str, time_limit: float) -> str:
-    """Say that a process was stopped."""
-    return f"{who} did not end within {time_limit:g} s and was stopped"
+    return call
 
 
 def ending(code: int) -> str:
@@ -139,79 +358,6 @@ def ending(code: int) -> str:
     return f"was killed by {name} ({signal.strsignal(-code) or 'unknown'})"
 
 
-def read_answer(folder: Path, code: int, kind: type[Kind], who: str) -> Kind:
-    """Read the answer of a child that has ended.
-
-    Raises
-    ------
-    PluginError
-        As `asked`.
-    """
-    try:
-        with _plain(folder / "answer.json") as file:
-            content = file.read(MAX_OUTPUT)
-    except FileNotFoundError:
-        raise CrashedPluginError(died(who, code, folder)) from None
-    except OSError as error:
-        raise PluginError(unreadable(who, error, folder)) from None
-    try:
-        answer = kind.model_validate_json(content)
-    except UNREADABLE as error:
-        raise PluginError(unreadable(who, error, folder)) from None
-    if answer.error:
-        raise (CrashedPluginError if answer.crashed else PluginError)(answer.error)
-    return answer
-
-
-@contextlib.contextmanager
-def _plain(file: Path) -> Iterator[BinaryIO]:
-    """What a child has written, if it is a plain file of a size that it may have."""
-    # a link could lead anywhere, and a pipe without a writer would be waited for
-    number = os.open(file, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
-    with os.fdopen(number, "rb") as content:
-        state = os.fstat(number)
-        if not stat.S_ISREG(state.st_mode) or state.st_size > MAX_OUTPUT:
-            msg = f"it must be a plain file of at most {MAX_OUTPUT} bytes"
-            raise OSError(msg)
-        yield content
-
-
-def died(who: str, code: int, folder: Path) -> str:
-    """Say that a process ended before it answered."""
-    return f"{who}'s process {ending(code)} without an answer{_tail(folder)}"
-
-
-def unreadable(who: str, error: object, folder: Path) -> str:
-    """Say that what a process answered cannot be read."""
-    return f"{who}'s process left no readable answer ({error}){_tail(folder)}"
-
-
-def _tail(folder: Path) -> str:
-    with contextlib.suppress(OSError), _plain(folder / "output") as output:
-        output.seek(max(0, output.seek(0, os.SEEK_END) - 400))
-        lines = output.read().decode(errors="replace").strip().splitlines()
-        words = " | ".join(line.strip() for line in lines[-3:])
-        return f"; its last words: {words}" if words else ""
-    return ""
-
-
-def respond(function: Callable[[Any], Mapping[str, Any]]) -> None:
-    """In the child: answer the request with what a function returns, and exit."""
-    folder = Path(sys.argv[1])
-    content = json.loads((folder / "request.json").read_text(encoding="utf-8"))
-    restrain(float(content["time_limit"]))
-    try:
-        answer = function(content["request"])
-    except BaseException as error:  # SystemExit too: a plug-in must not end the cell
-        own = told(error)
-        answer = {"error": str(own), "crashed": isinstance(own, CrashedPluginError)}
-    part = folder / "answer.part"
-    part.write_text(json.dumps(answer), encoding="utf-8")
-    part.rename(folder / "answer.json")
-    sys.stdout.flush()
-    os._exit(0)  # whatever threads and exit handlers the plug-in has left behind
-
-
 def told(error: BaseException) -> PluginError:
     """What is said of a plug-in that has made an error, refused or raised."""
     if isinstance(error, SimvalError):
@@ -221,11 +367,39 @@ def told(error: BaseException) -> PluginError:
     return CrashedPluginError(f"the plug-in raised {message_of(error)}")
 
 
-def restrain(time_limit: float) -> None:
-    """Limit what the child can leave behind, and see that it cannot outlive us."""
+def answer_all(connection: socket.socket) -> None:
+    """In the child: call what is asked for until the connection ends."""
+    end = End(connection)
+    while True:
+        try:
+            number, function, arguments, words = end.receive()
+        except EOFError:
+            return
+        try:
+            end.send((number, "", function(*arguments, **words)))
+        except PluginError as error:
+            crashed = isinstance(error, CrashedPluginError)
+            end.send((number, "crashed" if crashed else "refused", str(error)))
+        except BaseException as error:  # SystemExit too: no plug-in ends the cell
+            end.send((number, "lost", str(told(error))))
+
+
+def main(number: int, time_limit: float) -> None:
+    """Be a child: restrained, answering, and gone with all that it has left behind."""
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_FSIZE, (MAX_OUTPUT, MAX_OUTPUT))
     faulthandler.dump_traceback_later(time_limit + GRACE, exit=True)
     if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
         with contextlib.suppress(OSError):  # out of memory, we are what is ended
             Path("/proc/self/oom_score_adj").write_text("1000")
+    os.set_inheritable(number, False)  # what the plug-in starts has no part in it
+    answer_all(socket.socket(fileno=number))
+    sys.stdout.flush()
+    os._exit(0)  # whatever threads and exit handlers the plug-in has left behind
+
+
+if __name__ == "__main__":
+    from simval.plugins import child  # under its own name, as its values are sent
+
+    child.main(int(sys.argv[1]), float(sys.argv[2]))

@@ -19,13 +19,13 @@ from typing import Final, Literal, get_args
 import numpy as np
 
 from simval.errors import PluginError
+from simval.plugins.child import where_it_lives
 from simval.plugins.filter_protocol import Filter, Force
 from simval.plugins.filter_signals import Told
 from simval.plugins.filter_signs import require_signs
 from simval.plugins.filter_strays import DECLARED, STAYS, Stray, Trial
 from simval.plugins.protocol import Components
 from simval.plugins.reference_frames import WORLDS
-from simval.plugins.remote_filter import RemoteFilter
 
 DIRECTIONS: Final[tuple[Literal["active", "passive"], ...]] = ("active", "passive")
 
@@ -49,6 +49,7 @@ class FoundWorld:
         return f"stays in {self.world} within {off} degrees{more}"
 
 
+@where_it_lives
 def find_world(filter: Filter, told: Told, rate: float = 100.0) -> FoundWorld:
     """Find the world of a filter, and check what it declares.
 
@@ -72,9 +73,6 @@ def find_world(filter: Filter, told: Told, rate: float = 100.0) -> FoundWorld:
         If it does not stay as declared, with the declaration that fits or, if none
         does, with what was tried; or if a sign of its bias is wrong.
     """
-    if isinstance(filter, RemoteFilter):
-        name, others, off = filter.found_world(told, rate)
-        return FoundWorld(world=name, alike=others, stray=off)
     trial = Trial(filter, told, rate)
     worlds = (filter.world,) if filter.world else WORLDS
     strays = trial.all_of(replace(filter, world=world) for world in worlds)

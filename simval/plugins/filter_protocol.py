@@ -92,6 +92,7 @@ class Filter(Plugin):
     """
 
     taken_by: ClassVar[str] = "filter.algorithm"
+    runs: ClassVar[str] = "make"
 
     name: str
     make: Callable[..., Any]

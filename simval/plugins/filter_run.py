@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.errors import PluginError
+from simval.plugins.child import where_it_lives
 from simval.plugins.filter_protocol import Filter
 from simval.plugins.filter_signals import FilterInput, FilterOutput
 from simval.plugins.filter_steps import Readings, Run, readings_of, run_of
@@ -23,13 +24,13 @@ from simval.plugins.filter_twice import (
     require_trials_alone,
 )
 from simval.plugins.filter_worlds import on_body_side, own_quaternions, to_scene
-from simval.plugins.remote_filter import RemoteFilter
 from simval.shapes import Float
 
 PARTS: Final = 8
 """Of a run, whose times are given."""
 
 
+@where_it_lives
 def run_filter(
     filter: Filter, given: FilterInput, keep: NDArray[np.intp], world: str
 ) -> FilterOutput:
@@ -58,8 +59,6 @@ def run_filter(
         between runs, or takes longer and longer for a row.
     """
     rows = _rows(keep, len(given.dt))
-    if isinstance(filter, RemoteFilter):
-        return filter.output(given, rows, world)
     trials: list[int | slice] = list(range(len(given.start)))
     if filter.batch:
         trials = [slice(0, len(given.start))]

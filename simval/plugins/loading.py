@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 from simval.errors import PluginError, UnusablePluginError
 from simval.files import MOST_DOCUMENT, read_bytes
 from simval.plugins.builtin import BUILTIN, GROUP, PREFIX, meant_builtin, points_of
-from simval.plugins.child import Answer, asked
+from simval.plugins.child import started
 from simval.plugins.command import command_calibrator
 from simval.plugins.declarations import declarations
 from simval.plugins.names import COMMAND
@@ -26,18 +26,7 @@ from simval.text import did_you_mean, message_of
 TIME_LIMIT = 60.0
 """Seconds for reading what a file or a package offers."""
 
-OFFER = (
-    "from simval.plugins.child import respond; "
-    "from simval.plugins.loading import offer; respond(offer)"
-)
-
 Kind = TypeVar("Kind", bound=Plugin)
-
-
-class _Offer(Answer):
-    """For each plug-in that is held: the field that takes it, name, declarations."""
-
-    held: tuple[tuple[str, str, dict[str, str]], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,15 +71,6 @@ def find_plugin(algorithm: str, kind: type[Kind]) -> Kind:
         return command
     file, name = _python_file(algorithm)
     return _of_file(file, name, kind) if file else _of_package(algorithm, kind)
-
-
-def find_again(algorithm: str, kind: type[Kind]) -> Kind:
-    """The plug-in that this process has found before; its file is not run again."""
-    file, name = _python_file(algorithm)
-    module = sys.modules.get(_module_name(Path(file))) if file else None
-    if module is None:
-        return find_plugin(algorithm, kind)
-    return _fitting(file, _distinct(file, vars(module)), name, kind)
 
 
 def overrides_of(plugins: tuple[str, ...]) -> list[str]:
@@ -143,7 +123,8 @@ def meant(plugin: str) -> list[Meant]:
         raise _no_plugin(plugin, 0)
     whole = file or plugin
     try:
-        held = asked(OFFER, whole, TIME_LIMIT, _Offer, f"the plug-in {whole}").held
+        with started(TIME_LIMIT, f"the plug-in {whole}") as child:
+            held = child.ask(offer, whole)
     except PluginError as error:
         raise UnusablePluginError(str(error)) from None
     if not file:
@@ -160,8 +141,10 @@ def meant(plugin: str) -> list[Meant]:
     ]
 
 
-def offer(plugin: str) -> dict[str, Any]:
+def offer(plugin: str) -> list[tuple[str, str, dict[str, str]]]:
     """Load a file or a package, and list the plug-ins in it.
+
+    For each the field that takes it, its name, and what it declares.
 
     Raises
     ------
@@ -186,7 +169,7 @@ def offer(plugin: str) -> dict[str, Any]:
             "level; see docs/plugins.md"
         )
         raise UnusablePluginError(msg)
-    return {"held": held}
+    return held
 
 
 def installed() -> list[tuple[str, str]]:

@@ -58,11 +58,12 @@ SCENE = "custom_scene.scene"
 
 
 class Plugin:
-    """A plug-in: it has a name, and a field of a study takes it."""
+    """A plug-in: it has a name, a field of a study takes it, and a function runs it."""
 
     __slots__ = ()
     name: str
     taken_by: ClassVar[str]
+    runs: ClassVar[str]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -109,6 +110,7 @@ class Estimator(Plugin):
     """
 
     taken_by: ClassVar[str] = "estimator.algorithm"
+    runs: ClassVar[str] = "estimate"
 
     name: str
     estimate: Callable[..., Any]
@@ -189,6 +191,7 @@ class Calibrator(Plugin):
     """
 
     taken_by: ClassVar[str] = "calibrator.algorithm"
+    runs: ClassVar[str] = "calibrate"
 
     name: str
     calibrate: Callable[..., Any]

@@ -8,13 +8,12 @@ import numpy as np
 
 from simval import vocabulary
 from simval.errors import UnusablePluginError
+from simval.plugins.child import started
 from simval.plugins.filter_frames import find_world
 from simval.plugins.filter_protocol import Filter
 from simval.plugins.filter_run import run_filter
 from simval.plugins.filter_signals import FilterInput, FilterOutput
-from simval.plugins.loading import meant
-from simval.plugins.remote_loading import remote
-from simval.plugins.session import session
+from simval.plugins.loading import find_plugin, meant
 from simval.recorded.signals import Signals
 from simval.recorded.told import Start
 
@@ -23,8 +22,6 @@ TIME_LIMIT: Final = vocabulary.FILTER_SECONDS
 MOST: Final = 200_000
 """Rows whose answers are kept: covariances of six by six are then 60 MB. Of a longer
 log rows are left out evenly."""
-
-PROGRAM: Final = "from simval.plugins.serving import serve; serve()"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -90,8 +87,8 @@ def run_on_log(
     stride = -(-len(given.dt) // MOST)
     keep = np.arange(stride - 1, len(given.dt), stride)
     rate = 1.0 / float(np.median(given.dt))
-    with session(PROGRAM, time_limit, f"the filter {name}") as asked:
-        filter = remote(asked, algorithm, Filter)
+    with started(time_limit, f"the filter {name}") as child:
+        filter = child.ask(find_plugin, algorithm, Filter)
         world = find_world(filter, given.told, rate)
         output = run_filter(filter, given, keep, world.world)
     how = "declared" if filter.world else "found"

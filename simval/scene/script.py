@@ -87,6 +87,7 @@ class Scene(Plugin):
     """
 
     taken_by: ClassVar[str] = SCENE
+    runs: ClassVar[str] = "drive"
 
     name: str
     summary: str

@@ -20,11 +20,12 @@ from simval.plugins.answers import raw_attitudes
 from simval.plugins.builtin import BESIDE
 from simval.plugins.calibrations import calibration_of
 from simval.plugins.calibrator_probe import probe_sensor
+from simval.plugins.child import where_it_lives
 from simval.plugins.filter_path import path
 from simval.plugins.filter_signals import Told
 from simval.plugins.filter_steps import readings_of, run_of
-from simval.plugins.loading import find_again
 from simval.plugins.noise import vector_noise
+from simval.plugins.protocol import Plugin
 from simval.poses import fibonacci_sphere
 
 BATCH = 1024
@@ -55,20 +56,17 @@ BUDGET = 1.0
 LEAST = 1e-9
 """Seconds that a call takes at the least: what the clock can tell."""
 
-TIMES: Final = ("seconds", "builtin_seconds", "ratio", "turns", "items")
-"""What is told of the calls, each greater than 0."""
-
 Call = Callable[[], object]
 
 
 def _estimators(
-    plugin: Estimator, own: Estimator, parameters: Any
+    plugin: Estimator, own: Estimator, parameters: Mapping[str, Any]
 ) -> tuple[Call, Call, int]:
-    rng, count = np.random.default_rng(BATCH), parameters.vectors
+    rng, count = np.random.default_rng(BATCH), parameters["vectors"]
     _, exact = plugin.observed(count).generic(BATCH, rng)
     body = [v + NOISE * rng.standard_normal(v.shape) for v in exact[:count]]
     vectors = [*body, *exact[count:]]
-    noise = vector_noise(parameters.noise, count, NOISE)
+    noise = vector_noise(parameters["noise"], count, NOISE)
     return (
         lambda: raw_attitudes(plugin, vectors, noise),
         lambda: raw_attitudes(own, vectors, noise),
@@ -77,10 +75,10 @@ def _estimators(
 
 
 def _calibrators(
-    plugin: Calibrator, own: Calibrator, parameters: Any
+    plugin: Calibrator, own: Calibrator, parameters: Mapping[str, Any]
 ) -> tuple[Call, Call, int]:
     sensor, rng = probe_sensor(), np.random.default_rng(BATCH)
-    raw = sensor.distort(G * fibonacci_sphere(parameters.poses), rng)
+    raw = sensor.distort(G * fibonacci_sphere(parameters["poses"]), rng)
     noisy = raw + NOISE * rng.standard_normal(raw.shape)
     return (
         lambda: calibration_of(plugin, noisy, G, NOISE),
@@ -110,17 +108,16 @@ _CLOCKS: Final[Mapping[str, tuple[Any, Any]]] = MappingProxyType(
 )
 
 
-def call_time(taken_by: str, word: str, parameters: Any) -> dict[str, float]:
+@where_it_lives
+def call_time(plugin: Plugin, parameters: Mapping[str, Any]) -> dict[str, float]:
     """Seconds of one call, of the package's own, their ratio, and what a call does.
 
-    Nothing where there is no call to time, or it raises: its cell has been measured.
+    Nothing where it raises: its cell has been measured.
     """
-    if taken_by not in _CLOCKS:
-        return {}
-    kind, calls = _CLOCKS[taken_by]
+    kind, calls = _CLOCKS[plugin.taken_by]
     with contextlib.suppress(Exception, SystemExit):
-        own = find_plugin(BESIDE[taken_by][0], kind)
-        theirs, ours, items = calls(find_again(word, kind), own, parameters)
+        own = find_plugin(BESIDE[plugin.taken_by][0], kind)
+        theirs, ours, items = calls(plugin, own, parameters)
         return _in_turns(theirs, ours) | {"items": items}
     return {}
 

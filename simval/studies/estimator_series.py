@@ -12,7 +12,6 @@ what cubature differs from it by.
 """
 
 import traceback
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -23,10 +22,11 @@ from simval.errors import PluginError
 from simval.geometry import attitude_matrix
 from simval.moments import Moments
 from simval.plugins import Estimator, calling
+from simval.plugins.child import where_it_lives
 from simval.plugins.noise import VectorNoise
-from simval.plugins.remote import RemoteEstimator
 from simval.plugins.rotations import tail
 from simval.results import Row, plain
+from simval.shapes import Float
 from simval.statistics import BIAS, COVARIANCE, ORDER_2, ORDER_4
 from simval.studies.estimator_setting import Moments as MeanAndCovariance
 from simval.studies.estimator_setting import Setting
@@ -61,9 +61,8 @@ def series_of(setting: Setting, noise_std: float, order: int) -> Moments:
         )
     except Exception as fault:  # of the plug-in, or of what it answered
         own = raised[0] if raised else fault
-        if isinstance(plugin, RemoteEstimator) and isinstance(own, PluginError):
-            raise own from None  # what its process says of it
-        raise _unable(plugin.name, own) from None
+        unable = own if isinstance(own, PluginError) else _unable(plugin.name, own)
+        raise unable from None
     return Moments(bias=-moments.bias, covariance=moments.covariance)
 
 
@@ -73,36 +72,11 @@ def _answer(
     truth: list[Array],
     noise: VectorNoise,
 ) -> NDArray[np.object_]:
-    """Answer to vectors of power series, (3,) each."""
-    if isinstance(plugin, RemoteEstimator):
-        return _answered_elsewhere(plugin, vectors, truth, noise)
-    found = calling.one_answer(plugin, [v[None] for v in vectors], truth, noise)
-    return np.asarray(found, dtype=object)
-
-
-def _answered_elsewhere(
-    plugin: RemoteEstimator,
-    vectors: list[NDArray[np.object_]],
-    truth: list[Array],
-    noise: VectorNoise,
-) -> NDArray[np.object_]:
+    """Answer to vectors of power series, (3,) each; their coefficients cross."""
     tables = vectors[0][0].algebra
-    words = {
-        "dimension": tables.dimension,
-        "degree": tables.degree,
-        "noise": {"tangent": noise.tangent, "noise_std": noise.noise_std},
-    }
-    arrays = {
-        "vectors": np.array([[each.coefficients for each in v] for v in vectors]),
-        "truth": np.array(truth),
-        "unit": noise.unit,
-    }
-    session = plugin.session
-    found = session.ask("series", words, arrays).arrays
-    terms, plain = (found.get(name, np.empty(0)) for name in ("terms", "plain"))
-    if terms.ndim == 0 or terms.shape != (*plain.shape, len(tables.means)):
-        msg = f"terms of the shape {terms.shape}"
-        raise session.unreadable(msg)
+    given = np.array([[each.coefficients for each in v] for v in vectors])
+    size = (tables.dimension, tables.degree)
+    terms, plain = _terms(plugin, size, given, truth, noise)
     answer = np.empty(plain.shape, dtype=object)
     for place in np.ndindex(plain.shape):
         own = terms[place]
@@ -110,33 +84,33 @@ def _answered_elsewhere(
     return answer
 
 
-def series(
-    plugin: Estimator, words: Mapping[str, Any], arrays: Mapping[str, Array]
-) -> dict[str, Array]:
-    """In the plug-in's process: its answer to power series, by their terms.
+@where_it_lives
+def _terms(
+    plugin: Estimator,
+    size: tuple[int, int],
+    given: Float[Array, "m 3 t"],
+    truth: list[Array],
+    noise: VectorNoise,
+) -> tuple[Float[Array, "... t"], NDArray[np.bool_]]:
+    """Terms of its answer to power series, and which entries are plain numbers.
 
     Raises
     ------
     PluginError
         If it cannot work with them.
     """
-    tables = algebra(words["dimension"], words["degree"])
-    vectors = [
-        np.array([Series(own, tables) for own in v], dtype=object)
-        for v in arrays["vectors"]
-    ]
-    noise = VectorNoise(unit=arrays["unit"], **words["noise"])
+    tables = algebra(*size)
+    rows = [[Series(own, tables) for own in v] for v in given]
+    vectors = [np.array([v], dtype=object) for v in rows]
     try:
-        answer = _answer(plugin, vectors, list(arrays["truth"]), noise)
-        one = vectors[0][0] * 0.0
+        found = calling.one_answer(plugin, vectors, truth, noise)
+        answer = np.asarray(found, dtype=object)
+        one = rows[0][0] * 0.0
         plain = np.array([not isinstance(each, Series) for each in answer.flat])
         terms = [(one + each).coefficients for each in answer.flat]
     except Exception as fault:  # whatever a user's function may raise
         raise _unable(plugin.name, fault) from None
-    return {
-        "terms": np.reshape(terms, (*answer.shape, len(tables.means))),
-        "plain": plain.reshape(answer.shape),
-    }
+    return np.reshape(terms, (*answer.shape, -1)), plain.reshape(answer.shape)
 
 
 def _unable(name: str, fault: Exception) -> PluginError:

@@ -17,15 +17,14 @@ import numpy as np
 from pydantic import AfterValidator, Field, PrivateAttr, model_validator
 
 from simval.errors import PluginError
-from simval.plugins.child import told
+from simval.plugins.child import Child, started, told
+from simval.plugins.loading import find_plugin
 from simval.plugins.names import located, portable
 from simval.plugins.protocol import Plugin
-from simval.plugins.remote_loading import remote
-from simval.plugins.session import Session, session
 from simval.plugins.sources import missing, sources
 from simval.results import Outcome
 from simval.streams import Streams
-from simval.studies.call_time import TIMES
+from simval.studies.call_time import call_time
 from simval.studies.study import StudyParameters
 
 PluginName = Annotated[
@@ -98,8 +97,6 @@ def _changes(old: Mapping[str, str], new: Mapping[str, str]) -> Iterator[str]:
 ESTIMATE = "estimate"
 """Name under which a study of a filter leaves the attitudes of one trial."""
 
-PROGRAM = "from simval.studies.served import answer; answer()"
-
 Model = TypeVar("Model", bound=PluginParameters)
 Kind = TypeVar("Kind", bound=Plugin)
 
@@ -119,14 +116,16 @@ def isolated(
         If the plug-in is another one now, breaks a rule, or its process raised, ended
         or answered nothing in time.
     """
-    with opened(parameters, time_limit) as asked:
-        plugin = remote(asked, parameters.word, kind)
+    with opened(parameters, time_limit) as child:
+        plugin = child.ask(find_plugin, parameters.word, kind)
         measured = outcome(plugin, parameters, streams)
-        return replace(measured, times=_times(asked, parameters))
+        if not child.spent < SHARE * float(getattr(parameters, "time_limit", inf)):
+            return measured
+        return replace(measured, times=call_time(plugin, parameters.model_dump()))
 
 
 @contextmanager
-def opened(parameters: PluginParameters, time_limit: float) -> Iterator[Session]:
+def opened(parameters: PluginParameters, time_limit: float) -> Iterator[Child]:
     """Open a process for a plug-in; what cannot be measured is the plug-in's doing.
 
     Raises
@@ -137,27 +136,10 @@ def opened(parameters: PluginParameters, time_limit: float) -> Iterator[Session]
     parameters.require_same_sources()
     # numbers that overflow are judged, not announced
     with (
-        session(PROGRAM, time_limit, "the plug-in") as asked,
+        started(time_limit) as child,
         np.errstate(all="ignore"),
     ):
         try:
-            yield asked
+            yield child
         except Exception as error:
             raise told(error) from error
-
-
-def _times(asked: Session, parameters: PluginParameters) -> dict[str, float]:
-    """Time of a call, measured where it is made, if the cell leaves the time for it."""
-    limit = float(getattr(parameters, "time_limit", inf))
-    if not asked.spent < SHARE * limit:
-        return {}
-    given = {"parameters": parameters.model_dump(mode="json")}
-    times = asked.ask("times", given, says=("times",)).words["times"]
-    if times and not (
-        isinstance(times, dict)
-        and times.keys() == set(TIMES)
-        and all(type(t) in (int, float) and 0.0 < t < 1e300 for t in times.values())
-    ):
-        msg = "its times are none"
-        raise asked.unreadable(msg)
-    return {name: float(times[name]) for name in TIMES if times}
