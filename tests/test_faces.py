@@ -47,7 +47,7 @@ def test_a_module_does_not_hide_the_name_that_it_holds():
     module = importlib.import_module("simval.theory.gyroscope_bias")
     face = importlib.import_module("simval.theory")
     assert face.gyroscope_bias is module.gyroscope_bias
-    assert face.planning is importlib.import_module("simval.theory.planning")
+    assert face.plans is importlib.import_module("simval.theory.plans")
 
 
 def test_faces_import_nothing():

@@ -12,7 +12,7 @@ from simval.errors import GeometryError, InputError
 from simval.poses import cube_faces, fibonacci_sphere
 from simval.sensor import AccelerometerModel, GyroscopeModel
 from simval.theory import gyroscope_moments, plan_gyroscope
-from simval.theory.gyroscope_planning import smooth_path
+from simval.theory.plans import smooth_path
 from simval.turns import turns_of
 
 NOMINAL = {

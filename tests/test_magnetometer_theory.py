@@ -21,8 +21,12 @@ from simval.errors import GeometryError, InputError
 from simval.geometry import attitude_matrix, cross_matrix, random_quaternions
 from simval.sensor import MODELS, AccelerometerModel, MagnetometerModel, forms
 from simval.theory import magnetometer as own
-from simval.theory import magnetometer_moments, magnetometer_poses, plan_magnetometer
-from simval.theory import magnetometer_planning as planning
+from simval.theory import (
+    magnetometer_moments,
+    magnetometer_poses,
+    plan_magnetometer,
+    plans,
+)
 
 NOISE = {"accelerometer_std": BODY_STD, "magnetometer_std": IRON_STD}
 UNITS = {"g": G, "field": FIELD}
@@ -293,7 +297,7 @@ def test_a_plan_predicts_what_a_fit_states():
     np.testing.assert_allclose(found.sd_next[9:], again.sd[9:], rtol=1e-8)
     # no candidate does better: each is tried, with the sensors of the fit
     total = np.sum(again.sd[9:] ** 2)
-    for q in planning.candidate_attitudes()[::7]:
+    for q in plans.candidate_attitudes()[::7]:
         other = predicted(
             made(np.vstack([case.q, q])), body=body, iron=iron, g=G, field=1.0,
             accelerometer_std=1e-4, magnetometer_std=5e-3,
@@ -313,7 +317,7 @@ def test_a_plan_grows_to_full_rank_from_nothing():
         q = np.vstack([q, found.next_attitude])
     assert ranks[:4] == [3, 6, 9, 12]  # three equations each, none of them wasted
     assert 22 in ranks
-    assert len(np.unique(np.round(planning.candidate_attitudes(), 9), axis=0)) == 156
+    assert len(np.unique(np.round(plans.candidate_attitudes(), 9), axis=0)) == 156
     np.testing.assert_allclose(np.linalg.norm(q, axis=1), 1.0, rtol=1e-12)
 
 

@@ -14,7 +14,7 @@ from simval.cli.plan import named_poses
 from simval.errors import InputError
 from simval.poses import cube_faces, fibonacci_sphere
 from simval.sensor import AccelerometerModel
-from simval.theory.planning import plan, pose_noise
+from simval.theory.plans import plan, pose_noise
 
 G = 9.80665
 

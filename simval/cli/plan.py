@@ -20,8 +20,13 @@ from simval.poses import cube_corners, cube_edges, cube_faces, fibonacci_sphere
 from simval.sensor import AccelerometerModel
 from simval.sensor.forms import entries
 from simval.shapes import Float
-from simval.theory.gyroscope_planning import GyroscopePlan, plan_gyroscope
-from simval.theory.planning import Plan, plan, pose_noise
+from simval.theory.plans import (
+    GyroscopePlan,
+    Plan,
+    plan,
+    plan_gyroscope,
+    pose_noise,
+)
 from simval.whole import read
 
 SOURCES = {

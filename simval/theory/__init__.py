@@ -21,11 +21,17 @@ if TYPE_CHECKING:
     from simval.theory.filtering import FilterBound, filter_bound
     from simval.theory.gyroscope import GyroscopeMoments, MovePath, gyroscope_moments
     from simval.theory.gyroscope_bias import gyroscope_bias
-    from simval.theory.gyroscope_planning import GyroscopePlan, plan_gyroscope
     from simval.theory.magnetometer import MagnetometerMoments, magnetometer_moments
-    from simval.theory.magnetometer_planning import MagnetometerPlan, plan_magnetometer
     from simval.theory.nine_axis import NineAxisMoments, nine_axis_moments
-    from simval.theory.planning import Plan, plan, pose_noise
+    from simval.theory.plans import (
+        GyroscopePlan,
+        MagnetometerPlan,
+        Plan,
+        plan,
+        plan_gyroscope,
+        plan_magnetometer,
+        pose_noise,
+    )
     from simval.theory.series import series_moments
     from simval.theory.sufficient import SufficientOrder, sufficient_order
     from simval.theory.wahba import loss_noncentrality, wahba_bound, wahba_moments

@@ -1,0 +1,493 @@
+r"""Plans of a calibration: what poses will give, before any data is taken.
+
+=============  ===========================  ==========================================
+sensors        design                       predicted standard deviations
+=============  ===========================  ==========================================
+accelerometer  directions                   first-order covariance of the plain fit
+                                            (`simval.theory.calibration`)
+gyroscope      directions of rests and the  bound of both sensors together
+               turns between them           (`simval.theory.gyroscope`), which the
+                                            joint fit reaches
+magnetometer   attitudes                    bound of both sensors together
+                                            (`simval.theory.magnetometer`)
+=============  ===========================  ==========================================
+
+Sensors are taken as ideal, but for an accelerometer that is given. A magnetometer's are
+in units of gravity and of the field; M, b and the dip then have the error bars of
+:math:`dM\,M^{-1}`, M db and the dip of any sensor. Moves are turned by minimum jerk.
+The noise of a pose mean follows from a noise density and a hold time.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import scipy
+
+from simval.arguments import choice, instance
+from simval.arrays import Array, finite_array, frozen, positive_number
+from simval.errors import InputError
+from simval.geometry import compose, normalize, unit_quaternions
+from simval.poses import (
+    PARAMETERS,
+    cube_corners,
+    cube_edges,
+    cube_faces,
+    observability,
+    one_set,
+)
+from simval.sensor import AccelerometerModel, GyroscopeModel, MagnetometerModel, forms
+from simval.shapes import Float
+from simval.theory import magnetometer
+from simval.theory.calibration import calibration_moments
+from simval.theory.gyroscope import GYROSCOPE, MovePath, gyroscope_moments
+from simval.theory.magnetometer_poses import problem_of
+from simval.turns import MATRIX, best_next_turn, judge, turn_rows, turns_of
+
+_PIECES: Final = 24  # of a move: a standard deviation is good to a thousandth of itself
+_HEADINGS: Final = 6
+# Of the trace: far below any eigenvalue that counts, far above the 1e-16 of rounding.
+_FLOOR: Final = 1e-9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Plan:
+    """Predicted quality of a calibration.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Names of the nine parameters.
+    sd : Array
+        Predicted standard deviation of each, (9,); infinite below rank nine.
+    bound : Array
+        Cramer-Rao bound on it, (9,); infinite below rank nine.
+    bias : Array
+        Predicted second-order bias, (9,); NaN below rank nine.
+    poses : int
+        Number of poses.
+    rank : int
+        Rank of the pose set, of nine.
+    condition : float
+        Condition of the pose set, eq. (P2) of `poses`.
+    next_direction : Array
+        Direction of the next pose that helps most, (3,).
+    sd_next : Array
+        Standard deviations with that pose added, (9,); infinite below rank nine.
+    noise_std : float
+        Noise of each axis of a pose mean, raw units.
+    """
+
+    names: tuple[str, ...]
+    sd: Float[Array, "9"]
+    bound: Float[Array, "9"]
+    bias: Float[Array, "9"]
+    poses: int
+    rank: int
+    condition: float
+    next_direction: Float[Array, "3"]
+    sd_next: Float[Array, "9"]
+    noise_std: float
+
+    def __post_init__(self) -> None:
+        for name in ("sd", "bound", "bias", "next_direction", "sd_next"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GyroscopePlan:
+    """Predicted quality of a gyroscope's calibration.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Names of the twelve parameters.
+    sd : Array
+        Predicted standard deviation of each, (12,); infinite below full rank.
+    accelerometer_sd : Array
+        Of the accelerometer's nine from the same fit, (9,).
+    moves : int
+        Number of moves.
+    rank : int
+        Rank of the moves, of nine, eq. (N7) of `simval.turns`.
+    condition : float
+        Their condition.
+    next_axis : Array
+        Axis of the turn from the last rest that helps most, sensor axes, (3,).
+    next_angle : float
+        Its angle, rad.
+    sd_next : Array
+        Standard deviations with that turn and a rest after it, (12,).
+    """
+
+    names: tuple[str, ...]
+    sd: Float[Array, "12"]
+    accelerometer_sd: Float[Array, "9"]
+    moves: int
+    rank: int
+    condition: float
+    next_axis: Float[Array, "3"]
+    next_angle: float
+    sd_next: Float[Array, "12"]
+
+    def __post_init__(self) -> None:
+        for name in ("sd", "accelerometer_sd", "next_axis", "sd_next"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MagnetometerPlan:
+    """Predicted quality of a magnetometer's calibration.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Names of the 22 parameters.
+    sd : Array
+        Predicted standard deviation of each, relative to gravity or the field, the dip
+        in rad, (22,); infinite below rank 22.
+    poses : int
+        Number of poses.
+    rank : int
+        Rank of their equations, of 22.
+    next_attitude : Array
+        Attitude of the next pose that helps most, (4,).
+    sd_next : Array
+        Standard deviations with that pose added, (22,).
+    """
+
+    names: tuple[str, ...]
+    sd: Float[Array, "22"]
+    poses: int
+    rank: int
+    next_attitude: Float[Array, "4"]
+    sd_next: Float[Array, "22"]
+
+    def __post_init__(self) -> None:
+        for name in ("sd", "next_attitude", "sd_next"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Sensors:
+    """A calibration as its planner sees it: a design in, error bars out."""
+
+    full: Callable[[Any], bool]  # whether the design tells every parameter
+    bars: Callable[[Any], tuple[Array, ...]]  # of such a design; the first: sd
+    untold: tuple[Array, ...]  # bars of any other
+    extended: Callable[[Any], Any]  # by the pose or turn that helps most
+
+    def predicted(self, design: Any) -> tuple[Array, ...]:
+        """Error bars of a design, and the standard deviations of the extended one."""
+        designs = design, self.extended(design)
+        now, then = (self.bars(d) if self.full(d) else self.untold for d in designs)
+        return *now, then[0]
+
+
+def plan(
+    directions: Any,
+    noise_std: float,
+    *,
+    sensor: AccelerometerModel | None = None,
+    g: float = 9.80665,
+    form: str = "triangular",
+) -> Plan:
+    """Predict what a set of poses will give.
+
+    Parameters
+    ----------
+    directions : array_like
+        Directions of the specific force, sensor axes, (n, 3), any length but zero.
+    noise_std : float
+        Noise of each axis of a pose mean, raw units; see `pose_noise`.
+    sensor : AccelerometerModel, optional
+        The sensor as far as it is known; ideal, in m/s^2, if not given.
+    g : float, default 9.80665
+        Gravity, m/s^2.
+    form : {"triangular", "upper", "symmetric"}
+        Form of the parameters.
+
+    Returns
+    -------
+    Plan
+        Standard deviations, rank, condition, and the next direction that helps most.
+
+    Raises
+    ------
+    InputError
+        If an argument is not usable.
+    """
+    noise_std = positive_number("noise_std", noise_std, "raw units")
+    g = positive_number("g", g, "m/s^2")
+    form = choice("form", form, forms.MODELS)
+    u = normalize(one_set("directions", directions))
+    body = _ideal_accelerometer() if sensor is None else sensor
+    instance("sensor", body, AccelerometerModel)
+    seen = observability(u)
+    open_ = np.full(PARAMETERS, np.inf)
+
+    def bars(u: Float[Array, "n 3"]) -> tuple[Array, ...]:
+        found = calibration_moments(body, u, g, noise_std, form=form)
+        return found.sd, np.sqrt(np.diagonal(found.cramer_rao)), found.bias
+
+    sd, bound, bias, sd_next = _Sensors(
+        full=lambda u: observability(u).rank == PARAMETERS,
+        bars=bars,
+        untold=(open_, open_, np.full(PARAMETERS, np.nan)),
+        extended=lambda u: np.vstack([u, seen.next_direction]),
+    ).predicted(u)
+    return Plan(
+        names=forms.names(form), sd=sd, bound=bound, bias=bias, poses=len(u),
+        rank=seen.rank, condition=seen.condition, next_direction=seen.next_direction,
+        sd_next=sd_next, noise_std=noise_std,
+    )  # fmt: skip
+
+
+def plan_gyroscope(
+    directions: Any,
+    *,
+    pose_std: float,
+    angle_random_walk: float,
+    move_seconds: float,
+    rest_seconds: float,
+    turns: tuple[Any, Any] | None = None,
+    g: float = 9.80665,
+    form: str = "triangular",
+) -> GyroscopePlan:
+    """Predict what rests and the moves between them will give, for ideal sensors.
+
+    Parameters
+    ----------
+    directions : array_like
+        Directions of the specific force at the rests, sensor axes, in order, (n, 3).
+    pose_std : float
+        Noise of each axis of a pose mean, m/s^2; see `pose_noise`.
+    angle_random_walk : float
+        White noise N of the gyroscope, rad/s per root hertz.
+    move_seconds : float
+        Time of a move, s.
+    rest_seconds : float
+        Time of a rest, s.
+    turns : tuple of array_like, optional
+        Axes (n - 1, 3) and angles (n - 1,), rad, of the moves, which must lead from
+        each direction to the next; the shortest if not given.
+    g : float, default 9.80665
+        Gravity, m/s^2.
+    form : {"triangular", "upper", "symmetric"}
+        Form of the accelerometer's parameters.
+
+    Returns
+    -------
+    GyroscopePlan
+        Standard deviations, rank, condition, and the next turn that helps most.
+
+    Raises
+    ------
+    InputError
+        If an argument is not usable.
+    """
+    u = normalize(one_set("directions", directions))
+    unit = "rad/s per root hertz"
+    walk = positive_number("angle_random_walk", angle_random_walk, unit)
+    std = positive_number("pose_std", pose_std, "m/s^2")
+    seconds = positive_number("move_seconds", move_seconds, "s")
+    rest = positive_number("rest_seconds", rest_seconds, "s")
+    axis, angle = turns_of(u) if turns is None else _given(u, *turns)
+    rows = turn_rows(u[:-1], axis, angle).reshape(-1, MATRIX)
+    seen = judge(rows)
+    more, by = best_next_turn(rows, u[-1])
+
+    def full(design: tuple[Array, Array, Array]) -> bool:
+        u, axis, angle = design
+        rank = judge(turn_rows(u[:-1], axis, angle).reshape(-1, MATRIX)).rank
+        return rank == MATRIX and observability(u).rank == PARAMETERS
+
+    def bars(design: tuple[Array, Array, Array]) -> tuple[Array, ...]:
+        u, axis, angle = design
+        found = gyroscope_moments(
+            GyroscopeModel(M=np.eye(3), B=np.zeros(3)), _ideal_accelerometer(), u,
+            smooth_path(axis, angle, seconds), pose_std=std,
+            bias_std=walk / np.sqrt(rest * len(u)), angle_random_walk=walk, g=g,
+            form=form,
+        )  # fmt: skip
+        return (found.sd,)
+
+    def extended(
+        design: tuple[Array, Array, Array],
+    ) -> tuple[Array, Array, Array]:
+        u, axis, angle = design
+        after = _rotation(more[None] * by).inv().apply(u[-1])
+        return np.vstack([u, after]), np.vstack([axis, more]), np.append(angle, by)
+
+    sd, sd_next = _Sensors(
+        full=full, bars=bars, untold=(np.full(21, np.inf),), extended=extended
+    ).predicted((u, axis, angle))
+    return GyroscopePlan(
+        names=GYROSCOPE, sd=sd[9:], accelerometer_sd=sd[:9], moves=len(angle),
+        rank=seen.rank, condition=seen.condition, next_axis=more, next_angle=by,
+        sd_next=sd_next[9:],
+    )  # fmt: skip
+
+
+def plan_magnetometer(
+    attitudes: Any, dip: float, *, accelerometer_noise: float, magnetometer_noise: float
+) -> MagnetometerPlan:
+    """Predict what a set of attitudes will give.
+
+    The next attitude is the one of some hundred candidates that lowers the total
+    variance of the magnetometer's thirteen parameters most.
+
+    Parameters
+    ----------
+    attitudes : array_like
+        Attitudes of the poses, world to body, world axes north, west and up, (n, 4).
+    dip : float
+        Angle of the field below the horizon, rad.
+    accelerometer_noise, magnetometer_noise : float
+        Noise of each axis of a pose mean, of gravity and of the field.
+
+    Returns
+    -------
+    MagnetometerPlan
+        Standard deviations, rank, and the next attitude that helps most.
+
+    Raises
+    ------
+    InputError
+        If an argument is not usable.
+    """
+    noise = (
+        positive_number("accelerometer_noise", accelerometer_noise, "of gravity"),
+        positive_number("magnetometer_noise", magnetometer_noise, "of the field"),
+    )
+    iron = MagnetometerModel(M=np.eye(3), b=np.zeros(3))
+
+    def information(attitudes: Any) -> Float[Array, "n 22 22"]:
+        sensors = _ideal_accelerometer(), iron
+        poses = problem_of(
+            *sensors, attitudes, dip, *noise, g=1.0, field=1.0, form="triangular"
+        )
+        return magnetometer.information_of(poses)
+
+    given = information(attitudes)
+    candidates = candidate_attitudes()
+    parts, whole = information(candidates), given.sum(axis=0)
+    floor = _FLOOR * np.trace(whole) * np.eye(len(whole))
+    traces = [np.trace(np.linalg.inv(whole + p + floor)[9:, 9:]) for p in parts]
+    near_best = np.array(traces) <= min(traces) * (1.0 + 1e-9)
+    best = int(np.flatnonzero(near_best)[0])
+
+    def bars(information: Float[Array, "22 22"]) -> tuple[Array, ...]:
+        sd = np.sqrt(np.diagonal(magnetometer.inverse_of(information)))
+        return (np.append(sd[:-1], sd[-1] / np.cos(float(dip))),)
+
+    sd, sd_next = _Sensors(
+        full=lambda information: magnetometer.rank_of(information) == len(whole),
+        bars=bars,
+        untold=(np.full(len(whole), np.inf),),
+        extended=lambda information: information + parts[best],
+    ).predicted(whole)
+    return MagnetometerPlan(
+        names=(*forms.names("triangular"), *magnetometer.NAMES), sd=sd,
+        poses=len(given), rank=magnetometer.rank_of(whole),
+        next_attitude=candidates[best], sd_next=sd_next,
+    )  # fmt: skip
+
+
+def pose_noise(
+    hold: float,
+    *,
+    noise_density: float | None = None,
+    velocity_random_walk: float | None = None,
+) -> float:
+    r"""Noise of the mean of a hold, from what a data sheet says.
+
+    White noise of one-sided density :math:`D` (per root hertz, as data sheets print
+    it) leaves :math:`D/\sqrt{2 t}` in the mean over a time t; a velocity random walk
+    :math:`W` (the Allan deviation at one second) leaves :math:`W/\sqrt{t}`, since
+    :math:`W = D/\sqrt 2`. Flicker noise and drift are not in it: beyond some tens of
+    seconds a longer hold gains less than this says.
+
+    Parameters
+    ----------
+    hold : float
+        Time of the hold that is averaged, s.
+    noise_density : float, optional
+        One-sided noise density D, raw units per root hertz.
+    velocity_random_walk : float, optional
+        Allan deviation at one second W, raw units times root second; exactly one of
+        the two is needed.
+
+    Returns
+    -------
+    float
+        Standard deviation of each axis of the mean, raw units.
+
+    Raises
+    ------
+    InputError
+        If a number is not above zero, or not exactly one of the two is given.
+    """
+    hold = positive_number("hold", hold, "s")
+    if (noise_density is None) == (velocity_random_walk is None):
+        msg = (
+            "give exactly one of `noise_density` (data sheet, per root hertz) and "
+            "`velocity_random_walk` (Allan deviation at 1 s)"
+        )
+        raise InputError(msg)
+    if noise_density is not None:
+        density = positive_number("noise_density", noise_density, "per root hertz")
+        return density / float(np.sqrt(2.0 * hold))
+    walk = positive_number(
+        "velocity_random_walk", velocity_random_walk, "raw unit s^.5"
+    )
+    return walk / float(np.sqrt(hold))
+
+
+def candidate_attitudes() -> Float[Array, "n 4"]:
+    """Attitudes with up along faces, edges and corners of a cube, at six headings."""
+    up = np.concatenate([cube_faces(), cube_edges(), cube_corners()])
+    # the shortest turn that takes the world's up to u: half way between the two
+    vector = np.cross(up, [0.0, 0.0, 1.0])
+    q = np.concatenate([vector, 1.0 + up[:, 2:]], axis=1)
+    q[up[:, 2] < -0.99] = [1.0, 0.0, 0.0, 0.0]
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    half = np.pi * np.arange(_HEADINGS) / _HEADINGS
+    level = np.stack([0 * half, 0 * half, np.sin(half), np.cos(half)], axis=1)
+    return unit_quaternions("q", compose(level[None], q[:, None]).reshape(-1, 4))
+
+
+def smooth_path(
+    axis: Float[Array, "k 3"], angle: Float[Array, " k"], seconds: float
+) -> MovePath:
+    """Moves by minimum jerk about fixed axes."""
+    t = np.linspace(0.0, 1.0, _PIECES + 1)
+    course = t**3 * (10.0 + t * (6.0 * t - 15.0))
+    turned = np.diff(course)[None, :, None] * (axis * angle[:, None])[:, None]
+    return MovePath(turns=turned, seconds=np.full(turned.shape[:2], seconds / _PIECES))
+
+
+def _given(
+    u: Float[Array, "n 3"], axis: Any, angle: Any
+) -> tuple[Float[Array, "k 3"], Float[Array, " k"]]:
+    axes = normalize(finite_array("turns", axis, (len(u) - 1, 3)))
+    angles = finite_array("turns", angle, (len(u) - 1,))
+    arrived = _rotation(axes * angles[:, None]).inv().apply(u[:-1])
+    off = np.linalg.norm(arrived - u[1:], axis=1)
+    if not np.all(off < 1e-3):
+        k = int(np.argmax(off >= 1e-3))
+        msg = (
+            f"`turns` lead {off[k]:.2g} rad away from direction {k + 1}; give "
+            "directions and turns that belong together"
+        )
+        raise InputError(msg)
+    return axes, angles
+
+
+def _rotation(vectors: Float[Array, "k 3"]) -> Any:
+    return scipy.spatial.transform.Rotation.from_rotvec(vectors)
+
+
+def _ideal_accelerometer() -> AccelerometerModel:
+    return AccelerometerModel(T=np.eye(3), K=np.ones(3), B=np.zeros(3))
