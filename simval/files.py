@@ -1,9 +1,7 @@
 """Files that a user names: regular ones of a size that their kind can have.
 
 A device or a pipe has no size: it may never end, and who opens a pipe waits for its
-writer. What is too large is refused before a byte of it is read. Numbers and names in
-text have limits, too: Python refuses a whole number of 4300 digits in words of its own,
-and `tomllib` takes 7 s for a name of 20 000 parts, four times that for twice as many.
+writer. What is too large is refused before a byte of it is read.
 
 A refusal is an `OSError` whose ``strerror`` says what the path is and what is required,
 so that each reader says it in its own words for files that cannot be read.
@@ -11,7 +9,6 @@ so that each reader says it in its own words for files that cannot be read.
 
 import json
 import os
-import re
 import stat
 import tomllib
 from collections.abc import Callable
@@ -30,25 +27,12 @@ MOST_DOCUMENT: Final = 4 * MEBIBYTE
 """Bytes of any other text: suites, sensors, calibrations, noise, poses, plug-ins. A
 calibration of three sensors takes 20 kB, and `tomllib` a second for a mebibyte."""
 
-DIGITS: Final = 400
-"""Most digits of a number in a text; the greatest float has 309 before its point."""
-PARTS: Final = 20
-"""Most parts of a name, `a.b.c`, in TOML; none of ours has more than two."""
-
 _KINDS: Final = (  # what a path may be, and what to do about it
     (stat.S_ISCHR, "it is a device, which may never end; give a file"),
     (stat.S_ISBLK, "it is a device; give a file"),
     (stat.S_ISFIFO, "it is a pipe, which may never end; write it to a file first"),
     (stat.S_ISSOCK, "it is a socket; give a file"),
 )
-_NUMBER: Final = re.compile(
-    rf"(?<![0-9_])(?>0x[0-9A-Fa-f_]{{{DIGITS},}}+|[0-9][0-9_]{{{DIGITS},}}+)"
-)
-_PART: Final = r"""(?>[A-Za-z0-9_-]++|"(?>[^"\\\n]|\\.)*+"|'[^'\n]*+')[ \t]*+"""
-_MORE: Final = rf"\.[ \t]*+{_PART}"
-# each piece is read once: what is escaped outside of a name starts none
-_NAME: Final = re.compile(rf"\\.|{_PART}(?:{_MORE}){{0,{PARTS - 1}}}+({_MORE})?+")
-
 
 class UnreadableError(OSError):
     """What is no regular file, or is larger than any file of its kind."""
@@ -118,9 +102,8 @@ def parsed_json(text: str, pairs: Callable[[list[tuple[str, Any]]], Any] = dict)
     Raises
     ------
     ValueError
-        If it is none, or a number in it or its depth is beyond all use.
+        If it is none, or nested beyond all use.
     """
-    _require_numbers(text)
     try:
         return json.loads(text, object_pairs_hook=pairs)
     except RecursionError:
@@ -133,12 +116,8 @@ def parsed_toml(text: str) -> dict[str, Any]:
     Raises
     ------
     ValueError
-        If it is none, or a number, a name or the depth in it is beyond all use.
+        If it is none, or nested beyond all use.
     """
-    _require_numbers(text)
-    for number, line in enumerate(text.split("\n"), 1):
-        if line.count(".") >= PARTS:
-            _require_short_names(number, line)
     try:
         return tomllib.loads(text)
     except RecursionError:
@@ -146,29 +125,6 @@ def parsed_toml(text: str) -> dict[str, Any]:
 
 
 _DEEP: Final = "it is nested too deeply; none of ours has more than a few levels"
-
-
-def _require_numbers(text: str) -> None:
-    if found := _NUMBER.search(text):
-        msg = (
-            f"a number in line {_line(found)} has {len(found.group())} digits; at most "
-            f"{DIGITS} are read"
-        )
-        raise ValueError(msg)
-
-
-def _require_short_names(number: int, line: str) -> None:
-    for found in _NAME.finditer(line):
-        if found[1]:
-            msg = (
-                f"a name in line {number} has more than {PARTS} parts, "
-                f"{found.group()[:20]!r} and so on"
-            )
-            raise ValueError(msg)
-
-
-def _line(found: re.Match[str]) -> int:
-    return found.string.count("\n", 0, found.start()) + 1
 
 
 def _too_large(path: str | PathLike[str], size: str, most: int) -> UnreadableError:

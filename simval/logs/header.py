@@ -7,7 +7,8 @@ from simval.logs.dialect import Dialect
 from simval.logs.names import channel, is_known, is_unit
 
 Line = tuple[int, str]
-_BLANK = re.compile(r"\s+(?![^\[(]*[\])])")  # white space outside of brackets
+# white space outside of brackets, which hold a unit: a whole file in one line is quick
+_BLANK = re.compile(r"\s+(?![^\[(\])]{0,80}[\])])")
 
 
 def header_names(line: str, mark: str | None = "") -> list[str]:
