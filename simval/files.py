@@ -34,6 +34,7 @@ _KINDS: Final = (  # what a path may be, and what to do about it
     (stat.S_ISSOCK, "it is a socket; give a file"),
 )
 
+
 class UnreadableError(OSError):
     """What is no regular file, or is larger than any file of its kind."""
 
