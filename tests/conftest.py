@@ -1,5 +1,6 @@
-"""Hypothesis profiles, and one smoke run that several tests read."""
+"""Hypothesis profiles, one smoke run, and a small one of one's own."""
 
+import fcntl
 import os
 import shutil
 
@@ -69,6 +70,20 @@ def tiny_run(_tiny_run, tmp_path):
     folder = tmp_path / "tiny"
     shutil.copytree(_tiny_run, folder)
     return folder
+
+
+@pytest.fixture(scope="session")
+def smoke_run(tmp_path_factory):
+    """A finished run of the suite `smoke`, one for all processes: only to be read."""
+    from simval.sweep import run_suite
+
+    base = tmp_path_factory.getbasetemp()
+    place = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    with (place / "smoke.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (place / "smoke" / "results.csv").exists():
+            run_suite("smoke", place / "smoke")
+    return place / "smoke"
 
 
 @pytest.fixture
