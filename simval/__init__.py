@@ -17,7 +17,7 @@ Conventions:
 Where to look: `studies` are the experiments and the first package to read; `scene`,
 `sensor`, `calibrate` and `attitude` are what they wire together, `theory` is what the
 results must be, `verdict` judges them, `sweep` runs grids of them, `report` and
-`gate` tell.
+`judge` tell.
 """
 
 from typing import TYPE_CHECKING, Any

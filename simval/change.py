@@ -14,18 +14,20 @@ statistic,
 
 shows equivalence by two one-sided tests of size 0.05; :math:`|d| - z\, s > m`, with z
 from the comparisons' share of the false-alarm rate by Bonferroni's rule, shows a
-change; and anything between is not resolved by so many samples.
+change; and anything between is not resolved by so many samples. Many values are decided
+at once, a column each.
 """
 
 from collections import deque
 from collections.abc import Callable, Hashable, Iterable, Mapping
-from math import isfinite
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
+import scipy
+from numpy.typing import NDArray
 
 from simval.arrays import Array
-from simval.shapes import Float
+from simval.shapes import Float, Shaped
 
 A = TypeVar("A")
 B = TypeVar("B")
@@ -116,37 +118,39 @@ def _grouped(
     return groups
 
 
-def on_same_noise(
-    old: float, new: float, bound: float
-) -> Literal["same", "close", "changed"]:
-    """Whether a value moved, and whether by more than rounding."""
-    if new == old:
-        return "same"
-    step = abs(new - old)  # NaN is a change
-    return "close" if isfinite(step) and step <= bound else "changed"
+Values = Float[Array, " n"]
+Words = Shaped[NDArray[np.str_], " n"]
 
 
+@np.errstate(all="ignore")  # what is no number has changed
+def on_same_noise(old: Values, new: Values, bound: Values) -> Words:
+    """Whether values moved: ``same``, ``close`` within rounding, or ``changed``."""
+    step = np.abs(new - old)
+    close = np.isfinite(step) & (step <= bound)
+    return np.select([new == old, close], ["same", "close"], "changed")
+
+
+@np.errstate(all="ignore")  # what is no number has changed
 def on_other_noise(
-    distance: float, error: float, margin: float, quantile: float
-) -> Literal["equivalent", "changed", "unresolved"]:
+    distance: Values, error: Values, margin: Values, quantile: float
+) -> Words:
     """Eq. (B1), or the reverse, or neither."""
-    if distance + TOST_QUANTILE * error <= margin:
-        return "equivalent"
-    if not distance - quantile * error <= margin:  # NaN is a change
-        return "changed"
-    return "unresolved"
+    near = distance + TOST_QUANTILE * error <= margin
+    far = ~(distance - quantile * error <= margin)
+    return np.select([near, far], ["equivalent", "changed"], "unresolved")
 
 
-def rounding_bound(value: float, error: float, remainder: float) -> float:
-    """By how much rounding may move a value on the same noise.
+def rounding_bound(value: Values, error: Values, remainder: Values) -> Values:
+    """By how much rounding may move values on the same noise.
 
     Processors sum in other orders, and what a value is judged to is its standard error
     and the least remainder that a theory allows it; 0 of one that has none.
     """
-    if error > 0.0:
-        judged = PAIRED_SHARE * (error + remainder)
-        return max(PAIRED_BOUND * error, min(ROUNDED_MEAN, judged))
-    return max(EXACT_BOUND * abs(value), ROUNDING, PAIRED_SHARE * remainder)
+    share = PAIRED_SHARE * (error + remainder)
+    chance = np.maximum(PAIRED_BOUND * error, np.minimum(ROUNDED_MEAN, share))
+    exact = np.maximum(EXACT_BOUND * np.abs(value), ROUNDING)
+    exact = np.maximum(exact, PAIRED_SHARE * remainder)
+    return np.asarray(np.where(error > 0.0, chance, exact), dtype=float)
 
 
 def is_near(old: float, new: float, relative: float, least: float = 0.0) -> bool:
@@ -154,27 +158,26 @@ def is_near(old: float, new: float, relative: float, least: float = 0.0) -> bool
     return abs(new - old) <= max(least, relative * abs(old))
 
 
-def holm(values: Float[Array, " n"], alpha: float) -> Float[Array, " n"]:
+@np.errstate(all="ignore")  # what is no number has changed
+def two_sided(difference: Values, error: Values) -> Values:
+    """Probability of so great differences by chance; 0 of one that is no number."""
+    known = np.isfinite(difference) & np.isfinite(error)
+    p = 2.0 * scipy.special.ndtr(-np.abs(difference) / error)
+    return np.asarray(np.where(known, p, 0.0), dtype=float)
+
+
+def holm(values: Values, alpha: float) -> Values:
     """Limit of each p-value by Holm's step-down rule.
 
     The k-th smallest of m is compared with alpha / (m - k + 1), and once one is kept
     all larger ones are. So every member of a family gets the limit at which the
     procedure stopped, or its own where it was rejected before.
     """
-    return holm_of_least(values, len(values), alpha)[0]
-
-
-def holm_of_least(
-    values: Float[Array, " n"], m: int, alpha: float
-) -> tuple[Float[Array, " n"], float]:
-    """Limits of the least of m p-values by Holm's rule, and that of all others.
-
-    The others, which are not given, are above alpha: no step is, so they are kept.
-    """
+    m = len(values)
     order = np.argsort(values, kind="stable")
-    steps = alpha / (m - np.arange(min(len(values) + 1, m)))
-    kept = values[order][: len(steps)] > steps[: len(values)]
-    stop = int(np.argmax(kept)) if kept.any() else len(steps) - 1
-    limits = np.empty(len(values))
-    limits[order] = np.minimum(steps[: len(values)], steps[stop]) if m else alpha
-    return limits, float(steps[stop]) if m else alpha
+    steps = alpha / (m - np.arange(m))
+    kept = values[order] > steps
+    stop = int(np.argmax(kept)) if kept.any() else m - 1
+    limits = np.empty(m)
+    limits[order] = np.minimum(steps, steps[stop]) if m else alpha
+    return limits

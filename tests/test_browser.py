@@ -8,7 +8,7 @@ import pytest
 from browser import browser, find_chromium
 from stores import edited
 
-from simval.compare import compare_runs
+from simval.judge import compare_runs
 from simval.report import render, render_comparison
 from simval.sweep import load_run
 

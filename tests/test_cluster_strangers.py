@@ -17,7 +17,7 @@ from clusters import (
     until,
 )
 
-from simval.gate import write_baseline
+from simval.judge import write_baseline
 from simval.sweep import load_run, run_suite
 
 pytest.importorskip("distributed", reason="the extra `cluster` is not installed")

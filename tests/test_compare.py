@@ -11,7 +11,7 @@ from rows_by_name import cell
 from stores import edited_run
 
 from simval.cli.commands.compare import command
-from simval.compare import compare_runs, match
+from simval.judge import compare_runs, match
 from simval.report import render_comparison
 from simval.sweep import load_run
 from simval.sweep.run import Run

@@ -9,11 +9,17 @@ from side_by_side import cell, estimator_rows, league, run_of
 
 from simval.attitude.comparators import davenport, triad
 from simval.cli.commands.compare import command
-from simval.compare import compare_algorithms
-from simval.compare.algorithms import ACCURACY, HONESTY, same_noise
-from simval.compare.merits import called, honesty, over_bound
 from simval.errors import InputError
 from simval.geometry import attitude_error, attitude_matrix, random_quaternions
+from simval.judge import compare_algorithms
+from simval.judge.algorithms import (
+    ACCURACY,
+    HONESTY,
+    called,
+    honesty,
+    over_bound,
+    same_noise,
+)
 from simval.results import nees, plain, unjudged
 from simval.statistics import BIAS, CRAMER_RAO, EFFICIENCY, NEES, NO_BIAS, RMS, SD
 
@@ -21,7 +27,7 @@ A, B = "mine.py:a", "simval:wahba"
 UNEQUAL, EQUAL = (0.002, 0.04, 0.002, 0.04), (0.02,) * 4
 
 
-SAME_NOISE = "simval.compare.algorithms.same_noise"
+SAME_NOISE = "simval.judge.algorithms.same_noise"
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from simval.compare.levels import Series, least_p, steps_in
+from simval.judge.levels import Series, least_p, steps_in
 
 
 def series(values, errors=1.0, seeds=None):

@@ -11,9 +11,15 @@ from rows_by_name import cell, row, statistic
 
 from simval.calibrate.gyroscope.result import NAMES as GYROSCOPE
 from simval.calibrate.magnetometer.result import OWN_NAMES as MAGNETOMETER
-from simval.compare import Step, compare_runs, moved
-from simval.compare.moves import kind_of, loss, standing
-from simval.gate import judge_run, read_baseline, write_baseline
+from simval.judge import (
+    Step,
+    compare_runs,
+    judge_run,
+    moved,
+    read_baseline,
+    write_baseline,
+)
+from simval.judge.steps import kind_of, loss, standing
 from simval.sensor import forms
 from simval.statistics import FAMILIES
 from simval.studies.attitude_geometries import QUANTILES

@@ -12,7 +12,7 @@ from stores import raw, signed_anew
 
 from simval.cli import run as simval_command
 from simval.errors import InputError
-from simval.gate import write_baseline
+from simval.judge import write_baseline
 from simval.statistics import BIAS, COVARIANCE
 from simval.sweep import load_run, run_suite
 

@@ -10,7 +10,7 @@ from tumbles import ACCELEROMETER, GYROSCOPE
 
 from simval.calibrate import calibrate, moves_between
 from simval.errors import InputError, RefusedError
-from simval.gate.gaps import gaps_of
+from simval.judge.gate import gaps_of
 from simval.logs import read_log
 from simval.logs.truth import read_truth
 from simval.recorded.attitudes import Attitudes

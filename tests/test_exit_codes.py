@@ -8,7 +8,7 @@ import pytest
 from places import ROOT
 
 from simval.errors import InputError, UnusablePluginError
-from simval.gate import judge_run
+from simval.judge import judge_run
 from simval.report.section import Context
 from simval.report.sections import checks
 from simval.sweep import (

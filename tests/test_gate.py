@@ -12,8 +12,8 @@ import pytest
 from stores import edited, rewritten
 
 from simval.errors import InputError
-from simval.gate import findings, judge_run, read_baseline, write_baseline
-from simval.gate.baseline import StoredCell
+from simval.judge import findings, judge_run, read_baseline, write_baseline
+from simval.judge.baseline import StoredCell
 from simval.results import CellName
 from simval.sweep import load_run
 

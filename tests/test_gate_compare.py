@@ -9,9 +9,9 @@ from rows_by_name import row
 from scipy import stats
 
 from simval.change import question
-from simval.gate.baseline import StoredCell, entries
-from simval.gate.compare import compare, has_partners
-from simval.gate.judgement import judge_run
+from simval.judge.baseline import StoredCell, entries
+from simval.judge.comparison import compare, has_partners
+from simval.judge.gate import judge_run
 from simval.statistics import COVARIANCE, RMS
 from simval.sweep.run import CellResult, Run
 from simval.verdict import freedom

@@ -10,10 +10,10 @@ import pytest
 import rows_by_name
 from stores import edited
 
-from simval.gate import Gap, GateResult, headline, judge_run, write_baseline
-from simval.gate.comparison import Comparison
-from simval.gate.finding import findings, reproduce
-from simval.gate.formats import (
+from simval.judge import Gap, GateResult, headline, judge_run, write_baseline
+from simval.judge.comparison import Comparison
+from simval.judge.findings import findings, reproduce
+from simval.judge.formats import (
     ANNOTATIONS,
     SHOWN,
     Document,

@@ -9,11 +9,17 @@ import rows_by_name
 
 from simval.cli.gate import show
 from simval.cli.shortened import LINES
-from simval.compare import Step
-from simval.gate import GateResult, findings, judge_run, read_baseline, write_baseline
-from simval.gate.comparison import Comparison
-from simval.gate.formats import KINDS, to_markdown
-from simval.gate.groups import groups
+from simval.judge import (
+    GateResult,
+    Step,
+    findings,
+    judge_run,
+    read_baseline,
+    write_baseline,
+)
+from simval.judge.comparison import Comparison
+from simval.judge.findings import groups
+from simval.judge.formats import KINDS, to_markdown
 from simval.results import CellName
 from simval.sweep import load_run
 from simval.sweep.run import CellResult

@@ -6,8 +6,8 @@ import pytest
 from stores import edited
 
 from simval.errors import InputError
-from simval.gate import read_baseline, write_baseline
-from simval.gate.reasons import reasons_given
+from simval.judge import read_baseline, write_baseline
+from simval.judge.findings import reasons_given
 from simval.sweep import load_run
 
 

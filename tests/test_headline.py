@@ -10,8 +10,8 @@ import pytest
 import rows_by_name
 from stores import edited
 
-from simval.gate import Gap, GateResult, headline, judge_run
-from simval.gate.comparison import Comparison
+from simval.judge import Gap, GateResult, headline, judge_run
+from simval.judge.comparison import Comparison
 from simval.report import render
 from simval.results import CellName
 from simval.sweep import load_run

@@ -18,7 +18,7 @@ from stores import raw, rewritten
 from test_safety import watched
 
 from simval.cli import run as simval_command
-from simval.gate import write_baseline
+from simval.judge import write_baseline
 from simval.sweep import load_run, run_suite
 
 SMALL = """

@@ -12,7 +12,7 @@ from stores import raw
 from test_executors import Fragile
 
 from simval.errors import InputError, LostClusterError
-from simval.gate.baseline import environment, environment_changes
+from simval.judge.baseline import environment, environment_changes
 from simval.sweep import executors, identity, load_run, provenance, run_suite, source
 from simval.sweep.batches import Queue
 from simval.sweep.entries import Done

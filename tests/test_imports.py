@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from importing import PROGRAM, TABLE, idle, imported, strangers
 
-from simval.gate import write_baseline
+from simval.judge import write_baseline
 from simval.poses import fibonacci_sphere
 from simval.sweep import load_run
 

@@ -21,7 +21,7 @@ from simval.calibrate import load_calibration
 from simval.cli import report, run
 from simval.cli.plan import read_directions
 from simval.errors import InputError, PluginError, RefusedError
-from simval.gate.baseline import read_baseline
+from simval.judge.baseline import read_baseline
 from simval.logs import read_log, read_truth
 from simval.noise import load_noise
 from simval.plugins import Estimator, find_plugin

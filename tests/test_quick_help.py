@@ -10,7 +10,7 @@ import pytest
 from simval import vocabulary
 from simval.calibrate.arguments import choices
 from simval.cli import COMMANDS
-from simval.gate import BASELINE
+from simval.judge import BASELINE
 from simval.plugins.reference_frames import FRAMES
 from simval.recorded.run import TIME_LIMIT
 from simval.scene import scenes

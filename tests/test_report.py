@@ -162,7 +162,7 @@ def test_the_first_screen_has_the_verdict_and_two_figures(page):
 
 
 def test_the_report_says_what_the_gate_says(tiny_run, undrawn):
-    from simval.gate import judge_run
+    from simval.judge import judge_run
 
     run = edited_run(tiny_run, "UPDATE rows SET n = 4000 WHERE cell > 1 AND n > 0")
     judged = judge_run(run)

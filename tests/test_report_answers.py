@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 import small_runs
 
-from simval.compare import compare_runs
-from simval.gate import judge_run, read_baseline, write_baseline
+from simval.judge import compare_runs, judge_run, read_baseline, write_baseline
 from simval.report import render
 from simval.report.answers import rounded
 from simval.report.answers_theory import deviation

@@ -9,7 +9,7 @@ import pytest
 import rows_by_name
 from small_runs import cell_of
 
-from simval.gate import judge_run
+from simval.judge import judge_run
 from simval.report import drawings, render, tables
 from simval.report.layout import laid_out
 from simval.report.page import SECTIONS, sections

@@ -11,7 +11,7 @@ from dataclasses import replace
 import pytest
 import small_runs
 
-from simval.gate import headline, judge_run
+from simval.judge import headline, judge_run
 from simval.report.page import context_of
 from simval.report.sections import summary
 

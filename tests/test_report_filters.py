@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from simval.gate import judge_run
 from simval.geometry import attitude_matrix, random_quaternions
+from simval.judge import judge_run
 from simval.report.attitudes import LENGTH, SIZE, turning
 from simval.report.page import render
 from simval.report.section import Context

@@ -13,7 +13,7 @@ from matplotlib.image import imread
 from rounding import EPS
 from rows_by_name import cell
 
-from simval.gate.finding import reproduce
+from simval.judge.findings import reproduce
 from simval.report.axes import MANY
 from simval.report.curves import grouped, varying
 from simval.report.measures import moment

@@ -10,8 +10,8 @@ import rows_by_name
 import side_by_side
 import small_runs
 
-from simval.compare import compare_algorithms
-from simval.compare.algorithms import ACCURACY
+from simval.judge import compare_algorithms
+from simval.judge.algorithms import ACCURACY
 from simval.report.contest import contest_of
 from simval.report.curves import bars
 from simval.report.layout import NAMES, WIDE_NAMES, broken

@@ -24,7 +24,7 @@ from stores import raw, rewritten, signed_anew
 
 from simval.cli import run as simval_command
 from simval.errors import SimvalError
-from simval.gate import read_baseline, write_baseline
+from simval.judge import read_baseline, write_baseline
 from simval.plugins.calibrator_probe import probe_sensor
 from simval.plugins.log import log_of
 from simval.poses import fibonacci_sphere

@@ -10,23 +10,19 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from hypothesis import example, given
-from hypothesis import strategies as st
 from light_cells import light, suite_of
 
-from simval.columns import columns_of
 from simval.errors import InputError
-from simval.gate import baseline, judge_run, write_baseline
+from simval.judge import baseline, judge_run, write_baseline
 from simval.report.part import thinned
-from simval.results import CellName, Outcome, Row
-from simval.statistics import BIAS, NEES, RMS
+from simval.results import Outcome, Row
+from simval.statistics import BIAS
 from simval.sweep import batches, load_run, store
 from simval.sweep.batches import Queue
 from simval.sweep.cells import read_cells
 from simval.sweep.executors import computed
 from simval.sweep.runner import Silence, drive
 from simval.sweep.suite import expand
-from simval.verdict import judge, judge_blocks
 
 MEBIBYTE = 1 << 20
 CELLS = 30
@@ -183,46 +179,6 @@ def test_a_worker_makes_the_digest_that_the_store_gives(tmp_path):
     with store.opened(tmp_path / "odd" / "run.sqlite") as database:
         cells = list(read_cells(database))  # checks each digest
     assert {len(cell.rows) for cell in cells} == {len(rows)}
-
-
-ROWS = st.builds(
-    Row,
-    statistic=st.sampled_from([BIAS("x"), RMS(), NEES()]),
-    value=st.floats(-9.0, 9.0) | st.just(np.nan),
-    standard_error=st.sampled_from([0.0, 0.1, 1.0]),
-    n=st.sampled_from([0, 300, 100_000]),
-    prediction=st.floats(-1.0, 1.0) | st.none(),
-    predictor=st.sampled_from(["exact", "order 2"]),
-    remainder=st.sampled_from([0.0, 0.1, -1.0]),
-    check=st.sampled_from(["plain", "control", "nees", "exact", "limit"]),
-)
-
-
-def told(verdict):
-    values = (verdict.p_value, verdict.limit)
-    return verdict.cell, verdict.answer, verdict.reason, repr(values)
-
-
-FAR = [
-    Row(statistic=RMS(), value=z, standard_error=1.0, n=300, prediction=0.0,
-        predictor="exact", check="plain")
-    for z in (9.0, 0.1, 7.0, -8.0, 0.2, 6.0)
-]  # fmt: skip
-"""Four that fail, each with a limit of its own by Holm's rule."""
-
-
-@pytest.mark.ci
-@given(rows=st.lists(ROWS, max_size=12), cut=st.integers(1, 5))
-@example(rows=FAR, cut=1)
-@example(rows=FAR, cut=4)
-def test_verdicts_do_not_depend_on_the_blocks(rows, cut):
-    pairs = [(CellName("attitude", f"c{i // 3}"), row) for i, row in enumerate(rows)]
-    blocks = [columns_of(pairs[i : i + cut]) for i in range(0, len(pairs), cut)]
-    # a block from elsewhere has no row objects
-    bare = [dataclasses.replace(block, rows=()) for block in blocks]
-    parts = judge_blocks(lambda: bare, 0.01)
-    found = [each.verdict(i) for each in parts for i in range(len(each.rows))]
-    assert list(map(told, found)) == list(map(told, judge(pairs, 0.01)))
 
 
 def test_no_baseline_is_made_of_a_large_run(small, tmp_path, monkeypatch):

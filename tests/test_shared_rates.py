@@ -14,9 +14,9 @@ from rows_by_name import cell, row
 from scipy import stats
 
 from simval.change import question
-from simval.compare import compare_runs, trend_of
-from simval.gate.baseline import StoredCell, entries
-from simval.gate.judgement import judge_run
+from simval.judge import compare_runs, trend_of
+from simval.judge.baseline import StoredCell, entries
+from simval.judge.gate import judge_run
 from simval.sweep.run import Run
 
 SOME = 7  # statistics

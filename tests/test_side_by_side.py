@@ -9,7 +9,7 @@ import pytest
 from browser import browser, find_chromium
 from side_by_side import cell, estimator_rows, league, run_of
 
-from simval.gate import judge_run
+from simval.judge import judge_run
 from simval.plugins.attitude_classes import CLASSES
 from simval.plugins.builtin import BUILTIN
 from simval.report import render
@@ -201,7 +201,7 @@ def test_no_algorithm_is_among_further_studies_and_none_is_lost(tmp_path):
 def test_a_calibrator_by_what_it_leaves(tmp_path, monkeypatch):
     """A study that measures the whole error has it beside its bound, in its unit."""
     left = FAMILIES.get("left", Family("left", "what is left", "m/s²"))
-    monkeypatch.setattr("simval.compare.merits.SIZES", (left,))
+    monkeypatch.setattr("simval.judge.algorithms.SIZES", (left,))
     rows = unjudged(left(), 0.03, 0.001, 1024, 0.02, f"{CRAMER_RAO}, nine parameters")
     run = run_of(tmp_path, [cell("six.py", rows, study="calibrator")])
     section = algorithms.section(context_of(run))

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from stores import edited, raw
 
-from simval.compare import compare_runs
 from simval.errors import InputError
+from simval.judge import compare_runs
 from simval.montecarlo import fused
 from simval.results import Outcome, Row
 from simval.statistics import COVERAGE, RMS, Family

@@ -12,9 +12,9 @@ from rows_by_name import cell, row
 from run_series import add_run, commit_of
 from scipy import stats
 
-from simval.compare import compare_runs, read_runs, trend_of
-from simval.compare.origin import origin_of
 from simval.errors import InputError
+from simval.judge import compare_runs, read_runs, trend_of
+from simval.judge.runs import origin_of
 from simval.sweep import load_run
 from simval.sweep.run import Run
 

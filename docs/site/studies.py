@@ -8,7 +8,7 @@ from typing import Any
 from docs.site.equations import ROOT
 from docs.site.markdown import code, definitions, page, plain
 from simval import statistics
-from simval.gate import BASELINE
+from simval.judge import BASELINE
 from simval.plugins import Calibrator, Estimator, Filter
 from simval.plugins.builtin import BUILTIN
 from simval.scene import scenes

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final
 
-from simval.gate import Finding
+from simval.judge import Finding
 from simval.statistics import CUBATURE
 
 _ADVICE: Final[Mapping[str, str]] = MappingProxyType(

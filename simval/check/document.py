@@ -6,7 +6,7 @@ from math import isfinite
 from typing import Any
 
 from simval.check.measure import Checked
-from simval.gate import Finding, findings, headline
+from simval.judge import Finding, findings, headline
 from simval.plugins.names import located, portable
 from simval.sweep.cells import CellResult
 from simval.text import one_line

@@ -20,7 +20,7 @@ from simval.check.cells import settings_of
 from simval.check.limits import missed_limits
 from simval.check.measure import Checked
 from simval.errors import CrashedPluginError, InputError, PluginError
-from simval.gate import GateResult, judge_run, read_baseline, write_baseline
+from simval.judge import GateResult, judge_run, read_baseline, write_baseline
 from simval.plugins import Calibrator, Estimator, Filter
 from simval.plugins.declarations import declarations
 from simval.plugins.loading import Meant

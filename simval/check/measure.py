@@ -5,7 +5,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from simval.check.cells import suite_of
-from simval.gate import GateResult, judge_run
+from simval.judge import GateResult, judge_run
 from simval.plugins.loading import Meant, meant
 from simval.plugins.names import located, portable
 from simval.sweep import run_suite

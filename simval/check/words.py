@@ -10,7 +10,7 @@ from simval.check.advice import advice_on
 from simval.check.filter_advice import unjudged, why
 from simval.check.measure import Checked
 from simval.errors import CrashedPluginError
-from simval.gate import Finding, findings, headline
+from simval.judge import Finding, findings, headline
 from simval.plugins.loading import Meant
 from simval.results import CellName, Row
 from simval.statistics import AT_AN_INSTANT, DIAGNOSES, FAILURES, Family

@@ -3,8 +3,8 @@
 from collections.abc import Iterable, Iterator, Sequence
 
 from simval.cli.terminal import say
-from simval.compare import Move, RunComparison, Step
-from simval.compare.trend import WAYS
+from simval.judge import Move, RunComparison, Step
+from simval.judge.trend import WAYS
 from simval.text import one_line
 
 SHOWN = 12

@@ -8,18 +8,17 @@ import click
 
 from simval.cli.changes import headline, move_lines, other_lines, tell
 from simval.cli.options import refuse_if, write
-from simval.compare import (
+from simval.errors import InputError
+from simval.judge import (
     AlgorithmComparison,
     Merit,
     RunComparison,
     compare_algorithms,
     compare_runs,
 )
-from simval.compare.algorithms import ACCURACY, FAILURES, HONESTY
-from simval.compare.documents import comparison_json
-from simval.compare.matching import shared_words
-from simval.compare.origin import origin_of
-from simval.errors import InputError
+from simval.judge.algorithms import ACCURACY, FAILING, HONESTY
+from simval.judge.formats import comparison_json
+from simval.judge.runs import origin_of, shared_words
 from simval.sweep import load_run
 from simval.sweep.run import Run
 
@@ -147,9 +146,9 @@ def _same_lines(found: AlgorithmComparison) -> Iterator[str]:
                 f"same: {what}, settings: {len(own)}: no difference beyond chance, and "
                 f"none above {bound} (95 % each)"
             )
-    classes = sum(merit.what.startswith(FAILURES) for merit in same)
+    classes = sum(merit.what.startswith(FAILING) for merit in same)
     if classes:
-        yield f"same: {FAILURES}, classes: {classes}"
+        yield f"same: {FAILING}, classes: {classes}"
 
 
 def _times_of(

@@ -20,7 +20,7 @@ from simval.cli.outputs import require_free
 from simval.cli.shortened import every_line, short_lines
 from simval.cli.terminal import say
 from simval.errors import InputError
-from simval.gate import (
+from simval.judge import (
     GateResult,
     findings,
     headline,
@@ -29,14 +29,14 @@ from simval.gate import (
     samples_spent,
     write_baseline,
 )
-from simval.gate.baseline import check_reason
-from simval.gate.formats import (
+from simval.judge.baseline import check_reason
+from simval.judge.findings import moved_kinds, reasons_given
+from simval.judge.formats import (
     annotations,
     to_json,
     to_junit,
     to_markdown,
 )
-from simval.gate.reasons import moved_kinds, reasons_given
 from simval.sweep import load_run
 from simval.sweep.run import Run
 from simval.sweep.source import source_hash

@@ -9,7 +9,7 @@ import click
 from simval.cli.options import refuse_if
 from simval.cli.outputs import beside_store, require_free
 from simval.errors import InputError
-from simval.gate import read_baseline
+from simval.judge import read_baseline
 from simval.report import csv_text, drawings, png, render, svg_file, tables
 from simval.report.panels import Drawing
 from simval.sweep import Run, load_run

@@ -2,9 +2,8 @@
 
 from collections.abc import Iterator, Sequence
 
-from simval.gate import GateResult, findings
-from simval.gate.finding import details
-from simval.gate.groups import Group, groups
+from simval.judge import GateResult, findings
+from simval.judge.findings import Group, details, groups
 
 LINES = 8
 """Lines printed of what did not pass; two more say how many others, and the answer."""

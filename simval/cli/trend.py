@@ -9,10 +9,9 @@ from rich.table import Table as Printed
 
 from simval.cli.changes import SHOWN, tell, value_line
 from simval.cli.options import write
-from simval.compare import Trend, read_runs, trend_of
-from simval.compare.documents import trend_json
-from simval.compare.series import ordered_by
-from simval.compare.trend import WAYS
+from simval.judge import Trend, read_runs, trend_of
+from simval.judge.formats import trend_json
+from simval.judge.trend import WAYS, ordered_by
 from simval.report.table import Column, Table, csv_text
 from simval.text import one_line
 

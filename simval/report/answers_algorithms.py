@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from simval.compare.merits import (
+from simval.judge.algorithms import (
     STUDIES,
     Measured,
     algorithm_of,

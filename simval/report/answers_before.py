@@ -11,9 +11,7 @@ from math import inf, isfinite
 from typing import Any, NamedTuple
 
 from simval.change import question
-from simval.compare import Step
-from simval.gate import Comparison
-from simval.gate.steps import steps_beside
+from simval.judge import Comparison, Step
 from simval.report.answers import Block, Line, percent, rounded
 from simval.report.section import Against, Context
 from simval.sweep import Run
@@ -118,8 +116,7 @@ def _from_baseline(context: Context) -> tuple[str, list[Line]]:
         line = Line(what="Baseline", said=said, answer="inconclusive")
         return "Cannot be compared with the baseline", [line]
     compared = context.judged.comparisons
-    beside = steps_beside(compared, context.judged.alpha)
-    changes = [_change(c, step) for c, step in beside if c.answer == "fail"]
+    changes = [_change(c, c.step) for c in compared if c.answer == "fail"]
     kinds = context.judged.changes
     unresolved, new = kinds["unresolved"], kinds["new"]
     same = kinds.total() - len(changes) - unresolved - new

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simval.compare.merits import STUDIES as OF_ALGORITHMS
+from simval.judge.algorithms import STUDIES as OF_ALGORITHMS
 from simval.report.answers import Block, Line, called, in_order
 from simval.report.chapters import home
 from simval.report.section import Context

@@ -7,8 +7,8 @@ such cells the one with the greatest error. Noise-free cells have no error to te
 
 from collections.abc import Sequence
 
-from simval.compare.merits import STUDIES as OF_ALGORITHMS
-from simval.gate.finding import reproduce
+from simval.judge.algorithms import STUDIES as OF_ALGORITHMS
+from simval.judge.findings import reproduce
 from simval.report.answers import SHOWN, Block, Line, called, in_order
 from simval.report.answers_algorithms import lines_of_algorithms
 from simval.report.answers_readings import READERS, Reading, any_reading

@@ -9,9 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from simval.compare import Difference, Move, RunComparison
-from simval.compare.origin import origin_of
-from simval.compare.trend import WAYS
+from simval.judge import Difference, Move, RunComparison
+from simval.judge.runs import origin_of
+from simval.judge.trend import WAYS
 from simval.report.curves import Curve, axis_of, bar_width, curve, grouped, statistic
 from simval.report.environment import template
 from simval.report.moves import SHOWN, moves_table, told
@@ -43,7 +43,7 @@ def render_comparison(a: Run, b: Run, comparison: RunComparison) -> str:
     a, b : Run
         Before and after.
     comparison : RunComparison
-        As from `simval.compare.compare_runs`.
+        As from `simval.judge.compare_runs`.
 
     Returns
     -------

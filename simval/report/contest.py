@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simval.compare.merits import Measured, Share, algorithm_of, failures
+from simval.judge.algorithms import Measured, Share, algorithm_of, failures
 from simval.report.curves import grouped
 from simval.report.parameters import setting_words
 from simval.results import CellName

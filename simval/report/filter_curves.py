@@ -6,7 +6,7 @@ import numpy as np
 import scipy
 
 from simval.arrays import Array
-from simval.compare.merits import algorithm_of
+from simval.judge.algorithms import algorithm_of
 from simval.report.curves import Curve
 from simval.report.palette import BOUND, THEORY
 from simval.report.panels import COLOURS, GREY, Series

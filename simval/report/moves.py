@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from simval.compare import Move
+from simval.judge import Move
 from simval.report.table import Column, Table
 from simval.report.words import spelled
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from simval.change import EFFORT
-from simval.gate.finding import reproduce
+from simval.judge.findings import reproduce
 from simval.report.parameters import setting_words
 from simval.report.units import Unit
 from simval.report.words import measured, number, spelled

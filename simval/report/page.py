@@ -6,9 +6,8 @@ from dataclasses import replace
 from types import ModuleType
 from typing import Any
 
-from simval.compare import compare_runs
 from simval.errors import InputError
-from simval.gate import judge_run
+from simval.judge import compare_runs, judge_run
 from simval.report.answers import linked
 from simval.report.answers_before import comparable
 from simval.report.chapters import groups
@@ -101,7 +100,7 @@ def render(
     alpha : float, default ALPHA
         False-alarm rate that the sampling checks share.
     baseline : mapping, optional
-        As from `simval.gate.read_baseline`: the page says what changed from it.
+        As from `simval.judge.read_baseline`: the page says what changed from it.
     against : Run, optional
         Another run: the page says what changed from it.
     opened : bool, default False

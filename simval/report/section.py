@@ -6,8 +6,7 @@ from typing import Any, NamedTuple
 
 from markupsafe import Markup
 
-from simval.compare import RunComparison
-from simval.gate import GateResult
+from simval.judge import GateResult, RunComparison
 from simval.report.environment import template
 from simval.report.notes import folder_of
 from simval.report.panels import Drawing

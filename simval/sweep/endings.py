@@ -3,10 +3,9 @@
 from collections.abc import Sequence
 from typing import Literal
 
-from simval.columns import columns_of
 from simval.results import CellName, Row
 from simval.studies.study import Cell
-from simval.verdict import WORST_FIRST, Answer, judge_blocks, overall_of
+from simval.verdict import Answer, judge, overall
 
 Ending = Answer | Literal["failed", "refused", "stored"]
 """A verdict, a crash, a refusal, or stored with nothing to judge."""
@@ -25,10 +24,8 @@ ENDINGS: tuple[Ending, ...] = (
 def ending_of(cell: Cell, rows: Sequence[Row], alpha: float) -> Ending:
     """Verdict of one cell by itself, at its part of the false-alarm rate."""
     name = CellName(cell.study, cell.name)
-    block = columns_of((name, row) for row in rows if row.check != "record")
-    judged = judge_blocks(lambda: [block], alpha)
-    answers = {WORST_FIRST[code] for each in judged for code in each.answer.tolist()}
-    return overall_of(answers) if answers else "stored"
+    verdicts = judge(((name, row) for row in rows), alpha)
+    return overall(verdicts) if verdicts else "stored"
 
 
 def worse(first: Ending, second: Ending) -> Ending:

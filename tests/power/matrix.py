@@ -23,7 +23,7 @@ from power.noise_faults import small_noise_faults
 from power.run_faults import run_faults
 from power.small_faults import small_code_faults
 from simval.errors import InputError
-from simval.gate import GateResult, findings, judge_run, read_baseline, write_baseline
+from simval.judge import GateResult, findings, judge_run, read_baseline, write_baseline
 from simval.sweep.run import Run, load_run
 from simval.sweep.runner import run_suite
 from simval.sweep.suite import expand, load_suite

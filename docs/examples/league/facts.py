@@ -11,7 +11,7 @@ from pathlib import Path
 
 from filter_facts import filter_table, own_facts
 
-from simval.compare.merits import over_bound
+from simval.judge.algorithms import over_bound
 from simval.sweep import load_run
 
 HERE = Path(__file__).parent

@@ -15,7 +15,7 @@ FILE = Output(dir_okay=False)
 
 def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> None:
     if wanted:
-        from simval.gate.formats import Document
+        from simval.judge.formats import Document
 
         click.echo(json.dumps(Document.model_json_schema(), indent=1))
         context.exit(0)

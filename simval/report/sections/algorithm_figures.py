@@ -4,8 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from simval.compare.algorithms import apart
-from simval.compare.merits import Measured, called, over_bound
+from simval.judge.algorithms import Measured, apart, called, over_bound
 from simval.report.answers_algorithms import BOUND, mean
 from simval.report.contest import Contest
 from simval.report.curves import MAX_GROUPS

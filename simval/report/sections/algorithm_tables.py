@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from simval.compare.merits import (
+from simval.judge.algorithms import (
     Share,
     algorithm_of,
     bias_over_bound,

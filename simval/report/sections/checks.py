@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from simval.change import EFFORT
-from simval.gate.finding import reproduce
+from simval.judge.findings import reproduce
 from simval.report.curves import PREFERRED, numeric, varying
 from simval.report.notes import described
 from simval.report.section import Context, Section, made

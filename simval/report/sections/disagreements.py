@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from simval.gate.finding import reproduce
+from simval.judge.findings import reproduce
 from simval.report.curves import Measure, axis_of, bar_width, curve, grouped, statistic
 from simval.report.findings import Claim, claiming
 from simval.report.notes import Measured, described

@@ -2,7 +2,7 @@
 
 import shlex
 
-from simval.gate.finding import reproduce
+from simval.judge.findings import reproduce
 from simval.report.section import Context, Section, made
 
 MAX_ROWS = 200  # for the size of a page; the rest is counted

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from simval.compare.merits import algorithm_of
+from simval.judge.algorithms import algorithm_of
 from simval.report.curves import Curve, Groups, bar_width
 from simval.report.filter_curves import (
     BAND,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from simval.compare.merits import algorithm_of
+from simval.judge.algorithms import algorithm_of
 from simval.report.artifacts import arrays, is_left, shaped
 from simval.report.attitudes import turning
 from simval.report.curves import MAX_GROUPS, first, grouped

@@ -10,7 +10,7 @@ Where a run has a user's code, its algorithms come next and the figures after th
 from collections.abc import Sequence
 from functools import partial
 
-from simval.gate import headline
+from simval.judge import headline
 from simval.report.answers_before import worse_than_before
 from simval.report.answers_theory import as_theory_says
 from simval.report.answers_wrong import chosen, how_wrong

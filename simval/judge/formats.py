@@ -1,20 +1,26 @@
-"""The gate's result for machines: JSON with a schema, JUnit XML, Markdown, annotations.
+"""Judgements for machines: JSON, JUnit XML, Markdown, annotations of GitHub.
 
 Names of cells and reasons can come from data and plug-ins, so each format escapes them
 in its own way; characters that XML does not know are replaced.
 """
 
+import json
 import re
 from collections import Counter
-from typing import Literal, get_args
+from collections.abc import Iterable
+from dataclasses import asdict
+from math import isfinite
+from typing import Any, Literal, get_args
 from xml.etree import ElementTree
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from simval.gate.finding import Finding, details, findings
-from simval.gate.groups import groups
-from simval.gate.headline import headline
-from simval.gate.judgement import GateResult
+from simval.judge.findings import Finding, details, findings, groups
+from simval.judge.gate import GateResult, headline
+from simval.judge.runs import RunComparison, origin_of
+from simval.judge.steps import Move, Step
+from simval.judge.trend import WAYS, Trend
+from simval.sweep.run import Run
 from simval.text import one_line
 from simval.verdict import Answer
 
@@ -219,3 +225,82 @@ def _xml(text: str) -> str:
 
 def _escaped(text: str) -> str:
     return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
+
+
+def comparison_json(a: Run, b: Run, found: RunComparison) -> str:
+    """Write the comparison of two runs: the runs, the counts, and what moved."""
+    document = {
+        "schema_version": 1,
+        "a": asdict(origin_of(a)),
+        "b": asdict(origin_of(b)),
+        "alpha": found.alpha,
+        "common": found.total,
+        "changed": {way: found.count(way) for way in WAYS},
+        "moved_within_chance": found.number("moved"),
+        "moves": _moves(found.moves),
+        "environment": list(found.environment),
+        "only_a": list(found.only_a),
+        "only_b": list(found.only_b),
+    }
+    return _as_json(document)
+
+
+def trend_json(trend: Trend) -> str:
+    """Write a series of runs: the runs in order, and what moved since which."""
+    document = {
+        "schema_version": 1,
+        "alpha": trend.alpha,
+        "statistics": len(trend.lines),
+        "with_a_step": trend.changed,
+        "runs": [
+            asdict(origin)
+            | {way: trend.count(run, way) for way in WAYS}
+            | {"moved_within_chance": trend.within[run]}
+            for run, origin in enumerate(trend.origins)
+        ],
+        "moves": [
+            {"since_run": trend.origins[run].name, "since": trend.origins[run].label}
+            | _moves([move])[0]
+            for run, move in trend.moves
+        ],
+    }
+    return _as_json(document)
+
+
+def _moves(moves: Iterable[Move]) -> list[dict[str, Any]]:
+    """Each move with all its values, largest first."""
+    return [
+        {
+            "study": move.study,
+            "what": move.what,
+            "standing": move.standing,
+            "size": move.size,
+            "standard_errors": move.sigmas,
+            "cells": move.cells,
+            "of_cells": move.of,
+            "values": [_value(step) for step in move.steps],
+        }
+        for move in moves
+    ]
+
+
+def _value(step: Step) -> dict[str, Any]:
+    return {
+        "cell": step.cell,
+        "statistic": str(step.statistic),
+        "unit": step.statistic.unit,
+        "before": _number(step.before),
+        "after": _number(step.after),
+        "standard_error": _number(step.error),
+        "standard_errors": _number(step.sigmas),
+        "relative": _number(step.relative),
+    }
+
+
+def _number(value: float | None) -> float | None:
+    """A number that JSON has; None of all others."""
+    return None if value is None or not isfinite(value) else value
+
+
+def _as_json(document: dict[str, Any]) -> str:
+    return json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"

@@ -17,11 +17,17 @@ the margin of its family or, where that is more, over what it is judged to.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import inf, isfinite
 from typing import Literal
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from simval.arrays import Array
 from simval.change import rounding_bound
 from simval.results import Row
+from simval.shapes import Float
 from simval.statistics import Statistic
 
 Standing = Literal["better", "worse", "neither"]
@@ -32,38 +38,18 @@ AIMED = ("zero", "prediction")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """One statistic of one cell, before and after.
-
-    Attributes
-    ----------
-    study, cell : str
-        Where, as the later run names it.
-    statistic : Statistic
-        What.
-    before, after : float
-        Its values.
-    error : float
-        Standard error of their difference; 0 where there is no chance.
-    moved : bool
-        Whether it moved by more than it may.
-    standing : {"better", "worse", "neither"}
-        Which way, where it moved.
-    predictions : tuple of (float or None)
-        What theory predicts before and after.
-    left_open : float
-        What theory leaves open of the value.
-    """
+    """One statistic of one cell, before and after."""
 
     study: str
-    cell: str
+    cell: str  # as the later run names it
     statistic: Statistic
     before: float
     after: float
-    error: float
-    moved: bool
-    standing: Standing = "neither"
-    predictions: tuple[float | None, float | None] = (None, None)
-    left_open: float = 0.0
+    error: float  # standard error of the difference; 0 where there is no chance
+    moved: bool  # by more than it may
+    standing: Standing = "neither"  # which way, where it moved
+    predictions: tuple[float | None, float | None] = (None, None)  # before and after
+    left_open: float = 0.0  # what theory leaves open of the value
 
     @property
     def sigmas(self) -> float | None:
@@ -97,34 +83,20 @@ class Step:
     @property
     def loss_change(self) -> float:
         """Change of the loss, eq. (D3); NaN where neither way is better."""
-        before, after = self.predictions
-        return loss(self.statistic, self.after, after) - loss(
-            self.statistic, self.before, before
-        )
+        values = (self.before, self.after)
+        return loss_change(self.statistic, values, self.predictions)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Move:
-    """The values of one kind that moved one way.
-
-    Attributes
-    ----------
-    study, what : str
-        Name of the study, and the kind of statistic in words.
-    standing : {"better", "worse", "neither"}
-        Which way.
-    steps : tuple of Step
-        The values that moved, largest first.
-    cells, of : int
-        Cells in which one moved, and cells that have one of this kind.
-    """
+    """The values of one kind that moved one way."""
 
     study: str
-    what: str
+    what: str  # the kind of statistic in words
     standing: Standing
-    steps: tuple[Step, ...]
-    cells: int
-    of: int
+    steps: tuple[Step, ...]  # the values that moved, largest first
+    cells: int  # in which one moved
+    of: int  # cells that have one of this kind
 
     @property
     def worst(self) -> Step:
@@ -220,6 +192,16 @@ def loss(statistic: Statistic, value: float, prediction: float | None) -> float:
     }[statistic.better]
 
 
+def loss_change(
+    statistic: Statistic,
+    values: tuple[float, float],
+    predictions: tuple[float | None, float | None],
+) -> float:
+    """Change of the loss, eq. (D3), of a value before and after."""
+    before, after = map(partial(loss, statistic), values, predictions)
+    return after - before
+
+
 def standing(change: float, least: float) -> Standing:
     """Which way a loss moved, beyond what is none."""
     if not abs(change) > least:  # nor of NaN
@@ -240,7 +222,7 @@ def moved(steps: Iterable[Step]) -> tuple[Move, ...]:
     Parameters
     ----------
     steps : iterable of Step
-        `RunComparison.steps` of two runs, or `simval.gate.GateResult.steps` of a run
+        `RunComparison.steps` of two runs, or `GateResult.steps` of a run
         and its baseline; those that did not move count among all.
 
     Returns
@@ -257,22 +239,26 @@ def moved(steps: Iterable[Step]) -> tuple[Move, ...]:
             groups.setdefault((*kind, step.standing), []).append(step)
     moves = [
         Move(
-            study=study, what=what, standing=way, steps=tuple(largest_first(members)),
+            study=study,
+            what=what,
+            standing=way,
+            # by name where they weigh the same
+            steps=tuple(
+                sorted(members, key=lambda s: (-s.weight, s.cell, str(s.statistic)))
+            ),
             cells=len({step.cell for step in members}),
             of=len(cells[study, what]),
         )
         for (study, what, way), members in groups.items()
-    ]  # fmt: skip
+    ]
     return tuple(sorted(moves, key=lambda m: (-m.worst.weight, m.study, m.what)))
 
 
-def largest_first(steps: Sequence[Step]) -> list[Step]:
-    """Sort by weight; by name where that is equal."""
-    return sorted(steps, key=lambda s: (-s.weight, s.cell, str(s.statistic)))
-
-
-def rounding_of(row: Row, error: float) -> float:
-    """By how much rounding may move a row whose values have this standard error."""
-    judged = error > 0.0 or row.check == "exact"
-    known = judged and isfinite(row.remainder)
-    return rounding_bound(row.value, error, row.remainder if known else 0.0)
+def rounding_of(rows: Sequence[Row], error: ArrayLike) -> Float[Array, " n"]:
+    """By how much rounding may move rows whose values have these standard errors."""
+    errors = np.broadcast_to(np.asarray(error, dtype=float), len(rows))
+    remainder = np.array([row.remainder for row in rows], dtype=float)
+    exact = np.array([row.check == "exact" for row in rows], dtype=bool)
+    known = (exact | (errors > 0.0)) & np.isfinite(remainder)
+    values = np.array([row.value for row in rows], dtype=float)
+    return rounding_bound(values, errors, np.where(known, remainder, 0.0))

@@ -1,0 +1,302 @@
+"""The gate: a run judged against theory and the stored baseline, as an exit code.
+
+`judge_run` asks three questions: was everything measured that should have been
+(`gaps_of`), does it agree with theory (`simval.verdict`), and does it agree with the
+baseline (`compare`)? The answer is the worst of the three; `headline` says it in one
+line, with what is wrong in numbers, and `samples_spent` what it cost.
+"""
+
+import shlex
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from math import ceil, isnan
+from typing import Any
+
+from simval.change import EFFORT
+from simval.judge.baseline import environment_changes
+from simval.judge.comparison import (
+    Change,
+    Comparison,
+    answer_of,
+    compare,
+    has_partners,
+)
+from simval.judge.steps import Step
+from simval.results import CellName
+from simval.sweep.run import CellResult, Run
+from simval.verdict import (
+    ALPHA,
+    PRACTICAL,
+    WEIGHTS,
+    WORST_FIRST,
+    Answer,
+    Verdict,
+    judge,
+    overall,
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Gap:
+    """Something that should have been measured and was not."""
+
+    cell: CellName  # without a study for the run as a whole
+    reason: str  # what is missing, in words
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GateResult:
+    """What the gate says of a run."""
+
+    verdicts: tuple[Verdict, ...]  # against theory
+    comparisons: tuple[Comparison, ...]  # with the baseline
+    unfinished: tuple[CellResult, ...]  # cells that failed or were never run
+    gaps: tuple[Gap, ...]  # what else was not measured
+    # where versions or processor kernels differ from the baseline's
+    environment: tuple[str, ...]
+    alpha: float  # false-alarm rate of everything together
+    folder: str = "latest"  # the run, as it was named
+    # processor time of each cell, by its name, s
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    first: str = ""  # why nothing was compared though a baseline was wanted
+    notes: tuple[str, ...] = ()  # what else a reader should know; no answer changes
+
+    @property
+    def answer(self) -> Answer:
+        """The worst of all that was judged."""
+        answers = {overall(self.verdicts), *map(answer_of, self.changes)}
+        if "fail" in answers or self._crashed or self.first:
+            return "fail"
+        incomplete = self.unfinished or self.gaps or answers != {"pass"}
+        return "inconclusive" if incomplete else "pass"
+
+    @property
+    def endings(self) -> Counter[str]:
+        """How the unfinished cells ended."""
+        return Counter(cell.ending for cell in self.unfinished)
+
+    @property
+    def changes(self) -> Counter[Change]:
+        """How the comparisons ended."""
+        return Counter(c.change for c in self.comparisons)
+
+    @property
+    def counts(self) -> Counter[Answer]:
+        """Verdicts against theory by answer."""
+        return Counter(v.answer for v in self.verdicts)
+
+    @property
+    def _crashed(self) -> bool:
+        return self.endings["crashed"] > 0
+
+    @property
+    def never_run(self) -> str:
+        """How many cells were never run, and what to do; empty if all were."""
+        pending = [cell.name for cell in self.unfinished if cell.status == "pending"]
+        count = self.endings["pending"]
+        if not pending:
+            return ""
+        number = "1 cell was" if count == 1 else f"{count} cells were"
+        return (
+            f"{number} never run, the first is {pending[0]}; resume with "
+            f"`simval sweep SUITE --out {shlex.quote(self.folder)} --resume`"
+        )
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """The values that the baseline has too, for `moved`."""
+        steps = (each.step for each in self.comparisons)
+        return tuple(step for step in steps if step is not None)
+
+    @property
+    def exit_code(self) -> int:
+        """4 crashed, 1 failed, 3 inconclusive or refused, 0 passed: the first."""
+        if self._crashed:
+            return 4
+        return {"fail": 1, "inconclusive": 3, "pass": 0}[self.answer]
+
+
+def judge_run(
+    run: Run,
+    baseline: Mapping[str, Any] | None = None,
+    alpha: float = ALPHA,
+) -> GateResult:
+    """Judge a run against theory and, where given, a baseline.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+    baseline : mapping, optional
+        As from `read_baseline`.
+    alpha : float, default ALPHA
+        False-alarm rate of everything together. If some cells have other noise than
+        in the baseline, theory and the baseline get half of it each.
+
+    Returns
+    -------
+    GateResult
+        Verdicts, comparisons, gaps and the exit code.
+    """
+    compared: tuple[Comparison, ...] = ()
+    environment: tuple[str, ...] = ()
+    share = alpha
+    if baseline is not None:
+        share = alpha / 2.0 if has_partners(run, baseline["cells"]) else alpha
+        compared = compare(run, baseline["cells"], alpha)
+        environment = environment_changes(baseline["environment"], run.manifest)
+    done = (cell for cell in run.cells if cell.status == "done")
+    verdicts = judge(((c.named, row) for c in done for row in c.rows), share)
+    return GateResult(
+        verdicts=verdicts,
+        comparisons=compared,
+        unfinished=tuple(c for c in run.cells if c.status != "done"),
+        gaps=tuple(gaps_of(run)),
+        environment=environment,
+        alpha=alpha,
+        folder=str(run.folder),
+        seconds={cell.name: cell.seconds for cell in run.cells},
+    )
+
+
+def gaps_of(run: Run) -> Iterator[Gap]:
+    """Everything that a run should have measured and has not."""
+    stated = run.manifest.get("cells")
+    if isinstance(stated, int) and stated != len(run.cells):
+        reason = f"the suite has {stated} cells, the run holds {len(run.cells)}"
+        yield Gap(cell=CellName(""), reason=reason)
+    for cell in run.cells:
+        if cell.status == "done":
+            yield from (Gap(cell=cell.named, reason=why) for why in _missing(cell))
+
+
+def _missing(cell: CellResult) -> Iterator[str]:
+    if not cell.rows:
+        yield "the cell is done but measured nothing"
+        return
+    count = Counter(row.key for row in cell.rows)
+    twice = next((key for key, number in count.items() if number > 1), None)
+    if twice is not None:
+        yield f"it has {' against '.join(filter(None, map(str, twice)))} twice"
+    sampled = [row.n for row in cell.rows if row.check in WEIGHTS]
+    for name in EFFORT:
+        stated, most = cell.parameters.get(name), max(sampled, default=-1)
+        if isinstance(stated, int) and 0 <= most < stated:
+            yield f"its parameters say {name}={stated}, its rows rest on {most}"
+
+
+def headline(result: GateResult) -> str:
+    """Explain the answer in one line.
+
+    Parameters
+    ----------
+    result : GateResult
+        From `judge_run`.
+
+    Returns
+    -------
+    str
+        What was not measured, then what was judged, each with its count; the same line
+        in every output.
+    """
+    endings = result.endings
+    crashed, never = endings["crashed"], endings["pending"]
+    refused = endings["refused"]
+    compared = Counter(
+        {
+            answer: sum(n for c, n in result.changes.items() if answer_of(c) == answer)
+            for answer in WORST_FIRST
+        }
+    )
+    compared["pass"] -= result.changes["new"]
+    theory = result.counts
+    parts = [
+        f"{_count(crashed, 'cell')} crashed" if crashed else "",
+        f"{_count(refused, 'cell')} refused" if refused else "",
+        f"{_count(never, 'cell')} never run" if never else "",
+        f"{_count(len(result.gaps), 'thing')} not measured as stated"
+        if result.gaps
+        else "",
+        "there was no baseline to compare with" if result.first else "",
+        _judged(theory, "check", "against theory") or "nothing was judged",
+        _judged(compared, "comparison", "with the baseline"),
+    ]
+    return "; ".join(filter(None, parts))
+
+
+def _judged(answers: Counter[Answer], what: str, beside: str) -> str:
+    """How many of a kind were judged, and how they ended."""
+    total = answers.total()
+    if not total:
+        return ""
+    failed, unclear = answers["fail"], answers["inconclusive"]
+    if not failed and not unclear:
+        one = total == 1
+        who = f"the only {what}" if one else f"all {_count(total, what)}"
+        return f"{who} {beside} {'agrees' if one else 'agree'}"
+    ends = [f"{failed:,} failed"] if failed else []
+    if unclear:
+        ends.append(f"{unclear:,} {'was' if unclear == 1 else 'were'} inconclusive")
+    return f"of {_count(total, what)} {beside}, {' and '.join(ends)}"
+
+
+def _count(number: int, what: str) -> str:
+    return f"1 {what}" if number == 1 else f"{number:,} {what}s"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spent:
+    """The rows of one kind of statistic of a study that are judged by one check."""
+
+    study: str
+    check: str
+    statistic: str
+    rows: int  # how many
+    needed: int  # samples that the most demanding of them needs
+    spent: int  # samples of the one with the fewest
+    # share of the spread of a sample or of the prediction, whichever is greater, that
+    # is seen beyond the remainder; the greatest of the rows
+    seen: float
+    seconds: float  # processor time of the study
+
+
+def samples_spent(
+    verdicts: Iterable[Verdict], seconds: Mapping[str, float]
+) -> tuple[Spent, ...]:
+    """Samples that each kind of row needs and spends.
+
+    A verdict needs as many as make the smallest discrepancy that is found with the
+    stated power, eq. (V2) of `simval.verdict`, just the practical margin.
+
+    Parameters
+    ----------
+    verdicts : iterable of Verdict
+        From `simval.verdict.judge`; those over all cells of a study are left out.
+    seconds : mapping
+        Processor time of each cell, by its name, s.
+
+    Returns
+    -------
+    tuple of Spent
+        By study, check and statistic.
+    """
+    kinds: dict[tuple[str, str, str], list[Verdict]] = {}
+    for verdict in verdicts:
+        if verdict.cell.name and not isnan(verdict.detectable):
+            row = verdict.row
+            kind = (verdict.cell.study, row.check, row.statistic.family.name)
+            kinds.setdefault(kind, []).append(verdict)
+    return tuple(
+        Spent(
+            study=study,
+            check=check,
+            statistic=statistic,
+            rows=len(found),
+            needed=ceil(max(each.samples_needed for each in found)),
+            spent=min(each.row.n for each in found),
+            seen=max(each.detectable / each.margin * PRACTICAL for each in found),
+            seconds=sum(s for n, s in seconds.items() if n.startswith(f"{study}(")),
+        )
+        for (study, check, statistic), found in sorted(kinds.items())
+    )

@@ -1,0 +1,432 @@
+r"""Two runs side by side: what changed, with its uncertainty.
+
+A cell is matched by its study and parameters, without the seed and the number of
+samples. Several equal ones are matched by seed or, without a common seed, in order.
+
+Of a statistic that both have, with standard errors :math:`s_A, s_B`, the difference
+:math:`d = v_B - v_A` has at most the standard error
+
+.. math:: s = \sqrt{s_A^2 + s_B^2}  \tag{D1}
+
+which holds for independent noise and is generous for cells of the same name and seed,
+which draw the same noise. :math:`p = 2\Phi(-|d|/s)`; all p-values together share the
+false-alarm rate by Holm's rule. A deterministic statistic changed if it moved by more
+than `EXACT_BOUND` of its size. One with a limit (`limit`) is rounding noise below it,
+and changed if it crossed the limit.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import hypot, isfinite
+from typing import Literal, NamedTuple
+
+import numpy as np
+import scipy
+
+from simval.change import (
+    EXACT_BOUND,
+    holm,
+    is_near,
+    matched,
+    on_same_noise,
+    question,
+    two_sided,
+)
+from simval.judge.steps import (
+    Move,
+    Standing,
+    Step,
+    loss_change,
+    moved,
+    rounding_of,
+    standing,
+)
+from simval.results import Row
+from simval.statistics import Statistic
+from simval.sweep.machines import other_machines
+from simval.sweep.provenance import differences
+from simval.sweep.run import CellResult, Run
+from simval.verdict import ALPHA
+
+Kind = Literal["changed", "moved", "same"]
+
+SHORT = 10
+"""Digits of a commit that a person needs."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Origin:
+    """Where a run comes from."""
+
+    name: str  # of its folder
+    suite: str
+    seeds: tuple[int, ...]
+    # the first digits, ``+`` where files were changed; empty where it is not known
+    commit: str
+    committed: str  # when the commit was made, ISO 8601; empty where not known
+    started: str  # when the run was
+
+    @property
+    def label(self) -> str:
+        """The commit, else the folder."""
+        return self.commit or self.name
+
+    @property
+    def words(self) -> str:
+        """All of it in one line; of a date the day."""
+        when = self.committed or self.started
+        of = " of " if self.committed else ", run on "
+        commit = f"commit {self.commit}" if self.commit else "commit unknown"
+        seeds = ", ".join(map(str, self.seeds)) or "none"
+        return (
+            f"{self.name}: suite {self.suite or 'unknown'}, seeds {seeds}, "
+            f"{commit}{of + when[:10] if when else ''}"
+        )
+
+
+def origin_of(run: Run) -> Origin:
+    """Read from a run where it comes from."""
+    git = run.manifest.get("git", {})
+    commit = str(git.get("commit") or "")[:SHORT]
+    return Origin(
+        name=run.folder.resolve().name,
+        suite=str(run.manifest.get("suite", "")),
+        seeds=tuple(sorted({cell.seed for cell in run.cells})),
+        commit=f"{commit}+" if commit and git.get("dirty") else commit,
+        committed=str(run.timing.get("committed") or ""),
+        started=str(run.timing.get("started") or ""),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Difference:
+    """One statistic in both runs."""
+
+    cells: tuple[str, str]  # name of the cell in A and in B
+    a: Row
+    b: Row
+    # ``changed`` beyond its uncertainty; ``moved`` within it, though the noise was the
+    # same, so the algorithm is not; ``same``
+    kind: Kind
+    standard_error: float  # of the difference, eq. (D1)
+    p_value: float | None  # None where the statistic is deterministic
+    # theories that the same value is compared with; `a` and `b` are the first one's
+    predictors: tuple[str, ...]
+    standing: Standing = "neither"  # which way it moved
+    study: str = ""
+
+    @property
+    def name(self) -> str:
+        """Statistic, and the theories it is compared with."""
+        theories = "; ".join(p for p in self.predictors if p)
+        return f"{self.a.statistic}{' against ' if theories else ''}{theories}"
+
+    @property
+    def difference(self) -> float:
+        """Value in B minus value in A."""
+        return self.b.value - self.a.value
+
+    @property
+    def sigmas(self) -> float | None:
+        """Difference in standard errors; None for a deterministic statistic."""
+        if not self.standard_error > 0.0:
+            return None
+        return self.difference / self.standard_error
+
+    @property
+    def relative(self) -> float | None:
+        """Difference over the size of A's value; None where that is zero."""
+        return self.difference / abs(self.a.value) if self.a.value else None
+
+    @property
+    def prediction_changed(self) -> bool:
+        """Whether the prediction itself changed."""
+        return prediction_changed(self.a, self.b)
+
+    @property
+    def step(self) -> Step:
+        """The same as a step, for `moved`."""
+        return Step(
+            study=self.study,
+            cell=self.cells[1],
+            statistic=self.b.statistic,
+            before=self.a.value,
+            after=self.b.value,
+            error=self.standard_error,
+            moved=self.kind == "changed",
+            standing=self.standing,
+            predictions=(self.a.prediction, self.b.prediction),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunComparison:
+    """What two runs have in common and where they differ."""
+
+    differences: tuple[Difference, ...]  # changed ones first, each by how far it moved
+    # names of finished cells, or cell and statistic, that only one run has
+    only_a: tuple[str, ...]
+    only_b: tuple[str, ...]
+    environment: tuple[str, ...]  # where versions, commit, models or machine differ
+    alpha: float  # false-alarm rate that all differences share
+
+    @property
+    def total(self) -> int:
+        """How many statistics both have."""
+        return len(self.differences)
+
+    def number(self, kind: Kind) -> int:
+        """How many differences are of one kind.
+
+        Parameters
+        ----------
+        kind : {"changed", "moved", "same"}
+            Which.
+
+        Returns
+        -------
+        int
+            Their number.
+        """
+        return len(self.of(kind))
+
+    @property
+    def predictions_changed(self) -> int:
+        """How many predictions changed."""
+        return sum(d.prediction_changed for d in self.differences)
+
+    @property
+    def moves(self) -> tuple[Move, ...]:
+        """What changed, by study, kind of statistic and direction, largest first."""
+        return moved(self.steps)
+
+    def of(self, kind: Kind) -> tuple[Difference, ...]:
+        """Differences of one kind, in order.
+
+        Parameters
+        ----------
+        kind : {"changed", "moved", "same"}
+            Which.
+
+        Returns
+        -------
+        tuple of Difference
+            Those.
+        """
+        return tuple(d for d in self.differences if d.kind == kind)
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """Every common statistic as a step, once whatever theories it is beside."""
+        return tuple(d.step for d in self.differences)
+
+    def count(self, standing: Standing) -> int:
+        """How many changed this way.
+
+        Parameters
+        ----------
+        standing : {"better", "worse", "neither"}
+            Which way.
+
+        Returns
+        -------
+        int
+            Their number.
+        """
+        return sum(d.standing == standing for d in self.of("changed"))
+
+
+def match(
+    a: Run, b: Run
+) -> tuple[list[tuple[CellResult, CellResult]], list[str], list[str]]:
+    """Find the finished cells that two runs have in common.
+
+    Parameters
+    ----------
+    a, b : Run
+        The runs.
+
+    Returns
+    -------
+    pairs : list of (CellResult, CellResult)
+        In the order of A.
+    only_a, only_b : list of str
+        Names of the cells without a partner.
+    """
+    pairs, *rest = matched(
+        (cell for cell in a.cells if cell.status == "done"),
+        (cell for cell in b.cells if cell.status == "done"),
+        lambda cell: f"{cell.study} {question(cell.parameters)}",
+        lambda cell: cell.seed,
+    )
+    only_a, only_b = ([cell.name for cell in cells] for cells in rest)
+    return pairs, only_a, only_b
+
+
+def compare_runs(a: Run, b: Run, alpha: float = ALPHA) -> RunComparison:
+    """Compare two runs, statistic by statistic.
+
+    Parameters
+    ----------
+    a, b : Run
+        Before and after.
+    alpha : float, default ALPHA
+        False-alarm rate of all differences together.
+
+    Returns
+    -------
+    RunComparison
+        Sorted: what changed most comes first.
+    """
+    cells, only_a, only_b = match(a, b)
+    pairs: list[Pair] = []
+    for old, new in cells:
+        before = {row.key: row for row in old.rows}
+        after = {row.key: row for row in new.rows}
+        pairs += _pairs_of(old, new, before, after)
+        only_a += [f"{old.name} {_named(key)}" for key in before if key not in after]
+        only_b += [f"{new.name} {_named(key)}" for key in after if key not in before]
+    return RunComparison(
+        differences=tuple(sorted(_judged(pairs, alpha), key=_rank)),
+        only_a=tuple(only_a),
+        only_b=tuple(only_b),
+        environment=tuple(differences(_dependencies(a), _dependencies(b))),
+        alpha=alpha,
+    )
+
+
+def _named(key: tuple[Statistic, str]) -> str:
+    return f"{key[0]} against {key[1]}" if key[1] else str(key[0])
+
+
+def _dependencies(run: Run) -> Mapping[str, object]:
+    kept = ("suite", "versions", "git", "source", "models", "files", "machine")
+    own = {key: run.manifest[key] for key in kept if key in run.manifest}
+    others = other_machines(run.manifest)
+    return {**own, "other machines": others} if others else own
+
+
+def _rank(difference: Difference) -> tuple[int, float, str]:
+    kind = {"changed": 0, "moved": 1, "same": 2}[difference.kind]
+    return kind, -difference.step.weight, difference.cells[0]
+
+
+class Pair(NamedTuple):
+    """A statistic in two cells, and the theories that it is compared with."""
+
+    old: CellResult
+    new: CellResult
+    a: Row
+    b: Row
+    theories: tuple[str, ...]
+
+
+def _pairs_of(
+    old: CellResult,
+    new: CellResult,
+    before: Mapping[tuple[Statistic, str], Row],
+    after: Mapping[tuple[Statistic, str], Row],
+) -> list[Pair]:
+    merged: dict[tuple[object, ...], tuple[Row, Row, list[str]]] = {}
+    for key, a in before.items():
+        b = after.get(key)
+        if b is None:
+            continue
+        # apart where theory moved or a limit judges, so that neither is lost
+        own = key[1] if a.check == "limit" or prediction_changed(a, b) else ""
+        measured = (a.value, a.standard_error, b.value, b.standard_error)
+        entry = merged.setdefault((key[0], own, *measured), (a, b, []))
+        entry[2].append(key[1])
+    return [Pair(old, new, a, b, tuple(names)) for a, b, names in merged.values()]
+
+
+def prediction_changed(a: Row, b: Row) -> bool:
+    """Whether the prediction of a statistic changed."""
+    if a.prediction is None or b.prediction is None:
+        return a.prediction is not b.prediction
+    if a.prediction == b.prediction:
+        return False
+    least = float(rounding_of([a], a.standard_error)[0])
+    return not is_near(a.prediction, b.prediction, EXACT_BOUND, least)
+
+
+@np.errstate(all="ignore")  # what is no number has changed
+def _judged(pairs: Sequence[Pair], alpha: float) -> Iterator[Difference]:
+    """Judge pairs of statistics together, as columns."""
+    rows = [pair.a for pair in pairs]
+    before = np.array([pair.a.value for pair in pairs], dtype=float)
+    after = np.array([pair.b.value for pair in pairs], dtype=float)
+    error = np.array(
+        [hypot(pair.a.standard_error, pair.b.standard_error) for pair in pairs],
+        dtype=float,
+    )
+    sampled = error > 0.0
+    p = two_sided(after - before, error)
+    limit = np.full(len(pairs), -np.inf)
+    limit[sampled] = holm(p[sampled], alpha)
+    still = on_same_noise(before, after, rounding_of(rows, error)) != "changed"
+    same_noise = [
+        pair.old.name == pair.new.name and pair.a.n == pair.b.n for pair in pairs
+    ]
+    limited, crossed = (
+        (
+            np.array(each, dtype=bool)
+            for each in zip(*(_limits(pair.a, pair.b) for pair in pairs), strict=True)
+        )
+        if pairs
+        else (sampled, sampled)
+    )
+    kinds = np.select(
+        [
+            limited & ~crossed,
+            limited | (sampled & ~(p > limit)),
+            still,
+            ~sampled,
+            np.array(same_noise, dtype=bool),
+        ],
+        ["same", "changed", "same", "changed", "moved"],
+        "same",
+    ).tolist()
+    for i, (old, new, a, b, theories) in enumerate(pairs):
+        way: Standing = "neither"
+        if kinds[i] == "changed":
+            least = EXACT_BOUND * abs(a.value) if isfinite(a.value) else 0.0
+            if sampled[i]:
+                least = -float(scipy.special.ndtri(limit[i] / 2.0)) * float(error[i])
+            both = (a.value, b.value), (a.prediction, b.prediction)
+            way = standing(loss_change(b.statistic, *both), least)
+        yield Difference(
+            cells=(old.name, new.name),
+            study=new.study,
+            a=a,
+            b=b,
+            kind=kinds[i],
+            standing=way,
+            standard_error=float(error[i]),
+            p_value=float(p[i]) if sampled[i] else None,
+            predictors=theories,
+        )
+
+
+def _limits(a: Row, b: Row) -> tuple[bool, bool]:
+    """Whether a limit judges both, and whether one alone is below it."""
+    if not a.check == b.check == "limit" or a.prediction is None:
+        return False, False
+    return True, (a.value <= a.prediction) != (b.value <= (b.prediction or 0.0))
+
+
+def shared_words(a: Run, b: Run) -> str:
+    """Say what two runs without a common cell do have in common."""
+    studies = [
+        list(dict.fromkeys(c.study for c in run.cells if c.status == "done"))
+        for run in (a, b)
+    ]
+    both = [study for study in studies[0] if study in studies[1]]
+    suites = [str(run.manifest.get("suite", "unknown")) for run in (a, b)]
+    of = f"both are of the suite {suites[0]}"
+    if suites[0] != suites[1]:
+        of = f"A is of the suite {suites[0]}, B of {suites[1]}"
+    if both:
+        return f"{of}; both have {', '.join(both)}, but at other parameters"
+    listed = [", ".join(names) or "nothing" for names in studies]
+    return f"{of}; A has measured {listed[0]}, B {listed[1]}"

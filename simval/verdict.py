@@ -1,0 +1,388 @@
+r"""Judging rows: pass, fail or inconclusive, at a stated false-alarm rate.
+
+Sampling rows are tested against an interval, not a point, because a truncated
+formula is allowed its remainder :math:`\delta`. With :math:`d` the difference and
+:math:`s` its standard error,
+
+.. math:: p = F(-(|d| - \delta)/s) + F(-(|d| + \delta)/s)  \tag{V1}
+
+is the greatest probability, over all expectations within the interval, of a
+difference at least this large. F is Student's t with one degree of freedom for every
+`SAMPLES_PER_FREEDOM` samples and not the normal law: variances, squares and fractions
+are skewed, and their standard error, itself estimated, moves with them, so the tails
+are heavier by a term of order 1/n. It never has more degrees of freedom than the
+standard error (`freedom`). The p-values of a family (plain, control, nees)
+share the family's part of the false-alarm rate by Holm's rule, which holds under any
+dependence; the parts are weighted Bonferroni: 1/4, 1/2, 1/4, divided over the
+families that are present.
+
+A pass also says that a discrepancy would have been seen. With :math:`z` the quantile of
+F at the family's Bonferroni limit, a discrepancy beyond the remainder of
+
+.. math:: \Delta = (z + \Phi^{-1}(0.99))\, s  \tag{V2}
+
+is detected with probability 0.99. A sampling row passes only if :math:`\Delta` is at
+most the practical margin, the fraction `PRACTICAL` of the predicted value or of one
+sample's own spread :math:`s \sqrt n`, whichever is greater; else it is inconclusive.
+That depends on the number of samples and hardly on the measured values: the standard
+error decides only if a cell has just about as many samples as are needed.
+
+The normalised squared errors of the cells of one study are also pooled, weighted by
+their samples, into one more row: it shows a common error in scale first.
+
+Deterministic rows (exact, limit) are compared with their bound and cost no false
+alarms. A row that was not measured, or not measured well enough, is
+inconclusive; it never passes.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from math import sqrt
+from typing import Literal
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike, NDArray
+
+from simval import vocabulary
+from simval.arrays import Array
+from simval.change import holm
+from simval.results import CellName, Row, nees
+from simval.shapes import Bool, Float, Int, Shaped
+from simval.statistics import POOLED_NEES
+
+__all__ = [
+    "ALPHA",
+    "MAX_REMAINDER",
+    "MIN_SAMPLES",
+    "POWER",
+    "PRACTICAL",
+    "WEIGHTS",
+    "WORST_FIRST",
+    "Answer",
+    "Verdict",
+    "freedom",
+    "judge",
+    "overall",
+    "p_values",
+]
+
+Answer = Literal["pass", "fail", "inconclusive"]
+WORST_FIRST: tuple[Answer, ...] = ("fail", "inconclusive", "pass")
+
+WEIGHTS = {"plain": 0.25, "control": 0.5, "nees": 0.25}
+"""Share of the false-alarm rate of each family of sampling checks. Chosen: half for the
+sharpest; any shares that sum to 1 keep the rate."""
+
+ALPHA = vocabulary.ALPHA
+"""Default false-alarm rate of a whole run: one clean run in a thousand
+does not pass (measured: `make power` with `--rates`, docs/gate.md)."""
+
+SAMPLES_PER_FREEDOM = 10.0
+"""Samples for each degree of freedom of F in eq. (V1). The standard deviation of a
+Gaussian error is the most skewed of the usual rows: beside its own standard error its
+exact two-sided tail at the normal's 1e-5 is 2.4e-5 with 1024 samples, and Student's t
+with 102 degrees of freedom has 2.5e-5 there."""
+
+SAMPLES_PER_BATCH = 256
+"""Most samples in one of the batch means that a standard error rests on."""
+
+MIN_SAMPLES = 256
+"""Below this the tails are not known well enough for eq. (V1). Measured at a rate of
+0.1 %: 64 batch means gave 0.19 % false alarms, 256 give 0.07 % (docs/gate.md)."""
+
+
+def freedom(n: ArrayLike) -> Float[Array, " rows"]:
+    """Degrees of freedom of F in eq. (V1).
+
+    A standard error rests on the samples themselves, or on means of batches of at most
+    `SAMPLES_PER_BATCH`, of which each study takes at least `MIN_SAMPLES`.
+
+    Parameters
+    ----------
+    n : array_like
+        Number of samples of each row.
+
+    Returns
+    -------
+    Array
+        Not more than the standard error has.
+    """
+    n = np.asarray(n, dtype=float)
+    has = np.maximum(n / SAMPLES_PER_BATCH, MIN_SAMPLES) - 1.0
+    return np.asarray(np.minimum(n / SAMPLES_PER_FREEDOM, has), dtype=float)
+
+
+MAX_REMAINDER = 0.5
+"""Greatest remainder beside the predicted value or one sample's own spread, whichever
+is greater: a prediction that may be off by more predicts nothing."""
+
+PRACTICAL = 0.25
+"""Discrepancy that must not go unseen, see eq. (V2). A bias of a quarter of the error's
+own standard deviation adds 3 % to its RMS."""
+
+POWER = 0.99
+"""Probability of finding a discrepancy of the practical margin, eq. (V2). Chosen."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """One judged row."""
+
+    cell: CellName  # the cell, or all cells of a study for what is pooled over them
+    row: Row
+    answer: Answer  # ``pass``, ``fail`` or ``inconclusive``
+    p_value: float | None = None  # eq. (V1); None where the row is deterministic
+    # for a sampling row the p-value below which it fails (Holm's, in its family); else
+    # the greatest difference allowed
+    limit: float = float("nan")
+    reason: str = ""  # why it is not a pass
+    # of a sampling row: what would be seen beyond the remainder, eq. (V2), and the
+    # practical margin that it must not exceed
+    detectable: float = float("nan")
+    margin: float = float("nan")
+
+    @property
+    def samples_needed(self) -> float:
+        """Samples for which what would be seen is just the margin; NaN if not sampled.
+
+        As if Student's t kept its degrees of freedom, so somewhat few far below `n`.
+        """
+        return self.row.n * (self.detectable / self.margin) ** 2
+
+    @property
+    def sigmas(self) -> float:
+        """Distance from the prediction in standard errors, sign included."""
+        row = self.row
+        if row.prediction is None or not row.standard_error > 0.0:
+            return float("nan")
+        return (row.value - row.prediction) / row.standard_error
+
+
+def overall(verdicts: Iterable[Verdict]) -> Answer:
+    """One answer for all: the worst of them.
+
+    Parameters
+    ----------
+    verdicts : iterable of Verdict
+        All that was judged.
+
+    Returns
+    -------
+    Answer
+        Nothing judged is inconclusive.
+    """
+    answers = {verdict.answer for verdict in verdicts}
+    if "fail" in answers:
+        return "fail"
+    return "pass" if answers == {"pass"} else "inconclusive"
+
+
+Mask = Bool[NDArray[np.bool_], " n"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Columns:
+    """Rows as arrays: what judges many of them reads a column at once."""
+
+    check: Shaped[NDArray[np.str_], " n"]
+    value: Float[Array, " n"]
+    standard_error: Float[Array, " n"]
+    n: Int[NDArray[np.int64], " n"]
+    prediction: Float[Array, " n"]  # NaN where there is none
+    remainder: Float[Array, " n"]
+
+    @property
+    def sampled(self) -> Mask:
+        """Whether chance has a part in it."""
+        return np.isin(self.check, list(WEIGHTS))
+
+    @property
+    def sizes(self) -> Float[Array, " n"]:
+        """Predicted value or one sample's own spread, whichever is greater."""
+        spread = self.standard_error * np.sqrt(self.n)
+        return np.maximum(np.abs(self.prediction), spread)
+
+    @property
+    def p_values(self) -> Float[Array, " n"]:
+        """Eq. (V1)."""
+        distance = np.abs(self.value - self.prediction)
+        low = (distance - self.remainder) / self.standard_error
+        high = (distance + self.remainder) / self.standard_error
+        law = freedom(self.n)
+        left, right = (scipy.special.stdtr(law, -z) for z in (low, high))
+        return np.asarray(left + right, dtype=float)
+
+    @property
+    def obstacles(self) -> Int[NDArray[np.int64], " n"]:
+        """Place in `OBSTACLES` and 1 of each row; 0 where there is none."""
+        numbers = (self.value, self.standard_error, self.remainder, self.prediction)
+        sampled = self.sampled
+        found = [
+            ~np.isfinite(numbers).all(axis=0),
+            self.remainder < 0.0,
+            sampled & ~(self.standard_error > 0.0),
+            sampled & ~(self.n >= MIN_SAMPLES),
+            sampled & ~(self.remainder <= MAX_REMAINDER * self.sizes),
+        ]
+        return np.select(found, range(1, len(found) + 1), 0).astype(np.int64)
+
+
+def _columns(rows: Sequence[Row]) -> _Columns:
+    return _Columns(
+        check=np.array([row.check for row in rows], dtype=str),
+        value=np.array([row.value for row in rows], dtype=float),
+        standard_error=np.array([row.standard_error for row in rows], dtype=float),
+        n=np.array([row.n for row in rows], dtype=np.int64),
+        prediction=np.array([row.prediction for row in rows], dtype=float),
+        remainder=np.array([row.remainder for row in rows], dtype=float),
+    )
+
+
+@np.errstate(all="ignore")  # what is no number has an obstacle
+def p_values(rows: Iterable[Row]) -> Float[Array, " n"]:
+    """Probability of eq. (V1) for sampling rows.
+
+    Parameters
+    ----------
+    rows : iterable of Row
+        The rows.
+
+    Returns
+    -------
+    Array
+        The probabilities.
+    """
+    return _columns(list(rows)).p_values
+
+
+@np.errstate(all="ignore")  # what is no number has an obstacle
+def judge(
+    rows: Iterable[tuple[CellName, Row]], alpha: float = ALPHA
+) -> tuple[Verdict, ...]:
+    """Judge the rows of a run together.
+
+    Parameters
+    ----------
+    rows : iterable of (CellName, Row)
+        Each with its cell; those with check ``record`` are left out.
+    alpha : float, default ALPHA
+        False-alarm rate of all of them together.
+
+    Returns
+    -------
+    tuple of Verdict
+        In the order of the rows; last what is pooled over a study.
+    """
+    members = [pair for pair in rows if pair[1].check != "record"]
+    members += list(_pooled(members))
+    columns = _columns([row for _, row in members])
+    obstacle, sampled = columns.obstacles, columns.sampled
+    sound, limited = obstacle == 0, columns.check == "limit"
+    p = np.where(sound & sampled, columns.p_values, np.nan)
+    limit = np.where(limited, columns.prediction, columns.remainder)
+    limit[~sound | sampled] = np.nan
+    detectable = np.full(len(members), np.nan)
+    families = [name for name in WEIGHTS if (sound & (columns.check == name)).any()]
+    whole = sum(WEIGHTS[name] for name in families)
+    for name in families:
+        own = sound & (columns.check == name)
+        share = alpha * WEIGHTS[name] / whole
+        limit[own] = holm(p[own], share)
+        tail = share / int(own.sum()) / 2.0
+        quantile = -scipy.special.stdtrit(freedom(columns.n[own]), tail)
+        needed = quantile + float(scipy.special.ndtri(POWER))
+        detectable[own] = needed * columns.standard_error[own]
+    good = np.where(
+        limited,
+        columns.value <= columns.prediction,
+        np.abs(columns.value - columns.prediction) <= columns.remainder,
+    )
+    margin = PRACTICAL * columns.sizes
+    failed = sound & np.where(sampled, ~(p > limit), ~good)
+    unclear = ~sound | (~failed & sampled & ~(detectable <= margin))
+    answers = np.select([failed, unclear], WORST_FIRST[:2], WORST_FIRST[2]).tolist()
+    margin[~sound | ~sampled] = np.nan
+    return tuple(
+        Verdict(
+            cell=cell,
+            row=row,
+            answer=answers[i],
+            p_value=float(p[i]) if sound[i] and sampled[i] else None,
+            limit=float(limit[i]),
+            reason=OBSTACLES[obstacle[i] - 1](row)
+            if obstacle[i]
+            else _reason(row, *(float(each[i]) for each in (p, limit, detectable)))
+            if answers[i] != "pass"
+            else "",
+            detectable=float(detectable[i]),
+            margin=float(margin[i]),
+        )
+        for i, (cell, row) in enumerate(members)
+    )
+
+
+def _reason(row: Row, p: float, limit: float, detectable: float) -> str:
+    """Why a row that can be judged is no pass."""
+    assert row.prediction is not None
+    off = abs(row.value - row.prediction)
+    if row.check == "limit":
+        return f"{row.value:.6g} is above the limit {row.prediction:.6g}"
+    if row.check not in WEIGHTS:
+        return (
+            f"{row.value:.6g} is {off:.3g} from {row.prediction:.6g}; "
+            f"{row.remainder:.3g} is allowed"
+        )
+    if not p > limit:
+        return (
+            f"{row.value:.6g} against {row.prediction:.6g}: "
+            f"{(off - row.remainder) / row.standard_error:.1f} standard errors beyond "
+            f"the allowed remainder, p = {p:.2g}, limit {limit:.2g}"
+        )
+    least = PRACTICAL * max(abs(row.prediction), row.standard_error * sqrt(row.n))
+    return (
+        f"{row.n} samples would show no discrepancy below {detectable:.3g}, and "
+        f"{least:.3g} must not go unseen; about "
+        f"{int(np.ceil(row.n * (detectable / least) ** 2))} samples are needed"
+    )
+
+
+def _pooled(
+    members: Iterable[tuple[CellName, Row]],
+) -> Iterator[tuple[CellName, Row]]:
+    """Mean of each study's normalised squared errors, relative to the prediction."""
+    pools: dict[tuple[str, str], list[Row]] = {}
+    for cell, row in members:
+        if row.check == "nees" and row.prediction:
+            pools.setdefault((cell.study, row.predictor), []).append(row)
+    for (study, predictor), rows in pools.items():
+        every = _columns(rows)
+        own = _columns([rows[i] for i in np.flatnonzero(every.obstacles == 0)])
+        if len(own.value) < 2:
+            continue
+        # weighted by the numbers of samples, which do not depend on the values
+        n = own.n.astype(float)
+        weights = n / n.sum() / own.prediction
+        (row,) = nees(
+            POOLED_NEES(),
+            float(weights @ own.value),
+            float(np.linalg.norm(weights * own.standard_error)),
+            int(n.sum()),
+            1.0,
+            predictor,
+            float(np.abs(weights) @ own.remainder),
+        )
+        yield CellName(study), row
+
+
+OBSTACLES: tuple[Callable[[Row], str], ...] = (
+    lambda _: "the value, its error, its prediction or its remainder is not finite",
+    lambda row: f"a remainder of {row.remainder:.3g} is negative; it must be 0 or more",
+    lambda _: "a sampled value without a standard error cannot be judged",
+    lambda row: f"{row.n} samples; at least {MIN_SAMPLES} are needed to judge",
+    lambda row: (
+        f"a remainder of {row.remainder:.3g} allows too much: it is above half of both "
+        "the prediction and the spread of a sample"
+    ),
+)
+"""Why a row cannot be judged; the first that holds is said."""
