@@ -19,10 +19,15 @@ if TYPE_CHECKING:
     from simval.theory.filter_model import FilterModel, FilterPath, VectorSensor
     from simval.theory.filter_start import FirstUpdate, first_update
     from simval.theory.filtering import FilterBound, filter_bound
-    from simval.theory.gyroscope import GyroscopeMoments, MovePath, gyroscope_moments
+    from simval.theory.gyroscope import (
+        GyroscopeMoments,
+        MovePath,
+        NineAxisMoments,
+        gyroscope_moments,
+        nine_axis_moments,
+    )
     from simval.theory.gyroscope_bias import gyroscope_bias
     from simval.theory.magnetometer import MagnetometerMoments, magnetometer_moments
-    from simval.theory.nine_axis import NineAxisMoments, nine_axis_moments
     from simval.theory.plans import (
         GyroscopePlan,
         MagnetometerPlan,

@@ -1,11 +1,12 @@
-r"""Cramer-Rao bound of an accelerometer and a gyroscope, calibrated by rests and moves.
+r"""Cramer-Rao bound of two or three sensors, calibrated by rests and moves.
 
-Unknown are the sensors (the accelerometer's nine parameters, M row by row and B: 21)
-and the attitude of every rest. With small rotations :math:`\delta_i` of the body at
-rest i, gravity's direction is :math:`u_i + u_i \times \delta_i` and the turn from one
-rest to the next :math:`\exp([-\delta_k + C_k \delta_{k+1}])\, C_k`. Measured are
+Unknown are the sensors (the accelerometer's nine parameters, the gyroscope's M row by
+row and B, the magnetometer's matrix, hard iron and the dip: 21 or 34) and the attitude
+of every rest. With small rotations :math:`\delta_i` of the body at rest i, gravity's
+direction is :math:`u_i + u_i \times \delta_i` and the turn from one rest to the next
+:math:`\exp([-\delta_k + C_k \delta_{k+1}])\, C_k`. Measured are
 
-.. math:: y_i = g M_a^{-1} u_i + b_a + n_i, \qquad
+.. math:: y_i = g M_a^{-1} (u_i + u_i \times \delta_i) + b_a + n_i, \qquad
    -\delta_k + C_k \delta_{k+1} = G_k\,\mathrm{d}p + \epsilon_k,
    \qquad \bar B = B + n_B, \tag{Y1}
 
@@ -15,8 +16,13 @@ C(t) the turn so far and :math:`\omega` the rate,
 .. math:: G\,\mathrm{d}p = \int C\,(\mathrm{d}M\,M^{-1}\omega - M\,\mathrm{d}B)\,dt,
    \qquad \mathrm{cov}\,\epsilon = N^2 \int C M M^T C^T dt. \tag{Y2}
 
-The bound is the inverse of the Schur complement of the attitudes. A common turn about
-the vertical is seen by nobody and touches nothing; it is held.
+A magnetometer reads the field :math:`f_i = A_i [\cos d, 0, -\sin d]^T` at each rest,
+
+.. math:: y_{m,i} = F M_m^{-1}(f_i + f_i \times \delta_i) + b_m + n. \tag{Y3}
+
+The bound is the inverse of the Schur complement of the attitudes, headings too. Two
+sensors do not see a common turn about the vertical, which touches nothing and is held;
+with a magnetometer the azimuth counts from the field, that turns with it.
 """
 
 from dataclasses import dataclass
@@ -35,13 +41,22 @@ from simval.arrays import (
     positive_number,
 )
 from simval.errors import GeometryError, InputError
-from simval.geometry import cross_matrix, normalize
+from simval.geometry import attitude_matrix, cross_matrix, normalize
 from simval.poses import one_set
-from simval.sensor import AccelerometerModel, GyroscopeModel, forms
+from simval.sensor import (
+    AccelerometerModel,
+    GyroscopeModel,
+    MagnetometerModel,
+    forms,
+)
 from simval.shapes import Float
+from simval.theory.magnetometer import NAMES
+from simval.theory.magnetometer_poses import dip_angle
 
 PARAMETERS: Final = 21
+NINE_AXES: Final = 34
 GYROSCOPE = (*(f"M_{a}{b}" for a in "xyz" for b in "xyz"), "B_x", "B_y", "B_z")
+
 _NODES: Final = 4  # of Gauss and Legendre in a segment: exact to the eighth power of it
 _SINGULAR: Final = 1e-12  # least over greatest eigenvalue of the scaled information
 
@@ -98,6 +113,20 @@ class GyroscopeMoments:
         return np.sqrt(np.diagonal(self.cramer_rao))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NineAxisMoments(GyroscopeMoments):
+    """Predicted error of a calibration of three sensors.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Names of the 34 parameters: the accelerometer's, and the others', which begin
+        with gyro and mag.
+    cramer_rao : Array
+        Bound on their covariance, (34, 34); the dip in rad.
+    """
+
+
 def gyroscope_moments(
     gyroscope: GyroscopeModel,
     accelerometer: AccelerometerModel,
@@ -147,47 +176,156 @@ def gyroscope_moments(
         If the rests and moves do not tell all parameters.
     """
     instance("gyroscope", gyroscope, GyroscopeModel)
-    instance("accelerometer", accelerometer, AccelerometerModel)
+    body = instance("accelerometer", accelerometer, AccelerometerModel)
     form = choice("form", form, forms.MODELS)
     g = positive_number("g", g, "m/s^2")
     u = normalize(one_set("directions", directions))
-    level = gyroscope.angle_random_walk
-    if angle_random_walk is not None:
-        level = nonnegative_number("angle_random_walk", angle_random_walk, "raw units")
+    walk = _walk(gyroscope, angle_random_walk)
     sigma = noise_levels("pose_std", pose_std, len(u))
     rest = noise_levels("bias_std", bias_std, 3)
-    if len(path.turns) != len(u) - 1 or not (level > 0.0 and min(*sigma, *rest) > 0.0):
-        msg = (
-            f"`path` has {len(path.turns)} moves for {len(u)} rests, and the noise is "
-            f"{level:g}, {sigma.min():g} and {rest.min():g}; there must be a move "
-            "between any two rests, and noise above 0"
-        )
-        raise InputError(msg)
-    rows = _pose_rows(accelerometer, form, u, g) / sigma[:, None, None]
-    moves, C = move_rows(gyroscope.M, path, level)
-    information = _information(rows.reshape(-1, rows.shape[-1]), moves, C, u)
-    information[18:21, 18:21] += np.diag(1.0 / rest**2)
+    _require_noise(path, len(u), walk, sigma, rest)
+    theta = forms.from_gram(form, body.matrix.T @ body.matrix, body.B)
+    M, slopes = forms.matrix(form, theta), forms.matrix_derivatives(form, theta)
+    rows = _pose_rows(M, slopes, g, u) / sigma[:, None, None]
+    moves = move_rows(gyroscope.M, path, walk)
+    total = _information(PARAMETERS, [(rows, range(9))], *moves, rest)
+    vertical = np.zeros(len(total))
+    vertical[PARAMETERS : PARAMETERS + 3] = u[0]
+    total += np.outer(vertical, vertical) * total[PARAMETERS:, PARAMETERS:].max()
     return GyroscopeMoments(
         names=(*forms.names(form), *GYROSCOPE),
-        cramer_rao=bound_of(information, PARAMETERS),
+        cramer_rao=bound_of(total, PARAMETERS),
     )
 
 
+def nine_axis_moments(
+    gyroscope: GyroscopeModel,
+    accelerometer: AccelerometerModel,
+    magnetometer: MagnetometerModel,
+    attitudes: Any,
+    dip: float,
+    path: MovePath,
+    *,
+    pose_std: Any,
+    field_std: Any,
+    bias_std: Any,
+    g: float = 9.80665,
+    field: float = 1.0,
+    angle_random_walk: float | None = None,
+    form: str = "triangular",
+) -> NineAxisMoments:
+    """Bound the error of a calibration from the sensors, the rests and the moves.
+
+    Parameters
+    ----------
+    gyroscope : GyroscopeModel
+        The true gyroscope, on the axes of the body, as all three.
+    accelerometer : AccelerometerModel
+        The true accelerometer.
+    magnetometer : MagnetometerModel
+        The true magnetometer.
+    attitudes : array_like
+        True attitudes of the rests, world to body, world axes north, west and up,
+        (n, 4).
+    dip : float
+        Angle of the field below the horizon, rad.
+    path : MovePath
+        The n - 1 moves between the rests.
+    pose_std, field_std : float or array_like
+        Noise of each axis of a pose mean of the accelerometer and the magnetometer, raw
+        units, one number or (n,).
+    bias_std : float or array_like
+        Noise of what the rests say of the gyroscope's bias, raw units, one number or
+        (3,).
+    g, field : float
+        Gravity, m/s^2, and strength of the field in the unit of its M.
+    angle_random_walk : float, optional
+        White noise N, raw units per root hertz; the gyroscope's own if not given.
+    form : {"triangular", "upper", "symmetric"}
+        Form of the accelerometer's parameters, whose axes all matrices refer to.
+
+    Returns
+    -------
+    NineAxisMoments
+        The bound.
+
+    Raises
+    ------
+    InputError
+        If an argument is not usable.
+    GeometryError
+        If the rests and moves do not tell all parameters.
+    """
+    instance("gyroscope", gyroscope, GyroscopeModel)
+    body = instance("accelerometer", accelerometer, AccelerometerModel)
+    iron = instance("magnetometer", magnetometer, MagnetometerModel)
+    form = choice("form", form, forms.MODELS)
+    g, field = positive_number("g", g, "m/s^2"), positive_number("field", field, "")
+    walk = _walk(gyroscope, angle_random_walk)
+    q = finite_array("attitudes", attitudes, (None, 4))
+    theta = forms.from_gram(form, body.matrix.T @ body.matrix, body.B)
+    # all matrices, directions and turns on the axes of the form
+    M, slopes = forms.matrix(form, theta), forms.matrix_derivatives(form, theta)
+    turned = M @ np.linalg.inv(body.matrix)
+    A, dip = turned @ attitude_matrix(q), dip_angle(dip)
+    sigma = noise_levels("pose_std", pose_std, len(q))
+    strength = noise_levels("field_std", field_std, len(q))
+    rest = noise_levels("bias_std", bias_std, 3)
+    _require_noise(path, len(q), walk, sigma, strength, rest)
+    force = _pose_rows(M, slopes, g, A[:, :, 2]) / sigma[:, None, None]
+    M, cosine, sine = turned @ iron.M, np.cos(dip), np.sin(dip)
+    along, lean = A @ [cosine, 0.0, -sine], A @ [-sine, 0.0, -cosine]
+    compass = _pose_rows(M, np.eye(9).reshape(9, 3, 3), field, along)
+    by_dip = field * np.linalg.solve(M, lean.T).T[:, :, None]
+    compass = np.concatenate([compass[..., :12], by_dip, compass[..., 12:]], axis=2)
+    compass /= strength[:, None, None]
+    onto = MovePath(turns=path.turns @ turned.T, seconds=path.seconds)
+    moves = move_rows(turned @ gyroscope.M, onto, walk)
+    sensors = [(force, range(9)), (compass, range(21, NINE_AXES))]
+    total = _information(NINE_AXES, sensors, *moves, rest)
+    return NineAxisMoments(
+        names=(
+            *forms.names(form),
+            *(f"gyro_{name}" for name in GYROSCOPE),
+            *(f"mag_{name}" for name in NAMES),
+        ),
+        cramer_rao=bound_of(total, NINE_AXES),
+    )
+
+
+def _walk(gyroscope: GyroscopeModel, given: float | None) -> float:
+    if given is None:
+        return gyroscope.angle_random_walk
+    return nonnegative_number("angle_random_walk", given, "raw units")
+
+
+def _require_noise(path: MovePath, count: int, walk: float, *levels: Array) -> None:
+    least = min(float(each.min()) for each in levels)
+    if len(path.turns) != count - 1 or not (walk > 0.0 and least > 0.0):
+        msg = (
+            f"`path` has {len(path.turns)} moves for {count} rests, and the noise is "
+            f"{walk:g} of the moves and {least:g} at the least; there must be a move "
+            "between any two rests, and noise above 0"
+        )
+        raise InputError(msg)
+
+
 def _pose_rows(
-    sensor: AccelerometerModel, form: str, u: Float[Array, "n 3"], g: float
-) -> Float[Array, "n 3 p"]:
-    # of y_i by the nine parameters and by delta_i, the latter in its own columns
-    theta = forms.from_gram(form, sensor.matrix.T @ sensor.matrix, sensor.B)
-    M = forms.matrix(form, theta)
-    x = np.linalg.solve(M, g * u.T).T
-    dM = forms.matrix_derivatives(form, theta)
-    n = len(u)
-    rows = np.zeros((n, 3, PARAMETERS + 3 * n))
-    rows[:, :, :6] = -np.einsum("ab,pbc,nc->nap", np.linalg.inv(M), dM, x)
-    rows[:, :, 6:9] = np.eye(3)
-    tilt = g * np.linalg.inv(M) @ cross_matrix(u)
-    for i in range(n):
-        rows[i, :, PARAMETERS + 3 * i : PARAMETERS + 3 * i + 3] = tilt[i]
+    M: Float[Array, "3 3"],
+    slopes: Float[Array, "p 3 3"],
+    strength: float,
+    along: Float[Array, "n 3"],
+) -> Float[Array, "n 3 c"]:
+    """Derivatives of a sensor's readings of a vector that is fixed in the world.
+
+    By the parameters of its matrix, of `slopes`, by its bias and by delta_i.
+    """
+    count, inverse = len(slopes), np.linalg.inv(M)
+    x = np.linalg.solve(M, strength * along.T).T
+    rows = np.zeros((len(along), 3, count + 6))
+    rows[:, :, :count] = -np.einsum("ab,pbc,nc->nap", inverse, slopes, x)
+    rows[:, :, count : count + 3] = np.eye(3)
+    rows[:, :, count + 3 :] = strength * inverse @ cross_matrix(along)
     return rows
 
 
@@ -217,23 +355,35 @@ def move_rows(
 
 
 def _information(
-    poses: Float[Array, "r p"],
+    count: int,
+    sensors: list[tuple[Any, range]],
     moves: Float[Array, "k 3 15"],
     C: Float[Array, "k 3 3"],
-    u: Float[Array, "n 3"],
+    rest: Float[Array, "3"],
 ) -> Float[Array, "p p"]:
-    # eq. (Y1): 0 = -G dp - delta_k + C delta_(k+1)
-    total = poses.T @ poses
+    """Information on so many parameters, and then on the attitudes of the rests.
+
+    From white rows of each sensor at rest, (n, 3, c), with the places of its
+    parameters, of the moves, and from what the rests say of the gyroscope's bias.
+    """
+    n = len(moves) + 1
+    size, angles = count + 3 * n, count + np.arange(3 * n).reshape(n, 3)
+    total = np.zeros((size, size))
+    for rows, places in sensors:
+        wide = np.zeros((n, 3, size))
+        wide[:, :, places] = rows[..., :-3]
+        for each, own, at in zip(wide, rows, angles, strict=True):
+            each[:, at] = own[:, -3:]
+        flat = wide.reshape(-1, size)
+        total += flat.T @ flat
     for k, (row, end) in enumerate(zip(moves, C, strict=True)):
-        wide = np.zeros((3, total.shape[0]))
-        wide[:, 9:PARAMETERS] = -row[:, :12]
-        at = PARAMETERS + 3 * k
-        wide[:, at : at + 3] = -row[:, 12:]
-        wide[:, at + 3 : at + 6] = row[:, 12:] @ end
+        # eq. (Y1): 0 = -G dp - delta_k + C delta_(k+1)
+        at = np.r_[9:21, angles[k], angles[k + 1]]
+        wide = np.zeros((3, size))
+        wide[:, at] = np.concatenate([-row, row[:, 12:] @ end], axis=1)
         total += wide.T @ wide
-    vertical = np.zeros(total.shape[0])
-    vertical[PARAMETERS : PARAMETERS + 3] = u[0]
-    return total + np.outer(vertical, vertical) * total[PARAMETERS:, PARAMETERS:].max()
+    total[18:21, 18:21] += np.diag(1.0 / rest**2)
+    return total
 
 
 def bound_of(information: Float[Array, "p p"], count: int) -> Float[Array, "q q"]:

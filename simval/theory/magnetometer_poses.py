@@ -62,10 +62,7 @@ def problem_of(
     iron = instance("magnetometer", magnetometer, MagnetometerModel)
     g, field = positive_number("g", g, "m/s^2"), positive_number("field", field, "")
     form = choice("form", form, forms.MODELS)
-    dip = real_number("dip", dip, "rad")
-    if not abs(dip) < np.radians(89.9):
-        msg = f"`dip` is {dip:g} rad; between -1.569 and 1.569 a field tells a heading"
-        raise InputError(msg)
+    dip = dip_angle(dip)
     q = finite_array("attitudes", attitudes, (None, 4))
     if q.ndim != 2 or len(q) == 0:
         msg = f"`attitudes` has shape {q.shape}; give those of one set, (n, 4)"
@@ -101,6 +98,21 @@ def problem_of(
             [g / np.linalg.norm(matrix, 2), field / np.linalg.norm(iron.M, 2)], 3
         ),
     )  # fmt: skip
+
+
+def dip_angle(value: Any) -> float:
+    """Require the angle of a field that tells a heading.
+
+    Raises
+    ------
+    InputError
+        If it is vertical, or no number.
+    """
+    dip = real_number("dip", value, "rad")
+    if not abs(dip) < np.radians(89.9):
+        msg = f"`dip` is {dip:g} rad; between -1.569 and 1.569 a field tells a heading"
+        raise InputError(msg)
+    return dip
 
 
 def equations(
