@@ -1,6 +1,6 @@
 """The package's own estimators and calibrators as plug-ins declare themselves.
 
-A user's algorithm is measured beside them by the same studies (`simval.plugins.builtin`
+A user's algorithm is measured beside them by the same studies (`simval.plugins.loading`
 has their names). The estimators declare their class, so theory judges them too.
 """
 
@@ -16,7 +16,7 @@ from simval.calibrate import calibrate
 from simval.filters import Mekf
 from simval.geometry import attitude_matrix, cross_matrix, normalize
 from simval.plugins import Calibrator, Estimator
-from simval.plugins.filter_protocol import Filter
+from simval.plugins.protocol import Filter
 from simval.shapes import Float
 
 LEAST = 1e-12

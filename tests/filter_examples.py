@@ -2,7 +2,7 @@
 
 GOOD = '''
 import numpy as np
-from simval.plugins.filter_protocol import Filter
+from simval.plugins.protocol import Filter
 
 
 def cross(v):

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from simval.plugins.filter_protocol import Filter
+from simval.plugins.protocol import Filter
 
 WRONG = {}
 RIGHT = {}

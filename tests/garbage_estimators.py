@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from simval.attitude.comparators import davenport, triad
 from simval.geometry import attitude_matrix, compose, conjugate, normalize
 from simval.plugins import Estimator
-from simval.plugins.attitude_classes import random_case, seen
+from simval.plugins.attitudes import random_case, seen
 
 SAID = {}
 

@@ -16,7 +16,7 @@ from simval.attitude.comparators import davenport, triad
 from simval.calibrate import calibrate
 from simval.geometry import compose, normalize
 from simval.plugins import Calibrator, Estimator
-from simval.plugins.calibrator_probe import probe_sensor
+from simval.plugins.probe import probe_sensor
 
 BAD, SOUND = {}, {}
 DECLARED = {

@@ -1,6 +1,6 @@
 """A run of many algorithms, from rows alone: nothing is computed."""
 
-from simval.plugins.attitude_classes import CLASSES
+from simval.plugins.attitudes import CLASSES
 from simval.results import limit, nees, plain, unjudged
 from simval.statistics import (
     BIAS,

@@ -21,12 +21,19 @@ from simval.plugins import (
     probe_calibrator,
     probe_estimator,
 )
-from simval.plugins.builtin import BESIDE, BUILTIN, beside_builtin
-from simval.plugins.filter_protocol import Filter
-from simval.plugins.loading import chosen, overrides_of
-from simval.plugins.sources import missing, sources
+from simval.plugins.loading import (
+    BESIDE,
+    BUILTIN,
+    beside_builtin,
+    chosen,
+    missing,
+    overrides_of,
+    sources,
+)
+from simval.plugins.protocol import Filter
 from simval.streams import Streams
-from simval.studies import call_time, estimator
+from simval.studies import estimator
+from simval.studies import plugin as call_time
 from simval.sweep import load_run, run_suite
 from simval.sweep.documents import read_timing
 from simval.sweep.suite import expand, load_suite

@@ -7,7 +7,7 @@ from scipy.optimize import minimize
 
 from simval.errors import GeometryError
 from simval.geometry import normalize
-from simval.plugins.calibrator_probe import G, probe_sensor
+from simval.plugins.probe import G, probe_sensor
 from simval.poses import cube_faces, fibonacci_sphere
 from simval.sensor import AccelerometerModel
 from simval.sensor.estimated import (

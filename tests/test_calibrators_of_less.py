@@ -9,8 +9,8 @@ from places import EXAMPLES
 
 from simval.errors import InputError
 from simval.plugins import Calibrator, PluginError, find_plugin, probe_calibrator
-from simval.plugins.calibrations import calibration_of
-from simval.plugins.calibrator_probe import G, probe_sensor
+from simval.plugins.answers import calibration_of
+from simval.plugins.probe import G, probe_sensor
 from simval.poses import cube_faces, fibonacci_sphere
 from simval.streams import Streams
 from simval.studies import calibrator

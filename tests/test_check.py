@@ -15,8 +15,8 @@ from scipy import stats
 
 from simval.attitude.comparators import davenport
 from simval.check import check_function, check_plugin, told
-from simval.check.cells import suite_of
-from simval.check.document import to_json
+from simval.check.measure import suite_of
+from simval.check.words import to_json
 from simval.errors import InputError
 from simval.plugins import Calibrator, Estimator, find_plugin
 from simval.plugins.loading import Meant

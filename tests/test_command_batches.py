@@ -19,11 +19,10 @@ from simval.plugins import (
     probe_calibrator,
     probe_estimator,
 )
-from simval.plugins.answers import quaternions_of
-from simval.plugins.calibrations import calibration_of, calibrations_of
-from simval.plugins.calibrator_probe import G, probe_sensor
+from simval.plugins.answers import calibration_of, calibrations_of, quaternions_of
 from simval.plugins.noise import vector_noise
-from simval.plugins.placeholders import fault_of, in_batch, invocation_of
+from simval.plugins.probe import G, probe_sensor
+from simval.plugins.programs import fault_of, in_batch, invocation_of
 from simval.poses import fibonacci_sphere
 from simval.results import Outcome
 from simval.streams import Streams

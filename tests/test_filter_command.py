@@ -26,9 +26,9 @@ from simval.plugins import (
     find_world,
     run_filter,
 )
-from simval.plugins import filter_command as commands
-from simval.plugins.declarations import declarations
+from simval.plugins import programs as commands
 from simval.plugins.loading import meant
+from simval.plugins.protocol import declarations
 
 ROWS = 30
 GIVEN, TRUTH = tumbling(1, ROWS)

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from simval.check.filter_advice import unjudged, why
+from simval.check.words import unjudged, why
 from simval.errors import PluginError
 from simval.filters.mekf import Mekf
 from simval.geometry import compose
 from simval.plugins import Filter, find_plugin, find_world
-from simval.plugins.filter_signals import FilterOutput
+from simval.plugins.runs import FilterOutput
 from simval.recorded.attitudes import of_vector
 from simval.studies import filter as study
 from simval.studies.filter_rows import Answers

@@ -9,8 +9,8 @@ from sound_filters import told, tumbling
 
 from simval.geometry import attitude_error, attitude_matrix
 from simval.plugins import Filter, find_plugin, find_world, run_filter
-from simval.plugins.filter_protocol import ANSWERS, READS
-from simval.plugins.reference_frames import WORLDS
+from simval.plugins.attitudes import WORLDS
+from simval.plugins.protocol import ANSWERS, READS
 
 DOCS = Path(__file__).parents[1] / "docs"
 EXAMPLE = DOCS / "examples" / "complementary.py"

@@ -22,9 +22,8 @@ from sound_filters import (
 from simval.errors import PluginError
 from simval.geometry import attitude_matrix
 from simval.plugins import Filter, find_world
-from simval.plugins.filter_path import path
-from simval.plugins.filter_strays import STAYS
-from simval.plugins.filter_worlds import from_scene, own_quaternions, to_scene, written
+from simval.plugins.runs import from_scene, own_quaternions, to_scene, written
+from simval.plugins.worlds import STAYS, path
 
 FORMS = list(itertools.product(("xyzs", "sxyz", "matrix"), ("active", "passive")))
 MEANINGS = ("specific force", "gravity")

@@ -7,7 +7,7 @@ from scipy import stats
 from simval.consistency import diverged, instant_scores, settled_at
 from simval.geometry import from_rotation_vector
 from simval.moments import Moments
-from simval.plugins.filter_signals import FilterOutput
+from simval.plugins.runs import FilterOutput
 from simval.studies.estimator import _claim_rows, _full_rows
 from simval.studies.filter_rows import (
     Answers,

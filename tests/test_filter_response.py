@@ -11,7 +11,7 @@ from simval.results import CellName
 from simval.statistics import TURN_ORDER
 from simval.streams import Streams
 from simval.studies import filter as filters
-from simval.studies.filter_response import RATE, lost, response_rows
+from simval.studies.filter_prediction import RATE, lost, response_rows
 from simval.verdict import judge
 
 CELL = CellName("filter", "filter()@1")

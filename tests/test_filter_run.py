@@ -14,9 +14,9 @@ from sound_filters import WORLDS, kalman, told, tumbling
 from simval.errors import CrashedPluginError, GeometryError, PluginError
 from simval.geometry import attitude_matrix
 from simval.plugins import Filter, run_filter
-from simval.plugins import filter_twice as twice
-from simval.plugins.filter_protocol import READS
-from simval.plugins.filter_steps import readings_of, run_of
+from simval.plugins import runs as twice
+from simval.plugins.protocol import READS
+from simval.plugins.runs import readings_of, run_of
 
 GIVEN, TRUTH = tumbling(3, ROWS)
 KEEP = np.arange(0, ROWS, 7)

@@ -8,7 +8,7 @@ from sound_filters import KALMAN_READS, Kalman, kalman, told
 
 from simval.errors import PluginError
 from simval.plugins import Filter
-from simval.plugins.filter_signs import require_signs
+from simval.plugins.worlds import require_signs
 
 RATE = 10.0
 

@@ -7,9 +7,15 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from simval.errors import InputError
-from simval.plugins.filter_signals import Told
-from simval.studies.filter_scenarios import NAMES, scenario_of, spelled
-from simval.studies.filter_wrong import MOST, Wrong, wrong_of
+from simval.plugins.runs import Told
+from simval.studies.filter_scenarios import (
+    MOST,
+    NAMES,
+    Wrong,
+    scenario_of,
+    spelled,
+    wrong_of,
+)
 
 TRUE = Told(
     gyroscope_noise=1.0,

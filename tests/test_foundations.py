@@ -37,7 +37,7 @@ from simval.studies.drawn import (
     square_rows,
     strongest_by_chance,
 )
-from simval.studies.filter_foundations import stated_row
+from simval.studies.filter_prediction import stated_row
 from simval.studies.known_rests import known_rest_rows, known_rests
 from simval.studies.response import apart, response
 from simval.verdict import judge

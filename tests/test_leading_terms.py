@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from simval.plugins import Estimator, find_plugin
-from simval.studies import leading_terms
+from simval.studies import estimator_setting as leading_terms
 from simval.studies.estimator_setting import Setting
 
 ROUNDING = 1.2e-15

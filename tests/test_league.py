@@ -19,15 +19,13 @@ from simval.plugins import (
     Calibrator,
     Estimator,
     find_plugin,
-    imported,
+    loading,
     probe_calibrator,
 )
-from simval.plugins.calling import handed, stacked
-from simval.plugins.imported import imported_versions
-from simval.plugins.loading import offer
+from simval.plugins.answers import handed, stacked
+from simval.plugins.attitudes import package_quaternion
+from simval.plugins.loading import imported_versions, offer, sources
 from simval.plugins.noise import vector_noise
-from simval.plugins.rotations import package_quaternion
-from simval.plugins.sources import sources
 from simval.studies import estimator
 from simval.sweep import load_run
 
@@ -159,7 +157,7 @@ def package(folder, version):
     (info / "METADATA").write_text(
         f"Metadata-Version: 2.1\nName: peer\nVersion: {version}\n"
     )
-    imported._distributions.cache_clear()
+    loading._distributions.cache_clear()
 
 
 @pytest.mark.ci
@@ -179,7 +177,7 @@ def test_the_version_of_an_imported_package_is_part_of_a_plugin(tmp_path, monkey
         with pytest.raises(PluginError, match="peer has changed"):
             parameters.require_same_sources()
     finally:
-        imported._distributions.cache_clear()
+        loading._distributions.cache_clear()
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from places import EXAMPLES
 from scipy.spatial.transform import Rotation
 
 from simval.plugins import Filter, find_plugin
-from simval.plugins.filter_frames import find_world
+from simval.plugins.worlds import find_world
 from simval.studies.filter import Parameters, told_of
 from simval.studies.filter_scenarios import course
 from simval.sweep import load_run

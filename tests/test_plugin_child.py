@@ -21,19 +21,23 @@ from places import EXAMPLES
 from simval.attitude.comparators import davenport, triad
 from simval.errors import CrashedPluginError, PluginError
 from simval.plugins import Calibrator, Estimator, Filter, find_plugin, find_world
-from simval.plugins.answers import covariances_of, quaternions_of, raw_attitudes
-from simval.plugins.attitude_classes import exact_cases
-from simval.plugins.calibrations import calibration_of, calibrations_of
+from simval.plugins.answers import (
+    calibration_of,
+    calibrations_of,
+    covariances_of,
+    quaternions_of,
+    raw_attitudes,
+)
+from simval.plugins.attitudes import exact_cases
 from simval.plugins.child import started
-from simval.plugins.filter_path import path
-from simval.plugins.filter_run import run_filter
 from simval.plugins.noise import vector_noise
+from simval.plugins.runs import run_filter
+from simval.plugins.worlds import path
 from simval.scene import simulate
 from simval.streams import Streams
 from simval.studies import calibrator, custom_scene, estimator
-from simval.studies.call_time import TOLD, call_time
-from simval.studies.estimator_series import series_of
-from simval.studies.estimator_setting import Setting
+from simval.studies.estimator_setting import Setting, series_of
+from simval.studies.plugin import TOLD, call_time
 from simval.sweep import run_suite
 from simval.sweep.suite import expand
 

@@ -15,9 +15,16 @@ from simval.attitude.comparators import davenport
 from simval.errors import CrashedPluginError, PluginError
 from simval.geometry import attitude_matrix, conjugate, normalize
 from simval.plugins import Estimator, probe_estimator
-from simval.plugins.attitude_classes import CLASSES, ORTHOGONAL, PARALLEL
-from simval.plugins.failures import failure_shares
-from simval.plugins.reference_frames import AXES, FRAMES, VERTICALS, FixedReferences
+from simval.plugins.attitudes import (
+    AXES,
+    CLASSES,
+    FRAMES,
+    ORTHOGONAL,
+    PARALLEL,
+    VERTICALS,
+    FixedReferences,
+)
+from simval.plugins.probe import failure_shares
 from simval.streams import Streams
 from simval.studies import estimator
 from simval.verdict import judge

@@ -24,9 +24,8 @@ from simval.attitude.comparators import ESTIMATORS, davenport, triad
 from simval.errors import CrashedPluginError, PluginError
 from simval.geometry import attitude_matrix, conjugate, normalize
 from simval.plugins import Estimator, probe_estimator
-from simval.plugins.attitude_classes import CLASSES, COUNT, MAY_FAIL, exact_cases
-from simval.plugins.failures import failure_shares
-from simval.plugins.probe import rotation_error
+from simval.plugins.attitudes import CLASSES, COUNT, MAY_FAIL, exact_cases
+from simval.plugins.probe import failure_shares, rotation_error
 from simval.plugins.protocol import Kind
 from simval.streams import Streams
 from simval.studies import estimator

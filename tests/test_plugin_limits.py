@@ -11,9 +11,9 @@ import pytest
 from simval.calibrate import calibrate as package_calibrate
 from simval.errors import PluginError
 from simval.plugins import Calibrator, probe_calibrator
-from simval.plugins.calibrations import calibration_of
-from simval.plugins.calibrator_probe import probe_sensor
-from simval.plugins.rotations import sound_rows
+from simval.plugins.answers import calibration_of
+from simval.plugins.attitudes import sound_rows
+from simval.plugins.probe import probe_sensor
 from simval.poses import fibonacci_sphere
 from simval.results import CellName, Outcome
 from simval.streams import Streams

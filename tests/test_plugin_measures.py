@@ -31,9 +31,9 @@ from simval.plugins import (
     probe_calibrator,
     probe_estimator,
 )
-from simval.plugins.calibrator_probe import probe_sensor
 from simval.plugins.loading import overrides_of
-from simval.plugins.log import MOVE, RATE, REST, log_of
+from simval.plugins.probe import probe_sensor
+from simval.plugins.programs import MOVE, RATE, REST, log_of
 from simval.poses import fibonacci_sphere
 from simval.results import Outcome
 from simval.scene import models_folder

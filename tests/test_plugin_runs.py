@@ -19,8 +19,8 @@ from simval.plugins import (
     find_plugin,
     probe_calibrator,
 )
-from simval.plugins.calibrations import calibration_of
-from simval.plugins.calibrator_probe import probe_sensor
+from simval.plugins.answers import calibration_of
+from simval.plugins.probe import probe_sensor
 from simval.poses import fibonacci_sphere
 from simval.streams import Streams
 from simval.studies import calibrator, custom_scene, estimator

@@ -29,13 +29,10 @@ from simval.plugins import (
     probe_calibrator,
     probe_estimator,
 )
-from simval.plugins.calibrations import calibration_of
-from simval.plugins.calibrator_probe import probe_sensor
-from simval.plugins.calling import answers
-from simval.plugins.loading import overrides_of
-from simval.plugins.log import log_of
-from simval.plugins.probe import rotation_error
-from simval.plugins.sources import sources
+from simval.plugins.answers import answers, calibration_of
+from simval.plugins.loading import overrides_of, sources
+from simval.plugins.probe import probe_sensor, rotation_error
+from simval.plugins.programs import log_of
 from simval.scene import Scene, find_scene
 from simval.sweep.suite import expand, load_suite
 from simval.text import LIMIT, message_of, one_line

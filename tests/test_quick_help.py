@@ -11,7 +11,7 @@ from simval import vocabulary
 from simval.calibrate.arguments import choices
 from simval.cli import COMMANDS
 from simval.judge import BASELINE
-from simval.plugins.reference_frames import FRAMES
+from simval.plugins.attitudes import FRAMES
 from simval.recorded.run import TIME_LIMIT
 from simval.scene import scenes
 from simval.studies import STUDIES

@@ -11,7 +11,7 @@ from scipy import stats
 from simval.check import check_function, told
 from simval.errors import PluginError
 from simval.plugins import Calibrator
-from simval.plugins.memory import require_no_memory
+from simval.plugins.runs import require_no_memory
 
 BY_DAY = (
     "averages_with_the_previous",

@@ -18,7 +18,7 @@ from simval.geometry import (
     random_quaternions,
 )
 from simval.logs import read_log, read_truth
-from simval.plugins.filter_signals import FilterOutput
+from simval.plugins.runs import FilterOutput
 from simval.recorded import align, evaluate
 from simval.recorded.attitudes import (
     Meaning,

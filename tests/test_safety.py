@@ -25,8 +25,8 @@ from stores import raw, rewritten, signed_anew
 from simval.cli import run as simval_command
 from simval.errors import SimvalError
 from simval.judge import read_baseline, write_baseline
-from simval.plugins.calibrator_probe import probe_sensor
-from simval.plugins.log import log_of
+from simval.plugins.probe import probe_sensor
+from simval.plugins.programs import log_of
 from simval.poses import fibonacci_sphere
 from simval.scene.models import load_model
 from simval.sweep import load_run

@@ -10,8 +10,8 @@ from browser import browser, find_chromium
 from side_by_side import cell, estimator_rows, league, run_of
 
 from simval.judge import judge_run
-from simval.plugins.attitude_classes import CLASSES
-from simval.plugins.builtin import BUILTIN
+from simval.plugins.attitudes import CLASSES
+from simval.plugins.loading import BUILTIN
 from simval.report import render
 from simval.report.contest import answer_of, contest_of
 from simval.report.named import _percent

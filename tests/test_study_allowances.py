@@ -26,11 +26,11 @@ from simval.studies import (
     calibration_response,
     calibrator,
     estimator,
-    filter_foundations,
+    estimator_setting,
+    filter_prediction,
     filter_rows,
     gyroscope,
     known_rests,
-    leading_terms,
     magnetometer,
     noise_model,
     sampling,
@@ -148,15 +148,15 @@ def test_a_filter_that_is_told_one_percent_more_noise_states_another_covariance(
     given = filters.Parameters(scenario="gimbal slow", rate=100.0)
     way = filters.course("gimbal slow", 100.0, given.seconds)
     plugin, told = find_plugin(given.algorithm, Filter), filters.told_of(given, way)
-    right = filter_foundations.model_of
+    right = filter_prediction.model_of
 
     def louder(told, compass):
         noise = (1.0 + LOUDER) * told.gyroscope_noise
         return right(replace(told, gyroscope_noise=noise), compass)
 
-    monkeypatch.setattr(filter_foundations, "model_of", louder)
+    monkeypatch.setattr(filter_prediction, "model_of", louder)
     stated = (plugin, told, plugin.world, ("gimbal slow", 100.0))
-    (row,) = filter_foundations.stated_row(*stated)
+    (row,) = filter_prediction.stated_row(*stated)
     assert answer(row) == "fail"
 
 
@@ -181,7 +181,7 @@ def test_a_formula_that_is_off_by_a_ten_thousandth_is_seen(residual):
 
 def test_a_claim_of_one_percent_too_much_is_seen():
     # the package's estimators are within 2e-8 in 60 geometries
-    assert 1000.0 * 2e-8 < leading_terms.TOLERANCE < LOUDER
+    assert 1000.0 * 2e-8 < estimator_setting.LEADING_TOLERANCE < LOUDER
 
 
 def test_sums_are_allowed_what_rounding_makes_of_them():

@@ -10,7 +10,7 @@ from docs.site.markdown import code, definitions, page, plain
 from simval import statistics
 from simval.judge import BASELINE
 from simval.plugins import Calibrator, Estimator, Filter
-from simval.plugins.builtin import BUILTIN
+from simval.plugins.loading import BUILTIN
 from simval.scene import scenes
 from simval.statistics import FAMILIES
 from simval.studies import STUDIES, Study

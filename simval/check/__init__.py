@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 from simval.faces import present
 
 if TYPE_CHECKING:
-    from simval.check.here import check_function
-    from simval.check.measure import Checked, check_plugin
+    from simval.check.measure import Checked, check_function, check_plugin
     from simval.check.words import told
 else:
     present(__name__, __file__)

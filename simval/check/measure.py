@@ -1,17 +1,192 @@
-"""A check by a sweep: into a temporary run folder, and judged without a baseline."""
+r"""A check of plug-ins: by a sweep into a temporary folder, or in this process.
 
-from dataclasses import dataclass
+A closure or a lambda of a test is in no file that another process could load, so it is
+measured where it is, by the same study, and judged by the same gate. Nothing stops it
+here if it does not end.
+
+A limit names a family of statistics, or one member as tables spell it, ``bias[K_x]``;
+every value of that name must keep it, in every cell. The number is in the unit of the
+statistic, which may be said, or in bounds: the Cramer-Rao bound that stands beside it.
+"""
+
+import re
+import time
+import traceback
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import MappingProxyType
+from typing import Any, Final
 
-from simval.check.cells import suite_of
-from simval.judge import GateResult, judge_run
+import numpy as np
+
+from simval.errors import CrashedPluginError, InputError, PluginError
+from simval.judge import GateResult, judge_run, read_baseline, write_baseline
+from simval.plugins import Calibrator, Estimator, Filter
 from simval.plugins.loading import Meant, meant
-from simval.plugins.names import located, portable
+from simval.plugins.names import COMMAND, located, portable
+from simval.plugins.protocol import declarations
+from simval.results import Outcome, Row
+from simval.statistics import BELOW_BOUND, CRAMER_RAO
+from simval.studies import STUDIES, calibrator, estimator, filter
+from simval.studies.study import Cell
 from simval.sweep import run_suite
-from simval.sweep.run import CellResult
+from simval.sweep.cells import REFUSED, CellResult
+from simval.sweep.provenance import manifest
+from simval.sweep.run import Run
 from simval.sweep.runner import Progress
+from simval.sweep.suite import Suite, expand
+from simval.text import message_of
 from simval.verdict import ALPHA
+
+NOISE: Final = (0.01, 0.05)
+"""Of a cell each: per axis of a unit vector, or of a pose mean in m/s²."""
+
+TIME_LIMIT: Final = 120.0
+"""Of a cell, s: whoever waits for a table wants to know what hangs."""
+
+SETTINGS: Final[Mapping[str, Mapping[str, Any]]] = MappingProxyType(
+    {
+        # rows resolved; a failure of 1.8 % of a class is missed once in a hundred
+        "estimator": {
+            "noise_std": list(NOISE),
+            "samples": 4096,
+            "cases": 256,
+            "time_limit": TIME_LIMIT,
+        },
+        "calibrator": {"noise_std": list(NOISE), "time_limit": TIME_LIMIT},
+        # 256 trials, which the gate needs to judge; coning shows in a fast motion
+        "filter": {
+            "scenario": ["gimbal slow", "gimbal fast"],
+            "rate": 50.0,
+            "seconds": 6.0,
+            "time_limit": 5.0 * TIME_LIMIT,
+        },
+        "custom_scene": {"time_limit": TIME_LIMIT},
+    }
+)
+"""What differs from the default of a study."""
+
+TOLD: Final = ("body", "unequal")
+"""Noise with which an estimator is checked that reads what noise there is."""
+
+OF_A_COMMAND: Final[Mapping[str, Any]] = MappingProxyType(
+    {"noise_std": NOISE[0], "trials": 896}
+)
+"""A process for each trial: one cell, and about the fewest trials to be judged by."""
+
+
+def settings_of(plugin: Meant) -> dict[str, Any]:
+    """What differs from the default of its study."""
+    settings = SETTINGS.get(plugin.field.partition(".")[0], {})
+    told = (
+        plugin.field == Estimator.taken_by
+        and plugin.declared.get("reads", "none") != "none"
+    )
+    return {**settings, "noise": list(TOLD)} if told else dict(settings)
+
+
+def suite_of(plugins: Iterable[Meant], seed: int) -> Suite:
+    """Suite that checks some plug-ins and nothing else."""
+    content: dict[str, Any] = {"seed": seed}
+    for each in plugins:
+        study, _, field = each.field.partition(".")
+        command = each.word.startswith(COMMAND)
+        settings = OF_A_COMMAND if command else settings_of(each)
+        table = content.setdefault(study, {field: []})
+        table |= {**settings, **table}  # what one of a file needs, all of it have
+        table[field].append(each.word)
+    return expand("check", content)
+
+
+BOUNDS = "bounds"
+_FORM = re.compile(r"\s*([^<>]*?)\s*([<>])\s*([-+.\deE]+)\s*(\S*)\s*")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limit:
+    """What a statistic must keep."""
+
+    text: str
+    statistic: str
+    below: bool
+    number: float
+    unit: str  # of the number; `BOUNDS`, or empty where it is not said
+
+    def of(self, row: Row) -> bool:
+        """Whether a row is what it limits."""
+        named = self.statistic in (str(row.statistic), row.statistic.family.name)
+        return named and (self.unit != BOUNDS or _has_bound(row))
+
+    def missed(self, row: Row) -> str:
+        """Say what a row has, if that is beyond the limit."""
+        bounds = self.unit == BOUNDS
+        if self.unit and not bounds and self.unit != row.unit:
+            msg = f"limit {self.text!r}: {row.statistic} is in {row.unit}"
+            raise InputError(msg)
+        value = row.value / (row.prediction if bounds and row.prediction else 1.0)
+        kept = value < self.number if self.below else value > self.number
+        unit = f" {BOUNDS}" if bounds else "" if row.unit == "1" else f" {row.unit}"
+        return "" if kept else f"{row.statistic} is {value:.4g}{unit}"
+
+
+def _has_bound(row: Row) -> bool:
+    """Whether its prediction is a bound of its value."""
+    return row.predictor == CRAMER_RAO and row.statistic.family != BELOW_BOUND
+
+
+def limit_of(text: str) -> Limit:
+    """Read a limit.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    found = _FORM.fullmatch(str(text))
+    try:
+        name, sign, number, unit = found.groups() if found else ("", "", "", "")
+        return Limit(
+            text=text, statistic=name, below=sign == "<", number=float(number),
+            unit=unit,
+        )  # fmt: skip
+    except ValueError:
+        msg = (
+            f"limit {text!r} cannot be read; it must be a statistic, < or >, a number "
+            'and its unit or "bounds": "rms < 1.1 bounds", "efficiency > 0.9"'
+        )
+        raise InputError(msg) from None
+
+
+def missed_limits(limits: Iterable[str], cells: Sequence[CellResult]) -> Iterator[str]:
+    """Say which limits are missed, where, and by what.
+
+    Raises
+    ------
+    InputError
+        If a limit is none, or limits nothing that was measured.
+    """
+    done = [cell for cell in cells if cell.status == "done"]
+    for limit in map(limit_of, limits):
+        rows = [(cell, row) for cell in done for row in cell.rows if limit.of(row)]
+        if done and not rows:
+            beside = limit.unit == BOUNDS
+            names = {
+                row.statistic.family.name
+                for cell in done
+                for row in cell.rows
+                if not beside or _has_bound(row)
+            }
+            msg = (
+                f"limit {limit.text!r} is of nothing that was measured"
+                f"{' beside a bound' * beside}: {', '.join(sorted(names))}"
+            )
+            raise InputError(msg)
+        for cell, row in rows:
+            if words := limit.missed(row):
+                yield f"{limit.text}: {words} in {cell.name}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,3 +276,189 @@ def check_plugin(
         cells=tuple(run.cells),
         result=judge_run(run, None, alpha),
     )
+
+
+Measure = Callable[[Any, Any, Any], Outcome]
+
+MEASURES: Final[Mapping[type, Measure]] = MappingProxyType(
+    {
+        Estimator: estimator.outcome,
+        Calibrator: calibrator.outcome,
+        Filter: filter.outcome,
+    }
+)
+"""What measures a plug-in that this process holds."""
+
+FIRST: Final = MappingProxyType(
+    {Estimator: "estimate", Calibrator: "calibrate", Filter: "make"}
+)
+"""The field that is the algorithm itself."""
+
+NUMPYS_OWN: Final[Mapping[str, Any]] = MappingProxyType(
+    {"divide": "warn", "over": "warn", "under": "ignore", "invalid": "warn"}
+)
+"""What NumPy does about floating-point errors if it is not told otherwise."""
+
+OURS = Path(__file__).parents[1]
+
+Held = Estimator | Calibrator | Filter
+Algorithm = Callable[..., Any] | Held
+
+
+def check_function(
+    algorithm: Algorithm,
+    kind: type[Held],
+    /,
+    *,
+    seed: int = 1,
+    alpha: float = ALPHA,
+    limits: Iterable[str] = (),
+    baseline: str | Path | None = None,
+    update_baseline: str = "",
+    **words: Any,
+) -> Checked:
+    """Measure and judge a function in this process.
+
+    Parameters
+    ----------
+    algorithm : callable, Estimator, Calibrator or Filter
+        The function, or all of a plug-in.
+    kind : type
+        `Estimator`, `Calibrator` or `Filter`: what the function is.
+    seed : int, default 1
+        Of the noise: the same one gives the same numbers.
+    alpha : float, default ALPHA
+        False-alarm rate of all checks together.
+    limits : iterable of str, default ()
+        A user's own, such as ``"rms < 1.1 bounds"``: see `simval.check.measure`.
+    baseline : path, optional
+        A file of the gate, with which the values are compared.
+    update_baseline : str, default ""
+        Why the values are written to it; only if they pass without it.
+    **words
+        What `kind` declares, and parameters of the study; a list of values of a
+        parameter is a cell for each. Where both have a word of that name, True and
+        False declare.
+
+    Returns
+    -------
+    Checked
+        What was measured, and the gate's answer.
+
+    Raises
+    ------
+    InputError
+        If a word is none of either, or its value is not allowed; a limit is of
+        nothing that was measured, or the baseline cannot be read or written.
+    """
+    study, _, field = kind.taken_by.partition(".")
+    declared, settings = _sorted_out(kind, study, words)
+    plugin = _plugin(algorithm, kind, declared)
+    held = Meant(kind.taken_by, plugin.name, plugin.name, declarations(plugin))
+    table = {**settings_of(held), **settings, field: plugin.name}
+    suite = expand("check", {"seed": seed, study: table})
+    cells = tuple(_ended(i, cell, plugin) for i, cell in enumerate(suite.cells))
+    found = {} if baseline is None else manifest(suite)
+    run = Run(folder=Path("check"), cells=cells, manifest=found, timing={})
+    return Checked(
+        plugins=(held,),
+        cells=cells,
+        result=_judged(run, baseline, update_baseline, alpha),
+        missed=tuple(missed_limits(limits, cells)),
+    )
+
+
+def _judged(
+    run: Run, baseline: str | Path | None, reason: str, alpha: float
+) -> GateResult:
+    """Judge a run, beside the baseline if there is one; and make it the baseline."""
+    if baseline is None:
+        return judge_run(run, None, alpha)
+    if reason and judge_run(run, None, alpha).exit_code == 0:
+        write_baseline(Path(baseline), run, reason)
+    return judge_run(run, read_baseline(Path(baseline)), alpha)
+
+
+def _sorted_out(
+    kind: type[Held], study: str, words: Mapping[str, Any]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """What is declared, and what is set."""
+    own = {each.name for each in fields(kind)} - {FIRST[kind]}
+    parameters = STUDIES[study].parameters
+    set_by = set(parameters.model_fields) - {parameters.plugin, "time_limit"}
+    if unknown := words.keys() - own - set_by:
+        listed = ", ".join(f"`{word}`" for word in sorted(unknown))
+        msg = (
+            f"{listed} is no keyword here; {kind.__name__} declares "
+            f"{', '.join(sorted(own))}; the study `{study}` has "
+            f"{', '.join(sorted(set_by))}; and there are `seed`, `alpha`, "
+            "`limits` and `baseline`"
+        )
+        raise InputError(msg)
+    declared = {
+        word
+        for word in words.keys() & own
+        if word not in set_by or isinstance(words[word], bool)
+    }
+    return (
+        {word: words[word] for word in declared},
+        {word: _listed(value) for word, value in words.items() if word not in declared},
+    )
+
+
+def _listed(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _plugin(
+    algorithm: Any,
+    kind: type[Held],
+    declared: Mapping[str, Any],
+) -> Held:
+    if isinstance(algorithm, kind):
+        if declared:
+            words = ", ".join(f"`{word}`" for word in sorted(declared))
+            msg = f"{words} is for a function; the {kind.__name__} declares it itself"
+            raise InputError(msg)
+        return algorithm
+    name = getattr(algorithm, "__name__", type(algorithm).__name__)
+    try:
+        return kind(**{"name": name, **declared, FIRST[kind]: algorithm})
+    except (TypeError, PluginError) as error:
+        msg = f"{name} cannot be used as it is declared: {error}"
+        raise InputError(msg) from None
+
+
+def _ended(position: int, cell: Cell, plugin: Held) -> CellResult:
+    start, error = time.process_time(), ""
+    rows: tuple[Row, ...] = ()
+    # a test's own settings must not change what is measured
+    with warnings.catch_warnings(), np.errstate(**NUMPYS_OWN):
+        warnings.simplefilter("default")
+        try:
+            rows = MEASURES[type(plugin)](plugin, cell.parameters, cell.streams).rows
+        except CrashedPluginError as crash:
+            error = _told(crash)
+        except PluginError as refusal:
+            error = f"{REFUSED}{refusal}\n"
+        except SystemExit as ending:
+            error = f"the plug-in raised {message_of(ending)}\n"
+    return CellResult(
+        position=position,
+        name=cell.name,
+        study=cell.study,
+        seed=cell.seed,
+        parameters=cell.parameters.named(),
+        status="failed" if error else "done",
+        error=error,
+        seconds=time.process_time() - start,
+        rows=rows,
+    )
+
+
+def _told(crash: CrashedPluginError) -> str:
+    """Frames of the user's own code, then the message."""
+    cause = crash.__cause__
+    frames = traceback.extract_tb(None if cause is None else cause.__traceback__)
+    own = [frame for frame in frames if not Path(frame.filename).is_relative_to(OURS)]
+    return f"{''.join(traceback.format_list(own))}{crash}\n"

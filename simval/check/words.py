@@ -1,21 +1,357 @@
-"""A check in words, for a terminal."""
+r"""A check in words and as JSON: what failed, why, and what to do.
 
+Each sentence gives the number that it is made from. A cause is named only where one
+form of error (`simval.studies.filter_rows`) or one reading stands out.
+"""
+
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import floor, inf, log10
+from math import floor, inf, isfinite, log10
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
-from simval.check.advice import advice_on
-from simval.check.filter_advice import unjudged, why
+import numpy as np
+
+from simval.arrays import Array
 from simval.check.measure import Checked
 from simval.errors import CrashedPluginError
 from simval.judge import Finding, findings, headline
 from simval.plugins.loading import Meant
+from simval.plugins.names import located, portable
 from simval.results import CellName, Row
-from simval.statistics import AT_AN_INSTANT, DIAGNOSES, FAILURES, Family
+from simval.statistics import (
+    AT_AN_INSTANT,
+    CONSTANT,
+    CUBATURE,
+    DIAGNOSES,
+    FAILURES,
+    NEES,
+    NEES_AT,
+    PART_OF_INNOVATION,
+    PART_OVER_STATED,
+    RMS_OVER_BOUND,
+    STATED_OVER_BOUND,
+    SYSTEMATIC,
+    Family,
+)
+from simval.studies.filter_rows import MOST
 from simval.sweep.cells import CellResult
 from simval.text import one_line
+
+_ADVICE: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "failures": "mend the formula there, or declare the class in `fails_at`",
+        "first_order_bias": (
+            "an estimate that is right without noise has no error proportional to it: "
+            "look for an offset, an absolute value or a threshold"
+        ),
+        "below_bound": (
+            "nobody can be better than the bound: it knows the truth, or what it saw "
+            "before"
+        ),
+        "squared_error_over_predicted": (
+            "rare trials are far off, more than cubature shows: look for a threshold"
+        ),
+        "greatest_error": (
+            "rare trials are far off, heavy tails: look for a threshold, or a step "
+            "that is not taken"
+        ),
+        "variance_over_equal_weights": (
+            "it would be better with equal weights: the weights are inverse "
+            "variances, in the order of the vectors"
+        ),
+        "class_bias": "this is not the bias of its `kind`: mend it, or declare none",
+        "class_covariance": (
+            "this is not the covariance of its `kind`: mend it, or declare none"
+        ),
+        "cubature_bias": "the bias is greater than terms of second order can make it",
+        "cubature_bias_at_small_noise": "an error is left that does not shrink with it",
+        "bias": (
+            "trials and cubature of the same function disagree: it jumps, or depends "
+            "on more than its arguments"
+        ),
+        "covariance": (
+            "trials and cubature of the same function disagree: it jumps, or depends "
+            "on more than its arguments"
+        ),
+        "nees": "the covariance that it states is not that of its errors",
+        "claim_off": "the covariance is not exact: declare the order that it keeps",
+        "claim_off_at_the_noise": "the covariance is not that of its errors",
+        "claim_off_at_half_noise": "the covariance lacks a term of the claimed order",
+        "unit_length": "the quaternions are not of unit length",
+    }
+)
+"""By family of statistics."""
+
+_OF_A_CALIBRATOR: Final = MappingProxyType(
+    {"bias": "a parameter is off by more than any sound residual makes it"}
+)
+
+_OF_A_FILTER: Final = MappingProxyType(
+    {
+        # of the others `filter_advice` says why
+        "diverged": "it loses the attitude, or never finds it",
+        "rms_below_bound": (
+            "nobody can be better than the bound: it knows the truth, or what it saw "
+            "before"
+        ),
+    }
+)
+
+
+UNSETTLED: Final = (
+    "cubature of the function does not settle at this noise: it jumps, or is far from "
+    "smooth"
+)
+"""Of a remainder that is too great to judge by: it is cubature's own error."""
+
+
+def advice_on(finding: Finding) -> str:
+    """What to do about a failure; empty where its reason says it."""
+    if finding.answer == "inconclusive" and finding.against == CUBATURE:
+        return UNSETTLED if "a remainder of" in finding.reason else ""
+    if finding.answer != "fail" or not finding.statistic:
+        return ""
+    family = finding.statistic.partition("[")[0]
+    if finding.study == "filter":
+        return _OF_A_FILTER.get(family, "")
+    if finding.study == "calibrator":
+        return _OF_A_CALIBRATOR.get(family, "") or _ADVICE.get(family, "")
+    return _ADVICE.get(family, "")
+
+
+MUCH: Final = 0.1
+"""Share of the squared error that is the same in all trials, from which it is said."""
+
+CLEAR: Final = 4.0
+"""Standard errors by which a ratio is off."""
+
+LEAST: Final = 8  # instants by which early and late are told apart
+
+FACTOR: Final = 1.15
+"""By which one of several ratios is off to be named."""
+
+AT_BOUND: Final = 1.1
+"""Of an RMS error over the bound, below which there is nothing to gain."""
+
+FAR: Final = 3.0
+"""By which the worst of readings that are all off stands out."""
+
+_FORMS: Final = {
+    "heading": "its heading is off by {0}: another north, as by a declination; is it "
+    "that of the `field` that a filter reads?",
+    "tilt": "its vertical is off by {0}: gravity or the dip of the field are not those "
+    "that a filter reads",
+    "mounting": "its answers are turned by {0} about an axis of the body: a mounting, "
+    "or one sensor's axes against another's",
+}
+
+Rows = dict[str, Row]
+
+
+def why(cells: Sequence[CellResult]) -> list[str]:
+    """Sentences on why a filter fails, in its worst cell."""
+    done = [
+        {str(row.statistic): row for row in cell.rows}
+        for cell in cells
+        if cell.status == "done"
+    ]
+    shares = [_value(rows, SYSTEMATIC()) for rows in done]
+    if not shares:
+        return []
+    worst = int(np.argmax(shares))
+    if shares[worst] >= MUCH:
+        return [_same(done[worst], cells[worst], min(shares))]
+    return list(_random(max(done, key=_off)))
+
+
+def _value(rows: Rows, statistic: object) -> float:
+    row = rows.get(str(statistic))
+    return 0.0 if row is None else row.value
+
+
+def _off(rows: Rows) -> float:
+    row = rows.get(str(NEES()))
+    return 0.0 if row is None else abs(np.log(max(row.value, 1e-9) / 3.0))
+
+
+def _same(rows: Rows, cell: CellResult, least: float) -> str:
+    """What all trials share."""
+    share = _value(rows, SYSTEMATIC())
+    first = f"{100.0 * share:.0f} % of its squared error is the same in every trial: "
+    forms = {name: _value(rows, SYSTEMATIC(name)) for name in (*_FORMS, "delay")}
+    best = max(forms, key=lambda name: forms[name])
+    if forms[best] < MOST * share:
+        return (
+            f"{first}it is of the motion and not of the noise"
+            + ("" if least >= MUCH else ", and small where the motion is slow")
+            + ": coning (left out, or twice), a scale of the gyroscope, a rate or a "
+            "time step of another row"
+        )
+    found = next(
+        row for text, row in rows.items() if text.startswith(f"{CONSTANT.name}[{best}")
+    )
+    if best == "delay":
+        rate = float(str(cell.parameters["rate"]))
+        side = "late" if found.value > 0.0 else "early"
+        return (
+            f"{first}its answers are {side} by {abs(found.value):.3g} s, "
+            f"{abs(found.value) * rate:.2g} rows; an answer is the attitude at the end "
+            "of its row"
+        )
+    error = np.degrees(found.standard_error)
+    return first + _FORMS[best].format(
+        f"{np.degrees(found.value):.3g} ± {error:.1g} degrees"
+    )
+
+
+def _random(rows: Rows) -> Iterator[str]:
+    """What differs from trial to trial: its size, what is stated, each reading's."""
+    nees = rows.get(str(NEES()))
+    if nees is None:
+        return
+    parts = {
+        name: (_value(rows, PART_OVER_STATED(name)), _value(rows, over))
+        for name in ("heading", "inclination")
+        for over in [STATED_OVER_BOUND(name)]
+    }
+    said = ", ".join(
+        f"{name} {np.sqrt(square):.3g} times what it states, which is "
+        f"{stated:.3g} times the bound"
+        for name, (square, stated) in parts.items()
+    )
+    bound = _value(rows, RMS_OVER_BOUND())
+    over = nees.value > 3.0
+    clear = abs(nees.value - 3.0) > CLEAR * nees.standard_error
+    if clear:
+        side = "overconfident" if over else "underconfident"
+        yield (
+            f"{side}: its errors are {'greater' if over else 'smaller'} than its "
+            f"covariance says, RMS of {said}"
+        )
+    early = _early(rows) if clear else ""
+    readings = list(_readings(rows))
+    if early:
+        yield early
+    yield from readings
+    if clear and not readings and not early:
+        yield _without_reading(rows, bound, over, parts)
+
+
+def _without_reading(
+    rows: Rows, bound: float, over: bool, parts: dict[str, tuple[float, float]]
+) -> str:
+    stated = min(value for _, value in parts.values())
+    if _late(rows):
+        own = any(row.statistic.family == PART_OF_INNOVATION for row in rows.values())
+        return (
+            "what it states is right at the start and wrong later: the noise that it "
+            "has for the gyroscope"
+            + (
+                " is too small, or its bias is wrong (its gain, its sign)"
+                if over
+                else f"{'' if own else ', or for another sensor,'} is too great"
+            )
+        )
+    if stated > 1.0 / FACTOR and over and bound >= AT_BOUND:
+        return (
+            f"its errors are {bound:.3g} times the bound, and it states the bound: a "
+            "state or a source of noise is missing"
+        )
+    if bound < AT_BOUND:
+        return (
+            f"its errors are as small as they can be, {bound:.3g} times the bound: "
+            "look at what it states, its factor, side and units"
+        )
+    if not over:
+        return (
+            f"its errors are {bound:.3g} times the bound: it weighs a sensor too "
+            "little, whose noise it has too great"
+        )
+    return (
+        "it states less than the bound, which no filter can reach: the noise that it "
+        "has for a sensor is too small, or readings count twice"
+    )
+
+
+def _late(rows: Rows) -> bool:
+    """Whether what it states is right at first, and wrong in the second half."""
+    _, off = _along_time(rows)
+    if len(off) < LEAST:
+        return False
+    late = float(np.median(off[len(off) // 2 :]))
+    return bool(abs(off[0]) < 0.5 * abs(late))
+
+
+def _early(rows: Rows) -> str:
+    """Whether what it states is wrong at the start, and less so later."""
+    time, off = _along_time(rows)
+    if len(off) < LEAST:
+        return ""
+    worst = int(np.abs(off).argmax())
+    late = float(np.median(np.abs(off[len(off) // 2 :])))
+    if worst >= len(off) // 4 or not late < 0.6 * abs(off[worst]):
+        return ""
+    return (
+        f"its covariance is wrong at the start, most at {time[worst]:g} s: does it "
+        "take `start_std` and `bias_std` as they are?"
+    )
+
+
+def _along_time(rows: Rows) -> tuple[Array, Array]:
+    """Times at which a NEES is kept, s, and logarithms of it over 3."""
+    at = [
+        (float(row.statistic.entries[-1]), np.log(max(row.value, 1e-9) / 3.0))
+        for row in rows.values()
+        if row.statistic.family == NEES_AT
+    ]
+    time, off = np.array(at or np.zeros((0, 2))).T
+    return time, off
+
+
+def _readings(rows: Rows) -> Iterator[str]:
+    """Readings whose innovations are not what it states; of six, three a sensor."""
+    found = [r for r in rows.values() if r.statistic.family == PART_OF_INNOVATION]
+    ratio = np.array([row.value for row in found])
+    sensors = ("the accelerometer", "the magnetometer")
+    groups = (
+        {name: ratio[3 * k : 3 * k + 3] for k, name in enumerate(sensors)}
+        if len(ratio) == 6
+        else {f"reading {k + 1}": ratio[k : k + 1] for k in range(len(ratio))}
+    )
+    means = {name: float(each.mean()) for name, each in groups.items()}
+    size = {name: abs(np.log(value)) for name, value in means.items()}
+    off = {name: v for name, v in means.items() if size[name] > np.log(FACTOR)}
+    if len(off) == len(means) and len({v > 1.0 for v in off.values()}) == 1:
+        # an error that all of them see; of one that is far greater it is that one's
+        first, *others = sorted(off.values(), key=lambda v: -abs(np.log(v)))
+        far = max(first / max(others), min(others) / first) if others else 1.0
+        off = {name: v for name, v in off.items() if v == first and far > FAR}
+    where = " (if its innovations are in this order)" if len(ratio) == 6 else ""
+    for name, value in off.items():
+        wrong = "small" if value > 1.0 else "great"
+        yield (
+            f"the squared innovations of {name} are {value:.3g} times what it states"
+            f"{where}: the noise that it has for it is too {wrong}; is it in the unit "
+            "of the reading?"
+        )
+
+
+def unjudged(name: str, cells: Sequence[CellResult]) -> str:
+    """What was measured of a filter and not judged, since it states no covariance."""
+    done = [cell for cell in cells if cell.status == "done"]
+    families: set[Family] = {row.statistic.family for c in done for row in c.rows}
+    over = [row for c in done for row in c.rows if row.statistic == RMS_OVER_BOUND()]
+    if not over or NEES in families:
+        return ""
+    ends = " and ".join(f"{row.value:.3g}" for row in over)
+    return (
+        f"not judged by theory: {name}'s error, {ends} times the bound, as it "
+        "states no covariance (judged: that it stays, errs by no constant, and is not "
+        "below the bound)"
+    )
+
 
 ANSWERS: Final[Mapping[str, str]] = MappingProxyType(
     {"pass": "ok", "fail": "FAIL", "inconclusive": "unclear", "": "-"}
@@ -253,3 +589,61 @@ def _own_frames(cell: CellResult | None) -> list[str]:
 
 def _cell(checked: Checked, name: CellName) -> CellResult | None:
     return next((c for c in checked.cells if one_line(c.name) == name.name), None)
+
+
+VERSION = 1
+"""Version of this format."""
+
+
+def to_json(checked: Checked) -> str:
+    """Write a check as JSON: the answer, and of each plug-in every number judged."""
+    result = checked.result
+    judged = findings(result)
+    answers = {(f.cell.name, f.statistic, f.against): f for f in judged}
+    document = {
+        "schema_version": VERSION,
+        "answer": result.answer,
+        "headline": headline(result),
+        "exit_code": result.exit_code,
+        "alpha": result.alpha,
+        "plugins": [
+            {
+                "plugin": portable(located(plugin.word)),
+                "name": plugin.name,
+                "study": plugin.field.partition(".")[0],
+                "declares": dict(plugin.declared),
+                "cells": [_document_of(cell, answers) for cell in checked.of(plugin)],
+            }
+            for plugin in checked.plugins
+        ],
+        "findings": [
+            {"cell": str(f.cell), "statistic": f.what, "check": f.check}
+            | {"answer": f.answer, "reason": f.reason}
+            for f in judged
+            if f.answer != "pass"
+        ],
+    }
+    return json.dumps(document, indent=1, allow_nan=False) + "\n"
+
+
+def _document_of(
+    cell: CellResult, answers: Mapping[tuple[str, str, str], Finding]
+) -> dict[str, Any]:
+    rows = []
+    for row in cell.rows:
+        key = (one_line(cell.name), one_line(str(row.statistic)))
+        judged = answers.get((*key, one_line(row.predictor)))
+        numbers = {name: _number(value) for name, value in row.tidy.items()}
+        rows.append(numbers | {"answer": judged.answer if judged else None})
+    return {
+        "cell": cell.name,
+        "parameters": dict(cell.parameters),
+        "ending": cell.ending,
+        "reason": one_line(cell.reason) if cell.status == "failed" else "",
+        "rows": rows,
+    }
+
+
+def _number(value: Any) -> Any:
+    """A value that JSON has: what is not finite is null."""
+    return None if isinstance(value, float) and not isfinite(value) else value

@@ -5,7 +5,7 @@ from contextlib import nullcontext
 import click
 
 from simval.check import check_plugin, told
-from simval.check.document import to_json
+from simval.check.words import to_json
 from simval.cli.progress import CellBar, Quiet
 from simval.cli.terminal import say
 

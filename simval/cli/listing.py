@@ -1,8 +1,7 @@
 """What `simval list` does."""
 
 from simval.cli.terminal import say
-from simval.plugins.builtin import BUILTIN
-from simval.plugins.loading import installed
+from simval.plugins.loading import BUILTIN, installed
 from simval.scene import scenes
 from simval.studies import STUDIES
 from simval.sweep import load_suite

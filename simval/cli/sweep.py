@@ -11,8 +11,7 @@ import click
 from simval.cli.options import refuse_if, stated
 from simval.cli.progress import CellBar, Quiet
 from simval.errors import LostClusterError
-from simval.plugins.builtin import beside_builtin
-from simval.plugins.loading import chosen, spelled
+from simval.plugins.loading import beside_builtin, chosen, spelled
 from simval.sweep import Suite, load_suite, store
 from simval.sweep.cells import REFUSED
 from simval.sweep.connections import kept_open

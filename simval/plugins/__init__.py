@@ -13,15 +13,16 @@ from simval.errors import PluginError
 from simval.faces import present
 
 if TYPE_CHECKING:
-    from simval.plugins.calibrator_probe import probe_calibrator
-    from simval.plugins.command import command_calibrator, command_estimator
-    from simval.plugins.filter_command import command_filter
-    from simval.plugins.filter_frames import find_world
-    from simval.plugins.filter_protocol import Filter
-    from simval.plugins.filter_run import run_filter
     from simval.plugins.loading import find_plugin
-    from simval.plugins.probe import probe_estimator
-    from simval.plugins.protocol import Calibrator, Estimator
+    from simval.plugins.probe import probe_calibrator, probe_estimator
+    from simval.plugins.programs import (
+        command_calibrator,
+        command_estimator,
+        command_filter,
+    )
+    from simval.plugins.protocol import Calibrator, Estimator, Filter
+    from simval.plugins.runs import run_filter
+    from simval.plugins.worlds import find_world
 else:
     present(__name__, __file__)
 

@@ -1,27 +1,256 @@
-"""Load a plug-in: from a file, an installed package, or a command.
+r"""Load a plug-in from a file, a package or a command, and say what it is made of.
 
 Loading runs a user's code, so what a file or a package offers is asked in a child.
+
+It is made of each file and of each file that this names in turn (an imported module or
+a string beside a Python file, a ``file`` beside an XML file), told by SHA-256, and of
+packages, told by their versions. A cell is computed, and a run resumed, only where all
+of it is unchanged.
+
+The package's own algorithms are entry points as any package has them, ``simval:NAME``.
+Their code is in `simval.algorithms`, loaded only when one is asked for.
 """
 
+import ast
+import hashlib
+import os
+import re
+import shutil
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from importlib import metadata
 from importlib.machinery import ModuleSpec, SourceFileLoader
+from importlib.metadata import EntryPoint
 from importlib.util import module_from_spec
 from pathlib import Path
-from types import ModuleType
-from typing import Any, TypeVar
+from types import MappingProxyType, ModuleType
+from typing import Any, Final, TypeVar
 
 from simval.errors import PluginError, UnusablePluginError
-from simval.files import MOST_DOCUMENT, read_bytes
-from simval.plugins.builtin import BUILTIN, GROUP, PREFIX, meant_builtin, points_of
+from simval.files import MOST_DOCUMENT, MOST_MODEL, read_bytes, require_regular
 from simval.plugins.child import started
-from simval.plugins.command import command_calibrator
-from simval.plugins.declarations import declarations
-from simval.plugins.names import COMMAND
-from simval.plugins.protocol import SCENE, Calibrator, Plugin
-from simval.text import did_you_mean, message_of
+from simval.plugins.names import COMMAND, file_of, is_file, portable, words_of
+from simval.plugins.programs import command_calibrator, fault_of
+from simval.plugins.protocol import (
+    SCENE,
+    Calibrator,
+    Estimator,
+    Filter,
+    Plugin,
+    declarations,
+)
+from simval.text import did_you_mean, message_of, nearest
+
+STATED = frozenset({"simval", "numpy", "scipy", "mujoco", "pydantic"})
+"""Modules whose versions a run states whatever its plug-ins."""
+
+
+def imported_versions(files: Iterable[str]) -> dict[str, str]:
+    """Version of each installed package that some Python files name in an import."""
+    named = {name for file in files if file.endswith(".py") for name in _named(file)}
+    foreign = named - STATED - sys.stdlib_module_names
+    if not foreign:
+        return {}
+    found = {dist for name in foreign for dist in _distributions().get(name, ())}
+    return {dist: metadata.version(dist) for dist in sorted(found)}
+
+
+@cache
+def _distributions() -> Mapping[str, list[str]]:
+    """Packages by the modules at their top: reading them all takes a while."""
+    return metadata.packages_distributions()
+
+
+def _named(file: str) -> Iterator[str]:
+    """First part of each module that a file imports."""
+    try:
+        nodes = ast.walk(ast.parse(read_bytes(file, MOST_DOCUMENT)))
+    except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):
+        return  # loading it fails, in words
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            yield from (alias.name.partition(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+            yield node.module.partition(".")[0]
+
+
+GROUP: Final = "simval.plugins"
+PREFIX: Final = "simval:"
+
+_ESTIMATORS = ("wahba", "weighted-wahba", "triad", "closed-form", "combined")
+_CALIBRATORS = ("squared", "norm", "weighted", "sampson", "adjusted")
+_FILTERS = ("mekf",)
+
+BUILTIN: Final[Mapping[str, EntryPoint]] = MappingProxyType(
+    {
+        f"{PREFIX}{name}": EntryPoint(
+            name=f"{PREFIX}{name}",
+            value=f"simval.algorithms:{name.replace('-', '_')}",
+            group=GROUP,
+        )
+        for name in (*_ESTIMATORS, *_CALIBRATORS, *_FILTERS)
+    }
+)
+"""By the name that suites and the command line call it."""
+
+BESIDE: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
+    {
+        Estimator.taken_by: (f"{PREFIX}wahba", f"{PREFIX}triad"),
+        Calibrator.taken_by: (f"{PREFIX}squared",),
+        Filter.taken_by: (f"{PREFIX}mekf",),
+    }
+)
+"""What ``--plugin`` adds beside a user's, by the field: the optimum first, whose time
+is the unit of a call's; of estimators the plainest one too."""
+
+
+def meant_builtin(word: str) -> str:
+    """Words that ask whether one of these was meant; none if none is near."""
+    own = {name.removeprefix(PREFIX): name for name in BUILTIN}
+    near = nearest(word.removeprefix(PREFIX), own)
+    return f" (did you mean `{own[near[0]]}`?)" if near else ""
+
+
+def points_of(name: str) -> tuple[Any, ...]:
+    """Entry points of a name: the package's own, else those of installed packages.
+
+    Of the standard library's kind, or of `importlib_metadata`'s, which some packages
+    put in its place when they are imported.
+    """
+    if name in BUILTIN:
+        return (BUILTIN[name],)
+    return tuple(metadata.entry_points(group=GROUP, name=name))
+
+
+def beside_builtin(
+    chosen: Mapping[str, list[str]],
+) -> dict[str, list[str]]:
+    """Plug-ins by field, with the built-in ones where there is a user's."""
+    return {
+        field: [*words, *(own for own in BESIDE.get(field, ()) if own not in words)]
+        if any(word not in BUILTIN for word in words)
+        else words
+        for field, words in chosen.items()
+    }
+
+
+NAME_LIMIT = 255
+"""Greatest length of a file's name: longer strings name none."""
+
+_XML_FILE = re.compile(r"""\bfile\s*=\s*["']([^"'<>]+)["']""")
+_XML_FOLDER = re.compile(r"""\b(?:asset|mesh|texture)dir\s*=\s*["']([^"'<>]+)["']""")
+
+
+def sources(text: str) -> dict[str, str]:
+    """Everything that the code of a plug-in is made of."""
+    files = [file_of(text)]
+    if text.startswith(COMMAND):
+        files = [w for w in words_of(text) if os.path.isabs(w) and is_file(w)]
+    elif not files[0]:
+        points = points_of(text)  # the package's own have no distribution
+        return {p.dist.name: p.dist.version for p in points if p.dist is not None}
+    held = {path: digest for f in files for path, digest in _closure(Path(f)).items()}
+    return held | imported_versions(held)
+
+
+def missing(text: str, held: Container[str] = ()) -> str:
+    """Say which part of a plug-in is not on this machine."""
+    if text.startswith(COMMAND):
+        if fault := fault_of(text):
+            return fault
+        program, *words = words_of(text)
+        files = [word for word in words if portable(word) in held]
+        if shutil.which(program) is None:
+            return f"there is no program `{program}` here that can be run"
+    elif file := file_of(text):
+        files = [file]
+    elif points_of(text):
+        files = []
+    elif text.startswith(PREFIX):
+        return (
+            f"there is no built-in algorithm `{text}`{meant_builtin(text)}; there are "
+            f"{', '.join(BUILTIN)}"
+        )
+    else:
+        return f"no installed package offers a plug-in `{text}`"
+    gone = next((path for path in files if not is_file(path)), None)
+    return "" if gone is None else f"the file {gone} does not exist"
+
+
+def _closure(first: Path) -> dict[str, str]:
+    """SHA-256 of a file, and of every file that it names in turn."""
+    hashes: dict[str, str] = {}
+    queue = [first]
+    while queue:
+        file = queue.pop()
+        if str(file) in hashes:
+            continue
+        named = {".py": _named_by_python, ".xml": _named_by_xml}.get(file.suffix)
+        try:
+            if named is None:
+                hashes[str(file)] = _digest(file)
+                continue
+            content = read_bytes(file, MOST_MODEL)
+        except OSError:  # whoever uses it says so, in words
+            hashes[str(file)] = ""
+            continue
+        hashes[str(file)] = hashlib.sha256(content).hexdigest()
+        queue += named(file, first.parent, content)
+    return hashes
+
+
+def _digest(file: Path) -> str:
+    # of a file of any size: a program, meshes, weights
+    require_regular(file, file.stat(), sys.maxsize)
+    with file.open("rb") as content:
+        return hashlib.file_digest(content, "sha256").hexdigest()
+
+
+def _named_by_python(file: Path, root: Path, content: bytes) -> list[Path]:
+    try:
+        nodes = list(ast.walk(ast.parse(content)))
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return []  # loading it fails, in words
+    named: set[Path] = set()
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            named.update(*(_modules(root, alias.name) for alias in node.names))
+        elif isinstance(node, ast.ImportFrom):
+            above = [root, *file.parents][min(node.level, len(file.parents))]
+            names = [f"{node.module or ''}.{alias.name}" for alias in node.names]
+            named.update(*(_modules(above, name.strip(".")) for name in names))
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            named |= _beside(file.parent, node.value)
+    return sorted(path for path in named if is_file(path))
+
+
+def _modules(folder: Path, name: str) -> Iterator[Path]:
+    """Files that importing a dotted name would run, if they are there."""
+    path = folder
+    for part in name.split("."):
+        path = path / part
+        yield path.with_name(f"{part}.py")
+        yield path / "__init__.py"
+
+
+def _named_by_xml(file: Path, root: Path, content: bytes) -> list[Path]:
+    text = content.decode(errors="replace")
+    folders = [".", *_XML_FOLDER.findall(text)]
+    named: set[Path] = set()
+    for name in _XML_FILE.findall(text):
+        for folder in folders:
+            named |= _beside(file.parent / folder, name)
+    return sorted(named)
+
+
+def _beside(folder: Path, name: str) -> set[Path]:
+    if not 0 < len(name) <= NAME_LIMIT or os.path.isabs(name):
+        return set()
+    path = Path(os.path.normpath(folder / name))
+    return {path} if is_file(path) else set()
+
 
 TIME_LIMIT = 60.0
 """Seconds for reading what a file or a package offers."""
@@ -36,7 +265,7 @@ class Meant:
     field: str  # of a study, which takes it
     word: str  # what that field is set to
     name: str  # as it calls itself
-    declared: Mapping[str, str]  # see `simval.plugins.declarations`
+    declared: Mapping[str, str]  # see `simval.plugins.protocol`
 
 
 def find_plugin(algorithm: str, kind: type[Kind]) -> Kind:

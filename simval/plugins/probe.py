@@ -1,26 +1,395 @@
-"""Noise-free probe of the conventions that an estimator declares.
+r"""Noise-free probes of what estimators and calibrators declare.
 
-It is given exact vectors of generic attitudes. What comes back must be the truth,
-whatever the rounding. Where it is not, the probe says which other convention the
-answers would fit. Large batches must hold what its rows are alone, for large batches
-are what is measured. What it does at half turns and the like is no convention, and is
-measured by `simval.plugins.failures`.
+An estimator is given exact vectors of generic attitudes, a calibrator exact readings
+of a known sensor, which has the errors that it estimates and no others. What comes back
+must be the truth, whatever the rounding. Where it is not, the probe says which other
+convention or meaning the answers would fit, or which parameter is wrong. Large batches
+must hold what their rows are alone, for large batches are what is measured. At half
+turns and the like (`simval.plugins.attitudes`) it is the share of failures that is
+measured.
+
+An estimate fails where it is not finite, not of unit length, or farther from the truth
+than `TOLERANCE` over the sine of the angle between the vectors. A batch that raises,
+or whose answer cannot be read, is tried in halves: what fails alone fails.
+
+A covariance is probed by its leading term, with differences of the estimator itself, so
+that no theory of ours stands behind the verdict.
 """
 
 from dataclasses import replace
+from itertools import product
+from typing import Final, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.errors import CrashedPluginError, PluginError
-from simval.geometry import attitude_error
-from simval.plugins.answers import covariances_of, quaternions_of
-from simval.plugins.conventions import nearly_right, what_fits
-from simval.plugins.covariance_probe import probe_covariance, rotation_error
-from simval.plugins.failures import TOLERANCE, allowed, failing
+from simval.geometry import attitude_error, compose, conjugate
+from simval.plugins.answers import (
+    Calibration,
+    calibration_of,
+    covariances_of,
+    quaternions_of,
+    raw_attitudes,
+)
+from simval.plugins.attitudes import (
+    COUNT,
+    FRAMES,
+    VERTICALS,
+    package_quaternion,
+    sound_rows,
+    tail,
+)
 from simval.plugins.noise import VectorNoise, vector_noise
-from simval.plugins.protocol import Estimator
-from simval.shapes import Float
+from simval.plugins.protocol import Calibrator, Estimator
+from simval.poses import fibonacci_sphere
+from simval.sensor import AccelerometerModel, forms
+from simval.sensor.estimated import ALL, own_sensor
+from simval.shapes import Bool, Float
+
+NEAR = 0.01
+"""Rad, and relative to the parameters: another sign, order or frame is off by more."""
+
+MOVED = 1e-10
+"""By which entries are moved: more than rounding of doubles, less than any other."""
+
+DIGITS = 8
+"""Most decimals to which an answer is rounded on purpose."""
+
+
+def moved(given: Float[Array, "..."]) -> Float[Array, "..."]:
+    """The same, moved by what only coarse numbers do not show."""
+    rng = np.random.default_rng(20_274)
+    changed: Array = given + MOVED * rng.standard_normal(given.shape)
+    return changed
+
+
+def cause_of(answers: Float[Array, "n ..."], of_moved: Float[Array, "n ..."]) -> str:
+    """Say why answers are only nearly right; the others are to moved input."""
+    flat = answers.reshape(len(answers), -1)
+    for digits in range(1, DIGITS + 1):
+        scaled = flat * 10.0**digits
+        if np.all(np.abs(scaled - np.round(scaled)) <= 1e-6):
+            return f"its answers are rounded to {digits} decimals"
+    if np.array_equal(flat, flat.astype(np.float32)):
+        return "its answers are in single precision"
+    same = np.all(flat == of_moved.reshape(flat.shape), axis=1)
+    if np.mean(same) > 0.5:
+        return (
+            f"it answers the same where what it is given is moved by {MOVED:g}, so it "
+            "rounds that, or works in less than double precision"
+        )
+    return (
+        "it rounds on its way, is off by a small constant, or stops before it has "
+        "converged"
+    )
+
+
+TOLERANCE = 1e-6
+"""Rad, and relative to the parameters: the root of rounding is 1.5e-8, which is what a
+sound but ill-conditioned algorithm may lose, times 64. A rounding of vectors turns
+them about their own mean by its size over the sine between them, so it is allowed that
+much more."""
+
+Mask = NDArray[np.bool_]
+
+
+def failure_shares(
+    estimator: Estimator,
+    count: int = COUNT,
+    vectors: int = 2,
+    noise: VectorNoise | None = None,
+) -> dict[str, float]:
+    """Share of the exact cases of each class that an estimator fails, 0 to 1."""
+    observed = estimator.observed(vectors)
+    return {
+        name: float(np.mean(failing(estimator, *observed.cases(name, count), noise)))
+        for name in observed.classes
+    }
+
+
+def allowed(vectors: list[Float[Array, "n 3"]]) -> Float[Array, " n"]:
+    """How far an exact case may be from the truth, rad."""
+    first, *others = vectors[len(vectors) // 2 :]
+    sines = [np.linalg.norm(np.cross(first, r), axis=1) for r in others]
+    tolerance: Array = TOLERANCE / np.max(sines, axis=0)
+    return tolerance
+
+
+def failing(
+    estimator: Estimator,
+    truth: Float[Array, "n 4"],
+    vectors: list[Float[Array, "n 3"]],
+    noise: VectorNoise | None = None,
+) -> Bool[Mask, " n"]:
+    """Which of some exact cases are no estimate of the truth, (n,)."""
+    tolerance = allowed(vectors)
+
+    def halved(start: int, stop: int) -> Mask:
+        # arrays that are one to the caller stay one to the estimator
+        rows = slice(start, stop)
+        own = {id(v): v[rows] for v in vectors}
+        try:
+            raw = raw_attitudes(estimator, [own[id(v)] for v in vectors], noise)
+        except PluginError:
+            if stop - start == 1:
+                return np.array([True])
+            middle = (start + stop) // 2
+            return np.concatenate([halved(start, middle), halved(middle, stop)])
+        sound = sound_rows(raw, estimator.components)
+        some = np.reshape(sound, (-1, *(1 for _ in tail(estimator.components))))
+        any_attitude = np.eye(3) if raw.ndim == 3 else np.full(4, 0.5)
+        q = package_quaternion(
+            np.where(some, raw, any_attitude), estimator.components, estimator.matrix
+        )
+        wrong: Mask = ~(sound & (attitude_error(truth[rows], q) <= tolerance[rows]))
+        return wrong
+
+    return halved(0, len(truth))
+
+
+SPREAD_NOISE = 1e-3
+"""At which a covariance is asked for."""
+
+STEP = 1e-5
+"""Of the differences: central, so their own error is about STEP^2."""
+
+SPREAD_TOLERANCE = 1e-3
+"""Relative, of the leading term; differences are good to 1e-9, and a wrong factor, side
+or unit is off by far more."""
+
+
+def rotation_error(
+    truth: Float[Array, "... 4"], estimate: Float[Array, "... 4"], side: str
+) -> Float[Array, "... 3"]:
+    """Rotation vector from the true attitude to the estimate."""
+    if side == "body":
+        difference = compose(conjugate(truth), estimate)
+    else:
+        difference = compose(estimate, conjugate(truth))
+    vector, scalar = difference[..., :3], difference[..., 3:]
+    sine = np.linalg.norm(vector, axis=-1, keepdims=True)
+    angle = 2.0 * np.arctan2(sine, np.abs(scalar)) * np.where(scalar < 0.0, -1.0, 1.0)
+    return angle * vector / np.maximum(sine, np.finfo(float).tiny)
+
+
+def probe_covariance(
+    estimator: Estimator,
+    truth: Float[Array, "n 4"],
+    vectors: list[Float[Array, "n 3"]],
+    noise: VectorNoise,
+) -> None:
+    """Check the leading term of a covariance.
+
+    Raises
+    ------
+    PluginError
+        If it is not the covariance of the estimator's own errors.
+    """
+    told = noise.small(SPREAD_NOISE)
+    claimed = covariances_of(estimator, vectors, told)
+    seen = {
+        side: told.noise_std**2 * _leading(estimator, truth, vectors, side, told)
+        for side in ("body", "reference")
+    }
+    off = {
+        side: float(
+            np.max(
+                np.linalg.norm(claimed - value, axis=(-2, -1))
+                / np.linalg.norm(value, axis=(-2, -1))
+            )
+        )
+        for side, value in seen.items()
+    }
+    other = "reference" if estimator.side == "body" else "body"
+    if not off[estimator.side] <= SPREAD_TOLERANCE + SPREAD_NOISE:
+        factor = float(np.median(_trace(claimed) / _trace(seen[estimator.side])))
+        hint = (
+            f'it fits side="{other}": declare that'
+            if off[other] <= SPREAD_TOLERANCE + SPREAD_NOISE
+            else f"its trace is {factor:.4g} times what it should be"
+        )
+        msg = (
+            f"the covariance of {estimator.name} is {off[estimator.side]:.3g} off, "
+            "relative, from that of its own errors at a noise of "
+            f"{SPREAD_NOISE:g}; {hint}"
+        )
+        raise PluginError(msg)
+
+
+def _leading(
+    estimator: Estimator,
+    truth: Float[Array, "n 4"],
+    vectors: list[Float[Array, "n 3"]],
+    side: str,
+    noise: VectorNoise,
+) -> Float[Array, "n 3 3"]:
+    """J C J' of the estimator, by central differences: covariance for unit noise."""
+    roots = noise.at(1.0).roots(vectors)
+    total = np.zeros((len(truth), 3, 3))
+    for which, axis in product(noise.noisy, range(3)):
+        direction = roots[:, which, :, axis]
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = [v.copy() for v in vectors]
+            moved[which] += sign * STEP * direction
+            q = quaternions_of(estimator, moved, noise)
+            ends.append(rotation_error(truth, q, side))
+        slope = (ends[0] - ends[1]) / (2.0 * STEP)
+        total += slope[:, :, None] * slope[:, None, :]
+    return total
+
+
+def _trace(matrices: Float[Array, "n 3 3"]) -> Float[Array, " n"]:
+    return np.trace(matrices, axis1=-2, axis2=-1)
+
+
+ORDERS: Final[tuple[Literal["xyzs", "sxyz"], ...]] = ("xyzs", "sxyz")
+DIRECTIONS: Final[tuple[Literal["active", "passive"], ...]] = ("active", "passive")
+
+ALIKE = 1e-2
+"""Of an angle, by which turns about one axis may differ and be the same."""
+
+CASES = 64
+"""Exact cases of each class behind the words."""
+
+
+def what_fits(
+    estimator: Estimator,
+    truth: Float[Array, "n 4"],
+    vectors: list[Float[Array, "n 3"]],
+    noise: VectorNoise | None = None,
+    first: Float[Array, "n 4"] | None = None,
+) -> str:
+    """Say how many rows each convention fits, and which classes of attitudes.
+
+    `first` is what it answered to these vectors before.
+    """
+    again = quaternions_of(estimator, vectors, noise)
+    apart = np.zeros(1) if first is None else attitude_error(again, first)
+    if not np.all(apart <= allowed(vectors)):
+        return (
+            f"asked again it answers otherwise, by {apart.max():.3g} rad: it must "
+            "answer the same each time"
+        )
+    fits = {}
+    for other in _conventions(estimator):
+        fits[other] = ~failing(other, truth, vectors, noise)
+        if fits[other].all():
+            return f"declare {_words(other)} instead"
+    for other in fits:
+        if words := nearly_right(other, truth, vectors, noise):
+            return (
+                words
+                if _same(other, estimator)
+                else f"declare {_words(other)} instead; {words}"
+            )
+    if words := _fitting_frame(estimator, len(vectors) // 2, len(truth), noise):
+        return words
+    # of equals the declared one, which is told without its words
+    best = max(fits, key=lambda other: (fits[other].sum(), _same(other, estimator)))
+    count, number = int(fits[best].sum()), len(truth)
+    classes = _classes(best if count else estimator, len(vectors) // 2, noise)
+    if not count:
+        return (
+            f"no order or direction of the components fits any of {number} rows "
+            f"{classes}: is it b = A r, with body vectors first?{_fixed(estimator)}"
+        )
+    words = f"with {_words(best)} "
+    wrong = int(np.flatnonzero(~fits[best])[0])
+    q = quaternions_of(best, vectors, noise)
+    off = float(attitude_error(truth[wrong], q[wrong]))
+    return (
+        f"{'' if _same(best, estimator) else words}{count} of {number} rows fit, "
+        f"row {wrong}, {_turn(truth[wrong])}, does not, by {off:.3g} rad {classes}"
+    )
+
+
+def nearly_right(
+    estimator: Estimator,
+    truth: Float[Array, "n 4"],
+    vectors: list[Float[Array, "n 3"]],
+    noise: VectorNoise | None = None,
+) -> str:
+    """Say what is wrong of answers that are all off alike, or by little; else none."""
+    q = quaternions_of(estimator, vectors, noise)
+    for side in () if estimator.reference else ("body", "reference"):
+        error = rotation_error(truth, q, side)
+        mean = error.mean(axis=0)
+        angle = float(np.linalg.norm(mean))
+        if np.all(np.linalg.norm(error - mean, axis=1) <= ALIKE * angle):
+            axis = ", ".join(f"{x:.3f}" for x in mean / angle)
+            return (
+                f"its conventions fit, but all answers are turned by the same "
+                f"{angle:.3g} rad about the axis ({axis}) of the {side}"
+            )
+    off = attitude_error(truth, q) * (TOLERANCE / allowed(vectors))
+    if not float(off.max()) <= NEAR:
+        return ""
+    cause = cause_of(
+        raw_attitudes(estimator, vectors, noise),
+        raw_attitudes(estimator, [moved(v) for v in vectors], noise),
+    )
+    return f"its conventions fit, its precision does not: {cause}"
+
+
+def _conventions(estimator: Estimator) -> list[Estimator]:
+    """The estimator in each order and direction that its answers can have."""
+    matrix = estimator.components == "matrix"
+    orders = (estimator.components,) if matrix else ORDERS
+    return [
+        replace(estimator, components=components, matrix=direction)
+        for components, direction in product(orders, DIRECTIONS)
+    ]
+
+
+def _words(estimator: Estimator) -> str:
+    return f'components="{estimator.components}", matrix="{estimator.matrix}"'
+
+
+def _fitting_frame(
+    estimator: Estimator, vectors: int, count: int, noise: VectorNoise | None
+) -> str:
+    """Say which fixed references an estimator was written for, if it was for any."""
+    if vectors != 2:
+        return ""
+    for frame, vertical in product(FRAMES, VERTICALS):
+        for dip in dict.fromkeys((None, estimator.dip)):
+            fixed = replace(estimator, reference=frame, vertical=vertical, dip=dip)
+            truth, exact = fixed.observed().generic(count, np.random.default_rng(1))
+            for other in _conventions(fixed):
+                if not failing(other, truth, exact, noise).any():
+                    words = f'declare reference="{frame}", vertical="{vertical}"'
+                    return f"{words} and {_words(other)} instead"
+    return ""
+
+
+def _fixed(estimator: Estimator) -> str:
+    """What else may be wrong of an estimator whose references are fixed."""
+    if estimator.reference is None:
+        return " Are its references fixed? Then declare `reference`"
+    dip = "any `dip`" if estimator.dip is None else f"a `dip` of {estimator.dip:g} rad"
+    return f" It was tried with {dip}: declare the dip that it was written for"
+
+
+def _same(other: Estimator, estimator: Estimator) -> bool:
+    return (other.components, other.matrix) == (estimator.components, estimator.matrix)
+
+
+def _turn(q: Float[Array, "4"]) -> str:
+    angle = 2.0 * np.arctan2(np.linalg.norm(q[:3]), abs(q[3]))
+    return f"a turn by {np.degrees(angle):.0f} degrees"
+
+
+def _classes(estimator: Estimator, vectors: int, noise: VectorNoise | None) -> str:
+    """Name the classes of which every case fits."""
+    shares = failure_shares(estimator, CASES, vectors, noise)
+    right = [name for name, share in shares.items() if share == 0.0]
+    if not right:
+        return "(and no class of attitudes)"
+    return f"(all cases fit of: {'; '.join(right)})"
+
 
 __all__ = [
     "TOLERANCE",
@@ -211,3 +580,149 @@ def _claimed(
     if estimator.covariance is None:
         return np.zeros((len(vectors[0]), 3, 3))
     return covariances_of(estimator, vectors, noise)
+
+
+POSES = 24
+"""Poses, where none are given."""
+
+G = 9.80665
+
+MOST_DIGITS = 17
+"""That a double has."""
+
+STATED_NOISE = 1e-9
+"""That is stated for the exact readings, raw units: a covariance of zero is none."""
+
+
+def probe_calibrator(
+    calibrator: Calibrator, directions: Float[Array, "n 3"] | None = None
+) -> float:
+    """Check a calibrator's conventions without noise.
+
+    Parameters
+    ----------
+    calibrator : Calibrator
+        As it declares itself.
+    directions : Array, optional
+        True directions of the poses that it needs, (n, 3); 24 spread over the sphere
+        if not given.
+
+    Returns
+    -------
+    float
+        Greatest error of a parameter, relative to 1 for T and K and to the greatest
+        entry for B.
+
+    Raises
+    ------
+    PluginError
+        If an answer has a wrong shape or is not finite, or the parameters are not the
+        true ones.
+    """
+    sensor = own_sensor(probe_sensor(calibrator.estimates), calibrator.estimates)
+    poses = fibonacci_sphere(POSES) if directions is None else directions
+    raw = sensor.distort(G * poses, np.random.default_rng(0))
+    answer = calibration_of(calibrator, raw, G, STATED_NOISE)
+    error = float(_errors(answer, sensor).max())
+    if not error <= TOLERANCE:
+        again, of_moved = (
+            calibration_of(calibrator, given, G, STATED_NOISE)
+            for given in (raw, moved(raw))
+        )
+        msg = (
+            f"{calibrator.name} is {error:.3g} from the true parameters without noise, "
+            f"{TOLERANCE:g} is allowed; "
+        )
+        if not np.all(np.abs(_numbers(again) - _numbers(answer)) <= TOLERANCE):
+            msg += (
+                "asked again it answers otherwise: it must answer the same each time, "
+                "so keep nothing from one call to the next"
+            )
+        elif error <= NEAR:
+            cause = cause_of(_numbers(answer)[None], _numbers(of_moved)[None])
+            msg += (
+                "its conventions fit, its precision does not: "
+                f"{cause}; {_worst(answer, sensor)}"
+            )
+        else:
+            msg += _other_meaning(answer, sensor, calibrator.estimates)
+        raise PluginError(msg)
+    return error
+
+
+def probe_sensor(estimates: tuple[str, ...] = ALL) -> AccelerometerModel:
+    """Return the noise-free sensor with which a calibrator is measured.
+
+    Without scales to estimate, readings are in m/s^2: its scales are near 1.
+    """
+    values = np.array([0.03, -0.02, 0.05, 2.06, 1.92, 2.1, 0.3, -0.2, 0.1])
+    if "scale" not in estimates:
+        values[3:6] /= 2.0
+    return AccelerometerModel.from_parameters(values)
+
+
+def _errors(answer: Calibration, sensor: AccelerometerModel) -> Float[Array, "9"]:
+    truth = sensor.parameters
+    off = np.abs(answer.parameters("triangular") - truth)
+    off[6:] /= np.abs(truth[6:]).max()
+    return off
+
+
+def _other_meaning(
+    answer: Calibration, sensor: AccelerometerModel, estimates: tuple[str, ...]
+) -> str:
+    M, B = answer.matrix, answer.bias
+    invertible = np.linalg.cond(M) < 1.0 / np.finfo(float).eps
+    inverse = np.linalg.inv(M) if invertible else M
+    readings: dict[str, tuple[Array, Array]] = {
+        "`matrix` looks inverted: it must take raw readings to force": (inverse, B),
+        "`matrix` looks transposed": (M.T, B),
+        "`B` has the wrong sign: force = matrix @ (raw - B)": (M, -B),
+        "`B` looks added after the matrix: force = matrix @ (raw - B)": (
+            M,
+            inverse @ B,
+        ),
+    }
+    for words, (matrix, bias) in readings.items():
+        other = Calibration(matrix=matrix, bias=bias)
+        if float(_errors(other, sensor).max()) <= TOLERANCE:
+            return words
+    return (
+        f"no other sign, order or direction fits either; {_worst(answer, sensor)}. "
+        f"{_needed(estimates)}"
+    )
+
+
+def _worst(answer: Calibration, sensor: AccelerometerModel) -> str:
+    """Name the worst parameter, to the digits that differ."""
+    k = int(_errors(answer, sensor).argmax())
+    seen, true = answer.parameters("triangular")[k], sensor.parameters[k]
+    digits = 6
+    while digits < MOST_DIGITS and f"{seen:.{digits}g}" == f"{true:.{digits}g}":
+        digits += 1
+    return (
+        f"the worst is {forms.names('triangular')[k]}: {seen:.{digits}g} instead of "
+        f"{true:.6g}"
+    )
+
+
+def _numbers(answer: Calibration) -> Float[Array, "12"]:
+    return np.append(answer.matrix, answer.bias)
+
+
+def _needed(estimates: tuple[str, ...]) -> str:
+    faces = (
+        'if it needs the six faces of a cube, set `calibrator.pose_set = "faces"` in a '
+        "suite, as by `simval sweep smoke --plugin FILE.py --set "
+        "calibrator.pose_set=faces`"
+    )
+    if estimates == ALL:
+        return (
+            "All nine parameters are needed: the sensor of the probe has misalignment "
+            "S, scale K and bias B. If it estimates fewer, declare which in "
+            f"`estimates`; {faces}"
+        )
+    return (
+        f"It declares that it estimates {' and '.join(estimates)}, and the sensor of "
+        f"the probe has no other error; {faces}"
+    )

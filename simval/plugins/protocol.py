@@ -1,4 +1,4 @@
-r"""What a user-supplied algorithm must look like.
+r"""What a user-supplied algorithm must look like: estimators, calibrators and filters.
 
 Quaternions are declared by two words. ``components`` is the order: ``xyzs`` with the
 scalar last or ``sxyz`` with the scalar first. ``matrix`` is the direction: with
@@ -11,7 +11,7 @@ A covariance is of the rotation vector of the error: on the ``body`` side
 (passive quaternions). ``claim`` says how good it is: ``"exact"``, or the highest order
 of the noise that it keeps.
 
-``fails_at`` names the classes of attitudes (`simval.plugins.attitude_classes`) at which
+``fails_at`` names the classes of attitudes (`simval.plugins.attitudes`) at which
 an estimator is known to fail; there it is measured and not judged.
 
 With ``components="matrix"`` the answer is the matrix M itself, ``active`` if
@@ -22,32 +22,146 @@ weights, or with the inverse variances of the pairs, TRIAD with the first pair e
 the two-vector closed form in its best frame, or its four columns combined
 (`simval.theory.estimator_classes`). Its leading bias and covariance are then those of
 its class.
+
+`make` is called anew for each trial with what the filter `reads`, by name, and makes an
+object that is stepped through the readings, one row after the other:
+
+    made.update(dt, gyroscope, accelerometer, magnetometer) -> answer
+
+``dt`` is the time since the row before, s; the rate is the average over it, rad/s; the
+specific force, m/s^2, and the field, T, are of its end, and so is the attitude that is
+answered. The answer is the attitude, or a pair of attitude and covariance, or a mapping
+with some of the words of `ANSWERS`. A covariance is of the rotation vector of the
+error, rad^2, or larger with that first and the bias of the gyroscope, rad/s, next, both
+estimate minus truth. What is made may have a `close`, which is called after its run.
+
+Attitudes of a filter are declared likewise, from its world frame
+(`simval.plugins.attitudes`) to the body.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, get_args
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Final, Literal, get_args
 
 from simval.arrays import Array
 from simval.errors import PluginError
-from simval.plugins.attitude_classes import MAY_FAIL, Observed
-from simval.plugins.noise import READABLE
-from simval.plugins.reference_frames import (
+from simval.plugins.attitudes import (
     FRAMES,
     GREATEST_DIP,
+    MAY_FAIL,
     VERTICALS,
+    WORLDS,
     FixedReferences,
     Frame,
+    Observed,
     Vertical,
+    World,
 )
-from simval.plugins.requirements import (
-    require_function,
-    require_name,
-    require_one_of,
-    require_words,
-)
+from simval.plugins.noise import READABLE
 from simval.sensor import forms
 from simval.sensor.estimated import ALL, CLASSES
+from simval.text import one_line
+
+
+def require_name(name: Any) -> None:
+    """Refuse what cannot stand in a list of names.
+
+    Raises
+    ------
+    PluginError
+        With what may be declared.
+    """
+    if not (
+        isinstance(name, str)
+        and name.isprintable()
+        and name == name.strip()
+        and "," not in name
+        and 0 < len(name) <= 60
+    ):
+        msg = (
+            f"`name` is {name!r}; give a printable word of at most 60 characters, with "
+            "no comma in it and no space around it: it is written in lists of names"
+        )
+        raise PluginError(msg)
+
+
+def require_words(field: str, names: Any, known: tuple[str, ...]) -> None:
+    """Refuse what is not a tuple of known names.
+
+    Raises
+    ------
+    PluginError
+        With what may be declared.
+    """
+    if not (
+        isinstance(names, tuple)
+        and all(type(name) is str and name in known for name in names)
+    ):
+        words = ", ".join(repr(name) for name in known)
+        msg = f"`{field}` is {names!r}; it must be a tuple of names out of {words}"
+        raise PluginError(msg)
+
+
+def require_one_of(name: str, value: Any, allowed: tuple[str | int, ...]) -> None:
+    """Refuse what is not one of the allowed values, of the very type.
+
+    Raises
+    ------
+    PluginError
+        With what may be declared.
+    """
+    # of the very type: 2 == 2.0, 1 == True, and an array is equal to nothing at all
+    if not any(type(value) is type(word) and value == word for word in allowed):
+        words = ", ".join(repr(word) for word in allowed)
+        msg = f"`{name}` is {value!r}; it must be declared as one of {words}"
+        raise PluginError(msg)
+
+
+def require_function(name: str, value: Any) -> None:
+    """Refuse what cannot be called.
+
+    Raises
+    ------
+    PluginError
+        With what may be declared.
+    """
+    if not callable(value):
+        msg = f"`{name}` is {value!r}; it must be a function"
+        raise PluginError(msg)
+
+
+def declarations(plugin: Any) -> dict[str, str]:
+    """Words for each declaration; its name and what it must have are left out."""
+    if not is_dataclass(plugin):
+        return {}
+    return {
+        each.name: one_line(_spelled(getattr(plugin, each.name)))
+        for each in fields(plugin)
+        if each.name != "name" and not _must_run(each.default, plugin, each.name)
+    }
+
+
+def _must_run(default: Any, plugin: Any, name: str) -> bool:
+    """Whether it is the algorithm itself: a function without a default."""
+    return default is MISSING and callable(getattr(plugin, name))
+
+
+def _spelled(value: Any) -> str:
+    kinds: Mapping[type, Callable[[Any], str]] = {
+        bool: lambda yes: "yes" if yes else "no",
+        tuple: lambda values: ", ".join(map(_spelled, values)) or "none",
+        Path: lambda path: path.name,
+    }
+    if value is None:
+        return "none"
+    if callable(value):
+        return "given"
+    for kind, spell in kinds.items():
+        if isinstance(value, kind):
+            return spell(value)
+    return str(value)
+
 
 Claim = Literal["exact", 2, 4]
 Components = Literal["xyzs", "sxyz", "matrix"]
@@ -253,3 +367,90 @@ def _estimates(names: Any, form: str) -> tuple[str, ...]:
         )
         raise PluginError(msg)
     return known
+
+
+Force = Literal["specific force", "gravity"]
+
+ANSWERS: Final = (
+    "attitude",
+    "covariance",
+    "bias",
+    "innovation",
+    "innovation_covariance",
+)
+"""Words of an answer; all but the attitude may be left out."""
+
+READS: Final = (
+    "start",
+    "start_std",
+    "bias_std",
+    "rate",
+    "gravity",
+    "field",
+    "gyroscope_noise",
+    "gyroscope_walk",
+    "accelerometer_noise",
+    "magnetometer_noise",
+)
+"""What `make` may be handed, by name: the attitude before the first row, as the filter
+writes one, and its standard deviation per axis, rad; that of the bias, rad/s, which is
+0 then; rows per second, Hz; gravity, m/s^2; the field in the filter's world, T, (3,);
+angle random walk, rad/s/sqrt(Hz), and rate random walk, rad/s^2/sqrt(Hz), of the
+gyroscope; noise per axis and row of the others, m/s^2 and T."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Filter(Plugin):
+    """An attitude filter over gyroscope, accelerometer and magnetometer.
+
+    Attributes
+    ----------
+    name : str
+        Short name.
+    make : callable
+        ``make(**reads)``: an object with ``update``, or ``update`` itself.
+    components : {"xyzs", "sxyz", "matrix"}
+        Order of the quaternion, or a matrix.
+    matrix : {"active", "passive"}
+        Direction of the attitude.
+    world : {"NED", "ENU", "NWU", "SEU", "WSU", "ESD", "SWD", "WND"}, optional
+        Its reference frame, x, y and z by their letters; default the one found.
+    accelerometer : {"specific force", "gravity"}, default "specific force"
+        What it calls the accelerometer's reading: at rest up, or down.
+    magnetometer : bool, default True
+        Whether `update` takes the magnetometer's reading as well.
+    side : {"body", "reference"}, default "body"
+        Side of the attitude error that the covariance is of.
+    reads : tuple of str, default ()
+        What `make` is handed, out of `READS`.
+    batch : bool, default False
+        True steps all trials at once: each argument but ``dt`` and each answer has a
+        leading axis n, and so has the start.
+    """
+
+    taken_by: ClassVar[str] = "filter.algorithm"
+    runs: ClassVar[str] = "make"
+
+    name: str
+    make: Callable[..., Any]
+    components: Components
+    matrix: Literal["active", "passive"]
+    world: World | None = None
+    accelerometer: Force = "specific force"
+    magnetometer: bool = True
+    side: Literal["body", "reference"] = "body"
+    reads: tuple[str, ...] = ()
+    batch: bool = False
+
+    def __post_init__(self) -> None:
+        require_name(self.name)
+        require_function("make", self.make)
+        require_one_of("components", self.components, get_args(Components))
+        require_one_of("matrix", self.matrix, ("active", "passive"))
+        require_one_of("accelerometer", self.accelerometer, get_args(Force))
+        require_one_of("magnetometer", self.magnetometer, (True, False))
+        require_one_of("side", self.side, ("body", "reference"))
+        require_one_of("batch", self.batch, (True, False))
+        require_words("reads", self.reads, READS)
+        if self.world is not None:
+            require_one_of("world", self.world, WORLDS)

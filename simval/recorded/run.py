@@ -9,11 +9,10 @@ import numpy as np
 from simval import vocabulary
 from simval.errors import UnusablePluginError
 from simval.plugins.child import started
-from simval.plugins.filter_frames import find_world
-from simval.plugins.filter_protocol import Filter
-from simval.plugins.filter_run import run_filter
-from simval.plugins.filter_signals import FilterInput, FilterOutput
 from simval.plugins.loading import find_plugin, meant
+from simval.plugins.protocol import Filter
+from simval.plugins.runs import FilterInput, FilterOutput, run_filter
+from simval.plugins.worlds import find_world
 from simval.recorded.signals import Signals
 from simval.recorded.told import Start
 

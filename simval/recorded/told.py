@@ -13,7 +13,7 @@ from simval.arrays import Array
 from simval.errors import InputError, RefusedError
 from simval.noise import AxisNoise, noise_of
 from simval.noise.files import NoiseFile
-from simval.plugins.filter_signals import Told
+from simval.plugins.runs import Told
 from simval.recorded.attitudes import of_matrix
 from simval.recorded.signals import Signals
 from simval.shapes import Float

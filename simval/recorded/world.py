@@ -17,7 +17,7 @@ import numpy as np
 
 from simval.arrays import Array, frozen
 from simval.errors import GeometryError, RefusedError
-from simval.plugins.reference_frames import AXES, FRAMES, Frame
+from simval.plugins.attitudes import AXES, FRAMES, Frame
 from simval.recorded.attitudes import of_matrix, rotated, rotation_vector
 from simval.recorded.blocks import mean_with_error, quantile
 from simval.shapes import Bool, Float

@@ -17,7 +17,7 @@ from simval.judge.algorithms import (
     over_bound,
     size_row,
 )
-from simval.plugins.builtin import BUILTIN
+from simval.plugins.loading import BUILTIN
 from simval.report.answers import Line, angle, rounded
 from simval.report.answers import called as named
 from simval.report.contest import Contest, answer_of, contest_of

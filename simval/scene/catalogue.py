@@ -20,9 +20,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from simval.errors import InputError
-from simval.plugins.loading import find_plugin
+from simval.plugins.loading import find_plugin, missing
 from simval.plugins.names import file_of
-from simval.plugins.sources import missing
 from simval.scene.driven import drive_gimbal, drive_shaker
 from simval.scene.free import drive_freefall, drive_pivot
 from simval.scene.hand import drive_handheld

@@ -1,7 +1,7 @@
 r"""A user-supplied attitude estimator: its errors, beside cubature and the bound.
 
 The plug-in's conventions are probed without noise first, at generic attitudes. At the
-classes of attitudes where estimators break (`simval.plugins.attitude_classes`) the
+classes of attitudes where estimators break (`simval.plugins.attitudes`) the
 share of exact cases that fail must be 0, unless the plug-in declares that class. Then
 each trial adds noise to the body vectors, or what `noise` says
 (`simval.plugins.noise`); the references are exact by default. The error is the rotation
@@ -20,7 +20,7 @@ to rounding: a constant error does not shrink with the noise and fails. Of 400
 geometries with the same noise on all four vectors the two-vector estimator takes at
 most 0.17 of that trace; orthogonal frames and least squares have no such bias there.
 
-`simval.studies.leading_terms` asks more: no bias of first order, nothing below the
+`simval.studies.estimator_setting` asks more: no bias of first order, nothing below the
 bound, and of an estimator that declares its class the bias and covariance of it.
 
 Where the plug-in gives a covariance, and can know the noise that this is of, its
@@ -37,6 +37,16 @@ the next order brings, :math:`(c \lambda)^{k/2 + 1}` with the greatest variance
 Whatever the estimator, unit quaternions have :math:`E|q - \hat q|^2 = 2 q^T E[q - \hat
 q]`. The first block is held to it within what the lengths that the plug-in returned
 are off by (its own precision; `UNIT` at the most) and rounding.
+
+With m the mean square of its errors and :math:`m_0` that of the built-in least squares
+under the same noise, the efficiency is the trace of the Cramer-Rao bound over m, and
+the difference :math:`\sqrt m - \sqrt{m_0}`. Cubature gives both without chance, to
+twice what its next lower degree differs by. Simulated they are a check of that; since
+both estimators see the same vectors the difference has a small standard error, by
+
+.. math:: \frac12 \left(\frac{dm}{\sqrt m} - \frac{dm_0}{\sqrt{m_0}}\right), \tag{D1}
+
+and at least by the rounding of one estimate.
 """
 
 from dataclasses import replace
@@ -48,13 +58,13 @@ from pydantic import AfterValidator, Field, model_validator
 from simval.arrays import Array
 from simval.errors import InputError
 from simval.moments import Moments
-from simval.montecarlo import moments_of, simulate
+from simval.montecarlo import Sums, mean_square, moments_of, simulate
 from simval.plugins import Estimator, find_plugin, probe_estimator
-from simval.plugins.attitude_classes import COUNT
-from simval.plugins.memory import require_no_memory
-from simval.plugins.noise import vector_noise
-from simval.plugins.probe import TOLERANCE
-from simval.results import Outcome, Row, limit, nees, plain
+from simval.plugins.attitudes import COUNT
+from simval.plugins.noise import VectorNoise, vector_noise
+from simval.plugins.probe import TOLERANCE, failure_shares
+from simval.plugins.runs import require_no_memory
+from simval.results import Outcome, Row, limit, nees, plain, unjudged
 from simval.shapes import Float
 from simval.statistics import (
     BIAS,
@@ -62,28 +72,139 @@ from simval.statistics import (
     CLAIM_OFF_FULL,
     CLAIM_OFF_HALF,
     COVARIANCE,
+    CRAMER_RAO,
     CUBATURE,
     CUBATURE_BIAS,
     CUBATURE_BIAS_SMALL,
     CUBATURE_ERROR,
+    EFFICIENCY,
+    FAILURES,
     NEES,
     PROBE,
+    RMS,
+    RMS_DIFFERENCE,
     ROUNDING,
     SECOND_ORDER,
+    SQUARED_ERROR,
     TRUTH,
     UNIT_LENGTH,
     claim_of,
     order,
 )
 from simval.streams import Streams
-from simval.studies.estimator_series import series_rows
-from simval.studies.estimator_setting import DEGREE, Setting
-from simval.studies.estimator_size import size_rows
-from simval.studies.failure_rows import failure_rows
-from simval.studies.leading_terms import leading_rows
+from simval.studies.estimator_setting import (
+    DEGREE,
+    SQUARES,
+    MeanAndCovariance,
+    Setting,
+    leading_rows,
+    series_rows,
+)
 from simval.studies.plugin import PluginName, PluginParameters, isolated
 from simval.studies.refusing import LEAST_NOISE
 from simval.theory.unit_length import unit_length_defect, unit_length_rounding
+
+
+def failure_rows(
+    plugin: Estimator,
+    cases: int,
+    vectors: int = 2,
+    noise: VectorNoise | None = None,
+) -> tuple[Row, ...]:
+    """Share of failures of each class; one that is declared is not judged."""
+    shares = failure_shares(plugin, cases, vectors, noise)
+    declared = dict.fromkeys(name for name in plugin.fails_at if name in shares)
+    known = {name: shares.pop(name) for name in declared}
+    return (
+        *limit(FAILURES.each(shares), tuple(shares.values()), 0.0, TRUTH, n=cases),
+        *unjudged(FAILURES.each(known), tuple(known.values()), n=cases),
+    )
+
+
+_EPS = float(np.finfo(float).eps)
+
+SAME = 1e-9
+"""Relative difference of two RMS errors that may be rounding."""
+
+_CLEARLY = 3.0
+"""A spread of so many remainders is enough to judge: twice is required."""
+
+
+def size_rows(
+    setting: Setting,
+    sums: Sums,
+    noise: float,
+    cubatures: tuple[MeanAndCovariance, MeanAndCovariance],
+    rounding: float,
+) -> tuple[Row, ...]:
+    """Rows of sums, beside cubature and the next lower one; `rounding` in rad."""
+    weight = np.zeros((sums.size, sums.size))
+    weight[:3, :3] = np.eye(3)
+    square, error = mean_square(sums, weight)
+    least, n = float(np.trace(setting.bound(noise))), sums.samples
+    rms = float(np.sqrt(square))
+    fine, coarse = (moments[0][SQUARES] for moments in cubatures)
+    efficiency = least / float(fine[0])
+    left = 2.0 * abs(efficiency - least / float(coarse[0]))
+    return (
+        *unjudged(
+            RMS(unit="rad"), rms, error / (2.0 * rms), n, np.sqrt(least), CRAMER_RAO
+        ),
+        *unjudged(EFFICIENCY(), efficiency, remainder=left),
+        *_tail_row(square, n, cubatures),
+        *plain(
+            EFFICIENCY("simulated"), least / square, least * error / square**2, n,
+            efficiency, CUBATURE, left,
+        ),
+        *_difference_rows(sums, fine, coarse, max(rounding, _EPS), setting.weights),
+    )  # fmt: skip
+
+
+def _tail_row(
+    square: float, n: int, cubatures: tuple[MeanAndCovariance, MeanAndCovariance]
+) -> tuple[Row, ...]:
+    """Mean square over cubature's, with the standard error that cubature gives it.
+
+    The trials' own is no measure: rare ones that are far off make both great.
+    """
+    (mean, covariance), (coarse, _) = cubatures
+    fine = float(mean[SQUARES][0])
+    gaussian = 2.0 * float(np.sum(covariance[:3, :3] ** 2))
+    variance = max(gaussian, float(covariance[SQUARES, SQUARES][0, 0]))
+    return plain(
+        SQUARED_ERROR(), square / fine, np.sqrt(variance / n) / fine, n,
+        1.0, CUBATURE, 2.0 * abs(1.0 - float(coarse[SQUARES][0]) / fine),
+    )  # fmt: skip
+
+
+def _difference_rows(
+    sums: Sums,
+    fine: Float[Array, "2"],
+    coarse: Float[Array, "2"],
+    rounding: float,
+    weights: float,
+) -> tuple[Row, ...]:
+    measured = moments_of(sums)
+    squares = measured.bias[SQUARES]
+    slope = np.array([0.5, -0.5]) / np.sqrt(squares)
+    variance = float(slope @ measured.covariance[SQUARES, SQUARES] @ slope)
+    predicted = _difference(fine)
+    unresolved, rounded = 2.0 * abs(predicted - _difference(coarse)), weights * rounding
+    left = unresolved + rounded
+    spread = max(variance, rounding**2 * sums.samples)
+    # what differs by rounding, its own or of cubature, is judged by it
+    if unresolved < max(rounded, SAME * np.sqrt(squares[1])):
+        spread = max(spread, (_CLEARLY * left) ** 2)
+    return plain(
+        RMS_DIFFERENCE(), _difference(squares), np.sqrt(spread / sums.samples),
+        sums.samples, predicted, CUBATURE, left,
+    )  # fmt: skip
+
+
+def _difference(squares: Float[Array, "2"]) -> float:
+    own, other = np.sqrt(squares)
+    return float(own - other)
+
 
 TITLE = "User-supplied attitude estimator: bias, spread and stated covariance"
 SECTION = "algorithms"

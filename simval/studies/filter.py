@@ -14,7 +14,7 @@ are correlated and are never counted as samples (`simval.consistency`).
 
 The root mean square error stands beside the posterior Cramer-Rao bound
 (`simval.theory.filtering`). Where the filter is told otherwise, or a calibration left
-an error (`simval.studies.filter_wrong`), or a sensor reads what it should
+an error (`simval.studies.filter_scenarios`), or a sensor reads what it should
 not, theory predicts what the reference filter then does; another filter is only shown.
 """
 
@@ -30,19 +30,23 @@ from pydantic import AfterValidator, Field, model_validator
 from simval.arrays import Array
 from simval.errors import InputError, UnmeasurableError
 from simval.plugins import Filter, find_plugin
-from simval.plugins.filter_frames import find_world
-from simval.plugins.filter_run import run_filter
-from simval.plugins.filter_signals import FilterInput, Told
+from simval.plugins.runs import FilterInput, Told, run_filter
+from simval.plugins.worlds import find_world
 from simval.results import Outcome, Row
 from simval.shapes import Float
 from simval.streams import Streams
-from simval.studies.filter_diagnosis import diagnosis_rows
-from simval.studies.filter_foundations import drawn_filter_rows, stated_row
-from simval.studies.filter_prediction import budget_rows, prediction, undisturbed
-from simval.studies.filter_response import response_rows
+from simval.studies.filter_prediction import (
+    budget_rows,
+    drawn_filter_rows,
+    prediction,
+    response_rows,
+    stated_row,
+    undisturbed,
+)
 from simval.studies.filter_rows import (
     Answers,
     consistency_rows,
+    diagnosis_rows,
     error_rows,
     lost_row,
     predicted_rows,
@@ -53,13 +57,13 @@ from simval.studies.filter_scenarios import (
     UNKNOWN,
     Course,
     Imperfect,
+    Wrong,
     course,
     drawn,
     scenario_of,
     spelled,
     steps_of,
 )
-from simval.studies.filter_wrong import Wrong
 from simval.studies.plugin import (
     ESTIMATE,
     PluginName,

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from simval.montecarlo import compiled
+from simval.plugins.loading import sources
 from simval.plugins.names import portable
-from simval.plugins.sources import sources
 from simval.scene import models_folder
 from simval.studies import STUDIES
 from simval.sweep.source import loaded

@@ -11,7 +11,7 @@ from simval.arrays import Array
 from simval.filters import Mekf
 from simval.geometry import attitude_matrix, compose, from_rotation_vector
 from simval.plugins import Filter
-from simval.plugins.filter_steps import Readings, run_of
+from simval.plugins.runs import Readings, run_of
 from simval.shapes import Float
 from simval.streams import cell_key, stream
 from simval.theory import (

@@ -11,7 +11,7 @@ import numpy as np
 
 from simval.errors import PluginError
 from simval.plugins import Filter, find_plugin
-from simval.plugins.filter_run import run_filter
+from simval.plugins.runs import run_filter
 from simval.studies.filter import Parameters, sensors_of, told_of
 from simval.studies.filter_scenarios import course, drawn
 

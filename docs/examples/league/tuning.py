@@ -20,8 +20,7 @@ from scipy.optimize import minimize
 from simval.errors import PluginError
 from simval.geometry import attitude_error
 from simval.plugins import Filter
-from simval.plugins.filter_steps import readings_of, run_of
-from simval.plugins.filter_worlds import own_quaternions, to_scene
+from simval.plugins.runs import own_quaternions, readings_of, run_of, to_scene
 from simval.studies.filter import Parameters, sensors_of, told_of
 from simval.studies.filter_scenarios import course, drawn
 

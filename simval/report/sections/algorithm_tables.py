@@ -14,7 +14,7 @@ from simval.judge.algorithms import (
     over_bound,
     size_row,
 )
-from simval.plugins.builtin import BESIDE
+from simval.plugins.loading import BESIDE
 from simval.report.answers import LEAST_DEGREES
 from simval.report.contest import Contest, answer_of
 from simval.report.table import Column, Kind, Table

@@ -6,7 +6,7 @@ Where a run has a user's code this is what comes first after the verdict.
 from dataclasses import dataclass
 
 from simval.judge.algorithms import STUDIES, algorithm_of
-from simval.plugins.builtin import BUILTIN
+from simval.plugins.loading import BUILTIN
 from simval.report.contest import contest_of
 from simval.report.panels import Drawing
 from simval.report.section import Context, Section, made

@@ -1,4 +1,19 @@
-r"""Classes of attitudes and vectors at which estimators are known to break.
+r"""Attitudes as algorithms write them, fixed frames, and the cases at which they break.
+
+A matrix is brought to the quaternion of the nearest rotation: the eigenvector of the
+greatest eigenvalue of the symmetric matrix N with :math:`q^T N q = \mathrm{tr}(R(q)^T
+M)`. It has no branch, and is as smooth as the matrix.
+
+An accelerometer at rest reads the specific force, which points ``up``; estimators that
+take it for gravity have it ``down``. The field points north, and down by the dip d:
+
+=======  =====================  ====================================
+frame    up                     field
+=======  =====================  ====================================
+``NED``  :math:`(0, 0, -1)`     :math:`(\cos d, 0, \sin d)`
+``ENU``  :math:`(0, 0, 1)`      :math:`(0, \cos d, -\sin d)`
+``NWU``  :math:`(0, 0, 1)`      :math:`(\cos d, 0, -\sin d)`
+=======  =====================  ====================================
 
 Formulas divide by the scalar part (half turns), by the sine of the angle (no turn), by
 a cosine of Euler angles (quarter turns), or by what the vectors span (axes in their
@@ -11,14 +26,171 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
-from typing import Final
+from typing import Final, Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.geometry import attitude_matrix, normalize, random_quaternions
-from simval.plugins.reference_frames import FixedReferences
-from simval.shapes import Float
+from simval.shapes import Bool, Float
+
+UNIT = 1e-6
+"""How far from 1 the length of a quaternion, and a column of a matrix, may be, and how
+far from right the angle of two columns, rad."""
+
+Mask = NDArray[np.bool_]
+
+
+def tail(components: str) -> tuple[int, ...]:
+    """Shape of one answer."""
+    return (3, 3) if components == "matrix" else (4,)
+
+
+def finite_rows(raw: Float[Array, "n ..."]) -> Bool[Mask, " n"]:
+    """Which answers are finite."""
+    finite: Mask = np.isfinite(raw)
+    return np.logical_and.reduce(finite, axis=tuple(range(1, raw.ndim)))
+
+
+def sound_rows(raw: Float[Array, "n ..."], components: str) -> Bool[Mask, " n"]:
+    """Which answers are attitudes: finite, and of unit length or proper rotations."""
+    with np.errstate(invalid="ignore", over="ignore"):  # rows that are not finite
+        sound: Mask = np.logical_and(finite_rows(raw), defects(raw, components) <= UNIT)
+    if components == "matrix":
+        finite = np.where(sound[:, None, None], raw, np.eye(3))
+        sound = np.logical_and(sound, np.linalg.det(finite) > 0.0)
+    return sound
+
+
+def defects(raw: Float[Array, "n ..."], components: str) -> Float[Array, " n"]:
+    """How far answers are from unit length, or from orthogonal columns of length 1."""
+    if components != "matrix":
+        lengths: Array = np.abs(np.linalg.norm(raw, axis=1) - 1.0)
+        return lengths
+    # a column that is too long by x has a square that is too great by 2x
+    gram = (raw.swapaxes(1, 2) @ raw - np.eye(3)) * (1.0 - np.eye(3) / 2.0)
+    worst: Array = np.abs(gram).max(axis=(1, 2))
+    return worst
+
+
+def fault_of(raw: Float[Array, "n ..."], components: str) -> str:
+    """Say what is wrong with an answer that is finite and no attitude, in words."""
+    row = int(np.argmin(sound_rows(raw, components)))
+    if components != "matrix":
+        off = np.linalg.norm(raw, axis=1) - 1.0
+        worst = float(off[int(np.argmax(np.abs(off)))])
+        return (
+            f"a quaternion whose length is off by {worst:.2g}; every one must have "
+            f"length 1 to {UNIT:g}, so normalise them"
+        )
+    M = raw[row]
+    determinant = float(np.linalg.det(M))
+    scale = float(np.cbrt(abs(determinant)))
+    if scale > 0.0 and float(defects(M[None] / scale, components)[0]) <= UNIT:
+        if abs(scale - 1.0) > UNIT:
+            what = f"its columns have the length {scale:.6g} instead of 1"
+        else:
+            what = f"it is a reflection, its determinant is {determinant:.3g}"
+    else:
+        apart = float(defects(raw[row : row + 1], components)[0])
+        what = f"its columns are not orthonormal, by {apart:.2g}"
+    return (
+        f"a matrix that is no rotation in row {row}: {what}; every one must be a "
+        f"proper rotation to {UNIT:g}"
+    )
+
+
+def package_quaternion(
+    raw: Float[Array, "n ..."], components: str, matrix: str
+) -> Float[Array, "n 4"]:
+    """Bring answers of a declared convention to the package's quaternions."""
+    if components == "matrix":
+        last = _quaternion_of(raw)
+    else:
+        last = np.roll(raw, -1, axis=-1) if components == "sxyz" else np.array(raw)
+    if matrix == "active":
+        last[..., :3] *= -1.0
+    return last
+
+
+def _quaternion_of(M: Float[Array, "n 3 3"]) -> Float[Array, "n 4"]:
+    # scalar last, Hamilton's product: R(q) v = q v q*
+    trace = np.trace(M, axis1=1, axis2=2)
+    N = np.empty((len(M), 4, 4))
+    N[:, :3, :3] = M + M.swapaxes(1, 2) - trace[:, None, None] * np.eye(3)
+    turn = [M[:, 2, 1] - M[:, 1, 2], M[:, 0, 2] - M[:, 2, 0], M[:, 1, 0] - M[:, 0, 1]]
+    N[:, :3, 3] = N[:, 3, :3] = np.stack(turn, axis=1)
+    N[:, 3, 3] = trace
+    vectors: Array = np.linalg.eigh(N)[1][:, :, -1]
+    return vectors
+
+
+Frame = Literal["NED", "ENU", "NWU"]
+Vertical = Literal["up", "down"]
+
+AXES: Final[Mapping[str, tuple[tuple[float, ...], tuple[float, ...]]]] = (
+    MappingProxyType(
+        {
+            "NED": ((1.0, 0.0, 0.0), (0.0, 0.0, -1.0)),
+            "ENU": ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+            "NWU": ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+        }
+    )
+)
+"""North and up of each frame."""
+
+FRAMES: Final = get_args(Frame)
+
+World = Literal["NED", "ENU", "NWU", "SEU", "WSU", "ESD", "SWD", "WND"]
+
+WORLD_AXES: Final[Mapping[str, tuple[tuple[float, ...], tuple[float, ...]]]] = (
+    MappingProxyType(
+        {
+            **AXES,
+            "SEU": ((-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+            "WSU": ((0.0, -1.0, 0.0), (0.0, 0.0, 1.0)),
+            "ESD": ((0.0, -1.0, 0.0), (0.0, 0.0, -1.0)),
+            "SWD": ((-1.0, 0.0, 0.0), (0.0, 0.0, -1.0)),
+            "WND": ((0.0, 1.0, 0.0), (0.0, 0.0, -1.0)),
+        }
+    )
+)
+"""North and up of the worlds that filters have: the frames, and the same turned."""
+
+WORLDS: Final = get_args(World)
+VERTICALS: Final = get_args(Vertical)
+
+MOST_DIP: Final = np.radians(80.0)
+"""Of what is drawn, rad: beyond it a field says little of the north."""
+
+GREATEST_DIP: Final = 1.5
+"""That may be declared, rad; 86 degrees."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FixedReferences:
+    """The two reference vectors that an estimator was written for."""
+
+    frame: str
+    vertical: str = "up"
+    dip: float | None = None  # rad, north of the equator above 0; None is any
+
+    def vectors(
+        self, dip: Float[Array, " n"]
+    ) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"]]:
+        """Vertical and field of each dip."""
+        north, up = (np.array(axis) for axis in AXES[self.frame])
+        first = np.tile(up if self.vertical == "up" else -up, (len(dip), 1))
+        return first, np.cos(dip)[:, None] * north - np.sin(dip)[:, None] * up
+
+    def draw(
+        self, count: int, rng: np.random.Generator
+    ) -> tuple[Float[Array, "count 3"], Float[Array, "count 3"]]:
+        """Vertical and field of the declared dip, or of any up to `MOST_DIP`."""
+        drawn = rng.uniform(-MOST_DIP, MOST_DIP, count)
+        return self.vectors(drawn if self.dip is None else np.full(count, self.dip))
+
 
 COUNT = 1024
 """Cases of a class. With 0.45 % of the class failing one is among them with

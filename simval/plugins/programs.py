@@ -1,0 +1,855 @@
+r"""Algorithms in any language: programs that are given data and answer with text.
+
+The words of a calibrator or an estimator say by placeholders where its data go: those
+of one trial for a process of its own, or those of all trials for one process. No shell
+is involved. A file of poses has one pose to a line, the mean reading ``x,y,z``; a log
+is recorded at 100 Hz, ``t,x,y,z``, and rests ten seconds in each pose; a line of trials
+is a JSON object with ``trial``, its number, ``poses``, ``g`` and ``noise_std``. It
+prints for each trial one JSON object with ``matrix`` (3 x 3; or ``T`` and ``K``) and
+``B``, so that the specific force is ``matrix @ (raw - B)``, and ends with exit code 0.
+Where one process has all trials, each object has a line of its own and repeats the
+``trial``, or the name of the ``file`` of its folder. Its output goes to files, not
+pipes, which could fill and block both sides and be held open by whatever the program
+leaves behind.
+
+================== ========================================================= =========
+placeholder        what it stands for                                        processes
+================== ========================================================= =========
+``{poses}``        a file with the poses of one trial                        one each
+``{log}``          a file with a whole log of one trial                      one each
+``{trials}``       a file with a JSON object for each trial, one to a line;  one
+                   ``< {trials}`` gives it on standard input
+``{poses_folder}`` a folder with a file of poses for each trial              one
+``{g}``            gravity, m/s^2
+================== ========================================================= =========
+
+A command is read where it is given, so that a misspelt one is refused before anything
+is computed.
+
+The program gets all trials before it starts, in a file or on standard input, and may
+print its answers when it likes and in any order: each names its trial. So neither a
+buffer that is not flushed nor a program that reads all of its input first can block,
+and an answer that is missing, given twice or put in another's place is seen.
+
+A study's poses are means whose noise is known, and a log must be what a sensor would
+have recorded whose rests have those means. With white noise :math:`w_i` of standard
+deviation :math:`\sigma\sqrt n` per sample, the samples of a rest of n are
+
+.. math:: x_i = y + w_i - \bar w,  \tag{R1}
+
+where :math:`y`, the given pose, is off by noise of :math:`\sigma`. The mean of white
+noise is independent of the deviations from it, so :math:`x_i` is the true reading plus
+white noise and nothing else: whatever part of a rest a detector keeps is as wrong as
+the scatter of its samples says. All rests are equally long, for a longer one would be
+less wrong than its pose is; and turns begin and end with a knock, so that detectors
+agree where the rests are.
+
+A filter is a process for each trial, fed a line for each row: ``dt gx gy gz ax ay az mx
+my mz``, without the last three if it takes no magnetometer. It answers with the line
+``qx qy qz qs``, in the declared order, or the nine numbers of a matrix, row by row; the
+nine numbers of a covariance may follow. When its input ends, the program ends with exit
+code 0. What it `reads` is put into its words, ``./mine {start} {rate}``, numbers with
+commas between them.
+"""
+
+import json
+import os
+import re
+import select
+import shlex
+import subprocess
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from tempfile import TemporaryDirectory, TemporaryFile
+from time import monotonic
+from typing import Any, Final
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.errors import (
+    CrashedPluginError,
+    PluginError,
+    SilentPluginError,
+    UnusablePluginError,
+)
+from simval.plugins.child import ending
+from simval.plugins.names import COMMAND
+from simval.plugins.protocol import (
+    READS,
+    BatchCalibrator,
+    Calibrator,
+    Estimator,
+    Filter,
+)
+from simval.shapes import Float
+from simval.text import shown
+
+ANSWER_LIMIT = 1 << 20
+"""Bytes that one answer may have: a calibration has some thousand."""
+
+OUTPUT, ERRORS = "stdout", "stderr"
+"""Files of a folder into which a program prints."""
+
+
+def run(
+    words: Sequence[str], folder: Path, seconds: float, given: Path | None = None
+) -> int:
+    """Run a program that prints into files of a folder, and wait for it alone.
+
+    Raises
+    ------
+    CrashedPluginError
+        If it cannot be run, or does not end in time.
+    """
+    with (
+        (folder / OUTPUT).open("wb") as output,
+        (folder / ERRORS).open("wb") as errors,
+        Path(os.devnull if given is None else given).open("rb") as read,
+    ):
+        try:
+            return subprocess.run(
+                words,
+                stdin=read,
+                stdout=output,
+                stderr=errors,
+                timeout=seconds,
+                check=False,
+            ).returncode
+        except subprocess.TimeoutExpired:
+            msg = f"`{words[0]}` did not answer within {seconds:g} s"
+            raise CrashedPluginError(msg) from None
+        except OSError as error:
+            msg = f"`{words[0]}` cannot be run: {error}"
+            raise CrashedPluginError(msg) from None
+
+
+def filled(word: str, values: dict[str, str]) -> str:
+    """Put values in the places of a word."""
+    for place, value in values.items():
+        word = word.replace(f"{{{place}}}", value)
+    return word
+
+
+def failure(program: str, code: int, folder: Path) -> str:
+    """Say how a program ended, with the last that it said."""
+    with (folder / ERRORS).open("rb") as content:
+        content.seek(max(0, content.seek(0, os.SEEK_END) - 300))
+        tail = content.read().decode(errors="replace").strip()
+    return f"`{program}` {ending(code)}: {tail or 'silent'}"
+
+
+def json_object(who: str, printed: bytes) -> dict[str, Any]:
+    """Read one JSON object; `who` is who printed it.
+
+    Raises
+    ------
+    PluginError
+        If it is anything else, too long, or has a key twice.
+    """
+    if len(printed) > ANSWER_LIMIT:
+        msg = f"{who} printed more than {ANSWER_LIMIT} bytes; print one object"
+        raise PluginError(msg)
+    try:
+        answer = json.loads(printed, object_pairs_hook=_once)
+    except (ValueError, RecursionError) as error:
+        head = printed[:80].decode(errors="replace")
+        msg = f"{who} did not print one JSON object ({error}): {head!r}"
+        raise PluginError(msg) from None
+    if not isinstance(answer, dict):
+        msg = f"{who} printed {type(answer).__name__}; print one JSON object"
+        raise PluginError(msg)
+    return answer
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    values = dict(pairs)
+    if len(values) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        msg = f"the key `{twice}` is given twice"
+        raise ValueError(msg)
+    return values
+
+
+SINGLE = ("poses", "log")
+"""Data of one trial: a process for each."""
+
+BATCH = ("trials", "poses_folder")
+"""Data of all trials: one process."""
+
+PLACES = (*SINGLE, *BATCH, "g")
+
+_PLACE = re.compile(r"(?:[^{}]*[=:])?\{([A-Za-z_]\w*)\}")
+"""A word that is a placeholder, or ends with one after ``=`` or ``:``."""
+
+
+_GIVEN = re.compile(r"\{\w+\}")
+
+
+@dataclass(frozen=True, slots=True)
+class Invocation:
+    """A command as it is meant."""
+
+    words: tuple[str, ...]  # the program and its words, with their placeholders
+    batch: str  # one of `BATCH`; empty: a process for each trial
+    standard_input: bool  # whether the trials are on standard input
+
+    def uses(self, place: str) -> bool:
+        """Tell whether a placeholder is among the words."""
+        return any(f"{{{place}}}" in word for word in self.words)
+
+
+def invocation_of(algorithm: str) -> Invocation:
+    """Read a command.
+
+    Raises
+    ------
+    UnusablePluginError
+        If the words cannot be split, a placeholder is unknown, or none says where the
+        data go, or two say it differently.
+    """
+    try:
+        words = shlex.split(algorithm.removeprefix(COMMAND))
+    except ValueError as error:
+        msg = f"`{algorithm}` cannot be split into words: {error}"
+        raise UnusablePluginError(msg) from None
+    _require_known(algorithm, words)
+    kept, standard_input = _without_redirection(algorithm, words)
+    text = " ".join(words)
+    given = [place for place in (*SINGLE, *BATCH) if f"{{{place}}}" in text]
+    if not kept or not given:
+        msg = (
+            f"`{algorithm}` must name a program and where its file goes: "
+            f"`{COMMAND} PROGRAM {{poses}}` or `{COMMAND} PROGRAM {{log}}` for a "
+            f"process for each trial, `{COMMAND} PROGRAM < {{trials}}` or "
+            f"`{COMMAND} PROGRAM {{poses_folder}}` for one process for all trials"
+        )
+        raise UnusablePluginError(msg)
+    batches = [place for place in BATCH if place in given]
+    if batches and len(given) > 1:
+        both = " and ".join(f"{{{place}}}" for place in given)
+        msg = (
+            f"`{algorithm}` has {both}; {{{batches[0]}}} holds all trials, so it must "
+            "be the only one"
+        )
+        raise UnusablePluginError(msg)
+    return Invocation(
+        words=tuple(kept),
+        batch=batches[0] if batches else "",
+        standard_input=standard_input,
+    )
+
+
+def fault_of(algorithm: str) -> str:
+    """Say why a command cannot be used as it is written; empty if it can."""
+    try:
+        invocation_of(algorithm)
+    except UnusablePluginError as error:
+        return str(error)
+    return ""
+
+
+def in_batch(algorithm: str) -> bool:
+    """Tell whether a name is a command that takes all trials at once."""
+    if not algorithm.startswith(COMMAND) or fault_of(algorithm):
+        return False
+    return bool(invocation_of(algorithm).batch)
+
+
+def _require_known(algorithm: str, words: list[str]) -> None:
+    for word in words:
+        found = _PLACE.fullmatch(word)
+        if found is None or found[1] in PLACES:
+            continue
+        near = get_close_matches(found[1].lower(), PLACES, 1)
+        meant = f"did you mean {{{near[0]}}}? " if near else ""
+        known = ", ".join(f"{{{place}}}" for place in PLACES)
+        msg = (
+            f"`{algorithm}` has the placeholder {{{found[1]}}}, which does not exist; "
+            f"{meant}There are {known}. Braces that are no placeholder need a space "
+            f"inside: `{{ {found[1]} }}`"
+        )
+        raise UnusablePluginError(msg)
+
+
+def _without_redirection(algorithm: str, words: list[str]) -> tuple[list[str], bool]:
+    """Words without ``< {trials}``, and whether it was there."""
+    kept: list[str] = []
+    redirected: list[str] = []
+    for word in words:
+        if kept and kept[-1] == "<" and _GIVEN.fullmatch(word):
+            kept.pop()
+            redirected.append(word)
+        elif word.startswith("<") and _GIVEN.fullmatch(word[1:]):
+            redirected.append(word[1:])
+        else:
+            kept.append(word)
+    if redirected not in ([], ["{trials}"]):
+        msg = (
+            f"`{algorithm}` asks for `< {redirected[-1]}`; no shell is involved, and "
+            "only `< {trials}`, once, can be given on standard input"
+        )
+        raise UnusablePluginError(msg)
+    return kept, bool(redirected)
+
+
+MISSING = 3
+"""Trials without an answer that a message names."""
+
+
+def answers(
+    words: Sequence[str],
+    folder: Path,
+    seconds: float,
+    key: str,
+    names: Sequence[Any],
+    given: Path | None = None,
+) -> list[dict[str, Any]]:
+    """Run a program and sort its answers by what they hold under a key.
+
+    Raises
+    ------
+    CrashedPluginError
+        If it cannot be run, fails, or does not end in time.
+    PluginError
+        If there is not exactly one answer of each name.
+    """
+    program, file = words[0], folder / OUTPUT
+    try:
+        code = run(words, folder, seconds, given)
+    except CrashedPluginError as error:
+        msg = f"{error}; {_progress(file, len(names))}"
+        raise CrashedPluginError(msg) from None
+    if code != 0:
+        msg = f"{failure(program, code, folder)}; {_progress(file, len(names))}"
+        raise CrashedPluginError(msg)
+    found: dict[Any, dict[str, Any]] = {}
+    known = set(names)
+    for number, line in _lines(file):
+        who = f"line {number} of `{program}`:"
+        answer = json_object(who, line)
+        name = answer.pop(key, None)
+        if type(name) is not type(names[0]) or name not in known:
+            msg = (
+                f"{who} `{key}` is {json.dumps(name)}; each answer must repeat the "
+                f"`{key}` of its trial, {_example(names)}"
+            )
+            raise PluginError(msg)
+        if name in found:
+            msg = f"{who} `{key}` {json.dumps(name)} is answered twice"
+            raise PluginError(msg)
+        found[name] = answer
+    _require_all(program, key, names, found)
+    return [found[name] for name in names]
+
+
+def _require_all(
+    program: str, key: str, names: Sequence[Any], found: Mapping[Any, Any]
+) -> None:
+    left = [json.dumps(name) for name in names if name not in found]
+    if left:
+        more = ", ..." if len(left) > MISSING else ""
+        msg = (
+            f"`{program}` answered {len(found)} of {len(names)} trials and ended with "
+            f"exit code 0; no answer for `{key}` {', '.join(left[:MISSING])}{more}; "
+            "print one JSON object for each trial, each in a line of its own"
+        )
+        raise PluginError(msg)
+
+
+def _example(names: Sequence[Any]) -> str:
+    first, last = json.dumps(names[0]), json.dumps(names[-1])
+    return first if len(names) == 1 else f"{first} to {last}"
+
+
+def _lines(file: Path) -> Iterator[tuple[int, bytes]]:
+    """Lines that are not blank, with their numbers from 1."""
+    with file.open("rb") as content:
+        for number, line in enumerate(content, 1):
+            if line.strip():
+                yield number, line
+
+
+def _progress(file: Path, count: int) -> str:
+    printed = sum(1 for _ in _lines(file))
+    return f"it had printed {printed} of {count} lines"
+
+
+RATE = 100.0  # Hz
+REST, MOVE = 10.0, 1.0  # s
+QUIET = 1e-9
+"""Least noise of a sample, of the greatest reading: a log without any has no rests."""
+
+
+def log_of(poses: Float[Array, "n 3"], noise_std: float) -> Float[Array, "m 4"]:
+    """Log of a sensor that is turned from pose to pose."""
+    seed = np.ascontiguousarray(poses, dtype=np.float32).view(np.uint32)
+    rng = np.random.default_rng(seed.ravel())
+    rest, move = round(REST * RATE), round(MOVE * RATE)
+    sigma = max(noise_std * np.sqrt(rest), QUIET * float(np.abs(poses).max()))
+    s = np.linspace(0.0, 1.0, move)[:, None]
+    rows = []
+    for pose, following in zip(poses, [*poses[1:], poses[-1]], strict=True):
+        noise = sigma * rng.standard_normal((rest, 3))
+        rows.append(pose + noise - noise.mean(axis=0))
+        # a turn begins and ends with a knock, and no part of it is at rest
+        swing = np.linalg.norm(pose) * np.cos(9.0 * np.pi * s)
+        turn = pose + (following - pose) * s + swing
+        rows.append(turn + sigma * rng.standard_normal((move, 3)))
+    samples = np.concatenate(rows)
+    return np.column_stack([np.arange(len(samples)) / RATE, samples])
+
+
+CALL_LIMIT = 60.0
+"""Seconds that one call may take; the cell has its own limit beside it."""
+
+VECTORS = ("b1", "b2", "r1", "r2")
+
+
+def command_calibrator(words: str, **declared: Any) -> Calibrator:
+    """Build the calibrator that runs a command.
+
+    Parameters
+    ----------
+    words : str
+        The program and its words, with the placeholders of
+        `simval.plugins.programs`.
+    **declared
+        What else `Calibrator` declares: ``name``, ``form``, ``estimates``.
+
+    Returns
+    -------
+    Calibrator
+        As any other; it is run where it is measured.
+
+    Raises
+    ------
+    UnusablePluginError
+        If the words cannot be split, or do not say where the data go.
+    """
+    command = invocation_of(words)
+    given = {"name": Path(command.words[0]).name, "noise_std": True, **declared}
+
+    def calibrate(poses: Float[Array, "n 3"], g: float, noise_std: float) -> Any:
+        if command.batch:
+            return calibrate_all(poses[None], g, noise_std, CALL_LIMIT)[0]
+        return _answer(command, poses, g, noise_std)
+
+    def calibrate_all(
+        sets: Float[Array, "t n 3"], g: float, noise_std: float, seconds: float
+    ) -> list[Any]:
+        return _answers(command, sets, g, noise_std, seconds)
+
+    if not command.batch:
+        return Calibrator(calibrate=calibrate, **given)
+    return BatchCalibrator(calibrate=calibrate, calibrate_all=calibrate_all, **given)
+
+
+def command_estimator(words: str, **declared: Any) -> Estimator:
+    """Build the estimator that runs a command, once for each batch of vectors.
+
+    A line of its trials is an object with ``trial``, its number, and ``b1``, ``b2``,
+    ``r1``, ``r2``; it answers each with ``trial`` and the quaternion ``q``.
+
+    Parameters
+    ----------
+    words : str
+        The program and its words, with ``{trials}`` or ``< {trials}``.
+    **declared
+        What else `Estimator` declares: ``components``, ``matrix``, ``name`` and the
+        like.
+
+    Returns
+    -------
+    Estimator
+        As any other; it is run where it is measured.
+
+    Raises
+    ------
+    UnusablePluginError
+        If the words cannot be split, or do not say where the trials go.
+    """
+    command = invocation_of(words)
+    if command.batch != "trials" or command.uses("g"):
+        msg = (
+            f"`{words}` must say where its vectors go: `PROGRAM < {{trials}}` or "
+            "`PROGRAM {trials}`; an estimator has neither poses nor g"
+        )
+        raise UnusablePluginError(msg)
+
+    def estimate(*vectors: Float[Array, "n 3"]) -> list[Any]:
+        rows = zip(*(each.tolist() for each in vectors), strict=True)
+        lines = [dict(zip(VECTORS, row, strict=True)) for row in rows]
+        found = _lines_answered(command, lines, {}, CALL_LIMIT)
+        return [answer.get("q") for answer in found]
+
+    name = Path(command.words[0]).name
+    return Estimator(**{"name": name, **declared, "estimate": estimate})
+
+
+def _answer(
+    command: Invocation, poses: Float[Array, "n 3"], g: float, noise_std: float
+) -> Any:
+    """Run a process for one trial."""
+    with TemporaryDirectory(
+        prefix="simval-command-", ignore_cleanup_errors=True
+    ) as name:
+        folder, program = Path(name), command.words[0]
+        files = {"poses": f"{name}/poses.csv", "log": f"{name}/log.csv"}
+        if command.uses("poses"):
+            _save(files["poses"], poses)
+        if command.uses("log"):
+            _save(files["log"], log_of(poses, noise_std))
+        code = run(_filled(command, {**files, "g": repr(g)}), folder, CALL_LIMIT)
+        if code != 0:
+            msg = failure(program, code, folder)
+            raise CrashedPluginError(msg)
+        with (folder / OUTPUT).open("rb") as content:
+            printed = content.read(ANSWER_LIMIT + 1)
+        return json_object(f"`{program}`", printed)
+
+
+def _answers(
+    command: Invocation,
+    sets: Float[Array, "t n 3"],
+    g: float,
+    noise_std: float,
+    seconds: float,
+) -> list[Any]:
+    """Run one process for all trials."""
+    if command.batch == "trials":
+        same = {"g": g, "noise_std": noise_std}
+        lines = [{"poses": poses, **same} for poses in sets.tolist()]
+        return _lines_answered(command, lines, {"g": repr(g)}, seconds)
+    with TemporaryDirectory(
+        prefix="simval-command-", ignore_cleanup_errors=True
+    ) as name:
+        data = Path(name, "poses")
+        data.mkdir()
+        files = [f"{number:06d}.csv" for number in range(len(sets))]
+        for file, poses in zip(files, sets, strict=True):
+            _save(data / file, poses)
+        words = _filled(command, {"poses_folder": str(data), "g": repr(g)})
+        return answers(words, Path(name), seconds, "file", files)
+
+
+def _lines_answered(
+    command: Invocation,
+    lines: Sequence[dict[str, Any]],
+    values: dict[str, str],
+    seconds: float,
+) -> list[Any]:
+    """Run one process for some trials, a line each."""
+    with TemporaryDirectory(
+        prefix="simval-command-", ignore_cleanup_errors=True
+    ) as name:
+        file = Path(name, "trials.jsonl")
+        with file.open("w", encoding="utf-8") as content:
+            for trial, line in enumerate(lines):
+                content.write(json.dumps({"trial": trial, **line}) + "\n")
+        words = _filled(command, {"trials": str(file), **values})
+        given = file if command.standard_input else None
+        names = list(range(len(lines)))
+        return answers(words, Path(name), seconds, "trial", names, given)
+
+
+def _filled(command: Invocation, values: dict[str, str]) -> Sequence[str]:
+    return [filled(word, values) for word in command.words]
+
+
+def _save(file: str | Path, rows: Float[Array, "n k"]) -> None:
+    np.savetxt(file, rows, delimiter=",", fmt="%.17g")
+
+
+FIRST_LIMIT: Final = 60.0
+ROW_LIMIT: Final = 10.0
+"""Seconds for the first row, with the program's start, and for each other."""
+
+SUSPECT: Final = 2.0
+"""Seconds without a first answer after which a second process is asked the same, with
+the end of its input: if that one answers, in a third of the time that the first one
+has had since, the first holds its answer back."""
+
+END_LIMIT: Final = 5.0
+"""Seconds in which the program must end after its input."""
+
+LINE_LIMIT: Final = 1 << 16
+"""Bytes of a line: eighteen numbers have some five hundred."""
+
+FLUSH: Final = "flush after each line, as fflush(stdout) or print(..., flush=True) do"
+
+_READ = re.compile(r"\{(\w+)\}")
+
+
+def command_filter(words: str, **declared: Any) -> Filter:
+    """Build the filter that runs a command, once for each trial.
+
+    Parameters
+    ----------
+    words : str
+        The program and its words, with what it `reads` in braces: ``./mine {start}``.
+    **declared
+        What else `Filter` declares: ``components``, ``matrix``, ``name`` and the like.
+
+    Returns
+    -------
+    Filter
+        As any other; it is run where it is measured.
+
+    Raises
+    ------
+    UnusablePluginError
+        If the words cannot be split, name no program, or have an unknown placeholder.
+    """
+    try:
+        split = shlex.split(words.removeprefix(COMMAND))
+    except ValueError as error:
+        msg = f"`{words}` cannot be split into words: {error}"
+        raise UnusablePluginError(msg) from None
+    if not split:
+        msg = (
+            f"`{words}` names no program; write `./mine`, or `python mine.py {{start}}`"
+        )
+        raise UnusablePluginError(msg)
+    places = [place for word in split for place in _READ.findall(word)]
+    unknown = [place for place in places if place not in READS]
+    if unknown:
+        known = ", ".join(f"{{{place}}}" for place in READS)
+        msg = (
+            f"`{words}` has the placeholder {{{unknown[0]}}}, which does not exist; a "
+            f"filter's are {known}. Its readings come on standard input"
+        )
+        raise UnusablePluginError(msg)
+    if declared.get("batch") or {"reads", "make"} & declared.keys():
+        msg = (
+            f"`{words}`: a command takes one trial, and what it reads stands in its "
+            "words, so leave out `batch`, `reads` and `make`"
+        )
+        raise UnusablePluginError(msg)
+    entries = 9 if declared.get("components") == "matrix" else 4
+
+    def make(**reads: Any) -> "_Process":
+        return _Process([_with_reads(word, reads) for word in split], entries)
+
+    given = {"name": Path(split[0]).name, **declared}
+    return Filter(make=make, reads=tuple(dict.fromkeys(places)), **given)
+
+
+def _with_reads(word: str, reads: dict[str, Any]) -> str:
+    return _READ.sub(lambda found: _numbers(reads[found[1]]), word)
+
+
+def _numbers(value: Any) -> str:
+    return ",".join(map(repr, np.ravel(np.asarray(value, dtype=float)).tolist()))
+
+
+class _Process:
+    """A program between its lines."""
+
+    def __init__(self, words: Sequence[str], entries: int) -> None:
+        self.words, self.program, self.entries, self.rows = words, words[0], entries, 0
+        self.pending = b""
+        self.errors = TemporaryFile()  # noqa: SIM115 - until `close`
+        try:
+            self.process = subprocess.Popen(
+                words,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=self.errors,
+                bufsize=0,
+            )
+        except OSError as error:
+            self.errors.close()
+            msg = f"`{self.program}` cannot be run: {error}"
+            raise CrashedPluginError(msg) from None
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
+        self.given, self.printed = self.process.stdin, self.process.stdout.fileno()
+        self.ready = select.poll()
+        self.ready.register(self.printed, select.POLLIN)
+
+    def update(self, dt: float, *readings: Array) -> Any:
+        """Write a row, and read its answer; a program that fails is ended."""
+        try:
+            return self._answered(dt, readings)
+        except PluginError:
+            self._kill()
+            raise
+
+    def _answered(self, dt: float, readings: Sequence[Array]) -> Any:
+        if self.pending or (self.rows and self._readable(0.0)):
+            self._require_alive()
+            raise PluginError(self._more_than_a_line())
+        numbers = [dt, *(x for reading in readings for x in reading.tolist())]
+        row = f"{' '.join(map(repr, numbers))}\n".encode()
+        try:
+            self.given.write(row)
+        except OSError:  # it reads no more
+            raise CrashedPluginError(self._death()) from None
+        if not self.rows and not self._readable(min(SUSPECT, FIRST_LIMIT)):
+            self._require_flushing(row)
+        line = self._line(ROW_LIMIT if self.rows else FIRST_LIMIT)
+        self.rows += 1
+        return self._answer(line)
+
+    def _require_flushing(self, row: bytes) -> None:
+        """Require that it is not its input's end that the first answer waits for."""
+        began = monotonic()
+        twin = _Process(self.words, self.entries)
+        try:
+            twin.given.write(row)
+            twin._end_input()
+            while not twin._readable(0.1):
+                if self._readable(0.0) or monotonic() - began > FIRST_LIMIT:
+                    return
+            answered = bool(os.read(twin.printed, LINE_LIMIT))
+        except OSError:  # it reads no more
+            return
+        finally:
+            twin._kill()
+        if answered and not self._readable(2.0 * (monotonic() - began)):
+            raise SilentPluginError(self._silence(monotonic() - began + SUSPECT))
+
+    def close(self) -> None:
+        """End its input, and see that it ends well and has nothing more to say."""
+        if self.errors.closed:  # it has failed before
+            return
+        try:
+            self._end_input()
+            self.pending += self._rest(END_LIMIT)
+            if self.pending:
+                raise PluginError(self._more_than_a_line())
+            self._require_ended()
+            if code := self.process.wait():
+                msg = f"{self._ended(code)} after all of its rows"
+                raise CrashedPluginError(msg)
+        finally:
+            self._kill()
+
+    def _answer(self, line: bytes) -> Any:
+        try:
+            numbers = [float(word) for word in line.decode("ascii").split()]
+        except ValueError:
+            numbers = []
+        size = self.entries
+        if len(numbers) not in (size, size + 9):
+            msg = (
+                f"`{self.program}` answered with {shown(line.decode(errors='replace'))}"
+                f"; an answer is a line of {size} numbers with spaces between them, or "
+                f"of {size + 9} with the covariance"
+            )
+            raise PluginError(msg)
+        first = np.array(numbers[:size])
+        attitude = first.reshape(3, 3) if size == 9 else first
+        if len(numbers) == size:
+            return attitude
+        return attitude, np.array(numbers[size:]).reshape(3, 3)
+
+    def _line(self, seconds: float) -> bytes:
+        """One line that it prints."""
+        end = monotonic() + seconds
+        while b"\n" not in self.pending:
+            if len(self.pending) > LINE_LIMIT:
+                msg = (
+                    f"`{self.program}` printed {len(self.pending)} bytes without an "
+                    "end of the line; print one line for each row"
+                )
+                raise PluginError(msg)
+            if not self._readable(end - monotonic()):
+                raise SilentPluginError(self._silence(seconds))
+            more = os.read(self.printed, LINE_LIMIT)
+            if not more:
+                raise CrashedPluginError(self._death())
+            self.pending += more
+        line, _, self.pending = self.pending.partition(b"\n")
+        return line
+
+    def _readable(self, seconds: float) -> bool:
+        return bool(self.ready.poll(max(seconds, 0.0) * 1e3))
+
+    def _require_alive(self) -> None:
+        """Require that what can be read is not just its end."""
+        if not self.pending:
+            self.pending = os.read(self.printed, LINE_LIMIT)
+        if not self.pending:
+            raise CrashedPluginError(self._death())
+
+    def _require_ended(self) -> None:
+        try:
+            self.process.wait(timeout=END_LIMIT)
+        except subprocess.TimeoutExpired:
+            msg = (
+                f"`{self.program}` still runs {END_LIMIT:g} s after its input has "
+                "ended; end with the end of standard input"
+            )
+            raise CrashedPluginError(msg) from None
+
+    def _more_than_a_line(self) -> str:
+        text = shown(self.pending[:80].decode(errors="replace"))
+        return (
+            f"`{self.program}` printed more than one line for a row (after its answer: "
+            f"{text}); print one line for each, and what is meant for people on "
+            "standard error"
+        )
+
+    def _silence(self, seconds: float) -> str:
+        """Say that no answer came, and whether it comes when the input ends."""
+        self._end_input()
+        said = self._rest(END_LIMIT)
+        late = (
+            f"it printed when its input ended: {FLUSH}"
+            if said
+            else f"{FLUSH}, and answer each row before you read the next"
+        )
+        return (
+            f"`{self.program}` did not answer its row within {seconds:.3g} s; "
+            f"{late}{self._last_words()}"
+        )
+
+    def _rest(self, seconds: float) -> bytes:
+        """The beginning of what it prints until it ends, or for some seconds."""
+        end, kept = monotonic() + seconds, b""
+        while self._readable(end - monotonic()):
+            more = os.read(self.printed, LINE_LIMIT)
+            if not more:
+                break
+            kept = (kept + more)[:LINE_LIMIT].strip()
+            if len(kept) >= LINE_LIMIT // 2:
+                break
+        return kept
+
+    def _death(self) -> str:
+        try:
+            code = self.process.wait(timeout=END_LIMIT)
+        except subprocess.TimeoutExpired:
+            return (
+                f"`{self.program}` closed its standard output and runs on; print one "
+                f"line for each row{self._last_words()}"
+            )
+        return f"{self._ended(code)}; answer each row until the input ends"
+
+    def _ended(self, code: int) -> str:
+        return f"`{self.program}` {ending(code)}{self._last_words()}"
+
+    def _last_words(self) -> str:
+        self.errors.seek(max(0, self.errors.seek(0, os.SEEK_END) - 300))
+        tail = self.errors.read().decode(errors="replace").strip()
+        return f" (standard error: {tail})" if tail else ""
+
+    def _end_input(self) -> None:
+        try:
+            self.given.close()
+        except OSError:  # it reads no more
+            return
+
+    def _kill(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait()
+        self._end_input()
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+        self.errors.close()

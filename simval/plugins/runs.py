@@ -1,0 +1,728 @@
+r"""Running a filter over readings, and running any algorithm again.
+
+A fresh filter is made for each trial, or one for a batch of all, and stepped row by row
+in its own conventions; its answers are converted afterwards, all at once. What cannot
+be believed is refused: answers that are no attitudes or covariances, input that is
+changed, state that outlives a run, a step that takes the longer the longer it runs.
+
+A world has z up or down and one of its other axes to the north:
+
+=======  =======================  ==========================
+north    z up                     z down
+=======  =======================  ==========================
+x        ``NWU`` (the scenes')    ``NED``
+y        ``ENU``                  ``WND``
+-x       ``SEU``                  ``SWD``
+-y       ``WSU``                  ``ESD``
+=======  =======================  ==========================
+
+With C the matrix from NWU to a world, :math:`r_W = C\, r`, an attitude that carries NWU
+to the body carries that world to it as :math:`A_W = A\, C^T`. An error on the reference
+side has the axes of the filter's own world: :math:`P_b = A_W P_W A_W^T`.
+
+Rows come in stretches: the readings of one are copied for the filter, stepped through,
+and compared with what they were; its answers are checked together, and its time taken.
+So a row costs little more than the filter itself.
+
+State that outlives a run, instances that share it, and trials of a batch that depend on
+each other are told by answers that differ. A step that takes the longer the longer a
+filter runs is told by the same readings once more without a fresh filter, so that what
+the motion costs is the same: three times, and each time by a factor. It is processor
+time, which a busy machine leaves alone; that of a program beside us is not seen.
+
+Some trials are asked again, in another order and then fewer of them: their answers must
+be what they were. So it is found whatever is kept, a mean, a last answer or a count of
+calls, and in a batch also what depends on a place or on what stands beside it. An
+answer that is kept for good is the same again; but then it is that of other trials too.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from time import perf_counter, process_time
+from types import MappingProxyType
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simval.arrays import Array
+from simval.errors import CrashedPluginError, PluginError
+from simval.geometry import (
+    attitude_error,
+    attitude_matrix,
+    compose,
+    conjugate,
+    normalize,
+)
+from simval.plugins.answers import Form, called, ended, faults, form_of, storing
+from simval.plugins.attitudes import WORLD_AXES, package_quaternion
+from simval.plugins.child import where_it_lives
+from simval.plugins.protocol import Filter
+from simval.shapes import Float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Told:
+    """What a filter is told of its sensors and its start, true or not; see `READS`."""
+
+    gyroscope_noise: float  # angle random walk N, rad/s/sqrt(Hz)
+    gyroscope_walk: float  # rate random walk K, rad/s^2/sqrt(Hz)
+    accelerometer_noise: float  # per axis and row, m/s^2
+    magnetometer_noise: float  # per axis and row, T
+    gravity: float  # m/s^2
+    field: Float[Array, "3"]  # T, NWU
+    start_std: float  # per axis, rad
+    bias_std: float  # per axis, rad/s
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FilterInput:
+    """Readings of n trials at the ends of the same T steps."""
+
+    dt: Float[Array, " T"]  # s, of each step
+    gyroscope: Float[Array, "n T 3"]  # average over the step, rad/s
+    accelerometer: Float[Array, "n T 3"]  # specific force at its end, m/s^2
+    magnetometer: Float[Array, "n T 3"]  # field at its end, T
+    start: Float[Array, "n 4"]  # attitude that is told, before the first step
+    told: Told
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FilterOutput:
+    """Answers of a filter at the rows that were kept."""
+
+    kept: NDArray[np.intp]  # (k,), rows
+    attitude: Float[Array, "n k 4"]
+    covariance: Float[Array, "n k p p"] | None  # body side, rotation vector first
+    bias: Float[Array, "n k 3"] | None  # of the gyroscope, rad/s
+    innovation: Float[Array, "n k m"] | None
+    innovation_covariance: Float[Array, "n k m m"] | None
+    seconds: Float[Array, " q"]  # of a row of one trial, over q equal parts of a run
+
+
+def from_scene(world: str) -> Float[Array, "3 3"]:
+    """Matrix C from NWU, which the scenes have, to a world."""
+    north, up = (np.array(axis) for axis in WORLD_AXES[world])
+    return np.stack([north, np.cross(up, north), up], axis=1)
+
+
+def _quaternion(world: str) -> Float[Array, "4"]:
+    # A(c) = C: of the package's quaternions that which is written "active" as C itself
+    return package_quaternion(from_scene(world)[None], "matrix", "active")[0]
+
+
+QUATERNIONS: Final[Mapping[str, Array]] = MappingProxyType(
+    {world: _quaternion(world) for world in WORLD_AXES}
+)
+"""From NWU to each world."""
+
+
+def written(filter: Filter, q: Float[Array, "... 4"], world: str) -> Array:
+    """Attitudes as a filter of that world writes them."""
+    own = compose(conjugate(QUATERNIONS[world]), normalize(q))
+    if filter.components == "matrix":
+        A = attitude_matrix(own)
+        return A if filter.matrix == "active" else np.swapaxes(A, -1, -2).copy()
+    if filter.matrix == "active":
+        own = conjugate(own)
+    return np.roll(own, 1, axis=-1) if filter.components == "sxyz" else own
+
+
+def own_quaternions(filter: Filter, raw: Float[Array, "n ..."]) -> Float[Array, "n 4"]:
+    """Sound answers of a filter as quaternions from its own world to the body."""
+    return normalize(package_quaternion(raw, filter.components, filter.matrix))
+
+
+def to_scene(own: Float[Array, "... 4"], world: str) -> Float[Array, "... 4"]:
+    """Quaternions from a world to the body as from NWU to the body."""
+    return compose(QUATERNIONS[world], own)
+
+
+def on_body_side(
+    filter: Filter, covariance: Float[Array, "n p p"], own: Float[Array, "n 4"]
+) -> Float[Array, "n p p"]:
+    """Covariances of the error on the body side, symmetric to the bit."""
+    turned = covariance
+    if filter.side == "reference":
+        turn = np.broadcast_to(np.eye(covariance.shape[-1]), covariance.shape).copy()
+        turn[:, :3, :3] = attitude_matrix(own)
+        turned = turn @ covariance @ turn.swapaxes(1, 2)
+    return (turned + turned.swapaxes(1, 2)) / 2.0
+
+
+Places = NDArray[np.intp]
+
+FEWER = 3
+"""Of the trials every third is asked in a batch of its own size."""
+
+
+DISTINCT = 0.9
+"""Least share of different answers: the noise of no two trials is the same."""
+
+
+def require_no_memory(
+    name: str,
+    first: Float[Array, "n p"],
+    again: Callable[[Places], Array],
+    allowed: Float[Array, "n p"],
+) -> None:
+    """Check that trials have the same answers in another order.
+
+    Raises
+    ------
+    PluginError
+        If they have not: `first` and what ``again(places)`` gives differ by more than
+        is allowed.
+    """
+    distinct = len(np.unique(first[:, np.isfinite(allowed).all(axis=0)], axis=0))
+    if distinct < DISTINCT * len(first):
+        msg = (
+            f"{name} gives {distinct} different answers to {len(first)} trials of "
+            "different noise: each must be estimated from its own readings, and be "
+            "neither a constant nor kept from one call to the next"
+        )
+        raise PluginError(msg)
+    order = np.random.default_rng(20_275).permutation(len(first))
+    for places in (order, order[::FEWER]):
+        apart = np.abs(again(places) - first[places]) / allowed[places]
+        if not np.all(apart <= 1.0):
+            count = int(np.sum(~np.all(apart <= 1.0, axis=1)))
+            msg = (
+                f"{name} answers {count} of {len(places)} trials otherwise when they "
+                "are asked again in another order: keep nothing from one call to the "
+                "next, and in a batch let no row depend on its place or on the others"
+            )
+            raise PluginError(msg)
+
+
+SENSORS: Final = ("gyroscope", "accelerometer", "magnetometer")
+
+LEAST_ROWS: Final = 128
+MOST_ROWS: Final = 1024
+STRETCHES: Final = 64
+"""A run has about so many, of `LEAST_ROWS` to `MOST_ROWS` rows."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Readings:
+    """What a filter is stepped through, in its own conventions."""
+
+    where: str  # " of trial 3", or nothing
+    lead: tuple[int, ...]  # of a batch, the number of trials
+    dt: Float[Array, " T"]
+    end: Float[Array, " T"]  # time at the end of each step, s
+    sensors: tuple[Float[Array, "T ..."], ...]
+    reads: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Run:
+    """Answers of one run at the kept rows, in the filter's own conventions."""
+
+    words: dict[str, Float[Array, "k ..."]]
+    rows: NDArray[np.intp]  # (s,), of each stretch
+    seconds: Float[Array, " s"]  # of each stretch
+    processor: Float[Array, " s"]  # seconds of processor time of each
+
+
+def readings_of(
+    filter: Filter, given: FilterInput, trials: int | slice, world: str
+) -> Readings:
+    """Readings of one trial, or of some as a batch."""
+    batch = isinstance(trials, slice)
+    start = given.start[trials]
+    sensors = [getattr(given, name)[trials] for name in SENSORS]
+    if filter.accelerometer == "gravity":
+        sensors[1] = -sensors[1]
+    if not filter.magnetometer:
+        sensors.pop()
+    told = given.told
+    known = {
+        "start": written(filter, start, world),
+        "rate": float(1.0 / np.mean(given.dt)),
+        "field": from_scene(world) @ told.field,
+    }
+    reads = {
+        word: known[word] if word in known else float(getattr(told, word))
+        for word in filter.reads
+    }
+    return Readings(
+        where="" if batch else f" of trial {trials}",
+        lead=(len(start),) if batch else (),
+        dt=given.dt,
+        end=np.cumsum(given.dt),
+        sensors=tuple(np.moveaxis(a, -2, 0) for a in sensors),
+        reads=reads,
+    )
+
+
+@contextmanager
+def making(filter: Filter, readings: Readings) -> Iterator[Callable[..., Any]]:
+    """Make a filter anew, give the function that steps it, and close it afterwards.
+
+    Raises
+    ------
+    PluginError
+        If it cannot be made or closed, or what is made cannot be stepped.
+    """
+    # its own copies, which it may keep and change
+    own = {
+        word: value.copy() if isinstance(value, np.ndarray) else value
+        for word, value in readings.reads.items()
+    }
+    found = _called(f"`make` of {filter.name}", filter.make, **own)
+    update = getattr(found, "update", found)
+    if not callable(update):
+        msg = (
+            f"`make` of {filter.name} returned {type(found).__name__}, which cannot be "
+            "stepped; it must return an object with `update`, or that function itself"
+        )
+        raise PluginError(msg)
+    close = getattr(found, "close", None)
+    try:
+        yield update
+    except BaseException:
+        if callable(close):
+            with suppress(PluginError):
+                _called(f"`close` of {filter.name}", close)
+        raise
+    if callable(close):
+        _called(f"`close` of {filter.name}", close)
+
+
+def _called(name: str, function: Any, **words: Any) -> Any:
+    try:
+        return called(name, function, **words)
+    except SystemExit as error:
+        msg = f"{name} calls exit({error.code})"
+        raise CrashedPluginError(msg) from None
+
+
+def run_of(filter: Filter, readings: Readings, keep: NDArray[np.intp]) -> Run:
+    """Make a filter anew and step it through all rows, as `stepped`."""
+    with making(filter, readings) as update:
+        return stepped(filter, update, readings, keep)
+
+
+def stepped(
+    filter: Filter,
+    update: Callable[..., Any],
+    readings: Readings,
+    keep: NDArray[np.intp],
+) -> Run:
+    """Step a filter through all rows, and keep some answers.
+
+    Raises
+    ------
+    PluginError
+        If it raises, changes its readings, or an answer breaks a rule; with the row.
+    """
+    edges = stretches(len(readings.dt))
+    form: Form | None = None
+    found: list[list[Array]] = []
+    times: list[tuple[float, float]] = []
+    for first, last in pairwise(edges.tolist()):
+        rows = slice(first, last)
+        columns = [np.array(a[rows], order="C") for a in readings.sensors]
+        given = [readings.dt[rows].tolist(), *(list(a) for a in columns)]
+        stretch = _Stretch(filter, readings, first, form)
+        times.append(stretch.step(update, given))
+        form, arrays = stretch.form, stretch.arrays
+        _require_unchanged(filter, readings, rows, columns)
+        assert form is not None
+        if fault := faults(form, filter, arrays):
+            row, words = fault
+            msg = f"{words}, {place(readings, first + row)}"
+            raise PluginError(msg)
+        own = keep[(keep >= first) & (keep < last)] - first
+        found.append([a[own] for a in arrays])
+    assert form is not None
+    whole = [np.concatenate(each) for each in zip(*found, strict=True)]
+    return Run(
+        words=dict(zip(form.words, whole, strict=True)),
+        rows=np.diff(edges),
+        seconds=np.array([seconds for seconds, _ in times]),
+        processor=np.array([seconds for _, seconds in times]),
+    )
+
+
+def stretches(rows: int) -> NDArray[np.intp]:
+    """Rows at which stretches begin, and the end."""
+    length = min(max(-(-rows // STRETCHES), LEAST_ROWS), MOST_ROWS)
+    return np.linspace(0, rows, max(rows // length, 1) + 1).astype(np.intp)
+
+
+def place(readings: Readings, row: int) -> str:
+    """Say where a row is."""
+    return f"at row {row} ({readings.end[row]:.6g} s){readings.where}"
+
+
+class _Stretch:
+    """Answers to the rows of one stretch, of a form that its first may have to set."""
+
+    def __init__(
+        self, filter: Filter, readings: Readings, first: int, form: Form | None
+    ) -> None:
+        self.filter, self.readings, self.first = filter, readings, first
+        self.form, self.arrays = form, list[Array]()
+
+    def step(
+        self, update: Callable[..., Any], given: Sequence[Sequence[Any]]
+    ) -> tuple[float, float]:
+        """Step through the rows; seconds that it took, and of processor time."""
+        count, row = len(given[0]), -1
+        put = None if self.form is None else self._puts(self.form, count)
+        start = np.array([perf_counter(), process_time()])
+        try:
+            for row, values in enumerate(zip(*given, strict=True)):
+                answer = update(*values)
+                if put is None:
+                    self.form = form_of(self.filter, answer, self.readings.lead)
+                    put = self._puts(self.form, count)
+                put(row, answer)
+        except (Exception, SystemExit) as error:  # whatever a user's filter may raise
+            where = f", {place(self.readings, self.first + max(row, 0))}"
+            raise ended(self.filter.name, error, where) from error
+        wall, processor = np.array([perf_counter(), process_time()]) - start
+        return float(wall), float(processor)
+
+    def _puts(self, form: Form, count: int) -> Callable[[int, Any], None]:
+        self.arrays = [np.empty((count, *shape)) for shape in form.shapes]
+        return storing(form, self.arrays)
+
+
+def _require_unchanged(
+    filter: Filter, readings: Readings, rows: slice, columns: list[Array]
+) -> None:
+    for name, whole, now in zip(SENSORS, readings.sensors, columns, strict=False):
+        before = whole[rows]
+        equal = (before == now) | (np.isnan(before) & np.isnan(now))
+        same = equal.reshape(len(now), -1).all(axis=1)
+        if not same.all():
+            row = rows.start + int(np.argmin(same))
+            msg = (
+                f"{filter.name} changes its input: the {name}'s reading is another "
+                f"after the step {place(readings, row)}; work on a copy"
+            )
+            raise PluginError(msg)
+
+
+BY_TURNS: Final = 100
+"""Rows of two filters that are stepped by turns, and of one trial of a batch alone."""
+
+AGAIN: Final = 1000
+"""Rows of a batch that is run again."""
+
+ALONE: Final = 1e-9
+"""Attitude error of a trial alone, rad, whose sums may be rounded in another order."""
+
+SUSPICIOUS: Final = 2.5
+SLOWER: Final = 1.5
+"""Time of the last rows over that of the first, from which a filter is run for longer,
+and of a second time through the same readings over the first. A step whose cost grows
+evenly with the rows so far reaches the second before the first."""
+
+REPEATS: Final = 3
+
+LEAST: Final = 1e-9
+"""Processor time that a stretch takes at the least, s."""
+
+
+def require_the_same_again(
+    filter: Filter, readings: Readings, rows: NDArray[np.intp], before: Run
+) -> None:
+    """Require that a fresh filter answers the same readings with the same bits.
+
+    Of a batch, which is all trials, it is asked for the beginning alone.
+
+    Raises
+    ------
+    PluginError
+        If it does not.
+    """
+    if readings.lead:
+        readings = _beginning(readings, max(AGAIN, int(rows[0]) + 1))
+        rows = rows[rows < len(readings.dt)]
+        words = {word: values[: len(rows)] for word, values in before.words.items()}
+        before = replace(before, words=words)
+    again = run_of(filter, readings, rows)
+    if difference := _difference(filter, before, again):
+        row, said = difference
+        msg = (
+            f"{filter.name} answers the same readings differently when they are run "
+            f"again: {said}, {place(readings, int(rows[row]))}; it keeps state "
+            "between runs, or draws random numbers: `make` must return a fresh filter, "
+            "with nothing kept in the module or the class, and a generator seeded anew"
+        )
+        raise PluginError(msg)
+
+
+def require_a_life_of_its_own(filter: Filter, one: Readings, other: Readings) -> None:
+    """Require that two filters, stepped by turns, answer as each does alone.
+
+    Raises
+    ------
+    PluginError
+        If they do not.
+    """
+    one, other = _beginning(one), _beginning(other)
+    rows = np.arange(len(one.dt))
+    alone = run_of(filter, one, rows)
+    sensors = [list(np.array(a)) for a in other.sensors]
+    beside = iter(list(zip(other.dt.tolist(), *sensors, strict=True)))
+    with making(filter, one) as first, making(filter, other) as second:
+
+        def by_turns(*values: Any) -> Any:
+            answer = first(*values)
+            second(*next(beside))
+            return answer
+
+        together = stepped(filter, by_turns, one, rows)
+    if difference := _difference(filter, alone, together):
+        row, words = difference
+        msg = (
+            f"two of {filter.name} that are stepped by turns change each other: "
+            f"{words}, {place(one, row)}; keep what a filter knows in the object that "
+            "`make` returns, not in the module or the class"
+        )
+        raise PluginError(msg)
+
+
+def require_trials_alone(filter: Filter, batch: Readings, alone: Readings) -> None:
+    """Require that the first trial of a batch is what it is alone.
+
+    Raises
+    ------
+    PluginError
+        If it is not.
+    """
+    batch, alone = _beginning(batch), _beginning(alone)
+    rows = np.arange(len(batch.dt))
+    runs = [run_of(filter, own, rows) for own in (batch, alone)]
+    q = [own_quaternions(filter, run.words["attitude"][:, 0]) for run in runs]
+    off = np.atleast_1d(attitude_error(*q))
+    if not off.max() <= ALONE:
+        row = int(off.argmax())
+        msg = (
+            f"{filter.name}: the first of {batch.lead[0]} trials is not what it is "
+            f"alone, by {off[row]:.3g} rad {place(batch, row)}; the trials of a batch "
+            "must not depend on each other"
+        )
+        raise PluginError(msg)
+
+
+def require_an_even_pace(
+    filter: Filter, readings: Readings, runs: Sequence[Run]
+) -> None:
+    """Require that a row takes no longer the more rows there were before.
+
+    Raises
+    ------
+    PluginError
+        If it does.
+    """
+    first, last = _ends(runs)
+    if not last > SUSPICIOUS * first:
+        return
+    ratios = [_second_time(filter, readings) for _ in range(REPEATS)]
+    if min(ratios) > SLOWER:
+        msg = (
+            f"{filter.name} takes longer and longer: a row takes {first * 1e6:.3g} us "
+            f"at the beginning of a run and {last * 1e6:.3g} us at its end, and "
+            f"{min(ratios):.2g} times as long when the same readings come once more; "
+            "keep no history that grows"
+        )
+        raise PluginError(msg)
+
+
+def _ends(runs: Sequence[Run]) -> tuple[float, float]:
+    """Time of a row at the beginning of a run, and at its end: the least of a few."""
+    paces = np.array([run.processor / run.rows for run in runs])
+    count = max(paces.shape[1] // 8, 1)
+    return float(paces[:, :count].min()), float(paces[:, -count:].min())
+
+
+def _second_time(filter: Filter, readings: Readings) -> float:
+    """Median over its stretches of the second time of all rows over the first."""
+    if readings.lead:
+        readings = _some(readings, 8)
+    none = np.arange(1)
+    try:
+        with making(filter, readings) as update:
+            paces = [stepped(filter, update, readings, none) for _ in range(2)]
+    except PluginError:  # of readings that begin anew it makes nothing
+        return 0.0
+    return float(np.median(paces[1].processor / np.maximum(paces[0].processor, LEAST)))
+
+
+def _some(readings: Readings, trials: int) -> Readings:
+    """The first trials of a batch."""
+    n = min(trials, readings.lead[0])
+    reads = {
+        word: value[:n] if word == "start" else value
+        for word, value in readings.reads.items()
+    }
+    sensors = tuple(a[:, :n] for a in readings.sensors)
+    return replace(readings, lead=(n,), sensors=sensors, reads=reads)
+
+
+def _beginning(readings: Readings, count: int = BY_TURNS) -> Readings:
+    rows = slice(0, count)
+    return replace(
+        readings,
+        dt=readings.dt[rows],
+        end=readings.end[rows],
+        sensors=tuple(a[rows] for a in readings.sensors),
+    )
+
+
+def _difference(filter: Filter, before: Run, now: Run) -> tuple[int, str] | None:
+    """First kept row at which two runs differ by a bit, and by what, in words."""
+    if before.words.keys() != now.words.keys():
+        return 0, f"{', '.join(now.words)} instead of {', '.join(before.words)}"
+    found = []
+    for word, values in before.words.items():
+        other = now.words[word]
+        if other.shape != values.shape:
+            return 0, f"`{word}` of another shape"
+        same = np.equal(values, other).reshape(len(values), -1).all(axis=1)
+        if not same.all():
+            row = int(np.argmin(same))
+            found.append((row, f"`{word}` {_apart(filter, word, values, other)}"))
+    return min(found, default=None)
+
+
+def _apart(
+    filter: Filter,
+    word: str,
+    values: Float[Array, "k ..."],
+    other: Float[Array, "k ..."],
+) -> str:
+    """By how much the kept rows of two runs differ, at most."""
+    if word != "attitude":
+        return f"by up to {float(np.abs(values - other).max()):.2g}"
+    axes = 2 if filter.components == "matrix" else 1
+    flat = [a.reshape(-1, *a.shape[a.ndim - axes :]) for a in (values, other)]
+    q = [own_quaternions(filter, a) for a in flat]
+    return f"by up to {float(attitude_error(*q).max()):.2g} rad"
+
+
+PARTS: Final = 8
+"""Of a run, whose times are given."""
+
+
+@where_it_lives
+def run_filter(
+    filter: Filter, given: FilterInput, keep: NDArray[np.intp], world: str
+) -> FilterOutput:
+    """Run a filter over the readings of some trials.
+
+    Parameters
+    ----------
+    filter : Filter
+        As it declares itself; its `world` is not asked.
+    given : FilterInput
+        Readings of n trials.
+    keep : NDArray
+        Rows whose answers are kept, increasing, (k,).
+    world : str
+        World frame that it has; see `simval.plugins.worlds`.
+
+    Returns
+    -------
+    FilterOutput
+        Its answers at these rows, in the package's conventions.
+
+    Raises
+    ------
+    PluginError
+        If it raises, breaks a rule of its answers, changes its input, keeps state
+        between runs, or takes longer and longer for a row.
+    """
+    rows = _rows(keep, len(given.dt))
+    trials: list[int | slice] = list(range(len(given.start)))
+    if filter.batch:
+        trials = [slice(0, len(given.start))]
+    each = [readings_of(filter, given, own, world) for own in trials]
+    runs = [run_of(filter, own, rows) for own in each]
+    _require_one_form(filter, runs)
+    require_the_same_again(filter, each[0], rows, runs[0])
+    if filter.batch:
+        alone = readings_of(filter, given, slice(0, 1), world)
+        require_trials_alone(filter, each[0], alone)
+    else:
+        require_a_life_of_its_own(filter, each[0], each[-1])
+    require_an_even_pace(filter, each[0], runs)
+    return _output(filter, rows, each[0], runs, world)
+
+
+def _rows(keep: NDArray[np.intp], count: int) -> NDArray[np.intp]:
+    rows = np.asarray(keep, dtype=np.intp)
+    assert rows.ndim == 1, "rows are a list"
+    assert len(rows) > 0, "an answer is kept"
+    assert (np.diff(rows) > 0).all(), "rows increase"
+    assert 0 <= rows[0] <= rows[-1] < count, "rows are those of the readings"
+    return rows
+
+
+def _require_one_form(filter: Filter, runs: list[Run]) -> None:
+    """Require the same words and shapes of all trials."""
+    forms = [{word: a.shape for word, a in run.words.items()} for run in runs]
+    for trial, form in enumerate(forms):
+        if form != forms[0]:
+            shapes = (
+                ", ".join(f"{word} {shape[1:]}" for word, shape in each.items())
+                for each in (form, forms[0])
+            )
+            msg = (
+                f"{filter.name} answers trial {trial} with {next(shapes)} and trial 0 "
+                f"with {next(shapes)}; every trial must have the same"
+            )
+            raise PluginError(msg)
+
+
+def _output(
+    filter: Filter,
+    rows: NDArray[np.intp],
+    first: Readings,
+    runs: list[Run],
+    world: str,
+) -> FilterOutput:
+    words = {word: _by_trial(first, word, runs) for word in runs[0].words}
+    raw = words["attitude"]
+    n, k = raw.shape[:2]
+    own = own_quaternions(filter, raw.reshape(n * k, *raw.shape[2:]))
+    covariance = words.get("covariance")
+    if covariance is not None:
+        shape = covariance.shape
+        flat = on_body_side(filter, covariance.reshape(n * k, *shape[2:]), own)
+        covariance = flat.reshape(shape)
+    return FilterOutput(
+        kept=rows,
+        attitude=to_scene(own, world).reshape(n, k, 4),
+        covariance=covariance,
+        bias=words.get("bias"),
+        innovation=words.get("innovation"),
+        innovation_covariance=words.get("innovation_covariance"),
+        seconds=np.median([row_times(first, run) for run in runs], axis=0),
+    )
+
+
+def _by_trial(first: Readings, word: str, runs: list[Run]) -> Float[Array, "n k ..."]:
+    if first.lead:
+        return np.ascontiguousarray(np.moveaxis(runs[0].words[word], 1, 0))
+    return np.stack([run.words[word] for run in runs])
+
+
+def row_times(first: Readings, run: Run) -> Float[Array, " q"]:
+    """Seconds of a row of one trial, over equal parts of a run."""
+    parts = min(PARTS, len(run.rows))
+    trials = first.lead[0] if first.lead else 1
+    pairs = zip(
+        np.array_split(run.seconds, parts),
+        np.array_split(run.rows, parts),
+        strict=True,
+    )
+    return np.array([t.sum() / r.sum() / trials for t, r in pairs])

@@ -1,0 +1,577 @@
+r"""The world of a filter, found without noise, and the signs of its bias.
+
+Without noise, at rest and over a slow turn, a filter that starts from the truth must
+stay there. One that was written for another world, another order or direction of the
+attitude or another sign of the accelerometer leaves it: its references then pull it
+elsewhere, or it turns the wrong way. So each of the plausible declarations is tried
+until one is found in which it stays. A filter that reads no start is given time to
+find the attitude first.
+
+Some declarations are the same: z down with the accelerometer read as gravity is z up
+with the specific force, of the same north; without a magnetometer all worlds of the
+same vertical are one, and only the inclination is judged.
+
+At rest it sways by a hair, truly: some filters take a rate of exactly zero for a
+reading that is missing, and do nothing. The start that is told is off by a little, for
+from the very truth upside down a filter may not know which way to turn.
+
+A step turns the body by the rotation vector :math:`\phi_k` of its own axes, so that the
+average rate over it is exactly :math:`\phi_k / h` and :math:`q_{k+1} = q_k *
+\delta q(\phi_k)`. The specific force is gravity's alone.
+
+With the errors :math:`\theta` and :math:`\beta` as estimate minus truth,
+:math:`\dot\theta = -\omega \times \theta - \beta`: their covariance begins with
+:math:`-P_\beta t`, and no update turns its trace positive.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from itertools import product
+from typing import Final, Literal, get_args
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.consistency import heading_and_inclination
+from simval.errors import PluginError, SilentPluginError
+from simval.geometry import (
+    attitude_error,
+    attitude_matrix,
+    compose,
+    conjugate,
+    normalize,
+)
+from simval.plugins.attitudes import WORLDS
+from simval.plugins.child import where_it_lives
+from simval.plugins.protocol import Components, Filter, Force
+from simval.plugins.runs import (
+    FilterInput,
+    Run,
+    Told,
+    on_body_side,
+    own_quaternions,
+    readings_of,
+    run_of,
+    to_scene,
+)
+from simval.shapes import Float
+
+START: Final = (-0.24, -0.61, 0.27, 0.70)
+"""Attitude at rest, near no symmetry: from the axes of each world it is turned by 90
+to 151 degrees, so that a filter that begins there has some way to go."""
+
+OFF: Final = (0.02, -0.03, 0.015)
+"""Rotation vector by which the start is off, body axes, rad; 2.2 degrees."""
+
+SWAY: Final = 1e-4
+"""Greatest rate at rest, rad/s, and the angle by which it sways, rad."""
+
+ANGLE: Final = np.radians(150.0)
+"""That is turned by, about an axis that wanders by itself."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Path:
+    """Readings and truth of one run."""
+
+    given: FilterInput  # of one trial
+    truth: Float[Array, "T 4"]
+    rest: int  # rows of rest
+
+
+def path(told: Told, rate: float, rest: float, turn: float) -> Path:
+    """Rest for some seconds, then turn for some."""
+    still, moving = (max(round(seconds * rate), 0) for seconds in (rest, turn))
+    phi = np.concatenate([_sway(still, rate), _turns(moving)])
+    half = np.linalg.norm(phi, axis=1, keepdims=True) / 2.0
+    # sinc(x) is sin(pi x) / (pi x): no branch at rest
+    steps = np.concatenate([phi / 2.0 * np.sinc(half / np.pi), np.cos(half)], axis=1)
+    first = normalize(np.array(START))
+    steps[0] = compose(first, steps[0])
+    q = normalize(_products(steps))
+    A = attitude_matrix(q)
+    count = len(q)
+    given = FilterInput(
+        dt=np.full(count, 1.0 / rate),
+        gyroscope=(phi * rate)[None],
+        accelerometer=(told.gravity * A[:, :, 2])[None],
+        magnetometer=(A @ told.field)[None],
+        start=normalize(compose(first, np.array([*np.array(OFF) / 2.0, 1.0])))[None],
+        told=replace(told, start_std=max(told.start_std, max(OFF))),
+    )
+    return Path(given=given, truth=q, rest=still)
+
+
+def _products(q: Float[Array, "n 4"]) -> Float[Array, "n 4"]:
+    """The first, the first two, the first three and so on, composed."""
+    shift, found = 1, q.copy()
+    while shift < len(q):
+        found[shift:] = compose(found[:-shift], found[shift:])
+        shift *= 2
+    return found
+
+
+def _sway(count: int, rate: float) -> Float[Array, "count 3"]:
+    """Rotation vectors of a body that is all but at rest."""
+    t = (np.arange(count) + 0.5) / rate
+    return SWAY / rate * np.stack([np.cos(t), np.cos(t + 2.0), np.cos(t + 4.0)], axis=1)
+
+
+def _turns(count: int) -> Float[Array, "count 3"]:
+    """Rotation vectors of smooth turns that begin and end at rest."""
+    t = (np.arange(count) + 0.5) / max(count, 1)
+    axis = np.stack([np.cos(2.0 * t), np.sin(2.0 * t), 0.6 - t], axis=1)
+    size = ANGLE * 2.0 * np.sin(np.pi * t) ** 2 / max(count, 1)
+    return size[:, None] * normalize(axis) if count else np.zeros((0, 3))
+
+
+STAYS: Final = np.radians(5.0)
+"""Error up to which a filter stays. In the right declaration sound filters are within
+1 degree, with what they lag behind the turn; in a wrong one they end 30 to 180 away."""
+
+GLANCE: Final = 2.0
+"""Seconds of a quick turn, by which a wrong order or direction is far off already; in a
+wrong world a filter leaves at rest."""
+
+FAR: Final = np.radians(30.0)
+"""Error from which a declaration is not tried at length."""
+
+REST: Final = 10.0
+TURN: Final = 10.0
+LONGER: Final = (20.0, 80.0, 320.0)
+"""Seconds of the path, and of rests by which a filter without a start may settle."""
+
+LATEST: Final = 3.0
+"""Seconds by which answers are tried to be late, or early."""
+
+LIKE: Final = 0.2
+"""Of an error, which is left where a fault explains it."""
+
+SETTLED: Final = np.radians(0.2)
+JUDGED: Final = 2.0
+"""What a filter that has settled moves by, in seconds from which it is judged."""
+
+
+DECLARED: Final = ("world", "components", "matrix", "accelerometer")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stray:
+    """How far one declaration strays."""
+
+    declared: Filter
+    full: float  # greatest error of attitude, rad
+    inclination: float
+    error: PluginError | None = None
+
+    @property
+    def judged(self) -> float:
+        """What it is judged by, rad."""
+        return self.full if self.declared.magnetometer else self.inclination
+
+
+@dataclass(slots=True)
+class Trial:
+    """What a filter answers, and how far it strays, in each declaration."""
+
+    filter: Filter
+    told: Told
+    rate: float
+    paths: dict[tuple[float, float], Path] = field(default_factory=dict)
+    runs: dict[tuple[object, ...], Array | PluginError] = field(default_factory=dict)
+    strays: dict[tuple[object, ...], Stray] = field(default_factory=dict)
+
+    def all_of(self, filters: Iterable[Filter]) -> list[Stray]:
+        """How far each declaration strays."""
+        return [self.stray(each) for each in filters]
+
+    def after_a_long_rest(self, some: list[Stray]) -> list[Stray]:
+        """How far declarations stray where the turn comes after a long rest."""
+        return [self._judged(each.declared, LONGER[1]) for each in some]
+
+    def stray(self, declared: Filter) -> Stray:
+        """How far one declaration strays; at a glance first, if it starts at once."""
+        key = tuple(getattr(declared, word) for word in DECLARED)
+        if key not in self.strays:
+            self.strays[key] = self._stray(declared)
+        return self.strays[key]
+
+    def _stray(self, declared: Filter) -> Stray:
+        if "start" in self.filter.reads:
+            for rest, turn in ((0.0, GLANCE), (REST, 0.0)):
+                glance = self._judged(declared, rest, turn)
+                if not glance.judged <= FAR:
+                    return glance
+            return self._judged(declared, REST)
+        for rest in LONGER[:-1]:
+            raw = self._raw(declared, rest, TURN)
+            if isinstance(raw, PluginError) or self._settled(declared, raw, rest):
+                return self._judged(declared, rest)
+        return self._judged(declared, LONGER[-1])
+
+    def _settled(self, declared: Filter, raw: Array, rest: float) -> bool:
+        """Whether a filter has come to rest before the turn begins."""
+        end = self._path(rest, TURN).rest - 1
+        before = max(end - round(JUDGED * self.rate), 0)
+        q = own_quaternions(declared, raw[[before, end]])
+        return bool(attitude_error(q[0], q[1]) <= SETTLED)
+
+    def _judged(self, declared: Filter, rest: float, turn: float = TURN) -> Stray:
+        raw, truth = self._raw(declared, rest, turn), self._path(rest, turn)
+        if isinstance(raw, PluginError):
+            return Stray(declared=declared, full=np.inf, inclination=np.inf, error=raw)
+        first = 0
+        if "start" not in self.filter.reads:
+            first = max(truth.rest - round(JUDGED * self.rate), 0)
+        q = to_scene(own_quaternions(declared, raw[first:]), str(declared.world))
+        full, inclination = _errors(truth.truth[first:], q)
+        return Stray(declared=declared, full=full, inclination=inclination)
+
+    def explained(self, declared: Filter) -> str:
+        """One fault by which a declaration strays as it does; empty where none does.
+
+        Over the last half of a rest and a turn, where the start is forgotten.
+        """
+        raw, here = self._raw(declared, REST, TURN), self._path(REST, TURN)
+        if isinstance(raw, PluginError):
+            return ""
+        own, world = own_quaternions(declared, raw), str(declared.world)
+        half = len(own) // 2
+        q, inverse = (to_scene(each[half:], world) for each in (own, conjugate(own)))
+        truth = here.truth[half:]
+        heading, _ = heading_and_inclination(q, truth)
+        off = float(np.angle(np.exp(1j * heading).mean()))
+        back = np.array([0.0, 0.0, -np.sin(off / 2.0), np.cos(off / 2.0)])
+        turned = compose(np.broadcast_to(back, q.shape), q)
+        if np.max(attitude_error(turned, truth)) <= LIKE * abs(off):
+            return (
+                f"its heading is off by {np.degrees(off):.3g} degrees all along: "
+                "another north, as by a declination; is it that of the `field` that a "
+                "filter reads?"
+            )
+        if np.max(attitude_error(inverse, truth)) <= STAYS:
+            return (
+                "its answers are the inverse of the attitude, and its start is read as "
+                "declared: transpose the matrix, or conjugate the quaternion, once"
+            )
+        most = min(round(LATEST * self.rate), half - 1)
+        rows = range(-most, most + 1)
+        left = [
+            float(np.max(attitude_error(here.truth[half - k : len(q) + half - k], q)))
+            if k >= 0
+            else float(np.max(attitude_error(here.truth[half - k :], q[: len(q) + k])))
+            for k in rows
+        ]
+        k = rows[int(np.argmin(left))]
+        if k == 0 or min(left) > LIKE * left[most]:
+            return ""
+        return (
+            f"its answers are {'late' if k > 0 else 'early'} by {abs(k)} rows, "
+            f"{abs(k) / self.rate:.3g} s: an answer is the attitude at the end of its "
+            "row"
+        )
+
+    def _path(self, rest: float, turn: float) -> Path:
+        key = (rest, turn)
+        if key not in self.paths:
+            self.paths[key] = path(self.told, self.rate, rest, turn)
+        return self.paths[key]
+
+    def _raw(
+        self, declared: Filter, rest: float, turn: float
+    ) -> Float[Array, "T ..."] | PluginError:
+        """Answers to a path; what is handed the same is run once."""
+        here = self._path(rest, turn).given
+        trials = slice(0, 1) if declared.batch else 0
+        readings = readings_of(declared, here, trials, str(declared.world))
+        handed = [np.asarray(v).tobytes() for v in readings.reads.values()]
+        form = "matrix" if declared.components == "matrix" else "quaternion"
+        key = (rest, turn, form, declared.accelerometer, *handed)
+        if key not in self.runs:
+            rows = np.arange(len(here.dt))
+            try:
+                raw = run_of(declared, readings, rows).words["attitude"]
+                self.runs[key] = raw[:, 0] if declared.batch else raw
+            except SilentPluginError:  # would be as silent when it is asked again
+                raise
+            except PluginError as error:
+                self.runs[key] = error
+        return self.runs[key]
+
+
+def _errors(truth: Float[Array, "T 4"], q: Float[Array, "T 4"]) -> tuple[float, float]:
+    """Greatest errors of attitude, and of inclination, rad."""
+    up, other = (attitude_matrix(each)[:, :, 2] for each in (truth, q))
+    sine = np.linalg.norm(np.cross(up, other), axis=1)
+    inclination = np.arctan2(sine, np.vecdot(up, other))
+    return float(np.max(attitude_error(truth, q))), float(inclination.max())
+
+
+BIAS: Final = (1e-3, -2e-3, 1.5e-3)
+"""Of the gyroscope, rad/s: some minutes' drift of a cheap one."""
+
+SECONDS: Final = 20.0
+
+CLEAR: Final = 0.05
+"""Share of the bias, and correlation, from which a sign is clear. Where nothing is seen
+of the bias both are 0, and there is no verdict."""
+
+
+def require_signs(filter: Filter, told: Told, world: str, rate: float) -> None:
+    """Check the sign of the bias, and of its covariance with the attitude.
+
+    Raises
+    ------
+    PluginError
+        If one is the other way round.
+    """
+    still = path(told, rate, SECONDS, 0.0)
+    given = replace(
+        still.given,
+        gyroscope=still.given.gyroscope + np.array(BIAS),
+        start=still.truth[:1],
+    )
+    first = _run(filter, _beginning(given), world)
+    covariance = first.words.get("covariance")
+    larger = covariance is not None and covariance.shape[-1] >= 6
+    if "bias" not in first.words and not larger:
+        return
+    words = {
+        word: values[:, 0] if filter.batch else values
+        for word, values in _run(filter, given, world).words.items()
+    }
+    if "bias" in words:
+        _require_bias(filter, words["bias"][-1])
+    if larger:
+        own = own_quaternions(filter, words["attitude"][-1:])
+        P = on_body_side(filter, words["covariance"][-1:], own)[0]
+        _require_covariance(filter, P)
+
+
+def _require_bias(filter: Filter, found: Float[Array, "3"]) -> None:
+    bias = np.array(BIAS)
+    if float(found @ bias) < -CLEAR * float(bias @ bias):
+        msg = (
+            f"{filter.name} answers with the `bias` {_numbers(found)} rad/s where it "
+            f"is {_numbers(bias)}: return what the gyroscope reads at rest, so that "
+            "the rate is the reading less the bias"
+        )
+        raise PluginError(msg)
+
+
+def _require_covariance(filter: Filter, P: Float[Array, "p p"]) -> None:
+    size = float(np.sqrt(np.trace(P[:3, :3]) * np.trace(P[3:6, 3:6])))
+    if float(np.trace(P[:3, 3:6])) > CLEAR * size:
+        msg = (
+            f"{filter.name} answers with a `covariance` in which attitude and bias are "
+            "of opposite signs: both errors are estimate minus truth, the attitude's "
+            "the rotation vector of the body; turn the sign of the blocks between them"
+        )
+        raise PluginError(msg)
+
+
+def _run(filter: Filter, given: FilterInput, world: str) -> Run:
+    trials = slice(0, 1) if filter.batch else 0
+    readings = readings_of(filter, given, trials, world)
+    return run_of(filter, readings, np.array([len(given.dt) - 1]))
+
+
+def _beginning(given: FilterInput) -> FilterInput:
+    """The first row."""
+    return replace(
+        given,
+        dt=given.dt[:1],
+        gyroscope=given.gyroscope[:, :1],
+        accelerometer=given.accelerometer[:, :1],
+        magnetometer=given.magnetometer[:, :1],
+    )
+
+
+def _numbers(values: Float[Array, "3"]) -> str:
+    return ", ".join(f"{value:.2g}" for value in values)
+
+
+DIRECTIONS: Final[tuple[Literal["active", "passive"], ...]] = ("active", "passive")
+
+PREFERRED: Final = ("NWU", "NED", *(w for w in WORLDS if w not in ("NWU", "NED")))
+"""Of worlds that are the same to a filter the scenes' is taken, or the usual one."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FoundWorld:
+    """Where a filter stays."""
+
+    world: str
+    alike: tuple[str, ...]  # other worlds in which it stays just as well
+    stray: float  # greatest error over rest and turn, rad
+
+    @property
+    def words(self) -> str:
+        """What was found, for people."""
+        more = f", and in {', '.join(self.alike)} alike" if self.alike else ""
+        off = f"{np.degrees(self.stray):.2g}"
+        return f"stays in {self.world} within {off} degrees{more}"
+
+
+@where_it_lives
+def find_world(filter: Filter, told: Told, rate: float = 100.0) -> FoundWorld:
+    """Find the world of a filter, and check what it declares.
+
+    Parameters
+    ----------
+    filter : Filter
+        As it declares itself.
+    told : Told
+        What it is told of sensors and field; its start is exact.
+    rate : float, default 100.0
+        Rows per second, Hz.
+
+    Returns
+    -------
+    FoundWorld
+        Its world: as declared, or the one in which it stays.
+
+    Raises
+    ------
+    PluginError
+        If it does not stay as declared, with the declaration that fits or, if none
+        does, with what was tried; or if a sign of its bias is wrong.
+    """
+    trial = Trial(filter, told, rate)
+    worlds = (filter.world,) if filter.world else WORLDS
+    strays = trial.all_of(replace(filter, world=world) for world in worlds)
+    if not any(each.judged <= STAYS for each in strays):
+        raise _misdeclared(trial, filter, min(strays, key=lambda each: each.judged))
+    # of a declared one that has any north the others say nothing
+    more = () if filter.world and _any_north(filter) else WORLDS
+    every = trial.all_of(replace(filter, world=world) for world in (*worlds, *more))
+    alike = list({e.declared.world: e for e in every if e.judged <= STAYS}.values())
+    if len(alike) > 1 and not _any_north(filter):
+        alike = _lasting(trial, filter, alike)
+    best = _chosen(filter, alike)
+    names = [str(each.declared.world) for each in alike]
+    world = str(best.declared.world)
+    rest = tuple(name for name in PREFERRED if name in names and name != world)
+    require_signs(filter, told, world, rate)
+    return FoundWorld(world=world, alike=rest, stray=best.judged)
+
+
+def _any_north(filter: Filter) -> bool:
+    """Whether a filter has the north that it is given, by start and field."""
+    return not filter.magnetometer or "field" in filter.reads
+
+
+def _lasting(trial: Trial, filter: Filter, alike: list[Stray]) -> list[Stray]:
+    """Worlds in which a filter stays over a long rest as well, the declared one too."""
+    after = trial.after_a_long_rest(alike)
+    lasting = [each for each in after if each.judged <= STAYS]
+    for own in after:
+        if lasting and own.declared.world == filter.world and own not in lasting:
+            raise _misdeclared(trial, filter, own)
+    return lasting or alike
+
+
+def _chosen(filter: Filter, alike: list[Stray]) -> Stray:
+    """The declared one of the worlds in which a filter stays, or one that is its own.
+
+    Raises
+    ------
+    PluginError
+        If it is left open, and cannot be found.
+    """
+    order = (filter.world, *PREFERRED)
+    best = min(alike, key=lambda each: order.index(each.declared.world))
+    if filter.world is not None or len(alike) == 1 or _any_north(filter):
+        return best
+    names = " and ".join(str(each.declared.world) for each in alike)
+    msg = (
+        f"{filter.name} stays where it is started in the worlds {names} alike, so its "
+        "own cannot be found: declare its `world`"
+    )
+    raise PluginError(msg)
+
+
+def _misdeclared(trial: Trial, filter: Filter, off: Stray) -> PluginError:
+    """Say which declaration fits a filter that strays, or what was tried."""
+    tried = trial.all_of(_declarations(filter))
+    fits = [each for each in tried if each.judged <= STAYS]
+    if not fits and off.error is not None:
+        return off.error
+    as_declared = _said(filter, None)
+    where = (
+        f"fails as it is declared ({as_declared}: {off.error})"
+        if off.error is not None
+        else f"strays by {np.degrees(off.judged):.0f} degrees from the truth, without "
+        f"noise, as it is declared ({as_declared})"
+    )
+    if not fits:
+        why = trial.explained(off.declared) or _what_was_tried(filter, tried)
+        return PluginError(f"{filter.name} {where}; {why}")
+    if len(fits) > 2 and not _any_north(filter):  # two are the same, upside down
+        after = trial.after_a_long_rest(fits)
+        fits = [each for each in after if each.judged <= STAYS] or fits
+    best = min(fits, key=lambda each: (_changes(each.declared, filter), each.judged))
+    msg = (
+        f"{filter.name} {where}; declare {_said(best.declared, filter)}: so it stays "
+        f"within {np.degrees(best.judged):.2g} degrees"
+    )
+    return PluginError(msg)
+
+
+def _declarations(filter: Filter) -> list[Filter]:
+    """The filter in each convention, those of its own form of answer first."""
+    return [
+        replace(filter, components=form, matrix=matrix, accelerometer=force, world=w)
+        for form, matrix, force, w in product(
+            get_args(Components), DIRECTIONS, get_args(Force), WORLDS
+        )
+    ]
+
+
+def _changes(other: Filter, filter: Filter) -> tuple[int, bool]:
+    """How many declarations differ, and whether one is the accelerometer's.
+
+    One that was left open is free. What is the same upside down is told by the world.
+    """
+    changed = [
+        word
+        for word in DECLARED
+        if getattr(filter, word) not in (None, getattr(other, word))
+    ]
+    return len(changed), "accelerometer" in changed
+
+
+def _said(filter: Filter, than: Filter | None) -> str:
+    """Declarations, or those that are others than another's."""
+    pairs = [
+        f'{word}="{value}"'
+        for word in DECLARED
+        if (value := getattr(filter, word)) is not None
+        and (than is None or value != getattr(than, word))
+    ]
+    return ", ".join(pairs)
+
+
+def _what_was_tried(filter: Filter, tried: list[Stray]) -> str:
+    """How far it strays in each world, by the conventions that fit best there."""
+    inclined = min(tried, key=lambda each: each.inclination)
+    hint = ""
+    if filter.magnetometer and inclined.inclination <= STAYS:
+        hint = (
+            f". Its inclination stays, with {_said(inclined.declared, None)}, and "
+            "its heading does not: does it use the magnetometer (if not, declare "
+            "magnetometer=False), and is its north that of the field it `reads`?"
+        )
+    parts = []
+    for world in WORLDS:
+        own = [each for each in tried if each.declared.world == world]
+        best = min(own, key=lambda each: each.judged)
+        parts.append(f"{world} {_degrees(best.judged)}")
+    return (
+        f"it stays in none of the {len(tried)} declarations that were tried; by "
+        f"degrees, the least in each world: {', '.join(parts)}{hint}"
+    )
+
+
+def _degrees(angle: float) -> str:
+    return f"{np.degrees(angle):.0f}" if np.isfinite(angle) else "fails"
