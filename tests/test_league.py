@@ -72,7 +72,7 @@ def suites():
 def offered(file):
     """Names of the plug-ins of a file, or what it says instead."""
     try:
-        return [name for _, name, *_ in offer(str(file))["held"]], ""
+        return [name for _, name, *_ in offer(str(file))], ""
     except PluginError as error:
         return [], str(error)
 

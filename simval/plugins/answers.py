@@ -674,7 +674,7 @@ def _converted(form: Form, word: str, value: Any, shape: tuple[int, ...]) -> Any
     try:
         return array_of(form.name, word, value, shape)
     except PluginError as error:
-        msg = f"{error}{_other_form(value, shape)}"
+        msg = f"{error}{_other_attitude(value, shape)}"
         raise PluginError(msg) from None
 
 
